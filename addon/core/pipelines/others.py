@@ -11,14 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data.physical import MARKER_LIMITS
 from ..data.takes import Blobs, LabelledChunk, evenly_spread, rows_in_frame
 from ..geometry.cameras import Cameras
 from ..geometry.views import Sight, split_views
 from ..points.models import Model
 from ..points.naming import chosen_method, namer_of
 from ..points.refusals import REFUSAL, SubjectsError, UnsuitedError, is_crowd, refuse_others
-from ..reconstruction.matching import Expected, FrameMatcher
+from ..reconstruction.matching import Circumstances, Expected, FrameMatcher
 from ..reconstruction.trajectories import RECONSTRUCTION
 
 
@@ -94,18 +93,20 @@ class OtherSubjects:
         """(T, P, 3) m, what the blobs of so many of the frames that may show two make, each on its own."""
         crowded = [one for one in self.kept if one is not None]
         frames = [crowded[index] for index in evenly_spread(len(crowded), count)]
-        sight, pixel = Sight(self.cameras), self._pixel()
+        sight, believed = Sight(self.cameras), self._circumstances()
         views = split_views(Blobs.join(frames), self.cameras)
-        matched = [FrameMatcher(view, sight, self.cameras.size, pixel) for view in views]
+        matched = [FrameMatcher(view, sight, self.cameras.size, believed) for view in views]
         found = [one.match(Expected.nothing()).points for one in matched]
         points = np.full((len(found), max(map(len, found)), 3), np.nan)
         for frame, own in enumerate(found):
             points[frame, : len(own)] = own
         return points
 
-    def _pixel(self) -> float:
-        """px, standard deviation of a blob's position, by how far the rays of named blobs miss where they meet."""
+    def _circumstances(self) -> Circumstances:
+        """What the capture is like, by how far the rays of named blobs miss where they meet."""
         residual = np.concatenate(self.residual)
         residual = residual[np.isfinite(residual)]
-        shown = float(np.median(residual)) if len(residual) else 0.0
-        return float(np.clip(shown, MARKER_LIMITS.noise_px, RECONSTRUCTION.max_noise_px))
+        pixel = float(np.median(residual)) if len(residual) else RECONSTRUCTION.tried_px[0]
+        pixel = float(np.clip(pixel, RECONSTRUCTION.tried_px[0], RECONSTRUCTION.max_px))
+        ghosts = np.full(len(self.cameras), RECONSTRUCTION.first_ghosts)
+        return Circumstances(pixel, RECONSTRUCTION.first_seen, ghosts)

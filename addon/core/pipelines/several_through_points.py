@@ -203,7 +203,7 @@ class SubjectsInImages:
     @property
     def _noise(self) -> float:
         """px, standard deviation of a blob's position in the take."""
-        return self.points.reconstructor.pixel
+        return self.points.reconstructor.circumstances.pixel
 
     def _borne_out(
         self, blobs: Blobs, labels: Labels, motion: Motion, hidden: np.ndarray, subject: np.ndarray

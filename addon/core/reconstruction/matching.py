@@ -10,39 +10,58 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..geometry.triangulation import Rays
-from ..geometry.views import VIEWING, Sight, View
+from ..geometry.views import Sight, View
 
 
 @dataclass(frozen=True)
 class MatchingOptions:
     """Which blobs are taken to be one marker's. Deviations are standard ones of a blob's position.
 
-    max_miss_sds    measured: within which a blob belongs to the point that its set makes; half of it loses 0.4 % of the
-                    points of walks and breaks four times as many trajectories
-    seen            measured: how likely a camera that has a marker in its image shows a blob of it; 0.4 to 0.7 in the
-                    images of bodies, and all of it loses 2 % of the points that two cameras see
-    ghosts          measured: blobs a frame that are no marker's, in each camera; a third or three times as many
-                    is alike
-    room_m3         physical: m³, about the space in which somebody moves
-    min_distance_m  physical: m, between two markers, the diameter of small ones; nearer, two points are one
-    min_lead        measured: log likelihood by which a point of two rays leads any other use of its blobs; twice of it
-                    loses 1 % of the points of walks in four cameras
-    max_pairs       memory: a frame; more is a room full of reflections, of which the closest pairs are tried
-    max_alone_m     physical: m, between markers of one subject, at most
+    Measured on walks in 4 to 8 cameras: half or twice of each number changes 1 % of the points at most.
+
+    min_depth_m  physical: from a camera; no marker is nearer
+    min_sine  measured: of the angle between two rays; below it they fix no depth
+    max_pass_sds  measured: by which two rays of one marker may pass each other
+    max_candidate_sds  measured: within which a blob is tried with the crossing of two others
+    max_miss_sds  measured: within which a blob belongs to the point that its set makes
+    room_m3  physical: about the space in which a marker may be
+    min_distance_m  physical: between two markers; nearer, two points are one
+    max_blur_m  measured: standard deviation along its worst axis of a point; one less certain is none
+    min_lead  measured: log likelihood by which a point of two rays must lead any other use of its blobs
+    max_pairs  memory: a frame; more is a room full of reflections, of which the closest pairs are tried
+    max_alone_m  physical: from all other markers, as they are on one subject
+    max_rounds  measured: of choosing hypotheses that hold
     """
 
+    min_depth_m: float = 0.2
+    min_sine: float = 0.02
+    max_pass_sds: float = 4.0
+    max_candidate_sds: float = 6.0
     max_miss_sds: float = 3.5
-    seen: float = 0.6
-    ghosts: float = 1.0
     room_m3: float = 10.0
     min_distance_m: float = 0.006
+    max_blur_m: float = 0.02
     min_lead: float = 1.5
     max_pairs: int = 20_000
     max_alone_m: float = 1.0
+    max_rounds: int = 40
 
 
 MATCHING = MatchingOptions()
-MIN_SINE = 1e-3  # of the angle between two rays, which keeps parallel ones from a division by nought
+
+
+@dataclass(frozen=True)
+class Circumstances:
+    """What a capture is like; learned from the capture itself.
+
+    pixel  px, standard deviation of a blob's position, calibration included
+    seen   how likely a camera that has a marker in its image shows a blob of it
+    ghosts (C,) how many blobs a frame are no marker's, in each camera
+    """
+
+    pixel: float
+    seen: float
+    ghosts: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +107,18 @@ class FramePoints:
 
 
 class FrameMatcher:
-    """One frame's blobs, ready to be matched; `pixel` is the standard deviation of a blob's position, px."""
+    """One frame's blobs, ready to be matched."""
 
-    def __init__(self, view: View, sight: Sight, size: np.ndarray, pixel: float, options: MatchingOptions = MATCHING):
-        self.view, self.sight, self.size, self.pixel, self.options = view, sight, size, pixel, options
+    def __init__(
+        self,
+        view: View,
+        sight: Sight,
+        size: np.ndarray,
+        circumstances: Circumstances,
+        options: MatchingOptions = MATCHING,
+    ):
+        self.view, self.sight, self.size, self.options = view, sight, size, options
+        self.pixel, self.seen, self.ghosts = circumstances.pixel, circumstances.seen, circumstances.ghosts
         self.rays = Rays(view, sight)
         self.cameras = np.arange(len(view.real))
         self.camera, self.slot = np.nonzero(view.real)
@@ -111,7 +138,7 @@ class FrameMatcher:
         """Pairs of blobs in different cameras that both lie where the same point is expected."""
         local = self.sight.local(expected.points[None])[0]
         image = self.sight.image(local)
-        reach = expected.radius / np.maximum(local[..., 2], VIEWING.min_depth_m)
+        reach = expected.radius / np.maximum(local[..., 2], self.options.min_depth_m)
         reach = reach + self.options.max_miss_sds * self.pixel / self.sight.focal[:, None]
         offset = self.view.image[self.camera, self.slot][:, None] - image[self.camera]
         near = np.einsum("bni,bni->bn", offset, offset) < reach[self.camera] ** 2
@@ -132,14 +159,14 @@ class FrameMatcher:
         between = np.take(origin, second, axis=1) - np.take(origin, first, axis=1)
         one, two = np.take(direction, first, axis=1), np.take(direction, second, axis=1)
         cosine, along_one, along_two = _summed(one * two), _summed(between * one), _summed(between * two)
-        sine2 = np.maximum(1 - cosine**2, MIN_SINE**2)
+        sine2 = np.maximum(1 - cosine**2, options.min_sine**2)
         near, far = (along_one - cosine * along_two) / sine2, (cosine * along_one - along_two) / sine2
         gap = between + far * two - near * one
         gap2 = _summed(gap**2)
         focal = self.sight.focal[self.camera]
-        allowed2 = options.max_miss_sds**2 * self.pixel**2 * ((near / focal[first]) ** 2 + (far / focal[second]) ** 2)
-        good = (gap2 < allowed2) & (1 - cosine**2 > MIN_SINE**2)
-        kept = np.flatnonzero(good & (near > VIEWING.min_depth_m) & (far > VIEWING.min_depth_m))
+        allowed2 = options.max_pass_sds**2 * self.pixel**2 * ((near / focal[first]) ** 2 + (far / focal[second]) ** 2)
+        good = (gap2 < allowed2) & (1 - cosine**2 > options.min_sine**2)
+        kept = np.flatnonzero(good & (near > options.min_depth_m) & (far > options.min_depth_m))
         if len(kept) > options.max_pairs:
             kept = kept[np.argsort(gap2[kept] / allowed2[kept])[: options.max_pairs]]
         middle = self.origin[first[kept]] + (near[kept] * one[:, kept] + gap[:, kept] / 2).T
@@ -158,13 +185,16 @@ class FrameMatcher:
     def _choose(self, pairs, expected: Expected, before: list[FramePoints]) -> FramePoints:
         """The hypotheses from pairs of blobs that hold, best first; their blobs are not free any more."""
         first, second, middle = self._crossings(*pairs)
-        slots = self._nearest_blobs(middle, 2 * self.options.max_miss_sds)  # of the crossing of two alone
+        slots = self._nearest_blobs(middle, self.options.max_candidate_sds)
         slots[np.arange(len(first)), self.camera[first]] = self.slot[first]
         slots[np.arange(len(first)), self.camera[second]] = self.slot[second]
         left = _Hypotheses.of(self, self._completed(slots), expected)
         taken = [part.points for part in before]
         chosen = []
-        while (winners := left.winners(taken, self.options)).any():
+        for _ in range(self.options.max_rounds):
+            winners = left.winners(taken, self.options)
+            if not winners.any():
+                break
             chosen.append(left.pick(winners).points_of(self))
             taken.append(chosen[-1].points)
             for camera in self.cameras:
@@ -205,7 +235,7 @@ class FrameMatcher:
     def metres(self, points: np.ndarray) -> np.ndarray:
         """(C, Q) m, standard deviation of a blob's position at the points (Q, 3)."""
         depth = np.nan_to_num(self.sight.local(points[None])[0, ..., 2], nan=1.0)
-        return self.pixel / self.sight.focal[:, None] * np.maximum(depth, VIEWING.min_depth_m)
+        return self.pixel / self.sight.focal[:, None] * np.maximum(depth, self.options.min_depth_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,24 +254,25 @@ class _Hypotheses:
 
     @classmethod
     def of(cls, frame: FrameMatcher, slots: np.ndarray, expected: Expected) -> "_Hypotheses":
-        met, options = frame.rays.meet(slots.T), frame.options
+        met = frame.rays.meet(slots.T)
         metres = frame.metres(met.points)
         seen = (slots >= 0).T
         precision = np.where(seen, 1 / metres**2, 0)
         across = frame.rays.across[frame.cameras[:, None], np.maximum(slots.T, 0)]
         normal = np.einsum("cq,cqij->qij", precision, across)
         curvature = np.linalg.eigvalsh(normal)
+        sharp = np.isfinite(met.residual) & (curvature[:, 0] > frame.options.max_blur_m**-2)
         miss = met.miss / metres
         area = frame.size.prod(axis=1)
         # One ray of a marker against one ghost somewhere in the image, and a camera that looks and sees nothing.
-        gain = np.log(options.seen * area / (2 * np.pi * frame.pixel**2 * options.ghosts))[:, None] - miss**2 / 2
+        gain = np.log(frame.seen * area / (2 * np.pi * frame.pixel**2 * frame.ghosts))[:, None] - miss**2 / 2
         watching = _watching(frame, met.points)
-        score = np.where(seen, gain, np.where(watching, np.log(1 - options.seen), 0)).sum(axis=0)
+        score = np.where(seen, gain, np.where(watching, np.log(1 - frame.seen), 0)).sum(axis=0)
         # The point may be anywhere in the room: what three unknowns make of any rays says nothing.
         cell = (2 * np.pi) ** 1.5 / np.sqrt(np.maximum(curvature, 1e-3).prod(axis=1))
-        room = options.room_m3
+        room = frame.options.room_m3
         score += np.log(np.minimum(cell / room, 1)) + _familiarity(met.points, expected, room)
-        kept = np.isfinite(met.residual) & (score > 0)
+        kept = sharp & (score > 0)
         return cls(slots[kept], met.points[kept], met.residual[kept], miss[:, kept], score[kept])
 
     def pick(self, chosen: np.ndarray) -> "_Hypotheses":
