@@ -13,7 +13,7 @@ from .calibration import chance, features, kinds, log_odds
 from .model import Known, Likelihood
 from .naming import is_crowded, put_rows, rows_of
 from .solving import Solved, solve
-from .starts import YAWS, guess
+from .starts import START_YAWS, guess
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ def solve_frames(known: Known, points: np.ndarray) -> Solved:
         put_rows(solved, _solved(known, points[rows], guesses), rows)
         doubtful = rows[solved.mean_square[rows] > FRAME_NAMING.max_mean_square]
         if len(doubtful):
-            again = _solved(known, points[doubtful], MORE_GUESSES, np.pi / YAWS)
+            again = _solved(known, points[doubtful], MORE_GUESSES, np.pi / START_YAWS)
             better = again.score > solved.score[doubtful]
             put_rows(solved, rows_of(again, better), doubtful[better])
     return solved

@@ -40,7 +40,7 @@ class SolvingOptions:
 
 SOLVING = SolvingOptions()
 MIN_GAIN = 0.05  # log likelihood that is worth another round
-NAMING_ROUNDS = 2  # of naming anew by everyone's conditional odds
+RENAMING_ROUNDS = 2  # of naming anew by everyone's conditional odds
 MAX_CLIMBS = 6  # moves and swaps that may follow each other
 
 
@@ -140,7 +140,7 @@ def _exchanged(
 def _reassigned(model: Latent, constraints: DistanceConstraints, settled: Settled) -> Settled:
     """Each naming changed for the better by everyone's conditional odds at once."""
     rows = np.arange(len(settled.naming))
-    for _ in range(NAMING_ROUNDS):
+    for _ in range(RENAMING_ROUNDS):
         tried = one_to_one(name_odds(model, constraints, _some_of(settled, rows)))
         rows = _try(model, constraints, settled, rows, tried)
         if not len(rows):

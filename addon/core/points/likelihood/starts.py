@@ -52,7 +52,7 @@ class StartOptions:
         return self.schedule[COARSE_STEPS:]
 
 
-YAWS = 8  # all around from which the search starts
+START_YAWS = 8  # all around from which the search starts
 COARSE_MODES = 6  # of the shape that the coarse steps use; by time
 COARSE_STEPS, FINE_STEPS = 4, 5
 STARTS = StartOptions()
@@ -82,15 +82,15 @@ def guess(coarse: Latent, fine: Latent, points: np.ndarray, kept: int, first: fl
     middle = _middles(coarse, points, present)
     places = middle.shape[1]
     centred = np.where(present[:, None, :, None], points[:, None] - middle[:, :, None], 0)
-    yaws = np.tile(first + 2 * np.pi / YAWS * np.arange(YAWS), places)
+    yaws = np.tile(first + 2 * np.pi / START_YAWS * np.arange(START_YAWS), places)
     starts = len(yaws)
-    around = turned(np.repeat(centred, YAWS, axis=1), np.broadcast_to(yaws, (frames, starts)))
+    around = turned(np.repeat(centred, START_YAWS, axis=1), np.broadcast_to(yaws, (frames, starts)))
     around = around.reshape(-1, count, 3)
     latent = np.zeros((len(around), coarse.size))
     there, ghost = np.repeat(present, starts, axis=0), ghost_density(coarse, present)
     ended, latent, _, fitness = softly(coarse, around, there, np.repeat(ghost, starts), latent, STARTS.coarse)
     turn = best_yaw(around, ended).reshape(frames, starts) + yaws
-    best = _distinct(fitness.reshape(frames, starts), turn, np.repeat(np.arange(places), YAWS), kept)
+    best = _distinct(fitness.reshape(frames, starts), turn, np.repeat(np.arange(places), START_YAWS), kept)
     rows = (np.arange(frames)[:, None] * starts + best).ravel()
     wide = np.zeros((len(rows), fine.size))
     wide[:, : coarse.size] = latent[rows]

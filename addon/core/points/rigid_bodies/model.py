@@ -45,7 +45,7 @@ class RigidBodyOptions:
 
 RIGID_BODY = RigidBodyOptions()
 MAX_BASES = 8  # triangles that a rigid body is recognised by: some may be hidden, all are too many
-TAILS = [0.5, 99.5]  # per cent of a distance, between which its range is; beyond are outliers
+RANGE_TAILS = [0.5, 99.5]  # per cent of a distance, between which its range is; beyond are outliers
 UNSEEN_M = 50.0  # how far two markers may be from each other that were never seen together: anywhere
 
 
@@ -105,7 +105,7 @@ def learn_rigid_bodies(subjects: Sequence[np.ndarray], radius: float) -> RigidBo
     columns = np.ascontiguousarray(everyone.transpose(1, 2, 0))
     for one in range(markers):
         distance = np.sqrt(np.square(columns[one:] - columns[one]).sum(axis=1))
-        spread[one, one:], low[one, one:], high[one, one:] = distance_ranges(distance, TAILS, fewest=2)
+        spread[one, one:], low[one, one:], high[one, one:] = distance_ranges(distance, RANGE_TAILS, fewest=2)
     lower = np.tril_indices(markers, -1)
     for table in (spread, low, high):
         table[lower] = table.T[lower]

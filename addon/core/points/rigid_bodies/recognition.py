@@ -10,7 +10,7 @@ from ...geometry.rigid import MIN_POINTS
 from .cluster_matching import NO_CLUSTER, Matched, match_clusters
 from .clustering import Cluster, Sampled, find_clusters, sampled, unbroken
 from .marker_matching import Placed, place_markers
-from .model import TAILS, RigidBodies
+from .model import RANGE_TAILS, RigidBodies
 from .single_markers import find_single_markers
 from .structure import Structure, unseen_is_nan
 
@@ -183,7 +183,7 @@ def _set_ranges(low, high, marker: int, others: np.ndarray, at: np.ndarray, ther
         known = distance[np.isfinite(distance[:, index]), index]
         if not len(known):
             continue
-        ends = np.percentile(known, TAILS)
+        ends = np.percentile(known, RANGE_TAILS)
         if len(known) < often[index]:
             ends = min(ends[0], low[marker, other]), max(ends[1], high[marker, other])
         low[marker, other], high[marker, other] = ends
