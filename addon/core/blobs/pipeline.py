@@ -24,6 +24,7 @@ from ..papers.virtual_occlusions.occlusion import Occlusion
 from ..review.doubtful import WHOLE_FRAME
 from ..review.suspects import find_suspects
 from .confidence import CONFIDENCE, named_confidences, swap_doubts
+from .continuity import renamed
 from .image_tracklets import name_by_tracklets
 from .rereading import REREADING, Rereader
 from .search import CROWDING, FINDING, Found, Hints, find_subject
@@ -144,8 +145,15 @@ class TakeLabeller:
                 if stretch.last == len(chunk.views) - 1 and stretch.track is not None and self.track is not None:
                     self.track = stretch.track
                 chunk.suspect(stretch.first, stretch.last, "names did not suit the rest of the take and are new")
+            self._rename(chunk)
             name_by_tracklets(chunk.views, chunk.results, self.setup.rate)
         self.last = chunk.results[-1] if chunk.results else self.last
+
+    def _rename(self, chunk: "_Chunk"):
+        """Gives names back that jumped to a neighbour."""
+        for first, last, moved in renamed(chunk.results, self.setup.rate):
+            names = ", ".join(self.setup.model.markerset.markers[marker] for marker in moved)
+            chunk.suspect(first, last, f"{names} had changed names and got them back")
 
     def _follow(self, track: Track, chunk: "_Chunk", first: int, end: int) -> int:
         """Follows the track through frames `first` … until it is lost or at `end`; returns the frame to go on with."""

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Follows the subject from frame to frame: the paper's future tracker, starting each frame from the last one's body."""
 
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
@@ -315,3 +316,13 @@ class FrameResult:
     expected: Expectation
     placement: float
     sure: np.ndarray
+
+
+def met_points(results: Sequence[FrameResult | None]) -> np.ndarray:
+    """(F, M, 3) m where markers' blobs meet in the frames of a chunk; NaN where they do not, or there is no subject."""
+    markers = next((len(result.naming.slot[0]) for result in results if result is not None), 0)
+    points = np.full((len(results), markers, 3), np.nan)
+    for index, result in enumerate(results):
+        if result is not None:
+            points[index] = result.naming.meeting.points
+    return points

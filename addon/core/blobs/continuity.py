@@ -1,0 +1,208 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Names that jump from one marker to another while the markers go on: what moves on smoothly keeps its name.
+
+A marker goes behind the body, and a neighbour gets its name; it comes out again, and the name jumps back. The
+neighbour's path does not break there, it only goes on under another name. Most of its frames know which is right.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..data.physical import MARKER_LIMITS
+from ..papers.virtual_occlusions.labelling import Naming
+from .swaps import swap_names
+from .tracking import FrameResult, met_points
+
+
+@dataclass(frozen=True)
+class ContinuityOptions:
+    """How smoothly markers move, and when most frames of a path overrule the others.
+
+    max_reach_m  from where a marker is expected, never farther; physical: half the way to its next neighbour
+    other_share  of what a name's own next place is off where it is expected: another name's place nearer than that is
+                 the better next one; physical: two places that are alike far off say nothing
+    max_gap_s    without a marker, over which its path goes on; physical: no limb turns round in less
+    min_frames   of a path that had the name which most have; physical: more than a marker is in doubt at a time
+    min_ratio    times as many as had any other; physical: two in three
+    """
+
+    max_reach_m: float = 0.03
+    other_share: float = 0.7
+    max_gap_s: float = 0.05
+    min_frames: int = 12
+    min_ratio: float = 2.0
+
+
+MIN_LENGTH = 3  # frames of a tracklet that show where it goes
+CONTINUITY = ContinuityOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class NamedTracklets:
+    """N tracklets, each smooth and under one name.
+
+    marker       (N,) the name
+    first, last  (N,) frames, both included
+    count        (N,) frames with a point
+    begin, end   (N, 3) m, where they are in these frames
+    early, late  (N, 3) m a frame, the velocity there; NaN for those too short to show one
+    """
+
+    marker: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
+    count: np.ndarray
+    begin: np.ndarray
+    end: np.ndarray
+    early: np.ndarray
+    late: np.ndarray
+
+
+def renamed(results: Sequence[FrameResult | None], rate: float) -> list[tuple[int, int, np.ndarray]]:
+    """Gives paths that changed their name the one that they mostly had.
+
+    Returns the first and last of frames that were changed alike, both included, and the markers (K,) concerned.
+    """
+    points = met_points(results)
+    markers = points.shape[1]
+    tracklets = _tracklets(points, rate)
+    target = _targets(tracklets, _joined(tracklets, rate), markers)
+    wanted = np.full(points.shape[:2], -1)
+    for tracklet in range(len(target)):
+        part = slice(tracklets.first[tracklet], tracklets.last[tracklet] + 1), tracklets.marker[tracklet]
+        wanted[part] = np.where(np.isfinite(points[part][:, 0]), target[tracklet], -1)
+    changed: list[tuple[int, int, np.ndarray]] = []
+    for index in np.flatnonzero(((wanted != np.arange(markers)) & (wanted >= 0)).any(axis=1)).tolist():
+        order = _order(wanted[index])
+        if order is None:
+            continue
+        _rename(results[index].naming, order)
+        moved = np.flatnonzero(order != np.arange(markers))
+        if changed and changed[-1][1] == index - 1 and np.array_equal(changed[-1][2], moved):
+            changed[-1] = (changed[-1][0], index, moved)
+        else:
+            changed.append((index, index, moved))
+    return changed
+
+
+def _tracklets(points: np.ndarray, rate: float) -> NamedTracklets:
+    """The paths of all names (F, M, 3) m, cut where they are gone for long or do not go on smoothly."""
+    found = [tracklet for marker in range(points.shape[1]) for tracklet in _tracklets_of(points, marker, rate)]
+    nowhere = np.full(3, np.nan)
+    long = [len(at) >= MIN_LENGTH for _, at, _ in found]
+    early = [_speed(at[:3], place[:3]) if ok else nowhere for ok, (_, at, place) in zip(long, found, strict=True)]
+    late = [_speed(at[-3:], place[-3:]) if ok else nowhere for ok, (_, at, place) in zip(long, found, strict=True)]
+    whole = [(marker, at[0], at[-1], len(at)) for marker, at, _ in found]
+    marker, first, last, count = np.array(whole, dtype=int).reshape(-1, 4).T
+    ends = [np.array([place[end] for _, _, place in found]).reshape(-1, 3) for end in (0, -1)]
+    return NamedTracklets(marker, first, last, count, *ends, *(np.array(part).reshape(-1, 3) for part in (early, late)))
+
+
+def _tracklets_of(points: np.ndarray, marker: int, rate: float):
+    """The tracklets of one name: marker, frames (N,) and places (N, 3) m of each."""
+    at = np.flatnonzero(np.isfinite(points[:, marker, 0]))
+    breaks = np.flatnonzero(_cuts(points, marker, at, rate)) + 1
+    return [(marker, part, points[part, marker]) for part in np.split(at, breaks) if len(part)]
+
+
+def _speed(at: np.ndarray, place: np.ndarray) -> np.ndarray:
+    return (place[-1] - place[0]) / (at[-1] - at[0])
+
+
+def _cuts(points: np.ndarray, marker: int, at: np.ndarray, rate: float) -> np.ndarray:
+    """(N - 1,) True where a name does not go on from one of its N frames to the next, or another would do better."""
+    place, gap = points[at, marker], np.diff(at)
+    cut = gap > CONTINUITY.max_gap_s * rate + 1
+    if len(gap) < 2:
+        return cut
+    speed = np.diff(place, axis=0) / gap[:, None]
+    change = np.linalg.norm(np.diff(speed, axis=0), axis=1)
+    off = np.full((2, len(gap)), np.inf)
+    off[0, 1:], off[1, :-1] = change * gap[1:], change * gap[:-1]
+    least = off.min(axis=0)
+    cut |= least > _reach(gap, rate)
+    for index in np.flatnonzero(~cut & (least > MARKER_LIMITS.max_noise_m)):
+        here, there = at[index], at[index + 1]
+        nearest = np.inf
+        if index:
+            nearest = _nearest_other(points, marker, place[index], speed[index - 1], here, range(here + 1, there + 1))
+        if index + 1 < len(speed):
+            back = _nearest_other(points, marker, place[index + 1], speed[index + 1], there, range(here, there))
+            nearest = min(nearest, back)
+        cut[index] = nearest < CONTINUITY.other_share * least[index]
+    return cut
+
+
+def _nearest_other(points, marker: int, place: np.ndarray, speed: np.ndarray, when: int, frames: range) -> float:
+    """m, how near another name comes to where a marker would be in some frames, from its place and speed in one."""
+    expected = place + speed * (np.arange(frames.start, frames.stop) - when)[:, None]
+    away = points[frames.start : frames.stop] - expected[:, None]
+    square = np.einsum("fmi,fmi->fm", away, away)
+    square[:, marker] = np.nan
+    return math.sqrt(np.fmin.reduce(square, axis=None, initial=np.inf))
+
+
+def _reach(gap: np.ndarray, rate: float) -> np.ndarray:
+    """(N,) m, how far from where it is expected a marker may be after some frames."""
+    return np.minimum(
+        MARKER_LIMITS.max_noise_m + MARKER_LIMITS.max_push_m_s2 / 2 * (gap / rate) ** 2, CONTINUITY.max_reach_m
+    )
+
+
+def _joined(tracklets: NamedTracklets, rate: float) -> np.ndarray:
+    """(N,) the path of each tracklet: it goes on in one that begins soon, where it would be, and moves alike."""
+    gap = tracklets.first[None] - tracklets.last[:, None]
+    soon = (gap > 0) & (gap <= CONTINUITY.max_gap_s * rate + 1)
+    one, other = np.nonzero(soon)
+    gap = gap[one, other]
+    step = tracklets.begin[other] - tracklets.end[one]
+    off = np.maximum(
+        np.linalg.norm(step - tracklets.late[one] * gap[:, None], axis=1),
+        np.linalg.norm(step - tracklets.early[other] * gap[:, None], axis=1),
+    )
+    path = np.arange(len(tracklets.marker))
+    ended, begun = set(), set()
+    for index in np.argsort(off, kind="stable"):
+        a, b = int(one[index]), int(other[index])
+        if off[index] <= _reach(gap[index], rate) and a not in ended and b not in begun:
+            ended.add(a)
+            begun.add(b)
+            path[path == path[b]] = path[a]
+    return path
+
+
+def _targets(tracklets: NamedTracklets, path: np.ndarray, markers: int) -> np.ndarray:
+    """(N,) the name that each tracklet should have."""
+    target = tracklets.marker.copy()
+    for own in np.unique(path):
+        part = np.flatnonzero(path == own)
+        count = np.bincount(tracklets.marker[part], weights=tracklets.count[part], minlength=markers)
+        best = int(count.argmax())
+        rest = np.delete(count, best).max(initial=0)
+        if count[best] >= max(CONTINUITY.min_frames, CONTINUITY.min_ratio * rest):
+            target[part] = best
+    return target
+
+
+def _order(wanted: np.ndarray) -> np.ndarray | None:
+    """(M,) which marker's blobs each marker gets, so that all have the names wanted (M,); None where two want one."""
+    source = np.flatnonzero(wanted >= 0)
+    target = wanted[source]
+    if len(np.unique(target)) < len(target):
+        return None
+    order = np.arange(len(wanted))
+    order[target] = source
+    bare = np.setdiff1d(source, target)
+    order[bare] = np.setdiff1d(target, source)
+    return order
+
+
+def _rename(naming: Naming, order: np.ndarray):
+    """Makes the exchange; the blobs of markers that had no point lose their names in it."""
+    moved = order != np.arange(len(order))
+    pointless = np.isnan(naming.meeting.points[:, 0]) & moved
+    naming.withdraw(*np.nonzero((naming.slot >= 0) & pointless))
+    swap_names(naming, order)
