@@ -166,7 +166,7 @@ class Rereader:
         changed = False
         for _ in range(SWAPS.max_exchanges):
             swaps = try_swaps(view, naming, subject, state, setup, setup.prior)
-            if not len(swaps.loss) or swaps.loss.min() > -setup.rules.min_lead:
+            if not len(swaps.loss) or swaps.loss.min() > -SWAPS.min_gain:
                 break
             swap_names(naming, swaps.orders[swaps.loss.argmin()])
             subject, state = refit(view, naming, subject, setup, SWAP_STEPS, setup.prior)
