@@ -56,24 +56,6 @@ def test_what_is_behind_is_not_a_number():
     assert np.isfinite(cameras.project(cameras.centres[0] + 2 * cameras.rotation[0, 2])).all()
 
 
-def test_undistorted_pixels_are_the_pinhole_image():
-    cameras = paper_rig()
-    points = np.random.default_rng(1).uniform([-0.8, -0.8, 0], [0.8, 0.8, 2], (200, 3))
-    pixels, ideal = cameras.project(points), cameras.normalised(points)
-    camera = np.repeat(np.arange(4), 200)
-    assert np.abs(cameras.undistort(pixels.reshape(-1, 2), camera) - ideal.reshape(-1, 2)).max() < 1e-12
-
-
-@settings(max_examples=200, deadline=None)
-@given(
-    st.tuples(st.floats(-0.6, 0.6), st.floats(-0.5, 0.5)),
-    st.tuples(*[st.floats(-low, low) for low in (0.3, 0.1, 0.003, 0.003, 0.05)]),
-)
-def test_undistort_is_the_inverse_of_distort(image, lens):
-    image, lens = np.array([image]), np.array([lens])
-    assert undistort(distort(image, lens), lens) == pytest.approx(image, abs=1e-11)
-
-
 def test_a_pixel_that_no_light_reaches_is_not_a_number():
     lens = np.array([[-0.3, 0, 0, 0, 0]])
     # The lens' image ends where 1 = 0.9 r²: at 2/3 of 1.054.
@@ -106,7 +88,7 @@ def test_undistort_keeps_to_the_branch_that_light_takes(share, angle, lens):
     lens = np.array([lens])
     radius = share * np.minimum(lens_reach(lens), 1.2)
     image = radius[:, None] * [[np.cos(angle), np.sin(angle)]]
-    assert undistort(distort(image, lens), lens) == pytest.approx(image, abs=1e-8)
+    assert undistort(distort(image, lens), lens) == pytest.approx(image, abs=1e-11 if share < 0.5 else 1e-8)
 
 
 def test_centres_and_extrinsics():

@@ -131,17 +131,6 @@ def test_the_points_of_some_are_looked_up_by_any_index():
         np.testing.assert_array_equal(some[index], wanted[index])
 
 
-def test_what_holds_together_is_added_up_over_parts_of_a_take(passing, monkeypatch):
-    take, _ = passing
-    tracklet = cut(take.xyz, take.rate)
-    whole = Affinity.of(take.xyz, tracklet, take.rate)
-    monkeypatch.setattr(affinity, "AFFINITY", AffinityOptions(frames_at_once=3))
-    parts = Affinity.of(take.xyz, tracklet, take.rate)
-    body = np.arange(len(whole)) % 2
-    np.testing.assert_allclose(parts.on(body, 2), whole.on(body, 2), rtol=1e-9)
-    assert whole.best().shape == (len(whole),)
-
-
 def alone() -> tuple[Points, np.ndarray]:
     """A take of one, and its tracklets (T, 15): one a marker."""
     whole = person(1, 1, 0.0)
