@@ -119,18 +119,6 @@ def test_a_long_take_is_named_the_same_way(passing, monkeypatch):
         np.testing.assert_array_equal(getattr(parts.labels, name), getattr(whole.labels, name))
 
 
-def test_the_points_of_some_are_looked_up_by_any_index():
-    generator = np.random.default_rng(3)
-    points, tracklet = generator.normal(size=(9, 5, 3)), generator.integers(-1, 6, (9, 5))
-    may = np.array([True, False, True, False, False, True])
-    some = bodies.only_some(points, tracklet, may)
-    wanted = np.where(np.append(may, False)[tracklet][..., None], points, np.nan)
-    np.testing.assert_array_equal(np.asarray(some), wanted)
-    row, lane = np.array([[0], [4]]), np.array([1, 3, 3])
-    for index in (3, slice(2, 7), (row, lane), (slice(None), 2), (..., 0), np.array([5, 1]), (slice(1, 4), lane)):
-        np.testing.assert_array_equal(some[index], wanted[index])
-
-
 def alone() -> tuple[Points, np.ndarray]:
     """A take of one, and its tracklets (T, 15): one a marker."""
     whole = person(1, 1, 0.0)
@@ -145,19 +133,6 @@ def test_one_is_named_as_ever():
     ever = finished(label_points(take, model, PointOptions("likelihood")))
     assert [one.name for one in found.worn.subjects] == ["1"]
     assert np.array_equal(found.labels.marker, ever.labels.marker)
-
-
-def test_a_body_is_asked_more_only_where_much_is_open(passing, monkeypatch):
-    take, _ = passing
-    asked, options, more = SeveralOptions(open_model("gait15"), 2), PointOptions("likelihood"), bodies.name_more
-    calls = []
-    monkeypatch.setattr(bodies, "name_more", lambda frames: calls.append(frames) or more(frames))
-    usual = finished(label_several(take, asked, options))
-    assert not calls
-    monkeypatch.setattr(bodies, "MAX_OPEN", -1.0)
-    every = finished(label_several(take, asked, options))
-    assert len(calls) == 2
-    np.testing.assert_array_equal(usual.labels.marker, every.labels.marker)
 
 
 def test_frames_in_doubt_may_be_asked_later(monkeypatch):
