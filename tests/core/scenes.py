@@ -94,6 +94,20 @@ def act(
     )
 
 
+def abreast(markerset: MarkerSet, seeds, frames: int, rate: float, apart: float) -> tuple[list, list]:
+    """Bodies and markers (T, M, 3) m of people, by their seeds, who walk side by side, so many m from each other."""
+    model, bodies, markers = BodyModel(markerset), [], []
+    for place, seed in enumerate(seeds):
+        moves = perform(model, person_of(markerset, seed), [Act(frames / rate)], rate=rate)
+        posed = model.pose(moves)
+        shift = np.array([0.0, apart * (place - 0.5), 0.0]) - posed.joints[:frames, 0].mean(axis=0) * [1.0, 1.0, 0.0]
+        turns, joints = posed.rotations[:frames], posed.joints[:frames] + shift
+        volume = CapsuleOcclusion(markerset)
+        bodies.append(PosedBody(volume, markerset.attachment, turns, joints, moves.scale[:frames]))
+        markers.append(posed.markers[:frames] + shift)
+    return bodies, markers
+
+
 def cut(blobs: Blobs, size: int) -> list[Blobs]:
     """The same frames in chunks of `size` frames."""
     chunks = []

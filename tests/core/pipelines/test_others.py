@@ -7,16 +7,14 @@ import numpy as np
 import pytest
 
 from addon.core.blobs.pipeline import label_take
-from addon.core.body.bodies import BodyModel
 from addon.core.data.takes import Blobs
 from addon.core.geometry.cameras import Cameras
-from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion
 from addon.core.pipelines.others import SEEKING, OtherSubjects, refuse_two
 from addon.core.points.refusals import SubjectsError
 from addon.core.simulation.rigs import ring_rig
-from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, PosedBody, capture, joined
-from addon.core.simulation.virtual import Act, draw_person, perform
+from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, capture, joined
 from addon.io.models import open_model
+from tests.core.scenes import abreast
 
 FRAMES, RATE, CHUNK = 40, 50.0, 16
 QUIET = CaptureOptions(seed=3)
@@ -34,16 +32,8 @@ def cameras():
 
 def blobs_of(model, cameras: Cameras, people: tuple[int, ...], options: CaptureOptions = QUIET) -> Blobs:
     """What cameras see of people, by their seeds, who walk side by side, 0.8 m apart."""
-    markerset, bodies, markers = model.markerset, [], []
-    for place, seed in enumerate(people):
-        moving = BodyModel(markerset)
-        moves = perform(moving, draw_person(markerset, np.random.default_rng(seed)), [Act(FRAMES / RATE)], rate=RATE)
-        posed = moving.pose(moves)
-        shift = np.array([0.0, 0.8 * place - 0.4, 0.0]) - posed.joints[:FRAMES, 0].mean(axis=0) * [1.0, 1.0, 0.0]
-        turns, joints = posed.rotations[:FRAMES], posed.joints[:FRAMES] + shift
-        volume = CapsuleOcclusion(markerset)
-        bodies.append(PosedBody(volume, markerset.attachment, turns, joints, moves.scale[:FRAMES]))
-        markers.append(posed.markers[:FRAMES] + shift)
+    markerset = model.markerset
+    bodies, markers = abreast(markerset, people, FRAMES, RATE, 0.8)
     together = BodiesTogether(tuple(bodies), (len(markerset),) * len(people))
     names = [f"{seed}:{name}" for seed in people for name in markerset.markers]
     return joined(capture(np.concatenate(markers, axis=1), names, cameras, options, together)).blobs

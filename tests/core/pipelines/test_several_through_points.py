@@ -6,12 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import InputError, JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import Blobs
 from addon.core.edits.kinds import AssignBlob, Edits, Place, Swap
-from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion
 from addon.core.pipelines.blobs import with_edits
 from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_several_blobs
 from addon.core.points.several import pipeline
@@ -19,9 +17,9 @@ from addon.core.points.several.identification import IDENTIFICATION
 from addon.core.points.several.wearers import SeveralOptions, Wearer
 from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.simulation.rigs import ring_rig
-from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, PosedBody, capture, joined
-from addon.core.simulation.virtual import Act, draw_person, perform
+from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, capture, joined
 from addon.io.models import open_model
+from tests.core.scenes import abreast
 
 FRAMES, RATE, CHUNK = 40, 50.0, 16
 NAMED = PointOptions("likelihood")
@@ -35,18 +33,8 @@ def model():
 @pytest.fixture(scope="module")
 def shot(model):
     """Cameras, blobs and truth of two people in gait15 who walk side by side, 0.6 m apart."""
-    markerset, bodies, names, markers = model.markerset, [], [], []
-    for number in (1, 2):
-        generator = np.random.default_rng(number)
-        moving = BodyModel(markerset)
-        moves = perform(moving, draw_person(markerset, generator), [Act(FRAMES / RATE)], rate=RATE)
-        posed, scale = moving.pose(moves), moves.scale[:FRAMES]
-        middle = posed.joints[:FRAMES, 0].mean(axis=0)
-        shift = np.array([0.0, 0.6 * (number - 1.5), 0.0]) - middle * [1.0, 1.0, 0.0]
-        turns, joints = posed.rotations[:FRAMES], posed.joints[:FRAMES] + shift
-        bodies.append(PosedBody(CapsuleOcclusion(markerset), markerset.attachment, turns, joints, scale))
-        markers.append(posed.markers[:FRAMES] + shift)
-        names += [f"{number}:{name}" for name in markerset.markers]
+    bodies, markers = abreast(model.markerset, (1, 2), FRAMES, RATE, 0.6)
+    names = [f"{number}:{name}" for number in (1, 2) for name in model.markerset.markers]
     cameras = ring_rig(8, (1280, 1024), 4.0, 2.2, 1.4)
     together = BodiesTogether(tuple(bodies), (15, 15))
     seen = joined(capture(np.concatenate(markers, axis=1), names, cameras, CaptureOptions(seed=5), together))
