@@ -110,17 +110,12 @@ def abreast(markerset: MarkerSet, seeds, frames: int, rate: float, apart: float)
 
 def cut(blobs: Blobs, size: int) -> list[Blobs]:
     """The same frames in chunks of `size` frames."""
-    chunks = []
-    for first in range(0, len(blobs.frames), size):
-        inside = (blobs.frame >= first) & (blobs.frame < first + size)
-        rows = (blobs.camera[inside], blobs.xy[inside], blobs.area[inside])
-        chunks.append(Blobs(blobs.frames[first : first + size], blobs.frame[inside] - first, *rows))
-    return chunks
+    return [blobs.between(first, first + size - 1) for first in blobs.frames[::size]]
 
 
 def keep(blobs: Blobs, rows: np.ndarray) -> Blobs:
     """The same frames with some of their blobs."""
-    return Blobs(blobs.frames, blobs.frame[rows], blobs.camera[rows], blobs.xy[rows], blobs.area[rows])
+    return blobs.part(slice(0, len(blobs.frames)), rows)
 
 
 def blobs_at(pixels: list[np.ndarray]) -> Blobs:

@@ -14,7 +14,7 @@ from addon.core.points.refusals import SubjectsError
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, capture, joined
 from addon.io.models import open_model
-from tests.core.scenes import abreast
+from tests.core.scenes import abreast, cut
 
 FRAMES, RATE, CHUNK = 40, 50.0, 16
 QUIET = CaptureOptions(seed=3)
@@ -42,7 +42,7 @@ def blobs_of(model, cameras: Cameras, people: tuple[int, ...], options: CaptureO
 def looked_at(blobs: Blobs, cameras: Cameras, model) -> OtherSubjects:
     """A take that was labelled as one subject's, and looked at."""
     others = OtherSubjects(cameras, model)
-    parts = parts_of(blobs)
+    parts = cut(blobs, CHUNK)
     for part, chunk in zip(parts, label_take(parts, cameras, model.markerset, RATE), strict=True):
         others.add(part, chunk)
     return others
@@ -53,19 +53,14 @@ def test_two_are_told_how_to_have_both(model, cameras):
         looked_at(blobs_of(model, cameras, (1, 2)), cameras, model).refuse()
 
 
-def parts_of(blobs: Blobs) -> list[Blobs]:
-    """A take in chunks, as it is read."""
-    return [blobs.between(first, min(first + CHUNK - 1, FRAMES)) for first in range(1, FRAMES + 1, CHUNK)]
-
-
 def test_two_are_told_before_any_of_the_take_is_named(model, cameras):
     with pytest.raises(SubjectsError, match=r"two subjects or more that wear gait15"):
-        refuse_two(lambda: parts_of(blobs_of(model, cameras, (1, 2))), cameras, model)
+        refuse_two(lambda: cut(blobs_of(model, cameras, (1, 2)), CHUNK), cameras, model)
 
 
 @pytest.mark.parametrize(("reflections", "read"), [(2, 1), (30, 2)])
 def test_a_take_of_one_is_not_and_read_in_parts_only_unless_it_is_crowded(model, cameras, reflections, read):
-    parts, begun = parts_of(blobs_of(model, cameras, (1,), replace(QUIET, reflections=reflections))), []
+    parts, begun = cut(blobs_of(model, cameras, (1,), replace(QUIET, reflections=reflections)), CHUNK), []
 
     def reading():
         begun.append(1)
@@ -78,7 +73,7 @@ def test_a_take_of_one_is_not_and_read_in_parts_only_unless_it_is_crowded(model,
 def test_who_leaves_soon_is_not_told_before(model, cameras):
     both, alone = blobs_of(model, cameras, (1, 2)), blobs_of(model, cameras, (1,))
     early = Blobs.join([both.between(1, 10), alone.between(11, FRAMES)])
-    refuse_two(lambda: parts_of(early), cameras, model)
+    refuse_two(lambda: cut(early, CHUNK), cameras, model)
 
 
 @pytest.mark.parametrize("reflections", [2, 30])

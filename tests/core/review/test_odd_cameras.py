@@ -19,6 +19,7 @@ from addon.core.simulation.simulate import disturbed
 from addon.io.blobs import read_blobs
 from addon.io.cameras import read_cameras
 from addon.io.points import read_points
+from tests.core.scenes import keep
 
 FRAMES, MARKERS = 60, 30
 OTHERS, FIT = "cameras seem to have the names of others: the blobs of", " fit the calibration of"
@@ -50,11 +51,7 @@ def said(cameras: Cameras, blobs: Blobs, marker: np.ndarray, expected: np.ndarra
     check = CameraCheck(cameras)
     for first in range(0, FRAMES, 10):
         rows = (blobs.frame >= first) & (blobs.frame < first + 10)
-        part = Blobs(
-            blobs.frames[first : first + 10],
-            blobs.frame[rows] - first,
-            *(x[rows] for x in (blobs.camera, blobs.xy, blobs.area)),
-        )
+        part = blobs.between(first + 11, first + 20)
         labels = Labels(marker[rows], 0 * marker[rows], 0.0 * marker[rows])
         check.add(part, SimpleNamespace(labels=labels, motion=SimpleNamespace(expected=expected[first : first + 10])))
     suspects = check.suspects()
@@ -281,8 +278,7 @@ def test_cameras_that_saw_nothing_make_no_other_room_and_are_told():
 def _only(count: int, blobs: Blobs, marker: np.ndarray) -> tuple[Blobs, np.ndarray]:
     """The blobs of the first cameras, and their markers."""
     rows = blobs.camera < count
-    own = blobs.frame[rows], blobs.camera[rows], blobs.xy[rows], blobs.area[rows]
-    return Blobs(blobs.frames, *own), marker[rows]
+    return keep(blobs, rows), marker[rows]
 
 
 @pytest.mark.parametrize(("count", "off"), [(4, 3.0), (8, 5.0)])
