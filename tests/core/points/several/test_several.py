@@ -18,7 +18,7 @@ from addon.core.points.several.affinity import Affinity, AffinityOptions
 from addon.core.points.several.bodies import RecognisingOptions
 from addon.core.points.several.counting import count_bodies
 from addon.core.points.several.identification import PersonBuild, identified, likeliest
-from addon.core.points.several.parting import PartedBodies, parted
+from addon.core.points.several.parting import parted
 from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.presence import UnidentifiedPresence, ways_of
 from addon.core.points.several.sharing import SHARING, share, shared_out
@@ -328,15 +328,6 @@ def test_presences_go_to_whoever_is_built_so():
     assert own.cost(PersonBuild(markers, mean * 1.2, steady), 0.003) > 1
     assert own.cost(PersonBuild(markers[::-1], mean, steady), 0.003) == np.inf
     assert own.cost(PersonBuild(markers, np.full((15, 15), np.nan), steady), 0.003) == np.inf
-
-
-def test_presences_are_joined_to_people_or_to_nobody():
-    body = np.array([0, 1, 2, 3, -1])
-    may = np.eye(4, dtype=bool)[np.maximum(body, 0)] & (body >= 0)[:, None]
-    joined = PartedBodies(may * 2.0, body, may).joined(np.array([0, 1, 1, -1]), 2)
-    assert joined.body.tolist() == [0, 1, 1, -1, -1]
-    assert joined.may.sum(axis=1).tolist() == [1, 1, 1, 0, 0]
-    assert joined.affinity.max(axis=1).tolist() == [2, 2, 2, 0, 0]
 
 
 @pytest.mark.parametrize("tables", [0, 3, 6])
