@@ -152,21 +152,6 @@ def test_a_marker_that_one_camera_alone_sees_is_named(shot, model):
     assert set(names[own]) <= {expected, ""}
 
 
-def test_a_new_name_far_off_its_markers_rays_does_not_move_it(shot, found):
-    blobs = next(part for part, _ in parts(shot[1]))
-    given, motion = (
-        found.points.named(0, found.labelled.labels, len(blobs)),
-        found.labelled.motion.part(slice(0, CHUNK)),
-    )
-    row = int(np.flatnonzero(given.named & (blobs.frame == 5))[3])
-    before = given.kept(np.arange(len(blobs)) != row)
-    xy = blobs.xy.copy()
-    assert found._meeting(blobs, before, given, motion)[row]
-    xy[row] += [5.0, 5.0]
-    meeting = found._meeting(replace(blobs, xy=xy), before, given, motion)
-    assert np.flatnonzero(meeting != given.named).tolist() == [row]
-
-
 def test_a_point_has_the_name_that_a_person_gave_one_of_its_blobs(shot, model, found, labelled):
     """Also a wrong one, which the images then contradict; and the program's own name is kept below it."""
     cameras, blobs = shot[:2]
