@@ -14,6 +14,7 @@ from addon.core.body.prior import Prior
 from addon.core.data.takes import EXCLUSIVE
 from addon.core.papers.virtual_occlusions.labelling import Frame, Naming
 from addon.core.simulation.rigs import paper_rig, ring_rig
+from tests.core.papers.virtual_occlusions.test_labelling import consistent
 from tests.core.scenes import FLAWLESS, built_in, stand
 
 RIG = paper_rig()
@@ -52,13 +53,6 @@ def order_of(scene, *pairs):
         first, second = (scene.markerset.index(name) for name in pair.split("-"))
         order[first], order[second] = second, first
     return order
-
-
-def consistent(naming):
-    camera, marker = np.nonzero(naming.slot >= 0)
-    assert np.array_equal(naming.owner[camera, naming.slot[camera, marker]], marker)
-    assert (naming.owner >= 0).sum() == len(camera)
-    return naming
 
 
 def test_exchanging_twice_changes_nothing():

@@ -112,38 +112,27 @@ def test_calibrations_cannot_be_changed_in_place():
         ring_rig(2).matrix[0, 0, 0] = 1
 
 
-def singular(cameras):
-    matrix = cameras.matrix.copy()
-    matrix[1] = 0
-    return {"matrix": matrix}
-
-
-def mirrored(cameras):
-    rotation = cameras.rotation.copy()
-    rotation[1, 0] *= -1
-    return {"rotation": rotation}
-
-
-def unknown(cameras):
-    translation = cameras.translation.copy()
-    translation[1, 2] = np.nan
-    return {"translation": translation}
-
-
-def twice(cameras):
-    return {"names": ("cam1", "cam1", "cam3")}
-
-
 @pytest.mark.parametrize(
-    ("fault", "words"),
-    [(singular, "singular"), (mirrored, "not a rotation"), (unknown, "not a finite number"), (twice, "same name")],
+    ("field", "index", "change", "words"),
+    [
+        ("matrix", 1, np.zeros_like, "singular"),
+        ("rotation", (1, 0), np.negative, "not a rotation"),
+        ("translation", (1, 2), lambda _: np.nan, "not a finite number"),
+    ],
 )
-def test_a_calibration_that_is_none_is_refused_in_one_sentence(fault, words):
+def test_a_calibration_that_is_none_is_refused_in_one_sentence(field, index, change, words):
     cameras = ring_rig(3)
+    values = getattr(cameras, field).copy()
+    values[index] = change(values[index])
     with pytest.raises(InputError, match=words) as caught:
-        Cameras(**parts(cameras, **fault(cameras)))
+        Cameras(**parts(cameras, **{field: values}))
     assert "\n" not in str(caught.value)
-    assert fault is twice or "cam2" in str(caught.value)
+    assert "cam2" in str(caught.value)
+
+
+def test_two_cameras_of_one_name_are_refused():
+    with pytest.raises(InputError, match="same name"):
+        Cameras(**parts(ring_rig(3), names=("cam1", "cam1", "cam3")))
 
 
 def test_arrays_of_the_wrong_shape_are_a_programmers_mistake():
