@@ -20,6 +20,12 @@ settings.load_profile("repeatable")
 
 EXIT_STATUS = pytest.StashKey[int]()
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+# Files and folders that `run.py test --quick` leaves out: 10 s of the processor or more each, and no other file's only
+# test of what a change usually breaks.
+SLOW = (
+    "cli/test_batches.py", "cli/test_farm.py", "cli/test_faults.py", "cli/test_force.py", "cli/test_label_points.py",
+    "io/test_calibration_sizes.py", "io/test_fuzz.py", "io/test_sizes.py", "package/",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="session")
@@ -28,6 +34,13 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip("the recorded people and rooms (../shared/data) are not on this machine")
     return SHARED_DATA
+
+
+def pytest_collection_modifyitems(items):
+    """Marks what is slow, so that `-m "not slow"` leaves it out."""
+    for item in items:
+        if item.path.relative_to(Path(__file__).parent).as_posix().startswith(SLOW):
+            item.add_marker("slow")
 
 
 @pytest.hookimpl(trylast=True)

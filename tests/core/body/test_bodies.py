@@ -52,16 +52,6 @@ def test_placement_derivatives_are_those_of_the_stiff_body(seed):
     np.testing.assert_allclose(posed.joints, model.pose(stiff).joints, atol=1e-12)
 
 
-@settings(max_examples=25, deadline=None)
-@given(seed=seeds, size=st.floats(1e-12, 4.0))
-def test_quaternions_stay_unit(seed, size):
-    model = BodyModel(toy_markerset())
-    bodies = some_bodies(model, seed)
-    for _ in range(5):
-        bodies = bodies.moved(np.random.default_rng(seed).normal(0, size, (len(bodies), model.parameters)))
-        np.testing.assert_allclose(np.linalg.norm(bodies.quaternion, axis=1), 1, atol=1e-12)
-
-
 def test_the_roots_bend_stays_zero():
     model = BodyModel(toy_markerset())
     moved = model.rest(2).moved(np.ones((2, model.parameters)))

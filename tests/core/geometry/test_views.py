@@ -41,12 +41,6 @@ def test_every_blob_is_in_its_own_frame_and_camera_once(where, seed):
         assert view.count == (frame == index).sum()
 
 
-def test_frames_without_blobs_are_views_without_blobs():
-    views = split_views(blobs_of([2], [1], [[300, 200]]), RIG)
-    assert [view.count for view in views] == [0, 0, 1]
-    assert views[0].image.shape == (4, 1, 2)
-
-
 def test_a_blob_that_no_light_can_make_is_left_out():
     lens = np.zeros((4, 5))
     lens[:, 0] = -0.3  # shows nothing beyond 0.703 focal lengths from the middle

@@ -18,7 +18,7 @@ from addon.core.points.several.affinity import Affinity, AffinityOptions
 from addon.core.points.several.bodies import RecognisingOptions
 from addon.core.points.several.counting import count_bodies
 from addon.core.points.several.identification import PersonBuild, identified, likeliest
-from addon.core.points.several.parting import PartedBodies, parted
+from addon.core.points.several.parting import parted
 from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.presence import UnidentifiedPresence, ways_of
 from addon.core.points.several.sharing import SHARING, share, shared_out
@@ -119,29 +119,6 @@ def test_a_long_take_is_named_the_same_way(passing, monkeypatch):
         np.testing.assert_array_equal(getattr(parts.labels, name), getattr(whole.labels, name))
 
 
-def test_the_points_of_some_are_looked_up_by_any_index():
-    generator = np.random.default_rng(3)
-    points, tracklet = generator.normal(size=(9, 5, 3)), generator.integers(-1, 6, (9, 5))
-    may = np.array([True, False, True, False, False, True])
-    some = bodies.only_some(points, tracklet, may)
-    wanted = np.where(np.append(may, False)[tracklet][..., None], points, np.nan)
-    np.testing.assert_array_equal(np.asarray(some), wanted)
-    row, lane = np.array([[0], [4]]), np.array([1, 3, 3])
-    for index in (3, slice(2, 7), (row, lane), (slice(None), 2), (..., 0), np.array([5, 1]), (slice(1, 4), lane)):
-        np.testing.assert_array_equal(some[index], wanted[index])
-
-
-def test_what_holds_together_is_added_up_over_parts_of_a_take(passing, monkeypatch):
-    take, _ = passing
-    tracklet = cut(take.xyz, take.rate)
-    whole = Affinity.of(take.xyz, tracklet, take.rate)
-    monkeypatch.setattr(affinity, "AFFINITY", AffinityOptions(frames_at_once=3))
-    parts = Affinity.of(take.xyz, tracklet, take.rate)
-    body = np.arange(len(whole)) % 2
-    np.testing.assert_allclose(parts.on(body, 2), whole.on(body, 2), rtol=1e-9)
-    assert whole.best().shape == (len(whole),)
-
-
 def alone() -> tuple[Points, np.ndarray]:
     """A take of one, and its tracklets (T, 15): one a marker."""
     whole = person(1, 1, 0.0)
@@ -156,19 +133,6 @@ def test_one_is_named_as_ever():
     ever = finished(label_points(take, model, PointOptions("likelihood")))
     assert [one.name for one in found.worn.subjects] == ["1"]
     assert np.array_equal(found.labels.marker, ever.labels.marker)
-
-
-def test_a_body_is_asked_more_only_where_much_is_open(passing, monkeypatch):
-    take, _ = passing
-    asked, options, more = SeveralOptions(open_model("gait15"), 2), PointOptions("likelihood"), bodies.name_more
-    calls = []
-    monkeypatch.setattr(bodies, "name_more", lambda frames: calls.append(frames) or more(frames))
-    usual = finished(label_several(take, asked, options))
-    assert not calls
-    monkeypatch.setattr(bodies, "MAX_OPEN", -1.0)
-    every = finished(label_several(take, asked, options))
-    assert len(calls) == 2
-    np.testing.assert_array_equal(usual.labels.marker, every.labels.marker)
 
 
 def test_frames_in_doubt_may_be_asked_later(monkeypatch):
@@ -364,15 +328,6 @@ def test_presences_go_to_whoever_is_built_so():
     assert own.cost(PersonBuild(markers, mean * 1.2, steady), 0.003) > 1
     assert own.cost(PersonBuild(markers[::-1], mean, steady), 0.003) == np.inf
     assert own.cost(PersonBuild(markers, np.full((15, 15), np.nan), steady), 0.003) == np.inf
-
-
-def test_presences_are_joined_to_people_or_to_nobody():
-    body = np.array([0, 1, 2, 3, -1])
-    may = np.eye(4, dtype=bool)[np.maximum(body, 0)] & (body >= 0)[:, None]
-    joined = PartedBodies(may * 2.0, body, may).joined(np.array([0, 1, 1, -1]), 2)
-    assert joined.body.tolist() == [0, 1, 1, -1, -1]
-    assert joined.may.sum(axis=1).tolist() == [1, 1, 1, 0, 0]
-    assert joined.affinity.max(axis=1).tolist() == [2, 2, 2, 0, 0]
 
 
 @pytest.mark.parametrize("tables", [0, 3, 6])
