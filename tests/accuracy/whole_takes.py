@@ -244,6 +244,8 @@ def cases_of_clouds() -> dict[str, Callable[[], Iterator[Case]]]:
     for ghosts in (1, 3):
         title, trouble = f"walks, 4 hidden, ghosts: {ghosts}", Trouble(4, ghosts)
         found[f"clouds-ghosts-{ghosts}"] = lambda t=title, w=trouble: case_clouds(t, tuple(WALKS), w)
+    noisy = Trouble(4, noise=0.005)
+    found["clouds-noise-5mm"] = lambda: case_clouds("walks, 4 hidden, off by 5 mm", tuple(WALKS), noisy)
     for file in OTHER_MOTIONS:
         found[f"clouds-{file}"] = lambda f=file: case_clouds(f"{f}, 4 hidden", (f,), Trouble(4))
     found["clouds-elsewhere"] = lambda: case_clouds_elsewhere(Trouble(4))
