@@ -120,7 +120,7 @@ def _index(made: dict[str, str]) -> str:
             rows.append([f"[{data['title']}]({data['page']}.md)", f"`{data['command']}`", data["measured_at"]])
     if f"{ABLATION}.md" in made:
         data = read(ABLATION)
-        rows.append([f"[What each stage brings]({ABLATION}.md)", f"`{data['command']}`", f"code {data['version']}"])
+        rows.append([f"[What each stage brings]({ABLATION}.md)", f"`{data['command']}`", _measured(data)])
     rows.sort()
     return "\n".join([MADE, "# Results\n", WORDS, markdown(["what", "command", "measured"], rows)])
 
@@ -141,7 +141,8 @@ def ablation_page(data: dict) -> str:
     return "\n".join([
         MADE,
         "# What each stage brings\n",
-        f"`{data['command']}`, code {data['version']}; `results/{ABLATION}.json`\n",
+        f"`{data['command']}`, {_measured(data)}; `results/{ABLATION}.json`\n",
+        *([f"{data['note']}\n"] if "note" in data else []),
         "## All stages on\n",
         markdown(columns, cases),
         "## Variants that change a case\n",
@@ -150,6 +151,10 @@ def ablation_page(data: dict) -> str:
         "## Variants that change no case by more than its interval\n",
         markdown(["variant", "cases"], without),
     ])  # fmt: skip
+
+
+def _measured(data: dict) -> str:
+    return data.get("measured_at", f"code {data['version']}")
 
 
 def _change(row: dict) -> list[str]:
