@@ -171,7 +171,7 @@ def main() -> int:
 
 def _concerns(case: str, name: str) -> bool:
     """Whether a variant can change a case at all: points never enter the folder of blobs."""
-    images = case.startswith("blobs")
+    images = case.startswith(("blobs", "curve", "strangers'"))
     if name.startswith("without blobs"):
         return images and "several" not in case
     if name.startswith(("without points", "without frames")):

@@ -11,8 +11,10 @@ from unittest.mock import patch
 import numpy as np
 
 import addon.core
+from addon.blendfile import has_blender, mesh_occlusion
 from addon.core.blobs.swaps import try_swaps
 from addon.core.data.takes import NO_MARKER
+from addon.core.points.fitted_body import NothingInTheWay
 from addon.core.points.whole_take.layout import NOTHING_HELD
 
 # What decides labels; what only draws, fills, trains or simulates is elsewhere.
@@ -113,11 +115,15 @@ STAGES: dict[str, dict[str, Callable]] = {
     "blobs: review of swaps": {"blobs.pipeline.TakeLabeller._review": lambda _, track, *__: track},
     "blobs: image tracklets": {"blobs.pipeline.name_by_tracklets": lambda *_: None},
     "blobs: swaps in a found frame": {"blobs.search.settle": try_swaps},
+    "blobs: occlusion": {"blobs.subject.CapsuleOcclusion": lambda *_: NothingInTheWay()},
 }
+if has_blender():
+    # Rays are cast at the capsules' meshes instead.
+    STAGES["blobs: closed form"] = {"blobs.subject.CapsuleOcclusion": lambda markerset, _: mesh_occlusion(markerset)}
 EXCHANGES = ("blocks", "shifts", "exchanges of a while", "seldom there", "consistency", "parting at leaps")
 TOGETHER = {
     "points: six that seem to do nothing": [f"points: {name}" for name in EXCHANGES],
-    "blobs: all that look again": [name for name in STAGES if name.startswith("blobs: ") and "found" not in name],
+    "blobs: all that look again": [f"blobs: {name}" for name in ("rereading", "review of swaps", "image tracklets")],
 }
 
 

@@ -76,8 +76,8 @@ def walking(
         yield Trial(title, take.person, rig, seen.blobs, seen.truth, xyz, facing, body.stature, RATE, hidden)
 
 
-def at_rate(take: people.Recording, rate: float) -> people.Recording:
-    """The take at another rate, linear between the samples; a gap stays one."""
+def at_rate(take, rate: float):
+    """The take, with `xyz` and `rate`, at another rate, linear between the samples; a gap stays one."""
     count = int((len(take.xyz) - 1) * rate / take.rate) + 1
     at = np.arange(count) * take.rate / rate
     before = np.minimum(at.astype(int), len(take.xyz) - 2)
