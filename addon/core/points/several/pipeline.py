@@ -19,7 +19,7 @@ from ...data.takes import Labels, Points, Suspect
 from ...edits.applying import refuse_unknown
 from ...edits.kinds import NO_EDITS, Edits
 from ...review.answering import heard_in, unanswered, without_accepted
-from ...review.suspects import LISTING, summarised, suspect_ranges
+from ...review.suspects import SUSPECTING, summarised, suspect_ranges
 from ..possible import refuse_impossible
 from ..refusals import UnsuitedError, refuse_floods
 from ..tracklets import cut
@@ -103,7 +103,7 @@ def _questions(crowd: Crowd, found: Everybody, labels: Labels) -> tuple[Suspect,
     if len(found.worn.asked.subjects) < len(found.worn.subjects):
         people.append("somebody else")
     words = f"somebody here is left without names, who may be {' or '.join(people)}"
-    most = round(LISTING.max_break_s * crowd.take.rate)
+    most = round(SUSPECTING.moment_s * crowd.take.rate)
     return tuple(suspect_ranges(crowd.take.frames, np.any(presences, axis=0), words, most))
 
 
