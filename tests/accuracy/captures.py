@@ -14,20 +14,12 @@ class Trial:
     """One take to be labelled: blobs with their true names, and what the labelling is not told.
 
     title    says which capture it is, for people to read
-    person   who it is
     xyz      (T, M, 3) m where the markers were
-    facing   rad, the way the person faces in the first frame
-    stature  m
-    hidden   (C, M) which markers the real body hid in the first frame
     """
 
     title: str
-    person: str
     cameras: Cameras
     blobs: Blobs
     truth: np.ndarray
     xyz: np.ndarray
-    facing: float
-    stature: float
     rate: float
-    hidden: np.ndarray

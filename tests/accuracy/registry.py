@@ -243,11 +243,11 @@ def recorded(keep: Path) -> Iterator[Trial]:
 
 def _recorded(files, out: Path) -> Outcome:
     first, last = real_blobs.TESTED
-    answer = labelled_files(files, out, "--frames", f"{first}:{last}", "--occlusion", "capsules")
-    pairs = list(side_by_side(rows_of(answer.labels), rows_of(files.truth, (first, last))))
+    labels, seconds = labelled_files(files, out, "--frames", f"{first}:{last}", "--occlusion", "capsules")
+    pairs = list(side_by_side(rows_of(labels), rows_of(files.truth, (first, last))))
     names, truth = ([pair[at]["marker"] for pair in pairs] for at in (0, 1))
     frame = np.array([int(pair[0]["frame"]) for pair in pairs])
-    return of_blobs(names, truth, frame, files.rate, answer.seconds)
+    return of_blobs(names, truth, frame, files.rate, seconds)
 
 
 def of_other_labs(kind: str, keep: Path) -> Iterator[Trial]:

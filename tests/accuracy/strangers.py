@@ -149,9 +149,7 @@ def _captured(take, body, frame: int, yaw: float, place: np.ndarray, generator, 
     moved, rig, xyz = moved_flesh(body, part, move), paper_rig(generator), move(take.xyz[part])
     options = replace(CaptureOptions(), seed=int(generator.integers(2**31)))
     seen = joined(capture(xyz, people.BODY26, rig, options, moved))
-    title = f"{take.person} frame {frame} trial {number}"
-    hidden = moved.hidden(slice(None), xyz, rig.centres)[0]
-    return Trial(title, take.person, rig, seen.blobs, seen.truth, xyz, 0.0, moved.stature, take.rate, hidden)
+    return Trial(f"{take.person} frame {frame} trial {number}", rig, seen.blobs, seen.truth, xyz, take.rate)
 
 
 def _arms_set(xyz: np.ndarray, generator, difference: Difference = DIFFERENCE) -> np.ndarray:
