@@ -20,9 +20,10 @@ settings.load_profile("repeatable")
 
 EXIT_STATUS = pytest.StashKey[int]()
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
-# Files and folders that `run.py test --quick` leaves out: each takes 10 s of the processor or more. Without them all
-# others take 6 minutes of it, which is under four on two cores.
+# Files and folders that `run.py test --quick` leaves out: each takes 10 s of the processor or more. All others
+# together take 375 s of it, which is under four minutes on two cores.
 SLOW = (
+    "blender/test_quality.py",
     "cli/test_batches.py", "cli/test_farm.py", "cli/test_faults.py", "cli/test_force.py", "cli/test_train.py",
     "io/test_calibration_sizes.py", "io/test_fuzz.py", "io/test_sizes.py", "package/",
 )  # fmt: skip
