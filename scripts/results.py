@@ -120,7 +120,7 @@ def _index(made: dict[str, str]) -> str:
             rows.append([f"[{data['title']}]({data['page']}.md)", f"`{data['command']}`", data["measured_at"]])
     if f"{ABLATION}.md" in made:
         data = read(ABLATION)
-        rows.append([f"[What each stage brings]({ABLATION}.md)", f"`{data['command']}`", _measured(data)])
+        rows.append([f"[What each stage brings]({ABLATION}.md)", f"`{data['command']}`", data["measured_at"]])
     rows.sort()
     return "\n".join([MADE, "# Results\n", WORDS, markdown(["what", "command", "measured"], rows)])
 
@@ -132,7 +132,7 @@ def ablation_page(data: dict) -> str:
     cases = [[case, *(f"{row[key]:g}" for key in keys)] for case, row in sorted(data["cases"].items())]
     rows, without = [], []
     for name, found in sorted(data["variants"].items()):
-        some = [[f"`{name}`", case, *_change(row)] for case, row in sorted(found.items()) if _matters(row)]
+        some = [[f"`{name}`", case, *_change(row)] for case, row in sorted(found.items()) if matters(row)]
         rows += some
         without += [] if some else [[f"`{name}`", str(len(found))]]
     words = (
@@ -141,7 +141,7 @@ def ablation_page(data: dict) -> str:
     return "\n".join([
         MADE,
         "# What each stage brings\n",
-        f"`{data['command']}`, {_measured(data)}; `results/{ABLATION}.json`\n",
+        f"`{data['command']}`, {data['measured_at']}; `results/{ABLATION}.json`\n",
         *([f"{data['note']}\n"] if "note" in data else []),
         "## All stages on\n",
         markdown(columns, cases),
@@ -153,16 +153,13 @@ def ablation_page(data: dict) -> str:
     ])  # fmt: skip
 
 
-def _measured(data: dict) -> str:
-    return data.get("measured_at", f"code {data['version']}")
-
-
 def _change(row: dict) -> list[str]:
     shares = [f"{row[key][0]:+.3f} ± {row[key][1]:.3f}" for key in ("right", "wrong")]
     return [*shares, *(f"{row[key][0]:g} → {row[key][1]:g}" for key in ("seconds", "refused"))]
 
 
-def _matters(row: dict) -> bool:
+def matters(row: dict) -> bool:
+    """Whether a variant's labels differ by more than the interval, or takes are refused that were not."""
     return any(abs(row[key][0]) > row[key][1] for key in ("right", "wrong")) or row["refused"][0] != row["refused"][1]
 
 
@@ -241,11 +238,15 @@ def take(name: str, text: str):
         head, _, *rows = [[cell.strip() for cell in line[1:-1].split("|")] for line in block.splitlines()]
         kept = old[place] if place < len(old) else {"key": f"table{place + 1}", "title": f"Table {place + 1}"}
         tables.append({**kept, "columns": head, "rows": rows})
+    data.update(measured_at=now(), tables=tables)
+    path.write_text(dump(data), encoding="utf-8", newline="\n")
+
+
+def now() -> str:
+    """Today and the commit at hand, as results say when they were measured."""
     asked = ["git", "rev-parse", "--short=10", "HEAD"]
     commit = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True)
-    today = datetime.datetime.now(datetime.UTC).date()
-    data.update(measured_at=f"{today}, commit {commit.stdout.strip()}", tables=tables)
-    path.write_text(dump(data), encoding="utf-8", newline="\n")
+    return f"{datetime.datetime.now(datetime.UTC).date()}, commit {commit.stdout.strip()}"
 
 
 def write():
