@@ -65,7 +65,7 @@ def find_up(
     notes = []
     if up != (word or usual):
         why = "by how the points stand" if up == seen else "as programs write that of such worlds"
-        notes = [f"the file {says}, but {up} was taken, {why} (an up axis that is given overrules this)"]
+        notes = [f"the file {says}, but {up} was taken {why} (an up axis that is given overrules this)"]
     elif seen not in ("", up):
         notes = [f"the file {says}, but its points stand along {seen} (an up axis that is given overrules this)"]
     return Upright(up, tuple(notes))

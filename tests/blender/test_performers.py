@@ -194,7 +194,7 @@ def test_one_is_labelled_as_ever(imported):
 def test_the_list_says_who_wears_what(imported, extension, monkeypatch, tmp_path):
     pipeline = importlib.import_module(f"{extension}.addon.core.points.several.pipeline")
     # Whose body is whose a model says that was learned from the person's own take, which this set was not.
-    monkeypatch.setattr(pipeline, "told", lambda cost, _: (list(range(cost.shape[1])), np.inf))
+    monkeypatch.setattr(pipeline, "identified", lambda cost, _: (list(range(cost.shape[1])), np.inf))
     asked = importlib.import_module(f"{extension}.addon.props").subjects_asked
     imported.subjects.performing = "LISTED"
     with pytest.raises(RuntimeError, match="nobody is in the list"):
