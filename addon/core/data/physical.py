@@ -8,19 +8,17 @@ SIGMAS = 3.0  # standard deviations beyond which something is no chance: 0.3 % o
 
 @dataclass(frozen=True)
 class MarkerLimits:
-    """Limits of motion. "Recorded" are 45 labelled takes of seven laboratories at 100 to 120 Hz.
+    """Limits of motion. "Recorded" are about 45 labelled takes at 100 to 120 Hz.
 
-    max_speed_m_s      physical: m/s; a hand that throws or a foot that kicks. The fastest marker recorded does 12.6
     push_sd_m_s2       measured: m/s², how hard a marker's velocity changes, standard deviation; 99 % of the samples of
                        every recorded walk are below 46, three of it hold 99 % of dance and ball games (102 to 124)
     max_impact_m_s2    physical: m/s², a foot that hits the floor or a ball; 99.9 % of the samples of the hardest takes
                        recorded are below 280
     noise_px           measured: px, standard deviation of blobs about where calibrations have them, 0.3 to 0.6 in rooms
     noise_m            measured: m, standard deviation of a point that was reconstructed, beside its motion: blobs that
-                       merge or are partly hidden, and rays that come and go; half of it breaks trajectories
+                       merge or are partly hidden, and rays that come and go; with 4 mm as reach trajectories break
     """
 
-    max_speed_m_s: float = 15.0
     push_sd_m_s2: float = 40.0
     max_impact_m_s2: float = 600.0
     noise_px: float = 0.5

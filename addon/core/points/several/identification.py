@@ -21,7 +21,7 @@ class IdentificationOptions:
 
     lead        log odds by which who is who must be ahead of any other way; physical: 19 of 20 such are right
     put_on_m    by which a distance of the same person differs from take to take; physical: markers are put on again
-    in_take_m   the same in one take; physical: markers stay where they are, and noise and skin average out
+    in_take_m   by which its mean differs in one take; physical: markers stay, and noise and skin average out
     bend        part of a distance by which it differs in other motions; physical: skin moves over a bent joint
     max_square  standard deviations², beyond which a distance is no worse: one wrong name is in many distances
     """
@@ -92,10 +92,9 @@ class PersonBuild:
 
 def costs_of(named: list, models: tuple[Model, ...]) -> list[float]:
     """How badly each model goes with what was named on a body, negative log likelihood; inf where not at all."""
-    builds, varies = [PersonBuild.of(one) for one in named], IDENTIFICATION.put_on_m
-    return [
-        min((build.cost(PersonBuild.trained(model), varies) for build in builds), default=np.inf) for model in models
-    ]
+    builds, trained = [PersonBuild.of(one) for one in named], [PersonBuild.trained(model) for model in models]
+    varies = IDENTIFICATION.put_on_m
+    return [min((build.cost(other, varies) for build in builds), default=np.inf) for other in trained]
 
 
 def distances_in(markers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

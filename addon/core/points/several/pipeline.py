@@ -315,7 +315,8 @@ def _found(subject: Wearer, body: NamedBody, may: np.ndarray, target: float) -> 
 
 def _unlike(some: list[PersonBuild], others: list[PersonBuild]) -> float:
     """How badly those who are there in two presences go together, in the sets that go best."""
-    return min((one.cost(other, IDENTIFICATION.in_take_m) for one in some for other in others), default=np.inf)
+    varies = np.sqrt(2) * IDENTIFICATION.in_take_m  # as either mean does
+    return min((one.cost(other, varies) for one in some for other in others), default=np.inf)
 
 
 def _spans(first: float, last: float) -> dict[str, tuple[float, float]]:
