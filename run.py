@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Sets everything up and runs it: `python3 run.py demo` or `python3 run.py test`.
 
-  demo [ARG...]   labels the project's own take; figures are printed, the scene and a picture go to demo-out/
-  test [ARG...]   lint and all tests; ARGs go to pytest (for example: -k cameras)
+  demo [ARG...]           labels the project's own take; figures are printed, the scene and a picture go to demo-out/
+  test [--quick] [ARG...] lint and all tests; ARGs go to pytest (for example: -k cameras). With --quick in one Python,
+                          without the slow ones and those of a real Blender: minutes, for every change.
 
 Needs nothing but Python 3.13 or 3.11 (any Python from 3.8 on may start this script), git and the package index.
 The compiled library is built for this machine once; where that cannot be, NumPy does its work.
@@ -27,6 +28,8 @@ PINNED = "requirements.txt"
 REAL_BLENDER = ROOT.parent / "shared" / "tools" / "real-blender"
 # Every file of tests in one process, so that what its tests share is made once.
 SIDE_BY_SIDE = ("-n", str(min(os.cpu_count() or 1, 8)), "--dist", "loadfile")
+# For every change: one Python, and no test that takes long (tests/conftest.py says which) or wants a whole Blender.
+QUICK, NOT_SLOW = "--quick", "not slow and not real_blender"
 # The second is there for its Blender. Its core is run by the tests of jobs, command line and Blender, so the core's
 # own tests need not take their time twice.
 NOT_IN_THE_SECOND_PYTHON = ("tests/accuracy", "tests/benchmarks", "tests/core")
@@ -61,8 +64,10 @@ def demo(found, extra):
 
 
 def test(found, extra):
+    quick = QUICK in extra
+    extra = [arg for arg in extra if arg != QUICK]
     version, interpreter = best(found)
-    real_blender = start_real_blender()
+    real_blender = None if quick else start_real_blender()
     python = install(".venv", version, interpreter)
     if python is None:
         return 1
@@ -75,7 +80,9 @@ def test(found, extra):
         failed.append("lint")
 
     other = next((v for v in PYTHONS if v != version), None)
-    if found[other]:
+    if quick:
+        extra = ["-m", NOT_SLOW, *extra]
+    elif found[other]:
         second = install(".venv-" + other, other, found[other])
         if second is not None:
             bring_kernels(second)

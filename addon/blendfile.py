@@ -169,7 +169,7 @@ def save_blend(
     take = scenes.Take(name, rate, cameras, worn, rows, labels, motion, suspects, file, **said)
     with silenced():
         _open_nothing()
-        scenes.show_take(bpy.context, take, unnamed=True)
+        scenes.show_take(bpy.context, take)
         _save(path)
 
 

@@ -22,7 +22,7 @@ from .io.points import marker_columns
 from .io.whole import whole_files
 
 Bodies = PosedBody | BodiesTogether
-MIN_MARKER_SHARE = 0.5  # of a model's markers that a take must have for the model to fit it; reckoned
+MIN_MARKER_SHARE = 0.5  # of a model's markers that a take must have for the model to fit it
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,6 +46,3 @@ def markerset_folder(create: bool = False) -> Path:
             folder.mkdir(parents=True, exist_ok=True)
         return folder
     return Path(bpy.utils.extension_path_user(PACKAGE, path="markersets", create=create))
-
-
-CLASSES = (MocapPreferences,)

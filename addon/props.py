@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the sidebar remembers: the choices of a scene, saved with it, and the tables of a review, worked out anew."""
+"""What the sidebar remembers: the choices of a scene, saved with it, and the tables of a review, worked out again."""
 
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from zlib import crc32
@@ -28,7 +29,7 @@ from .io.model_history import is_beside
 from .io.names import written
 from .prefs import markerset_folder
 from .scene.armature import SCALE
-from .scene.naming import CAMERAS, MARKERSET
+from .scene.naming import CAMERAS
 from .scene.opened import opened
 from .scene.performers import Colour, set_colour, usual_colour
 from .scene.preview import hide_preview
@@ -85,7 +86,7 @@ def _take_changed(self, context):
     state.picked.clear()
     state.left_gaps.clear()
     state.timeline_scroll, state.timeline_unfolded = 0.0, False
-    hide_preview(self.preview, self.take is not None)
+    hide_preview(self.source.preview, self.take is not None)
     if self.take is not None:
         self.take.hide_viewport = False  # one of another marker set may have hidden it
     refresh_review(context.window_manager, context.scene)
@@ -112,7 +113,7 @@ class TrainingTakeRow(bpy.types.PropertyGroup):
     kept: BoolProperty(
         name="Keep for Checking",
         description="Learn nothing from this take, whose names were looked at: whenever the marker set is trained on, "
-        "it is labelled anew by the marker set as it was and as it is then",
+        "it is labelled again by the marker set as it was and as it is then",
     )
 
 
@@ -138,8 +139,8 @@ class PerformerRow(bpy.types.PropertyGroup):
     )
 
 
-class SceneSettings(bpy.types.PropertyGroup):
-    """The choices of one scene: `Scene.mocap_autolabel`."""
+class SourceSettings(bpy.types.PropertyGroup):
+    """What is to be labelled: blobs with their cameras, or 3D points."""
 
     cameras: PointerProperty(
         name="Cameras",
@@ -151,10 +152,10 @@ class SceneSettings(bpy.types.PropertyGroup):
     points_path: StringProperty(
         name="3D Points", description="The file of the 3D points, where there is one", subtype="FILE_PATH"
     )
-    points_up: StringProperty(
+    up: StringProperty(
         name="Up", description="The axis that points up in the file of the 3D points, empty for what it says or tells"
     )
-    points_mirror: BoolProperty(
+    mirror: BoolProperty(
         name="Mirror", description="Reverse an axis of the 3D points, as those of their file are left-handed"
     )
     forced: BoolProperty(name="Regardless", description="Whether names are wanted whatever is wrong with the take")
@@ -166,6 +167,11 @@ class SceneSettings(bpy.types.PropertyGroup):
     rate: FloatProperty(
         name="Rate", description="Frames a second of the recording", default=100.0, min=1.0, max=10000.0, precision=2
     )
+
+
+class SubjectSettings(bpy.types.PropertyGroup):
+    """Who is in the take, and what they wear."""
+
     markerset: EnumProperty(
         name="Marker Set",
         description="Which markers the subject wears",
@@ -188,14 +194,23 @@ class SceneSettings(bpy.types.PropertyGroup):
     )
     performers: CollectionProperty(type=PerformerRow)
     performer_index: IntProperty()
-    training_takes: CollectionProperty(type=TrainingTakeRow)
-    lessons: CollectionProperty(type=TrainingTakeRow)  # the same in files of the first versions
-    training_take_index: IntProperty()
+
+
+class TrainingSettings(bpy.types.PropertyGroup):
+    """What a marker set is learned from."""
+
+    takes: CollectionProperty(type=TrainingTakeRow)
+    take_index: IntProperty()
     trained_name: StringProperty(name="Name", description="What to call the marker set that is learned", default="mine")
     train_on: BoolProperty(
         name="Train On",
         description="Go on from what the chosen marker set has learned before, and keep that; off makes a new one",
     )
+
+
+class LabellingSettings(bpy.types.PropertyGroup):
+    """How the take is labelled."""
+
     use_range: BoolProperty(name="Only Frames", description="Label a part of the take only")
     range_first: IntProperty(name="From", description="First frame to label")
     range_last: IntProperty(name="To", description="Last frame to label")
@@ -225,7 +240,6 @@ class SceneSettings(bpy.types.PropertyGroup):
             ("fit", "Body", "Fit the marker set's body, frame after frame"),
             ("ensemble", "Partial Solvers", "An ensemble of partial solvers, each frame of points on its own"),
             ("likelihood", "Likelihood", "How likely it is that points are markers, each frame on its own"),
-            ("both", "Both", "Blobs by the body, checked by the points that they make"),
         ),
     )
     target: FloatProperty(
@@ -237,11 +251,6 @@ class SceneSettings(bpy.types.PropertyGroup):
         max=0.999999,
         precision=4,
         subtype="FACTOR",
-    )
-    keep_unnamed: BoolProperty(
-        name="Keep Unnamed Points",
-        description="Show the points that stay without a name as an object of their own",
-        default=True,
     )
     occlusion: EnumProperty(
         name="Body in the Way",
@@ -258,33 +267,31 @@ class SceneSettings(bpy.types.PropertyGroup):
         type=bpy.types.Object,
         poll=_is_skeleton,
     )
-    take: PointerProperty(
-        name="Take",
-        description="The labelled take to review and export",
-        type=bpy.types.Collection,
-        poll=_holds_take,
-        update=_take_changed,
-    )
-    scope: EnumProperty(
-        name="Frames", description="The frames in which the tool Label corrects names", items=SCOPES, default="WHOLE"
-    )
-    folder_path: StringProperty(
+
+
+class FolderSettings(bpy.types.PropertyGroup):
+    """What Label Folder labels, and how."""
+
+    path: StringProperty(
         name="Takes", description="The folder of the takes that Label Folder labels", subtype="DIR_PATH"
     )
-    folder_out: StringProperty(
-        name="Results", description="The folder that Label Folder writes into", subtype="DIR_PATH"
-    )
-    folder_watch: BoolProperty(
+    out: StringProperty(name="Results", description="The folder that Label Folder writes into", subtype="DIR_PATH")
+    watch: BoolProperty(
         name="Watch", description="Go on with takes that still arrive in the folder, until it is stopped"
     )
-    folder_anew: BoolProperty(
-        name="Make Anew",
+    overwrite: BoolProperty(
+        name="Overwrite",
         description="Replace results that were made of other files, by other settings or by another version",
     )
-    folder_jobs: IntProperty(
+    jobs: IntProperty(
         name="Side by Side", description="Takes that are labelled at once, a core each", default=1, min=1, max=256
     )
-    fill_method: EnumProperty(
+
+
+class FillingSettings(bpy.types.PropertyGroup):
+    """How gaps are filled and markers smoothed."""
+
+    method: EnumProperty(
         name="Method",
         description="What gaps are filled by",
         items=(
@@ -297,10 +304,8 @@ class SceneSettings(bpy.types.PropertyGroup):
             ("spline", "Spline", "A smooth curve between the ends, for short gaps"),
         ),
     )
-    use_fill_longest: BoolProperty(name="Longest", description="Leave gaps that are longer")
-    fill_longest: IntProperty(
-        name="Longest", description="Frames of the longest gap that is filled", default=100, min=1
-    )
+    use_longest: BoolProperty(name="Longest", description="Leave gaps that are longer")
+    longest: IntProperty(name="Longest", description="Frames of the longest gap that is filled", default=100, min=1)
     cutoff: FloatProperty(
         name="Cut-Off",
         description="What is faster is taken from the markers: 6 Hz is usual for walking, 10 to 20 Hz for sports",
@@ -309,15 +314,11 @@ class SceneSettings(bpy.types.PropertyGroup):
         soft_max=50.0,
         precision=1,
     )
-    bone_names: EnumProperty(
-        name="Bone Names",
-        description="What the bones of the character are called, so that the rig that is to move finds them",
-        items=(
-            ("HUMANIK", "Mixamo, HumanIK", "Hips, Spine, LeftArm, LeftUpLeg: what most retargeting knows"),
-            ("UNREAL", "Unreal", "pelvis, spine_01, upperarm_l, thigh_l: as Unreal's mannequin has them"),
-            ("RIGIFY", "Rigify", "spine, upper_arm.L, thigh.L: as the human that comes with Blender has them"),
-        ),
-    )
+
+
+class DisplaySettings(bpy.types.PropertyGroup):
+    """What is drawn over the views."""
+
     show_overlay: BoolProperty(
         name="Overlay",
         description="Draw blobs, the body's markers and links over the view",
@@ -340,6 +341,84 @@ class SceneSettings(bpy.types.PropertyGroup):
     show_links: BoolProperty(
         name="Links", description="Through a camera, link each blob to where the body expects its marker", default=True
     )
+
+
+class SceneSettings(bpy.types.PropertyGroup):
+    """The choices of one scene, by panel: `Scene.mocap_autolabel`."""
+
+    take: PointerProperty(
+        name="Take",
+        description="The labelled take to review and export",
+        type=bpy.types.Collection,
+        poll=_holds_take,
+        update=_take_changed,
+    )
+    scope: EnumProperty(
+        name="Frames", description="The frames in which the tool Label corrects names", items=SCOPES, default="WHOLE"
+    )
+    bone_names: EnumProperty(
+        name="Bone Names",
+        description="What the bones of the character are called, so that the rig that is to move finds them",
+        items=(
+            ("HUMANIK", "Mixamo, HumanIK", "Hips, Spine, LeftArm, LeftUpLeg: what most retargeting knows"),
+            ("UNREAL", "Unreal", "pelvis, spine_01, upperarm_l, thigh_l: as Unreal's mannequin has them"),
+            ("RIGIFY", "Rigify", "spine, upper_arm.L, thigh.L: as the human that comes with Blender has them"),
+        ),
+    )
+
+
+GROUPS = {
+    "source": SourceSettings,
+    "subjects": SubjectSettings,
+    "training": TrainingSettings,
+    "labelling": LabellingSettings,
+    "folder": FolderSettings,
+    "filling": FillingSettings,
+    "display": DisplaySettings,
+}
+SceneSettings.__annotations__ |= {name: PointerProperty(type=group) for name, group in GROUPS.items()}
+
+# Files that were saved before there were groups have all in `SceneSettings` itself, some of it by another name.
+RENAMED = {
+    ("source", "up"): "points_up",
+    ("source", "mirror"): "points_mirror",
+    ("training", "takes"): "training_takes",
+    ("training", "take_index"): "training_take_index",
+    ("folder", "path"): "folder_path",
+    ("folder", "out"): "folder_out",
+    ("folder", "watch"): "folder_watch",
+    ("folder", "overwrite"): "folder_anew",
+    ("folder", "jobs"): "folder_jobs",
+    ("filling", "method"): "fill_method",
+    ("filling", "use_longest"): "use_fill_longest",
+    ("filling", "longest"): "fill_longest",
+}
+FORMER = {
+    RENAMED.get((group, name), name): (group, name) for group, kind in GROUPS.items() for name in kind.__annotations__
+}
+SceneSettings.__annotations__ |= {
+    former: GROUPS[group].__annotations__[name] for former, (group, name) in FORMER.items()
+}
+
+
+def adopt_settings(settings: SceneSettings):
+    """Puts what a file of an earlier version says into the groups."""
+    for former, (group, name) in FORMER.items():
+        if not settings.is_property_set(former):
+            continue
+        into, value = getattr(settings, group), getattr(settings, former)
+        if isinstance(value, bpy.types.bpy_prop_collection):
+            for row in value:
+                _copy(row, getattr(into, name).add())
+        else:
+            # A choice that is no longer there is empty.
+            setattr(into, name, OWN_FILE if name == "markerset" and not value else value)
+        settings.property_unset(former)
+
+
+def _copy(row: bpy.types.PropertyGroup, into: bpy.types.PropertyGroup):
+    for name in ("name", *type(row).__annotations__):
+        setattr(into, name, getattr(row, name))
 
 
 class MarkerRow(bpy.types.PropertyGroup):
@@ -423,7 +502,7 @@ class ReviewState(bpy.types.PropertyGroup):
     fills: CollectionProperty(type=GapRow)
     fill_index: IntProperty()
     left_gaps: CollectionProperty(type=GapRow)
-    left_index: IntProperty()
+    left_gap_index: IntProperty()
     timeline_scroll: FloatProperty(
         name="Scroll", description="Rows of the trajectory timeline above the first that is seen", min=0.0
     )
@@ -443,7 +522,7 @@ class ReviewState(bpy.types.PropertyGroup):
     folder_said: StringProperty(name="Trouble", description="Why Label Folder ended before its time")
     folder_results: StringProperty(name="Results", description="The folder that the listed takes lie in")
     folder_takes: CollectionProperty(type=FolderTakeRow)
-    folder_index: IntProperty()
+    folder_take_index: IntProperty()
     changes: CollectionProperty(type=ChangeRow)
     change_index: IntProperty()
     troubles: CollectionProperty(type=TroubleRow)
@@ -471,23 +550,23 @@ class ReviewState(bpy.types.PropertyGroup):
     picked_with: StringProperty()
 
 
-def chosen_model(settings: SceneSettings | PerformerRow) -> str:
-    """The name or path of the marker set that the scene's settings, or a performer's, name; InputError without one."""
-    if settings.markerset not in (OWN_FILE, ""):
-        return settings.markerset
-    if not settings.markerset:
+def chosen_model(asked: SubjectSettings | PerformerRow) -> str:
+    """The name or path of the marker set that is chosen for all, or for a performer; InputError without one."""
+    if asked.markerset not in (OWN_FILE, ""):
+        return asked.markerset
+    if not asked.markerset:
         raise InputError("the marker set that was chosen is gone; expected one of those in the list")
-    if not settings.markerset_path:
+    if not asked.markerset_path:
         raise InputError("no marker set is chosen; expected a *.markerset.json file")
-    return bpy.path.abspath(settings.markerset_path)
+    return bpy.path.abspath(asked.markerset_path)
 
 
-def subjects_asked(settings: SceneSettings) -> dict:
+def subjects_asked(subjects: SubjectSettings) -> dict:
     """Who is asked for, as fields of a job: `model`, `subjects` and `wearers`; InputError where that is not clear."""
-    if settings.performing != "LISTED":
-        count = {"ONE": 1, "AUTO": AUTO}.get(settings.performing, settings.performer_count)
-        return {"model": chosen_model(settings), "subjects": count, "wearers": ()}
-    rows = settings.performers
+    if subjects.performing != "LISTED":
+        count = {"ONE": 1, "AUTO": AUTO}.get(subjects.performing, subjects.performer_count)
+        return {"model": chosen_model(subjects), "subjects": count, "wearers": ()}
+    rows = subjects.performers
     if not len(rows):
         raise InputError("nobody is in the list of performers; expected those who are asked for")
     if len(rows) > MAX_SUBJECTS:
@@ -501,144 +580,129 @@ def subjects_asked(settings: SceneSettings) -> dict:
     return {"model": wearers[0][1], "subjects": 1, "wearers": wearers}
 
 
-def row_of(settings: SceneSettings, name: str) -> SceneSettings | PerformerRow:
-    """Where the marker set of a performer is chosen: in the list, where the name stands there, else in the settings."""
-    listed = settings.performers if settings.performing == "LISTED" else ()
-    return next((row for row in listed if row.name == name), settings)
+def row_of(subjects: SubjectSettings, name: str) -> SubjectSettings | PerformerRow:
+    """Where the marker set of a performer is chosen: in the list, where the name is there, else for all."""
+    listed = subjects.performers if subjects.performing == "LISTED" else ()
+    return next((row for row in listed if row.name == name), subjects)
 
 
-def colours_asked(settings: SceneSettings) -> dict[str, Colour]:
+def colours_asked(subjects: SubjectSettings) -> dict[str, Colour]:
     """The colours of those who are asked for by name."""
-    return {row.name: tuple(row.colour) for row in settings.performers} if settings.performing == "LISTED" else {}
+    return {row.name: tuple(row.colour) for row in subjects.performers} if subjects.performing == "LISTED" else {}
 
 
-def chosen_markerset(settings: SceneSettings | PerformerRow):
-    """The marker set that the scene's settings, or a performer's, name; InputError when there is none."""
-    return open_markerset(chosen_model(settings))
+def chosen_markerset(asked: SubjectSettings | PerformerRow):
+    """The marker set that is chosen for all, or for a performer; InputError when there is none."""
+    return open_markerset(chosen_model(asked))
 
 
-def own_model(settings: SceneSettings) -> str | None:
+def own_model(asked: SubjectSettings) -> str | None:
     """The path of the chosen marker set, where it is one of the user's own."""
-    own = settings.markerset == OWN_FILE or settings.markerset.endswith(SUFFIX)
-    return chosen_model(settings) if own else None
+    own = asked.markerset == OWN_FILE or asked.markerset.endswith(SUFFIX)
+    return chosen_model(asked) if own else None
 
 
-def choose_own(settings: SceneSettings | PerformerRow, path: Path):
-    """Makes a marker set file the chosen one, by its place in the list where it stands there."""
+def choose_own(asked: SubjectSettings | PerformerRow, path: Path):
+    """Makes a marker set file the chosen one, by its place in the list where it is in there."""
     listed = path.parent == markerset_folder() and path.exists()
-    settings.markerset, settings.markerset_path = str(path) if listed else OWN_FILE, str(path)
+    asked.markerset, asked.markerset_path = str(path) if listed else OWN_FILE, str(path)
 
 
-def choose_model(settings: SceneSettings | PerformerRow, model: str):
+def choose_model(asked: SubjectSettings | PerformerRow, model: str):
     """Makes a model the chosen one: a built-in one by its name, another by its path."""
     if model in builtin_markersets():
-        settings.markerset = model
+        asked.markerset = model
     else:
-        choose_own(settings, Path(model))
+        choose_own(asked, Path(model))
 
 
-def restore_choice(settings: SceneSettings):
-    """Chooses the marker set again of a file whose choice is not in the list: the first versions kept its place in it.
-
-    It is the one of the scene's take, else the user's own file that was used last. Where neither is known none is
-    chosen, and whoever needs one says so.
-    """
-    if settings.markerset:
-        return
-    name = settings.take.get(MARKERSET) if is_take(settings.take) else None
-    listed = [item[0] for item in _markerset_items(settings, None)]
-    found = [item for item in listed if name and (item == name or Path(item).name == f"{name}{SUFFIX}")]
-    if found:
-        settings.markerset = found[0]
-    elif settings.markerset_path:
-        choose_own(settings, Path(bpy.path.abspath(settings.markerset_path)))
-
-
-def frames_wanted(settings: SceneSettings) -> tuple[int, int] | None:
+def frames_wanted(labelling: LabellingSettings) -> tuple[int, int] | None:
     """First and last frame to label, None for all; InputError when there are none."""
-    if not settings.use_range:
+    if not labelling.use_range:
         return None
-    if settings.range_last < settings.range_first:
-        raise InputError(
-            f"frames {settings.range_first} to {settings.range_last} are none; expected the first before the last"
-        )
-    return settings.range_first, settings.range_last
+    if labelling.range_last < labelling.range_first:
+        words = f"frames {labelling.range_first} to {labelling.range_last} are none"
+        raise InputError(f"{words}; expected the first before the last")
+    return labelling.range_first, labelling.range_last
 
 
-def take_name(settings: SceneSettings) -> str:
+def take_name(source: SourceSettings) -> str:
     """What the take is called: its file, without what says that it holds blobs."""
-    name = Path(settings.points_path or settings.blobs_path).stem
+    name = Path(source.points_path or source.blobs_path).stem
     return written(name.removesuffix(".blobs").removesuffix("_blobs") or name)
 
 
 def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     """Fills the tables of the review from the scene's active take, or empties them; frames are Blender's."""
     state, collection = manager.mocap_autolabel, scene.mocap_autolabel.take
-    state.markers.clear()
-    state.corrections.clear()
-    state.fills.clear()
     redraw("DOPESHEET_EDITOR")
-    state.changes.clear()
     if not is_take(collection):
-        state.troubles.clear()
+        for rows in (state.markers, state.corrections, state.fills, state.changes, state.troubles):
+            rows.clear()
         return
     stored = opened.take(collection, scene)
-    frames = stored.motion.frames + stored.shift
-    for marker in sorted(marker_reviews(stored), key=lambda one: (one.labelled, -one.gaps)):
-        row = state.markers.add()
-        row.name, row.gaps, row.longest_gap = marker.name, marker.gaps, marker.longest_gap
-        row.labelled = marker.labelled / len(frames) if len(frames) else 0.0
-        row.first_gap = int(frames[marker.first_gap]) if marker.first_gap >= 0 else -1
-        row.residual = marker.residual * 1000
+    frames, shift = stored.motion.frames + stored.shift, stored.shift
+    reviews = sorted(marker_reviews(stored), key=lambda one: (one.labelled, -one.gaps))
+    found = [one.labelled / max(len(frames), 1) for one in reviews]
+    first = [int(frames[one.first_gap]) if one.first_gap >= 0 else -1 for one in reviews]
+    rows = [
+        (one.name, share, one.gaps, one.longest_gap, gap, one.residual * 1000)
+        for one, share, gap in zip(reviews, found, first, strict=True)
+    ]
+    list_rows(state, "markers", "name labelled gaps longest_gap first_gap residual", rows)
     if bpy.app.background or is_quick(stored):
         list_trouble()
     elif not bpy.app.timers.is_registered(list_trouble):
         bpy.app.timers.register(list_trouble, first_interval=LATER)
-    for change in kept_changes(collection):
-        row = state.changes.add()
-        # In the frames that Blender counts, as the row beside it.
-        shown = replace(change, first=change.first + stored.shift, last=change.last + stored.shift)
-        row.name, row.first, row.words = shown.marker, shown.first, shown.words
-    for edit, outcome in zip(stored.edits, stored.outcomes, strict=True):
-        row = state.corrections.add()
-        row.name, row.idle = words_of(edit, stored.shift), counted_on(outcome.reason, stored.shift)
-    for fill, reason in zip(stored.fills, stored.unfit, strict=True):
-        row = state.fills.add()
-        row.name, row.first, row.last = fill.marker, fill.first + stored.shift, fill.last + stored.shift
-        row.method, row.reason, row.rests_on = fill.method, reason, resting_on(fill.ends)
-        row.expected = 1000 * fill.expected if math.isfinite(fill.expected) else -1
+    # In the frames that Blender counts, as the row beside it.
+    changes = [replace(one, first=one.first + shift, last=one.last + shift) for one in kept_changes(collection)]
+    list_rows(state, "changes", "name first words", [(one.marker, one.first, one.words) for one in changes])
+    edits = zip(stored.edits, stored.outcomes, strict=True)
+    rows = [(words_of(edit, shift), counted_on(outcome.reason, shift)) for edit, outcome in edits]
+    list_rows(state, "corrections", "name idle", rows)
+    rows = [
+        (
+            fill.marker,
+            fill.first + shift,
+            fill.last + shift,
+            fill.method,
+            why,
+            resting_on(fill.ends),
+            _mm(fill.expected),
+        )
+        for fill, why in zip(stored.fills, stored.unfit, strict=True)
+    ]
+    list_rows(state, "fills", "name first last method reason rests_on expected", rows)
+
+
+def _mm(expected: float) -> float:
+    return 1000 * expected if math.isfinite(expected) else -1
+
+
+def list_rows(state: "ReviewState", listed: str, names: str, values: Iterable[Sequence]):
+    """Makes a list of the sidebar hold these rows: the values of the properties that are named."""
+    rows, index = getattr(state, listed), f"{listed.removesuffix('s')}_index"
+    rows.clear()
+    for row in values:
+        item = rows.add()
+        for name, value in zip(names.split(), row, strict=True):
+            setattr(item, name, value)
+    setattr(state, index, max(min(getattr(state, index), len(rows) - 1), 0))
 
 
 def list_trouble():
     """Fills the list of what is the matter with the current scene's active take; of a long one a moment later."""
     scene, state = bpy.context.scene, bpy.context.window_manager.mocap_autolabel
     collection = scene.mocap_autolabel.take
-    state.troubles.clear()
     if not is_take(collection):
+        state.troubles.clear()
         return
     shift = opened.take(collection, scene).shift
-    for trouble in trouble_of(collection, scene):
-        row = state.troubles.add()
-        row.name, row.kind, row.reason = trouble.about, trouble.kind, counted_on(trouble.reason, shift)
-        row.first, row.last = trouble.first + shift, trouble.last + shift
-        row.advice, row.action = trouble.advice, trouble.action
-        row.stake, row.answered = trouble.stake, trouble.answered
-    state.trouble_index = max(min(state.trouble_index, len(state.troubles) - 1), 0)
+    found = trouble_of(collection, scene)
+    when = [(counted_on(one.reason, shift), one.first + shift, one.last + shift) for one in found]
+    what = [(one.about, one.kind, one.advice, one.action, one.stake, one.answered) for one in found]
+    rows = [(*one, *other) for one, other in zip(when, what, strict=True)]
+    list_rows(state, "troubles", "reason first last name kind advice action stake answered", rows)
     redraw("VIEW_3D")
     if not bpy.app.background:
         opened.make_ready(collection, scene)
-
-
-CLASSES = (
-    TrainingTakeRow,
-    PerformerRow,
-    SceneSettings,
-    MarkerRow,
-    TroubleRow,
-    ChangeRow,
-    CorrectionRow,
-    GapRow,
-    FolderTakeRow,
-    PickedPoint,
-    ReviewState,
-)

@@ -22,12 +22,12 @@ from addon.core.body import anatomy
 from addon.core.data.markersets import MarkerSet
 from addon.core.points.likelihood.learn import learn_likelihood
 from addon.core.points.models import Model
-from addon.core.training import learning
-from addon.core.training.poses import poses_of, with_poses
+from addon.core.training.poses import poses_of
 from addon.core.training.transfer import transferred
 from addon.io.markersets import SUFFIX, read_markerset
 from addon.io.models import write_model
 from addon.io.points import read_points
+from scripts import people_study
 
 STANDING_FRAMES, MOVING_FRAMES = 12, 14
 EVERY = 2  # frames of a take for each that the likelihood of points is learned from
@@ -65,13 +65,13 @@ SOURCE = {
 }
 
 
-def read_people(data: Path, leave_out=()) -> list[learning.Person]:
+def read_people(data: Path, leave_out=()) -> list[people_study.Person]:
     """Everybody in `data` but those left out, a few dozen frames each."""
     people = [read_walker(data / "mcgill" / name) for name in WALKERS if name not in leave_out]
     return people + [player for player in read_players(data / "tennis" / TENNIS) if player.name not in leave_out]
 
 
-def read_walker(folder: Path) -> learning.Person:
+def read_walker(folder: Path) -> people_study.Person:
     """One of the mcgill people: standing, walking straight and turning."""
     wanted = _wanted()
     parts, standing, stature = [], [], None
@@ -85,7 +85,7 @@ def read_walker(folder: Path) -> learning.Person:
                 whole[:, place] = points[frames, names.index(name)]
         parts.append(whole)
         standing += [index == 0] * len(frames)
-    return learning.Person(folder.name, tuple(wanted), np.concatenate(parts), np.array(standing), stature)
+    return people_study.Person(folder.name, tuple(wanted), np.concatenate(parts), np.array(standing), stature)
 
 
 def read_takes(data: Path, markers, leave_out=()) -> list[tuple[np.ndarray, str]]:
@@ -107,7 +107,7 @@ def read_takes(data: Path, markers, leave_out=()) -> list[tuple[np.ndarray, str]
     return takes
 
 
-def read_players(file: Path) -> list[learning.Person]:
+def read_players(file: Path) -> list[people_study.Person]:
     """The tennis players, each with a prefix of their own, who serve and do not stand still."""
     names, points, _ = read_c3d(file, prefixes=True)
     people = []
@@ -116,7 +116,7 @@ def read_players(file: Path) -> list[learning.Person]:
         bare = [names[index].split(":")[1] for index in own]
         frames = _thinned(points[:, own], bare, STANDING_FRAMES + 2 * MOVING_FRAMES)
         chosen = points[np.ix_(frames, own)]
-        people.append(learning.Person(prefix, tuple(bare), chosen, np.zeros(len(frames), dtype=bool)))
+        people.append(people_study.Person(prefix, tuple(bare), chosen, np.zeros(len(frames), dtype=bool)))
     return people
 
 
@@ -153,7 +153,9 @@ def read_actors(data: Path, name: str, leave_out=()) -> dict[str, np.ndarray]:
     return found
 
 
-def learn_actor_set(name: str, sets: Path, takes: dict[str, np.ndarray], people: list[learning.Person]) -> MarkerSet:
+def learn_actor_set(
+    name: str, sets: Path, takes: dict[str, np.ndarray], people: list[people_study.Person]
+) -> MarkerSet:
     """An actors' set on the body of another one in the folder `sets`, from takes of its wearers.
 
     With the poses that everybody was recorded in.
@@ -176,7 +178,7 @@ def learn_actor_set(name: str, sets: Path, takes: dict[str, np.ndarray], people:
     laid = replace(laid, description=site.description, markers=site.markers, aliases=aliases, source=source)
     poses = [poses_of(laid, points[::POSE_EVERY]) for points in takes.values()]
     others = [body.spread.poses] if len(body.spread.poses) else [poses_of(body, p.of(body.markers)) for p in people]
-    return with_poses(laid, [*poses, *others], POSES)
+    return people_study.with_poses(laid, [*poses, *others], POSES)
 
 
 def _wanted() -> list[str]:
@@ -217,9 +219,9 @@ def main(arguments: list[str] | None = None):
         print(f"{name}: {len(markerset)} markers, {time.perf_counter() - began:.1f} s")
 
 
-def learn_set(people: list[learning.Person], name: str) -> MarkerSet:
+def learn_set(people: list[people_study.Person], name: str) -> MarkerSet:
     """A built-in marker set from these people, with a note of where its numbers come from."""
-    markerset = learning.learn(people, name)
+    markerset = people_study.learn(people, name)
     return replace(markerset, source={**markerset.source, **SOURCE})
 
 

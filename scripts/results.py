@@ -3,7 +3,7 @@
 
 A command of tests/accuracy or tests/benchmarks prints tables; so they become the file that README and pages quote:
 
-python -m tests.accuracy.real_blobs | python scripts/results.py --take real_blobs
+python -m tests.benchmarks.room | python scripts/results.py --take room
 
 The file keeps its title, page and note; tables go by their order. The ablation writes a file of its own shape.
 """
@@ -35,7 +35,8 @@ PAGES = {
 }
 WORDS = """Every figure of this project is in a file of `results`, one a command, with the command and the version that
 it was measured on. These pages and plots are made of those files. Where a page of these docs or the README quotes a
-figure, a test holds it against its file. The recorded people are not part of the project; without them the commands of
+figure, a test holds it against its file. A command that is not in the code any more, of a question that was asked once,
+is in the history at the commit beside it. The recorded people are not part of the project; without them the commands of
 `tests.accuracy` say so and end.
 """
 MADE = "<!-- made by scripts/results.py from results/*.json: change those -->\n"
@@ -81,7 +82,8 @@ def _page(page: str, title: str) -> str:
 
 def _command(name: str, data: dict) -> list[str]:
     parts = [f"## {data['title']}\n", f"{data['note']}\n"]
-    parts.append(f"`{data['command']}`, {data['measured_at']}; `results/{name}.json`\n")
+    where = "" if is_in_the_code(data["command"]) else " (in the history)"
+    parts.append(f"`{data['command']}`{where}, {data['measured_at']}; `results/{name}.json`\n")
     for table in data["tables"]:
         parts += [f"### {table['title']}\n"] if len(data["tables"]) > 1 else []
         parts += [f"{table['note']}\n"] if "note" in table else []
@@ -89,6 +91,19 @@ def _command(name: str, data: dict) -> list[str]:
             parts.append(f"![{table['title']}](images/{name}-{table['key']}.svg)\n")
         parts.append(markdown(table["columns"], table["rows"]))
     return parts
+
+
+def is_in_the_code(command: str) -> bool:
+    """Whether the command of a result can still be called."""
+    module = re.match(r"python -m (tests[\w.]+)", command)
+    if module is None:
+        return True
+    place = ROOT.joinpath(*module[1].split("."))
+    block = re.search(r"--show ([\w-]+)", command)
+    if block is not None:
+        return f'"{block[1]}":' in (place / "report.py").read_text(encoding="utf-8")
+    file = place.with_suffix(".py")
+    return (place / "__main__.py").exists() or (file.exists() and "__main__" in file.read_text(encoding="utf-8"))
 
 
 def markdown(columns: list[str], rows: list[list[str]]) -> str:
@@ -105,7 +120,7 @@ def _index(made: dict[str, str]) -> str:
             rows.append([f"[{data['title']}]({data['page']}.md)", f"`{data['command']}`", data["measured_at"]])
     if f"{ABLATION}.md" in made:
         data = read(ABLATION)
-        rows.append([f"[What each stage brings]({ABLATION}.md)", f"`{data['command']}`", f"code {data['version']}"])
+        rows.append([f"[What each stage brings]({ABLATION}.md)", f"`{data['command']}`", data["measured_at"]])
     rows.sort()
     return "\n".join([MADE, "# Results\n", WORDS, markdown(["what", "command", "measured"], rows)])
 
@@ -117,7 +132,7 @@ def ablation_page(data: dict) -> str:
     cases = [[case, *(f"{row[key]:g}" for key in keys)] for case, row in sorted(data["cases"].items())]
     rows, without = [], []
     for name, found in sorted(data["variants"].items()):
-        some = [[f"`{name}`", case, *_change(row)] for case, row in sorted(found.items()) if _matters(row)]
+        some = [[f"`{name}`", case, *_change(row)] for case, row in sorted(found.items()) if matters(row)]
         rows += some
         without += [] if some else [[f"`{name}`", str(len(found))]]
     words = (
@@ -126,7 +141,8 @@ def ablation_page(data: dict) -> str:
     return "\n".join([
         MADE,
         "# What each stage brings\n",
-        f"`{data['command']}`, code {data['version']}; `results/{ABLATION}.json`\n",
+        f"`{data['command']}`, {data['measured_at']}; `results/{ABLATION}.json`\n",
+        *([f"{data['note']}\n"] if "note" in data else []),
         "## All stages on\n",
         markdown(columns, cases),
         "## Variants that change a case\n",
@@ -142,7 +158,8 @@ def _change(row: dict) -> list[str]:
     return [*shares, *(f"{row[key][0]:g} → {row[key][1]:g}" for key in ("seconds", "refused"))]
 
 
-def _matters(row: dict) -> bool:
+def matters(row: dict) -> bool:
+    """Whether a variant's labels differ by more than the interval, or takes are refused that were not."""
     return any(abs(row[key][0]) > row[key][1] for key in ("right", "wrong")) or row["refused"][0] != row["refused"][1]
 
 
@@ -221,11 +238,15 @@ def take(name: str, text: str):
         head, _, *rows = [[cell.strip() for cell in line[1:-1].split("|")] for line in block.splitlines()]
         kept = old[place] if place < len(old) else {"key": f"table{place + 1}", "title": f"Table {place + 1}"}
         tables.append({**kept, "columns": head, "rows": rows})
+    data.update(measured_at=now(), tables=tables)
+    path.write_text(dump(data), encoding="utf-8", newline="\n")
+
+
+def now() -> str:
+    """Today and the commit at hand, as results say when they were measured."""
     asked = ["git", "rev-parse", "--short=10", "HEAD"]
     commit = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=True)
-    today = datetime.datetime.now(datetime.UTC).date()
-    data.update(measured_at=f"{today}, commit {commit.stdout.strip()}", tables=tables)
-    path.write_text(dump(data), encoding="utf-8", newline="\n")
+    return f"{datetime.datetime.now(datetime.UTC).date()}, commit {commit.stdout.strip()}"
 
 
 def write():

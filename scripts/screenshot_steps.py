@@ -35,10 +35,10 @@ def steps() -> Iterator[float]:
 
     bpy.ops.mocap_autolabel.import_cameras(filepath=task["cameras"])
     yield from window.choose_folder(FIND_BLOBS, task["movies"], picture="blobs-from-pictures")
-    yield from window.until(lambda: bpy.context.scene.mocap_autolabel.blobs_path)
+    yield from window.until(lambda: bpy.context.scene.mocap_autolabel.source.blobs_path)
     bpy.ops.mocap_autolabel.import_blobs(filepath=task["blobs"])
     settings = bpy.context.scene.mocap_autolabel
-    settings.markerset, settings.rate = "body26", 60
+    settings.subjects.markerset, settings.source.rate = "body26", 60
     yield from window.look_through_first()
     yield from window.screenshot("blobs-through-camera")
 
@@ -57,7 +57,7 @@ def steps() -> Iterator[float]:
 
     yield from window.scroll_sidebar(down=False)
     bpy.ops.mocap_autolabel.clear()
-    bpy.data.batch_remove(list(settings.cameras.all_objects))
+    bpy.data.batch_remove(list(settings.source.cameras.all_objects))
     bpy.ops.mocap_autolabel.import_points(filepath=task["points"])
     bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)
     look_at((middle.x, middle.y, 1.0), distance=3.2)
@@ -70,20 +70,20 @@ def steps() -> Iterator[float]:
     yield from fill_and_correct()
     yield from window.grow("DOPESHEET_EDITOR", 330)
     yield from window.screenshot("timeline")
-    settings.show_timeline = False
+    settings.display.show_timeline = False
     yield from window.grow("DOPESHEET_EDITOR", -330)
 
     settings = bpy.context.scene.mocap_autolabel
     bpy.ops.mocap_autolabel.clear()
     yield from performers(task)
     yield from folder_of_takes(task)
-    bpy.data.batch_remove([settings.preview])
+    bpy.data.batch_remove([settings.source.preview])
     bpy.ops.mocap_autolabel.edit_markerset()
     look_at((0, 0, 0.9), distance=3.2)
     yield from window.screenshot("marker-set")
 
     bpy.data.batch_remove([*laid_out().all_objects, laid_out()])
-    settings.markerset = "gait15"
+    settings.subjects.markerset = "gait15"
     bpy.ops.mocap_autolabel.edit_markerset()
     look_at((0, 0, 0.45), distance=1.7)
     yield from judge()
@@ -100,7 +100,7 @@ def label() -> Iterator[float]:
 def character(middle: Vector) -> Iterator[float]:
     """Add the character, at rest beside the one that moves, with the names of its bones."""
     settings = bpy.context.scene.mocap_autolabel
-    settings.show_overlay = False
+    settings.display.show_overlay = False
     for rest, aside in ((False, 0.0), (True, 1.6)):
         bpy.ops.mocap_autolabel.add_character()
         added = next(item for item in bpy.data.objects if "mocap_character" in item and not item.show_in_front)
@@ -114,7 +114,7 @@ def character(middle: Vector) -> Iterator[float]:
     yield from window.screenshot("character")
     yield from window.scroll_sidebar(down=False)
     bpy.data.batch_remove([item for item in bpy.data.objects if "mocap_character" in item])
-    settings.show_overlay = True
+    settings.display.show_overlay = True
     look_at((middle.x, middle.y, 1.0), distance=3.2)
 
 
@@ -122,12 +122,12 @@ def performers(task: dict) -> Iterator[float]:
     """Ask for two by name, each in a marker set of their own, and label them."""
     settings = bpy.context.scene.mocap_autolabel
     bpy.ops.mocap_autolabel.import_points(filepath=task["duet"])
-    settings.performing, before = "LISTED", settings.markerset
+    settings.subjects.performing, before = "LISTED", settings.subjects.markerset
     prefs = importlib.import_module("bl_ext.user_default.mocap_autolabel.addon.prefs")
     for own in task["people"]:
-        settings.markerset = str(shutil.copy(own, prefs.markerset_folder(create=True)))
+        settings.subjects.markerset = str(shutil.copy(own, prefs.markerset_folder(create=True)))
         bpy.ops.mocap_autolabel.add_performer()
-    settings.markerset = before
+    settings.subjects.markerset = before
     yield from label()
     scene = bpy.context.scene
     scene.frame_set(scene.frame_start + 100)
@@ -140,8 +140,8 @@ def performers(task: dict) -> Iterator[float]:
     yield from window.screenshot("performers")
     yield from window.scroll_sidebar(down=False)
     bpy.ops.mocap_autolabel.clear()
-    settings.performing = "ONE"
-    settings.performers.clear()
+    settings.subjects.performing = "ONE"
+    settings.subjects.performers.clear()
 
 
 def folder_of_takes(task: dict) -> Iterator[float]:
@@ -152,20 +152,20 @@ def folder_of_takes(task: dict) -> Iterator[float]:
     yield from window.click(x, performers)  # it was opened
     yield from window.click(x, folder)
     settings, state = bpy.context.scene.mocap_autolabel, bpy.context.window_manager.mocap_autolabel
-    settings.folder_path, settings.folder_out = task["takes"], str(OUT / "labelled")
-    settings.folder_watch = True
+    settings.folder.path, settings.folder.out = task["takes"], str(OUT / "labelled")
+    settings.folder.watch = True
     bpy.ops.mocap_autolabel.import_cameras(filepath=task["cameras"])
     bpy.ops.mocap_autolabel.label_folder("INVOKE_DEFAULT")
     ended = ("failed", "labelled")
     yield from window.until(lambda: len(state.folder_takes) == 3 and all(r.state in ended for r in state.folder_takes))
-    state.folder_index = 1
+    state.folder_take_index = 1
     yield from window.scroll_to("mocap_autolabel.stop_folder", "mocap_autolabel.open_folder_take")
     window.point(400, 300)  # off the buttons, which would tell what they are for
     yield 1
     yield from window.screenshot("label-folder")
     bpy.ops.mocap_autolabel.stop_folder()
     yield from window.until(lambda: not state.folder_doing)
-    bpy.data.batch_remove(list(settings.cameras.all_objects))
+    bpy.data.batch_remove(list(settings.source.cameras.all_objects))
     yield from window.scroll_to("mocap_autolabel.label")
     yield from window.click(x, folder)
     yield from window.scroll_sidebar(down=False)

@@ -140,7 +140,9 @@ def _browser() -> tuple[bpy.types.Window, bpy.types.Area] | None:
 def look_through_first() -> Iterator[float]:
     """Look through the scene's first calibrated camera, filling the view."""
     context = {"area": area(), "region": region("WINDOW")}
-    camera = next(item for item in bpy.context.scene.mocap_autolabel.cameras.all_objects if item.type == "CAMERA")
+    camera = next(
+        item for item in bpy.context.scene.mocap_autolabel.source.cameras.all_objects if item.type == "CAMERA"
+    )
     with bpy.context.temp_override(**context):
         bpy.ops.mocap_autolabel.look_through(camera=camera.name)
     area().spaces.active.region_3d.view_perspective = "CAMERA"

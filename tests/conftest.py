@@ -20,6 +20,13 @@ settings.load_profile("repeatable")
 
 EXIT_STATUS = pytest.StashKey[int]()
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+# Files and folders that `run.py test --quick` leaves out: each takes 10 s of the processor or more. All others
+# together take 375 s of it, which is under four minutes on two cores.
+SLOW = (
+    "blender/test_quality.py",
+    "cli/test_batches.py", "cli/test_farm.py", "cli/test_faults.py", "cli/test_force.py", "cli/test_train.py",
+    "io/test_calibration_sizes.py", "io/test_fuzz.py", "io/test_sizes.py", "package/",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="session")
@@ -28,6 +35,13 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip("the recorded people and rooms (../shared/data) are not on this machine")
     return SHARED_DATA
+
+
+def pytest_collection_modifyitems(items):
+    """Marks what is slow, so that `-m "not slow"` leaves it out."""
+    for item in items:
+        if item.path.relative_to(Path(__file__).parent).as_posix().startswith(SLOW):
+            item.add_marker("slow")
 
 
 @pytest.hookimpl(trylast=True)

@@ -108,6 +108,8 @@ def test_the_ablation_has_a_page_of_its_own():
     data = {
         "command": "python -m tests.accuracy.ablation",
         "version": "abc",
+        "measured_at": "2026-01-31, commit 0123456789",
+        "note": "Before a change.",
         "cases": {"points frame": case},
         "variants": {
             "without undo": {"points frame": same},
@@ -118,3 +120,21 @@ def test_the_ablation_has_a_page_of_its_own():
     assert "| points frame | 2 | 0 | 9 | 99.5 | 0.25 | 3.5 |" in page
     assert "| `without links` | points frame | -0.500 ± 0.100 | +0.010 ± 0.020 | 3.5 → 3.4 | 0 → 0 |" in page
     assert "| `without undo` | 1 |" in page.partition("change no case")[2]
+    assert "2026-01-31, commit 0123456789" in page
+    assert "Before a change." in page
+
+
+@pytest.mark.parametrize(
+    ("command", "there"),
+    [
+        ("python -m tests.accuracy.ablation", True),
+        ("python -m tests.fuzz --count 5", True),
+        ("python -m tests.accuracy.partial --results DIR --show table4", True),
+        ("python -m tests.accuracy.partial --results DIR --show genetics", False),
+        ("python -m tests.accuracy.actors walkers-2", False),
+        ("python -m tests.accuracy.gone", False),
+        ("python -m pytest tests/io/test_rooms.py", True),
+    ],
+)
+def test_a_page_says_which_commands_are_history(command, there):
+    assert results.is_in_the_code(command) == there

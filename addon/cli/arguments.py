@@ -4,10 +4,14 @@
 import argparse
 import re
 from collections.abc import Callable
+from inspect import signature
 from pathlib import Path
+from typing import Any, TypeVar
 
 from ..core.geometry.camera_up import AXIS_NAMES
 from ..jobs.job import USUAL_RATE
+
+Job = TypeVar("Job")
 
 
 def frame_range(text: str) -> tuple[int | None, int | None]:
@@ -15,10 +19,10 @@ def frame_range(text: str) -> tuple[int | None, int | None]:
     ends = re.fullmatch(r"\s*([+-]?\d{1,18})?\s*:\s*([+-]?\d{1,18})?\s*", text, re.ASCII)
     if ends is None:
         raise argparse.ArgumentTypeError(f"{text[:60]!r} is no range of frames; expected A:B, such as 100:250")
-    bounds = tuple(None if end is None else int(end) for end in ends.groups())
-    if None not in bounds and bounds[0] > bounds[1]:
+    first, last = (None if end is None else int(end) for end in ends.groups())
+    if first is not None and last is not None and first > last:
         raise argparse.ArgumentTypeError(f"frames {text} end before they begin; expected A:B with A up to B")
-    return bounds
+    return first, last
 
 
 def a_model(text: str) -> str:
@@ -51,64 +55,50 @@ def _bounded(kind: type, low: float, high: float, what: str, expected: str):
     return read
 
 
-def names(text: str) -> list[str]:
-    """A list of names with commas between them."""
-    found = [name.strip() for name in text.split(",") if name.strip()]
+def names(text: str) -> tuple[str, ...]:
+    """Names with commas between them."""
+    found = tuple(name.strip() for name in text.split(",") if name.strip())
     if not found:
         raise argparse.ArgumentTypeError(f"{text!r} names nothing; expected names such as LASI,RASI,SACR")
     return found
 
 
-def add_overwrite(parser: argparse.ArgumentParser):
-    """`--overwrite`, without which nothing that exists is replaced."""
-    parser.add_argument("--overwrite", action="store_true", help="replace output files that exist")
+# What several verbs take, each under the same name and with the same words.
+OPTIONS: dict[str, dict] = {
+    "--overwrite": {"action": "store_true", "help": "replace output files that exist"},
+    "--frames": {
+        "type": frame_range,
+        "metavar": "A:B",
+        "help": "only these frames, both included, by the source's own numbers",
+    },
+    "--cameras": {"type": Path, "metavar": "CAMERAS", "required": True, "help": "the calibration of the room"},
+    "--model": {
+        "type": a_model,
+        "metavar": "MODEL",
+        "help": "a built-in model (see models) or a *.markerset.json file",
+    },
+    "--up": {
+        "choices": AXIS_NAMES,
+        "help": "the axis that points up in the files that are read (default: what is said there, or else what is in "
+        "there tells; --up -y and --up=-y are the same)",
+    },
+    "--rate": {
+        "type": number(0.1, 100_000, "rate"),
+        "metavar": "HZ",
+        "help": f"frames a second, where the files say none (of blobs {USUAL_RATE:g} are assumed then)",
+    },
+}
+# `--cameras` of blobs, which a capture may bring itself.
+OWN_CAMERAS = {"required": False, "help": "the calibration; blobs need it, but for those of a .qtm, which has its own"}
 
 
-def add_frames(parser: argparse.ArgumentParser):
-    """`--frames A:B`."""
-    parser.add_argument(
-        "--frames",
-        type=frame_range,
-        metavar="A:B",
-        help="only these frames, both included, by the source's own numbers",
-    )
+def add_options(parser: argparse.ArgumentParser, *flags: str, **changed):
+    """Adds some of OPTIONS; `changed` is said otherwise of all of these."""
+    for flag in flags:
+        parser.add_argument(flag, **OPTIONS[flag] | changed)
 
 
-def add_own_cameras(parser: argparse.ArgumentParser):
-    """`--cameras CAMERAS` of blobs, which a capture may bring itself."""
-    parser.add_argument(
-        "--cameras",
-        type=Path,
-        metavar="CAMERAS",
-        help="the calibration; blobs need it, but for those of a .qtm, which has its own",
-    )
-
-
-def add_up(parser: argparse.ArgumentParser, flag: str = "--up", where: str = "the files that are read"):
-    """`--up AXIS`, for files that have another axis up than they say or seem to."""
-    parser.add_argument(
-        flag,
-        choices=AXIS_NAMES,
-        help=f"the axis that points up in {where} (default: what is said there, or else what is in there tells; "
-        f"{flag} -y and {flag}=-y are the same)",
-    )
-
-
-def add_blob_rate(parser: argparse.ArgumentParser):
-    """`--rate HZ`, for files of blobs, which say none."""
-    parser.add_argument(
-        "--rate",
-        type=number(0.1, 100_000, "rate"),
-        metavar="HZ",
-        help=f"frames a second, which a blob file does not say (default {USUAL_RATE:g})",
-    )
-
-
-def add_point_rate(parser: argparse.ArgumentParser):
-    """`--rate HZ`, for files of 3D points that say none."""
-    parser.add_argument(
-        "--rate",
-        type=number(0.1, 100_000, "rate"),
-        metavar="HZ",
-        help="frames a second, used where a .c3d file says none",
-    )
+def job_of(kind: Callable[..., Job], arguments: argparse.Namespace, **more: Any) -> Job:
+    """A job, whose fields are what the arguments of these names say, and `more`."""
+    said = {name: getattr(arguments, name) for name in signature(kind).parameters if hasattr(arguments, name)}
+    return kind(**said | more)

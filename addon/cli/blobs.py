@@ -2,7 +2,6 @@
 """`blobs PICTURES…`: the blobs that movies or image sequences of calibrated cameras show."""
 
 import os
-from dataclasses import fields
 from pathlib import Path
 
 from ..blendfile import open_cameras, silenced
@@ -11,7 +10,7 @@ from ..core.pictures.spots import SpotOptions
 from ..io.cameras import calibration_files
 from ..io.whole import check_targets
 from ..jobs.pictures import FIRST_PIXEL, PicturesJob, blobs_of_pictures, first_pixel_of, pictures_by_camera
-from .arguments import add_frames, add_overwrite, add_up, number
+from .arguments import add_options, job_of, number
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """Finds bright round spots, as of markers that are lit, in movies or image sequences of calibrated
@@ -30,9 +29,8 @@ def add_parser(verbs):
         nargs="+",
         help="a camera's movie, its folder of numbered pictures, or one of these",
     )
-    parser.add_argument("--cameras", required=True, type=Path, metavar="CAMERAS", help="the calibration of the room")
     parser.add_argument("--out", required=True, type=Path, metavar="BLOBS", help="the blob file to write")
-    add_frames(parser)
+    add_options(parser, "--cameras", "--frames", "--up", "--overwrite")
     parser.add_argument(
         "--first-pixel",
         choices=list(FIRST_PIXEL),
@@ -40,8 +38,6 @@ def add_parser(verbs):
         "its upper left corner, as in Blender (default for the cameras of a .blend)",
     )
     _add_spots(parser)
-    add_up(parser, where="the calibration")
-    add_overwrite(parser)
     parser.set_defaults(run=run)
 
 
@@ -66,19 +62,17 @@ def run(arguments) -> int:
     """Finds the blobs of one take."""
     check_targets([arguments.out], arguments.overwrite, calibration_files(arguments.cameras))
     cameras = open_cameras(arguments.cameras, arguments.up)
-    chosen = (each.name for each in fields(SpotOptions) if hasattr(arguments, each.name))
-    options = {name: getattr(arguments, name) for name in chosen}
-    job = PicturesJob(
-        pictures_by_camera([_said(text, cameras.names) for text in arguments.pictures], cameras.names),
-        cameras,
-        arguments.out,
-        arguments.frames,
-        arguments.first_pixel or first_pixel_of(arguments.cameras),
-        overwrite=arguments.overwrite,
-        spots=SpotOptions(**options),
+    job = job_of(
+        PicturesJob,
+        arguments,
+        pictures=pictures_by_camera([_said(text, cameras.names) for text in arguments.pictures], cameras.names),
+        cameras=cameras,
+        first_pixel=arguments.first_pixel or first_pixel_of(arguments.cameras),
+        spots=job_of(SpotOptions, arguments),
+        up=None,  # the cameras are read
     )
     with silenced():
-        result = ProgressLine(arguments.progress).drain(blobs_of_pictures(job), arguments.out.stem)
+        result = ProgressLine(arguments.progress).drain(blobs_of_pictures(job), job.out.stem)
     print_results(_lines(result), result, arguments.json)
     return 0
 
@@ -86,11 +80,10 @@ def run(arguments) -> int:
 def _said(text: str, names: tuple[str, ...]) -> tuple[str | None, Path]:
     """Camera and path of an argument; a path that is there may have an = in it."""
     camera, equals, path = text.partition("=")
-    if not equals or (camera not in names and os.path.lexists(text)):
-        camera, path = None, text
-    if not path:
+    alone = not equals or (camera not in names and os.path.lexists(text))
+    if not (text if alone else path):
         raise InputError(f"{text!r} names no pictures; expected a movie or a folder of numbered pictures")
-    return camera, Path(path)
+    return (None, Path(text)) if alone else (camera, Path(path))
 
 
 def _lines(result: dict) -> list[str]:

@@ -12,11 +12,14 @@ import warnings
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import TypeVar
 
 from ..core.data.errors import ForceableError, JobError, UserError, spelt_out
-from ..core.data.progress import finished
+from ..core.data.progress import Progress, finished
 
+Result = TypeVar("Result")
 PROGRAM = "mocap-autolabel"
+RENUMBERED = "the first frame is negative, which a .c3d cannot say: its frames are numbered from 0"
 # A terminal hears often, a log file now and then, s.
 TERMINAL_PAUSE, LOG_PAUSE = 0.1, 2.0
 AGAIN = 0.02  # s after which a request to stop that Python could not raise is made again
@@ -78,6 +81,13 @@ def print_results(lines: list[str], result: dict, as_json: bool):
         raise JobError(f"the results cannot be printed ({error.strerror}); expected room where they go") from None
 
 
+def report_work(arguments, work: Generator[Progress, None, dict], name: str, lines: Callable) -> int:
+    """Does the work of a command and prints what it returns, a dict of which `lines` makes some for people."""
+    result = ProgressLine(arguments.progress).drain(work, name)
+    print_results(lines(result), result, arguments.json)
+    return 0
+
+
 class ProgressLine:
     """Progress on standard error, only where it is a terminal or the user asked for it."""
 
@@ -86,7 +96,7 @@ class ProgressLine:
         self.shown = wanted or self.terminal
         self.width, self.last = 0, -LOG_PAUSE
 
-    def drain(self, work: Generator, name: str):
+    def drain(self, work: Generator[Progress, None, Result], name: str) -> Result:
         """Runs a generator of `Progress` to its end and gives what it returns."""
         try:
             return finished(work, lambda step: self.tell(f"{name}: {step.fraction:4.0%} {step.note}"))

@@ -13,7 +13,7 @@ from ..io.markersets import open_markerset
 from ..io.whole import check_targets, whole_file
 from ..jobs.job import PAGE
 from ..scoring import compare
-from .arguments import add_overwrite
+from .arguments import add_options
 from .console import ProgressLine, print_results
 from .evaluate import as_lines, as_result, percent
 
@@ -30,7 +30,7 @@ def add_parser(verbs):
     parser.add_argument(
         "--out", type=Path, default=Path("mocap-autolabel-demo"), metavar="DIR", help="default: mocap-autolabel-demo"
     )
-    add_overwrite(parser)
+    add_options(parser, "--overwrite")
     parser.set_defaults(run=run)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from ..core.evaluation.figures import Figures
 from ..io.markersets import open_markerset
 from ..scoring import Agreement, compare
-from .arguments import a_model, add_frames
+from .arguments import add_options
 from .console import print_results
 
 DESCRIPTION = """Compares labels with the truth, row by row in any order within a frame, and prints precision, recall
@@ -18,12 +18,8 @@ def add_parser(verbs):
     parser = verbs.add_parser("evaluate", help="compare labels with the truth", description=DESCRIPTION)
     parser.add_argument("labels", metavar="LABELS", type=Path, help="a *.labels.csv")
     parser.add_argument("truth", metavar="TRUTH", type=Path, help="a file with the same keys and the column marker")
-    parser.add_argument(
-        "--model",
-        type=a_model,
-        help="the marker set: names in the truth that are not among its markers count as no marker",
-    )
-    add_frames(parser)
+    add_options(parser, "--model", help="the marker set: names in the truth that it does not have count as no marker")
+    add_options(parser, "--frames")
     parser.set_defaults(run=run)
 
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from ..core.filling.filling import FILL_METHODS
 from ..jobs.fill import FillJob, fill_file
-from .arguments import a_model, add_overwrite, add_point_rate, add_up, names, whole
-from .console import ProgressLine, print_results
+from .arguments import add_options, job_of, names, whole
+from .console import RENUMBERED, report_work
 
 DESCRIPTION = """Fills the gaps of a labelled take, a .c3d or .trc. Measured samples stay as they are; filled ones have
 the residual 0 in FILE.c3d, and FILE.filled.csv says of each gap the method and the mean error to expect."""
@@ -16,7 +16,7 @@ LEFT_SHOWN = 5  # gaps that were left, shown to people one by one
 def add_parser(verbs):
     """Adds the verb to the command line's grammar."""
     parser = verbs.add_parser("fill", help="fill the gaps of a labelled take", description=DESCRIPTION)
-    parser.add_argument("take", metavar="TAKE", type=Path, help="a labelled take: .c3d or .trc")
+    parser.add_argument("source", metavar="TAKE", type=Path, help="a labelled take: .c3d or .trc")
     parser.add_argument("--out", required=True, type=Path, metavar="FILE.c3d", help="the .c3d to write")
     parser.add_argument(
         "--method",
@@ -29,10 +29,8 @@ def add_parser(verbs):
     parser.add_argument(
         "--max-gap", type=whole(1, 10**9, "number of frames"), metavar="FRAMES", help="leave longer gaps"
     )
-    parser.add_argument("--markers", type=names, metavar="A,B,…", help="fill only these markers")
-    parser.add_argument(
-        "--model", type=a_model, metavar="MODEL", help="a model of these markers, whose body may fill gaps too"
-    )
+    parser.add_argument("--markers", type=names, default=(), metavar="A,B,…", help="fill only these markers")
+    add_options(parser, "--model", help="a model of these markers, whose body may fill gaps too")
     parser.add_argument(
         "--labels",
         type=Path,
@@ -40,31 +38,15 @@ def add_parser(verbs):
         help="the labels of the blobs that the take was made of, with --cameras: where one camera still sees a marker, "
         "its ray holds the fill",
     )
-    parser.add_argument("--cameras", type=Path, metavar="CAMERAS", help="the calibration of these blobs' cameras")
-    add_up(parser)
-    add_point_rate(parser)
-    add_overwrite(parser)
+    add_options(parser, "--cameras", required=False, help="the calibration of these blobs' cameras")
+    add_options(parser, "--up", "--rate", "--overwrite")
     parser.set_defaults(run=run)
 
 
 def run(arguments) -> int:
     """Fills one take."""
-    job = FillJob(
-        arguments.take,
-        arguments.out,
-        arguments.method,
-        arguments.max_gap,
-        tuple(arguments.markers or ()),
-        arguments.model,
-        arguments.up,
-        arguments.rate,
-        arguments.overwrite,
-        arguments.labels,
-        arguments.cameras,
-    )
-    result = ProgressLine(arguments.progress).drain(fill_file(job), arguments.take.stem)
-    print_results(_lines(result), result, arguments.json)
-    return 0
+    job = job_of(FillJob, arguments)
+    return report_work(arguments, fill_file(job), job.source.stem, _lines)
 
 
 def _lines(result: dict) -> list[str]:
@@ -84,5 +66,5 @@ def _lines(result: dict) -> list[str]:
     if result["never_seen"]:
         lines.append(f"never seen, so not filled: {', '.join(result['never_seen'])}")
     if "c3d_first_frame" in result:
-        lines.append("the first frame is negative, which a .c3d cannot say: its frames are numbered from 0")
+        lines.append(RENUMBERED)
     return lines + result["notes"]

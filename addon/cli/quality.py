@@ -7,12 +7,12 @@ from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.placement_quality import ADVICE
 from ..core.placement_quality.renamings import TURNED_ROUND
+from ..io.json_text import write_json
 from ..io.markersets import markerset_file
 from ..io.models import open_model
-from ..io.quality import write_quality
-from ..io.whole import whole_file
+from ..io.whole import whole_files
 from ..jobs.quality import judge_placement
-from .arguments import a_model, add_overwrite, names, number, whole
+from .arguments import a_model, add_options, names, number, whole
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """Judges where the markers of a model sit, before anybody wears them. How far two names are separated is
@@ -40,9 +40,9 @@ def add_parser(verbs):
         metavar="N",
         help=f"how many changes to look for, each on top of the last (default {ADVICE.steps})",
     )
-    parser.add_argument("--keep", type=names, default=[], metavar="A,B,…", help="markers that must stay where they are")
+    parser.add_argument("--keep", type=names, default=(), metavar="A,B,…", help="markers that must stay where they are")
     parser.add_argument("--report", type=Path, metavar="FILE", help="also write everything as JSON")
-    add_overwrite(parser)
+    add_options(parser, "--overwrite")
     parser.set_defaults(run=run)
 
 
@@ -51,14 +51,12 @@ def run(arguments) -> int:
     model = open_model(arguments.model)
     markerset = model.markerset
     keep = [_marker(markerset, name, arguments.model) for name in arguments.keep]
-    line = ProgressLine(arguments.progress)
     steps = judge_placement(markerset, learned=model.likelihood, goal=arguments.goal, steps=arguments.advice, keep=keep)
-    if arguments.report is None:
-        report = line.drain(steps, markerset.name)
-    else:
-        with whole_file(arguments.report, arguments.overwrite, [markerset_file(arguments.model)]) as temporary:
-            report = line.drain(steps, markerset.name)
-            write_quality(temporary, report)
+    written = [] if arguments.report is None else [arguments.report]
+    with whole_files(written, arguments.overwrite, [markerset_file(arguments.model)]) as files:
+        report = ProgressLine(arguments.progress).drain(steps, markerset.name)
+        for file in files:
+            write_json(file, report)
     print_results(as_lines(report), report, arguments.json)
     return 0
 

@@ -3,9 +3,9 @@
 
 from pathlib import Path
 
-from ..jobs.captures import blob_rate, calibration_for
+from ..jobs.captures import told_by_capture
 from ..jobs.refine import RefineJob, refine_file
-from .arguments import a_model, add_blob_rate, add_frames, add_overwrite, add_own_cameras, add_up
+from .arguments import OWN_CAMERAS, add_options, job_of
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """Moves and turns the cameras so that the take's own labelled blobs meet, as when a camera was bumped
@@ -17,32 +17,18 @@ to."""
 def add_parser(verbs):
     """Adds the verb to the command line's grammar."""
     parser = verbs.add_parser("refine", help="refine a calibration by a take", description=DESCRIPTION)
-    parser.add_argument("blobs", metavar="BLOBS", type=Path, help="a file of blobs, .csv or .qtm")
-    add_own_cameras(parser)
-    parser.add_argument(
-        "--model", type=a_model, required=True, metavar="MODEL", help="what the subject wears: a name or a file"
-    )
+    parser.add_argument("source", metavar="BLOBS", type=Path, help="a file of blobs, .csv or .qtm")
     parser.add_argument("--out", required=True, type=Path, metavar="FILE.toml", help="the calibration to write")
-    add_blob_rate(parser)
-    add_frames(parser)
-    add_up(parser, where="the calibration")
-    add_overwrite(parser)
+    add_options(parser, "--cameras", **OWN_CAMERAS)
+    add_options(parser, "--model", required=True)
+    add_options(parser, "--rate", "--frames", "--up", "--overwrite")
     parser.set_defaults(run=run)
 
 
 def run(arguments) -> int:
     """Refines one calibration."""
-    job = RefineJob(
-        arguments.blobs,
-        calibration_for(arguments.blobs, arguments.cameras),
-        arguments.model,
-        arguments.out,
-        arguments.frames,
-        blob_rate(arguments.blobs, arguments.rate),
-        arguments.up,
-        arguments.overwrite,
-    )
-    report = ProgressLine(arguments.progress).drain(refine_file(job), arguments.blobs.stem).report
+    job = job_of(RefineJob, arguments, **told_by_capture(arguments.source, arguments.cameras, arguments.rate))
+    report = ProgressLine(arguments.progress).drain(refine_file(job), job.source.stem).report
     print_results(_lines(report), report, arguments.json)
     return 0
 

@@ -28,7 +28,8 @@ POLL = 0.5  # s; Windows hears no interruption while it waits without end
 
 def serve(run: Callable[[list[str]], int]) -> int:
     """Runs command lines until there are no more; ends as by Ctrl-C when whoever sends them is gone in the middle."""
-    lines, busy, left = queue.SimpleQueue(), threading.Event(), threading.Event()
+    lines: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+    busy, left = threading.Event(), threading.Event()
     threading.Thread(target=_listen, args=(lines, busy, left), daemon=True).start()
     load_labelling()  # while whoever sends the first line is still at its files
     out = sys.stdout

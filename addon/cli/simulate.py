@@ -7,12 +7,13 @@ from pathlib import Path
 from .. import capturing
 from ..blendfile import open_cameras
 from ..core.data.errors import InputError, UserError
+from ..core.geometry.camera_up import AXIS_NAMES
 from ..core.simulation.simulate import CaptureOptions
 from ..io.cameras import calibration_files
 from ..io.markersets import builtin_markersets, markerset_file, open_markerset
 from ..io.points import marker_columns, read_points
 from ..io.whole import keep_apart
-from .arguments import a_model, add_frames, add_overwrite, add_point_rate, add_up, names, number, whole
+from .arguments import add_options, job_of, names, number, whole
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """A virtual capture of a labelled take (.c3d or .trc): what the cameras would see, with a body in the
@@ -26,25 +27,18 @@ def add_parser(verbs):
     """Adds the verb to the command line's grammar."""
     parser = verbs.add_parser("simulate", help="make blobs from a labelled take", description=DESCRIPTION)
     parser.add_argument("take", metavar="TAKE", type=Path, help="a labelled take, .c3d or .trc")
-    parser.add_argument("--cameras", required=True, type=Path, metavar="CAMERAS", help="the calibration of the room")
     parser.add_argument("--out", required=True, type=Path, metavar="BLOBS", help="the blob file to write")
-    parser.add_argument(
-        "--model", type=a_model, help="whose body is in the way; default: the built-in model whose markers are there"
-    )
+    add_options(parser, "--model", help="whose body is in the way; default: the built-in model whose markers are there")
     chosen = parser.add_mutually_exclusive_group()
     chosen.add_argument("--markers", type=names, metavar="A,B,…", help="only these markers; default: the model's")
     chosen.add_argument("--all-markers", action="store_true", help="every named marker of the take")
-    parser.add_argument(
-        "--subject", metavar="NAME", help="of a take with several, only the one whose markers are NAME:LASI …"
-    )
-    add_frames(parser)
-    add_up(parser, where="the take")
-    add_up(parser, "--cameras-up", "the calibration")
-    add_point_rate(parser)
+    alone = "of a take with several, only the one whose markers are NAME:LASI …"
+    parser.add_argument("--subject", metavar="NAME", help=alone)
+    add_options(parser, "--cameras", "--frames", "--up", "--rate", "--overwrite")
+    parser.add_argument("--cameras-up", choices=AXIS_NAMES, help="the same as --up of the calibration")
     parser.add_argument("--centre", action="store_true", help="move the take's path to the middle of the room")
     parser.add_argument("--no-body", action="store_true", help="nothing hides anything")
     _add_trouble(parser)
-    add_overwrite(parser)
     parser.set_defaults(run=run)
 
 
@@ -68,16 +62,9 @@ def _add_trouble(parser):
         group.add_argument(
             flag, dest=field, type=kind, default=default, metavar=unit, help=f"{text} (default {default:g})"
         )
-    group.add_argument(
-        "--marker-offset", type=amount, default=0.0, metavar="MM", help="markers sit up to this far off (default 0)"
-    )
-    group.add_argument(
-        "--marker-radius",
-        type=number(0.1, 100, "radius"),
-        default=7.0,
-        metavar="MM",
-        help="of a marker's ball (default 7)",
-    )
+    sits, radius = "markers sit up to this far off (default 0)", number(0.1, 100, "radius")
+    group.add_argument("--marker-offset", type=amount, default=0.0, metavar="MM", help=sits)
+    group.add_argument("--marker-radius", type=radius, default=7.0, metavar="MM", help="of its ball (default 7)")
 
 
 def run(arguments) -> int:
@@ -184,8 +171,5 @@ def _column(own: dict[int, str], name: str, take: capturing.LabelledMarkers) -> 
 
 
 def _options(arguments) -> CaptureOptions:
-    fields = {name: getattr(arguments, name) for name in vars(DEFAULTS) if hasattr(arguments, name)}
-    millimetre = 0.001
-    fields["marker_offset"] = arguments.marker_offset * millimetre
-    fields["marker_radius"] = arguments.marker_radius * millimetre
-    return CaptureOptions(**fields)
+    lengths = {name: getattr(arguments, name) / 1000 for name in ("marker_offset", "marker_radius")}  # mm
+    return job_of(CaptureOptions, arguments, **lengths)

@@ -11,93 +11,54 @@ from ..io.markersets import SUFFIX
 from ..jobs.train import TrainJob, train_file
 from ..jobs.training_takes import KnownBetter
 from ..jobs.versions import system_user
-from .arguments import a_model, add_overwrite, add_point_rate, add_up, names, number, whole
+from .arguments import a_model, add_options, job_of, names, number, whole
 from .console import ProgressLine, print_results
 from .model_history import SHOWN_DIGITS
 from .trials import trying
 
 DESCRIPTION = """Makes a model from labelled takes (.c3d, .trc, Motive .csv) of people, animals or props: its markers, a
-skeleton and a body, and what names them in takes without names. One take is enough to begin with, of a person a single
-labelled frame; more takes of more subjects make it better. The model keeps some frames of every take, so that --from
-MODEL trains it on with others."""
+skeleton and a body, and what names them in takes without names. One take is enough to begin with, or a single labelled
+frame; more takes of more subjects make it better. The model keeps some frames of every take, so that --from MODEL
+trains it on with others."""
+
+
+TRAIN_SWITCHES = {
+    "paper": "partial solvers by the paper's four functions only, none of which tells left from right",
+    "adopt": "with --from, replace the model that is there although known takes are named worse by the new one",
+    "force": "learn from takes that cannot be as they are, such as mirrored ones",
+}
+SUBJECT_HELP = """whose takes are whose, such as ann='*/ann_*.c3d'; of a take whose markers are called ann:LASI and
+bob:LASI it says which of them is learned; default: a subject is a folder, by its name"""
+SEARCH_HELP = """find partial solvers at once, and how; default: top-down once --method ensemble asks for them, at once
+with --lean; with --from MODEL and no take MODEL is given them, and all else stays as it is"""
+CHECK_HELP = """labelled takes to keep out of training, whose names were looked at: whenever the model is trained on,
+they are labelled again by it as it was and as it is then"""
 
 
 def add_parser(verbs):
     """Adds the verb to the command line's grammar."""
     parser = verbs.add_parser("train", help="make a model from labelled takes", description=DESCRIPTION)
-    parser.add_argument("takes", metavar="TAKE", nargs="*", type=Path, help="a labelled take")
-    parser.add_argument("--out", required=True, type=Path, metavar="MODEL", help=f"the file to write, NAME{SUFFIX}")
-    parser.add_argument(
-        "--from", type=a_model, dest="base", metavar="MODEL", help="train this model on, with what it keeps"
-    )
-    parser.add_argument(
-        "--markers", type=names, metavar="A,B,…", help="default: those of --from, or that all takes have"
-    )
-    parser.add_argument("--name", help="the model's name; default: that of --from, or the file's")
-    parser.add_argument(
-        "--subject",
-        dest="subjects",
-        action="extend",
-        nargs="+",
-        default=[],
-        type=subject_or_take,
-        metavar="ID=GLOB",
-        help="whose takes are whose, such as ann='*/ann_*.c3d'; of a take whose markers are called ann:LASI and "
-        "bob:LASI it says which of them is learned; default: a subject is a folder, by its name",
-    )
-    parser.add_argument(
-        "--hit-rate",
-        type=number(0.5, 1, "rate"),
-        metavar="P",
-        help="asked of the ensemble's partial solvers (default 0.9999); finds them at once, as does --search",
-    )
-    parser.add_argument(
-        "--search",
-        choices=(*SEARCHES, "none"),
-        help="find partial solvers at once, and how; default: top-down once --method ensemble asks for them, at once "
-        "with --lean; with --from MODEL and no take MODEL is given them, and all else stays as it is",
-    )
-    parser.add_argument(
-        "--paper",
-        action="store_true",
-        help="partial solvers by the paper's four functions only, none of which tells left from right",
-    )
-    parser.add_argument("--lean", action="store_true", help="keep no frames: the model cannot be trained on")
-    parser.add_argument(
-        "--jobs",
-        type=whole(1, 256, "number of jobs"),
-        metavar="N",
-        help="trials side by side (default: one for each core, 4 at most; the model is the same)",
-    )
-    parser.add_argument(
-        "--check",
-        dest="kept",
-        action="extend",
-        nargs="+",
-        default=[],
-        type=Path,
-        metavar="TAKE",
-        help="labelled takes to keep out of training, whose names were looked at: whenever the model is trained on, "
-        "they are labelled anew by it as it was and as it is then",
-    )
-    parser.add_argument(
-        "--adopt",
-        action="store_true",
-        help="with --from, replace the model that is there although known takes are named worse by the new one",
-    )
-    parser.add_argument(
-        "--force", action="store_true", help="learn from takes that cannot be as they are, such as mirrored ones"
-    )
-    parser.add_argument(
-        "--by",
-        default=None,
-        metavar="NAME",
-        help="who teaches the model, for its history (default: who is logged in; '' for nobody)",
-    )
-    add_up(parser)
-    add_point_rate(parser)
-    parser.add_argument("--report", type=Path, metavar="FILE", help="also write what was learned, as JSON")
-    add_overwrite(parser)
+    add = parser.add_argument
+    add("takes", metavar="TAKE", nargs="*", type=Path, help="a labelled take")
+    add("--out", required=True, type=Path, metavar="MODEL", help=f"the file to write, NAME{SUFFIX}")
+    add("--from", type=a_model, dest="base", metavar="MODEL", help="train this model on, with what it keeps")
+    add("--markers", type=names, metavar="A,B,…", help="default: those of --from, or that all takes have")
+    add("--name", help="the model's name; default: that of --from, or the file's")
+    several: dict = {"action": "extend", "nargs": "+", "default": []}
+    add("--subject", dest="subjects", type=subject_or_take, metavar="ID=GLOB", help=SUBJECT_HELP, **several)
+    hits = "asked of the ensemble's partial solvers (default 0.9999); finds them at once, as does --search"
+    add("--hit-rate", type=number(0.5, 1, "rate"), metavar="P", help=hits)
+    add("--search", choices=(*SEARCHES, "none"), help=SEARCH_HELP)
+    add("--lean", dest="keep", action="store_false", help="keep no frames: the model cannot be trained on")
+    trials = "trials side by side (default: one for each core, 4 at most; the model is the same)"
+    add("--jobs", type=whole(1, 256, "number of jobs"), metavar="N", help=trials)
+    add("--check", dest="kept", type=Path, metavar="TAKE", help=CHECK_HELP, **several)
+    teacher = "who teaches the model, for its history (default: who is logged in; '' for nobody)"
+    add("--by", metavar="NAME", help=teacher)
+    add("--report", type=Path, metavar="FILE", help="also write what was learned, as JSON")
+    for name, words in TRAIN_SWITCHES.items():
+        add(f"--{name}", action="store_true", help=words)
+    add_options(parser, "--up", "--rate", "--overwrite")
     parser.set_defaults(run=run)
 
 
@@ -120,7 +81,9 @@ def run(arguments) -> int:
     asked = arguments.search not in (None, "none") or arguments.hit_rate is not None or arguments.paper
     if not takes and not (asked and arguments.base):
         raise InputError("no take was given; expected one labelled take or more: train TAKE… --out MODEL")
-    if not takes and (arguments.markers or arguments.name or arguments.subjects or arguments.lean or arguments.kept):
+    if not takes and (
+        arguments.markers or arguments.name or arguments.subjects or not arguments.keep or arguments.kept
+    ):
         raise InputError(
             "no take was given, so only partial solvers are found; expected a take, or no --markers, --name, "
             "--subject, --lean or --check"
@@ -129,24 +92,14 @@ def run(arguments) -> int:
         raise InputError("--adopt is for training on; expected --from MODEL with it, or no --adopt")
     if not arguments.out.name.endswith(SUFFIX):
         raise InputError(f"is no name for a model; expected one that ends in {SUFFIX}", arguments.out)
-    job = TrainJob(
+    job = job_of(
+        TrainJob,
+        arguments,
         takes=tuple(dict.fromkeys(takes)),
-        out=arguments.out,
-        markers=tuple(arguments.markers) if arguments.markers else None,
-        name=arguments.name,
-        hit_rate=arguments.hit_rate,
-        search=arguments.search,
-        paper=arguments.paper,
         subjects=tuple(given for given in arguments.subjects if not isinstance(given, Path)),
-        base=arguments.base,
-        keep=not arguments.lean,
-        report=arguments.report,
-        overwrite=arguments.overwrite,
         known=dict.fromkeys([*takes, *arguments.kept], KnownBetter(arguments.up, arguments.rate)),
         kept=tuple(dict.fromkeys(arguments.kept)),
         by=system_user() if arguments.by is None else arguments.by,
-        adopt=arguments.adopt,
-        force=arguments.force,
     )
     report = ProgressLine(arguments.progress).drain(train_file(job, trying(arguments.jobs)), arguments.out.name)
     print_results(as_lines(report), report, arguments.json)

@@ -1,19 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Trials of a training side by side, in processes that go through the same door as this one."""
 
+import json
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from threadpoolctl import threadpool_limits
+
 from ..core.data.errors import UserError
-from ..core.points.likelihood.trying import TrialOutcome, TrialWork, Trying, in_turn
-from ..io.scratch import scratch_folder
-from ..jobs.trials import outcome_of, try_file, write_trial
+from ..core.points.likelihood.trying import TrialOutcome, TrialWork, Trying, in_turn, tried
+from ..io.packed import pack, unpack
+from ..io.scratch import naming_scratch, scratch_folder
+from ..io.source import read_bytes
 from .serving import TRY
-from .workers import side_by_side
+from .workers import crew
 
 
 @dataclass(frozen=True)
@@ -38,10 +41,18 @@ def trying(jobs: int | None) -> Trying:
 
 
 def run_trial(argv: Sequence[str]) -> int:
-    """Does what a command of a trial asks for."""
-    _, result, path = argv  # behind the word itself
-    try_file(Path(path), Path(result))
+    """Tries the trial of a scratch file, as it would be tried in the process that wrote it; writes what comes of it."""
+    result, path = map(Path, argv[1:])  # behind the word itself
+    work = unpack(TrialWork, json.loads(read_bytes(path)), "trial", path)
+    with threadpool_limits(1, user_api="blas"):
+        outcome = tried(work)
+    _write(result, outcome)
     return 0
+
+
+def _write(path: Path, what: TrialWork | TrialOutcome):
+    with naming_scratch(path.parent):
+        path.write_text(json.dumps(pack(what)), encoding="utf-8", newline="\n")
 
 
 def _tried(jobs: int | None, works: Sequence[TrialWork]) -> Iterator[TrialOutcome]:
@@ -56,13 +67,13 @@ def _tried_side_by_side(works: Sequence[TrialWork], jobs: int) -> Iterator[Trial
     with scratch_folder() as scratch:
         paths = [scratch / f"{number}.trial" for number in range(len(works))]
         for path, work in zip(paths, works, strict=True):
-            write_trial(path, work)
+            _write(path, work)
         found, given = {}, 0
-        with closing(side_by_side([[TRY, str(path)] for path in paths], jobs)) as answers:
-            for number, answer in answers:
+        with crew(min(jobs, len(works))) as run:
+            for number, answer in run([[TRY, str(path)] for path in paths]):
                 if isinstance(answer, UserError):
                     raise type(answer)(f"a trial could not be made: {answer.message}")
-                found[number] = outcome_of(answer, paths[number])
+                found[number] = unpack(TrialOutcome, answer, "trial", paths[number])
                 while given in found:
                     yield found.pop(given)
                     given += 1

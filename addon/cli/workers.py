@@ -12,19 +12,23 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import count
 from pathlib import Path
+from typing import IO, cast
 
 from ..core.data.errors import InputError, JobError, UserError
 from ..io.scratch import naming_scratch, scratch_folder
 from ..io.source import read_bytes
 from .serving import ANSWER, PATIENCE, POLL, SERVE
 
+Answers = Generator[tuple[int, dict | UserError], None, None]  # the number of each command line, and what came of it
 ROOT = Path(__file__).resolve().parents[2]
 EXTENSION = "mocap_autolabel"
+NO_MORE = object()  # of the command lines
 # Opens the package from where it lies, whatever it is called and wherever it was installed.
 SCRIPT = """
 import importlib.util, json, sys
@@ -70,19 +74,22 @@ class Command:
             return JobError(
                 f"its process ended with status {status} and said nothing; expected it to finish", self.take
             )
-        with suppress(ValueError):
-            status = signal.Signals(-status).name
+        try:
+            killed = signal.Signals(-status).name
+        except ValueError:
+            killed = str(status)
         return JobError(
-            f"its process was killed ({status}), as systems do when memory is full; expected it to finish, see --jobs",
+            f"its process was killed ({killed}), as systems do when memory is full; expected it to finish, see --jobs",
             self.take,
         )
 
 
 @dataclass(eq=False)
 class Worker:
-    """One process, what it is at, the file of what it says on standard error, and where all of them are heard."""
+    """One process, the pipe to it, the file of what it says on standard error, where all are heard, what it is at."""
 
     process: subprocess.Popen
+    pipe: IO[bytes]
     errors: Path
     heard: "queue.SimpleQueue[tuple[Worker, bytes | None]]"
     command: Command | None = field(default=None, init=False)
@@ -95,13 +102,13 @@ class Worker:
         """Sends it a command; that it is gone shows where it would have answered."""
         self.command, self.begun = command, True
         with suppress(OSError):
-            self.process.stdin.write(command.sent())
-            self.process.stdin.flush()
+            self.pipe.write(command.sent())
+            self.pipe.flush()
 
     def close(self):
         """Lets go of the pipe to the process, which ends itself then."""
         with suppress(OSError):
-            self.process.stdin.close()
+            self.pipe.close()
 
     def ending(self) -> dict:
         """How it ended, and what it said before."""
@@ -116,49 +123,13 @@ class Worker:
         self.heard.put((self, None))
 
 
-class Offers:
-    """Command lines as they are asked for, numbered; `waiting` are those that no process has yet."""
-
-    def __init__(self, scratch: Path, lines: Iterable[list[str] | None]):
-        self.scratch, self.lines = scratch, iter(lines)
-        self.waiting: list[Command] = []
-        self.count, self.open, self.pausing = 0, True, False
-
-    @property
-    def more(self) -> bool:
-        """Whether some wait, or may come."""
-        return self.open or bool(self.waiting)
-
-    def ask(self, wanted: int):
-        """Asks until so many wait, or there is none at the moment."""
-        self.pausing = False
-        while self.open and not self.pausing and len(self.waiting) < wanted:
-            try:
-                line = next(self.lines)
-            except StopIteration:
-                self.open = False
-                return
-            self.pausing = line is None
-            if line is not None:
-                self.waiting.append(Command(self.count, line, self.scratch / f"{self.count}.json"))
-                self.count += 1
-
-
-def side_by_side(commands: Sequence[list[str]], jobs: int) -> Iterator[tuple[int, dict | UserError]]:
-    """Runs command lines (argv of `main` that take `--result FILE`), `jobs` at a time; yields number and answer.
-
-    The last word of each is its take. Closing the generator stops what runs, and so does the end of this process.
-    """
-    with crew(min(jobs, len(commands))) as run:
-        yield from run(commands)
-
-
 @contextmanager
-def crew(jobs: int) -> Iterator[Callable[[Iterable[list[str] | None]], Iterator[tuple[int, dict | UserError]]]]:
-    """Starts as many processes; gives what runs command lines by them as `side_by_side` does.
+def crew(jobs: int) -> Iterator[Callable[[Iterable[list[str] | None]], Answers]]:
+    """Starts so many processes; gives what runs command lines by them (argv of `main` that take `--result FILE`).
 
-    They start up while whoever has begun them looks at what they are to do. Command lines may come one after the other,
-    each asked for when a process has time for it; None among them stands for none at the moment.
+    It yields the number of each, and its answer. The last word of each is its take. Lines may come one after the other,
+    each asked for when a process has time for it; None among them stands for none at the moment. The processes start up
+    while whoever has begun them looks at what they are to do, and end with this block, or with this process.
     """
     with scratch_folder() as scratch:
         workers: list[Worker] = []
@@ -174,16 +145,23 @@ def crew(jobs: int) -> Iterator[Callable[[Iterable[list[str] | None]], Iterator[
 
 def _run(
     scratch: Path, workers: list[Worker], heard: queue.SimpleQueue, jobs: int, commands: Iterable[list[str] | None]
-) -> Iterator[tuple[int, dict | UserError]]:
+) -> Answers:
     """Number and answer of each command line, as they come; processes that ended meanwhile are replaced."""
-    offers = Offers(scratch, commands)
-    while offers.more or any(worker.command for worker in workers):
-        offers.ask(jobs - sum(worker.command is not None for worker in workers))
-        yield from _man(scratch, workers, heard, jobs, offers.waiting)
+    waiting: list[Command] = []
+    lines, numbers, more, pausing = iter(commands), count(), True, False
+    while more or waiting or any(worker.command for worker in workers):
+        wanted, pausing = jobs - sum(worker.command is not None for worker in workers), False
+        while more and not pausing and len(waiting) < wanted:
+            line = next(lines, NO_MORE)
+            more, pausing = line is not NO_MORE, line is None
+            if isinstance(line, list):
+                number = next(numbers)
+                waiting.append(Command(number, line, scratch / f"{number}.json"))
+        yield from _man(scratch, workers, heard, jobs, waiting)
         for worker in workers:
-            if offers.waiting and worker.command is None:
-                worker.begin(offers.waiting.pop(0))
-        if not workers and not offers.pausing:  # none could be started
+            if waiting and worker.command is None:
+                worker.begin(waiting.pop(0))
+        if not workers and not pausing:  # none could be started
             continue
         try:
             worker, said = heard.get(timeout=POLL)
@@ -242,7 +220,7 @@ def start_process(scratch: Path, heard: queue.SimpleQueue) -> Worker:
         except OSError as error:
             reason = error.strerror or error
             raise JobError(f"no process can be started for it ({reason}); expected fewer --jobs") from None
-    return Worker(process, errors, heard)
+    return Worker(process, cast("IO[bytes]", process.stdin), errors, heard)
 
 
 def _stop(workers: list[Worker]):

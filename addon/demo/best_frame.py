@@ -7,8 +7,7 @@ from ..blendfile import Chunks
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import Motion
 from ..core.geometry.cameras import Cameras
-from .picture import Shot
-from .room import Body
+from .picture import Body, Shot
 
 
 def best_shot(cameras: Cameras, markerset: MarkerSet, chunks: Chunks) -> tuple[int, Shot]:

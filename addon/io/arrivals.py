@@ -18,7 +18,7 @@ TAKE_ENDINGS = (".qtm", ".csv", ".c3d", ".trc")
 
 @dataclass(frozen=True)
 class WatchOptions:
-    """How a folder is watched; reckoned.
+    """How a folder is watched.
 
     look_s     s between two looks into it
     settled_s  s for which a file has to be as it is before it is taken for whole: copies over a network and programs

@@ -7,6 +7,7 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from ..core.data.errors import InputError
 from ..core.review.trouble import LEFT_OVER
@@ -104,11 +105,14 @@ def row_of(report: Mapping, source: str, state: str = LABELLED, page: str = "") 
         {name: row["labelled_frames"] for name, row in markers.items()},
     )
     for field in fields(TakeRow):
-        value, kind = getattr(row, field.name), field.type
-        if not isinstance(value, kind if kind is str else int | float | None if kind in FIGURES else object):
+        value = getattr(row, field.name)
+        if field.type is str and not isinstance(value, str):
             raise TypeError(f"{field.name} is {value!r}")
-        if kind in FIGURES and value is not None and not abs(value) < MAX_FIGURE:
-            raise ValueError(f"{field.name} is {value}")
+        if field.type in FIGURES and value is not None:
+            if not isinstance(value, int | float):
+                raise TypeError(f"{field.name} is {value!r}")
+            if not abs(value) < MAX_FIGURE:
+                raise ValueError(f"{field.name} is {value}")
     return row
 
 
@@ -172,7 +176,7 @@ def read_table(path: Path) -> list[TakeRow]:
         raise InputError("is damaged; expected the table of a batch as label --summary writes it", path) from None
 
 
-def _value(kind: object, cell: str) -> object:
+def _value(kind: object, cell: str) -> Any:
     if kind in (int, "int"):
         return int(cell)
     return in_cell(cell) if kind in (str, "str") else float(cell)

@@ -22,7 +22,7 @@ KIND = "a blob file with the header frame,camera,x,y"
 
 @dataclass(frozen=True)
 class BlobFileOptions:
-    """How blob files are read, and what is none; reckoned.
+    """How blob files are read, and what is none; memory, and what a capture is.
 
     block_bytes      that are read at a time
     max_line_bytes   of a line; a longer one is no row
@@ -72,7 +72,8 @@ def read_blobs(
     Raises InputError with the file and line for whatever breaks that, and when there is no blob at all.
     """
     first, last = frames or (None, None)
-    pending, tally, own = _Pending(chunk_frames), _Tally(Path(path)), []
+    pending, tally = _Pending(chunk_frames), _Tally(Path(path))
+    own: list[int] = []
     blocks = rows_of_qtm if is_qtm(path) else _blocks
     for rows, fraction, finished in blocks(Path(path), cameras):
         outside = last is not None and len(rows) and rows.frame[-1] > last

@@ -18,10 +18,10 @@ SELFCAL, YML = (".pmat.cal", ".rad"), (".yml", ".yaml")
 # The module and function of each kind, by suffix and by the root of its XML: one of them is loaded, when it is read.
 _TOML, _XCP, _QCA, _QTM, _MCAL, _YML, _SELFCAL = (
     ("toml_cameras", "read_toml"),
-    ("vicon", "read_xcp"),
-    ("qualisys", "read_qca"),
+    ("xml_cameras", "read_xcp"),
+    ("xml_cameras", "read_qca"),
     ("qtm", "read_qtm_cameras"),
-    ("motive_cameras", "read_mcal"),
+    ("xml_cameras", "read_mcal"),
     ("opencv", "read_yml"),
     ("selfcal", "read_selfcal"),
 )

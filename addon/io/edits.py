@@ -9,7 +9,7 @@ from ..core.data.errors import InputError
 from ..core.edits.applying import refuse_unknown
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.edits.rows import document_of, edits_of
-from .report import compact
+from .json_text import write_json
 from .source import read_json
 from .whole import whole_file
 
@@ -31,13 +31,12 @@ def open_edits(edits: Edits | Path | None, take: Path, markerset: "Worn", **know
     `known` is what is known of the take, as `applying.refuse_unknown` takes it.
     Raises InputError with the file and the number of the edit where one cannot be of this take.
     """
-    path = edits if isinstance(edits, Path) else None
-    edits = read_edits(path) if path else edits or NO_EDITS
+    said = read_edits(edits) if isinstance(edits, Path) else edits or NO_EDITS
     try:
-        refuse_unknown(edits, markerset.by_name, **known)
+        refuse_unknown(said, markerset.by_name, **known)
     except InputError as error:
-        raise InputError(error.message, path or take) from None
-    return edits
+        raise InputError(error.message, edits if isinstance(edits, Path) else take) from None
+    return said
 
 
 def read_edits(path: Path) -> Edits:
@@ -51,9 +50,5 @@ def read_edits(path: Path) -> Edits:
 
 def write_edits(path: Path, edits: Edits, overwrite: bool = True):
     """Writes the edits, an edit a line, in the place of an older file; it appears whole or not at all."""
-    document = document_of(edits)
-    rows = ",\n".join(f"    {compact(row)}" for row in document.pop("edits"))
-    parts = [f"  {compact(key)}: {compact(value)}" for key, value in document.items()]
-    parts.append(f'  "edits": [\n{rows}\n  ]' if rows else '  "edits": []')
     with whole_file(path, overwrite) as part:
-        part.write_text("{\n" + ",\n".join(parts) + "\n}\n", encoding="utf-8", newline="\n")
+        write_json(part, document_of(edits))

@@ -55,16 +55,17 @@ class LabelWriter(_RowWriter):
             for key, marker, step, confidence in rows
         )
 
-    def write_points(self, rows: PointRows, labels: Labels):
-        """Appends a row for each point, and what `labels` (N,) say of it."""
-        frames, trajectories = rows.frames[rows.frame].tolist(), rows.trajectory.tolist()
-        self.write([f"{frame},{point}" for frame, point in zip(frames, trajectories, strict=True)], labels)
+
+def point_keys(rows: PointRows) -> list[str]:
+    """What tells the row of each point from the others: its frame and its trajectory."""
+    frames, trajectories = rows.frames[rows.frame].tolist(), rows.trajectory.tolist()
+    return [f"{frame},{point}" for frame, point in zip(frames, trajectories, strict=True)]
 
 
 def write_point_labels(path: Path, rows: PointRows, labels: Labels, markers: tuple[str, ...]):
     """Writes the labels (N,) of a take of points, a row for every point that is there."""
     with LabelWriter(path, markers, POINT_KEYS) as writer:
-        writer.write_points(rows, labels)
+        writer.write(point_keys(rows), labels)
 
 
 class TruthWriter(_RowWriter):
@@ -162,7 +163,7 @@ class LabelFile:
             if begins != beginning or self._columns[0]:
                 beginning = begins
                 previous = self._in_order(previous, self.read(UnreadRow(line, 0, text)).frame)
-            yield UnreadRow(line, previous, text)
+            yield UnreadRow(line, previous or 0, text)
 
     def read(self, row: UnreadRow) -> LabelRow:
         """What a row says."""
@@ -203,12 +204,12 @@ class LabelFile:
         frame, *key, marker = (fields[column].strip() for column in self._columns)
         try:
             # Equal numbers are the same place, however many digits each file writes.
-            key = (in_cell(key[0]), *map(_finite, key[1:])) if len(key) > 1 else (int(key[0]),)
+            where = (in_cell(key[0]), *map(_finite, key[1:])) if len(key) > 1 else (int(key[0]),)
         except ValueError:
             raise self._error(f"has a key that is no number; expected {self.what} as frame,…") from None
         step = "" if self._step is None else fields[self._step].strip()
         share = np.nan if self._confidence is None else self._share(fields[self._confidence])
-        return LabelRow(self._line, self._whole(frame), key, in_cell(marker), step, share)
+        return LabelRow(self._line, self._whole(frame), where, in_cell(marker), step, share)
 
     def _whole(self, text: str) -> int:
         try:

@@ -1,9 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What was learned for naming 3D points, as the readable part "evidence" of a marker set's file."""
 
-import json
-from collections.abc import Iterable
-
 import numpy as np
 
 from ..core.points.likelihood.calibration import FEATURES, FRAME_KINDS, Calibration
@@ -11,32 +8,31 @@ from ..core.points.likelihood.distances import DistanceConstraints
 from ..core.points.likelihood.model import Likelihood
 from ..core.points.likelihood.shape import Shape
 from ..core.points.rigid_bodies.model import RigidBodies
-from .markerset_fields import Reader, finite
+from .json_text import rounded
+from .markerset_fields import Reader
 
-LIKELIHOOD_DIGITS = 6
 
-
-def likelihood_text(likelihood: Likelihood, indent: int = 2) -> str:
-    """The JSON text of a likelihood: one mode, distance constraint or row of a table a line."""
+def document_of(likelihood: Likelihood) -> dict:
+    """A likelihood as JSON has it; ValueError where a number is not finite."""
     shape, constraints, calibration = likelihood.shape, likelihood.constraints, likelihood.calibration
-    lines = {
-        "subjects": str(likelihood.subjects),
-        "mean": _rows(shape.mean, indent + 2),
-        "noise": _row(shape.noise),
-        "modes": _rows(np.moveaxis(shape.modes, 2, 0).reshape(shape.modes.shape[2], -1), indent + 2),
-        "size_sd": _number(constraints.size_sd),
-        "ties": _rows(np.column_stack([constraints.pair, constraints.length, constraints.sd]), indent + 2),
-        "trust": _row(calibration.weights),
-        "rates": _row(calibration.rates),
-        "least": _rows(calibration.least, indent + 2),
+    document = {
+        "subjects": likelihood.subjects,
+        "mean": rounded(shape.mean),
+        "noise": rounded(shape.noise),
+        "modes": rounded(np.moveaxis(shape.modes, 2, 0).reshape(shape.modes.shape[2], -1)),
+        "size_sd": rounded(constraints.size_sd),
+        "ties": rounded(np.column_stack([constraints.pair, constraints.length, constraints.sd])),
+        "trust": rounded(calibration.weights),
+        "rates": rounded(calibration.rates),
+        "least": rounded(calibration.least),
     }
-    if likelihood.rigid_bodies is not None:
-        lines["plates"] = json.dumps([list(map(int, body)) for body in likelihood.rigid_bodies.members])
-        lines["form"] = _rows(likelihood.rigid_bodies.form, indent + 2)
-        lines["low"] = _rows(_lower(likelihood.rigid_bodies.low), indent + 2)
-        lines["high"] = _rows(_lower(likelihood.rigid_bodies.high), indent + 2)
-    space = " " * indent
-    return "{\n" + ",\n".join(f"{space}  {json.dumps(key)}: {value}" for key, value in lines.items()) + f"\n{space}}}"
+    bodies = likelihood.rigid_bodies
+    if bodies is not None:
+        document["plates"] = [list(map(int, body)) for body in bodies.members]
+        document["form"] = rounded(bodies.form)
+        for name, table in (("low", bodies.low), ("high", bodies.high)):
+            document[name] = [rounded(row[: index + 1]) for index, row in enumerate(table)]
+    return document
 
 
 def read_likelihood(reader: Reader, value: object, markers: tuple[str, ...]) -> Likelihood:
@@ -132,21 +128,3 @@ def _is_row(value: object, count: int | None) -> bool:
     return all(
         isinstance(number, (int, float)) and not isinstance(number, bool) and abs(number) < 1e9 for number in value
     )
-
-
-def _lower(table: np.ndarray) -> list[np.ndarray]:
-    return [row[: index + 1] for index, row in enumerate(table)]
-
-
-def _rows(table: Iterable[np.ndarray], indent: int) -> str:
-    space = " " * indent
-    rows = [f"{space}  {_row(row)}" for row in table]
-    return "[\n" + ",\n".join(rows) + f"\n{space}]" if rows else "[]"
-
-
-def _row(values: Iterable[float]) -> str:
-    return f"[{', '.join(_number(value) for value in values)}]"
-
-
-def _number(value: float) -> str:
-    return json.dumps(finite(float(f"{value:.{LIKELIHOOD_DIGITS}g}")) + 0.0).removesuffix(".0")

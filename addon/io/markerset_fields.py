@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The checks behind a marker set file: every part is what it says, or one sentence says which is not."""
 
-import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from .names import EXPECTED, can_be_written, is_unicode
 
 @dataclass(frozen=True)
 class FieldLimits:
-    """What no marker set holds; reckoned.
+    """What no marker set holds; physical.
 
     max_number  heights, metres and square radians of a body are all far below it
     max_rows    of a table: a subject has a hundred markers at most and fewer joints
@@ -27,13 +26,6 @@ class FieldLimits:
 
 
 FIELDS = FieldLimits()
-
-
-def finite(value: float) -> float:
-    """`value`; ValueError when it is not a finite number, which no file may hold."""
-    if not math.isfinite(value):
-        raise ValueError("a marker set holds finite numbers only")
-    return value
 
 
 class Reader:
@@ -116,7 +108,7 @@ class Reader:
     ) -> float:
         """The number under `key`, within bounds."""
         value = row.get(key)
-        if not _is_number(value) or not low <= value <= high:
+        if value is None or not _is_number(value) or not low <= value <= high:
             self.fail(f'{where} has no "{key}" from {low:g} to {high:g}; expected a number')
         return float(value)
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Marker sets as readable text, `*.markerset.json`: one segment, marker or capsule a line."""
 
-import json
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -9,14 +8,14 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
-from .markerset_fields import Reader, finite
+from .json_text import json_text, rounded, write_json
+from .markerset_fields import Reader
 from .names import can_be_named
 from .source import read_json
 
 SUFFIX = ".markerset.json"
 VERSION_KEY = "mocap_autolabel"
 VERSION = 1
-DIGITS = 6
 POSE_DECIMALS = 3  # of a recorded pose, rad: half a millimetre at the end of a limb
 
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
@@ -162,94 +161,61 @@ def _poses(reader: Reader, pose: dict, joints: int) -> np.ndarray:
 
 def write_markerset(path: Path, markerset: MarkerSet):
     """Writes a marker set; numbers keep six significant digits, and reading and writing again changes nothing."""
-    Path(path).write_text(markerset_text(markerset), encoding="utf-8", newline="\n")
+    write_json(path, document_of(markerset))
 
 
 def markerset_text(markerset: MarkerSet) -> str:
     """The text of a marker set's file."""
-    segments, spread = markerset.skeleton.segments, markerset.spread
-    joints = len(segments)
-    parts = {
-        VERSION_KEY: str(VERSION),
-        "name": _text(markerset.name),
-        "description": _text(markerset.description),
-        "source": _block("{}", (f"{_text(key)}: {_text(value)}" for key, value in markerset.source.items())),
-        "segments": _block("[]", _segment_rows(markerset.skeleton)),
-        "markers": _block("[]", _marker_rows(markerset)),
-        "capsules": _block("[]", _capsule_rows(markerset)),
-        "height": f'{{"mean": {_number(spread.height)}, "sd": {_number(spread.height_sd)}}}',
-        "modes": _block(
-            "[]",
-            (
-                _object(joints=_named(segments, mode[:joints], 6), markers=_named(markerset.markers, mode[joints:], 6))
-                for mode in spread.modes
-            ),
-        ),
-        "pose": _object(
-            mean=_named(segments, spread.pose_mean, 4),
-            covariance=_triangle(spread.pose_covariance),
-            **_recorded(spread),
-        ),
+    return json_text(document_of(markerset)) + "\n"
+
+
+def document_of(markerset: MarkerSet) -> dict:
+    """A marker set as JSON has it; ValueError where a number is not finite."""
+    skeleton, capsules, spread = markerset.skeleton, markerset.capsules, markerset.spread
+    segments, joints = skeleton.segments, len(skeleton.segments)
+    pose = {
+        "mean": _named(segments, spread.pose_mean),
+        # A symmetric matrix stays one whatever is rounded.
+        "covariance": [rounded(row[: index + 1]) for index, row in enumerate(spread.pose_covariance)],
     }
-    return "{\n" + ",\n".join(f"  {_text(key)}: {value}" for key, value in parts.items()) + "\n}\n"
+    if len(spread.poses):
+        pose["recorded"] = [rounded(np.round(one, POSE_DECIMALS).ravel()) for one in spread.poses]
+    return {
+        VERSION_KEY: VERSION,
+        "name": markerset.name,
+        "description": markerset.description,
+        "source": dict(markerset.source),
+        "segments": [
+            {"name": name, "parent": None if parent < 0 else segments[parent], "offset": rounded(offset)}
+            for name, parent, offset in zip(segments, skeleton.parents, skeleton.offsets, strict=True)
+        ],
+        "markers": [_marker(markerset, index) for index in range(len(markerset.markers))],
+        "capsules": [
+            {"segment": segments[segment], "start": rounded(start), "end": rounded(end), "radius": rounded(radius)}
+            for segment, start, end, radius in zip(
+                capsules.segment, capsules.start, capsules.end, capsules.radius, strict=True
+            )
+        ],
+        "height": {"mean": rounded(spread.height), "sd": rounded(spread.height_sd)},
+        "modes": [
+            {"joints": _named(segments, mode[:joints]), "markers": _named(markerset.markers, mode[joints:])}
+            for mode in spread.modes
+        ],
+        "pose": pose,
+    }
 
 
-def _segment_rows(skeleton: Skeleton) -> Iterable[str]:
-    for name, parent, offset in zip(skeleton.segments, skeleton.parents, skeleton.offsets, strict=True):
-        above = "null" if parent < 0 else _text(skeleton.segments[parent])
-        yield f'{{"name": {_text(name)}, "parent": {above}, "offset": {_row(offset)}}}'
+def _marker(markerset: MarkerSet, index: int) -> dict:
+    name = markerset.markers[index]
+    aliases = [alias for alias, meant in markerset.aliases.items() if meant == name]
+    row = {
+        "name": name,
+        "segment": markerset.skeleton.segments[markerset.attachment[index]],
+        "offset": rounded(markerset.offsets[index]),
+        "sd": rounded(markerset.spread.marker_sd[index]),
+    }
+    return row | ({"aliases": aliases} if aliases else {})
 
 
-def _marker_rows(markerset: MarkerSet) -> Iterable[str]:
-    for index, name in enumerate(markerset.markers):
-        aliases = [alias for alias, meant in markerset.aliases.items() if meant == name]
-        also = f', "aliases": [{", ".join(map(_text, aliases))}]' if aliases else ""
-        yield (
-            f'{{"name": {_text(name)}, "segment": {_text(markerset.skeleton.segments[markerset.attachment[index]])}, '
-            f'"offset": {_row(markerset.offsets[index])}, "sd": {_number(markerset.spread.marker_sd[index])}{also}}}'
-        )
-
-
-def _capsule_rows(markerset: MarkerSet) -> Iterable[str]:
-    capsules = markerset.capsules
-    for segment, start, end, radius in zip(
-        capsules.segment, capsules.start, capsules.end, capsules.radius, strict=True
-    ):
-        name = _text(markerset.skeleton.segments[segment])
-        yield f'{{"segment": {name}, "start": {_row(start)}, "end": {_row(end)}, "radius": {_number(radius)}}}'
-
-
-def _block(brackets: str, rows: Iterable[str], indent: int = 2) -> str:
-    lines = [" " * (indent + 2) + row for row in rows]
-    return brackets if not lines else f"{brackets[0]}\n" + ",\n".join(lines) + f"\n{' ' * indent}{brackets[1]}"
-
-
-def _named(names: Iterable[str], rows: np.ndarray, indent: int) -> str:
-    return _block("{}", (f"{_text(name)}: {_row(row)}" for name, row in zip(names, rows, strict=True)), indent)
-
-
-def _object(**parts: str) -> str:
-    return "{" + ", ".join(f'"{key}": {value}' for key, value in parts.items()) + "}"
-
-
-def _recorded(spread: Spread) -> dict[str, str]:
-    """The text of the poses that were recorded, a pose a line; nothing where none are kept."""
-    rows = [_row(np.round(pose, POSE_DECIMALS).ravel()) for pose in spread.poses]
-    return {"recorded": _block("[]", rows, 4)} if rows else {}
-
-
-def _triangle(matrix: np.ndarray) -> str:
-    """The lower triangle, a row a line: a symmetric matrix stays one whatever is rounded."""
-    return _block("[]", (_row(row[: index + 1]) for index, row in enumerate(matrix)), 4)
-
-
-def _row(values: np.ndarray) -> str:
-    return f"[{', '.join(_number(value) for value in values)}]"
-
-
-def _number(value: float) -> str:
-    return json.dumps(finite(float(f"{value:.{DIGITS}g}")) + 0.0).removesuffix(".0")
-
-
-def _text(value: str) -> str:
-    return json.dumps(value, ensure_ascii=False)
+def _named(names: Iterable[str], rows: np.ndarray) -> dict[str, list]:
+    return {name: rounded(row) for name, row in zip(names, rows, strict=True)}

@@ -11,7 +11,6 @@ import math
 import os
 import posixpath
 import re
-from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -53,9 +52,9 @@ def _version(row: dict) -> ModelVersion:
     version = row["version"]
     if type(version) is not int or version < 1:
         raise ValueError
-    words = (_text(row.get(key)) for key in ("date", "by", "program", "from"))
-    takes = tuple(map(_take, row.get("takes", [])))
-    return ModelVersion(version, *words, takes, tuple(map(_checked, row.get("checked", []))), row.get("told") is True)
+    date, by, program, origin = (_text(row.get(key)) for key in ("date", "by", "program", "from"))
+    takes, checked = tuple(map(_take, row.get("takes", []))), tuple(map(_checked, row.get("checked", [])))
+    return ModelVersion(version, date, by, program, origin, takes, checked, row.get("told") is True)
 
 
 def _take(row: dict) -> TaughtTake:
@@ -63,8 +62,8 @@ def _take(row: dict) -> TaughtTake:
     if type(frames) is not int or frames < 0:
         raise ValueError
     name, subject = _text(row["take"]), _text(row.get("subject"))
-    words = (_text(row.get(key)) for key in ("sha256", "path", "up"))
-    return TaughtTake(name, subject, frames, *words, _number(row.get("rate") or 0.0))
+    sha256, path, up = (_text(row.get(key)) for key in ("sha256", "path", "up"))
+    return TaughtTake(name, subject, frames, sha256, path, up, _number(row.get("rate") or 0.0))
 
 
 def _checked(row: dict) -> CheckedTake:
@@ -89,41 +88,25 @@ def _number(value: object) -> float:
     return float(value)
 
 
-def history_text(history: ModelHistory) -> str:
-    """The JSON of a history, a take a line; what is not known is left out."""
-    versions = ",\n".join(_version_text(one) for one in history.versions)
-    parts = [f'    "versions": [\n{versions}\n    ]']
+def document_of(history: ModelHistory) -> dict:
+    """A history as JSON has it; what is not known is left out."""
+    document: dict = {"versions": [_version_row(one) for one in history.versions]}
     if history.kept_takes:
-        parts.append(f'    "kept_takes": {_lines(map(_take_row, history.kept_takes), 4)}')
-    return "{\n" + ",\n".join(parts) + "\n  }"
+        document["kept_takes"] = list(map(_take_row, history.kept_takes))
+    return document
 
 
-def _version_text(one: ModelVersion) -> str:
-    words = {"date": one.date, "by": one.by, "program": one.program, "from": one.origin}
-    head = {"version": one.version, **{key: value for key, value in words.items() if value}}
-    head |= {"told": True} if one.told else {}
-    parts = [_json(head)[1:-1]]
-    if one.takes:
-        parts.append(f'"takes": {_lines(map(_take_row, one.takes), 6)}')
-    if one.checked:
-        rows = ({"take": row.name, "recall": row.recall, "wrong": row.wrong} for row in one.checked)
-        parts.append(f'"checked": {_lines(rows, 6)}')
-    return "      {" + ", ".join(parts) + "}"
+def _version_row(one: ModelVersion) -> dict:
+    checked = [{"take": row.name, "recall": row.recall, "wrong": row.wrong} for row in one.checked]
+    row = {"date": one.date, "by": one.by, "program": one.program, "from": one.origin, "told": one.told}
+    row |= {"takes": list(map(_take_row, one.takes)), "checked": checked}
+    return {"version": one.version} | {key: value for key, value in row.items() if value}
 
 
 def _take_row(take: TaughtTake) -> dict:
     known = {"sha256": take.sha256, "path": take.path, "up": take.up, "rate": take.rate}
     row = {"take": take.name, "subject": take.subject, "frames": take.frames}
     return row | {key: value for key, value in known.items() if value}
-
-
-def _lines(rows: Iterable[dict], indent: int) -> str:
-    blank = " " * indent
-    return "[\n" + ",\n".join(f"{blank}  {_json(row)}" for row in rows) + f"\n{blank}]"
-
-
-def _json(value: dict) -> str:
-    return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
 def seen_from(model: Path, file: Path) -> str:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Models, `*.markerset.json`: a marker set as readable text, what names its markers, training takes, and history."""
 
-import json
 from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -11,9 +10,10 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.papers.partial_solvers.model import DOMAIN, FUNCTIONS, NO_POINT, Classifiers, PartialSolvers, Record, Solver
 from ..core.points.models import Model, TrainingTake
-from .likelihood import likelihood_text, read_likelihood
-from .markersets import markerset_file, markerset_in, markerset_text, open_document, open_markerset
-from .model_history import HISTORY, fingerprint_of, history_text, read_history
+from . import likelihood, markersets, model_history
+from .json_text import write_json
+from .markersets import markerset_file, markerset_in, open_document, open_markerset
+from .model_history import HISTORY, fingerprint_of, read_history
 from .names import can_be_written
 from .packed import MAX_PACKED_BYTES, declared_bytes, pack, unpack
 
@@ -43,12 +43,14 @@ def read_model(path: Path) -> Model:
     """A model, checked in every part. Raises InputError that names the part."""
     reader, top = open_document(path)
     markerset = markerset_in(reader, top)
-    likelihood = read_likelihood(reader, top[LIKELIHOOD], markerset.markers) if LIKELIHOOD in top else None
+    learned = None
+    if LIKELIHOOD in top:
+        learned = likelihood.read_likelihood(reader, top[LIKELIHOOD], markerset.markers)
     solvers = None
     if PARTIAL_SOLVERS in top:
         solvers = _partial_solvers(top[PARTIAL_SOLVERS], markerset.markers, path)
     takes = _training_takes(top, len(markerset), path)
-    return Model(markerset, likelihood, solvers, takes, read_history(top, path), fingerprint_of(top))
+    return Model(markerset, learned, solvers, takes, read_history(top, path), fingerprint_of(top))
 
 
 def _partial_solvers(packed: object, markers: tuple[str, ...], path: Path) -> PartialSolvers:
@@ -78,18 +80,17 @@ def _training_takes(top: dict, markers: int, path: Path) -> tuple[TrainingTake, 
 
 def write_model(path: Path, model: Model):
     """Writes a model; partial solvers and training takes come back exactly, the rest with six significant digits."""
-    rows = [markerset_text(model.markerset).rstrip().removesuffix("}").rstrip()]
+    document = markersets.document_of(model.markerset)
     if model.likelihood is not None:
-        rows.append(f"  {json.dumps(LIKELIHOOD)}: {likelihood_text(model.likelihood)}")
+        document[LIKELIHOOD] = likelihood.document_of(model.likelihood)
     if model.partial_solvers is not None:
-        rows.append(f"  {json.dumps(PARTIAL_SOLVERS)}: {json.dumps(pack(model.partial_solvers))}")
+        document[PARTIAL_SOLVERS] = pack(model.partial_solvers)
     if model.training_takes:
-        takes = ",\n".join(f"    {json.dumps(pack(take), ensure_ascii=False)}" for take in model.training_takes)
-        rows.append(f"  {json.dumps(TRAINING_TAKES)}: [\n{takes}\n  ]")
+        document[TRAINING_TAKES] = [pack(take) for take in model.training_takes]
     # Behind all else: who trained a model, and when, changes nothing before it.
     if model.history.versions or model.history.kept_takes:
-        rows.append(f"  {json.dumps(HISTORY)}: {history_text(model.history)}")
-    Path(path).write_text(",\n".join(rows) + "\n}\n", encoding="utf-8", newline="\n")
+        document[HISTORY] = model_history.document_of(model.history)
+    write_json(path, document)
 
 
 def _sound_partial_solvers(solvers: PartialSolvers) -> bool:

@@ -23,7 +23,7 @@ PC2_MARK, PC2_VERSION = b"POINTCACHE2\0", 1
 
 @dataclass(frozen=True)
 class CacheOptions:
-    """How a cache is written and known again; reckoned.
+    """How a cache is written and known again; memory, and so that a longer file is told in no time.
 
     part_bytes   that are worked on at once
     told_by      bytes at each of three places that a file is known again by, beside its size

@@ -32,7 +32,7 @@ SIZE = ("size", "image_size", "imageSize", "resolution")
 
 @dataclass(frozen=True)
 class YmlLimits:
-    """What is no calibration in metres; reckoned.
+    """What is no calibration in metres; physical, and memory.
 
     max_key         letters: longer is no name of a matrix and its camera
     max_distance_m  of a camera from the origin: if one is farther off, the file is in millimetres

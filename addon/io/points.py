@@ -6,20 +6,21 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.lanes import blocks
+from ..core.data.made import Scaled
 from ..core.data.room import IN_MEMORY, MakeTable
-from ..core.data.scaled import Scaled
 from ..core.data.takes import Points
 from ..core.data.wording import words_of_range
 from .c3d import C3dHead, open_c3d, write_c3d_file
 from .motive_points import is_motive, read_motive
 from .points_up import Upright, find_up
-from .qtm import USE_POINTS, QtmPoints, held_in, is_qtm, read_qtm_points
-from .samples import Packed, Parts, packed
+from .qtm import USE_POINTS, held_in, is_qtm, read_qtm_points
+from .samples import Parts, packed
 from .trc import read_trc, write_trc_file
 from .world import UNITS, guess_unit, up_rotation
 
@@ -31,7 +32,7 @@ OUTPUT_GROUPS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MA
 
 @dataclass(frozen=True)
 class NarrowOptions:
-    """How the points of a file are kept; reckoned, by memory.
+    """How the points of a file are kept; memory.
 
     max_cells  of a table (T, L) beyond which they stay as narrow as in the file, and are lengths where they are asked
     """
@@ -56,7 +57,6 @@ class FilePoints(Points):
     notes    what was taken to be otherwise than the file says, in sentences
     """
 
-    columns: np.ndarray = None
     assumed: str = ""
     up: str = "+Z"
     notes: tuple[str, ...] = ()
@@ -108,7 +108,7 @@ def read_points(
     return _of_frames(take, frames or (None, None), path)
 
 
-def _of_frames(take: FilePoints, frames: Frames, path: Path) -> FilePoints:
+def _of_frames(take: FilePoints, frames: tuple[int | None, int | None], path: Path) -> FilePoints:
     """The take's frames from A to B, both included."""
     first, last = frames
     start = 0 if first is None else max(first - take.first_frame, 0)
@@ -127,96 +127,113 @@ def _of_frames(take: FilePoints, frames: Frames, path: Path) -> FilePoints:
     return replace(take, xyz=xyz, residual=residual, lanes=lanes, first_frame=take.first_frame + start)
 
 
+@dataclass(frozen=True, eq=False)
+class _Content:
+    """What a file of any format says of its points.
+
+    labels      P names of the columns that are taken, (P,) their indices among `count`
+    parts       all samples
+    scale       what their places, and their residuals, are times to be in the file's units
+    unit, word  the unit and the axis that points up as the file names them; empty where it names none
+    usual       the axis that is up where it names none
+    """
+
+    labels: Sequence[str]
+    columns: np.ndarray
+    count: int
+    frames: int
+    rate: float
+    first_frame: int
+    parts: Parts
+    unit: str
+    word: str = ""
+    usual: str = "+Z"
+    scale: tuple[float, float] = (1.0, 1.0)
+    notes: tuple[str, ...] = ()
+
+
 def _read(path: Path, everything: bool, up: str | None, rate: float | None, make_table: MakeTable) -> FilePoints:
     suffix = path.suffix.lower()
     if suffix == ".c3d":
         with open_c3d(path, rate) as (head, parts):
-            return _from_c3d(head, parts, path, everything, up, make_table)
+            return _file_points(_of_c3d(head, parts, path, everything), up, path, make_table)
     if is_qtm(path):
-        return _from_qtm(read_qtm_points(path), path, up)
+        one = read_qtm_points(path)
+        content = _Content(
+            one.labels, one.columns, one.count, one.frames, one.rate, one.first_frame, one.parts, unit="mm"
+        )
+        return _file_points(content, up, path)
     if suffix not in (".trc", ".csv"):
         if not path.exists():
             raise InputError("there is no such file; expected the path of a take", path)
         raise InputError(f"is of a kind that is not known ({suffix or 'no suffix'}); {EXPECTED}", path)
     take = read_trc(path) if suffix == ".trc" else read_motive(path)
-    columns = np.arange(len(take.labels))
-    found = packed(take.frames, columns, len(columns), lambda: take.parts)
-    metre, assumed = _metres(found, take.unit, (1.0,), path)
-    names, xyz = _named(take.labels), Scaled(found.xyz, (metre,))
-    upright = _given(up or take.up) or find_up("", xyz, names, take.rate, usual="+Y", lanes=found.lanes)
-    residual = Scaled(found.residual, ())
-    return _file_points(found, residual, (metre,), (names, columns), take, (assumed, upright.axis, upright.notes))
+    count = len(take.labels)
+    content = _Content(
+        take.labels, np.arange(count), count, take.frames, take.rate, take.first_frame, lambda: take.parts, take.unit,
+        usual="+Y",
+    )  # fmt: skip
+    return _file_points(content, up or take.up, path)
 
 
-def _file_points(
-    found: Packed, residual: Scaled, scales: tuple[float, ...], named: tuple[tuple[str, ...], np.ndarray], head, said
-) -> FilePoints:
-    """The take of what was found in a file, turned upright; `head` knows rate and first frame."""
-    (names, columns), (_, up, _) = named, said
-    turn = up_rotation(up)
-    axis, sign = np.abs(turn).argmax(axis=1), turn.sum(axis=1).astype(found.xyz.dtype)
-    for part in blocks(*found.residual.shape):
-        found.xyz[part] = found.xyz[part][..., axis] * sign
-    xyz = Scaled(found.xyz, scales)
-    if found.residual.size <= NARROW.max_cells:
-        xyz, residual = np.asarray(xyz), np.asarray(residual)
-    # Whoever goes by columns finds each trajectory in its own where none has to share.
-    lanes = None if found.lanes.count == len(columns) else found.lanes
-    return FilePoints(names, xyz, residual, head.rate, head.first_frame, columns, lanes, *said)
-
-
-def _given(up: str | None) -> Upright | None:
-    """The axis that somebody named, such as "z", "-y" or "+Z"; None where nobody did."""
-    return Upright(f"{'-' if up[0] == '-' else '+'}{up[-1].upper()}") if up else None
-
-
-def _from_c3d(
-    head: C3dHead, parts: Parts, path: Path, everything: bool, up: str | None, make_table: MakeTable
-) -> FilePoints:
+def _of_c3d(head: C3dHead, parts: Parts, path: Path, everything: bool) -> _Content:
     columns = np.arange(len(head.labels)) if everything else marker_indices(head)
     if not len(columns):
         raise InputError("has no markers among its points; expected a take with markers", path)
-    found = packed(head.frames, columns, len(head.labels), parts, make_table)
-    metre, assumed = _metres(found, _text(head, "POINT:UNITS").lower(), head.scales[:1], path)
-    scales = head.scales[0], metre
-    names = _named([head.labels[index] for index in columns])
-    upright = _given(up) or find_up(
-        _text(head, "POINT:Y_SCREEN").upper(),
-        Scaled(found.xyz, scales),
-        names,
+    return _Content(
+        [head.labels[index] for index in columns],
+        columns,
+        len(head.labels),
+        head.frames,
         head.rate,
-        head.plates * metre,
-        maker=f"{_text(head, 'MANUFACTURER:COMPANY')} {_text(head, 'MANUFACTURER:SOFTWARE')}",
-        lanes=found.lanes,
+        head.first_frame,
+        parts,
+        _text(head, "POINT:UNITS").lower(),
+        _text(head, "POINT:Y_SCREEN").upper(),
+        scale=head.scales,
+        notes=head.notes,
     )
-    residual, said = (
-        Scaled(found.residual, (head.scales[1], metre)),
-        (assumed, upright.axis, head.notes + upright.notes),
-    )
-    return _file_points(found, residual, scales, (names, columns), head, said)
 
 
-def _from_qtm(head: QtmPoints, path: Path, up: str | None) -> FilePoints:
-    found = packed(head.frames, head.columns, head.count, head.parts)
-    metre, _ = _metres(found, "mm", (1.0,), path)
-    names = _named(head.labels)
-    upright = _given(up) or find_up("", Scaled(found.xyz, (metre,)), names, head.rate, lanes=found.lanes)
-    residual = Scaled(found.residual, (metre,))
-    said = "", upright.axis, upright.notes
-    return _file_points(found, residual, (metre,), (names, head.columns), head, said)
+def _file_points(content: _Content, up: str | None, path: Path, make_table: MakeTable = IN_MEMORY) -> FilePoints:
+    """The take in a file, in metres and turned upright; `up` is the axis that somebody named, such as "z" or "-y"."""
+    found = packed(content.frames, content.columns, content.count, content.parts, make_table)
+    if not (found.lanes.last >= found.lanes.first).any():
+        raise InputError("has no point that is present in any frame; expected a take with markers", path)
+    assumed = "" if content.unit in UNITS else guess_unit(Scaled(found.xyz, content.scale[:1]))
+    metre = UNITS[assumed or content.unit]
+    xyz, residual = (
+        Scaled(one, (scale, metre)) for one, scale in zip((found.xyz, found.residual), content.scale, strict=True)
+    )
+    names = _named(content.labels)
+    if up:
+        upright = Upright(f"{'-' if up[0] == '-' else '+'}{up[-1].upper()}")
+    else:
+        upright = find_up(content.word, xyz, names, content.usual, found.lanes)
+    turn = up_rotation(upright.axis)
+    axis, sign = np.abs(turn).argmax(axis=1), turn.sum(axis=1).astype(found.xyz.dtype)
+    for part in blocks(*found.residual.shape):
+        found.xyz[part] = found.xyz[part][..., axis] * sign
+    small = found.residual.size <= NARROW.max_cells
+    return FilePoints(
+        names,
+        # What gives parts of an array serves as one.
+        np.asarray(xyz) if small else cast("np.ndarray", xyz),
+        np.asarray(residual) if small else cast("np.ndarray", residual),
+        content.rate,
+        content.first_frame,
+        content.columns,
+        # Whoever goes by columns finds each trajectory in its own where none has to share.
+        None if found.lanes.count == len(content.columns) else found.lanes,
+        assumed,
+        upright.axis,
+        content.notes + upright.notes,
+    )
 
 
 def _text(take: C3dHead, key: str) -> str:
     """The first text of a parameter, empty where there is none."""
     return next(iter(take.texts.get(key, [])), "")
-
-
-def _metres(found: Packed, unit: str, scales: tuple[float, ...], path: Path) -> tuple[float, str]:
-    """Metres in one of the file's units, and the unit that was assumed where `unit` is none that is known."""
-    if not (found.lanes.last >= found.lanes.first).any():
-        raise InputError("has no point that is present in any frame; expected a take with markers", path)
-    assumed = "" if unit in UNITS else guess_unit(Scaled(found.xyz, scales))
-    return UNITS[assumed or unit], assumed
 
 
 def _named(labels: Sequence[str]) -> tuple[str, ...]:

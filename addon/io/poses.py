@@ -17,7 +17,7 @@ from .scratch import naming_scratch
 
 @dataclass(frozen=True)
 class PlayedOptions:
-    """When a take is played from a file beside the Blender file, instead of by keys; reckoned.
+    """When a take is played from a file beside the Blender file, instead of by keys; memory.
 
     most_keys      that a Blender file holds, of markers and bones; opened, each takes some 240 bytes with Blender's
                    undo and the tables of the take, so that these are 1.4 GB
@@ -74,7 +74,8 @@ class PoseFile:
         self.folder, self.options = folder, options or PLAYING
         self.frames, self.first_frame, self.expected = 0, 0, np.zeros((0, 3))
         self.sample: list[Motion] = []
-        self._step, self._shapes, self._foreseen = 1, (), False
+        self._step, self._foreseen = 1, False
+        self._shapes: tuple[tuple[int, ...], ...] = ()
 
     def __enter__(self) -> Self:
         with naming_scratch(self.folder):
@@ -112,7 +113,10 @@ class PoseFile:
         """Which frames, their joints (n, J, 3) and rotations (n, J, 3, 3), so many at a time."""
         for start in range(0, self.frames, size):
             part = slice(start, min(start + size, self.frames))
-            yield part, *(self._read(*of, part) for of in zip(self.files, self._shapes, strict=True))
+            joints, rotations = (
+                self._read(file, shape, part) for file, shape in zip(self.files, self._shapes, strict=True)
+            )
+            yield part, joints, rotations
 
     def _read(self, file, shape: tuple[int, ...], part: slice) -> np.ndarray:
         width = int(np.prod(shape))

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What is said of the placement of a marker set's markers, as JSON: the command line's report, and Blender's memory."""
 
-import json
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -48,16 +46,6 @@ def quality_report(layout: MarkerLayout, found: Ambiguity, advice: Sequence[Advi
     }
 
 
-def quality_text(report: dict) -> str:
-    """The report as the text of a file."""
-    return json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def write_quality(path: Path, report: dict):
-    """Writes a report."""
-    Path(path).write_text(quality_text(report), encoding="utf-8", newline="\n")
-
-
 def _advice(advice: Advice, markerset: MarkerSet) -> dict:
     return {
         "do": advice.kind,
@@ -78,4 +66,4 @@ def _taken_for(found: Ambiguity, index: int) -> str:
 
 
 def _rounded(overlap: float) -> float:
-    return round(float(separation(overlap)), QUALITY_DIGITS)
+    return round(float(separation(np.asarray(overlap))), QUALITY_DIGITS)

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`STEM.report.json`: what a person should know of a labelled take before using it."""
 
-import json
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from ..core.data.errors import InputError, spelt_out
+from ..core.data.errors import InputError
 from ..core.data.takes import EditOutcome, Suspect
 from ..core.edits.applying import summary_of
 from ..core.review.summary import TakeSummary
-from ..core.review.trouble import TakeTrouble, summary_of_trouble
+from ..core.review.take_trouble import TakeTrouble
+from ..core.review.trouble import summary_of_trouble
 from .source import digest, read_json
 
 REPORT = ".report.json"  # the last of a take's files to appear: where it is the others are
@@ -59,18 +59,6 @@ def facts_of_trouble(trouble: TakeTrouble, suspects: Iterable[Suspect]) -> dict:
     """What a report says is the matter with a take, the worst first, and the same in half a sentence."""
     found = trouble.found(suspects)
     return {"trouble": [one.as_dict() for one in found], "to_look_at": summary_of_trouble(found)}
-
-
-def write_report(path: Path, report: dict):
-    """Writes a report as JSON, a marker a line, and a trouble."""
-    markers = ",\n".join(f"    {compact(name)}: {compact(row)}" for name, row in report["markers"].items())
-    parts = {key: compact(value) for key, value in report.items()}
-    parts["markers"] = f"{{\n{markers}\n  }}"
-    if report.get("trouble"):
-        rows = ",\n".join(f"    {compact(row)}" for row in report["trouble"])
-        parts["trouble"] = f"[\n{rows}\n  ]"
-    text = ",\n".join(f"  {compact(key)}: {value}" for key, value in parts.items())
-    Path(path).write_text(f"{{\n{text}\n}}\n", encoding="utf-8", newline="\n")
 
 
 def earlier_run(path: Path, now: dict) -> tuple[dict | None, bool]:
@@ -127,10 +115,3 @@ def read_report(path: Path) -> dict:
     except (InputError, OSError, LookupError, TypeError):
         pass
     raise InputError(f"does not say what it was made of; expected the report of an earlier run, {INSTEAD}", path)
-
-
-def compact(value: object) -> str:
-    """A value as JSON of one line."""
-    text = json.dumps(value, ensure_ascii=False, allow_nan=False)
-    # A file's name may hold bytes that are no letters, and signs that move a cursor; JSON has an escape for each.
-    return spelt_out(text).encode("utf-8", "backslashreplace").decode("utf-8")

@@ -11,13 +11,16 @@ from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras
 from .names import is_unicode
 
+# Qualisys has focal lengths, centres, the sensor and blobs in 64ths of a pixel; its lens is OpenCV's.
+SUBPIXELS = 64
+
 # A world with y up into ours with z up: x stays, y becomes z, z becomes -y.
 Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
 @dataclass(frozen=True)
 class RigLimits:
-    """What no camera room has; reckoned.
+    """What no camera room has; physical.
 
     max_rotation_error  of a rotation times its transpose: printed ones carry four digits or more
     max_cameras         no room has more

@@ -3,7 +3,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -55,14 +55,7 @@ class Rows:
 
     def cut(self, start: int, stop: int) -> "Rows":
         """Rows `start` to `stop`, the last not included."""
-        return Rows(
-            self.frame[start:stop],
-            self.camera[start:stop],
-            self.xy[start:stop],
-            self.area[start:stop],
-            self.keys[start:stop],
-            self.lines[start:stop],
-        )
+        return Rows(**{field.name: getattr(self, field.name)[start:stop] for field in fields(self)})
 
     def between(self, first: int | None, last: int | None) -> "Rows":
         """The rows of frames `first` to `last`; the frames ascend."""
@@ -75,9 +68,9 @@ class Rows:
         """All parts one after the other."""
         if len(parts) == 1:
             return parts[0]
-        arrays = [np.concatenate([getattr(part, name) for part in parts]) for name in ("frame", "camera", "xy", "area")]
-        keys = [key for part in parts for key in part.keys]
-        return Rows(*arrays, keys, np.concatenate([part.lines for part in parts]))
+        names = ("frame", "camera", "xy", "area", "lines")
+        arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+        return Rows(**arrays, keys=[key for part in parts for key in part.keys])
 
 
 def read_header(head: bytes, path: Path) -> tuple[Header, int]:
@@ -107,7 +100,8 @@ def read_header(head: bytes, path: Path) -> tuple[Header, int]:
     if doubled:
         raise InputError(f"has the column {doubled[0]} twice; {expected}", path, 1)
     area = names.index("area") if "area" in names else -1
-    header = Header(*(names.index(name) for name in COLUMNS), area, len(names))
+    frame, camera, x, y = map(names.index, COLUMNS)
+    header = Header(frame, camera, x, y, area, len(names))
     return header, mark + len(line) + len(newline)
 
 
@@ -128,10 +122,10 @@ def parse_plain(block: bytes, header: Header, cameras: Cameras, line: int) -> Ro
     text = np.frombuffer(block, np.uint8)
     ends = np.flatnonzero(text == ord("\n"))
     starts = np.concatenate([[0], ends[:-1] + 1]) if len(ends) else ends
-    commas = np.flatnonzero(text == ord(","))
-    if len(commas) != len(ends) * (header.count - 1):
+    found = np.flatnonzero(text == ord(","))
+    if len(found) != len(ends) * (header.count - 1):
         return None
-    commas = commas.reshape(len(ends), header.count - 1)
+    commas = found.reshape(len(ends), header.count - 1)
     if len(ends) and not ((commas[:, 0] >= starts).all() and (commas[:, -1] < ends).all()):
         return None
     edges = np.column_stack([starts - 1, commas, ends])
@@ -146,7 +140,7 @@ def parse_plain(block: bytes, header: Header, cameras: Cameras, line: int) -> Ro
     x, y = _decimals(text, *field(header.x)), _decimals(text, *field(header.y))
     camera = _cameras(text, *field(header.camera), cameras)
     area = np.full(len(ends), np.nan) if header.area < 0 else _areas(text, *field(header.area))
-    if any(part is None for part in (frame, x, y, camera, area)):
+    if frame is None or x is None or y is None or camera is None or area is None:
         return None
     if (np.abs(frame) > MAX_FRAME).any() or (frame % 1).any():
         return None

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The samples of a file of 3D points as they are read, and packed into lanes: of P columns most are empty."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Self
 
@@ -40,14 +40,6 @@ class Samples:
 Parts = Callable[[], Iterable[Samples]]  # all samples of a file, part by part, as often as it is called
 
 
-def dense(frames: int, count: int, parts: Iterable[Samples]) -> tuple[np.ndarray, np.ndarray]:
-    """(T, P, 3) and (T, P), NaN where missing: every column of the file with all of its frames."""
-    xyz, residual = np.full((frames, count, 3), np.nan), np.full((frames, count), np.nan)
-    for part in parts:
-        xyz[part.frame, part.column], residual[part.frame, part.column] = part.xyz, part.residual
-    return xyz, residual
-
-
 @dataclass(frozen=True, eq=False)
 class Packed:
     """Some columns of a file as lanes.
@@ -63,14 +55,14 @@ class Packed:
     lanes: Lanes
 
 
-def packed(frames: int, chosen: Sequence[int], count: int, parts: Parts, make_table: MakeTable = IN_MEMORY) -> Packed:
+def packed(frames: int, chosen: np.ndarray, count: int, parts: Parts, make_table: MakeTable = IN_MEMORY) -> Packed:
     """The chosen ones of a file's columns over so many frames; the file is gone through twice, and never held.
 
     The residuals, which hardly anything asks for, are in a table that `make_table` gives.
     """
     trajectory = np.full(count, -1)
     trajectory[chosen] = np.arange(len(chosen))
-    first, last, stated, kind = np.full(count, frames), np.full(count, -1), False, np.float32
+    first, last, stated, kind = np.full(count, frames), np.full(count, -1), False, np.dtype(np.float32)
     for part in parts():
         kind = part.xyz.dtype
         np.minimum.at(first, part.column, part.frame)

@@ -9,6 +9,7 @@ import atexit
 import os
 import re
 import shutil
+import sys
 import tempfile
 import time
 import uuid
@@ -19,7 +20,7 @@ from typing import IO
 
 from ..core.data.errors import JobError
 
-if os.name == "nt":
+if sys.platform == "win32":
     import msvcrt
 else:
     import fcntl
@@ -198,7 +199,7 @@ def _locked(file: IO) -> bool:
 
 def lock_now(file: IO):
     """Locks a file for as long as it is open. BlockingIOError or PermissionError where somebody else has it."""
-    if os.name == "nt":
+    if sys.platform == "win32":
         msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
     else:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -8,8 +8,9 @@ import os
 import stat
 from collections.abc import Iterable
 from dataclasses import dataclass
+from io import BufferedReader
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TextLimits:
-    """Bytes beyond which a text is another file than is meant; reckoned.
+    """Bytes beyond which a text is another file than is meant; memory.
 
     max_values   of JSON: parsed, a value takes up to a hundred times the letters that it was written with, and no file
                  of ours has a tenth of these. Long texts, such as packed arrays, cost no more than their letters
@@ -49,7 +50,7 @@ _MARKS = (
 )
 
 
-def open_binary(path: Path) -> BinaryIO:
+def open_binary(path: Path) -> BufferedReader:
     """The file at `path`, open for reading; InputError when there is none, it is no file or may not be read.
 
     Whatever is read goes through here, also what we wrote ourselves: anybody may have put something in its place.
@@ -97,9 +98,9 @@ class BytesOnDisk:
     def __len__(self) -> int:
         return self.size
 
-    def __getitem__(self, part: int | slice) -> bytes | int:
-        """A byte, or those from start to stop; InputError where they cannot be read."""
-        start, stop, _ = (slice(part, part + 1) if isinstance(part, int) else part).indices(self.size)
+    def __getitem__(self, part: slice) -> bytes:
+        """The bytes from start to stop; InputError where they cannot be read."""
+        start, stop, _ = part.indices(self.size)
         try:
             self.file.seek(start)
             content = self.file.read(max(stop - start, 0))
@@ -107,7 +108,7 @@ class BytesOnDisk:
             raise InputError(f"cannot be read ({_reason(error)}); expected a readable file", self.path) from None
         if len(content) < stop - start:
             raise InputError("became shorter while it was read; expected a whole file", self.path)
-        return content[0] if isinstance(part, int) else content
+        return content
 
 
 def read_bytes(path: Path, limit: int | None = None) -> bytes:
@@ -172,7 +173,8 @@ def read_xml(path: Path, kind: str) -> "Element":
 
 def numbers(text: str | None, count: int, what: str, path: Path, line: int = 0) -> np.ndarray:
     """The `count` finite numbers in `text`, split by spaces or commas; InputError naming `what` otherwise."""
-    fields = (text or "").replace(",", " ").split()
+    text = text or ""
+    fields = text.replace(",", " ").split()
     if len(fields) != count:
         raise InputError(f"{what} has {len(fields)} numbers; expected {count}", path, line)
     try:
@@ -197,7 +199,7 @@ def digest(files: Iterable[Path]) -> str:
     return whole.hexdigest()
 
 
-def read_json(path: Path, kind: str) -> object:
+def read_json(path: Path, kind: str) -> Any:
     """The content of a JSON file; InputError with the line where it is none, and where it would fill the memory.
 
     `kind` names the format in the error, such as "a marker set".

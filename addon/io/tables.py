@@ -13,7 +13,7 @@ from .scratch import naming_scratch, scratch_folder
 
 @dataclass(frozen=True)
 class FileTableOptions:
-    """Which tables are kept on disk; reckoned, by memory.
+    """Which tables are kept on disk; memory.
 
     min_bytes  that a table must have: smaller ones are arrays
     """

@@ -9,12 +9,12 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.takes import MAX_FRAME
-from .samples import Samples, dense
+from .samples import Samples
 
 
 @dataclass(frozen=True)
 class TextPointLimits:
-    """What is no take of points; reckoned.
+    """What is no take of points; physical, and memory.
 
     max_coordinate    in any unit
     max_gap           frames that are left out between two rows: what it would fill the memory with is no take
@@ -45,11 +45,6 @@ class TextTake:
     rate: float
     first_frame: int
     up: str = ""
-
-    @property
-    def xyz(self) -> np.ndarray:
-        """(T, P, 3) in `unit`, NaN where missing."""
-        return dense(self.frames, len(self.labels), self.parts)[0]
 
 
 def rows_to_samples(

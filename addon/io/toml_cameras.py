@@ -97,11 +97,11 @@ def _array(table: dict, key: str, name: str, path: Path, count: int | None = Non
     if table.get(key) is None:
         raise InputError(f"camera {name} has no `{key}`; expected a complete calibration", path)
     try:
-        array = np.array(table[key])
-        array = array.astype(float).ravel() if array.dtype.kind in "iuf" else None
+        found = np.array(table[key])
     except ValueError:
-        array = None
-    if array is None or not np.isfinite(array).all():
+        found = np.array([None])
+    array = found.astype(float).ravel() if found.dtype.kind in "iuf" else np.array([np.nan])
+    if not np.isfinite(array).all():
         raise InputError(f"camera {name} has a `{key}` that is not made of numbers; expected numbers", path)
     if count is not None and array.size != count:
         raise InputError(f"camera {name} has a `{key}` of {array.size} numbers; expected {count}", path)
@@ -129,7 +129,8 @@ def write_toml(path: Path, cameras: Cameras):
 
 
 def _table(cameras: Cameras, index: int) -> str:
-    distortion, inverse = cameras.distortion[index], cameras.inverse[index]
+    distortion = cameras.distortion[index]
+    inverse = np.zeros(3) if cameras.inverse is None else cameras.inverse[index]
     exact = ""
     if inverse.any():
         half = np.linalg.norm(cameras.size[index]) / 2 / cameras.focal[index]

@@ -103,8 +103,8 @@ def _refuse_cut_off(head: dict[str, str], frames: int, first: int, path: Path):
 
 def _number(text: str | None, what: str, path: Path) -> float:
     try:
-        return float(text)
-    except (TypeError, ValueError):
+        return float(text or "")
+    except ValueError:
         raise InputError(f"has no number under {what}; expected {KIND}", path, 3) from None
 
 

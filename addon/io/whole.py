@@ -160,7 +160,9 @@ def _list(pairs: Sequence[tuple[Path, Path]], away: Sequence[tuple[Path, list[in
     for folder in dict.fromkeys(part.parent for part, _ in pairs):
         try:
             # What is to go has no part.
-            states = {part.name: [_state(part), _state(target)] for part, target in pairs if part.parent == folder}
+            states: dict[str, list] = {
+                part.name: [_state(part), _state(target)] for part, target in pairs if part.parent == folder
+            }
             states |= {path.name: [None, state] for path, state in away if path.parent == folder.parent}
             states[LOCK] = _mark(folder / LOCK)
             begun = folder / f"{LIST}~"

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..core.data.lanes import blocks
+from ..core.data.made import Scaled
 from ..core.geometry.camera_up import guess_up, turned
 from ..core.geometry.cameras import Cameras
 from .rig import Z_UP_FROM_Y_UP
@@ -38,14 +39,14 @@ def up_rotation(up: str) -> np.ndarray:
     return _ROTATIONS[up]
 
 
-def guess_unit(xyz: np.ndarray) -> str:
+def guess_unit(xyz: np.ndarray | Scaled) -> str:
     """mm, cm or m, whichever makes the points (T, P, 3) reach as far as people and rooms do."""
     extent = _extent(xyz)
     reach = float(np.median(extent.max(axis=1), axis=0)) if len(extent) else 0.0
     return "m" if reach < 12 else "cm" if reach < 500 and _travel(xyz) < 1500 else "mm"
 
 
-def _extent(xyz: np.ndarray) -> np.ndarray:
+def _extent(xyz: np.ndarray | Scaled) -> np.ndarray:
     """(F, 3) how far the points of a frame reach along each axis, over up to 200 frames that have any."""
     some = [np.isfinite(xyz[part]).any(axis=(1, 2)) for part in blocks(*xyz.shape[:2])]
     there = np.flatnonzero(np.concatenate([np.zeros(0, bool), *some]))
@@ -57,7 +58,7 @@ def _extent(xyz: np.ndarray) -> np.ndarray:
         return np.nan_to_num(np.nanmax(frames, axis=1) - np.nanmin(frames, axis=1))
 
 
-def _travel(xyz: np.ndarray) -> float:
+def _travel(xyz: np.ndarray | Scaled) -> float:
     """The farthest that any point is from the origin."""
     parts = [xyz[part] for part in blocks(*xyz.shape[:2])]
     return float(max(np.nanmax(np.abs(part), initial=0.0) for part in parts))

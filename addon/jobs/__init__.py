@@ -3,7 +3,6 @@
 
 from collections.abc import Generator
 
-from ..core.data.errors import InputError
 from ..core.data.progress import Progress
 from ..core.points.naming import METHODS, USUAL_TARGET
 from ..io.points import holds_points
@@ -15,15 +14,17 @@ def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
 
     Raises UserError with the file where it can be told.
     """
-    if holds_points(job.source, job.use):
-        if job.method == "both":
-            raise InputError("holds points, and the method both is for blobs; expected another method", job.source)
-        from .points import label_point_file
+    points = holds_points(job.source, job.use)
+    from .labelling import label_take
 
-        return label_point_file(job)
-    from .blobs import label_blob_file
+    # Naming blobs takes long to load, and takes of points need none of it.
+    if points:
+        from .points import PointTake
 
-    return label_blob_file(job)
+        return label_take(job, PointTake)
+    from .blobs import BlobTake
+
+    return label_take(job, BlobTake)
 
 
 __all__ = [

@@ -26,6 +26,11 @@ def blob_rate(source: Path, rate: float | None) -> float | None:
     return held_in(source).rate if rate is None and is_qtm(source) else rate
 
 
+def told_by_capture(source: Path, cameras: Path | None, rate: float | None) -> dict:
+    """Both, as fields of a job of blobs."""
+    return {"cameras": calibration_for(source, cameras), "rate": blob_rate(source, rate)}
+
+
 def told_of_capture(source: Path, points: bool, cameras: Cameras | None = None) -> list[str]:
     """What was taken of a capture, and which of its cameras are left out of `cameras`, a sentence each."""
     if not is_qtm(source):

@@ -19,14 +19,14 @@ from ..core.filling.kept import KeptFill
 from ..core.filling.rays import NO_RAYS, MarkerRays, rays_of
 from ..core.posing.posing import POSING
 from ..core.review.overview import TakeOverview
-from ..core.review.trouble import TakeTrouble
+from ..core.review.take_trouble import TakeTrouble
 from ..io.filled import gap_rows, left_rows, write_filled
 from ..io.labels import read_blob_labels
 from ..io.markersets import markerset_file
 from ..io.models import open_model
 from ..io.points import marker_columns, read_points, write_c3d
 from ..io.whole import whole_files
-from .outcome import renumbered
+from .labelling import renumbered
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class FillJob:
     max_gap  frames of the longest gap to fill, None for any
     markers  names of those to fill, empty for all
     model    a built-in model's name or the path of one, whose body may fill gaps; None for none
-    up       the axis that points up in the file, None for what it says or tells
+    up       the axis that points up in the file, None for what the file says or shows
     rate     frames a second, for a file that says none
     labels   of the blobs that the take was made of, `.labels.csv`, and
     cameras  that saw them: then the ray of a camera that still sees a marker holds the fill
@@ -60,10 +60,10 @@ class FillJob:
 
 @dataclass(frozen=True)
 class RaysOfTakeOptions:
-    """When labels of blobs are those of a take; reckoned.
+    """When labels of blobs are those of a take.
 
-    most_off_px  that half of the blobs may be from where their cameras see the take's markers: a moved camera makes
-                 some px of it, another take or another room hundreds
+    most_off_px  physical: that half of the blobs may be from where their cameras see the take's markers: a moved camera
+                 makes some px of it, another take or another room hundreds
     """
 
     most_off_px: float = 20.0
@@ -75,7 +75,7 @@ RAYS_OF_TAKE = RaysOfTakeOptions()
 def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
     """Fills the gaps of a take and writes both files, which appear together or not at all; gives what there is to say.
 
-    Raises UserError with the file where it can be told.
+    Raises UserError with the file where that is known.
     """
     begin = perf_counter()
     if job.out.suffix.lower() != ".c3d":

@@ -12,7 +12,7 @@ from ..core.geometry.cameras import Cameras
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.overview import OverviewSubject, TakeOverview
 from ..core.review.summary import TakeSummary
-from ..core.review.trouble import TakeTrouble
+from ..core.review.take_trouble import TakeTrouble
 from ..io.filled import kept_rows
 from ..io.html import write_take_page
 from ..io.report import facts_of_edits, facts_of_trouble, take_report

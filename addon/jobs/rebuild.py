@@ -23,7 +23,7 @@ from ..io.scratch import scratch_folder
 from ..io.whole import whole_file
 from .captures import facts_of_capture
 from .job import USUAL_RATE
-from .outcome import renumbered
+from .labelling import renumbered
 from .spool import TrajectoryFile
 
 WRITERS = {".c3d": write_c3d, ".trc": write_trc}
@@ -61,7 +61,7 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
         raise InputError("is no file of 3D points; expected a name that ends in .c3d or .trc", job.out)
     cameras = open_cameras(job.cameras, job.up)
     rate = USUAL_RATE if job.rate is None else job.rate
-    tally = _RebuildTally()
+    blobs, used, squares, pixel = 0, 0, 0.0, float("nan")
     with ExitStack() as stack:
         target = stack.enter_context(whole_file(job.out, job.overwrite, [job.source, *calibration_files(job.cameras)]))
         spool = stack.enter_context(TrajectoryFile(stack.enter_context(scratch_folder()), rate))
@@ -69,8 +69,9 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
         taken: deque[BlobRows] = deque()
         for part in reconstruct_take(_noted(read_blobs(job.source, cameras, job.frames), taken), cameras, rate):
             rows = taken.popleft()
-            spool.append(part)
-            tally.add(rows.blobs, part)
+            spool.add(part)
+            blobs, used, pixel = blobs + len(rows.blobs), used + int(part.support.sum()), part.pixel
+            squares += float((part.residual**2).sum())
             yield Progress(rows.fraction, f"frame {part.frames[-1]}")
         points = spool.points()
         if not points.names:
@@ -84,7 +85,11 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
         "first_frame": points.first_frame,
         "frames": len(spool.counts),
         "trajectories": len(points.names),
-        **tally.as_dict(),
+        "points": spool.count,
+        "blobs": blobs,
+        "blobs_explained": used,
+        "residual_mm": float(f"{1000 * np.sqrt(squares / max(spool.count, 1)):.4g}"),
+        "noise_px": float(f"{pixel:.4g}"),
         **facts_of_capture(job.source, False, cameras),
         **({"calibration": list(cameras.remarks)} if cameras.remarks else {}),
         **(renumbered(points) if write is write_c3d else {}),
@@ -96,28 +101,3 @@ def _noted(chunks: Iterator[BlobRows], taken: deque[BlobRows]) -> Iterator[Blobs
     for rows in chunks:
         taken.append(rows)
         yield rows.blobs
-
-
-class _RebuildTally:
-    """Counts over the chunks of one take."""
-
-    def __init__(self):
-        self.blobs = self.used = self.points = 0
-        self.squares, self.pixel = 0.0, float("nan")
-
-    def add(self, blobs: Blobs, part):
-        self.blobs += len(blobs)
-        self.used += int(part.support.sum())
-        self.points += len(part.points)
-        self.squares += float((part.residual**2).sum())
-        self.pixel = part.pixel
-
-    def as_dict(self) -> dict:
-        residual = np.sqrt(self.squares / max(self.points, 1)) * 1000
-        return {
-            "points": self.points,
-            "blobs": self.blobs,
-            "blobs_explained": self.used,
-            "residual_mm": float(f"{residual:.4g}"),
-            "noise_px": float(f"{self.pixel:.4g}"),
-        }

@@ -23,7 +23,7 @@ from ..io.whole import whole_file
 from .captures import facts_of_capture
 from .job import USUAL_RATE
 
-READ = 0.1  # of the work, as progress tells it
+READ = 0.1  # of the work, in its progress
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class RefineJob:
     out      the `.toml` to write
     frames   first and last frame to go by, both included, None for the take's own
     rate     frames a second, None where nobody knows
-    up       the axis that points up in the calibration, None for what it says or tells
+    up       the axis that points up in the calibration, None for what it says or shows
     if_refined  write nothing where there is nothing to refine; else the cameras are written as they were
     """
 
@@ -62,7 +62,7 @@ class Refined:
 def refine_file(job: RefineJob) -> Generator[Progress, None, Refined]:
     """Writes the refined calibration, or the same one where there is nothing to refine.
 
-    Raises UserError with the file where it can be told.
+    Raises UserError with the file where that is known.
     """
     begin = perf_counter()
     if job.out.suffix.lower() != ".toml":

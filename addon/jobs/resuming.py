@@ -87,7 +87,8 @@ def leftovers(job: LabelJob) -> tuple[list[Path], list[Path]]:
     if not job.overwrite:
         return [], []
     then = digests_then(job.path(REPORT))
-    going, staying = [], []
+    going: list[Path] = []
+    staying: list[Path] = []
     for ending in OPTIONAL:
         path = job.path(ending)
         if ending in job.endings or not path.is_file() or is_read(path, job.read):

@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Trajectories on disk while a take is worked on, and as the columns of a file in the end."""
+"""Rows on disk while a take is worked on, and trajectories among them as the columns of a file in the end."""
 
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Self
+from typing import Self
 
 import numpy as np
 
+from ..core.data.lanes import Lanes
+from ..core.data.made import Made, by_frames
 from ..core.data.takes import Points
 from ..core.reconstruction.trajectories import Reconstructed, TrajectorySpans
 from ..io.scratch import naming_scratch
@@ -15,11 +17,10 @@ from ..io.scratch import naming_scratch
 
 @dataclass(frozen=True)
 class SpoolOptions:
-    """How trajectories become the columns of a file; reckoned.
+    """How trajectories become the columns of a file.
 
-    max_columns  beyond which trajectories that are far from each other in time share one: as many as one list of names
-                 in a C3D file holds
-    rest_s       s between two trajectories of one column
+    max_columns  format: as many as one list of names in a C3D file holds; of more, those share one that are far apart
+    rest_s       s between two of one column, so that no program takes them for one; assumed
     """
 
     max_columns: int = 255
@@ -31,13 +32,11 @@ SPOOLING = SpoolOptions()
 ROW = np.dtype([("trajectory", "<i4"), ("xyz", "<f4", 3), ("residual", "<f4")])
 
 
-class TrajectoryFile:
-    """The points of a take, row after row in a scratch file; use it as a context manager."""
+class RowFile:
+    """Rows of one kind, an array's dtype, on disk while a take is worked on; use it as a context manager."""
 
-    def __init__(self, folder: Path, rate: float):
-        self.folder, self.path, self.rate, self.first_frame = folder, folder / "trajectories", rate, 0
-        self.counts: list[int] = []
-        self.spans = TrajectorySpans()
+    def __init__(self, folder: Path, kind: np.dtype):
+        self.folder, self.path, self.kind, self.count = folder, folder / "rows", kind, 0
 
     def __enter__(self) -> Self:
         with naming_scratch(self.folder):
@@ -48,15 +47,35 @@ class TrajectoryFile:
         with suppress(OSError):  # of a full disk, which was said
             self.file.close()
 
-    def append(self, part: Reconstructed):
+    def append(self, rows: np.ndarray):
+        """Writes rows to the end and sees that they got there, which `ndarray.tofile` does not."""
+        with naming_scratch(self.folder):
+            self.file.write(np.ascontiguousarray(rows).data)
+            self.file.flush()
+        self.count += len(rows)
+
+    def rows(self) -> np.ndarray:
+        """All of them, read from disk where they are looked at."""
+        return np.memmap(self.path, self.kind, "r") if self.count else np.zeros(0, self.kind)
+
+
+class TrajectoryFile(RowFile):
+    """The points of a take, row after row in a scratch file; use it as a context manager."""
+
+    def __init__(self, folder: Path, rate: float):
+        super().__init__(folder, ROW)
+        self.rate, self.first_frame = rate, 0
+        self.counts: list[int] = []
+        self.spans = TrajectorySpans()
+
+    def add(self, part: Reconstructed):
         """Adds the frames of the next chunk."""
         if not self.counts:
             self.first_frame = int(part.frames[0])
         self.spans.note(part.trajectory, len(self.counts) + part.frame)
         rows = np.empty(len(part.points), ROW)
         rows["trajectory"], rows["xyz"], rows["residual"] = part.trajectory, part.points, part.residual
-        with naming_scratch(self.folder):
-            append(self.file, rows)
+        self.append(rows)
         self.counts += np.bincount(part.frame, minlength=len(part.frames)).tolist()
 
     def points(self) -> Points:
@@ -66,49 +85,32 @@ class TrajectoryFile:
         """
         column = self._columns()
         width = int(column.max(initial=-1)) + 1
-        rows = np.memmap(self.path, ROW, "r") if sum(self.counts) else np.zeros(0, ROW)
         starts = np.concatenate([[0], np.cumsum(self.counts)])
-        xyz, residual = (_Columns(rows, starts, column, width, field) for field in ("xyz", "residual"))
+        rows = self.rows()
+        xyz, residual = (_columns(rows, starts, column, width, field) for field in ("xyz", "residual"))
         return Points(("",) * width, xyz, residual, self.rate, self.first_frame)
 
     def _columns(self) -> np.ndarray:
         """The column of every trajectory, -1 for those that are left out."""
         column = np.full(len(self.spans.table), -1)
         kept = self.spans.lasting(len(self.counts))
-        column[kept] = np.arange(len(kept)) if len(kept) <= SPOOLING.max_columns else self._packed(kept)
+        column[kept] = np.arange(len(kept))
+        if len(kept) > SPOOLING.max_columns:
+            first, last = self.spans.table[kept, 1:].T
+            column[kept] = Lanes.packed(first, last + round(SPOOLING.rest_s * self.rate)).lane
         return column
 
-    def _packed(self, kept: np.ndarray) -> np.ndarray:
-        """Columns for trajectories in the order in which they begin, each the first that has rested."""
-        rest = SPOOLING.rest_s * self.rate
-        ends = np.full(len(kept), -np.inf)
-        columns = np.empty(len(kept), int)
-        for index, (first, last) in enumerate(self.spans.table[kept, 1:].tolist()):
-            columns[index] = int(np.argmax(ends + rest < first))
-            ends[columns[index]] = last
-        return columns
 
-
-def append(file: IO, rows: np.ndarray):
-    """Writes an array to the end of an open file and sees that it got there, which `ndarray.tofile` does not."""
-    file.write(np.ascontiguousarray(rows).data)
-    file.flush()
-
-
-class _Columns:
+def _columns(rows: np.ndarray, starts: np.ndarray, column: np.ndarray, width: int, field: str) -> Made:
     """One field of the rows as an array (T, P, …) of which slices and single frames can be had."""
+    shape = (len(starts) - 1, width, *ROW[field].shape)
 
-    def __init__(self, rows: np.ndarray, starts: np.ndarray, column: np.ndarray, width: int, field: str):
-        self.rows, self.starts, self.column, self.field = rows, starts, column, field
-        self.shape = (len(starts) - 1, width, *ROW[field].shape)
+    def block(frames: slice) -> np.ndarray:
+        own = rows[starts[frames.start] : starts[frames.stop]]
+        frame = np.repeat(np.arange(frames.stop - frames.start), np.diff(starts[frames.start : frames.stop + 1]))
+        found = np.full((frames.stop - frames.start, *shape[1:]), np.nan, np.float32)
+        to = column[own["trajectory"]]
+        found[frame[to >= 0], to[to >= 0]] = own[field][to >= 0]
+        return found
 
-    def __getitem__(self, frames: slice | int) -> np.ndarray:
-        if not isinstance(frames, slice):
-            return self[frames : frames + 1][0]
-        first, last, _ = frames.indices(self.shape[0])
-        rows = self.rows[self.starts[first] : self.starts[last]]
-        frame = np.repeat(np.arange(last - first), np.diff(self.starts[first : last + 1]))
-        block = np.full((last - first, *self.shape[1:]), np.nan, np.float32)
-        column = self.column[rows["trajectory"]]
-        block[frame[column >= 0], column[column >= 0]] = rows[self.field][column >= 0]
-        return block
+    return Made(shape, by_frames(shape[0], block))

@@ -24,11 +24,11 @@ from ..core.training.pipeline import (
     train_solvers,
 )
 from ..core.training.takes import standing_apart, subject_rows
+from ..io.json_text import write_json
 from ..io.markersets import SUFFIX, markerset_file, open_markerset
 from ..io.model_history import file_of, moved, seen_from
 from ..io.models import open_model, read_model, write_model
 from ..io.names import written
-from ..io.report import compact
 from ..io.source import digest, read_bytes
 from ..io.whole import keep_apart, whole_files
 from ..version import version
@@ -97,7 +97,7 @@ class _Taught:
     model   the new one, without its history
     base    the one before; None for a new one
     takes   what it was taught, each with the digest of its file, which is empty for one of no file
-    report  what is said of it
+    report  what people read of it
     check   how takes are named by both models; None where there is nothing to compare
     """
 
@@ -142,7 +142,7 @@ def train_file(job: TrainJob, try_all: Trying = in_turn) -> Generator[Progress, 
             "check": made.check.as_dict() if made.check else None,
         }
         if job.report:
-            write_training_report(parts[job.report], report)
+            write_json(parts[job.report], report)
     return report
 
 
@@ -181,9 +181,9 @@ def _history(job: TrainJob, made: _Taught, kept: Sequence[KeptFile], adopted: bo
         as_taught(take, sha256, job.out, job.known.get(take.path, KnownBetter())) for take, sha256 in made.takes
     )
     checked = tuple(take.checked for take in made.check.takes) if made.check else ()
-    told = bool(adopted and made.check and made.check.worse)
+    accepted = bool(adopted and made.check and made.check.worse)
     number = history.version + 1 if made.base else 1
-    new = ModelVersion(number, today(), written(job.by.strip()), version(), origin, takes, checked, told)
+    new = ModelVersion(number, today(), written(job.by.strip()), version(), origin, takes, checked, accepted)
     return replace(history.with_version(new), kept_takes=tuple(rows))
 
 
@@ -223,9 +223,9 @@ def _learned(
     options = _options(job, base, len(markers))
     trained = yield from train(takes, markers, options, base, bodies, try_all)
     report = _report(job, takes, trained, options.hit_rate, clock | trained.seconds)
-    said = " ".join(trained.doubts)
-    new = {name for name in kept if name in markers and name not in said}
-    report["doubts"] += told_of_unseen(new, set(lost) - set(markers)) + told_of_apart(apart)
+    doubts = " ".join(trained.doubts)
+    new = {name for name in kept if name in markers and name not in doubts}
+    report["doubts"] += _not_shown(new, set(lost) - set(markers), apart)
     sha256 = [""] * len(takes) if job.passing else [*digests, *[""] * len(job.shown)]
     taught = tuple(zip(takes, sha256, strict=True))
     return _Taught(_with_source(trained.model), base, taught, report), trained.replaced
@@ -239,30 +239,20 @@ def _given_solvers(job: TrainJob, base: Model, clock: dict[str, float]) -> Gener
     with timed(clock, "ensemble"):
         work = train_solvers(base, options, bodies)
         model = yield from within(work, TRAINING_SHARES["compare"], TRAINING_SHARES["end"])
-    untold = np.full(len(model.markerset), np.nan)
+    unidentified = np.full(len(model.markerset), np.nan)
     doubts = tuple(never_named(model))
-    trained = Trained(model, model.training_takes, (), "as it was", untold, doubts, {})
+    trained = Trained(model, model.training_takes, (), "as it was", unidentified, doubts, {})
     return _Taught(model, base, (), _report(job, (), trained, options.hit_rate, clock))
 
 
-def told_of_unseen(kept: set[str], lost: set[str]) -> list[str]:
-    """What is said of markers that the takes name and never show: those that stay in the set, and those that do not."""
-    said = []
-    if kept:
-        words = "are" if len(kept) > 1 else "is"
-        said.append(f"{listed(sorted(kept))} {words} not seen in any take: where it sits is taken from the known body")
-    if lost:
-        words = "are" if len(lost) > 1 else "is"
-        said.append(f"{listed(sorted(lost))} {words} not seen in any take, and no body that is known has it: left out")
-    return said
-
-
-def told_of_apart(names: Sequence[str]) -> list[str]:
-    """What is said of names that are of nothing on the subject."""
-    if not names:
-        return []
-    words = "do" if len(names) > 1 else "does"
-    return [f"{listed(names)} {words} not go with the other markers: no marker on the subject, left out"]
+def _not_shown(kept: set[str], lost: set[str], apart: Sequence[str]) -> list[str]:
+    """Sentences on names that are no markers in the takes: those that stay in the set, and those that do not."""
+    rows = (
+        (sorted(kept), "not seen in any take: where it sits is taken from the known body"),
+        (sorted(lost), "not seen in any take, and no body that is known has it: left out"),
+        (apart, "no marker on the subject: two of three axes are zero throughout, left out"),
+    )
+    return [f"{listed(names)} {'are' if len(names) > 1 else 'is'} {what}" for names, what in rows if names]
 
 
 def _base(job: TrainJob) -> Model | None:
@@ -337,9 +327,3 @@ def _report(
         "seconds": {part: round(seconds, 2) for part, seconds in clock.items()},
         "replaced": [{"take": " ".join(gone.takes), "subject": gone.subject} for gone in trained.replaced],
     }
-
-
-def write_training_report(path: Path, report: dict):
-    """Writes the report as JSON, a part a line."""
-    rows = ",\n".join(f"  {compact(key)}: {compact(value)}" for key, value in report.items())
-    Path(path).write_text(f"{{\n{rows}\n}}\n", encoding="utf-8", newline="\n")

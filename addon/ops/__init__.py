@@ -1,54 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Operators: thin, each one thing that a person does."""
 
-from . import (
-    calibration,
-    character,
-    correcting,
-    exporting,
-    filling,
-    html_report,
-    importing,
-    label_folder,
-    label_tool,
-    labelling,
-    markersets,
-    performers,
-    picking,
-    pictures,
-    playing,
-    quality,
-    reviewing,
-    smoothing,
-    stepping,
-    timeline,
-    training,
-    viewing,
-    whose,
-)
+from importlib import import_module
+from pkgutil import iter_modules
 
-CLASSES = (
-    *importing.CLASSES,
-    *pictures.CLASSES,
-    *calibration.CLASSES,
-    *markersets.CLASSES,
-    *quality.CLASSES,
-    *training.CLASSES,
-    *performers.CLASSES,
-    *labelling.CLASSES,
-    *stepping.CLASSES,
-    *label_folder.CLASSES,
-    *viewing.CLASSES,
-    *picking.CLASSES,
-    *correcting.CLASSES,
-    *whose.CLASSES,
-    *filling.CLASSES,
-    *smoothing.CLASSES,
-    *timeline.CLASSES,
-    *reviewing.CLASSES,
-    *playing.CLASSES,
-    *label_tool.CLASSES,
-    *exporting.CLASSES,
-    *character.CLASSES,
-    *html_report.CLASSES,
-)
+OPERATOR_MODULES = [import_module(f"{__name__}.{found.name}") for found in iter_modules(__path__)]

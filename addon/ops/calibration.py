@@ -1,31 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Refine Calibration: cameras that were moved are put where the take's own blobs show them to stand."""
 
-from collections.abc import Callable, Generator
 from pathlib import Path
 
 import bpy
 from bpy.props import StringProperty
 
-from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError
 from ..jobs.refine import Refined, RefineJob, refine_file
 from ..props import chosen_model, frames_wanted
 from ..scene import cameras as scene_cameras
 from ..scene.calibration import show_refined
 from .importing import cameras_at_hand
-from .polling import TellsWhyNot
-from .stepping import WorksInSteps
+from .stepping import WorksInSteps, beside
 
 ENDING = ".refined.toml"
 
 
-class MOCAP_AUTOLABEL_OT_refine_calibration(TellsWhyNot, WorksInSteps, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
     """Move and turn the cameras so that the take's own named blobs meet; a new calibration is written beside them."""
 
-    bl_idname = "mocap_autolabel.refine_calibration"
     bl_label = "Refine Calibration"
-    bl_options = {"REGISTER", "UNDO"}
 
     filepath: StringProperty(
         name="File",
@@ -39,16 +34,16 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(TellsWhyNot, WorksInSteps, bpy.types
     @classmethod
     def lacks(cls, context):
         settings = context.scene.mocap_autolabel
-        if settings.points_path:
+        if settings.source.points_path:
             return "3D points need no cameras"
         if not cameras_at_hand(context.scene):
             return "Import the calibration of the cameras first"
-        return "" if settings.blobs_path else "Import the blobs first: the cameras are refined by them"
+        return "" if settings.source.blobs_path else "Import the blobs first: the cameras are refined by them"
 
     def steps(self, context):
         """The refining."""
-        self._of = context.scene.mocap_autolabel.cameras.session_uid
-        return refine_steps(refine_job_of(context, self.filepath))
+        self._of = context.scene.mocap_autolabel.source.cameras.session_uid
+        return beside(refine_file(refine_job_of(context, self.filepath)))
 
     def _show(self, context, refined: Refined) -> set[str]:
         scene, report = context.scene, refined.report
@@ -58,10 +53,10 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(TellsWhyNot, WorksInSteps, bpy.types
             self.report({"INFO"}, f"Nothing to refine: {_worst(report)}")
             return {"FINISHED"}
         settings = scene.mocap_autolabel
-        if settings.cameras is None or settings.cameras.session_uid != self._of:
+        if settings.source.cameras is None or settings.source.cameras.session_uid != self._of:
             words = f"other cameras are chosen than those that were refined, which are in {Path(report['out']).name}"
             raise InputError(f"{words}; expected them to stay, so import that file")
-        settings.cameras = show_refined(scene, settings.cameras, refined.cameras, report)
+        settings.source.cameras = show_refined(scene, settings.source.cameras, refined.cameras, report)
         self.report({"INFO"}, f"{_worst(report)}, in {Path(report['out']).name}; label again to use it")
         return {"FINISHED"}
 
@@ -69,14 +64,14 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(TellsWhyNot, WorksInSteps, bpy.types
 def refine_job_of(context: bpy.types.Context, path: str) -> RefineJob:
     """What the scene's settings ask for; InputError when something is missing."""
     scene, settings = context.scene, context.scene.mocap_autolabel
-    source = Path(bpy.path.abspath(settings.blobs_path))
+    source = Path(bpy.path.abspath(settings.source.blobs_path))
     return RefineJob(
         source=source,
-        cameras=scene_cameras.cameras_of(settings.cameras, scene),
-        model=chosen_model(settings),
+        cameras=scene_cameras.cameras_of(settings.source.cameras, scene),
+        model=chosen_model(settings.subjects),
         out=Path(bpy.path.abspath(path)) if path else free_path(source),
-        frames=frames_wanted(settings),
-        rate=settings.rate,
+        frames=frames_wanted(settings.labelling),
+        rate=settings.source.rate,
         overwrite=bool(path),
         if_refined=True,
     )
@@ -91,15 +86,6 @@ def free_path(source: Path, ending: str = ENDING) -> Path:
     return path
 
 
-def refine_steps(job: RefineJob) -> Generator[float, None, Refined]:
-    """Refines, yielding how much is done (0 to 1), and returns what came of it. Touches nothing of Blender."""
-
-    def work(tell: Callable[[float], None]) -> Refined:
-        return drained(refine_file(job), tell)
-
-    return in_background(work)
-
-
 def _worst(report: dict) -> str:
     """The error of the camera that gained most, before and after, in half a sentence."""
     rows = [(name, row) for name, row in report["cameras"].items() if row["before_px"] is not None]
@@ -108,6 +94,3 @@ def _worst(report: dict) -> str:
         name, row = max(rows, key=lambda pair: pair[1]["before_px"])
         return f"no camera is more than {row['before_px']:.2f} px off, {name} the most"
     return f"camera {name} was {row['before_px']:.2f} px off and is {row['after_px']:.2f} px off now"
-
-
-CLASSES = (MOCAP_AUTOLABEL_OT_refine_calibration,)

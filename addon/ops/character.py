@@ -14,9 +14,8 @@ from ..scene.opened import opened
 from ..scene.performers import homes
 from ..scene.stored import alone
 from ..scene.take import Stored, set_time
+from .base import OfTake
 from .exporting import ExportsPerformers, performer_property
-from .polling import OfTake
-from .reporting import reports_trouble
 from .reposing import follow_now
 
 BVH_UNITS = 100.0  # to a metre: BVH has no unit, and what reads it takes centimetres
@@ -25,12 +24,9 @@ BVH_UNITS = 100.0  # to a metre: BVH has no unit, and what reads it takes centim
 class MOCAP_AUTOLABEL_OT_add_character(OfTake, bpy.types.Operator):
     """Add an armature that moves as the take's body does, with the chosen bone names and a T-pose as its rest."""
 
-    bl_idname = "mocap_autolabel.add_character"
     bl_label = "Add Character"
-    bl_options = {"REGISTER", "UNDO"}
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         settings = context.scene.mocap_autolabel
         follow_now(context)
         stored, added = opened.take(settings.take, context.scene), []
@@ -38,7 +34,6 @@ class MOCAP_AUTOLABEL_OT_add_character(OfTake, bpy.types.Operator):
             home = homes(settings.take).get(one.name, settings.take)
             added.append(add_character(context, home, alone(stored, one), settings.bone_names, BLENDER_AXES).name)
         self.report({"INFO"}, f"Added {', '.join(added)}")
-        return {"FINISHED"}
 
 
 class ExportsCharacter(OfTake, ExportsPerformers):
@@ -63,7 +58,6 @@ class ExportsCharacter(OfTake, ExportsPerformers):
 class MOCAP_AUTOLABEL_OT_export_bvh(ExportsCharacter, bpy.types.Operator):
     """Write the take's body as BVH: usual bone names, a T-pose as its rest, y up, in centimetres."""
 
-    bl_idname = "mocap_autolabel.export_bvh"
     bl_label = "Export BVH"
     filename_ext, axes = ".bvh", BVH_AXES
     filter_glob: StringProperty(default="*.bvh", options={"HIDDEN"})
@@ -85,7 +79,6 @@ class MOCAP_AUTOLABEL_OT_export_bvh(ExportsCharacter, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_export_fbx(ExportsCharacter, bpy.types.Operator):
     """Write the take's body as FBX: usual bone names, and a T-pose as its rest."""
 
-    bl_idname = "mocap_autolabel.export_fbx"
     bl_label = "Export FBX"
     filename_ext, axes = ".fbx", BLENDER_AXES
     filter_glob: StringProperty(default="*.fbx", options={"HIDDEN"})
@@ -147,6 +140,3 @@ def _alone(context: bpy.types.Context, stored: Stored) -> Iterator[Callable[[bpy
         render.fps, render.fps_base = rate
         scene.frame_start, scene.frame_end = played[:2]
         scene.frame_set(played[2])
-
-
-CLASSES = (MOCAP_AUTOLABEL_OT_add_character, MOCAP_AUTOLABEL_OT_export_bvh, MOCAP_AUTOLABEL_OT_export_fbx)

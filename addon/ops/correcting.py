@@ -13,7 +13,6 @@ from ..core.data.takes import NO_MARKER, NO_POINT, PointRows
 from ..core.data.wording import count_of
 from ..core.edits.kinds import (
     NO_EDITS,
-    Accepted,
     AssignBlob,
     AssignPoint,
     BlobEdit,
@@ -38,28 +37,23 @@ from ..scene.picking import dots_of
 from ..scene.redrawing import redraw
 from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
+from .base import OfTake, keeps_items, taken
 from .picking import picked_points, selected_markers, show_picked
-from .polling import OfTake
-from .reporting import reports_trouble
-from .reposing import follow_seen, follow_soon
+from .reposing import follow_soon
 
 REVIEW_DELAY = 0.05  # s from an edit to the tables that follow it
 
-# Blender keeps no reference to the texts of a dynamic enumeration; they must outlive the drawing.
-_kept_names: list[tuple[str, str, str, str, int]] = []
 # What the likeliest names were asked of last (take, frame, trajectory), and they: a menu asks for each of its rows.
 _likely: list = []
 
 
+@keeps_items
 def marker_items(_self, context) -> list[tuple[str, str, str, str, int]]:
     """The markers for an enumeration, the likeliest for what is picked first; a number stays one marker's."""
-    context = context or bpy.context  # a menu that sets the marker of a button brings none
-    scene = context.scene
-    if scene is not None and is_take(scene.mocap_autolabel.take):
-        stored = opened.take(scene.mocap_autolabel.take, scene)
-        order = likely_here(context, stored)
-        _kept_names[:] = [(stored.names[marker], stored.names[marker], "", "NONE", marker) for marker in order]
-    return _kept_names
+    if context.scene is None or not is_take(context.scene.mocap_autolabel.take):
+        return []
+    stored = taken(context)
+    return [(stored.names[marker], stored.names[marker], "", "NONE", marker) for marker in likely_here(context, stored)]
 
 
 def likely_here(context: bpy.types.Context, stored: Stored) -> list[int]:
@@ -92,21 +86,17 @@ def correct(context: bpy.types.Context, edits: Edits) -> Stored:
     """Gives the active take other edits, shows what follows and returns it; InputError where new ones find nothing."""
     scene, collection = context.scene, context.scene.mocap_autolabel.take
     before = opened.take(collection, scene)
-    said = edits.items[len(before.edits) :]
-    if not before.own_labels and not all(isinstance(edit, Right | Accepted) for edit in said):
-        raise InputError("an earlier version put its corrections into these labels; expected the take labelled again")
     after = opened.take_with(collection, scene, edits)
     for outcome in after.outcomes[len(before.edits) :]:
         if not outcome.labels:
             reason = counted_on(outcome.reason, before.shift)
             raise InputError(f"{reason}; expected frames in which there is something to correct")
     keep_edits(collection, edits)
-    show_edits(collection, before, after, scene.mocap_autolabel.keep_unnamed)
+    show_edits(collection, before, after)
     scene.frame_set(scene.frame_current)
-    follow_seen()
-    follow_soon()
+    follow_soon(seen=True)
     review_soon()
-    return opened.take(collection, scene)
+    return taken(context)
 
 
 def review_soon():
@@ -153,7 +143,6 @@ def trajectory_of(stored: Stored, marker: str, frame: int) -> int:
 class Corrects(OfTake):
     """What the edits share: their frames. They differ in `edits`, which makes them; UserError if it cannot."""
 
-    bl_options = {"REGISTER", "UNDO"}
     scope: EnumProperty(name="Frames", description="The frames that are corrected", items=SCOPES, default="WHOLE")
 
     def invoke(self, context, event):
@@ -165,16 +154,13 @@ class Corrects(OfTake):
         if not self.properties.is_property_set("scope"):
             self.scope = context.scene.mocap_autolabel.scope
 
-    @reports_trouble
-    def execute(self, context):
-        scene = context.scene
-        stored = opened.take(scene.mocap_autolabel.take, scene)
-        frames = frames_in_scope(self.scope, stored, scene)
+    def work(self, context):
+        stored = taken(context)
+        frames = frames_in_scope(self.scope, stored, context.scene)
         picked = picked_points(context)
         after = correct(context, stored.edits.added(*self.edits(context, stored, frames)))
         if picked:
             show_picked(context, after, picked)
-        return {"FINISHED"}
 
 
 def chosen_trajectories(context: bpy.types.Context, stored: Stored) -> list[int]:
@@ -239,7 +225,6 @@ def _refuse_one_image(stored: Stored, rows: Sequence[int]):
 class MOCAP_AUTOLABEL_OT_name_point(Corrects, bpy.types.Operator):
     """Say which marker the selected marker, or the picked point, really is."""
 
-    bl_idname = "mocap_autolabel.name_point"
     bl_label = "Name"
     bl_property = "marker"
 
@@ -260,7 +245,6 @@ class MOCAP_AUTOLABEL_OT_name_point(Corrects, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_unlabel(Corrects, bpy.types.Operator):
     """Take the names of the selected markers away from the points that have them in this frame."""
 
-    bl_idname = "mocap_autolabel.unlabel"
     bl_label = "Unlabel"
 
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
@@ -275,7 +259,6 @@ class MOCAP_AUTOLABEL_OT_unlabel(Corrects, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_no_marker(Corrects, bpy.types.Operator):
     """Say that the picked points are no markers: another person's, a thing's, or nothing; they get no name any more."""
 
-    bl_idname = "mocap_autolabel.no_marker"
     bl_label = "No Marker"
 
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
@@ -293,7 +276,6 @@ def _are_of_one_image(stored: Stored, rows: Sequence[int]) -> bool:
 class MOCAP_AUTOLABEL_OT_swap_markers(Corrects, bpy.types.Operator):
     """Give two selected markers each other's names."""
 
-    bl_idname = "mocap_autolabel.swap_markers"
     bl_label = "Swap"
 
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
@@ -314,7 +296,6 @@ class MOCAP_AUTOLABEL_OT_swap_markers(Corrects, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_is_right(Corrects, bpy.types.Operator):
     """Say that the selected markers were looked at and are right: what is doubted of them is no longer asked."""
 
-    bl_idname = "mocap_autolabel.is_right"
     bl_label = "It Is Right"
 
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
@@ -337,75 +318,50 @@ class HasEdits(OfTake):
 class MOCAP_AUTOLABEL_OT_remove_correction(HasEdits, bpy.types.Operator):
     """Take a correction back: the labels are as if it had never been made."""
 
-    bl_idname = "mocap_autolabel.remove_correction"
     bl_label = "Remove Correction"
-    bl_options = {"REGISTER", "UNDO"}
 
     index: IntProperty(name="Index", description="Which of the list, from 0", min=0, options={"SKIP_SAVE"})
 
-    @reports_trouble
-    def execute(self, context):
-        edits = opened.take(context.scene.mocap_autolabel.take, context.scene).edits
+    def work(self, context):
+        edits = taken(context).edits
         if self.index >= len(edits):
             raise InputError(f"there is no correction {self.index + 1}; expected one of the {len(edits)} in the list")
         correct(context, edits.without(self.index))
-        state = context.window_manager.mocap_autolabel
-        state.correction_index = max(min(state.correction_index, len(edits) - 2), 0)
-        return {"FINISHED"}
 
 
 class MOCAP_AUTOLABEL_OT_clear_corrections(HasEdits, bpy.types.Operator):
     """Take all corrections back."""
 
-    bl_idname = "mocap_autolabel.clear_corrections"
     bl_label = "Clear All Corrections"
-    bl_options = {"REGISTER", "UNDO"}
 
     def invoke(self, context, event):
         return context.window_manager.invoke_confirm(self, event)
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         correct(context, NO_EDITS)
-        return {"FINISHED"}
 
 
 class MOCAP_AUTOLABEL_OT_save_corrections(OfTake, bpy.types.Operator):
     """Write the corrections beside the take, where the command line and other scenes take them up."""
 
-    bl_idname = "mocap_autolabel.save_corrections"
     bl_label = "Save Corrections"
     bl_options = {"REGISTER"}
 
     def invoke(self, context, event):
-        source = opened.take(context.scene.mocap_autolabel.take, context.scene).source
+        source = taken(context).source
         asks = bool(source) and _file_beside(source).exists()
         return context.window_manager.invoke_confirm(self, event) if asks else self.execute(context)
 
-    @reports_trouble
-    def execute(self, context):
-        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+    def work(self, context):
+        stored = taken(context)
         if not stored.source:
             raise InputError(f"take {stored.name} names no file; expected the file that it was labelled from")
         path = _file_beside(stored.source)
         write_edits(path, stored.edits)
         self.report({"INFO"}, f"Saved {path}")
-        return {"FINISHED"}
 
 
 def _file_beside(source: str) -> Path:
     """The file of the edits of a take beside its own, `source`."""
     path = Path(bpy.path.abspath(source))
     return path.with_name(path.stem + EDITS_ENDING)
-
-
-CLASSES = (
-    MOCAP_AUTOLABEL_OT_name_point,
-    MOCAP_AUTOLABEL_OT_unlabel,
-    MOCAP_AUTOLABEL_OT_no_marker,
-    MOCAP_AUTOLABEL_OT_swap_markers,
-    MOCAP_AUTOLABEL_OT_is_right,
-    MOCAP_AUTOLABEL_OT_remove_correction,
-    MOCAP_AUTOLABEL_OT_clear_corrections,
-    MOCAP_AUTOLABEL_OT_save_corrections,
-)

@@ -5,48 +5,43 @@ from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy.props import EnumProperty, StringProperty
-from bpy_extras.io_utils import ExportHelper
+from bpy.props import BoolProperty, EnumProperty, StringProperty
 
 from ..core.data.columns import Columns
 from ..core.data.errors import InputError, JobError
-from ..core.data.takes import PointRows, Points
+from ..core.data.takes import LabelledChunk, PointRows, Points
+from ..core.review.overview import OverviewSubject
 from ..io.blobs import read_blobs
 from ..io.filled import kept_rows, write_filled
 from ..io.labels import LabelWriter, write_point_labels
 from ..io.points import write_c3d, write_trc
 from ..io.whole import whole_files
-from ..scene.opened import opened
+from ..jobs.pages import KeptTake, write_kept_page
 from ..scene.performers import homes
-from ..scene.stored import alone
-from ..scene.take import Stored, is_take
-from .polling import WithTake
-from .reporting import reports_trouble
+from ..scene.stored import Stored, alone
+from ..scene.take import is_take
+from .base import ToldWhere, WithTake, keeps_items, taken
 from .reposing import follow_now, words_behind
 
 # No performer is called so.
 TOGETHER = (":TOGETHER", "Together", "All performers in one file, markers called NAME:MARKER")
 APART = (":APART", "A File Each", "A file for each performer, called after them")
-# Blender keeps no reference to the texts of a dynamic enumeration; they must outlive the drawing.
-_kept_performers: list[tuple[str, str, str]] = []
 
 
-class ExportsTake(WithTake, ExportHelper):
+class ExportsTake(ToldWhere, WithTake):
     """What the exports share: they need a labelled take, and name the file after it.
 
     They differ in `write`, which writes a take to a path and to those of the files `beside` it; UserError if it cannot.
     What is `of_body` waits for that to follow the labels.
     """
 
-    bl_options = {"REGISTER"}
     of_body = False
 
-    def invoke(self, context, event):
-        if not self.filepath:
-            stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
-            folder = Path(bpy.path.abspath(stored.source)).parent if stored.source else Path()
-            self.filepath = str(folder / (stored.name + self.filename_ext))
-        return ExportHelper.invoke(self, context, event)
+    def proposed(self, context) -> Path:
+        """Beside the take, and called as it is."""
+        stored = taken(context)
+        folder = Path(bpy.path.abspath(stored.source)).parent if stored.source else Path()
+        return folder / (stored.name + self.filename_ext)
 
     def draw(self, context):
         """Says where what is written is out of date, which it is not any more once it is written."""
@@ -57,11 +52,10 @@ class ExportsTake(WithTake, ExportHelper):
         """The files that may appear beside `path`."""
         return []
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         if self.of_body:
             follow_now(context)
-        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+        stored = taken(context)
         parts, read = self.parts(stored), read_by(context, stored)
         paths = [self.path_of(name) for name, _ in parts]
         for path, (name, part) in zip(paths, parts, strict=True):
@@ -71,7 +65,6 @@ class ExportsTake(WithTake, ExportHelper):
             with whole_files([path, *self.beside(path)], overwrite=asked, read=read) as temporaries:
                 self.write(temporaries, part)
         self.report({"INFO"}, f"Saved {', '.join(map(str, paths))}")
-        return {"FINISHED"}
 
     def parts(self, stored: Stored) -> list[tuple[str, Stored]]:
         """What goes into a file of its own: a performer's name, empty for all of them, and the take of theirs."""
@@ -85,14 +78,19 @@ class ExportsTake(WithTake, ExportHelper):
 def read_by(context: bpy.types.Context, stored: Stored) -> list[Path]:
     """The files that the take and the scene come from, which no export may replace."""
     settings = context.scene.mocap_autolabel
-    named = [stored.source, settings.blobs_path, settings.points_path, settings.markerset_path, bpy.data.filepath]
+    named = [
+        stored.source,
+        settings.source.blobs_path,
+        settings.source.points_path,
+        settings.subjects.markerset_path,
+        bpy.data.filepath,
+    ]
     return [Path(bpy.path.abspath(name)) for name in named if name]
 
 
 class MOCAP_AUTOLABEL_OT_export_labels(ExportsTake, bpy.types.Operator):
     """Write the name of every blob or point, row for row with the file they are from."""
 
-    bl_idname = "mocap_autolabel.export_labels"
     bl_label = "Export Labels"
     filename_ext = ".labels.csv"
     filter_glob: StringProperty(default="*.labels.csv", options={"HIDDEN"})
@@ -110,12 +108,11 @@ def performer_property(together: bool):
     """The property that says whose motion is written: of all in one file, where that can be, of each, or of one."""
     ways = [TOGETHER, APART] if together else [APART]
 
+    @keeps_items
     def items(_self, context) -> list[tuple[str, str, str]]:
-        scene = (context or bpy.context).scene
-        take = None if scene is None else scene.mocap_autolabel.take
+        take = None if context.scene is None else context.scene.mocap_autolabel.take
         names = list(homes(take)) if is_take(take) else []
-        _kept_performers[:] = [*ways, *((name, name, f"{name} alone, under the names of the set") for name in names)]
-        return _kept_performers
+        return [*ways, *((name, name, f"{name} alone, under the names of the set") for name in names)]
 
     return EnumProperty(name="Performers", description="Whose motion is written", items=items)
 
@@ -165,7 +162,6 @@ class ExportsPoints(ExportsPerformers):
 class MOCAP_AUTOLABEL_OT_export_c3d(ExportsPoints, bpy.types.Operator):
     """Write the named markers in space as C3D: gaps empty, and what was filled with the residual 0."""
 
-    bl_idname = "mocap_autolabel.export_c3d"
     bl_label = "Export C3D"
     filename_ext, write_points = ".c3d", staticmethod(write_c3d)
     filter_glob: StringProperty(default="*.c3d", options={"HIDDEN"})
@@ -174,7 +170,6 @@ class MOCAP_AUTOLABEL_OT_export_c3d(ExportsPoints, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_export_trc(ExportsPoints, bpy.types.Operator):
     """Write the named markers in space as TRC, for OpenSim."""
 
-    bl_idname = "mocap_autolabel.export_trc"
     bl_label = "Export TRC"
     filename_ext, write_points = ".trc", staticmethod(write_trc)
     filter_glob: StringProperty(default="*.trc", options={"HIDDEN"})
@@ -236,4 +231,38 @@ def found_again(source: Path) -> Path:
     return beside if beside.is_file() and not source.exists() else source
 
 
-CLASSES = (MOCAP_AUTOLABEL_OT_export_labels, MOCAP_AUTOLABEL_OT_export_c3d, MOCAP_AUTOLABEL_OT_export_trc)
+class MOCAP_AUTOLABEL_OT_export_report(ExportsTake, bpy.types.Operator):
+    """Save a page that shows how the take was labelled: one file that opens in any browser, to be passed on."""
+
+    bl_label = "Save Report"
+    filename_ext, of_body = ".report.html", True
+    filter_glob: StringProperty(default="*.report.html", options={"HIDDEN"})
+    open_after: BoolProperty(name="Open It", description="Show the page in the browser once it is saved", default=True)
+
+    def execute(self, context):
+        """Saves the page, and opens it where that is wanted and there is a window."""
+        done = super().execute(context)
+        if done == {"FINISHED"} and self.open_after and not bpy.app.background:
+            bpy.ops.wm.path_open(filepath=self.filepath)
+        return done
+
+    def write(self, paths: list[Path], stored: Stored):
+        """Writes the page."""
+        [path] = paths
+        write_kept_page(path, kept_take(stored))
+
+
+def kept_take(stored: Stored) -> KeptTake:
+    """A take as its page takes it."""
+    return KeptTake(
+        stored.name,
+        bpy.path.abspath(stored.source) if stored.source else "",
+        stored.model,
+        stored.rate,
+        OverviewSubject(stored.names, stored.words, stored.parents),
+        stored.cameras,
+        stored.rows,
+        LabelledChunk(stored.labels, stored.unfilled, stored.suspects, outcomes=stored.outcomes),
+        stored.edits,
+        stored.fitting,
+    )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Gaps filled in the scene, by what the rest of the take says, and taken back: kept beside labels and edits."""
+"""Gaps filled and markers smoothed in the scene, and both taken back: kept beside labels and edits."""
 
 from collections.abc import Callable, Generator, Sequence
 from functools import partial
@@ -15,19 +15,18 @@ from ..core.data.takes import Blobs
 from ..core.filling.filling import FilledTake, FillOptions, SubjectMarkers, fill_subjects, kept_fills_of
 from ..core.filling.kept import KeptFill, replaced_fills
 from ..core.filling.rays import NO_RAYS, MarkerRays, rays_of
+from ..core.filling.smoothing import smoothed
 from ..core.posing.posing import POSING
 from ..io.filled import left_rows
 from ..io.names import written
-from ..props import chosen_markerset, refresh_review, row_of
-from ..scene.fills import keep_fills, kept_fills
+from ..props import chosen_markerset, list_rows, refresh_review, row_of
+from ..scene.fills import keep_cutoff, keep_fills, kept_cutoff, kept_fills
 from ..scene.opened import opened
 from ..scene.performers import Performer
-from ..scene.smoothing import kept_cutoff
 from ..scene.stored import Stored
 from ..scene.take import SOURCE, is_take, show_edits, takes_of
+from .base import OfTake, taken
 from .correcting import selected_markers
-from .polling import OfTake
-from .reporting import reports_trouble
 from .stepping import WorksInSteps
 
 EXTENTS = (
@@ -47,7 +46,7 @@ def keep_and_show(context: bpy.types.Context, keep: Callable[[bpy.types.Collecti
     scene, collection = context.scene, context.scene.mocap_autolabel.take
     before = opened.take(collection, scene)
     keep(collection)
-    show_edits(collection, before, opened.take(collection, scene), scene.mocap_autolabel.keep_unnamed)
+    show_edits(collection, before, opened.take(collection, scene))
     scene.frame_set(scene.frame_current)
     refresh_review(context.window_manager, scene)
 
@@ -80,9 +79,7 @@ def wanted_markers(context: bpy.types.Context, stored: Stored, extent: str) -> t
 class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
     """Fill gaps by what the rest of the take says; what was measured stays, and what is filled is marked as such."""
 
-    bl_idname = "mocap_autolabel.fill_gaps"
     bl_label = "Fill Gaps"
-    bl_options = {"REGISTER", "UNDO"}
 
     extent: extent_property("Which gaps to fill")
     doing = "Filling gaps"
@@ -101,13 +98,12 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
         frame = None
         if self.extent == "GAP":
             frame = stored.source_frame(context.scene.frame_current) - int(stored.motion.frames[0])
-        longest = settings.fill_longest if settings.use_fill_longest else None
+        longest = settings.filling.longest if settings.filling.use_longest else None
         markers = wanted_markers(context, stored, self.extent)
-        return stored, FillOptions(settings.fill_method, longest, markers, frame)
+        return stored, FillOptions(settings.filling.method, longest, markers, frame)
 
-    @reports_trouble
-    def _shown(self, context) -> set[str]:
-        filled, settings = self._result, context.scene.mocap_autolabel
+    def _show(self, context, filled: FilledTake) -> set[str]:
+        settings = context.scene.mocap_autolabel
         if not is_take(settings.take) or settings.take.session_uid != self._of:
             raise InputError("another take is shown than the one whose gaps were filled; expected it to stay")
         stored = opened.take(settings.take, context.scene)
@@ -119,10 +115,6 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
         note_left(context, left_rows(filled.left, stored.names, int(stored.motion.frames[0]) + stored.shift))
         self.report({"INFO"} if new else {"WARNING"}, outcome_of(filled, new))
         return {"FINISHED"} if new else {"CANCELLED"}
-
-    def _show(self, context, result: FilledTake) -> set[str]:
-        self._result = result
-        return self._shown(context)
 
 
 def _rays(stored: Stored) -> MarkerRays:
@@ -139,7 +131,7 @@ def subject_of(context: bpy.types.Context, stored: Stored, performer: Performer,
     Without one the body fills nothing; InputError where it was asked for.
     """
     try:
-        markerset = chosen_markerset(row_of(context.scene.mocap_autolabel, performer.name))
+        markerset = chosen_markerset(row_of(context.scene.mocap_autolabel.subjects, performer.name))
     except UserError:
         markerset = None
     rows = performer.marker_rows
@@ -168,11 +160,9 @@ def outcome_of(filled: FilledTake, new: Sequence[KeptFill]) -> str:
 
 def note_left(context: bpy.types.Context, rows: Sequence[dict]):
     """Lists the gaps that were left, with the reasons; frames are Blender's."""
-    left = context.window_manager.mocap_autolabel.left_gaps
-    left.clear()
-    for gap in rows:
-        row = left.add()
-        row.name, row.first, row.last, row.reason = (gap[key] for key in ("marker", "first", "last", "reason"))
+    keys = ("marker", "first", "last", "reason")
+    values = [[gap[key] for key in keys] for gap in rows]
+    list_rows(context.window_manager.mocap_autolabel, "left_gaps", "name first last reason", values)
 
 
 class HasFills(OfTake):
@@ -187,9 +177,7 @@ class HasFills(OfTake):
 class MOCAP_AUTOLABEL_OT_take_back_fills(HasFills, bpy.types.Operator):
     """Make filled gaps gaps again."""
 
-    bl_idname = "mocap_autolabel.take_back_fills"
     bl_label = "Take Back Fills"
-    bl_options = {"REGISTER", "UNDO"}
 
     extent: extent_property("Which fills to take back")
     index: IntProperty(
@@ -199,19 +187,14 @@ class MOCAP_AUTOLABEL_OT_take_back_fills(HasFills, bpy.types.Operator):
         options={"SKIP_SAVE"},
     )
 
-    @reports_trouble
-    def execute(self, context):
-        scene = context.scene
-        stored = opened.take(scene.mocap_autolabel.take, scene)
+    def work(self, context):
+        stored = taken(context)
         gone = [number for number, fill in enumerate(stored.fills) if self._is_meant(context, stored, number, fill)]
         if not gone:
             raise InputError("nothing that was filled is there; expected a filled gap")
         left = [fill for number, fill in enumerate(stored.fills) if number not in gone]
         keep_and_show(context, partial(keep_fills, fills=left))
-        state = context.window_manager.mocap_autolabel
-        state.fill_index = max(min(state.fill_index, len(state.fills) - 1), 0)
         self.report({"INFO"}, f"{len(gone)} fills taken back")
-        return {"FINISHED"}
 
     def _is_meant(self, context, stored: Stored, number: int, fill: KeptFill) -> bool:
         if self.index >= 0:
@@ -222,4 +205,30 @@ class MOCAP_AUTOLABEL_OT_take_back_fills(HasFills, bpy.types.Operator):
         return mine and (self.extent != "GAP" or fill.first <= frame <= fill.last)
 
 
-CLASSES = (MOCAP_AUTOLABEL_OT_fill_gaps, MOCAP_AUTOLABEL_OT_take_back_fills)
+class MOCAP_AUTOLABEL_OT_smooth(OfTake, bpy.types.Operator):
+    """Smooth the markers by a Butterworth filter without lag, each stretch between gaps for itself; labels stay."""
+
+    bl_label = "Smooth"
+
+    def work(self, context):
+        settings = context.scene.mocap_autolabel
+        stored = opened.take(settings.take, context.scene)
+        smoothed(
+            stored.motion.markers[:0], stored.rate, settings.filling.cutoff
+        )  # before anything is kept that cannot be
+        keep_and_show(context, partial(keep_cutoff, cutoff=settings.filling.cutoff))
+
+
+class MOCAP_AUTOLABEL_OT_take_back_smoothing(OfTake, bpy.types.Operator):
+    """Show and export the markers as they were measured again."""
+
+    bl_label = "Take Back Smoothing"
+
+    @classmethod
+    def lacks(cls, context):
+        if words := super().lacks(context):
+            return words
+        return "Nothing is smoothed" if kept_cutoff(context.scene.mocap_autolabel.take) is None else ""
+
+    def work(self, context):
+        keep_and_show(context, partial(keep_cutoff, cutoff=None))

@@ -24,9 +24,8 @@ from ..scene import cameras as scene_cameras
 from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
 from ..scene.take import frame_shift, set_time
+from .base import Ours
 from .framing import MAX_PLACES, fit_timelines, show_take_whole
-from .polling import TellsWhyNot
-from .reporting import reports_trouble
 
 BLOBS, POINTS = "*.csv;*.qtm", "*.c3d;*.trc;*.csv;*.qtm"
 UP_ITEMS = [("AUTO", "As the File Says", "Or, where it does not say, as what is in it tells")] + [
@@ -40,13 +39,12 @@ USE_ITEMS = [
 ]
 
 
-class ImportsFile(ImportHelper):
+class ImportsFile(Ours, ImportHelper):
     """What the imports share: a file that was dropped, or named by a script, is read at once; else one is asked for.
 
     They differ in `take_in`, which makes a file part of the scene and says what is in it; UserError if it cannot.
     """
 
-    bl_options = {"REGISTER", "UNDO"}
     filepath: StringProperty(name="File", description="The file to read", subtype="FILE_PATH", options={"SKIP_SAVE"})
 
     def invoke(self, context, event):
@@ -54,16 +52,13 @@ class ImportsFile(ImportHelper):
             return self.execute(context)
         return ImportHelper.invoke(self, context, event)
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         self.report({"INFO"}, self.take_in(context, Path(self.filepath)))
-        return {"FINISHED"}
 
 
 class MOCAP_AUTOLABEL_OT_import_cameras(ImportsFile, bpy.types.Operator):
     """Read a camera calibration and add its cameras to the scene."""
 
-    bl_idname = "mocap_autolabel.import_cameras"
     bl_label = "Import Calibration"
     filter_glob: StringProperty(
         default=";".join(f"*{suffix}" for suffix in CALIBRATIONS.split(";")), options={"HIDDEN"}, maxlen=255
@@ -77,33 +72,28 @@ class MOCAP_AUTOLABEL_OT_import_cameras(ImportsFile, bpy.types.Operator):
         up = None if self.up == "AUTO" else self.up
         cameras = read_cameras(path, read_blend=scene_cameras.cameras_of_blend, up=up)
         collection = scene_cameras.find_or_add_cameras(context.scene, cameras)
-        context.scene.mocap_autolabel.cameras = collection
+        context.scene.mocap_autolabel.source.cameras = collection
         return "; ".join([f"{count_of(len(cameras), 'camera')}: {', '.join(cameras.names)}", *cameras.remarks])
 
 
-class MOCAP_AUTOLABEL_OT_use_cameras(TellsWhyNot, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_use_cameras(Ours, bpy.types.Operator):
     """Take the cameras of this scene as they stand for the ones that recorded the take."""
 
-    bl_idname = "mocap_autolabel.use_cameras"
     bl_label = "Use the Scene's Cameras"
-    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def lacks(cls, context):
         return "" if any(item.type == "CAMERA" for item in context.scene.objects) else "This scene has no cameras"
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         collection = scene_cameras.adopt_cameras(context.scene)
-        context.scene.mocap_autolabel.cameras = collection
+        context.scene.mocap_autolabel.source.cameras = collection
         self.report({"INFO"}, count_of(len(collection.objects), "camera"))
-        return {"FINISHED"}
 
 
 class MOCAP_AUTOLABEL_OT_import_blobs(ImportsFile, bpy.types.Operator):
     """Choose the file of the blobs to label, and look at them through the cameras, which a .qtm brings itself."""
 
-    bl_idname = "mocap_autolabel.import_blobs"
     bl_label = "Import Blobs"
     filter_glob: StringProperty(default=BLOBS, options={"HIDDEN"})
 
@@ -143,7 +133,6 @@ class ReadsPoints:
 class MOCAP_AUTOLABEL_OT_import_points(ReadsPoints, ImportsFile, bpy.types.Operator):
     """Choose a take of 3D points to label, C3D, TRC, Motive CSV or Qualisys QTM, and see them. Needs no cameras."""
 
-    bl_idname = "mocap_autolabel.import_points"
     bl_label = "Import 3D Points"
     filter_glob: StringProperty(default=POINTS, options={"HIDDEN"})
 
@@ -155,7 +144,6 @@ class MOCAP_AUTOLABEL_OT_import_points(ReadsPoints, ImportsFile, bpy.types.Opera
 class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operator):
     """Read a take to label, whether it holds blobs, 3D points, or, as a Qualisys QTM may, both."""
 
-    bl_idname = "mocap_autolabel.import_take"
     bl_label = "Import Take"
     filter_glob: StringProperty(default=POINTS, options={"HIDDEN"})
     use: EnumProperty(
@@ -176,10 +164,10 @@ def take_blobs(context: bpy.types.Context, path: Path) -> str:
     blobs = Blobs.join(part.blobs for part in read_blobs(path, cameras))
     forget_take(context)
     if own:
-        settings.cameras = scene_cameras.find_or_add_cameras(scene, cameras)
-    settings.preview = store_preview(path.stem, blobs, cameras)
-    settings.blobs_path, settings.blob_count = str(path), len(blobs)
-    settings.rate = blob_rate(path, None) or settings.rate
+        settings.source.cameras = scene_cameras.find_or_add_cameras(scene, cameras)
+    settings.source.preview = store_preview(path.stem, blobs, cameras)
+    settings.source.blobs_path, settings.source.blob_count = str(path), len(blobs)
+    settings.source.rate = blob_rate(path, None) or settings.source.rate
     _set_frames(context, blobs.frames)
     fit_timelines(context)
     said = [
@@ -194,7 +182,7 @@ def _cameras_for(scene: bpy.types.Scene, path: Path) -> tuple[Cameras, bool]:
 
     Those of the scene count where they are the file's: somebody may have refined them.
     """
-    chosen = scene_cameras.cameras_of(scene.mocap_autolabel.cameras, scene) if cameras_at_hand(scene) else None
+    chosen = scene_cameras.cameras_of(scene.mocap_autolabel.source.cameras, scene) if cameras_at_hand(scene) else None
     if is_qtm(path):
         own = held_in(path).calibrated
         if chosen is None or (own and not set(own) <= set(chosen.names)):
@@ -214,16 +202,16 @@ def take_points(
     """
     settings, take = context.scene.mocap_autolabel, read_points(path, up=up, rate=rate or None, mirror=mirror)
     forget_take(context)
-    settings.preview = show_points(context.scene, path.stem, take)
-    settings.points_path, settings.blob_count = str(path), len(settings.preview.vertices)
-    settings.points_up, settings.points_mirror = up or "", mirror
-    settings.trajectories, settings.rate = len(take.names), take.rate
+    settings.source.preview = show_points(context.scene, path.stem, take)
+    settings.source.points_path, settings.source.blob_count = str(path), len(settings.source.preview.vertices)
+    settings.source.up, settings.source.mirror = up or "", mirror
+    settings.source.trajectories, settings.source.rate = len(take.names), take.rate
     _set_frames(context, take.first_frame + np.arange(len(take.xyz)))
     show_take_whole(context, take.xyz[evenly_spread(len(take.xyz), MAX_PLACES)].reshape(-1, 3))
     edits = edits_beside(path)
     more = [] if edits is None else [f"{edits.name} beside it will be applied"]
     said = [
-        f"{count_of(settings.trajectories, 'trajectory')} in {count_of(len(take.xyz), 'frame')}",
+        f"{count_of(settings.source.trajectories, 'trajectory')} in {count_of(len(take.xyz), 'frame')}",
         *take.notes,
         *more,
     ]
@@ -234,20 +222,23 @@ def forget_take(context: bpy.types.Context):
     """Makes room for another take; one that is labelled stays in the scene."""
     settings = context.scene.mocap_autolabel
     settings.take = None
-    if settings.preview is not None:
-        preview, settings.preview = settings.preview, None
+    if settings.source.preview is not None:
+        preview, settings.source.preview = settings.source.preview, None
         remove_preview(preview)
         opened.forget()
-    settings.blobs_path = settings.points_path = context.window_manager.mocap_autolabel.refused = ""
-    settings.forced = False
+    settings.source.blobs_path = settings.source.points_path = context.window_manager.mocap_autolabel.refused = ""
+    settings.source.forced = False
     refresh_review(context.window_manager, context.scene)
 
 
 def _set_frames(context: bpy.types.Context, frames: np.ndarray):
     settings = context.scene.mocap_autolabel
-    settings.first_frame, settings.last_frame = int(frames[0]), int(frames[-1])
-    settings.range_first, settings.range_last = settings.first_frame, settings.last_frame
-    set_time(context.scene, settings.rate, frames + frame_shift(frames))
+    settings.source.first_frame, settings.source.last_frame = int(frames[0]), int(frames[-1])
+    settings.labelling.range_first, settings.labelling.range_last = (
+        settings.source.first_frame,
+        settings.source.last_frame,
+    )
+    set_time(context.scene, settings.source.rate, frames + frame_shift(frames))
 
 
 class DropsIntoView:
@@ -278,21 +269,10 @@ class MOCAP_AUTOLABEL_FH_take(DropsIntoView, bpy.types.FileHandler):
 
 def cameras_at_hand(scene: bpy.types.Scene) -> bool:
     """True when the scene's settings name cameras that are still there."""
-    collection = scene.mocap_autolabel.cameras
+    collection = scene.mocap_autolabel.source.cameras
     return collection is not None and any(item.type == "CAMERA" for item in collection.all_objects)
 
 
 def in_view(context: bpy.types.Context) -> bool:
     """True over a 3D view, where our files may be dropped."""
     return context.area is not None and context.area.type == "VIEW_3D"
-
-
-CLASSES = (
-    MOCAP_AUTOLABEL_OT_import_cameras,
-    MOCAP_AUTOLABEL_OT_use_cameras,
-    MOCAP_AUTOLABEL_OT_import_blobs,
-    MOCAP_AUTOLABEL_OT_import_points,
-    MOCAP_AUTOLABEL_OT_import_take,
-    MOCAP_AUTOLABEL_FH_cameras,
-    MOCAP_AUTOLABEL_FH_take,
-)

@@ -21,9 +21,8 @@ from ..jobs.batches import summary_paths
 from ..props import SceneSettings, subjects_asked
 from ..scene import cameras as scene_cameras
 from ..scene.redrawing import redraw
+from .base import Ours
 from .importing import cameras_at_hand
-from .polling import TellsWhyNot
-from .reporting import reports_trouble
 
 FOLLOWED_EVERY = 0.5  # s between two looks at what the process wrote
 
@@ -100,7 +99,7 @@ def folder_line(settings: SceneSettings) -> tuple[list[str], Path, bool]:
 
     Raises InputError where something is missing.
     """
-    source, out = (Path(bpy.path.abspath(path)) for path in (settings.folder_path, settings.folder_out))
+    source, out = (Path(bpy.path.abspath(path)) for path in (settings.folder.path, settings.folder.out))
     if not source.is_dir():
         raise InputError("is no folder; expected one with takes", source)
     from ..cli.label.subjects import subject_words
@@ -109,17 +108,22 @@ def folder_line(settings: SceneSettings) -> tuple[list[str], Path, bool]:
     [table] = summary_paths(out, (), True, False)[:1]
     line = [
         "label",
-        *subject_words(**subjects_asked(settings)),
+        *subject_words(**subjects_asked(settings.subjects)),
         f"--out={out}",
         "--watch",
         "--resume",
         "--summary",
         "--html",
     ]
-    line += ["--blend", f"--method={settings.method}", f"--target={settings.target}", f"--jobs={settings.folder_jobs}"]
-    line += [] if settings.folder_watch else ["--idle=0"]
-    line += ["--overwrite"] if settings.folder_anew else []
-    line += [f"--occlusion={settings.occlusion}", f"--rate={settings.rate}"] if blobs else []
+    line += [
+        "--blend",
+        f"--method={settings.labelling.method or 'auto'}",
+        f"--target={settings.labelling.target}",
+        f"--jobs={settings.folder.jobs}",
+    ]
+    line += [] if settings.folder.watch else ["--idle=0"]
+    line += ["--overwrite"] if settings.folder.overwrite else []
+    line += [f"--occlusion={settings.labelling.occlusion}", f"--rate={settings.source.rate}"] if blobs else []
     return [*line, "--", str(source)], table, blobs
 
 
@@ -170,7 +174,9 @@ def _said(row: TakeRow) -> tuple[str, str, str, int]:
 
 def _list_takes(state: bpy.types.PropertyGroup, rows: list[TakeRow]):
     """Fills the list; the take that is chosen stays so, wherever it goes."""
-    chosen = state.folder_takes[state.folder_index].name if state.folder_index < len(state.folder_takes) else ""
+    chosen = (
+        state.folder_takes[state.folder_take_index].name if state.folder_take_index < len(state.folder_takes) else ""
+    )
     state.folder_takes.clear()
     for row in rows:
         shown = state.folder_takes.add()
@@ -178,7 +184,7 @@ def _list_takes(state: bpy.types.PropertyGroup, rows: list[TakeRow]):
         shown.measured, shown.trouble, shown.on_body = row.measured, row.trouble, row.on_body
         shown.named, shown.found = -1.0 if row.named is None else row.named, row.found
     places = [place for place, row in enumerate(rows) if written(row.take) == chosen]
-    state.folder_index = places[0] if places else 0
+    state.folder_take_index = places[0] if places else 0
 
 
 def leave_batch():
@@ -189,10 +195,9 @@ def leave_batch():
     _latest.clear()
 
 
-class MOCAP_AUTOLABEL_OT_label_folder(TellsWhyNot, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_label_folder(Ours, bpy.types.Operator):
     """Label the takes of a folder in the background, but for those that are done already; go on working meanwhile."""
 
-    bl_idname = "mocap_autolabel.label_folder"
     bl_label = "Label Folder"
 
     @classmethod
@@ -200,43 +205,38 @@ class MOCAP_AUTOLABEL_OT_label_folder(TellsWhyNot, bpy.types.Operator):
         settings = context.scene.mocap_autolabel
         if _going:
             return "Another folder is being labelled"
-        if not settings.folder_path:
+        if not settings.folder.path:
             return "Choose the folder of the takes first"
-        return "" if settings.folder_out else "Choose the folder for the results first"
+        return "" if settings.folder.out else "Choose the folder for the results first"
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         settings, scene = context.scene.mocap_autolabel, context.scene
         line, table, blobs = folder_line(settings)
-        cameras = scene_cameras.cameras_of(settings.cameras, scene) if blobs else None
+        cameras = scene_cameras.cameras_of(settings.source.cameras, scene) if blobs else None
         _latest[:] = _going[:] = [FolderBatch(line, table, cameras)]
         if not bpy.app.background:
             show_batch()
-            bpy.app.timers.register(
-                follow, first_interval=FOLLOWED_EVERY, persistent=True
-            )  # a take may be opened meanwhile
-            return {"FINISHED"}
+            # A take may be opened meanwhile.
+            bpy.app.timers.register(follow, first_interval=FOLLOWED_EVERY, persistent=True)
+            return
         while follow() is not None:
             time.sleep(FOLLOWED_EVERY)
         if _latest[0].trouble:
             raise _latest[0].trouble
-        return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_stop_folder(bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_stop_folder(Ours, bpy.types.Operator):
     """Stop labelling the folder; takes that are done stay, and Label Folder goes on from there."""
 
-    bl_idname = "mocap_autolabel.stop_folder"
     bl_label = "Stop Label Folder"
     bl_options = {"INTERNAL"}
 
-    def execute(self, context):
+    def work(self, context):
         for batch in _going:
             batch.stop()
-        return {"FINISHED"}
 
 
-class OfFolderTake:
+class OfFolderTake(Ours):
     """An operator on a take of the list, that opens a file beside the table."""
 
     index: IntProperty(name="Take", description="Which row of the list", options={"HIDDEN", "SKIP_SAVE"})
@@ -256,38 +256,24 @@ class OfFolderTake:
 class MOCAP_AUTOLABEL_OT_open_folder_take(OfFolderTake, bpy.types.Operator):
     """Open the labelled take in the place of this file, which is asked about where it has changes."""
 
-    bl_idname = "mocap_autolabel.open_folder_take"
     bl_label = "Open Take"
     bl_options = {"INTERNAL"}
     ending = ".blend"
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         path = str(self.found(context))
         if bpy.app.background:
             bpy.ops.wm.open_mainfile(filepath=path)
         else:
             bpy.ops.wm.open_mainfile("INVOKE_DEFAULT", filepath=path, display_file_selector=False)
-        return {"FINISHED"}
 
 
 class MOCAP_AUTOLABEL_OT_open_folder_page(OfFolderTake, bpy.types.Operator):
     """Show the take's page in the browser."""
 
-    bl_idname = "mocap_autolabel.open_folder_page"
     bl_label = "Open Page"
     bl_options = {"INTERNAL"}
     ending = ".report.html"
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         bpy.ops.wm.path_open(filepath=str(self.found(context)))
-        return {"FINISHED"}
-
-
-CLASSES = (
-    MOCAP_AUTOLABEL_OT_label_folder,
-    MOCAP_AUTOLABEL_OT_stop_folder,
-    MOCAP_AUTOLABEL_OT_open_folder_take,
-    MOCAP_AUTOLABEL_OT_open_folder_page,
-)

@@ -6,20 +6,18 @@ import numpy as np
 from bpy.props import EnumProperty, FloatVectorProperty
 from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 
-from ..core.data.errors import InputError
+from ..core.data.errors import InputError, UserError
 from ..core.data.takes import NO_MARKER, NO_POINT, PointRows
 from ..core.edits.kinds import AssignBlob, AssignPoint, Edit, Place
 from ..props import SCOPES
 from ..scene.blob_dots import asked_in_image, ray_of
 from ..scene.likely import on_ray, predicted
-from ..scene.opened import opened
 from ..scene.picking import missing
 from ..scene.stored import Stored
+from .base import OfTake, keeps_items, reports_trouble, taken
 from .correcting import correct, edit_of, frames_in_scope, marker_items
 from .gestures import gesture, is_over_view, place_in, window_region
 from .picking import InView, dot_at, image_in, selected_markers, show_picked
-from .polling import OfTake
-from .reporting import reports_trouble
 
 # Keys that change what is looked at, which go on meaning what they mean while dots are named.
 LOOKING = ("ARROW", "NUMPAD", "WHEEL", "MOUSE", "TRACKPAD", "TIMER", "HOME", "ACCENT_GRAVE", "NDOF", "WINDOW")
@@ -74,8 +72,7 @@ class WorksInView:
             return self.waited(context)
         if event.value == "PRESS" and (event.type, event.ctrl) in self.keys:
             gesture.mouse = place_in(self._region, event)
-            self._pressed = self.keys[event.type, event.ctrl]
-            return self._do(context)
+            return self._do(context, self.keys[event.type, event.ctrl])
         looks = any(event.type.startswith(word) or event.type.endswith(word) for word in LOOKING)
         return {"PASS_THROUGH"} if looks and event.type not in ("LEFTMOUSE", "RIGHTMOUSE") else {"RUNNING_MODAL"}
 
@@ -86,20 +83,18 @@ class WorksInView:
         """Something else happened, which goes on to whoever it is for."""
         return {"PASS_THROUGH"}
 
-    def _do(self, context) -> set[str]:
+    def _do(self, context, what: str) -> set[str]:
         """One of the keys was pressed; trouble is told, and the work goes on."""
-        result = self._tried(context)
-        return {"RUNNING_MODAL"} if result == {"CANCELLED"} else result
-
-    @reports_trouble
-    def _tried(self, context) -> set[str]:
-        return getattr(self, self._pressed)(context)
+        try:
+            return getattr(self, what)(context)
+        except UserError as error:
+            self.report({"ERROR"}, str(error))
+            return {"RUNNING_MODAL"}
 
 
 class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
     """Name dot after dot: you are asked for each marker that is missing in this frame, and click where it is."""
 
-    bl_idname = "mocap_autolabel.quick_label"
     bl_label = "Quick Label"
     bl_options = {"REGISTER"}
 
@@ -111,24 +106,21 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
         ("Z", True): "take_back",
     }
 
+    @reports_trouble
     def invoke(self, context, event):
         if not self.properties.is_property_set("scope"):
             self.scope = context.scene.mocap_autolabel.scope
         self._skipped: set[int] = set()
         self._said: list[Edit] = []
         self._last = -1
-        self._event = event
-        return self._begun(context)
-
-    @reports_trouble
-    def _begun(self, context) -> set[str]:
-        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+        stored = taken(context)
         if not isinstance(stored.rows, PointRows):
             camera_of(context, stored, context.area)
-        self.begin(context, self._event)
-        if self._ask(context):
-            return {"RUNNING_MODAL"}
-        return {"FINISHED"}
+        self.begin(context, event)
+        return self._asked_for_next(context)
+
+    def _asked_for_next(self, context) -> set[str]:
+        return {"RUNNING_MODAL"} if self._ask(context) else {"FINISHED"}
 
     def waited(self, context) -> set[str]:
         # The frame may be another one now, and what is missing in it.
@@ -142,7 +134,7 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
 
     def _ask(self, context) -> bool:
         """Asks for the next marker that is missing; without one it ends, and says so."""
-        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+        stored = taken(context)
         self._asked_in = context.scene.frame_current
         marker = self._next(context, stored)
         if marker is None:
@@ -176,7 +168,7 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
 
     def click(self, context) -> set[str]:
         """The dot at the pointer is the marker that is asked for."""
-        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+        stored = taken(context)
         dots, found = dot_at(context, stored, self._area, gesture.mouse)
         if found is None or dots.trajectory[found] == NO_POINT:
             raise InputError("no dot is there; expected a click on one")
@@ -188,32 +180,30 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
         self._said.append(edit)
         bpy.ops.ed.undo_push(message=f"Label {name}")
         self._last = gesture.marker
-        return {"RUNNING_MODAL"} if self._ask(context) else {"FINISHED"}
+        return self._asked_for_next(context)
 
     def skip(self, context) -> set[str]:
         """The marker is not there."""
         self._skipped.add(gesture.marker)
         self._last = gesture.marker
-        return {"RUNNING_MODAL"} if self._ask(context) else {"FINISHED"}
+        return self._asked_for_next(context)
 
     def take_back(self, context) -> set[str]:
         """The last name that was given is taken back, and asked for again."""
-        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+        stored = taken(context)
         if not self._said or not len(stored.edits) or stored.edits[-1] != self._said[-1]:
             raise InputError("no name was given yet; expected one to take back")
         name = self._said.pop().marker
         show_picked(context, correct(context, stored.edits.without(-1)), [])
         bpy.ops.ed.undo_push(message=f"Take {name} Back")
         self._last = stored.names.index(name) - 1
-        return {"RUNNING_MODAL"} if self._ask(context) else {"FINISHED"}
+        return self._asked_for_next(context)
 
 
 class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
     """It is here: put the selected marker where it must be in this frame, though no point was seen."""
 
-    bl_idname = "mocap_autolabel.place_marker"
     bl_label = "It Is Here"
-    bl_options = {"REGISTER", "UNDO"}
 
     marker: EnumProperty(name="Marker", description="What is here", items=marker_items)
     location: FloatVectorProperty(name="Location", description="Where it is", subtype="TRANSLATION", unit="LENGTH")
@@ -223,25 +213,19 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
         ("NUMPAD_ENTER", False): "confirm",
     }
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         scene = context.scene
-        stored = opened.take(scene.mocap_autolabel.take, scene)
+        stored = taken(context)
         edit = Place(self.marker, stored.source_frame(scene.frame_current), tuple(map(float, self.location)))
         after = correct(context, stored.edits.added(edit))
         show_picked(context, after, [], [stored.names.index(self.marker)])
-        return {"FINISHED"}
-
-    def invoke(self, context, event):
-        if context.area is None or context.area.type != "VIEW_3D":
-            self.report({"ERROR"}, "this is no 3D view; expected one to click into")
-            return {"CANCELLED"}
-        self._event, self._at = event, None
-        return self._begun(context)
 
     @reports_trouble
-    def _begun(self, context) -> set[str]:
-        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+    def invoke(self, context, event):
+        if context.area is None or context.area.type != "VIEW_3D":
+            raise InputError("this is no 3D view; expected one to click into")
+        self._at = None
+        stored = taken(context)
         index = index_here(stored, context.scene)
         free = [stored.names[marker] for marker in np.flatnonzero(missing(stored, index))]
         if not self.properties.is_property_set("marker"):
@@ -250,7 +234,7 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
                 return bpy.ops.mocap_autolabel.place_which("INVOKE_DEFAULT")
             self.marker = (names or free)[0]
         marker = stored.names.index(self.marker)
-        self.begin(context, self._event)
+        self.begin(context, event)
         gesture.marker, self._stored = marker, stored
         self._near = predicted(stored, index)[marker]
         if not np.isfinite(self._near).all():
@@ -311,25 +295,20 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_place_which(InView, bpy.types.Operator):
     """Choose which of the missing markers is here."""
 
-    bl_idname = "mocap_autolabel.place_which"
     bl_label = "It Is Here"
     bl_property = "marker"
 
+    @keeps_items
     def _missing(self, context) -> list[tuple[str, str, str, str, int]]:
         """The markers that are missing in this frame, for an enumeration."""
-        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+        stored = taken(context)
         names = {stored.names[at] for at in np.flatnonzero(missing(stored, index_here(stored, context.scene)))}
-        _kept_missing[:] = [item for item in marker_items(self, context) if item[0] in names]
-        return _kept_missing
+        return [item for item in marker_items(self, context) if item[0] in names]
 
     marker: EnumProperty(name="Marker", description="What is here", items=_missing)
 
-    def invoke(self, context, event):
-        self._event = event
-        return self._asked(context)
-
     @reports_trouble
-    def _asked(self, context) -> set[str]:
+    def invoke(self, context, event):
         if not self._missing(context):
             raise InputError("every marker is there; expected a frame in which one is missing")
         context.window_manager.invoke_search_popup(self)
@@ -337,14 +316,3 @@ class MOCAP_AUTOLABEL_OT_place_which(InView, bpy.types.Operator):
 
     def execute(self, context):
         return bpy.ops.mocap_autolabel.place_marker("INVOKE_DEFAULT", marker=self.marker)
-
-
-# Blender keeps no reference to the texts of a dynamic enumeration; they must outlive the drawing.
-_kept_missing: list[tuple[str, str, str, str, int]] = []
-
-
-CLASSES = (
-    MOCAP_AUTOLABEL_OT_quick_label,
-    MOCAP_AUTOLABEL_OT_place_marker,
-    MOCAP_AUTOLABEL_OT_place_which,
-)

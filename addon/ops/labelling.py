@@ -49,10 +49,10 @@ from ..scene.take import (
     join_unedited,
     takes_of,
 )
+from .base import lacks_object_mode
 from .filling import fills_kept, kept_before
 from .framing import fit_timelines, show_take_whole
 from .importing import cameras_at_hand
-from .polling import TellsWhyNot, lacks_object_mode
 from .reposing import follow_soon
 from .stepping import WorksInSteps
 
@@ -63,31 +63,31 @@ MIRROR_HERE = "by Mirror in the options of Import 3D Points"
 def job_of(context: bpy.types.Context) -> LabelJob:
     """What the scene's settings ask for, of blobs or of points; InputError when something is missing."""
     settings = context.scene.mocap_autolabel
-    points = bool(settings.points_path)
-    if not points and not settings.blobs_path:
+    given, labelling, asked = settings.source, settings.labelling, subjects_asked(settings.subjects)
+    points = bool(given.points_path)
+    if not points and not given.blobs_path:
         raise InputError("no blobs are chosen; expected a file of camera blobs")
-    asked = subjects_asked(settings)
-    source = Path(bpy.path.abspath(settings.points_path or settings.blobs_path))
+    source = Path(bpy.path.abspath(given.points_path or given.blobs_path))
     return LabelJob(
         source=source,
-        cameras=None if points else scene_cameras.cameras_of(settings.cameras, context.scene),
+        cameras=None if points else scene_cameras.cameras_of(given.cameras, context.scene),
         **asked,
         out=Path(),
-        frames=frames_wanted(settings),
-        method=settings.method,
-        target=settings.target,
-        up=settings.points_up or None if points else None,
-        mirror=points and settings.points_mirror,
+        frames=frames_wanted(labelling),
+        method=labelling.method or "auto",  # none of an older version's that is gone
+        target=labelling.target,
+        up=given.up or None if points else None,
+        mirror=points and given.mirror,
         use=USE_POINTS if points else USE_BLOBS,
-        rate=settings.rate,
-        height=settings.height if settings.use_height else None,
-        facing=settings.facing if settings.use_facing else None,
-        occlusion=settings.occlusion,
+        rate=given.rate,
+        height=labelling.height if labelling.use_height else None,
+        facing=labelling.facing if labelling.use_facing else None,
+        occlusion=labelling.occlusion,
         body=None if points else _body_in_the_way(context, settings, asked["model"]),
         edits=edits_so_far(context.scene, source),
         keep=True,
         shown=True,
-        force=settings.forced,
+        force=given.forced,
     )
 
 
@@ -96,35 +96,35 @@ def choose_job(settings: SceneSettings, job: LabelJob, ends: tuple[int, int]):
 
     What it labels, who is asked for, and how names are found; nothing of the take has been counted.
     """
-    file = str(job.source)
-    settings.points_path, settings.blobs_path = (file, "") if job.use == USE_POINTS else ("", file)
-    settings.points_up, settings.blob_count, settings.trajectories = job.up or "", 0, 0
-    settings.points_mirror, settings.forced = job.mirror, job.force
-    settings.first_frame, settings.last_frame = ends
-    settings.use_range, (settings.range_first, settings.range_last) = True, job.frames
-    settings.rate, settings.method, settings.target = job.rate or settings.rate, job.method, job.target
-    settings.occlusion = job.casts
+    source, subjects, labelling, file = settings.source, settings.subjects, settings.labelling, str(job.source)
+    source.points_path, source.blobs_path = (file, "") if job.use == USE_POINTS else ("", file)
+    source.up, source.blob_count, source.trajectories = job.up or "", 0, 0
+    source.mirror, source.forced, source.rate = job.mirror, job.force, job.rate or source.rate
+    source.first_frame, source.last_frame = ends
+    labelling.use_range, (labelling.range_first, labelling.range_last) = True, job.frames
+    labelling.method, labelling.target, labelling.occlusion = job.method, job.target, job.casts
     for name, value in (("height", job.height), ("facing", job.facing)):
-        setattr(settings, f"use_{name}", value is not None)
+        setattr(labelling, f"use_{name}", value is not None)
         if value is not None:
-            setattr(settings, name, value)
-    choose_model(settings, job.model)
-    settings.performing = "LISTED" if job.wearers else {1: "ONE", AUTO: "AUTO"}.get(job.subjects, "SO_MANY")
-    if settings.performing == "SO_MANY":
-        settings.performer_count = job.subjects
+            setattr(labelling, name, value)
+    choose_model(subjects, job.model)
+    subjects.performing = "LISTED" if job.wearers else {1: "ONE", AUTO: "AUTO"}.get(job.subjects, "SO_MANY")
+    if subjects.performing == "SO_MANY":
+        subjects.performer_count = job.subjects
     if job.wearers:
-        settings.performers.clear()
+        subjects.performers.clear()
     for number, (name, model) in enumerate(job.wearers):
-        row = settings.performers.add()
+        row = subjects.performers.add()
         row.name, row.colour = name, usual_colour(number)
         choose_model(row, model)
 
 
 def _body_in_the_way(context: bpy.types.Context, settings: SceneSettings, model: str) -> Occlusion | None:
     """The meshes on the skeleton that the user named; None for those of the marker sets' capsules, as of several."""
-    if settings.body is None or settings.occlusion != "bvh" or settings.performing != "ONE":
+    body = settings.labelling.body
+    if body is None or settings.labelling.occlusion != "bvh" or settings.subjects.performing != "ONE":
         return None
-    return occlusion_of(context, settings.body, meshes_on(settings.body, context.scene), open_markerset(model))
+    return occlusion_of(context, body, meshes_on(body, context.scene), open_markerset(model))
 
 
 def edits_so_far(scene: bpy.types.Scene, source: Path) -> Edits | None:
@@ -183,7 +183,7 @@ def lacks_room_to_label(context: bpy.types.Context) -> str:
     return lacks_object_mode(context) or (going_on if context.window_manager.mocap_autolabel.doing else "")
 
 
-class LabelsTake(TellsWhyNot, WorksInSteps):
+class LabelsTake(WorksInSteps):
     """Operators that label, and show the take as the scene's settings have it."""
 
     doing = "Labelling"
@@ -192,8 +192,8 @@ class LabelsTake(TellsWhyNot, WorksInSteps):
         if context.mode != "OBJECT":  # where the user went meanwhile
             bpy.ops.object.mode_set(mode="OBJECT")
         settings = context.scene.mocap_autolabel
-        take = replace(take, **kept_before(context.scene, take.source), colours=colours_asked(settings))
-        settings.take = show_again(context, take, settings.keep_unnamed, whole=not settings.use_range)
+        take = replace(take, **kept_before(context.scene, take.source), colours=colours_asked(settings.subjects))
+        settings.take = show_again(context, take, whole=not settings.labelling.use_range)
         keep_health(settings.take, take.doubts)
         follow_soon()  # frames around those that were labelled may have been corrected a moment before
         refresh_review(context.window_manager, context.scene)
@@ -219,9 +219,7 @@ class LabelsTake(TellsWhyNot, WorksInSteps):
 class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
     """Name every marker of the take, and show it on an armature with a body."""
 
-    bl_idname = "mocap_autolabel.label"
     bl_label = "Label"
-    bl_options = {"REGISTER", "UNDO"}
     force: BoolProperty(
         name="Regardless",
         description="Name markers although something of the take cannot be as it is, for as long as it is this take",
@@ -237,9 +235,9 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
     @classmethod
     def lacks(cls, context):
         settings = context.scene.mocap_autolabel
-        if not settings.points_path and not cameras_at_hand(context.scene):
+        if not settings.source.points_path and not cameras_at_hand(context.scene):
             return "Import the calibration of the cameras first, or 3D points"
-        if not settings.points_path and not settings.blobs_path:
+        if not settings.source.points_path and not settings.source.blobs_path:
             return "Import the blobs first, or 3D points"
         return lacks_room_to_label(context)
 
@@ -247,11 +245,11 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
         """The labelling; what the take is refused for stays beside the button where something can be done about it."""
         settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
         if self.everybody:
-            settings.performing = "AUTO"
-        settings.forced |= self.force
+            settings.subjects.performing = "AUTO"
+        settings.source.forced |= self.force
         state.refused = ""
         job = job_of(context)
-        return _remembering(state, job, label_steps(job, take_name(settings)))
+        return _remembering(state, job, label_steps(job, take_name(settings.source)))
 
 
 def _remembering(state, job: LabelJob, work: Generator[float, None, Take]) -> Generator[float, None, Take]:
@@ -265,6 +263,3 @@ def _remembering(state, job: LabelJob, work: Generator[float, None, Take]) -> Ge
         if ASK_HERE in error.message:
             state.crowded = written(str(job.source))
         raise
-
-
-CLASSES = (MOCAP_AUTOLABEL_OT_label,)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import bpy
 from bpy.props import EnumProperty, StringProperty
-from bpy_extras.io_utils import ExportHelper, ImportHelper
+from bpy_extras.io_utils import ImportHelper
 
 from ..core.data.errors import InputError
 from ..core.points.models import Model
@@ -16,21 +16,17 @@ from ..prefs import markerset_folder
 from ..props import OWN_FILE, chosen_markerset
 from ..scene import naming
 from ..scene.markerset_edit import edited_collection, is_unmoved, read_markerset, reattach, show_markerset, skeleton_of
-from .polling import TellsWhyNot, lacks_object_mode
-from .reporting import reports_trouble
-
-# Blender keeps no reference to the texts of a dynamic enumeration.
-_kept_segments: list[tuple[str, str, str]] = []
+from .base import Ours, ToldWhere, keeps_items, lacks_object_mode
 
 
+@keeps_items
 def _segment_items(_self, context) -> list[tuple[str, str, str]]:
     collection = edited_collection(context.scene)
     bones = skeleton_of(collection).data.bones if collection else ()
-    _kept_segments[:] = [(bone.name, bone.name, f"Attach to {bone.name}") for bone in bones]
-    return _kept_segments
+    return [(bone.name, bone.name, f"Attach to {bone.name}") for bone in bones]
 
 
-class Laid(TellsWhyNot):
+class Laid(Ours):
     """Needs a marker set that is laid out."""
 
     @classmethod
@@ -38,50 +34,42 @@ class Laid(TellsWhyNot):
         return "Show a marker set first" if edited_collection(context.scene) is None else ""
 
 
-class MOCAP_AUTOLABEL_OT_open_markerset(bpy.types.Operator, ImportHelper):
+class MOCAP_AUTOLABEL_OT_open_markerset(Ours, ImportHelper, bpy.types.Operator):
     """Choose a marker set file of your own."""
 
-    bl_idname = "mocap_autolabel.open_markerset"
     bl_label = "Open Marker Set"
-    bl_options = {"REGISTER", "UNDO"}
 
     filter_glob: StringProperty(default=f"*{SUFFIX}", options={"HIDDEN"})
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         settings = context.scene.mocap_autolabel
         markerset = open_markerset(self.filepath)
-        settings.markerset, settings.markerset_path = OWN_FILE, self.filepath
+        settings.subjects.markerset, settings.subjects.markerset_path = OWN_FILE, self.filepath
         self.report({"INFO"}, f"{markerset.name}: {len(markerset)} markers")
-        return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_edit_markerset(TellsWhyNot, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_edit_markerset(Ours, bpy.types.Operator):
     """Lay the marker set out in the rest pose, to move its markers and capsules and attach them to other bones."""
 
-    bl_idname = "mocap_autolabel.edit_markerset"
     bl_label = "Show and Edit"
-    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def lacks(cls, context):
         return lacks_object_mode(context)
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         settings = context.scene.mocap_autolabel
-        markerset = chosen_markerset(settings)
-        source = settings.markerset_path if settings.markerset == OWN_FILE else settings.markerset
+        markerset = chosen_markerset(settings.subjects)
+        source = (
+            settings.subjects.markerset_path if settings.subjects.markerset == OWN_FILE else settings.subjects.markerset
+        )
         show_markerset(context, markerset, source)
-        return {"FINISHED"}
 
 
 class MOCAP_AUTOLABEL_OT_reattach(Laid, bpy.types.Operator):
     """Attach the selected markers and capsules to another segment, where they stand."""
 
-    bl_idname = "mocap_autolabel.reattach"
     bl_label = "Attach to Segment"
-    bl_options = {"REGISTER", "UNDO"}
     bl_property = "segment"
 
     segment: EnumProperty(name="Segment", description="The segment that carries them", items=_segment_items)
@@ -95,38 +83,33 @@ class MOCAP_AUTOLABEL_OT_reattach(Laid, bpy.types.Operator):
         context.window_manager.invoke_search_popup(self)
         return {"RUNNING_MODAL"}
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         collection = edited_collection(context.scene)
         armature, ours = skeleton_of(collection), set(collection.all_objects)
         chosen = [item for item in context.selected_objects if item in ours and item != armature]
         for item in chosen:
             reattach(item, armature, self.segment)
         self.report({"INFO"}, f"{len(chosen)} attached to {self.segment}")
-        return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_save_markerset(Laid, ExportHelper, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_save_markerset(ToldWhere, Laid, bpy.types.Operator):
     """Save the marker set that is laid out as one of your own, and choose it."""
 
-    bl_idname = "mocap_autolabel.save_markerset"
     bl_label = "Save Marker Set"
     bl_options = {"REGISTER"}
 
     filename_ext = SUFFIX
     filter_glob: StringProperty(default=f"*{SUFFIX}", options={"HIDDEN"})
 
-    def invoke(self, context, event):
-        if not self.filepath:
-            base = Path(edited_collection(context.scene)[naming.EDITED]).name.removesuffix(SUFFIX)
-            self.filepath = str(markerset_folder(create=True) / f"my_{base.removeprefix('my_')}{SUFFIX}")
-        return ExportHelper.invoke(self, context, event)
+    def proposed(self, context) -> Path:
+        """In the folder of own marker sets, called after the one that it was made from."""
+        base = Path(edited_collection(context.scene)[naming.EDITED]).name.removesuffix(SUFFIX)
+        return markerset_folder(create=True) / f"my_{base.removeprefix('my_')}{SUFFIX}"
 
     def check(self, context):
         return False
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         collection, path = edited_collection(context.scene), Path(self.filepath)
         if not path.name.endswith(SUFFIX):
             path = path.with_name(path.name.removesuffix(".json") + SUFFIX)
@@ -139,14 +122,5 @@ class MOCAP_AUTOLABEL_OT_save_markerset(Laid, ExportHelper, bpy.types.Operator):
         with whole_file(path, overwrite=True) as temporary:
             write_model(temporary, Model(markerset, learned))
         settings = context.scene.mocap_autolabel
-        settings.markerset, settings.markerset_path = OWN_FILE, str(path)
+        settings.subjects.markerset, settings.subjects.markerset_path = OWN_FILE, str(path)
         self.report({"INFO"}, f"Saved {path}")
-        return {"FINISHED"}
-
-
-CLASSES = (
-    MOCAP_AUTOLABEL_OT_open_markerset,
-    MOCAP_AUTOLABEL_OT_edit_markerset,
-    MOCAP_AUTOLABEL_OT_reattach,
-    MOCAP_AUTOLABEL_OT_save_markerset,
-)

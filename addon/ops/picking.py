@@ -21,9 +21,8 @@ from ..scene.opened import opened
 from ..scene.picking import Dots, combined, dots_of, inside_box, inside_lasso, nearest, to_region
 from ..scene.stored import Stored
 from ..scene.take import holds_points, is_take
-from .gestures import gesture, is_over_view, place_in, window_region
-from .polling import OfTake
-from .reporting import reports_trouble
+from .base import OfTake, reports_trouble, taken
+from .gestures import gesture, place_in, window_region
 
 PICK_RADIUS = 20.0  # px of the interface from the mouse to a dot that is meant, as for Blender's own picking of points
 LASSO_STEP = 3.0  # px that the pointer moves between two corners of a lasso
@@ -183,39 +182,38 @@ class InView(OfTake):
         return super().poll(context) and context.area is not None and context.area.type == "VIEW_3D"
 
 
-class PicksInView(InView):
-    """Operators that pick in a 3D view."""
+class Picks(OfTake):
+    """Operators that pick dots."""
 
     bl_options = {"INTERNAL"}
-    mode: EnumProperty(name="Mode", description="What becomes of what was picked before", items=MODES)
+    mode: EnumProperty(
+        name="Mode", description="What becomes of what was picked before", items=MODES, options={"SKIP_SAVE"}
+    )
 
 
-class MOCAP_AUTOLABEL_OT_pick(PicksInView, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_pick(Picks, bpy.types.Operator):
     """Pick the dot that you point at; beside all dots, nothing."""
 
-    bl_idname = "mocap_autolabel.pick"
     bl_label = "Pick"
 
-    def invoke(self, context, event):
-        self._mouse = place_in(window_region(context.area), event)
-        return self._picked(context)
+    point: IntProperty(name="Number", description="A trajectory's, or a blob's row", min=0, options={"SKIP_SAVE"})
 
     @reports_trouble
-    def _picked(self, context) -> set[str]:
-        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
-        dots, found = dot_at(context, stored, context.area, self._mouse)
+    def invoke(self, context, event):
+        stored = taken(context)
+        dots, found = dot_at(context, stored, context.area, place_in(window_region(context.area), event))
         if found is not None or self.mode == "SET":
-            chosen = np.zeros(len(dots), dtype=bool)
-            chosen[[] if found is None else found] = True
+            chosen = np.arange(len(dots)) == (-1 if found is None else found)
             _pick_dots(context, stored, dots, chosen, self.mode)
         context.area.tag_redraw()
-        return {"FINISHED"}
+
+    def work(self, context):
+        pick(context, taken(context), self.point, self.mode)
 
 
-class MOCAP_AUTOLABEL_OT_pick_region(PicksInView, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_pick_region(Picks, bpy.types.Operator):
     """Pick the dots in a box or a lasso that you draw."""
 
-    bl_idname = "mocap_autolabel.pick_region"
     bl_label = "Pick Dots in a Region"
 
     shape: EnumProperty(
@@ -242,9 +240,9 @@ class MOCAP_AUTOLABEL_OT_pick_region(PicksInView, bpy.types.Operator):
             self._draw(place_in(self._region, event))
         if event.type == "LEFTMOUSE" and event.value == "RELEASE":
             self._draw(place_in(self._region, event))
-            self._outline = list(gesture.outline)
+            outline = np.array(gesture.outline, dtype=float)
             self.cancel(context)
-            return self._picked(context)
+            return self._picked(context, outline)
         return {"RUNNING_MODAL"}
 
     def cancel(self, context):
@@ -261,86 +259,19 @@ class MOCAP_AUTOLABEL_OT_pick_region(PicksInView, bpy.types.Operator):
         self._area.tag_redraw()
 
     @reports_trouble
-    def _picked(self, context) -> set[str]:
-        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
+    def _picked(self, context, outline: np.ndarray):
+        stored = taken(context)
         dots, places = dots_in_view(context, stored, self._area)
-        if self.shape == "BOX":
-            found = inside_box(places, self._outline[0], self._outline[2])
-        else:
-            found = inside_lasso(places, np.array(self._outline, dtype=float))
+        box = self.shape == "BOX"
+        found = inside_box(places, outline[0], outline[2]) if box else inside_lasso(places, outline)
         _pick_dots(context, stored, dots, found, self.mode)
-        return {"FINISHED"}
 
 
 class MOCAP_AUTOLABEL_OT_pick_none(OfTake, bpy.types.Operator):
     """Pick nothing any more."""
 
-    bl_idname = "mocap_autolabel.pick_none"
     bl_label = "Pick Nothing"
     bl_options = {"INTERNAL"}
 
-    @reports_trouble
-    def execute(self, context):
-        show_picked(context, opened.take(context.scene.mocap_autolabel.take, context.scene), [])
-        return {"FINISHED"}
-
-
-class MOCAP_AUTOLABEL_OT_pick_point(OfTake, bpy.types.Operator):
-    """Click a point, or a blob through its camera: what has a name is selected as its marker."""
-
-    bl_idname = "mocap_autolabel.pick_point"
-    bl_label = "Pick a Point"
-    bl_options = {"REGISTER", "UNDO"}
-
-    point: IntProperty(name="Number", description="A trajectory's, or a blob's row", min=0, options={"SKIP_SAVE"})
-    mode: EnumProperty(
-        name="Mode", description="What becomes of what was picked before", items=MODES, options={"SKIP_SAVE"}
-    )
-
-    @reports_trouble
-    def execute(self, context):
-        scene = context.scene
-        pick(context, opened.take(scene.mocap_autolabel.take, scene), self.point, self.mode)
-        return {"FINISHED"}
-
-    def invoke(self, context, event):
-        if context.area is None or context.area.type != "VIEW_3D":
-            self.report({"ERROR"}, "this is no 3D view; expected one to click into")
-            return {"CANCELLED"}
-        context.window.cursor_modal_set("EYEDROPPER")
-        context.workspace.status_text_set("Click a point. Esc cancels")
-        context.window_manager.modal_handler_add(self)
-        return {"RUNNING_MODAL"}
-
-    def modal(self, context, event):
-        if event.type in ("ESC", "RIGHTMOUSE"):
-            self.cancel(context)
-            return {"CANCELLED"}
-        over = is_over_view(context.area, event)
-        if event.type != "LEFTMOUSE" or event.value != "PRESS" or not over:
-            return {"PASS_THROUGH"}  # meanwhile the view can be turned and the time changed
-        self.cancel(context)
-        self._mouse = place_in(window_region(context.area), event)
-        return self._clicked(context)
-
-    def cancel(self, context):
-        context.window.cursor_modal_restore()
-        context.workspace.status_text_set(None)
-
-    @reports_trouble
-    def _clicked(self, context) -> set[str]:
-        """Picks what is nearest to the mouse."""
-        stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
-        dots, found = dot_at(context, stored, context.area, self._mouse)
-        if found is None or dots.trajectory[found] == NO_POINT:
-            raise InputError("no dot is there; expected a click on one")
-        self.point = int(dots.trajectory[found])
-        return self.execute(context)
-
-
-CLASSES = (
-    MOCAP_AUTOLABEL_OT_pick,
-    MOCAP_AUTOLABEL_OT_pick_region,
-    MOCAP_AUTOLABEL_OT_pick_none,
-    MOCAP_AUTOLABEL_OT_pick_point,
-)
+    def work(self, context):
+        show_picked(context, taken(context), [])

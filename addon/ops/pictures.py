@@ -24,10 +24,9 @@ from ..jobs.pictures import (
 )
 from ..scene import cameras as scene_cameras
 from ..scene.clip_tracks import blobs_of_clips, clip_of, keep_lens
+from .base import Ours
 from .calibration import free_path
 from .importing import cameras_at_hand, take_blobs
-from .polling import TellsWhyNot
-from .reporting import reports_trouble
 from .stepping import WorksInSteps
 
 BLOBS_ENDING = ".blobs.csv"
@@ -65,12 +64,10 @@ class CountsPixels:
         return Path(bpy.path.abspath(self.out)) if self.out else free_path(beside, BLOBS_ENDING)
 
 
-class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, TellsWhyNot, WorksInSteps, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, WorksInSteps, bpy.types.Operator):
     """Find bright round spots in movies or image sequences of the calibrated cameras, a file or folder for each."""
 
-    bl_idname = "mocap_autolabel.find_blobs"
     bl_label = "Blobs from Pictures"
-    bl_options = {"REGISTER", "UNDO"}
 
     doing = "Finding blobs"
     _asked = False
@@ -111,13 +108,13 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, TellsWhyNot, WorksInSteps, bpy
     def steps(self, context) -> Generator[float, None, dict]:
         """The finding."""
         scene, settings = context.scene, context.scene.mocap_autolabel
-        cameras = scene_cameras.cameras_of(settings.cameras, scene)
+        cameras = scene_cameras.cameras_of(settings.source.cameras, scene)
         pictures = pictures_by_camera([(None, path) for path in self._chosen(cameras.names)], cameras.names)
         job = PicturesJob(
             pictures,
             cameras,
             self.target(next(iter(pictures.values()))),
-            first_pixel=self.first_of(settings.cameras),
+            first_pixel=self.first_of(settings.source.cameras),
             overwrite=bool(self.out),
             spots=SpotOptions(threshold=self.threshold or None, min_area=self.min_area, max_area=self.max_area),
         )
@@ -150,12 +147,10 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, TellsWhyNot, WorksInSteps, bpy
         return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_import_clip_tracks(CountsPixels, TellsWhyNot, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_import_clip_tracks(CountsPixels, Ours, bpy.types.Operator):
     """Take the tracks of the movie clips of the scene's cameras as blobs."""
 
-    bl_idname = "mocap_autolabel.import_clip_tracks"
     bl_label = "Blobs from Clip Tracks"
-    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def lacks(cls, context):
@@ -163,17 +158,16 @@ class MOCAP_AUTOLABEL_OT_import_clip_tracks(CountsPixels, TellsWhyNot, bpy.types
             return "This scene has no cameras"
         return "" if len(bpy.data.movieclips) else "Open the movie clips and track them first"
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         scene, settings = context.scene, context.scene.mocap_autolabel
-        own = not cameras_at_hand(scene) or scene_cameras.is_adopted(settings.cameras)
-        items = scene.objects if not cameras_at_hand(scene) else settings.cameras.all_objects
+        own = not cameras_at_hand(scene) or scene_cameras.is_adopted(settings.source.cameras)
+        items = scene.objects if not cameras_at_hand(scene) else settings.source.cameras.all_objects
         items = [item for item in items if item.type == "CAMERA"]
         clips = _clips_of(items, scene)
         if own:
             for name, clip in clips.items():
                 keep_lens(next(item for item in items if scene_cameras.camera_name(item) == name), clip)
-        collection = settings.cameras if cameras_at_hand(scene) else scene_cameras.adopt_cameras(scene)
+        collection = settings.source.cameras if cameras_at_hand(scene) else scene_cameras.adopt_cameras(scene)
         cameras = scene_cameras.cameras_of(collection, scene)
         used = {cameras.names.index(name): clip for name, clip in clips.items()}
         for index, clip in used.items():
@@ -184,10 +178,9 @@ class MOCAP_AUTOLABEL_OT_import_clip_tracks(CountsPixels, TellsWhyNot, bpy.types
         path = self.target(Path(bpy.path.abspath(first.filepath)))
         with whole_file(path, bool(self.out)) as temporary:
             write_blobs(temporary, blobs, cameras)
-        settings.cameras = collection
+        settings.source.cameras = collection
         _use(context, path, first.fps)
         self.report({"INFO"}, f"{count_of(len(blobs), 'blob')} of {count_of(len(used), 'clip')}, in {path.name}")
-        return {"FINISHED"}
 
 
 def _clips_of(cameras: list[bpy.types.Object], scene: bpy.types.Scene) -> dict[str, bpy.types.MovieClip]:
@@ -197,11 +190,11 @@ def _clips_of(cameras: list[bpy.types.Object], scene: bpy.types.Scene) -> dict[s
     """
     named = {scene_cameras.camera_name(camera): clip_of(camera, scene) for camera in cameras}
     found = {name: clip for name, clip in named.items() if clip is not None}
-    taken = {clip.name for clip in found.values()}
+    in_use = {clip.name for clip in found.values()}
     for clip in bpy.data.movieclips:
         path = Path(bpy.path.abspath(clip.filepath))
         left = [name for name in named if name not in found]
-        if clip.name not in taken and left and _is_of_camera(path, left):
+        if clip.name not in in_use and left and _is_of_camera(path, left):
             found[camera_in(path, left)] = clip
     if len({clip.name for clip in found.values()}) < len(found):
         raise InputError("two cameras have the same clip; expected a clip for each camera")
@@ -221,7 +214,7 @@ def _is_of_camera(path: Path, names: tuple[str, ...] | list[str]) -> bool:
 def _use(context: bpy.types.Context, path: Path, rate: float | None):
     """Makes a file of blobs the scene's take, at the rate of its pictures."""
     settings = context.scene.mocap_autolabel
-    settings.rate = rate or settings.rate
+    settings.source.rate = rate or settings.source.rate
     take_blobs(context, path)
 
 
@@ -232,6 +225,3 @@ def _shares(work: Generator) -> Generator[float, None, dict]:
             yield next(work).fraction
         except StopIteration as end:
             return end.value
-
-
-CLASSES = (MOCAP_AUTOLABEL_OT_find_blobs, MOCAP_AUTOLABEL_OT_import_clip_tracks)

@@ -27,13 +27,12 @@ from ..scene.playing import (
 )
 from ..scene.relabelled import keep_changes
 from ..scene.take import SHIFT
+from .base import Ours
 from .importing import forget_take
 from .labelling import LabelsTake, choose_job, edits_so_far, label_steps, lacks_room_to_label
-from .polling import TellsWhyNot
-from .reporting import reports_trouble
 
 
-class OfPlayed(TellsWhyNot):
+class OfPlayed(Ours):
     """Operators on a take that plays from a file."""
 
     take: StringProperty(name="Take", description="Its collection; empty for the first", options={"SKIP_SAVE"})
@@ -57,13 +56,11 @@ class OfPlayed(TellsWhyNot):
 class MOCAP_AUTOLABEL_OT_next_suspect(OfPlayed, bpy.types.Operator):
     """Go to the next frames of the take that its report says to look at."""
 
-    bl_idname = "mocap_autolabel.next_suspect"
     bl_label = "Next to Look at"
 
     back: BoolProperty(name="Back", description="To those before", options={"SKIP_SAVE"})
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         scene = context.scene
         now = scene.frame_current
         rows = suspects_of(self.played(context))
@@ -82,9 +79,7 @@ class MOCAP_AUTOLABEL_OT_next_suspect(OfPlayed, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
     """Label a part of the take again, with keys, to correct it: the preview range, or ten seconds about here."""
 
-    bl_idname = "mocap_autolabel.open_part"
     bl_label = "Open Part"
-    bl_options = {"REGISTER", "UNDO"}
 
     first: IntProperty(name="From", description="First frame, where both are said", options={"SKIP_SAVE"})
     last: IntProperty(name="To", description="Last frame, where both are said", options={"SKIP_SAVE"})
@@ -144,7 +139,7 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
         settings, played = context.scene.mocap_autolabel, self.played(context)
         forget_take(context)
         if self._job.cameras is not None:
-            settings.cameras = scene_cameras.find_or_add_cameras(context.scene, self._job.cameras)
+            settings.source.cameras = scene_cameras.find_or_add_cameras(context.scene, self._job.cameras)
         choose_job(settings, self._job, self._ends)
         done = super()._show(context, take)
         played.hide_viewport = True  # the part moves in the same place
@@ -159,9 +154,7 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_find_motion(OfPlayed, bpy.types.Operator):
     """Find the file that the take plays from again: beside the Blender file, else where you say."""
 
-    bl_idname = "mocap_autolabel.find_motion"
     bl_label = "Find Motion"
-    bl_options = {"REGISTER", "UNDO"}
 
     filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE"})
     filter_glob: StringProperty(default="*.pc2", options={"HIDDEN"})
@@ -175,14 +168,12 @@ class MOCAP_AUTOLABEL_OT_find_motion(OfPlayed, bpy.types.Operator):
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         path = Path(bpy.path.abspath(self.filepath)) if self.filepath else self._beside(context)
         if path is None:
             raise InputError("the motion is not beside the Blender file; expected it there, or its file")
         find_motion(self.played(context), path)
         context.scene.frame_set(context.scene.frame_current)
-        return {"FINISHED"}
 
     def _beside(self, context: bpy.types.Context) -> Path | None:
         """The file of this take in the Blender file's folder, None where it is not there."""
@@ -196,6 +187,3 @@ class MOCAP_AUTOLABEL_OT_find_motion(OfPlayed, bpy.types.Operator):
         except InputError:
             return None
         return path
-
-
-CLASSES = (MOCAP_AUTOLABEL_OT_next_suspect, MOCAP_AUTOLABEL_OT_open_part, MOCAP_AUTOLABEL_OT_find_motion)

@@ -6,24 +6,20 @@ from collections.abc import Generator
 import bpy
 from bpy.props import IntProperty
 
-from ..core.data.background import drained, in_background
+from ..io.json_text import json_text
 from ..io.models import open_model
-from ..io.quality import quality_text
 from ..jobs.quality import judge_placement
 from ..scene import naming
 from ..scene.markerset_edit import edited_collection, read_markerset
 from ..scene.quality import keep_report, locked_markers, take_advice
 from .markersets import Laid
-from .reporting import reports_trouble
-from .stepping import WorksInSteps
+from .stepping import WorksInSteps, beside
 
 
 class MOCAP_AUTOLABEL_OT_judge_markers(Laid, WorksInSteps, bpy.types.Operator):
     """Find out which markers are easily taken for each other, and what to move; a locked location stays as it is."""
 
-    bl_idname = "mocap_autolabel.judge_markers"
     bl_label = "Judge Placement"
-    bl_options = {"REGISTER", "UNDO"}
 
     doing = "Judging the markers"
 
@@ -36,7 +32,7 @@ class MOCAP_AUTOLABEL_OT_judge_markers(Laid, WorksInSteps, bpy.types.Operator):
         if collection is None:
             self.report({"WARNING"}, "The marker set was put away meanwhile")
             return {"CANCELLED"}
-        keep_report(collection, quality_text(result))
+        keep_report(collection, json_text(result) + "\n")
         poor = sum(pair["separation"] < result["goal"] for pair in result["pairs"])
         self.report({"INFO"}, f"{poor} ambiguous pairs, {len(result['advice'])} changes advised")
         return {"FINISHED"}
@@ -48,22 +44,15 @@ def judge_steps(scene: bpy.types.Scene) -> Generator[float, None, dict]:
     model = open_model(bpy.path.abspath(collection[naming.EDITED]))
     base, keep = model.markerset, locked_markers(collection)
     markerset = read_markerset(collection, base, base.name)
-    return in_background(lambda tell: drained(judge_placement(markerset, base, model.likelihood, keep=keep), tell))
+    return beside(judge_placement(markerset, base, model.likelihood, keep=keep))
 
 
 class MOCAP_AUTOLABEL_OT_take_advice(Laid, bpy.types.Operator):
     """Put the marker where it is advised to be."""
 
-    bl_idname = "mocap_autolabel.take_advice"
     bl_label = "Put It There"
-    bl_options = {"REGISTER", "UNDO"}
 
     number: IntProperty(name="Number", description="Which advice of the list", default=1, min=1)
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         take_advice(edited_collection(context.scene), self.number)
-        return {"FINISHED"}
-
-
-CLASSES = (MOCAP_AUTOLABEL_OT_judge_markers, MOCAP_AUTOLABEL_OT_take_advice)

@@ -25,7 +25,7 @@ from ..scene.stored import Stored
 from ..scene.take import is_take
 from .stepping import BUDGET, TICK
 
-# What poses the active take anew: the take, by the session's number of its collection and the digests of its labels,
+# What poses the active take again: the take, by the session's number of its collection and the digests of its labels,
 # and the work.
 _going_on: list[tuple[tuple[int, bytes], Generator[None, None, None]]] = []
 
@@ -41,7 +41,7 @@ def _set_of(context: bpy.types.Context, stored: Stored, performer: Performer) ->
     if performer.model in builtin_markersets():
         paths.insert(0, markerset_file(performer.model))
     with suppress(InputError):
-        paths.insert(0, markerset_file(chosen_model(row_of(context.scene.mocap_autolabel, performer.name))))
+        paths.insert(0, markerset_file(chosen_model(row_of(context.scene.mocap_autolabel.subjects, performer.name))))
     markers = tuple(performer.own_name(name) for name in stored.names[performer.marker_rows])
     for path in paths:
         with suppress(InputError):
@@ -58,7 +58,7 @@ def _read(path: Path, _changed: int) -> MarkerSet:
 
 
 def _reposing(context: bpy.types.Context, collection: bpy.types.Collection) -> Generator[None, None, None]:
-    """Poses the take anew; the first step puts the body of the current frame there."""
+    """Poses the take again; the first step puts the body of the current frame there."""
     scene, stored = context.scene, opened.take(collection, context.scene)
     markersets = sets_of(context, stored)
     frames, markers = stored.motion.frames + stored.shift, stored.unfilled.markers
@@ -106,19 +106,19 @@ def _lacking(context: bpy.types.Context) -> str:
     return lacks_to_repose(context, collection)
 
 
-def follow_seen():
-    """Puts the body of the frame that is seen in its place, before anything is drawn: no redraw is waited for."""
-    if not bpy.app.background:
+def follow_soon(seen: bool = False):
+    """Lets the body follow the labels: beside the window, without one at once.
+
+    With `seen` the body of the current frame is there before anything is drawn: no redraw is waited for.
+    """
+    if bpy.app.background:
+        if is_behind(bpy.context) and not _lacking(bpy.context):
+            follow_now(bpy.context)
+        return
+    if seen:
         _follow()
-
-
-def follow_soon():
-    """Lets the body follow the labels: beside the window, without one at once."""
-    if not bpy.app.background:
-        if not bpy.app.timers.is_registered(_follow):
-            bpy.app.timers.register(_follow, first_interval=0.0)
-    elif is_behind(bpy.context) and not _lacking(bpy.context):
-        follow_now(bpy.context)
+    if not bpy.app.timers.is_registered(_follow):
+        bpy.app.timers.register(_follow, first_interval=0.0)
 
 
 def follow_now(context: bpy.types.Context):

@@ -11,14 +11,12 @@ from ..core.edits.kinds import AssignPoint, Edit, Swap, UnlabelMarker
 from ..core.review.trouble import DELETE, FILL, LABEL, NAME_IT, REFINE, RIGHT, SWAP, UNLABEL, Trouble
 from ..props import list_trouble
 from ..scene.cameras import camera_name
-from ..scene.opened import opened
 from ..scene.stored import Stored
 from ..scene.trouble import trouble_of
+from .base import WithTake, taken
 from .correcting import correct
 from .framing import bring_into_view
 from .picking import dots_here, show_picked
-from .polling import WithTake
-from .reporting import reports_trouble
 
 # The operators for what no edit mends; a button is there where the operator is.
 ELSEWHERE = {
@@ -78,7 +76,7 @@ def places_of(trouble: Trouble, stored: Stored, frame: int) -> np.ndarray:
 def show(context: bpy.types.Context, trouble: Trouble):
     """Goes to the first frame of a trouble, selects what it is about and brings that into every 3D view."""
     scene = context.scene
-    stored = opened.take(scene.mocap_autolabel.take, scene)
+    stored = taken(context)
     context.window_manager.mocap_autolabel.trouble_shown = trouble.reason
     frame = trouble.first
     if not len(places_of(trouble, stored, frame)) and trouble.last > frame:
@@ -93,7 +91,7 @@ def _select(context: bpy.types.Context, trouble: Trouble, stored: Stored):
     """Picks the markers and trajectories of a trouble, and selects its cameras."""
     if context.mode != "OBJECT":
         return
-    scene, cameras = context.scene, context.scene.mocap_autolabel.cameras
+    scene, cameras = context.scene, context.scene.mocap_autolabel.source.cameras
     markers = [stored.words[name] for name in trouble.markers if name in stored.words]
     show_picked(context, stored, _points_of(scene, trouble, stored, markers), markers)
     for item in cameras.all_objects if cameras is not None and trouble.cameras else ():
@@ -113,14 +111,12 @@ def _points_of(scene: bpy.types.Scene, trouble: Trouble, stored: Stored, markers
 
 def say(context: bpy.types.Context, edits: list[Edit]):
     """Adds edits to those of the active take, and shows what follows."""
-    scene = context.scene
-    correct(context, opened.take(scene.mocap_autolabel.take, scene).edits.added(*edits))
+    correct(context, taken(context).edits.added(*edits))
 
 
 class OfTrouble(WithTake):
     """Operators on one line of the list of what is the matter with the active take."""
 
-    bl_options = {"REGISTER", "UNDO"}
     index: IntProperty(name="Index", description="Which of the list, from 0", min=0, options={"SKIP_SAVE"})
 
     def trouble(self, context: bpy.types.Context) -> Trouble:
@@ -134,27 +130,22 @@ class OfTrouble(WithTake):
 class MOCAP_AUTOLABEL_OT_show_trouble(OfTrouble, bpy.types.Operator):
     """Go to the frame, select what is meant, light it up and bring it into view."""
 
-    bl_idname = "mocap_autolabel.show_trouble"
     bl_label = "Show"
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         trouble = self.trouble(context)
         context.window_manager.mocap_autolabel.trouble_index = self.index
         show(context, trouble)
-        return {"FINISHED"}
 
 
 class MOCAP_AUTOLABEL_OT_next_trouble(OfTrouble, bpy.types.Operator):
     """Go to the next trouble that is listed and open."""
 
-    bl_idname = "mocap_autolabel.next_trouble"
     bl_label = "Next Trouble"
 
     back: BoolProperty(name="Back", description="To the one before", options={"SKIP_SAVE"})
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         list_trouble()  # after a correction it comes a moment later, and its lines would not be those of the take
         state = context.window_manager.mocap_autolabel
         listed = [number for number, row in enumerate(state.troubles) if is_listed(state, row) and not row.answered]
@@ -172,25 +163,20 @@ class MOCAP_AUTOLABEL_OT_next_trouble(OfTrouble, bpy.types.Operator):
 
 
 class MOCAP_AUTOLABEL_OT_accept_trouble(OfTrouble, bpy.types.Operator):
-    """Say that it was looked at and is right as it is: it is not asked again, whatever is labelled anew."""
+    """Say that it was looked at and is right as it is: it is not asked again, whatever is labelled again."""
 
-    bl_idname = "mocap_autolabel.accept_trouble"
     bl_label = "It Is Right"
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         say(context, self.trouble(context).answers())
-        return {"FINISHED"}
 
 
 class MOCAP_AUTOLABEL_OT_mend_trouble(OfTrouble, bpy.types.Operator):
     """Do what is advised."""
 
-    bl_idname = "mocap_autolabel.mend_trouble"
     bl_label = "Do That"
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         trouble = self.trouble(context)
         if edits := mending(trouble):
             say(context, edits)
@@ -209,11 +195,3 @@ def is_listed(state: bpy.types.PropertyGroup, row: bpy.types.PropertyGroup) -> b
     done = state.trouble_done == "ALL" or row.answered == (state.trouble_done == "DONE")
     # A name may hold blanks itself.
     return of_kind and done and (not state.trouble_marker or f" {state.trouble_marker} " in f" {row.name} ")
-
-
-CLASSES = (
-    MOCAP_AUTOLABEL_OT_show_trouble,
-    MOCAP_AUTOLABEL_OT_next_trouble,
-    MOCAP_AUTOLABEL_OT_accept_trouble,
-    MOCAP_AUTOLABEL_OT_mend_trouble,
-)

@@ -11,19 +11,20 @@ from typing import Any
 
 import bpy
 
+from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError
 from ..core.data.progress import finished
 from ..scene.redrawing import redraw
-from .reporting import reports_trouble
+from .base import Ours, reports_trouble
 
 BUDGET = 0.1  # s of work between two looks at the keyboard
 TICK = 0.02  # s
-TELL_EVERY = 0.25  # s between two words on how far it is: Blender draws the whole window anew for each
+TELL_EVERY = 0.25  # s between two words on how far it is: Blender draws the whole window again for each
 TELLING_AFTER, TELLING_FROM = 3.0, 0.02  # s and share of the work from which on its end can be told
 ASKED_FROM = 10.0  # s of work that is not given up unasked; paper: Miller 1968, people who wait longer turn away
 
 
-class WorksInSteps:
+class WorksInSteps(Ours):
     """An operator whose `steps` yields how much is done (0 to 1) and returns what `_show` puts into the scene.
 
     Nothing of Blender is touched before `_show`, so that cancelling leaves nothing behind and undo is one step.
@@ -40,8 +41,7 @@ class WorksInSteps:
     def _show(self, context: bpy.types.Context, result: Any) -> set[str]:
         raise NotImplementedError
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         return self._show(context, finished(self.steps(context)))
 
     def invoke(self, context, event):
@@ -123,6 +123,11 @@ class WorksInSteps:
         self._timer = None
 
 
+def beside(job: Generator) -> Generator[float, None, Any]:
+    """A job, done beside the window: it touches nothing of Blender. Yields how much is done (0 to 1)."""
+    return in_background(lambda tell: drained(job, tell))
+
+
 def ends_work(context: bpy.types.Context, event: bpy.types.Event) -> bool:
     """Whether an event is Esc meant for the work: pressed over a 3D view, and not to stop what plays."""
     if event.type != "ESC" or event.value != "PRESS" or event.is_repeat:
@@ -144,10 +149,9 @@ def time_left(spent: float, fraction: float) -> str:
     return f"{max(round(seconds), 1)} s" if seconds < 90 else f"{round(seconds / 60)} min"
 
 
-class MOCAP_AUTOLABEL_OT_cancel(bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_cancel(Ours, bpy.types.Operator):
     """Stop what is going on; nothing of it stays, so more than ten seconds of work are asked about."""
 
-    bl_idname = "mocap_autolabel.cancel"
     bl_label = "Cancel"
     bl_options = {"INTERNAL"}
 
@@ -163,9 +167,5 @@ class MOCAP_AUTOLABEL_OT_cancel(bpy.types.Operator):
             confirm_text="Throw It Away",
         )
 
-    def execute(self, context):
+    def work(self, context):
         context.window_manager.mocap_autolabel.cancelled = True
-        return {"FINISHED"}
-
-
-CLASSES = (MOCAP_AUTOLABEL_OT_cancel,)

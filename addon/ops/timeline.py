@@ -7,12 +7,12 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
 
 from ..core.data.takes import NO_MARKER
-from ..scene.opened import opened
 from ..scene.redrawing import redraw
 from ..scene.take import is_take
 from ..scene.trajectories import FOLDED, KeptRows, Runs
+from .base import Ours, WithTake, taken
+from .framing import fit_timelines
 from .picking import picked_points, selected_markers, show_picked
-from .polling import WithTake
 
 SCRUB_HEIGHT, ROW_HEIGHT, LEGEND_HEIGHT = (
     24,
@@ -36,14 +36,12 @@ def timeline_shown(context: bpy.types.Context) -> bool:
     """Whether the rows lie over the editor of the context."""
     space, settings = context.space_data, context.scene.mocap_autolabel
     over = space is not None and space.type == "DOPESHEET_EDITOR" and space.mode == "DOPESHEET"
-    return over and settings.show_timeline and is_take(settings.take)
+    return over and settings.display.show_timeline and is_take(settings.take)
 
 
 def shown_runs(context: bpy.types.Context) -> Runs:
     """The rows of the active take."""
-    scene = context.scene
-    stored = opened.take(scene.mocap_autolabel.take, scene)
-    return _kept.runs(stored, context.window_manager.mocap_autolabel.timeline_unfolded)
+    return _kept.runs(taken(context), context.window_manager.mocap_autolabel.timeline_unfolded)
 
 
 @dataclass(frozen=True)
@@ -100,7 +98,7 @@ def frame_at(region: bpy.types.Region, x: float) -> int:
     return round(region.view2d.region_to_view(x, 0)[0])
 
 
-class OnTimeline:
+class OnTimeline(Ours):
     """Operators in an editor that shows the rows; elsewhere their keys are Blender's."""
 
     @classmethod
@@ -108,10 +106,9 @@ class OnTimeline:
         return timeline_shown(context)
 
 
-class MOCAP_AUTOLABEL_OT_timeline_pick(bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_timeline_pick(Ours, bpy.types.Operator):
     """Go to this frame of a marker or trajectory and pick it, or select a range of frames by dragging."""
 
-    bl_idname = "mocap_autolabel.timeline_pick"
     bl_label = "Pick in the Timeline"
     bl_options = {"UNDO"}  # with REGISTER, its panel would lie over the legend
 
@@ -127,7 +124,7 @@ class MOCAP_AUTOLABEL_OT_timeline_pick(bpy.types.Operator):
     def poll(cls, context):
         return is_take(context.scene.mocap_autolabel.take) and context.mode == "OBJECT"
 
-    def execute(self, context):
+    def work(self, context):
         scene = context.scene
         if self.first != self.last:
             select_range(scene, self.first, self.last)
@@ -137,9 +134,8 @@ class MOCAP_AUTOLABEL_OT_timeline_pick(bpy.types.Operator):
         points = picked_points(context) if self.extend else []
         markers += [self.marker] if self.marker else []
         points += [self.trajectory] if self.trajectory >= 0 else []
-        stored = opened.take(scene.mocap_autolabel.take, scene)
+        stored = taken(context)
         show_picked(context, stored, points, [stored.names.index(name) for name in markers if name in stored.names])
-        return {"FINISHED"}
 
 
 def select_range(scene: bpy.types.Scene, first: int, last: int):
@@ -153,7 +149,6 @@ def select_range(scene: bpy.types.Scene, first: int, last: int):
 class MOCAP_AUTOLABEL_OT_timeline_click(OnTimeline, bpy.types.Operator):
     """Click a row to go there and pick; drag along it to select a range; a click on the short ones unfolds them."""
 
-    bl_idname = "mocap_autolabel.timeline_click"
     bl_label = "Pick or Select a Range in the Timeline"
     bl_options = {"INTERNAL"}
 
@@ -237,7 +232,6 @@ class MOCAP_AUTOLABEL_OT_timeline_click(OnTimeline, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_timeline_scroll(OnTimeline, bpy.types.Operator):
     """Scroll the rows."""
 
-    bl_idname = "mocap_autolabel.timeline_scroll"
     bl_label = "Scroll the Timeline"
     bl_options = {"INTERNAL"}
 
@@ -253,10 +247,9 @@ class MOCAP_AUTOLABEL_OT_timeline_scroll(OnTimeline, bpy.types.Operator):
             return {"PASS_THROUGH"}
         return self.execute(context)
 
-    def execute(self, context):
+    def work(self, context):
         region = next(region for region in context.area.regions if region.type == "WINDOW")
         scroll_by(context, region, self.rows)
-        return {"FINISHED"}
 
 
 def scroll_by(context: bpy.types.Context, region: bpy.types.Region, rows: float):
@@ -271,7 +264,6 @@ def scroll_by(context: bpy.types.Context, region: bpy.types.Region, rows: float)
 class MOCAP_AUTOLABEL_OT_timeline_pan(OnTimeline, bpy.types.Operator):
     """Drag the rows and the time, as in any of Blender's editors."""
 
-    bl_idname = "mocap_autolabel.timeline_pan"
     bl_label = "Pan the Timeline"
     bl_options = {"INTERNAL"}
 
@@ -301,51 +293,30 @@ class MOCAP_AUTOLABEL_OT_timeline_pan(OnTimeline, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_show_timeline(WithTake, bpy.types.Operator):
     """Show every trajectory as a row over time, in a Dope Sheet: the one that there is, or the timeline made one."""
 
-    bl_idname = "mocap_autolabel.show_timeline"
     bl_label = "Show in the Dope Sheet"
     bl_options = {"REGISTER"}
 
-    def execute(self, context):
-        context.scene.mocap_autolabel.show_timeline = True
+    def work(self, context):
+        context.scene.mocap_autolabel.display.show_timeline = True
         areas = [area for area in context.screen.areas if area.type == "DOPESHEET_EDITOR"] if context.screen else []
         if areas and not any(area.spaces.active.mode == "DOPESHEET" for area in areas):
             area = max(areas, key=lambda area: area.width * area.height)
             area.ui_type = "DOPESHEET"
             area.spaces.active.show_region_channels = True
-            frame_take(context, area)
+            fit_timelines(context)
         if not areas:
             self.report({"INFO"}, "Open a Dope Sheet to see it")
-        return {"FINISHED"}
-
-
-def frame_take(context: bpy.types.Context, area: bpy.types.Area):
-    """Lets a Dope Sheet show the scene's frames from the first to the last."""
-    region = next(region for region in area.regions if region.type == "WINDOW")
-    with context.temp_override(area=area, region=region):
-        if bpy.ops.action.view_all.poll():
-            bpy.ops.action.view_all()
 
 
 class MOCAP_AUTOLABEL_OT_timeline_keys(OnTimeline, bpy.types.Operator):
     """Keys that lie below the rows are not seen, and follow the labels: what would change them does nothing here."""
 
-    bl_idname = "mocap_autolabel.timeline_keys"
     bl_label = "Leave the Keys Below"
     bl_options = {"INTERNAL"}
 
-    def execute(self, context):
+    def work(self, context):
         self.report({"INFO"}, "The markers' keys follow the labels. Turn Trajectories off to edit keys by hand")
-        return {"FINISHED"}
 
-
-CLASSES = (
-    MOCAP_AUTOLABEL_OT_timeline_pick,
-    MOCAP_AUTOLABEL_OT_timeline_click,
-    MOCAP_AUTOLABEL_OT_timeline_scroll,
-    MOCAP_AUTOLABEL_OT_timeline_pan,
-    MOCAP_AUTOLABEL_OT_timeline_keys,
-    MOCAP_AUTOLABEL_OT_show_timeline,
-)
 
 # Of each event: its type, its modifiers, the operator of MOCAP_AUTOLABEL and its properties.
 _CLICKS = (

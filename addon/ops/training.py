@@ -13,7 +13,6 @@ import numpy as np
 from bpy.props import CollectionProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
-from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError
 from ..core.data.takes import Points
 from ..core.data.wording import count_of
@@ -24,32 +23,27 @@ from ..io.names import written
 from ..io.points import read_points, write_c3d
 from ..prefs import markerset_folder, taught_by
 from ..props import ReviewState, SceneSettings, choose_own, chosen_markerset, chosen_model, own_model
-from ..scene.opened import opened
 from ..scene.stored import Stored
+from .base import Ours, lacks_one_performer, lacks_take, remove_chosen, taken
 from .importing import POINTS, ReadsPoints
-from .polling import TellsWhyNot, lacks_one_performer, lacks_take
-from .reporting import reports_trouble
-from .stepping import WorksInSteps
+from .stepping import WorksInSteps, beside
 
 if TYPE_CHECKING:  # with all that can be learned, which nobody who starts waits for
     from ..jobs.train import TrainJob
     from ..jobs.training_takes import TakeFile
 
 
-class MOCAP_AUTOLABEL_OT_add_training_takes(ReadsPoints, bpy.types.Operator, ImportHelper):
+class MOCAP_AUTOLABEL_OT_add_training_takes(ReadsPoints, Ours, ImportHelper, bpy.types.Operator):
     """Choose labelled takes to learn from, C3D, TRC, Motive CSV or Qualisys QTM; one is enough to begin with."""
 
-    bl_idname = "mocap_autolabel.add_training_takes"
     bl_label = "Add Labelled Takes"
-    bl_options = {"REGISTER", "UNDO"}
 
     filter_glob: StringProperty(default=POINTS, options={"HIDDEN"})
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
     directory: StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"})
 
-    @reports_trouble
-    def execute(self, context):
-        takes = context.scene.mocap_autolabel.training_takes
+    def work(self, context):
+        takes = context.scene.mocap_autolabel.training.takes
         named = [Path(self.directory, file.name) for file in self.files if file.name]
         paths = [path for path in named or [Path(self.filepath)] if str(path) not in {row.path for row in takes}]
         counts = {path: _named_markers(path, self.known_up, self.rate or None) for path in paths}
@@ -58,7 +52,6 @@ class MOCAP_AUTOLABEL_OT_add_training_takes(ReadsPoints, bpy.types.Operator, Imp
             row.name, row.path, row.markers, row.subject = path.name, str(path), count, path.resolve().parent.name
             row.up, row.rate = self.known_up or "", self.rate
         self.report({"INFO"}, f"{count_of(len(takes), 'take')} to learn from")
-        return {"FINISHED"}
 
 
 def _named_markers(path: Path, up: str | None, rate: float | None) -> int:
@@ -68,34 +61,27 @@ def _named_markers(path: Path, up: str | None, rate: float | None) -> int:
     return count
 
 
-class MOCAP_AUTOLABEL_OT_remove_training_take(bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_remove_training_take(Ours, bpy.types.Operator):
     """Learn without the take that is chosen in the list."""
 
-    bl_idname = "mocap_autolabel.remove_training_take"
     bl_label = "Remove Take from the List"
-    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context):
-        settings = context.scene.mocap_autolabel
-        return settings.training_take_index < len(settings.training_takes)
+    def lacks(cls, context):
+        return "" if len(context.scene.mocap_autolabel.training.takes) else "No take is in the list"
 
-    def execute(self, context):
-        settings = context.scene.mocap_autolabel
-        settings.training_takes.remove(settings.training_take_index)
-        settings.training_take_index = max(min(settings.training_take_index, len(settings.training_takes) - 1), 0)
-        return {"FINISHED"}
+    def work(self, context):
+        remove_chosen(context.scene.mocap_autolabel.training, "takes")
 
 
-class Trains(TellsWhyNot, WorksInSteps):
+class Trains(WorksInSteps):
     """What the trainings share: the marker set is chosen, and what is doubted of its takes is said."""
 
-    bl_options = {"REGISTER", "UNDO"}
     doing = "Training"
 
-    def _show(self, context, result: dict) -> set[str]:
+    def _show(self, context, result: dict):
         settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
-        choose_own(settings, Path(result["out"]))
+        choose_own(settings.subjects, Path(result["out"]))
         state.doubts.clear()
         for doubt in result["doubts"]:
             state.doubts.add().name = doubt
@@ -103,11 +89,10 @@ class Trains(TellsWhyNot, WorksInSteps):
         if state.candidate:
             words = f"{result['model']} is as it was: known takes are named worse. Look at it, and adopt it or not"
             self.report({"WARNING"}, words)
-            return {"FINISHED"}
+            return
         segments = len(result["body"]["segments"])
         again = f", {len(result['replaced'])} corrected takes replaced" if result["replaced"] else ""
         self.report({"INFO"}, f"{result['model']}: {len(result['markers'])} markers on {segments} segments{again}")
-        return {"FINISHED"}
 
 
 def show_differences(state: ReviewState, report: dict):
@@ -123,10 +108,9 @@ def show_differences(state: ReviewState, report: dict):
         state.differences.add().name = words
 
 
-class MOCAP_AUTOLABEL_OT_adopt_model(TellsWhyNot, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_adopt_model(Ours, bpy.types.Operator):
     """Use the marker set that was trained on although known takes are named worse; the former one is kept beside it."""
 
-    bl_idname = "mocap_autolabel.adopt_model"
     bl_label = "Adopt All the Same"
     bl_options = {"REGISTER"}
 
@@ -134,28 +118,25 @@ class MOCAP_AUTOLABEL_OT_adopt_model(TellsWhyNot, bpy.types.Operator):
     def lacks(cls, context):
         return "" if context.window_manager.mocap_autolabel.candidate else "Train a marker set on first"
 
-    @reports_trouble
-    def execute(self, context):
+    def work(self, context):
         from ..jobs.versions import adopt
 
         state = context.window_manager.mocap_autolabel
         out = adopt(Path(state.candidate))
         state.candidate = ""
         state.differences.clear()
-        choose_own(context.scene.mocap_autolabel, out)
+        choose_own(context.scene.mocap_autolabel.subjects, out)
         self.report({"INFO"}, f"{out.name.removesuffix(SUFFIX)} is the one that was trained on")
-        return {"FINISHED"}
 
 
 class MOCAP_AUTOLABEL_OT_train(Trains, bpy.types.Operator):
     """Learn a marker set of your own from the labelled takes, save it and choose it."""
 
-    bl_idname = "mocap_autolabel.train"
     bl_label = "Train"
 
     @classmethod
     def lacks(cls, context):
-        takes = context.scene.mocap_autolabel.training_takes
+        takes = context.scene.mocap_autolabel.training.takes
         return "" if any(not row.kept for row in takes) else "Add labelled takes first"
 
     def steps(self, context):
@@ -166,7 +147,6 @@ class MOCAP_AUTOLABEL_OT_train(Trains, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_learn_frame(Trains, bpy.types.Operator):
     """Learn a marker set of your own from the names in this frame: look first whether all of them are right."""
 
-    bl_idname = "mocap_autolabel.learn_frame"
     bl_label = "Learn from This Frame"
 
     @classmethod
@@ -177,14 +157,13 @@ class MOCAP_AUTOLABEL_OT_learn_frame(Trains, bpy.types.Operator):
     def steps(self, context):
         """The training."""
         scene = context.scene
-        stored = opened.take(scene.mocap_autolabel.take, scene)
+        stored = taken(context)
         return learn_steps(scene.mocap_autolabel, named_in_frame(stored, scene.frame_current), stored.name)
 
 
 class MOCAP_AUTOLABEL_OT_learn_take(Trains, bpy.types.Operator):
     """Learn from all of this take: names that you gave or answered, and those that nothing is asked about."""
 
-    bl_idname = "mocap_autolabel.learn_take"
     bl_label = "Learn from This Take"
 
     @classmethod
@@ -195,7 +174,7 @@ class MOCAP_AUTOLABEL_OT_learn_take(Trains, bpy.types.Operator):
     def steps(self, context):
         """The training."""
         scene = context.scene
-        stored = opened.take(scene.mocap_autolabel.take, scene)
+        stored = taken(context)
         return learn_take_steps(scene.mocap_autolabel, looked_at_of(stored))
 
 
@@ -225,8 +204,8 @@ def learn_take_steps(settings: SceneSettings, take: "TakeFile") -> Generator[flo
     """
     from ..jobs.train import TrainJob
 
-    base, body = own_model(settings), chosen_model(settings)
-    if set(take.names) != set(chosen_markerset(settings).markers):
+    base, body = own_model(settings.subjects), chosen_model(settings.subjects)
+    if set(take.names) != set(chosen_markerset(settings.subjects).markers):
         raise InputError("the chosen marker set is not the take's; expected the one that it was labelled by")
     name, out = (None, Path(base)) if base else _new_model(settings)
     job = TrainJob((), out, take.names, name, search="none", base=base, overwrite=bool(base), shown=(take,), body=body)
@@ -264,9 +243,9 @@ def train_steps(settings: SceneSettings) -> Generator[float, None, dict]:
     from ..jobs.train import TrainJob  # with all that can be learned, which nobody who starts waits for
     from ..jobs.training_takes import KnownBetter
 
-    base = own_model(settings) if settings.train_on else None
+    base = own_model(settings.subjects) if settings.training.train_on else None
     name, out = (None, Path(base)) if base else _new_model(settings)
-    rows = {Path(bpy.path.abspath(row.path)): row for row in settings.training_takes}
+    rows = {Path(bpy.path.abspath(row.path)): row for row in settings.training.takes}
     learned = {path: row for path, row in rows.items() if not row.kept}
     known = {path: KnownBetter(row.up or None, row.rate or None) for path, row in rows.items()}
     job = TrainJob(
@@ -294,25 +273,15 @@ def _trained(job: "TrainJob") -> Generator[float, None, dict]:
     """The training beside the window; returns its report."""
     from ..jobs.train import train_file
 
-    return in_background(lambda tell: drained(train_file(job), tell))
+    return beside(train_file(job))
 
 
 def _new_model(settings: SceneSettings) -> tuple[str, Path]:
     """The name of a marker set that is not there yet, and its file; InputError where it is, or is no name."""
-    name = settings.trained_name.strip()
+    name = settings.training.trained_name.strip()
     if not name or Path(name).name != name:
         raise InputError(f"{name!r} is no name for a marker set; expected one such as ours")
     out = markerset_folder(create=True) / (name + SUFFIX)
     if out.exists():
         raise InputError("is there already; expected another name, or that marker set chosen and trained on", out)
     return name, out
-
-
-CLASSES = (
-    MOCAP_AUTOLABEL_OT_add_training_takes,
-    MOCAP_AUTOLABEL_OT_remove_training_take,
-    MOCAP_AUTOLABEL_OT_train,
-    MOCAP_AUTOLABEL_OT_learn_frame,
-    MOCAP_AUTOLABEL_OT_learn_take,
-    MOCAP_AUTOLABEL_OT_adopt_model,
-)

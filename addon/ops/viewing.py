@@ -4,21 +4,20 @@
 import bpy
 from bpy.props import IntProperty, StringProperty
 
+from ..core.data.errors import InputError
 from ..props import refresh_review
 from ..scene import naming
 from ..scene.cameras import is_mocap_camera, look_through
 from ..scene.opened import opened
 from ..scene.ownership import persons_in
 from ..scene.take import is_take, remove_take
-from .polling import TellsWhyNot, lacks_object_mode
+from .base import Ours, lacks_object_mode
 
 
-class MOCAP_AUTOLABEL_OT_look_through(bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_look_through(Ours, bpy.types.Operator):
     """Look through this camera, with its own picture size and pixels."""
 
-    bl_idname = "mocap_autolabel.look_through"
     bl_label = "Look Through"
-    bl_options = {"REGISTER", "UNDO"}
 
     camera: StringProperty(name="Camera", description="Name of the camera object", options={"SKIP_SAVE"})
 
@@ -26,30 +25,25 @@ class MOCAP_AUTOLABEL_OT_look_through(bpy.types.Operator):
     def poll(cls, context):
         return context.scene is not None
 
-    def execute(self, context):
+    def work(self, context):
         camera = context.scene.objects.get(self.camera)
         if not is_mocap_camera(camera):
-            self.report(
-                {"ERROR"}, f"{self.camera or 'nothing'} is not a calibrated camera of this scene; expected one of those"
-            )
-            return {"CANCELLED"}
+            words = f"{self.camera or 'nothing'} is not a calibrated camera of this scene"
+            raise InputError(f"{words}; expected one of those")
         look_through(context.scene, camera)
         if context.space_data is not None and context.space_data.type == "VIEW_3D":
             context.space_data.region_3d.view_perspective = "CAMERA"
-        return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_jump(bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_jump(Ours, bpy.types.Operator):
     """Go to this frame, and select the marker if there is one to select."""
 
-    bl_idname = "mocap_autolabel.jump"
     bl_label = "Jump to Frame"
-    bl_options = {"REGISTER", "UNDO"}
 
     frame: IntProperty(name="Frame", description="Frame to go to")
     marker: StringProperty(name="Marker", description="Marker to select", options={"SKIP_SAVE"})
 
-    def execute(self, context):
+    def work(self, context):
         context.scene.frame_set(self.frame)
         collection = context.scene.mocap_autolabel.take
         if self.marker and is_take(collection) and context.mode == "OBJECT":
@@ -59,15 +53,12 @@ class MOCAP_AUTOLABEL_OT_jump(bpy.types.Operator):
                 if item.get(naming.MARKER) == self.marker:
                     item.select_set(True)
                     context.view_layer.objects.active = item
-        return {"FINISHED"}
 
 
-class MOCAP_AUTOLABEL_OT_clear(TellsWhyNot, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_clear(Ours, bpy.types.Operator):
     """Remove the labelled take from the scene; its cameras and blobs stay, and so does all that you made or changed."""
 
-    bl_idname = "mocap_autolabel.clear"
     bl_label = "Remove Take"
-    bl_options = {"REGISTER", "UNDO"}
 
     @classmethod
     def lacks(cls, context):
@@ -75,7 +66,7 @@ class MOCAP_AUTOLABEL_OT_clear(TellsWhyNot, bpy.types.Operator):
             return "There is no labelled take in this scene"
         return lacks_object_mode(context)
 
-    def execute(self, context):
+    def work(self, context):
         settings = context.scene.mocap_autolabel
         collection, settings.take = settings.take, None
         left = remove_take(collection)
@@ -83,7 +74,3 @@ class MOCAP_AUTOLABEL_OT_clear(TellsWhyNot, bpy.types.Operator):
         refresh_review(context.window_manager, context.scene)
         if left is not None:
             self.report({"INFO"}, f"What is yours is kept in {left.name}: {persons_in(left) or 'collections'}")
-        return {"FINISHED"}
-
-
-CLASSES = (MOCAP_AUTOLABEL_OT_look_through, MOCAP_AUTOLABEL_OT_jump, MOCAP_AUTOLABEL_OT_clear)

@@ -13,18 +13,16 @@ from ..core.edits.kinds import AssignPoint, Edit, Swap
 from ..scene.opened import opened
 from ..scene.performers import Performer, homes
 from ..scene.stored import Stored
+from .base import keeps_items
 from .correcting import Corrects
 from .picking import picked_points, selected_markers
 
-# Blender keeps no reference to the texts of a dynamic enumeration; they must outlive the drawing.
-_kept_people: list[tuple[str, str, str]] = []
 
-
+@keeps_items
 def people_items(_self, context) -> list[tuple[str, str, str]]:
     """The performers of the active take, for an enumeration."""
-    take = (context or bpy.context).scene.mocap_autolabel.take
-    _kept_people[:] = [] if take is None else [(name, name, "") for name in homes(take)]
-    return _kept_people
+    take = context.scene.mocap_autolabel.take
+    return [] if take is None else [(name, name, "") for name in homes(take)]
 
 
 def performer_of(stored: Stored, marker: int) -> Performer:
@@ -58,7 +56,6 @@ class ToldApart(Corrects):
 class MOCAP_AUTOLABEL_OT_other_performer(ToldApart, bpy.types.Operator):
     """Say that what is picked or selected is the other performer's, and what had that name there has this one."""
 
-    bl_idname = "mocap_autolabel.other_performer"
     bl_label = "It Is the Other One's"
     bl_property = "performer"
 
@@ -118,7 +115,6 @@ def within(stored: Stored, rows: np.ndarray, frames: tuple[int, int] | None) -> 
 class MOCAP_AUTOLABEL_OT_exchange_performers(ToldApart, bpy.types.Operator):
     """Say that two performers have each other's names: all markers that both wear are exchanged."""
 
-    bl_idname = "mocap_autolabel.exchange_performers"
     bl_label = "Exchange Performers"
 
     one: EnumProperty(name="One", description="Who has the other's names", items=people_items, options={"SKIP_SAVE"})
@@ -146,6 +142,3 @@ class MOCAP_AUTOLABEL_OT_exchange_performers(ToldApart, bpy.types.Operator):
         if not swaps:
             raise InputError("neither has a marker in these frames that both wear; expected frames in which one has")
         return swaps
-
-
-CLASSES = (MOCAP_AUTOLABEL_OT_other_performer, MOCAP_AUTOLABEL_OT_exchange_performers)

@@ -21,7 +21,7 @@ class KeyOptions:
                  one of its keys moved, which takes 7 ms of a processor for a million (5.2): with an action for all of
                  20,000 frames of 62 markers each correction would wait 35 ms for it. Takes of usual length fit in one
     most_single  keys of a curve that are moved one by one; for more it is quicker to give all of them their places
-    most_removed  keys of a curve that are taken away one by one, 2 µs each; for more it is quicker to make all anew
+    most_removed  keys of a curve that are taken away one by one, 2 µs each; for more it is quicker to make all again
     """
 
     most_keys: int = 500_000
@@ -143,7 +143,7 @@ def move(bag: bpy.types.ActionChannelbag, path: str, frames: np.ndarray, before:
     retyped = bool(kinds.any() or were.any()) and not np.array_equal(kinds, were)
     rows = np.flatnonzero(((was_at != now_at) & now[:, None]).any(axis=1))
     few = len(rows) <= KEYING.most_single and bool((was == now).all())
-    # The keys' handles, of which straight lines make nothing, stay until Blender sets them anew: `update`, which would,
+    # The keys' handles, of which straight lines make nothing, stay until Blender sets them: `update`, which would,
     # takes twice as long as all the rest.
     places = np.empty((int(now.sum()), 2), np.float32)
     places[:, 0] = frames[now]

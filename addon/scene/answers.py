@@ -7,10 +7,10 @@ in two cameras is there at once; the body follows by `reposing`.
 
 from dataclasses import fields, replace
 
-from ..core.data.takes import EditOutcome, Motion
+from ..core.data.takes import Motion
 from ..core.edits.blob_tracks import BlobTracks
 from ..core.edits.following_blobs import BlobFollowing, BlobGroup
-from ..core.edits.kinds import Edits, frames_of, kind_of
+from ..core.edits.kinds import Edits
 from ..core.geometry.measuring import measured_at, put_places
 from ..core.review.answering import unanswered_of_blobs, without_accepted
 from .stored import Stored
@@ -62,17 +62,6 @@ class BlobCorrecting:
         part = measured_at(part, blobs, group.labels, stored.cameras, group.touched)
         put_places(part, {(frame - group.frames.start, marker): xyz for (frame, marker), xyz in group.places.items()})
         return part
-
-
-def answered_blobs(stored: Stored, edits: Edits) -> Stored:
-    """A take of blobs without the doubts that its edits answer: as the first versions kept it, with edited labels."""
-    count = len(stored.motion.frames)
-    spans = [frames_of(edit) for edit in edits]
-    outcomes = tuple(
-        EditOutcome(kind_of(edit), count if span is None else span[1] - span[0] + 1)
-        for edit, span in zip(edits, spans, strict=True)
-    )
-    return replace(stored, suspects=_open(stored, edits), edits=edits, outcomes=outcomes)
 
 
 def _open(stored: Stored, edits: Edits) -> tuple:

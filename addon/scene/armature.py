@@ -14,6 +14,7 @@ from mathutils import Matrix
 
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import Motion
+from ..core.geometry.rotations import matrix_to_quaternion
 from ..core.points.motion import PosedFrames
 from . import animation
 from .sides import keep_sides
@@ -244,27 +245,11 @@ def _inverse(matrices: np.ndarray) -> np.ndarray:
 def _quaternions(matrices: np.ndarray) -> np.ndarray:
     """(F, 4) w x y z of rotations (F, 3, 3), each on the side of the one before so that in-betweens are short.
 
-    NaN stays NaN. The largest of the four is found first and the others from it (Shepperd's method).
+    NaN stays NaN.
     """
-    m = matrices
-    diagonal = np.diagonal(m, axis1=1, axis2=2)
-    trace = diagonal.sum(axis=1)
-    squares = np.column_stack([1 + trace, *(1 + 2 * diagonal - trace[:, None]).T])
-    largest = np.argmax(np.nan_to_num(squares, nan=0.0), axis=1)
-    products = np.empty((len(m), 4, 4))
-    products[:, range(4), range(4)] = squares
-    pairs = {
-        (0, 1): m[:, 2, 1] - m[:, 1, 2],
-        (0, 2): m[:, 0, 2] - m[:, 2, 0],
-        (0, 3): m[:, 1, 0] - m[:, 0, 1],
-        (1, 2): m[:, 0, 1] + m[:, 1, 0],
-        (1, 3): m[:, 0, 2] + m[:, 2, 0],
-        (2, 3): m[:, 1, 2] + m[:, 2, 1],
-    }
-    for (a, b), value in pairs.items():
-        products[:, a, b] = products[:, b, a] = value
-    chosen = products[np.arange(len(m)), largest]
-    quaternions = chosen / np.linalg.norm(chosen, axis=1, keepdims=True)
+    there = np.isfinite(matrices).all(axis=(1, 2))
+    quaternions = np.full((len(matrices), 4), np.nan)
+    quaternions[there] = matrix_to_quaternion(matrices[there])
     return quaternions * _signs(quaternions)[:, None]
 
 

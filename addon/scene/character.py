@@ -27,10 +27,8 @@ def take_armature(collection: bpy.types.Collection) -> bpy.types.Object:
 
 
 def character_in(collection: bpy.types.Collection, stored: Stored) -> Character:
-    """The character that a take's body is; InputError where it is no person's or too old a version labelled it."""
+    """The character that a take's body is; InputError where it is no person's."""
     armature = take_armature(collection)
-    if not stored.segments:
-        raise InputError(f"{stored.name} was labelled by an older version; expected a take that is labelled again")
     bones = [armature.data.bones.get(name) for name in stored.segments]
     if None in bones:
         gone = stored.segments[bones.index(None)]

@@ -19,13 +19,10 @@ from ..core.edits.replay import FREE
 from ..core.edits.rows import document_of, edits_of
 from ..core.review.answering import SAID, Answers, unanswered, without_accepted
 from ..core.review.suspects import called_by
-from .answers import BlobCorrecting, answered_blobs
+from .answers import BlobCorrecting
 from .stored import Stored
 
 EDITS = "mocap_edits"
-OWN_LABELS = (
-    "mocap_own_labels"  # of a take of blobs: its labels are the program's own, which the first versions had not
-)
 
 
 def text_of(edits: Edits) -> str:
@@ -35,8 +32,6 @@ def text_of(edits: Edits) -> str:
 
 def keep_edits(collection: bpy.types.Collection, edits: Edits):
     """Keeps the edits with the take that `collection` holds."""
-    if EDITS not in collection:
-        collection[OWN_LABELS] = True  # nobody said anything yet, so the labels follow from nothing else
     collection[EDITS] = text_of(edits)
 
 
@@ -108,11 +103,8 @@ def following_of(stored: Stored) -> PointCorrecting | BlobCorrecting:
 def edited(stored: Stored, edits: Edits, following: PointCorrecting | BlobCorrecting | None = None) -> Stored:
     """A take with its edits applied: labels, markers and what is left to look at; the body follows by `reposing`.
 
-    stored has the labels that the program gave, `following` is its own and makes one more edit quick. Where the labels
-    are not the program's own they stay as well: they were made with the edits.
+    stored has the labels that the program gave, `following` is its own and makes one more edit quick.
     """
-    if not stored.own_labels:
-        return answered_blobs(stored, edits)
     return (following or following_of(stored)).apply(stored, edits)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Filled gaps, kept with a take beside the labels and edits; the take as it is with them follows whenever it is read.
+"""Fills and smoothing, kept beside labels and edits; the take as it is with them follows whenever it is read.
 
 What was filled is no label and no edit: it lies in the file as a table of places and a text that says of what.
 """
@@ -15,11 +15,12 @@ import numpy as np
 from ..core.data.copies import Copies
 from ..core.data.errors import InputError
 from ..core.filling.kept import KeptFill, fills_by_marker, put_in_marker
+from ..core.filling.smoothing import smoothed
 from . import storage
 from .naming import title
 from .stored import Stored, moved_between
 
-FILLS, FILL_PATHS = "mocap_fills", "mocap_fill_paths"
+FILLS, FILL_PATHS, CUTOFF = "mocap_fills", "mocap_fill_paths", "mocap_smoothing"
 
 
 def keep_fills(collection: bpy.types.Collection, fills: Sequence[KeptFill]):
@@ -104,3 +105,23 @@ class FillsInTake:
 
 def _number(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
+
+
+def keep_cutoff(collection: bpy.types.Collection, cutoff: float | None):
+    """Keeps the cut-off, Hz, with the take that `collection` holds; None for none."""
+    if cutoff is not None:
+        collection[CUTOFF] = float(cutoff)
+    elif CUTOFF in collection:
+        del collection[CUTOFF]
+
+
+def kept_cutoff(collection: bpy.types.Collection) -> float | None:
+    """The cut-off, Hz, by which a take is smoothed; None where it is not."""
+    value = collection.get(CUTOFF)
+    return None if value is None else float(value)
+
+
+def smoothed_in(stored: Stored, cutoff: float) -> Stored:
+    """A take, its fills in it, as it is when it is smoothed; InputError where its rate has no room for the cut-off."""
+    motion = replace(stored.motion, markers=smoothed(stored.motion.markers, stored.rate, cutoff))
+    return replace(stored, measured=stored.unfilled, motion=motion, cutoff=cutoff)

@@ -11,7 +11,7 @@ from .picking import missing
 from .stored import Stored
 
 NEAREST = 6  # markers that a dot may well be: as many as a pie has pieces for, beside those for all names and for none
-NEAR_SECONDS = 5.0  # to each side: in more time a marker may have been placed anew, or the body was lost between
+NEAR_SECONDS = 5.0  # to each side: in more time a marker may have been placed again, or the body was lost between
 
 
 def predicted(stored: Stored, index: int) -> np.ndarray:

@@ -54,7 +54,7 @@ def show_marker(
     seen = motion.markers[:, index]
     unseen = not np.isfinite(seen).any()
     empty.location = _first_finite(motion.expected[:, index] if unseen else seen)
-    if empty.hide_viewport != unseen or empty.hide_render != unseen:  # Blender orders its whole scene anew for these
+    if empty.hide_viewport != unseen or empty.hide_render != unseen:  # Blender orders its whole scene again for these
         empty.hide_viewport = empty.hide_render = unseen
     bag = animation.channels(empty, action)
     if before is None or not animation.move(bag, "location", frames, before, (seen, filled)):

@@ -21,7 +21,7 @@ from .body import capsule_in_metres, capsule_place, capsule_shape
 
 @dataclass(frozen=True)
 class SkinOptions:
-    """How thick a mesh of flat faces is; reckoned.
+    """How thick a mesh of flat faces is; assumed.
 
     ball_steps     that a ball inside is made smaller by, until it touches two faces
     facets         a ball in flat faces touches them this much nearer than in the round body that they stand for

@@ -12,9 +12,8 @@ from ..core.edits.kinds import NO_EDITS, Edits
 from . import cameras as scene_cameras
 from .answers import BlobCorrecting
 from .corrections import PointCorrecting, edited, following_of, kept_edits, kept_text, text_of
-from .fills import FillsInTake, fills_text, kept_fills
+from .fills import FillsInTake, fills_text, kept_cutoff, kept_fills
 from .preview import holds_points, read_points_preview, read_preview
-from .smoothing import kept_cutoff
 from .stored import Stored
 from .take import POSE, ROWS, finished_take, unedited_take, with_kept_body
 
@@ -60,7 +59,7 @@ class Opened:
 
     def _edited(self, collection: bpy.types.Collection, scene: bpy.types.Scene, edits: Edits, text: str) -> Stored:
         key, before = _number_of(collection), self.unedited(collection, scene)
-        if key not in self.following and before.own_labels:
+        if key not in self.following:
             self.following[key] = following_of(before)
         after = edited(before, edits, self.following.get(key))
         self.edited[key] = (text, before, after)
@@ -69,7 +68,7 @@ class Opened:
     def make_ready(self, collection: bpy.types.Collection, scene: bpy.types.Scene):
         """Makes what the first corrections of a take would wait for, which of a long one is some 100 MB of memory."""
         before = self.unedited(collection, scene)
-        if _number_of(collection) in self.following or not before.own_labels:
+        if _number_of(collection) in self.following:
             return
         following = self.following[_number_of(collection)] = following_of(before)
         edits, shown = kept_edits(collection) or NO_EDITS, self.final.get(_number_of(collection))

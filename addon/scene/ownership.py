@@ -63,11 +63,11 @@ def _digest_of_keys(keys: np.ndarray) -> str:
 
 
 def is_keyed_by_us(item: bpy.types.Object) -> bool:
-    """Whether all keys of an object are those that the add-on noted; earlier versions noted none."""
+    """Whether all keys of an object are those that the add-on noted."""
     for curve in _curves(item):
         data, points = item.animation_data, curve.keyframe_points
         noted = data.action.get(KEYED, {}).get(_place_of(data.action_slot.handle, curve))
-        if noted is not None and noted != _digest_of_keys(numbers(points, "co", 2)):
+        if noted != _digest_of_keys(numbers(points, "co", 2)):
             return False
         if (numbers(points, "interpolation", 1, np.int32) != LINEAR).any():
             return False

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lets editors be drawn anew, in all windows."""
+"""Lets editors be drawn again, in all windows."""
 
 import bpy
 
 
 def redraw(editor: str, region: str = ""):
-    """Lets every editor of a type, such as VIEW_3D, be drawn anew; with `region` only its regions of that type."""
+    """Lets every editor of a type, such as VIEW_3D, be drawn again; with `region` only its regions of that type."""
     for area in (area for window in bpy.context.window_manager.windows for area in window.screen.areas):
         if area.type != editor:
             continue

@@ -20,7 +20,7 @@ CHANGES = "mocap_changes"
 MAX_KEPT = 500  # changes that a file keeps, the longest first: a list that a person reads
 
 
-def show_again(context: bpy.types.Context, take: Take, unnamed: bool, whole: bool) -> bpy.types.Collection:
+def show_again(context: bpy.types.Context, take: Take, whole: bool) -> bpy.types.Collection:
     """Shows a take in place of what the scene has of the same file in the same markers, which it is put into.
 
     What is a person's in its collection stays there, and what hung on the take or followed it does so again.
@@ -61,7 +61,7 @@ def show_again(context: bpy.types.Context, take: Take, unnamed: bool, whole: boo
                 remove_take(collection)
         else:
             collection.hide_viewport = True
-    shown = show_take(context, take, unnamed, place)
+    shown = show_take(context, take, place)
     put_in_place(former, shown)
     opened.forget()
     shown.hide_viewport = False
@@ -112,7 +112,7 @@ def kept_changes(collection: bpy.types.Collection) -> tuple[Change, ...]:
 
 
 def _same_markers(collection: bpy.types.Collection, take: Take, old: LabelledRange) -> bool:
-    # A set that was learned anew has the same name, and may have its markers in another order.
+    # A set that was learned again has the same name, and may have its markers in another order.
     names = tuple(json.loads(collection[MARKER_NAMES]))
     alike = collection[naming.MARKERSET] == take.markerset.name and names == take.markerset.markers
     return alike and can_merge(old, as_range(take))

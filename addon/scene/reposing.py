@@ -21,34 +21,29 @@ from . import armature as armatures
 from .body import fit_body
 from .performers import Performer, armatures_of, homes
 from .stored import Stored, digest_of
-from .take import SHOWN_BODY, keep_body, keeps_digests
+from .take import SHOWN_BODY, keep_body
 
 HALF_KEYED = "half keyed"  # what an action says whose keys are not all of one body
 
 
 def is_out_of_date(collection: bpy.types.Collection, stored: Stored) -> bool:
     """Whether the body that is shown is another than the labels of a take, as they are now, make."""
-    wanted = stored.body_digest if keeps_digests(collection) else ""
-    shown = (action.get(SHOWN_BODY, "") for action in _actions(collection).values())
-    return bool(stored.stale.any()) or any(digest != wanted for digest in shown)
+    shown = (action[SHOWN_BODY] for action in _actions(collection).values())
+    return bool(stored.stale.any()) or any(digest != stored.body_digest for digest in shown)
 
 
 def _actions(collection: bpy.types.Collection) -> dict[str, bpy.types.Action]:
-    """The actions that the armatures of a take were given, by performer: where a person put or keyed one it stays so.
-
-    Those of the first versions are known by their names.
-    """
+    """The actions that the armatures of a take were given, by performer, but those that a person changed."""
     found = {}
     for name, armature in armatures_of(collection):
         action = None if armature.animation_data is None else armature.animation_data.action
-        ours = action is not None and (SHOWN_BODY in action or action.name.startswith(collection.name))
-        if ours and ownership.is_keyed_by_us(armature):
+        if action is not None and SHOWN_BODY in action and ownership.is_keyed_by_us(armature):
             found[name] = action
     return found
 
 
 def lacks_to_repose(context: bpy.types.Context, collection: bpy.types.Collection) -> str:
-    """What to do before bones can be laid anew; empty where they can."""
+    """What to do before bones can be laid again; empty where they can."""
     if context.mode != "OBJECT":
         return "go to object mode"
     there = context.view_layer.objects

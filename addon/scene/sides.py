@@ -41,6 +41,5 @@ def keep_sides(armature: bpy.types.Object, markerset: MarkerSet):
 
 
 def kept_sides(armature: bpy.types.Object) -> dict[str, str]:
-    """The sides of an armature's segments; of one that knows none what their names say."""
-    names = [bone.name for bone in armature.data.bones]
-    return json.loads(armature.get(KEPT_SIDES, "{}")) or {name: side_in(name, names) for name in names}
+    """The sides of an armature's segments; nothing of one that does not say."""
+    return json.loads(armature.get(KEPT_SIDES, "{}"))

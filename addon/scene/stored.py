@@ -37,7 +37,6 @@ class Stored:
     cutoff    Hz, by which `motion` is smoothed; None where it is not
     placed    index of the frame and marker of each that a person placed
     held      which rows are the markers of a take of points by its edits, for telling what one more of them changes
-    own_labels  whether the labels are what the program gave before any edit; not so of blobs of the first versions
     posed_on  (F,) the digests of the labels that the body was posed on; None where there is no body
     """
 
@@ -87,7 +86,6 @@ class Stored:
 
     placed: tuple[tuple[int, int], ...] = ()
     held: Held | None = None
-    own_labels: bool = True
     posed_on: np.ndarray | None = None
 
     @cached_property

@@ -21,19 +21,17 @@ from . import armature as armatures
 from . import cameras as scene_cameras
 from . import markers as scene_markers
 from . import naming, ownership, storage
-from .adopting import adopt_take
 from .animation import TakeActions
 from .body import add_body
 from .cloud import FRAME, add_cloud, cloud_table
-from .corrections import OWN_LABELS, edited, keep_edits, kept_edits, kept_text, motion_of_labels
-from .fills import FILL_PATHS, FillsInTake, keep_fills, kept_fills
+from .corrections import edited, keep_edits, kept_edits, kept_text, motion_of_labels
+from .fills import FILL_PATHS, FillsInTake, keep_cutoff, keep_fills, kept_cutoff, kept_fills, smoothed_in
 from .performers import Colour, Performer, body_material, home_of, homes, performers_in_row, performers_of, rows_of
-from .smoothing import keep_cutoff, kept_cutoff, smoothed_in
 from .stored import Stored, digest_of, digests_of, moved_between
 
 ROWS, MOTION, POSE, FRAME_TABLE = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
-EXPECTED = "mocap_expected"  # files of the first versions have it with the motion
-POSED_ON = "posed_on"  # of a frame: the digest of the labels that the body was posed on; not in the first versions
+EXPECTED = "mocap_expected"
+POSED_ON = "posed_on"  # of a frame: the digest of the labels that the body was posed on
 SHOWN_BODY = "mocap_shown_body"  # on an action: the digest of the labels that the body was posed on that it shows
 RATE, SHIFT, SUSPECTS, SOURCE, MARKER_NAMES = (
     "mocap_rate",
@@ -46,8 +44,6 @@ STEP_NAMES = "mocap_steps"
 MARKER_WORDS = "mocap_marker_words"
 PARENTS, SEGMENTS = "mocap_parents", "mocap_segments"
 PERFORMERS = "mocap_performers"
-# What the first version, which did not keep them, called the steps of points.
-POINT_STEPS_OF_VERSION_1 = ("", "evidence", "ensemble", "fit", "trajectory")
 TRAJECTORY, POINT, RESIDUAL = "trajectory", "point", "point_residual"
 LAST_FRAME = 1048574  # Blender's last frame
 
@@ -137,14 +133,14 @@ def frame_shift(frames: np.ndarray) -> int:
 
 
 def show_take(
-    context: bpy.types.Context, take: Take, unnamed: bool = False, collection: bpy.types.Collection | None = None
+    context: bpy.types.Context, take: Take, collection: bpy.types.Collection | None = None
 ) -> bpy.types.Collection:
     """Builds a take in the context's scene: cameras, armature, body and keyed markers in a collection `Mocap: NAME`.
 
     Or in the collection of a take that was cleared by `clear_take`, with whatever of a person's is in there.
-    Performers with names have a collection each in it. With `unnamed` the points that have no name are there as well,
-    as one object. Returns that collection, which also keeps the take itself (`stored_take`). The scene's frames and
-    rate become the take's. Needs object mode; adds no undo step of its own.
+    Performers with names have a collection each in it. The points that have no name are one object. Returns that
+    collection, which also keeps the take itself (`stored_take`). The scene's frames and rate become the take's. Needs
+    object mode; adds no undo step of its own.
     """
     scene = context.scene
     shift = frame_shift(take.motion.frames)
@@ -177,22 +173,18 @@ def show_take(
         for item in scene_markers.add_markers(place, actions, names[mine], own, frames, filled[:, mine]):
             ownership.sign(item, f"marker {item[naming.MARKER]}", collection)
     if isinstance(take.rows, PointRows):
-        show_unnamed(collection, f"{take.name} unnamed", take.rows, take.labels, shift, unnamed)
+        show_unnamed(collection, f"{take.name} unnamed", take.rows, take.labels, shift)
     _store(collection, take, camera_collection, shift)
     set_time(scene, take.rate, frames)
     return collection
 
 
-def show_unnamed(
-    collection: bpy.types.Collection, name: str, rows: PointRows, labels: Labels, shift: int, wanted: bool
-):
-    """Makes the object of the points without a name show these; without one, adds it where it is `wanted`."""
+def show_unnamed(collection: bpy.types.Collection, name: str, rows: PointRows, labels: Labels, shift: int):
+    """Makes the object of the points without a name show these; without one, adds it where there are some."""
     left = ~labels.named
     clouds = [one for one in collection.all_objects if one.type == "MESH" and FRAME in one.data.attributes]
-    if ownership.role_of(collection):
-        clouds = [one for one in clouds if ownership.is_made_for(one, collection)]
-    item = next(iter(clouds), None)
-    if item is None and not (wanted and left.any()):
+    item = next((one for one in clouds if ownership.is_made_for(one, collection)), None)
+    if item is None and not left.any():
         return
     table = cloud_table(name, rows.frames[rows.frame[left]] + shift, rows.xyz[left])
     if item is None:
@@ -203,11 +195,10 @@ def show_unnamed(
     ownership.remove_unused([before])
 
 
-def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored, unnamed: bool):
+def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored):
     """Makes the empties of a take, and its points without a name, follow its edits.
 
-    The collection shows the take as it was `before`, and then as it is `after`; with `unnamed` points that lost their
-    names are shown even if there was no object of such points. Adds no undo step of its own.
+    The collection shows the take as it was `before`, and then as it is `after`. Adds no undo step of its own.
     """
     frames = after.motion.frames + after.shift
     items = scene_markers.marker_empties(collection)
@@ -221,7 +212,7 @@ def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored, 
                 scene_markers.show_marker(item, action, after.motion, index, frames, filled.get(index), shown)
     points = isinstance(after.rows, PointRows)
     if points and not np.array_equal(before.labels.named, after.labels.named):
-        show_unnamed(collection, f"{after.name} unnamed", after.rows, after.labels, after.shift, unnamed)
+        show_unnamed(collection, f"{after.name} unnamed", after.rows, after.labels, after.shift)
 
 
 def _changed(before: Stored, after: Stored) -> list[int]:
@@ -266,7 +257,6 @@ def remove_take(collection: bpy.types.Collection) -> bpy.types.Collection | None
     if collection.library is not None:  # another file's, so nobody changed it here
         bpy.data.batch_remove([*collection.all_objects, *collection.children_recursive, collection])
         return None
-    adopt_take(collection)
     name = f"Kept from {collection[naming.TAKE]}"
     materials = [body_material(home) for home in homes(collection).values()]
     places = ownership.made_places(collection)
@@ -283,7 +273,6 @@ def clear_take(collection: bpy.types.Collection, but: Sequence[bpy.types.Object]
 
     What was made is returned, to be let go; `but` these, which become a person's.
     """
-    adopt_take(collection)
     former = ownership.set_aside(collection, but)
     tables = [collection.get(key) for key in (ROWS, MOTION, EXPECTED, POSE, FRAME_TABLE, FILL_PATHS)]
     made = collection.get(ownership.MADE)
@@ -320,11 +309,8 @@ def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> S
     """A take as the program labelled it."""
     table, frames = storage.read_table(collection[ROWS]), storage.read_table(collection[FRAME_TABLE])["number"]
     names = tuple(json.loads(collection[MARKER_NAMES]))
-    kept = json.loads(collection.get(PERFORMERS, "null"))
-    rows, motion = _read_rows(table, frames), _read_motion(collection, frames, len(names), len(kept or [1]))
-    model = str(collection.get(naming.MARKERSET, ""))
-    # Files of the first versions are of one performer each.
-    performers = performers_in_row(kept or [["", model, len(names), motion.joints.shape[1]]])
+    performers = performers_in_row(json.loads(collection[PERFORMERS]))
+    rows, motion = _read_rows(table, frames), _read_motion(collection, frames, len(names), len(performers))
     labels = Labels(table["marker"], _read_steps(collection, table), table["confidence"])
     if isinstance(rows, PointRows) and kept_text(collection) is not None:
         # What the file keeps of the motion may have been made with the edits.
@@ -341,50 +327,32 @@ def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> S
         tuple(_suspect(*row) for row in json.loads(collection[SUSPECTS])),
         str(collection[SOURCE]),
         int(collection[SHIFT]),
-        _words(collection, names),
-        model=model,
+        json.loads(collection[MARKER_WORDS]),
+        model=str(collection[naming.MARKERSET]),
         performers=performers,
-        parents=tuple(json.loads(collection.get(PARENTS, "[]"))),
-        own_labels=isinstance(rows, PointRows) or kept_text(collection) is None or OWN_LABELS in collection,
-        segments=tuple(json.loads(collection.get(SEGMENTS, "[]"))),
+        parents=tuple(json.loads(collection[PARENTS])),
+        segments=tuple(json.loads(collection[SEGMENTS])),
     )
     return _with_digests(collection, stored)
 
 
 def _suspect(
-    first: int,
-    last: int,
-    words: str,
-    trajectory: int | None = None,
-    markers: Sequence[str] = (),
-    doubtful: int | None = None,
+    first: int, last: int, words: str, trajectory: int | None, markers: Sequence[str], doubtful: int | None = None
 ) -> Suspect:
-    """A suspect of its row, of which files of the first versions have the first three or five."""
+    """A suspect of its row."""
     return Suspect(first, last, words, trajectory, tuple(markers), doubtful)
-
-
-def _words(collection: bpy.types.Collection, names: tuple[str, ...]) -> dict[str, int]:
-    """The index of each marker by its name, and by its aliases where the file keeps them."""
-    if MARKER_WORDS in collection:
-        return json.loads(collection[MARKER_WORDS])
-    return {name: index for index, name in enumerate(names)}
 
 
 def _read_rows(table: dict[str, np.ndarray], frames: np.ndarray) -> Blobs | PointRows:
     """The blobs or points of a stored take."""
     if POINT not in table:
         return Blobs(frames, *(table[field.name] for field in fields(Blobs)[1:]))
-    # The first version kept points as blobs, whose camera was the trajectory.
-    trajectory = table[TRAJECTORY] if TRAJECTORY in table else table["camera"]
-    return PointRows(frames, table["frame"], trajectory, table[POINT], table.get(RESIDUAL))
+    return PointRows(frames, table["frame"], table[TRAJECTORY], table[POINT], table.get(RESIDUAL))
 
 
 def _read_steps(collection: bpy.types.Collection, table: dict[str, np.ndarray]) -> np.ndarray:
     """(N,) how the labels came about, as an index into STEPS."""
-    known = json.loads(collection[STEP_NAMES]) if STEP_NAMES in collection else POINT_STEPS_OF_VERSION_1
-    if STEP_NAMES not in collection and POINT not in table:
-        return table["step"]
-    return np.array([STEPS.index(step) for step in known])[table["step"]]
+    return np.array([STEPS.index(step) for step in json.loads(collection[STEP_NAMES])])[table["step"]]
 
 
 def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Collection | None, shift: int):
@@ -448,13 +416,8 @@ def keep_body(collection: bpy.types.Collection, motion: Motion, performers: Sequ
             bpy.data.meshes.remove(before)
 
 
-def keeps_digests(collection: bpy.types.Collection) -> bool:
-    """Whether a take says what labels its body was posed on: those of the first versions do not until it is another."""
-    return POSED_ON in collection[FRAME_TABLE].attributes
-
-
 def _size_of(number: int) -> str:
-    """The column of the sizes of a performer by how many are before: files of the first versions have one."""
+    """The column of the sizes of a performer by how many are before."""
     return f"scale{number}" if number else "scale"
 
 
@@ -487,7 +450,7 @@ def _read_motion(collection: bpy.types.Collection, frames: np.ndarray, markers: 
 def _read_body(collection: bpy.types.Collection, count: int, markers: int, performers: int) -> dict[str, np.ndarray]:
     """The body of a take in so many frames, as the fields of a motion."""
     pose, frames = storage.read_table(collection[POSE]), storage.read_table(collection[FRAME_TABLE])
-    expected = storage.read_table(collection.get(EXPECTED) or collection[MOTION])["expected"]
+    expected = storage.read_table(collection[EXPECTED])["expected"]
     return {
         "expected": _by_marker(expected.reshape(count, markers, 3)),
         "joints": pose["joints"].reshape(count, -1, 3),
@@ -504,9 +467,8 @@ def with_kept_body(collection: bpy.types.Collection, stored: Stored) -> Stored:
 
 
 def _with_digests(collection: bpy.types.Collection, stored: Stored) -> Stored:
-    """With what its body was posed on; in the first versions, which did not say, on the labels without any edits."""
-    kept = storage.read_table(collection[FRAME_TABLE]).get(POSED_ON)
-    return replace(stored, posed_on=stored.label_digests if kept is None else kept)
+    """With what labels its body was posed on."""
+    return replace(stored, posed_on=storage.read_table(collection[FRAME_TABLE])[POSED_ON])
 
 
 def _by_marker(values: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ FOLDED = "short ones"
 
 @dataclass(frozen=True)
 class RowOptions:
-    """How trajectories are shown; reckoned.
+    """How trajectories are shown; assumed.
 
     min_own_row_s  that a trajectory without a name is there, in all of a take, to have its own row: shorter ones are
                    mostly ghosts that flicker
@@ -62,14 +62,9 @@ class Runs:
         return int(inside[np.abs(inside - frame).argmin()])
 
 
-def runs_of(stored: Stored, unfolded: bool = False) -> Runs:
-    """The rows of a take; `unfolded` gives each short trajectory a row of its own too."""
-    return KeptRows().runs(stored, unfolded)
-
-
 @dataclass(eq=False)
 class KeptRows:
-    """The rows of the take that was asked for last: of one that was edited since, only what changed is made anew.
+    """The rows of the take that was asked for last: of one that was edited since, only what changed is made again.
 
     stored    that take
     states    (M, F) of its markers

@@ -5,7 +5,8 @@ import bpy
 import numpy as np
 
 from ..core.review.camera_blobs import CameraFinding
-from ..core.review.trouble import MarkerSight, TakeTrouble, Trouble
+from ..core.review.take_trouble import MarkerSight, TakeTrouble
+from ..core.review.trouble import Trouble
 from .corrections import kept_text
 from .opened import opened
 from .review import forget_reviews

@@ -12,34 +12,9 @@ from ..ops.timeline import forget_rows
 from ..props import list_trouble
 from ..scene.opened import opened
 from ..scene.trouble import forget_trouble
-from . import (
-    calibration,
-    character,
-    figure,
-    filling,
-    handlers,
-    label_tool,
-    overlay,
-    panels,
-    performers,
-    playing,
-    quality,
-    smoothing,
-    timeline,
-)
+from . import figure, handlers, label_tool, overlay, panels, quality, review, timeline
 
-CLASSES = (
-    *panels.CLASSES,
-    *playing.CLASSES,
-    *performers.CLASSES,
-    *character.CLASSES,
-    *calibration.CLASSES,
-    *filling.CLASSES,
-    *smoothing.CLASSES,
-    *timeline.CLASSES,
-    *quality.CLASSES,
-    *label_tool.CLASSES,
-)
+PANEL_MODULES = (panels, review, label_tool)  # a panel behind the one that it is in
 
 
 def add_handlers(stack: ExitStack):

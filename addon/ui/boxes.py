@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Many boxes handed to the GPU at once."""
+"""Many boxes handed to the GPU at once, and the shaders that draw them."""
 
 import gpu
 import numpy as np
@@ -19,3 +19,28 @@ def box_batch(shader: gpu.types.GPUShader, **attributes: np.ndarray) -> gpu.type
         for name, values in attributes.items()
     }
     return batch_for_shader(shader, "TRIS", content, indices=faces)
+
+
+def made_shader(
+    name: str, vertex: str, fragment: str, corners: str, between: str, constants: str = "", texture: str = ""
+) -> gpu.types.GPUShader:
+    """A shader of its sources; what it is told of each corner, and a vertex tells of each fragment, as in "VEC2 at".
+
+    With a `@` before it that is the same all over a triangle. Constants come beside the matrix that Blender sets.
+    """
+    info, passed = gpu.types.GPUShaderCreateInfo(), gpu.types.GPUStageInterfaceInfo(f"mocap_autolabel_{name}")
+    for kind, word in (one.split() for one in between.split(", ")):
+        (passed.flat if kind[0] == "@" else passed.smooth)(kind.lstrip("@"), word)
+    for kind, word in (
+        one.split() for one in ("MAT4 ModelViewProjectionMatrix, " + constants).rstrip(", ").split(", ")
+    ):
+        info.push_constant(kind, word)
+    if texture:
+        info.sampler(0, "FLOAT_2D", texture)
+    for place, (kind, word) in enumerate(one.split() for one in corners.split(", ")):
+        info.vertex_in(place, kind, word)
+    info.vertex_out(passed)
+    info.fragment_out(0, "VEC4", "colour")
+    info.vertex_source(vertex)
+    info.fragment_source(fragment)
+    return gpu.shader.create_from_info(info)

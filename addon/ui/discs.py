@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import gpu
 import numpy as np
 
-from .boxes import BOX_CORNERS, box_batch
+from .boxes import BOX_CORNERS, box_batch, made_shader
 
 SOFT = 1.0  # px over which an edge fades
 
@@ -40,7 +40,8 @@ class Discs:
     def draw(self, centres: np.ndarray, colours: np.ndarray, radii: np.ndarray):
         """Dots around centres (N, 2) px in colours (N, 4): radii (N, 2) px of the colour, and how wide the rim is."""
         if self.shader is None:
-            self.shader = disc_shader()
+            corners, between = "VEC2 pos, VEC2 corner, VEC2 radii, VEC4 color", "VEC2 at, @VEC2 ends, @VEC4 tint"
+            self.shader = made_shader("disc", DISC_VERTEX, DISC_FRAGMENT, corners, between)
         shape = (len(centres), 4, 2)
         of_corners = {
             "pos": np.broadcast_to(centres[:, None], shape),
@@ -54,19 +55,3 @@ class Discs:
     def forget(self):
         """Lets go of what the GPU has."""
         self.shader = None
-
-
-def disc_shader() -> gpu.types.GPUShader:
-    """The shader that makes squares round."""
-    info, between = gpu.types.GPUShaderCreateInfo(), gpu.types.GPUStageInterfaceInfo("mocap_autolabel_disc")
-    between.smooth("VEC2", "at")
-    between.flat("VEC2", "ends")
-    between.flat("VEC4", "tint")
-    info.push_constant("MAT4", "ModelViewProjectionMatrix")
-    for place, (kind, name) in enumerate((("VEC2", "pos"), ("VEC2", "corner"), ("VEC2", "radii"), ("VEC4", "color"))):
-        info.vertex_in(place, kind, name)
-    info.vertex_out(between)
-    info.fragment_out(0, "VEC4", "colour")
-    info.vertex_source(DISC_VERTEX)
-    info.fragment_source(DISC_FRAGMENT)
-    return gpu.shader.create_from_info(info)

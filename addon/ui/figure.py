@@ -40,7 +40,7 @@ def draw():
     """Draws over the current 3D view; Blender calls this at every redraw."""
     context = bpy.context
     settings, space = context.scene.mocap_autolabel, context.space_data
-    if not settings.show_overlay or not space.overlay.show_overlays or not is_take(settings.take):
+    if not settings.display.show_overlay or not space.overlay.show_overlays or not is_take(settings.take):
         return
     stored = opened.take(settings.take, context.scene)
     index = marks.frame_index(stored, context.scene.frame_current)
@@ -48,10 +48,10 @@ def draw():
         return
     found = known_trouble(settings.take, context.scene) or ()
     with Canvas(context) as canvas:
-        if settings.show_figure:
+        if settings.display.show_figure:
             draw_figure(canvas, settings.take)
             canvas.rings(canvas.place(missing(stored, index, found)), MISSING_COLOUR, MISSING_RADIUS)
-        if settings.show_trails:
+        if settings.display.show_trails:
             names = [name for name in selected_markers(context) if name in stored.words]
             draw_trails(canvas, stored, index, [stored.words[name] for name in names], settings.take)
         if (trouble := meant(context, settings.take, stored)) is not None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What has to be worked out anew when Blender opens another file or goes back a step."""
+"""What has to be worked out again when Blender opens another file or goes back a step."""
 
 import bpy
 from bpy.app.handlers import persistent
@@ -8,7 +8,7 @@ from ..ops.label_folder import show_batch
 from ..ops.picking import keep_picked, restore_picked
 from ..ops.reposing import follow_soon, forget_reposing
 from ..ops.timeline import forget_rows
-from ..props import SceneSettings, TrainingTakeRow, refresh_review, restore_choice
+from ..props import adopt_settings, refresh_review
 from ..scene import naming
 from ..scene.opened import opened
 from ..scene.take import takes_of
@@ -19,8 +19,6 @@ from ..scene.trouble import forget_trouble
 def after_load(*_):
     """A file was opened: what was read from the last one is forgotten, and takes made elsewhere are found."""
     opened.forget()
-    for scene in bpy.data.scenes:
-        adopt_training_takes(scene.mocap_autolabel)
     forget_trouble()
     forget_rows()
     forget_reposing()
@@ -46,26 +44,14 @@ def after_undo(*_):
     restore_picked(bpy.context)
 
 
-def adopt_training_takes(settings: SceneSettings):
-    """Takes those to learn from over from where files of the first versions have them."""
-    for former in settings.lessons:
-        row = settings.training_takes.add()
-        for name in ("name", *TrainingTakeRow.__annotations__):
-            setattr(row, name, getattr(former, name))
-    settings.lessons.clear()
-
-
 def adopt_takes():
-    """Makes a take that the command line put into a scene the active one, and fills the review of the current scene.
-
-    Scenes of the first versions get their marker set back.
-    """
+    """Makes a take that the command line put into a scene the active one, and fills the review of the current scene."""
     for scene in bpy.data.scenes:
         settings, takes = scene.mocap_autolabel, takes_of(scene)
-        if settings.take is None and settings.preview is None and takes:
+        adopt_settings(settings)
+        if settings.take is None and settings.source.preview is None and takes:
             settings.take = takes[-1]
-            settings.rate = scene.render.fps / scene.render.fps_base
-        if settings.cameras is None and takes:
-            settings.cameras = takes[-1].get(naming.CAMERAS)
-        restore_choice(settings)
+            settings.source.rate = scene.render.fps / scene.render.fps_base
+        if settings.source.cameras is None and takes:
+            settings.source.cameras = takes[-1].get(naming.CAMERAS)
     refresh_review(bpy.context.window_manager, bpy.context.scene)

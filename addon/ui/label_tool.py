@@ -7,10 +7,10 @@ import bpy
 import numpy as np
 
 from ..core.data.takes import NO_MARKER, PointRows
+from ..ops.base import lacks_take
 from ..ops.correcting import likely_here
 from ..ops.gestures import gesture
 from ..ops.picking import image_in, picked_points, selected_markers
-from ..ops.polling import lacks_take
 from ..scene.blob_dots import blob_dots, marker_dots, on_rays, track_around
 from ..scene.likely import NEAREST
 from ..scene.opened import opened
@@ -236,6 +236,3 @@ def add_tool(stack: ExitStack):
     stack.callback(bpy.utils.unregister_tool, LabelTool)
     bpy.types.VIEW3D_MT_editor_menus.append(draw_menu)
     stack.callback(bpy.types.VIEW3D_MT_editor_menus.remove, draw_menu)
-
-
-CLASSES = (MOCAP_AUTOLABEL_MT_names_pie, MOCAP_AUTOLABEL_MT_names_from_here_pie, MOCAP_AUTOLABEL_MT_label)

@@ -15,7 +15,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ..scene.redrawing import redraw
-from .boxes import BOX_CORNERS, box_batch
+from .boxes import BOX_CORNERS, box_batch, made_shader
 
 LETTERS_IN_A_ROW = 32  # places in a row of the texture, of which each letter has two: its own and its shadow's
 USUAL = tuple(
@@ -48,7 +48,7 @@ SHADOW_COLOUR = (0.0, 0.0, 0.0, 1.0)
 
 @dataclass(eq=False)
 class Letters:
-    """The letters of one size that were needed so far, in a texture that is made anew when another is needed."""
+    """The letters of one size that were needed so far, in a texture that is made again when another is needed."""
 
     size: float = 0.0
     places: dict[str, int] = field(default_factory=dict)
@@ -153,7 +153,8 @@ class Letters:
 
     def _draw_boxes(self, starts: np.ndarray, places: np.ndarray, colours: np.ndarray):
         if self.shader is None:
-            self.shader = letter_shader()
+            corners, between = "VEC2 pos, VEC2 uv, VEC4 color", "VEC2 at, @VEC4 tint"
+            self.shader = made_shader("letter", LETTER_VERTEX, LETTER_FRAGMENT, corners, between, texture="letters")
         ends = starts[:, None] - [REACH, 0] + BOX_CORNERS * np.array(self.cell)
         cells = np.column_stack([places % LETTERS_IN_A_ROW, places // LETTERS_IN_A_ROW])[:, None] + BOX_CORNERS
         size = np.array([self.picture.width, self.picture.height]) / np.array(self.cell)
@@ -166,23 +167,6 @@ class Letters:
 def _draw_again():
     for editor in ("VIEW_3D", "DOPESHEET_EDITOR"):
         redraw(editor)
-
-
-def letter_shader() -> gpu.types.GPUShader:
-    """The shader that takes letters from the texture and gives them a colour."""
-    info, between = gpu.types.GPUShaderCreateInfo(), gpu.types.GPUStageInterfaceInfo("mocap_autolabel_letter")
-    between.smooth("VEC2", "at")
-    between.flat("VEC4", "tint")
-    info.push_constant("MAT4", "ModelViewProjectionMatrix")
-    info.sampler(0, "FLOAT_2D", "letters")
-    info.vertex_in(0, "VEC2", "pos")
-    info.vertex_in(1, "VEC2", "uv")
-    info.vertex_in(2, "VEC4", "color")
-    info.vertex_out(between)
-    info.fragment_out(0, "VEC4", "colour")
-    info.vertex_source(LETTER_VERTEX)
-    info.fragment_source(LETTER_FRAGMENT)
-    return gpu.shader.create_from_info(info)
 
 
 def pixel_matrix(wide: int, high: int) -> Matrix:

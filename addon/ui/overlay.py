@@ -45,10 +45,10 @@ def draw():
     """Draws the current frame over the current 3D view; Blender calls this at every redraw."""
     context = bpy.context
     settings, space = context.scene.mocap_autolabel, context.space_data
-    if not settings.show_overlay or not space.overlay.show_overlays:
+    if not settings.display.show_overlay or not space.overlay.show_overlays:
         return
     with Canvas(context) as canvas:
-        if settings.show_names:
+        if settings.display.show_names:
             draw_laid_out(canvas, context.scene)
         if words := words_behind(context):
             canvas.text(words, LEGEND_LEFT * canvas.scale, canvas.foot, RED)
@@ -83,8 +83,8 @@ def shown(scene: bpy.types.Scene) -> Stored | None:
     settings = scene.mocap_autolabel
     if is_take(settings.take):
         return opened.take(settings.take, scene)
-    if settings.preview is not None and (holds_points(settings.preview) or cameras_at_hand(scene)):
-        return opened.preview(settings.preview, settings.cameras, scene)
+    if settings.source.preview is not None and (holds_points(settings.source.preview) or cameras_at_hand(scene)):
+        return opened.preview(settings.source.preview, settings.source.cameras, scene)
     return None
 
 
@@ -193,12 +193,12 @@ def draw_camera(canvas: Canvas, stored: Stored, index: int, camera: bpy.types.Ob
     number = stored.cameras.names.index(camera_name(camera))
     seen = marks.camera_marks(stored, index, number, np.array(camera.matrix_world.normalized(), dtype=float))
     canvas.rings(canvas.place(seen.expected), RING_COLOUR, RING_RADIUS)
-    if settings.show_links:
+    if settings.display.show_links:
         ends, colours = marks.links(seen)
         canvas.lines(canvas.place(ends), colours, LINK_WIDTH)
     places = canvas.place(seen.blobs)
     canvas.discs(places, STEP_COLOURS[seen.step, 0], BLOB_RADIUS, 1.2)
-    if settings.show_names:
+    if settings.display.show_names:
         named = np.flatnonzero(seen.marker != NO_MARKER)
         canvas.names([stored.names[marker] for marker in seen.marker[named]], places[named])
     if stored.names:
@@ -223,7 +223,7 @@ def draw_markers(canvas: Canvas, stored: Stored, index: int, settings, collectio
     fills[asked] = RED
     canvas.discs(others, fills, BLOB_RADIUS - 1.5, 1.0)
     canvas.discs(places, found_as, BLOB_RADIUS - 1, 1.0)
-    if settings.show_names:
+    if settings.display.show_names:
         words = [*stored.names, *seen.asked.values()]
         canvas.names(words, np.concatenate([places, others[asked]]))
     if isinstance(stored.rows, PointRows):

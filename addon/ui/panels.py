@@ -1,26 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The sidebar tab "Mocap": the steps from files to named markers, in the order a person takes them."""
+"""The sidebar tab "Mocap": the steps from files to named markers, in the order a person takes them, and the export."""
 
 from pathlib import Path
 
 import bpy
 
 from ..core.data.wording import count_of
+from ..io.batch import AT_WORK, FAILING, WAITING
 from ..io.markersets import SUFFIX
 from ..io.names import written
 from ..ops.importing import cameras_at_hand
-from ..ops.picking import picked_points, selected_markers, words_of_picked
 from ..ops.reposing import words_behind
 from ..props import OWN_FILE
 from ..scene import naming
+from ..scene.calibration import kept_health, kept_refinement
 from ..scene.cameras import camera_name
 from ..scene.markerset_edit import edited_collection
-from ..scene.performers import homes
-from ..scene.take import is_take
-from . import label_folder, performers, trouble
-from .parts import Reviewing, Step, draw_choice, draw_text
+from ..scene.quality import changed_since, kept_report
+from ..scene.take import holds_points, is_take
+from .parts import DrawsRows, Reviewing, Step, draw_cells, draw_choice, draw_list, draw_optional, draw_text, in_short
 
-FEW_MARKERS_SHOWN = 5  # cameras that fit below each other
+FEW_SHOWN = 5  # cameras that fit below each other
+PAIRS_SHOWN = 6  # of the list of ambiguous markers
+STATE_ICONS = {FAILING: "ERROR", AT_WORK: "PLAY", WAITING: "TIME"}
 
 
 class MOCAP_AUTOLABEL_PT_cameras(Step, bpy.types.Panel):
@@ -29,23 +31,55 @@ class MOCAP_AUTOLABEL_PT_cameras(Step, bpy.types.Panel):
     bl_label = "1. Cameras"
 
     def draw(self, context):
-        layout, settings = self.layout, context.scene.mocap_autolabel
-        if settings.points_path:
+        layout, source = self.layout, context.scene.mocap_autolabel.source
+        if source.points_path:
             layout.label(text="3D points need no cameras", icon="INFO")
         layout.operator("mocap_autolabel.import_cameras", icon="IMPORT")
-        if settings.points_path:
+        if source.points_path:
             return
         if not cameras_at_hand(context.scene):
             layout.label(text="Or drop a calibration here", icon="INFO")
             if any(item.type == "CAMERA" for item in context.scene.objects):
                 layout.operator("mocap_autolabel.use_cameras", icon="OUTLINER_OB_CAMERA")
             return
-        cameras = [item for item in settings.cameras.all_objects if item.type == "CAMERA"]
-        grid = layout.grid_flow(columns=1 if len(cameras) <= FEW_MARKERS_SHOWN else 2, even_columns=True, align=True)
+        cameras = [item for item in source.cameras.all_objects if item.type == "CAMERA"]
+        grid = layout.grid_flow(columns=1 if len(cameras) <= FEW_SHOWN else 2, even_columns=True, align=True)
         for camera in cameras:
             icon = "OUTLINER_OB_CAMERA" if context.scene.camera == camera else "CAMERA_DATA"
             button = grid.operator("mocap_autolabel.look_through", text=camera_name(camera), icon=icon)
             button.camera = camera.name
+
+
+class MOCAP_AUTOLABEL_PT_calibration(Step, bpy.types.Panel):
+    """Whether the cameras go together, and what to do where they do not."""
+
+    bl_label = "Calibration Health"
+    bl_parent_id = "MOCAP_AUTOLABEL_PT_cameras"
+
+    @classmethod
+    def poll(cls, context):
+        source = context.scene.mocap_autolabel.source
+        return bool(source.blobs_path) and not source.points_path and cameras_at_hand(context.scene)
+
+    def draw(self, context):
+        layout, settings = self.layout, context.scene.mocap_autolabel
+        report = kept_refinement(settings.source.cameras)
+        take = settings.take if is_take(settings.take) and not holds_points(settings.take) else None
+        health = kept_health(take)
+        for words in health or ():
+            draw_text(context, layout, words[0].upper() + words[1:], icon="ERROR")
+        if health == []:
+            layout.label(text="All cameras go together", icon="CHECKMARK")
+        elif health is None:
+            layout.label(text="Shown when a take is labelled", icon="INFO")
+        layout.operator("mocap_autolabel.refine_calibration", icon="CON_CAMERASOLVER")
+        if report is not None:
+            column = layout.column(align=True)
+            draw_cells(column, "Camera", "Before", "After")
+            for name, row in report["cameras"].items():
+                errors = row["before_px"], row["after_px"]
+                draw_cells(column, name, *("–" if None in errors else f"{error:.2f} px" for error in errors))
+            layout.operator("mocap_autolabel.label", text="Label Again", icon="PLAY")
 
 
 class MOCAP_AUTOLABEL_PT_take(Step, bpy.types.Panel):
@@ -54,33 +88,29 @@ class MOCAP_AUTOLABEL_PT_take(Step, bpy.types.Panel):
     bl_label = "2. Blobs or 3D Points"
 
     def draw(self, context):
-        layout, settings = self.layout, context.scene.mocap_autolabel
+        layout, source = self.layout, context.scene.mocap_autolabel.source
         column = layout.column(align=True)
         column.operator("mocap_autolabel.import_blobs", icon="IMPORT")
         column.operator("mocap_autolabel.import_points", icon="IMPORT")
-        if not settings.points_path:
+        if not source.points_path:
             column = layout.column(align=True)
             column.operator("mocap_autolabel.find_blobs", icon="FILE_MOVIE")
             if len(bpy.data.movieclips):
                 column.operator("mocap_autolabel.import_clip_tracks", icon="TRACKER")
-        path = settings.points_path or settings.blobs_path
+        path = source.points_path or source.blobs_path
         if not path:
             layout.label(text="Or drop a .csv, .c3d, .trc or .qtm here", icon="INFO")
             return
         column = layout.column(align=True)
         column.label(text=bpy.path.basename(path), icon="FILE")
-        frames = f"Frames {settings.first_frame} to {settings.last_frame}"
-        if settings.points_path:
-            column.label(text=_counted(frames, settings.trajectories, "trajectory"))
-            column.label(text=f"{settings.rate:g} frames a second")
+        frames = f"Frames {source.first_frame} to {source.last_frame}"
+        count, thing = (source.trajectories, "trajectory") if source.points_path else (source.blob_count, "blob")
+        # A take that was never read as a whole was not counted.
+        column.label(text=f"{frames}, {count_of(count, thing)}" if count else frames)
+        if source.points_path:
+            column.label(text=f"{source.rate:g} frames a second")
         else:
-            column.label(text=_counted(frames, settings.blob_count, "blob"))
-            layout.prop(settings, "rate")
-
-
-def _counted(frames: str, count: int, thing: str) -> str:
-    """What is in a take; of one that was never read as a whole nobody has counted it."""
-    return f"{frames}, {count_of(count, thing)}" if count else frames
+            layout.prop(source, "rate")
 
 
 class MOCAP_AUTOLABEL_PT_markerset(Step, bpy.types.Panel):
@@ -89,12 +119,12 @@ class MOCAP_AUTOLABEL_PT_markerset(Step, bpy.types.Panel):
     bl_label = "3. Marker Set"
 
     def draw(self, context):
-        layout, settings = self.layout, context.scene.mocap_autolabel
+        layout, subjects = self.layout, context.scene.mocap_autolabel.subjects
         row = layout.row(align=True)
-        row.prop(settings, "markerset", text="")
+        row.prop(subjects, "markerset", text="")
         row.operator("mocap_autolabel.open_markerset", text="", icon="FILE_FOLDER")
-        if settings.markerset == OWN_FILE:
-            layout.prop(settings, "markerset_path", text="")
+        if subjects.markerset == OWN_FILE:
+            layout.prop(subjects, "markerset_path", text="")
 
 
 class MOCAP_AUTOLABEL_PT_markerset_edit(Step, bpy.types.Panel):
@@ -126,33 +156,24 @@ class MOCAP_AUTOLABEL_PT_train(Step, bpy.types.Panel):
 
     def draw(self, context):
         layout, settings = self.layout, context.scene.mocap_autolabel
+        training, state = settings.training, context.window_manager.mocap_autolabel
         row = layout.row(align=True)
         row.operator("mocap_autolabel.add_training_takes", icon="ADD")
         row.operator("mocap_autolabel.remove_training_take", text="", icon="REMOVE")
-        if len(settings.training_takes):
-            layout.template_list(
-                "MOCAP_AUTOLABEL_UL_training_takes",
-                "",
-                settings,
-                "training_takes",
-                settings,
-                "training_take_index",
-                rows=3,
-            )
-            chosen = settings.training_takes[min(settings.training_take_index, len(settings.training_takes) - 1)]
+        if len(training.takes):
+            draw_list(layout, training, "takes")
+            chosen = training.takes[min(training.take_index, len(training.takes) - 1)]
             layout.label(text=count_of(chosen.markers, "named marker"))
-        own = settings.markerset == OWN_FILE or settings.markerset.endswith(SUFFIX)
+        own = settings.subjects.markerset == OWN_FILE or settings.subjects.markerset.endswith(SUFFIX)
         if own:
-            layout.prop(settings, "train_on", text="Train the Chosen One On")
-        if not (own and settings.train_on):
-            layout.prop(settings, "trained_name")
-        layout.operator("mocap_autolabel.train", icon="PLAY")
-        layout.operator("mocap_autolabel.learn_take", icon="PLAY")
-        layout.operator("mocap_autolabel.learn_frame", icon="PLAY")
-        state = context.window_manager.mocap_autolabel
+            layout.prop(training, "train_on", text="Train the Chosen One On")
+        if not (own and training.train_on):
+            layout.prop(training, "trained_name")
+        for name in ("train", "learn_take", "learn_frame"):
+            layout.operator(f"mocap_autolabel.{name}", icon="PLAY")
         if len(state.differences):
             box = layout.box()
-            box.label(text="Known takes, labelled anew", icon="ERROR" if state.candidate else "CHECKMARK")
+            box.label(text="Known takes, labelled again", icon="ERROR" if state.candidate else "CHECKMARK")
             for difference in state.differences:
                 draw_text(context, box, difference.name)
             if state.candidate:
@@ -161,42 +182,132 @@ class MOCAP_AUTOLABEL_PT_train(Step, bpy.types.Panel):
             draw_text(context, layout, doubt.name, icon="ERROR")
 
 
+class MOCAP_AUTOLABEL_UL_takes(DrawsRows, bpy.types.UIList):
+    """Labelled takes, each with its subject."""
+
+    def draw_row(self, context, layout, item, index):
+        """A take to learn from."""
+        row = layout.row(align=True)
+        row.label(text=item.name)
+        row.prop(item, "subject", text="", emboss=False, icon="USER")
+        row.prop(item, "kept", text="", emboss=False, icon="LOCKED" if item.kept else "UNLOCKED")
+
+
+class MOCAP_AUTOLABEL_PT_quality(Step, bpy.types.Panel):
+    """Which markers are easily taken for each other."""
+
+    bl_label = "Placement Quality"
+    bl_parent_id = "MOCAP_AUTOLABEL_PT_markerset"
+
+    @classmethod
+    def poll(cls, context):
+        return edited_collection(context.scene) is not None
+
+    def draw(self, context):
+        layout, collection = self.layout, edited_collection(context.scene)
+        layout.operator("mocap_autolabel.judge_markers", icon="VIEWZOOM")
+        report = kept_report(collection)
+        if report is None:
+            return
+        if changed_since(collection):
+            draw_text(context, layout, "Markers have changed since; judge them again", icon="ERROR")
+        self._draw_pairs(layout.column(align=True), report)
+        for number, row in enumerate(report["advice"], 1):
+            box = layout.box()
+            gain = f"{' and '.join(row['for'])} from {row['before']:.1f} to {row['after']:.1f}"
+            draw_text(context, box, f"{number}. {row['words'][0].upper()}{row['words'][1:]}. {gain}", icon="LIGHT")
+            box.operator("mocap_autolabel.take_advice", icon="EMPTY_ARROWS").number = number
+
+    def _draw_pairs(self, column: bpy.types.UILayout, report: dict):
+        """The whole set, then the pairs that are ambiguous."""
+        poor = [pair for pair in report["pairs"] if pair["separation"] < report["goal"]]
+        found = [(" and ".join(pair["markers"]), pair["separation"]) for pair in poor[:PAIRS_SHOWN]]
+        for whole in report["whole"][:1]:
+            words = "Turned round" if whole["kind"] == "turn" else "Left for right"
+            found.insert(0, (words, whole["separation"]))
+        for words, separation in found:
+            row = column.split(factor=0.75)
+            row.label(text=words, icon="ERROR" if separation < report["goal"] else "CHECKMARK")
+            row.label(text=f"{separation:.1f}")
+        if not poor:
+            column.label(text="No ambiguous pairs", icon="CHECKMARK")
+        elif len(poor) > PAIRS_SHOWN:
+            column.label(text=f"and {len(poor) - PAIRS_SHOWN} more pairs")
+
+
 class MOCAP_AUTOLABEL_PT_label(Step, bpy.types.Panel):
     """The one button."""
 
     bl_label = "4. Label"
 
     def draw(self, context):
-        layout, settings = self.layout, context.scene.mocap_autolabel
-        draw_choice(layout, settings, "method")
-        if settings.points_path or settings.method not in ("auto", "fit"):
-            layout.prop(settings, "target")
-        if settings.points_path:
-            layout.prop(settings, "keep_unnamed")
-        else:
-            draw_choice(layout, settings, "occlusion")
-            if settings.occlusion == "bvh":
-                draw_choice(layout, settings, "body")
-        state = context.window_manager.mocap_autolabel
+        layout, settings, state = self.layout, context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
+        labelling, points = settings.labelling, settings.source.points_path
+        draw_choice(layout, labelling, "method")
+        if points or labelling.method not in ("auto", "fit"):
+            layout.prop(labelling, "target")
+        if not points:
+            draw_choice(layout, labelling, "occlusion")
+            if labelling.occlusion == "bvh":
+                draw_choice(layout, labelling, "body")
         row = layout.row(align=True)
         row.scale_y = 1.6
-        if not state.doing:
-            row.operator("mocap_autolabel.label", icon="PLAY")
-            if crowded_here(state, settings):
-                draw_text(context, layout, "The take shows two performers or more", icon="ERROR")
-                layout.operator("mocap_autolabel.label", text="Label All Performers", icon="COMMUNITY").everybody = True
-            if state.refused:
-                draw_text(context, layout, state.refused, icon="ERROR")
-                layout.operator("mocap_autolabel.label", text="Label Regardless", icon="PLAY").force = True
+        if state.doing:
+            row.progress(factor=state.share, text=state.doing)
+            row.operator("mocap_autolabel.cancel", text="", icon="X")
             return
-        row.progress(factor=state.share, text=state.doing)
-        row.operator("mocap_autolabel.cancel", text="", icon="X")
+        row.operator("mocap_autolabel.label", icon="PLAY")
+        if crowded_here(state, settings):
+            draw_text(context, layout, "The take shows two performers or more", icon="ERROR")
+            layout.operator("mocap_autolabel.label", text="Label All Performers", icon="COMMUNITY").everybody = True
+        if state.refused:
+            draw_text(context, layout, state.refused, icon="ERROR")
+            layout.operator("mocap_autolabel.label", text="Label Regardless", icon="PLAY").force = True
 
 
 def crowded_here(state: bpy.types.PropertyGroup, settings: bpy.types.PropertyGroup) -> bool:
     """Whether the take that is chosen was refused because it shows more people than the one who is asked for."""
-    source = settings.points_path or settings.blobs_path
-    return settings.performing == "ONE" and state.crowded == written(str(Path(bpy.path.abspath(source))))
+    source = settings.source.points_path or settings.source.blobs_path
+    return settings.subjects.performing == "ONE" and state.crowded == written(str(Path(bpy.path.abspath(source))))
+
+
+class MOCAP_AUTOLABEL_PT_performers(Step, bpy.types.Panel):
+    """Who is asked for."""
+
+    bl_label = "Performers"
+    bl_parent_id = "MOCAP_AUTOLABEL_PT_label"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        layout, subjects = self.layout, context.scene.mocap_autolabel.subjects
+        draw_choice(layout, subjects, "performing")
+        if subjects.performing == "SO_MANY":
+            layout.prop(subjects, "performer_count")
+        if subjects.performing != "LISTED":
+            return
+        row = layout.row()
+        draw_list(row, subjects, "performers")
+        column = row.column(align=True)
+        column.operator("mocap_autolabel.add_performer", text="", icon="ADD")
+        column.operator("mocap_autolabel.remove_performer", text="", icon="REMOVE")
+        if subjects.performer_index < len(subjects.performers):
+            chosen = subjects.performers[subjects.performer_index]
+            if chosen.markerset == OWN_FILE:
+                layout.prop(chosen, "markerset_path", text="")
+
+
+class MOCAP_AUTOLABEL_UL_performers(DrawsRows, bpy.types.UIList):
+    """Those who are asked for."""
+
+    def draw_row(self, context, layout, item, index):
+        """A performer: colour, name and marker set."""
+        row = layout.split(factor=0.5, align=True)
+        named = row.row(align=True)
+        colour = named.row()
+        colour.scale_x = 0.3
+        colour.prop(item, "colour", text="")
+        named.prop(item, "name", text="", emboss=False)
+        row.prop(item, "markerset", text="", emboss=False)
 
 
 class MOCAP_AUTOLABEL_PT_hints(Step, bpy.types.Panel):
@@ -207,20 +318,72 @@ class MOCAP_AUTOLABEL_PT_hints(Step, bpy.types.Panel):
     bl_options = {"DEFAULT_CLOSED"}
 
     def draw(self, context):
-        layout, settings = self.layout, context.scene.mocap_autolabel
+        layout, labelling = self.layout, context.scene.mocap_autolabel.labelling
         layout.label(text="Never needed; they narrow the search")
-        for name in ("height", "facing"):
-            row = layout.row(heading=name.capitalize())
-            row.prop(settings, f"use_{name}", text="")
-            value = row.row()
-            value.active = getattr(settings, f"use_{name}")
-            value.prop(settings, name, text="")
-        row = layout.row(heading="Frames")
-        row.prop(settings, "use_range", text="")
-        value = row.row(align=True)
-        value.active = settings.use_range
-        value.prop(settings, "range_first", text="")
-        value.prop(settings, "range_last", text="")
+        draw_optional(layout, labelling, "Height", "use_height", "height")
+        draw_optional(layout, labelling, "Facing", "use_facing", "facing")
+        draw_optional(layout, labelling, "Frames", "use_range", "range_first", "range_last")
+
+
+class MOCAP_AUTOLABEL_PT_label_folder(Step, bpy.types.Panel):
+    """Takes of a folder, labelled in the background."""
+
+    bl_label = "Label Folder"
+    bl_parent_id = "MOCAP_AUTOLABEL_PT_label"
+    bl_options = {"DEFAULT_CLOSED"}
+
+    def draw(self, context):
+        layout, folder = self.layout, context.scene.mocap_autolabel.folder
+        state = context.window_manager.mocap_autolabel
+        column = layout.column(align=True)
+        column.active = not state.folder_doing
+        for name in ("path", "out"):
+            draw_choice(column, folder, name, factor=0.28)
+        row = column.row(align=True)
+        row.prop(folder, "watch", toggle=True)
+        row.prop(folder, "overwrite", toggle=True)
+        column.prop(folder, "jobs")
+        row = layout.row(align=True)
+        row.scale_y = 1.4
+        if state.folder_doing:
+            row.progress(factor=state.folder_share, text=state.folder_doing)
+            row.operator("mocap_autolabel.stop_folder", text="", icon="X")
+        else:
+            row.operator("mocap_autolabel.label_folder", icon="PLAY")
+        if state.folder_said:
+            draw_text(context, layout, state.folder_said, icon="ERROR")
+        if len(state.folder_takes):
+            self._draw_takes(context, state)
+
+    def _draw_takes(self, context, state):
+        draw_list(self.layout, state, "folder_takes", rows=4)
+        index = min(state.folder_take_index, len(state.folder_takes) - 1)
+        take = state.folder_takes[index]
+        box = self.layout.box()
+        if not take.measured:
+            draw_text(context, box, f"{take.name}: {take.reason or take.state}", STATE_ICONS.get(take.state, "NONE"))
+            return
+        named = f"{take.named:.1%} named, " if take.named >= 0 else ""
+        words = f"{named}{take.found:.1%} of all samples found, {take.on_body} on the body without a name"
+        draw_text(context, box, f"{take.name}: {words}. {take.reason}")
+        row = box.row(align=True)
+        row.operator("mocap_autolabel.open_folder_take", icon="FILE_BLEND").index = index
+        row.operator("mocap_autolabel.open_folder_page", icon="DOCUMENTS").index = index
+
+
+class MOCAP_AUTOLABEL_UL_folder_takes(DrawsRows, bpy.types.UIList):
+    """Takes, the worst first: how much there is to look at, and how many frames of a marker are at stake."""
+
+    def draw_row(self, context, layout, item, index):
+        """A take of the folder."""
+        split = layout.split(factor=0.5, align=True)
+        split.label(text=item.name, icon=STATE_ICONS.get(item.state, "CHECKMARK"))
+        if not item.measured:
+            split.label(text=item.state)
+            return
+        split = split.split(factor=0.62, align=True)
+        split.label(text=f"{item.trouble} open")
+        split.label(text=in_short(item.stake))
 
 
 class MOCAP_AUTOLABEL_PT_review(Step, bpy.types.Panel):
@@ -232,82 +395,17 @@ class MOCAP_AUTOLABEL_PT_review(Step, bpy.types.Panel):
         layout, settings = self.layout, context.scene.mocap_autolabel
         layout.prop(settings, "take", text="")
         row = layout.row(align=True)
-        row.prop(settings, "show_overlay", toggle=True, icon="OVERLAY")
-        row.prop(settings, "show_names", toggle=True)
+        row.prop(settings.display, "show_overlay", toggle=True, icon="OVERLAY")
+        row.prop(settings.display, "show_names", toggle=True)
         row = layout.row(align=True)
-        row.prop(settings, "show_figure", toggle=True)
-        row.prop(settings, "show_trails", toggle=True)
-        if not settings.points_path:
-            row.prop(settings, "show_links", toggle=True)
+        row.prop(settings.display, "show_figure", toggle=True)
+        row.prop(settings.display, "show_trails", toggle=True)
+        if not settings.source.points_path:
+            row.prop(settings.display, "show_links", toggle=True)
         if words := words_behind(context):
             draw_text(context, layout, words, icon="ERROR")
         if is_take(settings.take):
             layout.operator("mocap_autolabel.clear", icon="TRASH")
-
-
-def cells(layout: bpy.types.UILayout, measured: bool) -> list[bpy.types.UILayout]:
-    """The cells of a row of the markers' table, the gaps' the widest; the last only where residuals were measured."""
-    row, made = layout.row(), []
-    for factor in (0.28, 0.35, 0.68) if measured else (0.34, 0.4):
-        row = row.split(factor=factor, align=True)
-        made.append(row.row())
-    return [*made, row.row()]
-
-
-def has_residuals(context: bpy.types.Context) -> bool:
-    """Whether the residual of any marker is known and not nothing."""
-    return any(row.residual > 0 for row in context.window_manager.mocap_autolabel.markers)
-
-
-class MOCAP_AUTOLABEL_PT_markers(Reviewing, bpy.types.Panel):
-    """Every marker with its gaps and residual, the one that was found least first."""
-
-    bl_label = "Markers"
-
-    def draw(self, context):
-        state, layout = context.window_manager.mocap_autolabel, self.layout
-        measured = has_residuals(context)
-        words = ("Marker", "Found", "Gaps", "mm") if measured else ("Marker", "Found", "Gaps")
-        for cell, heading in zip(cells(layout, measured), words, strict=True):
-            cell.label(text=heading)
-        layout.template_list("MOCAP_AUTOLABEL_UL_markers", "", state, "markers", state, "marker_index", rows=6)
-
-
-class MOCAP_AUTOLABEL_PT_corrections(Reviewing, bpy.types.Panel):
-    """What a person says of the labels."""
-
-    bl_label = "Corrections"
-
-    def draw(self, context):
-        layout, state = self.layout, context.window_manager.mocap_autolabel
-        layout.operator("mocap_autolabel.pick_point", icon="EYEDROPPER")
-        names, points = selected_markers(context), picked_points(context)
-        if names:
-            layout.label(text=", ".join(names), icon="EMPTY_DATA")
-        elif points:
-            layout.label(text=words_of_picked(context, points), icon="DOT")
-        grid = layout.grid_flow(columns=2, even_columns=True, align=True)
-        grid.operator("mocap_autolabel.name_point", icon="SORTALPHA")
-        grid.operator("mocap_autolabel.unlabel", icon="X")
-        grid.operator("mocap_autolabel.swap_markers", icon="UV_SYNC_SELECT")
-        grid.operator("mocap_autolabel.is_right", icon="CHECKMARK")
-        if homes(context.scene.mocap_autolabel.take):
-            column = layout.column(align=True)
-            column.operator("mocap_autolabel.other_performer", icon="COMMUNITY")
-            column.operator("mocap_autolabel.exchange_performers", icon="UV_SYNC_SELECT")
-        if len(state.corrections):
-            row = layout.row()
-            row.template_list(
-                "MOCAP_AUTOLABEL_UL_corrections", "", state, "corrections", state, "correction_index", rows=3, maxrows=8
-            )
-            column = row.column(align=True)
-            remove = column.operator("mocap_autolabel.remove_correction", text="", icon="REMOVE")
-            remove.index = state.correction_index
-            column.operator("mocap_autolabel.clear_corrections", text="", icon="TRASH")
-            if state.correction_index < len(state.corrections):
-                row = state.corrections[state.correction_index]
-                draw_text(context, layout, f"{row.name}: {row.idle}" if row.idle else row.name)
-        layout.operator("mocap_autolabel.save_corrections", icon="FILE_TICK")
 
 
 class MOCAP_AUTOLABEL_PT_export(Step, bpy.types.Panel):
@@ -317,61 +415,23 @@ class MOCAP_AUTOLABEL_PT_export(Step, bpy.types.Panel):
 
     def draw(self, context):
         column = self.layout.column(align=True)
-        column.operator("mocap_autolabel.export_labels", icon="EXPORT")
-        column.operator("mocap_autolabel.export_c3d", icon="EXPORT")
-        column.operator("mocap_autolabel.export_trc", icon="EXPORT")
+        for name in ("labels", "c3d", "trc"):
+            column.operator(f"mocap_autolabel.export_{name}", icon="EXPORT")
         column.operator("mocap_autolabel.export_report", icon="DOCUMENTS")
 
 
-class MOCAP_AUTOLABEL_UL_training_takes(bpy.types.UIList):
-    """Labelled takes, each with its subject."""
+class MOCAP_AUTOLABEL_PT_character(Reviewing, bpy.types.Panel):
+    """The body as other rigs have it."""
 
-    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
+    bl_label = "Character"
+    bl_parent_id = "MOCAP_AUTOLABEL_PT_export"
+
+    def draw(self, context):
+        layout = self.layout
+        if words := words_behind(context):
+            draw_text(context, layout, words, icon="ERROR")
+        layout.prop(context.scene.mocap_autolabel, "bone_names", text="Bones")
+        layout.operator("mocap_autolabel.add_character", icon="OUTLINER_OB_ARMATURE")
         row = layout.row(align=True)
-        row.label(text=item.name)
-        row.prop(item, "subject", text="", emboss=False, icon="USER")
-        row.prop(item, "kept", text="", emboss=False, icon="LOCKED" if item.kept else "UNLOCKED")
-
-
-class MOCAP_AUTOLABEL_UL_corrections(bpy.types.UIList):
-    """Edits in the order in which they are applied."""
-
-    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
-        layout.label(text=item.name, icon="ERROR" if item.idle else "NONE")
-
-
-class MOCAP_AUTOLABEL_UL_markers(bpy.types.UIList):
-    """A marker a row."""
-
-    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
-        name, found, gaps, *residual = cells(layout, has_residuals(context))
-        name.label(text=item.name)
-        found.label(text=f"{item.labelled:.1%}")
-        if item.gaps:
-            jump = gaps.operator("mocap_autolabel.jump", text=f"{item.gaps} (≤{item.longest_gap})", emboss=False)
-            jump.frame, jump.marker = item.first_gap, item.name
-        else:
-            gaps.label(text="–")
-        for cell in residual:
-            cell.label(text=f"{item.residual:.1f}" if item.residual == item.residual else "–")
-
-
-CLASSES = (
-    MOCAP_AUTOLABEL_UL_training_takes,
-    MOCAP_AUTOLABEL_UL_corrections,
-    MOCAP_AUTOLABEL_UL_markers,
-    MOCAP_AUTOLABEL_PT_cameras,
-    MOCAP_AUTOLABEL_PT_take,
-    MOCAP_AUTOLABEL_PT_markerset,
-    MOCAP_AUTOLABEL_PT_markerset_edit,
-    MOCAP_AUTOLABEL_PT_train,
-    MOCAP_AUTOLABEL_PT_label,
-    *performers.ASKED_FIRST,
-    MOCAP_AUTOLABEL_PT_hints,
-    *label_folder.CLASSES,
-    MOCAP_AUTOLABEL_PT_review,
-    *trouble.CLASSES,
-    MOCAP_AUTOLABEL_PT_markers,
-    MOCAP_AUTOLABEL_PT_corrections,
-    MOCAP_AUTOLABEL_PT_export,
-)
+        row.operator("mocap_autolabel.export_bvh", icon="EXPORT")
+        row.operator("mocap_autolabel.export_fbx", icon="EXPORT")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the panels of the sidebar share: where they live, and how they write a sentence or frames."""
+"""What the panels of the sidebar share: where they live, their lists, and how they write a sentence or frames."""
 
 import textwrap
 
@@ -29,6 +29,21 @@ class Reviewing(Step):
         return is_take(context.scene.mocap_autolabel.take)
 
 
+class DrawsRows:
+    """A list, whose rows `draw_row` draws: `MOCAP_AUTOLABEL_UL_` and the name of the property that holds the rows."""
+
+    def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
+        self.draw_row(context, layout, item, index)
+
+
+def draw_list(layout: bpy.types.UILayout, owner: bpy.types.PropertyGroup, name: str, rows: int = 3):
+    """The list of a property group's rows of a name, such as `fills`; the chosen one is kept in `fill_index`."""
+    index = f"{name.removesuffix('s')}_index"
+    layout.template_list(
+        f"MOCAP_AUTOLABEL_UL_{name}", "", owner, name, owner, index, rows=rows, maxrows=max(2 * rows, 8)
+    )
+
+
 def draw_text(context: bpy.types.Context, layout: bpy.types.UILayout, words: str, icon: str = "NONE"):
     """A sentence on as many lines as the sidebar's width takes."""
     width = context.region.width / context.preferences.system.ui_scale
@@ -38,13 +53,35 @@ def draw_text(context: bpy.types.Context, layout: bpy.types.UILayout, words: str
         column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
 
 
-def draw_choice(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, name: str):
+def draw_choice(layout: bpy.types.UILayout, group: bpy.types.PropertyGroup, name: str, factor: float = 0.45):
     """A choice with its whole name before it, of which Blender by itself leaves a narrow sidebar a third."""
-    row = layout.split(factor=0.45, align=True)
-    row.label(text=f"{settings.bl_rna.properties[name].name}:")
-    row.prop(settings, name, text="")
+    row = layout.split(factor=factor, align=True)
+    row.label(text=f"{group.bl_rna.properties[name].name}:")
+    row.prop(group, name, text="")
+
+
+def draw_optional(layout: bpy.types.UILayout, group: bpy.types.PropertyGroup, heading: str, used: str, *names: str):
+    """Values that count where the box before them is ticked."""
+    row = layout.row(heading=heading)
+    row.prop(group, used, text="")
+    values = row.row(align=True)
+    values.active = getattr(group, used)
+    for name in names:
+        values.prop(group, name, text="")
+
+
+def draw_cells(layout: bpy.types.UILayout, *cells: str):
+    """A row of a table, its cells of the same width."""
+    row = layout.row(align=True)
+    for words in cells:
+        row.label(text=words)
 
 
 def frames_in_short(first: int, last: int) -> str:
     """Frames from the first to the last, as a row of a list has room for them."""
     return str(first) if first == last else f"{first}–{last}"
+
+
+def in_short(stake: float) -> str:
+    """A number of frames that fits beside a name."""
+    return f"{stake:.0f}" if stake < 1000 else f"{stake / 1000:.1f}k"

@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Placement quality in the sidebar and over the 3D view: markers in the colour of their clearness, pairs, advice."""
+"""Placement quality over the 3D view: markers in the colour of their clearness, ambiguous pairs, advice."""
 
 import bpy
 import numpy as np
 
 from ..scene.markerset_edit import edited_collection
-from ..scene.quality import changed_since, kept_report, marker_items, targets
+from ..scene.quality import kept_report, marker_items, targets
 from .marks import CYAN, GREEN, ORANGE, RED
 from .overlay import BLOB_RADIUS, RING_RADIUS, Canvas, draw_colours
-from .parts import Step, draw_text
 
-PAIRS_SHOWN = 6  # of the list
 HEAD, BARB = 11.0, 0.45  # px of an arrow's head, and how wide it is of that
 FAINTEST = 0.35  # opacity of a pair that is only just ambiguous
 QUALITY_LEGEND = (("easily mistaken", RED), ("ambiguous", ORANGE), ("clear", GREEN), ("advised", CYAN))
@@ -28,7 +26,7 @@ def draw():
     context = bpy.context
     collection = edited_collection(context.scene)
     report = kept_report(collection)
-    shown = context.scene.mocap_autolabel.show_overlay and context.space_data.overlay.show_overlays
+    shown = context.scene.mocap_autolabel.display.show_overlay and context.space_data.overlay.show_overlays
     if report is None or not shown or collection.hide_viewport:
         return
     with Canvas(context) as canvas:
@@ -78,53 +76,3 @@ def _draw_targets(canvas: Canvas, found):
         # Above the line on which Blender writes the name of a marker that sits there.
         beside = end + np.array([RING_RADIUS + 3, RING_RADIUS + 9]) * canvas.scale
         canvas.text(f"{target.number}: {target.marker}", *beside, CYAN)
-
-
-class MOCAP_AUTOLABEL_PT_quality(Step, bpy.types.Panel):
-    """Which markers are easily taken for each other."""
-
-    bl_label = "Placement Quality"
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_markerset"
-
-    @classmethod
-    def poll(cls, context):
-        return edited_collection(context.scene) is not None
-
-    def draw(self, context):
-        layout, collection = self.layout, edited_collection(context.scene)
-        layout.operator("mocap_autolabel.judge_markers", icon="VIEWZOOM")
-        report = kept_report(collection)
-        if report is None:
-            return
-        if changed_since(collection):
-            draw_text(context, layout, "Markers have changed since; judge them again", icon="ERROR")
-        _draw_list(layout.column(align=True), report)
-        for number, row in enumerate(report["advice"], 1):
-            box = layout.box()
-            gain = f"{' and '.join(row['for'])} from {row['before']:.1f} to {row['after']:.1f}"
-            draw_text(context, box, f"{number}. {row['words'][0].upper()}{row['words'][1:]}. {gain}", icon="LIGHT")
-            box.operator("mocap_autolabel.take_advice", icon="EMPTY_ARROWS").number = number
-
-
-def _draw_list(column: bpy.types.UILayout, report: dict):
-    """The whole set, then the pairs that are ambiguous."""
-    if report["whole"]:
-        worst = report["whole"][0]
-        words = "Turned round" if worst["kind"] == "turn" else "Left for right"
-        _draw_row(column, words, worst["separation"], report["goal"])
-    poor = [pair for pair in report["pairs"] if pair["separation"] < report["goal"]]
-    for pair in poor[:PAIRS_SHOWN]:
-        _draw_row(column, " and ".join(pair["markers"]), pair["separation"], report["goal"])
-    if not poor:
-        column.label(text="No ambiguous pairs", icon="CHECKMARK")
-    elif len(poor) > PAIRS_SHOWN:
-        column.label(text=f"and {len(poor) - PAIRS_SHOWN} more pairs")
-
-
-def _draw_row(column: bpy.types.UILayout, words: str, separation: float, goal: float):
-    row = column.split(factor=0.75)
-    row.label(text=words, icon="ERROR" if separation < goal else "CHECKMARK")
-    row.label(text=f"{separation:.1f}")
-
-
-CLASSES = (MOCAP_AUTOLABEL_PT_quality,)

@@ -15,9 +15,8 @@ from ..ops.timeline import KEYS, RowPlaces, shown_runs, timeline_shown
 from ..scene.redrawing import redraw
 from ..scene.take import is_take
 from ..scene.trajectories import CORRECTED, DOUBTFUL, FILLED, GAP, NAMED, STATES, UNNAMED, Runs
-from .boxes import BOX_CORNERS, box_batch
+from .boxes import BOX_CORNERS, box_batch, made_shader
 from .lettering import Letters, pixel_matrix
-from .parts import Reviewing
 
 # Okabe and Ito's colours, which are told apart whatever one's eyes, and for each a form of its own as well.
 STATE_COLOURS = {
@@ -100,7 +99,8 @@ class DrawnRuns:
     def ready(self, runs: Runs):
         """Makes what there is not yet, for these rows."""
         if self.shader is None:
-            self.shader = make_shader()
+            corners, between = "VEC4 run, VEC2 corner", "@FLOAT state, FLOAT across"
+            self.shader = made_shader("run", VERTEX, FRAGMENT, corners, between, "VEC4 view")
             self.legend = [buffer_of(self.shader, np.array([[0, 1, 0, state]])) for state in range(len(STATES))]
         if self.of is None or self.of() is not runs:
             self.of, self.batch = weakref.ref(runs), buffer_of(self.shader, corners_of(runs))
@@ -118,22 +118,6 @@ def corners_of(runs: Runs) -> np.ndarray:
     table = runs.runs[np.argsort(runs.runs[:, 3], kind="stable")]
     first = runs.span[0]
     return np.column_stack([table[:, 1] - first - 0.5, table[:, 2] - first + 0.5, table[:, 0], table[:, 3]])
-
-
-def make_shader() -> gpu.types.GPUShader:
-    """The shader that places runs by the editor's view and gives each state its colour and form."""
-    info, between = gpu.types.GPUShaderCreateInfo(), gpu.types.GPUStageInterfaceInfo("mocap_autolabel_run")
-    between.flat("FLOAT", "state")
-    between.smooth("FLOAT", "across")
-    info.push_constant("MAT4", "ModelViewProjectionMatrix")
-    info.push_constant("VEC4", "view")
-    info.vertex_in(0, "VEC4", "run")
-    info.vertex_in(1, "VEC2", "corner")
-    info.vertex_out(between)
-    info.fragment_out(0, "VEC4", "colour")
-    info.vertex_source(VERTEX)
-    info.fragment_source(FRAGMENT)
-    return gpu.shader.create_from_info(info)
 
 
 def buffer_of(shader: gpu.types.GPUShader, runs: np.ndarray) -> gpu.types.GPUBatch:
@@ -302,7 +286,7 @@ def draw_names(context: bpy.types.Context, pixels: Pixels, runs: Runs, places: R
 def draw_toggle(self, context):
     """The toggle in the editor's header."""
     if context.space_data.mode == "DOPESHEET" and is_take(context.scene.mocap_autolabel.take):
-        self.layout.prop(context.scene.mocap_autolabel, "show_timeline", toggle=True, icon="NLA")
+        self.layout.prop(context.scene.mocap_autolabel.display, "show_timeline", toggle=True, icon="NLA")
 
 
 def draw_view_menu(self, context):
@@ -310,27 +294,8 @@ def draw_view_menu(self, context):
     if context.space_data.mode != "DOPESHEET" or not is_take(context.scene.mocap_autolabel.take):
         return
     self.layout.separator()
-    self.layout.prop(context.scene.mocap_autolabel, "show_timeline")
+    self.layout.prop(context.scene.mocap_autolabel.display, "show_timeline")
     self.layout.prop(context.window_manager.mocap_autolabel, "timeline_unfolded")
-
-
-class MOCAP_AUTOLABEL_PT_timeline(Reviewing, bpy.types.Panel):
-    """The trajectory timeline's switch."""
-
-    bl_label = "Trajectory Timeline"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    def draw(self, context):
-        column = self.layout.column()
-        settings = context.scene.mocap_autolabel
-        if settings.show_timeline:
-            column.prop(settings, "show_timeline", icon="NLA", toggle=True)
-        else:
-            column.operator("mocap_autolabel.show_timeline", icon="NLA")
-        column.prop(context.window_manager.mocap_autolabel, "timeline_unfolded")
-
-
-CLASSES = (MOCAP_AUTOLABEL_PT_timeline,)
 
 
 def add_timeline(stack: ExitStack):

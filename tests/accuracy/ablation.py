@@ -26,6 +26,8 @@ from time import monotonic
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from scripts.results import matters, now
+
 from . import people
 from .registry import Outcome, Trial, registry
 from .switches import STAGES, TOGETHER, numbers, variant
@@ -130,11 +132,6 @@ def difference(before: dict, after: dict) -> dict:
     return found
 
 
-def matters(found: dict) -> bool:
-    """Whether labels differ by more than the interval, or takes are refused that were not."""
-    return any(abs(found[name][0]) > found[name][1] for name in ("right", "wrong")) or len(set(found["refused"])) > 1
-
-
 def main() -> int:
     """Measures what was asked for, as far as the time goes, and writes the results."""
     parser = argparse.ArgumentParser(prog="python -m tests.accuracy.ablation", description=__doc__.splitlines()[0])
@@ -171,7 +168,7 @@ def main() -> int:
 
 def _concerns(case: str, name: str) -> bool:
     """Whether a variant can change a case at all: points never enter the folder of blobs."""
-    images = case.startswith("blobs")
+    images = case.startswith(("blobs", "curve", "strangers'"))
     if name.startswith("without blobs"):
         return images and "several" not in case
     if name.startswith(("without points", "without frames")):
@@ -206,6 +203,7 @@ def write(kept: Measured, out: Path, cases: list[str], names: list[str]):
     result = {
         "command": "python -m tests.accuracy.ablation",
         "version": version(),
+        "measured_at": now(),
         "cases": measured,
         "variants": variants,
     }

@@ -1,37 +1,24 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Several people in one take, brought together from single takes: python -m tests.accuracy.actors.
+"""Several people in one take, brought together from single takes.
 
 Walkers of McGill pass each other, people of cmu41 act beside each other and into each other, and two tennis players
 share a court. Their trajectories are cut to pieces as in whole_takes.py, with ghosts. Nobody who is labelled is in the
-training of the model. A label with the wrong person's name is wrong: which number is which person is settled once for
-the whole take. With --keep DIR, models are kept there and used again. With --auto, how many there are is not said. With
---one-by-one the same people's same pieces are labelled as takes of one, too, each with all ghosts of the room.
+training of the model, but for those who are asked for by name.
 """
 
-import argparse
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
-from itertools import combinations, permutations
-from pathlib import Path
-from time import process_time
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
-from addon.core.data.errors import JobError
-from addon.core.data.progress import finished
 from addon.core.data.takes import Points
 from addon.core.geometry.rotations import exponential
-from addon.core.points.models import Model
-from addon.core.points.several.pipeline import label_several
-from addon.core.points.several.wearers import AUTO, SeveralOptions, Wearer
-from addon.core.points.whole_take.pipeline import PointOptions, label_take
 from addon.io.models import open_model
 from addon.io.points import read_points
 
 from .people import BODY26, DATA, MCGILL
-from .points import Counts
-from .tables import share, table
-from .whole_takes import Case, Pieces, Take, actors, case_few, cut_up, model_of, read
+from .whole_takes import Case, Pieces, Take, actors, case_few, cut_up, read
 
 GHOSTS = 60
 HIDDEN_EACH = 5  # markers hidden at a time, for each person
@@ -234,13 +221,6 @@ def players() -> Iterator[Meeting]:
     yield Meeting("tennis players", tuple(people), Case("players", (), (), markerset, built_in="body39"))
 
 
-def alone() -> Iterator[Meeting]:
-    """One walker: what nothing should be lost of."""
-    for case in case_few("body26", BODY26, False):
-        for one in case.tested:
-            yield Meeting(one.subject, (one,), case)
-
-
 def own_turn(person: str) -> Case | None:
     """One person's turn, learned alone; None where it lacks a marker."""
     turn = read(sorted((MCGILL / person).glob("*.c3d"))[2], person)
@@ -328,7 +308,6 @@ MEETINGS: dict[str, Callable[[], Iterator[Meeting]]] = {
     "standing-near": lambda: standing(0.8),
     "standing-hands": lambda: standing(0.6),  # in which hands are in each other
     "players": players,
-    "alone": alone,
     "racket": racket,
     "plate": plate,
     "known": lambda: known(2),
@@ -343,149 +322,3 @@ def pieces_of(meeting: Meeting, seed: int) -> tuple[Points, np.ndarray]:
     take = meeting.together()
     points, marker = cut_up(take, take.markers, Pieces(HIDDEN_EACH * len(meeting.people), GHOSTS), seed)
     return points, np.where(points.present, marker, -1)
-
-
-def one_by_one(points: Points, truth: np.ndarray, markers: int, people: int) -> Iterator[tuple[Points, np.ndarray]]:
-    """The pieces of each of so many people as a take of one, with all ghosts; and their markers (T, P)."""
-    whose = truth.max(axis=0) // markers
-    for person in range(people):
-        own = (whose == person) | (whose < 0)
-        take = Points(("",) * int(own.sum()), points.xyz[:, own], points.residual[:, own], points.rate, 1)
-        yield take, np.where(truth[:, own] >= 0, truth[:, own] % markers, -1)
-
-
-def counted(given: np.ndarray, truth: np.ndarray, markers: int, people: int, known: bool) -> Counts:
-    """The labels given (T, P) against the truth, with the numbers of people that go best with it in all of the take.
-
-    Where they are `known` by name they are whom they are called.
-    """
-    best = None
-    for order in [tuple(range(people))] if known else permutations(range(people)):
-        place = np.concatenate([np.arange(markers) + markers * index for index in order] + [[-1]])
-        named = np.where(given >= 0, place[np.minimum(given, len(place) - 1)], -1)
-        own = Counts()
-        own.add(named, truth, markers * people)
-        best = own if best is None or own.wrong < best.wrong else best
-    return best
-
-
-@dataclass
-class Measured:
-    """What came of the meetings of one kind.
-
-    costs (2,) s: of meetings nobody of whom is refused alone, and of the same people one by one
-    """
-
-    name: str
-    counts: Counts
-    takes: int = 0
-    refused: int = 0
-    right_number: int = 0
-    frames: int = 0
-    spent: float = 0.0
-    costs: np.ndarray = field(default_factory=lambda: np.zeros(2))
-
-    def row(self) -> list[str]:
-        """A line of the table."""
-        counts = self.counts
-        recall = f"{100 * (counts.given - counts.wrong) / max(counts.there, 1):.3f} %"
-        wrong = share(counts.wrong, counts.given, 3) if counts.given else "–"
-        number = f"{self.right_number} of {self.takes}"
-        together, alone = self.costs
-        cost = f"{together / alone:.2f}" if alone else "–"
-        speed = f"{self.frames / self.spent:.0f}"
-        return [self.name, str(self.takes), recall, wrong, str(self.refused), number, speed, cost]
-
-    def add(self, counts: Counts):
-        """Adds what came of a take."""
-        for name in ("given", "wrong", "there", "places"):
-            setattr(self.counts, name, getattr(self.counts, name) + getattr(counts, name))
-
-
-def run(meeting: Meeting, models: list[Model], seed: int, auto: bool, into: Measured, show: bool) -> float:
-    """Labels a meeting, and counts what came of it; seconds that it took."""
-    points, truth = pieces_of(meeting, seed)
-    people, markers = len(meeting.people), len(models[0].markerset)
-    asked = SeveralOptions(model=models[0], count=AUTO if auto else people)
-    if meeting.own:
-        people = len(meeting.own)
-        asked = SeveralOptions(subjects=tuple(Wearer(str(index), one) for index, one in enumerate(models)))
-        truth = np.where(truth < markers * people, truth, -1)
-    begin, reason, found = process_time(), "", 0
-    try:
-        labelled = finished(label_several(points, asked, PointOptions("likelihood")))
-        given, found = labelled.labels.marker, len(labelled.worn.subjects)
-    except JobError as error:
-        given, reason = np.full(points.xyz.shape[:2], -1), str(error)
-    spent = process_time() - begin
-    into.spent += spent
-    into.frames += len(points.xyz)
-    into.takes += 1
-    into.refused += bool(reason)
-    into.right_number += found == people
-    own = counted(given, truth, markers, max(people, found), bool(meeting.own))
-    into.add(own)
-    if show:
-        print(f"  {into.name} {meeting.name}: {found} found, {spent:.2f} s, {own.line()} {reason}", flush=True)
-    return spent
-
-
-def run_alone(meeting: Meeting, model: Model, seed: int, together: float, into: Measured, alone: Measured, show: bool):
-    """Labels the people of a meeting, which took so many seconds, one by one; of each the number is right."""
-    points, truth = pieces_of(meeting, seed)
-    markers, refused, before = len(model.markerset), alone.refused, alone.spent
-    for take, own in one_by_one(points, truth, markers, len(meeting.people)):
-        counts, given, begin = Counts(), np.full(own.shape, -1), process_time()
-        try:
-            given = finished(label_take(take, model, PointOptions("likelihood"))).labels.marker
-        except JobError as error:
-            alone.refused += 1
-            print(f"  {alone.name} {meeting.name}: {error}" if show else "", end="\n" if show else "")
-        alone.spent += process_time() - begin
-        alone.frames += len(take.xyz)
-        alone.takes += 1
-        counts.add(given, own, markers)
-        alone.add(counts)
-    alone.right_number = alone.takes - alone.refused
-    if alone.refused == refused:
-        into.costs += together, alone.spent - before
-
-
-def warm_up(meeting: Meeting, models: list[Model], seed: int):
-    """Labels a meeting without counting it: what is loaded when it is first needed is no part of labelling a take."""
-    run(meeting, models, seed, False, Measured("", Counts()), False)
-
-
-def main():
-    """Prints the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("kinds", nargs="*", help=f"of {' '.join(MEETINGS)}; all unless said")
-    parser.add_argument("--keep", type=Path, help="a folder for the models")
-    parser.add_argument("--auto", action="store_true", help="do not say how many there are")
-    parser.add_argument("--first", type=int, default=0, help="which take of a kind to begin with")
-    parser.add_argument("--most", type=int, default=100, help="takes of a kind")
-    parser.add_argument("--show", action="store_true", help="take by take")
-    parser.add_argument("--one-by-one", action="store_true", help="label the same people as takes of one, too")
-    given = parser.parse_args()
-    done, warm = [], False
-    for kind in given.kinds or MEETINGS:
-        own, models, alone = Measured(kind, Counts()), {}, Measured(f"{kind}, one by one", Counts())
-        for seed, meeting in enumerate(MEETINGS[kind]()):
-            if 0 <= seed - given.first < given.most:
-                cases = meeting.own or (meeting.training,)
-                models = {one.name: models.get(one.name) or model_of(one, given.keep) for one in cases}
-                if not warm:
-                    warm_up(meeting, list(models.values()), seed)
-                    warm = True
-                spent = run(meeting, list(models.values()), seed, given.auto, own, given.show)
-                if given.one_by_one and not meeting.own:
-                    run_alone(meeting, models[cases[0].name], seed, spent, own, alone, given.show)
-        for one in (own, alone) if alone.takes else (own,):
-            done.append(one)
-            print(one.row(), flush=True)
-    columns = ["people", "takes", "recall", "wrong labels", "refused", "right number", "frames/s", "cost"]
-    print(table(columns, [one.row() for one in done]))
-
-
-if __name__ == "__main__":
-    main()

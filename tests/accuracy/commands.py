@@ -2,7 +2,6 @@
 """The command line as a measurement calls it, and what it wrote."""
 
 import csv
-import json
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
@@ -25,18 +24,6 @@ class Files:
     rate: float
 
 
-@dataclass(frozen=True)
-class Answer:
-    """What `label` wrote, the report and the labels file, and the seconds of one core that it took.
-
-    The core's seconds hold reading and writing too, and depend little on what else the machine does.
-    """
-
-    report: dict
-    labels: Path
-    seconds: float
-
-
 def command(*words):
     """Runs a command line; RuntimeError where it fails."""
     with redirect_stdout(StringIO()) as said:
@@ -45,15 +32,15 @@ def command(*words):
         raise RuntimeError(f"{words} ended with status {status}: {said.getvalue()}")
 
 
-def labelled(take: Files, out: Path, *words) -> Answer:
-    """Labels a take with `label`, the options `words` and no hints."""
+def labelled(take: Files, out: Path, *words) -> tuple[Path, float]:
+    """The labels file that `label` writes of a take with the options `words` and no hints, and its seconds of one core.
+
+    They hold reading and writing too, and depend little on what else the machine does.
+    """
     where = ("--cameras", take.cameras, "--model", take.model, "--rate", take.rate, "--out", out)
     begin = process_time()
     command("label", take.blobs, *where, "--overwrite", *words)
-    seconds = process_time() - begin
-    stem = out / take.blobs.stem
-    report = json.loads(Path(f"{stem}.report.json").read_text(encoding="utf-8"))
-    return Answer(report, Path(f"{stem}.labels.csv"), seconds)
+    return out / f"{take.blobs.stem}.labels.csv", process_time() - begin
 
 
 def rows_of(path: Path, frames: tuple[int, int] | None = None) -> list[dict[str, str]]:

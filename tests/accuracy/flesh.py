@@ -71,15 +71,15 @@ def flesh(names, xyz: np.ndarray) -> Flesh:
 
 
 class Move:
-    """Turns a person by `yaw` rad, sizes it from the floor, sets what was at `middle` down at `place`."""
+    """Turns a person by `yaw` rad, and sets what was at `middle` down at `place`."""
 
-    def __init__(self, yaw: float, middle: np.ndarray, place: np.ndarray, size: float = 1.0):
+    def __init__(self, yaw: float, middle: np.ndarray, place: np.ndarray):
         cos, sin = np.cos(yaw), np.sin(yaw)
         self.turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
-        self.size, self._middle, self._place = size, middle, place
+        self._middle, self._place = middle, place
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
-        return (points - self._middle) @ self.turn.T * self.size + self._place
+        return (points - self._middle) @ self.turn.T + self._place
 
 
 def moved_flesh(body: Flesh, frames: slice, move: Move) -> Flesh:
@@ -87,9 +87,9 @@ def moved_flesh(body: Flesh, frames: slice, move: Move) -> Flesh:
     return Flesh(
         move(body.start[frames]),
         move(body.end[frames]),
-        body.radius * move.size,
+        body.radius,
         move.turn @ body.pelvis[frames],
-        body.stature * move.size,
+        body.stature,
     )
 
 

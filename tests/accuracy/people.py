@@ -11,8 +11,6 @@ from scripts.learn_markersets import MISLABELLED, WALKERS
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 MCGILL = DATA / "people" / "mcgill"
-SERVE_RATE = 50.0  # a second
-SERVE = DATA / "people" / "tennis" / "kinematics_tennis_serve.c3d"
 # Each person's three files in the order of their numbers.
 KINDS = ("standing", "walk", "turn")
 GAIT15 = tuple("SACR RASI LASI RTHI LTHI RKNE LKNE RTIB LTIB RANK LANK RHEE LHEE RTOE LTOE".split())  # noqa: SIM905
@@ -62,12 +60,6 @@ def takes(people=None, kind: str | None = None) -> list[Recording]:
             if kind in (None, name):
                 found.append(_read(path, person, name))
     return found
-
-
-def other_lab(names) -> np.ndarray:
-    """(T, M, 3) m of the markers `names` in a tennis serve; its player wears LPSI and RPSI for SACR, which is NaN."""
-    known, xyz, rate = read_c3d(SERVE)
-    return Recording("tennis", "serve", SERVE, known, xyz, rate).pick(names)
 
 
 def folds(count: int = 5) -> list[tuple[str, ...]]:

@@ -8,9 +8,9 @@ other labs are made by ../shared/tools/peers/strangers.py into the folder of mod
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import permutations
+from itertools import islice, permutations
 from pathlib import Path
 from time import process_time
 
@@ -21,18 +21,17 @@ from addon.core.data.progress import finished
 from addon.core.data.takes import Points
 from addon.core.points.models import Model
 from addon.core.points.several.pipeline import label_several
-from addon.core.points.several.wearers import AUTO, SeveralOptions
+from addon.core.points.several.wearers import AUTO, SeveralOptions, Wearer
 from addon.core.points.whole_take.pipeline import PointOptions, label_points
 from addon.core.simulation.simulate import CaptureOptions
-from addon.core.training.pipeline import TrainingOptions, train
 from addon.core.training.takes import LabelledTake
-from addon.io.markersets import builtin_markersets, open_markerset
 from addon.io.models import open_model, write_model
 from addon.io.points import read_points
 
 from . import actor_blobs, actors, people, plates, real_blobs, strangers, whole_takes
-from .commands import labelled, rows_of, side_by_side
-from .models import Labeller, left_out_model
+from .commands import labelled as labelled_files
+from .commands import rows_of, side_by_side
+from .models import labelled, left_out_model
 from .standing import standing
 from .walking import walking
 
@@ -45,7 +44,21 @@ WALKED = {
     " in eight": {"cameras": (8, 8)},
     " in eight, drawn again": {"cameras": (8, 8), "seed": 2},
     " in five, noisy": {"cameras": (5, 5), "options": CaptureOptions(noise=1.5)},
+    **{f" in a ring of {count}": {"room": "ring", "cameras": (count, count)} for count in (4, 3, 2)},
 }
+# What is turned up, of standing frames: the paper's four cameras unless another number is said.
+CURVES = {
+    **{f"{count} cameras": {"cameras": count} for count in range(2, 13)},
+    **{f"noise {px:g} px": {"options": CaptureOptions(noise=px)} for px in (0.0, 0.5, 1.0, 1.5, 2.0)},
+    **{f"{count} ghosts a camera": {"options": CaptureOptions(reflections=count)} for count in range(6)},
+    **{f"markers off {mm} mm": {"options": CaptureOptions(marker_offset=mm / 1000)} for mm in (0, 10, 20, 30, 40)},
+    **{
+        f"cameras off {mm} mm": {"options": CaptureOptions(calibration_mm=mm, calibration_mrad=0.2 * mm)}
+        for mm in range(6)
+    },
+}
+CURVE = 8  # captures of each group of left-out people
+SHORT = 600  # frames of a part of a take
 DRAWS = 20  # of each stranger's single frame
 
 
@@ -105,19 +118,20 @@ def labelled_points(points: Points, truth: np.ndarray, model: Model) -> Outcome:
     return of_points(marker, truth, points.rate, refused, seconds)
 
 
-def whole(name: str, keep: Path, most: int | None = None) -> Iterator[Trial]:
-    """Takes of `whole_takes`, at most so many of each case."""
+def whole(name: str, keep: Path, parts: int | None = None) -> Iterator[Trial]:
+    """Takes of `whole_takes`, or every part of them that has so many frames."""
     for case in whole_takes.CASES[name]():
         model = whole_takes.model_of(case, keep)
-        for seed, take in enumerate(case.tested[:most]):
+        tested = whole_takes.in_parts(case, parts).tested if parts else case.tested
+        for seed, take in enumerate(tested):
             points, truth = whole_takes.anonymous(take, case, seed)
-            title = f"{case.name} {take.subject}"
+            title = f"{case.name} {take.subject}" + f" {seed}" * bool(parts)
             yield Trial(name, title, partial(labelled_points, points, truth, model))
 
 
 def on_plates(keep: Path) -> Iterator[Trial]:
     """Another take of who was learned from, in 62 markers on plates, cut in three ways."""
-    model = kept(keep / "plates.markerset.json", lambda: plates.trained([plates.TRAINED]))
+    model = whole_takes.kept(keep / "plates.markerset.json", lambda: plates.trained([plates.TRAINED]))
     take = read_points(plates.TESTED)
     for tracklets, hidden, ghosts in plates.CUTS:
         xyz, column = plates.cut_up(take.xyz, tracklets, hidden, ghosts, np.random.default_rng(plates.SEED))
@@ -127,33 +141,30 @@ def on_plates(keep: Path) -> Iterator[Trial]:
         yield Trial("plates", f"{tracklets} pieces", partial(labelled_points, points, truth, model))
 
 
-def kept(file: Path, make: Callable[[], Model]) -> Model:
-    """A model that is made once."""
-    if not file.exists():
-        file.parent.mkdir(parents=True, exist_ok=True)
-        write_model(file, make())
-    return open_model(str(file))
-
-
 def together(kind: str, keep: Path, most: int, auto: bool = False) -> Iterator[Trial]:
     """Several people in one take of points."""
-    for seed, meeting in enumerate(actors.MEETINGS[kind]()):
-        if seed >= most:
-            return
+    for seed, meeting in enumerate(islice(actors.MEETINGS[kind](), most)):
         points, truth = actors.pieces_of(meeting, seed)
-        model = whole_takes.model_of(meeting.training, keep)
+        models = [whole_takes.model_of(one, keep) for one in meeting.own or (meeting.training,)]
+        asked = SeveralOptions(model=models[0], count=AUTO if auto else len(meeting.people))
+        if meeting.own:
+            asked = SeveralOptions(subjects=tuple(Wearer(str(at), model) for at, model in enumerate(models)))
+            truth = np.where(truth < sum(len(model.markerset) for model in models), truth, -1)
         title = "auto " * auto + meeting.name
-        yield Trial(f"several {kind}", title, partial(_several, points, truth, model, len(meeting.people), auto))
+        yield Trial(f"several {kind}", title, partial(_several, points, truth, asked, len(meeting.people)))
 
 
-def _several(points: Points, truth: np.ndarray, model: Model, people_there: int, auto: bool) -> Outcome:
+def _several(points: Points, truth: np.ndarray, asked: SeveralOptions, people_there: int) -> Outcome:
+    """Which number is which person is settled once for the whole take, unless they are asked for by name."""
     begin, refused = process_time(), ""
-    asked = SeveralOptions(model=model, count=AUTO if auto else people_there)
     try:
         given = finished(label_several(points, asked, PointOptions("likelihood"))).labels.marker
     except JobError as error:
         given, refused = np.full(points.xyz.shape[:2], -1), str(error)
-    seconds, markers = process_time() - begin, len(model.markerset)
+    seconds = process_time() - begin
+    if asked.subjects:
+        return of_points(given, truth, points.rate, refused, seconds)
+    markers = len(asked.model.markerset)
     found = max(people_there, int(given.max(initial=0)) // markers + 1)
     best = None
     for order in permutations(range(found)):
@@ -163,24 +174,27 @@ def _several(points: Points, truth: np.ndarray, model: Model, people_there: int,
     return best
 
 
-def together_in_images(kind: str, keep: Path, most: int) -> Iterator[Trial]:
-    """Two strangers in eight cameras."""
-    for seed, meeting in enumerate(actor_blobs.meetings(kind)):
-        if seed >= most:
-            return
-        shot, model = actor_blobs.seen(meeting, seed), whole_takes.model_of(meeting.training, keep)
-        count = len(meeting.people)
-        yield Trial(f"blobs of several {kind}", meeting.name, partial(_several_in_images, shot, model, count))
+def together_in_images(kind: str, keep: Path, most: int, first_alone: bool = False) -> Iterator[Trial]:
+    """Strangers in eight cameras, or the first of them asked for by name, learned from a turn of their own."""
+    for seed, meeting in enumerate(islice(actor_blobs.meetings(kind), most)):
+        case = actors.own_turn(meeting.people[0].subject) if first_alone else meeting.training
+        if case is None:
+            continue  # a turn that lacks a marker
+        shot, model = actor_blobs.seen(meeting, seed, kind == "behind"), whole_takes.model_of(case, keep)
+        asked = SeveralOptions(model=model, count=len(meeting.people))
+        if first_alone:
+            own = np.array([true if "1:" in true else "" for true in shot.truth], object)
+            shot, asked = replace(shot, truth=own), SeveralOptions(subjects=(Wearer("1", model),))
+        count = 1 if first_alone else len(meeting.people)
+        yield Trial(f"blobs of several {kind}", meeting.name, partial(_several_in_images, shot, asked, count))
 
 
-def _several_in_images(shot: actor_blobs.Seen, model: Model, count: int) -> Outcome:
-    names, refused, begin = np.full(len(shot.blobs), "", object), "", process_time()
+def _several_in_images(shot: actor_blobs.Seen, asked: SeveralOptions, count: int) -> Outcome:
+    refused, begin = "", process_time()
     try:
-        chunks, markers, _ = actor_blobs.several(shot, SeveralOptions(model=model, count=count))
-        marker = np.concatenate([chunk.labels.marker for chunk in chunks])
-        names[marker >= 0] = np.array(markers, object)[marker[marker >= 0]]
+        names = actor_blobs.named(shot, asked)
     except JobError as error:
-        refused = str(error)
+        names, refused = np.full(len(shot.blobs), "", object), str(error)
     seconds, best = process_time() - begin, None
     for order in permutations(range(1, count + 1)):
         called = {str(number): str(other) for number, other in enumerate(order, 1)}
@@ -190,26 +204,26 @@ def _several_in_images(shot: actor_blobs.Seen, model: Model, count: int) -> Outc
     return best
 
 
-def in_images(case: str, trials: Callable, name: str, count: int | None) -> Iterator[Trial]:
-    """Captures of left-out people, as `trials(markers, people, count)` makes them."""
+def in_images(case: str, trials: Callable, name: str, count: int | None, **more) -> Iterator[Trial]:
+    """Captures of left-out people, as `trials(markers, people, count, seed, …)` makes them."""
     for fold in people.folds():
         markerset = left_out_model(name, fold)
-        for trial in trials(markerset.markers, fold, count):
+        for trial in trials(markerset.markers, fold, count, **{"seed": 1, **more}):
             yield Trial(case, trial.title, partial(_in_image, trial, markerset))
 
 
-def of_strangers(name: str, count: int) -> Iterator[Trial]:
-    """Single frames of people of other labs."""
-    for title, left_out, trials in strangers.cases(False, count):
+def of_strangers(name: str, count: int, chosen_on: bool = False) -> Iterator[Trial]:
+    """Single frames of people of other labs, or those that numbers of the search were chosen on."""
+    for title, left_out, trials in strangers.cases(chosen_on, count):
         markerset = left_out_model(name, left_out)
         for trial in trials:
-            yield Trial("blobs, strangers' frames", f"{title} {trial.title}", partial(_in_image, trial, markerset))
+            yield Trial("blobs strangers", f"{title} {trial.title}", partial(_in_image, trial, markerset))
 
 
 def _in_image(trial, markerset) -> Outcome:
     begin, refused = process_time(), ""
     try:
-        names, _ = Labeller(markerset, trial.rate)(trial.blobs, trial.cameras)
+        names = labelled(markerset, trial)
     except JobError as error:
         names, refused = np.full(len(trial.blobs), "", object), str(error)
     return of_blobs(names, trial.truth, trial.blobs.frame, trial.rate, process_time() - begin, refused)
@@ -229,11 +243,11 @@ def recorded(keep: Path) -> Iterator[Trial]:
 
 def _recorded(files, out: Path) -> Outcome:
     first, last = real_blobs.TESTED
-    answer = labelled(files, out, "--frames", f"{first}:{last}", "--occlusion", "capsules")
-    pairs = list(side_by_side(rows_of(answer.labels), rows_of(files.truth, (first, last))))
+    labels, seconds = labelled_files(files, out, "--frames", f"{first}:{last}", "--occlusion", "capsules")
+    pairs = list(side_by_side(rows_of(labels), rows_of(files.truth, (first, last))))
     names, truth = ([pair[at]["marker"] for pair in pairs] for at in (0, 1))
     frame = np.array([int(pair[0]["frame"]) for pair in pairs])
-    return of_blobs(names, truth, frame, files.rate, answer.seconds)
+    return of_blobs(names, truth, frame, files.rate, seconds)
 
 
 def of_other_labs(kind: str, keep: Path) -> Iterator[Trial]:
@@ -256,14 +270,13 @@ def of_other_labs(kind: str, keep: Path) -> Iterator[Trial]:
 
 
 def taught(files: list[Path]) -> Model:
-    """The model that labelled takes teach, with the default options but for partial solvers."""
+    """The model that files of labelled takes teach."""
     takes = [read_points(file) for file in files]
-    learned = [
+    known = [
         LabelledTake(file.stem, file.parent.name, take.names, take.xyz) for file, take in zip(files, takes, strict=True)
     ]
-    markers = tuple(name for name in learned[0].names if all(name in one.names for one in learned))
-    bodies = [open_markerset(name) for name in builtin_markersets()]
-    return finished(train(learned, markers, TrainingOptions("own", search="none"), None, bodies)).model
+    markers = tuple(name for name in known[0].names if all(name in one.names for one in known))
+    return whole_takes.learned("own", known, markers)
 
 
 def _of_other_lab(place: Path, model: Model) -> Outcome:
@@ -283,32 +296,30 @@ def _untaught(place: Path, why: str) -> Outcome:
     return Outcome(np.zeros(1, int), np.zeros(1, int), np.array([there]), f"not learned: {why}", 0.0)
 
 
-def _walking(markers, fold, count, seed=1, **more):
-    return walking(markers, fold, count, seed, **more)
-
-
-def _standing(markers, fold, count):
-    return standing(markers, fold, count, 1)
-
-
 def registry(keep: Path) -> dict[str, Callable[[], Iterator[Trial]]]:
     """The cases by name; each gives its takes one after the other. Models are kept in the folder."""
     found: dict[str, Callable[[], Iterator[Trial]]] = {}
     for name in whole_takes.CASES:
         found[f"points {name}"] = partial(whole, name, keep)
+    for name in ("own", "others"):
+        found[f"short {name}"] = partial(whole, name, keep, SHORT)
     found["plates"] = partial(on_plates, keep)
     for kind in actors.MEETINGS:
-        if not kind.startswith(("known", "one-of", "stray", "racket", "plate", "alone")):
-            found[f"several {kind}"] = partial(together, kind, keep, 10)
+        found[f"several {kind}"] = partial(together, kind, keep, 10)
     found["several auto"] = partial(together, "walkers-2", keep, 10, True)
-    for kind in ("passing", "beside", "behind"):
+    for kind in ("passing", "beside", "behind", "three", "returning"):
         found[f"blobs of several {kind}"] = partial(together_in_images, kind, keep, 8)
+    found["blobs of several passing, one asked for"] = partial(together_in_images, "passing", keep, 8, True)
     for name in ("gait15", "body26"):
-        found[f"blobs standing {name}"] = partial(in_images, f"blobs standing {name}", _standing, name, STANDING)
+        found[f"blobs standing {name}"] = partial(in_images, f"blobs standing {name}", standing, name, STANDING)
         for title, more in WALKED.items():
             case = f"blobs walking{title} {name}"
-            found[case] = partial(in_images, case, partial(_walking, **more), name, None)
+            found[case] = partial(in_images, case, walking, name, None, **more)
+        for title, more in CURVES.items():
+            case = f"curve {title} {name}"
+            found[case] = partial(in_images, case, standing, name, CURVE, **more)
     found["blobs strangers"] = partial(of_strangers, "body26", DRAWS)
+    found["strangers' frames that numbers were chosen on"] = partial(of_strangers, "body26", DRAWS, True)
     found["blobs real"] = partial(recorded, keep)
     for kind in ("plugin_gait", "still", "plates", "animal_hand"):
         found[f"strangers {kind}"] = partial(of_other_labs, kind, keep)

@@ -23,12 +23,10 @@ def standing(
     seed: int = 0,
     options: CaptureOptions | None = None,
     cameras: int | None = None,
-    stature: tuple[float, float] | None = None,
 ) -> Iterator[Trial]:
     """`count` captures of one frame each of `persons` wearing `markers`, everything about them drawn from `seed`.
 
-    cameras   that many in a ring instead of the paper's four
-    stature   lets the people shrink and grow as a whole to a stature in this range, m
+    cameras  that many in a ring instead of the paper's four
     """
     recordings = people.takes(persons, "standing")
     whole = [flesh(take.names, take.xyz) for take in recordings]
@@ -38,25 +36,13 @@ def standing(
         which = number % len(recordings)
         take, body = recordings[which], whole[which]
         frame = int(generator.integers(len(take.xyz)))
-        size = 1.0 if stature is None else generator.uniform(*stature) / body.stature
         yaw, place = generator.uniform(0, 2 * np.pi), generator.uniform(-OFF_THE_MIDDLE, OFF_THE_MIDDLE, 2)
         middle = np.nanmean(take.xyz[frame], axis=0) * [1, 1, 0]
-        move = Move(yaw, middle, np.append(place, 0.0), size)
+        move = Move(yaw, middle, np.append(place, 0.0))
         part = slice(frame, frame + 1)
         moved = moved_flesh(body, part, move)
         rig = paper_rig(generator) if cameras is None else ring_rig(cameras, generator=generator)
         xyz = move(take.pick(markers)[part])
         seen = joined(capture(xyz, markers, rig, replace(options, seed=int(generator.integers(2**31))), moved))
-        ahead = moved.pelvis[0, :, 0]
-        yield Trial(
-            f"{take.person} frame {frame} trial {number} of seed {seed}",
-            take.person,
-            rig,
-            seen.blobs,
-            seen.truth,
-            xyz,
-            float(np.arctan2(ahead[1], ahead[0])),
-            moved.stature,
-            take.rate,
-            moved.hidden(slice(None), xyz, rig.centres)[0],
-        )
+        title = f"{take.person} frame {frame} trial {number} of seed {seed}"
+        yield Trial(title, rig, seen.blobs, seen.truth, xyz, take.rate)

@@ -1,28 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Single frames of strangers in the paper's rig, in the markers of `body26`: python -m tests.accuracy.strangers.
+"""Single frames of strangers in the paper's rig, in the markers of `body26`.
 
 People of other labs than the one that the set was learned from, who stand in poses that nobody had there. The last ones
-are what it is judged by; by the others the search's numbers were chosen (`--chosen-on`).
+are what it is judged by; by the others the search's numbers were chosen.
 """
 
-import argparse
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from addon.core.geometry.rotations import exponential
 from addon.core.simulation.rigs import paper_rig
 from addon.core.simulation.simulate import CaptureOptions, capture, joined
 
 from . import people
-from .captures import Score, Trial
+from .captures import Trial
 from .flesh import Move, flesh, moved_flesh
-from .models import Labeller, left_out_model
 from .standing import OFF_THE_MIDDLE
-from .tables import share, table
 
 DRAWS = 20
 PEOPLE = people.DATA / "people"
@@ -154,9 +149,7 @@ def _captured(take, body, frame: int, yaw: float, place: np.ndarray, generator, 
     moved, rig, xyz = moved_flesh(body, part, move), paper_rig(generator), move(take.xyz[part])
     options = replace(CaptureOptions(), seed=int(generator.integers(2**31)))
     seen = joined(capture(xyz, people.BODY26, rig, options, moved))
-    title = f"{take.person} frame {frame} trial {number}"
-    hidden = moved.hidden(slice(None), xyz, rig.centres)[0]
-    return Trial(title, take.person, rig, seen.blobs, seen.truth, xyz, 0.0, moved.stature, take.rate, hidden)
+    return Trial(f"{take.person} frame {frame} trial {number}", rig, seen.blobs, seen.truth, xyz, take.rate)
 
 
 def _arms_set(xyz: np.ndarray, generator, difference: Difference = DIFFERENCE) -> np.ndarray:
@@ -200,43 +193,3 @@ def cases(chosen_on: bool, count: int = DRAWS) -> Iterator[tuple[str, tuple[str,
         yield title, stranger.left_out, standing_strangers(stranger, count)
     for fold in people.folds() if chosen_on else ():
         yield f"{' '.join(fold)}, arms set, placed elsewhere", fold, posed_people(fold, count)
-
-
-def main() -> int:
-    """Measures and prints."""
-    parser = argparse.ArgumentParser(prog="python -m tests.accuracy.strangers", description=__doc__.splitlines()[0])
-    parser.add_argument("--chosen-on", action="store_true", help="those that the numbers were chosen on instead")
-    parser.add_argument("--count", type=int, default=DRAWS, help="captures of each")
-    parser.add_argument("--show", action="store_true", help="list the captures that are not perfect")
-    given = parser.parse_args()
-    if not people.available():
-        print("the recorded people are not here; expected them in ../shared/data/people", file=sys.stderr)
-        return 1
-    rows, total, seconds = [], Score(people.BODY26), 0.0
-    with threadpool_limits(1, user_api="blas"):
-        for title, left_out, trials in cases(given.chosen_on, given.count):
-            score, label = Score(people.BODY26), Labeller(left_out_model("body26", left_out))
-            for trial in trials:
-                names, steps = label(trial.blobs, trial.cameras)
-                score.count(trial, names, steps)
-                total.count(trial, names, steps)
-            seconds += sum(label.seconds.values())
-            rows.append(_row(title, score))
-            for flawed, errors in score.flawed if given.show else ():
-                print(flawed, len(errors), errors[:6], file=sys.stderr)
-    columns = ("person", "frames perfect", "wrong labels", "markers' blobs left unnamed", "recall")
-    print(table(columns, [*rows, _row("all", total)]))
-    print(f"\n{1000 * seconds / total.takes:.0f} ms a frame")
-    return 0
-
-
-def _row(title: str, score: Score) -> list[str]:
-    counts = score.counts
-    missed = sum(not given for _, errors in score.flawed for given, true in errors)
-    wrong = share(counts.given - counts.right, counts.given, 2)
-    recall = f"{100 * counts.as_dict()['recall']:.2f} %"
-    return [title, share(score.takes - len(score.flawed), score.takes), wrong, str(missed), recall]
-
-
-if __name__ == "__main__":
-    sys.exit(main())

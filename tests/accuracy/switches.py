@@ -11,7 +11,9 @@ from unittest.mock import patch
 import numpy as np
 
 import addon.core
+from addon.blendfile import has_blender, mesh_occlusion
 from addon.core.blobs.swaps import try_swaps
+from addon.core.points.fitted_body import NothingInTheWay
 
 # What decides labels; what only draws, fills, trains or simulates is elsewhere.
 NAMING = ("blobs", "points", "pipelines", "reconstruction", "body")
@@ -96,15 +98,18 @@ STAGES: dict[str, dict[str, Callable]] = {
     "points: frames in no order": {"points.whole_take.pipeline.is_unordered": lambda *_: False},
     "frames: limbs exchanged": {"points.likelihood.solving._exchanged": lambda *_: []},
     "blobs: rereading": {"blobs.rereading.Rereader.read_again": lambda *_: ()},
-    "blobs: review of swaps": {"blobs.pipeline.TakeLabeller._review": lambda *_: None},
+    "blobs: review of swaps": {"blobs.pipeline.TakeLabeller._review": lambda _, track, *__: track},
     "blobs: continuity": {"blobs.pipeline.renamed": lambda *_: ()},
-    "blobs: between": {"blobs.pipeline.put_between": lambda *_: None},
     "blobs: image tracklets": {"blobs.pipeline.name_by_tracklets": lambda *_: None},
-    "blobs: absent markers": {"blobs.pipeline.absent_markers": lambda *_: np.zeros(0, int)},
     "blobs: swaps in a found frame": {"blobs.search.settle": try_swaps},
+    "blobs: occlusion": {"blobs.subject.CapsuleOcclusion": lambda *_: NothingInTheWay()},
 }
+if has_blender():
+    # Rays are cast at the capsules' meshes instead.
+    STAGES["blobs: closed form"] = {"blobs.subject.CapsuleOcclusion": lambda markerset, _: mesh_occlusion(markerset)}
+LOOK_AGAIN = ("rereading", "review of swaps", "continuity", "image tracklets")
 TOGETHER = {
-    "blobs: all that look again": [name for name in STAGES if name.startswith("blobs: ") and "found" not in name],
+    "blobs: all that look again": [f"blobs: {name}" for name in LOOK_AGAIN],
 }
 
 

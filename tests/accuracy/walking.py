@@ -53,14 +53,13 @@ def walking(
     seed: int = 0,
     options: CaptureOptions | None = None,
     room: str = "vicon12",
-    kinds=("walk", "turn"),
     cameras: tuple[int, int] = (6, 8),
 ) -> Iterator[Trial]:
     """`count` whole takes at 60 Hz, each seen by a random choice of cameras in `room` ("vicon12" or "ring").
 
-    They are every recording of `persons` of these kinds in turn; None: each once.
+    They are every walk and turn of `persons` in turn; None: each once.
     """
-    recordings = [take for take in people.takes(persons) if take.kind in kinds]
+    recordings = [take for take in people.takes(persons) if take.kind in ("walk", "turn")]
     options = options or CaptureOptions()
     for number in range(len(recordings) if count is None else count):
         generator = np.random.default_rng([seed, number])
@@ -69,15 +68,11 @@ def walking(
         rig, xyz, move = _placed(take, markers, room, int(generator.integers(cameras[0], cameras[1] + 1)), generator)
         moved = moved_flesh(body, slice(None), move)
         seen = joined(capture(xyz, markers, rig, replace(options, seed=int(generator.integers(2**31))), moved))
-        title = f"{take.path.stem}, {take.kind}"
-        ahead = moved.pelvis[0, :, 0]
-        facing = float(np.arctan2(ahead[1], ahead[0]))
-        hidden = moved.hidden(slice(0, 1), xyz[:1], rig.centres)[0]
-        yield Trial(title, take.person, rig, seen.blobs, seen.truth, xyz, facing, body.stature, RATE, hidden)
+        yield Trial(f"{take.path.stem}, {take.kind}", rig, seen.blobs, seen.truth, xyz, RATE)
 
 
-def at_rate(take: people.Recording, rate: float) -> people.Recording:
-    """The take at another rate, linear between the samples; a gap stays one."""
+def at_rate(take, rate: float):
+    """The take, with `xyz` and `rate`, at another rate, linear between the samples; a gap stays one."""
     count = int((len(take.xyz) - 1) * rate / take.rate) + 1
     at = np.arange(count) * take.rate / rate
     before = np.minimum(at.astype(int), len(take.xyz) - 2)

@@ -1,38 +1,29 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whole takes cut to pieces, of motions and people that training left out: python -m tests.accuracy.whole_takes.
+"""Whole takes cut to pieces, of motions and people that training left out.
 
 Every take is one of those beside the project: markers are hidden in bursts, every gap ends a piece, ghosts are added,
 and the pieces are shuffled. The cases of clouds have no pieces: frames in random order, and in each the points in
-another, with some markers hidden. With --parts FRAMES, each part of a take that is so long is a take of its own: a
-short one shows less of its subject. With --keep DIR, models are kept there and used again. With --write DIR, nothing is
-labelled, and the cases are written there as the programs of ../shared/tools/peers take them.
+another, with some markers hidden.
 """
 
-import argparse
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from time import process_time
 
 import numpy as np
 
-from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import Points
 from addon.core.points.models import Model
-from addon.core.points.whole_take.pipeline import USUAL_TARGET, PointOptions, label_points
 from addon.core.training.pipeline import TrainingOptions, train
 from addon.core.training.takes import LabelledTake
 from addon.io.markersets import builtin_markersets, open_markerset
 from addon.io.models import open_model, write_model
-from addon.io.points import write_c3d
 
 from .. import recorded
 from .labs import OTHER_MOTIONS, WALKS, gait15_of
 from .partial.clouds import Trouble, drawn, placed_differently, spoilt
 from .people import BODY26, DATA, EXCHANGED, GAIT15, MCGILL, everyone, read_c3d
-from .points import Counts, named
-from .tables import share, table
 
 BURST_FRAMES = 20  # that a marker is hidden
 MIN_PIECE_FRAMES = 3
@@ -253,6 +244,8 @@ def cases_of_clouds() -> dict[str, Callable[[], Iterator[Case]]]:
     for ghosts in (1, 3):
         title, trouble = f"walks, 4 hidden, ghosts: {ghosts}", Trouble(4, ghosts)
         found[f"clouds-ghosts-{ghosts}"] = lambda t=title, w=trouble: case_clouds(t, tuple(WALKS), w)
+    noisy = Trouble(4, noise=0.005)
+    found["clouds-noise-5mm"] = lambda: case_clouds("walks, 4 hidden, off by 5 mm", tuple(WALKS), noisy)
     for file in OTHER_MOTIONS:
         found[f"clouds-{file}"] = lambda f=file: case_clouds(f"{f}, 4 hidden", (f,), Trouble(4))
     found["clouds-elsewhere"] = lambda: case_clouds_elsewhere(Trouble(4))
@@ -290,144 +283,24 @@ def model_of(case: Case, keep: Path | None) -> Model:
     """The model that the case's takes teach; read again where it was kept."""
     if case.built_in:
         return open_model(case.built_in)
-    file = keep / f"{case.name.replace(' ', '-')}.markerset.json" if keep else None
-    if file is not None and file.exists():
-        return open_model(file)
+    return kept(keep / f"{case.name.replace(' ', '-')}.markerset.json", lambda: taught(case)) if keep else taught(case)
+
+
+def taught(case: Case) -> Model:
+    """The model that the case's takes teach."""
     takes = [LabelledTake(take.name, take.subject, take.markers, take.xyz) for take in case.training]
-    bodies = [open_markerset(name) for name in builtin_markersets()]
-    model = finished(train(takes, case.markers, TrainingOptions(case.name, search="none"), None, bodies)).model
-    if file is not None:
-        keep.mkdir(parents=True, exist_ok=True)
-        write_model(file, model)
-    return model
+    return learned(case.name, takes, case.markers)
 
 
-def write(case: Case, folder: Path):
-    """Writes each test of a case: `cloud.c3d`, `truth.csv`, and `train/SUBJECT/*.c3d`."""
-    for seed, take in enumerate(case.tested):
-        points, marker = anonymous(take, case, seed)
-        place = folder / f"{case.name} {take.subject}".replace(" ", "-")
-        place.mkdir(parents=True, exist_ok=True)
-        write_c3d(place / "cloud.c3d", points)
-        known = zip(*np.nonzero(marker >= 0), strict=True)
-        rows = [f"{frame + 1},{point},{case.markers[marker[frame, point]]}" for frame, point in known]
-        (place / "truth.csv").write_text("\n".join(["frame,point,marker", *rows]) + "\n", encoding="utf-8")
-        for learned in case.training:
-            own = place / "train" / learned.subject
-            own.mkdir(parents=True, exist_ok=True)
-            named = learned.of(case.markers)
-            residual = np.where(np.isfinite(named.xyz[..., 0]), 0.0005, np.nan)
-            shown = Points(named.markers, named.xyz, residual, named.rate, 1)
-            write_c3d(own / f"{learned.name.partition('.')[0]}.c3d", shown)
+def learned(name: str, takes: list[LabelledTake], markers: tuple[str, ...]) -> Model:
+    """The model that labelled takes teach, with the default options but for partial solvers."""
+    bodies = [open_markerset(one) for one in builtin_markersets()]
+    return finished(train(takes, markers, TrainingOptions(name, search="none"), None, bodies)).model
 
 
-def labelled(model: Model, points: Points, target: float) -> tuple[np.ndarray, str]:
-    """The markers (T, P) that the product names, and why none where it refuses the take."""
-    try:
-        chunk = finished(label_points(points, model, PointOptions("likelihood", target)))
-    except JobError as error:
-        return np.full(points.xyz.shape[:2], -1), str(error)
-    return chunk.labels.marker, ""
-
-
-@dataclass(frozen=True)
-class Measured:
-    """What came of a case: its counts, those of frames alone where they are in no order, how many takes were refused.
-
-    And at what rate it was labelled, frames a second.
-    """
-
-    name: str
-    takes: int
-    counts: Counts
-    alone: Counts | None
-    refused: int
-    rate: float
-
-    def row(self) -> list[str]:
-        """A line of the table that its case is in."""
-        counts = self.counts
-        recall = f"{100 * (counts.given - counts.wrong) / max(counts.there, 1):.3f} %"
-        wrong = share(counts.wrong, counts.given, 3) if counts.given else "–"
-        end = [str(self.refused), f"{self.rate:.0f}"]
-        if self.alone is None:
-            return [self.name, str(self.takes), recall, wrong, *end]
-        before = [f"{100 * self.alone.false_occlusions:.2f} %", f"{100 * self.alone.false_assignments:.3f} %"]
-        return [self.name, str(self.takes), *before, f"{100 * counts.false_occlusions:.2f} %", wrong, recall, *end]
-
-
-def run(case: Case, keep: Path | None, target: float, show: bool, parts: int | None = None) -> Measured:
-    """A case measured, in parts of so many frames if that is said."""
-    model, counts, refused, frames, spent = model_of(case, keep), Counts(), 0, 0, 0.0
-    if parts:
-        case = in_parts(case, parts)
-    alone = None if isinstance(case.how, Pieces) else Counts()
-    for seed, take in enumerate(case.tested):
-        points, truth = anonymous(take, case, seed)
-        begin = process_time()
-        given, reason = labelled(model, points, target)
-        spent += process_time() - begin
-        frames += len(points.xyz)
-        own = Counts()
-        own.add(given, truth, len(case.markers))
-        counts.add(given, truth, len(case.markers))
-        refused += bool(reason)
-        if alone is not None:
-            marker, rate = named(model.likelihood, points.xyz)
-            alone.add(np.where(rate >= target, marker, -1), truth, len(case.markers))
-        if show:
-            print(f"  {case.name} {take.subject}: {own.line()} {reason}", flush=True)
-            _show_wrong(given, truth, case.markers)
-    return Measured(case.name, len(case.tested), counts, alone, refused, frames / spent)
-
-
-def _show_wrong(given: np.ndarray, truth: np.ndarray, markers: Sequence[str]):
-    """The commonest wrong labels."""
-    wrong = (given >= 0) & (given != truth)
-    pairs, count = np.unique(np.stack([given[wrong], truth[wrong]]), axis=1, return_counts=True)
-    for place in np.argsort(-count)[:6]:
-        one, other = pairs[:, place]
-        print(f"    {markers[one]} for {markers[other] if other >= 0 else 'none of the set'}: {count[place]}")
-
-
-def main():
-    """Prints the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("cases", nargs="*", help=f"of {' '.join(CASES)}, or how some begin; all unless said")
-    parser.add_argument("--keep", type=Path, help="a folder for the models")
-    parser.add_argument("--write", type=Path, help="a folder for the cases")
-    parser.add_argument("--parts", type=int, metavar="FRAMES", help="label parts of so many frames, each a take")
-    parser.add_argument("--target", type=float, default=USUAL_TARGET)
-    parser.add_argument("--show", action="store_true", help="take by take")
-    given = parser.parse_args()
-    done = []
-    wanted = [name for asked in given.cases or [""] for name in CASES if name.startswith(asked)]
-    if not wanted:
-        parser.error(f"no case begins so; expected one of {' '.join(CASES)}")
-    for name in wanted:
-        for case in CASES[name]():
-            if given.write:
-                write(case, given.write)
-                continue
-            done.append(run(case, given.keep, given.target, given.show, given.parts))
-            print(done[-1].row(), flush=True)
-    pieces, clouds = ([one.row() for one in done if (one.alone is None) == whole] for whole in (True, False))
-    if pieces:
-        print(table(["case", "takes", "recall", "wrong labels", "refused", "frames/s"], pieces))
-    if clouds:
-        columns = [
-            "case",
-            "takes",
-            "frames alone: FO",
-            "FA",
-            "FO",
-            "wrong labels (FA)",
-            "recall",
-            "refused",
-            "frames/s",
-        ]
-        print(table(columns, clouds))
-
-
-if __name__ == "__main__":
-    main()
+def kept(file: Path, make: Callable[[], Model]) -> Model:
+    """A model that is made once."""
+    if not file.exists():
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_model(file, make())
+    return open_model(str(file))

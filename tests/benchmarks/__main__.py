@@ -18,7 +18,7 @@ from time import perf_counter, process_time
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from . import cases, editing
+from . import cases
 
 COLUMNS = ("what", "median", "least", "of the processor", "floor", "aim", "the paper")
 RUNS: dict[str, Callable[[int], Iterator[cases.Row]]] = {
@@ -27,7 +27,6 @@ RUNS: dict[str, Callable[[int], Iterator[cases.Row]]] = {
     "follow": cases.following,
     "occlusion": cases.occlusion,
     "refine": cases.refining,
-    "editing": editing.editing,
 }
 
 

@@ -8,12 +8,18 @@ Times are of the processor and of one core, the median of some repeats. Points a
 beside the repository; with --models DIR the models that the people left out are named by are kept there and used again.
 """
 
+import argparse
 import json
+import os
+import platform
+import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import chain
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -22,6 +28,7 @@ from addon.core.blobs.pipeline import label_take
 from addon.core.blobs.search import Hints, find_subject
 from addon.core.data.progress import finished
 from addon.core.data.takes import Points
+from addon.core.kernels.library import SWITCH
 from addon.core.points.naming import chosen_method
 from addon.core.points.whole_take.pipeline import USUAL_TARGET, PointOptions, label_points
 from addon.core.simulation.rigs import ring_rig
@@ -31,7 +38,6 @@ from addon.io.markersets import builtin_markersets, open_markerset
 from addon.io.points import read_points
 from tests.accuracy import plates, whole_takes
 from tests.accuracy.people import BODY26, GAIT15, MCGILL, everyone
-from tests.benchmarks.both_ways import BY_NUMPY, COMPILED, machine, processor_seconds, rows_of_ways
 from tests.benchmarks.cases import RATE, ROOM, WALK, standing, start_of
 from tests.core.papers.virtual_occlusions.stages import fit_nine, stages
 from tests.core.scenes import act, built_in
@@ -129,6 +135,12 @@ def _trained(takes: Sequence[whole_takes.Take], markers: Sequence[str]):
     finished(train(labelled, markers, TrainingOptions("measured"), None, bodies))
 
 
+def _processor_seconds(job: Callable[[], object]) -> float:
+    begin = process_time()
+    job()
+    return process_time() - begin
+
+
 RUNS = {"fit": fits, "follow": following, "points": points, "train": training}
 
 
@@ -138,17 +150,34 @@ def measured(names: list[str], models: Path | None):
         for title, unit, floor, aim, job, per, repeats in chain.from_iterable(RUNS[name](models) for name in names):
             if repeats > 1:
                 job()
-            seconds = np.median([processor_seconds(job) for _ in range(repeats)])
+            seconds = np.median([_processor_seconds(job) for _ in range(repeats)])
             figure = per / seconds if unit == "fps" else seconds / per
             print(json.dumps([title, unit, figure, floor, aim]), flush=True)
 
 
+def rows_by(numpy: bool, names: list[str], models: str) -> list[list]:
+    """The rows that this command prints in a process of its own."""
+    again = [sys.executable, "-m", "tests.benchmarks.kernels", "--one-way", "--only", *names, "--models", models]
+    way = os.environ | {SWITCH: str(int(numpy))}
+    done = subprocess.run(again, check=True, stdout=subprocess.PIPE, text=True, env=way)
+    return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("[")]
+
+
 def main() -> int:
     """Measures both ways, one process each."""
-    ways = rows_of_ways("tests.benchmarks.kernels", __doc__, list(RUNS), measured, (BY_NUMPY, COMPILED))
-    if not ways:
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.kernels", description=__doc__.splitlines()[0])
+    parser.add_argument("--only", nargs="*", choices=list(RUNS), default=list(RUNS), help="these measurements alone")
+    parser.add_argument("--models", type=Path, help="folder that models are kept in")
+    parser.add_argument("--one-way", action="store_true", help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.one_way:
+        measured(given.only, given.models)
         return 0
-    print(f"{machine()}, processor time of one core, medians\n")
+    with tempfile.TemporaryDirectory() as folder:
+        ways = [rows_by(numpy, given.only, str(given.models or folder)) for numpy in (True, False)]
+    load = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
+    print(f"Python {platform.python_version()}, NumPy {np.__version__}, {os.cpu_count()} cores{load}, ", end="")
+    print("processor time of one core, medians\n")
     print(f"| {' | '.join(COLUMNS)} |\n| --- | {' | '.join(['---:'] * (len(COLUMNS) - 1))} |")
     for (title, unit, numpy, floor, aim), (_, _, compiled, _, _) in zip(*ways, strict=True):
         gain = compiled / numpy if unit == "fps" else numpy / compiled

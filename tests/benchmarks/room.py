@@ -4,7 +4,6 @@
 A take of 20,000 frames of 62 markers: shown, scrubbed, picked in, corrected with a step of undo, saved and opened.
 """
 
-import argparse
 import json
 import os
 import sys
@@ -16,31 +15,34 @@ import numpy as np
 from scripts import build, real_blender
 
 
-def main() -> int:
-    """Opens the window, and prints the figures."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.room", description=__doc__.splitlines()[0])
-    parser.parse_args()
-    script = Path(__file__).resolve().parent / "window_room.py"
-    with tempfile.TemporaryDirectory(prefix="mocap-room-") as name:
+def seen_in_window(script: Path, task: dict, seconds: float) -> tuple[dict, str]:
+    """What a script in a real window wrote to seen.json, its task in task.json, and which Blender it was.
+
+    Ends the program with the reason where that cannot be.
+    """
+    with tempfile.TemporaryDirectory(prefix="mocap-window-") as name:
         folder = Path(name)
         try:
             blender = real_blender.find()
             package = build.build("{}.{}".format(*blender.version), "linux-x64", folder)
-            (folder / "room.json").write_text(json.dumps({"zip": str(package)}))
-            done = blender.window(script, folder, home=folder / "home", seconds=500)
+            (folder / "task.json").write_text(json.dumps({"zip": str(package), **task}))
+            done = blender.window(script, folder, home=folder / "home", seconds=seconds)
         except LookupError as reason:
-            sys.exit(f"tests.benchmarks.room: {reason}")
+            sys.exit(f"tests.benchmarks: {reason}")
         if not (folder / "seen.json").exists():
-            sys.exit(f"tests.benchmarks.room: the window closed early\n{done.stdout}{done.stderr}")
-        seen = json.loads((folder / "seen.json").read_text())
-    version = "{}.{}.{}".format(*blender.version)
+            sys.exit(f"tests.benchmarks: the window closed early\n{done.stdout}{done.stderr}")
+        return json.loads((folder / "seen.json").read_text()), "{}.{}.{}".format(*blender.version)
+
+
+def main():
+    """Opens the window, and prints the figures."""
+    seen, version = seen_in_window(Path(__file__).with_name("window_room.py"), {}, 500)
     print(f"Blender {version}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, drawn by software\n")
     print("| what | by the clock | least | of the processor | least |\n| --- | ---: | ---: | ---: | ---: |")
     for what, times in seen.items():
         (clock, core), (least, least_core) = 1000 * np.median(times, axis=0), 1000 * np.min(times, axis=0)
         print(f"| {what} | {clock:.1f} ms | {least:.1f} ms | {core:.1f} ms | {least_core:.1f} ms |")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -5,33 +5,19 @@
 """
 
 import argparse
-import json
 import os
-import sys
-import tempfile
 from pathlib import Path
 
-from scripts import build, real_blender
+from .room import seen_in_window
 
 
-def main() -> int:
+def main():
     """Opens the window, and prints the figures."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.timeline", description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=20000)
     given = parser.parse_args()
-    script = Path(__file__).resolve().parents[1] / "package" / "window_timeline.py"
-    with tempfile.TemporaryDirectory(prefix="mocap-timeline-") as name:
-        folder = Path(name)
-        try:
-            blender = real_blender.find()
-            package = build.build("{}.{}".format(*blender.version), "linux-x64", folder)
-            (folder / "task.json").write_text(json.dumps({"zip": str(package), "frames": given.frames, "timing": True}))
-            done = blender.window(script, folder, home=folder / "home", seconds=300)
-        except LookupError as reason:
-            sys.exit(f"tests.benchmarks.timeline: {reason}")
-        if not (folder / "seen.json").exists():
-            sys.exit(f"tests.benchmarks.timeline: the window closed early\n{done.stdout}{done.stderr}")
-        seen = json.loads((folder / "seen.json").read_text())
+    script = Path(__file__).resolve().parents[1] / "package" / "tours" / "timeline.py"
+    seen, _ = seen_in_window(script, {"frames": given.frames, "timing": True}, 300)
     timing = seen["timing"]
     print(f"{given.frames} frames, {timing['runs']} stretches, load {os.getloadavg()[0]:.1f}\n")
     print("| what | median | least | most |\n| --- | ---: | ---: | ---: |")
@@ -39,8 +25,7 @@ def main() -> int:
         print(f"| a redraw of rows and names, {words} | {' | '.join(f'{value:.1f} ms' for value in timing[words])} |")
     print(f"\nThe rows are made anew, when a take or its edits change, in {timing['making the rows']:.0f} ms.")
     print(f"The take is shown, keyed and all, in {seen['s to show the take']:.1f} s.")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

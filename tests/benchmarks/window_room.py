@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a person waits for in a real Blender's window with a long take in it, everything on; runs as its script.
 
-Its task is `room.json` in the folder MOCAP_OUT: the zip. What it measured goes to `seen.json` there, for each thing
+Its task is `task.json` in the folder MOCAP_OUT: the zip. What it measured goes to `seen.json` there, for each thing
 by the clock and of the processor, s.
 """
 
@@ -72,7 +72,7 @@ def settings():
 
 def walk() -> Iterator[float]:
     """Show the take, redraw, pick, correct, undo, save and open it, each several times."""
-    task = json.loads((OUT / "room.json").read_text())
+    task = json.loads((OUT / "task.json").read_text())
     bpy.ops.extensions.package_install_files(filepath=task["zip"], repo="user_default", enable_on_install=True)
     from addon.scene.take import show_take
     from tests.benchmarks.long_take import FRAMES, long_take
@@ -82,14 +82,14 @@ def walk() -> Iterator[float]:
     take = long_take()
 
     def show():
-        settings().take = show_take(bpy.context, take, unnamed=True)
+        settings().take = show_take(bpy.context, take)
         redraw()
 
     spent("a take is shown, to the first redraw", show)
     spent("a step of undo alone", lambda: bpy.ops.ed.undo_push(message="Shown"))
     yield 1
     bpy.context.scene.frame_set(FRAMES // 2)
-    settings().show_trails = True
+    settings().display.show_trails = True
     bpy.ops.mocap_autolabel.show_timeline()
     yield 1
     yield from window.grow("DOPESHEET_EDITOR", 250)

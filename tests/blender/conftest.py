@@ -33,7 +33,11 @@ from addon.core.geometry.cameras import NO_CAMERAS, Cameras  # noqa: E402
 from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion  # noqa: E402
 from addon.core.points.models import Model  # noqa: E402
 from addon.core.points.several.wearers import SetsWorn, Wearer  # noqa: E402
+from addon.io.markersets import write_markerset  # noqa: E402
+from addon.io.points import write_c3d  # noqa: E402
 from addon.scene.take import Take  # noqa: E402
+
+from .hands import FRAMES, GHOST  # noqa: E402
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 MODULE = "bl_ext.mocap_tests.mocap_autolabel"
@@ -282,3 +286,36 @@ def suspects(extension) -> Callable[[], list[tuple[int, int, str]]]:
         return [(one.first + stored.shift, one.last + stored.shift, one.reason) for one in stored.suspects]
 
     return of_active_take
+
+
+def write_walk(folder: Path, xyz: np.ndarray, markerset: MarkerSet, rate: float = 60.0) -> SimpleNamespace:
+    """Writes a take of points without names, walk.c3d, and the marker set that is worn in it."""
+    residual = np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan)
+    write_c3d(folder / "walk.c3d", Points(("",) * xyz.shape[1], xyz, residual, rate, 101))
+    write_markerset(folder / "small.markerset.json", markerset)
+    take, edits = folder / "walk.c3d", folder / "walk.edits.json"
+    return SimpleNamespace(folder=folder, take=take, edits=edits, xyz=xyz, names=markerset.markers)
+
+
+def label_walk(folder: Path):
+    """Labels the take that `write_walk` wrote by the extension's buttons."""
+    assert bpy.ops.mocap_autolabel.import_points(filepath=str(folder / "walk.c3d")) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.open_markerset(filepath=str(folder / "small.markerset.json")) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+
+
+@pytest.fixture
+def files(tmp_path, made):
+    """A take of points of a person, a trajectory a marker and a ghost behind them."""
+    ghost = np.tile([1.5, 1.5, 0.2], (FRAMES, 1, 1))
+    markerset = made.markerset()
+    return write_walk(tmp_path, np.concatenate([made.motion(markerset, FRAMES).markers, ghost], axis=1), markerset)
+
+
+@pytest.fixture
+def labelled(extension, empty, files, name_as):
+    """The take in a scene, named as it is, by a naming that knows."""
+    name_as(np.where(np.arange(GHOST + 1) == GHOST, NO_MARKER, np.arange(GHOST + 1)))
+    label_walk(files.folder)
+    empty.scene.frame_set(120)
+    return empty

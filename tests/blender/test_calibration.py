@@ -46,7 +46,7 @@ def scene(extension, empty, files):
             assert getattr(bpy.ops.mocap_autolabel, f"import_{name}")(filepath=str(path)) == {"FINISHED"}
         path = str(files.folder / "small.markerset.json")
         assert bpy.ops.mocap_autolabel.open_markerset(filepath=path) == {"FINISHED"}
-        empty.scene.mocap_autolabel.rate = 60.0
+        empty.scene.mocap_autolabel.source.rate = 60.0
         return empty.scene
 
     return make
@@ -55,25 +55,25 @@ def scene(extension, empty, files):
 def test_a_moved_camera_is_refined_and_the_new_file_chosen(scene, files):
     made = scene("moved.toml")
     settings, true = made.mocap_autolabel, files.true
-    scene_cameras.look_through(made, settings.cameras.objects[MOVED])
-    before = settings.cameras
+    scene_cameras.look_through(made, settings.source.cameras.objects[MOVED])
+    before = settings.source.cameras
     assert bpy.ops.mocap_autolabel.refine_calibration() == {"FINISHED"}
     path = files.folder / "walk.refined.toml"
-    written, chosen = read_cameras(path), scene_cameras.cameras_of(settings.cameras, made)
-    assert settings.cameras != before
+    written, chosen = read_cameras(path), scene_cameras.cameras_of(settings.source.cameras, made)
+    assert settings.source.cameras != before
     assert before.hide_viewport
     assert image_error(written, true).max() < 0.2
     assert image_error(chosen, written).max() < 0.01
     assert scene_cameras.camera_name(made.camera) == true.names[MOVED]
-    assert made.camera.name in settings.cameras.objects
-    report = kept_refinement(settings.cameras)
+    assert made.camera.name in settings.source.cameras.objects
+    report = kept_refinement(settings.source.cameras)
     assert Path(report["out"]) == path
     moved_row = report["cameras"][true.names[MOVED]]
     assert moved_row["after_px"] < 0.2 < moved_row["before_px"]
     # With the cameras as they are now there is nothing left to do, and nothing is written.
     assert bpy.ops.mocap_autolabel.refine_calibration() == {"FINISHED"}
     assert sorted(each.name for each in files.folder.glob("*.refined.toml")) == ["walk.refined.toml"]
-    assert kept_refinement(settings.cameras) == report
+    assert kept_refinement(settings.source.cameras) == report
     path.unlink()
 
 
@@ -85,23 +85,23 @@ def test_cameras_that_were_changed_meanwhile_stay(extension, scene, files, monke
 
     def changed_meanwhile(_):
         yield 0.5
-        settings.cameras = other
+        settings.source.cameras = other
         report = {"cameras": {"cam 0": {"before_px": 2.0, "after_px": 0.4}}, "camera_doubts": [], "refined": True}
         return module.Refined({**report, "out": "there/new.toml"}, files.true)
 
-    monkeypatch.setattr(module, "refine_steps", changed_meanwhile)
+    monkeypatch.setattr(module, "beside", changed_meanwhile)
     with pytest.raises(RuntimeError, match=r"which are in new\.toml; expected them to stay"):
         bpy.ops.mocap_autolabel.refine_calibration()
-    assert settings.cameras == other
+    assert settings.source.cameras == other
     assert not other.hide_viewport
 
 
 def test_the_panel_tells_errors_and_offers_to_label_again(extension, scene, files):
     made = scene("room.toml")
-    panel = importlib.import_module(f"{extension}.addon.ui.calibration")
+    panel = importlib.import_module(f"{extension}.addon.ui.panels")
     settings = made.mocap_autolabel
     row = {"before_px": 2.19, "after_px": 0.41}
-    settings.cameras["mocap_refined"] = json.dumps({"cameras": {"cam 0": row, "cam 1": dict.fromkeys(row)}})
+    settings.source.cameras["mocap_refined"] = json.dumps({"cameras": {"cam 0": row, "cam 1": dict.fromkeys(row)}})
     said, buttons = [], []
 
     class Layout:
@@ -135,7 +135,7 @@ def test_without_cameras_or_blobs_the_button_says_why(extension, empty, files):
     assert not operator.poll.__func__(cls, empty)
     assert bpy.ops.mocap_autolabel.import_cameras(filepath=str(files.folder / "room.toml")) == {"FINISHED"}
     assert not operator.poll.__func__(cls, empty)
-    empty.scene.mocap_autolabel.points_path = "walk.c3d"
+    empty.scene.mocap_autolabel.source.points_path = "walk.c3d"
     assert not operator.poll.__func__(cls, empty)
     assert [words.split(":")[0] for words in said] == [
         "Import the calibration of the cameras first",
@@ -153,11 +153,11 @@ def test_a_free_name_is_found(extension, tmp_path):
 
 def test_trouble_is_one_report_and_leaves_nothing(scene, files):
     made = scene("room.toml")
-    cameras = scene_cameras.cameras_of(made.mocap_autolabel.cameras, made)
+    cameras = scene_cameras.cameras_of(made.mocap_autolabel.source.cameras, made)
     large = Cameras(
         cameras.names, cameras.size, cameras.matrix, cameras.distortion, cameras.rotation, 1000 * cameras.translation
     )
-    made.mocap_autolabel.cameras = scene_cameras.add_cameras(made, large)
+    made.mocap_autolabel.source.cameras = scene_cameras.add_cameras(made, large)
     with pytest.raises(RuntimeError, match="about 1000 times too large"):
         bpy.ops.mocap_autolabel.refine_calibration()
     assert not list(files.folder.glob("*.refined.toml"))

@@ -174,6 +174,3 @@ def test_who_is_no_person_has_no_character(empty, made, extension):
     stored = takes.stored_take(collection, empty.scene)
     with pytest.raises(InputError, match="no person's skeleton"):
         characters.add_character(empty, collection, stored, "HUMANIK")
-    del collection[takes.SEGMENTS]
-    with pytest.raises(InputError, match="older version"):
-        characters.character_in(collection, takes.stored_take(collection, empty.scene))

@@ -4,99 +4,17 @@
 import importlib
 import json
 from functools import partial
-from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
 
-from addon.core.data.takes import NO_MARKER, Points
 from addon.core.edits.kinds import AssignPoint, Edits, Right, Swap, UnlabelPoint
 from addon.io.edits import read_edits, write_edits
-from addon.io.markersets import write_markerset
-from addon.io.points import read_points, write_c3d
+from addon.io.points import read_points
 from addon.scene import naming
+from tests.blender.hands import FRAMES, GHOST, choose, follows, keys_of, picked, rows_of_export, shown
 from tests.io.pages import read as read_page
-
-FRAMES = 30
-GHOST = 13  # the trajectory that nobody wears; before it each is the marker of its number
-
-
-@pytest.fixture
-def files(tmp_path, made):
-    """A take of points of a person, a trajectory a marker and a ghost behind them."""
-    markerset = made.markerset()
-    motion = made.motion(markerset, FRAMES)
-    ghost = np.tile([1.5, 1.5, 0.2], (FRAMES, 1, 1))
-    xyz = np.concatenate([motion.markers, ghost], axis=1)
-    residual = np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan)
-    write_c3d(tmp_path / "walk.c3d", Points(("",) * xyz.shape[1], xyz, residual, 60.0, 101))
-    write_markerset(tmp_path / "small.markerset.json", markerset)
-    names = markerset.markers
-    return SimpleNamespace(
-        folder=tmp_path, take=tmp_path / "walk.c3d", edits=tmp_path / "walk.edits.json", xyz=xyz, names=names
-    )
-
-
-@pytest.fixture
-def labelled(extension, empty, files, name_as):
-    """The take in a scene, named as it is, by a naming that knows."""
-    truth = np.arange(GHOST + 1)
-    truth[GHOST] = NO_MARKER
-    name_as(truth)
-    assert bpy.ops.mocap_autolabel.import_points(filepath=str(files.take)) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.open_markerset(filepath=str(files.folder / "small.markerset.json")) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
-    empty.scene.frame_set(120)
-    return empty
-
-
-def shown() -> dict[str, bpy.types.Object]:
-    """The empties of the active take."""
-    take = bpy.context.scene.mocap_autolabel.take
-    return {item[naming.MARKER]: item for item in take.all_objects if naming.MARKER in item}
-
-
-def picked() -> list[int]:
-    """The trajectories that are picked."""
-    return [row.point for row in bpy.context.window_manager.mocap_autolabel.picked]
-
-
-def choose(*names: str):
-    """Selects markers, the first as the active one."""
-    for item in bpy.context.selected_objects:
-        item.select_set(False)
-    for name in reversed(names):
-        shown()[name].select_set(True)
-        bpy.context.view_layer.objects.active = shown()[name]
-
-
-def keys_of(name: str) -> np.ndarray:
-    """(K, 4) the keyed frames of a marker, and where it is in them."""
-    data = shown()[name].animation_data
-    bag = data.action.layers[0].strips[0].channelbag(data.action_slot)
-    curves = [[key.co for key in curve.keyframe_points] for curve in bag.fcurves if curve.data_path == "location"]
-    assert len(curves) in (0, 3)
-    return (
-        np.column_stack([np.array(curves[0])[:, 0], *(np.array(c)[:, 1] for c in curves)])
-        if curves
-        else np.empty((0, 4))
-    )
-
-
-def follows(files, name: str, point: int, frames: slice = slice(None)):
-    """Asserts that a marker is keyed where a trajectory is, in some of the take's frames, and there only."""
-    keys = keys_of(name)
-    wanted = np.arange(FRAMES)[frames]
-    wanted = wanted[np.isfinite(files.xyz[wanted, point, 0])]
-    mine = keys[np.isin(keys[:, 0], 101 + np.arange(FRAMES)[frames])]
-    assert mine[:, 0].tolist() == (101 + wanted).tolist()
-    np.testing.assert_allclose(mine[:, 1:], files.xyz[wanted, point], atol=1e-5)
-
-
-def rows_of_export(path) -> list[list[str]]:
-    assert bpy.ops.mocap_autolabel.export_labels(filepath=str(path)) == {"FINISHED"}
-    return [line.split(",") for line in path.read_text().splitlines()[1:]]
 
 
 def test_two_names_are_swapped_everywhere(labelled, files):
@@ -152,7 +70,7 @@ def test_a_name_is_taken_away_and_given_to_what_was_picked(labelled, files):
     assert shown()["LKNE"].hide_viewport
     cloud = next(item for item in labelled.scene.mocap_autolabel.take.objects if item.modifiers)
     assert len(cloud.data.vertices) == FRAMES + int(np.isfinite(files.xyz[:, knee, 0]).sum())
-    assert bpy.ops.mocap_autolabel.pick_point(point=GHOST) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.pick(point=GHOST) == {"FINISHED"}
     assert (picked(), bpy.context.selected_objects) == ([GHOST], [])
     assert bpy.ops.mocap_autolabel.name_point(marker="LKNE", scope="BACK") == {"FINISHED"}
     follows(files, "LKNE", GHOST, slice(0, 20))
@@ -164,7 +82,7 @@ def test_a_name_is_taken_away_and_given_to_what_was_picked(labelled, files):
 
 def test_a_named_point_that_is_picked_is_selected_as_its_marker(labelled, files):
     ankle = files.names.index("LANK")
-    assert bpy.ops.mocap_autolabel.pick_point(point=ankle) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.pick(point=ankle) == {"FINISHED"}
     assert [item[naming.MARKER] for item in bpy.context.selected_objects] == ["LANK"]
     assert picked() == [ankle]
 
@@ -185,7 +103,7 @@ def test_a_scope_is_a_range_of_frames(labelled, files, scope, frames):
 def test_what_is_right_is_no_longer_asked(extension, labelled, suspects):
     take = labelled.scene.mocap_autolabel.take
     take["mocap_suspects"] = json.dumps(
-        [[110, 115, "LKNE jumps", None, ["LKNE"]], [112, 113, "may be LKNE", GHOST, []], [120, 121, "of old"]]
+        [[110, 115, "LKNE jumps", None, ["LKNE"]], [112, 113, "may be LKNE", GHOST, []], [120, 121, "of old", None, []]]
     )
     importlib.import_module(f"{extension}.addon.scene.opened").opened.forget()
     choose("LKNE")
@@ -193,7 +111,7 @@ def test_what_is_right_is_no_longer_asked(extension, labelled, suspects):
     bpy.ops.mocap_autolabel.is_right(scope="ON")
     state = labelled.window_manager.mocap_autolabel
     assert suspects() == [(110, 111, "LKNE jumps"), (112, 113, f"trajectory {GHOST} may be LKNE"), (120, 121, "of old")]
-    bpy.ops.mocap_autolabel.pick_point(point=GHOST)
+    bpy.ops.mocap_autolabel.pick(point=GHOST)
     bpy.ops.mocap_autolabel.name_point(marker="LKNE", scope="WHOLE")
     assert not any("may be LKNE" in reason for *_, reason in suspects())
     bpy.ops.mocap_autolabel.clear_corrections()
@@ -243,7 +161,7 @@ def test_labelling_again_keeps_them_and_is_what_the_command_line_makes(labelled,
     jobs = importlib.import_module(f"{extension}.addon.jobs")
     choose("LKNE", "RKNE")
     bpy.ops.mocap_autolabel.swap_markers(scope="WHOLE")
-    bpy.ops.mocap_autolabel.pick_point(point=GHOST)
+    bpy.ops.mocap_autolabel.pick(point=GHOST)
     bpy.ops.mocap_autolabel.name_point(marker="LANK", scope="FRAME")
     bpy.ops.mocap_autolabel.save_corrections()
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
@@ -303,7 +221,7 @@ def test_what_cannot_be_done_is_one_sentence_and_changes_nothing(labelled, files
         (bpy.ops.mocap_autolabel.unlabel, "nothing is selected; expected"),
         (bpy.ops.mocap_autolabel.swap_markers, "the selection has 0 markers; expected"),
         (bpy.ops.mocap_autolabel.is_right, "no marker is selected; expected"),
-        (partial(bpy.ops.mocap_autolabel.pick_point, point=99), "trajectory 99 has no point in frame 120; expected"),
+        (partial(bpy.ops.mocap_autolabel.pick, point=99), "trajectory 99 has no point in frame 120; expected"),
         (bpy.ops.mocap_autolabel.clear_corrections, "Nothing was corrected"),
     ):
         with pytest.raises(RuntimeError, match=words):
@@ -322,7 +240,7 @@ def test_what_cannot_be_done_is_one_sentence_and_changes_nothing(labelled, files
     with pytest.raises(RuntimeError, match="the current frame is 500; expected one of the take, 101 to 130"):
         bpy.ops.mocap_autolabel.unlabel()
     scene.frame_set(120)
-    bpy.ops.mocap_autolabel.pick_point(point=GHOST)
+    bpy.ops.mocap_autolabel.pick(point=GHOST)
     with pytest.raises(RuntimeError, match=f"trajectory {GHOST} has no name in the take; expected"):
         bpy.ops.mocap_autolabel.unlabel()
     assert "mocap_edits" not in collection

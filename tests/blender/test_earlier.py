@@ -21,6 +21,7 @@ from addon.io.points import read_points
 from tests.earlier.keep import FEW, MODEL
 
 EARLIER = Path(__file__).resolve().parents[1] / "earlier"
+GONE = {"keep_unnamed"}  # settings that there are no more
 VERSIONS = sorted(path.parent.name for path in EARLIER.glob("*/expected.json"))
 
 
@@ -46,10 +47,6 @@ def stored(extension):
     return lambda: opened.take(bpy.context.scene.mocap_autolabel.take, bpy.context.scene)
 
 
-def test_there_are_earlier_versions():
-    assert len(VERSIONS) >= 3
-
-
 def test_a_take_is_as_the_version_that_saved_it_read_it(take, stored):
     now = stored()
     assert list(now.names) == take["markers"]
@@ -63,16 +60,41 @@ def test_a_take_is_as_the_version_that_saved_it_read_it(take, stored):
     assert [[fill.marker, fill.first, fill.last] for fill in now.fills] == take["fills"]
     assert not any(now.unfit)
     settings = bpy.context.scene.mocap_autolabel
-    assert settings.markerset == MODEL, "that of the take, where the list was another"
+    assert settings.subjects.markerset == MODEL
     assert settings.take is not None
 
 
-def test_its_list_of_takes_to_learn_from_is_there(take):
-    lists = [[row.name for row in scene.mocap_autolabel.training_takes] for scene in bpy.data.scenes]
-    assert sorted(lists) == [[], ["one.c3d"]]
+def test_its_settings_are_kept(take, extension):
+    former = importlib.import_module(f"{extension}.addon.props").FORMER
+    assert len(take["settings"]) > 40
+    for name, value in take["settings"].items():
+        if name in GONE:
+            continue
+        group, _, own = ".".join(former.get(name, (name,))).rpartition(".")
+        settings = bpy.context.scene.mocap_autolabel
+        now = getattr(getattr(settings, group) if group else settings, own)
+        assert (pytest.approx(value, abs=1e-4) if isinstance(value, float) else value) == now, name
+    lists = [scene.mocap_autolabel for scene in bpy.data.scenes]
+    assert sorted([row.name for row in one.training.takes] for one in lists) == [[], ["one.c3d"]]
+    assert sorted([row.name for row in one.subjects.performers] for one in lists) == [[], ["performer1"]]
 
 
-@pytest.mark.parametrize("kept", VERSIONS[:1], indirect=True)
+def test_settings_before_there_were_groups_are_kept_in_any_blender(extension, empty, tmp_path):
+    """As saved by this Blender, whose files keep properties elsewhere than those of the older one."""
+    settings = empty.scene.mocap_autolabel
+    settings.rate, settings.folder_path, settings.use_fill_longest, settings.method = 50.0, "/takes", True, "fit"
+    row = settings.training_takes.add()
+    row.name, row.path, row.rate, row.kept = "one.c3d", "/one.c3d", 60.0, True
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "flat.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "flat.blend"))
+    settings = bpy.context.scene.mocap_autolabel
+    assert (settings.source.rate, settings.folder.path, settings.filling.use_longest) == (50.0, "/takes", True)
+    assert (settings.labelling.method, settings.filling.method) == ("fit", "auto")
+    [row] = settings.training.takes
+    assert (row.name, row.path, row.rate, row.kept) == ("one.c3d", "/one.c3d", 60.0, True)
+    assert not settings.is_property_set("rate") and not len(settings.training_takes), "once"
+
+
 def test_a_take_is_corrected_filled_smoothed_exported_and_saved_again(take, stored, tmp_path):
     before = stored()
     items = {
@@ -88,6 +110,8 @@ def test_a_take_is_corrected_filled_smoothed_exported_and_saved_again(take, stor
     assert bpy.ops.mocap_autolabel.unlabel(scope="FRAME") == {"FINISHED"}
     assert len(stored().edits) == take["edits"] + 1
     assert np.isnan(stored().unfilled.markers[2, before.names.index("LASI")]).all()
+    filling = bpy.context.scene.mocap_autolabel.filling
+    filling.method, filling.use_longest = "auto", False
     assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
     assert ["LASI", 3, 3] in [[fill.marker, fill.first, fill.last] for fill in stored().fitting]
     assert bpy.ops.mocap_autolabel.smooth() == {"FINISHED"}
@@ -103,17 +127,12 @@ def test_a_take_is_corrected_filled_smoothed_exported_and_saved_again(take, stor
 
 
 def test_its_edits_are_read(kept):
-    path = kept / "walk.edits.json"
-    if not path.exists():
-        pytest.skip("this version knew no edits")
-    assert [type(edit) for edit in read_edits(path)] == [Swap, UnlabelPoint]
+    assert [type(edit) for edit in read_edits(kept / "walk.edits.json")] == [Swap, UnlabelPoint]
 
 
 def test_its_report_has_a_row_in_a_batchs_table(kept):
     report = json.loads((kept / "walk.report.json").read_text(encoding="utf-8"))
     assert report["model"] == MODEL
-    if "made_of" not in report:
-        pytest.skip("no batch goes on from results that do not say what they were made of")
     row = row_of(report, "walk.c3d")
     assert (row.take, row.frames) == ("walk", 16)
 

@@ -9,10 +9,8 @@ import pytest
 
 from addon.io.points import read_points
 from addon.scene.take import show_take
-from tests.blender import test_correcting
-from tests.blender.test_correcting import FRAMES, GHOST, choose, keys_of, shown
+from tests.blender.hands import FRAMES, GHOST, choose, keys_of, shown
 
-files, labelled = test_correcting.files, test_correcting.labelled  # fixtures
 GAP = slice(FRAMES // 3, FRAMES // 2)  # of RASI, and all are lost in two frames before
 HERE = 101 + GAP.start + 2
 
@@ -32,7 +30,7 @@ def rows() -> list[tuple]:
 @pytest.fixture
 def filled(labelled):
     """The take with the gap of RASI filled."""
-    labelled.scene.mocap_autolabel.fill_method = "rigid"
+    labelled.scene.mocap_autolabel.filling.method = "rigid"
     choose("RASI")
     labelled.scene.frame_set(HERE)
     assert bpy.ops.mocap_autolabel.fill_gaps(extent="GAP") == {"FINISHED"}
@@ -74,7 +72,7 @@ def test_exports_tell_what_is_filled_and_what_was_measured(filled, files):
 @pytest.mark.parametrize("extent", ["GAP", "MARKER", "TAKE"])
 def test_fills_are_taken_back(filled, extent):
     before = keys_of("RASI")
-    filled.scene.mocap_autolabel.fill_method = "spline"
+    filled.scene.mocap_autolabel.filling.method = "spline"
     assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
     assert len(rows()) > 10, "all markers were lost in two frames"
     assert bpy.ops.mocap_autolabel.take_back_fills(extent=extent) == {"FINISHED"}
@@ -114,10 +112,10 @@ def test_labelling_again_keeps_them(filled):
 
 def test_labelling_a_part_again_leaves_fills_and_smoothing_beside_what_was_measured(filled, files, extension):
     settings = filled.scene.mocap_autolabel
-    settings.cutoff = 5.0
+    settings.filling.cutoff = 5.0
     assert bpy.ops.mocap_autolabel.smooth() == {"FINISHED"}
     keys = keys_of("RASI")
-    settings.use_range, settings.range_first, settings.range_last = True, 121, 125
+    settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 121, 125
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert rows() == [("RASI", 101 + GAP.start, 100 + GAP.stop, "")]
     np.testing.assert_allclose(keys_of("RASI"), keys, atol=1e-5)
@@ -129,7 +127,7 @@ def test_labelling_a_part_again_leaves_fills_and_smoothing_beside_what_was_measu
 def test_a_fill_that_a_correction_contradicts_is_left_out_with_a_word_and_comes_back(filled):
     keys = keys_of("RASI")
     choose()
-    assert bpy.ops.mocap_autolabel.pick_point(point=GHOST) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.pick(point=GHOST) == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.name_point(marker="RASI", scope="FRAME") == {"FINISHED"}
     assert "named in some of its frames now" in rows()[0][3]
     assert "GENERATED" not in kinds_of("RASI").values()
@@ -141,7 +139,7 @@ def test_a_fill_that_a_correction_contradicts_is_left_out_with_a_word_and_comes_
 
 def test_a_new_filling_rests_on_no_stray_point(filled):
     choose()
-    bpy.ops.mocap_autolabel.pick_point(point=GHOST)
+    bpy.ops.mocap_autolabel.pick(point=GHOST)
     bpy.ops.mocap_autolabel.name_point(marker="RASI", scope="FRAME")
     choose("RASI")
     filled.scene.frame_set(HERE + 1)
@@ -156,7 +154,7 @@ def test_a_new_filling_puts_away_what_no_longer_fits(filled, files, extension):
     importlib.import_module(f"{extension}.addon.ops.correcting").correct(bpy.context, kinds.Edits((place,)))
     choose("RASI")
     filled.scene.frame_set(HERE + 1)
-    filled.scene.mocap_autolabel.fill_method = "spline"
+    filled.scene.mocap_autolabel.filling.method = "spline"
     assert bpy.ops.mocap_autolabel.fill_gaps(extent="GAP") == {"FINISHED"}
     assert rows() == [("RASI", HERE + 1, 100 + GAP.stop, "")]
 
@@ -175,7 +173,7 @@ def test_filled_ones_stand_out_in_the_overlay_and_are_no_labels(filled, files, e
 
 @pytest.mark.parametrize("method", ["auto", "regression", "rigid", "pattern", "pca", "body", "spline"])
 def test_each_method_says_what_it_filled_by(labelled, method):
-    labelled.scene.mocap_autolabel.fill_method = method
+    labelled.scene.mocap_autolabel.filling.method = method
     choose("RASI")
     labelled.scene.frame_set(HERE)
     state = labelled.window_manager.mocap_autolabel
@@ -199,7 +197,7 @@ def test_what_was_filled_goes_into_no_other_take(labelled, made, monkeypatch, ex
         return work(lambda _: None)
 
     monkeypatch.setattr(filling, "in_background", changed_meanwhile)
-    settings.fill_method = "rigid"
+    settings.filling.method = "rigid"
     with pytest.raises(RuntimeError, match="another take is shown than the one whose gaps were filled; expected"):
         bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE")
     assert rows() == []
@@ -207,7 +205,7 @@ def test_what_was_filled_goes_into_no_other_take(labelled, made, monkeypatch, ex
 
 def test_a_take_of_blobs_is_filled_too(extension, empty, made):
     empty.scene.mocap_autolabel.take = show_take(empty, made.take(40))
-    empty.scene.mocap_autolabel.fill_method = "rigid"
+    empty.scene.mocap_autolabel.filling.method = "rigid"
     choose("RASI")
     assert bpy.ops.mocap_autolabel.fill_gaps(extent="MARKER") == {"FINISHED"}
     assert {row[0] for row in rows()} == {"RASI"}
@@ -223,17 +221,17 @@ def test_what_cannot_be_filled_is_one_sentence(labelled):
         bpy.ops.mocap_autolabel.fill_gaps(extent="GAP")
     with pytest.raises(RuntimeError, match="Nothing was filled"):
         bpy.ops.mocap_autolabel.take_back_fills()
-    settings.use_fill_longest, settings.fill_longest = True, 1
+    settings.filling.use_longest, settings.filling.longest = True, 1
     assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"CANCELLED"}
     left = labelled.window_manager.mocap_autolabel.left_gaps
     assert {row.reason for row in left} == {"is longer than 1 frames"}
-    settings.use_fill_longest, settings.fill_method = False, "body"
-    settings.markerset, settings.markerset_path = "FILE", ""
+    settings.filling.use_longest, settings.filling.method = False, "body"
+    settings.subjects.markerset, settings.subjects.markerset_path = "FILE", ""
     with pytest.raises(RuntimeError, match="is not the take's; expected"):
         bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE")
     labelled.scene.frame_set(110)
     choose("LKNE")
-    settings.fill_method = "spline"
+    settings.filling.method = "spline"
     assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
     choose("LKNE")
     with pytest.raises(RuntimeError, match="nothing that was filled is there; expected"):

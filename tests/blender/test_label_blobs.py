@@ -17,7 +17,7 @@ from addon.io.edits import read_edits
 from addon.io.markersets import write_markerset
 from addon.io.points import read_points
 
-from .test_correcting import choose, keys_of, picked, rows_of_export, shown
+from .hands import choose, keys_of, picked, rows_of_export, shown
 
 FRAMES, LOST = 30, "RKNE"
 
@@ -62,8 +62,8 @@ def labelled(extension, empty, files, made, monkeypatch):
     bpy.ops.mocap_autolabel.import_cameras(filepath=str(files.folder / "room.toml"))
     bpy.ops.mocap_autolabel.import_blobs(filepath=str(files.folder / "walk.csv"))
     bpy.ops.mocap_autolabel.open_markerset(filepath=str(files.folder / "small.markerset.json"))
-    empty.scene.mocap_autolabel.rate = 60.0
-    empty.scene.mocap_autolabel.occlusion = "capsules"
+    empty.scene.mocap_autolabel.source.rate = 60.0
+    empty.scene.mocap_autolabel.labelling.occlusion = "capsules"
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     empty.scene.frame_set(115)
     return empty
@@ -84,7 +84,7 @@ def cameras_that_see(files, name: str, frame: int = 115) -> list[int]:
 def name_in_two(files, scope: str = "FRAME"):
     """Names the lost marker's blob in two cameras."""
     for camera in cameras_that_see(files, LOST)[:2]:
-        bpy.ops.mocap_autolabel.pick_point(point=row_of(files, LOST, camera))
+        bpy.ops.mocap_autolabel.pick(point=row_of(files, LOST, camera))
         assert bpy.ops.mocap_autolabel.name_point(marker=LOST, scope=scope) == {"FINISHED"}
 
 
@@ -113,10 +113,10 @@ def test_a_take_whose_keys_would_fill_the_memory_is_refused_as_soon_as_that_is_k
 
 def test_a_marker_that_is_named_in_two_cameras_is_in_space_at_once(labelled, files):
     first, second = cameras_that_see(files, LOST)[:2]
-    bpy.ops.mocap_autolabel.pick_point(point=row_of(files, LOST, first))
+    bpy.ops.mocap_autolabel.pick(point=row_of(files, LOST, first))
     bpy.ops.mocap_autolabel.name_point(marker=LOST, scope="FRAME")
     assert len(keys_of(LOST)) == 0, "one camera makes a ray, no point"
-    bpy.ops.mocap_autolabel.pick_point(point=row_of(files, LOST, second))
+    bpy.ops.mocap_autolabel.pick(point=row_of(files, LOST, second))
     bpy.ops.mocap_autolabel.name_point(marker=LOST, scope="FRAME")
     [key] = keys_of(LOST)
     truth = files.motion.expected[14, files.names.index(LOST)]
@@ -169,7 +169,7 @@ def test_what_is_said_of_blobs_is_kept_over_save_undo_and_relabelling(labelled, 
     bpy.ops.mocap_autolabel.remove_correction(index=1)
     assert len(keys_of(LOST)) == 0, "without it the marker is gone, also from a take that was labelled with it"
     bpy.context.scene.frame_set(115)
-    bpy.ops.mocap_autolabel.pick_point(point=row_of(files, "C7", 0))
+    bpy.ops.mocap_autolabel.pick(point=row_of(files, "C7", 0))
     before = keys_of("C7")
     bpy.ops.mocap_autolabel.unlabel(scope="FRAME")
     bpy.ops.mocap_autolabel.remove_correction(index=1)
@@ -178,9 +178,9 @@ def test_what_is_said_of_blobs_is_kept_over_save_undo_and_relabelling(labelled, 
 
 def test_blobs_lose_their_names_swap_and_are_none(labelled, files):
     row, other = row_of(files, "LANK", 1), row_of(files, "LKNE", 1)
-    bpy.ops.mocap_autolabel.pick_point(point=row)
+    bpy.ops.mocap_autolabel.pick(point=row)
     assert [item.name for item in bpy.context.selected_objects] == ["LANK"]
-    bpy.ops.mocap_autolabel.pick_point(point=other, mode="TOGGLE")
+    bpy.ops.mocap_autolabel.pick(point=other, mode="TOGGLE")
     assert picked() == [row, other]
     with pytest.raises(RuntimeError, match="2 blobs of cam 1 are picked; expected one of each camera"):
         bpy.ops.mocap_autolabel.name_point(marker="C7", scope="FRAME")
@@ -188,9 +188,9 @@ def test_blobs_lose_their_names_swap_and_are_none(labelled, files):
     labels = take_now(labelled).labels.marker
     assert (files.names[labels[row]], files.names[labels[other]]) == ("LKNE", "LANK")
     bpy.ops.mocap_autolabel.clear_corrections()
-    bpy.ops.mocap_autolabel.pick_point(point=row)
+    bpy.ops.mocap_autolabel.pick(point=row)
     bpy.ops.mocap_autolabel.unlabel(scope="FRAME")
-    bpy.ops.mocap_autolabel.pick_point(point=other)
+    bpy.ops.mocap_autolabel.pick(point=other)
     bpy.ops.mocap_autolabel.no_marker(scope="FRAME")
     labels = take_now(labelled).labels.marker
     assert (labels[[row, other]] == NO_MARKER).all()
@@ -202,7 +202,7 @@ def test_blobs_lose_their_names_swap_and_are_none(labelled, files):
 def test_a_picked_blob_is_picked_along_its_track(labelled, files, extension):
     module = importlib.import_module(f"{extension}.addon.ops.picking")
     row = row_of(files, "LANK", 1)
-    bpy.ops.mocap_autolabel.pick_point(point=row)
+    bpy.ops.mocap_autolabel.pick(point=row)
     for frame in (116, 114):
         bpy.context.scene.frame_set(frame)
         assert module.picked_points(bpy.context) == [row_of(files, "LANK", 1, frame)]

@@ -38,8 +38,8 @@ def ready(extension, empty, files, tmp_path):
     settings = empty.scene.mocap_autolabel
     bpy.ops.mocap_autolabel.import_cameras(filepath=str(files / "room.toml"))
     bpy.ops.mocap_autolabel.open_markerset(filepath=str(files / "small.markerset.json"))
-    settings.folder_path, settings.folder_out = str(files / "in"), str(tmp_path / "out")
-    settings.rate = 60.0
+    settings.folder.path, settings.folder.out = str(files / "in"), str(tmp_path / "out")
+    settings.source.rate = 60.0
     module = importlib.import_module(f"{extension}.addon.ops.label_folder")
     yield SimpleNamespace(context=empty, settings=settings, module=module, out=tmp_path / "out")
     module.leave_batch()
@@ -67,11 +67,13 @@ def test_a_folder_is_labelled_and_its_takes_opened(ready):
 
 def test_a_folder_that_is_watched_goes_on_beside_blender_until_it_is_stopped(ready, files):
     settings, module = ready.settings, ready.module
-    settings.folder_watch = True
+    settings.folder.watch = True
     line, table, blobs = module.folder_line(settings)
     assert blobs
     assert "--idle=0" not in line
-    batch = module.FolderBatch(line, table, module.scene_cameras.cameras_of(settings.cameras, ready.context.scene))
+    batch = module.FolderBatch(
+        line, table, module.scene_cameras.cameras_of(settings.source.cameras, ready.context.scene)
+    )
     module._latest[:] = module._going[:] = [batch]
     assert not bpy.ops.mocap_autolabel.label_folder.poll()
     until = time.monotonic() + PATIENCE
@@ -91,12 +93,12 @@ def test_a_folder_that_is_watched_goes_on_beside_blender_until_it_is_stopped(rea
 
 def test_what_stops_a_folder_is_said(ready, files, tmp_path):
     settings = ready.settings
-    settings.folder_path = ""
+    settings.folder.path = ""
     assert not bpy.ops.mocap_autolabel.label_folder.poll()
-    settings.folder_path = str(tmp_path / "none")
+    settings.folder.path = str(tmp_path / "none")
     with pytest.raises(RuntimeError, match="is no folder; expected one with takes"):
         bpy.ops.mocap_autolabel.label_folder()
-    settings.folder_path = str(files / "in")
+    settings.folder.path = str(files / "in")
     ready.out.mkdir()
     shutil.copy(files / "in" / "walk.csv", ready.out / "summary.csv")
     with pytest.raises(RuntimeError, match="exists already"):

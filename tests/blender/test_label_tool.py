@@ -19,7 +19,7 @@ from addon.scene import picking
 from addon.scene.likely import NEAREST, likely_markers, on_ray, predicted, ranked
 from addon.scene.stored import Stored
 
-from .test_correcting import GHOST, choose, files, follows, keys_of, labelled, picked  # noqa: F401 - its fixtures
+from .hands import GHOST, choose, follows, keys_of, picked
 
 
 @pytest.fixture
@@ -126,24 +126,24 @@ def test_a_place_on_a_ray_is_as_deep_as_what_is_near():
     np.testing.assert_allclose(on_ray(np.zeros(3), np.array([0, 2.0, 0]), np.array([1, -3.0, 0])), [0, 0, 0])
 
 
-def test_pieces_are_added_and_joined_but_not_two_of_one_frame(labelled, files):  # noqa: F811
+def test_pieces_are_added_and_joined_but_not_two_of_one_frame(labelled, files):
     knee, ankle = files.names.index("LKNE"), files.names.index("LANK")
-    bpy.ops.mocap_autolabel.pick_point(point=knee)
-    bpy.ops.mocap_autolabel.pick_point(point=ankle, mode="TOGGLE")
+    bpy.ops.mocap_autolabel.pick(point=knee)
+    bpy.ops.mocap_autolabel.pick(point=ankle, mode="TOGGLE")
     assert picked() == [knee, ankle]
     assert {item.name for item in bpy.context.selected_objects} == {"LKNE", "LANK"}
     with pytest.raises(
         RuntimeError, match="2 points are picked, several of them in frame 101; expected one, or pieces"
     ):
         bpy.ops.mocap_autolabel.name_point(marker="LKNE")
-    bpy.ops.mocap_autolabel.pick_point(point=knee, mode="TOGGLE")
+    bpy.ops.mocap_autolabel.pick(point=knee, mode="TOGGLE")
     assert picked() == [ankle]
     bpy.ops.mocap_autolabel.pick_none()
     assert (picked(), bpy.context.selected_objects) == ([], [])
 
 
-def test_what_was_selected_since_counts_more_than_what_was_picked(labelled, files):  # noqa: F811
-    bpy.ops.mocap_autolabel.pick_point(point=GHOST)
+def test_what_was_selected_since_counts_more_than_what_was_picked(labelled, files):
+    bpy.ops.mocap_autolabel.pick(point=GHOST)
     choose("LKNE")
     bpy.ops.mocap_autolabel.unlabel()
     assert len(keys_of("LKNE")) == 0
@@ -151,9 +151,9 @@ def test_what_was_selected_since_counts_more_than_what_was_picked(labelled, file
     assert row.name == f"Trajectory {files.names.index('LKNE')} has no name, all frames"
 
 
-def test_a_dot_stays_picked_by_whatever_it_is_called(labelled, files):  # noqa: F811
+def test_a_dot_stays_picked_by_whatever_it_is_called(labelled, files):
     ankle = files.names.index("LANK")
-    bpy.ops.mocap_autolabel.pick_point(point=ankle)
+    bpy.ops.mocap_autolabel.pick(point=ankle)
     bpy.ops.ed.undo_push(message="Before")
     bpy.ops.mocap_autolabel.name_point(marker="RANK", scope="WHOLE")
     assert [item.name for item in bpy.context.selected_objects] == ["RANK"]
@@ -164,9 +164,9 @@ def test_a_dot_stays_picked_by_whatever_it_is_called(labelled, files):  # noqa: 
     follows(files, "LANK", ankle)
 
 
-def test_what_is_no_marker_gets_no_name(labelled, files):  # noqa: F811
+def test_what_is_no_marker_gets_no_name(labelled, files):
     ankle = files.names.index("LANK")
-    bpy.ops.mocap_autolabel.pick_point(point=ankle)
+    bpy.ops.mocap_autolabel.pick(point=ankle)
     assert bpy.ops.mocap_autolabel.no_marker(scope="ON") == {"FINISHED"}
     follows(files, "LANK", ankle, slice(0, 19))
     assert keys_of("LANK")[-1, 0] == 119
@@ -174,8 +174,8 @@ def test_what_is_no_marker_gets_no_name(labelled, files):  # noqa: F811
     assert read_edits(files.edits).items == (Delete(ankle, frames=(120, 130)),)
 
 
-def test_another_name_from_here_on_splits_a_trajectory(labelled, files):  # noqa: F811
-    bpy.ops.mocap_autolabel.pick_point(point=GHOST)
+def test_another_name_from_here_on_splits_a_trajectory(labelled, files):
+    bpy.ops.mocap_autolabel.pick(point=GHOST)
     bpy.ops.mocap_autolabel.name_point(marker="C7", scope="ON")
     bpy.ops.mocap_autolabel.save_corrections()
     assert read_edits(files.edits).items == (AssignPoint(GHOST, "C7", frames=(120, 130)),)
@@ -183,7 +183,7 @@ def test_another_name_from_here_on_splits_a_trajectory(labelled, files):  # noqa
     follows(files, "C7", GHOST, slice(19, None))
 
 
-def test_a_marker_that_is_placed_is_there_and_can_be_taken_back(labelled, files):  # noqa: F811
+def test_a_marker_that_is_placed_is_there_and_can_be_taken_back(labelled, files):
     gap = int(np.flatnonzero(np.isnan(files.xyz[:, 2, 0]))[-1])
     labelled.scene.frame_set(101 + gap)
     assert bpy.ops.mocap_autolabel.place_marker(marker="RASI", location=(0.1, 0.2, 0.5)) == {"FINISHED"}

@@ -67,8 +67,8 @@ def ready(extension, empty, files):
     assert bpy.ops.mocap_autolabel.import_blobs(filepath=files.blobs) == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.open_markerset(filepath=files.markerset) == {"FINISHED"}
     settings = empty.scene.mocap_autolabel
-    settings.rate = 60.0
-    settings.use_height, settings.height = True, 1.6
+    settings.source.rate = 60.0
+    settings.labelling.use_height, settings.labelling.height = True, 1.6
     return empty
 
 
@@ -134,9 +134,9 @@ def test_the_real_labelling_casts_rays_unless_the_closed_form_is_chosen(extensio
     asked, hidden = [], occlusion.MeshOcclusion.hidden
     monkeypatch.setattr(occlusion.MeshOcclusion, "hidden", lambda self, *of: asked.append(self) or hidden(self, *of))
     settings, named, rays = ready.scene.mocap_autolabel, {}, {}
-    settings.use_range, settings.range_first, settings.range_last = True, 105, 110
+    settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 105, 110
     for way in ("bvh", "capsules"):
-        settings.occlusion = way
+        settings.labelling.occlusion = way
         assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
         named[way] = take.stored_take(settings.take, ready.scene).labels.marker
         rays[way] = len(asked)
@@ -149,8 +149,8 @@ def test_the_real_labelling_casts_rays_unless_the_closed_form_is_chosen(extensio
 
 def test_the_operator_hands_on_what_was_chosen(ready, files, labelling):
     settings = ready.scene.mocap_autolabel
-    settings.use_facing, settings.facing = True, 1.5
-    settings.use_range, settings.range_first, settings.range_last = True, 105, 110
+    settings.labelling.use_facing, settings.labelling.facing = True, 1.5
+    settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 105, 110
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     given = labelling.given[0]
     assert given.rate == 60.0
@@ -163,7 +163,7 @@ def test_the_operator_hands_on_what_was_chosen(ready, files, labelling):
 
 
 def test_the_closed_form_is_in_the_way_when_it_is_chosen(ready, labelling):
-    ready.scene.mocap_autolabel.occlusion = "capsules"
+    ready.scene.mocap_autolabel.labelling.occlusion = "capsules"
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert labelling.given[0].occlusion is None
 
@@ -173,17 +173,17 @@ def test_a_body_of_ones_own_is_in_the_way(ready, labelling):
     armature = next(item for item in ready.scene.objects if item.type == "ARMATURE")
     own = [item for item in armature.children if item.type == "MESH"]
     bpy.data.objects.remove(own.pop())  # else it has as many as the capsules that stand in for it
-    ready.scene.mocap_autolabel.body = armature
+    ready.scene.mocap_autolabel.labelling.body = armature
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert len(labelling.given[0].occlusion.volumes) == len(own) == 8
 
 
 def test_importing_remembers_and_shows_what_there_is(ready, files):
     settings = ready.scene.mocap_autolabel
-    assert (settings.first_frame, settings.last_frame) == (101, 130)
-    assert settings.blob_count == len(settings.preview.vertices) == len(files.truth.marker)
+    assert (settings.source.first_frame, settings.source.last_frame) == (101, 130)
+    assert settings.source.blob_count == len(settings.source.preview.vertices) == len(files.truth.marker)
     assert ready.scene.camera[naming.CAMERA] == "cam 0"
-    assert len(settings.cameras.objects) == 4
+    assert len(settings.source.cameras.objects) == 4
     before = counts()
     assert bpy.ops.mocap_autolabel.import_cameras(filepath=files.cameras) == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.import_blobs(filepath=files.blobs) == {"FINISHED"}
@@ -198,7 +198,7 @@ def test_what_is_odd_about_cameras_is_said_and_kept_with_the_take(ready, labelli
     take = finished(labelling.module.label_steps(labelling.module.job_of(ready), "walk"))
     assert take.doubts == (words,)
     operator = SimpleNamespace(report=lambda level, text: said.append((level, text)))
-    assert labelling.module.MOCAP_AUTOLABEL_OT_label._show(operator, ready, take) == {"FINISHED"}
+    labelling.module.MOCAP_AUTOLABEL_OT_label._show(operator, ready, take)
     assert said[0] == ({"WARNING"}, words)
     stored = json.loads(ready.scene.mocap_autolabel.take["mocap_suspects"])
     assert [100, 105, words, None, []] in stored
@@ -206,15 +206,15 @@ def test_what_is_odd_about_cameras_is_said_and_kept_with_the_take(ready, labelli
 
 def test_the_import_turns_a_calibration_as_it_is_told(extension, empty, files):
     assert bpy.ops.mocap_autolabel.import_cameras(filepath=files.cameras) == {"FINISHED"}
-    upright = empty.scene.mocap_autolabel.cameras
+    upright = empty.scene.mocap_autolabel.source.cameras
     assert bpy.ops.mocap_autolabel.import_cameras(filepath=files.cameras, up="-y") == {"FINISHED"}
-    lying = empty.scene.mocap_autolabel.cameras
+    lying = empty.scene.mocap_autolabel.source.cameras
     assert lying != upright
     for one, other in zip(upright.objects, lying.objects, strict=True):
         x, y, z = one.matrix_world.translation
         assert tuple(other.matrix_world.translation) == pytest.approx((x, z, -y), abs=1e-5)
     assert bpy.ops.mocap_autolabel.import_cameras("INVOKE_DEFAULT", filepath=files.cameras) == {"FINISHED"}
-    assert empty.scene.mocap_autolabel.cameras == upright
+    assert empty.scene.mocap_autolabel.source.cameras == upright
 
 
 def test_dropped_files_are_read_at_once(extension, empty, files):
@@ -242,7 +242,7 @@ def test_a_scenes_own_cameras_can_be_used(extension, empty, files):
     assert bpy.ops.mocap_autolabel.use_cameras() == {"FINISHED"}
     empty.scene.render.resolution_x = 1234
     cameras = importlib.import_module("addon.scene.cameras").cameras_of(
-        empty.scene.mocap_autolabel.cameras, empty.scene
+        empty.scene.mocap_autolabel.source.cameras, empty.scene
     )
     assert cameras.names == ("left", "right")
     np.testing.assert_array_equal(cameras.size, [[800, 600]] * 2)
@@ -266,11 +266,11 @@ def test_bad_files_are_one_sentence_and_leave_nothing(extension, empty, files, t
     with pytest.raises(RuntimeError, match="marker set"):
         bpy.ops.mocap_autolabel.open_markerset(filepath=str(bad))
     assert counts() == before
-    assert empty.scene.mocap_autolabel.blobs_path == ""
+    assert empty.scene.mocap_autolabel.source.blobs_path == ""
 
 
 def test_a_file_that_is_gone_when_the_button_is_pressed(ready, files, labelling, tmp_path):
-    ready.scene.mocap_autolabel.blobs_path = str(tmp_path / "gone.csv")
+    ready.scene.mocap_autolabel.source.blobs_path = str(tmp_path / "gone.csv")
     before = counts()
     with pytest.raises(RuntimeError, match=r"gone\.csv: there is no such file"):
         bpy.ops.mocap_autolabel.label()
@@ -292,7 +292,7 @@ class Modal:
     def __init__(self, module):
         self.reports, self.removed = [], 0
         kind = module.MOCAP_AUTOLABEL_OT_label
-        for name in ("_begin", "_tick", "_tell", "_end", "_show", "steps", "execute", "modal"):
+        for name in ("_begin", "_tick", "_tell", "_end", "_show", "steps", "work", "execute", "modal"):
             setattr(self, name, getattr(kind, name).__get__(self))
         self._timer, self.doing, self.everybody, self.force = None, kind.doing, False, False
 
@@ -409,7 +409,7 @@ def test_much_work_is_not_given_up_unasked(ready, labelling, window):
         assert not state.cancelled
         assert window.manager.told[-1]["title"] == "Throw away 80 s of work?"
         state.spent = 9.0
-        asked.execute = lambda context: cancel.execute(asked, context)
+        asked.execute, asked.work = lambda context: cancel.execute(asked, context), lambda _: cancel.work(asked, _)
         assert cancel.invoke(asked, window.context, escape()) == {"FINISHED"}
         assert state.cancelled
     finally:
@@ -503,7 +503,7 @@ def test_jumping_goes_to_the_frame_and_selects_the_marker(ready, labelling):
 
 
 def test_looking_through_a_camera_sets_its_picture(ready):
-    camera = ready.scene.mocap_autolabel.cameras.objects[2]
+    camera = ready.scene.mocap_autolabel.source.cameras.objects[2]
     assert bpy.ops.mocap_autolabel.look_through(camera=camera.name) == {"FINISHED"}
     assert ready.scene.camera == camera
     assert (ready.scene.render.resolution_x, ready.scene.render.resolution_y) == (656, 491)
@@ -557,7 +557,7 @@ def test_a_marker_set_of_ones_own(ready, files, tmp_path):
     saved = open_markerset(str(path))
     assert saved.name == "mine"
     assert saved.skeleton.segments[saved.attachment[saved.index("LKNE")]] == "l_shank"
-    assert ready.scene.mocap_autolabel.markerset_path == str(path)
+    assert ready.scene.mocap_autolabel.subjects.markerset_path == str(path)
 
 
 def test_own_marker_sets_are_found_in_the_extensions_folder(extension, empty, made):
@@ -567,15 +567,15 @@ def test_own_marker_sets_are_found_in_the_extensions_folder(extension, empty, ma
     assert folder == type(folder)(bpy.utils.extension_path_user(extension, path="markersets"))
     write_markerset(folder / "house.markerset.json", made.markerset())
     settings = empty.scene.mocap_autolabel
-    assert settings.markerset == "body26"
-    settings.markerset = str(folder / "house.markerset.json")
-    assert props.chosen_markerset(settings).name == "small"
+    assert settings.subjects.markerset == "body26"
+    settings.subjects.markerset = str(folder / "house.markerset.json")
+    assert props.chosen_markerset(settings.subjects).name == "small"
     write_markerset(folder / "annex.markerset.json", made.markerset())  # before it in the list
-    assert settings.markerset == str(folder / "house.markerset.json")
+    assert settings.subjects.markerset == str(folder / "house.markerset.json")
     (folder / "annex.markerset.json").unlink()
     (folder / "house.markerset.json").unlink()
     with pytest.raises(importlib.import_module(f"{extension}.addon.core.data.errors").InputError, match="is gone"):
-        props.chosen_markerset(settings)
+        props.chosen_markerset(settings.subjects)
 
 
 def test_exports_are_what_was_labelled(ready, labelling, files, tmp_path):
@@ -646,7 +646,7 @@ def test_a_take_that_was_shown_without_the_extension_is_reviewed_with_it(extensi
     bpy.ops.wm.open_mainfile(filepath=path)
     settings = bpy.context.scene.mocap_autolabel
     assert settings.take.name == "Mocap: walk"
-    assert len(settings.cameras.objects) == 4
-    assert settings.rate == pytest.approx(59.94)
+    assert len(settings.source.cameras.objects) == 4
+    assert settings.source.rate == pytest.approx(59.94)
     assert len(suspects()) == 2
     assert len(bpy.context.window_manager.mocap_autolabel.markers) == len(made.markerset())

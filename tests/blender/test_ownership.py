@@ -2,23 +2,23 @@
 """Labelling again and Remove Take take what was made for the take, and nothing that a person made or changed."""
 
 import importlib
+import shutil
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
 import numpy as np
 import pytest
 
-from addon.core.data.takes import Points
 from addon.core.edits.kinds import Swap
-from addon.io.markersets import open_markerset, write_markerset
-from addon.io.points import write_c3d
+from addon.io.markersets import open_markerset
 from addon.scene import naming, ownership, performers
 from addon.scene import take as takes
 from addon.scene.character import add_character
 from addon.scene.relabelled import show_again
 from addon.scene.stored import alone
+
+from .conftest import label_walk, write_walk
 
 KINDS = ("objects", "meshes", "armatures", "actions", "collections", "materials", "node_groups")
 
@@ -62,7 +62,7 @@ def over(request, tmp_path):
         collection = bpy.data.collections[name]
         if request.param.endswith("removed"):
             return takes.remove_take(collection)
-        return show_again(bpy.context, take, unnamed=True, whole=True)
+        return show_again(bpy.context, take, whole=True)
 
     delete.removes = request.param.endswith("removed")
     return delete
@@ -72,7 +72,7 @@ def over(request, tmp_path):
 def duet(empty, made):
     """A take of two in a scene, with the points that have no name."""
     take = made.pair()
-    collection = takes.show_take(empty, take, unnamed=True)
+    collection = takes.show_take(empty, take)
     return SimpleNamespace(take=take, collection=collection)
 
 
@@ -277,7 +277,7 @@ def test_corrections_go_to_the_marker_and_not_to_its_copy(duet):
 
 def test_what_was_promised_stays_even_unchanged(empty, made, over):
     take = made.pair(markerset=open_markerset("body26"))
-    collection = takes.show_take(empty, take, unnamed=True)
+    collection = takes.show_take(empty, take)
     stored = takes.stored_take(collection, empty.scene)
     names = []
     for one in stored.performers:
@@ -360,13 +360,13 @@ def test_nothing_that_nobody_changed_is_left(empty, made, over):
     """Not even after it was played, looked at, hidden, edited and shown again by the add-on itself."""
     take = made.pair()
     before = counts()
-    collection = takes.show_take(empty, take, unnamed=True)
+    collection = takes.show_take(empty, take)
     shown = counts()
     stored = takes.stored_take(collection, empty.scene)
     edits = stored.edits.added(Swap(("bob:LKNE", "bob:RKNE"), frames=(103, 110)))
     takes.keep_edits(collection, edits)
     after = takes.stored_take(collection, empty.scene)
-    takes.show_edits(collection, stored, after, True)
+    takes.show_edits(collection, stored, after)
     performers.set_colour(collection, "bob", (0.1, 0.2, 0.3))
     for item in list(collection.all_objects):
         item.select_set(True)
@@ -407,27 +407,6 @@ def test_who_moves_by_the_takes_action_goes_on_moving(duet, over):
     assert sorted(slot.name_display for slot in action.slots) == ["bob:LKNE", "own"]
 
 
-def test_a_take_of_an_earlier_version_is_labelled_again_in_its_place(duet):
-    before = counts()
-    for kind in ("objects", "collections", "materials", "actions"):
-        for block in getattr(bpy.data, kind):
-            for key in (ownership.MADE, ownership.KEYED, naming.MATERIAL):
-                if key in block:
-                    del block[key]
-    knee = item_of(duet.collection, "capsule")
-    follower = own_mesh("follower", bpy.context.scene.collection)
-    follower.constraints.new("COPY_LOCATION").target = knee
-    segment = knee[naming.CAPSULE]
-    shown = show_again(bpy.context, duet.take, unnamed=True, whole=True)
-    assert shown == duet.collection
-    target = follower.constraints[0].target
-    assert (target[naming.CAPSULE], target.parent) == (segment, item_of(shown, "armature"))
-    now = counts()
-    now["objects"].remove("follower")
-    now["meshes"].remove("follower")
-    assert now == before
-
-
 def test_another_take_in_the_collection_is_left_alone(duet, made, over):
     """One that was dragged into it, and one of whose things somebody linked there."""
     inside, beside = (takes.show_take(bpy.context, made.take(name=name)) for name in ("inside", "beside"))
@@ -455,7 +434,7 @@ def test_a_take_out_of_another_file_goes(duet, tmp_path, link, again):
     [collection] = wanted.collections
     bpy.context.scene.collection.children.link(collection)
     if again:
-        show_again(bpy.context, duet.take, unnamed=True, whole=True)
+        show_again(bpy.context, duet.take, whole=True)
     else:
         assert takes.remove_take(collection) is None
     assert len(bpy.data.objects) == again * (2 * (1 + 9 + 13) + 1)
@@ -464,10 +443,10 @@ def test_a_take_out_of_another_file_goes(duet, tmp_path, link, again):
 
 def test_twice_again_keeps_what_was_kept_once(duet):
     rename(item_of(duet.collection, "marker"))
-    first = show_again(bpy.context, duet.take, unnamed=True, whole=True)
+    first = show_again(bpy.context, duet.take, whole=True)
     once = counts()
     add_property(item_of(first, "capsule"))
-    second = show_again(bpy.context, duet.take, unnamed=True, whole=True)
+    second = show_again(bpy.context, duet.take, whole=True)
     assert second == first
     assert len(counts()["objects"]) == len(once["objects"]) + 1
     left = takes.remove_take(second)
@@ -477,16 +456,19 @@ def test_twice_again_keeps_what_was_kept_once(duet):
 def test_a_take_in_other_markers_is_hidden_with_all_that_is_in_it(duet, made):
     own_mesh("stage", duet.collection)
     other = replace(made.take(name="duet"), source=duet.take.source)
-    shown = show_again(bpy.context, other, unnamed=True, whole=True)
+    shown = show_again(bpy.context, other, whole=True)
     assert shown != duet.collection
     assert duet.collection.hide_viewport
     assert "stage" in duet.collection.objects
 
 
 def test_points_that_were_renamed_stay_when_others_are_imported(extension, empty, made, tmp_path):
-    points, settings = _points(made), empty.scene.mocap_autolabel
+    settings, written = (
+        empty.scene.mocap_autolabel,
+        write_walk(tmp_path, made.motion(made.markerset(), 12).markers, made.markerset()),
+    )
     for name in ("one", "two", "three"):
-        write_c3d(tmp_path / f"{name}.c3d", points)
+        shutil.copy(written.take, tmp_path / f"{name}.c3d")
     assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "one.c3d")) == {"FINISHED"}
     [item] = empty.scene.objects
     item.name = "reference"
@@ -497,25 +479,17 @@ def test_points_that_were_renamed_stay_when_others_are_imported(extension, empty
     assert len(bpy.data.objects["reference"].data.vertices)
     assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "three.c3d")) == {"FINISHED"}
     assert sorted(one.name for one in empty.scene.objects) == ["Mocap: three points", "reference", "stage"]
-    assert settings.preview.name == "Mocap: three points"
+    assert settings.source.preview.name == "Mocap: three points"
     assert "Mocap: two points" not in bpy.data.meshes
-
-
-def _points(made):
-    xyz = made.motion(made.markerset(), 12).markers
-    return Points(("",) * xyz.shape[1], xyz, np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan), 60.0, 101)
 
 
 @pytest.fixture
 def labelled(extension, empty, made, name_as, tmp_path):
     """A take of points labelled by the buttons."""
-    points = _points(made)
-    write_c3d(tmp_path / "walk.c3d", points)
-    write_markerset(tmp_path / "small.markerset.json", made.markerset())
-    name_as(np.arange(points.xyz.shape[1]))
-    assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "walk.c3d")) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.open_markerset(filepath=str(tmp_path / "small.markerset.json")) == {"FINISHED"}
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    xyz = made.motion(made.markerset(), 12).markers
+    name_as(np.arange(xyz.shape[1]))
+    write_walk(tmp_path, xyz, made.markerset())
+    label_walk(tmp_path)
     return empty.scene.mocap_autolabel
 
 
@@ -557,22 +531,3 @@ def test_after_labelling_again_and_its_undo_the_take_at_hand_is_the_one_that_is_
     undone = opened.take(settings.take, bpy.context.scene).labels.marker
     assert len(undone) == count
     assert again.tolist() == undone[:2].tolist()[::-1]
-
-
-@pytest.mark.parametrize("version", ["2026-11-21", "2026-11-22-noon", "2026-11-22-night"])
-def test_takes_of_earlier_versions_go_but_for_what_is_a_persons(extension, empty, version):
-    bpy.ops.wm.open_mainfile(filepath=str(Path(__file__).resolve().parents[1] / "earlier" / version / "takes.blend"))
-    scene = bpy.data.scenes["points"]
-    bpy.context.window.scene = scene
-    [collection] = takes.takes_of(scene)
-    own_mesh("stage", collection)
-    markers = {item[naming.MARKER]: item for item in collection.all_objects if naming.MARKER in item}
-    markers["LKNE"].name = "my knee"
-    markers["LASI"].constraints.new("LIMIT_LOCATION")
-    copy = markers["RASI"].copy()
-    collection.objects.link(copy)
-    kept = sorted(["stage", "my knee", markers["LASI"].name, copy.name])
-    left = takes.remove_take(collection)
-    assert sorted(item.name for item in left.all_objects) == kept
-    assert left.name == "Kept from walk"
-    assert not left.children

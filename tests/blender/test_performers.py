@@ -18,7 +18,7 @@ from addon.scene import naming, performers
 from addon.scene import take as takes
 from addon.scene.armature import SCALE
 from addon.scene.relabelled import show_again
-from tests.walkers import FRAMES, RATE, WORN, write_pair, write_seen
+from tests.inputs.walkers import FRAMES, RATE, WORN, write_pair, write_seen
 
 
 def kinds(collection: bpy.types.Collection, kind: str) -> list[bpy.types.Object]:
@@ -66,7 +66,7 @@ def test_two_where_one_is_asked_for_are_labelled_by_the_button_that_is_offered(e
         bpy.ops.mocap_autolabel.import_blobs(filepath=str(tmp_path / "seen.csv"))
     else:
         bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "pair.c3d"))
-    settings.markerset, settings.performing, settings.rate = WORN, "ONE", RATE
+    settings.subjects.markerset, settings.subjects.performing, settings.source.rate = WORN, "ONE", RATE
     panels = importlib.import_module(f"{extension}.addon.ui.panels")
     assert not panels.crowded_here(state, settings)
     with pytest.raises(
@@ -77,7 +77,7 @@ def test_two_where_one_is_asked_for_are_labelled_by_the_button_that_is_offered(e
     assert panels.crowded_here(state, settings)
     assert bpy.ops.mocap_autolabel.label(everybody=True) == {"FINISHED"}
     assert list(performers.homes(settings.take)) == ["1", "2"]
-    assert settings.performing == "AUTO"
+    assert settings.subjects.performing == "AUTO"
     assert not panels.crowded_here(state, settings)
 
 
@@ -113,12 +113,9 @@ def test_the_file_keeps_who_is_who(empty, made, tmp_path):
     assert list(performers.colours_in(collection)) == ["ann", "bob"]
 
 
-def test_a_file_of_one_performer_knows_no_names(empty, made):
-    """As those of the first versions do, which keep nothing of who is there."""
-    take = made.take()
-    collection = takes.show_take(empty, take)
+def test_one_performer_has_no_name(empty, made):
+    collection = takes.show_take(empty, made.take())
     assert not performers.homes(collection)
-    del collection[takes.PERFORMERS]
     stored = takes.stored_take(collection, empty.scene)
     [only] = stored.performers
     assert (only.name, only.model, only.marker_rows, only.joint_rows) == ("", "small", slice(0, 13), slice(0, 9))
@@ -131,17 +128,10 @@ def test_labelled_again_they_take_their_own_place_and_colours(empty, made):
     take = made.pair()
     before = takes.show_take(empty, take)
     performers.set_colour(before, "ann", (0.5, 0.25, 0.125))
-    after = show_again(empty, take, unnamed=True, whole=True)
+    after = show_again(empty, take, whole=True)
     assert takes.takes_of(empty.scene) == [after]
     assert performers.colours_in(after)["ann"] == pytest.approx((0.5, 0.25, 0.125), abs=1e-4)
     assert [child.name for child in after.children] == ["ann", "bob"]
-
-
-def test_a_take_that_is_removed_leaves_nothing(empty, made):
-    before = [len(kind) for kind in (bpy.data.objects, bpy.data.collections, bpy.data.materials, bpy.data.actions)]
-    takes.remove_take(takes.show_take(empty, made.pair()))
-    after = [len(kind) for kind in (bpy.data.objects, bpy.data.collections, bpy.data.materials, bpy.data.actions)]
-    assert after == before
 
 
 def test_the_command_line_saves_them_and_they_can_be_gone_on_with(empty, tmp_path):
@@ -169,7 +159,7 @@ def imported(extension, empty, tmp_path):
     write_pair(tmp_path)
     assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "pair.c3d")) == {"FINISHED"}
     settings = empty.scene.mocap_autolabel
-    settings.markerset = WORN
+    settings.subjects.markerset = WORN
     return settings
 
 
@@ -180,7 +170,7 @@ def names_of_markers(collection: bpy.types.Collection) -> set[str]:
 @pytest.mark.parametrize("performing", ["SO_MANY", "AUTO"])
 def test_as_many_are_named_as_are_asked_for(imported, performing, tmp_path):
     """And the labels are those of the command line."""
-    imported.performing = performing
+    imported.subjects.performing = performing
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     markers = open_markerset(WORN).markers
     assert names_of_markers(imported.take) == {f"{number}:{name}" for number in (1, 2) for name in markers}
@@ -204,9 +194,9 @@ def test_one_is_labelled_as_ever(imported):
 def test_the_list_says_who_wears_what(imported, extension, monkeypatch, tmp_path):
     pipeline = importlib.import_module(f"{extension}.addon.core.points.several.pipeline")
     # Whose body is whose a model says that was learned from the person's own take, which this set was not.
-    monkeypatch.setattr(pipeline, "told", lambda cost, _: (list(range(cost.shape[1])), np.inf))
+    monkeypatch.setattr(pipeline, "identified", lambda cost, _: (list(range(cost.shape[1])), np.inf))
     asked = importlib.import_module(f"{extension}.addon.props").subjects_asked
-    imported.performing = "LISTED"
+    imported.subjects.performing = "LISTED"
     with pytest.raises(RuntimeError, match="nobody is in the list"):
         bpy.ops.mocap_autolabel.label()
     own = tmp_path / "ann.markerset.json"
@@ -214,10 +204,10 @@ def test_the_list_says_who_wears_what(imported, extension, monkeypatch, tmp_path
     assert bpy.ops.mocap_autolabel.add_performer() == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.open_markerset(filepath=str(own)) == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.add_performer() == {"FINISHED"}
-    first, second = imported.performers
+    first, second = imported.subjects.performers
     assert (first.name, second.name) == ("performer1", "ann")
     assert tuple(first.colour) != tuple(second.colour)
-    assert asked(imported)["wearers"] == (("performer1", WORN), ("ann", str(own)))
+    assert asked(imported.subjects)["wearers"] == (("performer1", WORN), ("ann", str(own)))
     second.name = "ren\u00e9"
     alike = (("Ren\u00e9", "same name"), ("rene\u0301", "same name"))
     for name, reason in (*alike, *((name, "no name of a performer") for name in ("a b", "", "a\x7f", "a\u202eb"))):
@@ -225,23 +215,23 @@ def test_the_list_says_who_wears_what(imported, extension, monkeypatch, tmp_path
         with pytest.raises(RuntimeError, match=reason):
             bpy.ops.mocap_autolabel.label()
     second.name = "ann"
-    imported.performer_index = 0
+    imported.subjects.performer_index = 0
     assert bpy.ops.mocap_autolabel.remove_performer() == {"FINISHED"}
-    assert [row.name for row in imported.performers] == ["ann"]
+    assert [row.name for row in imported.subjects.performers] == ["ann"]
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert {name.split(":")[0] for name in names_of_markers(imported.take)} == {"ann"}
-    imported.performers[0].colour = (0.25, 0.5, 0.75)
+    imported.subjects.performers[0].colour = (0.25, 0.5, 0.75)
     assert performers.colours_in(imported.take)["ann"] == pytest.approx((0.25, 0.5, 0.75), abs=1e-4)
 
 
 def test_the_list_is_saved(imported, extension, tmp_path):
-    imported.performing = "LISTED"
+    imported.subjects.performing = "LISTED"
     bpy.ops.mocap_autolabel.add_performer()
-    imported.performers[0].name = "ann"
+    imported.subjects.performers[0].name = "ann"
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "asked.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "asked.blend"))
     settings = bpy.context.scene.mocap_autolabel
-    assert (settings.performing, settings.performers[0].name) == ("LISTED", "ann")
+    assert (settings.subjects.performing, settings.subjects.performers[0].name) == ("LISTED", "ann")
 
 
 @pytest.mark.parametrize("kind", ["points", "blobs"])
@@ -256,7 +246,7 @@ def test_keys_of_two_that_would_fill_the_memory_are_refused_before_anybody_is_na
     else:
         bpy.ops.mocap_autolabel.import_cameras(filepath=str(tmp_path / "room.toml"))
         bpy.ops.mocap_autolabel.import_blobs(filepath=str(tmp_path / "seen.csv"))
-    settings.markerset, settings.performing = WORN, "SO_MANY"
+    settings.subjects.markerset, settings.subjects.performing = WORN, "SO_MANY"
     poses, pipeline = (
         importlib.import_module(f"{extension}.addon.{name}") for name in ("io.poses", "core.points.several.pipeline")
     )
@@ -272,7 +262,7 @@ def test_blobs_of_several_are_labelled_and_each_is_written_alone(extension, empt
     assert bpy.ops.mocap_autolabel.import_cameras(filepath=str(tmp_path / "room.toml")) == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.import_blobs(filepath=str(tmp_path / "seen.csv")) == {"FINISHED"}
     settings = empty.scene.mocap_autolabel
-    settings.markerset, settings.rate, settings.performing = WORN, RATE, "AUTO"
+    settings.subjects.markerset, settings.source.rate, settings.subjects.performing = WORN, RATE, "AUTO"
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert list(performers.homes(settings.take)) == ["1", "2"]
     path = tmp_path / "2.c3d"
@@ -303,16 +293,16 @@ def stored(extension, duet):
 def test_gaps_are_filled_by_each_ones_own_markers(duet, stored, made, tmp_path):
     """The marker set of each is the one that stands for the name in the list."""
     write_markerset(tmp_path / "small.markerset.json", made.markerset())
-    duet.performing = "LISTED"
+    duet.subjects.performing = "LISTED"
     for name in ("ann", "bob"):
         bpy.ops.mocap_autolabel.add_performer()
-        row = duet.performers[-1]
+        row = duet.subjects.performers[-1]
         row.name, row.markerset, row.markerset_path = name, "FILE", str(tmp_path / "small.markerset.json")
     gap = slice(20 // 3, 20 // 2)
     there = np.isfinite(stored().motion.markers[gap, :, 0]).all(axis=0)
     missing = [stored().names[place] for place in np.flatnonzero(~there)]
     assert missing == ["ann:RASI", "bob:RASI"]
-    duet.fill_method = "body"
+    duet.filling.method = "body"
     assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
     filled = stored()
     assert {fill.marker for fill in filled.fitting} >= set(missing)
@@ -390,7 +380,7 @@ def follows(duet, stored, name: str, trajectory: int):
 
 
 def test_a_trajectory_is_named_as_a_marker_of_whoever_it_is(duet, stored):
-    assert bpy.ops.mocap_autolabel.pick_point(point=26) == {"FINISHED"}  # the ghost
+    assert bpy.ops.mocap_autolabel.pick(point=26) == {"FINISHED"}  # the ghost
     assert bpy.ops.mocap_autolabel.name_point(marker="bob:LASI", scope="WHOLE") == {"FINISHED"}
     follows(duet, stored, "bob:LASI", 26)
     follows(duet, stored, "ann:LASI", 1)
@@ -399,7 +389,7 @@ def test_a_trajectory_is_named_as_a_marker_of_whoever_it_is(duet, stored):
 
 
 def test_a_trajectory_is_the_other_ones_and_what_was_that_is_given_back(duet, stored):
-    assert bpy.ops.mocap_autolabel.pick_point(point=1) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.pick(point=1) == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.other_performer(scope="WHOLE") == {"FINISHED"}
     follows(duet, stored, "bob:LASI", 1)
     follows(duet, stored, "ann:LASI", 14)
@@ -429,7 +419,7 @@ def test_performers_are_exchanged_whole(duet, stored):
 
 
 def test_what_cannot_be_said_of_whose_it_is(duet, stored, extension, made):
-    bpy.ops.mocap_autolabel.pick_point(point=26)
+    bpy.ops.mocap_autolabel.pick(point=26)
     with pytest.raises(RuntimeError, match="has no name"):
         bpy.ops.mocap_autolabel.other_performer()
     bpy.ops.mocap_autolabel.pick_none()

@@ -12,7 +12,7 @@ from addon.io.blobs import read_blobs
 from addon.io.cameras import write_cameras
 from addon.scene import cameras as scene_cameras
 from scripts.movies import encode
-from tests.pictures import NAMES, SIZE, places, save_pictures, two_cameras
+from tests.inputs.pictures import NAMES, SIZE, places, save_pictures, two_cameras
 
 FRAMES = range(1, 9)
 
@@ -41,8 +41,8 @@ def test_a_folder_of_movies_becomes_the_take(extension, empty, studio, tmp_path)
     out = str(tmp_path / "found.csv")
     assert bpy.ops.mocap_autolabel.find_blobs(directory=str(folder / "movies"), out=out) == {"FINISHED"}
     settings = empty.scene.mocap_autolabel
-    assert (settings.blobs_path, settings.rate) == (out, 30.0)
-    assert (settings.first_frame, settings.last_frame, settings.blob_count) == (1, 8, 48)
+    assert (settings.source.blobs_path, settings.source.rate) == (out, 30.0)
+    assert (settings.source.first_frame, settings.source.last_frame, settings.source.blob_count) == (1, 8, 48)
     blobs = blobs_in(out, cameras)
     for frame in FRAMES:
         own = blobs.xy[(blobs.frames[blobs.frame] == frame) & (blobs.camera == 1)]
@@ -56,7 +56,7 @@ def test_chosen_movies_are_written_beside_them(extension, empty, studio):
     bpy.ops.mocap_autolabel.import_cameras(filepath=str(folder / "room.toml"))
     chosen = [{"name": "left.mp4"}, {"name": "right.mp4"}]
     assert bpy.ops.mocap_autolabel.find_blobs(directory=str(folder / "movies"), files=chosen) == {"FINISHED"}
-    assert Path(empty.scene.mocap_autolabel.blobs_path) == folder / "movies" / "left.blobs.csv"
+    assert Path(empty.scene.mocap_autolabel.source.blobs_path) == folder / "movies" / "left.blobs.csv"
 
 
 def test_what_was_undone_meanwhile_is_opened_again(empty, studio):
@@ -76,7 +76,7 @@ def test_trouble_with_pictures_is_one_sentence(extension, empty, studio, tmp_pat
     bpy.ops.mocap_autolabel.import_cameras(filepath=str(studio[0] / "room.toml"))
     with pytest.raises(RuntimeError, match="holds no movie"):
         bpy.ops.mocap_autolabel.find_blobs(directory=str(tmp_path))
-    assert not empty.scene.mocap_autolabel.blobs_path
+    assert not empty.scene.mocap_autolabel.source.blobs_path
 
 
 def tracked(folder, scene):
@@ -106,8 +106,8 @@ def test_tracks_of_the_scenes_cameras_become_the_take(extension, empty, studio, 
     out = str(tmp_path / "tracks.csv")
     assert bpy.ops.mocap_autolabel.import_clip_tracks(out=out) == {"FINISHED"}
     settings = empty.scene.mocap_autolabel
-    assert (settings.first_frame, settings.last_frame) == (11, 18)
-    cameras = scene_cameras.cameras_of(settings.cameras, empty.scene)
+    assert (settings.source.first_frame, settings.source.last_frame) == (11, 18)
+    cameras = scene_cameras.cameras_of(settings.source.cameras, empty.scene)
     assert cameras.names == NAMES
     assert cameras.distortion == pytest.approx(np.array([[0] * 5, [-0.1, 0, 0, 0, 0]]))
     blobs = blobs_in(out, cameras)
@@ -130,7 +130,7 @@ def test_of_a_calibration_pixels_begin_at_a_centre_and_its_lens_stays(extension,
         track.markers.insert_frame(2, co=(0.5, 0.25))
     out = str(tmp_path / "tracks.csv")
     assert bpy.ops.mocap_autolabel.import_clip_tracks(out=out) == {"FINISHED"}
-    found = scene_cameras.cameras_of(empty.scene.mocap_autolabel.cameras, empty.scene)
+    found = scene_cameras.cameras_of(empty.scene.mocap_autolabel.source.cameras, empty.scene)
     assert found.distortion == pytest.approx(cameras.distortion)
     blobs = blobs_in(out, cameras)
     at = blobs.frames[blobs.frame] == 2
@@ -153,4 +153,4 @@ def test_clips_that_cannot_be_used_are_one_sentence(extension, empty, studio, tm
     with pytest.raises(RuntimeError, match="expected pictures as large"):
         call(out=out)
     assert not Path(out).exists()
-    assert not empty.scene.mocap_autolabel.blobs_path
+    assert not empty.scene.mocap_autolabel.source.blobs_path

@@ -16,7 +16,7 @@ from addon.io.edits import read_edits
 from addon.io.poses import PoseFile
 from addon.scene import naming, playing
 from addon.scene import take as takes
-from tests.walkers import FIRST, FRAMES, WORN, write_seen
+from tests.inputs.walkers import FIRST, FRAMES, WORN, write_seen
 
 
 def places(context, collection, frames):
@@ -182,9 +182,17 @@ def test_a_part_is_opened_with_keys_and_corrected(long, kind, tmp_path):
     assert collection.hide_viewport
     assert not settings.take.hide_viewport
     # Label, from here on, labels the same frames in the same way.
-    assert (settings.use_range, settings.range_first, settings.range_last) == (True, first, last)
-    assert (settings.first_frame, settings.last_frame) == (FIRST, FIRST + FRAMES - 1)
-    assert (settings.performing, settings.performer_count, settings.markerset) == ("SO_MANY", 2, WORN)
+    assert (settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last) == (
+        True,
+        first,
+        last,
+    )
+    assert (settings.source.first_frame, settings.source.last_frame) == (FIRST, FIRST + FRAMES - 1)
+    assert (settings.subjects.performing, settings.subjects.performer_count, settings.subjects.markerset) == (
+        "SO_MANY",
+        2,
+        WORN,
+    )
     before = stored.labels.marker.copy()
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert (takes.stored_take(settings.take, scene).labels.marker == before).all()
@@ -206,8 +214,8 @@ def test_who_was_asked_for_by_name_is_so_in_a_part(long):
     scene.frame_set(FIRST + 20)
     assert bpy.ops.mocap_autolabel.open_part() == {"FINISHED"}
     settings = scene.mocap_autolabel
-    assert [(row.name, row.markerset) for row in settings.performers] == [("ann", WORN), ("bob", WORN)]
-    assert settings.target == pytest.approx(0.99)
+    assert [(row.name, row.markerset) for row in settings.subjects.performers] == [("ann", WORN), ("bob", WORN)]
+    assert settings.labelling.target == pytest.approx(0.99)
     stored = takes.stored_take(settings.take, scene)
     assert len(stored.motion.frames) == FRAMES  # five seconds to either side are more than there is
     assert {name.partition(":")[0] for name in stored.names} == {"ann", "bob"}
@@ -255,13 +263,13 @@ def test_what_cannot_be_opened_is_told_and_nothing_changes(long, tmp_path):
     (tmp_path / "pair.c3d").rename(tmp_path / "elsewhere.c3d")
     with pytest.raises(RuntimeError, match=r"pair\.c3d: there is no such file"):
         bpy.ops.mocap_autolabel.open_part()
-    assert not scene.mocap_autolabel.points_path
+    assert not scene.mocap_autolabel.source.points_path
     assert not collection.hide_viewport
     # `pair.c3d` beside the Blender file is what was made of the take, and not the take.
     assert (tmp_path / "out" / "pair.c3d").exists()
     found = str(tmp_path / "elsewhere.c3d")
     assert bpy.ops.mocap_autolabel.open_part(first=FIRST, last=FIRST + 9, filepath=found) == {"FINISHED"}
-    assert scene.mocap_autolabel.points_path == found
+    assert scene.mocap_autolabel.source.points_path == found
     del collection[playing.FOR_A_PART]
     with pytest.raises(RuntimeError, match="does not say how it was labelled"):
         bpy.ops.mocap_autolabel.open_part()

@@ -2,8 +2,6 @@
 """From anonymous 3D points to named markers with the extension's own operators: seen, labelled, reviewed, written."""
 
 import importlib
-import tempfile
-import threading
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -23,7 +21,6 @@ from addon.io.markersets import open_markerset, write_markerset
 from addon.io.points import read_points, write_c3d, write_trc
 from addon.scene import naming
 from addon.scene.cameras import camera_name
-from tests.faults.stage import SECONDS, wait_for
 from tests.io.qtm_file import Recording, Trajectory, write_qtm
 
 GHOSTS = 2
@@ -70,21 +67,9 @@ def imported(extension, empty, files):
 
 
 @pytest.fixture
-def naming_known(extension, monkeypatch, files):
+def naming_known(name_as, files):
     """The job with a naming that knows the truth."""
-    pipeline = importlib.import_module(f"{extension}.addon.core.points.whole_take.pipeline")
-    takes = importlib.import_module(f"{extension}.addon.core.data.takes")
-
-    def name(points, rate):
-        for first in range(0, len(points), 10):
-            there = np.isfinite(points[first : first + 10]).all(axis=2)
-            marker = np.where(there, files.truth, NO_MARKER)
-            named = marker != NO_MARKER
-            yield takes.Labels(marker, np.where(named, takes.BY_FIT, takes.NO_STEP), named * 1.0, named * 1.0)
-
-    namer = SimpleNamespace(step=takes.BY_FIT, name=name)
-    monkeypatch.setattr(pipeline, "namer_of", lambda model, method, hints: namer)
-    return namer
+    name_as(files.truth)
 
 
 def visible_points() -> int:
@@ -97,8 +82,8 @@ def visible_points() -> int:
 
 def test_points_are_seen_before_they_are_labelled(imported, files):
     settings = imported.scene.mocap_autolabel
-    assert (settings.first_frame, settings.last_frame, settings.trajectories) == (101, 130, 15)
-    assert settings.rate == pytest.approx(59.94)
+    assert (settings.source.first_frame, settings.source.last_frame, settings.source.trajectories) == (101, 130, 15)
+    assert settings.source.rate == pytest.approx(59.94)
     assert (imported.scene.frame_start, imported.scene.frame_end) == (101, 130)
     for frame in (101, 104, 113):
         imported.scene.frame_set(frame)
@@ -115,20 +100,20 @@ def test_importing_again_takes_the_place_of_what_was_there(imported, files):
     before = len(bpy.data.objects), len(bpy.data.meshes)
     bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "walk.trc"))
     assert (len(bpy.data.objects), len(bpy.data.meshes)) == before
-    assert imported.scene.mocap_autolabel.points_path.endswith("walk.trc")
+    assert imported.scene.mocap_autolabel.source.points_path.endswith("walk.trc")
 
 
 def test_a_drop_tells_blobs_from_points(extension, empty, files):
     settings = empty.scene.mocap_autolabel
     drop = bpy.ops.mocap_autolabel.import_take
     assert drop("INVOKE_DEFAULT", filepath=str(files.folder / "motive.csv")) == {"FINISHED"}
-    assert (settings.points_path, settings.blobs_path) == (str(files.folder / "motive.csv"), "")
-    assert (settings.first_frame, settings.trajectories, settings.rate) == (7, 1, 100.0)
+    assert (settings.source.points_path, settings.source.blobs_path) == (str(files.folder / "motive.csv"), "")
+    assert (settings.source.first_frame, settings.source.trajectories, settings.source.rate) == (7, 1, 100.0)
     with pytest.raises(RuntimeError, match="need the calibration"):
         drop("INVOKE_DEFAULT", filepath=str(files.folder / "walk.csv"))
     bpy.ops.mocap_autolabel.import_cameras(filepath=str(files.folder / "room.toml"))
     assert drop("INVOKE_DEFAULT", filepath=str(files.folder / "walk.csv")) == {"FINISHED"}
-    assert (settings.points_path, settings.blobs_path) == ("", str(files.folder / "walk.csv"))
+    assert (settings.source.points_path, settings.source.blobs_path) == ("", str(files.folder / "walk.csv"))
     assert not any(item.modifiers for item in empty.scene.objects), "the points have gone"
     with pytest.raises(RuntimeError, match="holds 3D points"):
         bpy.ops.mocap_autolabel.import_blobs(filepath=str(files.folder / "motive.csv"))
@@ -149,15 +134,15 @@ def test_a_capture_brings_its_cameras_and_its_rate(extension, empty, qtm):
     path, names = qtm
     settings = empty.scene.mocap_autolabel
     assert bpy.ops.mocap_autolabel.import_take("INVOKE_DEFAULT", filepath=str(path)) == {"FINISHED"}
-    assert (settings.blobs_path, settings.points_path, settings.rate) == (str(path), "", 250.0)
-    assert {camera_name(item) for item in settings.cameras.objects} == set(names[:-1])
-    chosen = settings.cameras
+    assert (settings.source.blobs_path, settings.source.points_path, settings.source.rate) == (str(path), "", 250.0)
+    assert {camera_name(item) for item in settings.source.cameras.objects} == set(names[:-1])
+    chosen = settings.source.cameras
     assert bpy.ops.mocap_autolabel.import_blobs(filepath=str(path)) == {"FINISHED"}
-    assert settings.cameras == chosen, "the scene's own are the file's"
+    assert settings.source.cameras == chosen, "the scene's own are the file's"
     labelling = importlib.import_module(f"{extension}.addon.ops.labelling")
     assert labelling.job_of(bpy.context).use == "blobs"
     assert bpy.ops.mocap_autolabel.import_points(filepath=str(path)) == {"FINISHED"}
-    assert (settings.points_path, settings.trajectories) == (str(path), 4)
+    assert (settings.source.points_path, settings.source.trajectories) == (str(path), 4)
     assert labelling.job_of(bpy.context).use == "points"
     assert bpy.ops.mocap_autolabel.import_take(filepath=str(path), use="points") == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.import_cameras(filepath=str(path)) == {"FINISHED"}
@@ -188,16 +173,12 @@ def test_anonymous_points_become_named_markers(imported, files, naming_known):
     assert (gap.gaps, gap.longest_gap) == (2, 5)
 
 
-def test_what_stays_unnamed_is_one_object_if_it_is_wanted(imported, naming_known):
-    settings = imported.scene.mocap_autolabel
+def test_what_stays_unnamed_is_one_object(imported, naming_known):
     bpy.ops.mocap_autolabel.label()
     imported.scene.frame_set(115)
     assert visible_points() == GHOSTS, "the unlabelled take is out of sight, its ghosts are not"
     assert bpy.ops.mocap_autolabel.clear() == {"FINISHED"}
     assert [item.hide_viewport for item in imported.scene.objects if item.modifiers] == [False]
-    settings.keep_unnamed = False
-    bpy.ops.mocap_autolabel.label()
-    assert not any(item.modifiers for item in settings.take.all_objects)
 
 
 def test_the_exports_are_what_the_command_line_writes(imported, files, naming_known, extension, tmp_path):
@@ -217,28 +198,6 @@ def test_the_exports_are_what_the_command_line_writes(imported, files, naming_kn
     assert np.nanmin(ours.residual) == pytest.approx(0.0002)
     np.testing.assert_allclose(ours.residual, theirs.residual, atol=1e-6)
     np.testing.assert_allclose(trc.xyz, theirs.xyz, atol=1e-5)
-
-
-def test_what_is_cancelled_ends_soon_and_leaves_no_files(imported, extension, monkeypatch, naming_known, tmp_path):
-    module = importlib.import_module(f"{extension}.addon.ops.labelling")
-    known, counts, closed = naming_known.name, [], threading.Event()
-
-    def slowly(points, rate):
-        for part in known(points, rate):
-            counts.append(len(part.marker))
-            assert closed.wait(SECONDS)
-            yield part
-
-    naming_known.name = slowly
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    steps = module.label_steps(module.job_of(imported), "walk")
-    while not counts:
-        assert 0 <= next(steps) < 1
-    assert list(tmp_path.iterdir())
-    steps.close()
-    closed.set()
-    wait_for(lambda: not list(tmp_path.iterdir()))
-    assert len(counts) < 3, "it stopped before its end"
 
 
 def test_doubtful_points_are_told_from_sure_ones(extension):
@@ -300,7 +259,7 @@ def test_a_take_whose_keys_would_fill_the_memory_is_refused_and_a_part_of_it_is_
     with pytest.raises(RuntimeError, match=r"walk\.c3d: has 30 frames, .*expected at most 20: .*Label Folder"):
         bpy.ops.mocap_autolabel.label()
     assert settings.take is None
-    settings.use_range, settings.range_first, settings.range_last = True, 101, 120
+    settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 101, 120
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
 
 
@@ -332,15 +291,15 @@ def test_an_up_axis_and_a_rate_that_are_given_are_taken(extension, empty, files,
     for importer in (bpy.ops.mocap_autolabel.import_points, bpy.ops.mocap_autolabel.import_take):
         assert importer(filepath=str(upside_down), up="z", rate=60.0) == {"FINISHED"}
         settings = empty.scene.mocap_autolabel
-        assert (settings.points_up, settings.rate) == ("z", 60.0)
-        heights = [vertex.co.z for vertex in settings.preview.vertices]
+        assert (settings.source.up, settings.source.rate) == ("z", 60.0)
+        heights = [vertex.co.z for vertex in settings.source.preview.vertices]
         there = files.take.xyz[..., 2]
         assert max(heights) == pytest.approx(np.nanmax(there), abs=1e-4)
     bpy.ops.mocap_autolabel.open_markerset(filepath=files.markerset)
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert settings.take is not None
     bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "walk.c3d"))
-    assert empty.scene.mocap_autolabel.points_up == ""
+    assert empty.scene.mocap_autolabel.source.up == ""
 
 
 def test_what_was_decided_about_a_file_is_reported(extension, empty, files, upside_down):
@@ -364,23 +323,21 @@ def virtual(tmp_path_factory):
     return SimpleNamespace(folder=folder, cameras=folder / "room.toml", blobs=folder / "walk.csv")
 
 
-@pytest.mark.parametrize("method", ["likelihood", "both"])
-def test_blobs_get_the_labels_of_the_command_line(extension, empty, virtual, tmp_path, method):
+def test_blobs_get_the_labels_of_the_command_line(extension, empty, virtual, tmp_path):
     words = ["label", virtual.blobs, "--cameras", virtual.cameras, "--model", "gait15", "--rate", "60"]
-    assert command([*map(str, words), "--method", method, "--out", str(tmp_path)]) == 0
+    assert command([*map(str, words), "--method", "likelihood", "--out", str(tmp_path)]) == 0
     bpy.ops.mocap_autolabel.import_cameras(filepath=str(virtual.cameras))
     bpy.ops.mocap_autolabel.import_blobs(filepath=str(virtual.blobs))
     settings = empty.scene.mocap_autolabel
-    settings.markerset, settings.method, settings.rate = "gait15", method, 60.0
+    settings.subjects.markerset, settings.labelling.method, settings.source.rate = "gait15", "likelihood", 60.0
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     bpy.ops.mocap_autolabel.export_labels(filepath=str(tmp_path / "ours.labels.csv"))
     theirs, rows = (
         [line.split(",") for line in (tmp_path / name).read_text().splitlines()[1:]]
         for name in ("walk.labels.csv", "ours.labels.csv")
     )
-    steps = {"likelihood": {"", "evidence", "trajectory"}, "both": {"", "exclusive", "conflict", "remaining"}}[method]
     assert sum(row[4] != "" for row in rows) > 0.8 * len(rows)
-    assert {row[5] for row in rows} <= steps | {"evidence", "trajectory"}
+    assert {row[5] for row in rows} <= {"", "evidence", "trajectory"}
     assert [row[:6] for row in rows] == [row[:6] for row in theirs]
     # Blender keeps where its cameras stand in single precision.
     sure, known = (np.array([float(row[6] or 0) for row in found]) for found in (rows, theirs))
@@ -407,11 +364,11 @@ def test_what_is_refused_can_be_labelled_regardless(extension, imported, files, 
 
     path = str(files.folder / "walk.c3d")
     assert bpy.ops.mocap_autolabel.import_points(filepath=path) == {"FINISHED"}
-    assert not settings.forced
-    plain = [tuple(vertex.co) for vertex in settings.preview.vertices]
+    assert not settings.source.forced
+    plain = [tuple(vertex.co) for vertex in settings.source.preview.vertices]
     for importer in (bpy.ops.mocap_autolabel.import_points, bpy.ops.mocap_autolabel.import_take):
         assert importer(filepath=path, mirror=True) == {"FINISHED"}
-        seen = [tuple(vertex.co) for vertex in settings.preview.vertices]
+        seen = [tuple(vertex.co) for vertex in settings.source.preview.vertices]
         assert seen == [(x, -y, z) for x, y, z in plain]
     labelling = importlib.import_module(f"{extension}.addon.ops.labelling")
     assert labelling.job_of(bpy.context).mirror

@@ -14,7 +14,7 @@ from addon.io.models import open_model
 @pytest.fixture
 def laid(extension, empty):
     """gait15 laid out, its collection, and the extension's own module of the scene's side."""
-    empty.scene.mocap_autolabel.markerset = "gait15"
+    empty.scene.mocap_autolabel.subjects.markerset = "gait15"
     assert bpy.ops.mocap_autolabel.edit_markerset() == {"FINISHED"}
     empty.view_layer.update()
     quality = importlib.import_module(f"{extension}.addon.scene.quality")

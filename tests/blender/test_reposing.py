@@ -11,14 +11,14 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.core.data.takes import Labels, Points
+from addon.core.data.takes import Labels
 from addon.core.points.motion import motion_of
 from addon.io.markersets import open_markerset, write_markerset
-from addon.io.points import write_c3d
 from addon.scene import take as takes
 from addon.scene.stored import digests_of
 
-from .test_correcting import choose
+from .conftest import write_walk
+from .hands import choose
 from .test_performers import kinds
 
 FRAMES, FIRST = 30, 101
@@ -30,10 +30,7 @@ NEAR = 1e-4  # m and of a turn: floats of single precision are in between
 def files(tmp_path, made):
     """A take of points of a person who wears `body26`, a trajectory a marker."""
     markerset = open_markerset("body26")
-    xyz = made.motion(markerset, FRAMES).markers
-    residual = np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan)
-    write_c3d(tmp_path / "walk.c3d", Points(("",) * xyz.shape[1], xyz, residual, 30.0, FIRST))
-    return SimpleNamespace(folder=tmp_path, take=tmp_path / "walk.c3d", names=markerset.markers)
+    return write_walk(tmp_path, made.motion(markerset, FRAMES).markers, markerset, rate=30.0)
 
 
 @pytest.fixture
@@ -41,7 +38,7 @@ def labelled(extension, empty, files, name_as):
     """The take in a scene, named as it is."""
     name_as(np.arange(len(files.names)))
     assert bpy.ops.mocap_autolabel.import_points(filepath=str(files.take)) == {"FINISHED"}
-    empty.scene.mocap_autolabel.markerset = "body26"
+    empty.scene.mocap_autolabel.subjects.markerset = "body26"
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     empty.scene.frame_set(120)
     return empty
@@ -57,7 +54,7 @@ def reposing(extension):
 def later(extension, monkeypatch):
     """Lets nothing follow an edit by itself, as in a window until it has time."""
     for name in ("ops.correcting", "ops.labelling", "ui.handlers"):
-        monkeypatch.setattr(importlib.import_module(f"{extension}.addon.{name}"), "follow_soon", lambda: None)
+        monkeypatch.setattr(importlib.import_module(f"{extension}.addon.{name}"), "follow_soon", lambda **_: None)
 
 
 def bones(frames=range(FIRST, FIRST + FRAMES), home=None) -> np.ndarray:
@@ -255,9 +252,8 @@ class Written:
 def test_until_then_viewport_panel_and_export_dialog_say_that_the_body_is_out_of_date(
     labelled, files, extension, reposing, later, monkeypatch
 ):
-    overlay, panels, character, exporting = (
-        importlib.import_module(f"{extension}.addon.{name}")
-        for name in ("ui.overlay", "ui.panels", "ui.character", "ops.exporting")
+    overlay, panels, exporting = (
+        importlib.import_module(f"{extension}.addon.{name}") for name in ("ui.overlay", "ui.panels", "ops.exporting")
     )
 
     def said() -> list[str]:
@@ -271,10 +267,9 @@ def test_until_then_viewport_panel_and_export_dialog_say_that_the_body_is_out_of
         overlay.draw()
         exporting.ExportsTake.draw(SimpleNamespace(of_body=True, layout=layout), bpy.context)
         panel = Written()
-        for module in (panels, character):
-            monkeypatch.setattr(module, "draw_text", lambda _context, _layout, words, icon: panel.label(words))
-        for module, name in ((panels, "MOCAP_AUTOLABEL_PT_review"), (character, "MOCAP_AUTOLABEL_PT_character")):
-            getattr(module, name).draw(SimpleNamespace(layout=Any()), bpy.context)
+        monkeypatch.setattr(panels, "draw_text", lambda _context, _layout, words, icon: panel.label(words))
+        for name in ("review", "character"):
+            getattr(panels, f"MOCAP_AUTOLABEL_PT_{name}").draw(SimpleNamespace(layout=Any()), bpy.context)
         return [*canvas.words, *layout.words, *panel.words]
 
     assert said() == []
@@ -309,7 +304,7 @@ def test_without_its_marker_set_the_body_says_what_it_needs_and_is_not_written(l
     with pytest.raises(RuntimeError, match="older than the last correction; expected you to choose marker set mine"):
         bpy.ops.mocap_autolabel.export_bvh(filepath=str(files.folder / "walk.bvh"))
     assert not (files.folder / "walk.bvh").exists()
-    bpy.context.scene.mocap_autolabel.markerset = "body26"
+    bpy.context.scene.mocap_autolabel.subjects.markerset = "body26"
     bvh(files, "walk.bvh")
     assert not reposing.is_behind(bpy.context)
 
@@ -337,7 +332,7 @@ def test_keys_that_a_person_set_on_the_armature_stay(labelled, reposing):
 def test_frames_around_those_that_are_labelled_again_stay_marked(labelled, reposing, later):
     swap()
     settings = bpy.context.scene.mocap_autolabel
-    settings.use_range, settings.range_first, settings.range_last = True, 110, 115
+    settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 110, 115
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert reposing.is_behind(bpy.context)
     reposing.follow_now(bpy.context)
@@ -351,10 +346,10 @@ def test_of_two_performers_both_are_right(extension, empty, made, files, reposin
     write_markerset(files.folder / "small.markerset.json", markerset)
     collection = takes.show_take(empty, replace(made.pair(), source=""))
     settings = empty.scene.mocap_autolabel
-    settings.take, settings.performing = collection, "LISTED"
+    settings.take, settings.subjects.performing = collection, "LISTED"
     for name in ("ann", "bob"):
         bpy.ops.mocap_autolabel.add_performer()
-        row = settings.performers[-1]
+        row = settings.subjects.performers[-1]
         row.name, row.markerset, row.markerset_path = name, "FILE", str(files.folder / "small.markerset.json")
     empty.scene.frame_set(115)
     found = []

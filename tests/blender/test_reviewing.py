@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from addon.core.data.progress import finished
-from addon.core.data.takes import NO_MARKER, Points, Suspect
+from addon.core.data.takes import NO_MARKER, Suspect
 from addon.io.edits import read_edits
-from addon.io.markersets import write_markerset
-from addon.io.points import write_c3d
 from addon.scene import naming
 from addon.scene.take import show_take
+
+from .conftest import label_walk, write_walk
 
 FRAMES, FIRST, LOST, GHOST = 60, 101, "LKNE", 13
 
@@ -25,17 +25,11 @@ FRAMES, FIRST, LOST, GHOST = 60, 101, "LKNE", 13
 def state(extension, empty, made, tmp_path, name_as):
     """A take in a scene of which one knee was never named, though its point is there, and a ghost is far away."""
     markerset = made.markerset()
-    motion = made.motion(markerset, FRAMES)
-    xyz = np.concatenate([motion.markers, np.tile([2.5, 2.5, 0.2], (FRAMES, 1, 1))], axis=1)
-    residual = np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan)
-    write_c3d(tmp_path / "walk.c3d", Points(("",) * xyz.shape[1], xyz, residual, 60.0, FIRST))
-    write_markerset(tmp_path / "small.markerset.json", markerset)
+    ghost = np.tile([2.5, 2.5, 0.2], (FRAMES, 1, 1))
+    write_walk(tmp_path, np.concatenate([made.motion(markerset, FRAMES).markers, ghost], axis=1), markerset)
     knee = markerset.markers.index(LOST)
-    truth = np.where(np.isin(np.arange(GHOST + 1), [knee, GHOST]), NO_MARKER, np.arange(GHOST + 1))
-    name_as(truth)
-    assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "walk.c3d")) == {"FINISHED"}
-    bpy.ops.mocap_autolabel.open_markerset(filepath=str(tmp_path / "small.markerset.json"))
-    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    name_as(np.where(np.isin(np.arange(GHOST + 1), [knee, GHOST]), NO_MARKER, np.arange(GHOST + 1)))
+    label_walk(tmp_path)
     state = bpy.context.window_manager.mocap_autolabel
     state.trouble_kind, state.trouble_done, state.trouble_marker, state.trouble_index = "ALL", "OPEN", "", 0
     return SimpleNamespace(review=state, knee=knee, folder=tmp_path, extension=extension)
@@ -185,7 +179,7 @@ def test_a_range_labelled_again_is_put_into_the_take(state, monkeypatch):
 
     monkeypatch.setattr(pipeline, "namer_of", lambda *_: SimpleNamespace(step=6, name=name))
     scene.frame_set(140)
-    settings.use_range, settings.range_first, settings.range_last = True, 121, 130
+    settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 121, 130
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert [one.name for one in scene.collection.children if naming.TAKE in one] == [settings.take.name]
     assert (scene.frame_start, scene.frame_end, scene.frame_current) == (101, 160, 140)
@@ -196,7 +190,7 @@ def test_a_range_labelled_again_is_put_into_the_take(state, monkeypatch):
     wrist = stored.names[7]
     words = [row.words for row in state.review.changes]
     assert words == [f"{LOST} is named now in frames 121–130", f"{wrist} is named no more in frames 121–130"]
-    settings.use_range = False
+    settings.labelling.use_range = False
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert len([one for one in scene.collection.children if naming.TAKE in one]) == 1
     words = [row.words for row in state.review.changes]
@@ -217,10 +211,10 @@ def test_a_set_of_the_same_name_with_other_markers_is_put_into_no_take(state):
 def test_a_range_labelled_first_leaves_the_scene_its_frames(state):
     scene, settings = bpy.context.scene, bpy.context.scene.mocap_autolabel
     bpy.ops.mocap_autolabel.clear()
-    settings.use_range, settings.range_first, settings.range_last = True, 121, 130
+    settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 121, 130
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert (scene.frame_start, scene.frame_end) == (101, 160)
-    settings.range_first, settings.range_last = 141, 150
+    settings.labelling.range_first, settings.labelling.range_last = 141, 150
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     stored = importlib.import_module(f"{state.extension}.addon.scene.opened").opened.take(settings.take, scene)
     assert stored.motion.frames.tolist() == list(range(121, 151))
@@ -236,6 +230,6 @@ def test_what_is_said_while_labelling_goes_on_is_not_lost(state):
     for item in context.scene.mocap_autolabel.take.all_objects:
         item.select_set(item.get(naming.MARKER) == "RKNE")
     assert bpy.ops.mocap_autolabel.unlabel(scope="WHOLE") == {"FINISHED"}
-    assert labelling.MOCAP_AUTOLABEL_OT_label._show(again, context, finished(steps)) == {"FINISHED"}
+    labelling.MOCAP_AUTOLABEL_OT_label._show(again, context, finished(steps))
     assert len(state.review.corrections) == 1
     assert rows(state, kind="missing", name="RKNE")

@@ -7,10 +7,8 @@ import pytest
 
 from addon.core.filling.smoothing import smoothed
 from addon.io.points import read_points
-from tests.blender import test_correcting
-from tests.blender.test_correcting import choose, follows, keys_of
+from tests.blender.hands import choose, follows, keys_of
 
-files, labelled = test_correcting.files, test_correcting.labelled  # fixtures
 RATE, CUTOFF = 60.0, 5.0
 
 
@@ -26,7 +24,7 @@ def is_smooth(files, name: str):
 @pytest.fixture
 def calm(labelled):
     """The take smoothed."""
-    labelled.scene.mocap_autolabel.cutoff = CUTOFF
+    labelled.scene.mocap_autolabel.filling.cutoff = CUTOFF
     assert bpy.ops.mocap_autolabel.smooth() == {"FINISHED"}
     return labelled
 
@@ -57,7 +55,7 @@ def test_it_is_kept_through_files_corrections_and_labelling_again(calm, files):
 
 
 def test_fills_are_made_of_what_was_measured(calm, files):
-    calm.scene.mocap_autolabel.fill_method = "rigid"
+    calm.scene.mocap_autolabel.filling.method = "rigid"
     choose("RASI")
     calm.scene.frame_set(112)
     bpy.ops.mocap_autolabel.fill_gaps(extent="GAP")
@@ -68,7 +66,7 @@ def test_fills_are_made_of_what_was_measured(calm, files):
 
 
 def test_a_cut_off_that_cannot_be_is_one_sentence(labelled):
-    labelled.scene.mocap_autolabel.cutoff = 45.0
+    labelled.scene.mocap_autolabel.filling.cutoff = 45.0
     with pytest.raises(RuntimeError, match="45 Hz at 60 frames a second; expected one above 0 and below 30 Hz"):
         bpy.ops.mocap_autolabel.smooth()
     assert "mocap_smoothing" not in labelled.scene.mocap_autolabel.take

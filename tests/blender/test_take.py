@@ -8,9 +8,8 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.core.data.takes import STEPS, Blobs, LabelledChunk, Labels, Motion, PointRows, Suspect
-from addon.core.geometry.cameras import NO_CAMERAS
-from addon.scene import animation, naming, storage
+from addon.core.data.takes import STEPS, Blobs, LabelledChunk, Labels, Motion, Suspect
+from addon.scene import animation, naming
 from addon.scene import take as takes
 from addon.scene.armature import bone_tails, build_of
 
@@ -189,61 +188,6 @@ def test_chunks_join_to_the_take_they_came_from(made):
     np.testing.assert_array_equal(labels.marker, take.labels.marker)
     np.testing.assert_array_equal(motion.markers, take.motion.markers)
     assert suspects == (Suspect(108, 111, "lost"), Suspect(115, 116, "lost"))
-
-
-def as_version_1(collection, take, steps, **more):
-    """Makes of a shown take what the first version kept: its table of rows, and not what its steps are called."""
-    rows, labels = take.rows, take.labels
-    columns = {field.name: getattr(rows, field.name) for field in fields(Blobs)[1:]}
-    columns |= {"marker": labels.marker, "step": steps, "confidence": labels.confidence}
-    collection["mocap_blobs"] = storage.store_table("Mocap: walk blobs", columns | more)
-    del collection["mocap_steps"]
-
-
-def reopened(tmp_path):
-    """The only take of the file, after it was saved and opened again."""
-    path = str(tmp_path / "old.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    bpy.ops.wm.read_homefile(use_empty=True)
-    bpy.ops.wm.open_mainfile(filepath=path)
-    [found] = takes.takes_of(bpy.context.scene)
-    return takes.stored_take(found, bpy.context.scene)
-
-
-def test_blobs_in_a_file_of_the_first_version_are_read(empty, made, tmp_path):
-    take = made.take()
-    as_version_1(takes.show_take(empty, take), take, take.labels.step)
-    stored = reopened(tmp_path)
-    assert isinstance(stored.rows, Blobs)
-    for field in fields(Blobs):
-        np.testing.assert_allclose(getattr(stored.rows, field.name), getattr(take.rows, field.name), atol=1e-4)
-    np.testing.assert_array_equal(stored.labels.marker, take.labels.marker)
-    np.testing.assert_array_equal(stored.labels.step, take.labels.step)
-    assert {STEPS[step] for step in stored.labels.step} == {"", "exclusive", "conflict", "remaining"}
-
-
-@pytest.mark.parametrize("measured", [True, False])
-def test_points_in_a_file_of_the_first_version_are_read(empty, made, tmp_path, measured):
-    """They were kept as blobs, whose camera was the trajectory, with steps of their own."""
-    take = replace(made.take(), cameras=NO_CAMERAS)
-    count = len(take.rows)
-    old = np.arange(count) % 5
-    names = np.array(["", "evidence", "ensemble", "fit", "trajectory"])[old]
-    xyz, residual = np.random.default_rng(0).uniform(-2, 2, (count, 3)), np.full(count, 0.0004)
-    more = {"point": xyz, "point_residual": residual} if measured else {"point": xyz}
-    as_version_1(takes.show_take(empty, take), take, old, **more)
-    stored = reopened(tmp_path)
-    assert isinstance(stored.rows, PointRows)
-    np.testing.assert_array_equal(stored.rows.frames, take.motion.frames)
-    np.testing.assert_array_equal(stored.rows.frame, take.rows.frame)
-    np.testing.assert_array_equal(stored.rows.trajectory, take.rows.camera)
-    np.testing.assert_allclose(stored.rows.xyz, xyz, atol=1e-6)
-    if measured:
-        np.testing.assert_allclose(stored.rows.residual, residual, rtol=1e-6)
-    else:
-        assert stored.rows.residual is None
-    np.testing.assert_array_equal(stored.labels.marker, take.labels.marker)
-    assert [STEPS[step] for step in stored.labels.step] == names.tolist()
 
 
 def test_a_file_whose_steps_were_counted_otherwise_is_read_by_their_names(empty, made):

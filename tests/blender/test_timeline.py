@@ -8,10 +8,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import BY_EDIT, NO_MARKER
-from tests.blender import test_correcting
-from tests.blender.test_correcting import FRAMES, GHOST, choose, shown
-
-files, labelled = test_correcting.files, test_correcting.labelled  # fixtures
+from tests.blender.hands import FRAMES, GHOST, choose, picked, shown
 
 
 @pytest.fixture
@@ -20,7 +17,7 @@ def rows(extension, labelled):
     module = importlib.import_module(f"{extension}.addon.scene.trajectories")
     opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
     scene = labelled.scene
-    module.now = lambda unfolded=False: module.runs_of(opened.take(scene.mocap_autolabel.take, scene), unfolded)
+    module.now = lambda unfolded=False: module.KeptRows().runs(opened.take(scene.mocap_autolabel.take, scene), unfolded)
     return module
 
 
@@ -46,7 +43,7 @@ def test_rows_are_markers_and_what_has_no_name(rows, files):
 
 def test_doubts_corrections_and_fills_are_told_apart(rows, labelled, files):
     choose("RASI")
-    labelled.scene.mocap_autolabel.fill_method = "rigid"
+    labelled.scene.mocap_autolabel.filling.method = "rigid"
     labelled.scene.frame_set(112)
     bpy.ops.mocap_autolabel.fill_gaps(extent="GAP")
     assert (111, 115, "filled") in stretches(rows, rows.now(), "RASI")
@@ -78,7 +75,7 @@ def test_rows_that_follow_edits_are_those_made_anew(rows, labelled):
         else:
             bpy.ops.mocap_autolabel.clear_corrections()
         stored = opened.take(scene.mocap_autolabel.take, scene)
-        after, anew = kept.runs(stored, False), rows.runs_of(stored)
+        after, anew = kept.runs(stored, False), rows.KeptRows().runs(stored, False)
         assert after is not before and kept.runs(stored, False) is after
         assert (after.names, after.span) == (anew.names, anew.span)
         for one, other in ((after.runs, anew.runs), (after.found, anew.found), (after.trajectory, anew.trajectory)):
@@ -112,11 +109,11 @@ def test_long_trajectories_come_first_and_short_ones_share_a_row(rows, extension
     take = importlib.import_module("dataclasses").replace(
         stored, rows=points, labels=takes.Labels.none(len(frame)), motion=motion, suspects=(), shift=0
     )
-    runs = rows.runs_of(take)
+    runs = rows.KeptRows().runs(take, False)
     assert runs.names[13:] == ("trajectory 52", "trajectory 50", f"2 {rows.FOLDED}")
     assert stretches(rows, runs, runs.names[15]) == [(0, 29, "unnamed")]
     assert (runs.marker[13:] == NO_MARKER).all()
-    assert rows.runs_of(take, unfolded=True).names[15:] == ("trajectory 53", "trajectory 51")
+    assert rows.KeptRows().runs(take, True).names[15:] == ("trajectory 53", "trajectory 51")
     assert (runs.nearest_frame(13, 150), runs.nearest_frame(13, 7), runs.nearest_frame(0, 150)) == (99, 7, 150)
 
 
@@ -142,7 +139,7 @@ def test_a_click_goes_there_and_picks(labelled):
     pick(marker="RKNE", first=110, last=110, extend=True)
     assert set(labelled.selected_objects) == {shown()["LKNE"], shown()["RKNE"]}
     pick(trajectory=GHOST, first=112, last=112)
-    assert (labelled.selected_objects, test_correcting.picked()) == ([], [GHOST])
+    assert (labelled.selected_objects, picked()) == ([], [GHOST])
     assert bpy.ops.mocap_autolabel.name_point(marker="LKNE", scope="FRAME") == {"FINISHED"}
 
 

@@ -59,7 +59,7 @@ def own_folder(extension, monkeypatch, tmp_path):
 
 
 def test_takes_are_listed_once_with_their_subject(listed, files):
-    training_takes = listed.scene.mocap_autolabel.training_takes
+    training_takes = listed.scene.mocap_autolabel.training.takes
     assert [(row.name, row.markers, row.subject) for row in training_takes] == [
         ("one.c3d", 13, files.folder.name),
         ("two.c3d", 13, files.folder.name),
@@ -68,30 +68,19 @@ def test_takes_are_listed_once_with_their_subject(listed, files):
     assert len(training_takes) == 2
     with pytest.raises(RuntimeError, match=r"raw\.c3d: has no named markers"):
         bpy.ops.mocap_autolabel.add_training_takes(filepath=str(files.folder / "raw.c3d"))
-    listed.scene.mocap_autolabel.training_take_index = 1
+    listed.scene.mocap_autolabel.training.take_index = 1
     bpy.ops.mocap_autolabel.remove_training_take()
     assert [row.name for row in training_takes] == ["one.c3d"]
-    assert listed.scene.mocap_autolabel.training_take_index == 0
-
-
-def test_takes_that_files_of_the_first_versions_list_are_listed(extension, empty, tmp_path):
-    row = empty.scene.mocap_autolabel.lessons.add()
-    row.name, row.path, row.subject, row.markers, row.rate = "old.c3d", "/old.c3d", "ann", 9, 60.0
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "old.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "old.blend"))
-    settings = bpy.context.scene.mocap_autolabel
-    [row] = settings.training_takes
-    assert (row.name, row.path, row.subject, row.markers, row.rate) == ("old.c3d", "/old.c3d", "ann", 9, 60.0)
-    assert len(settings.lessons) == 0
+    assert listed.scene.mocap_autolabel.training.take_index == 0
 
 
 def test_what_was_learned_is_saved_chosen_and_names_points(listed, files, own_folder):
     settings = listed.scene.mocap_autolabel
-    settings.trained_name = "ours"
-    settings.training_takes[1].subject = "bob"
+    settings.training.trained_name = "ours"
+    settings.training.takes[1].subject = "bob"
     assert bpy.ops.mocap_autolabel.train() == {"FINISHED"}
     path = own_folder / "ours.markerset.json"
-    assert Path(settings.markerset) == Path(settings.markerset_path) == path
+    assert Path(settings.subjects.markerset) == Path(settings.subjects.markerset_path) == path
     model = open_model(path)
     assert model.markerset.markers == files.markers
     assert {row.subject for row in model.training_takes} == {files.folder.name, "bob"}
@@ -118,7 +107,7 @@ def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, monke
 
     monkeypatch.setattr(importlib.import_module(f"{extension}.addon.jobs.train"), "train_file", train_file)
     settings = listed.scene.mocap_autolabel
-    settings.training_takes[0].subject = "ann [2]"
+    settings.training.takes[0].subject = "ann [2]"
     assert bpy.ops.mocap_autolabel.train() == {"FINISHED"}
     job = given[0]
     assert [path.name for path in job.takes] == ["one.c3d", "two.c3d"]
@@ -126,11 +115,11 @@ def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, monke
     assert job.by == importlib.import_module(f"{extension}.addon.jobs.versions").system_user() != ""
     assert [name for name, _ in job.subjects] == ["ann [2]", files.folder.name]
     assert [row.name for row in listed.window_manager.mocap_autolabel.doubts] == ["one subject"]
-    settings.train_on = True
+    settings.training.train_on = True
     bpy.ops.mocap_autolabel.train()
     assert (given[1].base, given[1].out, given[1].overwrite) == (str(job.out), job.out, True)
-    settings.markerset = "gait15"
-    settings.trained_name = "../elsewhere"
+    settings.subjects.markerset = "gait15"
+    settings.training.trained_name = "../elsewhere"
     with pytest.raises(RuntimeError, match="no name for a marker set"):
         bpy.ops.mocap_autolabel.train()
 
@@ -163,8 +152,8 @@ def test_what_is_worse_is_shown_before_a_button_adopts_it(listed, files, own_fol
     settings, state = listed.scene.mocap_autolabel, listed.window_manager.mocap_autolabel
     with pytest.raises(RuntimeError, match="Train a marker set on first"):
         bpy.ops.mocap_autolabel.adopt_model()
-    settings.markerset, settings.train_on = str(own), True
-    settings.training_takes[1].kept = True
+    settings.subjects.markerset, settings.training.train_on = str(own), True
+    settings.training.takes[1].kept = True
     assert bpy.ops.mocap_autolabel.train() == {"FINISHED"}
     assert [path.name for path in (*given[0].takes, *given[0].kept)] == ["one.c3d", "two.c3d"]
     assert [path.name for path in given[0].kept] == ["two.c3d"]
@@ -177,10 +166,10 @@ def test_what_is_worse_is_shown_before_a_button_adopts_it(listed, files, own_fol
     assert open_model(own).likelihood is None
     assert open_model(own_folder / "ours.v1.markerset.json").fingerprint == fingerprint
     assert (state.candidate, len(state.differences), candidate.exists()) == ("", 0, False)
-    assert Path(settings.markerset) == own
+    assert Path(settings.subjects.markerset) == own
     items = importlib.import_module(f"{extension}.addon.props")._markerset_items(settings, listed)
     assert [name for name, *_ in items if name.endswith("json")] == [str(own)], "former versions are not in the list"
-    settings.training_takes[0].kept = True
+    settings.training.takes[0].kept = True
     with pytest.raises(RuntimeError, match="Add labelled takes first"):
         bpy.ops.mocap_autolabel.train()
 
@@ -219,7 +208,7 @@ def test_one_frame_of_a_labelled_take_is_learned_from(standing, own_folder, exte
         return {**known, **ADOPTED, "doubts": ["one frame"], "replaced": []}
 
     monkeypatch.setattr(importlib.import_module(f"{extension}.addon.jobs.train"), "train_file", train_file)
-    standing.settings.trained_name = "hers"
+    standing.settings.training.trained_name = "hers"
     standing.context.scene.frame_set(102)
     assert bpy.ops.mocap_autolabel.learn_frame() == {"FINISHED"}
     job, frame = given[0]
@@ -237,7 +226,7 @@ def test_one_frame_of_a_labelled_take_is_learned_from(standing, own_folder, exte
 
 
 def test_a_frame_outside_the_take_teaches_nothing(standing, own_folder):
-    standing.settings.trained_name = "hers"
+    standing.settings.training.trained_name = "hers"
     standing.context.scene.frame_set(500)
     with pytest.raises(RuntimeError, match="the current frame is 500; expected one of the take, 101 to 103"):
         bpy.ops.mocap_autolabel.learn_frame()
@@ -271,7 +260,7 @@ def unsure(standing, marker: str, frame: int):
 
 def test_a_whole_take_is_learned_from_but_what_is_doubtful_and_nobody_looked_at(standing, own_folder, jobs_given):
     unsure(standing, "RHEE", 1)
-    standing.settings.trained_name = "hers"
+    standing.settings.training.trained_name = "hers"
     assert bpy.ops.mocap_autolabel.learn_take() == {"FINISHED"}
     [job] = jobs_given
     assert (job.takes, job.out, job.base, job.body) == ((), own_folder / "hers.markerset.json", None, "body26")
@@ -294,11 +283,11 @@ def test_what_was_answered_is_learned_and_an_own_set_goes_on(standing, own_folde
     bpy.ops.mocap_autolabel.is_right(scope="WHOLE")
     own = own_folder / "ours.markerset.json"
     shutil.copy(Path(__file__).parents[2] / "assets" / "body26.markerset.json", own)
-    standing.settings.markerset = str(own)
+    standing.settings.subjects.markerset = str(own)
     assert bpy.ops.mocap_autolabel.learn_take() == {"FINISHED"}
     [job] = jobs_given
     assert np.isfinite(job.shown[0].xyz[:, standing.names.index("RHEE")]).all()
     assert (Path(job.base), job.out, job.name, job.overwrite) == (own, own, None, True)
-    standing.settings.markerset = "gait15"
+    standing.settings.subjects.markerset = "gait15"
     with pytest.raises(RuntimeError, match="the chosen marker set is not the take's; expected the one"):
         bpy.ops.mocap_autolabel.learn_take()

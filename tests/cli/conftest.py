@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A small room with a virtual person in it, and the command line run in this process."""
 
+import csv
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -48,6 +50,27 @@ class Answer:
         return line.removeprefix("mocap-autolabel: ")
 
 
+def rows_of(path: Path) -> list[dict[str, str]]:
+    """A table's rows."""
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def report_of(path: Path) -> dict:
+    """A take's report, by any of its results."""
+    return json.loads(path.with_name(path.name.partition(".")[0] + ".report.json").read_text(encoding="utf-8"))
+
+
+def lengthened(source: Path, target: Path, times: int) -> Path:
+    """Writes a take of blobs so many times as long."""
+    head, *rows = source.read_text().splitlines()
+    parts = [row.partition(",") for row in rows]
+    length = int(parts[-1][0]) - int(parts[0][0]) + 1
+    each = (f"{int(frame) + number * length},{rest}" for number in range(times) for frame, _, rest in parts)
+    target.write_text("\n".join([head, *each, ""]))
+    return target
+
+
 @pytest.fixture(scope="session")
 def room(tmp_path_factory) -> Room:
     folder = tmp_path_factory.mktemp("room")
@@ -87,3 +110,23 @@ def label(run, room, tmp_path):
         return run("label", *inputs, "--model", MODEL, *where, *words)
 
     return call
+
+
+@pytest.fixture
+def figures(run):
+    """Compares labels with the truth, and gives the figures."""
+
+    def call(labels, truth, *words) -> dict:
+        answer = run("evaluate", labels, truth, "--json", *words)
+        assert answer.status == 0, answer.err
+        return json.loads(answer.out)
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def trained(room, tmp_path_factory) -> Path:
+    """A model of the room's person alone."""
+    model = tmp_path_factory.mktemp("trained") / "me.markerset.json"
+    assert main(["train", str(room.c3d), "--out", str(model), "--search", "none"]) == 0
+    return model

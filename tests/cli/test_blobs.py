@@ -9,7 +9,7 @@ import pytest
 from addon.io.blobs import read_blobs
 from addon.io.cameras import write_cameras
 from scripts.movies import encode
-from tests.pictures import NAMES, SIZE, places, save_pictures, two_cameras
+from tests.inputs.pictures import NAMES, SIZE, places, save_pictures, two_cameras
 
 bpy = pytest.importorskip("bpy", reason="pictures are read by Blender")
 FRAMES = range(7, 19)

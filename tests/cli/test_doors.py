@@ -16,11 +16,7 @@ from addon.cli.workers import door
 from addon.demo.take import MODEL
 from tests.faults.stage import wait_for
 
-
-def through_a_process(*words, **kwargs) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        [*door(), *map(str, words)], capture_output=True, text=True, timeout=120, check=False, **kwargs
-    )
+from .conftest import lengthened
 
 
 def test_models_lists_the_built_in_ones(run):
@@ -39,9 +35,8 @@ def test_help_and_version_are_results(run):
 
 
 def test_a_process_gives_status_and_last_line(tmp_path):
-    done = through_a_process(
-        "label", tmp_path / "no.csv", "--model", MODEL, "--cameras", tmp_path / "no.toml", "--out", tmp_path
-    )
+    words = "label", tmp_path / "no.csv", "--model", MODEL, "--cameras", tmp_path / "no.toml", "--out", tmp_path
+    done = subprocess.run([*door(), *map(str, words)], capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 2
     assert done.stdout == ""
     assert done.stderr.splitlines()[-1].startswith(
@@ -68,27 +63,17 @@ def test_inside_blender_its_own_program_is_started_again(monkeypatch):
 
 def test_a_worker_that_dies_is_one_sentence(monkeypatch, tmp_path):
     monkeypatch.setattr(workers, "door", lambda: [sys.executable, "-c", "import os; os._exit(7)"])
-    [(number, answer)] = workers.side_by_side([["label"]], 1)
+    with workers.crew(1) as run:
+        [(number, answer)] = run([["label"]])
     assert number == 0
     assert answer.exit_status == 1
     assert "status 7" in str(answer)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_an_interruption_leaves_nothing_half_written(room, tmp_path, jobs):
-    lines = room.blobs.read_text().splitlines()
-    frames = len({line.split(",")[0] for line in lines[1:]})
-    again = [
-        f"{int(frame) + frames * turn},{rest}"
-        for turn in range(60)
-        for frame, _, rest in (line.partition(",") for line in lines[1:])
-    ]
-    takes = [tmp_path / "long.csv", tmp_path / "longer.csv"]
-    for take in takes:
-        take.write_text("\n".join([lines[0], *again]) + "\n")
-    out = tmp_path / "out"
-    words = ["label", *takes, "--model", MODEL, "--cameras", room.cameras, "--out", out, "--jobs", jobs]
+def test_an_interruption_leaves_nothing_half_written(room, tmp_path):
+    take, out = lengthened(room.blobs, tmp_path / "long.csv", 60), tmp_path / "out"
+    words = ["label", take, "--model", MODEL, "--cameras", room.cameras, "--out", out]
     process = subprocess.Popen([*door(), *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     wait_for(lambda: out.exists() and list(out.iterdir()))
     process.send_signal(signal.SIGINT)

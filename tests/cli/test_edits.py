@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`label --edits`: corrections of blobs and of points hold in all that is written, and what is near them gains."""
 
-import csv
 import json
 from collections import Counter
 
@@ -13,12 +12,7 @@ from addon.core.data.takes import Points
 from addon.demo.take import MODEL
 from addon.io.points import read_points, write_c3d
 
-from .conftest import FRAMES
-
-
-def rows_of(path) -> list[dict]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
+from .conftest import FRAMES, report_of, rows_of
 
 
 def positions(path, name: str) -> tuple[np.ndarray, np.ndarray]:
@@ -34,6 +28,7 @@ def edited(tmp_path):
 
     def write(*edits, name="mine.json"):
         path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
         path.write_text(json.dumps({"version": 1, "edits": edits}))
         return path
 
@@ -55,7 +50,7 @@ def test_what_is_said_of_markers_holds_in_every_file_of_blobs(label, tmp_path, e
         {"kind": "assign", "camera": "cam1", "frame": 104, "x": 2, "y": 3, "marker": "LASI"},
     )
     assert label().err == ""
-    report = json.loads((tmp_path / "out" / "walk.report.json").read_text())
+    report = report_of(tmp_path / "out" / "walk.c3d")
     assert "edits" not in report
     assert "edits" not in report["made_of"]
     was, at_first = positions(tmp_path / "out" / "walk.c3d", "LFHD")[0], rows_of(tmp_path / "out" / "walk.labels.csv")
@@ -82,7 +77,7 @@ def test_what_is_said_of_markers_holds_in_every_file_of_blobs(label, tmp_path, e
     values = {line.split("\t")[0]: line.split("\t")[column : column + 3] for line in lines[5:] if line.strip()}
     assert [float(value) for value in values["107"]] == pytest.approx([100, 200, 1500], abs=0.01)
     assert values["108"] == ["", "", ""]
-    report = json.loads((tmp_path / "out" / "walk.report.json").read_text())
+    report = report_of(tmp_path / "out" / "walk.c3d")
     assert report["edits"]["applied"] == {"assign": 0, "unlabel": 1, "swap": 1, "place": 1, "right": 1}
     assert [one["edit"] for one in report["edits"]["found_nothing"]] == [5]
     assert not [row for row in report["suspect"] if row["reason"].startswith("RANK ")]
@@ -130,7 +125,7 @@ def test_edits_beside_a_take_of_points_hold_in_every_file(run, cloud, tmp_path, 
     assert np.flatnonzero(np.isfinite(wrists[:, 0])).tolist() == [3]
     assert wrists[3] == pytest.approx([100, 200, 900], abs=0.01)
     assert residual[3] == 0
-    report = json.loads((tmp_path / "out" / "cloud.report.json").read_text())
+    report = report_of(tmp_path / "out" / "cloud.c3d")
     assert report["edits"]["file"] == beside.name
     assert report["steps"]["edit"] == 25
 
@@ -180,39 +175,33 @@ def test_results_of_other_edits_are_not_passed_over(run, cloud, tmp_path, edited
     assert "differs in edits; expected the same as then" in run(*words).reason
 
 
+BLOB = {"kind": "assign", "camera": "a", "frame": 100, "x": 1, "y": 2, "marker": "C7"}
+
+
 @pytest.mark.parametrize(
-    ("row", "said"),
+    ("blobs", "row", "said"),
     [
-        ({"kind": "right", "marker": "XYZ"}, "edit 1 names 'XYZ'"),
-        ({"kind": "delete", "point": 99}, "edit 1 is of trajectory 99"),
-        ({"kind": "right", "marker": "C7", "frames": [100, 120]}, "edit 1 is about frame 120; expected frames of the"),
-        ({"kind": "assign", "camera": "a", "frame": 100, "x": 1, "y": 2, "marker": "C7"}, "edit 1 is of a blob"),
-        ({"kind": "frown"}, "edit 1 is of the kind 'frown'"),
+        (False, {"kind": "right", "marker": "XYZ"}, "edit 1 names 'XYZ'"),
+        (False, {"kind": "delete", "point": 99}, "edit 1 is of trajectory 99"),
+        (
+            False,
+            {"kind": "right", "marker": "C7", "frames": [100, 120]},
+            "edit 1 is about frame 120; expected frames",
+        ),
+        (False, BLOB, "edit 1 is of a blob"),
+        (False, {"kind": "frown"}, "edit 1 is of the kind 'frown'"),
+        (True, {"kind": "delete", "point": 1}, "edit 1 is of a point in a take of blobs"),
+        (True, BLOB, "edit 1 is of the camera 'a'"),
+        (True, {"kind": "right", "marker": "C7", "frames": [99, 110]}, "edit 1 is about frame 99; expected frames"),
     ],
 )
-def test_edits_that_cannot_be_of_a_take_of_points_are_refused(run, cloud, tmp_path, edited, row, said):
-    answer = run("label", cloud[0], "--model", MODEL, "--out", tmp_path / "out", "--edits", edited(row))
+def test_edits_that_cannot_be_of_a_take_are_refused(run, label, cloud, tmp_path, edited, blobs, row, said):
+    words = "--edits", edited(row)
+    answer = label(*words) if blobs else run("label", cloud[0], "--model", MODEL, "--out", tmp_path / "out", *words)
     assert answer.status == 2
     assert "mine.json: " in answer.reason
     assert said in answer.reason
-    assert not (tmp_path / "out" / "cloud.labels.csv").exists()
-
-
-@pytest.mark.parametrize(
-    ("row", "said"),
-    [
-        ({"kind": "delete", "point": 1}, "edit 1 is of a point in a take of blobs"),
-        (
-            {"kind": "assign", "camera": "a", "frame": 100, "x": 1, "y": 2, "marker": "C7"},
-            "edit 1 is of the camera 'a'",
-        ),
-        ({"kind": "right", "marker": "C7", "frames": [99, 110]}, "edit 1 is about frame 99; expected frames of the"),
-    ],
-)
-def test_edits_that_cannot_be_of_a_take_of_blobs_are_refused(label, tmp_path, edited, row, said):
-    answer = label("--edits", edited(row))
-    assert answer.status == 2
-    assert said in answer.reason
+    assert not list(tmp_path.glob("out/*.labels.csv"))
 
 
 def test_edits_of_one_take_are_not_for_several(run, cloud, room, tmp_path, edited):
@@ -220,21 +209,10 @@ def test_edits_of_one_take_are_not_for_several(run, cloud, room, tmp_path, edite
     answer = run("label", cloud[0], room.blobs, *words)
     assert answer.status == 2
     assert "--edits is of one take, and there are 2" in answer.reason
-
-
-def test_a_missing_file_of_edits_is_told(label):
-    assert "there is no such file" in label("--edits", "nowhere.edits.json").reason
-
-
-def test_edits_are_never_written_over(run, cloud, tmp_path, edited):
-    path, _ = cloud
-    out = tmp_path / "out"
-    out.mkdir()
-    beside = out / "cloud.labels.csv"
-    beside.write_text(json.dumps({"version": 1, "edits": []}))
-    answer = run("label", path, "--model", MODEL, "--out", out, "--edits", beside, "--overwrite")
-    assert answer.status == 2
-    assert "is read and would be written over" in answer.reason
+    words = "--model", MODEL, "--out", tmp_path / "out", "--edits"
+    assert "there is no such file" in run("label", cloud[0], *words, "nowhere.edits.json").reason
+    beside = edited(name="out/cloud.labels.csv")
+    assert "is read and would be written over" in run("label", cloud[0], *words, beside, "--overwrite").reason
 
 
 def test_of_several_takes_each_has_its_own_edits(run, cloud, tmp_path, edited):

@@ -22,6 +22,8 @@ from addon.demo.take import MODEL
 from addon.version import version
 from tests.faults.stage import wait_for
 
+from .conftest import lengthened
+
 if os.name == "nt":
     pytest.skip("needs links, and a system where a process can be killed", allow_module_level=True)
 distributed = pytest.importorskip("distributed")
@@ -135,11 +137,7 @@ def test_what_fails_what_is_there_and_what_is_done_is_said_as_by_one_machine(far
 
 @pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGKILL])
 def test_a_batch_that_is_stopped_or_killed_leaves_nothing_half_written(started, farmed, room, takes, tmp_path, kind):
-    head, *rows = takes[0].read_text().splitlines()
-    parts = [row.partition(",") for row in rows]
-    length = int(parts[-1][0]) - int(parts[0][0]) + 1
-    longer = (f"{int(frame) + number * length},{rest}" for number in range(LONG) for frame, _, rest in parts)
-    takes[0].write_text("\n".join([head, *longer, ""]))
+    lengthened(room.blobs, takes[0], LONG)
     line = ["label", takes[0], "--model", MODEL, "--cameras", room.cameras, "--out", tmp_path / "out"]
     line += ["--engine", "dask", "--scheduler", started.address]
     command = [sys.executable, "-c", workers.SCRIPT, str(workers.ROOT), json.dumps(sys.path), *map(str, line)]
@@ -262,11 +260,7 @@ def test_a_cluster_that_does_not_start_is_one_sentence(label, takes, monkeypatch
     monkeypatch.setattr(distributed, "LocalCluster", refused)
     answer = label(*FEW, "--engine", "dask", "--jobs", "2", blobs=takes[:2])
     assert answer.status == 1
-    assert (
-        answer.err.strip()
-        .splitlines()[-1]
-        .endswith("dask's own cluster does not start (can't start new thread); expected fewer --jobs")
-    )
+    assert answer.reason == "dask's own cluster does not start (can't start new thread); expected fewer --jobs"
 
 
 def processes_of_ours() -> set[int]:

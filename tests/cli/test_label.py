@@ -4,120 +4,110 @@
 import csv
 import json
 import shutil
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
 
 import ezc3d
 import numpy as np
 import pytest
 
 from addon.blendfile import has_blender
+from addon.cli import main
 from addon.demo.take import MODEL
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model
 
-from .conftest import FRAMES
+from .conftest import FRAMES, report_of, rows_of
 
 
-def rows_of(path):
-    with path.open(newline="") as file:
-        return list(csv.reader(file))
+@dataclass
+class Done:
+    """A take that was labelled: the folder of its results, and its labels."""
+
+    out: Path
+    labels: list[dict[str, str]]
 
 
-def test_labels_have_every_row_of_the_input_in_its_order_and_its_own_text(label, room, tmp_path):
-    answer = label()
-    assert (answer.status, answer.err) == (0, "")
-    labels, blobs = rows_of(tmp_path / "out" / "walk.labels.csv"), rows_of(room.blobs)
-    assert labels[0] == ["frame", "camera", "x", "y", "marker", "step", "confidence"]
-    assert [row[:4] for row in labels[1:]] == [row[:4] for row in blobs[1:]]
-    assert {row[5] for row in labels[1:]} <= {"", "exclusive", "conflict", "remaining"}
-    assert all((row[4] == "") == (row[5] == "") for row in labels[1:])
-    assert all(0 <= float(row[6]) <= 1 for row in labels[1:])
+@pytest.fixture(scope="module")
+def done(room, tmp_path_factory) -> Done:
+    out = tmp_path_factory.mktemp("done")
+    words = ["label", room.blobs, "--model", MODEL, "--cameras", room.cameras, "--rate", "60", "--trc", "--out", out]
+    assert main([str(word) for word in words]) == 0
+    return Done(out, rows_of(out / "walk.labels.csv"))
 
 
-def test_the_virtual_person_is_labelled_right(label, run, room, tmp_path):
-    label()
-    figures = json.loads(run("evaluate", tmp_path / "out" / "walk.labels.csv", room.truth, "--json").out)
-    assert figures["precision"] > 0.995
-    assert figures["recall"] > 0.97
-    assert figures["rows_without_truth"] == 0
+def test_labels_have_every_row_of_the_input_in_its_order_and_its_own_text(done, room):
+    assert list(done.labels[0]) == ["frame", "camera", "x", "y", "marker", "step", "confidence"]
+    with room.blobs.open(newline="") as file:
+        assert [list(row.values())[:4] for row in done.labels] == [row[:4] for row in list(csv.reader(file))[1:]]
+    assert {row["step"] for row in done.labels} <= {"", "exclusive", "conflict", "remaining"}
+    assert all((row["marker"] == "") == (row["step"] == "") for row in done.labels)
+    assert all(0 <= float(row["confidence"]) <= 1 for row in done.labels)
 
 
-def test_c3d_has_the_models_markers_in_their_order_and_the_takes_frames(label, tmp_path):
-    label("--rate", "60", "--trc")
-    take = ezc3d.c3d(str(tmp_path / "out" / "walk.c3d"))
+def test_the_virtual_person_is_labelled_right(done, figures, room):
+    found = figures(done.out / "walk.labels.csv", room.truth)
+    assert found["precision"] > 0.995
+    assert found["recall"] > 0.97
+    assert found["rows_without_truth"] == 0
+
+
+def test_c3d_has_the_models_markers_in_their_order_and_the_takes_frames(done):
+    take = ezc3d.c3d(str(done.out / "walk.c3d"))
     markers = open_markerset(MODEL).markers
     assert tuple(take["parameters"]["POINT"]["LABELS"]["value"][: len(markers)]) == markers
     assert take["header"]["points"]["first_frame"] + 1 == FRAMES[0]
     assert take["header"]["points"]["frame_rate"] == 60
     assert take["data"]["points"].shape[2] == FRAMES[1] - FRAMES[0] + 1
     assert np.nanmax(take["data"]["points"][2]) > 1000
-    assert (tmp_path / "out" / "walk.trc").read_text().startswith("PathFileType\t4\t(X/Y/Z)")
+    assert (done.out / "walk.trc").read_text().startswith("PathFileType\t4\t(X/Y/Z)")
 
 
-def test_report_says_what_the_contract_asks(label, tmp_path):
-    answer = label("--json", "--rate", "60")
-    report = json.loads((tmp_path / "out" / "walk.report.json").read_text())
+def test_report_says_what_the_contract_asks(done):
+    report = report_of(done.out / "walk.c3d")
     assert {"take", "model", "frames", "rate", "markers", "unlabelled", "suspect", "timing", "version"} <= set(report)
     assert {"load", "place", "fit", "label", "write", "frames_per_second"} <= set(report["timing"])
     assert (report["take"], report["model"], report["frames"], report["rate"]) == ("walk", MODEL, 20, 60)
     assert (report["model_version"], report["model_fingerprint"]) == (1, open_model(MODEL).fingerprint)
     assert not report["rate_assumed"]
     assert set(report["steps"]) == {"exclusive", "conflict", "remaining"}
+
+
+def test_options_are_followed_and_the_results_are_one_object(label, tmp_path):
+    hints = "--height", "1.7", "--facing", "-30", "--method", "fit"
+    answer = label("--json", "--progress", "--frames", "105:109", *hints)
+    assert answer.err.startswith("walk: ")
+    report = report_of(tmp_path / "out" / "walk.c3d")
     assert json.loads(answer.out) == {"takes": [report], "failed": []}
-
-
-def test_a_rate_that_nobody_gave_is_said_to_be_assumed(label):
-    [report] = json.loads(label("--json").out)["takes"]
-    assert (report["rate"], report["rate_assumed"]) == (100, True)
-
-
-def test_only_the_frames_asked_for(label, tmp_path):
-    label("--frames", "105:109")
-    frames = {row[0] for row in rows_of(tmp_path / "out" / "walk.labels.csv")[1:]}
+    assert (report["rate"], report["rate_assumed"]) == (100, True), "nobody gave it"
+    frames = {row["frame"] for row in rows_of(tmp_path / "out" / "walk.labels.csv")}
     assert frames == {"105", "106", "107", "108", "109"}
-
-
-def test_hints_are_taken(label):
-    assert label("--height", "1.7", "--facing", "-30", "--method", "fit").status == 0
-
-
-def test_an_existing_file_is_replaced_only_on_request(label, tmp_path):
-    label()
     old = (tmp_path / "out" / "walk.report.json").read_bytes()
     assert "exists already" in label().reason
     assert (tmp_path / "out" / "walk.report.json").read_bytes() == old
-    assert label("--overwrite", "--rate", "50").status == 0
+    assert label("--overwrite", "--frames", "105:109", "--rate", "50").status == 0
     assert (tmp_path / "out" / "walk.report.json").read_bytes() != old
 
 
-def test_a_take_that_fails_does_not_stop_the_others(label, room, tmp_path):
-    broken = tmp_path / "broken.csv"
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_a_take_that_fails_does_not_stop_the_others_and_processes_are_shared(
+    label, done, room, tmp_path, monkeypatch, jobs
+):
+    other, broken = tmp_path / "other.csv", tmp_path / "broken.csv"
+    shutil.copy(room.blobs, other)
     broken.write_text("frame,camera,x,y\n1,nowhere,3,4\n")
-    answer = label("--json", blobs=[broken, room.blobs])
+    popen, lines = subprocess.Popen, []
+    monkeypatch.setattr(subprocess, "Popen", lambda line, **more: lines.append(line) or popen(line, **more))
+    answer = label("--json", "--rate", "60", "--jobs", jobs, blobs=[other, broken, room.blobs])
     assert answer.status == 2
     assert "broken.csv:2: camera 'nowhere'" in answer.reason
     said = json.loads(answer.out)
-    assert [take["take"] for take in said["takes"]] == ["walk"]
-    assert [(take["take"], take["status"]) for take in said["failed"]] == [("broken", 2)]
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "walk.c3d",
-        "walk.labels.csv",
-        "walk.report.json",
-    ]
-
-
-def test_takes_side_by_side_are_the_same_as_one_after_the_other(label, room, tmp_path):
-    other = tmp_path / "other.csv"
-    shutil.copy(room.blobs, other)
-    broken = tmp_path / "broken.csv"
-    broken.write_text("")
-    answer = label("--jobs", "2", "--json", blobs=[other, broken, room.blobs])
-    assert answer.status == 2
-    assert "broken.csv: is empty" in answer.reason
-    said = json.loads(answer.out)
     assert [take["take"] for take in said["takes"]] == ["other", "walk"]
-    together = (tmp_path / "out" / "walk.labels.csv").read_bytes()
-    assert label("--overwrite").status == 0
-    assert (tmp_path / "out" / "walk.labels.csv").read_bytes() == together
+    assert [(take["take"], take["status"]) for take in said["failed"]] == [("broken", 2)]
+    assert len(list((tmp_path / "out").iterdir())) == 6
+    assert rows_of(tmp_path / "out" / "walk.labels.csv") == done.labels
+    assert len(lines) == (0 if jobs == "1" else 2)
 
 
 def test_inputs_that_would_have_the_same_results_are_refused_before_any_work(label, room, tmp_path):
@@ -126,10 +116,6 @@ def test_inputs_that_would_have_the_same_results_are_refused_before_any_work(lab
     shutil.copy(room.blobs, twin)
     assert "same results" in label(blobs=[room.blobs, twin]).reason
     assert not (tmp_path / "out").exists()
-
-
-def test_progress_only_on_request_where_nobody_watches(label):
-    assert label("--progress").err.startswith("walk: ")
 
 
 @pytest.mark.blender
@@ -154,7 +140,7 @@ def test_without_blender_no_blend(label, monkeypatch):
     assert "--blend needs Blender" in label("--blend").reason
 
 
-def test_cameras_with_each_others_names_are_named(label, room, tmp_path):
+def test_cameras_with_each_others_names_are_named(label, done, room, tmp_path):
     mixed = tmp_path / "mixed.csv"
     other = {"cam2": "cam5", "cam5": "cam2"}
     rows = [line.split(",") for line in room.blobs.read_text().splitlines()]
@@ -163,12 +149,11 @@ def test_cameras_with_each_others_names_are_named(label, room, tmp_path):
     answer = label("--rate", "60", blobs=[mixed])
     assert answer.status == 0
     assert f"mixed: {words}" in answer.out.splitlines()
-    report = json.loads((tmp_path / "out" / "mixed.report.json").read_text())
+    report = report_of(tmp_path / "out" / "mixed.c3d")
     assert report["camera_doubts"] == [words]
     assert {"first": 100, "last": 119, "reason": words} in report["suspect"]
     assert report["cameras"]["cam2"]["named"] < 0.1 * report["cameras"]["cam2"]["in_image"]
-    assert label("--rate", "60").status == 0
-    report = json.loads((tmp_path / "out" / "walk.report.json").read_text())
+    report = report_of(done.out / "walk.c3d")
     assert report["camera_doubts"] == []
     assert report["cameras"]["cam2"]["named"] > 0.4 * report["cameras"]["cam2"]["in_image"]
     assert all(one["offset_px"] is None or one["offset_px"] < 0.5 for one in report["cameras"].values())

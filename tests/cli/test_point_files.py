@@ -68,13 +68,6 @@ def test_label_takes_the_axis_that_is_given(label, upside_down):
         assert answer.status == 1 or (report["up_axis"] == "-Z" and report["unlabelled"] > 0.9 * report["points"])
 
 
-def test_label_side_by_side_takes_the_axis_too(run, room, upside_down, tmp_path):
-    words = ("--model", MODEL, "--method", "fit", "--up", "z", "--jobs", "2", "--out", tmp_path / "out")
-    answer = run("label", upside_down, room.c3d, *words, "--json")
-    assert answer.status == 0, answer.err
-    assert [report["notes"] for report in json.loads(answer.out)["takes"]] == [[], []]
-
-
 def test_label_takes_a_rate_where_there_is_none(label, without_rate):
     assert "has a rate of 0 frames a second; expected a rate above zero" in label(without_rate)[0].reason
     answer, report = label(without_rate, "--rate", "60")

@@ -1,19 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`simulate`: blobs and truth of a labelled take."""
 
-import csv
 import json
 
 import numpy as np
 import pytest
 
-from addon.cli import main
 from addon.core.data.takes import Points
 from addon.demo.take import MODEL
 from addon.io.markersets import open_markerset
-from addon.io.points import write_c3d, write_trc
+from addon.io.points import read_points, write_c3d, write_trc
 
-from .conftest import FRAMES
+from .conftest import FRAMES, rows_of
 
 
 @pytest.fixture
@@ -22,11 +20,6 @@ def simulate(run, room, tmp_path):
         return run("simulate", take or room.c3d, "--cameras", room.cameras, "--out", tmp_path / "sim.csv", *words)
 
     return call
-
-
-def rows_of(path):
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 def test_truth_lies_beside_the_blobs_row_for_row(simulate, tmp_path):
@@ -63,8 +56,6 @@ def test_chosen_markers_and_frames(simulate, tmp_path):
 
 
 def test_a_take_outside_the_room_is_moved_on_request(simulate, room, tmp_path):
-    from addon.io.points import read_points
-
     there = read_points(room.c3d)
     away = Points(there.names, there.xyz + np.array([50.0, 20.0, 0.0]), there.residual, there.rate, there.first_frame)
     write_c3d(tmp_path / "away.c3d", away)
@@ -77,8 +68,6 @@ def test_a_take_outside_the_room_is_moved_on_request(simulate, room, tmp_path):
 
 
 def test_markers_that_no_model_has_and_subjects_names(simulate, room, tmp_path):
-    from addon.io.points import read_points
-
     there = read_points(room.c3d)
     names = (*(f"Anna:{name}" for name in there.names), "EXTRA", "")
     xyz = np.concatenate([there.xyz, there.xyz[:, :1] + 0.05, there.xyz[:, :1] + 0.1], axis=1)
@@ -113,14 +102,3 @@ def test_a_take_of_another_kind(simulate, room, tmp_path):
     broken = tmp_path / "broken.c3d"
     broken.write_bytes(room.c3d.read_bytes()[:3000])
     assert "broken.c3d" in simulate(take=broken).reason
-
-
-def test_what_is_read_is_not_written_over(tmp_path, capsys):
-    """--overwrite is for results, never for the take or the calibration they are made from."""
-    take, room = tmp_path / "take.c3d", tmp_path / "room.toml"
-    take.write_bytes(b"a take")
-    room.write_text("a room")
-    for target in (take, room):
-        assert main(["simulate", str(take), "--cameras", str(room), "--out", str(target), "--overwrite"]) == 2
-        assert "would be written over; expected another name" in capsys.readouterr().err.splitlines()[-1]
-    assert take.read_bytes() == b"a take" and room.read_text() == "a room"

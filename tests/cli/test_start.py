@@ -22,7 +22,7 @@ OTHERS = (
     "addon.core.training",
     "addon.io.html",
 )
-OF_BLOBS = ("addon.core.blobs", "addon.core.reconstruction", "addon.io.toml_cameras", "addon.io.vicon")
+OF_BLOBS = ("addon.core.blobs", "addon.core.reconstruction", "addon.io.toml_cameras", "addon.io.xml_cameras")
 CODE = (
     "import json, sys; from addon.cli import main; status = main(sys.argv[1:]); "
     "print(json.dumps(sorted(sys.modules)), file=sys.stderr); sys.exit(status)"

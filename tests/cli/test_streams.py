@@ -185,7 +185,7 @@ def test_values_that_begin_with_a_minus_are_values(label):
     assert label("--frames", "-5:100", "--facing", "-1e1").status == 0
 
 
-@pytest.mark.parametrize("text", ["1_0:2_0", "\u0661:\u0662", "1:2:3", "1" * 5000 + ":", ""])
+@pytest.mark.parametrize("text", ["1_0:2_0", "\u0661:\u0662", "1" * 5000 + ":", ""])
 def test_only_plain_digits_are_frames(label, text):
     answer = label("--frames", text)
     assert answer.status == 2

@@ -3,7 +3,6 @@
 
 import argparse
 import contextlib
-import csv
 import json
 import shutil
 from dataclasses import replace
@@ -21,7 +20,9 @@ from addon.core.points.several.wearers import is_subject_name
 from addon.io.markersets import markerset_file, open_markerset
 from addon.io.points import read_points, write_c3d
 from addon.jobs.resuming import made_of
-from tests.walkers import RATE, WORN, write_pair, write_seen
+from tests.inputs.walkers import RATE, WORN, write_pair, write_seen
+
+from .conftest import report_of, rows_of
 
 
 def label_arguments(take, out, *words):
@@ -31,12 +32,6 @@ def label_arguments(take, out, *words):
     given = parser.parse_args(["label", str(take), f"--out={out}", *words])
     settle_subjects(given)
     return given
-
-
-def rows_of(path):
-    """A table's rows."""
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 @pytest.fixture(scope="module")
@@ -55,40 +50,39 @@ def label(run, pair, tmp_path):
     return call
 
 
-def test_two_are_named_in_every_file(label, run, pair, tmp_path):
-    answer = label("--model", WORN, "--subjects", "2", "--trc")
-    assert (answer.status, answer.err) == (0, "")
-    figures = json.loads(run("evaluate", tmp_path / "out/pair.labels.csv", pair / "truth.csv", "--json").out)
-    assert figures["precision"] == 1
-    assert figures["recall"] > 0.95
-    with (tmp_path / "out/pair.labels.csv").open(newline="") as file:
-        named = {row["marker"] for row in csv.DictReader(file)} - {""}
+def in_every_file(out, stem: str):
+    """Whether the markers of two stand in all results."""
     markers = [f"{number}:{name}" for number in (1, 2) for name in open_markerset(WORN).markers]
-    assert named <= set(markers)
-    written = ezc3d.c3d(str(tmp_path / "out/pair.c3d"))["parameters"]["POINT"]["LABELS"]["value"]
+    assert {row["marker"] for row in rows_of(out / f"{stem}.labels.csv")} <= {"", *markers}
+    written = ezc3d.c3d(str(out / f"{stem}.c3d"))["parameters"]["POINT"]["LABELS"]["value"]
     assert written[:30] == markers
-    assert "1:LASI" in (tmp_path / "out/pair.trc").read_text()
-    report = json.loads((tmp_path / "out/pair.report.json").read_text())
+    assert "1:LASI" in (out / f"{stem}.trc").read_text()
+    report = report_of(out / f"{stem}.c3d")
     assert [(one["name"], one["model"]) for one in report["subjects"]] == [("1", WORN), ("2", WORN)]
     assert list(report["markers"]) == markers
 
 
-def test_two_names_for_one_set_are_given_in_the_order_of_the_file(label, run, pair, tmp_path):
+def test_two_are_named_in_every_file(label, figures, pair, tmp_path):
+    answer = label("--model", WORN, "--subjects", "2", "--trc")
+    assert (answer.status, answer.err) == (0, "")
+    found = figures(tmp_path / "out/pair.labels.csv", pair / "truth.csv")
+    assert found["precision"] == 1
+    assert found["recall"] > 0.95
+    in_every_file(tmp_path / "out", "pair")
+    reason = label("--subject", f"zoe={WORN}", "--subject", f"ann={WORN}", "--resume").reason
+    assert "differs in model, --subjects, --subject, --trc; expected" in reason
+
+
+def test_two_names_for_one_set_are_given_in_the_order_of_the_file(label, figures, pair, tmp_path):
     assert label("--subject", f"zoe={WORN}", "--subject", f"ann={WORN}").status == 0
     truth = (pair / "truth.csv").read_text().replace(",1:", ",zoe:").replace(",2:", ",ann:")
     (tmp_path / "truth.csv").write_text(truth)
-    figures = json.loads(run("evaluate", tmp_path / "out/pair.labels.csv", tmp_path / "truth.csv", "--json").out)
-    assert figures["precision"] == 1
-    assert figures["recall"] > 0.95
-    report = json.loads((tmp_path / "out/pair.report.json").read_text())
+    found = figures(tmp_path / "out/pair.labels.csv", tmp_path / "truth.csv")
+    assert found["precision"] == 1
+    assert found["recall"] > 0.95
+    report = report_of(tmp_path / "out/pair.c3d")
     words = "zoe and ann wear the same model, which does not tell them apart: zoe is who is first in the file"
     assert words in report["notes"]
-
-
-def test_who_goes_on_with_others_is_told_by_an_option_that_there_is(label):
-    assert label("--model", WORN, "--subjects", "2").status == 0
-    reason = label("--subject", f"zoe={WORN}", "--subject", f"ann={WORN}", "--resume").reason
-    assert "differs in model, --subjects, --subject; expected" in reason
 
 
 def test_gaps_of_each_are_filled_and_the_page_shows_both(label, run, pair, tmp_path):
@@ -99,7 +93,7 @@ def test_gaps_of_each_are_filled_and_the_page_shows_both(label, run, pair, tmp_p
     write_c3d(tmp_path / "pair.c3d", Points(take.names, xyz, take.residual[:], take.rate, take.first_frame))
     words = "--model", WORN, "--subjects", "2", "--fill", "--html"
     assert run("label", tmp_path / "pair.c3d", "--out", tmp_path / "out", *words).status == 0
-    report = json.loads((tmp_path / "out/pair.report.json").read_text())
+    report = report_of(tmp_path / "out/pair.c3d")
     assert [(row["marker"], row["first"], row["last"]) for row in report["filled"]] == [("2:LKNE", 22, 28)]
     filled = read_points(tmp_path / "out/pair.c3d")
     place = filled.names.index("2:LKNE")
@@ -137,7 +131,7 @@ def test_edits_say_whose_a_trajectory_is(label, pair, tmp_path):
             assert row["marker"] == was or (not row["marker"] and was in ("1:LANK", "2:LANK", "2:LTOE"))
     written = read_points(tmp_path / "out/pair.c3d")
     assert np.allclose(written.xyz[5, written.names.index("2:LTOE")], [0.1, 0.2, 0.3], atol=1e-5)
-    report = json.loads((tmp_path / "out/pair.report.json").read_text())
+    report = report_of(tmp_path / "out/pair.c3d")
     assert report["edits"]["applied"] == {"assign": 1, "swap": 1, "place": 1}
 
 
@@ -214,6 +208,19 @@ def test_who_wears_what_is_said_to_other_processes(run, pair, tmp_path):
     assert made_of(swapped) != made_of(replace(swapped, wearers=(("bob", str(model)), ("ann", WORN))))
 
 
+def test_other_processes_are_told_all_options(pair, tmp_path):
+    said = "--frames=5:9 --up=-y --mirror --use=points --method=fit --target=0.9 --rate=60 --height=1.7 --facing=30"
+    said += " --occlusion=capsules --edits=own.json --trc --fill --blend --html --overwrite --resume --force"
+    given = label_arguments(pair / "pair.c3d", tmp_path, f"--model={WORN}", "--subjects=2", *said.split())
+    out, *words = command_for(given, pair / "pair.c3d")[1:-2]
+    again = label_arguments(pair / "pair.c3d", out.partition("=")[2], *words)
+    assert (
+        as_job(again, pair / "pair.c3d")
+        == as_job(given, pair / "pair.c3d")
+        != as_job(label_arguments(pair / "pair.c3d", tmp_path, f"--model={WORN}"), pair / "pair.c3d")
+    )
+
+
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory):
     """The same two in a ring of eight cameras: blobs, their truth and the calibration."""
@@ -238,25 +245,20 @@ def test_cameras_see_several_with_all_bodies_in_the_way(run, seen, tmp_path):
     assert shown[2] < shown[0] + shown[1]
 
 
-def test_blobs_of_two_are_named_in_every_file(run, seen, tmp_path):
+def test_blobs_of_two_are_named_in_every_file(run, figures, seen, tmp_path):
     words = "--model", WORN, "--cameras", seen / "room.toml", "--rate", RATE, "--out", tmp_path
     answer = run("label", seen / "seen.csv", *words, "--subjects", "2", "--trc", "--fill", "--html", "--json")
     assert (answer.status, answer.err) == (0, "")
     truth, other = seen / "seen.csv.truth.csv", tmp_path / "other.csv"  # nothing says which of them is 1
     other.write_text(truth.read_text().replace("1:", "0:").replace("2:", "1:").replace("0:", "2:"))
-    figures = [json.loads(run("evaluate", tmp_path / "seen.labels.csv", one, "--json").out) for one in (truth, other)]
-    assert max(one["precision"] for one in figures) > 0.998
-    assert max(one["recall"] for one in figures) > 0.99
-    markers = [f"{number}:{name}" for number in (1, 2) for name in open_markerset(WORN).markers]
-    written = ezc3d.c3d(str(tmp_path / "seen.c3d"))["parameters"]["POINT"]["LABELS"]["value"]
-    assert written[:30] == markers
-    report = json.loads((tmp_path / "seen.report.json").read_text())
-    assert [one["name"] for one in report["subjects"]] == ["1", "2"]
-    assert list(report["markers"]) == markers
+    found = [figures(tmp_path / "seen.labels.csv", one) for one in (truth, other)]
+    assert max(one["precision"] for one in found) > 0.998
+    assert max(one["recall"] for one in found) > 0.99
+    in_every_file(tmp_path, "seen")
+    report = report_of(tmp_path / "seen.c3d")
     assert report["method"] == "likelihood"
     assert sum(report["steps"].values()) == sum(row["marker"] != "" for row in rows_of(tmp_path / "seen.labels.csv"))
     assert set(report["timing"]) >= {"place", "label", "fit"}
-    assert "1:LASI" in (tmp_path / "seen.trc").read_text()
 
 
 def test_one_where_cameras_see_two_is_told_how_to_have_both(run, seen, tmp_path, monkeypatch):
@@ -280,15 +282,13 @@ def test_edits_of_several_hold_in_their_blobs(run, seen, tmp_path):
     edits.write_text('{"version": 1, "edits": [{"kind": "unlabel", "marker": "2:LASI", "frames": [8, 20]}]}')
     words = "--model", WORN, "--cameras", seen / "room.toml", "--rate", RATE, "--out", tmp_path / "out"
     assert run("label", seen / "seen.csv", *words, "--subjects", "2", "--edits", edits).status == 0
-    with (tmp_path / "out/seen.labels.csv").open(newline="") as file:
-        frames = [int(row["frame"]) for row in csv.DictReader(file) if row["marker"] == "2:LASI"]
+    frames = [int(row["frame"]) for row in rows_of(tmp_path / "out/seen.labels.csv") if row["marker"] == "2:LASI"]
     assert frames
     assert not any(8 <= frame <= 20 for frame in frames)
 
 
-@pytest.mark.parametrize("method", ["fit", "both"])
-def test_blobs_of_several_are_named_by_their_points_only(run, seen, tmp_path, method):
-    words = "--model", WORN, "--cameras", seen / "room.toml", "--out", tmp_path, "--subjects", "2", "--method", method
+def test_blobs_of_several_are_named_by_their_points_only(run, seen, tmp_path):
+    words = "--model", WORN, "--cameras", seen / "room.toml", "--out", tmp_path, "--subjects", "2", "--method", "fit"
     assert "expected --method auto, which names blobs by their points" in run("label", seen / "seen.csv", *words).reason
 
 

@@ -36,9 +36,11 @@ def write(path, xyz, names=NAMES):
     return path
 
 
-def content_of(path) -> str:
-    """What a model's file holds before its history."""
-    return path.read_text(encoding="utf-8").partition(',\n  "history"')[0]
+def content_of(path) -> dict:
+    """What a model's file holds beside its history."""
+    content = json.loads(path.read_text(encoding="utf-8"))
+    content.pop("history", None)
+    return content
 
 
 @pytest.fixture(scope="module")
@@ -129,8 +131,9 @@ def test_a_model_is_given_its_partial_solvers_later(trained, anonymous, run, tmp
     report = json.loads(answer.out)
     assert set(report["ensemble"]["of_marker"]) == set(NAMES)
     assert (report["ensemble"]["search"], report["ensemble"]["hit_rate"]) == ("bottom-up", 0.9999)
-    before, after = (content_of(path).splitlines() for path in (model, more))
-    assert [line for line in after if not line.startswith('  "ensemble"')] == before
+    before, after = content_of(model), content_of(more)
+    assert after.pop("ensemble")
+    assert list(after.items()) == list(before.items())
     assert [(one.version, len(one.takes)) for one in read_model(more).history.versions] == [(1, 2), (2, 0)]
     assert read_model(model).partial_solvers is None
     assert run("label", anonymous, "--model", more, "--out", tmp_path / "out", "--method", "ensemble").status == 0
@@ -305,8 +308,6 @@ def test_what_cannot_be_trained_is_said_and_leaves_nothing(takes, run, tmp_path)
     assert "ends in .markerset.json" in run("train", takes[0], "--out", tmp_path / "m.json").reason
     assert "is no subject" in run("train", takes[0], "--out", out, "--subject", "ann").reason
     assert "no take was given" in run("train", "--out", out, "--subject", "ann=*").reason
-    one = write(tmp_path / "one.c3d", creature(0, 1))
-    assert "no body that is known fits" in run("train", one, "--out", out).reason
     other = write(tmp_path / "other.c3d", creature(1), [f"X{index}" for index in range(10)])
     assert "no marker in common" in run("train", takes[0], other, "--out", out).reason
     missing = write(tmp_path / "missing.c3d", np.full((20, 10, 3), np.nan))
@@ -333,15 +334,10 @@ def test_a_take_of_one_labelled_frame_is_enough_of_a_person(tmp_path, monkeypatc
     assert read_model(model).markerset.source["poses"].startswith("made up on the body of body26")
     assert main(["label", str(whole), "--model", str(model), "--out", str(tmp_path / "out")]) == 0
     found = read_points(tmp_path / "out" / "whole.c3d")
-    away = np.concatenate(
-        [
-            np.linalg.norm(found.xyz[:, found.names.index(name)] - take.xyz[:120, index], axis=1)
-            for index, name in enumerate(take.names)
-            if name in found.names
-        ]
-    )
+    assert found.names[:26] == tuple(take.names)
+    away = np.linalg.norm(found.xyz[:, :26] - take.xyz[:120], axis=2)
     named = np.isfinite(away)
-    assert named.sum() > 0.7 * 120 * len(take.names)
+    assert named.mean() > 0.7
     assert (away[named] < 0.002).mean() > 0.995
 
 

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Trials of a training in processes side by side: the same outcomes in the same order, or one sentence."""
 
+from contextlib import nullcontext
+
 import numpy as np
 import pytest
 
@@ -33,12 +35,12 @@ def test_in_two_processes_they_are_the_same_to_the_bit(works):
 
 
 def test_few_are_not_worth_a_process(works, monkeypatch):
-    monkeypatch.setattr(trials, "side_by_side", None)
+    monkeypatch.setattr(trials, "crew", None)
     assert len(list(trials.trying(None)(works))) == len(list(trials.trying(1)(works))) == 3
 
 
 def test_one_that_cannot_be_made_is_said(works, monkeypatch):
     killed = JobError("its process was killed; expected it to finish", "1.trial")
-    monkeypatch.setattr(trials, "side_by_side", lambda _, __: (pair for pair in [(1, killed)]))
+    monkeypatch.setattr(trials, "crew", lambda _: nullcontext(lambda _: iter([(1, killed)])))
     with pytest.raises(JobError, match=r"^a trial could not be made: its process was killed; expected it to finish$"):
         list(trials.trying(2)(works))

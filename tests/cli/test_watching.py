@@ -16,6 +16,8 @@ from addon.io.arrivals import Arrivals, WatchOptions
 from addon.io.batch import read_table
 from tests.io.pages import read
 
+from .conftest import lengthened
+
 FEW = ("--watch", "--frames", "100:101")
 LONG = 200  # times the walk
 PATIENCE = 120.0  # s; a busy machine labels slowly
@@ -117,11 +119,7 @@ def test_a_watch_goes_on_where_it_was_and_ends_when_nothing_comes_and_replaces_n
 
 
 def test_who_stops_a_watch_leaves_nothing_half_written(label, room, folder, tmp_path, meanwhile):
-    head, *rows = room.blobs.read_text().splitlines()
-    parts = [row.partition(",") for row in rows]
-    length = int(parts[-1][0]) - int(parts[0][0]) + 1
-    each = (f"{int(frame) + number * length},{rest}" for number in range(LONG) for frame, _, rest in parts)
-    (folder / "long.csv").write_text("\n".join([head, *each, ""]))
+    lengthened(room.blobs, folder / "long.csv", LONG)
     out = tmp_path / "out"
 
     def steps():
@@ -138,13 +136,12 @@ def test_who_stops_a_watch_leaves_nothing_half_written(label, room, folder, tmp_
 
 
 def test_a_summary_is_written_only_where_it_may_be(label, folder, tmp_path):
-    out = tmp_path / "out"
-    out.mkdir()
-    (out / "summary.csv").write_text("my own")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "summary.csv").write_text("my own")
     for more in ((), ("--resume",)):
         answer = label(*FEW, "--idle", "0", "--summary", *more, blobs=[folder])
         assert "summary.csv: exists already" in answer.reason
-    assert (out / "summary.csv").read_text() == "my own"
+    assert (tmp_path / "out" / "summary.csv").read_text() == "my own"
 
 
 def test_a_batch_that_is_named_take_by_take_has_a_table_too(label, room, tmp_path):

@@ -94,19 +94,28 @@ def act(
     )
 
 
+def abreast(markerset: MarkerSet, seeds, frames: int, rate: float, apart: float) -> tuple[list, list]:
+    """Bodies and markers (T, M, 3) m of people, by their seeds, who walk side by side, so many m from each other."""
+    model, bodies, markers = BodyModel(markerset), [], []
+    for place, seed in enumerate(seeds):
+        moves = perform(model, person_of(markerset, seed), [Act(frames / rate)], rate=rate)
+        posed = model.pose(moves)
+        shift = np.array([0.0, apart * (place - 0.5), 0.0]) - posed.joints[:frames, 0].mean(axis=0) * [1.0, 1.0, 0.0]
+        turns, joints = posed.rotations[:frames], posed.joints[:frames] + shift
+        volume = CapsuleOcclusion(markerset)
+        bodies.append(PosedBody(volume, markerset.attachment, turns, joints, moves.scale[:frames]))
+        markers.append(posed.markers[:frames] + shift)
+    return bodies, markers
+
+
 def cut(blobs: Blobs, size: int) -> list[Blobs]:
     """The same frames in chunks of `size` frames."""
-    chunks = []
-    for first in range(0, len(blobs.frames), size):
-        inside = (blobs.frame >= first) & (blobs.frame < first + size)
-        rows = (blobs.camera[inside], blobs.xy[inside], blobs.area[inside])
-        chunks.append(Blobs(blobs.frames[first : first + size], blobs.frame[inside] - first, *rows))
-    return chunks
+    return [blobs.between(first, first + size - 1) for first in blobs.frames[::size]]
 
 
 def keep(blobs: Blobs, rows: np.ndarray) -> Blobs:
     """The same frames with some of their blobs."""
-    return Blobs(blobs.frames, blobs.frame[rows], blobs.camera[rows], blobs.xy[rows], blobs.area[rows])
+    return blobs.part(slice(0, len(blobs.frames)), rows)
 
 
 def blobs_at(pixels: list[np.ndarray]) -> Blobs:

@@ -3,7 +3,7 @@
 
 To be run when a version is released, in a Python with the older of the two Blenders (`.venv-3.11`), whose files both
 open. It writes to tests/earlier/NAME/: `takes.blend` with a scene of 3D points and one of blobs, both with corrections,
-fills and smoothing as far as the version knows them, edits, a report, a calibration, a small model, and in
+fills, smoothing and other settings than the usual ones, edits, a report, a calibration, a small model, and in
 `expected.json` what the version itself read out of them. All is of a person who does not exist.
 
 With a folder of inputs behind NAME it runs on those, as the version in whose folder it is run: so the first were made.
@@ -78,16 +78,14 @@ class Version:
         if addon_utils.enable(MODULE, default_set=True) is None:
             raise RuntimeError(f"{root} is no extension that starts")
         self.operators = bpy.ops.mocap_autolabel
-        self.known = set(dir(self.operators))
 
     def part(self, name: str):
         """A module of the version's."""
         return importlib.import_module(f"{MODULE}.addon.{name}")
 
     def call(self, name: str, **words) -> None:
-        """Calls an operator, if the version has it."""
-        if name in self.known:
-            getattr(self.operators, name)(**words)
+        """Calls an operator."""
+        getattr(self.operators, name)(**words)
 
     def command(self, *words: object) -> None:
         """Runs a command of the version's; RuntimeError where it fails."""
@@ -110,16 +108,17 @@ def save(version: Version, inputs: Path, out: Path) -> None:
             version.call("import_cameras", filepath=str(inputs / "room.toml"))
             version.call("import_blobs", filepath=str(inputs / "walk.csv"))
         settings = bpy.context.scene.mocap_autolabel
-        settings.markerset, settings.rate = MODEL, RATE
+        settings.subjects.markerset, settings.source.rate = MODEL, RATE
         version.call("label")
         _correct(version, kind)
         expected[kind] = _read(version)
         if kind == "points":
             version.call("save_corrections")
-            if (inputs / "walk.edits.json").exists():
-                shutil.move(inputs / "walk.edits.json", out / "walk.edits.json")
-    for name in ("add_lessons", "add_training_takes"):
-        version.call(name, filepath=str(inputs / "one.c3d"))
+            shutil.move(inputs / "walk.edits.json", out / "walk.edits.json")
+    version.call("add_training_takes", filepath=str(inputs / "one.c3d"))
+    version.call("add_performer")
+    for kind, read in expected.items():
+        read["settings"] = _change(bpy.data.scenes[kind].mocap_autolabel)
     bpy.ops.wm.save_as_mainfile(filepath=str(out / "takes.blend"), compress=True, relative_remap=False)
     for extra in out.glob("*.blend?"):
         extra.unlink()
@@ -134,9 +133,7 @@ def save(version: Version, inputs: Path, out: Path) -> None:
 
 
 def _correct(version: Version, kind: str) -> None:
-    """Exchanges two names, takes one away, fills and smooths: what the version can of it."""
-    if "swap_markers" not in version.known:
-        return
+    """Exchanges two names, takes one away, fills and smooths."""
     bpy.context.scene.frame_set(6)
     for names, operator, scope in ((("LKNE", "RKNE"), "swap_markers", "ON"), (("RTOE",), "unlabel", "FRAME")):
         items = {item["mocap_marker"]: item for item in _take().all_objects if "mocap_marker" in item}
@@ -145,12 +142,38 @@ def _correct(version: Version, kind: str) -> None:
         for name in reversed(names):
             items[name].select_set(True)
             bpy.context.view_layer.objects.active = items[name]
-        if not getattr(version.operators, operator).poll():
-            return  # at first points alone could be corrected
         version.call(operator, scope=scope)
     if kind == "points":
         version.call("fill_gaps", extent="TAKE")
         version.call("smooth")
+
+
+def _change(settings: bpy.types.PropertyGroup, path: str = "") -> dict:
+    """Changes all settings that are numbers, words or choices, and gives their values by their names."""
+    changed = {}
+    for name, rule in settings.bl_rna.properties.items():
+        if name in NOT_CHANGED:
+            continue
+        value, place = getattr(settings, name), f"{path}{name}"
+        if isinstance(value, bpy.types.PropertyGroup):
+            changed |= _change(value, f"{place}.")
+            continue
+        if rule.type not in CHANGES or rule.subtype == "FILE_PATH":
+            continue
+        setattr(settings, name, CHANGES[rule.type](value, rule))
+        value = getattr(settings, name)
+        changed[place] = round(value, 6) if isinstance(value, float) else value
+    return changed
+
+
+NOT_CHANGED = ("rna_type", "name", "markerset")  # Blender's own, and the one that the takes were labelled by
+CHANGES = {
+    "BOOLEAN": lambda value, _: not value,
+    "INT": lambda value, _: value + 1,
+    "FLOAT": lambda value, _: 0.9 * value + 0.01,
+    "ENUM": lambda value, rule: next(item.identifier for item in rule.enum_items if item.identifier != value),
+    "STRING": lambda value, _: f"{value}x",
+}
 
 
 def _take() -> bpy.types.Collection:
@@ -168,9 +191,9 @@ def _read(version: Version) -> dict:
         "frames": stored.motion.frames[[0, -1]].tolist(),
         "rate": stored.rate,
         "places": np.where(np.isfinite(places), places, None).tolist(),
-        "edits": len(getattr(stored, "edits", ()) or ()),
-        "fills": [[fill.marker, fill.first, fill.last] for fill in getattr(stored, "fills", ())],
-        "cutoff": getattr(stored, "cutoff", None),
+        "edits": len(stored.edits),
+        "fills": [[fill.marker, fill.first, fill.last] for fill in stored.fills],
+        "cutoff": stored.cutoff,
     }
 
 

@@ -94,7 +94,7 @@ def main(words: list[str] | None = None) -> int:
         Path(folder).chmod(0o755)
         can = possible(Path(folder) / "possible")
         if not arguments.inside:  # what it mounts would be left on the machine
-            can |= {"mounts": False, "disks": False}
+            can["mounts"] = False
         stage = Stage(Path(folder) / "stage", arguments.quick)
         kinds = arguments.kinds or list(TRIES)
         return 1 if hunt(kinds, stage, can, arguments.seed, numbers, arguments.details) else 0

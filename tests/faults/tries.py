@@ -14,7 +14,7 @@ from random import Random
 from addon.io.whole import LIST, PART
 
 from .judging import LEFT, Finding, Judge
-from .places import WITHOUT_PRIVILEGES, Disk, MovedFolder, Share, SmallDisk, set_fast
+from .places import WITHOUT_PRIVILEGES, MovedFolder, SmallDisk
 from .stage import Moment, Plan, Run, Stage
 
 
@@ -132,12 +132,11 @@ class Full(Try):
 
 def unwritable(case: Try):
     """A folder that cannot be written, from the start or from some moment on."""
-    ways = ["a file", "below a file"]
+    ways = ["a file"]
     ways += ["read only", "read only meanwhile"] if case.can["mounts"] else []
-    ways += ["fast", "fast meanwhile", "fast meanwhile"] if case.can["fast"] else []
-    ways += ["no leave", "no leave meanwhile", "no leave meanwhile"] if case.can["leave"] else []
+    ways += ["no leave", "no leave meanwhile"] if case.can["leave"] else []
     way = case.chance.choice(ways)
-    plan, judge = case.drawn(False if way in ("a file", "below a file") else None, way)
+    plan, judge = case.drawn(False if way == "a file" else None, way)
     place = case.folder / "place"
     out = place / "out"
     with ExitStack() as stack:
@@ -145,69 +144,49 @@ def unwritable(case: Try):
         if way.startswith("read only"):
             disk = SmallDisk(place, 1 << 26, 100_000)
             stack.callback(disk.close)
-        out.parent.mkdir(parents=True, exist_ok=True)
+        place.mkdir(parents=True, exist_ok=True)
         if way == "a file":
             out.write_text("here")
-        elif way == "below a file":
-            place.rmdir()
-            place.write_text("here")
         elif plan.over:
             case.stage.lay(plan, out)
-        elif case.chance.random() < 0.7 or not disk:
+        else:
             out.mkdir()
         before_it = WITHOUT_PRIVILEGES if way.startswith("no leave") and os.geteuid() == 0 else ()
-        forbid, allow = _ways_to_forbid(way, out, disk, case.chance)
-        stack.callback(lambda: suppressed(allow))
         before = judge.stamps(out)
         if way.endswith("meanwhile"):
             moment = case.moment(plan)
             run = case.begin(plan, out, *again(plan), before=before_it)
-            case.finding.reached = moment.wait(run, out) and forbid() is not False
+            case.finding.reached = moment.wait(run, out) and _forbid(out, disk)
             before = before or judge.stamps(out)
         else:
-            forbid()
+            _forbid(out, disk)
             run = case.begin(plan, out, *again(plan), before=before_it)
         said = run.said()
         judge.words(said, failing=not way.endswith("meanwhile"))
-        if place.is_dir() and out.is_dir():
+        if out.is_dir():
             judge.claims(said, out)
             judge.whole(out)
             judge.kept(out, before)
-        allow()
+        _allow(out, disk)
         case.go_on(judge, out)
 
 
-def suppressed(call: Callable):
-    """Calls what may have been done already."""
-    with suppress(OSError):
-        call()
-
-
-def _ways_to_forbid(way: str, out: Path, disk: SmallDisk | None, chance: Random) -> tuple[Callable, Callable]:
-    """What forbids to write to the folder, False where it could not, and what allows it again."""
-    if way == "a file":
-        return (lambda: None), out.unlink
-    if way == "below a file":
-        return (lambda: None), out.parent.unlink
+def _forbid(out: Path, disk: SmallDisk | None) -> bool:
+    """Forbids to write to a folder, or takes the place of it as a file does; False where that could not be."""
     if disk is not None:
-        return (lambda: disk.seal(3.0)), disk.open
-    deep = chance.random() < 0.5  # also the folders of what is not finished
-    change = set_fast if way.startswith("fast") else _take_leave
-
-    def forbid():
-        for path in (out, *(out.glob(f"{PART}*") if deep else ())):
-            with suppress(FileNotFoundError, NotADirectoryError):
-                change(path, True)
-
-    def allow():
-        for path in (out, *out.glob(f"{PART}*")):
-            change(path, False)
-
-    return forbid, allow
+        return disk.seal(3.0)
+    if out.is_dir():
+        out.chmod(0o555)
+    return True
 
 
-def _take_leave(folder: Path, no: bool):
-    folder.chmod(0o555 if no else 0o755)
+def _allow(out: Path, disk: SmallDisk | None):
+    if disk is not None:
+        disk.open()
+    elif out.is_dir():
+        out.chmod(0o755)
+    else:
+        out.unlink()
 
 
 def two(case: Try):
@@ -244,47 +223,36 @@ def two(case: Try):
 
 def share(case: Try):
     """A share with takes, or with results, that goes away, and comes back during the batch or after it."""
-    ways = ["renamed", "replaced"] + ["unmounted"] * 2 * case.can["mounts"] + ["crashed"] * 2 * case.can["disks"]
-    way, what = case.chance.choice(ways), case.chance.choice(["takes", "results", "both"])
+    way, what = case.chance.choice(["renamed", "replaced"]), case.chance.choice(["takes", "results", "both"])
     plan, judge = case.drawn(None, f"{what} {way}")
-    with ExitStack() as stack:
-        there = _share(way, case.folder)
-        stack.callback(there.close)
-        inputs, out = case.stage.inputs, case.folder / "out"
-        if what != "results":
-            inputs = there.place / "takes"
-            case.stage.copy_takes(inputs)
-        if what != "takes":
-            out = there.place / "out"
-        if plan.over:
-            case.stage.lay(plan, out)
-        os.sync() if way == "crashed" else None
-        moment = case.moment(plan)
-        run = case.begin(plan, out, *again(plan), inputs=inputs)
-        case.finding.reached = moment.wait(run, out)
-        # Of a disk without power, what counts is what the batch says is done.
-        before = judge.stamps(out) if way != "crashed" else {}
-        there.go()
-        back = way != "crashed" and case.chance.random() < 0.5
-        if back:
-            time.sleep(case.chance.uniform(0, 0.5) * case.stage.seconds(plan))
-            there.come()
-        said = run.said()
-        if not back:
-            there.come()
-        judge.words(said)
-        judge.claims(said, out, there.between / "out")
-        judge.whole(out)
-        judge.kept(out, before)
-        case.go_on(judge, out, inputs)
-        if what != "results" and {path.name for path in inputs.iterdir()} != case.stage.take_names:
-            case.finding.add(LEFT, f"beside the takes: {sorted(path.name for path in inputs.iterdir())}")
-
-
-def _share(way: str, folder: Path) -> Share | Disk | MovedFolder:
-    if way == "unmounted":
-        return Share(folder)
-    return Disk(folder) if way == "crashed" else MovedFolder(folder, way == "replaced")
+    there = MovedFolder(case.folder, way == "replaced")
+    inputs, out = case.stage.inputs, case.folder / "out"
+    if what != "results":
+        inputs = there.place / "takes"
+        case.stage.copy_takes(inputs)
+    if what != "takes":
+        out = there.place / "out"
+    if plan.over:
+        case.stage.lay(plan, out)
+    moment = case.moment(plan)
+    run = case.begin(plan, out, *again(plan), inputs=inputs)
+    case.finding.reached = moment.wait(run, out)
+    before = judge.stamps(out)
+    there.go()
+    back = case.chance.random() < 0.5
+    if back:
+        time.sleep(case.chance.uniform(0, 0.5) * case.stage.seconds(plan))
+        there.come()
+    said = run.said()
+    if not back:
+        there.come()
+    judge.words(said)
+    judge.claims(said, out, there.between / "out")
+    judge.whole(out)
+    judge.kept(out, before)
+    case.go_on(judge, out, inputs)
+    if what != "results" and {path.name for path in inputs.iterdir()} != case.stage.take_names:
+        case.finding.add(LEFT, f"beside the takes: {sorted(path.name for path in inputs.iterdir())}")
 
 
 TRIES: dict[str, Callable[[Try], None]] = {

@@ -29,8 +29,6 @@ class Layout:
     said_frames: int | None = None
     said_points: int | None = None
     up: str = "+Z"
-    corners: tuple = ()
-    maker: str = ""
     cut: int = 0  # bytes that the file lacks at its end, its padding besides
     padded: bool = True
 
@@ -126,15 +124,6 @@ class Layout:
         for name, number in (("ACTUAL_START_FIELD", self.first), ("ACTUAL_END_FIELD", last)):
             words = [number % 65536, number // 65536 % 65536]
             records.append(self._record(name, 3, 2, (2,), struct.pack(f"{self.order}2H", *words)))
-        if self.maker:
-            records += [self._group("MANUFACTURER", 4), self._texts("COMPANY", 4, [self.maker])]
-        if len(self.corners):
-            numbers = self.reals(np.ravel(self.corners))
-            records += [
-                self._group("FORCE_PLATFORM", 5),
-                self._words("USED", 5, len(self.corners)),
-                self._record("CORNERS", 5, 4, (3, 4, len(self.corners)), numbers),
-            ]
         return bytes(4) + b"".join(records) + bytes(2)
 
     def _group(self, name: str, group: int) -> bytes:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A small valid file of every format that is read, made up here: what the readers' tests start from."""
 
-import struct
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from addon.io.cameras import write_cameras
 from addon.io.points import write_c3d, write_trc
 from addon.io.rig import Z_UP_FROM_Y_UP
 from tests.core.toybody import toy_markerset
+from tests.io.c3d_layouts import DEC, MIPS, Layout
 from tests.io.qtm_file import FILLED, MEASURED, Recording, Trajectory, write_qtm
 
 TURN = np.diag([1.0, -1.0, -1.0])
@@ -196,43 +196,6 @@ def motive(frames: int = 5) -> str:
     return head + rows
 
 
-def other_processor(content: bytes, processor: int) -> bytes:
-    """Our own Intel C3D file as a machine with another processor (85 DEC, 86 MIPS) would have written it."""
-    order = ">" if processor == 86 else "<"
-
-    def real(part: bytes) -> bytes:
-        values = np.frombuffer(part, "<f4")
-        if processor == 86:
-            return values.astype(">f4").tobytes()
-        halves = (values * np.float32(4)).astype("<f4").view("<u2").reshape(-1, 2)[:, ::-1]
-        return np.where((values == 0)[:, None], 0, halves).astype("<u2").tobytes()
-
-    def words(part: bytes) -> bytes:
-        return np.frombuffer(part, "<u2").astype(order + "u2").tobytes()
-
-    head = content[:2] + words(content[2:12]) + real(content[12:16]) + words(content[16:20]) + real(content[20:24])
-    out = bytearray(head.ljust(512, b"\0"))
-    blocks = content[514]
-    section = bytearray(content[512 : 512 * (1 + blocks)])
-    section[3] = processor
-    position = 4
-    while section[position]:
-        length, group = struct.unpack_from("bb", section, position)
-        at = position + 2 + length
-        offset = struct.unpack_from("<H", section, at)[0]
-        section[at : at + 2] = words(bytes(section[at : at + 2]))
-        if group > 0:
-            kind, count = struct.unpack_from("bB", section, at + 2)
-            start = at + 4 + count
-            size = abs(kind) * int(np.prod(section[at + 4 : start], dtype=int))
-            if kind in (2, 4):
-                part = bytes(section[start : start + size])
-                section[start : start + size] = words(part) if kind == 2 else real(part)
-        position = at + offset
-    data = content[512 * (1 + blocks) :]
-    return bytes(out + section) + real(data[: len(data) // 4 * 4])
-
-
 WALK = TaughtTake("walk ü.c3d", "Ann", 900, "ab" * 32, "../takes/walk ü.c3d", "-y", 120.0)
 SHOWN = TaughtTake("from the scene", "Bob", 3)
 HISTORY_OF_TWO = ModelHistory(
@@ -302,8 +265,8 @@ def write_all(folder: Path) -> dict[str, Path]:
         "frame,camera,x,y,marker,step,confidence\n1,a,2,3,LASI|RASI,exclusive,0.5\n1,a,2,4,,,0\n"
     )
     write_c3d(files["c3d"], take)
-    files["dec"].write_bytes(other_processor(files["c3d"].read_bytes(), 85))
-    files["mips"].write_bytes(other_processor(files["c3d"].read_bytes(), 86))
+    files["dec"].write_bytes(Layout(processor=DEC).content())
+    files["mips"].write_bytes(Layout(processor=MIPS).content())
     write_trc(files["trc"], take)
     files["motive"].write_text(motive())
     write_qtm(files["qtm"], capture())

@@ -17,7 +17,7 @@ from addon.io.models import read_model
 from addon.io.points import read_points, write_trc
 from addon.io.report import earlier_run
 from addon.jobs.training_takes import read_takes
-from tests.fuzz_kinds import OPTIONS, samples
+from tests.fuzz.kinds import OPTIONS, samples
 from tests.io.samples import ring, walk, xcp
 
 

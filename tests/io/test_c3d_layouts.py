@@ -10,9 +10,10 @@ import pytest
 
 from addon.core.data.errors import InputError
 from addon.core.data.takes import Points
-from addon.io.c3d import first_number, read_c3d, write_c3d_file
+from addon.io.c3d import first_number, write_c3d_file
 from addon.io.points import read_points, write_c3d
 from tests.io.c3d_layouts import BLOCK, DEC, INTEL, MIPS, SCALE, Layout
+from tests.io.whole_columns import read_c3d
 
 ezc3d = pytest.importorskip("ezc3d")
 py_c3d = pytest.importorskip("c3d")

@@ -12,11 +12,12 @@ from addon.core.data.takes import BY_EDIT, NO_MARKER, EditOutcome, LabelledChunk
 from addon.core.edits.kinds import AssignPoint, Edits, Place
 from addon.core.review.overview import OverviewSubject, TakeOverview
 from addon.core.review.summary import TakeSummary
-from addon.core.review.trouble import TakeTrouble
+from addon.core.review.take_trouble import TakeTrouble
 from addon.io.batch import TakeRow, row_of
 from addon.io.html import is_page, write_folder_page, write_take_page
 from addon.io.report import facts_of_trouble, take_report
 from tests.io.pages import read
+from tests.io.test_batch import REPORT
 
 HOSTILE = '</title><script>alert("1")</script><img src=x onerror=alert(1)>&\'"\u202e\x07\udc80'
 
@@ -197,26 +198,15 @@ def test_cells_are_what_was_done_to_them(tmp_path):
     assert NO_MARKER not in labels.marker
 
 
-REPORT = {
-    "take": "good",
-    "model": "body26",
-    "version": "1.2.3",
-    "frames": 100,
-    "frames_whole": 90,
-    "points": 200,
-    "unlabelled": 4,
-    "trouble": [],
-    "timing": {"load": 1.0, "label": 2.5, "frames_per_second": 40.0},
-    "markers": {"LASI": {"labelled_frames": 100}, "RASI": {"labelled_frames": 96}},
-}
+GOOD = REPORT | {"take": "good", "trouble": []}
 
 
 def test_the_page_over_a_folder_leads_to_each_take_the_worst_first(tmp_path):
     doubt = {"kind": "missing", "stake": 90.0, "answered": False, "trajectories": []}
-    bad = REPORT | {"take": "bad & worse #1", "frames_whole": 0, "trouble": [doubt]}
-    hostile = REPORT | {"take": HOSTILE, "filled": [{}], "left": []}
+    bad = GOOD | {"take": "bad & worse #1", "frames_whole": 0, "trouble": [doubt]}
+    hostile = GOOD | {"take": HOSTILE, "filled": [{}], "left": []}
     path = tmp_path / "summary.report.html"
-    rows = [row_of(one, one["take"], page=f"{one['take']}.report.html") for one in (REPORT, bad, hostile)]
+    rows = [row_of(one, one["take"], page=f"{one['take']}.report.html") for one in (GOOD, bad, hostile)]
     rows += [
         TakeRow("broken", "broken.c3d", "failed", reason=f"is no take {HOSTILE}"),
         TakeRow("a", "a.c3d", "waiting"),

@@ -9,10 +9,10 @@ import pytest
 from addon.core.data.columns import Columns, beside_of
 from addon.core.data.lanes import Lanes
 from addon.core.data.takes import Points
-from addon.io.c3d import read_c3d
 from addon.io.points import read_points, write_c3d, write_trc
 from addon.io.trc import read_trc
 from addon.jobs.fill import FillJob, fill_file
+from tests.io.whole_columns import dense, read_c3d
 
 FRAMES, AT_ONCE, LENGTH = 1000, 20, 8
 LANES = AT_ONCE + 1  # of which one is named, and there all of the time
@@ -55,15 +55,15 @@ def path(take, tmp_path_factory):
 
 
 def test_a_file_of_thousands_of_trajectories_fills_no_memory(path):
-    dense = FRAMES * COUNT * 24
+    table = FRAMES * COUNT * 24
     tracemalloc.start()
     try:
         found = read_points(path, up="z")
-        assert tracemalloc.get_traced_memory()[1] < dense / 3
+        assert tracemalloc.get_traced_memory()[1] < table / 3
         tracemalloc.reset_peak()
         before = tracemalloc.get_traced_memory()[0]
         write_c3d(path.with_name("again.c3d"), in_columns(found))
-        assert tracemalloc.get_traced_memory()[1] - before < dense / 3
+        assert tracemalloc.get_traced_memory()[1] - before < table / 3
     finally:
         tracemalloc.stop()
     assert path.with_name("again.c3d").read_bytes() == path.read_bytes()
@@ -88,7 +88,9 @@ def test_texts_are_packed_too(take, tmp_path):
     write_trc(tmp_path / "raw.trc", shown)
     found = read_points(tmp_path / "raw.trc")
     assert found.xyz.shape[1] == LANES
-    np.testing.assert_array_equal(found.picked(range(COUNT)).xyz, read_trc(tmp_path / "raw.trc").xyz * 0.001)
+    text = read_trc(tmp_path / "raw.trc")
+    trc, _ = dense(text.frames, COUNT, text.parts)
+    np.testing.assert_array_equal(found.picked(range(COUNT)).xyz, trc * 0.001)
 
 
 def test_gaps_of_a_marker_among_thousands_of_trajectories_are_filled(take, path, tmp_path):

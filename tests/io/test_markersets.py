@@ -39,12 +39,16 @@ def assert_same(found: MarkerSet, wanted: MarkerSet):
         np.testing.assert_allclose(array, theirs[name], rtol=1e-5, atol=1e-12, err_msg=name)
 
 
-def damaged(markerset: MarkerSet, *keys, value=None, remove=False) -> str:
+GONE = object()
+
+
+def damaged(markerset: MarkerSet, *keys, value=None) -> str:
+    """The set's text with another value at these keys, or without them."""
     document = json.loads(markerset_text(markerset))
     node = document
     for key in keys[:-1]:
         node = node[key]
-    if remove:
+    if value is GONE:
         del node[keys[-1]]
     else:
         node[keys[-1]] = value
@@ -69,7 +73,7 @@ def test_the_text_is_made_for_reading():
         line.startswith('    {"name": "SACR", "segment": "pelvis", "offset": [-0.08, 0, 0.02]') for line in lines
     )
     assert '    {"name": "pelvis", "parent": null, "offset": [0, 0, 0.53]},' in lines
-    assert max(map(len, lines[:-45])) < 140
+    assert all(len(line) < 140 for line in lines if line.startswith('    {"name"'))
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 3))
@@ -103,6 +107,7 @@ def test_keys_of_later_versions_are_let_be(tmp_path):
     assert_same(read_markerset(path), toy_markerset())
 
 
+PARTS = ("mocap_autolabel", "name", "segments", "markers", "capsules", "height", "modes", "pose")
 TOO_LONG = [[0.0] * (index + 1) for index in range(3)]
 
 
@@ -140,6 +145,7 @@ TOO_LONG = [[0.0] * (index + 1) for index in range(3)]
         (("pose", "covariance"), TOO_LONG, "not 39 rows"),
         (("pose", "covariance", 4), [0, 0, 0, 0, -1], "negative in some direction"),
         (("pose", "covariance", 4), [0, 0], "row 4 is not 5 finite numbers"),
+        *(((key,), GONE, key) for key in PARTS),
     ],
 )
 def test_what_cannot_be_is_named(tmp_path, keys, value, words):
@@ -148,16 +154,6 @@ def test_what_cannot_be_is_named(tmp_path, keys, value, words):
     with pytest.raises(InputError, match=words) as caught:
         read_markerset(path)
     assert caught.value.file == str(path)
-
-
-@pytest.mark.parametrize(
-    "key", ["mocap_autolabel", "name", "segments", "markers", "capsules", "height", "modes", "pose"]
-)
-def test_what_is_missing_is_named(tmp_path, key):
-    path = tmp_path / "a.markerset.json"
-    path.write_text(damaged(toy_markerset(), key, remove=True), encoding="utf-8")
-    with pytest.raises(InputError, match=key):
-        read_markerset(path)
 
 
 def test_broken_json_is_told_with_its_line(tmp_path):
@@ -173,8 +169,9 @@ def test_broken_json_is_told_with_its_line(tmp_path):
 
 def test_numbers_that_are_none_are_not_written(tmp_path):
     toy = toy_markerset()
-    with pytest.raises(ValueError, match="finite"):
+    with pytest.raises(ValueError, match="not JSON compliant"):
         write_markerset(tmp_path / "a.json", replace(toy, offsets=toy.offsets * np.nan))
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_built_in_sets_are_the_contracts():

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from addon.core.data.takes import STEPS, LabelledChunk, Labels, Motion, Suspect
 from addon.core.review.summary import TakeSummary
-from addon.io.report import take_report, write_report
+from addon.io.json_text import write_json
+from addon.io.report import take_report
 
 
 def chunk(present: np.ndarray, first: int = 0, suspects=(), labels=(0, -1), conflicts: int = 1) -> LabelledChunk:
@@ -40,7 +41,7 @@ def test_the_report_holds_what_the_contract_lists(tmp_path):
     present = np.array([[1, 0], [0, 0], [0, 0], [1, 0], [1, 0]], dtype=bool)
     summary.add(chunk(present, suspects=[Suspect(1, 2, "nobody is there")], labels=(0, 0, -1)))
     report = take_report(summary, "walk", "gait15", 100.0, "1.2.3", {"load": 0.25, "write": 0.125})
-    write_report(tmp_path / "walk.report.json", report)
+    write_json(tmp_path / "walk.report.json", report)
     assert json.loads((tmp_path / "walk.report.json").read_text()) == report
     assert (report["take"], report["model"], report["version"], report["rate"]) == ("walk", "gait15", "1.2.3", 100)
     assert (report["frames"], report["blobs"], report["unlabelled"], report["frames_without_person"]) == (5, 3, 1, 2)

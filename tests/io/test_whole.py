@@ -22,6 +22,32 @@ ROOT = Path(__file__).resolve().parents[2]
 LINUX = Path("/proc/self/fd").is_dir() and os.name == "posix"  # Wine shows /proc too, with other numbers
 
 
+def refused(words: str, *targets: Path, **how):
+    """Files that cannot be written are refused before the work begins."""
+    with pytest.raises(InputError, match=words), whole_files(targets, **how):
+        pytest.fail("the block must not begin")
+
+
+def at_renaming(monkeypatch, act):
+    """Calls `act` with each path right before a file gets that name."""
+    rename = Path.replace
+
+    def renamed(part, target):
+        act(target)
+        return rename(part, target)
+
+    monkeypatch.setattr(Path, "replace", renamed)
+
+
+def fill(parts, text: str = "new"):
+    for part in parts:
+        part.write_text(text)
+
+
+def held(folder: Path) -> dict[str, str]:
+    return {path.name: path.read_text() for path in folder.iterdir()}
+
+
 def link(path: Path, target: Path):
     """Makes a link, or skips the test where there are none: Wine makes them without a word, and does not see them."""
     path.symlink_to(target)
@@ -52,8 +78,7 @@ def test_nothing_is_left_of_a_block_that_fails(tmp_path, trouble):
 def test_an_existing_file_stays_as_it_is_unless_it_may_be_replaced(tmp_path):
     target = tmp_path / "take.c3d"
     target.write_text("old")
-    with pytest.raises(InputError, match="exists already"), whole_file(target):
-        pytest.fail("the block must not begin")
+    refused("exists already", target)
     with pytest.raises(ValueError, match="oops"), whole_file(target, overwrite=True) as temporary:
         temporary.write_text("new")
         raise ValueError("oops")
@@ -85,10 +110,8 @@ def test_the_files_of_a_job_appear_together(tmp_path):
 
 def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match="folder"), whole_file(tmp_path / "file" / "take.c3d"):
-        pytest.fail("the block must not begin")
-    with pytest.raises(InputError, match="is a folder"), whole_file(tmp_path, overwrite=True):
-        pytest.fail("the block must not begin")
+    refused("folder", tmp_path / "file" / "take.c3d")
+    refused("is a folder", tmp_path, overwrite=True)
     with pytest.raises(JobError, match="No space"), whole_file(tmp_path / "take.c3d"):
         raise OSError(28, "No space left on device")
 
@@ -96,21 +119,18 @@ def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path):
 def test_a_link_that_leads_nowhere_counts_as_a_file_that_exists(tmp_path):
     target = tmp_path / "take.c3d"
     link(target, tmp_path / "nowhere")
-    with pytest.raises(InputError, match="exists already"), whole_file(target):
-        pytest.fail("the block must not begin")
+    refused("exists already", target)
     assert target.is_symlink()
 
 
 @pytest.mark.skipif(not Path("/dev/null").is_char_device(), reason="this system has no /dev/null")
 def test_a_device_is_never_replaced_by_a_file():
-    with pytest.raises(InputError, match="no ordinary file"), whole_file(Path("/dev/null"), overwrite=True):
-        pytest.fail("the block must not begin")
+    refused("no ordinary file", Path("/dev/null"), overwrite=True)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Wine ends no name at 255 letters, and Windows ends the whole path at 259")
 def test_a_name_too_long_is_refused_and_one_that_just_fits_is_taken(tmp_path):
-    with pytest.raises(InputError, match="expected another name"), whole_file(tmp_path / ("n" * 300)):
-        pytest.fail("the block must not begin")
+    refused("expected another name", tmp_path / ("n" * 300))
     with whole_file(tmp_path / ("n" * 250)) as temporary:
         temporary.write_text("all of it")
     assert [path.name for path in tmp_path.iterdir()] == ["n" * 250]
@@ -118,8 +138,7 @@ def test_a_name_too_long_is_refused_and_one_that_just_fits_is_taken(tmp_path):
 
 def test_a_folder_that_may_not_be_written_is_told_before_the_work(tmp_path, monkeypatch):
     monkeypatch.setattr("os.access", lambda path, mode: path != tmp_path)  # nothing is forbidden to root
-    with pytest.raises(InputError, match="may not be written"), whole_file(tmp_path / "take.c3d"):
-        pytest.fail("the block must not begin")
+    refused("may not be written", tmp_path / "take.c3d")
 
 
 def test_links_and_letter_case_make_no_other_file(tmp_path):
@@ -130,33 +149,25 @@ def test_links_and_letter_case_make_no_other_file(tmp_path):
     link(tmp_path / "folder", tmp_path)
     around = f"../{tmp_path.name}/take.c3d"
     for name in ("take.c3d", "linked.c3d", "hard.c3d", "TAKE.c3d", "folder/take.c3d", around):
-        with pytest.raises(InputError, match="is read"), whole_file(tmp_path / name, overwrite=True, read=[take]):
-            pytest.fail("the block must not begin")
-        with pytest.raises(InputError, match="twice"), whole_files([take, tmp_path / name], overwrite=True):
-            pytest.fail("the block must not begin")
-    with pytest.raises(InputError, match="twice"), whole_files([tmp_path / "new.c3d", tmp_path / "New.C3D"]):
-        pytest.fail("the block must not begin")
+        refused("is read", tmp_path / name, overwrite=True, read=[take])
+        refused("twice", take, tmp_path / name, overwrite=True)
+    refused("twice", tmp_path / "new.c3d", tmp_path / "New.C3D")
     assert take.read_text() == "recorded"
     assert len(list(tmp_path.iterdir())) == 4
 
 
 def test_files_are_on_disk_before_they_get_their_names_and_the_last_gets_its_name_last(tmp_path, monkeypatch):
-    said, flush, rename = [], os.fsync, Path.replace
+    said, flush = [], os.fsync
 
     def flushed(number):
         said.append(Path(f"/proc/self/fd/{number}").resolve() if LINUX else number)
         flush(number)
 
-    def renamed(part, target):
-        said.append(target)
-        return rename(part, target)
-
     monkeypatch.setattr("os.fsync", flushed)
-    monkeypatch.setattr(Path, "replace", renamed)
+    at_renaming(monkeypatch, said.append)
     targets = [tmp_path / name for name in ("take.labels.csv", "take.c3d", "take.report.json")]
     with whole_files(targets) as parts:
-        for part in parts:
-            part.write_text("all of it")
+        fill(parts)
     assert [one for one in said if one in targets] == targets
     if LINUX:
         before = {one.name for one in said[: said.index(targets[0])]}
@@ -164,13 +175,14 @@ def test_files_are_on_disk_before_they_get_their_names_and_the_last_gets_its_nam
         assert said[-1] == tmp_path
 
 
+kills = pytest.mark.skipif(os.name == "nt", reason="needs a system where a process can be killed")
 # Writes three files and is killed when so many of them have got their names.
 KILLED = """
 import os, signal, sys
 from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 from addon.io.whole import whole_files
-folder, renamed, left, overwrite = Path(sys.argv[2]), Path.replace, int(sys.argv[3]), len(sys.argv) > 4
+folder, renamed, left, words = Path(sys.argv[2]), Path.replace, int(sys.argv[3]), sys.argv[4:]
 def replace(part, target):
     global left
     if not left:
@@ -178,7 +190,8 @@ def replace(part, target):
     left -= 1
     return renamed(part, target)
 Path.replace = replace
-with whole_files([folder / name for name in ("1", "2", "3")], overwrite) as parts:
+stale = lambda: [folder / "old"] if "stale" in words else []
+with whole_files([folder / name for name in ("1", "2", "3")], "overwrite" in words, stale=stale) as parts:
     for part in parts:
         part.write_text("new")
     if left < 0:
@@ -192,32 +205,27 @@ def killed(folder, *words):
     assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
 
 
-@pytest.mark.skipif(os.name == "nt", reason="needs a system where a process can be killed")
+@kills
 @pytest.mark.parametrize("renamed", [0, 1, 2])
 def test_who_is_killed_between_two_names_is_finished_by_the_next_run(tmp_path, renamed):
     killed(tmp_path, renamed)
     assert len([path for path in tmp_path.iterdir() if path.name in "123"]) == renamed
     with whole_file(tmp_path / "other") as temporary:
         temporary.write_text("all of it")
-    held = {path.name: path.read_text() for path in tmp_path.iterdir()}
-    assert held == {**dict.fromkeys("123", "new"), "other": "all of it"}
+    assert held(tmp_path) == {**dict.fromkeys("123", "new"), "other": "all of it"}
 
 
-@pytest.mark.skipif(os.name == "nt", reason="needs a system where a process can be killed")
+@kills
 def test_what_was_put_there_since_is_not_replaced_by_what_a_killed_run_left(tmp_path):
     for name in "123":
         (tmp_path / name).write_text("old")
     killed(tmp_path, 1, "overwrite")
     (tmp_path / "2").write_text("put here since")
     finish_renaming(tmp_path)
-    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {
-        "1": "new",
-        "2": "put here since",
-        "3": "new",
-    }
+    assert held(tmp_path) == {"1": "new", "2": "put here since", "3": "new"}
 
 
-@pytest.mark.skipif(os.name == "nt", reason="needs a system where a process can be killed")
+@kills
 def test_what_a_killed_run_left_half_written_goes_and_nothing_else(tmp_path):
     mine = [tmp_path / name for name in (".part-mine", f"{PART}0123456789ab", f"{PART}holiday")]
     for folder in mine:
@@ -247,20 +255,16 @@ def test_what_is_stale_goes_once_the_others_are_there(tmp_path):
     assert sorted(tmp_path.iterdir()) == [tmp_path / "1", kept]
 
 
-@pytest.mark.skipif(os.name == "nt", reason="needs a system where a process can be killed")
+@kills
 @pytest.mark.parametrize("changed", [False, True])
 def test_what_is_stale_goes_with_the_next_run_where_one_was_killed_before_unless_it_is_changed(tmp_path, changed):
     (tmp_path / "old").write_text("old")
-    script = KILLED.replace("overwrite)", 'overwrite, stale=lambda: [folder / "old"])')
-    assert script != KILLED
-    command = [sys.executable, "-c", script, str(ROOT), str(tmp_path), "2"]
-    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+    killed(tmp_path, 2, "stale")
     assert (tmp_path / "old").exists()
     if changed:
         (tmp_path / "old").write_text("somebody's")
     finish_renaming(tmp_path)
-    left = {path.name: path.read_text() for path in tmp_path.iterdir()}
-    assert left == dict.fromkeys("123", "new") | ({"old": "somebody's"} if changed else {})
+    assert held(tmp_path) == dict.fromkeys("123", "new") | ({"old": "somebody's"} if changed else {})
 
 
 def planted(folder, content: str):
@@ -299,7 +303,7 @@ def test_a_list_that_is_not_surely_ours_is_left_alone_and_said(tmp_path, what):
     assert (parts / "in").read_text() == "theirs"
 
 
-@pytest.mark.skipif(os.name == "nt", reason="needs a system where a process can be killed")
+@kills
 def test_a_copy_of_what_a_killed_run_left_is_left_alone(tmp_path):
     killed(tmp_path / "one", 1)
     shutil.copytree(tmp_path / "one", tmp_path / "other")
@@ -312,43 +316,23 @@ def test_a_copy_of_what_a_killed_run_left_is_left_alone(tmp_path):
 
 
 def test_a_name_too_long_is_called_by_its_name_in_a_folder_that_was_not_there(tmp_path):
-    with pytest.raises(InputError, match="nnn: cannot be the name"), whole_file(tmp_path / "new" / ("n" * 300)):
-        pytest.fail("the block must not begin")
+    refused("nnn: cannot be the name", tmp_path / "new" / ("n" * 300))
 
 
-@pytest.mark.parametrize("stop", [1, 2])
-def test_a_stop_before_what_is_stale_goes_is_one_behind_it(tmp_path, monkeypatch, stop):
-    rename, calls = Path.replace, []
+@pytest.mark.parametrize(("names", "stop"), [("12", 1), ("12", 2), ("123", 2)])
+def test_a_stop_among_names_is_one_behind_the_last_and_behind_what_is_stale(tmp_path, monkeypatch, names, stop):
+    calls = []
 
-    def stopped(part, target):
+    def stopped(target):
         calls.append(target)
         if len(calls) == stop:
             raise KeyboardInterrupt
-        return rename(part, target)
 
     (tmp_path / "old").write_text("old")
-    monkeypatch.setattr(Path, "replace", stopped)
-    targets = [tmp_path / name for name in "12"]
+    at_renaming(monkeypatch, stopped)
+    targets = [tmp_path / name for name in names]
     with pytest.raises(KeyboardInterrupt), whole_files(targets, stale=lambda: [tmp_path / "old"]) as parts:
-        for part in parts:
-            part.write_text("new")
-    assert sorted(tmp_path.iterdir()) == targets
-
-
-def test_a_stop_between_two_names_is_one_after_the_last(tmp_path, monkeypatch):
-    rename, calls = Path.replace, []
-
-    def stopped(part, target):
-        calls.append(target)
-        if len(calls) == 2:
-            raise KeyboardInterrupt
-        return rename(part, target)
-
-    monkeypatch.setattr(Path, "replace", stopped)
-    targets = [tmp_path / name for name in "123"]
-    with pytest.raises(KeyboardInterrupt), whole_files(targets) as parts:
-        for part in parts:
-            part.write_text("new")
+        fill(parts)
     assert sorted(tmp_path.iterdir()) == targets
 
 
@@ -390,21 +374,17 @@ def test_the_file_that_the_system_names_is_to_blame(tmp_path):
 
 
 def test_what_cannot_get_its_name_after_others_did_gets_it_with_the_next_run(tmp_path, monkeypatch):
-    rename = Path.replace
-
-    def refused(part, target):
+    def full(target):
         if target.name == "2":
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        return rename(part, target)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "replace", refused)
+        at_renaming(patch, full)
         with pytest.raises(JobError, match="No space left"), whole_files([tmp_path / name for name in "123"]) as parts:
-            for part in parts:
-                part.write_text("new")
+            fill(parts)
     assert (tmp_path / "1").read_text() == "new"
     finish_renaming(tmp_path)
-    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == dict.fromkeys("123", "new")
+    assert held(tmp_path) == dict.fromkeys("123", "new")
 
 
 def test_a_folder_that_goes_away_is_no_success(tmp_path):

@@ -6,7 +6,6 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import product
 
 import ezc3d
 import numpy as np
@@ -18,7 +17,6 @@ from addon.core.data.errors import JobError
 from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, PointRows, Points, Suspect, Verdict
 from addon.core.points.likelihood.frames import LikelihoodNamer
 from addon.core.points.whole_take import pipeline
-from addon.core.points.whole_take.pipeline import begins
 from addon.core.posing.posing import POSING
 from addon.io import poses
 from addon.io.markersets import open_markerset
@@ -188,26 +186,6 @@ def test_a_lax_target_makes_no_take_the_model_s(source, monkeypatch):
         label(source, frames=(11, 25), target=0.5)
 
 
-def test_progress_is_told_from_the_first_look_at_the_take(source, of_two_minds, monkeypatch):
-    said = []
-    looks = pipeline.refuse_others, pipeline.adapt
-    monkeypatch.setattr(pipeline, "refuse_others", lambda *given: said.append("refuse_others") or looks[0](*given))
-    monkeypatch.setattr(pipeline, "adapt", lambda *given: said.append("adapt") or looks[1](*given))
-    fractions = []
-    for progress in label_file(LabelJob(source, None, "gait15", source.parent / "out")):
-        said.append(progress.note)
-        fractions.append(progress.fraction)
-    before = said[: said.index("frame 11")]
-    assert before == [
-        "look who wears the markers",
-        "adapt",
-        "look whether the model is for this take",
-        "refuse_others",
-    ]
-    assert fractions == sorted(fractions)
-    assert 0 == fractions[0] < fractions[1] < fractions[-1] < 1
-
-
 def test_only_the_number_of_a_trajectory_is_made_the_file_s(source, monkeypatch):
     said = (Suspect(12, 13, "goes over from trajectory 1 to B", 1), Suspect(12, 13, "trajectory 1 jumps"))
     use(monkeypatch, Known(right, 0.9999))
@@ -229,19 +207,6 @@ def test_progress_only_grows_and_goes_on_while_the_body_is_posed(source, of_two_
     posing = [one.fraction for one in told if one.note == "pose the body"]
     assert len(set(posing)) > 10
     assert max(np.diff(sorted(set(posing)))) < 0.1
-
-
-def test_each_part_begins_where_the_work_before_it_is_done():
-    for method, frames, unordered, edited in product(("likelihood", "fit"), (1, 100, 100_000), *[(False, True)] * 2):
-        shares = begins(frames, method, unordered, edited)
-        assert " ".join(shares) == "adapt others name name more learn name again vote hear vote again pose write"
-        assert list(shares.values()) == sorted(shares.values())
-        assert shares["adapt"] == 0 and shares["write"] < 1
-        assert (shares["learn"] < shares["name again"] < shares["vote"]) == unordered
-        assert (shares["vote again"] < shares["pose"]) == edited
-    long = begins(100_000, "likelihood")
-    assert long["name"] < 0.01
-    assert long["vote"] > 0.6
 
 
 def test_the_report_says_what_is_the_matter_and_what_labelling_again_changed(source, tmp_path, monkeypatch):

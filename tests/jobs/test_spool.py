@@ -24,8 +24,8 @@ def part(first: int, frames: int, spans: dict[int, range]) -> Reconstructed:
 def test_trajectories_come_back_in_columns_without_the_shortest(tmp_path):
     spans = {0: range(10, 30), 1: range(12, 14), 2: range(20, 40)}
     with TrajectoryFile(tmp_path, 50.0) as file:
-        file.append(part(10, 10, spans))
-        file.append(part(20, 20, spans))
+        file.add(part(10, 10, spans))
+        file.add(part(20, 20, spans))
         points = file.points()
         assert (points.first_frame, points.rate, points.names) == (10, 50.0, ("", ""))
         assert points.xyz.shape == (30, 2, 3)
@@ -44,7 +44,7 @@ def test_many_trajectories_share_columns_when_they_are_far_apart_in_time(tmp_pat
     monkeypatch.setattr(spool, "SPOOLING", replace(spool.SPOOLING, max_columns=3))
     spans = {number: range(40 * number, 40 * number + 30) for number in range(5)}
     with TrajectoryFile(tmp_path, 5.0) as file:
-        file.append(part(0, 200, spans))
+        file.add(part(0, 200, spans))
         points = file.points()
         assert points.xyz.shape[1] == 1
         np.testing.assert_allclose(points.xyz[:][[0, 45, 170], 0, 1], [0, 0.01, 0.04], atol=1e-6)
@@ -57,7 +57,7 @@ def test_memory_stays_flat(tmp_path):
         with TrajectoryFile(tmp_path / str(chunks), 100.0) as file:
             tracemalloc.start()
             for number in range(chunks):
-                file.append(part(100 * number, 100, {t: range(100_000) for t in range(10)}))
+                file.add(part(100 * number, 100, {t: range(100_000) for t in range(10)}))
             write_c3d(tmp_path / "a.c3d", file.points())
             peaks.append(tracemalloc.get_traced_memory()[1])
             tracemalloc.stop()

@@ -1,22 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The zip in a Blender: it installs, works, is disabled, updated and uninstalled, and leaves nothing behind.
 
-Tried in the bpy module of this Python and in a real Blender, the program. `lifecycle.py` lives it, this file judges it.
+Tried in the bpy module of this Python and in a real Blender, the program. `tours/lifecycle.py` lives it.
 """
 
 import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
 from scripts import build
 
-from .conftest import zip_for
+from .conftest import TOURS, zip_for
 
-SCRIPT = Path(__file__).with_name("lifecycle.py")
+SCRIPT = TOURS / "lifecycle.py"
 NEWER = "9.9.9"
 
 

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Nothing is lost on a take's whole way through a real Blender's window; `room_tour.py` walks, this file judges."""
+"""Nothing is lost on a take's whole way through a real Blender's window; `tours/room.py` walks, this file judges."""
 
 import pytest
-from matplotlib.image import imread
 
 from scripts.virtual_take import write_virtual_points
 
@@ -16,7 +15,7 @@ def room(watch, tmp_path_factory):
     folder = tmp_path_factory.mktemp("room")
     write_virtual_points(folder, FRAMES)
     task = {"points": str(folder / "walk.c3d"), "markerset": "body26", "frame": FRAME}
-    return watch("room_tour.py", folder, **task)
+    return watch("room", folder, **task)
 
 
 def test_keys_correct_and_answer(room):
@@ -46,12 +45,3 @@ def test_undo_brings_the_labels_and_the_file_back_that_were_before(room):
 
 def test_a_reopened_file_is_what_was_saved(room):
     assert room["reopened"] == room["redone"]
-
-
-def test_nothing_is_amiss_in_the_log(room):
-    assert "Traceback" not in room["log"]
-
-
-@pytest.mark.parametrize("name", ["1-filled", "2-reopened"])
-def test_the_window_shows_something(room, name):
-    assert imread(room["folder"] / f"{name}.png")[..., :3].std() > 0.05

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 from ... import jobs
 from ...core.data.wording import words_of_range
 from ...io.points import holds_points
-from ...jobs.captures import blob_rate, calibration_for
+from ...jobs.captures import told_by_capture
+from ..arguments import job_of
 from .subjects import subject_words
 
 if TYPE_CHECKING:  # with the pages, which a take alone does not need
@@ -17,44 +18,17 @@ if TYPE_CHECKING:  # with the pages, which a take alone does not need
 
 def as_job(arguments, path: Path) -> jobs.LabelJob:
     """The job of labelling one of the inputs."""
-    cameras, rate = arguments.cameras, arguments.rate
+    facing = None if arguments.facing is None else math.radians(arguments.facing)
+    known = {"source": path, "wearers": tuple(arguments.subject), "facing": facing}
     if not holds_points(path, arguments.use):
-        cameras, rate = calibration_for(path, cameras), blob_rate(path, rate)
-    return jobs.LabelJob(
-        source=path,
-        cameras=cameras,
-        model=arguments.model,
-        subjects=arguments.subjects,
-        wearers=tuple(arguments.subject),
-        out=arguments.out,
-        method=arguments.method,
-        target=arguments.target,
-        frames=arguments.frames,
-        up=arguments.up,
-        mirror=arguments.mirror,
-        use=arguments.use,
-        rate=rate,
-        height=arguments.height,
-        occlusion=arguments.occlusion,
-        facing=None if arguments.facing is None else math.radians(arguments.facing),
-        edits=arguments.edits,
-        trc=arguments.trc,
-        fill=arguments.fill,
-        blend=arguments.blend,
-        html=arguments.html,
-        overwrite=arguments.overwrite,
-        resume=arguments.resume,
-        force=arguments.force,
-    )
+        known |= told_by_capture(path, arguments.cameras, arguments.rate)
+    return job_of(jobs.LabelJob, arguments, **known)
 
 
 def command_for(arguments, path: Path) -> list[str]:
     """The command line that labels one of the inputs alone."""
-    command = [
-        "label",
-        f"--out={arguments.out}",
-        *subject_words(arguments.model, arguments.subjects, arguments.subject),
-    ]
+    who = subject_words(arguments.model, arguments.subjects, arguments.subject)
+    command = ["label", f"--out={arguments.out}", *who]
     known = {
         name: getattr(arguments, name)
         for name in ("cameras", "rate", "height", "facing", "method", "occlusion", "target", "up", "use", "edits")

@@ -94,7 +94,7 @@ def unused(arguments) -> list[str]:
 def _fits(arguments, points: bool) -> bool:
     """Whether takes of 3D points, or of blobs, are named by a body that is fitted to them, which takes hints."""
     if arguments.method != "auto" or not points:
-        return arguments.method in ("auto", "fit", "both")
+        return arguments.method in ("auto", "fit")
     from ...core.points.naming import chosen_method
 
     return chosen_method(open_model(arguments.model), "auto") == "fit"

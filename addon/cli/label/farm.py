@@ -18,10 +18,11 @@ import time
 import uuid
 import warnings
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 from ...core.data.errors import InputError, JobError, UserError
 from ...io.markersets import markerset_file
@@ -52,7 +53,7 @@ def check_farm(engine: str):
 
 def farm_out(
     address: str | None, jobs: int, job_of: Callable[[Path], LabelJob], lines: Sequence[list[str]]
-) -> Iterator[tuple[int, dict | UserError]]:
+) -> Generator[tuple[int, dict | UserError], None, None]:
     """Runs command lines of `label` by the workers of the scheduler at `address`; yields number and answer.
 
     Without an address they are `jobs` workers of dask's own cluster on this machine, which ends with them. The last
@@ -60,7 +61,7 @@ def farm_out(
     the scheduler is not there or goes away, or a worker has no such version or does not see the takes.
     """
     batch = f"mocap-autolabel-{uuid.uuid4().hex}"
-    at_work = {}
+    at_work: dict[str, tuple] = {}
     with _scheduler(address, min(jobs, len(lines))) as address, _connected(address) as client:
         if not client.nthreads():
             complain(f"the scheduler at {address} has no workers yet: the takes wait for the first of them")
@@ -104,7 +105,7 @@ def _scheduler(address: str | None, workers: int) -> Iterator[str]:
 
 
 @contextmanager
-def _connected(address: str) -> Iterator["distributed.Client"]:  # noqa: F821 - it may not be there
+def _connected(address: str) -> Iterator[Any]:
     """A client of the scheduler; JobError where none answers."""
     from distributed import Client
 
@@ -126,7 +127,8 @@ def _answers_of(
 
     `at_work` has what was sent and is not answered: a future, the number and the line by the future's key.
     """
-    waiting, heard = deque(enumerate(lines)), queue.SimpleQueue()
+    waiting = deque(enumerate(lines))
+    heard: queue.SimpleQueue = queue.SimpleQueue()
     while waiting or at_work:
         room = AHEAD * max(sum(client.nthreads().values()), 1)
         while waiting and len(at_work) < room:
@@ -232,8 +234,8 @@ def _expected() -> str:
 # From here on what workers do. A worker takes as many takes at once as it has threads, each in a process of its own
 # that labels one take after the other.
 
-RESTING = defaultdict(list)  # of each batch: pairs of a process's `crew`, and what closes it
-BUSY = Counter()  # how many more are at work
+RESTING: dict[str, list] = defaultdict(list)  # of each batch: pairs of a process's `crew`, and what closes it
+BUSY: Counter[str] = Counter()  # how many more are at work
 CHANGED = threading.Condition()
 
 

@@ -11,8 +11,6 @@ def as_line(report: dict) -> str:
     if "edits" in report:
         applied = sum(report["edits"]["applied"].values())
         pace += f", {applied} edit{'' if applied == 1 else 's'} applied"
-    if "agreement" in report:
-        pace += f", {report['agreement']['different']} otherwise by their points"
     unit = f", no unit in the file, taken for {report['unit_assumed']}" if "unit_assumed" in report else ""
     if "filled" in report:
         pace += f", {len(report['filled'])} of {len(report['filled']) + len(report['left'])} gaps filled"

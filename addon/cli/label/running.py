@@ -2,16 +2,16 @@
 """Labels takes one after the other, side by side, over machines, or as they arrive."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, closing, suppress
+from collections.abc import Callable, Generator, Iterator
+from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TypeVar
 
 from ... import jobs
 from ...blendfile import open_cameras
 from ...core.data.errors import InputError, UserError
-from ...io.batch import DONE_BEFORE, LABELLED, row_of
+from ...io.batch import DONE_BEFORE, FAILING, LABELLED, row_of
 from ...io.report import INSTEAD, REPORT
 from ...io.scratch import naming_scratch, take_away_scratch
 from ...io.whole import finish_renaming
@@ -24,8 +24,83 @@ from .checks import check, check_rest, edited_beside, unused
 from .lines import as_line, doubts_in
 from .subjects import check_models, settle_subjects
 
-if TYPE_CHECKING:  # with the pages, which a take alone does not need
-    from ...jobs.batches import BatchSummary
+Result = TypeVar("Result")
+Answer = dict | UserError  # a take's report, or why there is none
+Runner = Callable[[list[list[str]]], Generator[tuple[int, Answer], None, None]]  # of command lines, by their number
+
+
+class Batch:
+    """The takes of a command and what became of each: told meanwhile, summed up, and printed in the end.
+
+    reports, failed  of takes by their files
+    passed           takes that an earlier run has done
+    """
+
+    def __init__(self, arguments):
+        self.arguments, self.summary = arguments, summary_of(arguments)
+        self.reports: dict[Path, dict] = {}
+        self.failed: dict[Path, UserError] = {}
+        self.passed: set[Path] = set()
+        self.progress = ProgressLine(arguments.progress)
+
+    def attempt(self, work: Callable[[Path], Result], path: Path) -> Result | UserError:
+        """What comes of a take, or why nothing does: whatever happens to one, the others have their turn."""
+        try:
+            return work(path)
+        except Exception as error:  # noqa: BLE001 - every take is its own
+            return of_take(error, path, self.arguments.traceback)
+
+    def earlier(self, path: Path) -> Answer | None:
+        """What an earlier run made of a take, where that is gone on with, or why it cannot be; else None."""
+        return self.attempt(partial(_earlier, self.arguments), path) if self.arguments.resume else None
+
+    def finish(self, path: Path, answer: Answer, state: str = LABELLED) -> str:
+        """Notes what came of a take, the last time that it was worked on; gives it as a line for people."""
+        self.reports.pop(path, None)
+        self.failed.pop(path, None)
+        self.passed.discard(path)
+        if self.summary is not None:
+            self.summary.finish(path, answer, self.arguments.out, state)
+        if isinstance(answer, UserError):
+            self.failed[path] = answer
+            return f"{path.stem}: {FAILING}"
+        if self.arguments.json or not self.arguments.watch:  # memory does not grow with what is watched
+            self.reports[path] = answer
+        if state == DONE_BEFORE:
+            self.passed.add(path)
+        return as_line(answer) + (f", {DONE_BEFORE}" if state == DONE_BEFORE else "")
+
+    def write_summary(self):
+        """Writes the summary now and then while takes are worked on; what goes wrong with it is said at the end."""
+        if self.summary is not None:
+            with suppress(UserError):
+                self.summary.write()
+
+    def end(self, lines: list[str], summed: bool) -> int:
+        """Writes and prints everything, `lines` first, and says what failed; gives the exit status."""
+        self.progress.clear()
+        arguments, failures, places = self.arguments, list(self.failed.values()), {}
+        if self.summary is not None and summed:
+            try:
+                self.summary.write(at_once=True)
+                places = {"summary": self.summary.page, "table": self.summary.table}
+            except UserError as error:  # the takes are there all the same
+                failures.append(error)
+        if lines or arguments.json:
+            failed = [
+                {"take": path.stem, "status": trouble.exit_status, "reason": str(trouble)}
+                for path, trouble in self.failed.items()
+            ]
+            result: dict = {"takes": list(self.reports.values()), "failed": failed}
+            if arguments.resume:
+                result["passed_over"] = sorted(path.stem for path in self.passed)
+            result |= {name: str(path) for name, path in places.items() if path is not None}
+            if not arguments.watch:
+                lines += [f"over all takes: {path}" for path in places.values() if path is not None]
+            print_results(lines, result, arguments.json)
+        for trouble in failures:
+            complain(trouble)
+        return max((trouble.exit_status for trouble in failures), default=0)
 
 
 def run(arguments) -> int:
@@ -35,83 +110,80 @@ def run(arguments) -> int:
         return _watch(arguments)
     if arguments.idle is not None:
         raise InputError("--idle is for folders that are watched; expected --watch with it")
-    with ExitStack() as stack:
-        return _run(arguments, _crew(arguments, stack))
+    with _runner(arguments) as runner:
+        # Once for all takes and processes: the first may bring Blender in.
+        arguments.occlusion = jobs.occlusion_here(arguments.occlusion)
+        check(arguments)
+        if not arguments.result:  # whoever started this process side by side with others has done so already
+            take_away_scratch()
+            for words in (*unused(arguments), *edited_beside(arguments)):
+                complain(words)
+        return _run(Batch(arguments), runner)
 
 
-def _crew(arguments, stack: ExitStack) -> Callable[[list[list[str]]], Iterator[tuple[int, dict | UserError]]] | None:
-    """What runs command lines side by side; None for one take after the other, and where nobody knows what is left."""
+def _runner(arguments) -> AbstractContextManager[Runner | None]:
+    """What runs command lines side by side; None for one take after the other."""
     if arguments.engine == "dask":
         from .farm import farm_out
 
-        return partial(farm_out, arguments.scheduler, arguments.jobs, partial(as_job, arguments))
+        return nullcontext(partial(farm_out, arguments.scheduler, arguments.jobs, partial(as_job, arguments)))
     count = min(arguments.jobs, len(arguments.inputs))
-    if count == 1 or arguments.resume:
-        return None
+    if count == 1:
+        return nullcontext()
     from ..workers import crew
 
-    return stack.enter_context(crew(count))
+    return crew(count)
 
 
-def _run(arguments, crew: Callable | None) -> int:
-    """Labels every take by the `crew`, where there is one."""
-    # Once for all takes and processes: the first may bring Blender in.
-    arguments.occlusion = jobs.occlusion_here(arguments.occlusion)
-    check(arguments)
-    if not arguments.result:  # whoever started this process side by side with others has done so already
-        take_away_scratch()
-        for words in (*unused(arguments), *edited_beside(arguments)):
-            complain(words)
-    summary, passed = summary_of(arguments), set()
-    reports, failures = _worked(arguments, crew, summary, passed)
-    failed = [{"take": path.stem, "status": error.exit_status, "reason": str(error)} for path, error in failures]
-    written = {}
-    if summary is not None and (reports or arguments.summary):
-        try:
-            summary.write(at_once=True)
-            written = {"summary": summary.page, "table": summary.table}
-        except UserError as error:  # the takes are there all the same
-            failures.append((arguments.out, error))
-    if arguments.result and not failures:
-        with naming_scratch(arguments.result.parent):
-            arguments.result.write_text(json.dumps(reports[0]), encoding="utf-8", newline="\n")
-    if reports or arguments.json:
-        lines = [line for report in reports for line in (_line_of(report, passed), *doubts_in(report))]
-        lines += summary.lines() if arguments.summary else []
-        result = {"takes": reports, "failed": failed} | ({"passed_over": sorted(passed)} if arguments.resume else {})
-        places = {name: str(path) for name, path in written.items() if path is not None}
-        print_results(
-            [*lines, *(f"over all takes: {path}" for path in places.values())], result | places, arguments.json
-        )
-    for _, error in failures:
-        complain(error)
-    return max((error.exit_status for _, error in failures), default=0)
-
-
-def _worked(
-    arguments, crew: Callable | None, summary: "BatchSummary | None", passed: set[str]
-) -> tuple[list[dict], list[tuple[Path, UserError]]]:
-    """The reports of all takes in the order given, and why others have none; `passed` gets those that were done."""
-    reports, failures = [], []
-    progress = ProgressLine(arguments.progress)
-    for path, answer in _answers(arguments, progress, passed, crew):
+def _run(batch: Batch, runner: Runner | None) -> int:
+    """Labels every take by the `runner`, where there is one."""
+    arguments, lines, told = batch.arguments, {}, []
+    for path, answer, state in _answers(batch, runner):
+        lines[path] = batch.finish(path, answer, state)
         if isinstance(answer, UserError):
-            failures.append((path, answer))
-            progress.tell(f"{path.name}: failed", at_once=len(arguments.inputs) > 1)
+            batch.progress.tell(lines.pop(path), at_once=len(arguments.inputs) > 1)
+        batch.write_summary()
+    batch.reports = {path: batch.reports[path] for path in arguments.inputs if path in batch.reports}
+    for path, report in batch.reports.items():
+        told += [lines[path], *doubts_in(report)]
+    if arguments.result and not batch.failed:
+        with naming_scratch(arguments.result.parent):
+            report = batch.reports[arguments.inputs[0]]
+            arguments.result.write_text(json.dumps(report), encoding="utf-8", newline="\n")
+    if batch.summary is not None and arguments.summary and batch.reports:
+        told += batch.summary.lines()
+    return batch.end(told, summed=bool(batch.reports) or arguments.summary)
+
+
+def _answers(batch: Batch, runner: Runner | None) -> Iterator[tuple[Path, Answer, str]]:
+    """What comes of each take, and its state after it, as they come."""
+    arguments, left = batch.arguments, []
+    if arguments.resume:
+        finish_renaming(arguments.out)
+    for path in arguments.inputs:
+        earlier = batch.earlier(path)
+        if earlier is None:
+            left.append(path)
         else:
-            reports.append(answer)
-        if summary is not None:
-            summary.finish(path, answer, arguments.out, DONE_BEFORE if path.stem in passed else LABELLED)
-            with suppress(UserError):  # said at the end
-                summary.write()
-    progress.clear()
-    places = {path.stem: place for place, path in enumerate(arguments.inputs)}
-    return sorted(reports, key=lambda report: places[report["take"]]), failures
+            yield path, earlier, DONE_BEFORE
+    if runner is not None:
+        with closing(runner([command_for(arguments, path) for path in left])) as answers:
+            for done, (number, answer) in enumerate(answers, 1):
+                batch.progress.tell(f"{done} of {len(left)} takes", at_once=True)
+                yield left[number], answer, LABELLED
+        return
+    load_labelling()
+
+    def label(path: Path) -> dict:
+        return batch.progress.drain(jobs.label_file(as_job(arguments, path)), path.stem).report
+
+    for path in left:
+        yield path, batch.attempt(label, path), LABELLED
 
 
 def _watch(arguments) -> int:
     """Labels the takes in folders as they arrive."""
-    from .watching import TakeWork, watch
+    from .watching import watch
 
     if arguments.engine != "local" or arguments.scheduler is not None:
         raise InputError("a folder is watched by this machine; expected --watch without --engine dask and --scheduler")
@@ -122,10 +194,9 @@ def _watch(arguments) -> int:
     check_models(arguments)
     if arguments.cameras is not None:
         open_cameras(arguments.cameras, arguments.up)
-    summary = summary_of(arguments)
-    summary.check(arguments.overwrite, arguments.resume)
-    work = TakeWork(partial(_earlier, arguments), partial(command_for, arguments), as_line)
-    return watch(arguments, work, summary)
+    batch = Batch(arguments)
+    batch.summary.check(arguments.overwrite, arguments.resume)
+    return watch(batch)
 
 
 def _earlier(arguments, path: Path) -> dict | None:
@@ -144,57 +215,3 @@ def _earlier(arguments, path: Path) -> dict | None:
                 f"is damaged; expected the report of an earlier run, {INSTEAD}", job.path(REPORT)
             ) from None
     return report
-
-
-def _answers(
-    arguments, progress: ProgressLine, passed: set[str], crew: Callable | None
-) -> Iterator[tuple[Path, dict | UserError]]:
-    """Each take's report, or why there is none, as they come; `passed` gets those that an earlier run has done."""
-    left = list(arguments.inputs)
-    if arguments.resume:
-        finish_renaming(arguments.out)
-        for path, answer in _each(left, partial(_earlier, arguments), arguments.traceback):
-            if answer is None:
-                continue
-            left.remove(path)
-            if not isinstance(answer, UserError):
-                passed.add(path.stem)
-            yield path, answer
-    if arguments.engine == "dask" or min(arguments.jobs, len(left)) > 1:
-        yield from _side_by_side(left, arguments, progress, crew)
-        return
-
-    load_labelling()
-
-    def label(path: Path) -> dict:
-        return progress.drain(jobs.label_file(as_job(arguments, path)), path.stem).report
-
-    yield from _each(left, label, arguments.traceback)
-
-
-def _line_of(report: dict, passed: set[str]) -> str:
-    return as_line(report) + (", done before" if report["take"] in passed else "")
-
-
-def _each(paths: Iterable[Path], work: Callable[[Path], dict | None], trace: bool):
-    """What comes of each path, or why nothing does: whatever happens to one, the others have their turn."""
-    for path in tuple(paths):
-        try:
-            answer = work(path)
-        except Exception as error:  # noqa: BLE001 - every take is its own
-            answer = of_take(error, path, trace)
-        yield path, answer
-
-
-def _side_by_side(
-    paths: list[Path], arguments, progress: ProgressLine, crew: Callable | None
-) -> Iterator[tuple[Path, dict | UserError]]:
-    from ..workers import side_by_side
-
-    done = 0
-    commands = [command_for(arguments, path) for path in paths]
-    with closing(crew(commands) if crew else side_by_side(commands, arguments.jobs)) as answers:
-        for number_, answer in answers:
-            done += 1
-            progress.tell(f"{done} of {len(commands)} takes", at_once=True)
-            yield paths[number_], answer

@@ -3,56 +3,34 @@
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 
 from ...core.data.errors import UserError
 from ...io.arrivals import Arrivals
 from ...io.batch import AT_WORK, DONE_BEFORE, FAILING, LABELLED, MEASURED, WAITING
 from ...io.scratch import take_away_own
-from ...jobs.batches import BatchSummary
-from ..console import ProgressLine, complain, print_results
-from ..failures import of_take
+from ..console import complain, print_results
 from ..workers import crew
-
-
-@dataclass(frozen=True)
-class TakeWork:
-    """What is done with each take.
-
-    earlier  gives the report of an earlier run, None where there is none to be kept; UserError where that is in the way
-    command  gives the command line that labels it
-    line     says in a line what came of it, by its report
-    """
-
-    earlier: Callable[[Path], dict | None]
-    command: Callable[[Path], list[str]]
-    line: Callable[[dict], str]
+from .asked import command_for
+from .running import Answer, Batch
 
 
 class Watch:
-    """Folders that are watched, and the takes in them.
+    """Folders that are watched, and the takes in them that are waiting or worked on."""
 
-    With `keep` all reports are kept until the end; else only their rows in the summary, so that memory does not grow.
-    """
-
-    def __init__(self, arguments, arrivals: Arrivals, work: TakeWork, summary: BatchSummary):
-        self.arguments, self.arrivals, self.work, self.summary = arguments, arrivals, work, summary
+    def __init__(self, batch: Batch, arrivals: Arrivals):
+        self.batch, self.arguments, self.arrivals, self.summary = batch, batch.arguments, arrivals, batch.summary
         self.begun: list[Path] = []  # by the number that the processes know them by
         self.waiting: deque[Path] = deque()
         self.at_work: set[Path] = set()
-        self.reports: dict[Path, dict] = {}
-        self.failed: dict[Path, UserError] = {}
-        self.passed: set[Path] = set()
-        self.progress = ProgressLine(arguments.progress)
         self._last, self._quiet, self._told = time.monotonic(), False, ""
 
     def offers(self) -> Iterator[list[str] | None]:
         """A command line for each take when it is there, None while there is none; ends where it may end."""
         looked = float("-inf")
         while True:
-            self.write()  # here, so that what is begun at once never stands there as waiting
+            self.batch.write_summary()  # here, so that what is begun at once never stands there as waiting
             now = time.monotonic()
             if now - looked >= self.arrivals.options.look_s:
                 looked = now
@@ -60,8 +38,11 @@ class Watch:
             path = self._next()
             if path is not None:
                 self._last = now
-                if not self._done_before(path):
+                earlier = self.batch.earlier(path)
+                if earlier is None:
                     yield self._begin(path)
+                else:
+                    self._finish(path, earlier, DONE_BEFORE)
                 continue
             if self._may_end(looked):
                 return
@@ -75,23 +56,10 @@ class Watch:
                 self.at_work.discard(self.begun[number])
                 self._finish(self.begun[number], answer, LABELLED)
 
-    def stop(self):
-        """Notes that what is at work is worked on no more."""
-        for path in self.at_work:
-            self.summary.wait_for(path)
-
     @property
     def unfinished(self) -> bool:
         """Whether takes are there that were not worked on to their end."""
         return bool(self.at_work or self.waiting)
-
-    def write(self, at_once: bool = False):
-        """Writes the summary; what goes wrong with it while takes are worked on is said at the end."""
-        try:
-            self.summary.write(at_once)
-        except UserError:
-            if at_once:
-                raise
 
     def _look(self, now: float):
         for path in self.arrivals.look(now):
@@ -99,7 +67,8 @@ class Watch:
                 self.waiting.append(path)
                 self.summary.wait_for(path)
         for words in self.arrivals.passed:
-            self._say(complain, words)
+            self.batch.progress.clear()
+            complain(words)
         self.arrivals.passed.clear()
         self._quiet = not (self.unfinished or self.arrivals.is_arriving(now))
         if not self._quiet:
@@ -114,47 +83,20 @@ class Watch:
             self.summary.drop(path)
         return None
 
-    def _done_before(self, path: Path) -> bool:
-        """Whether an earlier run has done a take, or left what may not be replaced."""
-        if not self.arguments.resume:
-            return False
-        try:
-            answer = self.work.earlier(path)
-        except Exception as error:  # noqa: BLE001 - every take is its own
-            answer = of_take(error, path, self.arguments.traceback)
-        if answer is None:
-            return False
-        self._finish(path, answer, DONE_BEFORE)
-        return True
-
-    def _begin(self, path: Path) -> list[str] | None:
+    def _begin(self, path: Path) -> list[str]:
         self.begun.append(path)
         self.at_work.add(path)
         self.summary.begin(path)
-        return self.work.command(path)
+        return command_for(self.arguments, path)
 
-    def _finish(self, path: Path, answer: dict | UserError, state: str):
+    def _finish(self, path: Path, answer: Answer, state: str):
         self._last = time.monotonic()
-        self.summary.finish(path, answer, self.arguments.out, state)
-        self.failed.pop(path, None)
-        self.passed.discard(path)
-        self.reports.pop(path, None)
+        line = self.batch.finish(path, answer, state)
         if isinstance(answer, UserError):
-            self.failed[path] = answer
-            words = f"{path.stem}: {FAILING}, {self.summary.rows[path].reason}"
-        else:
-            words = self.work.line(answer)
-            if state == DONE_BEFORE:
-                self.passed.add(path)
-                words += f", {DONE_BEFORE}"
-            if self.arguments.json:
-                self.reports[path] = answer
+            line = f"{line}, {self.summary.rows[path].reason}"
         if not self.arguments.json:
-            self._say(lambda line: print_results([line], {}, False), words)
-
-    def _say(self, how: Callable[[str], None], words: str):
-        self.progress.clear()
-        how(words)
+            self.batch.progress.clear()
+            print_results([line], {}, False)
 
     def _may_end(self, looked: float) -> bool:
         """Whether nothing had come for long enough when the folders were looked into."""
@@ -167,40 +109,21 @@ class Watch:
         said += [f"{count(state)} {state}" for state in (FAILING, AT_WORK, WAITING) if count(state)]
         words = ", ".join(said)
         if words != self._told:
-            self.progress.tell(words, at_once=True)
+            self.batch.progress.tell(words, at_once=True)
             self._told = words
 
 
-def watch(arguments, work: TakeWork, summary: BatchSummary) -> int:
+def watch(batch: Batch) -> int:
     """Labels the takes of folders as they arrive, in processes of their own; gives the exit status."""
-    watched = Watch(arguments, Arrivals(arguments.inputs), work, summary)
+    watched = Watch(batch, Arrivals(batch.arguments.inputs))
     try:
         watched.run()
     except KeyboardInterrupt:
         take_away_own()
-    watched.progress.clear()
-    watched.stop()
-    failures = list(watched.failed.values())
-    try:
-        watched.write(at_once=True)
-    except UserError as error:  # the takes are there all the same
-        failures.append(error)
-    _print(arguments, watched)
-    for error in failures:
-        complain(error)
+    for path in watched.at_work:
+        batch.summary.wait_for(path)
+    status = batch.end(batch.summary.lines() if batch.summary.rows else [], summed=True)
     if watched.unfinished:
         complain("stopped before the end; nothing half-written was left")
         return 1
-    return max((error.exit_status for error in failures), default=0)
-
-
-def _print(arguments, watched: Watch):
-    summary = watched.summary
-    failed = [
-        {"take": path.stem, "status": error.exit_status, "reason": str(error)} for path, error in watched.failed.items()
-    ]
-    result = {"takes": list(watched.reports.values()), "failed": failed}
-    result |= {"passed_over": sorted(path.stem for path in watched.passed)} if arguments.resume else {}
-    result |= {name: str(path) for name, path in (("summary", summary.page), ("table", summary.table)) if path}
-    if arguments.json or summary.rows:
-        print_results(summary.lines(), result, arguments.json)
+    return status

@@ -10,20 +10,26 @@ from ..body.bodies import Bodies, BodyModel
 
 @dataclass(frozen=True)
 class ArmOptions:
-    """How arms are held that are tried: rotation vectors of the left upper arm and forearm against the rest pose, rad.
+    """How arms are held that are tried.
 
-    Model axes are ahead, left and up; at rest arms hang away from the body, at 40°. The right arm is the mirror image.
+    turn_rad  physical: of the left upper arm or forearm against the rest pose, about an axis ahead or to the right,
+              once or twice. At rest arms hang at 40° from the body, so an arm is raised to the side, overhead or
+              ahead, and an elbow is bent or folded
     """
 
-    held: tuple[tuple[tuple[float, float, float], tuple[float, float, float]], ...] = (
-        ((0.9, 0.0, 0.0), (0.0, 0.0, 0.0)),
-        ((0.0, -1.3, 0.0), (0.0, 0.0, 0.0)),
-        ((-0.2, 0.0, 0.0), (0.0, -1.3, 0.0)),
-        ((0.0, -0.4, 0.0), (0.0, -2.2, 0.0)),
-        ((2.0, 0.0, 0.0), (0.0, 0.0, 0.0)),
-    )
+    turn_rad: float = 1.1
 
 
+# Turns of the left upper arm and forearm about the model's axes (ahead, left, up); the right arm is the mirror image.
+HELD = np.array(
+    [
+        [[1, 0, 0], [0, 0, 0]],
+        [[2, 0, 0], [0, 0, 0]],
+        [[0, -1, 0], [0, 0, 0]],
+        [[0, 0, 0], [0, -1, 0]],
+        [[0, 0, 0], [0, -2, 0]],
+    ]
+)
 ARMS = ArmOptions()
 _MIRRORED = np.array([-1.0, 1.0, -1.0])
 
@@ -35,10 +41,10 @@ def with_arms_held(bodies: Bodies, model: BodyModel, options: ArmOptions = ARMS)
     if not all(part in names for arm in arms for part in arm):
         return bodies
     parts = [bodies]
-    for held in options.held:
+    for held in options.turn_rad * HELD:
         bends = bodies.bends.copy()
         for arm, mirrored in zip(arms, (np.ones(3), _MIRRORED), strict=True):
             for part, turn in zip(arm, held, strict=True):
-                bends[:, names.index(part)] = np.array(turn) * mirrored
+                bends[:, names.index(part)] = turn * mirrored
         parts.append(replace(bodies, bends=bends))
     return Bodies.join(parts)

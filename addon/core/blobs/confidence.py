@@ -6,19 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..kernels import frame_calls, stands_for
-from ..papers.virtual_occlusions.labelling import TOO_FAR, Naming, nll_given_names
+from ..papers.virtual_occlusions.labelling import TOO_FAR, Naming, Rules, nll_given_names
 from .swaps import Swaps
 
 
 @dataclass(frozen=True)
 class ConfidenceOptions:
-    """By how many squared deviations a marker that should not be seen is less likely to have made a blob; reckoned.
+    """By how many squared deviations a marker that should not be seen is less likely to have made a blob.
 
-    hidden    a marker that the fitted body hides: seven times less likely, as bodies are fitted well but not exactly
-    shadowed  a marker behind another one on the same line: twenty times
+    hidden    a marker that the fitted body hides: bodies are fitted well but not exactly
+    shadowed  physical: a marker behind another one on the same line, twenty times less likely
     """
 
-    hidden: float = 4.0
+    hidden: float = Rules.min_lead
     shadowed: float = 6.0
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..data.physical import MARKER_LIMITS
 from ..papers.virtual_occlusions.labelling import Naming
 from .swaps import swap_names
 from .tracking import FrameResult, met_points
@@ -18,29 +19,24 @@ from .tracking import FrameResult, met_points
 
 @dataclass(frozen=True)
 class ContinuityOptions:
-    """How smoothly markers move, and when most frames of a path overrule the others; reckoned.
+    """How smoothly markers move, and when most frames of a path overrule the others.
 
-    max_push_m_s2  how hard a marker may change its velocity: a foot that is put down
-    noise_m        by which a marker may be off beside that
-    max_reach_m    from where a marker is expected, never farther: about half the way to its next neighbour
-    other_share    of what a name's own next place is off where it is expected: another name's place nearer than that is
-                   the better next one
-    max_gap_s      without a marker, over which its path goes on
-    min_length     frames of a tracklet that show where it goes
-    min_frames     of a path that had the name which most have, and
-    min_ratio      times as many as had any other
+    max_reach_m  from where a marker is expected, never farther; physical: half the way to its next neighbour
+    other_share  of what a name's own next place is off where it is expected: another name's place nearer than that is
+                 the better next one; physical: two places that are alike far off say nothing
+    max_gap_s    without a marker, over which its path goes on; physical: no limb turns round in less
+    min_frames   of a path that had the name which most have; physical: more than a marker is in doubt at a time
+    min_ratio    times as many as had any other; physical: two in three
     """
 
-    max_push_m_s2: float = 120.0
-    noise_m: float = 0.008
     max_reach_m: float = 0.03
     other_share: float = 0.7
     max_gap_s: float = 0.05
-    min_length: int = 3
     min_frames: int = 12
     min_ratio: float = 2.0
 
 
+MIN_LENGTH = 3  # frames of a tracklet that show where it goes
 CONTINUITY = ContinuityOptions()
 
 
@@ -65,17 +61,15 @@ class NamedTracklets:
     late: np.ndarray
 
 
-def renamed(
-    results: Sequence[FrameResult | None], rate: float, options: ContinuityOptions = CONTINUITY
-) -> list[tuple[int, int, np.ndarray]]:
+def renamed(results: Sequence[FrameResult | None], rate: float) -> list[tuple[int, int, np.ndarray]]:
     """Gives paths that changed their name the one that they mostly had.
 
     Returns the first and last of frames that were changed alike, both included, and the markers (K,) concerned.
     """
     points = met_points(results)
     markers = points.shape[1]
-    tracklets = _tracklets(points, rate, options)
-    target = _targets(tracklets, _joined(tracklets, rate, options), markers, options)
+    tracklets = _tracklets(points, rate)
+    target = _targets(tracklets, _joined(tracklets, rate), markers)
     wanted = np.full(points.shape[:2], -1)
     for tracklet in range(len(target)):
         part = slice(tracklets.first[tracklet], tracklets.last[tracklet] + 1), tracklets.marker[tracklet]
@@ -94,11 +88,11 @@ def renamed(
     return changed
 
 
-def _tracklets(points: np.ndarray, rate: float, options: ContinuityOptions) -> NamedTracklets:
+def _tracklets(points: np.ndarray, rate: float) -> NamedTracklets:
     """The paths of all names (F, M, 3) m, cut where they are gone for long or do not go on smoothly."""
-    found = [tracklet for marker in range(points.shape[1]) for tracklet in _tracklets_of(points, marker, rate, options)]
+    found = [tracklet for marker in range(points.shape[1]) for tracklet in _tracklets_of(points, marker, rate)]
     nowhere = np.full(3, np.nan)
-    long = [len(at) >= options.min_length for _, at, _ in found]
+    long = [len(at) >= MIN_LENGTH for _, at, _ in found]
     early = [_speed(at[:3], place[:3]) if ok else nowhere for ok, (_, at, place) in zip(long, found, strict=True)]
     late = [_speed(at[-3:], place[-3:]) if ok else nowhere for ok, (_, at, place) in zip(long, found, strict=True)]
     whole = [(marker, at[0], at[-1], len(at)) for marker, at, _ in found]
@@ -107,10 +101,10 @@ def _tracklets(points: np.ndarray, rate: float, options: ContinuityOptions) -> N
     return NamedTracklets(marker, first, last, count, *ends, *(np.array(part).reshape(-1, 3) for part in (early, late)))
 
 
-def _tracklets_of(points: np.ndarray, marker: int, rate: float, options: ContinuityOptions):
+def _tracklets_of(points: np.ndarray, marker: int, rate: float):
     """The tracklets of one name: marker, frames (N,) and places (N, 3) m of each."""
     at = np.flatnonzero(np.isfinite(points[:, marker, 0]))
-    breaks = np.flatnonzero(_cuts(points, marker, at, rate, options)) + 1
+    breaks = np.flatnonzero(_cuts(points, marker, at, rate)) + 1
     return [(marker, part, points[part, marker]) for part in np.split(at, breaks) if len(part)]
 
 
@@ -118,10 +112,10 @@ def _speed(at: np.ndarray, place: np.ndarray) -> np.ndarray:
     return (place[-1] - place[0]) / (at[-1] - at[0])
 
 
-def _cuts(points: np.ndarray, marker: int, at: np.ndarray, rate: float, options: ContinuityOptions) -> np.ndarray:
+def _cuts(points: np.ndarray, marker: int, at: np.ndarray, rate: float) -> np.ndarray:
     """(N - 1,) True where a name does not go on from one of its N frames to the next, or another would do better."""
     place, gap = points[at, marker], np.diff(at)
-    cut = gap > options.max_gap_s * rate + 1
+    cut = gap > CONTINUITY.max_gap_s * rate + 1
     if len(gap) < 2:
         return cut
     speed = np.diff(place, axis=0) / gap[:, None]
@@ -129,8 +123,8 @@ def _cuts(points: np.ndarray, marker: int, at: np.ndarray, rate: float, options:
     off = np.full((2, len(gap)), np.inf)
     off[0, 1:], off[1, :-1] = change * gap[1:], change * gap[:-1]
     least = off.min(axis=0)
-    cut |= least > _reach(gap, rate, options)
-    for index in np.flatnonzero(~cut & (least > options.noise_m)):
+    cut |= least > _reach(gap, rate)
+    for index in np.flatnonzero(~cut & (least > MARKER_LIMITS.max_noise_m)):
         here, there = at[index], at[index + 1]
         nearest = np.inf
         if index:
@@ -138,7 +132,7 @@ def _cuts(points: np.ndarray, marker: int, at: np.ndarray, rate: float, options:
         if index + 1 < len(speed):
             back = _nearest_other(points, marker, place[index + 1], speed[index + 1], there, range(here, there))
             nearest = min(nearest, back)
-        cut[index] = nearest < options.other_share * least[index]
+        cut[index] = nearest < CONTINUITY.other_share * least[index]
     return cut
 
 
@@ -151,15 +145,17 @@ def _nearest_other(points, marker: int, place: np.ndarray, speed: np.ndarray, wh
     return math.sqrt(np.fmin.reduce(square, axis=None, initial=np.inf))
 
 
-def _reach(gap: np.ndarray, rate: float, options: ContinuityOptions) -> np.ndarray:
+def _reach(gap: np.ndarray, rate: float) -> np.ndarray:
     """(N,) m, how far from where it is expected a marker may be after some frames."""
-    return np.minimum(options.noise_m + options.max_push_m_s2 / 2 * (gap / rate) ** 2, options.max_reach_m)
+    return np.minimum(
+        MARKER_LIMITS.max_noise_m + MARKER_LIMITS.max_push_m_s2 / 2 * (gap / rate) ** 2, CONTINUITY.max_reach_m
+    )
 
 
-def _joined(tracklets: NamedTracklets, rate: float, options: ContinuityOptions) -> np.ndarray:
+def _joined(tracklets: NamedTracklets, rate: float) -> np.ndarray:
     """(N,) the path of each tracklet: it goes on in one that begins soon, where it would be, and moves alike."""
     gap = tracklets.first[None] - tracklets.last[:, None]
-    soon = (gap > 0) & (gap <= options.max_gap_s * rate + 1)
+    soon = (gap > 0) & (gap <= CONTINUITY.max_gap_s * rate + 1)
     one, other = np.nonzero(soon)
     gap = gap[one, other]
     step = tracklets.begin[other] - tracklets.end[one]
@@ -171,14 +167,14 @@ def _joined(tracklets: NamedTracklets, rate: float, options: ContinuityOptions) 
     ended, begun = set(), set()
     for index in np.argsort(off, kind="stable"):
         a, b = int(one[index]), int(other[index])
-        if off[index] <= _reach(gap[index], rate, options) and a not in ended and b not in begun:
+        if off[index] <= _reach(gap[index], rate) and a not in ended and b not in begun:
             ended.add(a)
             begun.add(b)
             path[path == path[b]] = path[a]
     return path
 
 
-def _targets(tracklets: NamedTracklets, path: np.ndarray, markers: int, options: ContinuityOptions) -> np.ndarray:
+def _targets(tracklets: NamedTracklets, path: np.ndarray, markers: int) -> np.ndarray:
     """(N,) the name that each tracklet should have."""
     target = tracklets.marker.copy()
     for own in np.unique(path):
@@ -186,7 +182,7 @@ def _targets(tracklets: NamedTracklets, path: np.ndarray, markers: int, options:
         count = np.bincount(tracklets.marker[part], weights=tracklets.count[part], minlength=markers)
         best = int(count.argmax())
         rest = np.delete(count, best).max(initial=0)
-        if count[best] >= max(options.min_frames, options.min_ratio * rest):
+        if count[best] >= max(CONTINUITY.min_frames, CONTINUITY.min_ratio * rest):
             target[part] = best
     return target
 

@@ -14,16 +14,15 @@ from ..data.markersets import MarkerSet
 
 @dataclass(frozen=True)
 class ExchangeOptions:
-    """Which markers of a set can be taken for each other in any pose; reckoned.
+    """Which markers of a set can be taken for each other in any pose.
 
-    max_mirror_miss   heights by which a marker may miss its mirror image: 5 cm on a grown person, as the markers of two
-                      sides are never placed quite alike
-    segment_markers   numbers of markers on one segment of which every order is tried: two are neighbours anyhow, and
-                      of five there would be 119 others
+    max_mirror_miss      physical: heights by which a marker may miss its mirror image, 5 cm on a grown person, as the
+                         markers of two sides are never placed quite alike
+    max_segment_markers  memory: on one segment, of which every order is tried; of five there would be 119
     """
 
     max_mirror_miss: float = 0.03
-    segment_markers: tuple[int, ...] = (3, 4)
+    max_segment_markers: int = 4
 
 
 EXCHANGES = ExchangeOptions()
@@ -34,7 +33,7 @@ def standing_exchanges(markerset: MarkerSet, options: ExchangeOptions = EXCHANGE
     identity = np.arange(len(markerset))
     orders = [
         *_limbs(markerset, identity, options.max_mirror_miss),
-        *_clusters(markerset, identity, options.segment_markers),
+        *_clusters(markerset, identity, options.max_segment_markers),
     ]
     return np.unique(np.array(orders, dtype=int).reshape(-1, len(identity)), axis=0)
 
@@ -53,11 +52,11 @@ def _limbs(markerset: MarkerSet, identity: np.ndarray, max_miss: float):
             yield order
 
 
-def _clusters(markerset: MarkerSet, identity: np.ndarray, sizes: tuple[int, ...]):
+def _clusters(markerset: MarkerSet, identity: np.ndarray, most: int):
     """Every other order of the markers of a segment that carries a few."""
     for segment in range(len(markerset.skeleton)):
         own = identity[np.asarray(markerset.attachment) == segment]
-        if len(own) in sizes:
+        if 2 < len(own) <= most:  # two are neighbours anyhow
             for places in permutations(own):
                 if list(places) != list(own):
                     order = identity.copy()

@@ -14,34 +14,28 @@ from ..data.takes import REMAINING
 from ..geometry.views import View
 from ..kernels import frame_calls, stands_for
 from ..papers.virtual_occlusions.labelling import TOO_FAR, Frame, Naming
-from .between import in_rounds
 from .tracking import FrameResult
 
 
 @dataclass(frozen=True)
 class ImageTrackletOptions:
-    """When blobs are one tracklet, and when its name overrules a frame's; all reckoned, none tried otherwise.
+    """When blobs are one tracklet, and when its name overrules a frame's.
 
-    noise_m       by which a blob may be off beside what moves it: partly hidden ones jump
-    push_m_s2     how hard markers change their velocity; limbs of people who run
-    speed_m_s     at most, of a blob of which nothing is known yet
-    other_ratio   another blob must be so many times as far off, and
-    other_m       by so much more
-    min_frames    of a tracklet that have its name, and
-    min_ratio     times as many as have any other
-    part_m        by which the middle of a marker that is partly hidden may be off: as large as markers are
-    rounds        of all this: a blob that lost a wrong name is free for its own
+    noise_m      physical: by which a blob may be off beside what moves it, partly hidden ones jump; another blob must
+                 be farther off by that
+    push_m_s2    physical: how hard markers change their velocity, limbs of people who run
+    speed_m_s    physical: at most, of a blob of which nothing is known yet
+    other_ratio  physical: another blob must be so many times as far off, so that the nearest is the same either way
+    min_frames   physical: of a tracklet that have its name, more than a marker is in doubt at a time, and
+    min_ratio    physical: times as many as have any other
     """
 
     noise_m: float = 0.004
     push_m_s2: float = 40.0
     speed_m_s: float = 4.0
     other_ratio: float = 2.0
-    other_m: float = 0.003
     min_frames: int = 12
     min_ratio: float = 4.0
-    part_m: float = 0.008
-    rounds: int = 2
 
 
 IMAGE_TRACKLETS = ImageTrackletOptions()
@@ -58,29 +52,21 @@ def name_by_tracklets(
     if not markers:
         return {}
     tracklet, count = tracklets_of(views, _depths(results), rate, options)
-    in_vain: dict[int, np.ndarray | None] = {}  # claims by which nothing changed
-
-    def once() -> dict[int, list[int]]:
-        changed = {}
-        for index, claim in _claims(tracklet, count, results, markers, options).items():
-            if np.array_equal(in_vain.get(index), claim):
-                continue
-            some = _settle(results[index].naming, claim, options)
-            in_vain[index] = None if some else claim
-            if some:
-                changed[index] = some
-        return changed
-
-    return in_rounds(once, options.rounds)
+    claims = _claims(tracklet, count, results, markers, options)
+    changed = {
+        index: _settle(result.naming, claims[index])
+        for index, result in enumerate(results)
+        if result and index in claims
+    }
+    return {index: moved for index, moved in changed.items() if moved}
 
 
 def _depths(results: Sequence[FrameResult | None]) -> list[np.ndarray | None]:
     """By frame, (C,) m, how far from each camera the subject is; None where nobody is."""
     depths: list[np.ndarray | None] = [None] * len(results)
-    there = [index for index, result in enumerate(results) if result is not None]
-    middle = np.median([results[index].naming.frame.depth for index in there], axis=2)
-    for index, depth in zip(there, middle, strict=True):
-        depths[index] = depth
+    for index, result in enumerate(results):
+        if result is not None:
+            depths[index] = np.median(result.naming.frame.depth, axis=1)
     return depths
 
 
@@ -95,9 +81,9 @@ def tracklets_of(
     `depths` (C,) m are how far from each camera the subject is, by frame: there a blob's way is measured.
     """
     numbers: list[np.ndarray] = []
-    speed, count = None, 0
+    speed, count = np.zeros(0), 0
     reaches = options.noise_m + options.push_m_s2 / rate**2, options.speed_m_s / rate
-    clear = options.other_ratio, options.other_m
+    clear = options.other_ratio, options.noise_m
     for index, view in enumerate(views):
         own = np.full(view.real.shape, -1)
         ahead = np.full(view.image.shape, np.nan)
@@ -183,17 +169,17 @@ def _mostly(own: np.ndarray, owner: np.ndarray, count: int, markers: int, option
     return mostly
 
 
-def _settle(naming: Naming, claim: np.ndarray, options: ImageTrackletOptions) -> list[int]:
+def _settle(naming: Naming, claim: np.ndarray) -> list[int]:
     """Gives markers the blobs that tracklets claim (C, K) for them, as far as they meet; returns those changed."""
     fixed = naming.frame.fixed
     camera, slot = np.nonzero((claim >= 0) & (claim != naming.owner))
     marker, owner = claim[camera, slot], naming.owner[camera, slot]
     left = (fixed[camera, marker] >= 0) | (fixed[camera] == slot[:, None]).any(axis=1)
     left |= (owner >= 0) & (naming.partner[camera, owner] >= 0)  # either of two markers may give it its name
-    return [one for one in np.unique(marker[~left]).tolist() if _settled(naming, claim, one, options)]
+    return [one for one in np.unique(marker[~left]).tolist() if _settled(naming, claim, one)]
 
 
-def _settled(naming: Naming, claim: np.ndarray, marker: int, options: ImageTrackletOptions) -> bool:
+def _settled(naming: Naming, claim: np.ndarray, marker: int) -> bool:
     """Names one marker's blobs by where most of what its tracklets and the frame say meet; True if any changed."""
     frame, cameras = naming.frame, naming.frame.cameras
     old = naming.slot[:, marker].copy()
@@ -210,7 +196,7 @@ def _settled(naming: Naming, claim: np.ndarray, marker: int, options: ImageTrack
         return False
     room = frame.metres[:, marker]
     mine, other = (_off(frame, points, marker, one) for one in (slot, old))
-    near, kept = mine < (options.part_m + room)[:, None], other < (frame.rules.max_off_point * room)[:, None]
+    near, kept = mine < (frame.rules.min_behind_m + room)[:, None], other < (frame.rules.max_off_point * room)[:, None]
     weight = np.where(near, 2, kept & (of_old < 0)[:, None])
     best = int(np.argmax(weight.sum(axis=0) - np.where(near, np.minimum(mine, 1), 0).sum(axis=0)))
     near, kept, off = near[:, best], kept[:, best], mine[:, best]

@@ -20,42 +20,35 @@ from ..papers.virtual_occlusions.labelling import Expectation, Frame, Naming
 
 @dataclass(frozen=True)
 class AtOnceOptions:
-    """What is likely in a frame that is named at once; reckoned, but for markers that are placed elsewhere.
+    """What is likely in a frame that is named at once.
 
-    That was taken from `s02`, `p1` and `p2` of `tests.accuracy.strangers`: one marker in ten is 4 to 8 cm from where
-    the body that is fitted to all of them has it, nearly all others within 4 cm.
-
-    seen              chance that a camera has a blob of a marker which the body does not hide from it, and
-    seen_hidden       of one that it should hide: nobody's body is exactly the model's
-    elsewhere         chance that a subject has a marker elsewhere than the set has it
-    elsewhere_m       by so much, standard deviation along each axis
-    max_distance_m    of a marker from where the body has it
-    ghosts            unnamed blobs a camera that are taken for granted beside those it has
-    min_sine          of the angle between two rays that fix a point
-    subset_cameras    rays of a set of which every subset is tried; of larger ones, those without one ray
-    pair_cameras      of more, only neighbours' rays are met (`cloud.CLOUD.partners`), and two rays are only tried alone
-                      where one other at most meets them: a point that many cameras see is not named by two
-    hypotheses        of a marker, the best, that are chosen from, and
-    hypotheses_more   for each camera beyond those: a point is tried without each of its rays, so points of neighbours
-                      crowd out a marker that fewer cameras see. With `hypotheses` alone 4 % of the blobs of sixteen
-                      cameras and 22 % of those of twenty-four went without a name
-    seen_behind       chance that a camera has a blob of a marker behind a nearer one on the same line, and
-    seen_before       of the nearer one, if it has one of either: nothing else is in the way, and few blobs are lost
+    seen             physical: chance that a camera has a blob of a marker which the body does not hide from it, and
+    seen_hidden      physical: of one that it should hide, as nobody's body is exactly the model's
+    elsewhere        measured: chance that a subject has a marker elsewhere than the set has it. On `s02`, `p1` and `p2`
+                     of `tests.accuracy.strangers` one marker in ten is 4 to 8 cm from where the fitted body has it
+    elsewhere_m      measured: by so much, standard deviation along each axis, on the same; no marker is farther off
+                     than four of them
+    hypotheses       memory: of a marker, the best, that are chosen from, and
+    hypotheses_more  measured: for each camera beyond those whose rays are all met; without, 4 % of the blobs of sixteen
+                     cameras and 22 % of those of twenty-four went without a name, as a point is tried without each
+                     of its rays
+    seen_behind      physical: chance that a camera has a blob of a marker behind a nearer one on the same line, and
+    seen_before      physical: of the nearer one, if it has one of either, as nothing else is in the way
     """
 
     seen: float = 0.93
     seen_hidden: float = 0.25
     elsewhere: float = 0.1
     elsewhere_m: float = 0.05
-    max_distance_m: float = 0.22
-    ghosts: float = 1.0
-    min_sine: float = 0.02
-    subset_cameras: int = 5
-    pair_cameras: int = 8
     hypotheses: int = 40
     hypotheses_more: int = 15
     seen_behind: float = 0.1
     seen_before: float = 0.99
+
+    @property
+    def max_distance_m(self) -> float:
+        """Of a marker from where the body has it."""
+        return 4 * self.elsewhere_m
 
 
 JOINTLY = AtOnceOptions()
@@ -105,7 +98,7 @@ def hypotheses_of(frame: Frame, expected: Expectation, options: AtOnceOptions = 
     sets, points, miss, seen, depth, noise = (part[meets] for part in (sets, points, miss, seen, depth, noise))
     near = np.linalg.norm(points[:, None] - expected.points, axis=2) < options.max_distance_m
     which, marker = np.nonzero(near)
-    ghost = _ghost_density(frame, options)
+    ghost = _ghost_density(frame)
     across = frame.rays.across[np.arange(len(sight.centres)), np.maximum(sets, 0)]
     information = np.einsum("qc,qcij->qij", seen / noise**2, across)
     spread = np.linalg.inv(information)
@@ -140,12 +133,12 @@ def _detections(expected: Expectation, seen: np.ndarray, marker: np.ndarray, opt
     return (seen * odds).sum(axis=1)
 
 
-def _ghost_density(frame: Frame, options: AtOnceOptions) -> np.ndarray:
-    """(C,) ghosts a square pixel: blobs beyond the markers that a camera should see."""
+def _ghost_density(frame: Frame) -> np.ndarray:
+    """(C,) ghosts a square pixel: blobs beyond the markers that a camera should see, and one more."""
     low, high = frame.sight.corners
     area = (high - low).prod(axis=1) * frame.sight.focal**2
     more = np.maximum(frame.view.real.sum(axis=1) - frame.expected.visible.sum(axis=1), 0)
-    return (options.ghosts + more) / area
+    return (1 + more) / area
 
 
 def _singles(frame: Frame, expected: Expectation, ghost: np.ndarray, options: AtOnceOptions) -> Hypotheses:
@@ -174,20 +167,20 @@ def _sets(frame: Frame, options: AtOnceOptions) -> np.ndarray:
     direction, origin = frame.rays.direction[camera, slot], sight.centres[camera]
     first, second = np.triu_indices(len(camera), 1)
     met = np.eye(sight.count) == 0
-    if sight.count > options.pair_cameras:
+    if sight.count > CLOUD.partners + 1:
         met = partners(sight.centres, CLOUD.partners)
     met = met[camera[first], camera[second]]
     first, second = first[met], second[met]
     between = origin[second] - origin[first]
     cosine = np.einsum("ni,ni->n", direction[first], direction[second])
     one, two = np.einsum("ni,ni->n", between, direction[first]), np.einsum("ni,ni->n", between, direction[second])
-    sine2 = np.maximum(1 - cosine**2, options.min_sine**2)
+    sine2 = np.maximum(1 - cosine**2, CLOUD.min_sine**2)
     here, there = (one - cosine * two) / sine2, (cosine * one - two) / sine2
     gap = np.linalg.norm(
         origin[first] + here[:, None] * direction[first] - origin[second] - there[:, None] * direction[second], axis=1
     )
     noise = rules.pixel * (here / sight.focal[camera[first]] + there / sight.focal[camera[second]]) + 2 * rules.slack_m
-    meets = (here > 0) & (there > 0) & (gap < rules.max_miss * noise) & (1 - cosine**2 > options.min_sine**2)
+    meets = (here > 0) & (there > 0) & (gap < rules.max_miss * noise) & (1 - cosine**2 > CLOUD.min_sine**2)
     first, second, here = first[meets], second[meets], here[meets]
     middle = origin[first] + here[:, None] * direction[first]
     closest = (np.linalg.norm(middle[:, None] - frame.expected.points, axis=2) < options.max_distance_m).any(axis=1)
@@ -199,7 +192,7 @@ def _sets(frame: Frame, options: AtOnceOptions) -> np.ndarray:
         return members
     # All pairs of a marker's rays make the same whole set.
     whole = _completed(members, middle, frame)
-    if sight.count > options.pair_cameras:
+    if sight.count > CLOUD.partners + 1:
         members = members[(whole >= 0).sum(axis=1) <= 3]
     whole = np.unique(whole, axis=0)
     parts = [members, whole]
@@ -209,7 +202,7 @@ def _sets(frame: Frame, options: AtOnceOptions) -> np.ndarray:
         fewer = whole.copy()
         fewer[:, without] = -1
         parts.append(fewer[count > 2])
-    for without in combinations(cameras, 2) if sight.count <= options.subset_cameras else ():
+    for without in combinations(cameras, 2) if sight.count <= CLOUD.few_cameras else ():
         fewer = whole.copy()
         fewer[:, list(without)] = -1
         parts.append(fewer[(fewer >= 0).sum(axis=1) >= 2])
@@ -229,12 +222,12 @@ def _pruned(many: Hypotheses, singles: Hypotheses, frame: Frame, options: AtOnce
     marker, slot, gain, elsewhere = (
         np.concatenate([getattr(many, name), getattr(singles, name)]) for name in Hypotheses.__dataclass_fields__
     )
-    said = np.zeros(frame.view.real.shape, bool)
+    fixed = np.zeros(frame.view.real.shape, bool)
     camera, named = np.nonzero(frame.fixed >= 0)
-    said[camera, frame.fixed[camera, named]] = True
-    used = said[frame.cameras, np.maximum(slot, 0)] | (frame.fixed[:, marker].T >= 0)
+    fixed[camera, frame.fixed[camera, named]] = True
+    used = fixed[frame.cameras, np.maximum(slot, 0)] | (frame.fixed[:, marker].T >= 0)
     gain = np.where((used & (slot >= 0)).any(axis=1), 0, gain)
-    most = options.hypotheses + options.hypotheses_more * max(len(frame.cameras) - options.pair_cameras, 0)
+    most = options.hypotheses + options.hypotheses_more * max(len(frame.cameras) - CLOUD.partners - 1, 0)
     order = np.lexsort((-gain, marker))
     rank = np.arange(len(order)) - np.searchsorted(marker[order], marker[order])
     kept = order[(rank < most) & (gain[order] > 0)]

@@ -18,25 +18,8 @@ from ..papers.virtual_occlusions.labelling import Naming
 from .subject import SUBJECT, Setup, Subject
 from .tracking import FrameResult
 
-
-@dataclass(frozen=True)
-class KnownSubjectOptions:
-    """How the subject is learned from all frames, and names are judged by it; reckoned.
-
-    min_frames   in which a marker was found in space, to say where it sits; with fewer it may sit as on anybody
-    max_own      standard deviations of the marker set's spread; a marker found farther off is another one
-    room         times the median distance in space that a marker is off its place, to be the standard deviation along
-                 one axis: half as much again as of a normal distribution, as skin moves farther now and then
-    fit_steps    iterations of the fits to the names, from the fits as they were
-    """
-
-    min_frames: int = 15
-    max_own: float = 4.0
-    room: float = 1.0
-    fit_steps: int = 3
-
-
-KNOWN_SUBJECT = KnownSubjectOptions()
+# Iterations of the fits to the names, from the fits as they were: these are near.
+JUDGING_STEPS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +41,13 @@ class KnownSubject:
 def known_subject_of(
     results: Sequence[FrameResult],
     setup: Setup,
-    before: KnownSubject | None = None,
-    options: KnownSubjectOptions = KNOWN_SUBJECT,
+    before: KnownSubject | None,
+    min_frames: int,
 ) -> KnownSubject:
     """The subject that labelled frames show: medians over all of them, so that a part with wrong names does not count.
 
-    A marker sits where it mostly was found, unless nobody wears it there; one that was hardly found sits where it did
-    `before`.
+    A marker sits where it mostly was found, in `min_frames` or more, unless nobody wears it there; one that was hardly
+    found sits where it did `before`.
     """
     poses = Bodies.join([result.bodies for result in results])
     scale, shape = (np.median(part, axis=0)[None] for part in (poses.scale, poses.shape))
@@ -74,15 +57,16 @@ def known_subject_of(
     own, sd = np.zeros_like(poses.own[0]), anywhere.copy()
     plain = replace(poses.pick([0]), scale=scale, shape=shape, own=own[None])
     frames = np.isfinite(points[..., 0]).sum(axis=0)
-    known = frames >= options.min_frames
+    known = frames >= min_frames
     if known.any():
         posed = setup.model.pose(_same(plain, poses))
         turn = posed.rotations[:, setup.model.attachment].swapaxes(-1, -2)
         local = (turn @ (points - posed.markers)[..., None])[..., 0][:, known] / scale
         own[known] = np.nanmedian(local, axis=0)
         off = np.linalg.norm((local - own[known]) * scale, axis=2)
-        sd[known] = np.clip(options.room * np.nanmedian(off, axis=0), SUBJECT.skin_m, anywhere[known])
-        known &= np.linalg.norm(own, axis=1) < options.max_own * setup.marker_sd
+        sd[known] = np.clip(np.nanmedian(off, axis=0), SUBJECT.skin_m, anywhere[known])
+        # A marker that is found farther off is another one.
+        known &= np.linalg.norm(own, axis=1) < np.sqrt(setup.rules.max_square) * setup.marker_sd
     if before is not None:
         earlier = ~known & before.known
         own[earlier], sd[earlier] = before.subject.bodies.own[0, earlier], before.subject.own_sd[earlier]
@@ -102,7 +86,6 @@ def judged(
     results: Sequence[FrameResult],
     known: KnownSubject,
     setup: Setup,
-    options: KnownSubjectOptions = KNOWN_SUBJECT,
 ) -> tuple[np.ndarray, np.ndarray]:
     """How badly the subject's own body, fitted to the names of F frames, explains them: all frames are one batch.
 
@@ -113,7 +96,7 @@ def judged(
     deviation = np.array([_deviations(result.naming, own_sd) for result in results])
     poses = known.bodies(Bodies.join([result.bodies for result in results]))
     pull = RayPull(image, deviation, setup.sight)
-    fit = fit_body(setup.model, poses, pull, options.fit_steps, setup.prior)
+    fit = fit_body(setup.model, poses, pull, JUDGING_STEPS, setup.prior)
     return fit.cost, _strain(fit.state.posed.markers, image, deviation, setup)
 
 

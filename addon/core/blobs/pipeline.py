@@ -7,6 +7,7 @@ Memory does not grow with the take: one chunk of frames is held, and of the past
 from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from typing import cast
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -19,17 +20,14 @@ from ..edits.applying import BlobCells, apply_to_blobs
 from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.views import VIEWING, View, split_views
-from ..papers.virtual_occlusions.labelling import hand_over
 from ..papers.virtual_occlusions.occlusion import Occlusion
 from ..review.doubtful import WHOLE_FRAME
 from ..review.suspects import find_suspects
-from .absent import absent_markers
-from .between import put_between
 from .confidence import CONFIDENCE, named_confidences, swap_doubts
 from .continuity import renamed
 from .image_tracklets import name_by_tracklets
-from .rereading import Rereader
-from .search import Found, Hints, find_subject
+from .rereading import REREADING, Rereader
+from .search import CROWDING, FINDING, Found, Hints, find_subject
 from .seeding import contradicted, fixed_in, seeds_of
 from .subject import Setup
 from .swaps import exchange_loss, exchanged, swap_names
@@ -38,34 +36,24 @@ from .tracking import Followed, FrameResult, Track, follow
 
 @dataclass(frozen=True)
 class TakeOptions:
-    """How a take is gone through, and what is believed; reckoned.
+    """How a take is gone through, and what is believed.
 
-    min_rate               frames a second; below it nobody is followed, every frame is looked at on its own: a limb
-                           moves farther between two frames than it is from the next
-    search_order           in which parts of a chunk a lost subject is looked for: far from each other first
-    good_confidence        a placement this sure, that
-    good_named             names this share of the markers that it lets the cameras see, is a good one
-    max_good               good placements after which the best of them will do
-    min_confidence         a placement less sure than this, or that
-    min_named              names a smaller share of the markers, names nothing
-    min_clear_confidence   placements below this are pointed out
-    review_frames          between two looks at whether neighbours have changed names, as a look is dear
-    first_review_frames    until the first of them, because a start that is wrong stays wrong
-    second_look_frames     before it is a frame that must say the same: one may be blurred
-    min_label_confidence   a label less sure than this is not given: it is as likely to be wrong
+    min_rate               physical: frames a second; below it nobody is followed, every frame is looked at on its own:
+                           a limb moves farther between two frames than it is from the next
+    parts                  memory: of a chunk, in which a lost subject is looked for, one frame each
+    good_named             physical: share of the markers that a good placement, one that is clear, names of those that
+                           it lets the cameras see; after `FINDING.max_finalists` of them the best will do
+    min_confidence         physical: a placement less sure than this names nothing, a third of such would be wrong
+    review_frames          physical: until it is asked whether neighbours have changed names, a third of a second, as a
+                           wrong start stays wrong; and again at a chunk's end
+    min_label_confidence   paper, 5: rather no label than one that is as likely to be wrong
     """
 
     min_rate: float = 20.0
-    search_order: tuple[int, ...] = (0, 4, 2, 6, 1, 5, 3, 7, 8)
-    good_confidence: float = 0.95
+    parts: int = 8
     good_named: float = 0.8
-    max_good: int = 3
     min_confidence: float = 0.7
-    min_named: float = 0.4
-    min_clear_confidence: float = 0.9
-    review_frames: int = 120
-    first_review_frames: int = 20
-    second_look_frames: int = 6
+    review_frames: int = 20
     min_label_confidence: float = 0.5
 
 
@@ -144,7 +132,7 @@ class TakeLabeller:
                 self._find(chunk, at, at + 1)
                 self.track = None
         else:
-            at = self._follow(chunk, 0, len(chunk.views)) if self.track else 0
+            at = self._follow(self.track, chunk, 0, len(chunk.views)) if self.track else 0
             while at < len(chunk.views):
                 at = self._find(chunk, at, len(chunk.views))
             self._look_again(chunk)
@@ -158,13 +146,7 @@ class TakeLabeller:
                     self.track = stretch.track
                 chunk.suspect(stretch.first, stretch.last, "names did not suit the rest of the take and are new")
             self._rename(chunk)
-            put_between(chunk.results, self.setup.rate)
             name_by_tracklets(chunk.views, chunk.results, self.setup.rate)
-            absent = absent_markers(chunk.results)
-            for result in chunk.results if len(absent) else ():
-                if result is not None:
-                    camera, own = np.nonzero(result.naming.slot[:, absent] >= 0)
-                    hand_over(result.naming, camera, absent[own])
         self.last = chunk.results[-1] if chunk.results else self.last
 
     def _rename(self, chunk: "_Chunk"):
@@ -173,24 +155,23 @@ class TakeLabeller:
             names = ", ".join(self.setup.model.markerset.markers[marker] for marker in moved)
             chunk.suspect(first, last, f"{names} had changed names and got them back")
 
-    def _follow(self, chunk: "_Chunk", first: int, end: int) -> int:
+    def _follow(self, track: Track, chunk: "_Chunk", first: int, end: int) -> int:
         """Follows the track through frames `first` … until it is lost or at `end`; returns the frame to go on with."""
         at = first
         while at < end:
-            followed, order = self._next(self.track, chunk, at)
+            followed, order = self._next(track, chunk, at)
             if order is not None and at > first:
-                self._give_back(self.track, chunk, order, at, -1)
+                self._give_back(track, chunk, order, at, -1)
             if followed.track.lost:
                 self.track = None
                 chunk.suspect(at, at, "the subject was lost")
                 return at
-            self.track = followed.track
+            track = followed.track
             chunk.results[at] = self._result(followed)
             at += 1
-            followed_frames = at - first
-            due = followed_frames == TAKES.first_review_frames or followed_frames % TAKES.review_frames == 0
-            if at == end or due:
-                self._review(chunk, first, at - 1)
+            if at in (end, first + TAKES.review_frames):
+                track = self._review(track, chunk, first, at - 1)
+            self.track = track
         return at
 
     def _next(self, track: Track, chunk: "_Chunk", at: int) -> tuple[Followed, np.ndarray | None]:
@@ -215,8 +196,8 @@ class TakeLabeller:
         moved = np.flatnonzero(order != np.arange(len(order)))
         last = self._exchanged_to(track, chunk, tuple(order.tolist()), at, step)
         for index in range(at + step, last + step, step):
-            if not chunk.holds(index, moved):
-                swap_names(chunk.results[index].naming, order)
+            if not chunk.is_fixed(index, moved):
+                swap_names(chunk.result(index).naming, order)
         return last
 
     def _find(self, chunk: "_Chunk", at: int, end: int) -> int:
@@ -228,7 +209,7 @@ class TakeLabeller:
         self.hints = replace(self.hints, facing=None)
         self.placement = found.confidence
         self.sure = swap_doubts(found.swaps, self.setup.model.marker_count)
-        if found.confidence < TAKES.min_clear_confidence:
+        if found.confidence < FINDING.clear_confidence:
             chunk.suspect(index, index, f"{WHOLE_FRAME} {found.confidence:.0%} sure")
         points, visible = found.naming.meeting.points, found.expected.visible
         start = Track.begin(found.subject, points, visible, self.setup.model)
@@ -239,7 +220,7 @@ class TakeLabeller:
         while at < before:
             at = self._find(chunk, at, before)
         self.track = start.doubting(moved, self.setup) if len(moved) else start
-        return self._follow(chunk, index + 1, end)
+        return self._follow(self.track, chunk, index + 1, end)
 
     def _follow_back(self, chunk: "_Chunk", track: Track, index: int, at: int) -> tuple[int, np.ndarray]:
         """Labels the frames before `index`, last first; returns the first frame that was reached.
@@ -266,38 +247,41 @@ class TakeLabeller:
                 found = find_subject(chunk.views[index], self.setup, self.hints, chunk.fixed[index], alone)
             if found is None or found.by_chance:
                 continue
-            if found.confidence < TAKES.min_confidence or found.named < TAKES.min_named:
+            if found.confidence < TAKES.min_confidence or found.named < CROWDING.min_named:
                 continue
             if best is None or found.marker_cost < best.marker_cost:
                 best, best_index = found, index
-            good += found.confidence > TAKES.good_confidence and found.complete > TAKES.good_named
-            if good >= TAKES.max_good:
+            good += found.confidence > FINDING.clear_confidence and found.complete > TAKES.good_named
+            if good >= FINDING.max_finalists:
                 break
         return best_index, best
 
-    def _review(self, chunk: "_Chunk", first: int, at: int):
-        """Asks whether neighbours have changed names, and gives them back from where they may have done so."""
-        earlier = at - TAKES.second_look_frames
+    def _review(self, track: Track, chunk: "_Chunk", first: int, at: int) -> Track:
+        """Asks whether neighbours have changed names, and gives them back from where they may have done so.
+
+        A frame before must say the same, as one may be blurred. Returns the track without what it learned of them.
+        """
+        earlier = at - REREADING.around
         if earlier < first:
-            return
+            return track
         with self.setup.clock("fit"):
-            found, before = (self._looks_into(exchanged, self.track, chunk, index) for index in (at, earlier))
+            found, before = (self._looks_into(exchanged, track, chunk, index) for index in (at, earlier))
         order = next((order for order in found if order in before), None)
         if order is None:
-            return
+            return track
         moved = np.flatnonzero(np.array(order) != np.arange(len(order)))
-        since = self._exchanged_to(self.track, chunk, order, earlier, -1)
-        if any(chunk.holds(index, moved) for index in range(since, at + 1)):  # a person has looked at them
-            return
+        since = self._exchanged_to(track, chunk, order, earlier, -1)
+        if any(chunk.is_fixed(index, moved) for index in range(since, at + 1)):  # a person has looked at them
+            return track
         for index in range(since, at + 1):
-            swap_names(chunk.results[index].naming, np.array(order))
-        self.track = self.track.doubting(moved, self.setup)
+            swap_names(chunk.result(index).naming, np.array(order))
         names = ", ".join(self.setup.model.markerset.markers[marker] for marker in moved)
         chunk.suspect(since, at, f"{names} had changed names and got them back")
+        return track.doubting(moved, self.setup)
 
     def _looks_into(self, question, track: Track, chunk: "_Chunk", index: int, *more):
         """Asks `question` of a labelled frame: `swaps.exchanged` or `swaps.exchange_loss`."""
-        result = chunk.results[index]
+        result = chunk.result(index)
         subject = replace(track.subject, bodies=result.bodies)
         return question(chunk.views[index], result.naming, subject, self.setup, *more)
 
@@ -335,7 +319,11 @@ class _Chunk:
         """Notes frames `first` … `last` of the chunk."""
         self.suspects.append(Suspect(int(self.blobs.frames[first]), int(self.blobs.frames[last]), reason))
 
-    def holds(self, index: int, markers: np.ndarray) -> bool:
+    def result(self, index: int) -> FrameResult:
+        """What a frame that is labelled has."""
+        return cast("FrameResult", self.results[index])
+
+    def is_fixed(self, index: int, markers: np.ndarray) -> bool:
         """Whether a person named blobs of any of the markers in a frame."""
         fixed = self.fixed[index]
         return fixed is not None and bool((fixed[:, markers] >= 0).any())
@@ -346,21 +334,22 @@ class _Chunk:
         Before them those of which a person named the most blobs.
         """
         named = [index for index in range(first, end) if self.fixed[index] is not None]
-        named = sorted(named, key=lambda index: -(self.fixed[index] >= 0).sum())[: TAKES.max_good]
-        parts = np.array_split(np.arange(first, end), min(len(TAKES.search_order), end - first))
+        named = sorted(named, key=lambda index: -(self.fixed[index] >= 0).sum())[: FINDING.max_finalists]
+        parts = np.array_split(np.arange(first, end), min(TAKES.parts, end - first))
         best = [int(part[np.argmax([self.views[index].count for index in part])]) for part in parts]
-        order = [part for part in TAKES.search_order if part < len(best)]
+        # Far from each other first: by their numbers with the binary digits in reverse.
+        order = sorted(range(len(best)), key=lambda part: f"{part:08b}"[::-1])
         return named + [best[part] for part in order if self.views[best[part]].count]
 
     def labelled(self, setup: Setup) -> LabelledChunk:
         """Everything as it is handed out."""
-        there = [index for index, result in enumerate(self.results) if result is not None]
+        labelled = {index: result for index, result in enumerate(self.results) if result is not None}
+        there, results = list(labelled), list(labelled.values())
         count, markers = len(self.views), setup.model.marker_count
         points, residual = np.full((count, markers, 3), np.nan), np.full((count, markers), np.nan)
         residual_px, conflicts = np.full((count, markers), np.nan), np.zeros((count, markers), int)
         confidence = np.zeros(count)
         with setup.clock("label"):
-            results = [self.results[index] for index in there]
             labels, rays = _written(len(self.blobs), [self.views[index] for index in there], results)
             if there:
                 known = rays >= 2

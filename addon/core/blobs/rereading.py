@@ -2,7 +2,7 @@
 """Frames whose names do not suit the subject that the take shows: read again, from the frames beside them.
 
 A name goes wrong while its marker is hidden, above all where the subject has just been found and nobody knows yet how
-its markers sit. Later frames know; from them the stretch is followed anew, forwards and backwards, and what explains
+its markers sit. Later frames know; from them the stretch is followed again, forwards and backwards, and what explains
 it best stays.
 """
 
@@ -15,34 +15,20 @@ from ..body.bodies import PLACEMENT
 from ..geometry.views import View
 from .known_subject import KnownSubject, judged, known_subject_of, strain
 from .subject import Setup, expect, name, refit
-from .swaps import SWAPS, swap_names, try_swaps
+from .swaps import SWAP_STEPS, SWAPS, swap_names, try_swaps
 from .tracking import Followed, FrameResult, Track, advanced, difference, follow
 
 
 @dataclass(frozen=True)
 class RereadOptions:
-    """Which frames are read again, and which reading is better; reckoned.
+    """Which frames are read again, and which reading is better.
 
-    min_frames     that show a subject well enough to be judged by
-    every          so many frames one is looked at, and those around it if it is doubtful: what is over in less is not
-                   worth the time
-    max_strain     squared deviations by which a marker may be off: three deviations
-    around         a doubtful frame so many are looked at, and so many may lie between two of one stretch
-    margin         frames on both sides of a stretch that are read with it: names go wrong slowly
-    doubtful       squared deviations beyond which exchanges of names are tried in a frame that is read again
-    max_exchanges  of names in such a frame
-    unnamed_cost   squared deviations that an unnamed blob counts for: a marker that all cameras see counts as much as
-                   one that is four deviations off
+    min_frames     physical: that show a subject, half a second: a marker that is in half of them has its place in them
+    around         physical: frames around a doubtful one that are looked at, and that may lie between two of a stretch
     """
 
     min_frames: int = 30
-    every: int = 3
-    max_strain: float = 9.0
     around: int = 6
-    margin: int = 2
-    doubtful: float = 4.0
-    max_exchanges: int = 4
-    unnamed_cost: float = 2.0
 
 
 REREADING = RereadOptions()
@@ -74,8 +60,10 @@ class Rereader:
         known = np.array([index for index, result in enumerate(results) if result is not None], dtype=int)
         if len(known) < self.options.min_frames:
             return []
-        self.known = known_subject_of([results[index] for index in known], self.setup, self.known)
-        doubtful = self._doubtful(views, results, known[:: self.options.every])
+        shown, enough = [results[index] for index in known], self.options.min_frames // 2
+        self.known = known_subject_of(shown, self.setup, self.known, enough)
+        # What is over in half the frames around is not worth the time.
+        doubtful = self._doubtful(views, results, known[:: self.options.around // 2])
         near = known[(np.abs(known[:, None] - doubtful) <= self.options.around).any(axis=1)]
         doubtful = self._doubtful(views, results, near)
         return [
@@ -89,13 +77,13 @@ class Rereader:
         if not len(frames):
             return frames
         _, off = self._judged(views, {index: results[index] for index in frames})
-        return frames[(off > self.options.max_strain).any(axis=1)]
+        return frames[(off > self.setup.rules.max_on_point).any(axis=1)]
 
     def _judged(self, views, readings: dict[int, FrameResult]) -> tuple[np.ndarray, np.ndarray]:
         """See `known_subject.judged`; an unnamed blob costs, too."""
         cost, off = judged([views[index] for index in readings], list(readings.values()), self.known, self.setup)
         unnamed = [(views[index].real & (one.naming.owner < 0)).sum() for index, one in readings.items()]
-        return cost + self.options.unnamed_cost * np.array(unnamed), off
+        return cost + self.setup.rules.min_lead * np.array(unnamed), off
 
     def _stretches(self, doubtful: np.ndarray, results) -> list[tuple[int, int]]:
         """First and last frames of what is to be read again; all of it was labelled."""
@@ -107,7 +95,7 @@ class Rereader:
             first, last = int(part[0]), int(part[-1])
             if any(result is None for result in results[first : last + 1]):
                 continue
-            for _ in range(self.options.margin):
+            for _ in range(self.options.around // 3):  # names go wrong slowly
                 first -= first > 0 and results[first - 1] is not None
                 last += last + 1 < len(results) and results[last + 1] is not None
             found.append((first, last))
@@ -172,16 +160,16 @@ class Rereader:
         """The frame after `track`, with names exchanged for as long as that suits the subject better."""
         setup, naming = self.setup, followed.naming
         subject = replace(self.known.subject, bodies=self.known.bodies(followed.track.subject.bodies))
-        subject, state = refit(view, naming, subject, setup, SWAPS.fit_steps, setup.prior)
-        if strain(view, naming, self.known, state.posed.markers[0], setup).max() < self.options.doubtful:
+        subject, state = refit(view, naming, subject, setup, SWAP_STEPS, setup.prior)
+        if strain(view, naming, self.known, state.posed.markers[0], setup).max() < setup.rules.min_lead:
             return followed
         changed = False
-        for _ in range(self.options.max_exchanges):
+        for _ in range(SWAPS.max_exchanges):
             swaps = try_swaps(view, naming, subject, state, setup, setup.prior)
             if not len(swaps.loss) or swaps.loss.min() > -SWAPS.min_gain:
                 break
             swap_names(naming, swaps.orders[swaps.loss.argmin()])
-            subject, state = refit(view, naming, subject, setup, SWAPS.fit_steps, setup.prior)
+            subject, state = refit(view, naming, subject, setup, SWAP_STEPS, setup.prior)
             changed = True
         if not changed:
             return followed

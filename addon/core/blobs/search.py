@@ -17,90 +17,77 @@ from ..papers.virtual_occlusions.labelling import Expectation, Frame, Naming, gi
 from ..papers.virtual_occlusions.placement import blob_centre, make_starts, principal_guess
 from .arms import with_arms_held
 from .jointly import JOINTLY, name_jointly
-from .subject import Setup, Subject, expect, learn_noise, learn_own, name, named_pull, refit
-from .swaps import Swaps, swap_names, try_swaps, withdraw_unexpected, without_own
+from .subject import SUBJECT, Setup, Subject, expect, learn_noise, learn_own, name, named_pull, refit
+from .swaps import SWAPS, Swaps, swap_names, try_swaps, withdraw_unexpected, without_own
 
 
 @dataclass(frozen=True)
 class FindOptions:
-    """How a subject is looked for in one frame; reckoned.
+    """How a subject is looked for in one frame.
 
-    facings           starts all around: one is within 23° of the subject
-    min_points        of a cloud; fewer are nobody
-    upright_sd_rad    how far a subject who is looked for leans, standard deviation: somebody who walks, stands or bends
-    cloud_stages      of the fits to a cloud: softness in m, reach in m, iterations, and whether joints and shape are
-                      free; from a step's length down to a marker layout's variation
-    blob_stages       of the fits to blobs: softness in m, reach in m, iterations
-    max_finalists     of the fits to the cloud, best first, that are fitted to blobs
-    min_distance_m       two fits whose markers are farther from each other than this on average are two solutions; the
-                      finalists differ by half as much
-    temper            by how much costs overstate their differences, as blobs share their errors
-    clear_confidence  a placement surer than this needs no second opinion
-    good_cost         for each blob, and each image of a marker that should be seen: a body that costs more may hold
-                      its arms otherwise. On people with their arms set (`tests.accuracy.strangers`) right bodies
-                      and wrong ones overlap between 2.5 and 2.7
-    joint_rounds      of naming a frame that is alone all at once
-    elsewhere_cost    squared deviations that a marker placed elsewhere than in the set counts for there
-    rounds            of naming: names show how the markers sit on this subject, which sharpens the next round
-    round_steps       iterations of a round's fit to the names
-    settled_steps     iterations once exchanges of names are settled
-    noise_rate        share of the noise that a round shows which is taken over, and
-    own_rate          share of what a marker is off that its own offset takes over: nearly all, as little is known yet
-    max_exchanges     of names in a frame; more, and the placement is wrong
-    unnamed_cost      squared deviations that an unnamed blob, or a missing marker, counts for
-    fixed_cost        squared deviations that a blob counts for which a person named and a placement has elsewhere
+    facings           paper, 6: a start is good within 20° of the subject; of eight all around one is within 23°
+    upright_sd_rad    physical: how far a subject who is looked for leans, somebody who walks, stands or bends
+    good_cost         measured: for each blob, and each image of a marker that should be seen; a body that costs more
+                      may hold its arms otherwise. On people with their arms set (`tests.accuracy.strangers`) right
+                      bodies and wrong ones overlap between 2.5 and 2.7
+    max_finalists     memory: of the fits to the cloud, best first, that are fitted to blobs
+    min_distance_m    physical: two fits whose markers are farther from each other than this on average are two
+                      solutions, as limbs are that thick; the finalists differ by half as much
+    temper            physical: by how much costs overstate their differences, as a marker's blobs share its error
+    clear_confidence  physical: a placement surer than this needs no second opinion, one in fifty is wrong
+    noise_rate        physical: share of the noise that a round shows which is taken over, and
+    own_rate          physical: share of what a marker is off that its own offset takes over; nearly all, as little is
+                      known yet
     """
 
     facings: int = 8
-    min_points: int = 4
     upright_sd_rad: float = 0.35
-    cloud_stages: tuple[tuple[float, float, int, bool], ...] = (
-        (0.20, 0.60, 3, False),
-        (0.10, 0.30, 3, True),
-        (0.05, 0.15, 4, True),
-    )
-    blob_stages: tuple[tuple[float, float, int], ...] = ((0.06, 0.25, 3), (0.03, 0.12, 3), (0.02, 0.08, 3))
     good_cost: float = 2.3
     max_finalists: int = 3
     min_distance_m: float = 0.10
     temper: float = 12.0
     clear_confidence: float = 0.98
-    rounds: int = 2
-    round_steps: int = 3
-    settled_steps: int = 2
     noise_rate: float = 0.7
     own_rate: float = 0.9
-    max_exchanges: int = 3
-    joint_rounds: int = 3
-    elsewhere_cost: float = 16.0
-    unnamed_cost: float = 12.0
-    fixed_cost: float = 60.0
+
+
+# Softness and reach of each fit in m, from a step's length down to how far a layout varies that nobody has seen, and on
+# to that of blobs. Measured: with stages of 0.08, 0.04 and 0.02 m and four times their reach 201 labels of walks in
+# five noisy cameras (`gait15`) are wrong, with these 141.
+CLOUD_STAGES = ((0.20, 0.60), (0.10, 0.30), (0.05, 0.15))
+BLOB_STAGES = ((0.06, 0.25), (0.03, 0.12), (0.02, 0.08))
+STAGE_STEPS = 3  # iterations of each stage, and of a fit to names: the first ones gain most (section 6)
+SETTLED_STEPS = 2  # iterations once exchanges of names are settled
+NAMING_ROUNDS = 2  # of naming: names show how the markers sit on this subject, which sharpens the next round
+JOINT_ROUNDS = 3  # of naming a frame that is alone all at once; names hardly ever change in a fourth
 
 
 @dataclass(frozen=True)
 class HintOptions:
-    """How well users know what they say of a subject; reckoned.
+    """How well users know what they say of a subject.
 
     max_facing_error_rad  how far off an idea of the facing may be
-    facing_cost           squared deviations that a placement against the hint must be better by
-    height_sd_m           standard deviation of a height, with shoes or without, measured or remembered
+    cost                  physical: squared deviations that a placement against a hint, or against a blob that a person
+                          named, must be better by; people err less often than fits do
+    height_sd_m           physical: standard deviation of a height, with shoes or without, measured or remembered
     """
 
     max_facing_error_rad: float = float(np.radians(60))
-    facing_cost: float = 60.0
+    cost: float = 60.0
     height_sd_m: float = 0.08
 
 
 @dataclass(frozen=True)
 class CrowdOptions:
-    """When a crowd of ghosts would do as well as a subject; reckoned.
+    """When a crowd of ghosts would do as well as a subject.
 
-    min_blob_share       of a frame's blobs that a subject has where there is no crowd
-    min_confirmed        third rays a marker that show a subject in a crowd, beyond those that meet by chance
-    chance_factor        how much better than chance third rays may come out by trying many placements
+    min_named       physical: of a frame's blobs that a subject has where there is no crowd, and of its markers where it
+                    is a subject at all; less than half, as bodies hide one side
+    min_confirmed   physical: third rays a marker that show a subject in a crowd, beyond those that meet by chance
+    chance_factor   physical: how much better than chance third rays may come out by trying many placements
     """
 
-    min_blob_share: float = 0.4
+    min_named: float = 0.4
     min_confirmed: float = 0.5
     chance_factor: float = 2.0
 
@@ -157,7 +144,7 @@ class Found:
         """
         frame = self.naming.frame
         rays = (self.naming.rays >= 0).sum(axis=0)
-        if (self.naming.owner >= 0).sum() >= CROWDING.min_blob_share * frame.view.count:
+        if (self.naming.owner >= 0).sum() >= CROWDING.min_named * frame.view.count:
             return False
         low, high = frame.sight.corners
         density = frame.view.real.sum(axis=1) / (high - low).prod(axis=1)
@@ -168,7 +155,7 @@ class Found:
     @property
     def marker_cost(self) -> float:
         """How badly the names suit a body, a marker: for choosing among frames of one take. Missing markers count."""
-        return self.cost / self.naming.slot.shape[1] + FINDING.unnamed_cost * (1 - self.named)
+        return self.cost / self.naming.slot.shape[1] + SWAPS.max_unexpected * (1 - self.named)
 
 
 def find_subject(
@@ -181,7 +168,7 @@ def find_subject(
     Raises JobError when the cameras cannot fix a position at all.
     """
     cloud = build_cloud(view, setup.sight)
-    if (cloud.weight > 0).sum() < FINDING.min_points:
+    if (cloud.weight > 0).sum() < SUBJECT.min_markers:
         return None
     prior = _prior_for(hints, setup)
     starts = first_starts(view, cloud, setup, hints)
@@ -236,7 +223,7 @@ def _handicap(bodies: Bodies, hints: Hints) -> np.ndarray:
         return np.zeros(len(bodies))
     ahead = rotations.quaternion_to_matrix(bodies.quaternion)[:, :2, 0]
     agreement = ahead @ np.array([np.cos(hints.facing), np.sin(hints.facing)])
-    return np.where(agreement < np.cos(HINTING.max_facing_error_rad), HINTING.facing_cost, 0.0)
+    return np.where(agreement < np.cos(HINTING.max_facing_error_rad), HINTING.cost, 0.0)
 
 
 def _off_fixed(state: State, view: View, setup: Setup, fixed: np.ndarray | None) -> np.ndarray:
@@ -247,7 +234,7 @@ def _off_fixed(state: State, view: View, setup: Setup, fixed: np.ndarray | None)
     local = setup.sight.local(state.posed.markers)
     off = view.image[camera, fixed[camera, marker]] - setup.sight.image(local)[:, camera, marker]
     metres = np.linalg.norm(off, axis=-1) * np.maximum(local[:, camera, marker, 2], VIEWING.min_depth_m)
-    return FINDING.fixed_cost * np.minimum(metres / FINDING.min_distance_m, 1).sum(axis=1)
+    return HINTING.cost * np.minimum(metres / FINDING.min_distance_m, 1).sum(axis=1)
 
 
 def first_starts(view: View, cloud: Cloud, setup: Setup, hints: Hints) -> Bodies:
@@ -269,10 +256,11 @@ def fit_cloud(starts: Bodies, cloud: Cloud, setup: Setup, prior, arms: bool = Fa
     With `arms`, also with their arms held otherwise.
     """
     bodies = starts
-    for softness, reach, steps, free in FINDING.cloud_stages:
+    for number, (softness, reach) in enumerate(CLOUD_STAGES):
+        free = number > 0
         pull = CloudPull(cloud.points, cloud.weight, softness, reach)
         fit_some = fit_body if free else fit_placement
-        fit = fit_some(setup.model, bodies, pull, steps, prior)
+        fit = fit_some(setup.model, bodies, pull, STAGE_STEPS, prior)
         bodies = fit.bodies
         if arms and not free:
             bodies = with_arms_held(bodies, setup.model)
@@ -282,9 +270,9 @@ def fit_cloud(starts: Bodies, cloud: Cloud, setup: Setup, prior, arms: bool = Fa
 def fit_blobs(bodies: Bodies, view: View, setup: Setup, prior):
     """Bodies against the blobs themselves, visible markers only, visibility renewed at every stage."""
     posed = setup.model.pose(bodies)
-    for softness, reach, steps in FINDING.blob_stages:
+    for softness, reach in BLOB_STAGES:
         pull = visible_pull(bodies, posed, view, setup, softness, reach)
-        fit = fit_body(setup.model, bodies, pull, steps, prior)
+        fit = fit_body(setup.model, bodies, pull, STAGE_STEPS, prior)
         bodies, posed = fit.bodies, fit.state.posed
     return fit
 
@@ -304,13 +292,13 @@ def name_found(
     """
     subject = Subject(state.bodies, setup.marker_sd * float(state.bodies.scale.mean()), setup.rules.pixel)
     expected = expect(subject, state, setup)
-    for round_ in range(FINDING.rounds):
+    for round_ in range(NAMING_ROUNDS):
         naming = name(view, expected, subject, setup, fixed=fixed)
         subject = learn_noise(naming, without_own(subject, setup), setup, FINDING.noise_rate)
-        subject, state = refit(view, naming, subject, setup, FINDING.round_steps, prior)
-        if round_ == FINDING.rounds - 1:
+        subject, state = refit(view, naming, subject, setup, STAGE_STEPS, prior)
+        if round_ == NAMING_ROUNDS - 1:
             swaps = settle(view, naming, subject, state, setup, prior)
-            subject, state = refit(view, naming, subject, setup, FINDING.settled_steps, prior)
+            subject, state = refit(view, naming, subject, setup, SETTLED_STEPS, prior)
         withdraw_unexpected(naming, state, subject, setup)
         subject = learn_own(naming.meeting.points, subject, state.posed, setup, FINDING.own_rate)
         expected = expect(
@@ -318,7 +306,7 @@ def name_found(
         )
     naming = name(view, expected, subject, setup, fixed=fixed)
     unnamed = int((view.real & (naming.owner < 0)).sum())
-    cost = float(state.cost[0]) + FINDING.unnamed_cost * unnamed
+    cost = float(state.cost[0]) + SWAPS.max_unexpected * unnamed
     return Found(subject, naming, expected, confidence, trace, swaps, cost)
 
 
@@ -334,7 +322,7 @@ def name_alone(view: View, found: Found, placed: State, setup: Setup, prior, fix
     best = min(tried, key=lambda one: one.cost)
     naming = best.naming
     swaps = settle(view, naming, best.subject, best.state, setup, prior)
-    loose, state = refit(view, naming, best.subject, setup, FINDING.settled_steps, prior)
+    loose, state = refit(view, naming, best.subject, setup, SETTLED_STEPS, prior)
     subject = replace(loose, own_sd=without_own(loose, setup).own_sd)
     points = naming.meeting.points
     subject = learn_own(points, subject, state.posed, setup, FINDING.own_rate)
@@ -362,18 +350,19 @@ class _Joint:
 def _joint(view: View, naming: Naming, subject: Subject, setup: Setup, prior, fixed: np.ndarray | None) -> _Joint:
     """All names once more, all at once, until they suit the body that they make."""
     elsewhere = np.zeros(setup.model.marker_count, bool)
-    plain, seen = without_own(subject, setup), []
+    plain = without_own(subject, setup)
+    seen: list[np.ndarray] = []
     while True:
         # A marker that is placed elsewhere says little of where the body is.
         loose = replace(plain, own_sd=np.hypot(plain.own_sd, elsewhere * JOINTLY.elsewhere_m))
-        loose, state = refit(view, naming, loose, setup, FINDING.round_steps, prior)
+        loose, state = refit(view, naming, loose, setup, STAGE_STEPS, prior)
         plain = replace(plain, bodies=loose.bodies)
-        if len(seen) == FINDING.joint_rounds or any((slot == naming.slot).all() for slot in seen):
+        if len(seen) == JOINT_ROUNDS or any((slot == naming.slot).all() for slot in seen):
             break
         seen.append(naming.slot.copy())
         naming, elsewhere = _at_once(view, expect(plain, state, setup), subject.pixel, setup, fixed)
     unnamed = int((view.real & (naming.owner < 0)).sum())
-    cost = float(state.cost[0]) + FINDING.unnamed_cost * unnamed + FINDING.elsewhere_cost * int(elsewhere.sum())
+    cost = float(state.cost[0]) + SWAPS.max_unexpected * unnamed + setup.rules.max_square * int(elsewhere.sum())
     return _Joint(naming, loose, state, cost)
 
 
@@ -385,7 +374,7 @@ def _at_once(view: View, expected: Expectation, pixel: float, setup: Setup, fixe
 def settle(view: View, naming: Naming, subject: Subject, state: State, setup: Setup, prior) -> Swaps:
     """Gives neighbours each other's names for as long as that makes a better body; returns the last trial."""
     swaps = try_swaps(view, naming, subject, state, setup, prior)
-    for _ in range(FINDING.max_exchanges):
+    for _ in range(SWAPS.max_exchanges):
         if not len(swaps.loss) or swaps.loss.min() >= 0:
             break
         swap_names(naming, swaps.orders[swaps.loss.argmin()])
@@ -396,8 +385,8 @@ def settle(view: View, naming: Naming, subject: Subject, state: State, setup: Se
 def picked(state: State, index) -> State:
     """Some bodies of a state, at `index` (whole numbers)."""
     posed = Posed(*(getattr(state.posed, name)[index] for name in Posed.__dataclass_fields__))
-    parts = (state.cost, state.gradient, state.normal)
-    return State(state.bodies.pick(index), *(part[index] for part in parts), posed, state.columns[index])
+    cost, gradient, normal = (part[index] for part in (state.cost, state.gradient, state.normal))
+    return State(state.bodies.pick(index), cost, gradient, normal, posed, state.columns[index])
 
 
 def _distinct(bodies: Bodies, cost: np.ndarray, setup: Setup) -> np.ndarray:

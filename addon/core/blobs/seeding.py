@@ -21,11 +21,11 @@ def fixed_in(view: View, seeds: np.ndarray | None, markers: int) -> np.ndarray |
         return None
     camera, slot = np.nonzero(view.real)
     marker = seeds[view.row[camera, slot]]
-    said = marker != NO_MARKER
-    if not said.any():
+    known = marker != NO_MARKER
+    if not known.any():
         return None
     fixed = np.full((len(view.real), markers), -1)
-    fixed[camera[said], marker[said]] = slot[said]
+    fixed[camera[known], marker[known]] = slot[known]
     return fixed
 
 

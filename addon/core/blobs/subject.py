@@ -23,23 +23,25 @@ TIMED_STAGES = ("place", "fit", "label")
 
 @dataclass(frozen=True)
 class SubjectOptions:
-    """What is taken for granted of a subject, and what it may be found to be; reckoned.
+    """What is taken for granted of a subject, and what it may be found to be.
 
-    min_marker_sd     heights; a subject's markers are never taken to sit surer than this where the marker set has them:
-                      other labs than the one it was learned from put them elsewhere by a centimetre, as five people of
-                      three of them show
-    skin_m            by which skin lets a marker move against its segment, standard deviation: however long a subject
-                      is watched, its markers are no surer than this
-    max_own           own offsets stay within so many deviations of the marker set's own spread, so that a wrong name
-                      cannot drag one along
-    min_noise_px      the blobs' noise is never taken to be less: a few frames may look better than cameras are
-    max_noise_px      nor more: beyond it names are wrong, not blobs
-    reference_rate    frames a second for which movement from frame to frame is stated elsewhere
-    min_pace          movement a frame, as a share of that at the reference rate, is never taken to be less: what the
-                      prediction misses does not shrink with the time between frames
-    max_pace          nor more: beyond it the anchor would hold nothing
+    min_markers     physical: that show a body; three points fix where it is, a fourth tells it from its mirror image
+    min_marker_sd   measured: heights; a subject's markers are never taken to sit surer than this where the marker set
+                    has them. Other labs than the one it was learned from put them elsewhere by a centimetre, as five
+                    people of three of them show
+    skin_m          physical: by which skin lets a marker move against its segment, standard deviation: however long a
+                    subject is watched, its markers are no surer than this
+    max_own         physical: own offsets stay within so many deviations of the marker set's own spread, as those of 99
+                    people in 100 do, so that a wrong name cannot drag one along
+    min_noise_px    physical: the blobs' noise is never taken to be less, a few frames may look better than cameras are
+    max_noise_px    physical: nor more; beyond it names are wrong, not blobs
+    reference_rate  paper, 6: frames a second for which movement from frame to frame is stated elsewhere
+    min_pace        physical: movement a frame, as a share of that at the reference rate, is never taken to be less:
+                    what the prediction misses does not shrink with the time between frames
+    max_pace        physical: nor more; beyond it, below 15 frames a second, limbs go anywhere between two frames
     """
 
+    min_markers: int = 4
     min_marker_sd: float = 0.008
     skin_m: float = 0.006
     max_own: float = 3.0

@@ -14,20 +14,20 @@ from ..kernels import calls, in_use
 from ..kernels.frame_calls import Follower
 from ..kernels.structures import made_once
 from ..papers.virtual_occlusions.fit import DAMPING
-from ..papers.virtual_occlusions.labelling import CONDITION, LABEL_STEPS, Expectation, Naming, naming_of
+from ..papers.virtual_occlusions.labelling import CONDITION, LABEL_STEPS, Expectation, Naming, Rules, naming_of
 from ..papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion
 from .subject import SUBJECT, Setup, Subject, expect, learn_noise, learn_own, name, refit
 
 
 @dataclass(frozen=True)
 class AnchorOptions:
-    """Standard deviations of what a frame's body is off its prediction at `SUBJECT.reference_rate`; reckoned.
+    """Standard deviations of what a frame's body is off its prediction at `SUBJECT.reference_rate`.
 
-    translation_m  of the root, and
-    turn_rad       its turn: what acceleration and braking add to the last velocity in a sixtieth of a second
-    stretch_m      of the scale: a size does not change, it is only known better
-    bend_rad       of every joint: hands and feet turn fastest
-    shape          in the modes' own standard deviations: known better, as the size
+    translation_m  physical: of the root, and
+    turn_rad       physical: its turn; what acceleration and braking add to the last velocity in a sixtieth of a second
+    stretch_m      physical: of the scale; a size does not change, it is only known better
+    bend_rad       physical: of every joint; hands and feet turn fastest
+    shape          physical: in the modes' own standard deviations; known better, as the size
     """
 
     translation_m: float = 0.03
@@ -39,36 +39,35 @@ class AnchorOptions:
 
 @dataclass(frozen=True)
 class TrackOptions:
-    """How a subject is followed; reckoned.
+    """How a subject is followed.
 
-    velocity_kept      share of the velocity that is carried on when predicting: limbs swing, so that they slow down
-    velocity_rate      share of a frame's change that the velocity takes over, as each frame's change has its noise
-    marker_sd_m        a marker may be off its prediction, standard deviation, and
-    marker_growth_m    it grows by this with every frame in which the marker is not seen
-    max_marker_sd_m    up to this: beyond it a neighbour's blobs would do
-    unseen_at_first    frames unseen that a track's first forecast counts as: nothing is known of its velocity
-    lag_kept           share of a marker's lag that is left a frame after it was seen
-    own_rate           share of what a marker is off that the subject's own offset takes over in a frame
-    noise_rate         share of the noise that a frame shows which is taken over: the memory is of twenty frames
-    fit_steps          iterations of a frame's fit, which starts from the prediction
-    min_named_share    of the markers that should be seen; below it the subject is lost
-    min_due            markers that should be seen are never taken to be fewer
+    velocity_kept      physical: share of the velocity that is carried on when predicting: limbs swing, and slow down
+    velocity_rate      physical: share of a frame's change that the velocity takes over; each change has its noise
+    marker_sd_m        measured: a marker may be off its prediction, standard deviation; twice as much loses 0.6 % of
+                       walks in five noisy cameras (`body26`), half of it nothing
+    marker_growth_m    physical: it grows by this with every frame in which the marker is not seen
+    unseen_at_first    physical: frames unseen that a track's first forecast counts as; nothing is known of its velocity
+    lag_kept           physical: share of a marker's lag that is left a frame after it was seen; skin comes back
+    own_rate           physical: share of what a marker is off that the subject's own offset takes over in a frame
+    noise_rate         physical: share of the noise that a frame shows which is taken over, a memory of twenty frames
+    min_named_share    physical: of the markers that should be seen; below it the subject is lost
     """
 
     velocity_kept: float = 0.85
     velocity_rate: float = 0.5
     marker_sd_m: float = 0.010
     marker_growth_m: float = 0.004
-    max_marker_sd_m: float = 0.06
     unseen_at_first: int = 8
     lag_kept: float = 0.9
     own_rate: float = 0.15
     noise_rate: float = 0.05
-    fit_steps: int = 2
     min_named_share: float = 0.35
-    min_due: int = 4
 
 
+# Iterations of a frame's fit, which starts from the prediction: docs/results/virtual-occlusions.md has more and fewer.
+FOLLOWING_STEPS = 2
+# No marker is expected farther off than half way to what a blob may be: beyond it a neighbour's blobs would do.
+MAX_MARKER_SD_M = Rules.max_distance_m / 2
 ANCHORING = AnchorOptions()
 TRACKING = TrackOptions()
 
@@ -189,7 +188,7 @@ def followed_by_numpy(track: Track, view: View, setup: Setup, fixed: np.ndarray 
     with setup.clock("label"):
         naming = name(view, _forecast(predicted, track, setup), predicted, setup, step1_only=True, fixed=fixed)
     with setup.clock("fit"):
-        subject, state = refit(view, naming, predicted, setup, TRACKING.fit_steps, prior)
+        subject, state = refit(view, naming, predicted, setup, FOLLOWING_STEPS, prior)
         expected = expect(subject, state, setup)
         expected = replace(expected, points=expected.points + TRACKING.lag_kept * track.lag)
     with setup.clock("label"):
@@ -245,8 +244,8 @@ def _follower(setup: Setup, options: TrackOptions = TRACKING) -> Follower:
     capsules = (body.segment, body.start, body.axis, body.radius) if type(body) is CapsuleOcclusion else None
     anchor = anchor_weight(model.joint_count, len(model.modes), setup.pace)
     numbers = {
-        "fit_steps": options.fit_steps,
-        "min_due": options.min_due,
+        "fit_steps": FOLLOWING_STEPS,
+        "min_due": SUBJECT.min_markers,
         "min_meetings": setup.rules.min_meetings,
         "behind": NOWHERE,
         "ridge": DAMPING.ridge,
@@ -256,7 +255,7 @@ def _follower(setup: Setup, options: TrackOptions = TRACKING) -> Follower:
         "velocity_rate": options.velocity_rate,
         "sd": options.marker_sd_m * setup.pace,
         "sd_growth": options.marker_growth_m,
-        "max_sd": options.max_marker_sd_m,
+        "max_sd": MAX_MARKER_SD_M,
         "lag_kept": options.lag_kept,
         "own_rate": options.own_rate,
         "noise_rate": options.noise_rate,
@@ -278,7 +277,7 @@ def _forecast(predicted: Subject, track: Track, setup: Setup) -> Expectation:
     """Where the markers should be before the frame is looked at."""
     posed = setup.model.pose(predicted.bodies)
     deviation = TRACKING.marker_sd_m * setup.pace + TRACKING.marker_growth_m * track.unseen
-    deviation = np.minimum(deviation, TRACKING.max_marker_sd_m)
+    deviation = np.minimum(deviation, MAX_MARKER_SD_M)
     spread = (deviation**2)[:, None, None] * np.eye(3)
     return Expectation(posed.markers[0] + track.lag, spread, track.visible)
 
@@ -297,7 +296,7 @@ def advanced(
     change[:, 6:PLACEMENT] = 0
     velocity = (1 - options.velocity_rate) * track.velocity + options.velocity_rate * change
     named = (naming.slot >= 0).any(axis=0).sum()
-    due = max(expected.visible.any(axis=0).sum(), options.min_due)
+    due = max(expected.visible.any(axis=0).sum(), SUBJECT.min_markers)
     poor = bool(named < options.min_named_share * due)
     points = naming.meeting.points
     seen = np.isfinite(points[:, 0])

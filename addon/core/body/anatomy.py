@@ -9,6 +9,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 BODY_SIDES = ("L", "R")
+NO_LIFT = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -18,14 +19,14 @@ class SegmentSite:
     landmarks  names of joint centres that capture software writes among the points
     mix        {point: share} where no landmark is known; the shares add up to 1
     lift       what is added to the mix, heights (x forward, y outward, z up)
-    sd         how far people's joints stray from the mean, heights
+    sd         physical: how far people's joints stray from the mean, heights
     """
 
     name: str
     parent: str | None
     landmarks: tuple[str, ...] = ()
     mix: tuple[tuple[str, float], ...] = ()
-    lift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lift: tuple[float, float, float] = NO_LIFT
     sd: float = 0.015
 
 
@@ -36,7 +37,7 @@ class MarkerSite:
     name: str
     segment: str
     mix: tuple[tuple[str, float], ...] = ()
-    lift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lift: tuple[float, float, float] = NO_LIFT
 
 
 @dataclass(frozen=True)

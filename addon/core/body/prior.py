@@ -15,11 +15,11 @@ from .bodies import PLACEMENT, Bodies, BodyModel
 
 @dataclass(frozen=True)
 class PriorOptions:
-    """What people may do beyond the recordings that a marker set was learned from; reckoned.
+    """What people may do beyond the recordings that a marker set was learned from.
 
-    bend_floor_rad  standard deviation added to that of every bend: people do what nobody did in the recordings
-    height_floor_m  least standard deviation of a height: nobody's is known better, though a set may say so
-    stretch_sd      parts of the height by which the scale along one axis strays from the mean of the three
+    bend_floor_rad  physical: added to the standard deviation of every bend, people do what nobody did when recorded
+    height_floor_m  physical: least standard deviation of a height, nobody's is known better than to a millimetre
+    stretch_sd      physical: parts of the height by which the scale along one axis strays from the mean of the three
     """
 
     bend_floor_rad: float = 0.12

@@ -6,53 +6,22 @@ the same here. Where all cameras and all points move, turn or grow together noth
 is taken away afterwards by the cameras that agree with how they stood before, see `held`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
+from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..geometry.cameras import Cameras
 from ..geometry.rotations import cross_matrix, exponential
+from ..review.camera_places import MOVED
 from .sightings import Sightings
 
-
-@dataclass(frozen=True)
-class AdjustOptions:
-    """How cameras are adjusted; reckoned, and tried on virtual rooms and the first half of a recorded take.
-
-    loss_px      misses beyond this count by their length and not by its square: a wrong name, a merged blob
-    max_px       blobs that miss their point by more are left out of the second round
-    rounds       of adjustment, the first with all blobs
-    steps        of each at most
-    tolerance    of the cost, relative, at which a round ends
-    shift_sd_m   standard deviation of a camera's shift from where it was, and
-    turn_sd_rad  of its turn: they only keep what the blobs do not say from running away
-    world_px     misses of the cameras as they stood before that still hold the world
-    world_rows   blobs of each camera by which the world is held
-    """
-
-    loss_px: float = 1.0
-    max_px: float = 6.0
-    rounds: int = 2
-    steps: int = 40
-    tolerance: float = 1e-5
-    shift_sd_m: float = 0.05
-    turn_sd_rad: float = 0.02
-    world_px: float = 0.3
-    world_rows: int = 200
-
-
-ADJUSTING = AdjustOptions()
 TURN_AND_SHIFT = 6  # unknowns of a camera
 
 
 def adjusted(cameras: Cameras, seen: Sightings, free: np.ndarray) -> Cameras:
     """The cameras (C,) True in `free` moved and turned so that what is seen meets; the others stay."""
-    given = cameras
-    for turn in range(ADJUSTING.rounds):
-        if turn:
-            seen = seen.rows(~(seen.misses(given) > ADJUSTING.max_px))
-        given = _Bundle(given, seen, np.flatnonzero(free)).solved()
-    return given
+    return _Bundle(cameras, seen, np.flatnonzero(free)).solved()
 
 
 class _Bundle:
@@ -67,29 +36,30 @@ class _Bundle:
         column[free] = np.arange(len(free))
         self.column = column[self.seen.camera]
         self.focal = cameras.focal[self.seen.camera]
-        self.held = np.tile(
-            np.repeat([ADJUSTING.loss_px / ADJUSTING.turn_sd_rad, ADJUSTING.loss_px / ADJUSTING.shift_sd_m], 3),
-            len(free),
-        )
+        # Only what the blobs do not say is kept from running away.
+        sds = np.repeat([MOVED.turn_sd_rad, MOVED.shift_sd_m], 3)
+        self.held = np.tile(MARKER_LIMITS.noise_px / sds, len(free))
         self.places = self._places()
 
     def solved(self) -> Cameras:
         """The cameras where the blobs miss their points least."""
         from scipy.optimize import least_squares
 
-        found = least_squares(
-            self.misses,
-            self.begin,
-            jac=self.slopes,
-            loss="soft_l1",
-            f_scale=ADJUSTING.loss_px,
-            x_scale="jac",
-            method="trf",
-            tr_solver="lsmr",
-            ftol=ADJUSTING.tolerance,
-            max_nfev=ADJUSTING.steps,
-        )
-        rotation, translation, _, _ = self._moved(found.x)
+        found = self.begin
+        for loss in ("soft_l1", "cauchy"):  # a wrong name or a merged blob pulls less, and at last next to nothing
+            found = least_squares(
+                self.misses,
+                found,
+                jac=self.slopes,
+                loss=loss,
+                f_scale=SIGMAS * MARKER_LIMITS.noise_px,
+                x_scale="jac",
+                method="trf",
+                tr_solver="lsmr",
+                ftol=1e-5,
+                max_nfev=40,
+            ).x
+        rotation, translation, _, _ = self._moved(found)
         return replace(self.cameras, rotation=rotation, translation=translation)
 
     def misses(self, unknowns: np.ndarray) -> np.ndarray:
@@ -153,30 +123,24 @@ def held(before: Cameras, after: Cameras, seen: Sightings) -> Cameras:
     from scipy.optimize import least_squares
 
     points = seen.met(after)
-    rows = _some_of_each(seen, np.isfinite(points).all(axis=1))
+    rows = np.flatnonzero(np.isfinite(points[seen.point]).all(axis=1))
     camera, places = seen.camera[rows], points[seen.point[rows]]
+    each = len(rows) / len(before)  # as many of every camera would be
+    weight = before.focal[camera] * np.sqrt(each / np.bincount(camera)[camera])
     goal, middle = _imaged(after, camera, places), places.mean(axis=0)
 
     def misses(world: np.ndarray) -> np.ndarray:
         turn = np.exp(world[6]) * exponential(world[:3])[0]
         moved = (places - middle) @ turn.T + middle + world[3:6]
-        return ((_imaged(before, camera, moved) - goal) * before.focal[camera][:, None]).ravel()
+        return ((_imaged(before, camera, moved) - goal) * weight[:, None]).ravel()
 
-    world = np.zeros(7)
+    world, beyond = np.zeros(7), MARKER_LIMITS.noise_px / SIGMAS  # no noise of blobs is in it
     for loss in ("soft_l1", "cauchy"):
-        world = least_squares(misses, world, loss=loss, f_scale=ADJUSTING.world_px, x_scale="jac").x
+        world = least_squares(misses, world, loss=loss, f_scale=beyond, x_scale="jac").x
     turn, scale = exponential(world[:3])[0], np.exp(world[6])
     shift = middle + world[3:6] - scale * turn @ middle
     rotation = after.rotation @ turn.T
     return replace(after, rotation=rotation, translation=scale * after.translation - rotation @ shift)
-
-
-def _some_of_each(seen: Sightings, sound: np.ndarray) -> np.ndarray:
-    """Rows of the sightings of sound points (P,), as many of each camera."""
-    usable = np.flatnonzero(sound[seen.point])
-    shuffled = np.random.default_rng(0).permutation(usable)
-    cameras = np.unique(seen.camera[usable])
-    return np.concatenate([shuffled[seen.camera[shuffled] == one][: ADJUSTING.world_rows] for one in cameras])
 
 
 def _imaged(cameras: Cameras, camera: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -12,42 +12,29 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..data.errors import JobError
+from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk
 from ..geometry.cameras import Cameras
 from ..pipelines.blobs import BlobOptions, label_blobs
-from ..pipelines.cross_check import MethodAgreement
 from ..points.models import Model
-from ..review.odd_cameras import STANDING_OUT, CameraCheck
+from ..review.camera_order import CAMERA_HEALTH
+from ..review.odd_cameras import CameraCheck
 from .adjusting import adjusted, held
 from .sightings import Sightings
 
 
 @dataclass(frozen=True)
 class RefineOptions:
-    """How a calibration is refined; reckoned.
+    """How much of a take is labelled to refine a calibration.
 
-    parts          of a take that are labelled, spread over it, at most
-    part_frames    frames of each at most: what a subject is known by after, and little enough to do twice
-    min_frames     of each, where the take is that long: the subject is looked for anew in each
-    max_rounds     of labelling and adjusting: cameras that were moved get their names in the second
-    settled_px     a round that moves no camera's image by more is the last
-    min_points     seen by three cameras or more, for any refining
-    min_blobs      of a camera in the odd parts; with fewer it stays as it is
-    min_gain_px    by which the error of some camera must fall, and
-    min_gain       the part of it; else there is nothing to refine
-    min_named      of the usual camera's markers, the share that must have a name
+    parts          measured: of a take, spread over it: a second of each says where cameras are within their noise
+    part_frames    measured: frames of each at most: what a subject is known by after, and little enough to do twice
+    max_rounds     measured: of labelling and adjusting: cameras that were moved get their names in the second
     """
 
     parts: int = 12
     part_frames: int = 40
-    min_frames: int = 10
     max_rounds: int = 3
-    settled_px: float = 0.5
-    min_points: int = 100
-    min_blobs: int = 60
-    min_gain_px: float = 0.05
-    min_gain: float = 0.1
-    min_named: float = 0.1
 
 
 REFINING = RefineOptions()
@@ -84,7 +71,7 @@ class Refinement:
 def parts_of(first: int, last: int) -> list[tuple[int, int]]:
     """The frames of a take from `first` to `last` that are looked at: first and last frame of each part, ascending."""
     count = last - first + 1
-    parts = min(REFINING.parts, max(count // REFINING.min_frames, 2), count)
+    parts = min(REFINING.parts, count)
     length = min(REFINING.part_frames, count // parts)
     starts = first + np.linspace(0, count - length, parts).round().astype(int)
     return [(int(start), int(start) + length - 1) for start in starts]
@@ -103,13 +90,14 @@ def refine_cameras(
         raise JobError(f"{len(cameras)} cameras cannot tell which of them was moved; expected three or more")
     yield 0.0, "look at the room"
     _refuse_room(_unlabelled(parts, cameras, model))
-    given, rounds, doubts = cameras, 0, ()
+    given, rounds = cameras, 0
+    doubts: tuple[str, ...] = ()
     while True:
         span = (rounds / REFINING.max_rounds, (rounds + 1) / REFINING.max_rounds)
         labelled, check = yield from _labelled(parts, given, model, options, span)
         if not rounds:
             _refuse_room(check)
-            _refuse_nobody(check)
+            _refuse_nobody(check, model.markerset.name)
             doubts = tuple(suspect.reason for suspect in check.suspects())
         rounds += 1
         places, more = check.moved, rounds < REFINING.max_rounds
@@ -120,7 +108,7 @@ def refine_cameras(
         with threadpool_limits(1, user_api="blas"):
             fitted, kept_back = (_seen(parts, labelled, cameras, first) for first in (0, 1))
             adjusted_now = _adjusted(cameras, given, fitted)
-            still = _image_shift(given, adjusted_now, fitted) < REFINING.settled_px
+            still = _image_shift(given, adjusted_now, fitted) < MARKER_LIMITS.noise_px
         given = adjusted_now
         if still or not more:
             break
@@ -136,7 +124,7 @@ def _labelled(
     check, labelled = CameraCheck(cameras, model.markerset), []
     for number, part in enumerate(parts):
         yield span[0] + (span[1] - span[0]) * number / len(parts), f"label frames from {part.frames[0]}"
-        [chunk] = label_blobs([part], cameras, model, options, MethodAgreement())
+        [chunk] = label_blobs([part], cameras, model, options)
         check.add(part, chunk)
         labelled.append(chunk)
     return labelled, check
@@ -159,15 +147,14 @@ def _refuse_room(check: CameraCheck):
         raise JobError(f"{check.suspects()[0].reason}; expected every camera's blobs under its own name")
 
 
-def _refuse_nobody(check: CameraCheck):
+def _refuse_nobody(check: CameraCheck, name: str):
     """JobError where nobody was labelled to go by."""
     seen = check.figures.seen.max()
-    if 0 < seen < STANDING_OUT.min_seen:
+    if 0 < seen < CAMERA_HEALTH.enough:
         return  # somebody, in too few frames: what is named in them is counted next
-    if not check.usual > REFINING.min_named:
+    if not check.usual > 1 - CAMERA_HEALTH.max_lacking:
         raise JobError(
-            "nobody was recognised, so there are no named blobs to go by; expected a take of somebody who wears "
-            f"{check.markerset.name}"
+            f"nobody was recognised, so there are no named blobs to go by; expected a take of somebody who wears {name}"
         )
 
 
@@ -182,9 +169,9 @@ def _seen(parts: Sequence[Blobs], labelled: Sequence[LabelledChunk], cameras: Ca
     """What every other part shows, from the first or the second on."""
     pairs = [(part, chunk.labels) for part, chunk in zip(parts, labelled, strict=True)]
     found = Sightings.of(pairs[first::2] or pairs, cameras)
-    if found.count < REFINING.min_points:
+    if found.count < CAMERA_HEALTH.enough:
         raise JobError(
-            f"only {found.count} named markers are seen by three cameras at a time; expected {REFINING.min_points} or "
+            f"only {found.count} named markers are seen by three cameras at a time; expected {CAMERA_HEALTH.enough} or "
             "more, so a longer take, or more cameras that look at the same place"
         )
     return found
@@ -193,7 +180,7 @@ def _seen(parts: Sequence[Blobs], labelled: Sequence[LabelledChunk], cameras: Ca
 def _adjusted(before: Cameras, given: Cameras, fitted: Sightings) -> Cameras:
     """The cameras adjusted, in the world that they were in before."""
     chosen = fitted.spread(given)
-    free = chosen.blobs(len(given)) >= REFINING.min_blobs
+    free = chosen.blobs(len(given)) >= CAMERA_HEALTH.enough
     return held(before, adjusted(given, chosen, free), chosen)
 
 
@@ -212,9 +199,10 @@ def _judged(
 ) -> Refinement:
     """The refined cameras where they are clearly better in the blobs kept back, else those before."""
     old, new = kept_back.errors(before), kept_back.errors(after)
-    gain = old - new
-    with np.errstate(invalid="ignore"):
-        better = (gain > REFINING.min_gain_px) & (gain > REFINING.min_gain * old)
+    gain, count = old - new, kept_back.blobs(len(before))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        # About how surely a median of so many is known, of blobs that are never more exact than their noise.
+        better = gain > SIGMAS * np.maximum(old, MARKER_LIMITS.noise_px) / np.sqrt(count)
     refined = bool(better.any() and np.nanmean(gain) > 0)
     cameras, errors = (after, new) if refined else (before, old)
     turn = np.linalg.norm(cameras.rotation - before.rotation, axis=(1, 2)) / np.sqrt(8)
@@ -223,7 +211,7 @@ def _judged(
         refined,
         old,
         errors,
-        kept_back.blobs(len(before)),
+        count,
         np.linalg.norm(cameras.centres - before.centres, axis=1),
         2 * np.arcsin(turn),
         rounds,

@@ -10,18 +10,17 @@ import numpy as np
 from ..data.takes import NO_MARKER, Blobs, Labels
 from ..geometry.cameras import Cameras
 from ..geometry.triangulation import meet_rows
+from ..review.odd_cameras import MIN_RAYS
 
 
 @dataclass(frozen=True)
 class SightingOptions:
-    """Which points are looked at; reckoned.
+    """Which points are looked at.
 
-    min_rays    cameras that see a point: two say nothing of what is along their own lines
-    max_points  of a part of the take: what a bundle adjustment of seconds can carry
-    cell_m      edge of the cubes over which points are spread, so that where somebody stood for long counts no more
+    max_points  measured: of a part of the take, what a bundle adjustment carries in seconds
+    cell_m      physical: m, edge of the cubes over which points are spread; a step of somebody who stands about
     """
 
-    min_rays: int = 3
     max_points: int = 2500
     cell_m: float = 0.2
 
@@ -63,7 +62,7 @@ class Sightings:
             camera[reached], xy[reached], image[reached], point.ravel()[reached], int(point.max(initial=-1)) + 1
         )
         rays = np.bincount(found.point, minlength=found.count)
-        return found.kept(rays >= SIGHTING.min_rays)
+        return found.kept(rays >= MIN_RAYS)
 
     def kept(self, points: np.ndarray) -> Self:
         """The sightings of some of the points, (P,) True."""
@@ -76,7 +75,7 @@ class Sightings:
     def rows(self, where: np.ndarray) -> Self:
         """Some of the blobs, (N,) True, of the points that enough cameras still see."""
         less = type(self)(self.camera[where], self.xy[where], self.image[where], self.point[where], self.count)
-        return less.kept(np.bincount(less.point, minlength=less.count) >= SIGHTING.min_rays)
+        return less.kept(np.bincount(less.point, minlength=less.count) >= MIN_RAYS)
 
     def met(self, cameras: Cameras) -> np.ndarray:
         """(P, 3) m: where the rays of each point meet; NaN where they fix none."""

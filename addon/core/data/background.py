@@ -14,9 +14,9 @@ WORK_DONE = object()
 
 @dataclass(frozen=True)
 class BackgroundOptions:
-    """How work in a thread is watched; reckoned.
+    """How work in a thread is watched.
 
-    max_wait_s  that a step waits for news of it: as long as a window may stand still
+    max_wait_s  physical: that a step waits for news of it, s: as long as a person does not mind a window that stands
     """
 
     max_wait_s: float = 0.2

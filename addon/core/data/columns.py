@@ -8,33 +8,29 @@ from collections.abc import Callable
 
 import numpy as np
 
+from .made import Made, Table, by_frames
 from .takes import Points
 
 # Of the frames from start to stop: frame from there on and column (N,) of what is beside markers, and values (N, …).
 Beside = Callable[[slice], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
-class Columns:
+class Columns(Made):
     """An array (T, C, …) of which some frames in a row, or one, can be had: markers, and what is beside them.
 
     markers (T, M, …), of which frames can be had likewise, are in the columns `own` (M,); `beside` tells what is in the
     others.
     """
 
-    def __init__(self, markers: np.ndarray, own: np.ndarray, count: int, beside: Beside):
+    def __init__(self, markers: Table, own: np.ndarray, count: int, beside: Beside):
         self.markers, self.own, self.beside = markers, own, beside
-        self.shape = (len(markers), count, *markers.shape[2:])
+        shape = (len(markers), count, *markers.shape[2:])
+        super().__init__(shape, by_frames(shape[0], self._filled))
 
-    def __len__(self) -> int:
-        return len(self.markers)
-
-    def __getitem__(self, frames: slice | int) -> np.ndarray:
-        if not isinstance(frames, slice):
-            return self[frames : frames + 1][0]
-        start, stop, _ = frames.indices(len(self))
-        found = np.full((stop - start, *self.shape[1:]), np.nan)
-        found[:, self.own] = self.markers[start:stop]
-        frame, column, values = self.beside(slice(start, stop))
+    def _filled(self, frames: slice) -> np.ndarray:
+        found = np.full((frames.stop - frames.start, *self.shape[1:]), np.nan)
+        found[:, self.own] = self.markers[frames]
+        frame, column, values = self.beside(frames)
         found[frame, column] = values
         return found
 
@@ -59,6 +55,6 @@ def beside_of(take: Points, values: np.ndarray, column: np.ndarray, left: np.nda
     return beside
 
 
-def markers_in(columns: np.ndarray | Columns, count: int) -> np.ndarray:
+def markers_in(columns: Table, count: int) -> np.ndarray:
     """(T, M, …) the first columns, which are `count` markers."""
     return columns.markers[:] if isinstance(columns, Columns) else columns[:, :count]

@@ -3,6 +3,7 @@
 
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -18,9 +19,9 @@ class Copies:
 
     def __init__(self, *arrays: np.ndarray):
         self.arrays = arrays
-        self._given: list[tuple[tuple[np.ndarray, ...], list[tuple[int, object]]]] = []
+        self._given: list[tuple[tuple[np.ndarray, ...], list[tuple[int, Any]]]] = []
 
-    def note(self, which: int, index: object):
+    def note(self, which: int, index: Any):
         """Notes that array number `which` has changed at an index, any that arrays take."""
         for _, missed in self._given:
             missed.append((which, index))

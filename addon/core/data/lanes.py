@@ -16,16 +16,13 @@ import numpy as np
 
 @dataclass(frozen=True)
 class LaneOptions:
-    """How trajectories are packed; both reckoned, by memory.
+    """How tables (T, L) are worked on.
 
-    worthwhile   part of the trajectories that their lanes may be at most for them to share any: where less is saved,
-                 each has a lane of its own, in the order of the file
-    block_cells  of tables (T, L) that are worked on at once: a few megabytes of whatever is made of them, and
-    block_frames at most
-    whole_cells  of tables beyond which what follows from others is not kept, but worked out block by block
+    block_cells   memory: at once, a few megabytes of whatever is made of them, and
+    block_frames  memory: at most
+    whole_cells   memory: beyond which what follows from other tables is not kept, but worked out block by block
     """
 
-    worthwhile: float = 0.5
     block_cells: int = 100_000
     block_frames: int = 4096
     whole_cells: int = 2_000_000
@@ -52,10 +49,11 @@ class Lanes:
         return cls(np.arange(count), np.zeros(count, int), np.full(count, frames - 1))
 
     @classmethod
-    def packed(cls, first: np.ndarray, last: np.ndarray, options: LaneOptions = PACKING) -> Self:
+    def packed(cls, first: np.ndarray, last: np.ndarray) -> Self:
         """As few lanes as there are trajectories at a time, by their first and last frames (P,).
 
-        Lanes stand in the order of their earliest trajectories in the file.
+        Lanes stand in the order of their earliest trajectories in the file. Where they are not half as many as the
+        trajectories, each trajectory has a lane of its own, in the order of the file.
         """
         lane, count = np.zeros(len(first), int), 0
         free: list[int] = []
@@ -69,7 +67,7 @@ class Lanes:
                 count += 1
             lane[one] = heappop(free)
             heappush(busy, (int(last[one]), int(lane[one])))
-        if count > options.worthwhile * len(first):
+        if 2 * count > len(first):
             return cls(np.arange(len(first)), first, last)
         _, begin = np.unique(lane[there], return_index=True)
         place = np.empty(count, int)

@@ -90,9 +90,17 @@ class Spread:
 class Worn(Protocol):
     """The markers of a take: those of one set, or of several subjects side by side, as `MarkerSet` has them."""
 
-    markers: tuple[str, ...]
-    by_name: dict[str, int]
-    worn: "tuple[tuple[str, MarkerSet], ...]"
+    @property
+    def markers(self) -> tuple[str, ...]:
+        """Their names."""
+
+    @property
+    def by_name(self) -> dict[str, int]:
+        """The index of each by its name, and by its aliases."""
+
+    @property
+    def worn(self) -> "tuple[tuple[str, MarkerSet], ...]":
+        """Who wears them by name, and the set of each."""
 
     def __len__(self) -> int:
         """How many there are."""

@@ -58,8 +58,8 @@ def merged(old: LabelledRange, new: LabelledRange) -> LabelledRange:
     """
     if not can_merge(old, new):
         raise InputError("two ranges are of other markers or of another skeleton; expected ranges of one take")
-    parts = [_cut(old, old.first, new.first - 1), new, _cut(old, new.last + 1, old.last)]
-    parts = [part for part in parts if part is not None]
+    around = _cut(old, old.first, new.first - 1), new, _cut(old, new.last + 1, old.last)
+    parts = [part for part in around if part is not None]
     whole: list[LabelledRange] = []
     for part in parts:
         if whole and part.first > whole[-1].last + 1:

@@ -2,13 +2,15 @@
 """What goes into the labelling and what comes out of it: blobs, points, labels and the motion of the markers."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
 
 from .lanes import Lanes, blocks, standing_in, trajectories_at
+from .made import Made
 
+MEDIAN_SD = 1.4826  # a normal distribution's standard deviation is so many medians of its absolute deviations
 # How a blob or a point came by its name, in the words of label files: the three steps of the first paper's algorithm 1,
 # then what names points, then a person. The index is what `Labels.step` holds.
 STEPS = ("", "exclusive", "conflict", "remaining", "evidence", "ensemble", "fit", "trajectory", "edit")
@@ -16,6 +18,7 @@ NO_STEP, EXCLUSIVE, CONFLICT, REMAINING, BY_LIKELIHOOD, BY_PARTIAL_SOLVERS, BY_F
     len(STEPS)
 )
 NO_MARKER = NO_POINT = -1
+LABEL_COLUMNS = ("marker", "step", "confidence")
 
 # C3D files count frames no further than this, and blob files neither.
 MAX_FRAME = 2**32 - 1
@@ -89,17 +92,20 @@ class Labels:
     @classmethod
     def join(cls, parts: Iterable[Self]) -> Self:
         """Several parts one after the other."""
-        return cls(*(_joined(column) for column in zip(*(part._columns for part in parts), strict=True)))
+        whole = tuple(parts)
+        rates = [part.rate for part in whole if part.rate is not None]
+        marker, step, sure = (np.concatenate([getattr(part, name) for part in whole]) for name in LABEL_COLUMNS)
+        return cls(marker, step, sure, np.concatenate(rates) if len(rates) == len(whole) else None)
 
     def __getitem__(self, index) -> Self:
         """Some of the labels, by any index that arrays take."""
-        return type(self)(*(None if column is None else column[index] for column in self._columns))
+        rate = None if self.rate is None else self.rate[index]
+        return type(self)(self.marker[index], self.step[index], self.confidence[index], rate)
 
-    def put(self, index, other: Self):
+    def put(self, index, other: Self) -> None:
         """Writes the labels of `other` over some of these, by any index that arrays take."""
-        for mine, new in zip(self._columns, other._columns, strict=True):
-            if mine is not None:
-                mine[index] = new
+        for name in LABEL_COLUMNS if self.rate is None else (*LABEL_COLUMNS, "rate"):
+            getattr(self, name)[index] = getattr(other, name)
 
     def whole(self) -> Self:
         """All of the labels, as whatever gives some of them when it is asked has them."""
@@ -122,13 +128,12 @@ class Labels:
 
     def replaced(self, where: np.ndarray, other: Self) -> Self:
         """The labels of `other` where `where` is True, and these elsewhere; without rates."""
-        names = ("marker", "step", "confidence")
-        return type(self)(*(np.where(where, getattr(other, name), getattr(self, name)) for name in names))
+        return type(self)(*(np.where(where, getattr(other, name), getattr(self, name)) for name in LABEL_COLUMNS))
 
     def spread(self, at: tuple[np.ndarray, ...], *shape: int) -> Self:
         """A table of this shape with these labels (N,) at the indices `at`, and none elsewhere; without rates."""
         table = type(self).none(*shape)
-        for name in ("marker", "step", "confidence"):
+        for name in LABEL_COLUMNS:
             getattr(table, name)[at] = getattr(self, name)
         return table
 
@@ -138,11 +143,8 @@ class Labels:
 
     def sure(self, target: float) -> np.ndarray:
         """The markers to accept so that a part `target` of them is right, NO_MARKER elsewhere."""
-        return np.where(self.rate >= target, self.marker, NO_MARKER)
-
-    @property
-    def _columns(self) -> tuple[np.ndarray | None, ...]:
-        return tuple(getattr(self, one.name) for one in fields(self))
+        measured = np.zeros(self.marker.shape) if self.rate is None else self.rate
+        return np.where(measured >= target, self.marker, NO_MARKER)
 
 
 def placed(marker: np.ndarray, points: np.ndarray, markers: int) -> np.ndarray:
@@ -162,10 +164,6 @@ def touched_samples(blobs: Blobs, before: Labels, after: Labels, shape: tuple[in
         named = changed[labels.marker[changed] != NO_MARKER]
         found[blobs.frame[named], labels.marker[named]] = True
     return found
-
-
-def _joined(column: tuple[np.ndarray | None, ...]) -> np.ndarray | None:
-    return None if any(part is None for part in column) else np.concatenate(column)
 
 
 @dataclass(frozen=True, eq=False)
@@ -279,7 +277,7 @@ class Points:
     """A take of 3D points: P trajectories over T frames, in L lanes that several may share one after the other.
 
     names        P labels as in the file; an unlabelled trajectory has an empty name
-    xyz          (T, L, 3) m, z up; NaN where missing; an array, or what gives parts of one (`data.scaled`)
+    xyz          (T, L, 3) m, z up; NaN where missing; an array, or what makes parts of one
     residual     (T, L) m, NaN where missing or unknown, 0 where a sample was filled and not measured; likewise
     rate         frames a second
     first_frame  the source's number of the first frame
@@ -335,6 +333,10 @@ class Points:
                 residual[own, place] = self.residual[own, self.lanes.lane[index]]
         return Points(names, xyz, residual, self.rate, self.first_frame)
 
+    def ordered(self, frames: np.ndarray) -> Made:
+        """(F, W, 3) m, the points of some frames (F,), each in the order of the file, made of those asked for."""
+        return Made((len(frames), *self.xyz.shape[1:]), lambda index: self.in_order(frames[index]).xyz)
+
     def in_order(self, frames: np.ndarray) -> "InOrder":
         """Some frames (F,), ascending, with the points of each in the order of the file."""
         if self.lanes is None:
@@ -359,22 +361,9 @@ class Points:
 def _ordered(take: Points, part: slice, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(F, L) the lanes of some frames of a part, those first that have a point, by trajectory; and how many (F,)."""
     present = np.isfinite(take.xyz[part][frames]).all(axis=2)
-    number = np.where(present, take.lanes.table(part)[frames], len(take.lanes))
+    standing = take.standing
+    number = np.where(present, standing.table(part)[frames], len(standing))
     return np.argsort(number, axis=1, kind="stable").astype(np.int32), present.sum(axis=1)
-
-
-class OrderedPoints:
-    """Points (F, W, 3) m of some frames (F,) of a take, each in the order of the file, made when they are asked for."""
-
-    def __init__(self, take: Points, frames: np.ndarray):
-        self.take, self.frames = take, frames
-        self.shape = (len(frames), *take.xyz.shape[1:])
-
-    def __len__(self) -> int:
-        return len(self.frames)
-
-    def __getitem__(self, index: slice | np.ndarray) -> np.ndarray:
-        return self.take.in_order(self.frames[index]).xyz
 
 
 @dataclass(frozen=True, eq=False)
@@ -401,7 +390,7 @@ class InOrder:
         found, rate = Labels.none(len(self.xyz), self.lanes), None
         at = np.nonzero(given.named)
         to = at[0], self.lane[at]
-        for name in ("marker", "step", "confidence"):
+        for name in LABEL_COLUMNS:
             getattr(found, name)[to] = getattr(given, name)[at]
         if given.rate is not None:
             rate = np.zeros(found.marker.shape)
@@ -446,15 +435,15 @@ class PointRows:
 def places_of(take: Points, part: slice) -> tuple[np.ndarray, np.ndarray]:
     """Frame from the start of a part on and lane (N,) of all points that are there, in the order of label files."""
     if take.lanes is None:
-        return np.nonzero(np.isfinite(take.xyz[part]).all(axis=2))
-    found = []
+        row, column = np.nonzero(np.isfinite(take.xyz[part]).all(axis=2))
+        return row, column
+    found = [(np.zeros(0, int), np.zeros(0, int))]
     for block in blocks(part.stop - part.start, take.xyz.shape[1]):
         own = slice(part.start + block.start, part.start + block.stop)
         order, count = _ordered(take, own, np.arange(own.stop - own.start))
         frame, place = np.nonzero(np.arange(order.shape[1]) < count[:, None])
         found.append((frame + block.start, order[frame, place].astype(int)))
-    frame, lane = zip(*found, strict=True) if found else ([np.zeros(0, int)], [np.zeros(0, int)])
-    return np.concatenate(frame), np.concatenate(lane)
+    return np.concatenate([frame for frame, _ in found]), np.concatenate([lane for _, lane in found])
 
 
 def evenly_spread(count: int, most: int) -> np.ndarray:

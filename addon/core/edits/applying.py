@@ -6,66 +6,51 @@ given is changed. When the take was labelled again, it keeps `LabelledChunk.uned
 new labels.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
 from ..data.errors import InputError
 from ..data.lanes import Lanes
-from ..data.markersets import MarkerSet
+from ..data.markersets import Worn
 from ..data.takes import Blobs, EditOutcome, Labels, Points
-from .kinds import (
-    EDIT_KINDS,
-    Accepted,
-    AssignBlob,
-    AssignPoint,
-    BlobEdit,
-    Delete,
-    DeleteBlob,
-    Edit,
-    Edits,
-    Place,
-    Right,
-    Swap,
-    UnlabelBlob,
-    UnlabelMarker,
-    UnlabelPoint,
-    frames_of,
-    kind_of,
-    markers_of,
-)
+from .kinds import EDIT_KINDS, Accepted, BlobEdit, Edit, Edits, Place, PointEdit, Swap
 from .replay import Edited, Replay
-
-OF_POINTS = (AssignPoint, UnlabelPoint, Delete)
-# The rows (K,) in which a trajectory is there, of some of them, and its cells (K,) in a `Replay`.
-CellsOf = Callable[[int, slice], tuple[np.ndarray, np.ndarray]]
-
-
-@dataclass(frozen=True)
-class SentenceOptions:
-    """What a sentence about edits lists; reckoned.
-
-    max_names  of markers or cameras: as many as a person takes in at a glance
-    """
-
-    max_names: int = 8
-
-
-SENTENCES = SentenceOptions()
 
 
 @dataclass(frozen=True)
 class BlobEditOptions:
     """How a blob is found again.
 
-    max_distance_px  from where an edit says that it is; the contract's
+    max_distance_px  from where an edit says that it is: format, the contract's
     """
 
     max_distance_px: float = 2.0
 
 
 BLOB_EDITING = BlobEditOptions()
+NOT_AMONG = "not among what is labelled"
+
+
+class Cells(Protocol):
+    """What edits of a take go by: the index of each marker by its name, aliases too, and what is seen."""
+
+    @property
+    def names(self) -> Mapping[str, int]:
+        """The index of each marker by its name."""
+
+    @property
+    def first_frame(self) -> int:
+        """The source's number of the first frame."""
+
+    @property
+    def frame_count(self) -> int:
+        """How many frames there are."""
+
+    def meant_by(self, edit: PointEdit | BlobEdit, frames: slice) -> tuple[np.ndarray, np.ndarray, str]:
+        """(K,) the rows of some frames in which a target is, (K,) its cells in a `Replay`; and why there are none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,27 +73,26 @@ class PointCells:
     lanes: Lanes | None = None
 
     @classmethod
-    def of(cls, take: Points, markerset: MarkerSet) -> "PointCells":
+    def of(cls, take: Points, markerset: Worn) -> "PointCells":
         """Those of a take."""
         columns = np.arange(len(take.standing)) if take.columns is None else take.columns
         return cls(markerset.by_name, len(markerset), take.first_frame, take.present, columns, take.lanes)
 
-    def own(self, place: int, rows: slice) -> tuple[slice, int]:
-        """The frames, of those from start to stop, in which a trajectory by its place in `columns` stands, and where.
+    @property
+    def frame_count(self) -> int:
+        """How many frames there are."""
+        return len(self.present)
 
-        None of them are some of no length.
-        """
-        if self.lanes is None:
-            return rows, place
-        first, after = int(self.lanes.first[place]), int(self.lanes.last[place]) + 1
-        start = min(max(rows.start, first), rows.stop)
-        return slice(start, max(min(rows.stop, after), start)), int(self.lanes.lane[place])
-
-    def of_trajectory(self, number: int, rows: slice) -> tuple[np.ndarray, np.ndarray]:
-        """(K,) the rows of some in which a trajectory has a point, and (K,) its cells in them."""
-        own, lane = self.own(int(np.flatnonzero(self.columns == number)[0]), rows)
-        at = np.flatnonzero(self.present[own, lane]) + own.start
-        return at, at * self.present.shape[1] + lane
+    def meant_by(self, edit: PointEdit | BlobEdit, frames: slice) -> tuple[np.ndarray, np.ndarray, str]:
+        """(K,) the frames of some in which a trajectory has a point, and (K,) its cells in them."""
+        place = int(np.flatnonzero(self.columns == edit.point)[0]) if isinstance(edit, PointEdit) else -1
+        start, stop, lane = frames.start, frames.stop, place
+        if self.lanes is not None:
+            start = min(max(start, int(self.lanes.first[place])), stop)
+            stop = max(min(stop, int(self.lanes.last[place]) + 1), start)
+            lane = int(self.lanes.lane[place])
+        at = start + np.flatnonzero(self.present[start:stop, lane])
+        return at, at * self.present.shape[1] + lane, ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +116,7 @@ class BlobCells:
     present: np.ndarray
 
     @classmethod
-    def of(cls, blobs: Blobs, cameras: tuple[str, ...], markerset: MarkerSet) -> "BlobCells":
+    def of(cls, blobs: Blobs, cameras: tuple[str, ...], markerset: Worn) -> "BlobCells":
         """Those of a chunk."""
         return cls.named(blobs, cameras, markerset.by_name, len(markerset))
 
@@ -147,9 +131,20 @@ class BlobCells:
         present = np.arange(max(int(counts.max(initial=0)), 1)) < counts[:, None]
         return cls(names, count, cameras, blobs, image, slot, present)
 
-    def cells_of(self, blobs: np.ndarray) -> np.ndarray:
-        """(K,) the cells of some blobs (K,) in a `Replay` of the table."""
-        return self.image[blobs] * self.present.shape[1] + self.slot[blobs]
+    @property
+    def first_frame(self) -> int:
+        """The source's number of the first frame."""
+        return int(self.blobs.frames[0])
+
+    @property
+    def frame_count(self) -> int:
+        """How many frames there are."""
+        return len(self.blobs.frames)
+
+    @property
+    def cell(self) -> np.ndarray:
+        """(N,) the cell of each blob in a `Replay` of the table."""
+        return self.image * self.present.shape[1] + self.slot
 
     def table(self, labels: Labels) -> Labels:
         """The labels (N,) of the blobs, (R, K)."""
@@ -158,6 +153,34 @@ class BlobCells:
     def rows(self, table: Labels) -> Labels:
         """The labels (R, K) of the blobs, (N,)."""
         return table[self.image, self.slot]
+
+    def meant_by(self, edit: PointEdit | BlobEdit, frames: slice) -> tuple[np.ndarray, np.ndarray, str]:
+        """(K,) the images of some frames in which an edit's blob or its track is, (K,) its cells; why there is none."""
+        found, why = self.blobs_of(edit, frames) if isinstance(edit, BlobEdit) else (np.zeros(0, int), "")
+        return self.image[found], self.cell[found], why
+
+    def blobs_of(self, edit: BlobEdit, frames: slice) -> tuple[np.ndarray, str]:
+        """(K,) the blobs that an edit is of in some frames, one of a frame; and why, where there is none."""
+        own = np.array([[edit.frame, edit.x, edit.y]], dtype=float)
+        meant = own if edit.trail is None else np.concatenate([edit.trail, own])
+        index = meant[:, 0].astype(int) - self.first_frame
+        inside = (index >= frames.start) & (index < frames.stop)
+        where = np.full((self.frame_count, 2), np.nan)
+        where[index[inside]] = meant[inside, 1:]
+        blobs = self.blobs
+        of_camera = blobs.camera == self.cameras.index(edit.camera)
+        there = np.flatnonzero(of_camera & np.isfinite(where[blobs.frame, 0]))
+        off = np.hypot(*(blobs.xy[there] - where[blobs.frame[there]]).T)
+        order = np.lexsort((off, blobs.frame[there]))
+        there, off = there[order], off[order]
+        nearest = np.diff(blobs.frame[there], prepend=-1) != 0
+        there, off = there[nearest], off[nearest]
+        near = off <= BLOB_EDITING.max_distance_px
+        if near.any() or not inside.any():
+            return there[near], ""
+        words = f"{edit.camera} has no blob within {BLOB_EDITING.max_distance_px:g} px of {edit.x:g}, {edit.y:g}"
+        words += f" in frame {edit.frame}"
+        return there[near], f"{words}, the nearest is {off.min():.3g} px off" if len(off) else words
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,120 +211,48 @@ def refuse_unknown(
     names are those of its markers; frames the first and last of the take; points the trajectories of a take of points;
     cameras the cameras of a take of blobs. What is None is not looked at.
     """
-    points, cameras = (None if known is None else set(known) for known in (points, cameras))
+    trajectories = None if points is None else set(points)
+    views = None if cameras is None else set(cameras)
     for number, edit in enumerate(edits, 1):
-        for name in markers_of(edit):
+        for name in edit.names:
             if name not in names:
-                some = ", ".join(list(names)[: SENTENCES.max_names])
-                raise InputError(f"edit {number} names {name!r}; expected a marker of the model, such as {some}")
-        if isinstance(edit, Swap) and len({names[name] for name in edit.markers}) == 1:
+                words = f"edit {number} names {name!r}"
+                raise InputError(f"{words}; expected a marker of the model, such as {_some(names)}")
+        if isinstance(edit, Swap) and len({names[name] for name in edit.names}) == 1:
             raise InputError(f"edit {number} swaps a marker with itself; expected two markers")
-        if points is not None:
-            _refuse_point(edit, number, points)
-        if cameras is not None:
-            _refuse_camera(edit, number, cameras)
-        own = frames_of(edit)
-        if frames is not None and own is not None and not frames[0] <= own[0] <= own[1] <= frames[1]:
-            outside = own[0] if not frames[0] <= own[0] <= frames[1] else own[1]
-            words = f"edit {number} is about frame {outside}"
-            raise InputError(f"{words}; expected frames of the take, {frames[0]} to {frames[1]}")
+        if trajectories is not None:
+            _refuse_point(edit, number, trajectories)
+        if views is not None:
+            _refuse_camera(edit, number, views)
+        for frame in edit.span or ():
+            if frames is not None and not frames[0] <= frame <= frames[1]:
+                words = f"edit {number} is about frame {frame}"
+                raise InputError(f"{words}; expected frames of the take, {frames[0]} to {frames[1]}")
 
 
 def _refuse_point(edit: Edit, number: int, points: set[int]):
     if isinstance(edit, BlobEdit):
         raise InputError(f"edit {number} is of a blob in a take of points; expected one with a point")
-    if isinstance(edit, OF_POINTS) and edit.point not in points:
+    if isinstance(edit, PointEdit) and edit.point not in points:
         words = f"edit {number} is of trajectory {edit.point}, which the take does not have"
         raise InputError(f"{words}; expected one of its {len(points)}, up to {max(points, default=0)}")
 
 
 def _refuse_camera(edit: Edit, number: int, cameras: set[str]):
-    if isinstance(edit, OF_POINTS):
+    if isinstance(edit, PointEdit):
         raise InputError(f"edit {number} is of a point in a take of blobs; expected one with camera, frame, x and y")
     if isinstance(edit, BlobEdit) and edit.camera not in cameras:
-        some = ", ".join(sorted(cameras)[: SENTENCES.max_names])
-        raise InputError(f"edit {number} is of the camera {edit.camera!r}; expected one of {some}")
+        raise InputError(f"edit {number} is of the camera {edit.camera!r}; expected one of {_some(sorted(cameras))}")
+
+
+def _some(names: Iterable[str]) -> str:
+    """As many of some names as a sentence lists."""
+    return ", ".join(list(names)[:8])
 
 
 def apply_to_points(labels: Labels, edits: Edits, cells: PointCells) -> AppliedEdits:
     """The labels (T, P) with the edits applied in their order, of a take that `refuse_unknown` lets pass."""
-    replay, frames = Replay.of_table(labels, cells.count), (cells.first_frame, len(cells.present))
-    outcomes = [apply_edit(replay, edit, frames, cells.names, cells.of_trajectory) for edit in edits]
-    edited = replay.done(labels)
-    return AppliedEdits(edited.labels, edited, tuple(outcomes), dict(replay.places))
-
-
-def apply_edit(
-    replay: Replay, edit: Edit, frames: tuple[int, int], names: Mapping[str, int], cells_of: CellsOf
-) -> EditOutcome:
-    """Applies an edit of points to a take whose rows are its frames: the first one's number, and how many."""
-    rows = _rows(edit, *frames)
-    return _outcome(edit, 0 if rows is None else _applied(replay, edit, rows, names, cells_of), rows is None)
-
-
-def _applied(replay: Replay, edit: Edit, rows: slice, names: Mapping[str, int], cells_of: CellsOf) -> int:
-    """Applies an edit of points to some frames; how many labels it is about."""
-    marker = [names[name] for name in markers_of(edit)]
-    if isinstance(edit, AssignPoint):
-        return replay.assign(*cells_of(edit.point, rows), *marker)
-    if isinstance(edit, UnlabelPoint):
-        return replay.unlabel(*cells_of(edit.point, rows))
-    if isinstance(edit, Delete):
-        return replay.delete(*cells_of(edit.point, rows))
-    if isinstance(edit, Accepted):
-        return rows.stop - rows.start
-    if isinstance(edit, Place):
-        return replay.place(rows.start, *marker, np.array(edit.xyz))
-    return _of_markers(replay, edit, rows, marker)
-
-
-def _of_markers(replay: Replay, edit: Edit, rows: slice, marker: list[int]) -> int:
-    """Applies an edit that goes by what has a marker's name."""
-    work = {UnlabelMarker: replay.unlabel_marker, Swap: replay.swap, Right: replay.lock}[type(edit)]
-    return work(rows, *marker)
-
-
-def _rows(edit: Edit, first_frame: int, count: int) -> slice | None:
-    """The frames of `count` from `first_frame` on that an edit is about, None for none of them."""
-    first, last = frames_of(edit) or (first_frame, first_frame + count - 1)
-    first, after = max(first - first_frame, 0), min(last - first_frame + 1, count)
-    return slice(first, after) if first < after else None
-
-
-def unless_heard(outcomes: Sequence[EditOutcome], edits: Edits, heard: Collection[Accepted]) -> tuple[EditOutcome, ...]:
-    """The outcomes, where whoever accepts what no review says found nothing; `heard` are those that one says."""
-    told = list(outcomes)
-    for index, edit in enumerate(edits if told else ()):
-        if isinstance(edit, Accepted) and edit not in heard and told[index].labels:
-            told[index] = EditOutcome(kind_of(edit), 0, f"nothing to look at says {edit.doubt[:60]!r}")
-    return tuple(told)
-
-
-def found_outside(edit: Edit) -> EditOutcome:
-    """What became of an edit that is of no frame of the take."""
-    return _outcome(edit, 0, True)
-
-
-def _outcome(edit: Edit, count: int, outside: bool) -> EditOutcome:
-    """What became of an edit."""
-    if count:
-        return EditOutcome(kind_of(edit), count)
-    first, last = frames_of(edit) or (None, None)
-    when = "the take" if first is None else f"frame {first}" if first == last else f"frames {first} to {last}"
-    if outside:
-        verb = "is" if first == last else "are"
-        return EditOutcome(kind_of(edit), 0, f"{when} {verb} not among what is labelled")
-    if isinstance(edit, AssignPoint | Delete):
-        what = f"trajectory {edit.point} has no point"
-    elif isinstance(edit, UnlabelPoint):
-        what = f"trajectory {edit.point} has no name"
-    elif isinstance(edit, BlobEdit):
-        what = f"the blob at {edit.x:g}, {edit.y:g} of {edit.camera} has no name"
-    elif isinstance(edit, Swap):
-        what = f"neither {edit.markers[0]} nor {edit.markers[1]} is named"
-    else:
-        what = f"{markers_of(edit)[0]} is not named"
-    return EditOutcome(kind_of(edit), 0, f"{what} in {when}")
+    return _applied(labels, edits, cells, Replay.of_table(labels, cells.count))
 
 
 def apply_to_blobs(labels: Labels, edits: Edits, cells: BlobCells) -> AppliedEdits:
@@ -310,80 +261,57 @@ def apply_to_blobs(labels: Labels, edits: Edits, cells: BlobCells) -> AppliedEdi
     Take what became of the edits of all chunks together with `joined`.
     """
     table = cells.table(labels)
-    replay = Replay.of_table(table, cells.count)
-    places: dict[tuple[int, int], np.ndarray] = {}
-    outcomes = []
-    for edit in edits:
-        rows, reason, done = _rows(edit, int(cells.blobs.frames[0]), len(cells.blobs.frames)), "", 0
-        if rows is not None and isinstance(edit, Place):
-            places[rows.start, cells.names[edit.marker]], done = np.array(edit.xyz), 1
-        elif rows is not None and isinstance(edit, BlobEdit):
-            found, reason = blobs_of(edit, cells)
-            done = _of_blobs(replay, edit, cells.image[found], cells.cells_of(found), cells.names)
-            if isinstance(edit, AssignBlob):
-                _give_up_places(places, replay, cells.names[edit.marker], cells.blobs.frame[found], len(cells.cameras))
-        elif rows is not None and isinstance(edit, Accepted):
-            done = rows.stop - rows.start
-        elif rows is not None:
-            images = slice(rows.start * len(cells.cameras), rows.stop * len(cells.cameras))
-            done = _of_markers(replay, edit, images, [cells.names[name] for name in markers_of(edit)])
-            done += _move_places(places, edit, rows, cells.names)
-        outcomes.append(replace(_outcome(edit, done, rows is None), **({"reason": reason} if reason else {})))
-    edited = replay.done(table)
-    return AppliedEdits(cells.rows(edited.labels), edited, tuple(outcomes), places)
+    applied = _applied(table, edits, cells, Replay.of_table(table, cells.count, len(cells.cameras)))
+    return replace(applied, labels=cells.rows(applied.labels))
 
 
-def _move_places(places: dict, edit: Edit, rows: slice, names: Mapping[str, int]) -> int:
-    """Takes away places whose marker an edit takes, or exchanges them; how many."""
-    if isinstance(edit, Right):
-        return 0
-    marker = [names[name] for name in markers_of(edit)]
-    moved = {key: places.pop(key) for key in list(places) if rows.start <= key[0] < rows.stop and key[1] in marker}
-    if isinstance(edit, Swap):
-        places.update({(frame, sum(marker) - name): xyz for (frame, name), xyz in moved.items()})
-    return len(moved)
+def _applied(labels: Labels, edits: Edits, cells: Cells, replay: Replay) -> AppliedEdits:
+    outcomes = tuple([apply_edit(replay, edit, cells) for edit in edits])
+    edited = replay.done(labels)
+    return AppliedEdits(edited.labels, edited, outcomes, dict(replay.places))
 
 
-def _give_up_places(places: dict, replay: Replay, marker: int, frames: np.ndarray, cameras: int):
-    """Takes away where a marker was placed in some frames (K,), once blobs of two cameras say where it is."""
-    for frame in frames.tolist():
-        if (frame, marker) in places and replay.seen(np.arange(frame * cameras, (frame + 1) * cameras), marker) >= 2:
-            del places[frame, marker]
+def apply_edit(replay: Replay, edit: Edit, cells: Cells) -> EditOutcome:
+    """Applies an edit to a take; what became of it."""
+    first, last = edit.span or (cells.first_frame, cells.first_frame + cells.frame_count - 1)
+    frames = slice(max(first - cells.first_frame, 0), min(last - cells.first_frame + 1, cells.frame_count))
+    if frames.start >= frames.stop:
+        return found_outside(edit)
+    rows, why = slice(frames.start * replay.images, frames.stop * replay.images), ""
+    marker, change = [cells.names[name] for name in edit.names], edit.verb.change
+    if isinstance(edit, PointEdit | BlobEdit):
+        at, cell, why = cells.meant_by(edit, frames)
+        count = change(replay, at, cell, *marker)
+    elif isinstance(edit, Place):
+        count = change(replay, rows, *marker, edit.xyz)
+    else:
+        count = change(replay, rows, *marker)
+    return EditOutcome(edit.verb.kind, count, "" if count else why or f"{_missing(edit)} in {_when(edit)}")
 
 
-def _of_blobs(replay: Replay, edit: BlobEdit, image: np.ndarray, cell: np.ndarray, names: Mapping[str, int]) -> int:
-    """Applies an edit of blobs, by image and cell (K,), one of an image at most; how many labels it is about."""
-    if isinstance(edit, AssignBlob):
-        return replay.assign(image, cell, names[edit.marker])
-    work = {UnlabelBlob: replay.unlabel, DeleteBlob: replay.delete}[type(edit)]
-    return work(image, cell)
+def unless_heard(outcomes: Sequence[EditOutcome], edits: Edits, heard: Collection[Accepted]) -> tuple[EditOutcome, ...]:
+    """The outcomes, where whoever accepts what no review says found nothing; `heard` are those that one says."""
+    told = list(outcomes)
+    for index, edit in enumerate(edits if told else ()):
+        if isinstance(edit, Accepted) and edit not in heard and told[index].labels:
+            told[index] = EditOutcome(edit.verb.kind, 0, _missing(edit))
+    return tuple(told)
 
 
-def blobs_of(edit: BlobEdit, cells: BlobCells) -> tuple[np.ndarray, str]:
-    """(K,) the rows of the blobs of a chunk that an edit is of, one of a frame; and why, where there is none."""
-    first, count = int(cells.blobs.frames[0]), len(cells.blobs.frames)
-    own = np.array([[edit.frame, edit.x, edit.y]], dtype=float)
-    meant = own if edit.trail is None else np.concatenate([edit.trail, own])
-    meant = meant[(meant[:, 0] >= first) & (meant[:, 0] < first + count)]
-    where = np.full((count, 2), np.nan)
-    where[meant[:, 0].astype(int) - first] = meant[:, 1:]
-    blobs = cells.blobs
-    of_camera = blobs.camera == cells.cameras.index(edit.camera)
-    there = np.flatnonzero(of_camera & np.isfinite(where[blobs.frame, 0]))
-    off = np.hypot(*(blobs.xy[there] - where[blobs.frame[there]]).T)
-    order = np.lexsort((off, blobs.frame[there]))
-    there, off = there[order], off[order]
-    nearest = np.diff(blobs.frame[there], prepend=-1) != 0
-    there, off = there[nearest], off[nearest]
-    near = off <= BLOB_EDITING.max_distance_px
-    return there[near], "" if near.any() or not len(meant) else _no_blob(edit, off)
+def found_outside(edit: Edit) -> EditOutcome:
+    """What became of an edit that is of no frame of the take."""
+    first, last = edit.span or (None, None)
+    return EditOutcome(edit.verb.kind, 0, f"{_when(edit)} {'is' if first == last else 'are'} {NOT_AMONG}")
 
 
-def _no_blob(edit: BlobEdit, off: np.ndarray) -> str:
-    """Why an edit finds no blob, of which the nearest are so far `off` (K,) px."""
-    words = f"{edit.camera} has no blob within {BLOB_EDITING.max_distance_px:g} px of {edit.x:g}, {edit.y:g}"
-    words += f" in frame {edit.frame}"
-    return f"{words}, the nearest is {off.min():.3g} px off" if len(off) else words
+def _missing(edit: Edit) -> str:
+    return edit.verb.missing.format(target=edit.target)
+
+
+def _when(edit: Edit) -> str:
+    """The frames that an edit is about, in a sentence about what it did not find."""
+    first, last = edit.span or (None, None)
+    return "the take" if first is None else f"frame {first}" if first == last else f"frames {first} to {last}"
 
 
 def joined(chunks: Iterable[tuple[EditOutcome, ...]]) -> tuple[EditOutcome, ...]:
@@ -399,15 +327,15 @@ def both(one: EditOutcome, two: EditOutcome) -> EditOutcome:
     count = one.labels + two.labels
     if count:
         return EditOutcome(one.kind, count)
-    outside = "not among what is labelled"
-    return two if outside not in two.reason else one
+    return one if NOT_AMONG in two.reason else two
 
 
 def summary_of(outcomes: Iterable[EditOutcome]) -> dict:
     """What a report says of edits: how many of each kind found something, and of each of the others why it did not."""
     outcomes = tuple(outcomes)
-    kinds = [kind for kind in dict.fromkeys(EDIT_KINDS.values()) if any(one.kind == kind for one in outcomes)]
-    done = {kind: sum(one.kind == kind and one.labels > 0 for one in outcomes) for kind in kinds}
+    kinds = dict.fromkeys(kind.verb.kind for kind in EDIT_KINDS)
+    there = {one.kind for one in outcomes}
+    done = {kind: sum(one.kind == kind and one.labels > 0 for one in outcomes) for kind in kinds if kind in there}
     missed = [
         {"edit": number, "kind": one.kind, "reason": one.reason}
         for number, one in enumerate(outcomes, 1)

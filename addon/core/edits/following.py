@@ -13,7 +13,7 @@ import numpy as np
 from ..data.copies import Copies
 from ..data.takes import BY_EDIT, NO_MARKER, NO_POINT, NO_STEP, EditOutcome, Labels, PointRows
 from .applying import apply_edit
-from .kinds import Edit, Edits
+from .kinds import BlobEdit, Edit, Edits, PointEdit
 from .replay import FREE, Change, Replay
 
 
@@ -21,8 +21,8 @@ from .replay import FREE, Change, Replay
 class FollowingOptions:
     """What is kept to go back.
 
-    most_kept  former values, in all edits together, for taking the last ones back: those of some 35 edits of the whole
-               of 20,000 frames (reckoned; 120 MB). Where edits farther back are taken away, all are applied again
+    most_kept  memory: former values, in all edits together, for taking the last ones back: 120 MB, of some 35 edits of
+               the whole of 20,000 frames. Where edits farther back are taken away, all are applied again
     """
 
     most_kept: int = 10_000_000
@@ -125,7 +125,7 @@ class Following:
                 break
             same += 1
         self._go_back(same)
-        for edit in edits[same:]:
+        for edit in edits.items[same:]:
             self._go_on(edit)
         replay = self._replay
         *columns, rows, by_edit = self._copies.copy()
@@ -133,7 +133,7 @@ class Following:
         outcomes = tuple(outcome for _, outcome, _ in self._done)
         return FollowedEdits(Labels(*columns), held, replay.rule != FREE, replay.right.copy().T, outcomes)
 
-    def _begin(self):
+    def _begin(self) -> None:
         """Makes everything as it is without edits."""
         program = self._program
         self._replay = Replay(program.marker.copy(), self._own.copy())
@@ -144,10 +144,9 @@ class Following:
 
     def _go_on(self, edit: Edit):
         """Applies one more edit."""
-        changes = self._replay.changes = []
-        frames = self.rows.frames
-        first = int(frames[0]) if len(frames) else 0
-        outcome = apply_edit(self._replay, edit, (first, len(frames)), self.names, self._cells_of)
+        changes: list[Change] = []
+        self._replay.changes = changes
+        outcome = apply_edit(self._replay, edit, self)
         self._done.append((edit, outcome, changes))
         self._kept += _size(changes)
         for index, (one, said, oldest) in enumerate(self._done):
@@ -167,14 +166,24 @@ class Following:
         while len(self._done) > count:
             *_, changes = self._done.pop()
             self._kept -= _size(changes)
-            self._replay.take_back(changes)
-            self._look_again(changes)
+            self._replay.take_back(changes or ())
+            self._look_again(changes or ())
 
-    def _cells_of(self, point: int, rows: slice) -> tuple[np.ndarray, np.ndarray]:
+    @property
+    def first_frame(self) -> int:
+        """The source's number of the first frame."""
+        return int(self.rows.frames[0]) if len(self.rows.frames) else 0
+
+    @property
+    def frame_count(self) -> int:
+        """How many frames there are."""
+        return len(self.rows.frames)
+
+    def meant_by(self, edit: PointEdit | BlobEdit, frames: slice) -> tuple[np.ndarray, np.ndarray, str]:
         """(K,) the frames of some in which a trajectory has a point, and (K,) its rows in them."""
-        own = self.rows_of(point)
-        own = own[slice(*np.searchsorted(self.rows.frame[own], [rows.start, rows.stop]).tolist())]
-        return self.rows.frame[own], own
+        own = self.rows_of(edit.point) if isinstance(edit, PointEdit) else np.zeros(0, int)
+        own = own[slice(*np.searchsorted(self.rows.frame[own], [frames.start, frames.stop]).tolist())]
+        return self.rows.frame[own], own, ""
 
     def _look_again(self, changes: Iterable[Change]):
         """Makes labels and what is held follow from some changes of the replay."""

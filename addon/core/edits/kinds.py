@@ -1,43 +1,87 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a person can say of a labelled take: a few kinds of small values, and the ordered list of them.
 
+An edit is a verb of a target in some frames. All that it means is here: its file's keys are its fields, its verb says
+how it reads and what it does to labels, as a method of `Replay`. Those who apply, write or show edits know no kinds.
+
 A take is its recording, what the program named, and a list of edits. Undo is a shorter list, redo the longer one
 again: an editor keeps an `Edits` and shows `applying.apply_to_points` of it, which touches nothing it was given. Frames
-are the source's own numbers, both included, None for the whole take; a scope such as "from here on" or "this
-trajectory" is a range of frames once it is chosen.
+are the source's own numbers, both included, None for the whole take.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
+
+from .replay import Replay
+
+
+@dataclass(frozen=True)
+class Verb:
+    """What is done to a target.
+
+    kind     the word of files and reports
+    words    how an edit reads: `{target}`, with a capital `{Target}`, `{marker}`
+    missing  how it reads where it found nothing
+    change   applies it: a method of `Replay`, which gives how many labels or frames it is about
+    """
+
+    kind: str
+    words: str
+    missing: str
+    change: Callable[..., int]
+
+
+ASSIGNS = Verb("assign", "{marker} is {target}", "{target} is not seen", Replay.assign)
+UNLABELS = Verb("unlabel", "{Target} has no name", "{target} has no name", Replay.unlabel)
+DELETES = Verb("delete", "{Target} is no marker", "{target} is not seen", Replay.delete)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Edit:
-    """One thing that a person said; `more` is what its file says beside, such as who said it, and is let be."""
+    """One thing that a person said.
 
+    frames  the first and the last, both included; None for the whole take
+    more    what its file says beside, such as who said it, and is let be
+    """
+
+    verb: ClassVar[Verb]
+    frames: tuple[int, int] | None = None
     more: Mapping[str, object] = field(default_factory=dict, hash=False)
 
+    @property
+    def span(self) -> tuple[int, int] | None:
+        """The first and last frame that it is about, None for all."""
+        return self.frames
+
+    @property
+    def target(self) -> str:
+        """What it is of, in a sentence."""
+        return " and ".join(self.names)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The markers that it names."""
+        marker = getattr(self, "marker", None)
+        return () if marker is None else (marker,)
+
 
 @dataclass(frozen=True)
-class RangeEdit(Edit):
-    """An edit of some frames: the first and the last, both included; None for the whole take."""
-
-    frames: tuple[int, int] | None = field(default=None, kw_only=True)
-
-
-@dataclass(frozen=True)
-class AssignPoint(RangeEdit):
-    """A trajectory, by its index in the file, is a marker."""
+class PointEdit(Edit):
+    """An edit of a trajectory, by its index in the file."""
 
     point: int
-    marker: str
+
+    @property
+    def target(self) -> str:
+        """What it is of, in a sentence."""
+        return f"trajectory {self.point}"
 
 
 @dataclass(frozen=True)
-class BlobEdit(RangeEdit):
+class BlobEdit(Edit):
     """An edit of the blob at x, y px of a camera's image in a frame; with `frames`, of its track in that camera there.
 
     trail  (K, 3) frame, x and y px of the other blobs of that track, made of the take by `blob_tracks.followed`; it is
@@ -50,73 +94,118 @@ class BlobEdit(RangeEdit):
     y: float
     trail: np.ndarray | None = field(default=None, compare=False, repr=False, kw_only=True)
 
+    @property
+    def span(self) -> tuple[int, int]:
+        """The first and last frame that it is about."""
+        return self.frames or (self.frame, self.frame)
+
+    @property
+    def target(self) -> str:
+        """What it is of, in a sentence."""
+        return f"the blob at {self.x:.0f} {self.y:.0f} of {self.camera}"
+
+
+@dataclass(frozen=True)
+class AssignPoint(PointEdit):
+    """A trajectory is a marker."""
+
+    verb: ClassVar[Verb] = ASSIGNS
+    marker: str
+
 
 @dataclass(frozen=True)
 class AssignBlob(BlobEdit):
     """A blob is a marker."""
 
+    verb: ClassVar[Verb] = ASSIGNS
     marker: str
+
+
+@dataclass(frozen=True)
+class UnlabelPoint(PointEdit):
+    """A trajectory is not what it is named, and has no name."""
+
+    verb: ClassVar[Verb] = UNLABELS
 
 
 @dataclass(frozen=True)
 class UnlabelBlob(BlobEdit):
     """A blob is not what it is named, and has no name."""
 
+    verb: ClassVar[Verb] = UNLABELS
+
+
+@dataclass(frozen=True)
+class Delete(PointEdit):
+    """A trajectory is no marker, whoever asks: another person's, a prop's, or nothing."""
+
+    verb: ClassVar[Verb] = DELETES
+
 
 @dataclass(frozen=True)
 class DeleteBlob(BlobEdit):
     """A blob is no marker, whoever asks."""
 
+    verb: ClassVar[Verb] = DELETES
+
 
 @dataclass(frozen=True)
-class UnlabelMarker(RangeEdit):
+class UnlabelMarker(Edit):
     """Nothing that is seen is this marker."""
 
+    verb: ClassVar[Verb] = Verb("unlabel", "Nothing is {target}", "{target} is not named", Replay.unlabel_marker)
     marker: str
 
 
 @dataclass(frozen=True)
-class UnlabelPoint(RangeEdit):
-    """A trajectory is not what it is named, and has no name."""
-
-    point: int
-
-
-@dataclass(frozen=True)
-class Swap(RangeEdit):
+class Swap(Edit):
     """Two markers have each other's names."""
 
+    verb: ClassVar[Verb] = Verb("swap", "{target} swapped", "neither of {target} is named", Replay.swap)
     markers: tuple[str, str]
 
-
-@dataclass(frozen=True)
-class Delete(RangeEdit):
-    """A trajectory is no marker, whoever asks: another person's, a prop's, or nothing."""
-
-    point: int
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The markers that it names."""
+        return self.markers
 
 
 @dataclass(frozen=True)
 class Place(Edit):
     """A marker is here in a frame, x y z in m, though no point or blob is."""
 
+    verb: ClassVar[Verb] = Verb("place", "{target} is placed by hand", "{target} is not placed", Replay.place)
     marker: str
     frame: int
     xyz: tuple[float, float, float]
 
+    @property
+    def span(self) -> tuple[int, int]:
+        """The frame that it is about, twice."""
+        return self.frame, self.frame
+
 
 @dataclass(frozen=True)
-class Right(RangeEdit):
+class Right(Edit):
     """A marker was looked at: its labels are right, and so are its gaps."""
 
+    verb: ClassVar[Verb] = Verb("right", "{target} is right", "{target} is not named", Replay.lock)
     marker: str
 
 
 @dataclass(frozen=True)
-class Accepted(RangeEdit):
+class Accepted(Edit):
     """What a review says, word for word, was looked at: it is all right as it is."""
 
+    verb: ClassVar[Verb] = Verb(
+        "right", "It is right that {target}", "nothing to look at says {target!r}", Replay.accept
+    )
     doubt: str
+
+    @property
+    def target(self) -> str:
+        """What it is of, in a sentence."""
+        return self.doubt
 
 
 @dataclass(frozen=True)
@@ -153,35 +242,8 @@ class Edits:
 
 
 NO_EDITS = Edits()
-EDIT_KINDS: dict[type[Edit], str] = {
-    AssignPoint: "assign",
-    AssignBlob: "assign",
-    UnlabelMarker: "unlabel",
-    UnlabelPoint: "unlabel",
-    UnlabelBlob: "unlabel",
-    Swap: "swap",
-    Delete: "delete",
-    DeleteBlob: "delete",
-    Place: "place",
-    Right: "right",
-    Accepted: "right",
-}
-
-
-def kind_of(edit: Edit) -> str:
-    """The word that files and reports have for what an edit does."""
-    return EDIT_KINDS[type(edit)]
-
-
-def frames_of(edit: Edit) -> tuple[int, int] | None:
-    """The first and last frame that an edit is about, None for all."""
-    if isinstance(edit, Place) or (isinstance(edit, BlobEdit) and edit.frames is None):
-        return edit.frame, edit.frame
-    return edit.frames if isinstance(edit, RangeEdit) else None
-
-
-def markers_of(edit: Edit) -> tuple[str, ...]:
-    """The markers that an edit names."""
-    if isinstance(edit, Swap):
-        return edit.markers
-    return (edit.marker,) if isinstance(edit, AssignPoint | AssignBlob | UnlabelMarker | Place | Right) else ()
+# In the order in which a row's keys are tried: the first that has all of them is meant.
+EDIT_KINDS: tuple[type[Edit], ...] = (
+    *(AssignPoint, AssignBlob, UnlabelMarker, UnlabelPoint, UnlabelBlob, Swap),
+    *(Delete, DeleteBlob, Place, Right, Accepted),
+)

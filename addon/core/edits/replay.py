@@ -8,13 +8,13 @@ that was taken by mistake and then given up is its old owner's again.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
 from ..data.takes import BY_EDIT, NO_MARKER, NO_STEP, Labels
 
-Change = tuple[str, object, object]  # a former value: the name of an array of `Replay`, an index of it, what was there
+Change = tuple[str, Any, Any]  # a former value: the name of an array of `Replay`, an index of it, what was there
 
 FREE = -1  # a cell of which no edit says anything
 NOBODY, ANYBODY = -2, -1  # of a marker in a row: nothing is it; no edit says what is
@@ -29,8 +29,6 @@ class Edited:
     refused  (T, P) the marker that a cell certainly is not, NO_MARKER where nobody said so
     claim    (T, M) the column that is each marker by an edit, NOBODY, or ANYBODY
     right    (T, M) True where the marker was looked at
-    places   (K, 2) row and marker of each that was placed, and
-    xyz      (K, 3) m, where
     swaps    rows and the two markers of each exchange, in their order
     """
 
@@ -39,8 +37,6 @@ class Edited:
     refused: np.ndarray
     claim: np.ndarray
     right: np.ndarray
-    places: np.ndarray
-    xyz: np.ndarray
     swaps: tuple[tuple[slice, int, int], ...]
 
     @property
@@ -94,15 +90,16 @@ class Replay:
     rule     (N,) what is said of a cell, as in `Edited`
     refused  (N,) likewise
     right    (M, T) True where a marker was looked at
-    places   where markers were placed, by row and marker
+    images   rows of a frame: 1 of points; of blobs as many as there are cameras, and a place is beside their names
+    places   where markers were placed, by frame and marker
     changes  former values of all that was changed, the last one last; nothing is noted where it is None
 
     A marker's rows lie side by side, as most edits are of one or two markers and many rows. Where a method takes rows
     (K,) and cells (K,), each row is there once, and a cell is of its row.
     """
 
-    def __init__(self, below: np.ndarray, own: np.ndarray):
-        self.below, self.own = below, own
+    def __init__(self, below: np.ndarray, own: np.ndarray, images: int = 1):
+        self.below, self.own, self.images = below, own, images
         self.claim = np.full(own.shape, ANYBODY, np.int32)
         self.right = np.zeros(own.shape, bool)
         self.rule = np.full(below.shape, FREE, np.int32)
@@ -112,12 +109,12 @@ class Replay:
         self.changes: list[Change] | None = None
 
     @classmethod
-    def of_table(cls, labels: Labels, markers: int) -> Self:
+    def of_table(cls, labels: Labels, markers: int, images: int = 1) -> Self:
         """That of a table of labels (T, P), whose cells are numbered row after row."""
         own = np.full((markers, len(labels.marker)), NO_MARKER, np.int32)
         row, column = np.nonzero(labels.marker != NO_MARKER)
         own[labels.marker[row, column], row] = row * labels.marker.shape[1] + column
-        return cls(labels.marker.ravel().astype(np.int32), own)
+        return cls(labels.marker.ravel().astype(np.int32), own, images)
 
     @property
     def markers(self) -> int:
@@ -125,10 +122,14 @@ class Replay:
         return len(self.own)
 
     def assign(self, at: np.ndarray, cell: np.ndarray, marker: int) -> int:
-        """In some rows (K,) cells (K,) are the marker."""
+        """In some rows (K,) cells (K,) are the marker; it is placed no more where they are a point."""
         self._let_go(at, cell)
         self._take_away(at, marker)
         self._claim(at, cell, marker)
+        for frame in {*(at // self.images).tolist()} if self.places else ():
+            rows = slice(frame * self.images, (frame + 1) * self.images)
+            if (self.holder(rows, marker) >= 0).sum() >= min(self.images, 2):
+                self._taken_up(rows, (marker,))
         return len(at)
 
     def unlabel_marker(self, rows: slice, marker: int) -> int:
@@ -137,9 +138,9 @@ class Replay:
         holder = self.holder(at, marker)
         held = holder >= 0
         self._set("refused", holder[held], marker)
-        gone = self._take_away(at, marker)
+        self._take_away(at, marker)
         self._set("claim", (marker, rows), NOBODY)
-        return int(held.sum()) + gone
+        return int(held.sum()) + len(self._taken_up(rows, (marker,)))
 
     def unlabel(self, at: np.ndarray, cell: np.ndarray) -> int:
         """In some rows (K,) cells (K,) have no name, and are not the markers that they were taken for."""
@@ -170,18 +171,19 @@ class Replay:
         for holder, marker in zip(holders, pair[::-1], strict=True):
             held = holder >= 0
             self._claim(at[held], holder[held], marker)
-        for (row, marker), xyz in moved.items():
-            self.places[row, one + other - marker] = xyz
+        for (frame, marker), xyz in moved.items():
+            self.places[frame, one + other - marker] = xyz
         self.swaps.append((rows, one, other))
         return int(sum((holder >= 0).sum() for holder in holders)) + len(moved)
 
-    def place(self, row: int, marker: int, xyz: np.ndarray) -> int:
-        """The marker is at a place, so no cell is it."""
-        self._take_away(np.array([row]), marker)
-        self._set("claim", (marker, row), NOBODY)
-        self._set("right", (marker, row), False)
+    def place(self, rows: slice, marker: int, xyz: tuple[float, float, float]) -> int:
+        """The marker is at a place in a frame, so no point is it; blobs are what they were."""
+        if self.images == 1:
+            self._take_away(self._all(rows), marker)
+            self._set("claim", (marker, rows), NOBODY)
+            self._set("right", (marker, rows), False)
         self._note_places()
-        self.places[row, marker] = xyz
+        self.places[rows.start // self.images, marker] = np.array(xyz)
         return 1
 
     def lock(self, rows: slice, marker: int) -> int:
@@ -194,9 +196,9 @@ class Replay:
         self._set("right", (marker, rows), True)
         return len(at)
 
-    def seen(self, at: np.ndarray, marker: int) -> int:
-        """In how many of some rows (K,) a cell is the marker."""
-        return int((self.holder(at, marker) >= 0).sum())
+    def accept(self, rows: slice) -> int:
+        """The labels of some rows are right; how many frames these are."""
+        return (rows.stop - rows.start) // self.images
 
     def holder(self, at: np.ndarray | slice, marker: int) -> np.ndarray:
         """(K,) the cell that is a marker in some rows, below 0 where none is."""
@@ -235,8 +237,6 @@ class Replay:
             self.refused.reshape(shape),
             np.where(self.claim >= 0, self.claim % max(width, 1), self.claim).T,
             self.right.T,
-            np.array(list(self.places), int).reshape(-1, 2),
-            np.array(list(self.places.values()), float).reshape(-1, 3),
             tuple(self.swaps),
         )
 
@@ -255,8 +255,8 @@ class Replay:
             self.changes.append(("places", None, dict(self.places)))
 
     def _taken_up(self, rows: slice, markers: tuple[int, ...]) -> dict[tuple[int, int], np.ndarray]:
-        """The places of some markers in some rows, which are no places any more."""
-        inside = range(*rows.indices(self.own.shape[1]))
+        """The places of some markers in the frames of some rows, which are no places any more."""
+        inside = range(rows.start // self.images, rows.stop // self.images)
         found = {key: xyz for key, xyz in self.places.items() if key[1] in markers and key[0] in inside}
         if found:
             self._note_places()
@@ -284,23 +284,13 @@ class Replay:
             self._set("claim", (rule[given], at[given]), ANYBODY)
             self._set("right", (rule[given], at[given]), False)
 
-    def _take_away(self, at: np.ndarray, marker: int) -> int:
-        """Whoever has a marker by an edit loses it; what a person named otherwise before has no name then.
-
-        How many of them were places.
-        """
+    def _take_away(self, at: np.ndarray, marker: int):
+        """Whoever has a marker by an edit loses it; what a person named otherwise before has no name then."""
         holder = self.claim[marker, at]
         held = holder >= 0
         row, cell = at[held], holder[held]
-        programs = self.own[marker, row] == cell
-        self._set("rule", cell, np.where(programs, FREE, self.markers + 1))
+        self._set("rule", cell, np.where(self.own[marker, row] == cell, FREE, self.markers + 1))
         self._set("right", (marker, at), False)
-        gone = [row for row in at.tolist() if (row, marker) in self.places] if self.places else []
-        if gone:
-            self._note_places()
-        for row in gone:
-            del self.places[row, marker]
-        return len(gone)
 
 
 def _exchanged(marker: np.ndarray, one: int, other: int) -> np.ndarray:

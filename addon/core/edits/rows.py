@@ -5,62 +5,43 @@ import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
+from typing import Any, TypeGuard
 
 from ..data.errors import InputError
 from ..data.takes import MAX_FRAME
-from .kinds import (
-    EDIT_KINDS,
-    Accepted,
-    AssignBlob,
-    AssignPoint,
-    BlobEdit,
-    Delete,
-    DeleteBlob,
-    Edit,
-    Edits,
-    Place,
-    Right,
-    Swap,
-    UnlabelBlob,
-    UnlabelMarker,
-    UnlabelPoint,
-    kind_of,
-)
+from .kinds import EDIT_KINDS, BlobEdit, Edit, Edits, Place
 
 EDITS_VERSION = 1
 
 
 @dataclass(frozen=True)
 class EditLimits:
-    """What an edit may say; reckoned, so that nothing a person means is beyond it.
+    """What an edit may say.
 
-    max_edits  a person makes hundreds
-    max_m      from the origin that a marker may be placed: beyond any room
-    max_px     that a blob may be looked for at: beyond any camera
-    max_point  that a trajectory may be counted as
-    max_shown  values of a list that a sentence has
+    max_edits  memory: some 100 MB of them; a person makes hundreds
+    max_m      physical, m from the origin that a marker may be placed: beyond any room
+    max_px     physical, px that a blob may be looked for at: a thousand times the width of a camera's image
     """
 
     max_edits: int = 100_000
     max_m: float = 10_000.0
     max_px: float = 1e7
-    max_point: int = 2**31 - 1
-    max_shown: int = 4
 
 
 EDIT_LIMITS = EditLimits()
+MAX_POINT = 2**31 - 1  # format: indices of trajectories are whole numbers of 32 bits
 
-BLOB_PLACE = ("camera", "frame", "x", "y")
-# Of every kind the shapes that it may have: the keys that its rows must have, and the edit that they make.
-FORMS: dict[str, tuple[tuple[type[Edit], tuple[str, ...]], ...]] = {
-    "assign": ((AssignPoint, ("point", "marker")), (AssignBlob, (*BLOB_PLACE, "marker"))),
-    "unlabel": ((UnlabelMarker, ("marker",)), (UnlabelPoint, ("point",)), (UnlabelBlob, BLOB_PLACE)),
-    "swap": ((Swap, ("markers",)),),
-    "delete": ((Delete, ("point",)), (DeleteBlob, BLOB_PLACE)),
-    "place": ((Place, ("marker", "frame", "xyz")),),
-    "right": ((Right, ("marker",)), (Accepted, ("doubt",))),
+
+def _keys_of(kind: type[Edit]) -> tuple[str, ...]:
+    """The keys that a row of this kind must have, `frames` and what a program adds aside."""
+    return tuple(one.name for one in fields(kind) if not one.kw_only)
+
+
+# Of every verb the shapes that it may have: edits and the keys that their rows must have; the first that fits is meant.
+FORMS: dict[str, list[tuple[type[Edit], tuple[str, ...]]]] = {
+    verb: [(kind, _keys_of(kind)) for kind in EDIT_KINDS if kind.verb.kind == verb]
+    for verb in dict.fromkeys(kind.verb.kind for kind in EDIT_KINDS)
 }
-NO_FRAMES = (Place,)  # whose frame is one of their keys
 
 
 def edits_of(document: object) -> Edits:
@@ -70,7 +51,8 @@ def edits_of(document: object) -> Edits:
     """
     if not isinstance(document, dict):
         raise InputError('is no object; expected edits as {"version": 1, "edits": [...]}')
-    version, rows = document.get("version"), document.get("edits")
+    version: Any = document.get("version")
+    rows = document.get("edits")
     if not _is_whole(version) or version < 1:
         raise InputError(f'has the version {_shown(version)}; expected edits with "version": {EDITS_VERSION}')
     if version > EDITS_VERSION:
@@ -92,12 +74,9 @@ def document_of(edits: Edits) -> dict:
 
 def row_of(edit: Edit) -> dict:
     """An edit as a file has it; `frames` only where it has some."""
-    own = {one.name: getattr(edit, one.name) for one in fields(edit)}
-    more = own.pop("more")
-    frames = own.pop("frames", None)
-    own.pop("trail", None)
-    row = {"kind": kind_of(edit), **{key: list(v) if isinstance(v, tuple) else v for key, v in own.items()}}
-    return row | ({} if frames is None else {"frames": list(frames)}) | dict(more)
+    own = {key: getattr(edit, key) for key in _keys_of(type(edit))}
+    row = {"kind": edit.verb.kind, **{key: list(v) if isinstance(v, tuple) else v for key, v in own.items()}}
+    return row | ({} if edit.frames is None else {"frames": list(edit.frames)}) | dict(edit.more)
 
 
 def edit_of(row: object, number: int) -> Edit:
@@ -109,7 +88,7 @@ def edit_of(row: object, number: int) -> Edit:
     if forms is None:
         raise InputError(f"edit {number} is of the kind {_shown(kind)}; expected one of {', '.join(FORMS)}")
     whole, keys = _form(row, forms, number)
-    ranged = whole not in NO_FRAMES
+    ranged = whole is not Place
     foreign = sorted((ALL_KEYS - {"kind", *keys, *(("frames",) if ranged else ())}) & set(row))
     if foreign:
         words = f"edit {number} has {foreign[0]!r} beside {' '.join(keys)}"
@@ -117,97 +96,86 @@ def edit_of(row: object, number: int) -> Edit:
     values = {key: CHECKS[key](row[key], number) for key in keys}
     if ranged and row.get("frames") is not None:
         values["frames"] = _frames(row["frames"], number)
-        if issubclass(whole, BlobEdit):
-            _refuse_elsewhere(values["frame"], values["frames"], number)
+        first, last = values["frames"]
+        if issubclass(whole, BlobEdit) and not first <= values["frame"] <= last:
+            words = f"edit {number} is of a blob of frame {values['frame']}, in frames {first} to {last}"
+            raise InputError(f"{words}; expected frames with its own among them")
     more = {key: value for key, value in row.items() if key not in ALL_KEYS}
     if not _can_be_kept(more):
         raise InputError(f"edit {number} holds what JSON cannot hold; expected finite numbers and letters of Unicode")
     return whole(**values, more=more)
 
 
-def _refuse_elsewhere(frame: int, frames: tuple[int, int], number: int):
-    """Raises InputError where a blob's own frame is not among those that its track is followed through."""
-    if not frames[0] <= frame <= frames[1]:
-        words = f"edit {number} is of a blob of frame {frame}, in frames {frames[0]} to {frames[1]}"
-        raise InputError(f"{words}; expected frames with its own among them")
-
-
 def _form(row: dict, forms: Sequence[tuple[type[Edit], tuple[str, ...]]], number: int) -> tuple[type[Edit], tuple]:
     """The shape whose keys the row has all of."""
-    fitting = [form for form in forms if set(form[1]) <= set(row)]
-    if not fitting:
-        wanted = " or ".join(_shape(*form) for form in forms)
-        raise InputError(f"edit {number} lacks {_lacks(row, forms)}; expected {wanted}")
-    return fitting[0]
-
-
-def _lacks(row: dict, forms: Sequence[tuple[type[Edit], tuple[str, ...]]]) -> str:
-    """The keys that the row lacks of the shape that it is nearest to."""
-    missing = [[key for key in keys if key not in row] for _, keys in forms]
-    return " and ".join(min(missing, key=len))
+    for form in forms:
+        if set(form[1]) <= set(row):
+            return form
+    lacking = min(([key for key in keys if key not in row] for _, keys in forms), key=len)
+    wanted = " or ".join(_shape(*form) for form in forms)
+    raise InputError(f"edit {number} lacks {' and '.join(lacking)}; expected {wanted}")
 
 
 def _shape(whole: type[Edit], keys: Sequence[str]) -> str:
     """A kind of edit in the keys of its rows."""
-    return f"{EDIT_KINDS[whole]} with {' '.join(keys)}" + ("" if whole in NO_FRAMES else " and, if wanted, frames")
+    return f"{whole.verb.kind} with {' '.join(keys)}" + ("" if whole is Place else " and, if wanted, frames")
 
 
-def _point(value: object, number: int) -> int:
-    if not _is_whole(value) or not 0 <= value <= EDIT_LIMITS.max_point:
-        words = f"edit {number} has the point {_shown(value)}"
-        raise InputError(f"{words}; expected the number of a trajectory, from 0 to {EDIT_LIMITS.max_point:,}")
+def _checked(fine: bool, value: Any, what: str, expected: str) -> Any:
+    """The value, where it is fine; InputError that shows it where it is not."""
+    if not fine:
+        raise InputError(f"{what} {_shown(value)}; expected {expected}")
     return value
 
 
-def _frame(value: object, number: int) -> int:
-    if not _is_whole(value) or abs(value) > MAX_FRAME:
-        words = f"edit {number} has the frame {_shown(value)}"
-        raise InputError(f"{words}; expected a whole number as in the source, up to {MAX_FRAME:,}")
-    return value
+def _point(value: Any, number: int) -> int:
+    fine = _is_whole(value) and 0 <= value <= MAX_POINT
+    expected = f"the number of a trajectory, from 0 to {MAX_POINT:,}"
+    return _checked(fine, value, f"edit {number} has the point", expected)
 
 
-def _frames(value: object, number: int) -> tuple[int, int]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise InputError(
-            f"edit {number} has the frames {_shown(value)}; expected the first and the last, such as [1, 9]"
-        )
+def _frame(value: Any, number: int) -> int:
+    fine = _is_whole(value) and abs(value) <= MAX_FRAME
+    expected = f"a whole number as in the source, up to {MAX_FRAME:,}"
+    return _checked(fine, value, f"edit {number} has the frame", expected)
+
+
+def _frames(value: Any, number: int) -> tuple[int, int]:
+    fine = isinstance(value, list) and len(value) == 2
+    _checked(fine, value, f"edit {number} has the frames", "the first and the last, such as [1, 9]")
     first, last = (_frame(one, number) for one in value)
     if first > last:
         raise InputError(f"edit {number} has the frames {first} to {last}; expected the first before the last")
     return first, last
 
 
-def _name(what: str) -> Callable[[object, int], str]:
-    def name(value: object, number: int) -> str:
-        if not isinstance(value, str) or not value.strip() or not _can_be_kept(value):
-            raise InputError(f"edit {number} has the {what} {_shown(value)}; expected its name")
-        return value
+def _name(what: str) -> Callable[[Any, int], str]:
+    def name(value: Any, number: int) -> str:
+        fine = isinstance(value, str) and bool(value.strip()) and _can_be_kept(value)
+        return _checked(fine, value, f"edit {number} has the {what}", "its name")
 
     return name
 
 
-def _markers(value: object, number: int) -> tuple[str, str]:
-    if not isinstance(value, list) or len(value) != 2:
-        raise InputError(f"edit {number} has the markers {_shown(value)}; expected two names")
+def _markers(value: Any, number: int) -> tuple[str, str]:
+    _checked(isinstance(value, list) and len(value) == 2, value, f"edit {number} has the markers", "two names")
     one, other = (_name("marker")(name, number) for name in value)
     if one == other:
         raise InputError(f"edit {number} swaps {one!r} with itself; expected two names")
     return one, other
 
 
-def _pixel(value: object, number: int) -> float:
-    if not _is_number(value) or abs(value) > EDIT_LIMITS.max_px:
-        limit = f"up to {EDIT_LIMITS.max_px:,.0f}"
-        raise InputError(f"edit {number} looks for a blob at {_shown(value)}; expected x and y in px, {limit}")
-    return float(value)
+def _pixel(value: Any, number: int) -> float:
+    fine = _is_number(value) and abs(value) <= EDIT_LIMITS.max_px
+    expected = f"x and y in px, up to {EDIT_LIMITS.max_px:,.0f}"
+    return float(_checked(fine, value, f"edit {number} looks for a blob at", expected))
 
 
-def _xyz(value: object, number: int) -> tuple[float, float, float]:
+def _xyz(value: Any, number: int) -> tuple[float, float, float]:
     fine = isinstance(value, list) and len(value) == 3 and all(map(_is_number, value))
-    if not fine or max(map(abs, value)) > EDIT_LIMITS.max_m:
-        words = f"edit {number} has the place {_shown(value)}"
-        raise InputError(f"{words}; expected x, y and z in m, finite and up to {EDIT_LIMITS.max_m:,.0f} either way")
-    x, y, z = map(float, value)
+    fine = fine and max(map(abs, value)) <= EDIT_LIMITS.max_m
+    expected = f"x, y and z in m, finite and up to {EDIT_LIMITS.max_m:,.0f} either way"
+    x, y, z = map(float, _checked(fine, value, f"edit {number} has the place", expected))
     return x, y, z
 
 
@@ -225,7 +193,7 @@ CHECKS: Mapping[str, Callable] = {
 ALL_KEYS = {"kind", "frames", *CHECKS}
 
 
-def _is_whole(value: object) -> bool:
+def _is_whole(value: object) -> TypeGuard[int]:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
@@ -244,16 +212,9 @@ def _can_be_kept(value: object) -> bool:
 
 def _shown(value: object) -> str:
     """A value in a sentence: short, on one line, with nothing that a terminal stumbles over."""
-    if value is None:
-        return "none"
-    if isinstance(value, list | dict):
-        return "an object" if isinstance(value, dict) else _shown_list(value)
-    if _is_whole(value) and abs(value) >= 2**63:
-        return "of too many digits"
-    return ascii(value)[:40]
-
-
-def _shown_list(values: list) -> str:
-    """The same of a list, of which some are enough to find it by."""
-    some = ["a list" if isinstance(value, list) else _shown(value) for value in values[: EDIT_LIMITS.max_shown]]
-    return f"[{', '.join(some)}{', …' if len(values) > EDIT_LIMITS.max_shown else ''}]"
+    if value is None or isinstance(value, dict):
+        return "none" if value is None else "an object"
+    if isinstance(value, list):
+        some = ["a list" if isinstance(one, list) else _shown(one) for one in value[:4]]
+        return f"[{', '.join(some)}{', …' if len(value) > len(some) else ''}]"
+    return "of too many digits" if _is_whole(value) and abs(value) >= 2**63 else ascii(value)[:40]

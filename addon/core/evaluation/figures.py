@@ -12,7 +12,7 @@ NOTHING = -1
 FOREIGN = -2
 
 
-@dataclass
+@dataclass(frozen=True)
 class Counts:
     """Whole numbers behind the figures of a labelling, or of one marker in it.
 
@@ -26,14 +26,14 @@ class Counts:
     frames    all frames
     """
 
-    given: int = 0
-    right: int = 0
-    present: int = 0
-    found: int = 0
-    absent: int = 0
-    missed: int = 0
-    spoilt: int = 0
-    frames: int = 0
+    given: int
+    right: int
+    present: int
+    found: int
+    absent: int
+    missed: int
+    spoilt: int
+    frames: int
 
     def as_dict(self) -> dict[str, float | int | None]:
         """The contract's figures by name, None where there is nothing to divide by, and the counts behind them."""
@@ -68,7 +68,7 @@ class Figures:
         self._index: dict[str, int] = {name: index for index, name in enumerate(self.markers or ())}
         self._texts = _Numbers()
         self._members: list[tuple[int, ...]] = []
-        self._total = Counts()
+        self._total = np.zeros(5, dtype=np.int64)  # labels, right ones, blobs of markers, frames, frames with errors
         self._views = 0
         self._names = np.zeros((0, 7), dtype=np.int64)
         self._steps: dict[str, list[int]] = {}
@@ -108,12 +108,13 @@ class Figures:
         # Where subjects have names, markers of nobody are none that could be there.
         markers = int(self._names.any(axis=1).sum()) if several else len(self._index)
         occluded = self._views * markers - int(self._names[:, 4].sum())
-        return Counts(**{**vars(self._total), "absent": occluded, "missed": int(self._names[:, 5].sum())})
+        given, right, present, frames, spoilt = self._total.tolist()
+        return Counts(given, right, present, right, occluded, int(self._names[:, 5].sum()), spoilt, frames)
 
     def marker(self, name: str) -> Counts:
         """The counts of one marker; `spoilt` are the frames in which its name or its blob is in an error."""
-        given, right, present, found, seen, missed, spoilt = (int(v) for v in self._names[self._index[name]])
-        return Counts(given, right, present, found, self._views - seen, missed, spoilt, self._total.frames)
+        given, right, present, found, seen, missed, spoilt = self._names[self._index[name]].tolist()
+        return Counts(given, right, present, found, self._views - seen, missed, spoilt, int(self._total[3]))
 
     @property
     def swaps(self) -> dict[tuple[str, str], int]:
@@ -123,7 +124,7 @@ class Figures:
 
     def as_dict(self) -> dict:
         """All figures, ready for JSON."""
-        figures = self.total.as_dict()
+        figures: dict[str, object] = {**self.total.as_dict()}
         figures["per_marker"] = {name: self.marker(name).as_dict() for name in self._index}
         figures["steps"] = {
             step: {"labels": given, "right": right, "precision": _ratio(right, given)}
@@ -161,8 +162,8 @@ class Figures:
 
     def _truth_tables(self) -> tuple[np.ndarray, np.ndarray]:
         """(texts, markers) whether a text stands for a marker; and the members of the texts, (members, 2) pairs."""
-        pairs = [(text, marker) for text, members in enumerate(self._members) for marker in members]
-        pairs = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+        members = [(text, marker) for text, several in enumerate(self._members) for marker in several]
+        pairs = np.array(members, dtype=np.int64).reshape(-1, 2)
         stands_for = np.zeros((len(self._members), len(self._index)), dtype=bool)
         stands_for[pairs[:, 0], pairs[:, 1]] = True
         return stands_for, pairs
@@ -171,15 +172,8 @@ class Figures:
         count, width = len(self._index), max(len(self._index), 1)
         given, right, real = rows.given, rows.right, rows.real
         wrong = np.where(real, ~right, given)
-        total = self._total
-        total.given += int(given.sum())
-        total.right += int(right.sum())
-        total.present += int(real.sum())
-        total.found += int(right.sum())
-        total.frames += frames
-        total.spoilt += len(np.unique(rows.frame[wrong]))
+        self._total += [given.sum(), right.sum(), real.sum(), frames, len(np.unique(rows.frame[wrong]))]
         self._views += views
-
         named = rows.label >= 0
         row, member = rows.members()
         label_of = np.bincount(rows.label[named], minlength=count)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A labelled take without its names, labelled anew by a model, and how many of the names come back."""
+"""A labelled take without its names, labelled again by a model, and how many of the names come back."""
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
@@ -19,12 +19,11 @@ NO_NAME, UNTOLD = -1, -2  # a point that is known to be none of the named; one o
 
 @dataclass(frozen=True)
 class RelabelOptions:
-    """How a take is made one without names; reckoned.
+    """How a take is made one without names.
 
-    max_s    s from its middle that are labelled anew: so many show most of what a take holds, and dozens of takes are
-             done in minutes
-    piece_s  s after which a trajectory is cut at the latest: raw takes come in pieces, and one that is whole from the
-             first frame to the last would be named by its easiest moment
+    max_s    s from its middle that are labelled again; physical: of a gait or sports trial that is all of it
+    piece_s  s of a trajectory at most; physical: raw trajectories break about as often, and a whole one would be named
+             by its easiest moment
     """
 
     max_s: float = 60.0
@@ -138,8 +137,9 @@ def count_names(
     named: np.ndarray, truth: np.ndarray, present: np.ndarray, markers: int, refused: str = ""
 ) -> NameCounts:
     """Counts names (T, L) against the truth (T, L) where points are present (T, L), each the number of a marker."""
-    told = present & (truth != UNTOLD)
-    named, truth = named[told], truth[told]
+    known = present & (truth != UNTOLD)
+    named, truth = named[known], truth[known]
     right = (named >= 0) & (named == truth)
     counted = (truth[truth >= 0], truth[right], named[(named >= 0) & ~right])
-    return NameCounts(*(np.bincount(which, minlength=markers) for which in counted), refused)
+    present_of, right_of, wrong_of = (np.bincount(which, minlength=markers) for which in counted)
+    return NameCounts(present_of, right_of, wrong_of, refused)

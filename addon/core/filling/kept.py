@@ -12,10 +12,10 @@ from ..data.takes import Motion
 
 @dataclass(frozen=True)
 class FillKeepingOptions:
-    """When a fill still goes with a take; reckoned.
+    """When a fill still goes with a take.
 
-    same_place_m  how far samples beside a fill may be from those that it was made between: files keep single precision,
-                  1e-6 m at 10 m, and another trajectory in the marker's place is hardly ever as near
+    same_place_m  format: how far samples beside a fill may be from those that it was made between: files keep single
+                  precision, 1e-6 m at 10 m, and another trajectory in the marker's place is hardly ever as near
     """
 
     same_place_m: float = 1e-4
@@ -75,8 +75,7 @@ def put_fills(motion: Motion, names: Sequence[str], fills: Sequence[KeptFill]) -
     markers, residual = motion.markers.copy(order="K"), motion.residual.copy(order="K")
     reasons = ["the take has no such marker"] * len(fills)
     for index, own in fills_by_marker(motion.frames, names, fills).items():
-        told = put_in_marker(markers[:, index], residual[:, index], own, fills)
-        for number, reason in told.items():
+        for number, reason in put_in_marker(markers[:, index], residual[:, index], own, fills).items():
             reasons[number] = reason
     return replace(motion, markers=markers, residual=residual), tuple(reasons)
 
@@ -100,7 +99,7 @@ def put_in_marker(
 ) -> dict[int, str]:
     """Puts the fills of a marker that go with it into its places (T, 3) and residuals (T,), as `put_fills` does.
 
-    own are its fills, as `fills_by_marker` tells them; why each does not go with it is given, by its number.
+    own are its fills, as `fills_by_marker` gives them; why each does not go with it is given, by its number.
     """
     own = list(own)
     reasons = {number: _why_not(xyz, rows, fills[number]) for number, rows in own}

@@ -18,13 +18,15 @@ class KernelPrior:
 
     Medians of what was learned with a wide prior on three takes (`s02`, `ball` and `p1` of the recorded people).
 
-    linear   share of the marker's own variance
-    curved   share of the same
-    reach    of the curved part, in standard deviations of the pose
-    slow_m   standard deviation of what comes and goes, and slow_s over which time
-    jitter_m standard deviation of jitter, and jitter_s over which time: recordings are smoothed over a few frames
-    noise_m  standard deviation of noise that no other frame knows of
-    folds    of each of these, in this order
+    linear    learned: share of the marker's own variance
+    curved    learned: share of the same
+    reach     learned: of the curved part, in standard deviations of the pose
+    slow_m    learned: standard deviation of what comes and goes, and
+    slow_s    learned: over which time
+    jitter_m  learned: standard deviation of jitter, and
+    jitter_s  learned: over which time, as recordings are smoothed over a few frames
+    noise_m   learned: standard deviation of noise that no other frame knows of
+    folds     measured: one for all errs as one for each, within 2 %; without learning from the take errors grow by 9 %
     """
 
     linear: float = 1.5
@@ -35,7 +37,7 @@ class KernelPrior:
     jitter_m: float = 0.0006
     jitter_s: float = 0.02
     noise_m: float = 0.00012
-    folds: tuple[float, ...] = (1.0, 1.2, 0.5, 0.8, 0.6, 0.6, 0.4, 0.5)
+    folds: float = 0.7
 
     @property
     def medians(self) -> np.ndarray:
@@ -138,7 +140,7 @@ class LearnedScales:
     def __post_init__(self):
         from scipy.optimize import minimize
 
-        start, reach = self.prior.medians, COVARIANCE.max_folds * np.array(self.prior.folds)
+        start, reach = self.prior.medians, COVARIANCE.max_folds * self.prior.folds
         bounds, options = list(zip(start - reach, start + reach, strict=True)), {"maxiter": self.steps}
         found = minimize(self._unlikely, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
         self.scales = found.x if found.fun < COVARIANCE.unsolvable else start
@@ -147,7 +149,7 @@ class LearnedScales:
         """Minus the logarithm of the posterior, and its derivatives."""
         from scipy.linalg import cho_factor, cho_solve
 
-        away = (scales - self.prior.medians) / np.array(self.prior.folds)
+        away = (scales - self.prior.medians) / self.prior.folds
         covariance, slopes = self.alike.slopes(scales)
         noise = np.exp(2 * scales[7])
         size = len(covariance)
@@ -160,4 +162,4 @@ class LearnedScales:
         inner = AXES * cho_solve(factor, np.eye(size)) - solved @ solved.T
         fit = 0.5 * (self.offsets * solved).sum() + AXES * np.log(np.diag(factor[0])).sum()
         slope = [0.5 * np.einsum("ij,ij->", inner, part) for part in slopes] + [np.trace(inner) * noise]
-        return fit + 0.5 * AXES * (away**2).sum(), np.array(slope) + AXES * away / np.array(self.prior.folds)
+        return fit + 0.5 * AXES * (away**2).sum(), np.array(slope) + AXES * away / self.prior.folds

@@ -14,14 +14,12 @@ from ..data.errors import InputError
 
 @dataclass(frozen=True)
 class SmoothingOptions:
-    """How trajectories are smoothed; from the source above.
+    """How trajectories are smoothed.
 
-    order    of the filter, which runs twice: once forth, once back, so that nothing lags
-    shortest samples of the shortest stretch that is smoothed; a shorter one says nothing of frequencies
+    order  paper (the source above): of the filter, which runs twice: once forth, once back, so that nothing lags
     """
 
     order: int = 2
-    shortest: int = 4
 
     def single(self, cutoff: float, rate: float) -> float:
         """Hz; the cut-off of one run, so that after both the amplitude at `cutoff` is down by 3 dB."""
@@ -48,7 +46,7 @@ def smoothed(xyz: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
     for marker in range(xyz.shape[1]):
         edges = np.flatnonzero(np.diff(np.r_[False, present[:, marker], False].astype(np.int8))).reshape(-1, 2)
         for start, stop in edges:
-            if stop - start >= SMOOTHING.shortest:
+            if stop - start > 2 * SMOOTHING.order - 1:  # a shorter stretch says nothing of frequencies
                 # Mirrored at the ends for as long as the filter remembers.
                 pad = min(int(stop - start) - 1, int(np.ceil(2 * rate / cutoff)))
                 calm[start:stop, marker] = sosfiltfilt(sections, xyz[start:stop, marker], axis=0, padlen=pad)

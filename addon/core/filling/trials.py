@@ -56,7 +56,7 @@ class GapTrialOptions:
 
 TRIALS = GapTrialOptions()
 AT_ONCE = "spline"  # takes a thousandth of the time of the favourite
-UNCARRIED = (AT_ONCE, "pattern")  # do not turn with the neighbours: right where all is calm, far off where it is not
+UNCARRIED = (AT_ONCE,)  # does not turn with the neighbours: right where all is calm, far off where it is not
 MEAN_OF_DISTANCE = np.sqrt(8 / np.pi)  # of a place whose three coordinates are off by one standard deviation
 
 

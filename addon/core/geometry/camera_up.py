@@ -12,20 +12,18 @@ AXIS_NAMES = ("x", "y", "z", "-x", "-y", "-z")
 
 @dataclass(frozen=True)
 class UprightOptions:
-    """When cameras tell which way is up; reckoned.
+    """When cameras tell which way is up.
 
-    min_upright    mean of how far the upper edges of the pictures point along an axis, 1 being all the way
-    min_clear      of that mean direction's length that lies along the axis
-    max_alike      cosine of the angle about the axis that some two views must have between them
-    max_rise       mean sine of how far views may point upwards,
-    max_rise_down  and what it takes to believe that all cameras hang head down
+    min_upright  physical: mean of how far the upper edges of the pictures point along an axis, 1 being all the way;
+                 cameras on tripods and walls stand upright, some are turned by a quarter
+    max_alike    physical: cosine of the angle about the axis between some two views; cameras stand around a room
+    max_rise     physical: mean sine of how far views point upwards, and downwards before all cameras are believed to
+                 hang head down; they look level or down on people
     """
 
     min_upright: float = 0.6
-    min_clear: float = 0.85
     max_alike: float = 0.5
     max_rise: float = 0.1
-    max_rise_down: float = -0.1
 
 
 UPRIGHT_CAMERAS = UprightOptions()
@@ -46,9 +44,9 @@ def guess_up(cameras: Cameras, options: UprightOptions = UPRIGHT_CAMERAS) -> str
     rise = ahead @ up
     about = ahead - rise[:, None] * up
     about /= np.maximum(np.linalg.norm(about, axis=1), 1e-9)[:, None]
-    clear = mean @ up > options.min_upright and mean @ up > options.min_clear * np.linalg.norm(mean)
+    clear = mean @ up > options.min_upright
     around = (about @ about.T).min() < options.max_alike
-    highest = options.max_rise_down if up[2] < 0 else options.max_rise
+    highest = -options.max_rise if up[2] < 0 else options.max_rise
     return ("-" if up[index] < 0 else "") + "xyz"[index] if clear and around and rise.mean() < highest else ""
 
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """One camera model for everything: pinhole with OpenCV's lens (k1 k2 p1 p2 k3) or Vicon's, over all points at once."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,26 +10,13 @@ from ..data.errors import InputError
 from ..kernels import calls, stands_for
 from . import inverse_lens
 
-
-@dataclass(frozen=True)
-class LensOptions:
-    """How the lens is taken out, in units of the normalised image; reckoned.
-
-    max_steps    of Newton's method, which doubles its digits with every step once it is near
-    tolerance    where the steps end: rounding
-    max_error    with which a point still counts as reached: a millionth of a pixel
-    first_share  of a lens' reach, the farthest from the axis that the steps begin
-    points_once  points that are worked on at once: few enough for the processor's cache
-    """
-
-    max_steps: int = 20
-    tolerance: float = 1e-13
-    max_error: float = 1e-9
-    first_share: float = 0.8
-    points_once: int = 8000
-
-
-UNDISTORTING = LensOptions()
+# How a lens is taken out by Newton's method, in units of the normalised image.
+LENS_STEPS = 20  # at most; each doubles the digits once it is near
+LENS_TOLERANCE = 1e-13  # where the steps end: rounding
+LENS_ERROR = 1e-9  # with which a point still counts as reached: a millionth of a pixel
+LENS_FIRST = 0.8  # of a lens' reach, the farthest from the axis that the steps begin: before the lens turns back
+LENS_POINTS = 8000  # that are worked on at once, for memory: few enough for the processor's cache
+LENS_NEWTON = LENS_STEPS, LENS_TOLERANCE, LENS_ERROR, LENS_FIRST
 NEAREST_M = 1e-9  # before a camera, m, where a point is still at its centre and has no image that a number could hold
 
 
@@ -53,14 +40,14 @@ class Cameras:
     distortion: np.ndarray
     rotation: np.ndarray
     translation: np.ndarray
-    inverse: np.ndarray | None = None
+    inverse: np.ndarray = field(default_factory=lambda: np.zeros((0, inverse_lens.TERMS)))
     remarks: tuple[str, ...] = ()
 
     def __post_init__(self):
         count = len(self.names)
-        if self.inverse is None:
+        if not len(self.inverse):
             object.__setattr__(self, "inverse", np.zeros((count, inverse_lens.TERMS)))
-        for field, shape in (
+        for name, shape in (
             ("size", (2,)),
             ("matrix", (3, 3)),
             ("distortion", (5,)),
@@ -68,11 +55,11 @@ class Cameras:
             ("translation", (3,)),
             ("inverse", (inverse_lens.TERMS,)),
         ):
-            array = np.array(getattr(self, field), dtype=float)
+            array = np.array(getattr(self, name), dtype=float)
             if array.shape != (count, *shape):
-                raise ValueError(f"{field} has shape {array.shape}; expected {(count, *shape)}")
+                raise ValueError(f"{name} has shape {array.shape}; expected {(count, *shape)}")
             array.setflags(write=False)
-            object.__setattr__(self, field, array)
+            object.__setattr__(self, name, array)
         if len(set(self.names)) != count:
             raise InputError("has two cameras of the same name; expected every camera to have a name of its own")
         for index, name in enumerate(self.names):
@@ -163,10 +150,10 @@ class Cameras:
         inverse = np.linalg.inv(self.matrix[:, :2, :2])
         image = np.einsum("nij,nj->ni", inverse[camera], pixels - self.matrix[camera, :2, 2])
         forward = np.flatnonzero(self.distortion.any(axis=1)[camera])
-        for first in range(0, len(forward), UNDISTORTING.points_once):
-            part = forward[first : first + UNDISTORTING.points_once]
+        for first in range(0, len(forward), LENS_POINTS):
+            part = forward[first : first + LENS_POINTS]
             bent = camera[part]
-            image[part] = straightened(image[part], self.distortion[bent], self.reach[bent], UNDISTORTING)
+            image[part] = straightened(image[part], self.distortion[bent], self.reach[bent], *LENS_NEWTON)
         for index in np.flatnonzero(self.inverse.any(axis=1)):
             seen = camera == index
             image[seen] = inverse_lens.straighten(image[seen], self.inverse[index])
@@ -202,22 +189,30 @@ def undistort(image: np.ndarray, lens: np.ndarray, reach: np.ndarray | None = No
     image, lens = np.asarray(image, dtype=float), np.asarray(lens, dtype=float)
     reach = np.broadcast_to(lens_reach(lens) if reach is None else reach, image.shape[:-1])
     lens = np.broadcast_to(lens, (*image.shape[:-1], lens.shape[-1])).reshape(-1, lens.shape[-1])
-    return straightened(image.reshape(-1, 2), lens, reach.ravel(), UNDISTORTING).reshape(image.shape)
+    return straightened(image.reshape(-1, 2), lens, reach.ravel(), *LENS_NEWTON).reshape(image.shape)
 
 
 @stands_for(calls.straightened)
-def straightened(image: np.ndarray, lens: np.ndarray, reach: np.ndarray, options: LensOptions) -> np.ndarray:
-    """The same of image (N, 2), lens (N, 5) and reach (N,)."""
+def straightened(
+    image: np.ndarray,
+    lens: np.ndarray,
+    reach: np.ndarray,
+    max_steps: int,
+    tolerance: float,
+    max_error: float,
+    first_share: float,
+) -> np.ndarray:
+    """The same of image (N, 2), lens (N, 5) and reach (N,), in the steps of `LENS_NEWTON`."""
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         # From a start below the turning point Newton's steps stay on the branch that light takes.
         radius = np.sqrt(np.einsum("ni,ni->n", image, image))
-        found = image * np.minimum(1.0, options.first_share * reach / radius)[:, None]
-        for _ in range(options.max_steps):
+        found = image * np.minimum(1.0, first_share * reach / radius)[:, None]
+        for _ in range(max_steps):
             error = distort(found, lens) - image
-            if np.nanmax(np.abs(error), initial=0.0) < options.tolerance:
+            if np.nanmax(np.abs(error), initial=0.0) < tolerance:
                 break
             found -= _solve2(_distort_jacobian(found, lens), error)
-        reached = np.abs(distort(found, lens) - image).max(axis=-1) < options.max_error
+        reached = np.abs(distort(found, lens) - image).max(axis=-1) < max_error
         reached &= np.einsum("ni,ni->n", found, found) < reach**2
     found[~reached] = np.nan
     return found
@@ -249,4 +244,4 @@ def _solve2(jacobian: tuple[np.ndarray, ...], right: np.ndarray) -> np.ndarray:
 
 
 # Of a take that came as points.
-NO_CAMERAS = Cameras((), *(np.zeros((0, *row)) for row in ((2,), (3, 3), (5,), (3, 3), (3,))))
+NO_CAMERAS = Cameras((), np.zeros((0, 2)), np.zeros((0, 3, 3)), np.zeros((0, 5)), np.zeros((0, 3, 3)), np.zeros((0, 3)))

@@ -5,26 +5,13 @@ With r the distance from the principal point in the image that was seen, straigh
 Taking the lens out is this formula; putting it in is the solution of one equation a point.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 TERMS = 3  # a, b and c
 
 
-@dataclass(frozen=True)
-class NewtonOptions:
-    """When Newton's method ends; reckoned.
-
-    max_steps  far more than it needs for points in front of a camera
-    max_error  of the distance from the principal point, or absolute below 1: what double precision can tell
-    """
-
-    max_steps: int = 200
-    max_error: float = 1e-14
-
-
-NEWTON = NewtonOptions()
+SEEN_STEPS = 200  # of Newton's method at most, far more than points in front of a camera take
+SEEN_ERROR = 1e-14  # of the distance from the principal point, or absolute below 1: what double precision can tell
 
 
 def straighten(image: np.ndarray, lens: np.ndarray) -> np.ndarray:
@@ -32,7 +19,7 @@ def straighten(image: np.ndarray, lens: np.ndarray) -> np.ndarray:
     square = np.einsum("...i,...i->...", image, image)
     with np.errstate(invalid="ignore", over="ignore"):
         straight = image * _growth(square, lens)[..., None]
-        return np.where((square < fold(lens) ** 2)[..., None], straight, np.nan)
+        return np.where((square < turning_point(lens) ** 2)[..., None], straight, np.nan)
 
 
 def bend(image: np.ndarray, lens: np.ndarray) -> np.ndarray:
@@ -61,14 +48,9 @@ def turning_point(radial: np.ndarray) -> np.ndarray:
         return 1 / np.sqrt(np.maximum(first, 0) + 0.0)
 
 
-def fold(lens: np.ndarray) -> np.ndarray:
-    """(...) the radius in the image that was seen from which on a lens (..., 3) turns back; inf if it never does."""
-    return turning_point(lens)
-
-
 def reach(lens: np.ndarray) -> np.ndarray:
     """(...) the radius without the lens that is seen at the fold: farther off no light comes through; or inf."""
-    end = fold(lens)
+    end = turning_point(lens)
     with np.errstate(invalid="ignore"):
         return np.where(np.isfinite(end), end * _growth(end**2, np.asarray(lens)), np.inf)
 
@@ -78,7 +60,7 @@ def nearest_forward(lens: np.ndarray, radius: float) -> np.ndarray:
 
     For programs that know OpenCV's lens only; a strong lens is beyond three radial terms.
     """
-    seen = np.linspace(0, min(radius, 0.999 * float(fold(lens))), 200)[1:]
+    seen = np.linspace(0, min(radius, 0.999 * float(turning_point(lens))), 200)[1:]
     straight = seen * _growth(seen**2, lens)
     # Scaled by the largest, the columns are near one in size and the solution keeps all its digits.
     largest = straight[-1]
@@ -100,16 +82,16 @@ def _slope(square: np.ndarray, lens: np.ndarray) -> np.ndarray:
 
 def _solve(straight: np.ndarray, lens: np.ndarray) -> np.ndarray:
     """Seen radii (N,) of lens-free radii (N,) below the reach: Newton's method kept within what encloses the root."""
-    low, high = np.zeros(len(straight)), fold(lens)
+    low, high = np.zeros(len(straight)), turning_point(lens)
     rises = np.isinf(high)
     high[rises] = np.maximum(straight[rises], 1.0)
     with np.errstate(over="ignore"):
         while len(short := rises & (high * _growth(high**2, lens) < straight)) and short.any():
             high[short] *= 2
         seen = np.minimum(straight, high)
-        for _ in range(NEWTON.max_steps):
+        for _ in range(SEEN_STEPS):
             error = seen * _growth(seen**2, lens) - straight
-            if np.abs(error / np.maximum(straight, 1)).max(initial=0) < NEWTON.max_error:
+            if np.abs(error / np.maximum(straight, 1)).max(initial=0) < SEEN_ERROR:
                 break
             low, high = np.where(error < 0, seen, low), np.where(error > 0, seen, high)
             with np.errstate(divide="ignore", invalid="ignore"):

@@ -7,34 +7,28 @@ import numpy as np
 
 from ..kernels import calls, stands_for
 from .cameras import Cameras
-from .views import Sight, View
+from .views import VIEWING, Sight, View
 
 
 @dataclass(frozen=True)
 class MeetingOptions:
-    """How rays meet; reckoned.
+    """How rays meet.
 
-    max_condition  rays whose normal equations are worse conditioned than this fix no depth: two that are nearer to
+    max_condition  physical: of the normal equations of rays, beyond which they fix no depth: two that are nearer to
                    parallel than half a degree
-    ridge          share of the equations' size that keeps parallel rays from a division by nought
-    kept_share     of the points, best first, that the noise of the blobs is taken from: a wrong name or a merged blob
-                   is not noise
-    trimmed_scale  by what leaving out the rest divides a normal deviation
-    max_rows_condition, rows_ridge  the two of `meet_rows`, stricter: it has no expected place to begin with
-    near_m, far_m  how short a ray is taken to be at least, and how long where its point is unknown
+    kept_share     measured: of the points, best first, that the noise of the blobs is taken from: a wrong name or a
+                   merged blob is not noise
+    trimmed_scale  measured: by what leaving out the rest divides a normal deviation: 1.5 where two rays meet, 1.2 where
+                   three do, by the truncated distribution of squares
     """
 
     max_condition: float = 1e5
-    ridge: float = 1e-12
     kept_share: float = 0.8
     trimmed_scale: float = 1.35
-    max_rows_condition: float = 1e4
-    rows_ridge: float = 1e-9
-    near_m: float = 1e-2
-    far_m: float = 1e3
 
 
 MEETING = MeetingOptions()
+RAY_RIDGE = 1e-12  # of the equations' size, which keeps parallel rays from a division by nought
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +59,7 @@ class Rays:
         how long they are; without it the point nearest to all rays comes first.
         """
         parts = self.across, self.anchor, self.centres
-        return Meeting(*meet(slot, depth, *parts, MEETING.ridge, MEETING.max_condition))
+        return Meeting(*meet(slot, depth, *parts, RAY_RIDGE, MEETING.max_condition))
 
 
 @stands_for(calls.blob_rays)
@@ -138,11 +132,11 @@ def meet_rows(
         np.add.at(right, point, np.einsum("nij,nj->ni", part, centres))
         if others and last:
             normal, right = normal[point] - part, right[point] - np.einsum("nij,nj->ni", part, centres)
-        size = np.einsum("nii->n", normal)[:, None, None] + MEETING.ridge
-        inverse = np.linalg.inv(normal / size + MEETING.rows_ridge * np.eye(3))
+        size = np.einsum("nii->n", normal)[:, None, None] + RAY_RIDGE
+        inverse = np.linalg.inv(normal / size + RAY_RIDGE * np.eye(3))
         found = np.einsum("nij,nj->ni", inverse, right / size[:, 0])
-        found[np.einsum("nii->n", inverse) > MEETING.max_rows_condition] = np.nan
+        found[np.einsum("nii->n", inverse) > MEETING.max_condition] = np.nan
         if not last:
             length = np.linalg.norm(found[point] - centres, axis=1)
-            weight = 1 / np.maximum(np.nan_to_num(length, nan=MEETING.far_m), MEETING.near_m) ** 2
+            weight = 1 / np.maximum(np.nan_to_num(length, nan=np.inf), VIEWING.min_depth_m) ** 2
     return found

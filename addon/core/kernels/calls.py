@@ -123,7 +123,7 @@ def cloud_pull(markers, points, weight, softness, reach) -> tuple[np.ndarray, np
 
 def point_pull(markers, points, noise, reach) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stands for `cost.point_pull`."""
-    return _pull(markers, None, *point_arrays(*markers.shape[:2], points, noise, reach))
+    return _pull(markers, None, *point_arrays(len(markers), markers.shape[1], points, noise, reach))
 
 
 def _pull(markers, sight, kept, arrays) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -321,12 +321,11 @@ def meet(slot, depth, across, anchor, centres, ridge, max_condition) -> tuple[np
     return points, residual, miss
 
 
-def straightened(image, lens, reach, options) -> np.ndarray:
+def straightened(image, lens, reach, *steps) -> np.ndarray:
     """Stands for `cameras.straightened`."""
     count = len(image)
     image, lens, reach = given(image, (count, 2)), given(lens, (count, 5)), given(reach, (count,))
     found = np.empty((count, 2))
-    steps = options.max_steps, options.tolerance, options.max_error, options.first_share
     compiled.straightened(count, *map(address, (image, lens, reach)), *steps, address(found))
     return found
 

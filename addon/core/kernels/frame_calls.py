@@ -65,7 +65,7 @@ def _cut(shapes: dict[str, tuple[int, ...]]) -> tuple[tuple, int]:
 
 def _in_turn(*shapes: tuple[int, ...]) -> tuple[tuple[int, int, tuple[int, ...]], ...]:
     """Start, stop and shape of arrays that lie in a block one after the other."""
-    return tuple(part[1:] for part in _cut(dict(enumerate(shapes)))[0])
+    return tuple(part[1:] for part in _cut({str(index): shape for index, shape in enumerate(shapes)})[0])
 
 
 def _new_frame(cameras: int, markers: int, blobs: int) -> tuple[dict[str, np.ndarray], dict[str, int]]:
@@ -177,7 +177,7 @@ def rule_arrays(rules, condition: tuple) -> RuleArrays:
     """The rules of naming, and how rays meet, as the library takes them."""
     return RuleArrays(
         rules.pixel, rules.slack_m, rules.max_distance_m, rules.max_square, rules.min_lead, rules.max_miss,
-        rules.max_off_point, rules.max_on_point, rules.max_off_model, rules.overlap_m, rules.merged_m,
+        rules.max_off_point, rules.max_on_point, rules.max_square, rules.merged_m, rules.merged_m,
         rules.min_behind_m, *condition,
     )  # fmt: skip
 

@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 LIBRARY_PACKAGE = "mocap_autolabel_kernels"
 SWITCH = "MOCAP_AUTOLABEL_NUMPY"
@@ -31,7 +32,7 @@ def _loaded() -> ctypes.CDLL | None:
     return library if library.version() == LIBRARY_VERSION else None
 
 
-compiled = _loaded()
+compiled: Any = _loaded()  # its functions have the names and arguments of kernels.h
 
 
 def in_use() -> bool:
@@ -44,7 +45,7 @@ def stands_for(kernel: Callable) -> Callable[[Callable], Callable]:
 
     def choose(reference: Callable) -> Callable:
         chosen = reference if compiled is None else kernel
-        chosen.reference, chosen.kernel = reference, kernel
+        vars(chosen).update(reference=reference, kernel=kernel)
         return chosen
 
     return choose

@@ -3,6 +3,7 @@
 
 import ctypes
 from collections.abc import Callable
+from typing import Any, TypeVar, overload
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -137,8 +138,8 @@ class FollowingArrays(ctypes.Structure):
     ]
 
 
-ANSWERING = ("fit_body", "fit_until_still", "covariance", "settled", "softly", "follow_fit")  # whether they could do it
-ANSWERING += ("follow_name",)  # whether too little was named
+# What says whether it could do it; of `follow_name` whether too little was named.
+ANSWERING = ("fit_body", "fit_until_still", "covariance", "settled", "softly", "follow_fit", "follow_name")
 SIGNATURES = {
     "pose": [ADDRESS] * 6,
     "derivatives": [ADDRESS] * 7,
@@ -169,10 +170,11 @@ if compiled is not None:
         getattr(compiled, _name).restype = ctypes.c_int if _name in ANSWERING else None
 
 
-_made: WeakKeyDictionary = WeakKeyDictionary()
+Made = TypeVar("Made", bound=ctypes.Structure)
+_made: WeakKeyDictionary[object, Any] = WeakKeyDictionary()
 
 
-def made_once(owner: object, make: Callable[[], ctypes.Structure]) -> ctypes.Structure:
+def made_once(owner: object, make: Callable[[], Made]) -> Made:
     """What the library takes an object as, made when it is first asked for and kept as long as the object is."""
     structure = _made.get(owner)
     if structure is None:
@@ -194,6 +196,14 @@ def indices(array: np.ndarray, shape: tuple[int, ...], count: int, lowest: int) 
     if array.size and not lowest <= array.min() <= array.max() < count:
         raise ValueError(f"indices lie from {array.min()} to {array.max()}; expected {lowest} to {count - 1}")
     return array
+
+
+@overload
+def address(array: None) -> None: ...
+@overload
+def address(array: np.ndarray) -> int: ...
+@overload
+def address(array: np.ndarray | None) -> int | None: ...
 
 
 def address(array: np.ndarray | None) -> int | None:

@@ -10,25 +10,28 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..data.takes import MEDIAN_SD
+
 PIXEL_VARIANCE = 1 / 12  # px²: of an evenly bright pixel about its middle
 
 
 @dataclass(frozen=True)
 class SpotOptions:
-    """What is a spot. Chosen on discs drawn in noise, and on the demo's markers as Blender renders them.
+    """What is a spot. Measured on discs drawn in noise, and on the demo's markers as Blender renders them.
 
-    threshold        a pixel of a spot is brighter than this, 0 to 1; None where the pictures are to tell
-    peak_share       of the way from the background to the brightest, where the threshold lies then: above lit walls and
-                     below small spots, which movies blur to less than half
-    noises           standard deviations of the noise that it lies above the background at least: one pixel in a billion
-    min_contrast     brightness that it lies above the background at least: movies have blocks that are not quite black
-    min_area         px²; less is noise, or a marker so far off that its middle says little
-    max_area         px²; more is a lamp or a window
-    min_roundness    shortest over longest diameter; less is an edge, or the light of something long
-    split_roundness  spots below it are looked at for two peaks: two that touch are half as wide as long
-    split_size       and spots this many times larger than half of them
-    split_blur       px of blur for a usual spot 1 px in half its width, so that a flat top has its peak in its middle
-    split_dip        two peaks are two spots where it is darker between them than this share of the lower one
+    threshold        a pixel of a spot is brighter than this, 0 to 1; None where the pictures are to show it
+    peak_share       of the way from the background to the brightest, where the threshold lies then; measured: above lit
+                     walls and below small spots, which movies blur to less than half
+    noises           standard deviations of the noise that it lies above the background at least; physical: one pixel in
+                     a billion
+    min_contrast     brightness above the background at least; measured: movies have blocks that are not quite black
+    min_area         px²; physical: less is noise, or a marker so far off that its middle says little
+    max_area         px²; physical: more is a lamp or a window
+    min_roundness    shortest over longest diameter; physical: less is an edge, or the light of something long
+    split_roundness  spots below it are looked at for two peaks; physical: two that touch are half as wide as long
+    split_size       and spots this many times larger than half of them; physical: two that touch are twice as large
+    split_blur       px of blur for a spot 1 px in half its width; measured: a flat top has its peak in its middle then
+    split_dip        of the lower of two peaks, below which it is dark between two spots; measured on discs that touch
     """
 
     threshold: float | None = None
@@ -79,7 +82,7 @@ def brightness_of(pictures: Sequence[np.ndarray], options: SpotOptions) -> Brigh
     for picture in pictures:
         middle = float(np.median(picture))
         backgrounds.append(middle)
-        noises.append(1.4826 * float(np.median(np.abs(picture - middle))))
+        noises.append(MEDIAN_SD * float(np.median(np.abs(picture - middle))))
         peaks.append(float(picture.max()))
     background = float(np.median(backgrounds))
     if options.threshold is not None:
@@ -105,7 +108,8 @@ def find_spots(picture: np.ndarray, brightness: Brightness, options: SpotOptions
     pixels = _with_rim(part, picture, brightness.background)
     found = _measured(pixels, count)
     cut = np.zeros(count, bool)
-    cut[pixels.owner[pixels.at_edge(picture.shape)]] = True
+    last = np.array(picture.shape[::-1]) - 1
+    cut[pixels.owner[((pixels.xy == 0) | (pixels.xy == last)).any(axis=1)]] = True
     pixels, parts = _split(pixels, found, cut, options)
     if parts > count:
         found, cut = _measured(pixels, parts), np.append(cut, np.zeros(parts - count, bool))
@@ -129,11 +133,6 @@ class _Pixels:
     def xy(self) -> np.ndarray:
         return np.column_stack([self.column, self.row]).astype(float)
 
-    def at_edge(self, shape: tuple[int, int]) -> np.ndarray:
-        """(P,) True for those at the edge of a picture of H rows and W columns."""
-        across = (self.column == 0) | (self.column == shape[1] - 1)
-        return across | (self.row == 0) | (self.row == shape[0] - 1)
-
 
 def _with_rim(part: np.ndarray, picture: np.ndarray, background: float) -> _Pixels:
     """The pixels of spots (H, W), 1 to N, with the darker ones around them, without which middles lean to the grid.
@@ -145,11 +144,11 @@ def _with_rim(part: np.ndarray, picture: np.ndarray, background: float) -> _Pixe
     rows, columns = (row[:, None] + steps[:, 0]).ravel(), (column[:, None] + steps[:, 1]).ravel()
     owner = np.repeat(part[row, column], len(steps))
     own = np.tile((steps == 0).all(axis=1), len(row))
-    claim = np.where(own, np.inf, np.repeat(picture[row, column].astype(float), len(steps)))
+    bright = np.where(own, np.inf, np.repeat(picture[row, column].astype(float), len(steps)))
     there = (rows >= 0) & (rows < part.shape[0]) & (columns >= 0) & (columns < part.shape[1])
-    rows, columns, owner, claim = rows[there], columns[there], owner[there], claim[there]
+    rows, columns, owner, bright = rows[there], columns[there], owner[there], bright[there]
     place = rows * part.shape[1] + columns
-    order = np.lexsort((-claim, place))
+    order = np.lexsort((-bright, place))
     place, first = np.unique(place[order], return_index=True)
     row, column = np.divmod(place, part.shape[1])
     weight = np.maximum(picture[row, column].astype(float) - background, 0.0)

@@ -1,16 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A take of blobs from end to end: by a fitted body, by the points that they make, or by both methods at once.
+"""A take of blobs from end to end: by a fitted body, or by the points that they make.
 
 The counterpart of `points.whole_take.pipeline` for blobs. Memory does not grow with the take. What a person said of a
 chunk holds in its labels, its markers in space and its doubts.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from itertools import tee
 
 from ..blobs.pipeline import Options, label_take
-from ..data.errors import InputError
 from ..data.markersets import Worn
 from ..data.takes import (
     BY_LIKELIHOOD,
@@ -32,10 +31,7 @@ from ..points.naming import chosen_method, plain_method
 from ..points.several.motion import with_bodies_of
 from ..points.whole_take.pipeline import USUAL_TARGET
 from ..review.answering import heard_in, unanswered_of_blobs, without_accepted
-from .cross_check import MethodAgreement, label_by_both
 from .through_points import label_through_points
-
-Labeller = Callable[[Iterable[Blobs]], Iterator[LabelledChunk]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,61 +59,36 @@ def blob_method(options: BlobOptions) -> str:
     return "fit" if options.method == "auto" else plain_method(options.method)
 
 
-def steps_of(method: str) -> tuple[int, ...]:
-    """The steps by which a method can give labels, by index into STEPS."""
+def steps_of(method: str, several: bool = False) -> tuple[int, ...]:
+    """The steps by which a method can give labels, by index into STEPS; bodies of several name what has no point."""
     fitted, pointed = (EXCLUSIVE, CONFLICT, REMAINING), (BY_LIKELIHOOD, BY_PARTIAL_SOLVERS, BY_TRAJECTORY)
-    return {"fit": fitted, "both": (*fitted, *pointed)}.get(method, pointed)
+    return (*fitted, *pointed) if several else fitted if method == "fit" else pointed
 
 
 def label_blobs(
-    chunks: Iterable[Blobs], cameras: Cameras, model: Model, options: BlobOptions, agreement: MethodAgreement
+    chunks: Iterable[Blobs], cameras: Cameras, model: Model, options: BlobOptions
 ) -> Iterator[LabelledChunk]:
     """Names the blobs of a take: one `LabelledChunk` for each of `chunks`, in their order.
 
-    With both methods `agreement` is added to.
     Raises InputError where the model does not know how, JobError when there are fewer than two cameras, or a frame has
     more blobs than any capture.
     """
     if not options.edits:
-        return _labelled(chunks, cameras, model, options, agreement)
+        return _labelled(chunks, cameras, model, options)
     own, named = tee(chunks)
-    labelled = _labelled(named, cameras, model, options, agreement)
+    labelled = _labelled(named, cameras, model, options)
     return with_edits(own, labelled, options.edits, cameras, model.markerset)
 
 
-def _labelled(
-    chunks: Iterable[Blobs], cameras: Cameras, model: Model, options: BlobOptions, agreement: MethodAgreement
-) -> Iterator[LabelledChunk]:
+def _labelled(chunks: Iterable[Blobs], cameras: Cameras, model: Model, options: BlobOptions) -> Iterator[LabelledChunk]:
     """The same with the edits as constraints only."""
-    labellers = _labellers(cameras, model, options)
-    if len(labellers) == 1:
-        return labellers[0](chunks)
-    own, *each = tee(chunks, 3)
-    fitted, pointed = (labeller(part) for labeller, part in zip(labellers, each, strict=True))
-    return label_by_both(own, fitted, pointed, model.markerset.markers, agreement)
-
-
-def _labellers(cameras: Cameras, model: Model, options: BlobOptions) -> list[Labeller]:
-    """What names the blobs, by each method that is to."""
-
-    def fit(chunks: Iterable[Blobs]) -> Iterator[LabelledChunk]:
+    method = chosen_method(model, blob_method(options))
+    if method == "fit":
         given = options.rate, options.hints, options.occlusion, options.edits
         return label_take(chunks, cameras, model.markerset, *given)
-
-    wanted = blob_method(options)
-    if wanted == "fit":
-        return [fit]
-    method = chosen_method(model, "auto" if wanted == "both" else wanted)
-    if method == "fit":
-        raise InputError(
-            f"model {model.markerset.name} has nothing to name points by; expected one made by train, or --method fit"
-        )
-
-    def points(chunks: Iterable[Blobs]) -> Iterator[LabelledChunk]:
-        given = options.rate, options.hints, options.target
-        return label_through_points(chunks, cameras, model, method, *given, edits=options.edits)
-
-    return [fit, points] if wanted == "both" else [points]
+    return label_through_points(
+        chunks, cameras, model, method, options.rate, options.hints, options.target, edits=options.edits
+    )
 
 
 def with_edits(

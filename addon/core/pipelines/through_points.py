@@ -12,8 +12,8 @@ import numpy as np
 
 from ..blobs.pipeline import Options
 from ..data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, Blobs, LabelledChunk, Labels, Suspect, Verdict
-from ..edits.applying import BlobCells, blobs_of
-from ..edits.kinds import NO_EDITS, AssignBlob, Edits
+from ..edits.blobs_in_points import named_points
+from ..edits.kinds import NO_EDITS, Edits
 from ..edits.replay import ANYBODY, Replay
 from ..geometry.cameras import Cameras
 from ..points.models import Model
@@ -97,11 +97,11 @@ def _labelled(work: _Work, waiting: list[tuple[Blobs, Reconstructed]], seconds: 
     """The chunks of one window, which took `seconds` to reconstruct."""
     begin = perf_counter()
     markerset, window = work.model.markerset, _window(waiting)
-    found, said = _named(work, window)
-    alone = verdict = _decided(work, window, found, said)
+    found, doubts = _named(work, window)
+    alone = verdict = _decided(work, window, found, doubts)
     rulings = _rulings(work, window, waiting, alone.labels)
     if rulings is not None:
-        verdict = _decided(work, window, rulings.heard(found), said, rulings)
+        verdict = _decided(work, window, rulings.heard(found), doubts, rulings)
         verdict = Verdict(_as_said(verdict.labels, rulings), verdict.suspects)
     named = perf_counter()
     markers = verdict.labels.placed(window.xyz, len(markerset))
@@ -141,18 +141,19 @@ def _window(waiting: list[tuple[Blobs, Reconstructed]]) -> _Window:
 def _named(work: _Work, window: _Window) -> tuple[Labels, tuple[Suspect, ...]]:
     """What frames of a window say on their own; nothing, and why, where nobody in the model's markers is there."""
     markerset, first = work.model.markerset, int(window.frames[0])
-    found, said = Labels.none(*window.residual.shape), ()
+    found = Labels.none(*window.residual.shape)
+    doubts: tuple[Suspect, ...] = ()
     found = replace(found, rate=np.zeros(window.residual.shape))
     if np.isfinite(window.xyz).any():
         found = Labels.join(work.namer.name(window.xyz, work.rate))
     if sure_share(found, window.xyz, len(markerset)) < REFUSAL.min_sure:
         found = found.kept(np.zeros(found.marker.shape, bool))
-        said = (Suspect(first, int(window.frames[-1]), f"no subject that wears {markerset.name} was recognised"),)
-    return found, said
+        doubts = (Suspect(first, int(window.frames[-1]), f"no subject that wears {markerset.name} was recognised"),)
+    return found, doubts
 
 
 def _decided(
-    work: _Work, window: _Window, found: Labels, said: tuple[Suspect, ...], rulings: Rulings | None = None
+    work: _Work, window: _Window, found: Labels, doubts: tuple[Suspect, ...], rulings: Rulings | None = None
 ) -> Verdict:
     """The names of a window's points, from what frames say on their own, and from what a person says of some."""
     first, solution = int(window.frames[0]), None
@@ -160,7 +161,7 @@ def _decided(
     if work.namer.step == BY_LIKELIHOOD and found.named.any() and can_be_solved(work.model, window.tracklet):
         solution = solution_of(found, tracklet, window.xyz, work.model, work.rate, rulings=rulings)
     verdict = verdict_of(solution, found, tracklet, work.model, work.target, first)
-    return Verdict(verdict.labels, tuple(_without_number(one) for one in verdict.suspects) + said)
+    return Verdict(verdict.labels, tuple(_without_number(one) for one in verdict.suspects) + doubts)
 
 
 def _rulings(
@@ -170,32 +171,23 @@ def _rulings(
 
     A point keeps the name of its blob for as long as it is followed, or to half the way to another that a person named.
     """
-    replay, width = Replay.of_table(labels, len(work.model.markerset)), window.tracklet.shape[1]
-    claims: dict[int, list[tuple[int, int]]] = {}
+    worn, width = work.model.markerset, window.tracklet.shape[1]
+    replay = Replay.of_table(labels, len(worn))
+    claims: dict[int, dict[int, int]] = {}
     first = 0
-    for start, (blobs, part) in zip(window.starts, waiting, strict=False):
-        cells = BlobCells.of(blobs, work.cameras.names, work.model.markerset)
-        for row, marker in _named_rows(work.edits, cells):
-            point = np.flatnonzero((part.rows == row).any(axis=1))[:1]
-            for at in (first + point).tolist():
-                claims.setdefault(int(window.column[at]), []).append((int(start + blobs.frame[row]), marker))
+    for blobs, part in waiting:
+        named = named_points(work.edits, blobs, work.cameras.names, worn.by_name, len(worn), part.rows)
+        for point, marker in named.items():
+            column, frame = int(window.column[first + point]), int(window.frame[first + point])
+            claims.setdefault(column, {})[frame] = marker
         first += len(part.points)
-    for column, said in claims.items():
-        last = dict(said)  # by frame, so that of several edits of one the last counts
-        frames = np.array(sorted(last))
+    for column, marker_at in claims.items():
+        frames = np.array(sorted(marker_at))
         ends = [0, *((frames[1:] + frames[:-1] + 1) // 2).tolist(), len(window.frames)]
         for frame, begin, end in zip(frames.tolist(), ends[:-1], ends[1:], strict=True):
             there = begin + np.flatnonzero(window.tracklet[begin:end, column] >= 0)
-            replay.assign(there, there * width + column, last[frame])
+            replay.assign(there, there * width + column, marker_at[frame])
     return Rulings(replay.done(labels), labels, window.tracklet) if claims else None
-
-
-def _named_rows(edits: Edits, cells: BlobCells) -> Iterator[tuple[int, int]]:
-    """The rows of the blobs of a chunk that a person named, and their markers."""
-    for edit in edits:
-        if isinstance(edit, AssignBlob):
-            for row in blobs_of(edit, cells)[0].tolist():
-                yield row, cells.names[edit.marker]
 
 
 def _as_said(labels: Labels, rulings: Rulings) -> Labels:

@@ -9,12 +9,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ..data.markersets import MarkerSet
-from .judging import JUDGING, Ambiguity, judged, separation
+from .judging import Ambiguity, judge, separation
 from .layout import MarkerLayout
-from .renamings import renamings
 from .surface import all_over, nearby
 
 MOVE, ADD = "move", "add"
@@ -24,29 +22,23 @@ AXIS_WORDS = (("forward", "back"), ("to the left", "to the right"), ("up", "down
 
 @dataclass(frozen=True)
 class AdviceOptions:
-    """What is looked for, and where; all reckoned.
+    """What is looked for, and where.
 
-    goal            standard deviations by which every pair of markers should be separate: at 4 one is taken for the
-                    other in 2.3 % of all cases
-    steps           changes that are advised
-    stride_m        between places that are tried,
-    max_move_m      and the farthest of them: farther is another place on the body
-    max_directions  that are followed up, the most promising of all
-    min_part_m      of a move along an axis, smaller goes without saying
-    min_gain        standard deviations of the pair's separation for which it is worth to move anything
-    max_loss        standard deviations that another pair, short of the goal, may lose
-    max_pairs       that are looked at
+    goal         standard deviations by which every pair of markers should be separate; physical: at 4 one is taken for
+                 the other in 2.3 % of all cases
+    steps        changes that are advised; format: `quality --advice`
+    stride_m     between places that are tried; physical: as exactly as markers are put on
+    max_move_m   and the farthest of them; physical: farther is another place on the body
+    followed     directions, the most promising of all; memory: all of them take four times as long
+    noticed      standard deviations of a separation that count; physical: at 4 they change how often by a ninth
     """
 
     goal: float = 4.0
     steps: int = 3
     stride_m: float = 0.01
     max_move_m: float = 0.06
-    max_directions: int = 2
-    min_part_m: float = 0.0025
-    min_gain: float = 0.25
-    max_loss: float = 0.1
-    max_pairs: int = 12
+    followed: int = 2
+    noticed: float = 0.1
 
 
 ADVICE = AdviceOptions()
@@ -85,7 +77,7 @@ class Advice:
         parts = [
             f"{1000 * abs(part):.0f} mm {words[int(part < 0)]}"
             for part, words in zip(shift, AXIS_WORDS, strict=True)
-            if abs(part) >= ADVICE.min_part_m
+            if round(1000 * abs(part)) > 0
         ]
         segment, direction = markerset.skeleton.segments[self.segment], ", ".join(parts)
         if self.kind == MOVE:
@@ -119,8 +111,7 @@ def advise(
     """
     tried: set[tuple[str, str]] = set()
     for _ in range(steps):
-        with threadpool_limits(1, user_api="blas"):
-            found = _next(layout, goal, set(keep), tried)
+        found = _next(layout, goal, set(keep), tried)
         if found is None:
             return
         yield found
@@ -131,11 +122,10 @@ def _next(
     layout: MarkerLayout, goal: float, keep: set[str], tried: set[tuple[str, str]]
 ) -> tuple[Advice, MarkerLayout] | None:
     """What to do about the worst pair for which something can be done; `tried` are those that had their turn."""
-    whole = renamings(layout.markerset, layout.shape)
-    now = judged(layout, JUDGING.trials, 0, whole)
+    now = judge(layout)
     for pair in now.worst():
         names = now.markers[pair[0]], now.markers[pair[1]]
-        if separation(now.hidden[pair]) >= goal or len(tried) >= ADVICE.max_pairs:
+        if separation(now.hidden[pair]) >= goal:
             return None
         if names in tried:
             continue
@@ -161,12 +151,12 @@ class _Search:
             return min(enough, key=lambda found: (round(self._length(found), 4), found.found.total))
         best = max([*moves, *self._additions()], key=lambda found: found.separation_of(self.pair), default=None)
         before = separation(self.now.hidden[self.pair])
-        return best if best is not None and best.separation_of(self.pair) >= before + ADVICE.min_gain else None
+        return best if best is not None and best.separation_of(self.pair) >= before + ADVICE.noticed else None
 
     def _spoils(self, found: _Try, goal: float) -> bool:
         """Whether a change mends the pair at the cost of another that then is short of the goal, or of the whole."""
         before, after = separation(self.now.hidden), separation(found.found.hidden)
-        worse = after < np.minimum(before, goal) - ADVICE.max_loss
+        worse = after < np.minimum(before, goal) - ADVICE.noticed
         worse[self.pair] = worse[self.pair[::-1]] = False
         return bool(worse.any()) or found.found.total >= self.now.total
 
@@ -180,7 +170,7 @@ class _Search:
         ]
         yield from first
         distances = np.arange(ADVICE.stride_m, ADVICE.max_move_m - ADVICE.stride_m / 2, ADVICE.stride_m)
-        for found in sorted(first, key=lambda found: -found.separation_of(self.pair))[: ADVICE.max_directions]:
+        for found in sorted(first, key=lambda found: -found.separation_of(self.pair))[: ADVICE.followed]:
             direction = found.layout.markerset.offsets[marker] - old
             for distance in distances / size:
                 places = nearby(self.layout.markerset, marker, distance)
@@ -189,7 +179,7 @@ class _Search:
 
     def _moved(self, marker: int, place: np.ndarray) -> _Try:
         changed = self.layout.moved(marker, place)
-        return _Try(MOVE, marker, changed, judged(changed, JUDGING.trials, 0, self.now.whole))
+        return _Try(MOVE, marker, changed, judge(changed, self.now.whole))
 
     def _additions(self) -> Iterator[_Try]:
         """One more marker anywhere on the segments of the pair."""
@@ -199,12 +189,11 @@ class _Search:
         for segment in sorted({int(markerset.attachment[marker]) for marker in self.pair}):
             for place in all_over(markerset, segment):
                 wider = self.layout.added(name, segment, place)
-                yield _Try(ADD, len(markerset), wider, judged(wider, JUDGING.trials, 0, whole))
+                yield _Try(ADD, len(markerset), wider, judge(wider, whole))
 
     def _length(self, found: _Try) -> float:
-        return float(
-            np.linalg.norm(found.layout.markerset.offsets[found.marker] - self.layout.markerset.offsets[found.marker])
-        )
+        before, after = (layout.markerset.offsets[found.marker] for layout in (self.layout, found.layout))
+        return float(np.linalg.norm(after - before))
 
 
 def _as_advice(layout: MarkerLayout, now: Ambiguity, found: _Try, pair: tuple[int, int]) -> Advice:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ..geometry.rigid import MIN_POINTS
 from .layout import MarkerLayout
 from .overlap import covariance_of, pair_overlaps, renaming_overlap
 from .renamings import Renaming, renamings
@@ -18,16 +19,15 @@ from .renamings import Renaming, renamings
 
 @dataclass(frozen=True)
 class JudgingOptions:
-    """How a marker set is judged; reckoned.
+    """How a marker set is judged.
 
-    trials          that overlaps are averaged over, all markers seen in the first
-    hidden_share    of the markers that is hidden in each of the others
-    max_separation  standard deviations; beyond, overlaps are too small for the computer's numbers
+    trials        that overlaps are averaged over, all markers seen in the first; memory
+    hidden_share  of the markers that is hidden in each of the others; physical: a body hides a
+                  quarter
     """
 
     trials: int = 7
     hidden_share: float = 0.25
-    max_separation: float = 40.0
 
 
 JUDGING = JudgingOptions()
@@ -67,19 +67,17 @@ class Ambiguity:
         return list(zip(one[order].tolist(), two[order].tolist(), strict=True))
 
 
-def judge(
-    layout: MarkerLayout, trials: int = JUDGING.trials, seed: int = 0, whole: Sequence[Renaming] | None = None
-) -> Ambiguity:
-    """How ambiguous the layout of a marker set is; the same every time for the same seed.
+def judge(layout: MarkerLayout, whole: Sequence[Renaming] | None = None) -> Ambiguity:
+    """How ambiguous the layout of a marker set is; the same every time.
 
     `whole` are the renamings of limbs and of the whole body to judge, those of `renamings` unless given.
     """
-    with threadpool_limits(1, user_api="blas"):
-        return judged(layout, trials, seed, renamings(layout.markerset, layout.shape) if whole is None else whole)
+    whole = renamings(layout.markerset, layout.shape) if whole is None else whole
+    with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
+        return _judged(layout, whole)
 
 
-def judged(layout: MarkerLayout, trials: int, seed: int, whole: Sequence[Renaming]) -> Ambiguity:
-    """The same with as many threads as there are: for who judges many sets, and sees to that once."""
+def _judged(layout: MarkerLayout, whole: Sequence[Renaming]) -> Ambiguity:
     shape, count = layout.shape, len(layout.markerset)
     covariance = covariance_of(shape)
 
@@ -92,7 +90,7 @@ def judged(layout: MarkerLayout, trials: int, seed: int, whole: Sequence[Renamin
     seen = 1 - (1 - pair_overlaps(shape, covariance, everyone)[0]) * _left(whole, overlaps, count)
     swapped, passed, met = np.zeros((3, count, count))
     some = []
-    for there in trials_of(count, trials, seed):
+    for there in _trials(count):
         for table, more in zip((swapped, passed), pair_overlaps(shape, covariance, there), strict=True):
             table += more
         met += there[:, None] & there
@@ -106,15 +104,15 @@ def judged(layout: MarkerLayout, trials: int, seed: int, whole: Sequence[Renamin
     return Ambiguity(layout.markerset.markers, seen, hidden, tuple(whole), overlaps)
 
 
-def trials_of(count: int, trials: int, seed: int) -> list[np.ndarray]:
-    """Which of the markers (M,) are seen in each trial: all in the first, then each hidden as often as any other."""
-    generator = np.random.default_rng(seed)
-    gone = min(max(round(JUDGING.hidden_share * count), 1), max(count - 3, 0))
-    order = np.concatenate([generator.permutation(count) for _ in range(trials)])
-    masks = np.ones((trials, count), dtype=bool)
+def _trials(count: int) -> np.ndarray:
+    """(trials, M) which markers are seen: all in the first trial, then each hidden as often as any other."""
+    generator = np.random.default_rng(0)
+    gone = min(max(round(JUDGING.hidden_share * count), 1), max(count - MIN_POINTS, 0))
+    order = np.concatenate([generator.permutation(count) for _ in range(JUDGING.trials)])
+    masks = np.ones((JUDGING.trials, count), dtype=bool)
     for row, mask in enumerate(masks[1:]):
         mask[order[row * gone : (row + 1) * gone]] = False
-    return list(masks)
+    return masks
 
 
 def separation(overlap: np.ndarray) -> np.ndarray:
@@ -122,7 +120,7 @@ def separation(overlap: np.ndarray) -> np.ndarray:
 
     Such curves are mistaken for each other in a part Φ(-d/2) of all cases: 31 % at 1, 2.3 % at 4, 0.1 % at 6.
     """
-    logs = np.log(np.clip(overlap, np.exp(-(JUDGING.max_separation**2) / 8), 1))
+    logs = np.log(np.clip(overlap, np.finfo(float).tiny, 1))
     return np.sqrt(-8 * logs) + 0.0
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from ..body.bodies import BodyModel
 from ..data.errors import InputError
 from ..data.markersets import MarkerSet
+from ..geometry.rigid import MIN_POINTS
 from ..geometry.upright import best_yaw, turned
 from ..points.likelihood.model import Likelihood
 from ..points.likelihood.shape import Shape, learn_shape
@@ -20,19 +21,16 @@ from ..simulation.virtual import draw_person
 
 @dataclass(frozen=True)
 class LayoutOptions:
-    """How the cloud of a marker set is drawn and changed; reckoned.
+    """How the cloud of a marker set is drawn and changed.
 
-    people, poses   drawn from the marker set's spread
-    turn_ridge_m    no segment's turn is read off finer differences than this
-    min_markers     with fewer no third one distinguishes a pair
-    same_place      heights, by which a marker may be off its place and is not moved
+    people        drawn from the marker set's spread; memory
+    poses         of each of them; memory
+    turn_ridge_m  no segment's turn is read off finer differences than this; physical: as markers move on skin
     """
 
     people: int = 16
     poses: int = 50
     turn_ridge_m: float = 0.01
-    min_markers: int = 3
-    same_place: float = 1e-6
 
 
 LAYING_OUT = LayoutOptions()
@@ -130,10 +128,8 @@ def marker_layout(
     learned is then of the base.
     Raises InputError for a set of fewer than three markers.
     """
-    if len(markerset) < LAYING_OUT.min_markers:
-        raise InputError(
-            f"{markerset.name} has {len(markerset)} markers; expected {LAYING_OUT.min_markers} or more to compare"
-        )
+    if len(markerset) < MIN_POINTS:
+        raise InputError(f"{markerset.name} has {len(markerset)} markers; expected {MIN_POINTS} or more to compare")
     source = markerset if base is None else base
     if learned is not None and (learned.markers != source.markers or not _follows(markerset, source)):
         learned = None
@@ -162,7 +158,7 @@ def _edited(found: MarkerLayout, markerset: MarkerSet) -> MarkerLayout:
             found = found.added(name, segment, offset)
             continue
         rows.append(known)
-        if np.abs(offset - base.offsets[known]).max() > LAYING_OUT.same_place:
+        if not np.allclose(offset, base.offsets[known]):
             found = found.moved(known, offset)
     shape = Shape(found.shape.mean[rows], found.shape.modes[rows], found.shape.noise[rows])
     return MarkerLayout(markerset, shape, found.turns, found.subjects)

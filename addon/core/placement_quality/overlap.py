@@ -17,10 +17,10 @@ from ..points.likelihood.shape import Shape
 
 @dataclass(frozen=True)
 class PlacementUncertainty:
-    """What is not known of where a subject stands; reckoned.
+    """What is not known of where a subject stands.
 
-    place_sd    radii; as good as nothing
-    yaw_sd_rad  which way it faces is known from the rest of the cloud, or is tried all around
+    place_sd    radii; physical: it may stand anywhere in a room
+    yaw_sd_rad  physical: which way it faces the rest of the cloud shows to half a radian, or is tried all around
     """
 
     place_sd: float = 6.0

@@ -13,19 +13,19 @@ from ..points.likelihood.sides import mirror_order
 OTHER_SIDE, TURNED_ROUND = "sides", "turn"
 
 
+YAWS = 24  # turns of the whole cloud that are tried, every 15 degrees
+MIN_TURN_RAD = np.pi / 4 - 1e-6  # an eighth of a turn: a body that is turned less is the same body
+
+
 @dataclass(frozen=True)
 class RenamingOptions:
-    """Which turns of the whole cloud are tried; reckoned.
+    """Which turns of the whole cloud are judged.
 
-    yaws               directions in which it is tried
-    max_turns          of them that are judged
-    min_turn_rad       a body that is turned less is the same body
-    min_renamed_share  of the markers that a turn must rename, or it is none of the whole
+    max_turns          the likeliest; physical: a square has three
+    min_renamed_share  of the markers that a turn renames; physical: it is one of the whole body
     """
 
-    yaws: int = 24
     max_turns: int = 4
-    min_turn_rad: float = np.pi / 4 - 1e-6
     min_renamed_share: float = 0.5
 
 
@@ -43,7 +43,7 @@ class Renaming:
 
     kind: str
     order: np.ndarray
-    yaw: float = 0.0
+    yaw: float
 
     def widened(self) -> "Renaming":
         """The same for a set with one more marker, which stays what it is."""
@@ -72,8 +72,8 @@ def _limbs(markerset: MarkerSet) -> list[Renaming]:
         both = np.union1d(members, order[members])
         changed = np.arange(len(order))
         changed[both] = order[both]
-        found[tuple(both)] = Renaming(OTHER_SIDE, changed)
-    found[tuple(range(len(order)))] = Renaming(OTHER_SIDE, order)
+        found[tuple(both)] = Renaming(OTHER_SIDE, changed, 0.0)
+    found[tuple(range(len(order)))] = Renaming(OTHER_SIDE, order, 0.0)
     return list(found.values())
 
 
@@ -85,8 +85,8 @@ def _turns(shape: Shape) -> list[Renaming]:
     variance = shape.noise + (shape.modes**2).sum(axis=(1, 2)) / 3
     both = variance[:, None] + variance
     found: dict[tuple[int, ...], tuple[float, float]] = {}
-    yaws = np.arange(1, RENAMING.yaws) * (2 * np.pi / RENAMING.yaws)
-    for yaw in yaws[np.minimum(yaws, 2 * np.pi - yaws) >= RENAMING.min_turn_rad]:
+    yaws = np.arange(1, YAWS) * (2 * np.pi / YAWS)
+    for yaw in yaws[np.minimum(yaws, 2 * np.pi - yaws) >= MIN_TURN_RAD]:
         image = turned(mean, np.array(yaw))
         square = ((mean[:, None] - image[None]) ** 2).sum(axis=2) / both
         rows, columns = linear_sum_assignment(square)

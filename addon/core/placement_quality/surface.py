@@ -8,31 +8,24 @@ import numpy as np
 from ..data.markersets import MarkerSet
 from ..papers.virtual_occlusions.occlusion import CapsuleOcclusion
 
+PLACES_AROUND, PLACE_ROWS = 8, 3  # places around a marker or a capsule, and rows along it, that are tried
+
 
 @dataclass(frozen=True)
 class SurfaceOptions:
-    """Which places on a body are tried; reckoned.
+    """Which places on a body are tried, and how they are seen.
 
-    directions          around a marker
-    rows, around        places on a capsule: rows along it, places around each
-    first_row, last_row of a capsule's length, between which places are tried
-    max_overhang        of a capsule's length by which a marker may leave its ends
-    min_radius          heights, of a capsule that is walked around
-    cameras             in each ring around the body at rest, heights:
-    ring_heights        where the rings are,
-    ring_radius         and how far from the body
-    min_seen_share      of the cameras that should see a marker
+    end             of a capsule's length, by which places stay off its ends, and a marker may leave them; physical:
+                    joints bend there
+    min_radius      heights, of a capsule that is walked around; physical: a finger's
+    ring_heights    heights, of two rings of cameras around the body at rest; physical: as cameras hang in a room
+    ring_radius     heights, of those rings; physical
+    min_seen_share  of the cameras that should see a marker; physical: a convex body hides half
     """
 
-    directions: int = 8
-    rows: int = 3
-    around: int = 6
-    first_row: float = 0.1
-    last_row: float = 0.9
-    max_overhang: float = 0.1
+    end: float = 0.1
     min_radius: float = 0.005
-    cameras: int = 16
-    ring_heights: tuple[float, ...] = (0.5, 1.2)
+    ring_heights: tuple[float, float] = (0.5, 1.2)
     ring_radius: float = 3.0
     min_seen_share: float = 0.45
 
@@ -42,7 +35,7 @@ SURFACE = SurfaceOptions()
 
 def in_view(markerset: MarkerSet, segment: int, places: np.ndarray) -> np.ndarray:
     """(N,) the part of a ring of cameras that sees places (N, 3) on a segment of the body at rest."""
-    ring = SURFACE.ring_radius * _circle(SURFACE.cameras)
+    ring = SURFACE.ring_radius * _circle(2 * PLACES_AROUND)
     eyes = np.concatenate([np.column_stack([ring, np.full(len(ring), height)]) for height in SURFACE.ring_heights])
     joints = markerset.skeleton.rest_joints
     turns = np.tile(np.eye(3), (1, len(joints), 1, 1))
@@ -79,9 +72,9 @@ def _nearby(markerset: MarkerSet, marker: int, distance: float) -> np.ndarray:
     out = own - start - height * along
     radius = max(np.linalg.norm(out), SURFACE.min_radius)
     first, second = _across(along, out)
-    up, aside = _circle(SURFACE.directions).T
+    up, aside = _circle(PLACES_AROUND).T
     heights, turns = height + distance * up, distance * aside / radius
-    low, high = min(height, -SURFACE.max_overhang * length), max(height, (1 + SURFACE.max_overhang) * length)
+    low, high = min(height, -SURFACE.end * length), max(height, (1 + SURFACE.end) * length)
     on = (heights >= low - 1e-9) & (heights <= high + 1e-9) & (np.abs(turns) <= np.pi)
     ring = np.cos(turns)[:, None] * first + np.sin(turns)[:, None] * second
     return (start + heights[:, None] * along + radius * ring)[on]
@@ -91,8 +84,8 @@ def all_over(markerset: MarkerSet, segment: int) -> np.ndarray:
     """(N, 3) places on the capsules of a segment that are well seen, in its axes, heights."""
     mine = np.flatnonzero(markerset.capsules.segment == segment)
     places = [np.zeros((0, 3))]
-    along, across = _circle(SURFACE.around).T
-    shares = np.linspace(SURFACE.first_row, SURFACE.last_row, SURFACE.rows)
+    along, across = _circle(PLACES_AROUND).T
+    shares = np.linspace(SURFACE.end, 1 - SURFACE.end, PLACE_ROWS)
     for start, axis, radius in zip(*_axes(markerset, mine), markerset.capsules.radius[mine], strict=True):
         length = np.linalg.norm(axis)
         first, second = _across(axis / length if length > 1e-6 else np.array([0.0, 0.0, 1.0]), np.zeros(3))

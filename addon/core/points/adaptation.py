@@ -50,7 +50,7 @@ def borne_out(verdict: Verdict, adaptation: Adaptation, first_frame: int, lanes:
     seen, names, labels = adaptation.recognition, adaptation.model.markerset.markers, verdict.labels
     if seen is None:
         return verdict
-    from .rigid_bodies.recognition import RECOGNITION
+    from .rigid_bodies.recognition import MOTION_CONFIDENCE
 
     if not adaptation.other_layout:
         said = _of_form_alone(seen, first_frame) + _of_props(seen, first_frame, lanes)
@@ -61,7 +61,7 @@ def borne_out(verdict: Verdict, adaptation: Adaptation, first_frame: int, lanes:
     kept = np.append(found, True)[labels.marker] & ~other
     # What only moves like a marker has its name from that; a rigid body needs three markers to be known by its form.
     moves = ~labels.named & moving
-    sure = np.where(kept, labels.confidence, 0.0) + np.where(moves, RECOGNITION.motion_confidence, 0.0)
+    sure = np.where(kept, labels.confidence, 0.0) + np.where(moves, MOTION_CONFIDENCE, 0.0)
     marker = np.where(moves, seen.marker, np.where(kept, labels.marker, NO_MARKER))
     marker = once(marker, sure, len(names), lanes)
     step = np.where(marker == labels.marker, labels.step, BY_TRAJECTORY)

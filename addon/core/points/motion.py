@@ -10,6 +10,7 @@ from ..body.bodies import Bodies, BodyModel
 from ..body.prior import Prior
 from ..data.columns import Columns, beside_of
 from ..data.lanes import PACKING, Lanes, blocks
+from ..data.made import Made, Table
 from ..data.markersets import MarkerSet
 from ..data.room import IN_MEMORY, MakeTable
 from ..data.takes import EditOutcome, LabelledChunk, Labels, Motion, PointRows, Points, Suspect, placed, places_of
@@ -49,35 +50,26 @@ class MotionOptions:
 MOVING = MotionOptions()
 
 
-class ByMarker:
+def by_marker(values: Table, labels: Labels, markers: int, places: Mapping | None = None) -> Made:
     """What each of M markers has of the values (T, L, …) of a take's points, (T, M, …), of any frames as an array.
 
     labels (T, L) say which point is which, `places` where a person placed markers, by frame and marker.
     """
+    count, shape = len(values), (len(values), markers, *values.shape[2:])
 
-    def __init__(self, values: np.ndarray, labels: Labels, markers: int, places: Mapping | None = None):
-        self.values, self.labels, self.places = values, labels, dict(places or {})
-        self.shape = (len(values), markers, *values.shape[2:])
-        # Of a short take, of which all is asked for several times, all of it is kept.
-        self._all = self._of(np.arange(len(values))) if np.prod(self.shape) <= PACKING.whole_cells else None
-
-    def __len__(self) -> int:
-        return len(self.values)
-
-    def __getitem__(self, frames) -> np.ndarray:
-        if self._all is None:
-            return self._of(np.arange(len(self))[frames])
-        return self._all[frames].copy()
-
-    def _of(self, number: np.ndarray) -> np.ndarray:
-        """That of the frames of such a number (F,)."""
-        found = np.empty((len(number), *self.shape[1:]))
-        for part in blocks(len(number), self.values.shape[1]):
+    def of(number: np.ndarray) -> np.ndarray:
+        found = np.empty((len(number), *shape[1:]))
+        for part in blocks(len(number), values.shape[1]):
             some = number[part]
-            found[part] = placed(self.labels.marker[some], self.values[some], self.shape[1])
-        for (frame, marker), place in self.places.items():
+            found[part] = placed(labels.marker[some], values[some], markers)
+        for (frame, marker), place in (places or {}).items():
             found[number == frame, marker] = place
         return found
+
+    if np.prod(shape) > PACKING.whole_cells:
+        return Made(shape, lambda frames: of(np.arange(count)[frames]))
+    whole = of(np.arange(count))  # of a short take all is asked for several times
+    return Made(shape, lambda frames: whole[frames].copy())
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +82,8 @@ class TakeMotion:
     bodies    T of them, NaN where there is none
     """
 
-    markers: ByMarker | np.ndarray
-    residual: ByMarker | np.ndarray
+    markers: Table
+    residual: Table
     labels: Labels
     model: BodyModel
     frames: np.ndarray
@@ -129,8 +121,8 @@ class TakeMotion:
 
 
 def take_motion(
-    markers: ByMarker | np.ndarray,
-    residual: ByMarker | np.ndarray,
+    markers: Table,
+    residual: Table,
     labels: Labels,
     markerset: MarkerSet,
     frames: np.ndarray,

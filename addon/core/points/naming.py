@@ -13,7 +13,7 @@ from .models import Model
 if TYPE_CHECKING:  # naming blobs takes a fifth of a second to load, and few takes of points are named so
     from ..blobs.pipeline import Options
 
-METHODS = ("auto", "fit", "ensemble", "likelihood", "both", "evidence")  # what the user may ask for
+METHODS = ("auto", "fit", "ensemble", "likelihood", "evidence")  # what the user may ask for
 USUAL_TARGET = 0.999  # the part of the labels that must be right, unless another is asked for
 
 
@@ -30,8 +30,8 @@ class Namer(Protocol):
 
 
 def plain_method(wanted: str) -> str:
-    """The name that a method goes by: "evidence" is what likelihood was called at first."""
-    return "likelihood" if wanted == "evidence" else wanted
+    """The name that a method goes by: "evidence" was likelihood at first, "both" a fit and a check of it."""
+    return {"evidence": "likelihood", "both": "fit"}.get(wanted, wanted)
 
 
 def chosen_method(model: Model, wanted: str) -> str:

@@ -21,12 +21,12 @@ UPWARDS, DOWNWARDS, FORWARDS = (0.0, 0, 1), (0.0, 0, -1), (0.0, -1, 0)
 
 @dataclass(frozen=True)
 class CharacterOptions:
-    """Where bones begin that a body's segments have no joints for. Reckoned.
+    """Where bones begin that a body's segments have no joints for.
 
-    chest     part of the way from the back's joint to the neck's
-    skull     part of the way from the neck's joint to the top of the head
-    shoulder  part of the way from the neck's joint to the shoulder's
-    toes      part of the way from the ankle to the tips of the toes
+    chest     physical: part of the way from the back's joint to the neck's
+    skull     physical: part of the way from the neck's joint to the top of the head
+    shoulder  physical: part of the way from the neck's joint to the shoulder's, where the collarbone begins
+    toes      physical: part of the way from the ankle to the tips of the toes, their joints
     """
 
     chest: float = 0.5
@@ -46,9 +46,9 @@ class BoneSite:
     parent     None for the root
     segment    of the body, that moves it
     towards    the segment whose joint is ahead of it; None for the own far end
-    along      it begins so far, of the way there
+    along      format: it begins so far, of the way there
     direction  of the bone at rest, None for as the body has it
-    until      it ends so far on that way
+    until      format: it ends so far on that way
     start      the segment whose joint that way begins at, None for its own
     """
 
@@ -185,7 +185,7 @@ def _ends(site: BoneSite, index: Mapping[str, int], joints: np.ndarray, ends: np
     """Where a bone begins and ends on the body at rest."""
     own = index[site.segment]
     first = joints[index[site.start or site.segment]]
-    last = joints[index[site.towards]] if site.towards in index else ends[own]
+    last = ends[own] if site.towards is None or site.towards not in index else joints[index[site.towards]]
     return first + site.along * (last - first), first + site.until * (last - first)
 
 

@@ -24,33 +24,21 @@ from ..papers.virtual_occlusions.fit import fit_body, fit_until_still
 
 @dataclass(frozen=True)
 class PosingOptions:
-    """How a body is posed on labelled points; reckoned.
+    """How a body is posed on labelled points.
 
-    marker_sd_m      how far a marker sits from where a well fitted body carries it: skin moves
-    reach_m          farther off than this a point pulls less and less, it may be labelled wrongly
-    height_sd_m      of a height that was measured
-    own_sd           heights, how far a subject's own markers stray from where the shape puts them
-    min_markers      a frame with fewer has no pose
-    subject_frames   which one subject's size and shape are taken from, where a marker set is learned from them
-    key_stride       frames; those in between start from their neighbours' poses
-    window_frames    of one subject that are posed as a take of their own, so that memory hardly grows with the take
-    batch_frames     posed at once: large enough for NumPy, small enough for the cache
-    max_cost_ratio   of a frame's cost to the median; a frame that is posed worse than this is tried again
-    min_size_ratio   of a body's first size to the prior's height: a child on a grown person's marker set
-    max_size_ratio   and a grown person on a child's
-    limb_weight      of a marker in the first alignment, for every joint between it and the root: limbs move
-    hold             1/m², holds a column against any data, yet is not so large that the rest is lost in rounding
-    free_steps       iterations of the frames' own fits, from the first alignment
-    subject_steps    iterations of the fit with shared size and shape
-    own_rounds       of own offsets, each followed by
-    own_steps        iterations of that fit
-    key_steps        iterations of a key frame
-    between_steps    iterations of a frame that starts from its neighbours
-    again_steps      iterations of a frame that is tried again
-    at_once          iterations after which frames that are still go no further; all of these are at most
-    still            of a frame's cost, that its last iteration lowered it by; a marker 1.4 mm off costs ten times that
-    subject_work     what a frame of the subject's size and shape takes, in steps; measured, for progress only
-    again_share      of the frames, that are tried again; measured, for progress only
+    marker_sd_m      physical: how far a marker sits from where a well fitted body carries it, as skin moves
+    reach_m          physical: farther off than this a point pulls less and less, it may be labelled wrongly
+    height_sd_m      physical: of a height that was measured
+    own_sd           physical: heights, how far a subject's own markers stray from where the shape puts them
+    min_markers      physical: a frame with fewer has no pose; three points fix one, a fourth tells it from its mirror
+    subject_frames   memory: which one subject's size and shape are taken from
+    key_stride       memory: frames; those in between start from their neighbours' poses
+    window_frames    memory: of one subject that are posed as a take of their own
+    batch_frames     memory: posed at once, few enough for the processor's cache
+    max_cost_ratio   physical: of a frame's cost to the median; one that is posed worse than this is tried again
+    max_size_ratio   physical: of a body's first size to the prior's height, either way: a grown person on a child's
+                     marker set
+    limb_weight      physical: of a marker in the first alignment, for every joint between it and the root; limbs move
     """
 
     marker_sd_m: float = 0.01
@@ -63,22 +51,17 @@ class PosingOptions:
     window_frames: int = 20_000
     batch_frames: int = 256
     max_cost_ratio: float = 3.0
-    min_size_ratio: float = 0.6
     max_size_ratio: float = 1.6
     limb_weight: float = 0.25
-    hold: float = 1e9
-    free_steps: int = 12
-    subject_steps: int = 8
-    own_rounds: int = 2
-    own_steps: int = 3
-    key_steps: int = 15
-    between_steps: int = 4
-    again_steps: int = 12
-    at_once: int = 2
-    still: float = 1e-3
-    subject_work: int = 38
-    again_share: float = 0.05
 
+
+# Iterations, at most: frames that are still go no further. Of a pose that begins far off, of one that begins near, and
+# of the fit with shared size and shape; of this once more after each round of own offsets.
+FAR_STEPS, NEAR_STEPS = 15, 4
+SUBJECT_STEPS, OWN_ROUNDS, OWN_STEPS = 8, 2, 3
+STEPS_AT_ONCE = 2  # iterations, after which frames that are still are left out
+STILL_GAIN = 1e-3  # what a still frame's last iteration lowered its cost by; a marker 1.4 mm off costs ten times that
+HOLD = 1e9  # 1/m², holds a column against any data, yet is not so large that the rest is lost in rounding
 
 POSING = PosingOptions()
 
@@ -117,7 +100,7 @@ def fit_in_steps(
     enough = np.flatnonzero(markers_there(points) >= POSING.min_markers)
     if subject is None:
         subject = subject_of(model, points, prior, subject_frames)
-    count = _counter(len(enough), min(subject_frames, len(enough)))
+    count = _counter(len(enough))
     poses = {name: (len(points), *getattr(subject, name).shape[1:]) for name in ("translation", "quaternion", "bends")}
     fields = {name: _each(getattr(subject, name), len(points)) for name in ("scale", "shape", "own")}
     for name, shape in poses.items():
@@ -152,26 +135,20 @@ def subject_of(model: BodyModel, points: np.ndarray, prior: Prior, frames: int =
     return fit_subject(model, points[_fullest(there, enough, frames)], prior).pick(slice(0, 1))
 
 
-def fit_subject(model: BodyModel, points: np.ndarray, prior: Prior, steps: int = POSING.subject_steps) -> Bodies:
+def fit_subject(model: BodyModel, points: np.ndarray, prior: Prior, steps: int = SUBJECT_STEPS) -> Bodies:
     """Bodies (T) that share scale, shape and own offsets, on a few frames (T, M, 3) m that all have a pose."""
-    free = _until_still(model, aligned(model, points, prior), points, POSING.free_steps, prior)
+    free = _until_still(model, aligned(model, points, prior), points, FAR_STEPS, prior)
     bodies = replace(free, scale=_shared(free.scale), shape=_shared(free.shape))
     bodies = descend_subject(model, bodies, points, prior, steps)
-    for _ in range(POSING.own_rounds):
+    for _ in range(OWN_ROUNDS):
         bodies = _with_own(model, bodies, points)
-        bodies = descend_subject(model, bodies, points, prior, POSING.own_steps)
+        bodies = descend_subject(model, bodies, points, prior, OWN_STEPS)
     return bodies
 
 
-def _counter(frames: int, fullest: int) -> Callable[[int], float]:
-    """A function that hears how many frames went how many steps on, and says how far that is in it all.
-
-    So many frames, the `fullest`, have given size and shape by then.
-    """
-    again = POSING.again_share * 3 * POSING.again_steps
-    each = POSING.key_steps / POSING.key_stride + POSING.between_steps + again
-    done = POSING.subject_work * fullest
-    whole = done + frames * each
+def _counter(frames: int) -> Callable[[int], float]:
+    """A function that hears how many frames went how many steps on, and says how far that is in it all, about."""
+    whole, done = frames * (FAR_STEPS / POSING.key_stride + NEAR_STEPS), 0
 
     def count(work: int) -> float:
         nonlocal done
@@ -197,10 +174,10 @@ def _pose_in_steps(
     held = _Held(Prior(stiff, prior.strength, height=prior.height), slice(6, PLACEMENT))
     keys = np.unique(np.append(np.arange(0, len(points), POSING.key_stride), len(points) - 1))
     start = replace(aligned(stiff, points[keys], prior), scale=np.repeat(subject.scale, len(keys), axis=0))
-    posed = yield from _fit_batches(stiff, start, points[keys], held, POSING.key_steps, count)
+    posed = yield from _fit_batches(stiff, start, points[keys], held, FAR_STEPS, count)
     if len(keys) < len(points):
         start = _between(posed, keys, len(points))
-        posed = yield from _fit_batches(stiff, start, points, held, POSING.between_steps, count)
+        posed = yield from _fit_batches(stiff, start, points, held, NEAR_STEPS, count)
         posed = yield from _tried_again(stiff, posed, points, held, count)
     return replace(
         posed,
@@ -238,7 +215,7 @@ def aligned(model: BodyModel, points: np.ndarray, prior: Prior) -> Bodies:
     turn, values = best_turns(outer)
     variance = np.einsum("bm,bmi,bmi->b", weight, shape - here[:, None], shape - here[:, None])
     size = values.sum(axis=1) / np.maximum(variance, 1e-9)
-    size = np.clip(size, POSING.min_size_ratio * prior.height, POSING.max_size_ratio * prior.height)
+    size = np.clip(size, prior.height / POSING.max_size_ratio, POSING.max_size_ratio * prior.height)
     vector = rotations.rotation_vector(turn)
     return replace(
         bodies,
@@ -265,7 +242,7 @@ def descend_subject(
         tried = bodies.moved(-_subject_step(gradient, normal, shared, damping))
         new = _equations(model, tried, pull, prior)
         if new[0] <= cost:
-            still = cost - new[0] < POSING.still * len(points)
+            still = cost - new[0] < STILL_GAIN * len(points)
             bodies, (cost, gradient, normal), damping = tried, new, max(damping / 10, 1e-8)
             if still:
                 break
@@ -341,7 +318,7 @@ class _Held:
     def __init__(self, prior: Prior, columns: slice):
         self.prior, self.hessian = prior, prior.hessian.copy()
         held = np.arange(len(self.hessian))[columns]
-        self.hessian[held, held] += POSING.hold
+        self.hessian[held, held] += HOLD
 
     def terms(self, bodies: Bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         cost, gradient, _ = self.prior.terms(bodies)
@@ -369,7 +346,7 @@ def _until_still(model: BodyModel, start: Bodies, points: np.ndarray, steps: int
     def pull_on(some: np.ndarray) -> PointPull:
         return labelled_pull(points[some])
 
-    return fit_until_still(model, start, pull_on, steps, prior, POSING.at_once, POSING.still)
+    return fit_until_still(model, start, pull_on, steps, prior, STEPS_AT_ONCE, STILL_GAIN)
 
 
 def _tried_again(
@@ -382,7 +359,7 @@ def _tried_again(
         if not len(poor):
             break
         start = posed.pick(np.clip(poor + shift, 0, len(points) - 1))
-        again = yield from _fit_batches(model, start, points[poor], prior, POSING.again_steps, count)
+        again = yield from _fit_batches(model, start, points[poor], prior, FAR_STEPS, count)
         new = np.concatenate([_cost(model, again, points[poor], part) for part in _batches(len(poor))])
         better = new < cost[poor]
         for name in ("translation", "quaternion", "scale", "bends"):

@@ -17,22 +17,29 @@ from .matching import Circumstances, Expected, FrameMatcher, FramePoints
 
 @dataclass(frozen=True)
 class ReconstructionOptions:
-    """How a capture's circumstances are learned, and where trajectories begin. All reckoned.
+    """How a capture's circumstances are learned, and where trajectories begin.
 
-    min_points           of a trajectory; a shorter one is a passing coincidence of rays
-    tried_px             the take shows which of these deviations of a blob's position is nearest to its own
-    min_gain             of the part of the blobs that a coarser one must explain to be taken
-    min_px, max_px       what the deviation may be
-    first_seen, first_ghosts  what is believed before anything is seen: `Circumstances.seen`, `Circumstances.ghosts`
-    min_seen, max_seen   what may be believed; points of many rays, which say it, are the ones that are seen well
-    min_ghosts           a frame, in every camera
-    sample_frames        of the first chunk that the circumstances are learned from, twice
-    min_noise_points     that must say it
-    opening_frames       at the beginning, of which the calmest is where trajectories begin
-    opening_stride       frames between those that are tried
-    min_full             of the most points that a frame has, which the calmest must have
-    max_move_m           that counts as a move between frames; farther is another point
-    new_share            of what a chunk shows in what is believed from then on
+    Measured on walks in 4 to 8 cameras: half or twice of each number changes 1 % of the points at most; of the two
+    shares, `first_seen` and `max_seen`, half of it, as twice of it would be more than all.
+
+    min_points  measured: of a trajectory; a shorter one is a passing coincidence of rays
+    tried_px  measured: the take shows which of these deviations of a blob's position is nearest to its own
+    min_gain  measured: of the part of the blobs that a coarser one must explain to be taken
+    min_px  measured: least that the deviation may be, and
+    max_px  measured: most
+    first_seen  measured: assumed before anything is seen: `Circumstances.seen`, and
+    first_ghosts  measured: `Circumstances.ghosts`
+    min_seen  measured: least that may be assumed; points of many rays, which say it, are the ones that are seen well,
+        and
+    max_seen  measured: most
+    min_ghosts  measured: a frame, in every camera
+    sample_frames  measured: of the first chunk that the circumstances are learned from, twice
+    min_noise_points  measured: that must say it
+    opening_frames  measured: at the beginning, of which the calmest is where trajectories begin
+    opening_stride  measured: frames between those that are tried
+    min_full  measured: of the most points that a frame has, which the calmest must have
+    max_move_m  physical: that counts as a move between frames; farther is another point
+    new_share  measured: of what a chunk shows in what is believed from then on
     """
 
     min_points: int = 5

@@ -14,7 +14,6 @@ from .suspects import suspect_ranges
 
 SAID = 0  # of a trajectory in a frame: an edit says something of it, whatever that is
 PAIR = 2  # markers of which a doubt asks which is which
-FORMER_WORDS = "the plates", "the rigid bodies"  # what the first versions called them, and what they are called
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,16 +60,10 @@ def unanswered(
 
 def unanswered_of_blobs(suspects: Iterable[Suspect], edits: Edits, names: Mapping[str, int]) -> tuple[Suspect, ...]:
     """The suspects of a take of blobs without the frames in which their markers are right."""
-    right = [(names[edit.marker], edit.frames) for edit in edits if isinstance(edit, Right)]
     left: list[Suspect] = []
     for suspect in suspects:
-        frames = np.arange(suspect.first, suspect.last + 1)
         own = [names[name] for name in suspect.markers if name in names]
-        looked_at = np.zeros((len(frames), len(own)), bool)
-        for marker, span in right:
-            if marker in own:
-                here = True if span is None else _within(frames, span)
-                looked_at[:, own.index(marker)] |= here
+        looked_at = right_in(edits, names, np.arange(suspect.first, suspect.last + 1))[:, own]
         left += _rest(suspect, _enough(looked_at))
     return tuple(left)
 
@@ -92,10 +85,10 @@ def heard_in(edits: Edits, suspects: Iterable[Suspect]) -> frozenset[Accepted]:
     if not listening:
         return frozenset()
     said = [(one.reason, one.first, one.last) for one in suspects]
-    return frozenset(edit for edit in listening if any(is_heard(edit, *one) for one in said))
+    return frozenset(edit for edit in listening if any(is_accepted(edit, *one) for one in said))
 
 
-def is_heard(edit: Accepted, words: str, first: int, last: int) -> bool:
+def is_accepted(edit: Accepted, words: str, first: int, last: int) -> bool:
     """Whether an edit accepts what a review says in these words of some of the frames from the first to the last."""
     here = edit.frames is None or (edit.frames[0] <= last and first <= edit.frames[1])
     return here and topic_of(edit.doubt) == topic_of(words)
@@ -103,7 +96,7 @@ def is_heard(edit: Accepted, words: str, first: int, last: int) -> bool:
 
 def topic_of(words: str) -> str:
     """What a review says, without its figures, which change when a take is labelled again."""
-    return re.sub(r"\d[\d.,]*(?= ?(?:px|mm|%))", "…", words).replace(*FORMER_WORDS)
+    return re.sub(r"\d[\d.,]*(?= ?(?:px|mm|%))", "…", words)
 
 
 def accepted_in(edits: Edits, words: str, frames: np.ndarray) -> np.ndarray:

@@ -7,25 +7,8 @@ import numpy as np
 
 from ..data.takes import NO_MARKER, Blobs, Labels, Motion
 from ..geometry.cameras import Cameras
-
-
-@dataclass(frozen=True)
-class BesideOptions:
-    """What is counted for each camera; reckoned.
-
-    beside_m     from where the body has a marker that has no blob in this image: a blob there may be it
-    bin_px       of the table of errors from which the median is taken
-    max_px       up to which it goes
-    frames_once  whose markers are projected into all cameras at a time
-    """
-
-    beside_m: float = 0.05
-    bin_px: float = 0.02
-    max_px: float = 40.0
-    frames_once: int = 500
-
-
-BESIDE = BesideOptions()
+from .suspects import SUSPECTING
+from .tallies import OVERVIEW, Lengths
 
 
 @dataclass(frozen=True)
@@ -67,25 +50,23 @@ class CameraBlobs:
         self.cameras, self.names = cameras, cameras.names
         count = len(cameras.names)
         self._blobs, self._named, self._beside = (np.zeros(count, np.int64) for _ in range(3))
-        self._errors = np.zeros((count, int(BESIDE.max_px / BESIDE.bin_px) + 1), np.int64)
+        self._errors = Lengths(count)
 
     def add(self, blobs: Blobs, labels: Labels, motion: Motion):
         """Adds a chunk."""
-        for first in range(0, len(blobs.frames), BESIDE.frames_once):
-            last = min(first + BESIDE.frames_once, len(blobs.frames))
+        for first in range(0, len(blobs.frames), OVERVIEW.at_once):
+            last = min(first + OVERVIEW.at_once, len(blobs.frames))
             rows = slice(*np.searchsorted(blobs.frame, [first, last]).tolist())
             self._add(blobs.frame[rows] - first, blobs.camera[rows], blobs.xy[rows], labels.marker[rows], motion, first)
 
     def _add(self, frame, camera, xy, marker, motion: Motion, first: int):
-        count, frames = len(self.names), slice(first, first + BESIDE.frames_once)
+        count, frames = len(self.names), slice(first, first + OVERVIEW.at_once)
         named = marker != NO_MARKER
         self._blobs += np.bincount(camera, minlength=count)
         self._named += np.bincount(camera[named], minlength=count)
         own = camera[named], frame[named], marker[named]
         error = np.linalg.norm(self.cameras.project(motion.markers[frames])[own] - xy[named], axis=1)
-        known = np.isfinite(error)
-        column = (np.minimum(error[known], BESIDE.max_px) / BESIDE.bin_px).astype(int)
-        np.add.at(self._errors, (own[0][known], column), 1)
+        self._errors.add(error, own[0])
         given = np.zeros((count, *motion.expected[frames].shape[:2]), bool)
         given[own] = True
         where = self.cameras.project(motion.expected[frames])
@@ -95,7 +76,7 @@ class CameraBlobs:
         left = camera[~named], frame[~named]
         with np.errstate(invalid="ignore", divide="ignore"):
             away = np.linalg.norm(where[left] - xy[~named][:, None], axis=2)
-            near = (away < BESIDE.beside_m * self.cameras.focal[left[0], None] / ahead[left]).any(axis=1)
+            near = (away < SUSPECTING.max_off_body_m * self.cameras.focal[left[0], None] / ahead[left]).any(axis=1)
         self._beside += np.bincount(left[0][near], minlength=count)
 
     def blobs_of(self, name: str) -> int:
@@ -104,12 +85,5 @@ class CameraBlobs:
 
     def figures(self) -> list[CameraFinding]:
         """Each camera, in order."""
-        found = []
-        for index, name in enumerate(self.names):
-            total = np.cumsum(self._errors[index])
-            middle = float("nan")
-            if total[-1]:
-                middle = (np.searchsorted(total, total[-1] / 2) + 0.5) * BESIDE.bin_px
-            counts = (int(values[index]) for values in (self._blobs, self._named, self._beside))
-            found.append(CameraFinding(name, *counts, float(middle)))
-        return found
+        counts = zip(self.names, self._blobs.tolist(), self._named.tolist(), self._beside.tolist(), strict=True)
+        return [CameraFinding(*one, self._errors.quantile(0.5, index)) for index, one in enumerate(counts)]

@@ -8,21 +8,9 @@ import numpy as np
 
 from ..data.takes import NO_MARKER
 from ..data.wording import words_of_frames
+from .suspects import SUSPECTING, runs
 
 GAINED, LOST, OTHER = "gained", "lost", "other"
-
-
-@dataclass(frozen=True)
-class ChangeOptions:
-    """What is one change to a person who looks at it; reckoned.
-
-    max_bridged  frames between two changes of one kind that are one
-    """
-
-    max_bridged: int = 2
-
-
-CHANGING = ChangeOptions()
 
 
 @dataclass(frozen=True)
@@ -84,6 +72,7 @@ def summary_of_changes(found: Sequence[Change]) -> str:
 
 
 def _ranges(name: str, what: str, flags: np.ndarray, frames: np.ndarray) -> list[Change]:
-    at = np.flatnonzero(flags)
-    parts = np.split(at, np.flatnonzero(np.diff(at) > CHANGING.max_bridged + 1) + 1)
-    return [Change(name, what, int(frames[part[0]]), int(frames[part[-1]]), len(part)) for part in parts]
+    return [
+        Change(name, what, int(frames[start]), int(frames[stop - 1]), int(flags[start:stop].sum()))
+        for start, stop in runs(flags, SUSPECTING.max_break_frames)
+    ]

@@ -18,9 +18,9 @@ WHOLE_FRAME = "the placement is only"  # what begins the doubts that are about a
 
 @dataclass(frozen=True)
 class DoubtfulOptions:
-    """Which names are doubtful; reckoned.
+    """Which names are doubtful.
 
-    min_confidence  of the name of a point, below which it is doubtful
+    min_confidence  learned: of the name of a point, a share of right names as training counts it; 1 % are wrong below
     """
 
     min_confidence: float = 0.99

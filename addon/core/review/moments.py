@@ -13,20 +13,14 @@ from .suspects import SUSPECTING
 
 @dataclass(frozen=True)
 class MomentOptions:
-    """Which moments are kept; reckoned, by what a person looks through.
+    """Which moments are kept.
 
-    most       in the end
-    alike      of one kind that are kept, each of other markers
-    kinds      of doubts that are kept
-    around_m   from the middle of the markers to unnamed points that are kept, and
-    others     how many of these
+    most       format: pictures on a page, and kept of one kind of doubt, each of other markers
+    around_m   physical: m, from the middle of the markers to unnamed points that are kept; a body with arms held out
     """
 
     most: int = 6
-    alike: int = 3
-    kinds: int = 24
     around_m: float = 1.5
-    others: int = 200
 
 
 MOMENTS = MomentOptions()
@@ -104,7 +98,7 @@ class MomentKeeper:
     def worst(self, most: int = MOMENTS.most) -> tuple[Moment, ...]:
         """The worst of each kind first, then the next of each."""
         kinds = sorted(self.kinds.values(), key=lambda kept: -kept[0].badness)
-        turns = [kept[turn] for turn in range(MOMENTS.alike) for kept in kinds if turn < len(kept)]
+        turns = [kept[turn] for turn in range(MOMENTS.most) for kept in kinds if turn < len(kept)]
         return tuple(turns[:most])
 
     def _keep(self, kind: str, found: _Found, off: np.ndarray, rows: Blobs | PointRows, chunk: LabelledChunk):
@@ -113,12 +107,10 @@ class MomentKeeper:
         if same is not None and same.badness >= found.badness:
             return
         kept = [one for one in kept if one is not same]
-        if len(kept) == MOMENTS.alike and kept[-1].badness >= found.badness:
+        if len(kept) == MOMENTS.most and kept[-1].badness >= found.badness:
             return
         kept = sorted([*kept, _moment(found, found.most_seen(off), rows, chunk)], key=lambda one: -one.badness)
-        self.kinds[kind] = kept[: MOMENTS.alike]
-        if len(self.kinds) > MOMENTS.kinds:
-            del self.kinds[min(self.kinds, key=lambda name: self.kinds[name][0].badness)]
+        self.kinds[kind] = kept[: MOMENTS.most]
 
 
 def _kind_of(words: str, markers: tuple[str, ...]) -> str:
@@ -135,7 +127,7 @@ def _moment(found: _Found, index: int, rows: Blobs | PointRows, chunk: LabelledC
         xyz, named = rows.xyz[part], chunk.labels.named[part]
         middle = np.nanmedian(np.concatenate([markers, xyz]), axis=0)
         near = np.linalg.norm(xyz - middle, axis=1) < MOMENTS.around_m
-        others = xyz[~named & near][: MOMENTS.others]
+        others = xyz[~named & near]
         own = rows.trajectory[part] == found.suspect.trajectory
         asked = xyz[own][0] if own.any() else asked
     return Moment(

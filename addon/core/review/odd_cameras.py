@@ -15,44 +15,16 @@ import numpy as np
 
 from ..data.errors import ForceableError
 from ..data.markersets import MarkerSet
+from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Suspect
 from ..geometry.cameras import Cameras
 from ..geometry.triangulation import meet_rows
-from .camera_order import MEETING_BY_CHANCE, CameraAgreement, best_order, same_names_meet
+from .camera_order import CAMERA_HEALTH, CameraAgreement, best_order, same_names_meet
 from .camera_places import CameraPlace, find_again
 from .camera_words import OF_ROOM
 from .room_size import times_too_large
 
-
-@dataclass(frozen=True)
-class StandOutOptions:
-    """When a camera stands out from the others of a take; reckoned.
-
-    frames            of a take that are looked at
-    min_seen          markers in a camera's image before anything is said of it
-    max_few           of the usual share of named markers, that is few, and
-    max_almost_none   that is almost none
-    min_sure          share of named markers below which a camera's name is not taken for granted
-    min_moved_px      that all blobs of a camera are off together, and
-    min_times_usual   as many times what is usual when it is left out
-    min_cameras       of which one can be distinguished from the others
-    max_lacking       of the usual share of named markers: a camera with less is looked for beside where it was
-    rich_frames       with the most blobs, of which it is asked whether blobs meet
-    """
-
-    frames: int = 40
-    min_seen: int = 100
-    max_few: float = 0.5
-    max_almost_none: float = 0.1
-    min_sure: float = 0.3
-    min_moved_px: float = 0.8
-    min_times_usual: float = 3.0
-    min_cameras: int = 4
-    max_lacking: float = 0.8
-    rich_frames: int = 10
-
-
-STANDING_OUT = StandOutOptions()
+MIN_RAYS = 3  # that make a point which one of them can be measured against
 OF_THIS_TAKE = "; expected the calibration that the take was recorded with, in metres"
 
 
@@ -85,6 +57,21 @@ class _Frame:
     expected: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class _NamedBlobs:
+    """N blobs: frame, camera and marker (N,), place (N, 2) px and without the lens, `image` (N, 2)."""
+
+    frame: np.ndarray
+    camera: np.ndarray
+    xy: np.ndarray
+    image: np.ndarray
+    marker: np.ndarray
+
+    def rows(self, chosen: np.ndarray) -> "_NamedBlobs":
+        """Some of them."""
+        return _NamedBlobs(*(column[chosen] for column in vars(self).values()))
+
+
 class CameraCheck:
     """Keeps a few frames of a take while it is labelled; says at its end which cameras do not go with the others.
 
@@ -94,8 +81,8 @@ class CameraCheck:
     def __init__(self, cameras: Cameras, markerset: MarkerSet | None = None):
         self.cameras, self.markerset = cameras, markerset
         self.frames: list[_Frame] = []
-        self._first = self._last = None
-        self._count, self._stride = 0, 1
+        self._first = self._last = self._count = 0
+        self._stride = 1
 
     def add(self, blobs: Blobs, chunk: LabelledChunk):
         """Adds a chunk, which follows the last."""
@@ -103,7 +90,7 @@ class CameraCheck:
 
     def add_named(self, blobs: Blobs, marker: np.ndarray, expected: np.ndarray):
         """The same of F frames whose N blobs are of markers (N,), which the body carries at (F, M, 3) m."""
-        self._first = int(blobs.frames[0]) if self._first is None else self._first
+        self._first = self._first if self._count else int(blobs.frames[0])
         self._last = int(blobs.frames[-1])
         for index in range(len(blobs.frames)):
             if self._count % self._stride == 0:
@@ -111,7 +98,7 @@ class CameraCheck:
                 kept = (blobs.camera[rows], blobs.xy[rows], marker[rows])
                 self.frames.append(_Frame(*kept, expected[index]))
             self._count += 1
-        while len(self.frames) > 2 * STANDING_OUT.frames:
+        while len(self.frames) > 2 * CAMERA_HEALTH.frames:
             self.frames, self._stride = self.frames[::2], self._stride * 2
 
     @cached_property
@@ -126,11 +113,9 @@ class CameraCheck:
             inside = ((pixels >= 0) & (pixels < self.cameras.size[:, None, None])).all(axis=3)
             inside &= np.einsum("cfmi,cfmi->cfm", ideal, ideal) < self.cameras.reach[:, None, None] ** 2
         given = np.zeros(inside.shape, dtype=bool)
-        for index, frame in enumerate(self.frames):
-            mine = frame.marker != NO_MARKER
-            given[frame.camera[mine], index, frame.marker[mine]] = True
+        given[self._named.camera, self._named.frame, self._named.marker] = True
         seen, named = inside.sum(axis=(1, 2)), (inside & given).sum(axis=(1, 2))
-        return CameraFigures(seen, named, _offsets(self.cameras, self.frames))
+        return CameraFigures(seen, named, self._offsets())
 
     def of_cameras(self) -> dict[str, dict]:
         """For each camera: markers in its image, those with a blob, and by how many px its blobs are off together."""
@@ -163,21 +148,18 @@ class CameraCheck:
     @cached_property
     def agreement(self) -> CameraAgreement:
         """Which blobs of the frames with the most of them meet."""
-        richest = sorted(self.frames, key=lambda frame: len(frame.camera), reverse=True)[: STANDING_OUT.rich_frames]
+        richest = sorted(self.frames, key=lambda frame: len(frame.camera), reverse=True)[: CAMERA_HEALTH.frames // 4]
         return CameraAgreement(self.cameras, [(frame.camera, frame.xy) for frame in richest])
 
     @cached_property
     def order(self) -> np.ndarray | None:
         """(C,) the name that the blobs of each calibration go by, None where all have their own."""
-        names = len(self.cameras.names)
-        if names < 3:
+        if len(self.cameras) < 3:
             return None
         if self._nothing_meets:
             return best_order(self.agreement, np.zeros(0, int))
-        sure = self.figures.share > max(STANDING_OUT.max_few * self.usual, STANDING_OUT.min_sure)
-        sure |= ~self._known  # by names; what meets is asked of all
-        # Of few cameras two that have each other's names spoil the names of all alike; yet they meet no other.
-        sure &= ~(self.agreement.meeting() < MEETING_BY_CHANCE.max_meeting)
+        with np.errstate(invalid="ignore"):
+            sure = ~(self.agreement.meeting() < CAMERA_HEALTH.min_meeting)
         return None if (~sure).sum() < 2 else best_order(self.agreement, np.flatnonzero(sure))
 
     @cached_property
@@ -195,7 +177,7 @@ class CameraCheck:
             return ""
         size = f"about {times:g} times too large" if times > 1 else f"about {1 / times:g} times too small"
         unit = {1000: ", as if millimetres were read as metres", 100: ", as if centimetres were read as metres"}
-        return f"{OF_ROOM} to be {size}{unit.get(times, '')}: what its cameras see is {_plain(high)} m high"
+        return f"{OF_ROOM} to be {size}{unit.get(round(times), '')}: what its cameras see is {_plain(high)} m high"
 
     @cached_property
     def names_apart(self) -> str:
@@ -205,14 +187,12 @@ class CameraCheck:
         """
         if self._nothing_meets or self.wrong_room or self.order is not None:
             return ""
+        named = self._named
         image = np.full((len(self.cameras), len(self.frames), len(self.frames[0].expected), 2), np.nan)
-        for index, frame in enumerate(self.frames):
-            mine = frame.marker != NO_MARKER
-            camera = frame.camera[mine]
-            image[camera, index, frame.marker[mine]] = self.cameras.undistort(frame.xy[mine], camera)
+        image[named.camera, named.frame, named.marker] = named.image
         shares = same_names_meet(self.cameras, image.reshape(len(image), -1, 2))
         shares = shares[np.isfinite(shares)]
-        if 2 * len(shares) < len(image) or np.median(shares) >= MEETING_BY_CHANCE.min_same_name:
+        if 2 * len(shares) < len(image) or np.median(shares) >= CAMERA_HEALTH.min_same_name:
             return ""
         return (
             f"{OF_ROOM} not to be this take's: by this calibration few blobs of one name meet in two cameras "
@@ -222,26 +202,32 @@ class CameraCheck:
     @cached_property
     def moved(self) -> dict[int, CameraPlace]:
         """Cameras that are named too seldom, found again beside where the calibration has them."""
-        with np.errstate(invalid="ignore"):
-            lacking = self._known & (self.figures.share < STANDING_OUT.max_lacking * self.usual)
-        lacking &= np.arange(len(self.cameras)) == self._order_or_own
-        if self.usual < STANDING_OUT.min_sure or (~lacking).sum() < 2:
+        lacking = self._lacking
+        if (~lacking).sum() < 2:
             return {}
-        points = _points_of_others(self.cameras, self.frames, np.flatnonzero(lacking))
-        places = {}
+        points = self._points_of_others(lacking)
+        least, places = CAMERA_HEALTH.max_lacking * self.usual, {}
         for index in np.flatnonzero(lacking).tolist():
             blobs = [frame.xy[frame.camera == index] for frame in self.frames]
-            places[index] = find_again(self.cameras.select([index]), points, blobs)
-        return {index: place for index, place in places.items() if place is not None}
+            place = find_again(self.cameras.select([index]), points, blobs, least)
+            places.update({} if place is None else {index: place})
+        return places
 
     @cached_property
     def off(self) -> dict[int, float]:
         """Cameras whose blobs are all off together from the points of the others, px."""
-        return dict(_moved(self.cameras, self.frames, self.figures.offset))
+        return dict(self._moved())
 
     @property
     def _known(self) -> np.ndarray:
-        return self.figures.seen >= STANDING_OUT.min_seen
+        return self.figures.seen >= CAMERA_HEALTH.enough
+
+    @property
+    def _lacking(self) -> np.ndarray:
+        """(C,) cameras under their own names that have clearly fewer names than usual."""
+        with np.errstate(invalid="ignore"):
+            few = self._known & (self.figures.share < CAMERA_HEALTH.max_lacking * self.usual)
+        return few & (np.arange(len(self.cameras)) == self._order_or_own)
 
     @property
     def _saw_something(self) -> np.ndarray:
@@ -264,7 +250,56 @@ class CameraCheck:
         """Whether most cameras' blobs meet those of others by chance only."""
         meeting = self.agreement.meeting()
         measured = np.isfinite(meeting)
-        return bool(measured.sum() >= 2 and np.median(meeting[measured]) < MEETING_BY_CHANCE.max_meeting)
+        return bool(measured.sum() >= 2 and np.median(meeting[measured]) < CAMERA_HEALTH.min_meeting)
+
+    @cached_property
+    def _named(self) -> "_NamedBlobs":
+        """The blobs of all frames that have a name."""
+        count = [len(frame.camera) for frame in self.frames]
+        parts = ([getattr(frame, name) for frame in self.frames] for name in ("camera", "xy", "marker"))
+        camera, xy, marker = (np.concatenate(part) for part in parts)
+        rows = marker != NO_MARKER
+        image = self.cameras.undistort(xy[rows], camera[rows])
+        frame = np.repeat(np.arange(len(count)), count)[rows]
+        return _NamedBlobs(frame, camera[rows], xy[rows], image, marker[rows])
+
+    def _moved(self) -> Iterator[tuple[int, float]]:
+        """Cameras that are off, the farthest first; each is left out before the next is looked at, as it pulls them."""
+        offsets, without = self.figures.offset, np.zeros(len(self.cameras), bool)
+        while np.isfinite(offsets).sum() > MIN_RAYS:
+            worst = int(np.nanargmax(offsets))
+            without[worst] = True
+            others = self._offsets(without)
+            known = others[np.isfinite(others)]
+            if not len(known) or offsets[worst] < max(MARKER_LIMITS.noise_px, SIGMAS * np.median(known)):
+                return
+            yield worst, float(offsets[worst])
+            offsets = others
+
+    def _offsets(self, without: np.ndarray | None = None) -> np.ndarray:
+        """(C,) px: the median way from where the others of some cameras have a marker to its blob; NaN if too few."""
+        named = self._named if without is None else self._named.rows(~without[self._named.camera])
+        sample = np.stack([named.frame, named.marker])
+        _, point, count = np.unique(sample, axis=1, return_inverse=True, return_counts=True)
+        point = point.ravel()
+        points = meet_rows(self.cameras, named.camera, named.image, point, len(count), others=True)
+        points[count[point] < MIN_RAYS] = np.nan
+        offsets = np.full(len(self.cameras), np.nan)
+        for index in np.unique(named.camera):
+            mine = named.camera == index
+            off = named.xy[mine] - self.cameras.select([index]).project(points[mine])[0]
+            off = off[np.isfinite(off).all(axis=1)]
+            if len(off) >= CAMERA_HEALTH.enough:
+                offsets[index] = np.linalg.norm(np.median(off, axis=0))
+        return offsets
+
+    def _points_of_others(self, without: np.ndarray) -> np.ndarray:
+        """(F, M, 3) m: the markers by their blobs in all cameras but some (C,); NaN with fewer than two."""
+        named = self._named.rows(~without[self._named.camera])
+        frames, markers = len(self.frames), len(self.frames[0].expected)
+        sample = named.frame * markers + named.marker
+        points = meet_rows(self.cameras, named.camera, named.image, sample, frames * markers)
+        return points.reshape(frames, markers, 3)
 
     def _sentences(self) -> Iterator[str]:
         if self.wrong_room:
@@ -275,9 +310,6 @@ class CameraCheck:
         if len(self.cameras) < 3:
             return
         figures, names = self.figures, self.cameras.names
-        with np.errstate(invalid="ignore"):
-            few = figures.share < STANDING_OUT.max_almost_none * self.usual
-        blank = self._known & few & (self.usual > STANDING_OUT.min_sure)
         fixed = np.arange(len(names)) == self._order_or_own
         if self.order is not None:
             yield from (_renamed([names[index] for index in cycle]) for cycle in _cycles(self.order))
@@ -286,7 +318,9 @@ class CameraCheck:
                 f"camera {names[index]} seems to have moved since the calibration: its blobs fit with it turned by "
                 f"{np.degrees(place.turned):.1f}° and shifted by {1000 * place.shifted:.0f} mm"
             )
-        for index in np.flatnonzero(blank & fixed):
+        with np.errstate(invalid="ignore"):
+            alone = ~(self.agreement.meeting() >= CAMERA_HEALTH.min_meeting)
+        for index in np.flatnonzero(self._lacking & alone).tolist():
             if index not in self.moved:
                 yield (
                     f"camera {names[index]} shows almost none of the markers in its image ({figures.share[index]:.0%} "
@@ -322,49 +356,3 @@ def _cycles(order: np.ndarray) -> Iterator[list[int]]:
             cycle.append(int(order[cycle[-1]]))
         left -= set(cycle)
         yield cycle[:1] + cycle[:0:-1]
-
-
-def _moved(cameras: Cameras, frames: list[_Frame], offsets: np.ndarray) -> Iterator[tuple[int, float]]:
-    """Cameras that are off, the farthest first; each is left out before the next is looked at, as it pulls them."""
-    without: list[int] = []
-    while np.isfinite(offsets).sum() >= STANDING_OUT.min_cameras:
-        worst = int(np.nanargmax(offsets))
-        without.append(worst)
-        others = _offsets(cameras, frames, without)
-        known = others[np.isfinite(others)]
-        if not len(known) or offsets[worst] < max(
-            STANDING_OUT.min_moved_px, STANDING_OUT.min_times_usual * np.median(known)
-        ):
-            return
-        yield worst, float(offsets[worst])
-        offsets = others
-
-
-def _offsets(cameras: Cameras, frames: list[_Frame], without: list[int] = ()) -> np.ndarray:
-    """(C,) px: the median way from where the other cameras have a marker to its blob; NaN with too few blobs."""
-    parts = [(frame, np.flatnonzero((frame.marker != NO_MARKER) & ~np.isin(frame.camera, without))) for frame in frames]
-    number = np.repeat(np.arange(len(frames)), [len(rows) for _, rows in parts])
-    camera = np.concatenate([frame.camera[rows] for frame, rows in parts])
-    marker = np.concatenate([frame.marker[rows] for frame, rows in parts])
-    xy = np.concatenate([frame.xy[rows] for frame, rows in parts])
-    _, point, count = np.unique(np.stack([number, marker]), axis=1, return_inverse=True, return_counts=True)
-    points = meet_rows(cameras, camera, cameras.undistort(xy, camera), point.ravel(), len(count), others=True)
-    points[count[point.ravel()] < 3] = np.nan
-    offsets = np.full(len(cameras), np.nan)
-    for index in np.unique(camera):
-        mine = camera == index
-        off = xy[mine] - cameras.select([index]).project(points[mine])[0]
-        off = off[np.isfinite(off).all(axis=1)]
-        if len(off) >= STANDING_OUT.min_seen:
-            offsets[index] = np.linalg.norm(np.median(off, axis=0))
-    return offsets
-
-
-def _points_of_others(cameras: Cameras, frames: list[_Frame], without: np.ndarray) -> np.ndarray:
-    """(F, M, 3) m: the markers of frames by their blobs in all cameras but some; NaN with fewer than two."""
-    points = np.full((len(frames), len(frames[0].expected), 3), np.nan)
-    for index, frame in enumerate(frames):
-        rows = np.flatnonzero((frame.marker != NO_MARKER) & ~np.isin(frame.camera, without))
-        image = cameras.undistort(frame.xy[rows], frame.camera[rows])
-        points[index] = meet_rows(cameras, frame.camera[rows], image, frame.marker[rows], len(points[index]))
-    return points

@@ -14,6 +14,7 @@ from ..geometry.cameras import NO_CAMERAS, Cameras
 from .answering import unanswered_of_blobs
 from .moments import Moment, MomentKeeper
 from .suspects import find_suspects
+from .tallies import OVERVIEW, LengthLog, Lengths, TimeBins
 
 if TYPE_CHECKING:  # it is looked at, and none is made
     from ..data.markersets import Worn
@@ -22,113 +23,6 @@ if TYPE_CHECKING:  # it is looked at, and none is made
 # should look; that it was filled, and that a person said so.
 CELL_STATES = ("gap", "named", "doubtful", "filled", "edited")
 GAP_CELL, NAMED_CELL, DOUBTFUL_CELL, FILLED_CELL, EDITED_CELL = range(len(CELL_STATES))
-
-
-@dataclass(frozen=True)
-class OverviewOptions:
-    """How finely a take is kept; reckoned, by what a page shows and may weigh, and by memory.
-
-    columns      spans of time at most, an even number; they get longer as the take does
-    per_decade   classes of a histogram in which a value grows tenfold: its quantiles are known to 6 %
-    min_mm       the smallest length that is distinguished from others, and
-    decades      in which all lengths are
-    min_px, pixel_decades  the same of reprojection errors
-    at_once      frames whose markers are projected into all cameras at a time
-    """
-
-    columns: int = 1000
-    per_decade: int = 40
-    min_mm: float = 0.001
-    decades: int = 7
-    min_px: float = 0.001
-    pixel_decades: int = 5
-    at_once: int = 500
-
-
-OVERVIEW = OverviewOptions()
-
-
-class TimeBins:
-    """Values (F, …) of frames one after the other, `join`ed over so many columns of equal length at most.
-
-    values  (columns, …), of which `used` hold something; width is how many frames a column is of
-    """
-
-    def __init__(self, *shape: int, join: np.ufunc = np.add, columns: int = OVERVIEW.columns):
-        self.join, self.width, self.frames = join, 1, 0
-        self.values = np.zeros((columns, *shape))
-
-    @property
-    def used(self) -> int:
-        """How many columns hold a frame."""
-        return -(-self.frames // self.width)
-
-    def add(self, values: np.ndarray):
-        """Adds the next frames."""
-        if not len(values):
-            return
-        while self.frames + len(values) > self.width * len(self.values):
-            half = self.join(self.values[::2], self.values[1::2])
-            self.values[: len(half)], self.values[len(half) :] = half, 0
-            self.width *= 2
-        column = (self.frames + np.arange(len(values))) // self.width
-        starts = np.flatnonzero(np.diff(column, prepend=-1))
-        at = column[starts]
-        self.values[at] = self.join(self.values[at], self.join.reduceat(values, starts, axis=0, dtype=float))
-        self.frames += len(values)
-
-
-class Lengths:
-    """How values above zero are spread: in logarithmic classes from `least` on, each of `of` kinds on its own."""
-
-    def __init__(self, least: float, decades: int, of: int = 1):
-        self.least = least
-        self.counts = np.zeros((of, decades * OVERVIEW.per_decade), np.int64)
-
-    def add(self, values: np.ndarray, kind: np.ndarray | int = 0):
-        """Adds values (N,), each of a kind; those that are not finite or not above zero are left out."""
-        known = np.isfinite(values) & (values > 0)
-        classes = np.floor(OVERVIEW.per_decade * np.log10(values[known] / self.least)).astype(int)
-        classes = np.clip(classes, 0, self.counts.shape[1] - 1)
-        kind = np.broadcast_to(kind, values.shape)[known]
-        flat = np.bincount(kind * self.counts.shape[1] + classes, minlength=self.counts.size)
-        self.counts += flat.reshape(self.counts.shape)
-
-    def quantile(self, share: float, kind: int = 0) -> float:
-        """The value below which a share of those of a kind lie; NaN where there are none."""
-        counts = self.counts[kind]
-        if not counts.any():
-            return float("nan")
-        place = int(np.searchsorted(np.cumsum(counts), share * counts.sum()))
-        return float(self.least * 10 ** ((min(place, len(counts) - 1) + 0.5) / OVERVIEW.per_decade))
-
-
-class LengthLog:
-    """One kind of length over a take, such as residuals, mm: how they are spread, and by time."""
-
-    def __init__(self):
-        self.spread = Lengths(OVERVIEW.min_mm, OVERVIEW.decades)
-        self.sums, self.largest = TimeBins(2), TimeBins(join=np.maximum)
-
-    def add(self, lengths: np.ndarray):
-        """Adds frames (F, M) of lengths, m; what is not above zero was not measured."""
-        millimetres = 1000 * np.where(lengths > 0, lengths, np.nan)
-        self.spread.add(millimetres.ravel())
-        known = np.isfinite(millimetres)
-        filled = np.where(known, millimetres, 0.0)
-        self.sums.add(np.column_stack([filled.sum(axis=1), known.sum(axis=1)]))
-        self.largest.add(filled.max(axis=1, initial=0.0))
-
-    @property
-    def any(self) -> bool:
-        """Whether anything was measured."""
-        return bool(self.spread.counts.any())
-
-    @property
-    def means(self) -> np.ndarray:
-        """(columns,) mm, NaN where nothing was measured."""
-        total, count = self.sums.values[: self.sums.used].T
-        return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +64,7 @@ class TakeOverview:
         self.first: int | None = None
         self.cells = TimeBins(len(subject.markers), len(CELL_STATES))
         self.residual, self.off_body = LengthLog(), LengthLog()
-        self.pixels = Lengths(OVERVIEW.min_px, OVERVIEW.pixel_decades, max(len(cameras), 1))
+        self.pixels = Lengths(max(len(cameras), 1))
         self.blobs = np.zeros((len(cameras), 2), np.int64)
         self.outcomes: tuple[EditOutcome, ...] = ()
         self.keeper = MomentKeeper(rate)

@@ -6,34 +6,34 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..data.physical import MARKER_LIMITS
 from ..data.takes import Motion, Suspect
 
 
 @dataclass(frozen=True)
 class SuspectOptions:
-    """What makes a marker doubtful; reckoned.
+    """What makes a marker doubtful, beside how hard `MARKER_LIMITS` says that it may be accelerated.
 
-    max_off_body_m     between a marker and where the fitted body has it: more than skin and clothes move
-    max_acceleration   m/s², more than a marker on a person is ever accelerated
-    max_break_frames   between two findings that are one
+    max_off_body_m    physical: m, between a marker and where the fitted body has it: soft tissue moves skin by up to
+                      40 mm (Leardini and others 2005), and clothes move on it
+    moment_s          physical: s, about as long as it takes a person to see something; shorter is no finding of its own
+    max_break_frames  format: between two findings that a list shows as one range
     """
 
     max_off_body_m: float = 0.07
-    max_acceleration: float = 600.0
+    moment_s: float = 0.25
     max_break_frames: int = 5
 
 
 @dataclass(frozen=True)
 class ListOptions:
-    """How long a list of doubtful ranges may be; reckoned, by what a person works through.
+    """How long a list of doubtful ranges may be.
 
-    max_break_s   between two findings with one reason that a person looks at as one
-    max_alike     findings with one reason that stay entries of their own; more are one entry
-    max_entries   in the list
-    max_names     of markers in an entry that is of many
+    max_alike    format: findings with one reason that have entries of their own; more are one entry
+    max_entries  format: in the list, as many as a person works through
+    max_names    format: of markers, or ranges, in an entry that is of many, as many as a line has room for
     """
 
-    max_break_s: float = 0.25
     max_alike: int = 2
     max_entries: int = 40
     max_names: int = 8
@@ -57,7 +57,7 @@ def find_suspects(
 def doubtful_flags(motion: Motion, rate: float, options: SuspectOptions = SUSPECTING) -> tuple[np.ndarray, np.ndarray]:
     """(F, M) True where a marker is far from where the body has it, and (F, M) where it jumps."""
     off_body = np.linalg.norm(motion.markers - motion.expected, axis=-1) > options.max_off_body_m
-    return off_body, _jumps(motion.markers, rate, options.max_acceleration)
+    return off_body, _jumps(motion.markers, rate, MARKER_LIMITS.max_impact_m_s2)
 
 
 def suspects_of(
@@ -96,7 +96,7 @@ def summarised(suspects: Sequence[Suspect], rate: float, options: ListOptions = 
     entries = [
         entry
         for found in reasons.values()
-        for entry in _of_one_reason(found, options.max_break_s * rate, options.max_alike)
+        for entry in _of_one_reason(found, SUSPECTING.moment_s * rate, options.max_alike)
     ]
     while len(entries) > options.max_entries:
         kinds: dict[str, list[Suspect]] = {}
@@ -164,7 +164,13 @@ def suspect_ranges(
 
     `markers` are those that it is about.
     """
-    at = np.flatnonzero(doubtful)
-    breaks = np.flatnonzero(np.diff(at) > max_break_frames)
-    firsts, lasts = (at[np.append(0, breaks + 1)], at[np.append(breaks, -1)]) if len(at) else (at, at)
-    return [Suspect(int(frames[a]), int(frames[b]), words, markers=markers) for a, b in zip(firsts, lasts, strict=True)]
+    found = runs(doubtful, max_break_frames)
+    return [Suspect(int(frames[start]), int(frames[stop - 1]), words, markers=markers) for start, stop in found]
+
+
+def runs(flags: np.ndarray, max_break: int = 1) -> list[tuple[int, int]]:
+    """Where flags (F,) are set, as ranges (start, stop) without `stop`; steps of up to `max_break` are bridged."""
+    at = np.flatnonzero(flags)
+    ends = np.flatnonzero(np.diff(at) > max_break)
+    starts, stops = at[np.append(0, ends + 1)[: len(at)]], at[np.append(ends, -1)[: len(at)]] + 1
+    return list(zip(starts.tolist(), stops.tolist(), strict=True))

@@ -7,32 +7,31 @@ import numpy as np
 
 from ..geometry.cameras import Cameras
 
+PAPER_SIZE_PX = (656, 491)  # the first paper, 5: its images
+PAPER_CORNER_M, PAPER_HEIGHT_M = (2.4, 2.15), 2.4  # the same: its cameras, from the middle of the volume and high
+VOLUME_RADIUS_M, VOLUME_HEIGHT_M = 0.6, 2.0  # the same: a person with arms out who is as tall as people are is in it
+RIG_LENS = (
+    -0.06,
+    0.03,
+    0.0004,
+    -0.0003,
+    0.0,
+)  # k1, k2, p1, p2, k3 of a good 6 mm lens: 3 px of barrel at corners
+
 
 @dataclass(frozen=True)
 class RigOptions:
-    """Made-up rigs: the first paper's numbers, and how far a rig put up by hand is from its plan, reckoned.
+    """How far a rig put up by hand is from its plan, and what is free in it.
 
-    size_px          of the paper's images
-    corner_m         where the paper's cameras stand from the middle of the volume
-    height_m         and how high
-    volume_radius_m  up to this far around the middle of the paper's volume a person is whole in every image,
-    volume_height_m  who is as tall as the volume
-    margin_px        at the edge of the images that stays free
-    lens             k1, k2, p1, p2, k3 of a good 6 mm lens: about three pixels of barrel at the corners
-    ring_radius_m    of a ring of cameras
-    off_m            by which a camera is off its place along either axis of the floor, and
-    off_up_share     of that in its height
-    off_target_m     by which it aims beside the middle
-    max_slack        share of the focal length that is not used
+    margin_px      at the edge of the images that stays free; physical: a marker's image
+    ring_radius_m  of a ring of cameras; physical: a room of 7 m
+    off_m          by which a camera is off its place along either axis of the floor; physical: as tripods stand, and
+    off_up_share   of that in its height
+    off_target_m   by which it aims beside the middle; physical: two degrees
+    max_slack      share of the focal length that is not used; physical: as lenses are set by hand
     """
 
-    size_px: tuple[int, int] = (656, 491)
-    corner_m: tuple[float, float] = (2.4, 2.15)
-    height_m: float = 2.4
-    volume_radius_m: float = 0.6
-    volume_height_m: float = 2.0
     margin_px: float = 6.0
-    lens: tuple[float, ...] = (-0.06, 0.03, 0.0004, -0.0003, 0.0)
     ring_radius_m: float = 3.2
     off_m: float = 0.3
     off_up_share: float = 2 / 3
@@ -50,16 +49,16 @@ def paper_rig(generator: np.random.Generator | None = None) -> Cameras:
     2.6 m high, aimed and focused a little differently, the whole rig turned about the vertical.
     """
     signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
-    centres = np.column_stack([signs * RIG.corner_m, np.full(4, RIG.height_m)])
-    return _rig(centres, RIG.size_px, generator)
+    centres = np.column_stack([signs * PAPER_CORNER_M, np.full(4, PAPER_HEIGHT_M)])
+    return _rig(centres, PAPER_SIZE_PX, generator)
 
 
 def ring_rig(
     count: int,
-    size: tuple[int, int] = RIG.size_px,
+    size: tuple[int, int] = PAPER_SIZE_PX,
     radius: float = RIG.ring_radius_m,
-    height: float = RIG.height_m,
-    volume_radius: float = RIG.volume_radius_m,
+    height: float = PAPER_HEIGHT_M,
+    volume_radius: float = VOLUME_RADIUS_M,
     generator: np.random.Generator | None = None,
 ) -> Cameras:
     """`count` cameras of `size` px evenly on a circle of `radius` m, `height` m high, that see a cylinder whole.
@@ -80,11 +79,11 @@ def _rig(
     centres: np.ndarray,
     size: tuple[int, int],
     generator: np.random.Generator | None,
-    volume_radius: float = RIG.volume_radius_m,
+    volume_radius: float = VOLUME_RADIUS_M,
 ) -> Cameras:
     """Cameras at centres (C, 3) m that look at the volume's middle through the longest lens that still sees it all."""
     count = len(centres)
-    targets = np.tile([0.0, 0.0, RIG.volume_height_m / 2], (count, 1))
+    targets = np.tile([0.0, 0.0, VOLUME_HEIGHT_M / 2], (count, 1))
     slack = np.ones(count)
     if generator is not None:
         turn = generator.uniform(0, 2 * np.pi)
@@ -95,7 +94,7 @@ def _rig(
     rotation = np.stack([_look_at(eye, target) for eye, target in zip(centres, targets, strict=True)])
     angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
     rim = np.stack([volume_radius * np.cos(angle), volume_radius * np.sin(angle)], axis=1)
-    outline = np.concatenate([np.column_stack([rim, np.full(48, z)]) for z in (0.0, RIG.volume_height_m)])
+    outline = np.concatenate([np.column_stack([rim, np.full(48, z)]) for z in (0.0, VOLUME_HEIGHT_M)])
     middle = (np.array(size) - 1) / 2
     focal = np.empty(count)
     for index in range(count):
@@ -111,7 +110,7 @@ def _rig(
         names=tuple(f"cam{index + 1}" for index in range(count)),
         size=np.tile(size, (count, 1)),
         matrix=matrix,
-        distortion=np.tile(RIG.lens, (count, 1)),
+        distortion=np.tile(RIG_LENS, (count, 1)),
         rotation=rotation,
         translation=-np.einsum("cij,cj->ci", rotation, centres),
     )

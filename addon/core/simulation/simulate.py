@@ -7,7 +7,7 @@ the take's seed and the chunk's number: the same options give the same blobs.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -24,21 +24,22 @@ TAKE_STREAM = 2**32
 class CaptureOptions:
     """What goes wrong in a virtual capture, and how much of it.
 
-    seed               of everything that is random
-    noise              standard deviation of a blob's centre, px, in x and in y
-    dropout            probability that a visible marker gives no blob in a camera and frame
-    marker_radius      m; gives the blobs' areas
-    merge_gap          blobs whose edges come nearer than this are one blob, px; a negative gap lets them overlap
-    min_area           smaller blobs are not detected, px²
-    reflections        fixed ghosts in every camera
-    reflection_on      probability that a fixed ghost shows in a frame
-    flicker            mean number of ghosts a camera and frame at random places
-    calibration_mm     how far the cameras really stand from where their calibration says, mm
-    calibration_mrad   how far they are really turned from it, mrad
-    marker_offset      markers sit up to this far from where they should, each in a fixed direction for the take, m
-    area_noise         standard deviation of a marker's area, parts of it
-    ghost_area         least and greatest area of a ghost, px²: as a marker's at some usual distance
-    chunk_frames       captured at once
+    seed              of everything that is random; format: any whole number
+    noise             standard deviation of a blob's centre, px, in x and in y; physical: of 10 px² and more
+    dropout           probability that a visible marker gives no blob in a camera and frame; physical: a scratch, a hair
+    marker_radius     m; gives the blobs' areas; physical: a ball of 14 mm, the usual one
+    merge_gap         blobs whose edges come nearer than this are one blob, px; physical: half a pixel between them is
+                      not dark; a negative gap lets them overlap
+    min_area          smaller blobs are not detected, px²; physical: less is no whole pixel
+    reflections       fixed ghosts in every camera; physical: a lamp, a screw
+    reflection_on     probability that a fixed ghost shows in a frame; physical: the subject stands before it at times
+    flicker           mean number of ghosts a camera and frame at random places; physical: one in five frames
+    calibration_mm    how far the cameras really stand from where their calibration says, mm; physical: not at all
+    calibration_mrad  how far they are really turned from it, mrad; physical: not at all
+    marker_offset     markers sit up to this far from where they should, each in a fixed direction, m; physical: none
+    area_noise        standard deviation of a marker's area, parts of it; physical: as its light varies
+    ghost_area        least and greatest area of a ghost, px²; physical: as a marker's near and far in a room
+    chunk_frames      captured at once; memory
     """
 
     seed: int = 0
@@ -178,16 +179,12 @@ def disturbed(cameras: Cameras, millimetres: float, milliradians: float, generat
     return replace(cameras, rotation=rotation, translation=translation)
 
 
-@dataclass(frozen=True, eq=False)
-class _Images:
+class _Images(NamedTuple):
     """Possible blobs of F frames, C cameras and N sources: centre (F, C, N, 2) px, area (F, C, N) px², there or not."""
 
     xy: np.ndarray
     area: np.ndarray
     there: np.ndarray
-
-    def __iter__(self):
-        return iter((self.xy, self.area, self.there))
 
 
 def _marker_images(

@@ -20,25 +20,28 @@ KNEE_FLEXION = ((0.0, 5), (0.13, 16), (0.38, 5), (0.5, 14), (0.6, 42), (0.71, 62
 ANKLE_FLEXION = ((0.0, 1), (0.07, -5), (0.3, 6), (0.45, 9), (0.6, -12), (0.72, 0), (0.85, 3))
 
 
+# Radians to either side with every stride, as the curves above; then of an elbow in the middle of its swing, and least.
+PELVIS_LIST, PELVIS_TURN, THORAX_TURN, THORAX_LEAN, HEAD_TURN, ARM_SWING = np.radians((3.0, 4.0, 7.0, 2.0, 4.0, 20.0))
+ELBOW_SWING, LEAST_ELBOW = np.radians((14.0, 8.0))
+
+
 @dataclass(frozen=True)
 class GaitOptions:
-    """How virtual people move beside their legs' curves; reckoned, from what any textbook on gait draws.
+    """How virtual people move beside their joints' curves, which textbooks on gait draw alike.
 
-    max_spread        standard deviations; beyond them bodies stop looking like people
-    harmonics         that a curve is rounded to
-    strides_per_s     of a person of
-    stature_m         this height; shorter legs swing faster
-    act_ease_s        over which one act flows into the next
-    step_ease_s       over which the weight goes from foot to foot
-    stance_share      of its stride, from heel strike, through which a foot carries, and
-    stance_ease       within which it lets go
-    min_stride        below it both feet carry all the time
-    sole_softness_m   how far above the lowest point of the soles the floor still holds a foot
-    arms_up_rad       of an arm that is raised
-    sway_rad          how far waist, arms and head wander; nobody stands quite still,
-    sway_hz           and how fast
-    list_deg, pelvis_deg         to either side with every stride
-    arm_deg, elbow_deg, min_elbow_deg, thorax_deg, lean_deg, head_deg  of swings with every stride
+    max_spread       standard deviations; physical: beyond them bodies stop looking like people
+    harmonics        that a curve is rounded to; paper: gait is described by five or six (Winter, Biomechanics, 2.2)
+    strides_per_s    of a person of stature_m; physical: 110 steps a minute
+    stature_m        shorter legs swing faster; physical: an adult's
+    act_ease_s       over which one act flows into the next; physical: a step's time
+    step_ease_s      over which the weight goes from foot to foot; physical: the time on both feet
+    stance_share     of its stride, from heel strike, through which a foot carries; physical: 58 to 62 %
+    stance_ease      of a stride, within which it lets go; physical: half the time on both feet
+    min_stride       below it both feet carry all the time; physical: steps of 10 cm are none
+    sole_softness_m  how far above the lowest point of the soles the floor still holds a foot; physical: a shoe's
+    arms_up_rad      of an arm that is raised; physical: 150 degrees
+    sway_rad         how far waist, arms and head wander; physical: nobody stands quite still
+    sway_hz          and how fast; physical: of standing people below 1 Hz
     """
 
     max_spread: float = 2.0
@@ -54,14 +57,6 @@ class GaitOptions:
     arms_up_rad: float = 2.6
     sway_rad: float = 0.02
     sway_hz: tuple[float, float] = (0.1, 0.6)
-    list_deg: float = 3.0
-    pelvis_deg: float = 4.0
-    arm_deg: float = 20.0
-    elbow_deg: float = 14.0
-    min_elbow_deg: float = 8.0
-    thorax_deg: float = 7.0
-    lean_deg: float = 2.0
-    head_deg: float = 4.0
 
 
 GAIT = GaitOptions()
@@ -72,9 +67,10 @@ class Act:
     """A part of a performance.
 
     seconds   how long it lasts
-    stride    length of the steps, 0 (standing) to 1 (a brisk walk)
-    turn      how far the person turns to the left meanwhile, rad
-    left, right  how far each arm is raised, 0 (hanging) to 1 (up)
+    stride    length of the steps, 0 (standing) to 1 (a brisk walk); physical: nobody walks unasked
+    turn      how far the person turns to the left meanwhile, rad; physical: not at all
+    left      how far the left arm is raised, 0 (hanging) to 1 (up); physical: arms hang
+    right     the same of the right arm; physical
     """
 
     seconds: float
@@ -126,14 +122,11 @@ def perform(
     bends, tilt = _bends(model.markerset, time, cycles, stride, arms, generator)
     turn = rotations.about_z(heading + facing)
     along = rotations.quaternion_to_matrix(turn) @ tilt[..., None]
-    count = len(time)
-    bodies = Bodies(
-        np.zeros((count, 3)),
-        rotations.turned(turn, along[..., 0]),
-        np.repeat(person.scale, count, axis=0),
-        person.bends + bends,
-        np.repeat(person.shape, count, axis=0),
-        np.repeat(person.own, count, axis=0),
+    bodies = replace(
+        person.pick(np.zeros(len(time), dtype=int)),
+        translation=np.zeros((len(time), 3)),
+        quaternion=rotations.turned(turn, along[..., 0]),
+        bends=person.bends + bends,
     )
     way = _way(*_soles(model, bodies, cycles, stride), rate)
     way[:, :2] -= (way[:, :2].max(axis=0) + way[:, :2].min(axis=0)) / 2
@@ -191,26 +184,25 @@ def _bends(
             bends[:, segments[name], axis] += angle
 
     swing = 2 * np.pi * cycles
-    listing = np.radians(GAIT.list_deg) * stride * np.sin(swing)
+    listing = PELVIS_LIST * stride * np.sin(swing)
     for side, sign, lag, raised in (("L", 1, 0.0, arms[:, 0]), ("R", -1, 0.5, arms[:, 1])):
         phase = cycles + lag
         bend(f"thigh.{side}", 1, -stride * _cycle(HIP_FLEXION, phase))
         bend(f"thigh.{side}", 0, -listing)
         bend(f"shank.{side}", 1, stride * _cycle(KNEE_FLEXION, phase))
         bend(f"foot.{side}", 1, -stride * _cycle(ANKLE_FLEXION, phase))
-        away = 1 - np.clip(raised, 0, 1)
-        bend(f"upper_arm.{side}", 1, stride * away * np.radians(GAIT.arm_deg) * np.cos(2 * np.pi * phase))
+        away = stride * (1 - np.clip(raised, 0, 1))
+        bend(f"upper_arm.{side}", 1, away * ARM_SWING * np.cos(2 * np.pi * phase))
         bend(f"upper_arm.{side}", 0, sign * GAIT.arms_up_rad * raised)
-        elbow = stride * away * np.radians(GAIT.elbow_deg) * (1 - np.cos(2 * np.pi * phase)) / 2
-        bend(f"forearm.{side}", 1, -np.radians(GAIT.min_elbow_deg) - elbow)
-    bend("thorax", 2, np.radians(GAIT.thorax_deg) * stride * np.cos(swing))
-    bend("thorax", 1, np.radians(GAIT.lean_deg) * stride)
-    bend("head", 2, -np.radians(GAIT.head_deg) * stride * np.cos(swing))
+        bend(f"forearm.{side}", 1, -LEAST_ELBOW - away * ELBOW_SWING * (1 - np.cos(2 * np.pi * phase)) / 2)
+    bend("thorax", 2, THORAX_TURN * stride * np.cos(swing))
+    bend("thorax", 1, THORAX_LEAN * stride)
+    bend("head", 2, -HEAD_TURN * stride * np.cos(swing))
     for name in ("thorax", "head", "upper_arm.L", "upper_arm.R", "forearm.L", "forearm.R"):
         for axis in range(3):
             bend(name, axis, _sway(time, generator))
     zero = np.zeros_like(time)
-    return bends, np.stack([listing, zero, -np.radians(GAIT.pelvis_deg) * stride * np.cos(swing)], axis=1)
+    return bends, np.stack([listing, zero, -PELVIS_TURN * stride * np.cos(swing)], axis=1)
 
 
 def _sway(time: np.ndarray, generator: np.random.Generator) -> np.ndarray:

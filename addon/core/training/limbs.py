@@ -24,11 +24,11 @@ TRUNK, BACK, HEAD_SEGMENT = "pelvis", "thorax", "head"
 
 @dataclass(frozen=True)
 class LimbOptions:
-    """What of a tree of groups may be a person. All reckoned.
+    """What of a tree of groups may be a person.
 
-    max_spine     joints from the pelvis' group to the thorax': a spine may be shown in parts
-    min_leg       groups that a leg has at least: with fewer nothing shows how it bends
-    max_guesses   most ways to read the tree that are tried, those with most groups first
+    max_spine    joints from the pelvis' group to the thorax'; physical: lumbar, thoracic and one between
+    min_leg      groups that a leg has at least; physical: with fewer nothing shows how it bends
+    max_guesses  ways to read the tree that are tried, of those with most groups; memory: each is posed
     """
 
     max_spine: int = 3

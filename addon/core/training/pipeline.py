@@ -5,6 +5,7 @@ The counterpart of the pipelines that label: compare the takes, find the body, l
 solvers.
 """
 
+import warnings
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
@@ -18,16 +19,17 @@ from ..data.markersets import MarkerSet
 from ..data.progress import Progress, within
 from ..papers.partial_solvers.model import FUNCTIONS, PartialSolvers
 from ..papers.partial_solvers.training import Training, training
-from ..points.likelihood.learn import LEARN, learning
+from ..points.likelihood.learn import learning
 from ..points.likelihood.trying import Trying, in_turn
 from ..points.models import Model, TrainingTake, by_subject
 from ..points.rigid_bodies.model import learn_rigid_bodies
 from ..posing.posing import fit_points
-from .imagining import IMAGINING, imagined, shows_poses, size_of, strangers
-from .laying import LaidBody, laid_body, marker_sides
+from .imagining import IMAGINING, bent, imagined, moves, shows_poses, size_of, strangers
+from .laying import laid_into
 from .people import person_in
 from .poses import known_poses
 from .segments import segment_markerset
+from .spread import some_of
 from .takes import (
     LabelledTake,
     contradicted,
@@ -48,12 +50,13 @@ class TrainingOptions:
     """What a model is to be.
 
     name           its marker set's
-    hit_rate       asked of the partial solvers
+    hit_rate       asked of the partial solvers; format: `--hit-rate` of the contract
     search         how those are found, "none" for none: `train_solvers` finds them later, in what the model keeps
     functions      the geometric functions that they are made of
     keep           keep frames of the takes in the model, so that it can be trained on
-    max_markers    beyond, partial solvers are found only when a search is asked for, as it takes long; reckoned
-    solver_frames  that partial solvers are trained on, of all subjects together; reckoned
+    max_markers    beyond, partial solvers are found only when a search is asked for; measured: 15 take 63 s of a core
+                   (results/partial_training.json), and many more there are of twice as many
+    solver_frames  that partial solvers are trained on, of all subjects together; memory
     """
 
     name: str
@@ -65,21 +68,7 @@ class TrainingOptions:
     solver_frames: int = 6000
 
 
-@dataclass(frozen=True)
-class BodyCheckOptions:
-    """When a marker is said not to keep to the body; reckoned.
-
-    frames           of each subject that the body is tried on
-    max_ratio        times the usual residual, and
-    max_residual_m   that a marker's may be
-    """
-
-    frames: int = 60
-    max_ratio: float = 4.0
-    max_residual_m: float = 0.03
-
-
-BODY_CHECK = BodyCheckOptions()
+MAX_RESIDUAL_M = 0.03  # of a marker on a posed body: bones and skin move by less, so it is off the body or is two
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,16 +91,6 @@ class Trained:
     residual: np.ndarray
     doubts: tuple[str, ...]
     seconds: dict[str, float]
-
-
-@dataclass(frozen=True, eq=False)
-class _Compared:
-    """What there is to learn from: all frames of each subject (T, M, 3) m, and what of the takes is worth saying."""
-
-    everyone: dict[str, np.ndarray]
-    training_takes: tuple[TrainingTake, ...]
-    replaced: tuple[TrainingTake, ...]
-    doubts: list[str]
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,50 +123,48 @@ def train(
     marks = [perf_counter()]
     with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
         yield Progress(TRAINING_SHARES["compare"], "compare the takes")
-        known = _compared(takes, markers, base)
+        before = of_markers(base.training_takes, base.markerset.markers, markers) if base else []
+        before, replaced, notes = without_replaced(before, takes)
+        everyone = _everyone(takes, markers, before)
+        notes += [doubt for take in takes for doubt in take.doubts] + contradicted(takes, markers, before)
         marks.append(perf_counter())
         yield Progress(TRAINING_SHARES["body"], "find the body")
-        work = _body(known.everyone, markers, options.name, bodies)
-        found = yield from within(work, TRAINING_SHARES["body"], TRAINING_SHARES["likelihood"], "find the body")
-        markerset, how = found.markerset, found.how
-        residual = _residual(markerset, known.everyone)
-        subjects, doubts = _subjects(known.everyone, found.learned_on, bodies)
-        others = _others(known.everyone, found.learned_on)
+        finding = _body(everyone, markers, options.name, bodies)
+        found = yield from within(finding, TRAINING_SHARES["body"], TRAINING_SHARES["likelihood"], "find the body")
+        how, residual = found.how, _residual(found.markerset, everyone)
+        subjects, doubts = _subjects(everyone, found.learned_on, bodies)
+        others = _others(everyone, found.learned_on)
         marks.append(perf_counter())
-        work = learning(
-            [(points, subject) for subject, points in (subjects | others).items()], markers, try_all=try_all
-        )
+        shown = [(points, subject) for subject, points in (subjects | others).items()]
+        work = learning(shown, markers, try_all=try_all)
         likelihood = yield from within(work, TRAINING_SHARES["likelihood"], TRAINING_SHARES["partial_solvers"])
-        likelihood = replace(likelihood, subjects=len(known.everyone))
+        likelihood = replace(likelihood, subjects=len(everyone))
         marks.append(perf_counter())
         solvers = None
         if options.search != "none":
-            work = _partial_solvers(subjects, markers, options)
-            solvers = yield from within(work, TRAINING_SHARES["partial_solvers"], TRAINING_SHARES["end"])
+            searching = _partial_solvers(subjects, markers, options)
+            solvers = yield from within(searching, TRAINING_SHARES["partial_solvers"], TRAINING_SHARES["end"])
         marks.append(perf_counter())
-    source = _source(known.training_takes)
+    training_takes = (*before, *training_takes_of(takes, markers))
+    source = _source(training_takes)
     if doubts:
-        source["poses"] = f"made up on {how}, by how recorded people move"
+        source["poses"] = f"made up on {how}, by {_known_moves(known_poses(found.learned_on, bodies))}"
     if others:
         source["others"] = f"{len(others)} made up on {how}, by how its people differ"
-    markerset = replace(markerset, source=source)
-    model = Model(markerset, likelihood, solvers, known.training_takes if options.keep else ())
-    doubts = (*known.doubts, *doubts, *found.doubts, *_doubts(model, len(known.everyone), residual))
+    model = Model(replace(found.markerset, source=source), likelihood, solvers, training_takes if options.keep else ())
+    notes = [*notes, *doubts, *found.doubts, *_doubts(model, len(everyone), residual)]
     seconds = dict(zip(("compare", "body", "evidence", "ensemble"), np.diff(marks).tolist(), strict=True))
-    return Trained(model, known.training_takes, known.replaced, how, residual, doubts, seconds)
+    return Trained(model, training_takes, tuple(replaced), how, residual, tuple(notes), seconds)
 
 
-def _compared(takes: Sequence[LabelledTake], markers: Sequence[str], base: Model | None) -> _Compared:
-    """The new takes with what is kept of those before them, and whether they contradict each other."""
-    subjects = gathered(takes, markers)
-    before = of_markers(base.training_takes, base.markerset.markers, markers) if base else []
-    before, replaced, doubts = without_replaced(before, takes)
+def _everyone(
+    takes: Sequence[LabelledTake], markers: Sequence[str], before: Sequence[TrainingTake]
+) -> dict[str, np.ndarray]:
+    """All frames of each subject (T, M, 3) m, of the takes and of what is kept of those before them."""
     everyone = by_subject(before)
-    for subject, points in subjects.items():
+    for subject, points in gathered(takes, markers).items():
         everyone[subject] = np.concatenate([everyone[subject], points]) if subject in everyone else points
-    doubts += [doubt for take in takes for doubt in take.doubts]
-    doubts += contradicted(takes, markers, before)
-    return _Compared(everyone, (*before, *training_takes_of(takes, markers)), tuple(replaced), doubts)
+    return everyone
 
 
 def _body(
@@ -204,18 +181,11 @@ def _body(
             markerset = transferred(known, subjects, markers, name)
             return _Body(markerset, markerset, f"the body of {known.name}")
         moving = any(map(shows_poses, subjects))
-        if not moving:
-            laid = _laid_body(subjects, markers, bodies)
-            if laid is not None:
-                markerset = transferred(laid.body, subjects, markers, name, laid.place)
-                return _Body(markerset, markerset, f"the body of {laid.body.name}, laid into a frame")
-        frames = sum(map(len, subjects))
-        if frames < LEARN.min_frames:
-            raise InputError(
-                f"{_shown(frames)} too little of how the markers move, and no body that is known fits; expected "
-                f"{LEARN.min_frames} frames or more, or one of a person's whole body"
-            )
-        groups = segment_markerset(subjects, markers, name)
+        if not moving and (laid := laid_into(subjects, markers, bodies)) is not None:
+            markerset = transferred(laid.body, subjects, markers, name, laid.place)
+            return _Body(markerset, markerset, f"the body of {laid.body.name}, laid into a frame")
+        shown = [made for points in subjects for made in ([points] if moves(points) else bent(points))]
+        groups = segment_markerset(shown, markers, name)
         person = (yield from person_in(subjects, markers, name, bodies)) if moving else None
     except ValueError as error:
         raise InputError(f"{error}; expected takes that show the markers together") from None
@@ -225,44 +195,34 @@ def _body(
     return _Body(groups, groups, "found from how the markers move", (doubt,))
 
 
-def _laid_body(subjects: Sequence[np.ndarray], markers: Sequence[str], bodies: Sequence[MarkerSet]) -> LaidBody | None:
-    """The known body that fits the fullest frame of the subject that has one."""
-    frames = [points[np.isfinite(points[..., 0]).sum(axis=1).argmax()] for points in subjects]
-    frame = max(frames, key=lambda one: np.isfinite(one[:, 0]).sum())
-    posable = [(body, poses) for body in bodies if len(poses := known_poses(body, bodies))]
-    return laid_body(frame, posable, marker_sides(markers))
-
-
 def _subjects(
     everyone: dict[str, np.ndarray], markerset: MarkerSet, bodies: Sequence[MarkerSet]
 ) -> tuple[dict[str, np.ndarray], list[str]]:
     """What is learned from, by subject, and what is doubtful of it.
 
-    Of who is shown in one pose only the other poses are made up, where it is known how such bodies move. Raises
-    InputError where there is too little else.
+    Of who is shown in one pose only the other poses are made up, as such bodies are known to move, or bending between
+    neighbours. What moves without bending is rigid.
     """
     poses, subjects, doubts = known_poses(markerset, bodies), {}, []
     for subject, points in everyone.items():
-        if shows_poses(points) or not len(poses):
+        if shows_poses(points) or (not len(poses) and moves(points)):
             subjects[subject] = points
             continue
-        made = imagined(markerset, points, poses)
+        made = imagined(markerset, points, poses) if len(poses) else bent(points)
         subjects |= {f"{subject}, made up {number}": guess for number, guess in enumerate(made, 1)}
         few = "1 frame" if len(points) == 1 else f"{len(points)} frames in one pose"
         doubts.append(
-            f"learned from {few} of {subject}: its other poses are made up by how recorded people move, so unusual "
+            f"learned from {few} of {subject}: its other poses are made up by {_known_moves(poses)}, so unusual "
             "ones will be named less surely; a take that shows more of them makes the model better"
         )
         seen = np.isfinite(points[..., 0]).any(axis=0)
         unseen = [name for name, there in zip(markerset.markers, seen, strict=True) if not there]
         doubts += [f"{name} is not seen of {subject}: where it sits is taken from the known body" for name in unseen]
-    frames = sum(map(len, subjects.values()))
-    if frames < LEARN.min_frames:
-        raise InputError(
-            f"{_shown(frames)} too little of how the markers move, and no pose is known of such a body; expected "
-            f"{LEARN.min_frames} frames or more"
-        )
     return subjects, doubts
+
+
+def _known_moves(poses: np.ndarray) -> str:
+    return "how recorded people move" if len(poses) else "bending it between neighbours"
 
 
 def _others(everyone: dict[str, np.ndarray], markerset: MarkerSet) -> dict[str, np.ndarray]:
@@ -273,11 +233,11 @@ def _others(everyone: dict[str, np.ndarray], markerset: MarkerSet) -> dict[str, 
     """
     moving = {subject: points for subject, points in everyone.items() if shows_poses(points)}
     unseen = not np.isfinite(np.concatenate(list(everyone.values()))[..., 0]).any(axis=0).all()
-    few = len(everyone) <= IMAGINING.max_known or unseen
+    few = 2 * len(everyone) <= IMAGINING.people or unseen
     known = len(markerset.spread.modes) and moving and few
     if not known or learn_rigid_bodies(list(everyone.values()), size_of(next(iter(moving.values())))) is not None:
         return {}
-    each = max(IMAGINING.strangers // len(moving), 1)
+    each = max(IMAGINING.people // len(moving), 1)
     made = {}
     for seed, (subject, points) in enumerate(moving.items()):
         for number, frames in enumerate(strangers(markerset, points, each, seed), 1):
@@ -285,15 +245,11 @@ def _others(everyone: dict[str, np.ndarray], markerset: MarkerSet) -> dict[str, 
     return made
 
 
-def _shown(frames: int) -> str:
-    return "one labelled frame shows" if frames == 1 else f"{frames} labelled frames show"
-
-
 def _residual(markerset: MarkerSet, everyone: dict[str, np.ndarray]) -> np.ndarray:
     """(M,) m, how far each marker is from where the posed body has it, in the middle."""
     model, away = BodyModel(markerset), []
     for points in everyone.values():
-        some = points[:: max(len(points) // BODY_CHECK.frames, 1)]
+        some = some_of(points)
         try:
             posed = model.pose(fit_points(model, some))
         except ValueError:
@@ -301,11 +257,8 @@ def _residual(markerset: MarkerSet, everyone: dict[str, np.ndarray]) -> np.ndarr
         away.append(np.linalg.norm(posed.markers - some, axis=2))
     if not away:
         return np.full(len(markerset), np.nan)
-    away = np.concatenate(away)
-    seen = np.isfinite(away).any(axis=0)
-    middle = np.full(len(markerset), np.nan)
-    middle[seen] = np.nanmedian(away[:, seen], axis=0)
-    return middle
+    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # of a marker that nobody shows
+        return np.nanmedian(np.concatenate(away), axis=0)
 
 
 def train_solvers(
@@ -349,21 +302,20 @@ def _doubts(model: Model, subjects: int, residual: np.ndarray) -> list[str]:
     doubts, markers = [], model.markerset.markers
     if subjects == 1:
         doubts.append("learned from one subject: how others differ is a guess; labels of others will be fewer")
-    most = max(BODY_CHECK.max_ratio * np.nanmedian(residual), BODY_CHECK.max_residual_m)
-    for name, value in zip(markers, residual, strict=True):
-        if value > most:
-            doubts.append(
-                f"{name} does not keep to the body ({1000 * value:.0f} mm off): is it a marker, and one only?"
-            )
+    doubts += [
+        f"{name} does not keep to the body ({1000 * value:.0f} mm off): is it a marker, and one only?"
+        for name, value in zip(markers, residual, strict=True)
+        if value > MAX_RESIDUAL_M
+    ]
     return [*doubts, *never_named(model)]
 
 
 def never_named(model: Model) -> list[str]:
     """The markers that no partial solver of a model may speak about, a sentence each."""
-    solvers = model.partial_solvers
-    covered = [] if solvers is None else solvers.covered
+    if model.partial_solvers is None:
+        return []
     return [
         f"no partial solver reaches the hit rate for {name}: the ensemble never names it"
-        for name, count in zip(model.markerset.markers, covered, strict=False)
+        for name, count in zip(model.markerset.markers, model.partial_solvers.covered, strict=True)
         if not count
     ]

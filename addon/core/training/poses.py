@@ -11,7 +11,6 @@ from ..body.bodies import Bodies, BodyModel
 from ..data.markersets import MarkerSet
 from ..geometry import rotations
 from ..posing.posing import fit_points
-from .takes import most_different
 
 MIRRORED_TURN = np.array([-1.0, 1.0, -1.0])  # a rotation vector's, left and right exchanged
 
@@ -61,21 +60,3 @@ def posed_bodies(model: BodyModel, poses: np.ndarray, size: float) -> Bodies:
     bends[:, 0] = 0
     lean = rotations.turned(np.tile([1.0, 0, 0, 0], (len(poses), 1)), poses[:, 0])
     return replace(model.rest(len(poses), size), bends=bends, quaternion=lean)
-
-
-def with_poses(markerset: MarkerSet, people: Sequence[np.ndarray], count: int) -> MarkerSet:
-    """The marker set with the poses (F, J, 3) of these people: their spread, and up to `count` of the most different.
-
-    Everybody counts the same in the spread, and so do their mirror images.
-    """
-    segments = markerset.skeleton.segments
-    everyone = [np.concatenate([one, mirrored_poses(one, segments)]) for one in people]
-    rows = np.concatenate(everyone).reshape(-1, 3 * len(segments))
-    weight = np.concatenate([np.full(len(one), 1 / len(one)) for one in everyone]) / len(everyone)
-    mean = weight @ rows
-    covariance = ((rows - mean) * weight[:, None]).T @ (rows - mean)
-    mean[:3], covariance[:3], covariance[:, :3] = 0, 0, 0
-    pool, model = np.concatenate(people), BodyModel(markerset)
-    chosen = pool[most_different(model.pose(posed_bodies(model, pool, markerset.spread.height)).markers, count)]
-    spread = replace(markerset.spread, pose_mean=mean.reshape(-1, 3), pose_covariance=covariance, poses=chosen)
-    return replace(markerset, spread=spread)

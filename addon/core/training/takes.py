@@ -9,34 +9,25 @@ import numpy as np
 from ..data.takes import evenly_spread
 from ..points.models import TrainingTake, by_subject
 from .contradictions import contradictions, leads
+from .spread import MAJORITY
 
 CELLS_A_SIDE = 1 << 20  # so many cells of space along an axis have a number of their own
 
 
 @dataclass(frozen=True)
 class KeepingOptions:
-    """What goes together and what is kept; reckoned.
+    """What goes together and what is kept.
 
-    max_size_ratio     of a take to the others, and of them to it: beyond, a unit was taken for another
-    max_frames         of a subject that a model keeps: they make up most of its file
-    considered_frames  spread over a subject's takes, of which those are chosen
-    compared_frames    of an earlier take that are looked for in the one that may take its place
-    same_place_m       size of the cells of space by which points are the same
-    apart_frames       of a take, in which what stands apart is looked for
-    still_m            along each axis that what is no marker on the subject moves in a take, and
-    apart_m            that all that moves is away from it at some time: as far as no two markers of a person are
-    flat_m             along two axes that a number in a trajectory changes by: no camera is so exact
+    max_size_ratio     of a take to the others, and of them to it; physical: people differ by two, units by ten
+    max_frames         of a subject that a model keeps; memory: they make up most of its file
+    considered_frames  spread over a subject's takes, of which those are chosen; memory
+    same_place_m       cells of space by which points are the same; physical: as markers are measured
     """
 
     max_size_ratio: float = 5.0
     max_frames: int = 600
     considered_frames: int = 4000
-    compared_frames: int = 9
     same_place_m: float = 0.002
-    apart_frames: int = 100
-    still_m: float = 0.005
-    apart_m: float = 2.5
-    flat_m: float = 1e-6
 
 
 KEEPING = KeepingOptions()
@@ -96,34 +87,14 @@ def _of_markers(points: np.ndarray, names: Sequence[str], markers: Sequence[str]
 
 
 def standing_apart(takes: Sequence[LabelledTake], markers: Sequence[str]) -> tuple[str, ...]:
-    """The names among the markers' that are of nothing on the subject: what stays where it is while all else goes away.
+    """The names among the markers' that are of nothing on the subject: two of their three axes are zero in all frames.
 
-    Programs keep heights and angles in trajectories too, such as one number and two zeros in all frames: what changes
-    along one axis alone, while most others go about.
+    Programs keep heights and angles in trajectories too, as one number and two zeros.
     """
-    still, flat = np.ones((2, len(markers)), bool)
-    apart, seen_ever = np.zeros((2, len(markers)), bool)
-    going = False
-    for take in takes:
-        points = _points(take, markers)
-        points = points[evenly_spread(len(points), KEEPING.apart_frames)]
-        seen = np.isfinite(points).all(axis=2)
-        low, high = (pick(np.where(seen[..., None], points, fill), axis=0) for pick, fill in _EXTREMES)
-        moves = ((high - low) > KEEPING.still_m).any(axis=1)
-        still &= ~moves
-        level = ((high - low) <= KEEPING.flat_m).sum(axis=1) >= 2
-        flat &= level
-        seen_ever |= seen.any(axis=0)
-        going |= bool(level.mean() < 0.5)
-        away = np.linalg.norm(points[:, :, None] - points[:, None, moves], axis=3)
-        far = np.nan_to_num(away, nan=0.0).max(axis=0, initial=0.0)
-        apart |= (far >= KEEPING.apart_m).all(axis=1) & moves.any()
-    alone = (still & apart) | (flat & seen_ever & going)
-    return tuple(name for name, one in zip(markers, alone, strict=True) if one)
-
-
-# The least and the largest of an axis, and what is neither where nothing is known.
-_EXTREMES = (np.min, np.inf), (np.max, -np.inf)
+    shown = np.concatenate([_points(take, markers) for take in takes])
+    seen = np.isfinite(shown).all(axis=2)
+    zero = (np.where(seen[..., None], shown, 0) == 0).all(axis=0).sum(axis=1)
+    return tuple(name for name, one in zip(markers, (zero >= 2) & seen.any(axis=0), strict=True) if one)
 
 
 def of_markers(
@@ -144,7 +115,7 @@ def contradicted(
         points.append(kept)
     there = [index for index, own in enumerate(points) if len(own)]
     found = contradictions([leads(points[index]) for index in there])
-    said: dict[str, None] = {}
+    found_pairs: dict[str, None] = {}
     for index, groups in zip(there, found, strict=True):
         for group in groups:
             names = " and ".join(markers[place] for place in group)
@@ -152,8 +123,8 @@ def contradicted(
             if len(there) == 2:
                 # Each contradicts the other, and nobody knows which of them is wrong.
                 where = f"one of {whose[there[0]]} and {whose[there[1]]}"
-            said[f"{names} have each other's names in {where}: look at them, and train again if so"] = None
-    return list(said)
+            found_pairs[f"{names} have each other's names in {where}: look at them, and train again if so"] = None
+    return list(found_pairs)
 
 
 def training_takes_of(takes: Sequence[LabelledTake], markers: Sequence[str]) -> list[TrainingTake]:
@@ -210,17 +181,10 @@ def without_replaced(
 
 
 def _same_points(kept: np.ndarray, points: np.ndarray) -> bool:
-    """Whether kept frames (F, M, 3) m show what frames of points (T, P, 3) m show, in any order of the points."""
-    shown = kept[np.isfinite(kept).all(axis=2).any(axis=1)]
-    if not len(shown):
-        return False
-    cells, found = _cells(points), 0
-    some = shown[evenly_spread(len(shown), KEEPING.compared_frames)]
-    for frame in some:
-        own = _cells(frame[np.isfinite(frame).all(axis=1)])
-        # A label that was corrected may hide a point or two, and a point may lie at the border of its cell.
-        found += np.isin(cells, own).sum(axis=1).max() > len(own) / 2
-    return found > len(some) / 2
+    """Whether the points of kept frames (F, M, 3) m are those of frames (T, P, 3) m, whatever they are called."""
+    shown = kept[np.isfinite(kept).all(axis=2)]
+    # A label that was corrected may hide a point or two, and a point may lie at the border of its cell.
+    return bool(len(shown)) and bool(np.isin(_cells(shown), _cells(points)).mean() > MAJORITY)
 
 
 def _cells(points: np.ndarray) -> np.ndarray:

@@ -11,38 +11,22 @@ import numpy as np
 
 from ..body.bodies import BodyModel
 from ..data.markersets import MarkerSet
-from ..data.takes import evenly_spread
 from ..posing.posing import POSING, fit_points
 from .segments import distance_to_axis
+from .spread import MAJORITY, SPREAD, full_frames, some_of
+
+SETTLING = 2  # times that a body is posed on all markers, and they are put where they are on it: then nothing moves
 
 
 @dataclass(frozen=True)
 class TransferOptions:
-    """How a known body is taken over; reckoned.
+    """How markers are hung on a known body.
 
-    frames               of a subject, spread over what shows it
-    min_set_share        of a known set's markers must be there for its body to be taken, and
-    min_known_share      of the takes' markers must be known
-    min_pose_share       of the known markers must be seen in a frame that is used
-    known_subjects       subjects that the known marker set counts for when these say where a known marker sits
-    surface_cost         heights of movement that a height between a marker and a segment's body counts as: where hardly
-                         anything moves, as in a single frame, a marker sits on what it is nearest to
-    min_marker_sd        heights, by which subjects' markers sit elsewhere
-    unknown_marker_sd    heights, the same of a marker that one subject only had
-    settled_surface_cost the same where all markers are to be hung up anew: a hand that no marker holds moves with any
-    settling_rounds      of posing a body on all markers and putting these where they are on it
+    surface_cost  heights of movement that a height off a segment's surface counts as; measured: all of the plates on a
+                  whole body go to their segments. In a single frame a marker sits on what it is nearest to
     """
 
-    frames: int = 120
-    min_set_share: float = 0.6
-    min_known_share: float = 0.5
-    min_pose_share: float = 0.5
-    known_subjects: float = 4.0
-    surface_cost: float = 0.02
-    min_marker_sd: float = 0.006
-    unknown_marker_sd: float = 0.015
-    settled_surface_cost: float = 0.1
-    settling_rounds: int = 2
+    surface_cost: float = 0.1
 
 
 TRANSFER = TransferOptions()
@@ -54,8 +38,7 @@ def known_body(markers: Sequence[str], known: Sequence[MarkerSet]) -> MarkerSet 
     def shared(markerset: MarkerSet) -> int:
         return int((known_places(markerset, markers) >= 0).sum())
 
-    least = TRANSFER.min_known_share * len(markers)
-    fitting = [one for one in known if shared(one) >= max(TRANSFER.min_set_share * len(one), least)]
+    fitting = [one for one in known if shared(one) >= MAJORITY * max(len(one), len(markers))]
     return max(fitting, key=lambda one: (shared(one), -len(one))) if fitting else None
 
 
@@ -65,7 +48,6 @@ def transferred(
     markers: Sequence[str],
     name: str,
     place: np.ndarray | None = None,
-    surface_cost: float = TRANSFER.surface_cost,
 ) -> MarkerSet:
     """The body of a known marker set with these markers, from labelled frames of each subject (T, M, 3) m.
 
@@ -74,26 +56,12 @@ def transferred(
     """
     place = known_places(body, markers) if place is None else place
     here = np.flatnonzero(place >= 0)
-    bare = _with_markers(body, place[here])
-    model = BodyModel(bare)
-    found = [_in_segments(model, _thinned(points, here), here) for points in subjects]
-    found = [one for one in found if one is not None]
-    if not found:
-        raise ValueError("no frame shows enough of the known markers together")
-    means, spreads = np.array([mean for mean, _ in found]), np.array([spread for _, spread in found])
-    away = np.array([_off_surface(bare, mean) for mean in means])
-    seen = np.isfinite(spreads).any(axis=(0, 2))
-    if not seen[place < 0].all():
+    bare = without_markers(body, place[here])
+    carrier, offsets, sd = np.full(len(markers), -1), np.zeros((len(markers), 3)), np.zeros(len(markers))
+    carrier[here], offsets[here], sd[here] = bare.attachment, bare.offsets, bare.spread.marker_sd
+    carrier, offsets, sd = _hung(bare, subjects, here, carrier, offsets, sd)
+    if (carrier < 0).any():
         raise ValueError("a marker that the body does not know is never seen with enough of those that it knows")
-    attachment = np.zeros(len(markers), dtype=int)
-    attachment[seen] = np.nanmean((spreads + surface_cost * away)[:, seen], axis=0).argmin(axis=1)
-    attachment[here] = bare.attachment
-    offsets, sd = np.zeros((len(markers), 3)), np.zeros(len(markers))
-    offsets[seen], sd[seen] = _placed(means[:, np.flatnonzero(seen), attachment[seen]])
-    count = np.isfinite(means[:, here, bare.attachment, 0]).sum(axis=0)[:, None]
-    shift = np.where(count > 0, offsets[here] - bare.offsets, 0)
-    offsets[here] = bare.offsets + shift * count / (count + TRANSFER.known_subjects)
-    sd[here] = np.maximum(bare.spread.marker_sd, np.where(count[:, 0] > 1, sd[here], 0))
     joints = len(bare.skeleton)
     modes = np.zeros((len(bare.spread.modes), joints + len(markers), 3))
     modes[:, :joints], modes[:, joints + here] = bare.spread.modes[:, :joints], bare.spread.modes[:, joints:]
@@ -104,37 +72,55 @@ def transferred(
         description=f"{len(markers)} markers on the body of {body.name}",
         markers=tuple(markers),
         aliases=aliases,
-        attachment=attachment,
+        attachment=carrier,
         offsets=offsets,
         spread=replace(bare.spread, modes=modes, marker_sd=sd),
     )
 
 
-def settled(body: MarkerSet, subjects: Sequence[np.ndarray], rounds: int = TRANSFER.settling_rounds) -> MarkerSet:
+def settled(body: MarkerSet, subjects: Sequence[np.ndarray]) -> MarkerSet:
     """A marker set with all its markers where labelled frames of each subject (T, M, 3) m have them.
 
     Each round poses the body on all of them, hangs every marker on the segment in whose axes it stays most constant,
     and puts it where it is there. Raises ValueError when no frame shows markers enough to pose it.
     """
-    here = np.arange(len(body))
-    for _ in range(rounds):
-        model = BodyModel(body)
-        found = [one for points in subjects if (one := _in_segments(model, _thinned(points, here), here)) is not None]
-        if not found:
-            raise ValueError("no frame shows enough of the markers together")
-        means, spreads = np.array([mean for mean, _ in found]), np.array([spread for _, spread in found])
-        away = np.array([_off_surface(body, mean) for mean in means])
-        seen = np.isfinite(spreads).any(axis=(0, 2))
-        attachment, offsets, sd = body.attachment.copy(), body.offsets.copy(), body.spread.marker_sd.copy()
-        attachment[seen] = np.nanmean((spreads + TRANSFER.settled_surface_cost * away)[:, seen], axis=0).argmin(axis=1)
-        offsets[seen], sd[seen] = _placed(means[:, np.flatnonzero(seen), attachment[seen]])
-        body = replace(body, attachment=attachment, offsets=offsets, spread=replace(body.spread, marker_sd=sd))
+    here, anywhere = np.arange(len(body)), np.full(len(body), -1)
+    for _ in range(SETTLING):
+        carrier, offsets, sd = _hung(body, subjects, here, anywhere, body.offsets, body.spread.marker_sd)
+        carrier = np.where(carrier < 0, body.attachment, carrier)
+        body = replace(body, attachment=carrier, offsets=offsets, spread=replace(body.spread, marker_sd=sd))
     return body
 
 
-def without_markers(markerset: MarkerSet, kept: np.ndarray) -> MarkerSet:
-    """The marker set with only the markers at `kept` (K,), in that order."""
-    return _with_markers(markerset, kept)
+def _hung(
+    body: MarkerSet,
+    subjects: Sequence[np.ndarray],
+    here: np.ndarray,
+    carrier: np.ndarray,
+    offsets: np.ndarray,
+    sd: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The segment that carries each of M markers (M,), where it sits on it (M, 3), and how that varies (M,), heights.
+
+    The body has the markers at `here`. Those that are carried by none yet, -1, go where they stay most constant; what
+    no frame shows stays as it is.
+    """
+    model = BodyModel(body)
+    found = [one for points in subjects if (one := _in_segments(model, points, here)) is not None]
+    if not found:
+        raise ValueError("no frame shows enough of the known markers together")
+    means, spreads = np.array([mean for mean, _ in found]), np.array([spread for _, spread in found])
+    away = np.array([_off_surface(body, mean) for mean in means])
+    seen = np.flatnonzero(np.isfinite(spreads).any(axis=(0, 2)))
+    carrier, offsets, sd = carrier.copy(), offsets.copy(), np.where(carrier < 0, SPREAD.marker_sd, sd)
+    nearest = np.nanmean((spreads + TRANSFER.surface_cost * away)[:, seen], axis=0).argmin(axis=1)
+    carrier[seen] = np.where(carrier[seen] < 0, nearest, carrier[seen])
+    own = means[:, seen, carrier[seen]]
+    offsets[seen] = np.nanmean(own, axis=0)
+    count = np.isfinite(own[..., 0]).sum(axis=0)
+    squares = np.nanmean(np.square(own - offsets[seen]), axis=(0, 2)) * count / np.maximum(count - 1, 1)
+    sd[seen] = np.maximum(sd[seen], np.sqrt(squares))
+    return carrier, offsets, sd
 
 
 def known_places(markerset: MarkerSet, markers: Sequence[str]) -> np.ndarray:
@@ -150,29 +136,21 @@ def known_places(markerset: MarkerSet, markers: Sequence[str]) -> np.ndarray:
     return found
 
 
-def _with_markers(body: MarkerSet, chosen: np.ndarray) -> MarkerSet:
-    """The marker set with only the markers `chosen`, in that order."""
+def without_markers(body: MarkerSet, chosen: np.ndarray) -> MarkerSet:
+    """The marker set with only the markers `chosen` (K,), in that order."""
     joints = len(body.skeleton)
     rows = np.concatenate([np.arange(joints), joints + chosen])
     spread = replace(body.spread, modes=body.spread.modes[:, rows], marker_sd=body.spread.marker_sd[chosen])
-    names = tuple(body.markers[index] for index in chosen)
-    return replace(
-        body,
-        markers=names,
-        attachment=body.attachment[chosen],
-        offsets=body.offsets[chosen],
-        spread=spread,
-    )
-
-
-def _thinned(points: np.ndarray, here: np.ndarray) -> np.ndarray:
-    seen = np.isfinite(points[:, here]).all(axis=2).sum(axis=1)
-    good = np.flatnonzero(seen >= max(POSING.min_markers, TRANSFER.min_pose_share * len(here)))
-    return points[good[evenly_spread(len(good), TRANSFER.frames)]]
+    names, attachment = tuple(body.markers[index] for index in chosen), body.attachment[chosen]
+    return replace(body, markers=names, attachment=attachment, offsets=body.offsets[chosen], spread=spread)
 
 
 def _in_segments(model: BodyModel, points: np.ndarray, here: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-    """Where every marker sits in the axes of every segment (M, J, 3), and how constantly (M, J); heights."""
+    """Where every marker sits in the axes of every segment (M, J, 3), and how constantly (M, J); heights.
+
+    None where no frame shows enough of the markers at `here`, which are the body's.
+    """
+    points = some_of(points[full_frames(points[:, here], POSING.min_markers)])
     if not len(points):
         return None
     bodies = fit_points(model, points[:, here])
@@ -200,12 +178,3 @@ def _off_surface(body: MarkerSet, places: np.ndarray) -> np.ndarray:
         off = np.abs(distance_to_axis(places[:, segment], start, end) - radius)
         away[:, segment] = np.fmin(away[:, segment], off)
     return away
-
-
-def _placed(offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (M, 3) and standard deviation (M,) over subjects (N, M, 3), NaN where one has no such marker."""
-    mean = np.nanmean(offsets, axis=0)
-    count = np.isfinite(offsets[..., 0]).sum(axis=0)
-    deviation = np.sqrt(np.nanmean(np.square(offsets - mean), axis=0).mean(axis=1) * count / np.maximum(count - 1, 1))
-    deviation = np.where(count > 1, deviation, TRANSFER.unknown_marker_sd)
-    return mean, np.maximum(deviation, TRANSFER.min_marker_sd)

@@ -8,7 +8,7 @@ platform. Both serve as second opinion in tests.
 The format: the C3D file format user guide, Motion Lab Systems, 2008.
 """
 
-from .reading import C3dHead, C3dTake, open_c3d, read_c3d
+from .reading import C3dHead, open_c3d
 from .writing import first_number, names_in_c3d, write_c3d_file
 
-__all__ = ["C3dHead", "C3dTake", "first_number", "names_in_c3d", "open_c3d", "read_c3d", "write_c3d_file"]
+__all__ = ["C3dHead", "first_number", "names_in_c3d", "open_c3d", "write_c3d_file"]

@@ -35,13 +35,14 @@ class C3dFile:
 
     def __init__(self, content: bytes | BytesOnDisk, path: Path):
         """Raises InputError where the file is no C3D file or its parameters are damaged."""
-        if len(content) < 2 * BLOCK or content[1] != MASK_KEY:
+        head = content[:2]
+        if len(content) < 2 * BLOCK or head[1] != MASK_KEY:
             raise InputError(f"does not begin as a C3D file does; expected {KIND}", path)
         self.content, self.path = content, path
-        self.section = (content[0] - 1) * BLOCK
-        if content[0] < 2 or self.section + 4 > len(content):
+        self.section = (head[0] - 1) * BLOCK
+        if head[0] < 2 or self.section + 4 > len(content):
             raise InputError(f"points to parameters that are not there; expected {KIND}", path)
-        self.processor = content[self.section + 3]
+        self.blocks, self.processor = content[self.section + 2 : self.section + 4]
         if self.processor not in (INTEL, DEC, MIPS):
             raise InputError(
                 f"is of an unknown processor ({self.processor}); expected {KIND} of Intel, DEC or MIPS", path
@@ -58,7 +59,7 @@ class C3dFile:
 
         Some programs count too few blocks of parameters; the data, which the header points to, come after them all.
         """
-        blocks, data = self.content[self.section + 2], self.word(8) * BLOCK - BLOCK
+        blocks, data = self.blocks, self.word(8) * BLOCK - BLOCK
         ends = [self.section + blocks * BLOCK if blocks else 0, data if data <= len(self.content) else 0]
         return max(ends) if max(ends) > self.section else len(self.content)
 

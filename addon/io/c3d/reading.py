@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a C3D file holds of points, as it stands there."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +11,10 @@ import numpy as np
 from ...core.data.errors import InputError
 from ...core.data.lanes import blocks
 from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
-from ..samples import Parts, Samples, dense
+from ..samples import Parts, Samples
 from ..source import BytesOnDisk
 from .layout import FileLayout, find_layout
 from .parameters import C3dFile
-
-CORNER_NUMBERS = 12  # of a force plate
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +26,6 @@ class C3dHead:
     rate        frames a second
     first_frame number of the first frame
     texts       text parameters, lists of texts by "GROUP:NAME"
-    plates      (N, 4, 3) the corners of force plates, in the file's units
     notes       where the file contradicts itself and what was done about it, in sentences
     scales      what the numbers of a sample are times, to be in the file's units: its place, and its residual
     """
@@ -38,40 +35,17 @@ class C3dHead:
     rate: float
     first_frame: int
     texts: dict[str, list[str]]
-    plates: np.ndarray
     notes: tuple[str, ...]
     scales: tuple[float, float]
 
 
-@dataclass(frozen=True, eq=False)
-class C3dTake(C3dHead):
-    """All that a C3D file holds of points, as it stands there.
-
-    xyz         (T, P, 3) in the file's units; NaN where missing
-    residual    (T, P) in the file's units; NaN where missing or not stated
-    """
-
-    xyz: np.ndarray
-    residual: np.ndarray
-
-
-def read_c3d(path: Path, rate: float | None = None) -> C3dTake:
-    """Reads a whole file; `rate` is used where the file says none.
-
-    Raises InputError where the file is no C3D file, is damaged or cut off, has no points, or no rate is known.
-    """
-    with open_c3d(path, rate) as (head, parts):
-        return C3dTake(**vars(head), **dict(zip(("xyz", "residual"), _dense(head, parts), strict=True)))
-
-
-def _dense(head: C3dHead, parts: Parts) -> tuple[np.ndarray, np.ndarray]:
-    numbers = dense(head.frames, len(head.labels), parts())
-    return tuple(one * scale for one, scale in zip(numbers, head.scales, strict=True))
-
-
 @contextmanager
 def open_c3d(path: Path, rate: float | None = None) -> Iterator[tuple[C3dHead, Parts]]:
-    """A file's head, and the numbers of its samples, which are read from disk part by part; else as `read_c3d`."""
+    """A file's head, and the numbers of its samples, which are read from disk part by part.
+
+    `rate` is used where the file says none.
+    Raises InputError where the file is no C3D file, is damaged or cut off, has no points, or no rate is known.
+    """
     with BytesOnDisk(path) as content:
         file = C3dFile(content, path)
         layout = find_layout(file)
@@ -79,7 +53,7 @@ def open_c3d(path: Path, rate: float | None = None) -> Iterator[tuple[C3dHead, P
         texts = {key: file.texts(key) for key, parameter in file.parameters.items() if parameter.kind == -1}
         labels, notes = _labels(texts, layout.points), layout.notes + notes
         scales = (1.0 if file.scale < 0 else file.scale), abs(file.scale)
-        head = C3dHead(labels, layout.frames, rate, layout.first, texts, _plates(file), notes, scales)
+        head = C3dHead(labels, layout.frames, rate, layout.first, texts, notes, scales)
         yield head, lambda: _parts(file, layout)
 
 
@@ -133,15 +107,9 @@ def _fourth_word(words: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.where(np.isnan(values), -1, (whole + 0x8000) % 0x10000 - 0x8000), known
 
 
-def _plates(file: C3dFile) -> np.ndarray:
-    """(N, 4, 3) the corners of force plates."""
-    numbers = file.numbers("FORCE_PLATFORM:CORNERS").astype(float)
-    return numbers[: len(numbers) // CORNER_NUMBERS * CORNER_NUMBERS].reshape(-1, 4, 3)
-
-
-def _labels(texts: dict[str, Sequence[str]], count: int) -> list[str]:
+def _labels(texts: dict[str, list[str]], count: int) -> list[str]:
     """All labels: LABELS holds 255 of them, LABELS2, LABELS3, … go on."""
-    labels = list(texts.get("POINT:LABELS", []))
+    labels = [*texts.get("POINT:LABELS", [])]
     number = 2
     while f"POINT:LABELS{number}" in texts:
         labels += texts[f"POINT:LABELS{number}"]

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.review.moments import Moment
-from ...core.review.overview import CELL_STATES, GAP_CELL, OVERVIEW, LengthLog, TakeOverview
+from ...core.review.overview import CELL_STATES, GAP_CELL, TakeOverview
+from ...core.review.tallies import OVERVIEW, LengthLog
 from .markup import Html, element, joined_html, percent
 
 
@@ -19,7 +20,7 @@ class DrawingOptions:
     neighbours         markers beside the doubtful ones that are called by their names
     max_letters        of a name in a picture; the whole name is in its title
     letter             the width of a letter, in units, for keeping names apart
-    plot, plot_height  of a curve or a histogram
+    plot, plot_height  of a curve
     """
 
     view: int = 300
@@ -109,47 +110,27 @@ def strip_legend(states: Sequence[str]) -> Html:
     return element("ul", *(element("li", swatch(state), words[state]) for state in states), class_="legend")
 
 
-def histogram(log: LengthLog, title: str) -> Html:
-    """How lengths are spread, over a logarithmic axis, ten classes a decade; the smallest 1 of 200 are left out."""
-    each = OVERVIEW.per_decade // 10
-    counts = log.spread.counts[0].reshape(-1, each).sum(axis=1)
-    at = np.flatnonzero((counts > 0) & (np.cumsum(counts) > 0.005 * counts.sum()))
-    first, last = at[0] // 10 * 10, -(-(at[-1] + 1) // 10) * 10
-    shares = counts[first:last] / counts.sum()
-    low, high = OVERVIEW.min_mm * 10.0 ** (np.array([first, last]) / 10)
-    axes = _Axes(low, high, 0.0, float(shares.max()) * 1.08)
-    wide = (axes.right - axes.left) / len(shares)
-    blocks = [
-        f"M{axes.left + place * wide + 0.5:.1f} {axes.bottom}V{axes.up(share):.1f}h{wide - 1:.1f}V{axes.bottom}z"
-        for place, share in enumerate(shares)
-        if share > 0
-    ]
-    marks = _decades(low, high)
-    ticks = [joined_html(axes.tick(mark, length_tick(mark)) for mark in marks)]
-    ticks.append(element("text", f"{percent(float(shares.max()))} of samples", x=axes.left, y=12, class_="small"))
-    return _plot(title, *ticks, element("path", class_="block", d="".join(blocks)))
-
-
 def over_time(log: LengthLog, overview: TakeOverview, title: str) -> Html:
     """The mean of all markers and the largest of them, over the take, on a logarithmic axis."""
     mean, largest = log.means, log.largest.values[: log.largest.used]
     known = mean[np.isfinite(mean) & (mean > 0)]
-    low = 10.0 ** np.floor(np.log10(max(float(np.quantile(known, 0.02)), OVERVIEW.min_mm)))
+    low = 10.0 ** np.floor(np.log10(max(float(np.quantile(known, 0.02)), OVERVIEW.least)))
     high = max(10.0 ** np.ceil(np.log10(float(largest.max()))), 10 * low)
-    axes = _Axes(low, high, np.log10(low), np.log10(high))
+    axes = _Axes(np.log10(low), np.log10(high))
     place = axes.left + (np.arange(len(mean)) + 0.5) / len(mean) * (axes.right - axes.left)
     lines = []
     for kind, values in (("most", largest), ("mean", mean)):
         values = np.where(values > 0, values, np.nan)
         lines.append(element("path", class_=kind, d=_path(place, axes.up(np.log10(np.clip(values, low, high))))))
-    grid = [axes.level(np.log10(mark), length_tick(mark)) for mark in _decades(low, high)]
+    grid = [axes.level(np.log10(mark), f"{mark:g} mm") for mark in _decades(low, high)]
     frames = np.unique(np.linspace(overview.first or 0, overview.last, 5).round().astype(int))
     span = max(overview.last - (overview.first or 0), 1)
     for frame in frames.tolist():
         x = axes.left + (frame - (overview.first or 0)) / span * (axes.right - axes.left)
         grid.append(element("text", f"{frame}", x=round(x, 1), y=axes.bottom + 16, text_anchor="middle"))
     words = element("text", "largest", x=axes.right - 4, y=12, text_anchor="end", class_="small")
-    return _plot(title, *grid, *lines, words)
+    size = f"0 0 {DRAWING.plot} {DRAWING.plot_height}"
+    return element("svg", element("title", title), *grid, *lines, words, viewBox=size, role="img")
 
 
 def _path(x: np.ndarray, y: np.ndarray) -> str:
@@ -164,10 +145,8 @@ def _path(x: np.ndarray, y: np.ndarray) -> str:
 
 @dataclass(frozen=True)
 class _Axes:
-    """Where a plot's lengths from `low` to `high` lie across, and its values from `least` to `most` upwards."""
+    """Where a plot's values from `least` to `most` lie upwards."""
 
-    low: float
-    high: float
     least: float
     most: float
     left: float = 62.0
@@ -178,12 +157,6 @@ class _Axes:
     def up(self, value):
         return self.bottom - (value - self.least) / (self.most - self.least) * (self.bottom - self.top)
 
-    def tick(self, value: float, words: str) -> Html:
-        share = np.log10(value / self.low) / np.log10(self.high / self.low)
-        x = round(self.left + share * (self.right - self.left), 1)
-        line = element("path", class_="grid", d=f"M{x} {self.top}V{self.bottom}")
-        return joined_html([line, element("text", words, x=x, y=self.bottom + 16, text_anchor="middle")])
-
     def level(self, value: float, words: str) -> Html:
         y = round(float(self.up(value)), 1)
         line = element("path", class_="grid", d=f"M{self.left} {y}H{self.right}")
@@ -192,16 +165,6 @@ class _Axes:
 
 def _decades(low: float, high: float) -> list[float]:
     return [10.0**power for power in range(round(np.log10(low)), round(np.log10(high)) + 1)]
-
-
-def length_tick(value: float) -> str:
-    """A length at an axis, mm."""
-    return f"{value:g} mm"
-
-
-def _plot(title: str, *content: object) -> Html:
-    size = f"0 0 {DRAWING.plot} {DRAWING.plot_height}"
-    return element("svg", element("title", title), *content, viewBox=size, role="img")
 
 
 def moment_views(moment: Moment, names: Sequence[str], parents: Sequence[int]) -> Html:
@@ -221,7 +184,7 @@ def _view(
     moment: Moment, names: Sequence[str], parents: Sequence[int], across: np.ndarray, title: str, words: str
 ) -> Html:
     drawn = _Canvas.of(moment, across)
-    parts: list[Html] = [drawn.floor()]
+    parts: list[Html | None] = [drawn.floor()]
     for joint, parent in enumerate(parents[: len(moment.joints)]):
         if parent >= 0:
             parts.append(drawn.bone(moment.joints[parent], moment.joints[joint]))
@@ -229,7 +192,7 @@ def _view(
     doubtful = list(moment.doubtful)
     plain = [index for index in range(len(names)) if index not in doubtful]
     parts += [drawn.circle(moment.markers[index], "dot", 3.2) for index in plain]
-    taken: list[tuple[float, float, float, float]] = []
+    taken: list[tuple[float, float, float]] = []
     for index in doubtful:
         parts.append(drawn.between(moment.markers[index], moment.expected[index]))
         parts.append(drawn.circle(moment.expected[index], "body", 5))
@@ -311,29 +274,16 @@ class _Canvas:
         return None if at is None else element("path", class_="other", d=f"M{at[0] - 2.5} {at[1]}h5m-2.5-2.5v5")
 
     def name(self, place: np.ndarray, name: str, kind: str, taken: list, away: float) -> Html | None:
-        """A name beside its marker, where it covers no other name; none where there is no such place."""
+        """A name to the right of its marker, a line higher or lower where one is there already; none without room."""
         at = self.at(place)
         if at is None:
             return None
         short = name if len(name) <= DRAWING.max_letters else name[: DRAWING.max_letters - 1] + "…"
         wide = DRAWING.letter * len(short) + 2
-        x, y = at
-        places = [
-            (x + away, y + 4),
-            (x - away - wide, y + 4),
-            (x - wide / 2, y - away - 2),
-            (x - wide / 2, y + away + 9),
-        ]
-        places += [(x + away, y - 9), (x + away, y + 17), (x - away - wide, y - 9), (x - away - wide, y + 17)]
-        for left, base in places:
-            box = (left, base - 10, left + wide, base + 2)
-            inside = box[0] >= 2 and box[2] <= DRAWING.view - 2 and box[1] >= 22 and box[3] <= DRAWING.view_height - 2
-            if inside and not any(_overlap(box, other) for other in taken):
-                taken.append(box)
+        left = round(min(at[0] + away, DRAWING.view - 2 - wide), 1)
+        for base in (at[1] + 4, at[1] - 9, at[1] + 17):
+            if not any(abs(base - y) < 12 and left < right and x < left + wide for x, right, y in taken):
+                taken.append((left, left + wide, base))
                 whole = element("title", name) if short != name else None
-                return element("text", short, whole, x=round(left, 1), y=round(base, 1), class_=kind)
+                return element("text", short, whole, x=left, y=round(base, 1), class_=kind)
         return None
-
-
-def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]

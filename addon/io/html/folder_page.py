@@ -96,7 +96,7 @@ def _markers(takes: Sequence[TakeRow]) -> Html | None:
     rows = []
     for name in names:
         own = [row for row in takes if name in (row.markers or ())]
-        found = [row.markers[name] / max(row.frames, 1) for row in own]
+        found = [(row.markers or {}).get(name, 0) / max(row.frames, 1) for row in own]
         frames = [row.frames for row in own]
         mean = sum(part * count for part, count in zip(found, frames, strict=True)) / max(sum(frames), 1)
         least = min(range(len(own)), key=found.__getitem__)

@@ -11,7 +11,7 @@ from ...core.data.wording import count_of
 from ...core.edits.wording import words_of
 from ...core.review.camera_words import cameras_in
 from ...core.review.overview import CELL_STATES, TakeOverview
-from .drawings import bar, histogram, moment_views, over_time, strip_legend, time_strips
+from .drawings import bar, moment_views, over_time, strip_legend, time_strips
 from .markup import (
     GENERATOR,
     Html,
@@ -41,7 +41,7 @@ STEP_WORDS = {
 
 @dataclass(frozen=True)
 class PageOptions:
-    """How many rows a page lists before it says how many more there are; reckoned, by what a person reads.
+    """How many rows a page lists before it says how many more there are; what a person reads.
 
     max_rows   of doubts, edits and notes, and
     max_gaps   of gaps, the worst of which come first
@@ -184,7 +184,7 @@ def _frames(first: int, last: int) -> str:
     return f"Frame {first}" if first == last else f"Frames {first} to {last}"
 
 
-def _to_look_at(report: Mapping) -> Html:
+def _to_look_at(report: Mapping) -> Html | None:
     found = [one for one in report["trouble"] if not one["answered"]]
     if not found:
         return section("To look at", element("p", "Nothing."))
@@ -201,15 +201,14 @@ def _more(rows: Sequence, most: int, where: str = "the report as JSON") -> Html 
     return element("p", f"And {left:,} more, which {where} lists.", class_="soft") if left > 0 else None
 
 
-def _found(report: Mapping) -> Html:
+def _found(report: Mapping) -> Html | None:
     frames = max(report["frames"], 1)
     residual = any(row["mean_residual_mm"] for row in report["markers"].values())
     heads = ["Marker", "Found", "Gaps", "Longest"] + (["Residual, mm"] if residual else [])
-    rows = []
+    rows: list[list] = []
     for name, row in sorted(report["markers"].items(), key=lambda item: item[1]["labelled_frames"]):
         share = row["labelled_frames"] / frames
-        cells = [name_of(name), bar(share, f"Frames with {name}")]
-        cells += [f"{row['gaps']:,}", f"{row['longest_gap']:,}"]
+        cells = [name_of(name), bar(share, f"Frames with {name}"), f"{row['gaps']:,}", f"{row['longest_gap']:,}"]
         rows.append(cells + ([length(row["mean_residual_mm"])] if residual else []))
     words = "Frames in which each marker was found, the least found first; gaps, and the longest in frames"
     return section("Found, marker by marker", table(heads, rows, words, range(2, len(heads))))
@@ -263,10 +262,10 @@ def _lengths(overview: TakeOverview) -> Html | None:
             continue
         half, most = log.spread.quantile(0.5), log.spread.quantile(0.99)
         said = f"{words}: half of them below {length(half)} mm, 99 of 100 below {length(most)} mm. "
-        said += "Below, over the take: the mean of all markers, and, in the thinner line, the largest."
-        plots = histogram(log, f"{title}: how it is spread"), over_time(log, overview, f"{title} over the take")
+        said += "Over the take: the mean of all markers, and, in the thinner line, the largest."
+        plot = over_time(log, overview, f"{title} over the take")
         parts.append(element("h3", title))
-        figure = element("figure", *plots, element("figcaption", said), class_="plot")
+        figure = element("figure", plot, element("figcaption", said), class_="plot")
         parts.append(element("div", figure, class_="wide"))
     return section("Residuals", *parts)
 
@@ -307,7 +306,9 @@ def _by_whom(report: Mapping, overview: TakeOverview) -> Html | None:
     steps = {step: count for step, count in report.get("steps", {}).items() if count}
     whole = max(sum(steps.values()), 1)
     rows = [(STEP_WORDS.get(step, step), f"{count:,}", percent(count / whole)) for step, count in steps.items()]
-    parts = [table(("Names given", "How many", "Part"), rows, "How the names came about", (1, 2))] if rows else []
+    parts: list[Html | None] = (
+        [table(("Names given", "How many", "Part"), rows, "How the names came about", (1, 2))] if rows else []
+    )
     if overview.edits:
         outcomes = [*overview.outcomes, *[None] * (len(overview.edits) - len(overview.outcomes))]
         listed = [
@@ -326,7 +327,7 @@ def _filled(report: Mapping) -> Html | None:
     if "filled" not in report:
         return None
     done, left = report["filled"], report["left"]
-    parts = [
+    parts: list[Html | None] = [
         element(
             "p",
             f"{count_of(len(done), 'gap')} filled by the program, {len(left):,} left. Nothing of that was measured.",
@@ -347,11 +348,11 @@ def _filled(report: Mapping) -> Html | None:
             _more(worst, PAGES.max_gaps),
         ]
     if left:
-        rows = [
+        reasons = [
             (name_of(row["marker"]), _frames(row["first"], row["last"]), _sentence(f"it {row['reason']}"))
             for row in left[: PAGES.max_gaps]
         ]
-        parts += [table(("Marker", "Where", "Why"), rows, "Gaps that were left"), _more(left, PAGES.max_gaps)]
+        parts += [table(("Marker", "Where", "Why"), reasons, "Gaps that were left"), _more(left, PAGES.max_gaps)]
     return section("Filled gaps", *parts)
 
 
@@ -370,7 +371,7 @@ def _of_method(method: str, rows: Sequence[Mapping]) -> tuple:
     return method, f"{len(rows):,}", f"{int(frames.sum()):,}", length(mean)
 
 
-def _made(report: Mapping, overview: TakeOverview, source: str) -> Html:
+def _made(report: Mapping, overview: TakeOverview, source: str) -> Html | None:
     facts = {
         "File": name_of(source) if source else None,
         "Frames": f"{overview.first} to {overview.last}" if overview.frames else None,
@@ -383,7 +384,6 @@ def _made(report: Mapping, overview: TakeOverview, source: str) -> Html:
         "Up in the file": report.get("up_axis"),
         "Trajectories": f"{report['trajectories']:,}" if "trajectories" in report else None,
         "Cameras": f"{len(overview.cameras)}" if len(overview.cameras) else None,
-        "Both methods": _agreement(report["agreement"]) if "agreement" in report else None,
         "Edits from": name_of(report["edits"]["file"]) if report.get("edits", {}).get("file") else None,
         "Program": f"{GENERATOR} {report['version']}",
         "SHA-256 of the file": report.get("made_of", {}).get("input"),
@@ -392,7 +392,3 @@ def _made(report: Mapping, overview: TakeOverview, source: str) -> Html:
         joined_html([element("dt", name), element("dd", value)]) for name, value in facts.items() if value is not None
     ]
     return section("How it was made", element("dl", *said))
-
-
-def _agreement(counts: Mapping) -> str:
-    return ", ".join(f"{escaped(kind)} {count:,}" for kind, count in counts.items())

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...core.data.errors import InputError
 from ...core.geometry.cameras import Cameras
-from ..qualisys import SUBPIXELS
+from ..rig import SUBPIXELS
 from ..rows import MAX_PIXEL, Rows
 from .capture import CAMERA_DATA, QtmCamera, QtmCapture
 from .container import KIND
@@ -20,7 +20,7 @@ DISCARDED_BLOB = "Discarded by size test"
 
 @dataclass(frozen=True)
 class QtmBlobOptions:
-    """How the blobs are read, and what is no frame; reckoned, by memory.
+    """How the blobs are read, and what is no frame; memory, and what cameras send.
 
     frames       of all cameras that are put together at a time
     bytes        of blobs that are unpacked for that, of all cameras together, unless one frame has more

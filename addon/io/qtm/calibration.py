@@ -21,6 +21,6 @@ def read_qtm_cameras(path: Path, up: str = "") -> Cameras:
     if not usable:
         words = f"has no calibrated cameras ({', '.join(left[:3]) or 'it has none at all'})"
         raise InputError(f"{words}; expected a calibration, such as --cameras says", path)
-    cameras = z_up(rig([camera.calibration for camera in usable], path), up)
+    cameras = z_up(rig([one.calibration for one in usable if one.calibration is not None], path), up)
     remark = f"of {Path(path).name}, {len(left)} cameras are left out: {', '.join(left)}"
     return replace(cameras, remarks=(*cameras.remarks, remark)) if left else cameras

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...core.data.errors import InputError
-from ..qualisys import SUBPIXELS
-from ..rig import RIG_LIMITS, RigCamera
+from ..rig import RIG_LIMITS, SUBPIXELS, RigCamera
 from .container import KIND, Container
 from .layout import Cursor
 
@@ -22,7 +21,7 @@ LENS_START, LENS_NUMBERS, LENS_REST = 4, 8, 8
 
 @dataclass(frozen=True)
 class CameraPartLimits:
-    """What no camera has; reckoned.
+    """What no camera has; format.
 
     max_bytes      of all that is said of it, which is 2,300 bytes
     max_rotation   by which a stored rotation may differ from one: they have the digits of a double

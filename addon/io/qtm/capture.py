@@ -2,6 +2,7 @@
 """What a `.qtm` holds: its cameras, each with its blobs and calibration, its trajectories, and its rate."""
 
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import Self
 
@@ -129,7 +130,7 @@ class QtmCapture:
                 f"has {len(named)} cameras and the blobs of {len(items)}; expected as many of both", self.path
             )
         parts = [read_camera_part(self.container, number) for number in sorted(named)]
-        return [self._camera(part, item) for part, item in zip(parts, items or [None] * len(parts), strict=True)]
+        return [self._camera(part, item) for part, item in zip_longest(parts, items)]
 
     def _camera_names(self) -> list[str]:
         names = self.container.names("Measurement/Cameras")
@@ -137,7 +138,7 @@ class QtmCapture:
 
     def _camera(self, part: CameraPart, item: Item | None) -> QtmCamera:
         number = None if item is None else item.number("Series ID")
-        if number is None:
+        if item is None or number is None:
             return QtmCamera(part, -1, np.empty((0, 2), np.int64), seen=False)
         ranges = self._ranges(item, f"camera {part.name}")
         return QtmCamera(part, number, ranges, bool(len(ranges)) and self.series(number).size > 0)

@@ -98,7 +98,7 @@ class Stream:
         if self.size > len(container.file):
             raise InputError(f"has a part {name!r} larger than the file; expected {KIND}", container.path)
         self._content = container.small(entry) if entry.is_minifat else None
-        self._sectors = container.sectors(entry) if self._content is None else None
+        self._sectors = container.sectors(entry) if self._content is None else np.zeros(0, np.int64)
         if self._content is not None and len(self._content) != self.size:
             raise InputError(f"has a part {name!r} that is cut off; expected {KIND}", container.path)
 

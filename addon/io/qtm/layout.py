@@ -25,7 +25,7 @@ FLAGS_KIND = 15  # a number whose bits have names
 
 @dataclass(frozen=True)
 class LayoutLimits:
-    """What no capture has; reckoned.
+    """What no capture has; format, and memory.
 
     max_metadata  bytes of the names of fields, which are 16,000, and
     max_fields    fields and kinds of items, which are 216

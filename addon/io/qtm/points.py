@@ -19,7 +19,7 @@ FILLED_TYPES = ("Point Type Gap Filled", "Point Type Virtual", "Point Type Linea
 
 @dataclass(frozen=True)
 class QtmPointLimits:
-    """What is no take of points; reckoned.
+    """What is no take of points; physical, and memory.
 
     max_coordinate  mm: no room is a thousand kilometres wide
     max_frames      of a take: a day at 500 Hz, and each takes memory
@@ -54,7 +54,9 @@ class QtmPoints:
         """All samples, part by part: mm; a residual of 0 says that a sample was filled, NaN that it is not known."""
         with QtmCapture(self.path) as capture:
             dtype, cell = capture.schema.record(TRAJECTORY_DATA)
-            if cell is not None or any(name not in dtype.names for name in (*COORDINATES, POINT_RESIDUAL, POINT_TYPE)):
+            if cell is not None or any(
+                name not in (dtype.names or ()) for name in (*COORDINATES, POINT_RESIDUAL, POINT_TYPE)
+            ):
                 raise InputError(f"describes no points with X, Y, Z, residual and type; expected {KIND}", self.path)
             bits = capture.schema.bits(TRAJECTORY_DATA, POINT_TYPE)
             filled = sum(bits.get(name, 0) for name in FILLED_TYPES)

@@ -17,7 +17,7 @@ SERIES_BLOCK = np.dtype([("start", "<u8"), ("packed", "<u4"), ("unpacked", "<u4"
 
 @dataclass(frozen=True)
 class SeriesLimits:
-    """What no series has; reckoned.
+    """What no series has; format, and memory.
 
     max_block  bytes of a block, packed or unpacked: they have 32 KB. LZO makes at most 255 bytes of one, so unpacking
                a block that lies about its size takes no more than some 255 of these

@@ -4,7 +4,7 @@
 python -m tests.accuracy.partial --results DIR                       everything that DIR does not have yet; hours
 python -m tests.accuracy.partial --results DIR --quick               one group left out, two targets; minutes
 python -m tests.accuracy.partial --results DIR --only ours --again   our method anew
-python -m tests.accuracy.partial --results DIR --only ghosts noise   two studies, all methods
+python -m tests.accuracy.partial --results DIR --only grid cover     two studies, all methods
 python -m tests.accuracy.partial --results DIR --as-is --show table4 | python scripts/results.py --take partial_table_4
 
 Each part is kept in DIR as soon as it is measured, so a run can be stopped and gone on with, and parts may be run at
@@ -24,16 +24,14 @@ from addon.core.papers.partial_solvers.training import Training
 
 from .. import people
 from .methods import FAITHFUL, METHODS
-from .plots import draw
 from .report import BLOCKS
 from .results import Results
 from .running import OTHERS, Plan, run
 from .studies import STUDIES, TARGETS
 
 FRAMES = 16_384  # the paper's table 2
-FEWER = 1000
 GROUPS = {"paper": 5, "turn": 5, "ours": 10}  # an ensemble takes minutes to train, so two people are left out together
-QUICK = {"targets": (0.999, 0.9999), "most": 1, "frames": 2048, "fewer": 200}
+QUICK = {"targets": (0.999, 0.9999), "most": 1, "frames": 2048}
 QUICK_TRAINING = Training(survey_frames=32, check_frames=600)
 PARTS = ("faithful", "ours", *STUDIES, *OTHERS)
 
@@ -53,7 +51,6 @@ def plan_of(given: argparse.Namespace) -> Plan:
         GROUPS,
         given.groups,
         FRAMES,
-        FEWER,
         Training(),
         given.again,
     )
@@ -61,7 +58,7 @@ def plan_of(given: argparse.Namespace) -> Plan:
 
 
 def main() -> int:
-    """Measures, prints, draws and writes what was asked for."""
+    """Measures and prints what was asked for."""
     parser = argparse.ArgumentParser(
         prog="python -m tests.accuracy.partial", description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
@@ -72,7 +69,6 @@ def main() -> int:
     parser.add_argument("--again", action="store_true", help="measure also what is there already")
     parser.add_argument("--as-is", action="store_true", help="measure nothing; put together what is there")
     parser.add_argument("--show", nargs="*", choices=list(BLOCKS), metavar="BLOCK", help=f"of {', '.join(BLOCKS)}")
-    parser.add_argument("--plots", type=Path, metavar="DIR", help="draw the figures into this folder")
     given = parser.parse_args()
     if not people.available():
         print("the recorded people are not here; expected them in ../shared/data/people", file=sys.stderr)
@@ -83,8 +79,6 @@ def main() -> int:
     results = Results(given.results)
     for name in given.show or BLOCKS:
         print(f"\n## {name}\n\n{BLOCKS[name](results)}")
-    if given.plots:
-        draw(results, given.plots)
     return 0
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Clouds of recorded people with what can go wrong: hidden markers, ghosts, noise, a mirror, two people.
+"""Clouds of recorded people with what can go wrong: hidden markers, ghosts, noise.
 
 On purpose not made by `addon.core.points.likelihood.trials`, by which the tested method judges itself in training.
 """
@@ -46,43 +46,10 @@ def spoilt(frames: np.ndarray, trouble: Trouble, generator: np.random.Generator)
     strays = generator.uniform(low[:, None], high[:, None], (count, trouble.ghosts, 3))
     points = np.concatenate([points, strays], axis=1)
     truth = np.concatenate([kept, np.full((count, trouble.ghosts), -1)], axis=1)
-    return shuffled(points, truth, markers, generator)
-
-
-def shuffled(points: np.ndarray, truth: np.ndarray, markers: int, generator: np.random.Generator) -> Clouds:
-    """Points (N, P, 3) and their markers (N, P) in another order in every cloud."""
     truth = np.where(np.isfinite(points).all(axis=2), truth, -1)
     order = generator.random(truth.shape).argsort(axis=1)
     points, truth = np.take_along_axis(points, order[..., None], axis=1), np.take_along_axis(truth, order, axis=1)
     return Clouds(points, truth, markers)
-
-
-def together(one: np.ndarray, other: np.ndarray, distance: float, generator: np.random.Generator) -> Clouds:
-    """Two people in one cloud, both (N, M, 3), the other turned anyhow and `apart` m away.
-
-    Truth M + m is the other's marker m; `markers` counts both people's.
-    """
-    count, markers = one.shape[:2]
-    turn, bearing = generator.uniform(0, 2 * np.pi, (2, count))
-    middle = np.nanmean(one[..., :2], axis=1)
-    own = other - np.concatenate([np.nanmean(other[..., :2], axis=1), np.zeros((count, 1))], axis=1)[:, None]
-    cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
-    across, along = cos * own[..., 0] - sin * own[..., 1], sin * own[..., 0] + cos * own[..., 1]
-    place = middle + distance * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
-    moved = np.stack([across + place[:, :1], along + place[:, 1:], own[..., 2]], axis=2)
-    truth = np.tile(np.arange(2 * markers), (count, 1))
-    return shuffled(np.concatenate([one, moved], axis=1), truth, 2 * markers, generator)
-
-
-def mirrored(points: np.ndarray) -> np.ndarray:
-    """Points (…, 3) in an upright mirror."""
-    return points * [1.0, -1.0, 1.0]
-
-
-def other_side(names: tuple[str, ...]) -> np.ndarray:
-    """(M,) the marker that a mirror turns each one into: L… into R… and the other way round."""
-    swapped = [{"L": "R", "R": "L"}.get(name[0], name[0]) + name[1:] for name in names]
-    return np.array([names.index(other) if other in names else at for at, other in enumerate(swapped)])
 
 
 def placed_differently(frames: np.ndarray, names: tuple[str, ...]) -> np.ndarray:

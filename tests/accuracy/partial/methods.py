@@ -108,11 +108,6 @@ class Ours:
         found = Labels.join(label_frames(self._likelihood, points))
         return {target: found.sure(target) for target in targets}
 
-    def confident(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The likeliest markers (N, P), -1 where none, and the confidence in each."""
-        found = Labels.join(label_frames(self._likelihood, points))
-        return found.marker, found.confidence
-
 
 def learn(method: str, takes: Takes, names: tuple[str, ...], options: Training) -> Faithful | Ours:
     """The method, one of METHODS, learned from takes."""

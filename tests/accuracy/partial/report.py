@@ -7,8 +7,7 @@ import numpy as np
 
 from .. import people
 from ..tables import table
-from .results import COLUMNS, LEFT_OUT, Column, Results, best_at, chosen_on_others, over
-from .running import SAME
+from .results import COLUMNS, Results, over
 from .scores import Score
 from .studies import HIDDEN, TABLE_2, TARGETS
 
@@ -24,12 +23,6 @@ PAPER_MARKERS = {
 }  # fmt: skip
 PAPER_POOLED = (0.02, 31.16)
 PAPER = "the paper, as printed"
-MOST_WRONG = 0.0005
-PRINTED_NONE = 0.00005
-ASKED_ELSEWHERE = ("0.99", "0.999", "0.9999")
-OURS = Column("ours", LEFT_OUT, "ours, left out")
-MIDDLE = ("0.999", "0.9999")
-ASKED = "0.999"
 
 
 def percent(share: float, digits: int = 2) -> str:
@@ -40,63 +33,6 @@ def percent(share: float, digits: int = 2) -> str:
 def rate(target: float | str) -> str:
     """A target rate in per cent without trailing zeros."""
     return f"{100 * float(target):.4f}".rstrip("0").rstrip(".") + " %"
-
-
-def _cells(found: Score) -> list[str]:
-    return [percent(found.false_assignments, 3), percent(found.false_occlusions), percent(found.recall)]
-
-
-def aims(results: Results) -> str:
-    """The figures that the project set itself for 3D points, as measured; people left out, frames independent."""
-    grid, swept = results.pooled(OURS, "grid"), results.pooled(OURS, "curve")
-    body, elsewhere = results.pooled(OURS, "body26"), results.pooled(OURS, "lab")
-    learned = [fact["training"] for fact in results.parts(OURS, "facts").values()]
-    lines = [
-        ("`gait15`, 4 of 15 hidden, no ghosts: FA / FO", "0.05 % / 6 %", "0.02 % / 1 %", "0.02 % / 31.16 %",
-         grid and swept and f"{_asked(grid[str(TABLE_2)])}; {_swept(swept, TABLE_2)}"),
-        ("`gait15`, 1 and 5 hidden: FO at FA ≤ 0.05 %", "2 %, 10 %", "0.5 %, 2 %", "12.1 %, 39.7 %",
-         swept and f"1 hidden: {_swept(swept, 1)}; 5 hidden: {_swept(swept, 5)}"),
-        ("`body26`, up to 5 hidden and 3 ghosts: F1, FA", "98.5 %, 0.3 %", "99.9 %, 0.05 %", "not tried",
-         body and _f1_and_wrong(Score.of(body[ASKED]))),
-        ("target rate asked 99.9 %: wrong labels on unseen people", "0.03–0.3 %", "0.07–0.13 %", "0.16–1.12 %",
-         grid and _wrong_when_asked(grid)),
-        ("the same people in a lab whose tibia and heel markers sit elsewhere, asked 99.9 %: FA, recall",
-         "no collapse", "as above", "not tried", elsewhere and "; ".join(
-             f"{hide} hidden: {percent(found.false_assignments, 3)}, {percent(found.recall)}"
-             for hide, found in ((hide, Score.of(counts[ASKED])) for hide, counts in elsewhere.items()))),
-        ("training `gait15` on all people but those left out, one core", "2 min", "20 s", '"several hours"',
-         learned and _seconds(learned)),
-        ("labelling, one core: `gait15` / `body26` with ghosts / 62 markers, frames a second", "1,000 / 300 / 100",
-         "5,000 / 2,000 / 500", '"real time"', results.speed and _speeds(results.speed["rows"])),
-    ]  # fmt: skip
-    return table(["what", "floor", "aim", "the paper", "measured"], [[*line[:4], line[4] or ""] for line in lines])
-
-
-def _asked(counts: dict) -> str:
-    found = Score.of(counts[ASKED])
-    return f"asked {rate(ASKED)}: {percent(found.false_assignments, 3)} / {percent(found.false_occlusions)}"
-
-
-def _swept(swept: dict, hide: int) -> str:
-    best = best_at(swept[str(hide)], MOST_WRONG)
-    words = "with the confidence chosen on the tested people FO"
-    return f"{words} {percent(best[1])} at FA {percent(best[0], 3)}" if best else "no confidence is so sure"
-
-
-def _f1_and_wrong(found: Score) -> str:
-    return f"asked {rate(ASKED)}: {percent(found.f1)}, {percent(found.false_assignments, 3)}"
-
-
-def _wrong_when_asked(counts: dict) -> str:
-    wrong = [Score.of(by_target[ASKED]).false_assignments for by_target in counts.values()]
-    pooled = over(counts, float(ASKED)).false_assignments
-    return f"{percent(pooled, 3)} over 0 to 5 hidden; {percent(min(wrong), 3)} to {percent(max(wrong), 3)} each"
-
-
-def _speeds(rows: list[list]) -> str:
-    rates = {(method, markers.split()[0], hide, ghost): one for method, markers, hide, ghost, one, *_ in rows}
-    wanted = [("gait15", 0, 0), ("body26", 5, 3), ("62", 0, 0)]
-    return " / ".join(f"{rates[key]:,.0f}" if (key := ("ours", *case)) in rates else "none" for case in wanted)
 
 
 def conditions(results: Results) -> str:
@@ -171,69 +107,6 @@ def recall(results: Results) -> str:
     return _grid(results, None, lambda found: percent(found.recall))
 
 
-def sweep(results: Results) -> str:
-    """Our false occlusions where the confidence is chosen so that false assignments stay under a limit."""
-    parts, counts = results.parts(OURS, "curve"), results.pooled(OURS, "curve")
-    if not counts:
-        return "not measured"
-    rows = []
-    for hide in HIDDEN:
-        pairs = best_at(counts[str(hide)], MOST_WRONG), chosen_on_others(parts, hide, MOST_WRONG)
-        cheapest = min(zip(PAPER_FA[hide - 1], PAPER_FO[hide - 1], strict=True), key=lambda pair: pair[0])
-        rows.append(
-            [hide, *(cell for pair in pairs for cell in _pair(pair)), *(f"{value:.2f} %" for value in cheapest)]
-        )
-    columns = ["hidden", "chosen on the tested people: FA", "FO", "chosen on the other people: FA", "FO"]
-    return table([*columns, "the paper's least FA", "the paper's FO there"], rows)
-
-
-def _pair(rates: tuple[float, float] | None) -> list[str]:
-    return [percent(rates[0], 3), percent(rates[1])] if rates else ["no confidence is so sure", ""]
-
-
-def equal(results: Results) -> str:
-    """B28: our false occlusions in each cell of tables 4 and 5, where the others' false assignments are the paper's."""
-    parts = results.parts(OURS, "curve")
-    if len(parts) < 2:
-        return "not measured"
-    rows = []
-    for hide in HIDDEN:
-        for target, wrong, missed in zip(TARGETS, PAPER_FA[hide - 1], PAPER_FO[hide - 1], strict=True):
-            # Printed to a hundredth of a per cent: 0.00 is less than half of one.
-            pair = chosen_on_others(parts, hide, wrong / 100 if wrong else PRINTED_NONE)
-            rows.append([hide, rate(target), f"{wrong:.2f} %", f"{missed:.2f} %", *_pair(pair)])
-    return table(["hidden", "target", "the paper: FA", "FO", "ours, left out: FA", "FO"], rows)
-
-
-def elsewhere(results: Results) -> str:
-    """The rate asked for and the rate got where clouds or people are not like those that were learned from."""
-    cases = []
-    for count in ("0", "1", "3", "5", "10"):
-        words = "nothing else" if count == "0" else f"{count} ghost{'s' * (count != '1')}"
-        cases.append((f"`gait15`, others' model, {TABLE_2} hidden, {words}", results.pooled(OURS, "ghosts"), count))
-    for hide in ("0", str(TABLE_2)):
-        words = f"`gait15`, tibia and heel markers moved, {hide} hidden"
-        cases.append((words, results.pooled(OURS, "lab"), hide))
-    serves = results.pooled(Column("ours", SAME, ""), "elsewhere") or {}
-    for name, counts in serves.items():
-        cases += [
-            (f"`{name}`, a tennis serve of another lab without SACR, {hide} hidden", counts, hide) for hide in counts
-        ]
-    for learned, counts in (results.pooled(OURS, "few") or {}).items():
-        whose = {"1": "one person in one take"}.get(learned, f"{learned} people")
-        cases += [(f"`gait15`, learned from {whose}, {hide} hidden", counts, hide) for hide in counts]
-    rows = []
-    for words, counts, condition in cases:
-        found = [Score.of(counts[condition][target]) for target in ASKED_ELSEWHERE] if counts else []
-        rows.append(
-            [words, *(cell for one in found for cell in (percent(one.false_assignments, 3), percent(one.recall)))]
-        )
-    names = [f"{100 - 100 * float(target):.2g} % wrong asked: got" for target in ASKED_ELSEWHERE]
-    return table(
-        ["clouds", *(cell for name in names for cell in (name, "recall"))], [row for row in rows if len(row) > 1]
-    )
-
-
 def cover(results: Results) -> str:
     """B16: whether the ensembles' solvers have all markers between them, and for which they reach the target."""
     rows = []
@@ -271,89 +144,8 @@ def asked(results: Results) -> str:
     return table(names, rows)
 
 
-def _conditioned(results: Results, study: str, title: str, shown: Callable[[str], str]) -> str:
-    rows = []
-    for column, counts in results.with_study(study):
-        if column.people == SAME:
-            continue
-        for condition, by_target in counts.items():
-            row = [column.title, shown(condition)]
-            for target in MIDDLE:
-                row += _cells(Score.of(by_target[target])) if target in by_target else ["", "", ""]
-            rows.append(row)
-    parts = [f"{rate(target)}: {part}" for target in MIDDLE for part in ("FA", "FO", "recall")]
-    return table(["method, people", title, *parts], rows)
-
-
-def ghosts(results: Results) -> str:
-    """Points of no marker."""
-    return _conditioned(results, "ghosts", "ghosts", str)
-
-
-def noise(results: Results) -> str:
-    """Every coordinate off at random."""
-    return _conditioned(results, "noise", "noise, mm", lambda sigma: f"{1000 * float(sigma):g}")
-
-
-def lab(results: Results) -> str:
-    """Markers that sit elsewhere than in training."""
-    return _conditioned(results, "lab", "hidden", str)
-
-
-def swaps(results: Results) -> str:
-    """How often a whole frame or a part of it is named the wrong way round."""
-    rows = []
-    for column, counts in results.with_study("mirror"):
-        for hide, by_target in counts["swaps"].items():
-            for target in ("0.99", *MIDDLE):
-                if target in by_target:
-                    sided, whole, limb, wrong, mirrored = by_target[target]
-                    cells = [_of(whole, sided), _of(limb, sided), _of(mirrored, wrong)]
-                    rows.append([column.title, hide, rate(target), sided, *cells])
-    names = ["method, people", "hidden", "target", "frames with a left or right label", "of them wholly swapped"]
-    return table([*names, "partly swapped", "swaps among the wrong labels"], rows)
-
-
 def _of(part: int, whole: int) -> str:
     return f"{part} of {whole} ({100 * part / whole:.2f} %)" if whole else "none"
-
-
-def mirrored(results: Results) -> str:
-    """What becomes of a cloud in a mirror."""
-    rows = []
-    for column, counts in results.with_study("mirror"):
-        for hide, by_target in counts["mirrored"].items():
-            for target in ("0.99", *MIDDLE):
-                if target in by_target:
-                    plain, given, right, same = by_target[target]
-                    cells = [plain, given, _of(same, given), _of(right, given)]
-                    rows.append([column.title, hide, rate(target), *cells])
-    names = ["method, people", "hidden", "target", "labels, plain", "labels, in the mirror"]
-    return table([*names, "the plain cloud's names", "right for the person in the mirror"], rows)
-
-
-def crowd(results: Results) -> str:
-    """Two people in one cloud."""
-    rows = []
-    for column, counts in results.with_study("crowd"):
-        for target in MIDDLE:
-            if target in counts:
-                given, wrong, both, clouds = counts[target]
-                cells = [f"{given / clouds:.2f}", _of(wrong, given), _of(both, clouds)]
-                rows.append([column.title, rate(target), *cells])
-    return table(["method, people", "target", "labels a frame", "wrong marker", "frames with labels on both"], rows)
-
-
-def whole_body(results: Results) -> str:
-    """body26 with up to five markers hidden and three ghosts."""
-    counts = results.pooled(OURS, "body26")
-    if not counts:
-        return "not measured"
-    rows = []
-    for target, lists in counts.items():
-        found = Score.of(lists)
-        rows.append([rate(target), percent(found.f1), *_cells(found)])
-    return table(["target", "F1", "FA", "FO", "recall"], rows)
 
 
 def training(results: Results) -> str:
@@ -445,53 +237,17 @@ def voters(results: Results) -> str:
     return table(["hidden", *titles], rows)
 
 
-def searches(results: Results) -> str:
-    """The searches at equal cost."""
-    rows = []
-    for column, found in results.with_study("solvers"):
-        for way, budget, *figures in found["searches"]:
-            rows.append([column.title, budget or "no limit", way, *_search_cells(figures)])
-    names = ["functions", "solvers that may be assessed for a marker", "search", "assessed", "kept", "mean size"]
-    return table([*names, "occlusions answered", "s"], rows)
-
-
-def genetics(results: Results) -> str:
-    """The genetic search's meta-parameters."""
-    rows = []
-    for column, found in results.with_study("solvers"):
-        rows += [[column.title, words, *_search_cells(figures)] for words, *figures in found["genetics"]]
-    return table(["functions", "changed", "assessed", "kept", "mean size", "occlusions answered", "s"], rows)
-
-
-def _search_cells(figures: list) -> list[str]:
-    assessed, kept, size, answered, seconds = figures
-    return [f"{assessed:,}", str(kept), f"{size:.1f}", percent(answered, 1), f"{seconds:.1f}"]
-
-
 BLOCKS: dict[str, Callable[[Results], str]] = {
-    "aims": aims,
     "conditions": conditions,
     "table3": table3,
     "table4": table4,
     "table5": table5,
     "recall": recall,
-    "sweep": sweep,
-    "equal": equal,
     "asked": asked,
-    "whole-body": whole_body,
-    "elsewhere": elsewhere,
-    "lab": lab,
-    "ghosts": ghosts,
-    "noise": noise,
-    "swaps": swaps,
-    "mirrored": mirrored,
-    "crowd": crowd,
     "training": training,
     "speed": speed,
     "solvers": solvers,
     "optimal": optimal,
     "voters": voters,
-    "searches": searches,
-    "genetics": genetics,
     "cover": cover,
 }

@@ -4,8 +4,6 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from .running import SAME, SPEED, read
 from .scores import Score
 
@@ -84,39 +82,3 @@ def over(counts: dict, target: float) -> Score:
     """The score at one target, added up over all conditions of {condition: {target: counts}}."""
     scores = [Score.of(by_target[str(target)]) for by_target in counts.values()]
     return sum(scores[1:], scores[0])
-
-
-def best_at(swept: list[list[int]], most_wrong: float) -> tuple[float, float] | None:
-    """Of the levels of `scores.sweep` the one with the fewest false occlusions at no more than a rate of false
-    assignments: both rates. None when no level has so few."""
-    level = best_level(swept, most_wrong)
-    return None if level is None else _rates(np.array(swept)[:, level])
-
-
-def best_level(swept: list[list[int]], most_wrong: float) -> int | None:
-    """The same level's number."""
-    given, wrong, declared, missed = (np.array(row, dtype=float) for row in swept)
-    assigned, occluded = wrong / np.maximum(given, 1), missed / np.maximum(declared, 1)
-    allowed = np.flatnonzero((assigned <= most_wrong) & (given > 0))
-    return int(allowed[occluded[allowed].argmin()]) if len(allowed) else None
-
-
-def chosen_on_others(parts: dict[str, dict], hide: int, most_wrong: float) -> tuple[float, float] | None:
-    """The rates of `best_at` over all parts, in each of them at the level that is best for the other parts.
-
-    None when for some no level has so few false assignments.
-    """
-    total = np.zeros(4, dtype=int)
-    for split, found in parts.items():
-        others = np.sum([other[str(hide)] for name, other in parts.items() if name != split], axis=0)
-        level = best_level(others, most_wrong)
-        if level is None:
-            return None
-        total += np.array(found[str(hide)])[:, level]
-    return _rates(total)
-
-
-def _rates(counts: np.ndarray) -> tuple[float, float]:
-    """False assignments and false occlusions of given, wrong, declared and missed."""
-    given, wrong, declared, missed = (int(count) for count in counts)
-    return wrong / max(given, 1), missed / max(declared, 1)

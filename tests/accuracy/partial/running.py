@@ -7,7 +7,6 @@ import os
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +16,12 @@ from addon.core.papers.partial_solvers.training import Training
 from .. import people
 from . import solvers, speed
 from .methods import FAITHFUL, Takes, learn
-from .studies import STUDIES, Test, few_hidden, whole_body
+from .studies import STUDIES, Test
 
 SETS = {"gait15": people.GAIT15, "body26": people.BODY26}
 SAME = "same"
 SPEED = "speed.json"
-# Of the paper's solvers, of the solver of all markers, of another marker set, of few people's models, of people of
-# another lab, of the built-in models.
-OTHERS = ("solvers", "optimal", "body26", "few", "elsewhere", "speed")
-FEW = (1, 2, 4)  # people that a model is learned from; a single one in a single take
+OTHERS = ("solvers", "optimal", "speed")  # of the paper's solvers, of that of all markers, of the built-in models
 
 
 @dataclass(frozen=True)
@@ -36,7 +32,7 @@ class Plan:
     studies  of `studies.STUDIES`, and those of `OTHERS`
     groups   in how many groups people are left out: {method: count}
     most     how many of those groups are tested
-    frames   test clouds for each cell of the paper's tables, over all people; fewer, for the other studies
+    frames   test clouds for each cell of the paper's tables, over all people
     again    measure also what is there already
     """
 
@@ -47,7 +43,6 @@ class Plan:
     groups: dict[str, int]
     most: int
     frames: int
-    fewer: int
     options: Training
     again: bool = False
 
@@ -78,41 +73,24 @@ def run(plan: Plan):
 
 def applies(study: str, method: str, split: str) -> bool:
     """Whether a study says anything of a method and those who are tested."""
-    ours, same = method == "ours", split == SAME
-    special = {
-        "curve": ours,
-        "solvers": same and not ours,
-        "cover": same and not ours,
-        "optimal": same and not ours,
-        "body26": ours and not same,
-        "few": ours and not same,
-        "elsewhere": ours and same,
-    }
-    return special.get(study, study in STUDIES)
+    if study in ("solvers", "cover", "optimal"):
+        return split == SAME and method != "ours"
+    return study in STUDIES
 
 
 def measure(plan: Plan, method: str, split: str, learned: list[str], tested: list[str]):
-    """All studies of a method on some people that are not there yet; trains at most once for each marker set."""
+    """All studies of a method on some people that are not there yet; trains at most once."""
     path = plan.results / f"{method}.{split}.json"
     found = read(path)
     missing = [study for study in plan.studies if applies(study, method, split) and (plan.again or study not in found)]
-    gait, body = (partial(learn, method, takes_of(names, learned), names, plan.options) for names in SETS.values())
-    trained = gait() if {*missing} - {"optimal", "body26", "few"} else None
+    trained = None
     for study in missing:
         if study == "optimal":
             found[study] = _optimal(replace(plan.options, functions=FAITHFUL[method]))
-        elif study == "body26":
-            found[study] = whole_body(body(), _test(plan, people.BODY26, tested))
-        elif study == "few":
-            found[study] = _few(plan, method, learned, _test(plan, people.GAIT15, tested))
-        elif study == "elsewhere":
-            found[study] = {
-                name: few_hidden(learned_set, _test(plan, SETS[name], tested, people.other_lab(SETS[name])))
-                for name, learned_set in (("gait15", trained), ("body26", body()))
-            }
         else:
+            trained = trained or learn(method, takes_of(people.GAIT15, learned), people.GAIT15, plan.options)
             ask = solvers.claims if study == "solvers" else STUDIES[study]
-            found[study] = ask(trained, _test(plan, people.GAIT15, tested))
+            found[study] = ask(trained, _test(plan, tested))
             found["facts"] = merged(found.get("facts", {}), trained.facts)
         keep(path, found)
         print(f"{method}, {split}: {study}", file=sys.stderr, flush=True)
@@ -128,25 +106,11 @@ def _optimal(options: Training) -> dict[str, list[int]]:
     return {name: solvers.optimal(every, options) for name, every in frames.items()}
 
 
-def _few(plan: Plan, method: str, learned: list[str], test: Test) -> dict[str, dict]:
-    """What comes of people whom a model of fewer others names: {people: counts of `few_hidden`}."""
-    found = {}
-    for count in FEW:
-        own = [learned[(test.seed + place) % len(learned)] for place in range(count)]
-        takes = takes_of(test.names, own)
-        if count == 1:
-            takes = [max(takes, key=lambda take: np.isfinite(take[0][..., 0]).all(axis=1).sum())]
-        found[str(count)] = few_hidden(learn(method, takes, test.names, plan.options), test)
-    return found
-
-
-def _test(plan: Plan, names: tuple[str, ...], tested: list[str], frames: np.ndarray | None = None) -> Test:
+def _test(plan: Plan, tested: list[str]) -> Test:
     everyone = people.everyone()
-    share = len(tested) / len(everyone)
-    if frames is None:
-        frames = np.concatenate([frames for frames, _ in takes_of(names, tested)])
-    count, fewer = (int(np.ceil(total * share)) for total in (plan.frames, plan.fewer))
-    return Test(frames, names, count, fewer, plan.targets, everyone.index(tested[0]))
+    frames = np.concatenate([frames for frames, _ in takes_of(people.GAIT15, tested)])
+    count = int(np.ceil(plan.frames * len(tested) / len(everyone)))
+    return Test(frames, people.GAIT15, count, plan.targets, everyone.index(tested[0]))
 
 
 def read(path: Path) -> dict:

@@ -31,13 +31,6 @@ def long_walk():
     )
 
 
-def test_a_first_spell_before_a_gap_is_not_given_up():
-    scene = long_walk()
-    frame = scene.blobs.frame
-    whole = Outcome(scene, ((frame >= 5) & (frame < 60)) | (frame >= 150))
-    assert whole.right.mean() > 0.99
-
-
 def test_every_frame_without_a_subject_is_in_a_suspect():
     scene = long_walk()
     whole = Outcome(scene, scene.blobs.frame >= 70)

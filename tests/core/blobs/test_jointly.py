@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core.blobs.arms import ARMS, with_arms_held
+from addon.core.blobs.arms import HELD, with_arms_held
 from addon.core.blobs.jointly import JOINTLY, hypotheses_of, name_jointly
 from addon.core.blobs.search import Hints, find_subject
 from addon.core.blobs.subject import Setup
@@ -22,7 +22,7 @@ ROOM = CaptureOptions(noise=0.5, reflections=2, flicker=0.5)
 
 
 def standing(arms=None, moved=(), seed=4, options=ROOM):
-    """Somebody in `body26`, the arms held in one of `ARMS`' ways, with markers worn (name, offset m) elsewhere."""
+    """Somebody in `body26`, the arms held in one of the ways `HELD`, with markers worn (name, offset m) elsewhere."""
     markerset = built_in("body26")
     model = BodyModel(markerset)
     person = person_of(markerset, seed, 1.75)
@@ -83,7 +83,7 @@ def test_nothing_to_name():
     assert (naming.slot < 0).all() and not elsewhere.any()
 
 
-@pytest.mark.parametrize("arms", [arms for arms, (_, forearm) in enumerate(ARMS.held) if not any(forearm)])
+@pytest.mark.parametrize("arms", np.flatnonzero(~HELD[:, 1].any(axis=1)).tolist())
 def test_stretched_arms_are_found_wherever_they_point(arms):
     scene = standing(arms, seed=arms)
     found = find_subject(scene.views()[0], Setup.of(RIG, scene.markerset), Hints(), alone=True)
@@ -95,7 +95,7 @@ def test_bodies_without_arms_stay_as_they_are():
     model = BodyModel(built_in("gait15"))
     assert len(with_arms_held(model.rest(3, 1.7), model)) == 3
     whole = BodyModel(built_in("body26"))
-    assert len(with_arms_held(whole.rest(3, 1.7), whole)) == 3 * (1 + len(ARMS.held))
+    assert len(with_arms_held(whole.rest(3, 1.7), whole)) == 3 * (1 + len(HELD))
 
 
 def on_one_line():

@@ -9,8 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from addon.core.blobs.pipeline import Options, label_take
-from addon.core.blobs.search import Hints
+from addon.core.blobs.pipeline import label_take
 from addon.core.blobs.subject import TIMED_STAGES
 from addon.core.data.errors import JobError
 from addon.core.data.takes import NO_MARKER, NO_STEP
@@ -192,19 +191,6 @@ def test_one_camera_is_a_job_that_cannot_be_done():
 def test_blobs_in_one_camera_alone_are_nobody():
     whole = Outcome(walk(), walk().blobs.camera == 2)
     assert not whole.given.any() and len(whole.suspects) == 1
-
-
-def test_a_flood_of_blobs_is_refused():
-    pixels = [np.random.default_rng(0).uniform(0, 400, (1500, 2))] + [np.zeros((0, 2))] * 5
-    with pytest.raises(JobError, match="1500 blobs in camera cam1; expected at most 500"):
-        list(label_take([blobs_at(pixels)], RIG, walk().markerset))
-
-
-def test_hints_are_followed_and_never_needed():
-    scene = walk()
-    height = float(scene.bodies.scale.mean())
-    hinted = Outcome(scene, scene.blobs.frame < 20, options=Options(Hints(height, 0.0)))
-    assert hinted.right.mean() > 0.998
 
 
 def test_one_camera_out_of_place_is_survived():

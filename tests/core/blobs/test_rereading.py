@@ -9,25 +9,26 @@ from addon.core.blobs.rereading import REREADING, Rereader
 from tests.core.blobs.followed import exchange, followed, wrong_names
 
 FOOT = ("LANK", "LHEE", "LTOE")
+ENOUGH = REREADING.min_frames // 2
 
 
 def test_right_names_suit_the_subject_and_exchanged_ones_do_not():
     scene, setup, views, results = followed()
     exchange(scene, results, range(30, 45), *FOOT)
-    known = known_subject_of(results, setup)
+    known = known_subject_of(results, setup, None, ENOUGH)
     _, off = judged(views, results, known, setup)
     exchanged = np.isin(np.arange(len(results)), range(30, 45))
     foot = [scene.markerset.index(name) for name in FOOT]
-    assert (off[exchanged][:, foot].max(axis=1) > REREADING.max_strain).all()
-    assert (off[~exchanged] < REREADING.max_strain).all()
+    assert (off[exchanged][:, foot].max(axis=1) > setup.rules.max_on_point).all()
+    assert (off[~exchanged] < setup.rules.max_on_point).all()
 
 
 def test_a_marker_that_is_hardly_seen_sits_where_it_did_before():
     _, setup, _, results = followed()
-    before, few = known_subject_of(results, setup), known_subject_of(results[:5], setup)
+    before, few = known_subject_of(results, setup, None, ENOUGH), known_subject_of(results[:5], setup, None, ENOUGH)
     assert before.known.all() and not few.known.any()
     assert (few.subject.bodies.own == 0).all()
-    after = known_subject_of(results[:5], setup, before)
+    after = known_subject_of(results[:5], setup, before, ENOUGH)
     assert after.known.all()
     assert np.array_equal(after.subject.bodies.own, before.subject.bodies.own)
 

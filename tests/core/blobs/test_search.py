@@ -121,18 +121,6 @@ def test_step_1_stays_right_where_the_later_steps_err(name):
     assert (hasty - right_of_hasty)[EXCLUSIVE] > wrong[EXCLUSIVE]
 
 
-def test_ghosts_stay_unnamed():
-    """A19: in a room with reflections and flicker."""
-    ghosts, named = 0, 0
-    for number in range(6):
-        scene, found = found_in("body26", number + 60, number * 1.1, None, options=ROOM)
-        _, given = marked(scene, found)
-        ghost = scene.truth == ""
-        ghosts += ghost.sum()
-        named += (given & ghost).sum()
-    assert ghosts > 40 and named <= 0.05 * ghosts
-
-
 def test_it_says_how_sure_it_is():
     for number in range(4):
         _, found = found_in("body26", number, number * np.pi / 6, 1.1 + 0.9 * ((5 * number) % 12) / 11)
@@ -190,20 +178,3 @@ def test_nobody_where_there_are_no_blobs(count):
     rig = paper_rig()
     pixels = [np.random.default_rng(c).uniform(50, 400, (count, 2)) for c in range(4)]
     assert find_subject(split_views(blobs_at(pixels), rig)[0], Setup.of(rig, built_in("gait15")), Hints()) is None
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_ghosts_are_nobody(seed):
-    """Twenty random blobs a camera may make a fit, but not one that is sure and names enough to be used."""
-    rig = paper_rig()
-    pixels = [np.random.default_rng([seed, c]).uniform([0, 0], rig.size[0], (20, 2)) for c in range(4)]
-    found = find_subject(split_views(blobs_at(pixels), rig)[0], Setup.of(rig, built_in("body26")), Hints())
-    assert found is None or found.by_chance or found.confidence < 0.7 or found.named < 0.4
-
-
-def test_the_same_blobs_give_the_same_answer():
-    (scene, first), setup = found_in("gait15", 1, np.pi / 6, 1.1 + 0.9 * 5 / 11), None
-    setup = Setup.of(scene.cameras, scene.markerset)
-    again = find_subject(scene.views()[0], setup, Hints())
-    assert np.array_equal(first.naming.slot, again.naming.slot)
-    assert np.array_equal(first.expected.points, again.expected.points) and first.confidence == again.confidence

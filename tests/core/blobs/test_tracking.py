@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from addon.core.blobs.search import Hints, find_subject
 from addon.core.blobs.subject import Setup, Subject
-from addon.core.blobs.tracking import TRACKING, Anchor, Track, difference, follow
+from addon.core.blobs.tracking import FOLLOWING_STEPS, Anchor, Track, difference, follow
 from addon.core.body.bodies import BodyModel
 from addon.core.body.prior import Prior
 from addon.core.geometry.views import split_views
@@ -89,7 +89,7 @@ def test_a_longer_blind_spell_holds_less():
 @pytest.mark.parametrize("name", ["gait15", "body26"])
 def test_a_walk_is_followed_with_two_iterations_a_frame(name):
     """A34: at 60 frames a second from the previous pose: iterations a frame, lost-track rate, right names."""
-    assert TRACKING.fit_steps == 2
+    assert FOLLOWING_STEPS == 2
     scene = walk(name)
     setup, views, track = begun(scene)
     named = right = 0

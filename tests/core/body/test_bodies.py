@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from addon.core.body.bodies import PLACEMENT, BodyModel
-from addon.core.geometry import rotations
 from addon.io.markersets import open_markerset
 from tests.core.body.test_prior import some_bodies
 from tests.core.toybody import toy_markerset
@@ -52,32 +51,11 @@ def test_placement_derivatives_are_those_of_the_stiff_body(seed):
     np.testing.assert_allclose(posed.joints, model.pose(stiff).joints, atol=1e-12)
 
 
-@settings(max_examples=25, deadline=None)
-@given(seed=seeds, size=st.floats(1e-12, 4.0))
-def test_quaternions_stay_unit(seed, size):
-    model = BodyModel(toy_markerset())
-    bodies = some_bodies(model, seed)
-    for _ in range(5):
-        bodies = bodies.moved(np.random.default_rng(seed).normal(0, size, (len(bodies), model.parameters)))
-        np.testing.assert_allclose(np.linalg.norm(bodies.quaternion, axis=1), 1, atol=1e-12)
-
-
 def test_the_roots_bend_stays_zero():
     model = BodyModel(toy_markerset())
     moved = model.rest(2).moved(np.ones((2, model.parameters)))
     assert not moved.bends[:, 0].any()
     assert (moved.bends[:, 1:] == 1).all()
-
-
-def test_placement_is_equation_6():
-    model = BodyModel(toy_markerset())
-    bodies = some_bodies(model, 5)
-    stiff = replace(bodies, bends=np.zeros_like(bodies.bends), shape=np.zeros_like(bodies.shape))
-    for body in range(len(bodies)):
-        turn = rotations.quaternion_to_matrix(bodies.quaternion[body])
-        scaled = bodies.scale[body] * model.markerset.rest_markers
-        expected = (turn @ scaled.T).T + bodies.translation[body]
-        np.testing.assert_allclose(model.pose(stiff).markers[body], expected, atol=1e-12)
 
 
 def test_bending_an_elbow_moves_only_what_it_carries():

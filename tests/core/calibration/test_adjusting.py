@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from addon.core.calibration.adjusting import _Bundle, adjusted, held
-from addon.core.calibration.sightings import SIGHTING, Sightings
+from addon.core.calibration.sightings import MIN_RAYS, SIGHTING, Sightings
 from addon.core.geometry.cameras import Cameras
 from addon.core.geometry.rotations import exponential
 from addon.core.simulation.rigs import ring_rig
@@ -36,7 +36,7 @@ def seen_by(true: Cameras, calibrated: Cameras, count: int = 400, seed: int = 0,
     xy = pixels[camera, point] + NOISE * random.standard_normal((len(camera), 2))
     xy += (random.random((len(xy), 1)) < wrong) * random.uniform(-40, 40, (len(xy), 2))
     seen = Sightings(camera, xy, calibrated.undistort(xy, camera), point, count)
-    return seen.kept(np.bincount(point, minlength=count) >= SIGHTING.min_rays)
+    return seen.kept(np.bincount(point, minlength=count) >= MIN_RAYS)
 
 
 def image_error(cameras: Cameras, true: Cameras) -> np.ndarray:

@@ -46,7 +46,7 @@ class Room:
         self.rounds = 0
         monkeypatch.setattr(refining, "label_blobs", self.label)
 
-    def label(self, chunks, cameras, model, options, agreement):
+    def label(self, chunks, cameras, model, options):
         """One part, labelled."""
         [blobs] = chunks
         self.rounds += blobs is self.parts[0]
@@ -127,4 +127,4 @@ def test_parts_are_spread_over_the_take(count):
     assert all(first <= last for first, last in parts)
     assert all(last < following for (_, last), (following, _) in pairwise(parts))
     assert all(last - first < REFINING.part_frames for first, last in parts)
-    assert len(parts) == min(max(count // 10, 2), 12, count)
+    assert len(parts) == min(12, count)

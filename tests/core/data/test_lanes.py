@@ -44,7 +44,7 @@ def test_a_lane_holds_one_trajectory_at_a_time_and_there_are_no_more_than_needed
         covered[span, lane] += 1
     assert covered.max(initial=0) <= 1
     at_once = max(int(_spanned(there).sum(axis=1).max()), 1)
-    assert lanes.count == (at_once if at_once <= PACKING.worthwhile * xyz.shape[1] else xyz.shape[1])
+    assert lanes.count == (at_once if 2 * at_once <= xyz.shape[1] else xyz.shape[1])
     table = lanes.table(slice(0, FRAMES))
     frame, lane = np.nonzero(table >= 0)
     np.testing.assert_array_equal(lanes.at(frame, lane), table[frame, lane])

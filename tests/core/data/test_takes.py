@@ -50,10 +50,6 @@ def test_nothing_named(shape):
     assert not found.named.any()
 
 
-def test_named_is_where_there_is_a_marker(labels):
-    assert labels.named.tolist() == [[True, True, False]] * 2
-
-
 def test_parts_come_one_after_the_other(labels):
     whole = Labels.join([labels, labels[:1]])
     for name in ("marker", "step", "confidence", "rate"):

@@ -31,8 +31,6 @@ from addon.core.edits.kinds import (
     Swap,
     UnlabelMarker,
     UnlabelPoint,
-    frames_of,
-    markers_of,
 )
 from addon.io.markersets import open_markerset
 
@@ -47,7 +45,7 @@ def column(number: int) -> int:
 
 
 def rows(one) -> slice:
-    first, last = frames_of(one) or (FIRST, FIRST + FRAMES - 1)
+    first, last = one.span or (FIRST, FIRST + FRAMES - 1)
     return slice(first - FIRST, last - FIRST + 1)
 
 
@@ -108,7 +106,7 @@ def test_what_an_edit_is_not_about_stays(seed, said, last):
     outside[rows(last)] = False
     assert (before[outside] == after[outside]).all()
     if isinstance(last, UnlabelMarker | Swap | Place | Right):
-        own = np.isin(before, [INDEX[name] for name in markers_of(last)])
+        own = np.isin(before, [INDEX[name] for name in last.names])
         assert (before[~own] == after[~own]).all()
 
 
@@ -178,11 +176,11 @@ def test_edits_that_find_nothing_say_why():
     said = said.added(Delete(5, frames=(11, 11)), Right("A", frames=(400, 500)), Right("A"))
     outcomes = apply_to_points(labels, said, cells).outcomes
     assert [one.reason for one in outcomes] == [
-        "trajectory 2 has no point in frames 11 to 12",
+        "trajectory 2 is not seen in frames 11 to 12",
         "B is not named in the take",
-        "neither A nor B is named in the take",
+        "neither of A and B is named in the take",
         "trajectory 3 has no name in the take",
-        "trajectory 5 has no point in frame 11",
+        "trajectory 5 is not seen in frame 11",
         "frames 400 to 500 are not among what is labelled",
         "",
     ]

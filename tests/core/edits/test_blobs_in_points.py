@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import Blobs
-from addon.core.edits import blobs_in_points
-from addon.core.edits.applying import BlobCells
 from addon.core.edits.blobs_in_points import NamedThroughBlobs
 from addon.core.edits.kinds import (
     AssignBlob,
@@ -117,26 +115,6 @@ def test_markers_are_known_by_their_other_names_and_those_of_nobody_are_none():
     assert said(heard(blob(AssignBlob, 12, "LFWT"), Swap(("LASI", "RKNE")))) == [(1, "RKNE", (12, 12))]
     assert said(heard(blob(AssignBlob, 12, "LASI"), UnlabelMarker("LFWT"))) == []
     assert said(heard(blob(AssignBlob, 12, "3:LKNE"))) == []
-
-
-def test_blobs_are_looked_for_in_chunks_of_their_frames_alone(monkeypatch):
-    looked, tables = [], []
-    blobs_of, of = blobs_in_points.blobs_of, BlobCells.of
-
-    def found(edit, cells):
-        looked.append((edit.marker, int(cells.blobs.frames[0])))
-        return blobs_of(edit, cells)
-
-    def table(blobs, *given):
-        tables.append(int(blobs.frames[0]))
-        return of(blobs, *given)
-
-    monkeypatch.setattr(blobs_in_points, "blobs_of", found)
-    monkeypatch.setattr(BlobCells, "of", table)
-    heard(blob(AssignBlob, 15, "LKNE", frames=(14, 16)), Swap(("LKNE", "RKNE")))
-    assert tables == [14]
-    heard(blob(AssignBlob, 12, "C7", frames=(11, 14)), blob(AssignBlob, 15, "LKNE"))
-    assert looked == [("LKNE", 14), ("C7", 11), ("C7", 14), ("LKNE", 14)]
 
 
 def test_a_marker_s_blob_that_makes_no_point_takes_it_from_the_point_named_in_its_image():

@@ -56,24 +56,6 @@ def test_what_is_behind_is_not_a_number():
     assert np.isfinite(cameras.project(cameras.centres[0] + 2 * cameras.rotation[0, 2])).all()
 
 
-def test_undistorted_pixels_are_the_pinhole_image():
-    cameras = paper_rig()
-    points = np.random.default_rng(1).uniform([-0.8, -0.8, 0], [0.8, 0.8, 2], (200, 3))
-    pixels, ideal = cameras.project(points), cameras.normalised(points)
-    camera = np.repeat(np.arange(4), 200)
-    assert np.abs(cameras.undistort(pixels.reshape(-1, 2), camera) - ideal.reshape(-1, 2)).max() < 1e-12
-
-
-@settings(max_examples=200, deadline=None)
-@given(
-    st.tuples(st.floats(-0.6, 0.6), st.floats(-0.5, 0.5)),
-    st.tuples(*[st.floats(-low, low) for low in (0.3, 0.1, 0.003, 0.003, 0.05)]),
-)
-def test_undistort_is_the_inverse_of_distort(image, lens):
-    image, lens = np.array([image]), np.array([lens])
-    assert undistort(distort(image, lens), lens) == pytest.approx(image, abs=1e-11)
-
-
 def test_a_pixel_that_no_light_reaches_is_not_a_number():
     lens = np.array([[-0.3, 0, 0, 0, 0]])
     # The lens' image ends where 1 = 0.9 r²: at 2/3 of 1.054.
@@ -106,7 +88,7 @@ def test_undistort_keeps_to_the_branch_that_light_takes(share, angle, lens):
     lens = np.array([lens])
     radius = share * np.minimum(lens_reach(lens), 1.2)
     image = radius[:, None] * [[np.cos(angle), np.sin(angle)]]
-    assert undistort(distort(image, lens), lens) == pytest.approx(image, abs=1e-8)
+    assert undistort(distort(image, lens), lens) == pytest.approx(image, abs=1e-11 if share < 0.5 else 1e-8)
 
 
 def test_centres_and_extrinsics():
@@ -130,38 +112,27 @@ def test_calibrations_cannot_be_changed_in_place():
         ring_rig(2).matrix[0, 0, 0] = 1
 
 
-def singular(cameras):
-    matrix = cameras.matrix.copy()
-    matrix[1] = 0
-    return {"matrix": matrix}
-
-
-def mirrored(cameras):
-    rotation = cameras.rotation.copy()
-    rotation[1, 0] *= -1
-    return {"rotation": rotation}
-
-
-def unknown(cameras):
-    translation = cameras.translation.copy()
-    translation[1, 2] = np.nan
-    return {"translation": translation}
-
-
-def twice(cameras):
-    return {"names": ("cam1", "cam1", "cam3")}
-
-
 @pytest.mark.parametrize(
-    ("fault", "words"),
-    [(singular, "singular"), (mirrored, "not a rotation"), (unknown, "not a finite number"), (twice, "same name")],
+    ("field", "index", "change", "words"),
+    [
+        ("matrix", 1, np.zeros_like, "singular"),
+        ("rotation", (1, 0), np.negative, "not a rotation"),
+        ("translation", (1, 2), lambda _: np.nan, "not a finite number"),
+    ],
 )
-def test_a_calibration_that_is_none_is_refused_in_one_sentence(fault, words):
+def test_a_calibration_that_is_none_is_refused_in_one_sentence(field, index, change, words):
     cameras = ring_rig(3)
+    values = getattr(cameras, field).copy()
+    values[index] = change(values[index])
     with pytest.raises(InputError, match=words) as caught:
-        Cameras(**parts(cameras, **fault(cameras)))
+        Cameras(**parts(cameras, **{field: values}))
     assert "\n" not in str(caught.value)
-    assert fault is twice or "cam2" in str(caught.value)
+    assert "cam2" in str(caught.value)
+
+
+def test_two_cameras_of_one_name_are_refused():
+    with pytest.raises(InputError, match="same name"):
+        Cameras(**parts(ring_rig(3), names=("cam1", "cam1", "cam3")))
 
 
 def test_arrays_of_the_wrong_shape_are_a_programmers_mistake():
@@ -177,7 +148,7 @@ def test_arrays_of_the_wrong_shape_are_a_programmers_mistake():
 )
 def test_a_lens_of_vicons_kind_is_undone_exactly(share, angle, terms):
     lens = np.array(terms)
-    seen = np.array([np.cos(angle), np.sin(angle)]) * share * min(inverse_lens.fold(lens), 2.0)
+    seen = np.array([np.cos(angle), np.sin(angle)]) * share * min(inverse_lens.turning_point(lens), 2.0)
     straight = inverse_lens.straighten(seen[None], lens)
     assert np.isfinite(straight).all()
     # Near its fold a lens is flat, and a rounding error in what is straight is a larger one in what is seen.
@@ -188,7 +159,7 @@ def test_a_lens_of_vicons_kind_is_undone_exactly(share, angle, terms):
 
 def test_beyond_the_fold_of_a_lens_of_vicons_kind_there_is_nothing():
     lens = np.array([-1 / 3, 0.0, 0.0])  # r - r³/3 turns back at 1, where it is 2/3
-    assert inverse_lens.fold(lens) == pytest.approx(1)
+    assert inverse_lens.turning_point(lens) == pytest.approx(1)
     assert inverse_lens.reach(lens) == pytest.approx(2 / 3)
     image = np.array([[0.99, 0.0], [0.0, 1.01]])
     assert np.isfinite(inverse_lens.straighten(image, lens)).all(axis=1).tolist() == [True, False]

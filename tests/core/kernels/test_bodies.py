@@ -215,4 +215,4 @@ def test_lenses_are_taken_out_the_same(seed, count):
     image[1:2] = np.nan
     lens = generator.normal(0, [0.2, 0.05, 0.002, 0.002, 0.01], (count, 5))
     lens[2:3] = 0
-    both(cameras.straightened, image, lens, cameras.lens_reach(lens), cameras.UNDISTORTING)
+    both(cameras.straightened, image, lens, cameras.lens_reach(lens), *cameras.LENS_NEWTON)

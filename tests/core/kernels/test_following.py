@@ -16,7 +16,6 @@ from addon.core.blobs.subject import Setup
 from addon.core.blobs.tracking import Track, followed_by_library, followed_by_numpy
 from addon.core.body.bodies import Bodies
 from addon.core.geometry.views import View
-from addon.core.kernels.frame_calls import Follower
 from addon.core.papers.virtual_occlusions.labelling import named_by_numpy
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions
@@ -115,17 +114,6 @@ def test_what_does_not_fit_is_refused():
     for call in refused:
         with pytest.raises(ValueError, match="expected"):
             call()
-
-
-def test_a_follower_is_made_once():
-    setup, views, track = begun("toy")
-    made = []
-    init = Follower.__init__
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Follower, "__init__", lambda self, *given: (made.append(self), init(self, *given))[1])
-        for view in views[1:4]:
-            followed_by_library(track, view, setup, None)
-    assert len(made) == 1
 
 
 @settings(max_examples=25, deadline=None)

@@ -7,16 +7,14 @@ import numpy as np
 import pytest
 
 from addon.core.blobs.pipeline import label_take
-from addon.core.body.bodies import BodyModel
 from addon.core.data.takes import Blobs
 from addon.core.geometry.cameras import Cameras
-from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion
 from addon.core.pipelines.others import SEEKING, OtherSubjects, refuse_two
 from addon.core.points.refusals import SubjectsError
 from addon.core.simulation.rigs import ring_rig
-from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, PosedBody, capture, joined
-from addon.core.simulation.virtual import Act, draw_person, perform
+from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, capture, joined
 from addon.io.models import open_model
+from tests.core.scenes import abreast, cut
 
 FRAMES, RATE, CHUNK = 40, 50.0, 16
 QUIET = CaptureOptions(seed=3)
@@ -34,16 +32,8 @@ def cameras():
 
 def blobs_of(model, cameras: Cameras, people: tuple[int, ...], options: CaptureOptions = QUIET) -> Blobs:
     """What cameras see of people, by their seeds, who walk side by side, 0.8 m apart."""
-    markerset, bodies, markers = model.markerset, [], []
-    for place, seed in enumerate(people):
-        moving = BodyModel(markerset)
-        moves = perform(moving, draw_person(markerset, np.random.default_rng(seed)), [Act(FRAMES / RATE)], rate=RATE)
-        posed = moving.pose(moves)
-        shift = np.array([0.0, 0.8 * place - 0.4, 0.0]) - posed.joints[:FRAMES, 0].mean(axis=0) * [1.0, 1.0, 0.0]
-        turns, joints = posed.rotations[:FRAMES], posed.joints[:FRAMES] + shift
-        volume = CapsuleOcclusion(markerset)
-        bodies.append(PosedBody(volume, markerset.attachment, turns, joints, moves.scale[:FRAMES]))
-        markers.append(posed.markers[:FRAMES] + shift)
+    markerset = model.markerset
+    bodies, markers = abreast(markerset, people, FRAMES, RATE, 0.8)
     together = BodiesTogether(tuple(bodies), (len(markerset),) * len(people))
     names = [f"{seed}:{name}" for seed in people for name in markerset.markers]
     return joined(capture(np.concatenate(markers, axis=1), names, cameras, options, together)).blobs
@@ -52,7 +42,7 @@ def blobs_of(model, cameras: Cameras, people: tuple[int, ...], options: CaptureO
 def looked_at(blobs: Blobs, cameras: Cameras, model) -> OtherSubjects:
     """A take that was labelled as one subject's, and looked at."""
     others = OtherSubjects(cameras, model)
-    parts = parts_of(blobs)
+    parts = cut(blobs, CHUNK)
     for part, chunk in zip(parts, label_take(parts, cameras, model.markerset, RATE), strict=True):
         others.add(part, chunk)
     return others
@@ -63,19 +53,14 @@ def test_two_are_told_how_to_have_both(model, cameras):
         looked_at(blobs_of(model, cameras, (1, 2)), cameras, model).refuse()
 
 
-def parts_of(blobs: Blobs) -> list[Blobs]:
-    """A take in chunks, as it is read."""
-    return [blobs.between(first, min(first + CHUNK - 1, FRAMES)) for first in range(1, FRAMES + 1, CHUNK)]
-
-
 def test_two_are_told_before_any_of_the_take_is_named(model, cameras):
     with pytest.raises(SubjectsError, match=r"two subjects or more that wear gait15"):
-        refuse_two(lambda: parts_of(blobs_of(model, cameras, (1, 2))), cameras, model)
+        refuse_two(lambda: cut(blobs_of(model, cameras, (1, 2)), CHUNK), cameras, model)
 
 
 @pytest.mark.parametrize(("reflections", "read"), [(2, 1), (30, 2)])
 def test_a_take_of_one_is_not_and_read_in_parts_only_unless_it_is_crowded(model, cameras, reflections, read):
-    parts, begun = parts_of(blobs_of(model, cameras, (1,), replace(QUIET, reflections=reflections))), []
+    parts, begun = cut(blobs_of(model, cameras, (1,), replace(QUIET, reflections=reflections)), CHUNK), []
 
     def reading():
         begun.append(1)
@@ -88,7 +73,7 @@ def test_a_take_of_one_is_not_and_read_in_parts_only_unless_it_is_crowded(model,
 def test_who_leaves_soon_is_not_told_before(model, cameras):
     both, alone = blobs_of(model, cameras, (1, 2)), blobs_of(model, cameras, (1,))
     early = Blobs.join([both.between(1, 10), alone.between(11, FRAMES)])
-    refuse_two(lambda: parts_of(early), cameras, model)
+    refuse_two(lambda: cut(early, CHUNK), cameras, model)
 
 
 @pytest.mark.parametrize("reflections", [2, 30])

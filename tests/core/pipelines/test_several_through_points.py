@@ -6,22 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import InputError, JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import Blobs
 from addon.core.edits.kinds import AssignBlob, Edits, Place, Swap
-from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion
 from addon.core.pipelines.blobs import with_edits
 from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_several_blobs
 from addon.core.points.several import pipeline
-from addon.core.points.several.telling import TELLING
+from addon.core.points.several.identification import IDENTIFICATION
 from addon.core.points.several.wearers import SeveralOptions, Wearer
 from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.simulation.rigs import ring_rig
-from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, PosedBody, capture, joined
-from addon.core.simulation.virtual import Act, draw_person, perform
+from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, capture, joined
 from addon.io.models import open_model
+from tests.core.scenes import abreast
 
 FRAMES, RATE, CHUNK = 40, 50.0, 16
 NAMED = PointOptions("likelihood")
@@ -35,18 +33,8 @@ def model():
 @pytest.fixture(scope="module")
 def shot(model):
     """Cameras, blobs and truth of two people in gait15 who walk side by side, 0.6 m apart."""
-    markerset, bodies, names, markers = model.markerset, [], [], []
-    for number in (1, 2):
-        generator = np.random.default_rng(number)
-        moving = BodyModel(markerset)
-        moves = perform(moving, draw_person(markerset, generator), [Act(FRAMES / RATE)], rate=RATE)
-        posed, scale = moving.pose(moves), moves.scale[:FRAMES]
-        middle = posed.joints[:FRAMES, 0].mean(axis=0)
-        shift = np.array([0.0, 0.6 * (number - 1.5), 0.0]) - middle * [1.0, 1.0, 0.0]
-        turns, joints = posed.rotations[:FRAMES], posed.joints[:FRAMES] + shift
-        bodies.append(PosedBody(CapsuleOcclusion(markerset), markerset.attachment, turns, joints, scale))
-        markers.append(posed.markers[:FRAMES] + shift)
-        names += [f"{number}:{name}" for name in markerset.markers]
+    bodies, markers = abreast(model.markerset, (1, 2), FRAMES, RATE, 0.6)
+    names = [f"{number}:{name}" for number in (1, 2) for name in model.markerset.markers]
     cameras = ring_rig(8, (1280, 1024), 4.0, 2.2, 1.4)
     together = BodiesTogether(tuple(bodies), (15, 15))
     seen = joined(capture(np.concatenate(markers, axis=1), names, cameras, CaptureOptions(seed=5), together))
@@ -98,7 +86,7 @@ def test_blobs_of_two_have_their_names(labelled):
 
 def test_one_asked_for_among_two_has_her_names_alone_and_the_other_is_in_the_way(shot, model, monkeypatch):
     cameras, blobs, truth = shot[:3]
-    monkeypatch.setattr(pipeline, "TELLING", replace(TELLING, lead=-1.0))  # the set's model knows neither
+    monkeypatch.setattr(pipeline, "IDENTIFICATION", replace(IDENTIFICATION, lead=-1.0))  # the set's model knows neither
     asked = SeveralOptions(subjects=(Wearer("ann", model),))
     found = finished(label_several_blobs(lambda: parts(blobs), cameras, asked, NAMED, RATE))
     assert len(found.labelled.worn.subjects) == len(found.bodies) == 2
@@ -119,7 +107,7 @@ def test_one_asked_for_among_two_has_her_names_alone_and_the_other_is_in_the_way
 def test_where_one_asked_for_is_not_there_nobody_is_found(shot, model, monkeypatch):
     """Whoever else is there is no reason to say that she is."""
     cameras, blobs, truth = shot[:3]
-    monkeypatch.setattr(pipeline, "TELLING", replace(TELLING, lead=-1.0))
+    monkeypatch.setattr(pipeline, "IDENTIFICATION", replace(IDENTIFICATION, lead=-1.0))
     asked = SeveralOptions(subjects=(Wearer("ann", model),))
     names, _ = named(finished(label_several_blobs(lambda: parts(blobs), cameras, asked, NAMED, RATE)), blobs)
     hers = max("12", key=lambda one: ((names != "") & truth_of(truth, one)).sum())
@@ -162,21 +150,6 @@ def test_a_marker_that_one_camera_alone_sees_is_named(shot, model):
     assert own.sum() > 10
     assert (names[own] == expected).mean() > 0.9
     assert set(names[own]) <= {expected, ""}
-
-
-def test_a_new_name_far_off_its_markers_rays_does_not_move_it(shot, found):
-    blobs = next(part for part, _ in parts(shot[1]))
-    given, motion = (
-        found.points.named(0, found.labelled.labels, len(blobs)),
-        found.labelled.motion.part(slice(0, CHUNK)),
-    )
-    row = int(np.flatnonzero(given.named & (blobs.frame == 5))[3])
-    before = given.kept(np.arange(len(blobs)) != row)
-    xy = blobs.xy.copy()
-    assert found._meeting(blobs, before, given, motion)[row]
-    xy[row] += [5.0, 5.0]
-    meeting = found._meeting(replace(blobs, xy=xy), before, given, motion)
-    assert np.flatnonzero(meeting != given.named).tolist() == [row]
 
 
 def test_a_point_has_the_name_that_a_person_gave_one_of_its_blobs(shot, model, found, labelled):

@@ -220,38 +220,35 @@ def test_places_that_the_body_hides_are_no_places():
     assert (in_view(toy, thigh, places) >= 0.45).all()
 
 
-def test_advice_makes_the_worst_pair_clearer_and_nothing_worse():
+@pytest.fixture(scope="module")
+def crowded() -> MarkerLayout:
+    """The thigh's marker sits too near to the knee's."""
     toy = toy_markerset()
     offsets = toy.offsets.copy()
     offsets[toy.markers.index("LTHI")] = [0.0, 0.047, -0.22]
-    made = marker_layout(replace(toy, offsets=offsets))
-    before = judge(made)
+    return marker_layout(replace(toy, offsets=offsets))
+
+
+def test_advice_makes_the_worst_pair_clearer_and_nothing_worse(crowded):
+    before = judge(crowded)
     assert {before.markers[index] for index in before.worst()[0]} == {"LTHI", "LKNE"}
-    [(advice, after)] = advise(made, goal=5, steps=1, keep=["LKNE"])
+    [(advice, after)] = advise(crowded, goal=5, steps=1, keep=["LKNE"])
     assert (advice.kind, advice.marker) == ("move", "LTHI")
     assert advice.after > advice.before + 1
-    assert "move LTHI on thigh.L by" in advice.in_words(made.markerset)
-    assert 0.009 < np.linalg.norm(advice.shift(made.markerset)) < 0.061
+    assert "move LTHI on thigh.L by" in advice.in_words(crowded.markerset)
+    assert 0.009 < np.linalg.norm(advice.shift(crowded.markerset)) < 0.061
     assert judge(after).total < before.total
 
 
-def test_where_nothing_may_be_moved_a_marker_is_added():
-    toy = toy_markerset()
-    offsets = toy.offsets.copy()
-    offsets[toy.markers.index("LTHI")] = [0.0, 0.047, -0.22]
-    made = marker_layout(replace(toy, offsets=offsets))
-    found = list(advise(made, goal=5, steps=1, keep=toy.markers))
-    assert [advice.kind for advice, _ in found] == ["add"]
-    advice, after = found[0]
-    assert len(after.markerset) == len(toy) + 1
+def test_where_nothing_may_be_moved_a_marker_is_added(crowded):
+    [(advice, after)] = advise(crowded, goal=5, steps=1, keep=crowded.markerset.markers)
+    assert advice.kind == "add"
+    assert len(after.markerset) == len(crowded.markerset) + 1
     assert after.markerset.markers[-1] == advice.marker
     assert advice.after > advice.before
 
 
-def test_a_good_set_needs_no_advice():
+def test_a_good_set_needs_no_advice_and_two_markers_are_too_few():
     assert list(advise(marker_layout(prop(KITE)), goal=0.5)) == []
-
-
-def test_two_markers_are_too_few():
     with pytest.raises(InputError, match="2 markers; expected 3 or more"):
         marker_layout(prop(SQUARE[:2]))

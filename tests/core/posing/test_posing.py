@@ -10,9 +10,9 @@ import pytest
 from addon.core.body.bodies import Bodies, BodyModel
 from addon.core.geometry import rotations
 from addon.core.posing.posing import fit_points
-from addon.core.training.learning import learn
 from addon.io.markersets import open_markerset
 from scripts import learn_markersets
+from scripts.people_study import learn
 
 PEOPLE = Path(__file__).resolve().parents[4] / "shared" / "data" / "people"
 needs_people = pytest.mark.skipif(not PEOPLE.is_dir(), reason="the recorded people are not beside the project")

@@ -14,6 +14,7 @@ from addon.core.reconstruction.matching import MATCHING, each_once
 from addon.core.reconstruction.trajectories import Reconstructor, reconstruct_take
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions, capture, joined
+from tests.core.scenes import keep
 
 RATE = 100.0
 
@@ -84,14 +85,8 @@ def test_blobs_are_told_of_every_point():
 def test_chunks_make_no_difference_to_trajectories():
     xyz, cameras = dance(40), ring_rig(5)
     blobs = blobs_of(xyz, cameras).blobs
-
-    def cut(first, last):
-        rows = (blobs.frame >= first) & (blobs.frame < last)
-        return Blobs(
-            blobs.frames[first:last], blobs.frame[rows] - first, blobs.camera[rows], blobs.xy[rows], blobs.area[rows]
-        )
-
-    parts = list(reconstruct_take([cut(0, 16), cut(16, 17), cut(17, 40)], cameras, RATE))
+    chunks = [blobs.between(*ends) for ends in ((1, 16), (17, 17), (18, 40))]
+    parts = list(reconstruct_take(chunks, cameras, RATE))
     assert [len(part.frames) for part in parts] == [16, 1, 23]
     assert set(np.concatenate([part.trajectory for part in parts]).tolist()) == set(range(12))
 
@@ -101,9 +96,7 @@ def test_a_point_of_two_cameras_needs_blobs_that_nothing_better_explains():
     xyz = dance(30, markers=8)
     seen = blobs_of(xyz, cameras)
     hidden = (seen.truth == "M0") & (seen.blobs.camera > 1)
-    blobs = Blobs(
-        seen.blobs.frames, *(getattr(seen.blobs, name)[~hidden] for name in ("frame", "camera", "xy", "area"))
-    )
+    blobs = keep(seen.blobs, ~hidden)
     [part] = reconstruct_take([blobs], cameras, RATE)
     thin = part.support == 2
     _, off = matched(part.points[thin], xyz[:, 0])

@@ -67,12 +67,6 @@ def test_an_edit_is_heard_where_a_doubt_says_the_same_in_a_frame_of_it():
     assert told[3].reason == "nothing to look at says 'no such doubt at all'"
 
 
-def test_what_was_accepted_in_the_words_of_the_first_versions_does_not_come_back():
-    doubt = Suspect(12, 20, "the rigid bodies are not those of the training, or sit elsewhere: 3 of 4 were recognised")
-    accepted = Accepted("the plates are not those of the training, or sit elsewhere: 3 of 4 were recognised")
-    assert without_accepted([doubt], Edits((accepted,))) == ()
-
-
 def test_of_more_than_two_markers_all_have_to_be_right():
     many = Suspect(12, 20, "A B C: jumps", markers=("A", "B", "C"))
     assert left([many], Right("A"), Right("B")) == [(12, 20, "A B C: jumps")]

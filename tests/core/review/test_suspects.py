@@ -69,7 +69,3 @@ def test_trajectories_of_one_kind_are_listed_by_number():
     (found,) = summarised(many, RATE)
     assert found.reason.startswith("trajectories 0 1 2 3 4 5 6 7 and 92 more: as trajectory 0 goes over from A to M0")
     assert (found.first, found.last) == (0, 999)
-
-
-def test_nothing_to_say_stays_nothing():
-    assert summarised([], RATE) == ()

@@ -8,14 +8,13 @@ import pytest
 
 from addon.core.data.takes import BY_FIT, NO_MARKER, NO_STEP, Labels, Motion, PointRows, Suspect
 from addon.core.edits.kinds import Accepted, Delete, Edits, Right, Swap
+from addon.core.review.take_trouble import MarkerSight, TakeTrouble
 from addon.core.review.trouble import (
     IN_DOUBT,
     LEFT_OVER,
     MISSING,
     OF_CAMERA,
     OFF_BODY,
-    MarkerSight,
-    TakeTrouble,
     summary_of_trouble,
 )
 
@@ -142,7 +141,7 @@ def test_a_point_far_from_the_body_is_none_of_its_own_and_one_on_it_is():
     on = np.tile(PLACES[0] + [0.05, 0, 0], (FRAMES, 1))
     [left] = trouble(even(), {9: on})
     assert (left.kind, left.trajectories, left.markers) == (LEFT_OVER, (9,), ())
-    assert left.stake == pytest.approx(0.1 * FRAMES)
+    assert left.stake == 0
     [gone] = trouble(even(), {9: on}, edits=[Delete(9)])
     assert gone.answered
     halves = [Delete(9, frames=(FIRST, 100)), Delete(9, frames=(101, FIRST + FRAMES - 1))]

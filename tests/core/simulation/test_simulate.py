@@ -25,15 +25,20 @@ def still(frames=20, height=1.7):
     return markerset, posed.markers, body
 
 
+def seen_by(cameras, options=PERFECT, frames=1):
+    """The markers' names of somebody who stands still, and what cameras see of them."""
+    markerset, markers, _ = still(frames)
+    return markerset, markers, joined(capture(markers, markerset.markers, cameras, options))
+
+
 def one_camera(width=200, height=100, focal=100.0, lens=(0, 0, 0, 0, 0)):
     matrix = np.array([[[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]]])
     return Cameras(("c",), np.array([[width, height]]), matrix, np.array([lens]), np.eye(3)[None], np.zeros((1, 3)))
 
 
 def test_without_trouble_every_blob_is_the_projection_of_its_marker():
-    markerset, markers, _ = still(3)
     cameras = paper_rig()
-    seen = joined(capture(markers, markerset.markers, cameras, PERFECT))
+    markerset, markers, seen = seen_by(cameras, frames=3)
     assert len(seen.blobs) == 3 * 4 * len(markerset)
     pixels = cameras.project(markers)
     index = [markerset.index(name) for name in seen.truth]
@@ -75,23 +80,16 @@ def test_chunks_are_the_whole_take_in_parts():
 
 
 def test_rows_of_a_frame_are_in_no_order():
-    markerset, markers, _ = still(1)
-    seen = joined(capture(markers, markerset.markers, paper_rig(), PERFECT))
+    markerset, _, seen = seen_by(paper_rig())
     assert (np.diff(seen.blobs.camera) < 0).any()
     assert seen.truth.tolist() != sorted(seen.truth.tolist(), key=markerset.index)
 
 
-def test_noise_has_the_size_that_was_asked_for():
-    markerset, markers, _ = still(300)
+def test_noise_and_dropouts_are_as_asked_for():
     cameras = paper_rig()
-    seen = joined(capture(markers, markerset.markers, cameras, replace(PERFECT, noise=0.7)))
+    markerset, markers, seen = seen_by(cameras, replace(PERFECT, noise=0.7, dropout=0.1), 300)
     expected = cameras.project(markers[0])[seen.blobs.camera, [markerset.index(name) for name in seen.truth]]
     assert (seen.blobs.xy - expected).std() == pytest.approx(0.7, rel=0.03)
-
-
-def test_dropouts_are_as_frequent_as_asked_for():
-    markerset, markers, _ = still(300)
-    seen = joined(capture(markers, markerset.markers, paper_rig(), replace(PERFECT, dropout=0.1)))
     assert len(seen.blobs) / (300 * 4 * len(markerset)) == pytest.approx(0.9, abs=0.01)
 
 
@@ -107,7 +105,7 @@ def test_reflections_stay_where_they_are_and_flicker_does_not():
     assert set(sudden.truth) == {""}
 
 
-def test_overlapping_images_are_one_blob_at_their_weighted_middle():
+def test_images_that_overlap_or_touch_in_a_chain_are_one_blob_at_their_weighted_middle():
     markers = np.array([[[0.0, 0, 2], [0.015, 0, 2], [0.5, 0, 2]]])
     options = replace(PERFECT, merge_gap=0.0, marker_radius=0.02)
     seen = joined(capture(markers, ("A", "B", "C"), one_camera(focal=400.0, width=400), options))
@@ -115,12 +113,8 @@ def test_overlapping_images_are_one_blob_at_their_weighted_middle():
     at = seen.blobs.xy[seen.truth.tolist().index("A|B")]
     assert at == pytest.approx([200 + 400 * 0.0075 / 2, 50], abs=0.2)
     assert seen.blobs.area[seen.truth.tolist().index("A|B")] == pytest.approx(2 * np.pi * 16, rel=0.2)
-
-
-def test_images_that_touch_in_a_chain_are_one_blob():
-    markers = np.array([[[0.03 * index, 0, 2] for index in range(5)]])
-    options = replace(PERFECT, merge_gap=0.0, marker_radius=0.018)
-    seen = joined(capture(markers, tuple("EDCBA"), one_camera(focal=400.0), options))
+    chain = np.array([[[0.03 * index, 0, 2] for index in range(5)]])
+    seen = joined(capture(chain, tuple("EDCBA"), one_camera(focal=400.0), replace(options, marker_radius=0.018)))
     assert seen.truth.tolist() == ["E|D|C|B|A"]
 
 
@@ -197,11 +191,6 @@ def test_gaps_and_frames_without_a_pose_do_no_harm():
     assert np.isfinite(seen.blobs.xy).all()
 
 
-def test_markers_and_names_must_fit():
-    with pytest.raises(ValueError, match="expected"):
-        next(capture(np.zeros((3, 2, 3)), ("A",), paper_rig()))
-
-
 def outline(radius, top):
     angle = np.linspace(0, 2 * np.pi, 24)
     rim = [np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(24, z)]) for z in (0, top)]
@@ -228,6 +217,8 @@ def test_rings_of_any_number_of_cameras_see_the_volume(count):
     assert ((pixels > 0) & (pixels < cameras.size[:, None] - 1)).all()
 
 
-def test_a_ring_inside_its_own_volume_is_refused():
+def test_what_cannot_be_seen_is_refused():
+    with pytest.raises(ValueError, match="expected"):
+        next(capture(np.zeros((3, 2, 3)), ("A",), paper_rig()))
     with pytest.raises(ValueError, match="outside"):
         ring_rig(4, radius=0.5)

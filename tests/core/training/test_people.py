@@ -14,7 +14,7 @@ from addon.core.data.takes import evenly_spread
 from addon.core.geometry import rotations
 from addon.core.points.likelihood import learn
 from addon.core.posing.posing import fit_points
-from addon.core.training import people, pipeline
+from addon.core.training import pipeline
 from addon.core.training.limbs import guide, has_limbs, readings, sites_of
 from addon.core.training.people import FoundPerson, person_in
 from addon.core.training.pipeline import TrainingOptions, train
@@ -22,7 +22,7 @@ from addon.core.training.poses import known_poses, posed_bodies
 from addon.core.training.segments import find_segments, of_one_size
 from addon.core.training.takes import LabelledTake
 from addon.demo.take import make_performance
-from addon.io.likelihood import likelihood_text
+from addon.io.likelihood import document_of
 from addon.io.markersets import open_markerset
 
 FRAMES = 100
@@ -115,7 +115,7 @@ def test_markers_in_usual_places_are_known_without_their_names(known):
     assert all(one == two for one, two in sides)
 
 
-def test_what_is_no_person_has_no_person(known, monkeypatch):
+def test_what_is_no_person_has_no_person(known):
     """A chain of three boxes that swing: as large as a child, and nobody."""
     rng, time = np.random.default_rng(2), np.linspace(0, 6, 80)
     box = rng.uniform(-0.15, 0.15, (6, 3))
@@ -125,7 +125,6 @@ def test_what_is_no_person_has_no_person(known, monkeypatch):
         parts.append(place[:, None] + np.einsum("fij,mj->fmi", turn, np.add(box, [0, 0, 0.25])))
         place = place + turn @ np.array([0, 0, 0.5])
     points = np.concatenate(parts, axis=1)
-    monkeypatch.setattr(people, "PEOPLE", replace(people.PEOPLE, reach_quantiles=(0.5,)))
     shares: list[float] = []
     names = [f"B{number}" for number in range(18)]
     assert finished(person_in([points], names, "box", known[:1]), shares.append) is None
@@ -155,4 +154,4 @@ def test_points_are_named_the_same_however_the_subject_is_drawn(known, monkeypat
     assert whole.body == "the body of body26, by how the markers move"
     assert any(doubt.startswith("no person's body was found") for doubt in groups.doubts)
     assert not any(doubt.startswith("no person's body was found") for doubt in whole.doubts)
-    assert likelihood_text(groups.model.likelihood) == likelihood_text(whole.model.likelihood)
+    assert document_of(groups.model.likelihood) == document_of(whole.model.likelihood)

@@ -21,8 +21,8 @@ from .solver import TreeSearch
 class Occlusions:
     """How samples are drawn: `draws` of each frame, each with 0 to `most` points removed, equally likely."""
 
-    most: int = 5
-    draws: int = 16
+    most: int = 5  # paper, 5: up to five occlusions
+    draws: int = 16  # memory
 
 
 def draw_occlusions(masks: Masks, options: Occlusions, generator: np.random.Generator) -> np.ndarray:

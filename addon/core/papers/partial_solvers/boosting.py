@@ -18,9 +18,9 @@ from .model import FUNCTIONS, Classifiers, Strong
 class Boosting:
     """How strong classifiers are chosen.
 
-    accuracy    share of the wrong labellings that the strong classifier must reject before it is done
-    period      wrong labellings presented between two additions to it
-    max_values  of features in memory at once
+    accuracy    paper, 3.3: share of the wrong labellings that the strong classifier must reject before it is done
+    period      paper, 3.3: wrong labellings presented between two additions to it
+    max_values  memory: of features in memory at once
     """
 
     accuracy: float = 0.9999

@@ -18,10 +18,10 @@ from .solver import TreeSearch
 
 @dataclass(frozen=True)
 class TableOptions:
-    """How many frames are worked on side by side. Both reckoned, by memory.
+    """How many frames are worked on side by side.
 
-    max_pairs   of points in look-up tables; about two numbers and a few dozen bit masks for each
-    max_frames  whose points are counted at once
+    max_pairs   memory: of points in look-up tables; about two numbers and a few dozen bit masks for each
+    max_frames  memory: whose points are counted at once
     """
 
     max_pairs: int = 400_000

@@ -13,13 +13,13 @@ WORD = 64  # bits
 
 @dataclass(frozen=True)
 class TreeOptions:
-    """How labellings are searched. All reckoned.
+    """How labellings are searched.
 
-    tolerance      of closed intervals, m, rad or a pure number: their ends must be accepted whichever way a value was
-                   rounded on the way
-    max_rows       labellings that are followed side by side; what is beyond waits its turn
-    first_looked   classifiers looked up in one go while many labellings are left,
-    growth         and by how much more each time after
+    tolerance      format: of closed intervals, m, rad or a pure number; their ends must be accepted whichever way a
+                   value was rounded on the way
+    max_rows       memory: labellings that are followed side by side; what is beyond waits its turn
+    first_looked   memory: classifiers looked up in one go while many labellings are left,
+    growth         memory: and by how much more each time after
     """
 
     tolerance: float = 1e-9

@@ -104,10 +104,11 @@ def covering(
 class Genetics:
     """The genetic search's meta-parameters.
 
-    population   chromosomes after each die-out
-    generations  die-outs
-    crossover    share of the operations that are crossovers; the others are mutations, its three kinds equally often
-    die_out      share of the population that each die-out removes; as many operations come between two of them
+    population   measured: chromosomes after each die-out; `results/partial_genetics.json` has eleven other settings of
+                 these four
+    generations  measured: die-outs
+    crossover    measured: share of the operations that are crossovers; the others are mutations, of each kind as many
+    die_out      paper, 4.2: share of the population that each die-out removes; as many operations come between two
     """
 
     population: int = 48

@@ -62,7 +62,8 @@ def survey(
     known = np.ones(len(removed), dtype=bool)
     truth = _Truth(masks)
     starts = range(1 if rooted else len(group))
-    stack = [((place,), _singles(masks, group[place])) for place in reversed(starts)]
+    stack: list[tuple[tuple[int, ...], PartialLabellings]] = []
+    stack += [((place,), _singles(masks, group[place])) for place in reversed(starts)]
     done, all_of_them = 0, 1 << len(group) - rooted
     while stack:
         places, wrong = stack.pop()

@@ -3,7 +3,7 @@
 
 The paper trains and assesses every solver that its searches come by. Boosting driven to its end accepts exactly what
 all weak classifiers of a subset together accept, so here the searches ask what those accept, which can be had for all
-subsets at once, and only the solvers that are kept are boosted; what they then do is measured anew and recorded.
+subsets at once, and only the solvers that are kept are boosted; what they then do is measured once more and recorded.
 """
 
 from collections.abc import Callable, Generator, Iterable, Iterator
@@ -37,21 +37,22 @@ class Training:
                    target; "any", one run that asks for the target of any marker (algorithm 1 to the letter); "all"
     ambiguous      as in `Record.reaches`; the paper's own words fit None as well as a share
     functions      the geometric functions; the paper's four, or "turn" with them
-    margin         by how much each interval is widened at both ends, as a share of its width; the paper has none
-    wrong          wrong labellings drawn for the boosting
-    survey_frames  frames on which all subsets are tried; check_frames, on which good ones are measured
-    early_frames   of those, after which a hopeless solver is given up
-    max_surveyed   markers; above, the solvers are too many to go through them all,
-    group          and a marker's solvers are looked for among so many
-    patterns       occlusions that are thought through when solvers are chosen
-    max_features   above that many, ratios are drawn by chance
-    max_solvers    kept of each run of the search: those that together answer in the most occlusions
-    min_gain       share of the occlusions in which one more solver must answer first to be kept
+    margin         paper: by how much each interval is widened at both ends, as a share of its width; the paper has none
+    wrong          memory: wrong labellings drawn for the boosting
+    survey_frames  memory: frames on which all subsets are tried
+    check_frames   memory: frames on which good ones are measured
+    early_frames   memory: of those, after which a hopeless solver is given up
+    max_surveyed   paper: markers, as many as its set has; above, the solvers are too many to go through them all,
+    group          memory: and a marker's solvers are looked for among so many
+    patterns       memory: occlusions that are thought through when solvers are chosen
+    max_features   memory: above that many, ratios are drawn by chance
+    max_solvers    memory: kept of each run of the search: those that together answer in the most occlusions
+    min_gain       memory: share of the occlusions in which one more solver must answer first to be kept
     """
 
     search: str = "top-down"
     goal: str = "own"
-    seed: int = 0
+    seed: int = 0  # format: of the generator, any will do
     ambiguous: float | None = None
     functions: tuple[str, ...] = PAPER_FUNCTIONS
     margin: float = 0.0
@@ -346,12 +347,11 @@ class SolverStudy:
         return assigned
 
     def _measured(self, search: TreeSearch, to_the_end: bool = False) -> Record:
-        record = None
-        for masks, removed in self._checks:
-            part = assess(search, masks, removed)
-            record = record + part if record else part
+        record = assess(search, *self._checks[0])
+        for masks, removed in self._checks[1:]:
             if not to_the_end and self._hopeless(record, search.markers):
                 break
+            record = record + assess(search, masks, removed)
         return record
 
     def _hopeless(self, record: Record, markers) -> bool:

@@ -15,27 +15,24 @@ from ...geometry.views import Sight, View
 
 @dataclass(frozen=True)
 class CloudOptions:
-    """Which rays meet, and how much is worked on; reckoned.
+    """Which rays meet, and how much is worked on.
 
-    max_gap_m        between two rays of one marker at its depth: most of a marker's size, for calibrations that are
-                     off, plus what the pixels add
-    max_gap_px       what they add
-    max_residual_m   root mean square distance of a point from its rays, so that chains of near misses make none
-    min_depth_m      nobody stands nearer to a camera
-    min_sine         of the angle between two rays; below it they fix no depth
-    partners         of a camera, the nearest others, whose rays it meets: they see the same side of a body, and what
-                     cameras farther apart see as well is confirmed by them. With eight cameras all are partners; with
-                     more the work grows as their number and not as its square
-    few_cameras      of so few all rays are met at once; of more
-    neighbours       of a camera are met first, and
-    sure_support     cameras settle a point then
-    max_crossings    of pairs of rays in a frame, the best first: more is a crowd, which would take minutes
-    distances_once   a camera that are worked on at once: few enough for the processor's cache
+    max_gap_m        physical: between two rays of one marker at its depth, most of a marker's size; a point is off its
+                     rays by twice that at most, root mean square, so that chains of near misses make none
+    max_gap_px       physical: what the pixels add to it, three standard deviations
+    min_depth_m      physical: nobody stands nearer to a camera
+    min_sine         physical: of the angle between two rays; below it, one degree, they fix no depth
+    partners         memory: of a camera, the nearest others whose rays it meets: they see the same side of a body, and
+                     what cameras farther apart see is confirmed by them. With eight cameras all are partners
+    few_cameras      memory: of so few cameras all rays are met at once; of more
+    neighbours       memory: of a camera are met first, and
+    sure_support     memory: cameras settle a point then
+    max_crossings    memory: pairs of rays in a frame, the best first; more is a crowd, which would take minutes
+    distances_once   memory: a camera that are worked on at once, few enough for the processor's cache
     """
 
     max_gap_m: float = 0.012
     max_gap_px: float = 3.0
-    max_residual_m: float = 0.024
     min_depth_m: float = 0.2
     min_sine: float = 0.02
     partners: int = 7
@@ -166,7 +163,7 @@ def _chosen(members: np.ndarray, rays: Rays, claimed: np.ndarray, least: int) ->
     support = seen.sum(axis=1)
     members, seen, support = (part[support >= least] for part in (members, seen, support))
     met = rays.meet(members.T)
-    fine = np.isfinite(met.residual) & (met.residual < CLOUD.max_residual_m)
+    fine = np.isfinite(met.residual) & (met.residual < 2 * CLOUD.max_gap_m)
     order = np.lexsort((met.residual, -support))
     everyone = np.arange(len(claimed))
     chosen = []

@@ -17,9 +17,9 @@ from .cost import Pull
 
 @dataclass(frozen=True)
 class DampingOptions:
-    """How steps are damped, as a share of the normal matrix' diagonal; reckoned, as usual for Levenberg-Marquardt.
+    """How steps are damped, as a share of the normal matrix' diagonal.
 
-    first     of the first step: nearly undamped, as starts are near
+    first     of the first step
     smaller   factor after a step that lowered the cost
     larger    factor after one that did not
     lowest    below it the step is Gauss-Newton's
@@ -28,15 +28,17 @@ class DampingOptions:
               largest diagonal entry in a step
     """
 
-    first: float = 1e-3
-    smaller: float = 0.2
-    larger: float = 10.0
-    lowest: float = 1e-7
-    highest: float = 1e7
-    ridge: float = 1e-9
+    first: float
+    smaller: float
+    larger: float
+    lowest: float
+    highest: float
+    ridge: float
 
 
-DAMPING = DampingOptions()
+# Levenberg-Marquardt's usual: nearly undamped, as starts are near; back by Marquardt's factor of ten, on by five; ends
+# that only keep the damping a number.
+DAMPING = DampingOptions(first=1e-3, smaller=0.2, larger=10.0, lowest=1e-7, highest=1e7, ridge=1e-9)
 
 
 @dataclass(frozen=True, eq=False)

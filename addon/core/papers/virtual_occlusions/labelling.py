@@ -11,35 +11,33 @@ from functools import cached_property
 import numpy as np
 
 from ...data.takes import BY_EDIT, CONFLICT, EXCLUSIVE, REMAINING
-from ...geometry.triangulation import MEETING, Meeting, Rays, trimmed_deviation
+from ...geometry.triangulation import MEETING, RAY_RIDGE, Meeting, Rays, trimmed_deviation
 from ...geometry.views import NOWHERE, VIEWING, Sight, View
 from ...kernels import frame_calls, in_use
 
 SPREAD_UNIT = 1e-8  # m⁴, the spread whose log is nought
 TOO_FAR = 1e9  # a cost that no blob and marker can have
-CONDITION = MEETING.ridge, MEETING.max_condition  # as the compiled library takes them
+CONDITION = RAY_RIDGE, MEETING.max_condition  # as the compiled library takes them
 LABEL_STEPS = EXCLUSIVE, CONFLICT, REMAINING, BY_EDIT
 
 
 @dataclass(frozen=True)
 class Rules:
-    """How labels are given. Distances count in standard deviations of the fit and the blob; all values are reckoned.
+    """How labels are given; distances count in standard deviations of the fit and the blob.
 
-    pixel           px, standard deviation of a blob's position, calibration included, until the take shows its own
-    slack_m         the same in space: what the calibration adds whatever the lens
-    max_distance_m  no blob farther than this from a projection is considered: an arm's thickness
-    max_square      nor one of more squared deviations: four deviations, which one right blob in 3,000 exceeds
-    min_lead        squared deviations by which a blob must fit one marker better than the next to be exclusive: then
-                    the other is seven times less likely
-    max_miss        deviations by which a ray may miss the point that it helped to make
-    max_off_point   deviations by which a blob may lie off a point that other cameras made; more than a ray may miss,
-                    as the point is uncertain, too
-    max_on_point    squared deviations within which a blob belongs to the point that it lies on: three deviations
-    max_off_model   squared deviations from the model's marker within which two rays may make it
-    overlap_m       between two projections that may be one blob: larger than a marker
-    merged_m        between two markers that may make one blob
-    min_behind_m    one marker must be nearer to the camera than another by this to hide it
-    min_meetings    markers that must meet in space to show the noise; with fewer it stays as it was
+    pixel           physical: px, standard deviation of a blob's centre, until the take shows its own
+    slack_m         physical: what a calibration adds in space, whatever the lens; makers report half a millimetre
+    max_distance_m  physical: no blob farther than this from a projection is considered, an arm's thickness
+    max_square      paper, 5.1: the neighbourhood, four standard deviations, which one right blob in 3,000 exceeds; two
+                    rays make a marker within as many of the model's
+    min_lead        paper, 5.1: squared deviations to the next marker of a blob that is clear: seven times less likely
+    max_miss        measured: deviations by which a ray may miss the point that it helped to make; half of them lose
+                    1.9 % of walks in five noisy cameras (`body26`), twice as many 0.2 %
+    max_off_point   measured: deviations by which a blob may lie off a reprojected point, which is uncertain, too; half
+                    of them lose 0.4 % there, twice as many nothing
+    max_on_point    paper, 5.2: squared deviations within which a blob belongs to the point that it lies on, three
+    merged_m        physical: between two markers whose images melt into one blob, larger than a marker
+    min_meetings    physical: markers that must meet in space to show the blobs' noise, as many as one limb has
     """
 
     pixel: float = 1.0
@@ -50,11 +48,13 @@ class Rules:
     max_miss: float = 3.5
     max_off_point: float = 5.0
     max_on_point: float = 9.0
-    max_off_model: float = 16.0
-    overlap_m: float = 0.02
     merged_m: float = 0.02
-    min_behind_m: float = 0.01
     min_meetings: int = 5
+
+    @property
+    def min_behind_m(self) -> float:
+        """By how much nearer to a camera a marker must be than another to hide it: a marker's radius."""
+        return self.merged_m / 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +188,7 @@ class Frame:
     @cached_property
     def in_front(self) -> np.ndarray:
         """(C, M, M) True where the second marker stands before the first, nearer to the camera on one line."""
-        return (self.between2 < self.rules.overlap_m**2) & (
+        return (self.between2 < self.rules.merged_m**2) & (
             self.depth[:, None, :] < self.depth[..., None] - self.rules.min_behind_m
         )
 
@@ -439,7 +439,7 @@ def _one_helper_cost(frame: Frame, naming: Naming, is_open: np.ndarray) -> np.nd
     floor = frame.rules.slack_m**2 * np.eye(3)
     whitened = np.linalg.solve(frame.expected.covariance[marker] + floor, offset[..., None])[..., 0]
     square = np.einsum("ni,ni->n", offset, whitened)
-    fine = (met.residual < frame.rules.max_miss * frame.metres[camera, marker]) & (square < frame.rules.max_off_model)
+    fine = (met.residual < frame.rules.max_miss * frame.metres[camera, marker]) & (square < frame.rules.max_square)
     cost[camera, marker, slot] = np.where(fine, square, TOO_FAR)
     return cost
 
@@ -485,25 +485,6 @@ def doubles(naming: Naming) -> np.ndarray:
     found = np.zeros_like(named)
     found[camera, marker] = on_other.any(axis=1)
     return found
-
-
-def hand_over(naming: Naming, camera: np.ndarray, marker: np.ndarray):
-    """Takes names (N,) back; a blob that lies on the point that other cameras made of another marker is that marker's.
-
-    None of the markers that lose names gets one.
-    """
-    if not len(camera):
-        return
-    slot = naming.slot[camera, marker]
-    naming.withdraw(camera, marker)
-    square = np.where(naming.slot[camera] < 0, naming.reprojection[camera, :, slot], TOO_FAR)
-    square[:, np.unique(marker)] = TOO_FAR
-    best = square.argmin(axis=1)
-    square = square.min(axis=1)
-    for index in np.argsort(square, kind="stable"):
-        c, m = camera[index], best[index]
-        if square[index] < naming.frame.rules.max_on_point and naming.slot[c, m] < 0:
-            naming.give(c, m, slot[index], REMAINING)
 
 
 def name_merged(frame: Frame, naming: Naming):

@@ -18,11 +18,11 @@ from .cloud import Cloud
 
 @dataclass(frozen=True)
 class GuessOptions:
-    """What a first guess from a cloud may be; reckoned.
+    """What a first guess from a cloud may be.
 
-    min_height_m    a child of two years
-    max_height_m    hardly anybody is taller
-    trimmed_share   of a cloud's weight that may be false crossings at each end of its box
+    min_height_m    physical: a child of two years
+    max_height_m    physical: hardly anybody is taller
+    trimmed_share   physical: of a cloud's weight, false crossings at each end of its box, one point of fifty
     """
 
     min_height_m: float = 0.9

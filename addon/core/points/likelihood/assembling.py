@@ -19,55 +19,45 @@ from .solving import Solved
 
 @dataclass(frozen=True)
 class AssemblyOptions:
-    """How rigid bodies are put together in a frame, in log likelihood. All reckoned.
+    """What distances between rigid bodies are worth in a frame, log likelihood.
 
-    beam_width          namings of a frame that are followed
-    max_links           earlier rigid bodies that a rigid body is compared with
-    breach_weight       of the mean breach between two rigid bodies
-    max_breach_cost     the most that one breach costs
-    full_link_m         that distances between rigid bodies vary by, up to which a link counts fully
-    min_link_weight     that any link counts
-    neighbours          markers that a single marker is judged by
-    independent         distances that fix a point; more say partly the same
-    single_cost         log odds a single marker must have beside the number of points that it may be
-    room_ratio          side of the cube that ghosts fill, in distances between markers
-    rounds              of naming single markers, each by those that were named before
-    max_margin          log odds that a name without an alternative leads by
+    breach_weight    of the mean breach between two rigid bodies
+    max_breach_cost  the most that one breach costs
+    full_link_m      that distances between rigid bodies vary by, up to which a link counts fully
+    min_link_weight  that any link counts
+    single_cost      log odds a single marker must have beside the number of points that it may be
     """
 
-    beam_width: int = 16
-    max_links: int = 3
     breach_weight: float = 8.0
     max_breach_cost: float = 4.0
     full_link_m: float = 0.1
     min_link_weight: float = 0.15
-    neighbours: int = 8
-    independent: float = 3.0
     single_cost: float = 1.0
-    room_ratio: float = 1.0
-    rounds: int = 2
-    max_margin: float = 50.0
 
 
 ASSEMBLY = AssemblyOptions()
+NAMINGS_KEPT = 16  # namings of a frame that are followed; by time
+MAX_LINKS = 3  # earlier rigid bodies that one is compared with: three distances fix a place
+NAMED_NEAR = 8  # markers that a single marker is judged by, and
+INDEPENDENT_DISTANCES = 3.0  # distances that fix a point; more say partly the same
+SINGLES_ROUNDS = 2  # of naming single markers, each by those that were named before
+UNRIVALLED = 50.0  # log odds that a name without an alternative leads by
 
 
-def assemble(rigid_bodies: RigidBodies, points: np.ndarray, options: AssemblyOptions = ASSEMBLY) -> Solved:
+def assemble(rigid_bodies: RigidBodies, points: np.ndarray) -> Solved:
     """The best naming of frames of points (F, P, 3) m, NaN where there is none."""
     distance = distances(points)
-    naming, score = _beam(rigid_bodies, points, distance, options)
-    best, most = naming[:, 0], options.max_margin
+    naming, score = _beam(rigid_bodies, points, distance)
+    best, most = naming[:, 0], UNRIVALLED
     lead = np.where(naming[:, 1:] == best[:, None], -np.inf, (score[:, 1:] - score[:, :1])[..., None])
     margin = np.where(best >= 0, -lead.max(axis=1, initial=-most), 0)
-    best, single = _filled(rigid_bodies, distance, np.isfinite(points[..., 0]), best, options)
+    best, single = _filled(rigid_bodies, distance, np.isfinite(points[..., 0]), best)
     margin = np.where(np.isfinite(single), np.minimum(single, np.where(margin > 0, margin, most)), margin)
     return Solved(best, score[:, 0], np.where(best >= 0, margin, 0), np.ones(len(best)))
 
 
 @lru_cache(maxsize=4)
-def rigid_body_order(
-    rigid_bodies: RigidBodies, options: AssemblyOptions = ASSEMBLY
-) -> list[tuple[int, list[tuple[int, float]]]]:
+def rigid_body_order(rigid_bodies: RigidBodies) -> list[tuple[int, list[tuple[int, float]]]]:
     """The rigid bodies in the order of the search, each with earlier ones to compare it with and how much each counts.
 
     Rigid bodies that share a joint say more of each other than those that do not.
@@ -77,17 +67,15 @@ def rigid_body_order(
     order = linking_order(loose)
     ordered = []
     for place_, index in enumerate(order):
-        others = sorted(order[:place_], key=lambda other: loose[index, other])[: options.max_links]
+        others = sorted(order[:place_], key=lambda other: loose[index, other])[:MAX_LINKS]
         counts = [
-            float(np.clip(options.full_link_m / loose[index, other], options.min_link_weight, 1)) for other in others
+            float(np.clip(ASSEMBLY.full_link_m / loose[index, other], ASSEMBLY.min_link_weight, 1)) for other in others
         ]
         ordered.append((index, list(zip(others, counts, strict=True))))
     return ordered
 
 
-def _beam(
-    rigid_bodies: RigidBodies, points: np.ndarray, distance: np.ndarray, options: AssemblyOptions
-) -> tuple[np.ndarray, np.ndarray]:
+def _beam(rigid_bodies: RigidBodies, points: np.ndarray, distance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Namings (F, B, M) and scores (F, B) of the best B, the best first."""
     frames, count = points.shape[:2]
     naming = np.full((frames, 1, len(rigid_bodies.form)), NO_POINT)
@@ -98,13 +86,13 @@ def _beam(
     had = np.zeros((frames, 1, len(rigid_bodies.members)), dtype=int)
     rows = np.arange(frames)[:, None]
     near = NearPairs.of(rigid_bodies, distance)
-    for index, links in rigid_body_order(rigid_bodies, options):
+    for index, links in rigid_body_order(rigid_bodies):
         group = rigid_bodies.members[index]
         found = placed[index] = place(rigid_bodies, index, points, distance, near)
         total = score[:, :, None] + found.score[:, None]
         for other, weight in links:
-            cost = _link_cost(rigid_bodies, group, rigid_bodies.members[other], found, placed[other], distance, options)
-            total = total - weight * options.breach_weight * cost[rows, had[:, :, other]]
+            cost = _link_cost(rigid_bodies, group, rigid_bodies.members[other], found, placed[other], distance)
+            total = total - weight * ASSEMBLY.breach_weight * cost[rows, had[:, :, other]]
         # A hidden marker's place is the column beyond the last point, which is never used up.
         slots = np.where(found.points >= 0, found.points, count)
         taken = used[rows[..., None, None], np.arange(naming.shape[1])[:, None, None], slots[:, None]].any(axis=3)
@@ -112,7 +100,7 @@ def _beam(
         choices = np.concatenate([total, score[:, :, None]], axis=2)
         width = choices.shape[2]
         flat = choices.reshape(frames, -1)
-        top = np.argsort(-flat, axis=1, kind="stable")[:, : options.beam_width]
+        top = np.argsort(-flat, axis=1, kind="stable")[:, :NAMINGS_KEPT]
         score = np.take_along_axis(flat, top, axis=1)
         parent, choice = top // width, top % width
         naming, used, had = naming[rows, parent], used[rows, parent], had[rows, parent]
@@ -126,7 +114,7 @@ def _beam(
 
 
 def _link_cost(
-    rigid_bodies: RigidBodies, group, other, found: Placements, before: Placements, distance: np.ndarray, options
+    rigid_bodies: RigidBodies, group, other, found: Placements, before: Placements, distance: np.ndarray
 ) -> np.ndarray:
     """(F, B + 1, K) mean breach of the distances between K placements of a rigid body and B of another one.
 
@@ -138,18 +126,18 @@ def _link_cost(
     known = (ends[0] >= 0) & (ends[1] >= 0)
     between = distance[frame[:, None, None], *(np.maximum(end, 0) for end in ends)]
     breach = rigid_bodies.breach(between, other[:, None], group[None])
-    cost = np.where(known, np.minimum(0.5 * breach**2, options.max_breach_cost), 0)
+    cost = np.where(known, np.minimum(0.5 * breach**2, ASSEMBLY.max_breach_cost), 0)
     mean = np.zeros((len(distance), before.score.shape[1] + 1, found.score.shape[1]))
     mean[frame, one, two] = cost.sum(axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
     return mean
 
 
-def _filled(rigid_bodies: RigidBodies, distance, present, naming, options) -> tuple[np.ndarray, np.ndarray]:
+def _filled(rigid_bodies: RigidBodies, distance, present, naming) -> tuple[np.ndarray, np.ndarray]:
     """The naming with single and missed markers named, and their lead (F, M) on the next best; NaN for others."""
     single = np.full(naming.shape, np.nan)
     naming = naming.copy()
-    for _ in range(options.rounds):
-        odds = _single_odds(rigid_bodies, distance, present, naming, options)
+    for _ in range(SINGLES_ROUNDS):
+        odds = _single_odds(rigid_bodies, distance, present, naming)
         added = one_to_one(odds)
         new = (added >= 0) & (naming < 0)
         chosen = np.take_along_axis(odds, np.maximum(added, 0)[..., None], axis=2)[..., 0]
@@ -160,7 +148,7 @@ def _filled(rigid_bodies: RigidBodies, distance, present, naming, options) -> tu
     return naming, single
 
 
-def _single_odds(rigid_bodies: RigidBodies, distance, present, naming, options) -> np.ndarray:
+def _single_odds(rigid_bodies: RigidBodies, distance, present, naming) -> np.ndarray:
     """(F, M, P) log odds that a free point is an unnamed marker, from its distances to the named."""
     frames, markers = naming.shape
     count = present.shape[1]
@@ -169,9 +157,9 @@ def _single_odds(rigid_bodies: RigidBodies, distance, present, naming, options) 
     np.put_along_axis(taken, np.where(naming >= 0, naming, count), True, axis=1)
     free = present & ~taken[:, :count]
     width = rigid_bodies.high - rigid_bodies.low + 2 * rigid_bodies.slack
-    scale = options.room_ratio * np.median(rigid_bodies.high)
-    price = options.single_cost + np.log1p(free.sum(axis=1))
-    near = np.argsort(width + 1e3 * np.eye(markers), axis=1)[:, : options.neighbours]
+    scale = np.median(rigid_bodies.high)
+    price = ASSEMBLY.single_cost + np.log1p(free.sum(axis=1))
+    near = np.argsort(width + 1e3 * np.eye(markers), axis=1)[:, :NAMED_NEAR]
     log_gain = np.log(np.maximum(scale / np.take_along_axis(width, near, axis=1), 1))
     frame, marker = np.nonzero(naming < 0)
     there = naming[frame[:, None], near[marker]]
@@ -179,8 +167,8 @@ def _single_odds(rigid_bodies: RigidBodies, distance, present, naming, options) 
     breach = rigid_bodies.breach(
         distance[frame[:, None], np.maximum(there, 0)], marker[:, None, None], near[marker][..., None]
     )
-    gain = log_gain[marker][..., None] - np.minimum(0.5 * breach**2, 2 * options.max_breach_cost)
+    gain = log_gain[marker][..., None] - np.minimum(0.5 * breach**2, 2 * ASSEMBLY.max_breach_cost)
     total = np.where(known[..., None], gain, 0).sum(axis=1)
-    total *= np.minimum(1, options.independent / np.maximum(known.sum(axis=1), 1))[:, None]
+    total *= np.minimum(1, INDEPENDENT_DISTANCES / np.maximum(known.sum(axis=1), 1))[:, None]
     odds[frame, marker] = np.where(free[frame], total - price[frame, None], IMPOSSIBLE)
     return odds

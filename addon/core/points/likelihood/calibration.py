@@ -8,34 +8,26 @@ import numpy as np
 
 @dataclass(frozen=True)
 class CalibrationOptions:
-    """How the chance of a label is learned from its margin, log odds, and its frame. All reckoned.
+    """How the chance of a label is learned from its margin, log odds, and its frame.
 
-    knees          margins at which the line may bend; a model file has a weight for each
-    max_margin     margins beyond are taken for this: they are too rare to tell more
-    ridge          pull of the weights towards 0, so that trials without an error have a finite answer
-    max_rounds     Newton steps; a few are enough
-    extra_wrong    wrong labels that are added to those counted, so that few trials promise little
-    levels         rates whose least log odds are kept
-    error_range    parts wrong between which the levels lie, by even ratios: where wrong labels are
-    kind_bounds    parts of the markers that are named, between which frames are of one kind; a model file has a row
-                   for each kind
-    min_labels     labels that a kind of frame needs to be counted on its own
-    max_log_odds   beyond it trials know nothing
+    knees        margins at which the line may bend; format: a model file has a weight for each
+    error_range  parts wrong between which the kept rates lie, by even ratios: where wrong labels are; format
+    kind_bounds  parts of the markers that are named, between which frames are of one kind; format: a row for each kind
+    min_labels   labels that a kind of frame needs to be counted on its own: three wrong ones at a rate of 0.999
     """
 
     knees: tuple[float, ...] = (0.0, 2.0, 5.0)
-    max_margin: float = 12.0
-    ridge: float = 1e-2
-    max_rounds: int = 30
-    extra_wrong: float = 1.0
-    levels: int = 200
     error_range: tuple[float, float] = (1e-5, 0.3)
     kind_bounds: tuple[float, ...] = (0.7, 0.87)
     min_labels: int = 3000
-    max_log_odds: float = 30.0
 
 
 CALIBRATION = CalibrationOptions()
+LEVELS = 200  # rates whose least log odds are kept, in a model file
+MAX_MARGIN = 12.0  # margins beyond are taken for this: trials are too few to tell more
+MAX_LOG_ODDS = 30.0  # of a chance, beyond which numbers have no room
+RIDGE = 1e-2  # pull of the weights towards 0, so that trials without an error have a finite answer
+MAX_ROUNDS = 30  # Newton steps; a few are enough
 FEATURES = 6 + len(CALIBRATION.knees)
 FRAME_KINDS = len(CALIBRATION.kind_bounds) + 1
 UNNAMED_FEATURE = FEATURES - 2  # the feature that is the part of the markers without a name
@@ -72,7 +64,7 @@ def features(margin: np.ndarray, ghosts: np.ndarray, named: np.ndarray, mean_squ
     margin (N,) as in `solving.Solved`; of the label's frame, the number of points left unnamed `ghosts`, the part of
     all markers `named`, and `mean_square` as in `solving.Solved`.
     """
-    margin = np.clip(margin, -CALIBRATION.max_margin, CALIBRATION.max_margin)
+    margin = np.clip(margin, -MAX_MARGIN, MAX_MARGIN)
     bent = [np.minimum(margin - knee, 0) for knee in CALIBRATION.knees]
     return np.stack(
         [
@@ -90,7 +82,7 @@ def features(margin: np.ndarray, ghosts: np.ndarray, named: np.ndarray, mean_squ
 
 def log_odds(weights: np.ndarray, described: np.ndarray) -> np.ndarray:
     """(N,) the log odds that labels described by `features` are right."""
-    return np.clip(described @ weights, -CALIBRATION.max_log_odds, CALIBRATION.max_log_odds)
+    return np.clip(described @ weights, -MAX_LOG_ODDS, MAX_LOG_ODDS)
 
 
 def chance(odds: np.ndarray) -> np.ndarray:
@@ -103,22 +95,20 @@ def kinds(described: np.ndarray) -> np.ndarray:
     return np.searchsorted(CALIBRATION.kind_bounds, 1 - described[:, UNNAMED_FEATURE] + 1e-9, side="right")
 
 
-def learn_calibration(
-    described: np.ndarray, right: np.ndarray, usual: np.ndarray, options: CalibrationOptions = CALIBRATION
-) -> Calibration:
+def learn_calibration(described: np.ndarray, right: np.ndarray, usual: np.ndarray) -> Calibration:
     """The calibration by labels described (N, FEATURES) that are known to be right or not (N,).
 
     All teach what the chance depends on; what part of the labels is right is counted among the usual ones (N,), each
     kind of frame on its own: else the many labels of easy frames would pay for wrong ones in hard frames.
     """
-    weights = _logistic(described, right, options)
+    weights = _logistic(described, right)
     described, right = described[usual], right[usual]
     odds, kind = log_odds(weights, described), kinds(described)
-    rates = 1 - np.geomspace(*options.error_range, options.levels)[::-1]
+    rates = 1 - np.geomspace(*CALIBRATION.error_range, LEVELS)[::-1]
     least = []
     for index in range(FRAME_KINDS):
-        mine = kind == index if (kind == index).sum() >= options.min_labels else np.ones(len(kind), dtype=bool)
-        least.append(_least(odds[mine], right[mine], rates, options))
+        mine = kind == index if (kind == index).sum() >= CALIBRATION.min_labels else np.ones(len(kind), dtype=bool)
+        least.append(_least(odds[mine], right[mine], rates, extra_wrong=1))
     return Calibration(weights, rates, np.array(least))
 
 
@@ -129,31 +119,34 @@ def raised(calibration: Calibration, odds: np.ndarray, right: np.ndarray) -> Cal
     """
     if not len(odds):
         return calibration
-    own = _least(odds, right, calibration.rates, replace(CALIBRATION, extra_wrong=0.0))
+    own = _least(odds, right, calibration.rates)
     # Where all of them may be accepted, so may those that are less sure than any of them, as far as was known before.
     own = np.where(own > odds.min(), own, -np.inf)
     return replace(calibration, least=np.maximum(calibration.least, own))
 
 
-def _least(odds: np.ndarray, right: np.ndarray, rates: np.ndarray, options: CalibrationOptions) -> np.ndarray:
-    """(K,) the least log odds of labels of which the parts `rates` (K,) are right; NEVER where none are."""
+def _least(odds: np.ndarray, right: np.ndarray, rates: np.ndarray, extra_wrong: int = 0) -> np.ndarray:
+    """(K,) the least log odds of labels of which the parts `rates` (K,) are right; NEVER where none are.
+
+    `extra_wrong` labels are added to those that are wrong, so that few trials promise little.
+    """
     order = np.argsort(-odds)
     count = np.arange(1, len(order) + 1)
-    wrong = np.cumsum(~right[order]) + options.extra_wrong * count / len(order)
+    wrong = np.cumsum(~right[order]) + extra_wrong * count / len(order)
     # Accepting less must never look worse than accepting more.
     reached = np.maximum.accumulate((1 - wrong / count)[::-1])[::-1]
     last = np.searchsorted(-reached, -rates, side="right") - 1
     return np.where(last >= 0, odds[order][np.maximum(last, 0)], NEVER)
 
 
-def _logistic(described: np.ndarray, right: np.ndarray, options: CalibrationOptions) -> np.ndarray:
+def _logistic(described: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Weights by Newton's method with a small ridge."""
     weights = np.zeros(described.shape[1])
-    for _ in range(options.max_rounds):
+    for _ in range(MAX_ROUNDS):
         expected = chance(log_odds(weights, described))
         curve = (described * (expected * (1 - expected))[:, None]).T @ described
-        slope = described.T @ (right - expected) - options.ridge * weights
-        step = np.linalg.solve(curve + options.ridge * np.eye(len(weights)), slope)
+        slope = described.T @ (right - expected) - RIDGE * weights
+        step = np.linalg.solve(curve + RIDGE * np.eye(len(weights)), slope)
         weights = weights + step * min(1.0, 5.0 / np.abs(step).max())
         if np.abs(step).max() < 1e-6:
             break

@@ -17,23 +17,22 @@ from .shape import SUBJECT_PRIOR, SubjectPrior
 
 @dataclass(frozen=True)
 class ConstraintOptions:
-    """Which distances are constraints, and how much one says. All reckoned.
+    """Which distances are constraints, and how strong the evidence of one is.
 
-    max_sd_radii       standard deviation of a length in one subject
-    min_sd_radii       that a length has at least on another subject
-    min_frames         that a length is learned from
-    max_of_marker      the surest of a marker, beyond which more say the same again
-    max_cost           log likelihood that a broken one takes, before its weight
-    max_weight         that one counts with
-    total_of_marker    constraints that all of a marker's count for together: they say partly the same
-    max_size_ratio     logarithm of a distance over its length, from which it says nothing of the subject's size
-    min_size_sd        of the logarithm of subjects' size
+    max_sd_radii    standard deviation of a length in one subject; physical: 4 cm, more than skin moves over bone
+    min_sd_radii    that a length has at least on another subject; physical: 5 mm, as markers are put on by hand
+    min_frames      that a length is learned from
+    max_cost        log likelihood that a broken one takes, before its weight
+    max_weight      that one counts with, and
+    total_of_marker that all of a marker's count for together: as most share a marker, they are no independent evidence
+    max_size_ratio  logarithm of a distance over its length, from which it says nothing of the subject's size; physical:
+                    nobody is half as large again
+    min_size_sd     of the logarithm of subjects' size; physical: grown people's heights differ by 5 %
     """
 
     max_sd_radii: float = 0.05
     min_sd_radii: float = 0.006
     min_frames: int = 20
-    max_of_marker: int = 12
     max_cost: float = 6.0
     max_weight: float = 0.5
     total_of_marker: float = 4.0
@@ -42,6 +41,7 @@ class ConstraintOptions:
 
 
 CONSTRAINING = ConstraintOptions()
+MAX_OF_MARKER = 12  # the surest constraints of a marker, beyond which more say the same again; by time
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,6 @@ def learn_constraints(
     subjects: Sequence[np.ndarray],
     radius: float,
     images: Sequence[np.ndarray] = (),
-    options: ConstraintOptions = CONSTRAINING,
     prior: SubjectPrior = SUBJECT_PRIOR,
 ) -> DistanceConstraints:
     """The constraints of labelled clouds, one array (T, M, 3) m a subject, NaN where missing; of mirror images too.
@@ -115,12 +114,12 @@ def learn_constraints(
     `radius` is the shape's.
     """
     pair = np.array(np.triu_indices(subjects[0].shape[1], 1)).T
-    lengths, spreads = np.array([lengths_of(points, options.min_frames) for points in (*subjects, *images)]).transpose(
-        1, 0, 2
-    )
+    lengths, spreads = np.array(
+        [lengths_of(points, CONSTRAINING.min_frames) for points in (*subjects, *images)]
+    ).transpose(1, 0, 2)
     count = np.isfinite(lengths).sum(axis=0)
     within = np.sqrt(_mean_seen(spreads))
-    stiff = (count > 0) & (within < options.max_sd_radii * radius)
+    stiff = (count > 0) & (within < CONSTRAINING.max_sd_radii * radius)
     pair, lengths, within, count = pair[stiff], lengths[:, stiff], within[stiff], count[stiff]
     ratio = np.log(lengths / _mean_seen(lengths))
     size = np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else 0.0 for row in ratio])
@@ -131,9 +130,9 @@ def learn_constraints(
     others = np.maximum(count * len(subjects) / (len(subjects) + len(images)) - 1, 0)
     guess = (prior.marker_sd_radii * radius) ** 2 + (prior.length_sd * length) ** 2
     between = (others * prior.between**2 * between + prior.weight * guess) / (others + prior.weight)
-    sd = np.sqrt(within**2 + between + (options.min_sd_radii * radius) ** 2)
-    kept = surest(pair, sd, options.max_of_marker)
-    return DistanceConstraints(pair[kept], length[kept], sd[kept], max(float(np.std(size)), options.min_size_sd))
+    sd = np.sqrt(within**2 + between + (CONSTRAINING.min_sd_radii * radius) ** 2)
+    kept = surest(pair, sd, MAX_OF_MARKER)
+    return DistanceConstraints(pair[kept], length[kept], sd[kept], max(float(np.std(size)), CONSTRAINING.min_size_sd))
 
 
 def surest(pair: np.ndarray, sd: np.ndarray, count: int) -> np.ndarray:

@@ -13,31 +13,26 @@ from .calibration import chance, features, kinds, log_odds
 from .model import Known, Likelihood
 from .naming import is_crowded, put_rows, rows_of
 from .solving import Solved, solve
-from .starts import STARTS, guess
+from .starts import START_YAWS, guess
 
 
 @dataclass(frozen=True)
 class FrameOptions:
-    """How frames are worked on. All reckoned.
+    """How frames are worked on.
 
-    min_frames, max_frames  at once
-    max_pairs               of the points of frames at once: small enough for the processor's own memory
-    max_rigid_pairs         the same of sets on rigid bodies, of which less is worked out for each pair
-    guesses                 a frame that are followed to the end, and
-    more_guesses            where there are many more points than markers, or the outcome is doubtful
-    max_mean_square         from which it is
+    max_pairs        of the points of frames at once; memory: the processor's own
+    max_rigid_pairs  the same of sets on rigid bodies, of which less is worked out for each pair; memory
+    max_mean_square  of a frame's outcome, from which more guesses are followed
     """
 
-    min_frames: int = 4
-    max_frames: int = 64
     max_pairs: int = 40_000
     max_rigid_pairs: int = 270_000
-    guesses: int = 3
-    more_guesses: int = 6
     max_mean_square: float = 0.5
 
 
 FRAME_NAMING = FrameOptions()
+FRAMES_AT_ONCE = 4, 64  # at least and at most
+GUESSES, MORE_GUESSES = 3, 6  # of a frame that are followed to the end: more of many points, or of a doubtful outcome
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,14 +60,10 @@ def label_frames(likelihood: Likelihood, points: np.ndarray) -> Iterator[Labels]
         yield label_some(likelihood, points[frames])
 
 
-def chunks(points: np.ndarray, rigid: bool = False, options: FrameOptions = FRAME_NAMING) -> Iterator[slice]:
+def chunks(points: np.ndarray, rigid: bool = False) -> Iterator[slice]:
     """The frames of points (T, P, 3) that are best worked on at once; `rigid` for sets on rigid bodies."""
     most = max(int(np.isfinite(points[..., 0]).sum(axis=1).max(initial=0)), 1)
-    size = int(
-        np.clip(
-            (options.max_rigid_pairs if rigid else options.max_pairs) // most**2, options.min_frames, options.max_frames
-        )
-    )
+    size = int(np.clip((FRAME_NAMING.max_rigid_pairs if rigid else FRAME_NAMING.max_pairs) // most**2, *FRAMES_AT_ONCE))
     for first in range(0, len(points), size):
         yield slice(first, first + size)
 
@@ -91,20 +82,20 @@ def label_some(likelihood: Likelihood, points: np.ndarray) -> Labels:
     return replace(found, rate=rates)
 
 
-def solve_frames(known: Known, points: np.ndarray, options: FrameOptions = FRAME_NAMING) -> Solved:
+def solve_frames(known: Known, points: np.ndarray) -> Solved:
     """The best naming of frames of points (F, P, 3) m, NaN where there is none; by rigid bodies if the set has them."""
     if known.rigid_bodies is not None:
         return assemble(known.rigid_bodies, points)
     crowded = is_crowded(known.fine, np.isfinite(points[..., 0]))
     solved = Solved.none(len(points), len(known.fine))
     # Apart, so that what is in other frames changes nothing in one.
-    for rows, guesses in ((np.flatnonzero(~crowded), options.guesses), (np.flatnonzero(crowded), options.more_guesses)):
+    for rows, guesses in ((np.flatnonzero(~crowded), GUESSES), (np.flatnonzero(crowded), MORE_GUESSES)):
         if not len(rows):
             continue
         put_rows(solved, _solved(known, points[rows], guesses), rows)
-        doubtful = rows[solved.mean_square[rows] > options.max_mean_square]
+        doubtful = rows[solved.mean_square[rows] > FRAME_NAMING.max_mean_square]
         if len(doubtful):
-            again = _solved(known, points[doubtful], options.more_guesses, np.pi / STARTS.yaws)
+            again = _solved(known, points[doubtful], MORE_GUESSES, np.pi / START_YAWS)
             better = again.score > solved.score[doubtful]
             put_rows(solved, rows_of(again, better), doubtful[better])
     return solved

@@ -13,10 +13,10 @@ PLACE, YAW, FIRST_MODE = slice(0, 3), 3, 4  # columns of a latent vector
 
 @dataclass(frozen=True)
 class LatentOptions:
-    """How freely a shape is placed. Both reckoned.
+    """How freely a shape is placed.
 
-    place_sd_radii  where the subject stands is as good as unknown
-    yaw_sd_rad      of one step; the linear yaw is good for no larger one
+    place_sd_radii  where the subject stands is as good as unknown; physical: a room is six times as wide as a person
+    yaw_sd_rad      of one step; physical: the linear yaw is good for no larger one
     """
 
     place_sd_radii: float = 6.0

@@ -20,32 +20,27 @@ from .trying import TrialWork, Trying, in_turn
 
 @dataclass(frozen=True)
 class LearnOptions:
-    """What is learned from, and how a calibration is measured. All reckoned.
+    """What is learned from, and how a calibration is measured.
 
-    min_markers, min_frames  to learn from: fewer markers are all alike, fewer frames show no poses
-    folds                    that subjects or frames are split into
-    max_frames               of each fold that are named,
-    max_labels               and labels that are enough of them
-    max_hidden               part of the markers that is hidden in a trial
-    max_ghosts               in a frame of a trial
-    crowd_every              one frame in so many is tried with many more points too,
-    crowd_markers            up to so many times as there are markers,
-    max_crowd                and so many at most
+    min_markers  to learn from; physical: fewer are the same from all sides
+    min_frames   to learn from; fewer show no poses
+    max_frames   of each fold that are named; by time
+    max_labels   that are enough of them; by time
+    max_hidden   part of the markers that is hidden in a trial; paper: 4 of 15 (partial solvers, table 3), and one more
     """
 
     min_markers: int = 4
     min_frames: int = 10
-    folds: int = 5
     max_frames: int = 1000
     max_labels: int = 26000
     max_hidden: float = 1 / 3
-    max_ghosts: int = 3
-    crowd_every: int = 4
-    crowd_markers: int = 3
-    max_crowd: int = 80
 
 
 LEARN = LearnOptions()
+FOLDS = 5  # that subjects or frames are split into
+MAX_GHOSTS = 3  # in a frame of a trial
+CROWD_EVERY = 4  # one frame in so many is tried with many more points too,
+CROWD_MARKERS, MAX_CROWD = 3, 80  # up to so many times as there are markers, and so many at most
 LEARNED_SHARE = 0.1  # of the time of a calibration, that is over when the trials begin
 
 
@@ -152,13 +147,13 @@ def _works(
 def _trials(tested: np.ndarray, crowds: bool, rng: np.random.Generator) -> Iterator[tuple[Trial, bool]]:
     """What the frames (T, M, 3) are tried as, and whether that is usual: without ghosts, with a few, in a crowd."""
     hidden = 0, round(tested.shape[1] * LEARN.max_hidden)
-    for ghosts in (0, LEARN.max_ghosts):
+    for ghosts in (0, MAX_GHOSTS):
         half = tested[ghosts > 0 :: 2]
         if len(half):
             yield make_trial(half, hidden, (0, ghosts), rng), True
-    some = tested[:: LEARN.crowd_every]
+    some = tested[::CROWD_EVERY]
     if crowds:
-        most = min(LEARN.crowd_markers * tested.shape[1], LEARN.max_crowd)
+        most = min(CROWD_MARKERS * tested.shape[1], MAX_CROWD)
         yield crowded(make_trial(some, hidden, (0, 0), rng), some, most, rng), False
 
 
@@ -172,14 +167,14 @@ def _splits(subjects: list[np.ndarray]) -> list[tuple[list[np.ndarray], np.ndarr
     needed = (shown & (shown.sum(axis=0) == 1)).any(axis=1) | (frames.sum() - frames < LEARN.min_frames)
     tested = np.flatnonzero(~needed)
     if not len(tested):
-        parts = [np.array_split(points, LEARN.folds) for points in subjects]
+        parts = [np.array_split(points, FOLDS) for points in subjects]
         whole = [np.concatenate(fold) for fold in zip(*parts, strict=True)]
         return [
             ([np.concatenate(own[:fold] + own[fold + 1 :]) for own in parts], whole[fold])
-            for fold in range(LEARN.folds)
+            for fold in range(FOLDS)
             if len(whole[fold])
         ]
-    count = min(LEARN.folds, len(tested))
+    count = min(FOLDS, len(tested))
     folds = [tested[first::count] for first in range(count)]
     return [
         (

@@ -12,7 +12,7 @@ from .distances import DistanceConstraints
 from .latent import Latent
 from .shape import Shape
 from .sides import limb_exchanges
-from .starts import STARTS
+from .starts import COARSE_MODES
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class Known:
     ) -> "Known":
         """Everything made ready."""
         return cls(
-            Latent(shape, STARTS.coarse_modes),
+            Latent(shape, COARSE_MODES),
             Latent(shape),
             constraints,
             rigid_bodies,

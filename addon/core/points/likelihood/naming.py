@@ -22,12 +22,12 @@ IMPOSSIBLE = -1e6  # log odds
 
 @dataclass(frozen=True)
 class GhostOptions:
-    """What is known of a frame's ghosts and hidden markers before it is seen. All reckoned.
+    """What is assumed of a frame's ghosts and hidden markers before it is seen.
 
-    density           ghosts in a cube of one radius
-    max_usual         points more than markers that are nothing unusual
-    crowd_cubes       such cubes that the points beyond are in, as when more of the body is marked than the set knows
-    hidden_chance     that a marker is hidden
+    density        ghosts in a cube of one radius
+    max_usual      points more than markers that are nothing unusual
+    crowd_cubes    such cubes that the points beyond are in; physical: about a body that more of is marked
+    hidden_chance  that a marker is hidden; paper: about 4 of 15 (partial solvers, table 3)
     """
 
     density: float = 0.01

@@ -12,25 +12,22 @@ from ..rigid_bodies.model import RigidBodies
 
 @dataclass(frozen=True)
 class PlacingOptions:
-    """What a placement of a rigid body in a frame may look like, and what it is worth. All reckoned.
+    """What a placement of a rigid body in a frame may look like, and what it is worth.
 
-    noise_m, noise_share  standard deviation of a measured distance, and of a length, between takes
-    max_length_sds        that a side of a triangle may be off
-    min_gate_m            that it may be off in any case
-    max_marker_m          that a further marker may be from where the first three put it
-    point_gain            log likelihood of one more point that fits
-    max_bend_cost         the most that a bent rigid body costs, for every number that fixes it
-    max_placements        of a rigid body in a frame
+    noise_m        standard deviation of a measured distance; physical: what two good cameras leave
+    noise_share    of a length, between takes; physical: plates bend, and calibrations differ
+    min_gate_m     that a side of a triangle may be off in any case; physical: seven times that noise
+    max_marker_m   that a further marker may be from where the first three put it; physical: a marker's own width
+    point_gain     log likelihood of one more point that fits
+    max_bend_cost  the most that a bent rigid body costs, for every number that fixes it
     """
 
     noise_m: float = 0.0007
     noise_share: float = 0.003
-    max_length_sds: float = 6.0
     min_gate_m: float = 0.005
     max_marker_m: float = 0.012
     point_gain: float = 7.0
     max_bend_cost: float = 4.0
-    max_placements: int = 10
 
     def spread(self, lengths: np.ndarray) -> np.ndarray:
         """The standard deviation, m, of measured lengths, m."""
@@ -38,10 +35,12 @@ class PlacingOptions:
 
     def gate(self, length: float) -> float:
         """How far, m, a side of a triangle may be off its length, m."""
-        return max(self.max_length_sds * self.spread(length), self.min_gate_m)
+        return max(MAX_LENGTH_SDS * self.spread(length), self.min_gate_m)
 
 
 PLACING = PlacingOptions()
+MAX_LENGTH_SDS = 6.0  # that a side of a triangle may be off: no right one is
+MAX_PLACEMENTS = 10  # of a rigid body in a frame; by time
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,10 +76,10 @@ class NearPairs:
     distance: np.ndarray
 
     @classmethod
-    def of(cls, rigid_bodies: RigidBodies, distance: np.ndarray, options: PlacingOptions = PLACING) -> "NearPairs":
+    def of(cls, rigid_bodies: RigidBodies, distance: np.ndarray) -> "NearPairs":
         """Those of frames in which points are `distance` (F, P, P) m from each other."""
         longest = max(rigid_bodies.lengths(group).max() for group in rigid_bodies.members)
-        frame, one, two = np.nonzero(distance < longest + options.gate(longest))
+        frame, one, two = np.nonzero(distance < longest + PLACING.gate(longest))
         return cls(frame, one, two, distance[frame, one, two])
 
 
@@ -90,7 +89,6 @@ def place(
     points: np.ndarray,
     distance: np.ndarray,
     near: NearPairs,
-    options: PlacingOptions = PLACING,
 ) -> Placements:
     """The likeliest placements of a rigid body, by its index, in frames of points (F, P, 3) m.
 
@@ -98,15 +96,15 @@ def place(
     """
     group = rigid_bodies.members[index]
     lengths, form, bases = rigid_bodies.lengths(group), rigid_bodies.form[group], rigid_bodies.bases[index]
-    found = [_triangles(lengths, base, distance, near, options) for base in bases]
+    found = [_triangles(lengths, base, distance, near) for base in bases]
     which = np.repeat(np.arange(len(bases)), [len(frame) for frame, _ in found])
     if not len(which):
         return _none(len(points), len(group))
     frame, corners = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    whole = _completed(form, np.array(bases), which, points, frame, corners, options.max_marker_m)
+    whole = _completed(form, np.array(bases), which, points, frame, corners, PLACING.max_marker_m)
     rows = _unique_rows(np.concatenate([frame[:, None], whole], axis=1))
-    scores = _scores(lengths, distance, rows[:, 0], rows[:, 1:], options)
-    return _best(len(points), rows, scores, options.max_placements)
+    scores = _scores(lengths, distance, rows[:, 0], rows[:, 1:])
+    return _best(len(points), rows, scores, MAX_PLACEMENTS)
 
 
 def _unique_rows(rows: np.ndarray) -> np.ndarray:
@@ -120,15 +118,15 @@ def _none(frames: int, markers: int) -> Placements:
 
 
 def _triangles(
-    lengths: np.ndarray, base: tuple[int, int, int], distance: np.ndarray, near: NearPairs, options: PlacingOptions
+    lengths: np.ndarray, base: tuple[int, int, int], distance: np.ndarray, near: NearPairs
 ) -> tuple[np.ndarray, np.ndarray]:
     """Frames (K,) and points (K, 3) of all triangles with the sides of the base."""
     first, second, third = base
     longest = lengths[first, second]
-    fitting = np.flatnonzero(np.abs(near.distance - longest) < options.gate(longest))
+    fitting = np.flatnonzero(np.abs(near.distance - longest) < PLACING.gate(longest))
     frame, one, two = near.frame[fitting], near.one[fitting], near.two[fitting]
-    close = np.abs(distance[frame, one] - lengths[first, third]) < options.gate(lengths[first, third])
-    close &= np.abs(distance[frame, two] - lengths[second, third]) < options.gate(lengths[second, third])
+    close = np.abs(distance[frame, one] - lengths[first, third]) < PLACING.gate(lengths[first, third])
+    close &= np.abs(distance[frame, two] - lengths[second, third]) < PLACING.gate(lengths[second, third])
     row, three = np.nonzero(close)
     return frame[row], np.stack([one[row], two[row], three], axis=1)
 
@@ -167,16 +165,16 @@ def _completed(form, bases, which, points, frame, corners, max_distance: float) 
     return found
 
 
-def _scores(lengths, distance, frame, found, options: PlacingOptions) -> np.ndarray:
+def _scores(lengths, distance, frame, found) -> np.ndarray:
     """(K,) how many points fit, and how well their distances do."""
     known = found >= 0
     both = known[:, :, None] & known[:, None] & ~np.eye(len(lengths), dtype=bool)
     measured = distance[frame[:, None, None], np.maximum(found, 0)[:, :, None], np.maximum(found, 0)[:, None]]
-    off = np.where(both, ((np.where(both, measured, 0) - lengths) / options.spread(lengths)) ** 2, 0)
+    off = np.where(both, ((np.where(both, measured, 0) - lengths) / PLACING.spread(lengths)) ** 2, 0)
     # Skin gives way now and then: far off costs little more than off.
     mean = 2 * np.log1p(off / 2).sum(axis=(1, 2)) / both.sum(axis=(1, 2))
     count = known.sum(axis=1)
-    return options.point_gain * (count - 2) - 0.5 * (3 * count - 6) * np.minimum(mean, options.max_bend_cost)
+    return PLACING.point_gain * (count - 2) - 0.5 * (3 * count - 6) * np.minimum(mean, PLACING.max_bend_cost)
 
 
 def _best(frames: int, rows: np.ndarray, scores: np.ndarray, count: int) -> Placements:

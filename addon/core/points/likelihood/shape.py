@@ -18,12 +18,12 @@ from ...geometry.upright import upright_aligned
 class SubjectPrior:
     """How much subjects are taken to differ, whatever a few of them show.
 
-    between           times the spread between the subjects seen, of which a handful shows less than there is; chosen on
-                      people left out of training
-    size_sd           standard deviation of size, in parts of it; as recorded people differ
-    marker_sd_radii   of where a marker sits besides; as recorded people differ
-    length_sd         of a distance between markers besides, in parts of it; reckoned
-    weight            so many more subjects it counts for; reckoned: with ten it hardly matters, with one it is all
+    between           times the spread between the subjects seen, of which a handful shows less than there is; measured
+                      on people left out of training
+    size_sd           standard deviation of size, in parts of it; learned: as recorded people differ
+    marker_sd_radii   of where a marker sits besides; learned: as recorded people differ
+    length_sd         of a distance between markers besides, in parts of it; physical: people's proportions
+    weight            so many more subjects it counts for: with ten it hardly matters, with one it is all
     """
 
     between: float = 1.3
@@ -37,26 +37,22 @@ class SubjectPrior:
 class ShapeOptions:
     """How a shape is learned.
 
-    max_frames       of each subject, drawn; reckoned: more say the same again
-    max_modes        reckoned: what is beyond is noise
-    pose_variance    times the variance of the poses seen: a few short takes show less than there are; chosen on people
-                     left out of training
-    shrinkage        of the covariance between subjects towards its own diagonal; reckoned
-    min_sd_radii     what a marker does that no mode explains; reckoned
-    rounds           of aligning, and of filling gaps in; factor_rounds of factor analysis; reckoned: all settle sooner
+    pose_variance  times the variance of the poses seen: a few short takes show less than there are; measured on people
+                   left out of training
+    shrinkage      of the covariance between subjects towards its own diagonal
+    min_sd_radii   what a marker does that no mode explains; physical: 1.3 cm, skin and placement
     """
 
-    max_frames: int = 400
-    max_modes: int = 20
     pose_variance: float = 3.0
     shrinkage: float = 0.25
     min_sd_radii: float = 0.016
-    rounds: int = 4
-    factor_rounds: int = 12
 
 
-SUBJECT_PRIOR = SubjectPrior()
 SHAPE = ShapeOptions()
+SHAPE_FRAMES = 400  # of each subject, drawn; by time
+MAX_MODES = 20  # what is beyond is noise; by time
+ALIGNING_ROUNDS, FACTOR_ROUNDS = 4, 12  # of aligning and of filling gaps in, and of factor analysis; all settle sooner
+SUBJECT_PRIOR = SubjectPrior()
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,29 +85,27 @@ def cloud_radius(clouds: np.ndarray) -> float:
     return float(np.sqrt(np.nanmean(np.nanvar(clouds, axis=1).sum(axis=1))))
 
 
-def learn_shape(
-    subjects: Sequence[np.ndarray], seed: int = 0, images: Sequence[np.ndarray] = (), options: ShapeOptions = SHAPE
-) -> Shape:
+def learn_shape(subjects: Sequence[np.ndarray], seed: int = 0, images: Sequence[np.ndarray] = ()) -> Shape:
     """The shape of labelled clouds, one array (T, M, 3) m a subject, NaN where missing; of their mirror images too.
 
     At least one frame must show every marker that any frame shows.
     """
     rng = np.random.default_rng(seed)
-    thinned = [points[np.sort(rng.permutation(len(points))[: options.max_frames])] for points in (*subjects, *images)]
+    thinned = [points[np.sort(rng.permutation(len(points))[:SHAPE_FRAMES])] for points in (*subjects, *images)]
     owner = np.repeat(np.arange(len(thinned)), [len(points) for points in thinned])
     clouds = np.concatenate(thinned)
     best = clouds[np.isfinite(clouds[..., 0]).sum(axis=1).argmax()]
     template = np.where(np.isfinite(best), best, np.nanmean(best, axis=0))
-    for _ in range(options.rounds):
+    for _ in range(ALIGNING_ROUNDS):
         aligned = upright_aligned(clouds, template)
         template = _mean_known(aligned, template)
     template = template - template.mean(axis=0)
     flat = upright_aligned(clouds, template).reshape(len(clouds), -1)
-    floor = options.min_sd_radii * np.sqrt((template**2).sum(axis=1).mean())
-    mean, covariance = _moments(np.where(np.isnan(flat), template.ravel(), flat), owner, len(subjects), floor, options)
-    for _ in range(options.rounds if np.isnan(flat).any() else 0):
-        mean, covariance = _moments(completed(flat, mean, covariance)[0], owner, len(subjects), floor, options)
-    modes, noise = factors(covariance, floor, options)
+    floor = SHAPE.min_sd_radii * np.sqrt((template**2).sum(axis=1).mean())
+    mean, covariance = _moments(np.where(np.isnan(flat), template.ravel(), flat), owner, len(subjects), floor)
+    for _ in range(ALIGNING_ROUNDS if np.isnan(flat).any() else 0):
+        mean, covariance = _moments(completed(flat, mean, covariance)[0], owner, len(subjects), floor)
+    modes, noise = factors(covariance, floor)
     return Shape(mean.reshape(-1, 3), modes, noise)
 
 
@@ -127,19 +121,17 @@ def _mean_known(clouds: np.ndarray, fallback: np.ndarray) -> np.ndarray:
     return np.where(count > 0, np.nansum(clouds, axis=0) / np.maximum(count, 1), fallback)
 
 
-def _moments(
-    filled: np.ndarray, owner: np.ndarray, subjects: int, floor: float, options: ShapeOptions
-) -> tuple[np.ndarray, np.ndarray]:
+def _moments(filled: np.ndarray, owner: np.ndarray, subjects: int, floor: float) -> tuple[np.ndarray, np.ndarray]:
     """Mean (3M,) and covariance (3M, 3M), every owner counting the same; `subjects` is how many are no mirror image."""
     owners = owner.max() + 1
     centres = np.array([filled[owner == index].mean(axis=0) for index in range(owners)])
     mean = centres.mean(axis=0)
     within = filled - centres[owner]
     weight = 1 / (np.bincount(owner)[owner] * owners)
-    covariance = options.pose_variance * (within * weight[:, None]).T @ within
+    covariance = SHAPE.pose_variance * (within * weight[:, None]).T @ within
     offsets = (centres - mean) / np.sqrt(max(owners - 1, 1))
     between = offsets.T @ offsets
-    between = (1 - options.shrinkage) * between + options.shrinkage * np.diag(np.diag(between))
+    between = (1 - SHAPE.shrinkage) * between + SHAPE.shrinkage * np.diag(np.diag(between))
     between = SUBJECT_PRIOR.between**2 * between
     radius = np.sqrt((mean.reshape(-1, 3) ** 2).sum(axis=1).mean())
     prior, weight = SUBJECT_PRIOR, SUBJECT_PRIOR.weight
@@ -168,12 +160,12 @@ def completed(flat: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> tup
     return filled, unsure
 
 
-def factors(covariance: np.ndarray, floor: float, options: ShapeOptions) -> tuple[np.ndarray, np.ndarray]:
+def factors(covariance: np.ndarray, floor: float) -> tuple[np.ndarray, np.ndarray]:
     """Modes (M, 3, K) and noise (M,) whose sum comes closest to the covariance."""
     markers = len(covariance) // 3
-    count = min(options.max_modes, 3 * markers - 1)
+    count = min(MAX_MODES, 3 * markers - 1)
     noise = np.full(markers, floor**2)
-    for _ in range(options.factor_rounds):
+    for _ in range(FACTOR_ROUNDS):
         values, vectors = np.linalg.eigh(covariance - np.diag(np.repeat(noise, 3)))
         modes = vectors[:, ::-1][:, :count] * np.sqrt(np.maximum(values[::-1][:count], 0))
         left = np.diag(covariance - modes @ modes.T).reshape(markers, 3).mean(axis=1)

@@ -17,19 +17,17 @@ from .shape import learn_shape
 
 @dataclass(frozen=True)
 class SideOptions:
-    """When a set has sides. All reckoned.
+    """When a set has sides.
 
-    min_paired          part of the markers that must have another side for a set to have sides at all
-    max_mirrored_radii  that the mirrored mean may differ from the mean, where names mean sides
-    min_limb_markers    of one side; a single pair is a swap
+    max_mirrored_radii  that the mirrored mean may differ from the mean, where names mean sides; physical: 20 cm, half
+                        of what left and right are apart
     """
 
-    min_paired: float = 0.5
     max_mirrored_radii: float = 0.25
-    min_limb_markers: int = 2
 
 
 SIDES = SideOptions()
+MIN_LIMB_MARKERS = 2  # of one side; a single pair is a swap
 MIRROR = np.array([1.0, -1.0, 1.0])
 _OTHER = {"l": "r", "r": "l", "L": "R", "R": "L", "left": "right", "right": "left", "Left": "Right", "Right": "Left"}
 _SIDE = re.compile(r"^(left|right|Left|Right)|^([LRlr])(?=[A-Z_.\- ])|(?<=[_.\- ])([LRlr])$")
@@ -43,7 +41,7 @@ def mirror_order(markers: Sequence[str]) -> np.ndarray | None:
         if other in markers:
             order[index] = markers.index(other)
     paired = (order != np.arange(len(markers))).mean()
-    return order if paired >= SIDES.min_paired and (order[order] == np.arange(len(markers))).all() else None
+    return order if 2 * paired >= 1 and (order[order] == np.arange(len(markers))).all() else None
 
 
 def mirrored(subjects: Sequence[np.ndarray], markers: Sequence[str]) -> list[np.ndarray]:
@@ -71,7 +69,7 @@ def limb_exchanges(markers: Sequence[str], mean: np.ndarray) -> np.ndarray:
     order = mirror_order(markers)
     same = np.arange(len(markers))
     side = np.flatnonzero(order > same) if order is not None else same[:0]
-    if len(side) < SIDES.min_limb_markers:
+    if len(side) < MIN_LIMB_MARKERS:
         return np.zeros((0, len(markers)), dtype=int)
     both = 0.5 * (mean[side] + mean[order[side]] * MIRROR)
     limbs = _grown_together(both)

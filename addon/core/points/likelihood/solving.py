@@ -26,27 +26,22 @@ from .swaps import Alternatives, alternatives, best_neighbour, own_odds
 
 @dataclass(frozen=True)
 class SolvingOptions:
-    """How far guesses are followed. All reckoned; what is behind is in log likelihood.
+    """How far guesses are followed, by log likelihood.
 
-    min_share            of a point, from which a guess names it
-    rounds               of naming anew by everyone's conditional odds
-    max_climbs           moves and swaps that may follow each other
     max_behind_guess     a frame's best, from which a guess is followed no further,
     max_behind_named     and the same once it has been named anew
     max_behind_exchange  the same for a frame's best with a limb exchanged
-    min_gain             worth another round
     """
 
-    min_share: float = 0.5
-    rounds: int = 2
-    max_climbs: int = 6
     max_behind_guess: float = 60.0
     max_behind_named: float = 25.0
     max_behind_exchange: float = 12.0
-    min_gain: float = 0.05
 
 
 SOLVING = SolvingOptions()
+MIN_GAIN = 0.05  # log likelihood that is worth another round
+RENAMING_ROUNDS = 2  # of naming anew by everyone's conditional odds
+MAX_CLIMBS = 6  # moves and swaps that may follow each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +89,7 @@ def solve(
     frames, each, _, count = guesses.share.shape
     points = guesses.points.reshape(-1, count, 3)
     share = guesses.share.reshape(len(points), -1, count)
-    naming = np.where(share.max(axis=2) > SOLVING.min_share, share.argmax(axis=2), NO_POINT)
+    naming = np.where(2 * share.max(axis=2) > 1, share.argmax(axis=2), NO_POINT)
     there = np.repeat(present, each, axis=0)
     settled = settle(model, constraints, points, there, naming)
     hopeful = _hopeful(settled, frames, SOLVING.max_behind_guess)
@@ -136,7 +131,7 @@ def _exchanged(
         start = settle(model, constraints, winner.points[rows], winner.present[rows], naming[rows, best[rows]])
         ended, found = _climbed(model, constraints, _reassigned(model, constraints, start))
         after.naming[rows, 0], after.score[rows, 0] = ended.naming, ended.score
-        better = ended.score > winner.score[rows] + SOLVING.min_gain
+        better = ended.score > winner.score[rows] + MIN_GAIN
         put_rows(winner, rows_of(ended, better), rows[better])
         put_rows(near, rows_of(found, better), rows[better])
     return [Others(naming, score), before, after]
@@ -145,7 +140,7 @@ def _exchanged(
 def _reassigned(model: Latent, constraints: DistanceConstraints, settled: Settled) -> Settled:
     """Each naming changed for the better by everyone's conditional odds at once."""
     rows = np.arange(len(settled.naming))
-    for _ in range(SOLVING.rounds):
+    for _ in range(RENAMING_ROUNDS):
         tried = one_to_one(name_odds(model, constraints, _some_of(settled, rows)))
         rows = _try(model, constraints, settled, rows, tried)
         if not len(rows):
@@ -173,9 +168,9 @@ def _climbed(model: Latent, constraints: DistanceConstraints, settled: Settled) 
     """Each naming changed for the better by single moves and swaps until none is one, and its neighbours then."""
     found = alternatives(model, constraints, settled)
     rows = np.arange(len(settled.naming))
-    for _ in range(SOLVING.max_climbs):
+    for _ in range(MAX_CLIMBS):
         tried, gain = best_neighbour(settled.naming[rows], found.move[rows], found.swap[rows])
-        promising = gain > SOLVING.min_gain
+        promising = gain > MIN_GAIN
         rows = _try(model, constraints, settled, rows[promising], tried[promising])
         if not len(rows):
             break
@@ -195,7 +190,7 @@ def _try(
     tried = settle(
         model, constraints, settled.points[rows], settled.present[rows], naming[changed], settled.worth[rows]
     )
-    better = np.flatnonzero(tried.score > settled.score[rows] + SOLVING.min_gain)
+    better = np.flatnonzero(tried.score > settled.score[rows] + MIN_GAIN)
     rows = rows[better]
     if len(rows):
         put_rows(settled, _some_of(tried, better), rows)

@@ -6,6 +6,7 @@ all), the shape is fitted to the shares, and so on while the softness falls. No 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -19,23 +20,41 @@ TWIN = 1e6  # what takes a solution out of the choice
 
 @dataclass(frozen=True)
 class StartOptions:
-    """How guesses are sought. All reckoned.
+    """How guesses are sought.
 
-    yaws              all around from which the search starts
-    coarse_modes      of the shape that the first steps use
-    coarse, fine      per step: the part of the modes' spread that still counts as noise, and the softness, radii²
+    softness          radii², of the first step and of the last, which fall by even ratios; physical: from half a limb
+                      to as far as a marker may sit elsewhere
+    loose             part of the modes' spread that counts as noise, of the first step and of the last but two, by even
+                      ratios, too; none at the end
     max_same_yaw_rad  solutions that face less far from each other are taken for one
     ghost_density     points that are no marker, 1/radius³: more than there are, as no marker is in its place yet
     """
 
-    yaws: int = 8
-    coarse_modes: int = 6
-    coarse: tuple[tuple[float, float], ...] = ((0.5, 0.08), (0.3, 0.04), (0.15, 0.04), (0.08, 0.02))
-    fine: tuple[tuple[float, float], ...] = ((0.03, 0.012), (0.01, 0.006), (0.003, 0.003), (0.0, 0.0015), (0.0, 0.001))
+    softness: tuple[float, float] = (0.08, 0.001)
+    loose: tuple[float, float] = (0.5, 0.003)
     max_same_yaw_rad: float = 0.4
     ghost_density: float = 0.025
 
+    @cached_property
+    def schedule(self) -> tuple[tuple[float, float], ...]:
+        """Of each step how loose and how soft it is."""
+        loose = [*np.geomspace(*self.loose, COARSE_STEPS + FINE_STEPS - 2).tolist(), 0.0, 0.0]
+        return tuple(zip(loose, np.geomspace(*self.softness, len(loose)).tolist(), strict=True))
 
+    @property
+    def coarse(self) -> tuple[tuple[float, float], ...]:
+        """The steps with the coarse shape."""
+        return self.schedule[:COARSE_STEPS]
+
+    @property
+    def fine(self) -> tuple[tuple[float, float], ...]:
+        """The steps with the whole shape."""
+        return self.schedule[COARSE_STEPS:]
+
+
+START_YAWS = 8  # all around from which the search starts
+COARSE_MODES = 6  # of the shape that the coarse steps use; by time
+COARSE_STEPS, FINE_STEPS = 4, 5
 STARTS = StartOptions()
 
 
@@ -63,15 +82,15 @@ def guess(coarse: Latent, fine: Latent, points: np.ndarray, kept: int, first: fl
     middle = _middles(coarse, points, present)
     places = middle.shape[1]
     centred = np.where(present[:, None, :, None], points[:, None] - middle[:, :, None], 0)
-    yaws = np.tile(first + 2 * np.pi / STARTS.yaws * np.arange(STARTS.yaws), places)
+    yaws = np.tile(first + 2 * np.pi / START_YAWS * np.arange(START_YAWS), places)
     starts = len(yaws)
-    around = turned(np.repeat(centred, STARTS.yaws, axis=1), np.broadcast_to(yaws, (frames, starts)))
+    around = turned(np.repeat(centred, START_YAWS, axis=1), np.broadcast_to(yaws, (frames, starts)))
     around = around.reshape(-1, count, 3)
     latent = np.zeros((len(around), coarse.size))
     there, ghost = np.repeat(present, starts, axis=0), ghost_density(coarse, present)
     ended, latent, _, fitness = softly(coarse, around, there, np.repeat(ghost, starts), latent, STARTS.coarse)
     turn = best_yaw(around, ended).reshape(frames, starts) + yaws
-    best = _distinct(fitness.reshape(frames, starts), turn, np.repeat(np.arange(places), STARTS.yaws), kept)
+    best = _distinct(fitness.reshape(frames, starts), turn, np.repeat(np.arange(places), START_YAWS), kept)
     rows = (np.arange(frames)[:, None] * starts + best).ravel()
     wide = np.zeros((len(rows), fine.size))
     wide[:, : coarse.size] = latent[rows]

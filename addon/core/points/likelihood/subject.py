@@ -11,40 +11,36 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...geometry.upright import upright_aligned
-from .distances import CONSTRAINING, DistanceConstraints, surest
+from .distances import CONSTRAINING, MAX_OF_MARKER, DistanceConstraints, surest
 from .model import Likelihood
 from .shape import SHAPE, Shape, completed, factors
 
 
 @dataclass(frozen=True)
 class SubjectLearningOptions:
-    """How much frames of a subject say against the training.
+    """How much the evidence of a subject's own frames counts against the training.
 
-    shape_frames      that the training's spread of the cloud counts for; reckoned, and 80 are as good on people left
-                      out of training
-    distance_frames   that its spread of a distance counts for; reckoned
-    rounds            of expectation maximisation; reckoned: it settles sooner
-    size_sd           of the logarithm of the size that is left once the subject's own distances are known; reckoned
+    shape_frames     that the training's spread of the cloud counts for; measured: 80 are as good on people left out
+    distance_frames  that its spread of a distance counts for
+    size_sd          of the logarithm of the size that is left once the subject's own distances are known; physical: 1 %
     """
 
     shape_frames: float = 20.0
     distance_frames: float = 8.0
-    rounds: int = 6
     size_sd: float = 0.01
 
 
 SUBJECT_LEARNING = SubjectLearningOptions()
+SUBJECT_ROUNDS = 6  # of expectation maximisation; it settles sooner
 
 
-def of_subject(
-    likelihood: Likelihood, clouds: np.ndarray, options: SubjectLearningOptions = SUBJECT_LEARNING
-) -> Likelihood:
+def of_subject(likelihood: Likelihood, clouds: np.ndarray) -> Likelihood:
     """The likelihood for a subject of whom such clouds (F, M, 3) m are named, NaN where a marker is not.
 
     What margins are worth stays as it is: they are log odds of a better likelihood.
     """
-    shape = _subject_shape(likelihood.shape, clouds, options)
-    constraints = _subject_constraints(likelihood.constraints, clouds, shape.radius, options)
+    shape = _subject_shape(likelihood.shape, clouds)
+    constraints = _subject_constraints(likelihood.constraints, clouds, shape.radius)
     return replace(likelihood, shape=shape, constraints=constraints)
 
 
@@ -73,30 +69,28 @@ def off_expected(shape: Shape, clouds: np.ndarray, marker: int) -> np.ndarray:
     return along[:, -1] - expected[:, marker]
 
 
-def _subject_shape(shape: Shape, clouds: np.ndarray, options: SubjectLearningOptions) -> Shape:
+def _subject_shape(shape: Shape, clouds: np.ndarray) -> Shape:
     """Mean and covariance by expectation maximisation, the training's covariance counting for some frames."""
     known, spread, frames = shape.mean.ravel(), shape.covariance, len(clouds)
     mean, covariance = known, spread
     seen = np.isfinite(clouds[..., :1])
     aligned = upright_aligned(clouds, shape.mean)
-    for _ in range(options.rounds):
+    for _ in range(SUBJECT_ROUNDS):
         filled, unsure = completed(_flat(aligned), mean, covariance)
         # Whole clouds are laid on the mean, not what happens to be seen of them.
         whole = upright_aligned(filled.reshape(clouds.shape), mean.reshape(-1, 3))
         aligned = np.where(seen, whole, np.nan)
         own = _flat(whole).mean(axis=0)
         away = _flat(whole) - own
-        total = options.shape_frames * spread + away.T @ away + unsure
-        covariance = total / (options.shape_frames + frames)
+        total = SUBJECT_LEARNING.shape_frames * spread + away.T @ away + unsure
+        covariance = total / (SUBJECT_LEARNING.shape_frames + frames)
         mean = known + spread @ np.linalg.solve(spread + covariance / frames, own - known)
-    modes, noise = factors(covariance, SHAPE.min_sd_radii * shape.radius, SHAPE)
+    modes, noise = factors(covariance, SHAPE.min_sd_radii * shape.radius)
     placed = mean.reshape(-1, 3)
     return Shape(placed - placed.mean(axis=0), modes, noise)
 
 
-def _subject_constraints(
-    trained: DistanceConstraints, clouds: np.ndarray, radius: float, options: SubjectLearningOptions
-) -> DistanceConstraints:
+def _subject_constraints(trained: DistanceConstraints, clouds: np.ndarray, radius: float) -> DistanceConstraints:
     """The subject's own distances and how much they vary; where none is seen, the training's in the subject's size."""
     pair = np.array(np.triu_indices(clouds.shape[1], 1)).T
     distance = np.linalg.norm(clouds[:, pair[:, 0]] - clouds[:, pair[:, 1]], axis=2)
@@ -113,15 +107,15 @@ def _subject_constraints(
     # A distance that no training keeps may be kept by this subject, as far as its frames show.
     loose = np.full(len(pair), CONSTRAINING.max_sd_radii * radius)
     loose[mine] = size * trained.sd
-    weight, least = options.distance_frames, CONSTRAINING.min_sd_radii * radius
+    weight, least = SUBJECT_LEARNING.distance_frames, CONSTRAINING.min_sd_radii * radius
     sd = np.sqrt((weight * loose**2 + frames * variance) / (weight + frames) + least**2)
     unseen = mine[~both]
     length[unseen], sd[unseen] = size * trained.length[~both], loose[unseen]
     kept = often & (sd < CONSTRAINING.max_sd_radii * radius)
     kept[mine] = True
     pair, length, sd = pair[kept], length[kept], sd[kept]
-    few = surest(pair, sd, CONSTRAINING.max_of_marker)
-    return DistanceConstraints(pair[few], length[few], sd[few], options.size_sd)
+    few = surest(pair, sd, MAX_OF_MARKER)
+    return DistanceConstraints(pair[few], length[few], sd[few], SUBJECT_LEARNING.size_sd)
 
 
 def _flat(clouds: np.ndarray) -> np.ndarray:

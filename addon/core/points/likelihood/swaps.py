@@ -25,7 +25,7 @@ from .naming import IMPOSSIBLE, NO_POINT, Settled, density_odds, inverse3, odds_
 class AlternativeOptions:
     """Which neighbouring namings are tried.
 
-    max_distance_radii  of a point from where a marker is expected, to be tried there; reckoned
+    max_distance_radii  of a point from where a marker is expected, to be tried there; physical: 65 cm, an arm's reach
     """
 
     max_distance_radii: float = 0.8

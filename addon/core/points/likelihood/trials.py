@@ -10,11 +10,12 @@ from .shape import cloud_radius
 
 @dataclass(frozen=True)
 class TrialOptions:
-    """Where the points of trials lie. All reckoned.
+    """Where the points of trials lie.
 
-    around_radii     beyond the subject's own box where ghosts still appear
-    beside_sd_radii  standard deviation of where a marker of another set sits about one of this
-    max_along        how far along the line through two markers others may sit, in parts of their distance
+    around_radii     beyond the subject's own box where ghosts still appear; physical: 40 cm, a hand's reach
+    beside_sd_radii  standard deviation of where a marker of another set sits about one of this; physical: 20 cm
+    max_along        how far along the line through two markers others may sit, in parts of their distance; physical:
+                     sets have markers between theirs, and beyond the last of a limb
     """
 
     around_radii: float = 0.5

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...geometry.rigid import pairwise_distances
 from .clustering import Cluster
+from .correspondences import CORRESPONDENCE, INDEPENDENT, MAX_COST
 from .model import linking_order
 from .structure import JOINT, Structure, find_joints
 from .volumes import MedianVolumes
@@ -18,32 +19,20 @@ NO_CLUSTER = -1
 
 @dataclass(frozen=True)
 class ClusterMatchOptions:
-    """What says that a cluster is a rigid body, in log likelihood, and how much.
+    """What the evidence is worth that a cluster is a rigid body, log likelihood.
 
-    Chosen with the raw take S09_KneeltoRun02 of the Clouthier recordings in sight, as docs/method.md says.
-
-    beam_width       assignments that are followed
-    percentiles      of a distance over the take that are compared with its range
-    max_cost         the most that one fact says against
-    missing_cost     of a rigid body that the take does not show as a cluster
-    independent      distances, and volumes, that say all there is; more say partly the same
-    form_sd_m        that sorted distances within a rigid body differ by between subjects
-    odd_marker_cost  what a marker more or fewer costs
-    max_markers      of a cluster that is looked at
-    max_mirror_cost  the most that one volume says against: limbs cross over now and then
-    joint_gain       what a joint is worth where it is as in training
-    arm_sd_m, arm_turn_sd_m  m, and m rad: what is known of a joint's place grows with the turn
-    miss_ratio, miss_sd_m    how far a joint may be off, times the model's, and how sharply that ends
+    missing_cost     of a rigid body that the take does not show as a cluster; measured on the raw take S09_KneeltoRun02
+    odd_marker_cost  what a marker more or fewer costs; measured on it
+    max_mirror_cost  the most that one volume counts against: limbs cross over now and then; measured on it
+    joint_gain       what a joint is worth where it is as in training; measured on it
+    arm_sd_m         of a joint's place where rigid bodies turn much; physical: plates are put on by hand
+    arm_turn_sd_m    m rad by which it is less known where they turn less; physical
+    miss_ratio       how far a joint may be off, times the model's; measured on it
+    miss_sd_m        how sharply that ends; physical: flesh over a joint
     """
 
-    beam_width: int = 2000
-    percentiles: tuple[float, ...] = (2, 14, 26, 38, 50, 62, 74, 86, 98)
-    max_cost: float = 8.0
     missing_cost: float = 9.0
-    independent: int = 3
-    form_sd_m: float = 0.012
     odd_marker_cost: float = 0.7
-    max_markers: int = 12
     max_mirror_cost: float = 2.5
     joint_gain: float = 2.0
     arm_sd_m: float = 0.04
@@ -53,6 +42,9 @@ class ClusterMatchOptions:
 
 
 CLUSTER_MATCH = ClusterMatchOptions()
+ASSIGNMENTS_KEPT = 2000  # assignments that are followed; by time
+MAX_MARKERS = 12  # of a cluster that is looked at; by time
+PERCENTILES = (2, 14, 26, 38, 50, 62, 74, 86, 98)  # of a distance over the take that are compared with its range
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,36 +71,34 @@ class _Likeness:
     volumes: MedianVolumes
 
 
-def match_clusters(
-    structure: Structure, clusters: Sequence[Cluster], options: ClusterMatchOptions = CLUSTER_MATCH
-) -> Matched:
+def match_clusters(structure: Structure, clusters: Sequence[Cluster]) -> Matched:
     """The likeliest assignment of clusters to rigid bodies, found by a beam search, the best linked bodies first."""
     if not len(clusters):
         return Matched(np.full(len(structure), NO_CLUSTER), np.zeros(len(structure)))
-    states, score = _search(structure, _likeness(structure, clusters, options), options)
+    states, score = _search(structure, _likeness(structure, clusters))
     best = states[0]
     alternatives = np.where(states != best, score[:, None], score.min()).max(axis=0)
     return Matched(best, np.where(best == NO_CLUSTER, 0.0, score[0] - alternatives))
 
 
-def _likeness(structure: Structure, clusters: Sequence[Cluster], options: ClusterMatchOptions) -> _Likeness:
+def _likeness(structure: Structure, clusters: Sequence[Cluster]) -> _Likeness:
     turn, place = (np.stack([getattr(cluster, name) for cluster in clusters], axis=1) for name in ("turn", "place"))
     forms = [inner.form[: inner.core] for inner in structure.inner]
-    own = np.array([[_form_fit(form, cluster.form, options) for cluster in clusters] for form in forms])
-    pair = _distance_fit(structure, place, options) + _joint_fit(structure, turn, place, options)
+    own = np.array([[_form_fit(form, cluster.form) for cluster in clusters] for form in forms])
+    pair = _distance_fit(structure, place) + _joint_fit(structure, turn, place)
     return _Likeness(own, pair, MedianVolumes(place))
 
 
-def _form_fit(form: np.ndarray, cluster: np.ndarray, options: ClusterMatchOptions) -> float:
+def _form_fit(form: np.ndarray, cluster: np.ndarray) -> float:
     """How well the distances in a cluster (n, 3) could be a rigid body's (m, 3), whatever marker is which."""
     small, large = sorted((form, cluster), key=len)
-    if len(large) > options.max_markers:
-        return -options.max_cost
+    if len(large) > MAX_MARKERS:
+        return -MAX_COST
     chosen = np.array(list(combinations(range(len(large)), len(small))))
     between = pairwise_distances(large)[chosen[:, :, None], chosen[:, None]]
     best = ((_sorted_lengths(between) - _sorted_lengths(pairwise_distances(small))) ** 2).mean(axis=1).min()
-    odd = options.odd_marker_cost * (len(large) - len(small))
-    return -min(0.5 * best / options.form_sd_m**2, options.max_cost) - odd
+    odd = CLUSTER_MATCH.odd_marker_cost * (len(large) - len(small))
+    return -min(0.5 * best / CORRESPONDENCE.form_sd_m**2, MAX_COST) - odd
 
 
 def _sorted_lengths(distance: np.ndarray) -> np.ndarray:
@@ -117,31 +107,33 @@ def _sorted_lengths(distance: np.ndarray) -> np.ndarray:
     return np.sort(distance[..., one, other], axis=-1)
 
 
-def _distance_fit(structure: Structure, place: np.ndarray, options: ClusterMatchOptions) -> np.ndarray:
+def _distance_fit(structure: Structure, place: np.ndarray) -> np.ndarray:
     """(K, K, G, G) what the distances between clusters say; 0 where never seen together."""
-    quantiles = np.nanpercentile(pairwise_distances(place), options.percentiles, axis=0)
+    quantiles = np.nanpercentile(pairwise_distances(place), PERCENTILES, axis=0)
     low, high, slack = (table[:, :, None, None, None] for table in (structure.low, structure.high, structure.slack))
     breach = np.maximum(np.maximum(low - quantiles, quantiles - high), 0) / slack
     room = np.log(structure.high - structure.low + 2.5 * structure.slack)[:, :, None, None]
-    fit = -np.minimum(0.5 * breach**2, options.max_cost).mean(axis=2) - room
+    fit = -np.minimum(0.5 * breach**2, MAX_COST).mean(axis=2) - room
     return np.where(np.isfinite(quantiles).all(axis=0), fit, 0)
 
 
-def _joint_fit(structure: Structure, turn: np.ndarray, place: np.ndarray, options: ClusterMatchOptions) -> np.ndarray:
+def _joint_fit(structure: Structure, turn: np.ndarray, place: np.ndarray) -> np.ndarray:
     """(K, K, G, G) what joints say: rigid bodies that have one need it, where it is in training."""
     seen = find_joints(turn, place)
     fit = np.zeros((len(structure), len(structure), *seen.miss.shape))
-    spread = np.hypot(options.arm_sd_m, options.arm_turn_sd_m / np.maximum(seen.turn, JOINT.min_turn_rad))
+    spread = np.hypot(CLUSTER_MATCH.arm_sd_m, CLUSTER_MATCH.arm_turn_sd_m / np.maximum(seen.turn, JOINT.min_turn_rad))
     for one, two in np.argwhere(structure.linked):
-        off = seen.miss - options.miss_ratio * np.maximum(structure.joints.miss[one, two], options.miss_sd_m)
-        cost = np.minimum(0.5 * (np.maximum(off, 0) / options.miss_sd_m) ** 2, options.max_cost)
+        off = seen.miss - CLUSTER_MATCH.miss_ratio * np.maximum(
+            structure.joints.miss[one, two], CLUSTER_MATCH.miss_sd_m
+        )
+        cost = np.minimum(0.5 * (np.maximum(off, 0) / CLUSTER_MATCH.miss_sd_m) ** 2, MAX_COST)
         for arm, usual in ((seen.arm, structure.joints.arm[one, two]), (seen.arm.T, structure.joints.arm[two, one])):
-            cost = cost + np.minimum(0.5 * ((arm - usual) / spread) ** 2, options.max_cost / 2)
-        fit[one, two] = np.where(seen.telling, options.joint_gain - cost, 0)
+            cost = cost + np.minimum(0.5 * ((arm - usual) / spread) ** 2, MAX_COST / 2)
+        fit[one, two] = np.where(seen.telling, CLUSTER_MATCH.joint_gain - cost, 0)
     return fit
 
 
-def _search(structure: Structure, likeness: _Likeness, options: ClusterMatchOptions) -> tuple[np.ndarray, np.ndarray]:
+def _search(structure: Structure, likeness: _Likeness) -> tuple[np.ndarray, np.ndarray]:
     """Assignments (B, K) and their log likelihoods (B,), the best first."""
     order = linking_order(structure.high - structure.low + np.where(structure.linked, 0, 1.0))
     place = np.argsort(order)
@@ -149,14 +141,14 @@ def _search(structure: Structure, likeness: _Likeness, options: ClusterMatchOpti
     states, score = np.full((1, len(order)), NO_CLUSTER), np.zeros(1)
     clusters = likeness.own.shape[1]
     for step, rigid_body in enumerate(order):
-        said = _from_pairs(likeness, states, rigid_body, order[:step], options)
-        said += _from_volumes(structure, likeness, states, rigid_body, np.flatnonzero(latest == step), options)
+        said = _from_pairs(likeness, states, rigid_body, order[:step])
+        said += _from_volumes(structure, likeness, states, rigid_body, np.flatnonzero(latest == step))
         said += likeness.own[rigid_body]
         for other in order[:step]:
             taken = np.flatnonzero(states[:, other] >= 0)
             said[taken, states[taken, other]] = -np.inf
-        total = np.concatenate([score[:, None] + said, score[:, None] - options.missing_cost], axis=1).ravel()
-        kept = np.argsort(-total, kind="stable")[: options.beam_width]
+        total = np.concatenate([score[:, None] + said, score[:, None] - CLUSTER_MATCH.missing_cost], axis=1).ravel()
+        kept = np.argsort(-total, kind="stable")[:ASSIGNMENTS_KEPT]
         kept = kept[np.isfinite(total[kept])]
         states, score = states[kept // (clusters + 1)].copy(), total[kept]
         choice = kept % (clusters + 1)
@@ -164,7 +156,7 @@ def _search(structure: Structure, likeness: _Likeness, options: ClusterMatchOpti
     return states, score
 
 
-def _from_pairs(likeness: _Likeness, states: np.ndarray, rigid_body: int, earlier: list[int], options) -> np.ndarray:
+def _from_pairs(likeness: _Likeness, states: np.ndarray, rigid_body: int, earlier: list[int]) -> np.ndarray:
     """(B, G) what the clusters of earlier rigid bodies say of the clusters that the next may be."""
     said = np.zeros((len(states), likeness.own.shape[1]))
     known = np.zeros((len(states), 1))
@@ -172,12 +164,10 @@ def _from_pairs(likeness: _Likeness, states: np.ndarray, rigid_body: int, earlie
         there = states[:, other]
         said += np.where((there >= 0)[:, None], likeness.pair[rigid_body, other][:, np.maximum(there, 0)].T, 0)
         known += (there >= 0)[:, None]
-    return said * options.independent / np.maximum(known, options.independent)
+    return said * INDEPENDENT / np.maximum(known, INDEPENDENT)
 
 
-def _from_volumes(
-    structure: Structure, likeness: _Likeness, states, rigid_body: int, rows: np.ndarray, options
-) -> np.ndarray:
+def _from_volumes(structure: Structure, likeness: _Likeness, states, rigid_body: int, rows: np.ndarray) -> np.ndarray:
     """(B, G) log odds against the mirror image, of the quads in `rows`, whose last rigid body is the next."""
     clusters = likeness.own.shape[1]
     said, known = np.zeros((2, len(states), clusters))
@@ -194,10 +184,10 @@ def _from_volumes(
         there = (corners >= 0).all(axis=0)
         volume = likeness.volumes.of(*np.maximum(corners, 0))
         there &= volume != 0
-        odds = mirror_odds(volume, structure.volume[row], structure.volume_sd[row], options.max_cost)
-        said += np.where(there, np.maximum(odds, -options.max_mirror_cost), 0)[same]
+        odds = mirror_odds(volume, structure.volume[row], structure.volume_sd[row], MAX_COST)
+        said += np.where(there, np.maximum(odds, -CLUSTER_MATCH.max_mirror_cost), 0)[same]
         known += there[same]
-    return said * options.independent / np.maximum(known, options.independent)
+    return said * INDEPENDENT / np.maximum(known, INDEPENDENT)
 
 
 def mirror_odds(volume: np.ndarray, mean: np.ndarray, spread: np.ndarray, max_cost: float) -> np.ndarray:

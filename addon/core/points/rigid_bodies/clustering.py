@@ -12,41 +12,36 @@ from ...geometry.rigid import MIN_POINTS, in_axes, laid_on, pairwise_distances, 
 
 @dataclass(frozen=True)
 class ClusteringOptions:
-    """What tracklets must do to be taken for one rigid thing. All reckoned, from how flesh and hardware move.
+    """What tracklets must do to be taken for one rigid thing.
 
-    max_frames       that a take is looked at in; more say the same
-    min_tracklet_s   of a tracklet that is looked at
-    max_gap_s        without a point; behind a longer one a trajectory may go on with another marker
-    max_size_m       the widest that a rigid body is
-    max_deviation_m  that distances within a cluster vary by, in the mean
-    prior_m, prior_frames  what is taken for granted of two tracklets that were hardly seen together: so much
-                     variation in so many frames
-    rounds           of laying a cluster on its mean form
-    max_off_m        root mean square, that a tracklet may be off its place in the cluster
-    max_same_m       between places of tracklets that are one marker's
-    max_shared_part  of its frames that a tracklet may share with another of the same marker
+    max_gap_s        without a point; physical: behind a longer one a trajectory may go on with another marker
+    max_size_m       the widest that a rigid body is; physical: a pelvis or a chest
+    max_deviation_m  that distances within a cluster vary by, in the mean; physical: skin under a plate
+    prior_m          that a distance is taken to vary by; physical: as two limbs that hardly move do
+    prior_frames     in which it is taken to have been seen so
+    max_off_m        that a tracklet may be off its place in the cluster, root mean square, and that places of tracklets
+                     are apart that are one marker's; physical: a marker's width
     min_seen_part    of a cluster's frames that a marker of it must be seen in
-    max_still_m      that what stands about in the room moves by
-    min_moving_m     that half of the clusters must move by before others are said to stand still
+    max_still_m      that what stands about in the room moves by; physical: noise
+    min_moving_m     that half of the clusters must move by before others are said to stand still; physical: a step
     """
 
-    max_frames: int = 500
-    min_tracklet_s: float = 0.1
     max_gap_s: float = 0.02
     max_size_m: float = 0.4
     max_deviation_m: float = 0.006
     prior_m: float = 0.02
     prior_frames: int = 10
-    rounds: int = 6
     max_off_m: float = 0.01
-    max_same_m: float = 0.012
-    max_shared_part: float = 0.05
     min_seen_part: float = 0.1
     max_still_m: float = 0.02
     min_moving_m: float = 0.1
 
 
 CLUSTERING = ClusteringOptions()
+CLUSTERING_FRAMES = 500  # that a take is looked at in; more show the same
+MIN_TRACKLET_S = 0.1  # of a tracklet that is looked at
+LAYING_ROUNDS = 6  # of laying a cluster on its mean form; it is still before
+MAX_SHARED = 0.05  # part of its frames that a tracklet may share with another of the same marker
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,10 +83,10 @@ class Sampled:
     points: np.ndarray
 
 
-def unbroken(tracklet: np.ndarray, rate: float, options: ClusteringOptions = CLUSTERING) -> np.ndarray:
+def unbroken(tracklet: np.ndarray, rate: float) -> np.ndarray:
     """(T, L) tracklets (T, L), -1 where there is no point, cut again at every gap."""
     parts = np.full(tracklet.shape, -1, np.int32)
-    ends = [_ends_in(tracklet[:, lane], lane, max(options.max_gap_s * rate, 1)) for lane in range(tracklet.shape[1])]
+    ends = [_ends_in(tracklet[:, lane], lane, max(CLUSTERING.max_gap_s * rate, 1)) for lane in range(tracklet.shape[1])]
     # Numbered as tracklets are, whatever lanes they stand in.
     spans = np.concatenate([*ends, np.zeros((0, 4), int)])
     for count, (_, first, last, lane) in enumerate(spans[np.lexsort((spans[:, 1], spans[:, 0]))].tolist()):
@@ -110,12 +105,12 @@ def _ends_in(tracklet: np.ndarray, lane: int, max_gap: float) -> np.ndarray:
     return np.stack([tracklet[first], first, last, np.full(len(first), lane)], axis=1)
 
 
-def sampled(points: np.ndarray, tracklet: np.ndarray, rate: float, options: ClusteringOptions = CLUSTERING) -> Sampled:
+def sampled(points: np.ndarray, tracklet: np.ndarray, rate: float) -> Sampled:
     """The longer tracklets of a take: points (T, P, 3) m with the tracklet of each (T, P), -1 for none."""
     frame, column = np.nonzero(tracklet >= 0)
     number, place, count = np.unique(tracklet[frame, column], return_inverse=True, return_counts=True)
-    long = count >= options.min_tracklet_s * rate
-    frames = evenly_spread(len(points), options.max_frames)
+    long = count >= MIN_TRACKLET_S * rate
+    frames = evenly_spread(len(points), CLUSTERING_FRAMES)
     row = np.full(len(points), -1)
     row[frames] = np.arange(len(frames))
     new = np.cumsum(long) - 1
@@ -125,26 +120,26 @@ def sampled(points: np.ndarray, tracklet: np.ndarray, rate: float, options: Clus
     return Sampled(frames, number[long], xyz)
 
 
-def find_clusters(seen: Sampled, options: ClusteringOptions = CLUSTERING) -> tuple[list[Cluster], list[Cluster]]:
+def find_clusters(seen: Sampled) -> tuple[list[Cluster], list[Cluster]]:
     """Clusters of three markers or more that move with the subject, and those that stand about in the room."""
-    spread, weight, mean = _deviations(seen.points, options)
-    grown = [np.array(own) for own in rigid_clusters(spread, weight, options.max_deviation_m)]
-    laid = [_laid(seen, own, mean, options) for own in grown if len(own) >= MIN_POINTS]
+    spread, weight, mean = _deviations(seen.points)
+    grown = [np.array(own) for own in rigid_clusters(spread, weight, CLUSTERING.max_deviation_m)]
+    laid = [_laid(seen, own, mean) for own in grown if len(own) >= MIN_POINTS]
     clusters = [cluster for cluster in laid if cluster is not None]
-    still = _stand_still(clusters, options)
+    still = _stand_still(clusters)
     return (
         [cluster for cluster, stands in zip(clusters, still, strict=True) if not stands],
         [cluster for cluster, stands in zip(clusters, still, strict=True) if stands],
     )
 
 
-def _stand_still(clusters: list[Cluster], options: ClusteringOptions) -> list[bool]:
+def _stand_still(clusters: list[Cluster]) -> list[bool]:
     """Of each cluster, whether it stands still in frames in which most others move."""
     still = []
     for cluster in clusters:
         seen = np.isfinite(cluster.place[:, 0])
         moved = np.median([_extent(other.place[seen]) for other in clusters])
-        still.append(bool(_extent(cluster.place[seen]) < options.max_still_m and moved > options.min_moving_m))
+        still.append(bool(_extent(cluster.place[seen]) < CLUSTERING.max_still_m and moved > CLUSTERING.min_moving_m))
     return still
 
 
@@ -154,10 +149,10 @@ def _extent(place: np.ndarray) -> float:
     return float(known.std(axis=0).max()) if len(known) else 0.0
 
 
-def _deviations(points: np.ndarray, options: ClusteringOptions) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _deviations(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(N, N) m mean absolute deviation of every distance, (N, N) how many frames show it, and (N, N) m its mean."""
     count = points.shape[1]
-    spread, weight = np.full((count, count), options.prior_m), np.zeros((count, count))
+    spread, weight = np.full((count, count), CLUSTERING.prior_m), np.zeros((count, count))
     usual = np.full((count, count), np.nan)
     there = np.isfinite(points[..., 0])
     for one in range(count):
@@ -170,14 +165,14 @@ def _deviations(points: np.ndarray, options: ClusteringOptions) -> tuple[np.ndar
         distance = np.where(known, np.sqrt(x * x + y * y + z * z), 0)
         mean = distance.sum(axis=0) / frames
         off = np.where(known, np.abs(distance - mean), 0).sum(axis=0)
-        varies = (off + options.prior_m * options.prior_frames) / (frames + options.prior_frames)
-        spread[one, others] = np.where(mean > options.max_size_m, 1.0, varies)
+        varies = (off + CLUSTERING.prior_m * CLUSTERING.prior_frames) / (frames + CLUSTERING.prior_frames)
+        spread[one, others] = np.where(mean > CLUSTERING.max_size_m, 1.0, varies)
         weight[one, others], usual[one, others] = frames, mean
     np.fill_diagonal(weight, 0)
     return spread, weight, usual
 
 
-def _strung(points: np.ndarray, distance: np.ndarray, options: ClusteringOptions) -> list[list[int]]:
+def _strung(points: np.ndarray, distance: np.ndarray) -> list[list[int]]:
     """Tracklets (F, n, 3) of a cluster, with their mean distances (n, n), strung to markers: one ends, one begins.
 
     Known by being equally far from two markers or more that both were seen with.
@@ -186,11 +181,11 @@ def _strung(points: np.ndarray, distance: np.ndarray, options: ClusteringOptions
     frames = there.sum(axis=0)
     strings: list[list[int]] = []
     for index in np.argsort(-frames, kind="stable"):
-        best, nearest = None, options.max_same_m / 2
+        best, nearest = None, CLUSTERING.max_off_m / 2
         for one in strings:
             off = np.abs(distance[one] - distance[index])
             off = off[:, np.isfinite(off).any(axis=0)]
-            shared = _shared(there, one, index) > options.max_shared_part * frames[index]
+            shared = _shared(there, one, index) > MAX_SHARED * frames[index]
             if not shared and off.shape[1] >= MIN_POINTS - 1 and np.nanmax(off) < nearest:
                 best, nearest = one, float(np.nanmax(off))
         if best is None:
@@ -211,26 +206,26 @@ def _first_seen(points: np.ndarray) -> np.ndarray:
     return points[np.arange(len(points)), place]
 
 
-def _laid(seen: Sampled, own: np.ndarray, distance: np.ndarray, options: ClusteringOptions) -> Cluster | None:
+def _laid(seen: Sampled, own: np.ndarray, distance: np.ndarray) -> Cluster | None:
     """What tracklets (n,) that move as one make; None where fewer than three markers hold together."""
-    strings = _strung(seen.points[:, own], distance[np.ix_(own, own)], options)
+    strings = _strung(seen.points[:, own], distance[np.ix_(own, own)])
     points = np.stack([_first_seen(seen.points[:, own[one]]) for one in strings], axis=1)
     form = points[np.isfinite(points[..., 0]).sum(axis=1).argmax()]
-    for _ in range(options.rounds):
+    for _ in range(LAYING_ROUNDS):
         turn, place = laid_on(form, points)
         local = in_axes(turn, place, points)
         known = np.isfinite(local[..., 0])
         count = np.maximum(known.sum(axis=0), 1)
         mean = np.where(known[..., None], local, 0).sum(axis=0) / count[:, None]
         off = np.sqrt((np.where(known[..., None], local - mean, 0) ** 2).sum(axis=(0, 2)) / count)
-        form = np.where((known.any(axis=0) & (off < options.max_off_m))[:, None], mean, np.nan)
+        form = np.where((known.any(axis=0) & (off < CLUSTERING.max_off_m))[:, None], mean, np.nan)
         if np.isfinite(form[:, 0]).sum() < MIN_POINTS:
             return None
     fine = np.flatnonzero(np.isfinite(form[:, 0]))
     there = np.isfinite(points[:, fine, 0])
-    often = options.min_seen_part * np.isfinite(place[:, 0]).sum()
+    often = CLUSTERING.min_seen_part * np.isfinite(place[:, 0]).sum()
     # What is there only for moments may move with the cluster by chance, while nothing moves.
-    merged = [one for one in _merged(form[fine], there, options) if there[:, one].any(axis=1).sum() >= often]
+    merged = [one for one in _merged(form[fine], there) if there[:, one].any(axis=1).sum() >= often]
     if len(merged) < MIN_POINTS:
         return None
     middle = np.array([form[fine[one]].mean(axis=0) for one in merged])
@@ -241,14 +236,14 @@ def _laid(seen: Sampled, own: np.ndarray, distance: np.ndarray, options: Cluster
     return Cluster(middle - centre, tracklets, turn, place + turn @ centre)
 
 
-def _merged(form: np.ndarray, there: np.ndarray, options: ClusteringOptions) -> list[list[int]]:
+def _merged(form: np.ndarray, there: np.ndarray) -> list[list[int]]:
     """Tracklets (n, 3) in one place at different times, (F, n) where each is there, are one marker's."""
     made: list[list[int]] = []
     frames = there.sum(axis=0)
     for index in np.argsort(-frames):
         for one in made:
-            near = np.linalg.norm(form[one].mean(axis=0) - form[index]) < options.max_same_m
-            if near and _shared(there, one, index) <= options.max_shared_part * frames[index]:
+            near = np.linalg.norm(form[one].mean(axis=0) - form[index]) < CLUSTERING.max_off_m
+            if near and _shared(there, one, index) <= MAX_SHARED * frames[index]:
                 one.append(int(index))
                 break
         else:

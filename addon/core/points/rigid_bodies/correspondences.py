@@ -12,46 +12,41 @@ from ...geometry.rigid import laid_on
 
 @dataclass(frozen=True)
 class CorrespondenceOptions:
-    """Which correspondences are tried.
+    """How much lengths within a rigid body differ from subject to subject.
 
-    max_all      markers of a rigid body, or points of a cluster, of which all are tried; reckoned: of 8 there are
-                 40,320, of 13 six thousand million
-    form_sd_m, form_share  and of a length, that lengths within a rigid body differ by from subject to subject; chosen
-                 with the raw take S09_KneeltoRun02 of the Clouthier recordings in sight
-    bases        triples of markers that a large rigid body is laid by; reckoned
-    max_side_sds standard deviations that a side of such a triple may be off; reckoned
-    kept         placements of a large rigid body that are looked at more closely; reckoned
+    form_sd_m   standard deviation; measured on the raw take S09_KneeltoRun02
+    form_share  the same of a length, besides; measured on it
     """
 
-    max_all: int = 7
     form_sd_m: float = 0.012
     form_share: float = 0.15
-    bases: int = 8
-    max_side_sds: float = 2.0
-    kept: int = 30
 
 
 CORRESPONDENCE = CorrespondenceOptions()
+MAX_ALL = 7  # markers of a rigid body, or points of a cluster, of which all are tried: of 8 there are 40,320
+BASES = 8  # triples of markers that a large rigid body is laid by; by time
+MAX_SIDE_SDS = 2.0  # that a side of such a triple may be off: of eight triples one is nearer
+PLACEMENTS_KEPT = 30  # placements of a large rigid body that are looked at more closely; by time
+INDEPENDENT = 3  # distances that are all the evidence there is of a place; more are partly the same
+MAX_COST = 8.0  # the most that one fact counts against, log likelihood: four standard deviations
 
 
-def correspondences(
-    form: np.ndarray, points: np.ndarray, options: CorrespondenceOptions = CORRESPONDENCE
-) -> np.ndarray:
+def correspondences(form: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(W, n) indices of points (p, 3) m for the markers (n, 3) m of a rigid body, NO_POINT where a marker has none.
 
-    All where the rigid body has `max_all` markers at most: of the points those nearest to their middle. There are
+    All where the rigid body has MAX_ALL markers at most: of the points those nearest to their middle. There are
     millions for a larger one, and its form tells which are worth a look.
     """
-    if len(form) <= options.max_all:
-        near = np.argsort(np.linalg.norm(points, axis=1), kind="stable")[: options.max_all]
+    if len(form) <= MAX_ALL:
+        near = np.argsort(np.linalg.norm(points, axis=1), kind="stable")[:MAX_ALL]
         chosen = _all(len(form), len(near))
         return np.where(chosen >= 0, near[chosen], NO_POINT)
-    return _likely(form, points, options)
+    return _likely(form, points)
 
 
-def spread_of(lengths: np.ndarray, options: CorrespondenceOptions = CORRESPONDENCE) -> np.ndarray:
+def spread_of(lengths: np.ndarray) -> np.ndarray:
     """The standard deviation, m, of lengths, m, within a rigid body, from one subject's to another's."""
-    return np.hypot(options.form_sd_m, options.form_share * lengths)
+    return np.hypot(CORRESPONDENCE.form_sd_m, CORRESPONDENCE.form_share * lengths)
 
 
 def _all(markers: int, points: int) -> np.ndarray:
@@ -64,16 +59,12 @@ def _all(markers: int, points: int) -> np.ndarray:
     return tried
 
 
-def _likely(form: np.ndarray, points: np.ndarray, options: CorrespondenceOptions) -> np.ndarray:
+def _likely(form: np.ndarray, points: np.ndarray) -> np.ndarray:
     """(W, n) those that lay three markers on three points best, and each with any two markers exchanged."""
-    laid = [
-        _assigned(form, points, *pair)
-        for base in _bases(form, options.bases)
-        for pair in _on_points(form, points, base, options)
-    ]
+    laid = [_assigned(form, points, *pair) for base in _bases(form, BASES) for pair in _on_points(form, points, base)]
     laid.sort(key=lambda row: row[0])
     tried = np.array([assigned for _, assigned in laid] or np.full((1, len(form)), NO_POINT))
-    tried = tried[np.sort(np.unique(tried, axis=0, return_index=True)[1])][: options.kept]
+    tried = tried[np.sort(np.unique(tried, axis=0, return_index=True)[1])][:PLACEMENTS_KEPT]
     exchanged = [tried]
     for one, two in combinations(range(len(form)), 2):
         other = tried.copy()
@@ -90,19 +81,17 @@ def _bases(form: np.ndarray, count: int) -> np.ndarray:
     return triples[np.argsort(-area, kind="stable")[:count]]
 
 
-def _on_points(
-    form: np.ndarray, points: np.ndarray, base: np.ndarray, options: CorrespondenceOptions
-) -> list[tuple[np.ndarray, np.ndarray]]:
+def _on_points(form: np.ndarray, points: np.ndarray, base: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
     """Rotation and place that lay a triple of markers on every triple of points with sides alike, the best few."""
     triples = np.array(list(permutations(range(len(points)), 3)), int).reshape(-1, 3)
     wanted = _sides(form[base])
-    off = np.abs(_sides(points[triples]) - wanted) / spread_of(wanted, options)
-    fits = np.flatnonzero((off < options.max_side_sds).all(axis=1))
+    off = np.abs(_sides(points[triples]) - wanted) / spread_of(wanted)
+    fits = np.flatnonzero((off < MAX_SIDE_SDS).all(axis=1))
     turn, place = laid_on(form[base], points[triples[fits]])
     # Sorted by how near the other markers come to any point.
     moved = np.einsum("tij,nj->tni", turn, form) + place[:, None]
     nearest = np.linalg.norm(moved[:, :, None] - points, axis=-1).min(axis=2)
-    best = np.argsort(nearest.sum(axis=1), kind="stable")[: options.kept]
+    best = np.argsort(nearest.sum(axis=1), kind="stable")[:PLACEMENTS_KEPT]
     return list(zip(turn[best], place[best], strict=True))
 
 

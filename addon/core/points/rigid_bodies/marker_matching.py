@@ -10,35 +10,29 @@ import numpy as np
 from ...data.takes import NO_POINT
 from .cluster_matching import NO_CLUSTER, Matched, mirror_odds
 from .clustering import Cluster
-from .correspondences import correspondences, spread_of
+from .correspondences import INDEPENDENT, MAX_COST, correspondences, spread_of
 from .structure import Inner, Joints, Structure, farther, find_joints, rigid_body_volumes, triples
 
 
 @dataclass(frozen=True)
 class MarkerMatchOptions:
-    """What says that a point is a marker of its rigid body, in log likelihood, and how much.
+    """What the evidence is worth that a point is a marker of its rigid body, log likelihood.
 
-    Chosen with the raw take S09_KneeltoRun02 of the Clouthier recordings in sight, as docs/method.md says.
-
-    distance_sd_m      that subjects differ by in how much farther one marker is than its rigid body
-    swing_rad          that a rigid body may be turned further than in training, in the mean over a take
-    missing_cost       what a marker of the rigid body costs that no point is
-    max_cost           the most that one fact says against
-    independent        rigid bodies, or lengths, that say all there is of a marker; more say partly the same
-    independent_sides  volumes that say all there is of which side is which
-    min_mirror_sds     standard deviations of a volume's mean from 0 that make it worth asking
+    distance_sd_m   that subjects differ by in how much farther one marker is than its rigid body; physical: plates are
+                    put on by hand
+    swing_rad       that a rigid body may be turned further than in training, in the mean over a take; physical: 23°
+    missing_cost    what a marker of the rigid body costs that no point is; measured on the raw take S09_KneeltoRun02
+    min_mirror_sds  standard deviations of a volume's mean from 0 that make it worth asking
     """
 
     distance_sd_m: float = 0.015
     swing_rad: float = 0.4
     missing_cost: float = 6.0
-    max_cost: float = 8.0
-    independent: int = 3
-    independent_sides: int = 6
     min_mirror_sds: float = 1.0
 
 
 MARKER_MATCH = MarkerMatchOptions()
+INDEPENDENT_SIDES = 2 * INDEPENDENT  # volumes that are all the evidence of which side is which
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,9 +48,7 @@ class Placed:
     margin: np.ndarray
 
 
-def place_markers(
-    structure: Structure, clusters: Sequence[Cluster], matched: Matched, options: MarkerMatchOptions = MARKER_MATCH
-) -> Placed:
+def place_markers(structure: Structure, clusters: Sequence[Cluster], matched: Matched) -> Placed:
     """The markers of every rigid body that has a cluster, and those beside it."""
     markers = structure.markers
     placed = Placed(np.full(markers, NO_POINT), np.full(markers, NO_POINT), np.zeros(markers))
@@ -72,7 +64,7 @@ def place_markers(
     for rigid_body in named:
         members = structure.inner[rigid_body].members
         cluster = clusters[matched.cluster[rigid_body]]
-        point, margin = _match_one(structure, rigid_body, cluster, middles, joints, options)
+        point, margin = _match_one(structure, rigid_body, cluster, middles, joints)
         # A marker beside two rigid bodies is where it is surer.
         better = (point != NO_POINT) & (margin > placed.margin[members])
         placed.rigid_body[members[better]], placed.point[members[better]] = rigid_body, point[better]
@@ -81,7 +73,7 @@ def place_markers(
 
 
 def _match_one(
-    structure: Structure, rigid_body: int, cluster: Cluster, middles, joints: Joints, options: MarkerMatchOptions
+    structure: Structure, rigid_body: int, cluster: Cluster, middles, joints: Joints
 ) -> tuple[np.ndarray, np.ndarray]:
     """For each marker of the rigid body its point in the cluster, and the lead of that."""
     inner = structure.inner[rigid_body]
@@ -90,37 +82,37 @@ def _match_one(
     others = np.arange(len(structure)) != rigid_body
     known = structure.linked[rigid_body] & joints.sure[rigid_body]
     meet = structure.joints.at[rigid_body, known], joints.at[rigid_body, known]
-    away = _away_fit(inner, points, middles, others, tried, options)
-    joint = _joint_fit(inner.form, cluster.form, *meet, tried, options)
-    side = _side_fit(inner, points, middles, others, tried, options)
-    score = _form_fit(inner, cluster.lengths, tried, options) + away + joint + side
+    away = _away_fit(inner, points, middles, others, tried)
+    joint = _joint_fit(inner.form, cluster.form, *meet, tried)
+    side = _side_fit(inner, points, middles, others, tried)
+    score = _form_fit(inner, cluster.lengths, tried) + away + joint + side
     best = int(score.argmax())
     chosen = tried[best]
     alternatives = np.where(tried != chosen, score[:, None], -np.inf).max(axis=0)
     return chosen, np.where(chosen >= 0, score[best] - alternatives, 0.0)
 
 
-def _form_fit(inner: Inner, lengths: np.ndarray, tried: np.ndarray, options: MarkerMatchOptions) -> np.ndarray:
+def _form_fit(inner: Inner, lengths: np.ndarray, tried: np.ndarray) -> np.ndarray:
     """(W,) how well the lengths (n, n) m between points fit the rigid body's own, and how much of it there is."""
     there = (tried[:, :, None] >= 0) & (tried[:, None] >= 0)
     off = (lengths[tried[:, :, None], tried[:, None]] - inner.lengths) / spread_of(inner.lengths)
-    cost = np.where(there, np.minimum(0.5 * off**2, options.max_cost), 0).sum(axis=(1, 2)) / 2
+    cost = np.where(there, np.minimum(0.5 * off**2, MAX_COST), 0).sum(axis=(1, 2)) / 2
     pairs = (there.sum(axis=(1, 2)) - (tried >= 0).sum(axis=1)) / 2
-    missing = options.missing_cost * (tried[:, : inner.core] < 0).sum(axis=1)
-    return -cost * options.independent / np.maximum(pairs, options.independent) - missing
+    missing = MARKER_MATCH.missing_cost * (tried[:, : inner.core] < 0).sum(axis=1)
+    return -cost * INDEPENDENT / np.maximum(pairs, INDEPENDENT) - missing
 
 
 def _away_fit(
-    inner: Inner, points: np.ndarray, middles: np.ndarray, others: np.ndarray, tried: np.ndarray, options
+    inner: Inner, points: np.ndarray, middles: np.ndarray, others: np.ndarray, tried: np.ndarray
 ) -> np.ndarray:
     """(W,) how well the points lie nearer to and farther from the other rigid bodies."""
     distance = farther(points, middles)
     seen = others & np.isfinite(distance).any(axis=(0, 1))
     away = np.nanmean(distance[:, :, seen], axis=0)
-    swing = options.swing_rad * np.linalg.norm(inner.form, axis=1, keepdims=True)
-    spread = np.sqrt(inner.away_sd[:, seen] ** 2 + options.distance_sd_m**2 + swing**2)
-    cost = _costs(away, inner.away[:, seen], spread, tried, options.max_cost).sum(axis=1)
-    return -cost * options.independent / max(int(seen.sum()), options.independent)
+    swing = MARKER_MATCH.swing_rad * np.linalg.norm(inner.form, axis=1, keepdims=True)
+    spread = np.sqrt(inner.away_sd[:, seen] ** 2 + MARKER_MATCH.distance_sd_m**2 + swing**2)
+    cost = _costs(away, inner.away[:, seen], spread, tried, MAX_COST).sum(axis=1)
+    return -cost * INDEPENDENT / max(int(seen.sum()), INDEPENDENT)
 
 
 def _costs(found: np.ndarray, wanted: np.ndarray, spread: np.ndarray, tried: np.ndarray, max_cost: float) -> np.ndarray:
@@ -133,30 +125,30 @@ def _costs(found: np.ndarray, wanted: np.ndarray, spread: np.ndarray, tried: np.
     return np.where(there, np.minimum(0.5 * ((found - wanted) / spread) ** 2, max_cost), 0).sum(axis=1)
 
 
-def _joint_fit(form, points, wanted, found, tried: np.ndarray, options: MarkerMatchOptions) -> np.ndarray:
+def _joint_fit(form, points, wanted, found, tried: np.ndarray) -> np.ndarray:
     """(W,) how well points (n, 3) lie towards the joints `found` (L, 3), as form (m, 3) to `wanted`.
 
     No pose changes that.
     """
     away, usual = (farther(markers[None], joints[None])[0] for markers, joints in ((points, found), (form, wanted)))
-    return -_costs(away, usual, np.array(options.distance_sd_m), tried, options.max_cost).sum(axis=1)
+    return -_costs(away, usual, np.array(MARKER_MATCH.distance_sd_m), tried, MAX_COST).sum(axis=1)
 
 
 def _side_fit(
-    inner: Inner, points: np.ndarray, middles: np.ndarray, others: np.ndarray, tried: np.ndarray, options
+    inner: Inner, points: np.ndarray, middles: np.ndarray, others: np.ndarray, tried: np.ndarray
 ) -> np.ndarray:
     """(W,) log odds against the mirror image of the rigid body."""
     chosen = triples(len(inner.members))
     score, said = np.zeros(len(tried)), np.zeros(len(tried))
     volume = _all_volumes(points, middles)
-    for row, other in np.argwhere(others & (np.abs(inner.side) > options.min_mirror_sds * inner.side_sd)):
+    for row, other in np.argwhere(others & (np.abs(inner.side) > MARKER_MATCH.min_mirror_sds * inner.side_sd)):
         corners = tried[:, chosen[row]]
         found = volume[(*np.maximum(corners, 0).T, other)]
         there = (corners >= 0).all(axis=1) & np.isfinite(found)
         usual = inner.side[row, other], inner.side_sd[row, other]
-        score += np.where(there, mirror_odds(np.nan_to_num(found), *usual, options.max_cost), 0)
+        score += np.where(there, mirror_odds(np.nan_to_num(found), *usual, MAX_COST), 0)
         said += there
-    return score * options.independent_sides / np.maximum(said, options.independent_sides)
+    return score * INDEPENDENT_SIDES / np.maximum(said, INDEPENDENT_SIDES)
 
 
 def _all_volumes(points: np.ndarray, middles: np.ndarray) -> np.ndarray:

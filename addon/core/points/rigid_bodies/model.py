@@ -19,20 +19,17 @@ from ...geometry.rigid import MIN_POINTS, distance_ranges, mean_form, pairwise_d
 class RigidBodyOptions:
     """When markers are on rigid bodies, and how far their distances may leave what was seen.
 
-    max_rigid_sd     radii, standard deviation of every distance within a rigid body; reckoned
+    max_rigid_sd     radii, standard deviation of every distance within a rigid body; physical: 12 mm, as skin moves
     min_separation   times as much as within must distances to markers off a rigid body vary: in a few steps a whole
-                     limb keeps its form too; chosen on the Clouthier takes on plates and the McGill walks on the skin
+                     limb keeps its form too; measured on the Clouthier takes on plates and the McGill walks on the skin
     max_separate_sd  radii that distances may vary by within what is separate so: a rigid body with what sits right
-                     beside it; chosen on the same takes
-    min_sd_m         that any distance is taken to vary by; reckoned from how exact cameras are
-    min_marker_part  of the markers that must be on rigid bodies for the set to be; chosen on the same takes
-    max_prop_sd_m    that distances of a prop, on which all markers are one rigid body, vary by; reckoned
-    min_prop_move_m  standard deviation of where a prop is: who stands still keeps their form too; reckoned
-    max_bases        triangles that a rigid body is recognised by; reckoned: some may be hidden, all are too many
-    tail_percent     at either end of a distance's range that is left out, as outliers; reckoned
-    slack_range      of a distance's range, and
-    slack_m          that it may leave the range by before it counts; reckoned: no take shows all poses
-    unseen_m         how far two markers may be from each other that were never seen together: anywhere
+                     beside it; measured on the same takes
+    min_sd_m         that any distance is taken to vary by; physical: how exact cameras are
+    min_marker_part  of the markers that must be on rigid bodies for the set to be; measured on the same takes
+    max_prop_sd_m    that distances of a prop, on which all markers are one rigid body, vary by; physical: noise
+    min_prop_move_m  standard deviation of where a prop is; physical: who stands still keeps their form too
+    slack_range      of a distance's range that it may leave the range by: no take shows all poses
+    slack_m          that it may leave it by besides; physical: plates are put on by hand
     """
 
     max_rigid_sd: float = 0.015
@@ -42,14 +39,14 @@ class RigidBodyOptions:
     min_marker_part: float = 0.85
     max_prop_sd_m: float = 0.003
     min_prop_move_m: float = 0.03
-    max_bases: int = 8
-    tail_percent: float = 0.5
     slack_range: float = 0.25
     slack_m: float = 0.02
-    unseen_m: float = 50.0
 
 
 RIGID_BODY = RigidBodyOptions()
+MAX_BASES = 8  # triangles that a rigid body is recognised by: some may be hidden, all are too many
+RANGE_TAILS = [0.5, 99.5]  # per cent of a distance, between which its range is; beyond are outliers
+UNSEEN_M = 50.0  # how far two markers may be from each other that were never seen together: anywhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +86,7 @@ class RigidBodies:
             third = next(place for place in triple if place not in (first, second))
             area = np.linalg.norm(np.cross(form[second] - form[first], form[third] - form[first]))
             scored.append((area, first, second, third))
-        return [row[1:] for row in sorted(scored, reverse=True)[: RIGID_BODY.max_bases]]
+        return [row[1:] for row in sorted(scored, reverse=True)[:MAX_BASES]]
 
     def breach(self, distance: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
         """How far distances, m, between markers lie outside what was ever seen, in slacks."""
@@ -97,9 +94,7 @@ class RigidBodies:
         return np.maximum(np.maximum(low - distance, distance - high), 0) / slack
 
 
-def learn_rigid_bodies(
-    subjects: Sequence[np.ndarray], radius: float, options: RigidBodyOptions = RIGID_BODY
-) -> RigidBodies | None:
+def learn_rigid_bodies(subjects: Sequence[np.ndarray], radius: float) -> RigidBodies | None:
     """The rigid bodies of labelled clouds, one array (T, M, 3) m a subject, NaN where missing; `radius` is the shape's.
 
     None for a set that is not on rigid bodies, as its markers move against each other or none at all.
@@ -107,21 +102,20 @@ def learn_rigid_bodies(
     markers = subjects[0].shape[1]
     everyone = np.concatenate(subjects)
     spread, low, high = np.full((3, markers, markers), np.nan)
-    tails = [options.tail_percent, 100 - options.tail_percent]
     columns = np.ascontiguousarray(everyone.transpose(1, 2, 0))
     for one in range(markers):
         distance = np.sqrt(np.square(columns[one:] - columns[one]).sum(axis=1))
-        spread[one, one:], low[one, one:], high[one, one:] = distance_ranges(distance, tails, fewest=2)
+        spread[one, one:], low[one, one:], high[one, one:] = distance_ranges(distance, RANGE_TAILS, fewest=2)
     lower = np.tril_indices(markers, -1)
     for table in (spread, low, high):
         table[lower] = table.T[lower]
     never = ~np.isfinite(low)
     spread[never] = np.inf
-    low[never], high[never] = 0, options.unseen_m
+    low[never], high[never] = 0, UNSEEN_M
     tree = _tree(spread)
-    groups = _rigid_groups(tree, options.max_rigid_sd * radius)
-    separate = _separate_part(tree, markers, options.max_separate_sd * radius, options) >= options.min_marker_part
-    if not groups or not (separate or _is_prop(tree, everyone, options)):
+    groups = _rigid_groups(tree, RIGID_BODY.max_rigid_sd * radius)
+    separate = _separate_part(tree, markers, RIGID_BODY.max_separate_sd * radius) >= RIGID_BODY.min_marker_part
+    if not groups or not (separate or _is_prop(tree, everyone)):
         return None
     form = np.zeros((markers, 3))
     for group in groups:
@@ -145,19 +139,21 @@ def _rigid_groups(tree: np.ndarray, limit: float) -> list[np.ndarray]:
     return [group for group in groups if len(group) >= MIN_POINTS]
 
 
-def _is_prop(tree: np.ndarray, points: np.ndarray, options: RigidBodyOptions) -> bool:
+def _is_prop(tree: np.ndarray, points: np.ndarray) -> bool:
     """Whether the markers, points (T, M, 3) m, are all one rigid thing that was moved about."""
-    return bool(tree[-1, 2] < options.max_prop_sd_m and np.nanstd(points, axis=0).max() > options.min_prop_move_m)
+    return bool(tree[-1, 2] < RIGID_BODY.max_prop_sd_m and np.nanstd(points, axis=0).max() > RIGID_BODY.min_prop_move_m)
 
 
-def _separate_part(tree: np.ndarray, markers: int, limit: float, options: RigidBodyOptions) -> float:
+def _separate_part(tree: np.ndarray, markers: int, limit: float) -> float:
     """The part of the markers that is in groups whose distances vary much less within than towards any other."""
     members = [[index] for index in range(markers)]
     height = [0.0] * markers
     separate = np.zeros(markers, dtype=bool)
     for one, two, varies, _ in tree:
         for group in (int(one), int(two)):
-            rigid = height[group] < limit and varies >= options.min_separation * max(height[group], options.min_sd_m)
+            rigid = height[group] < limit and varies >= RIGID_BODY.min_separation * max(
+                height[group], RIGID_BODY.min_sd_m
+            )
             if rigid and len(members[group]) >= MIN_POINTS:
                 separate[members[group]] = True
         members.append(members[int(one)] + members[int(two)])

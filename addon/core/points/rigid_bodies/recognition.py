@@ -10,7 +10,7 @@ from ...geometry.rigid import MIN_POINTS
 from .cluster_matching import NO_CLUSTER, Matched, match_clusters
 from .clustering import Cluster, Sampled, find_clusters, sampled, unbroken
 from .marker_matching import Placed, place_markers
-from .model import RIGID_BODY, RigidBodies
+from .model import RANGE_TAILS, RigidBodies
 from .single_markers import find_single_markers
 from .structure import Structure, unseen_is_nan
 
@@ -19,32 +19,29 @@ from .structure import Structure, unseen_is_nan
 class RecognitionOptions:
     """What is sure enough to be taken for known.
 
-    min_body_lead    log odds by which a rigid body's cluster must lead; chosen, as the next, on subjects made of the
-                     labelled Clouthier takes, with other limbs and rigid bodies of other forms elsewhere on them
-    min_marker_lead  log odds by which a marker's point must lead within the rigid body
-    min_seen_part    of the frames in which a distance must be seen to show its whole range; reckoned
-    max_alike_m      root mean square, that lengths of a rigid body that is the model's own differ by; reckoned
-    min_alike_part   of the sure rigid bodies that must be the model's own for the take to be of a subject it knows
-    min_sure_part    of all rigid bodies that must be sure to say so, or otherwise; reckoned, as the one before
-    min_other        sure rigid bodies that are enough to say that the subject is another, if none is the model's own:
-                     of a few some may be mistaken, that all are is no chance; reckoned
-    range_m, range_share  and of a distance: how its range differs between subjects; reckoned
-    motion_confidence     of a name that only the motion of the whole take gives; reckoned: a lead of 5 is 0.993
+    min_body_lead    log odds by which a rigid body's cluster must lead; measured on subjects made of the labelled
+                     Clouthier takes, with other limbs and rigid bodies of other forms elsewhere on them
+    min_marker_lead  log odds by which a marker's point must lead within the rigid body; measured on the same
+    min_most         part of the frames in which a distance must be seen to show its whole range, and of the sure rigid
+                     bodies that must be the model's own for the take to be of a subject it knows
+    max_alike_m      root mean square, that lengths of a rigid body that is the model's own differ by; physical: noise
+    min_other        sure rigid bodies that are enough to show that the subject is another, if none is the model's own:
+                     of a few some may be mistaken, that all are is no chance
+    range_m          that the range of a distance differs by between subjects; physical
+    range_share      the same of the distance, besides; physical: people's proportions
     """
 
     min_body_lead: float = 3.0
     min_marker_lead: float = 5.0
-    min_seen_part: float = 0.8
+    min_most: float = 0.8
     max_alike_m: float = 0.003
-    min_alike_part: float = 0.8
-    min_sure_part: float = 0.5
     min_other: int = 3
     range_m: float = 0.03
     range_share: float = 0.06
-    motion_confidence: float = 0.99
 
 
 RECOGNITION = RecognitionOptions()
+MOTION_CONFIDENCE = 0.99  # of a name that only the motion of the whole take gives: a lead of 5 is 0.993
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,36 +93,35 @@ def recognise(
     points: np.ndarray,
     tracklet: np.ndarray,
     rate: float,
-    options: RecognitionOptions = RECOGNITION,
 ) -> Recognition:
     """Which marker is where in a take of points (T, P, 3) m, with the number of the tracklet of each (T, P).
 
     `structure` and `rigid_bodies` are the model's.
     """
     with unseen_is_nan():
-        return _recognise(structure, rigid_bodies, points, unbroken(tracklet, rate), rate, options)
+        return _recognise(structure, rigid_bodies, points, unbroken(tracklet, rate), rate)
 
 
 def _recognise(
-    structure: Structure, rigid_bodies: RigidBodies, points: np.ndarray, part: np.ndarray, rate: float, options
+    structure: Structure, rigid_bodies: RigidBodies, points: np.ndarray, part: np.ndarray, rate: float
 ) -> Recognition:
     seen = sampled(points, part, rate)
     clusters, props = find_clusters(seen)
     matched = match_clusters(structure, clusters)
-    sure = (matched.cluster != NO_CLUSTER) & (matched.margin >= options.min_body_lead)
+    sure = (matched.cluster != NO_CLUSTER) & (matched.margin >= RECOGNITION.min_body_lead)
     cluster = np.where(sure, matched.cluster, NO_CLUSTER)
     placed = place_markers(structure, clusters, Matched(cluster, matched.margin))
-    named = (placed.point != NO_POINT) & (placed.margin >= options.min_marker_lead)
+    named = (placed.point != NO_POINT) & (placed.margin >= RECOGNITION.min_marker_lead)
     at = _positions(clusters, cluster, placed, named)
     forms = _own_forms(structure, clusters, cluster, placed, named)
-    own = _own_rigid_bodies(rigid_bodies, forms, placed, named, at, options)
+    own = _own_rigid_bodies(rigid_bodies, forms, placed, named, at)
     single = np.full(int(part.max(initial=-1)) + 1, -1)
     free = _free(seen, [*clusters, *props])
     if len(free) and named.any():
         found = find_single_markers(own, at, np.flatnonzero(placed.point == NO_POINT), seen.points[:, free])
         single[seen.number[free]] = found
-        own = _with_single_markers(own, at, seen.points[:, free], found, options)
-    known = _known(forms, len(structure), options)
+        own = _with_single_markers(own, at, seen.points[:, free], found)
+    known = _known(forms, len(structure))
     return Recognition(cluster, matched.margin, placed, named, tuple(clusters), tuple(props), part, single, own, known)
 
 
@@ -164,18 +160,18 @@ def _own_forms(
 
 
 def _own_rigid_bodies(
-    rigid_bodies: RigidBodies, forms, placed: Placed, sure: np.ndarray, at: np.ndarray, options: RecognitionOptions
+    rigid_bodies: RigidBodies, forms, placed: Placed, sure: np.ndarray, at: np.ndarray
 ) -> RigidBodies:
     """The rigid bodies with the subject's own forms and, where `at` (F, M, 3) m shows them, distances."""
     form = np.zeros_like(rigid_bodies.form)
     for own, shape, _ in forms:
         form[own] = shape
-    wider = options.range_m + options.range_share * (rigid_bodies.low + rigid_bodies.high) / 2
+    wider = RECOGNITION.range_m + RECOGNITION.range_share * (rigid_bodies.low + rigid_bodies.high) / 2
     low, high = np.maximum(rigid_bodies.low - wider, 0), rigid_bodies.high + wider
     for marker in np.flatnonzero(sure):
         others = np.flatnonzero(sure & (np.arange(len(sure)) > marker))
         rigid = placed.rigid_body[others] == placed.rigid_body[marker]
-        often = np.where(rigid, 0, options.min_seen_part * len(at))
+        often = np.where(rigid, 0, RECOGNITION.min_most * len(at))
         _set_ranges(low, high, marker, others, at[:, marker], at[:, others], often)
     return RigidBodies(tuple(own for own, *_ in forms), form, low, high)
 
@@ -187,7 +183,7 @@ def _set_ranges(low, high, marker: int, others: np.ndarray, at: np.ndarray, ther
         known = distance[np.isfinite(distance[:, index]), index]
         if not len(known):
             continue
-        ends = np.percentile(known, [RIGID_BODY.tail_percent, 100 - RIGID_BODY.tail_percent])
+        ends = np.percentile(known, RANGE_TAILS)
         if len(known) < often[index]:
             ends = min(ends[0], low[marker, other]), max(ends[1], high[marker, other])
         low[marker, other], high[marker, other] = ends
@@ -195,12 +191,12 @@ def _set_ranges(low, high, marker: int, others: np.ndarray, at: np.ndarray, ther
 
 
 def _with_single_markers(
-    rigid_bodies: RigidBodies, at: np.ndarray, points: np.ndarray, found: np.ndarray, options: RecognitionOptions
+    rigid_bodies: RigidBodies, at: np.ndarray, points: np.ndarray, found: np.ndarray
 ) -> RigidBodies:
     """The rigid bodies with the ranges of the markers on none of them, as their tracklets (F, N, 3) show them."""
     low, high = rigid_bodies.low.copy(), rigid_bodies.high.copy()
     sure = np.flatnonzero(np.isfinite(at[..., 0]).any(axis=0))
-    often = np.full(len(sure), options.min_seen_part * len(at))
+    often = np.full(len(sure), RECOGNITION.min_most * len(at))
     for marker in np.unique(found[found >= 0]):
         own = points[:, found == marker]
         place = np.where(np.isfinite(own), own, 0).sum(axis=1) / np.maximum(np.isfinite(own).sum(axis=1), 1)
@@ -209,9 +205,9 @@ def _with_single_markers(
     return RigidBodies(rigid_bodies.members, rigid_bodies.form, low, high)
 
 
-def _known(forms, count: int, options: RecognitionOptions) -> bool | None:
+def _known(forms, count: int) -> bool | None:
     """Whether the forms of the take, of `count` rigid bodies in all, are the very ones of the model."""
-    alike = [off < options.max_alike_m for *_, off in forms]
-    if len(alike) < options.min_sure_part * count:
-        return False if len(alike) >= options.min_other and not any(alike) else None
-    return bool(np.mean(alike) >= options.min_alike_part)
+    alike = [off < RECOGNITION.max_alike_m for *_, off in forms]
+    if 2 * len(alike) < count:
+        return False if len(alike) >= RECOGNITION.min_other and not any(alike) else None
+    return bool(np.mean(alike) >= RECOGNITION.min_most)

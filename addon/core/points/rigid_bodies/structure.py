@@ -20,39 +20,33 @@ from .volumes import signed_volumes
 
 @dataclass(frozen=True)
 class JointOptions:
-    """When two rigid bodies are taken to meet in a joint. All reckoned, from how flesh moves over bones.
+    """When two rigid bodies are taken to meet in a joint.
 
-    max_miss_m    that rigid bodies with a joint between them may be off it, root mean square
-    min_turn_rad  about, that rigid bodies must turn against each other to tell a joint
+    max_miss_m    that rigid bodies with a joint between them may be off it, root mean square; physical: flesh on bone
+    min_turn_rad  about, that rigid bodies must turn against each other to show a joint; physical: 9°
     pull          draws a joint to the middles of its rigid bodies along axes about which nothing turns
-    share         of the frames that a joint is found from, those that agree best: some trajectories go astray
-    min_frames    in which both must be seen
     """
 
     max_miss_m: float = 0.025
     min_turn_rad: float = 0.15
     pull: float = 0.05
-    share: float = 0.9
-    min_frames: int = 20
 
 
 @dataclass(frozen=True)
 class StructureOptions:
-    """What is learned from, and what subjects are taken to differ by. All reckoned.
+    """What subjects are taken to differ by.
 
-    sample_frames     of a subject that are learned from, evenly spread
-    tail_percent      of a distance's range left out at either end, as outliers
-    slack_m, slack_share, slack_range  that subjects differ by in a distance, of the distance, of its range
-    min_volume_sd     that a signed volume is taken to vary by, in units of its sides
-    placement_sd_m    by which a marker put on elsewhere changes the volumes of its triples, in their sides
-    min_mirror_sds    standard deviations from 0 of a volume that tells a body from its mirror image
-    max_loose_m, max_loose_ratio  and times the usual, that a rigid body's own markers may move against each other
-    max_beside_m      that a marker on no rigid body may move against one, root mean square, to be looked for on it
-    max_members       markers of a rigid body with those beside it
+    slack_m         in a distance; physical: plates are put on by hand
+    slack_share     in parts of the distance, besides; physical: people's proportions
+    slack_range     in parts of its range, besides: no take shows all poses
+    min_volume_sd   that a signed volume is taken to vary by, in units of its sides
+    placement_sd_m  by which a marker put on elsewhere changes the volumes of its triples, in their sides; physical
+    min_mirror_sds  standard deviations from 0 of a volume that distinguishes a body from its mirror image
+    max_loose_m     that a rigid body's own markers may move against each other; physical: skin
+    max_beside_m    that a marker on no rigid body may move against one, root mean square, to be looked for on it;
+                    physical: across a joint it moves more
     """
 
-    sample_frames: int = 300
-    tail_percent: float = 1.0
     slack_m: float = 0.025
     slack_share: float = 0.08
     slack_range: float = 0.2
@@ -60,13 +54,17 @@ class StructureOptions:
     placement_sd_m: float = 0.004
     min_mirror_sds: float = 1.5
     max_loose_m: float = 0.004
-    max_loose_ratio: float = 3.0
     max_beside_m: float = 0.03
-    max_members: int = 7
 
 
 JOINT = JointOptions()
 STRUCTURE = StructureOptions()
+SAMPLE_FRAMES = 300  # of a subject that are learned from, evenly spread
+MIN_FRAMES = 20  # in which two rigid bodies must be seen to have a joint
+FRAMES_OF_JOINT = 0.9  # part of them that a joint is found from, those that agree best: some trajectories go astray
+MIDDLES_TAILS = [1.0, 99.0]  # per cent of a distance, between which its range is; beyond are outliers
+MAX_LOOSE_RATIO = 3.0  # times the usual, that a rigid body's own markers may move against each other
+MAX_MEMBERS = 7  # markers of a rigid body with those beside it: of more not all correspondences can be tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,35 +151,32 @@ def unseen_is_nan() -> warnings.catch_warnings:
     return warnings.catch_warnings(action="ignore", category=RuntimeWarning)
 
 
-def learn_structure(
-    rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray], options: StructureOptions = STRUCTURE
-) -> Structure:
+def learn_structure(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -> Structure:
     """The structure of labelled frames of each subject, (F, M, 3) m, NaN where missing."""
     with unseen_is_nan():
-        return _learn(rigid_bodies, subjects, options)
+        return _learn(rigid_bodies, subjects)
 
 
-def _learn(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray], options: StructureOptions) -> Structure:
-    frames = np.concatenate([points[evenly_spread(len(points), options.sample_frames)] for points in subjects])
-    groups = [_firm(group, frames, options) for group in rigid_bodies.members]
+def _learn(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -> Structure:
+    frames = np.concatenate([points[evenly_spread(len(points), SAMPLE_FRAMES)] for points in subjects])
+    groups = [_firm(group, frames) for group in rigid_bodies.members]
     poses = [laid_on(_centred(rigid_bodies.form[group]), frames[:, group]) for group in groups]
     turn, place = (np.stack(part, axis=1) for part in zip(*poses, strict=True))
-    tails = [options.tail_percent, 100 - options.tail_percent]
-    low, high = np.nanpercentile(pairwise_distances(place), tails, axis=0)
+    low, high = np.nanpercentile(pairwise_distances(place), MIDDLES_TAILS, axis=0)
     quads = np.array(list(combinations(range(len(poses)), 4)), int).reshape(-1, 4)
     volumes = signed_volumes(*(place[:, quads[:, corner]] for corner in range(4)))
-    mean, spread = np.nanmean(volumes, axis=0), np.hypot(np.nanstd(volumes, axis=0), options.min_volume_sd)
-    telling = np.abs(mean) > options.min_mirror_sds * spread
+    mean, spread = np.nanmean(volumes, axis=0), np.hypot(np.nanstd(volumes, axis=0), STRUCTURE.min_volume_sd)
+    telling = np.abs(mean) > STRUCTURE.min_mirror_sds * spread
     single = np.setdiff1d(np.arange(frames.shape[1]), np.concatenate(groups))
     inner = [
-        _learn_inner(rigid_bodies, group, single, frames, turn[:, index], place[:, index], place, options)
+        _learn_inner(rigid_bodies, group, single, frames, turn[:, index], place[:, index], place)
         for index, group in enumerate(groups)
     ]
     joints = find_joints(turn, place)
     return Structure(
         low,
         high,
-        options.slack_m + options.slack_share * (low + high) / 2 + options.slack_range * (high - low),
+        STRUCTURE.slack_m + STRUCTURE.slack_share * (low + high) / 2 + STRUCTURE.slack_range * (high - low),
         quads[telling],
         mean[telling],
         spread[telling],
@@ -196,10 +191,10 @@ def _centred(form: np.ndarray) -> np.ndarray:
     return form - form.mean(axis=0)
 
 
-def _firm(group: np.ndarray, frames: np.ndarray, options: StructureOptions) -> np.ndarray:
+def _firm(group: np.ndarray, frames: np.ndarray) -> np.ndarray:
     """The markers of a rigid body without those that move against the rest, such as one on the joint below."""
     loose = np.median(np.nanstd(pairwise_distances(frames[:, group]), axis=0), axis=0)
-    firm = loose < max(options.max_loose_m, options.max_loose_ratio * np.median(loose))
+    firm = loose < max(STRUCTURE.max_loose_m, MAX_LOOSE_RATIO * np.median(loose))
     return group[firm] if firm.sum() >= MIN_POINTS else group
 
 
@@ -208,19 +203,19 @@ def triples(count: int) -> np.ndarray:
     return np.array(list(combinations(range(count), 3)))
 
 
-def find_joints(turn: np.ndarray, place: np.ndarray, options: JointOptions = JOINT) -> Joints:
+def find_joints(turn: np.ndarray, place: np.ndarray) -> Joints:
     """The joints of K rigid things, (F, K, 3, 3) and (F, K, 3) m, NaN where not seen."""
     count = turn.shape[1]
     miss, bend = np.full((2, count, count), np.nan)
     at = np.full((count, count, 3), np.nan)
     for one, two in combinations(range(count), 2):
         seen = np.isfinite(place[:, one, 0]) & np.isfinite(place[:, two, 0])
-        if seen.sum() < options.min_frames:
+        if seen.sum() < MIN_FRAMES:
             continue
         both = np.ix_(seen, [one, two])
         middles = np.zeros((2, 3))
         (at[one, two], at[two, one]), off = centre_of_rotation(
-            turn[both], place[both], middles, options.pull, options.share
+            turn[both], place[both], middles, JOINT.pull, FRAMES_OF_JOINT
         )
         mean = (np.swapaxes(turn[seen, one], 1, 2) @ turn[seen, two]).mean(axis=0)
         miss[one, two] = miss[two, one] = off
@@ -234,13 +229,13 @@ def farther(markers: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 
 def _learn_inner(
-    rigid_bodies: RigidBodies, group: np.ndarray, single: np.ndarray, frames, turn, place, middles, options
+    rigid_bodies: RigidBodies, group: np.ndarray, single: np.ndarray, frames, turn, place, middles
 ) -> Inner:
     """What is known within a rigid body, `group`, with pose (F, 3, 3) and (F, 3), and of `single` markers beside it."""
     local = in_axes(turn, place, frames[:, single])
     spread = np.sqrt(np.nanvar(local, axis=0).sum(axis=1)) if len(single) else np.zeros(0)
     order = np.argsort(spread)
-    beside = order[spread[order] < options.max_beside_m][: max(options.max_members - len(group), 0)]
+    beside = order[spread[order] < STRUCTURE.max_beside_m][: max(MAX_MEMBERS - len(group), 0)]
     members = np.concatenate([group, single[beside]]).astype(int)
     markers = frames[:, members]
     distance = farther(markers, middles)
@@ -254,15 +249,15 @@ def _learn_inner(
         np.nanmean(distance, axis=0),
         np.broadcast_to(np.sqrt(change), (len(members), middles.shape[1])),
         np.nanmean(volumes, axis=0),
-        np.hypot(np.nanstd(volumes, axis=0), _placement(markers, options)[:, None]),
+        np.hypot(np.nanstd(volumes, axis=0), _placement(markers)[:, None]),
     )
 
 
-def _placement(markers: np.ndarray, options: StructureOptions) -> np.ndarray:
+def _placement(markers: np.ndarray) -> np.ndarray:
     """(C,) how much the volumes of triples of markers (F, n, 3) change by how people put them on: small ones more."""
     one, two, three = (markers[:, corner] for corner in triples(markers.shape[1]).T)
     sides = [np.linalg.norm(a - b, axis=2) for a, b in ((one, two), (two, three), (three, one))]
-    return np.hypot(options.min_volume_sd, options.placement_sd_m / np.nanmean(sides, axis=(0, 1)))
+    return np.hypot(STRUCTURE.min_volume_sd, STRUCTURE.placement_sd_m / np.nanmean(sides, axis=(0, 1)))
 
 
 def rigid_body_volumes(markers: np.ndarray, chosen: np.ndarray, place: np.ndarray) -> np.ndarray:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The volumes that four moving things span: on which side of three of them the fourth is."""
 
-from dataclasses import dataclass
 from itertools import combinations
 from math import comb
 
@@ -9,18 +8,7 @@ import numpy as np
 
 from ...kernels import point_calls, stands_for
 
-
-@dataclass(frozen=True)
-class VolumeOptions:
-    """How volumes are worked out.
-
-    block  volumes at once, of all frames together; reckoned: small enough for the processor's own memory
-    """
-
-    block: int = 100_000
-
-
-VOLUMES = VolumeOptions()
+VOLUMES_AT_ONCE = 100_000  # volumes at once, of all frames together; small enough for the processor's own memory
 
 
 def signed_volumes(one: np.ndarray, two: np.ndarray, three: np.ndarray, four: np.ndarray) -> np.ndarray:
@@ -69,7 +57,7 @@ class MedianVolumes:
 @stands_for(point_calls.median_volumes)
 def median_volumes(place: np.ndarray, quads: np.ndarray) -> np.ndarray:
     """(Q,) the median volumes of quads (Q, 4) of different things at place (G, 3, F) m; 0 where never together."""
-    size = max(VOLUMES.block // max(place.shape[2], 1), 1)
+    size = max(VOLUMES_AT_ONCE // max(place.shape[2], 1), 1)
     corners = np.moveaxis(place, 1, 2)
     parts = [
         _median(signed_volumes(*(corners[corner] for corner in quads[first : first + size].T)))

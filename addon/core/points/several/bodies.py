@@ -8,8 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from ...data.lanes import PACKING, blocks
+from ...data.made import Made, Table
 from ...data.progress import Stage
-from ...data.takes import NO_MARKER, Labels, OrderedPoints, Points
+from ...data.takes import NO_MARKER, Labels, Points
 from ..deciding import Said
 from ..models import Model
 from ..naming import Namer
@@ -18,15 +19,15 @@ from ..whole_take.deciding import least_margin
 from ..whole_take.objective import usual_residual
 from ..whole_take.pipeline import NamedFrames, PointOptions, Recognise, name_frames, name_more, solution_for
 from ..whole_take.solving import Solution
+from .affinity import Affinity
 from .counting import firm_tracklets, is_whole
-from .holding import Holding
 
 
 @dataclass(frozen=True)
 class RecognisingOptions:
     """When a body is of a model although single frames are not sure of it.
 
-    max_residual  mean square, over what training leaves, between its markers and where the set has them; chosen on
+    max_residual  mean square, over what training leaves, between its markers and where the set has them; measured on
                   people in each other's reach (0.2 to 0.52) and on other sets (0.94 and more)
     """
 
@@ -34,20 +35,9 @@ class RecognisingOptions:
 
 
 RECOGNISING = RecognisingOptions()
-
-
-@dataclass(frozen=True)
-class OpenOptions:
-    """When a body is asked more than its first frames.
-
-    max_open  part of the names that could be sure, as many as points are there or markers in the set, which the solved
-              take leaves open; set with the measured takes in view, whose speed depends on it and whose labels do not
-    """
-
-    max_open: float = 0.2
-
-
-OPEN = OpenOptions()
+# Part of the names that could be sure, as many as points are there or markers in the set, which the solved take may
+# leave open for a body not to be asked more than its first frames; measured takes' speed depends on it, no label.
+MAX_OPEN = 0.2
 
 
 @dataclass(eq=False)
@@ -79,28 +69,13 @@ class NamedBody:
         return 0 < usual_residual(self.model.likelihood, placed, upright=False) <= RECOGNISING.max_residual
 
 
-class OnlySome:
+def only_some(points: Table, tracklet: np.ndarray, may: np.ndarray) -> Made:
     """A table (T, L, 3) of points without those of others, made of the frames that are looked at.
 
     tracklet (T, L) is that of each point, -1 where there is none; may (N,) True for those that are kept.
     """
-
-    dtype = np.dtype(float)
-
-    def __init__(self, points: np.ndarray, tracklet: np.ndarray, may: np.ndarray):
-        self.points, self.may = points, np.append(may, False)
-        self.shape, self.ndim = points.shape, 3
-        self._tracklet = np.broadcast_to(tracklet[..., None], self.shape)
-
-    def __len__(self) -> int:
-        return self.shape[0]
-
-    def __getitem__(self, index) -> np.ndarray:
-        return np.where(self.may[self._tracklet[index]], self.points[index], np.nan)
-
-    def __array__(self, dtype=None, copy=None) -> np.ndarray:
-        whole = self[...]
-        return whole if dtype is None else whole.astype(dtype)
+    kept, own = np.append(may, False), np.broadcast_to(tracklet[..., None], points.shape)
+    return Made(points.shape, lambda index: np.where(kept[own[index]], points[index], np.nan))
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +135,7 @@ class BodyNaming:
             yield Stage("solve", "solve the take of each")
             solution = yield from solution_for(frames, frames.labels, self._tracklet)
             found = NamedBody(self.model, frames, solution, self._sure)
-            if not found.is_whole or self._open(solution) <= OPEN.max_open:
+            if not found.is_whole or self._open(solution) <= MAX_OPEN:
                 return found
             frames = yield from name_more(frames)
         yield Stage("vote", "solve the take of each")
@@ -179,23 +154,23 @@ class BodyNaming:
         return 1 - named / max(possible, 1)
 
 
-def frames_are_sure(model: Model, namer: Namer, points: OrderedPoints, solvable: bool) -> Sample | None:  # noqa: ARG001
+def frames_are_sure(model: Model, namer: Namer, points: Made, solvable: bool) -> Sample | None:  # noqa: ARG001
     """Frames on their own must be sure of a body that was parted from others."""
     return refuse_others(model, namer, points)
 
 
-def take_will_say(model: Model, namer: Namer, points: OrderedPoints, solvable: bool) -> None:
+def take_will_say(model: Model, namer: Namer, points: Made, solvable: bool) -> None:
     """Of a body that single frames are not sure of; UnsuitedError where the take cannot be solved as a whole either."""
     if not solvable:
         frames_are_sure(model, namer, points, solvable)
 
 
-def recognised_before(model: Model, namer: Namer, points: OrderedPoints, solvable: bool) -> None:
+def recognised_before(model: Model, namer: Namer, points: Made, solvable: bool) -> None:
     """Of a body whose markers were recognised by another model of them."""
 
 
 class Crowd:
-    """The N tracklets (T, L) of a take of several, how well they hold on to each other, and which of them do at all.
+    """The N tracklets (T, L) of a take of several, their affinity to each other, and which of them have any.
 
     `every` is N where some of them are left out.
     """
@@ -208,14 +183,14 @@ class Crowd:
         return self.every
 
     @cached_property
-    def holding(self) -> Holding:
-        """How well they hold on to each other."""
-        return Holding.of(self.take.xyz, self.tracklet, self.take.rate, len(self))
+    def affinity(self) -> Affinity:
+        """Their affinity to each other."""
+        return Affinity.of(self.take.xyz, self.tracklet, self.take.rate, len(self))
 
     @cached_property
     def firm(self) -> np.ndarray:
-        """(N,) True for those that hold on to others as markers on a body do."""
-        return firm_tracklets(self.holding)
+        """(N,) True for those whose affinity to others is that of markers on a body."""
+        return firm_tracklets(self.affinity)
 
     @cached_property
     def size(self) -> np.ndarray:
@@ -240,7 +215,7 @@ class Crowd:
 
     def points_of(self, may: np.ndarray) -> Points:
         """The take without the points of tracklets that are not a body's (N,); a long one's as they are looked at."""
-        xyz = OnlySome(self.take.xyz, self.tracklet, may)
+        xyz = only_some(self.take.xyz, self.tracklet, may)
         return replace(self.take, xyz=xyz if self.tracklet.size > PACKING.whole_cells else xyz[...])
 
     def recognised(

@@ -7,36 +7,31 @@ import numpy as np
 
 from ...data.takes import evenly_spread
 from ..refusals import far_groups
-from .holding import Holding
+from .affinity import Affinity
 from .wearers import MAX_SUBJECTS
 
 
 @dataclass(frozen=True)
 class CountingOptions:
-    """How bodies are counted. All reckoned.
+    """What a body shows of itself.
 
-    firm        part of the usual hold of a tracklet on others, below which it is a ghost
-    frames      that are looked at
-    gap_m       between two bodies that are apart
-    least       part of a set's markers that a body shows
+    firm        part of the usual affinity of a tracklet to others, below which it is a ghost
+    gap_m       between two bodies that are apart; physical: a hand is not farther from the next marker of its own arm
     often       part of the frames in which so many are apart
     spare       part of a set's markers that bodies together may lack for there to be one more
-    whole       part of a set's markers that a body shows at most times: half a person is none, and whoever is parted in
-                two has half of them at most on one side
-    fullest     part of the frames in which it may show less
+    whole       part of a set's markers that a body shows at most times; physical: whoever is parted in two has half of
+                them at most on one side
     """
 
     firm: float = 0.2
-    frames: int = 80
     gap_m: float = 0.5
-    least: float = 0.5
     often: float = 0.05
     spare: float = 0.4
     whole: float = 0.55
-    fullest: float = 0.75
 
 
 COUNTING = CountingOptions()
+FRAMES_COUNTED = 80  # that are looked at
 
 
 @dataclass(frozen=True)
@@ -47,30 +42,34 @@ class Counted:
     most: int
 
 
-def count_bodies(points: np.ndarray, tracklet: np.ndarray, holding: Holding, markers: int) -> Counted:
+def count_bodies(points: np.ndarray, tracklet: np.ndarray, affinity: Affinity, markers: int) -> Counted:
     """How many bodies with so many markers are in points (T, L, 3) m of tracklets (T, L), -1 where there is none."""
-    firm = np.append(firm_tracklets(holding), False)[tracklet]
-    frames = evenly_spread(len(points), COUNTING.frames)
+    firm = np.append(firm_tracklets(affinity), False)[tracklet]
+    frames = evenly_spread(len(points), FRAMES_COUNTED)
     groups, present = [], []
     for frame in frames.tolist():
         own = points[frame][firm[frame]]
         present.append(len(own))
-        groups.append(len(far_groups(own, COUNTING.gap_m, COUNTING.least * markers)))
+        groups.append(len(far_groups(own, COUNTING.gap_m, markers / 2)))
     groups = np.sort(groups)[::-1]
     apart = int(groups[int(COUNTING.often * len(groups))])
     most = int(np.quantile(present, 1 - COUNTING.often) / markers + COUNTING.spare)
     return Counted(apart, min(max(most, 1), MAX_SUBJECTS))
 
 
-def firm_tracklets(holding: Holding) -> np.ndarray:
-    """(N,) True for the tracklets that hold on to others as markers on a body do."""
-    strength = holding.best()
+def firm_tracklets(affinity: Affinity) -> np.ndarray:
+    """(N,) True for the tracklets whose affinity to others is that of markers on a body."""
+    strength = affinity.best()
     usual = np.median(strength[strength > 0]) if (strength > 0).any() else 0.0
     return strength >= COUNTING.firm * usual
 
 
 def is_whole(there: np.ndarray, markers: int) -> bool:
     """Whether a body is one, and no half, of a set of so many markers, by the points (T, L) of it that are there."""
-    count = there.sum(axis=1)
-    count = count[count > 0]
-    return bool(len(count)) and float(np.quantile(count, COUNTING.fullest)) >= COUNTING.whole * markers
+    return usual_count(there.sum(axis=1)) >= COUNTING.whole * markers
+
+
+def usual_count(counts: np.ndarray) -> float:
+    """How many there are where most are there: the upper quartile of counts (T,), but for those of 0."""
+    counts = counts[counts > 0]
+    return float(np.quantile(counts, 0.75)) if len(counts) else 0.0

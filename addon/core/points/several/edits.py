@@ -73,14 +73,11 @@ def edited_of(edited: Edited, first: int, size: int) -> Edited:
     again = np.select([mine, others | (rule == every), rule == every + 1], [rule - first, size, size + 1], FREE)
     refused = edited.refused
     refused = np.where((refused >= first) & (refused < last), refused - first, NO_MARKER)
-    chosen = (edited.places[:, 1] >= first) & (edited.places[:, 1] < last)
     return Edited(
         own_labels(edited.labels, first, size),
         again,
         refused,
         edited.claim[:, first:last],
         edited.right[:, first:last],
-        edited.places[chosen] - [0, first],
-        edited.xyz[chosen],
         (),  # exchanges are told by the labels of all
     )

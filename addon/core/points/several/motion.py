@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
+from ...data.made import Made, Table
 from ...data.markersets import MarkerSet, Worn
 from ...data.takes import Labels, Motion, Suspect
 from ..motion import LabelledPoints, TakeMotion
@@ -28,14 +29,14 @@ class SubjectsMotion:
         return self.subjects[0].frames
 
     @property
-    def markers(self) -> "Beside":
+    def markers(self) -> Made:
         """(T, M, 3) m, where all markers are."""
-        return Beside([one.markers for one in self.subjects])
+        return _tables_beside([one.markers for one in self.subjects])
 
     @property
-    def residual(self) -> "Beside":
+    def residual(self) -> Made:
         """(T, M) m."""
-        return Beside([one.residual for one in self.subjects])
+        return _tables_beside([one.residual for one in self.subjects])
 
     def part(self, frames: slice) -> Motion:
         """The motion of all in the frames from start to stop: and where anybody is found at all."""
@@ -114,19 +115,11 @@ def _columns(name: str, sets: Sequence[MarkerSet], number: int) -> slice:
     return slice(first, first + size(sets[number]))
 
 
-class Beside:
+def _tables_beside(tables: Sequence[Table]) -> Made:
     """Tables (T, M, …) of several subjects as one, of any frames as an array."""
-
-    def __init__(self, tables: list):
-        self.tables = tables
-        first = tables[0].shape
-        self.shape = (first[0], sum(one.shape[1] for one in tables), *first[2:])
-
-    def __len__(self) -> int:
-        return self.shape[0]
-
-    def __getitem__(self, frames) -> np.ndarray:
-        return np.concatenate([one[frames] for one in self.tables], axis=1)
+    first, width = tables[0].shape, sum(one.shape[1] for one in tables)
+    shape = (first[0], width, *first[2:])
+    return Made(shape, lambda frames: np.concatenate([one[frames] for one in tables], axis=1))
 
 
 @dataclass(frozen=True, eq=False)

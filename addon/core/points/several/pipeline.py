@@ -19,21 +19,21 @@ from ...data.takes import Labels, Points, Suspect
 from ...edits.applying import refuse_unknown
 from ...edits.kinds import NO_EDITS, Edits
 from ...review.answering import heard_in, unanswered, without_accepted
-from ...review.suspects import LISTING, summarised, suspect_ranges
+from ...review.suspects import SUSPECTING, summarised, suspect_ranges
 from ..possible import refuse_impossible
 from ..refusals import UnsuitedError, refuse_floods
 from ..tracklets import cut
 from ..whole_take.pipeline import PointOptions, Recognise, as_in_file
 from .bodies import BodyNaming, Crowd, NamedBody, frames_are_sure, recognised_before, take_will_say
-from .claims import share
 from .counting import count_bodies
 from .edits import with_edits
+from .identification import IDENTIFICATION, PersonBuild, costs_of, identified, likeliest
 from .motion import LabelledSubjects
 from .parting import PartedBodies, parted
 from .places import NO_BODY
+from .presence import UnidentifiedPresence, spans_of, ways_of
 from .props import found_prop, is_prop
-from .stays import STAYS, StayBuild, UntoldStay, spans_of, ways_of
-from .telling import TELLING, costs_of, likeliest, told
+from .sharing import share
 from .together import Everybody, FoundSubject, motion_of_all, verdict_on
 from .wearers import AUTO, SeveralOptions, Wearer, is_same, kinds
 
@@ -96,15 +96,15 @@ def label_several(
 
 def _questions(crowd: Crowd, found: Everybody, labels: Labels) -> tuple[Suspect, ...]:
     """Who it may be who is there without names, where labels (T, L) are the take's in the end."""
-    stays = [stay.there for stay in found.untold if stay.is_open(crowd.tracklet, labels)]
-    if not stays:
+    presences = [presence.there for presence in found.unidentified if presence.is_open(crowd.tracklet, labels)]
+    if not presences:
         return ()
     people = [one.name for one in found.worn.asked.subjects if not is_prop(one.model)]
     if len(found.worn.asked.subjects) < len(found.worn.subjects):
         people.append("somebody else")
     words = f"somebody here is left without names, who may be {' or '.join(people)}"
-    most = round(LISTING.max_break_s * crowd.take.rate)
-    return tuple(suspect_ranges(crowd.take.frames, np.any(stays, axis=0), words, most))
+    most = round(SUSPECTING.moment_s * crowd.take.rate)
+    return tuple(suspect_ranges(crowd.take.frames, np.any(presences, axis=0), words, most))
 
 
 def _everybody(crowd: Crowd, asked: SeveralOptions) -> Generator[Progress, None, Everybody]:
@@ -114,13 +114,13 @@ def _everybody(crowd: Crowd, asked: SeveralOptions) -> Generator[Progress, None,
         props.append((yield from within(found_prop(rest, prop), 0.0, 0.0, spans=_spans(0.0, 0.05))))
         rest = rest.without(props[-1].may)
     people = tuple(one for one in asked.subjects if not is_prop(one.model))
-    found, untold = props, ()
+    found, unidentified = props, ()
     if people or not asked.subjects:
-        persons, untold = yield from _Parties(rest, replace(asked, subjects=people)).named()
+        persons, unidentified = yield from _Parties(rest, replace(asked, subjects=people)).named()
         found = [*props, *persons]
     if asked.subjects:
         found.sort(key=lambda one: _place(one.subject, asked.subjects))
-    return Everybody.of(found, untold)
+    return Everybody.of(found, unidentified)
 
 
 def _place(one: Wearer, subjects: tuple[Wearer, ...]) -> int:
@@ -135,22 +135,22 @@ class _Parties:
     crowd: Crowd
     asked: SeveralOptions
 
-    def named(self) -> Generator[Progress, None, tuple[list[FoundSubject], tuple[UntoldStay, ...]]]:
-        """Everybody who is asked for, with their names, and stays of which it cannot be told whose they are."""
+    def named(self) -> Generator[Progress, None, tuple[list[FoundSubject], tuple[UnidentifiedPresence, ...]]]:
+        """Everybody who is asked for, with their names, and presences of which it cannot be told whose they are."""
         crowd, wanted = self.crowd, len(self.asked.subjects) or self.asked.count
         counts = self._counts(wanted)
         ways = [(count, frames_are_sure) for count in counts]
         # Who is mixed up with others for long is known by the whole take, where single frames are not sure of anybody.
         for count, recognise in (*ways, (counts[0], take_will_say)):
-            stays = parted(crowd.take.xyz, crowd.tracklet, crowd.holding, count, self._smallest)
+            presences = parted(crowd.take.xyz, crowd.tracklet, crowd.affinity, count, self._smallest)
             try:
-                bodies, untold = yield from self._people_of(stays, count, recognise)
+                bodies, unidentified = yield from self._people_of(presences, count, recognise)
                 named = yield from self._each(bodies, wanted, count, recognise)
             except UnsuitedError:
                 continue  # two are on one body, or the set does not suit it
-            found = None if named is None else (yield from self._told(bodies, named, wanted))
+            found = None if named is None else (yield from self._identified(bodies, named, wanted))
             if found is not None:
-                return found, untold
+                return found, unidentified
         raise self._too_few(wanted)
 
     @property
@@ -159,41 +159,45 @@ class _Parties:
         return min(len(one.markerset) for one in self.asked.models)
 
     def _people_of(
-        self, stays: PartedBodies, count: int, recognise: Recognise
-    ) -> Generator[Progress, None, tuple[PartedBodies, tuple[UntoldStay, ...]]]:
-        """The bodies of so many people, whose stays are in the take: who comes back is who left.
+        self, presences: PartedBodies, count: int, recognise: Recognise
+    ) -> Generator[Progress, None, tuple[PartedBodies, tuple[UnidentifiedPresence, ...]]]:
+        """The bodies of so many people, whose presences are in the take: who comes back is who left.
 
         Stays of which it cannot be told whose they are are nobody's, and given, too.
         """
-        every, untold = stays.may.shape[1], ()
+        every, unidentified = presences.may.shape[1], ()
         if every == count:
-            return stays, untold
-        there = spans_of(self.crowd.tracklet, stays.body, every)
+            return presences, unidentified
+        there = spans_of(self.crowd.tracklet, presences.body, every)
         ways = ways_of(there, count)
         way, lead = (ways[0], np.inf) if len(ways) == 1 else ((), -np.inf)
         if len(ways) > 1:
-            builds = yield from self._builds(stays, recognise)
-            cost = [[_unlike(builds[stay], builds[one]) for one in range(count)] for stay in range(count, every)]
+            builds = yield from self._builds(presences, recognise)
+            first, further = builds[:count], builds[count:]
+            cost = [[_unlike(build, one) for one in first] for build in further]
             way, lead = likeliest(ways, np.array(cost))
-        if lead < STAYS.lead:
+        if lead < IDENTIFICATION.lead:
             way = (NO_BODY,) * (every - count)
-            untold = tuple(UntoldStay(there[:, one], stays.body == one) for one in range(count, every))
-        return stays.joined(np.array([*range(count), *way]), count), untold
+            later = range(count, every)
+            unidentified = tuple(UnidentifiedPresence(there[:, one], presences.body == one) for one in later)
+        return presences.joined(np.array([*range(count), *way]), count), unidentified
 
-    def _builds(self, stays: PartedBodies, recognise: Recognise) -> Generator[Progress, None, list[list[StayBuild]]]:
-        """How whoever is there in each stay is built, by every set that it may be; none where it is nobody."""
-        found: list[list[StayBuild]] = []
-        for stay in range(stays.may.shape[1]):
+    def _builds(
+        self, presences: PartedBodies, recognise: Recognise
+    ) -> Generator[Progress, None, list[list[PersonBuild]]]:
+        """How whoever is there in each presence is built, by every set that it may be; none where it is nobody."""
+        found: list[list[PersonBuild]] = []
+        for presence in range(presences.may.shape[1]):
             found.append([])
-            given = stays.may[:, stay], stays.body == stay, self.asked.models, recognise
+            given = presences.may[:, presence], presences.body == presence, self.asked.models, recognise
             for naming in self.crowd.recognised(*given):
                 named = yield from within(naming.named(), 0.05, 0.05, spans=_spans(0.05, 0.05))
-                found[-1].append(StayBuild.of(named))
+                found[-1].append(PersonBuild.of(named))
         return found
 
     def _counts(self, wanted: int) -> list[int]:
         """How many bodies to look for, the likeliest first."""
-        counted = count_bodies(self.crowd.take.xyz, self.crowd.tracklet, self.crowd.holding, self._smallest)
+        counted = count_bodies(self.crowd.take.xyz, self.crowd.tracklet, self.crowd.affinity, self._smallest)
         if wanted == AUTO:
             return list(range(max(counted.most, counted.apart, 1), 0, -1))
         first = max(wanted, counted.apart)
@@ -232,7 +236,7 @@ class _Parties:
                 return None
         return None if len(named) < wanted else dict(sorted(named.items()))
 
-    def _told(
+    def _identified(
         self, bodies: PartedBodies, named: dict[int, list[NamedBody]], wanted: int
     ) -> Generator[Progress, None, list[FoundSubject] | None]:
         """Who is who, each solved as whoever it is, and no tracklet on two of them; None where one does not fit."""
@@ -244,7 +248,7 @@ class _Parties:
                 again = BodyNaming(self.crowd, bodies.may[:, body], firm, subject.model, recognised_before)
                 own = yield from within(again.named(), 0.85, 0.85, spans=_spans(0.85, 0.88))
             people.append(own)
-        # Whoever nobody asked for has no name in the end, but claims what is theirs.
+        # Whoever nobody asked for has no name in the end, but certainty what is theirs.
         asked = [body for body, _ in chosen]
         others = [body for body in named if body not in asked]
         people += [named[body][0] for body in others]
@@ -280,8 +284,8 @@ class _Parties:
             kept = sorted(order, key=lambda body: -lasting[body].sum())[: wanted or len(order)]
             chosen = [(body, named[body][0]) for body in order if body in kept]
             return self.asked.subjects or self.asked.numbered(len(kept)), chosen
-        place, lead = told(np.array([costs_of(named[body], models) for body in order]), kind)
-        if lead < TELLING.lead:
+        place, lead = identified(np.array([costs_of(named[body], models) for body in order]), kind)
+        if lead < IDENTIFICATION.lead:
             names = " and ".join(one.name for one in self.asked.subjects)
             raise JobError(
                 f"who is {names} cannot be told by the sizes of their models; expected models of people who differ, "
@@ -309,9 +313,10 @@ def _found(subject: Wearer, body: NamedBody, may: np.ndarray, target: float) -> 
         return None
 
 
-def _unlike(some: list[StayBuild], others: list[StayBuild]) -> float:
-    """How badly those who are there in two stays go together, in the sets that go best."""
-    return min((one.cost(other) for one in some for other in others), default=np.inf)
+def _unlike(some: list[PersonBuild], others: list[PersonBuild]) -> float:
+    """How badly those who are there in two presences go together, in the sets that go best."""
+    varies = np.sqrt(2) * IDENTIFICATION.in_take_m  # as either mean does
+    return min((one.cost(other, varies) for one in some for other in others), default=np.inf)
 
 
 def _spans(first: float, last: float) -> dict[str, tuple[float, float]]:

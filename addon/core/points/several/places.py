@@ -18,32 +18,20 @@ NO_BODY = -1
 
 @dataclass(frozen=True)
 class PlacesOptions:
-    """How bodies are told by where they are. All reckoned but `gone_over`, chosen with `lying` in view.
+    """How bodies are told apart by where they are.
 
-    The takes are those of tests/accuracy/actors.py.
-
-    starts         frames in which bodies are looked for first, spread over the take
-    outer          part of the points that are not farther out than where another body is looked for: ghosts are
-    min_points     of a body in a frame
-    group_rounds   in which such a frame's points find their bodies
-    apart_m        between the middles of bodies that are followed by their places
-    lead           part of that, by which a point must be nearer to its body's middle than to another's to say whose its
-                   tracklet is
-    there          part of its points in the first frame that a body shows where it is there
-    missed         frames in a row without somebody, after which nobody is followed any more
-    moved_m        that a body's middle moves at most between frames: what is farther away is somebody or something else
-    agreed         part of the frames of a tracklet that say so, in which they must say the same
-    gone_over      part of the tracklets that were one body's, beyond which nobody is followed any more where they are
-                   another's: who lies has feet where somebody else may stand
+    outer      part of the points that are not farther out than where another body is looked for: ghosts are
+    apart_m    between the middles of bodies that are followed by their places; physical: nearer, shoulders touch
+    missed     frames in a row without somebody, after which nobody is followed any more
+    moved_m    that a body's middle moves at most between frames that are looked at; physical: 4 m/s
+    agreed     part of the frames of a tracklet that show its body, in which it must be the same one
+    gone_over  part of the tracklets that were one body's, beyond which nobody is followed any more where they are
+               another's: who lies has feet where somebody else may stand; measured on `lying` of
+               tests/accuracy/actors.py
     """
 
-    starts: int = 60
     outer: float = 0.9
-    min_points: int = 4
-    group_rounds: int = 20
     apart_m: float = 0.4
-    lead: float = 0.5
-    there: float = 0.5
     missed: int = 4
     moved_m: float = 0.2
     agreed: float = 0.9
@@ -51,6 +39,9 @@ class PlacesOptions:
 
 
 BY_PLACE = PlacesOptions()
+PLACES_TRIED = 60  # frames in which bodies are looked for first, spread over the take; by time
+GROUPING_ROUNDS = 20  # in which such a frame's points find their bodies; it is still before
+POINTS_OF_BODY = 4  # of a body in a frame
 
 
 def bodies_by_place(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray, every: int, count: int) -> np.ndarray:
@@ -59,7 +50,7 @@ def bodies_by_place(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray
     Of points (T, L, 3) m of tracklets (T, L) in the frames (F,) that are looked at, for so many bodies.
     """
     best, chosen = -1.0, None
-    for place in evenly_spread(len(frames), BY_PLACE.starts).tolist():
+    for place in evenly_spread(len(frames), PLACES_TRIED).tolist():
         own = tracklet[frames[place]] >= 0
         group, apart = grouped(points[frames[place]][own], count)
         if group is not None and apart > best:
@@ -70,12 +61,12 @@ def bodies_by_place(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray
     place, own, group = chosen
     flat = points[frames[place], own, :2]
     centres = _middles(flat, group, count)
-    fewest = BY_PLACE.there * np.bincount(group, minlength=count)
+    fewest = np.bincount(group, minlength=count) / 2
     votes = np.zeros((every, count), int)
     for way in (frames[place:], frames[place::-1]):
         _follow(points, tracklet, way.tolist(), centres, fewest, votes)
-    said = votes.max(axis=1) > BY_PLACE.agreed * votes.sum(axis=1)
-    body[said] = votes[said].argmax(axis=1)
+    clear = votes.max(axis=1) > BY_PLACE.agreed * votes.sum(axis=1)
+    body[clear] = votes[clear].argmax(axis=1)
     body[tracklet[frames[place], own]] = group
     return body
 
@@ -108,7 +99,8 @@ def _follow(
         moved = np.linalg.norm(centres - before, axis=1).max()
         if between.min() < BY_PLACE.apart_m or moved > BY_PLACE.moved_m:
             return
-        sure = _leads(_away(flat, centres), group) >= BY_PLACE.lead * between.min(axis=1)[group]
+        # Nearer to the own body's middle than half-way to the next.
+        sure = _leads(_away(flat, centres), group) >= between.min(axis=1)[group] / 2
         own, group = tracklet[frame, own][sure], group[sure]
         known = votes[own].any(axis=1)
         gone_over = known & (votes[own].argmax(axis=1) != group)
@@ -128,11 +120,11 @@ def grouped(points: np.ndarray, count: int) -> tuple[np.ndarray | None, float]:
         away = _away(flat, centres).min(axis=1)
         centres = np.concatenate([centres[:place], flat[away.argsort()[far]][None]])
     group = np.zeros(0, int)
-    for _ in range(options.group_rounds):
+    for _ in range(GROUPING_ROUNDS):
         before, group = group, _away(flat, centres).argmin(axis=1)
         if np.array_equal(before, group):
             break
-        if np.bincount(group, minlength=count).min() < options.min_points:
+        if np.bincount(group, minlength=count).min() < POINTS_OF_BODY:
             return None, 0.0
         centres = _middles(flat, group, count)
     size = np.bincount(group, minlength=count)

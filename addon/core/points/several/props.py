@@ -2,7 +2,7 @@
 """Props: what is one rigid body is known by its form, in anybody's hand, before people are parted."""
 
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,19 +14,6 @@ from ..whole_take.pipeline import name_frames
 from .bodies import Crowd, NamedBody
 from .together import FoundSubject, verdict_on
 from .wearers import Wearer
-
-
-@dataclass(frozen=True)
-class PropOptions:
-    """What is a prop's; reckoned.
-
-    named  part of a tracklet's points that it must have named to be its own
-    """
-
-    named: float = 0.5
-
-
-PROPS = PropOptions()
 
 
 def is_prop(model: Model) -> bool:
@@ -47,6 +34,6 @@ def found_prop(crowd: Crowd, prop: Wearer) -> Generator[Stage | float | tuple[fl
     except UnsuitedError:
         words = f"shows no {prop.name}, or not often enough to know it by the form of {prop.model.markerset.name}"
         raise JobError(f"{words}; expected a take with that prop, so leave it out") from None
-    own = crowd.count(verdict.labels.named) > PROPS.named * np.maximum(crowd.size, 1)
+    own = 2 * crowd.count(verdict.labels.named) > np.maximum(crowd.size, 1)
     labels = verdict.labels.kept(crowd.tracklets_of(own) >= 0)
     return FoundSubject(prop, body, own, replace(verdict, labels=labels))

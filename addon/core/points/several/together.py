@@ -9,12 +9,12 @@ import numpy as np
 
 from ...data.lanes import blocks
 from ...data.takes import NO_MARKER, Labels, Points, Suspect, Verdict
-from ..motion import ByMarker, take_motion
+from ..motion import by_marker, take_motion
 from ..refusals import refuse_unlike, refuse_unrecognised
 from ..whole_take.pipeline import PointOptions, decided_of
 from .bodies import NamedBody
 from .motion import SubjectsMotion
-from .stays import UntoldStay
+from .presence import UnidentifiedPresence
 from .wearers import SetsWorn, Wearer
 
 
@@ -30,18 +30,18 @@ class FoundSubject:
 
 @dataclass(frozen=True, eq=False)
 class Everybody:
-    """Who is in a take, and what is said of all of them, labels (T, L) by `worn`; and stays that may be anybody's."""
+    """Who is in a take, the verdict on all of them, labels (T, L) by `worn`; and presences that may be anybody's."""
 
     found: tuple[FoundSubject, ...]
     worn: SetsWorn
     verdict: Verdict
-    untold: tuple[UntoldStay, ...] = ()
+    unidentified: tuple[UnidentifiedPresence, ...] = ()
 
     @classmethod
-    def of(cls, found: Sequence[FoundSubject], untold: tuple[UntoldStay, ...] = ()) -> Self:
+    def of(cls, found: Sequence[FoundSubject], unidentified: tuple[UnidentifiedPresence, ...] = ()) -> Self:
         """Those who were found, in their order."""
         worn = SetsWorn(tuple(one.subject for one in found))
-        return cls(tuple(found), worn, joined(worn, [one.verdict for one in found]), untold)
+        return cls(tuple(found), worn, joined(worn, [one.verdict for one in found]), unidentified)
 
 
 def verdict_on(one: NamedBody, target: float) -> Verdict:
@@ -90,8 +90,8 @@ def motion_of_all(
         size = len(subject.model.markerset)
         own = own_labels(labels, first, size)
         put = {(frame, marker - first): xyz for (frame, marker), xyz in _of_range(places or {}, first, size)}
-        markers = ByMarker(take.xyz, own, size, put)
-        residual = ByMarker(take.residual, own, size, dict.fromkeys(put, 0.0))  # not measured
+        markers = by_marker(take.xyz, own, size, put)
+        residual = by_marker(take.residual, own, size, dict.fromkeys(put, 0.0))  # not measured
         given = markers, residual, own, subject.model.markerset, take.frames, None, options.room
         parts.append(take_motion(*given))
     return SubjectsMotion(tuple(parts))

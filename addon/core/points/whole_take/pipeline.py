@@ -16,9 +16,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ...data.background import in_background
+from ...data.made import Made
 from ...data.progress import Progress, Stage, in_stages
 from ...data.room import IN_MEMORY, MakeTable
-from ...data.takes import BY_FIT, LabelledChunk, Labels, OrderedPoints, Points, Suspect, Verdict
+from ...data.takes import BY_FIT, LabelledChunk, Labels, Points, Suspect, Verdict
 from ...edits.applying import AppliedEdits, PointCells, apply_to_points
 from ...edits.kinds import NO_EDITS, Edits
 from ...review.answering import heard_in, unanswered, without_accepted
@@ -26,7 +27,7 @@ from ...review.suspects import called_by, summarised
 from ..adaptation import Adaptation, adapt, borne_out
 from ..deciding import Said
 from ..models import Model
-from ..motion import ByMarker, LabelledPoints, TakeMotion, take_motion
+from ..motion import LabelledPoints, TakeMotion, by_marker, take_motion
 from ..naming import USUAL_TARGET, Namer, namer_of
 from ..possible import refuse_impossible
 from ..refusals import Sample, refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
@@ -129,7 +130,7 @@ class NamingOptions:
 NAMING = NamingOptions()
 
 # What `refuse_others` does.
-Recognise = Callable[[Model, Namer, OrderedPoints, bool], Sample | None]
+Recognise = Callable[[Model, Namer, Made, bool], Sample | None]
 # Stages as they begin, and how far they are.
 Steps = Generator[Stage | float | tuple[float, str], None, Result]
 
@@ -184,8 +185,9 @@ def _labelled(
     named = perf_counter()
     yield Stage("pose", "pose the body")
     places = dict(applied.places if applied else {})
-    markers = ByMarker(take.xyz, verdict.labels, len(model.markerset), places)
-    residual = ByMarker(take.residual, verdict.labels, len(model.markerset), dict.fromkeys(places, 0.0))  # not measured
+    markers = by_marker(take.xyz, verdict.labels, len(model.markerset), places)
+    nothing = dict.fromkeys(places, 0.0)  # they were not measured
+    residual = by_marker(take.residual, verdict.labels, len(model.markerset), nothing)
 
     def pose(tell) -> TakeMotion:
         return take_motion(markers, residual, verdict.labels, model.markerset, take.frames, tell, options.room)
@@ -241,7 +243,7 @@ def name_frames(
     # What is asked for beyond what a take can promise, each frame must promise on its own; so must frames in no order.
     few = learned and options.target <= BELIEVING.max_target and not unordered
     asked = asked_frames(tracklet, take.rate) if few else np.arange(len(take.xyz))
-    points = OrderedPoints(take, asked)
+    points = take.ordered(asked)
     sample = (recognise or refuse_others)(adaptation.model, namer, points, solvable)
     yield Stage("name", f"frame {take.first_frame}")
     labels, first = (yield from _asked(namer, take, asked, sample if few else None)), None

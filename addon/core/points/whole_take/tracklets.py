@@ -7,6 +7,7 @@ from typing import Self
 import numpy as np
 
 from ...data.lanes import PACKING, LaneOptions, blocks
+from ...data.made import Made, Table
 from ...data.takes import BY_TRAJECTORY, NO_MARKER, Labels
 from ..deciding import Said
 from ..tracklets import VOTE, frame_log_odds
@@ -83,19 +84,17 @@ class Tracklets:
         return found if found.lane.size > options.whole_cells else found[:]
 
 
-class PlacedMarkers:
+class PlacedMarkers(Made):
     """Where each of M markers is in any frames, as an array (F, M, 3) m, NaN where it is not.
 
     points (T, L, 3) m; lane (T, M) is where each marker stands in a frame, -1 where it does not.
     """
 
-    def __init__(self, points: np.ndarray, lane: np.ndarray):
-        self.points, self.lane, self.shape = points, lane, (*lane.shape, 3)
+    def __init__(self, points: Table, lane: np.ndarray):
+        self.points, self.lane = points, lane
+        super().__init__((*lane.shape, 3), self._placed)
 
-    def __len__(self) -> int:
-        return len(self.lane)
-
-    def __getitem__(self, frames: slice | np.ndarray) -> np.ndarray:
+    def _placed(self, frames: slice | np.ndarray) -> np.ndarray:
         frames = np.arange(len(self))[frames]
         found = np.full((len(frames), *self.shape[1:]), np.nan, np.float32)
         for part in blocks(*found.shape[:2]):

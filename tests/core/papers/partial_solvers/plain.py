@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The paper's geometric functions and its search written plainly, a frame at a time, to check the fast code by."""
+"""The paper's geometric functions and its weak classifiers written plainly, to check the fast code by."""
 
 from collections.abc import Callable, Iterable
 from math import comb
@@ -10,7 +10,6 @@ from addon.core.papers.partial_solvers import features
 from addon.core.papers.partial_solvers.features import UP, Tables
 from addon.core.papers.partial_solvers.masks import TREE
 from addon.core.papers.partial_solvers.model import DOMAIN, Classifiers
-from addon.core.papers.partial_solvers.solver import newly_judged
 
 
 def angle(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -61,35 +60,6 @@ def accepts(classifiers: Classifiers, frame: int, labelling: np.ndarray, clouds:
     A classifier with a point that is unassigned or missing has no vote. This is φ = 1 (equation 2): every vote counts.
     """
     return not any(_rejects(classifiers, row, frame, labelling, clouds) for row in range(len(classifiers)))
-
-
-def search_one(markers, classifiers: Classifiers, frame: int, clouds: Tables) -> tuple[list[tuple[int, ...]], int]:
-    """Every feasible labelling of `markers` in one frame, depth first, and the number of nodes visited.
-
-    A labelling is the tuple of points in the order of `markers`; it never leaves a marker out.
-    """
-    markers = list(markers)
-    judged = [newly_judged(classifiers, markers[: depth + 1]) for depth in range(len(markers))]
-    present = np.flatnonzero(clouds.present[frame])
-    labelling = np.full(max(int(classifiers.points.max(initial=0)), *markers) + 1, -1)
-    found, visited = [], 0
-
-    def descend(depth: int):
-        nonlocal visited
-        if depth == len(markers):
-            found.append(tuple(int(labelling[marker]) for marker in markers))
-            return
-        for point in present:
-            if (labelling == point).any():
-                continue
-            visited += 1
-            labelling[markers[depth]] = point
-            if not any(_rejects(classifiers, row, frame, labelling, clouds) for row in judged[depth]):
-                descend(depth + 1)
-            labelling[markers[depth]] = -1
-
-    descend(0)
-    return sorted(found), visited
 
 
 def _rejects(classifiers: Classifiers, row: int, frame: int, labelling: np.ndarray, clouds: Tables) -> bool:

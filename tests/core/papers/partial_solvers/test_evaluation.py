@@ -11,15 +11,14 @@ from addon.core.papers.partial_solvers.features import all_features
 from addon.core.papers.partial_solvers.frames import label_frames
 from addon.core.papers.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
 from addon.core.papers.partial_solvers.training import Training, train_partial_solvers
-from tests.accuracy.partial.clouds import Clouds, Trouble, drawn, mirrored, other_side, spoilt, together
+from tests.accuracy.partial.clouds import Clouds, Trouble, drawn, spoilt
 from tests.accuracy.partial.report import BLOCKS
-from tests.accuracy.partial.results import Results, added, best_at, chosen_on_others
-from tests.accuracy.partial.scores import in_the_mirror, score, swaps, sweep
-from tests.accuracy.partial.solvers import Purse, growth
+from tests.accuracy.partial.results import Results, added
+from tests.accuracy.partial.scores import score
+from tests.accuracy.partial.solvers import growth
 from tests.core.papers.partial_solvers.toys import moving
 
 NAMES = ("MID", "LKNE", "RKNE", "LTOE", "RTOE")
-OTHER = other_side(NAMES)
 
 
 def rng(seed=0):
@@ -63,17 +62,6 @@ def test_frames_come_once_before_any_comes_twice():
     assert np.bincount(more[:, 0, 0].astype(int)).min() == 2
 
 
-def test_two_people_stand_apart_and_keep_their_shape():
-    one = moving(5, 30)
-    clouds = together(one, one, 3.0, rng())
-    place = np.argsort(clouds.truth, axis=1)
-    points = np.take_along_axis(clouds.points, place[..., None], axis=1)
-    middles = points[:, :5, :2].mean(axis=1) - points[:, 5:, :2].mean(axis=1)
-    assert np.linalg.norm(middles, axis=1) == pytest.approx(3.0)
-    mine, theirs = (np.linalg.norm(part[:, 0] - part[:, 4], axis=1) for part in (points[:, :5], points[:, 5:]))
-    assert mine == pytest.approx(theirs)
-
-
 def test_scores_by_hand():
     # Three markers. First cloud: 0 right, 2 on the point of 1; second: a ghost is named 1, and 1 is hidden.
     truth = np.array([[0, 1, -1], [2, -1, 0]])
@@ -110,40 +98,6 @@ def test_scores_are_the_contracts_figures(seed):
     found, total = score(named, clouds), figures.as_dict()
     assert found.false_assignments == pytest.approx(total["false_assignments"])
     assert found.recall == pytest.approx(total["recall"])
-    assert found.f1 == pytest.approx(total["f1"])
-
-
-def test_a_sweep_is_the_score_at_every_level():
-    named, clouds = random_names(7)
-    confidence = np.where(named >= 0, rng(1).random(named.shape), 0.0)
-    levels = np.array([0.0, 0.3, 0.9, 1.0])
-    for level, *counted in zip(levels, *sweep(named, confidence, clouds, levels), strict=True):
-        found = score(np.where(confidence >= level, named, -1), clouds)
-        assert counted == [found.given.sum(), found.wrong.sum(), found.declared.sum(), found.missed.sum()]
-    swept = sweep(named, confidence, clouds, levels)
-    assert best_at(swept, 1.0)[1] == pytest.approx(score(named, clouds).false_occlusions)
-    assert best_at(swept, -1.0) is None
-
-
-def test_a_confidence_is_chosen_on_others_than_it_is_tested_on():
-    """Given, wrong, declared and missed at two levels: the second is right for whom the first would be chosen."""
-    parts = {
-        "ANN": {"1": [[100, 50], [10, 0], [10, 60], [1, 30]]},
-        "BEN": {"1": [[100, 60], [0, 0], [10, 50], [2, 20]]},
-    }
-    assert chosen_on_others(parts, 1, 0.0) == (10 / 160, 21 / 60)
-    assert best_at(added(parts["ANN"], parts["BEN"])["1"], 0.0) == (0.0, 50 / 110)
-    parts["BEN"]["1"][1] = [50, 40]
-    assert chosen_on_others(parts, 1, 0.0) is None
-
-
-def test_swaps_by_hand():
-    truth = np.array([[0, 1, 2], [1, 2, 3], [1, 2, 4], [0, -1, 1]])
-    named = np.array([[0, 2, 1], [2, 1, 3], [1, 2, -1], [0, 3, -1]])
-    clouds = Clouds(np.zeros((4, 3, 3)), truth, 5)
-    # Wholly swapped: the first; in part: the second. The last has a side's name on a ghost.
-    assert swaps(named, clouds, OTHER) == [4, 1, 1, 5, 4]
-    assert in_the_mirror(named, named, clouds, OTHER) == [8, 8, 4, 8]
 
 
 def test_a_mirror_changes_nothing_for_the_papers_functions_and_much_for_turn():
@@ -151,7 +105,9 @@ def test_a_mirror_changes_nothing_for_the_papers_functions_and_much_for_turn():
     for functions in (PAPER_FUNCTIONS, FUNCTIONS):
         options = Training(functions=functions, survey_frames=40, check_frames=120, wrong=300)
         partial_solvers = train_partial_solvers(points[:200], tuple("ABCDEF"), 0.95, options)
-        plain, turned = (label_frames(partial_solvers, some).marker for some in (points[200:], mirrored(points[200:])))
+        plain, turned = (
+            label_frames(partial_solvers, some).marker for some in (points[200:], points[200:] * [1, -1, 1])
+        )
         assert (plain >= 0).mean() > 0.5
         if functions == PAPER_FUNCTIONS:
             assert np.array_equal(plain, turned)
@@ -174,16 +130,6 @@ def test_growth_counts_rates_that_fall():
     assert worst == pytest.approx(0.3)
 
 
-def test_a_spent_purse_refuses_what_it_was_not_asked_before():
-    purse = Purse(np.ones(8, dtype=bool), np.full(8, 0.5), 2)
-    assert purse.good(1)
-    assert purse.fitness(2) == 0.5
-    assert not purse.good(3)
-    assert purse.fitness(3) == 0.0
-    assert purse.good(2)
-    assert purse.asked == {1, 2}
-
-
 def test_results_add_up_wherever_they_stand():
     one, other = {"a": [1, [2, 3]], "b": {"c": 4}}, {"a": [10, [20, 30]], "b": {"c": 40}}
     assert added(one, other) == {"a": [11, [22, 33]], "b": {"c": 44}}
@@ -191,8 +137,6 @@ def test_results_add_up_wherever_they_stand():
 
 @pytest.mark.parametrize("name", sorted(set(BLOCKS) - {"conditions"}))
 def test_blocks_can_be_printed_before_all_is_measured(name, tmp_path):
-    results = {"facts": {"training": 7.0, "frames": 900}, "crowd": {"0.999": [9, 1, 0, 3]}}
-    (tmp_path / "ours.ANN.json").write_text(json.dumps(results), encoding="utf-8")
-    text = BLOCKS[name](Results(tmp_path))
-    assert ("11.11 %" in text) == (name == "crowd")
-    assert ("7 s" in text) == (name in ("training", "aims"))
+    facts = {"facts": {"training": 7.0, "frames": 900}}
+    (tmp_path / "ours.ANN.json").write_text(json.dumps(facts), encoding="utf-8")
+    assert ("7 s" in BLOCKS[name](Results(tmp_path))) == (name == "training")

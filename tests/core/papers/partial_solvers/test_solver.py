@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The tree search: equal to trying everything, depth first or side by side, whatever the order of the points."""
+"""The tree search: equal to trying everything, whatever the order of the points."""
 
 from itertools import permutations
 
@@ -14,7 +14,7 @@ from addon.core.papers.partial_solvers.features import all_features, tables
 from addon.core.papers.partial_solvers.masks import Masks, TreeOptions
 from addon.core.papers.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, Classifiers
 from addon.core.papers.partial_solvers.solver import TreeSearch
-from tests.core.papers.partial_solvers.plain import accepts, search_one
+from tests.core.papers.partial_solvers.plain import accepts
 from tests.core.papers.partial_solvers.toys import moving, pool_of
 
 
@@ -51,28 +51,13 @@ def test_equals_trying_everything(seed, size, functions, boosted):
     clouds = tables(seen)
     expected = [by_trying(markers, mine, frame, clouds) for frame in range(3)]
     assert side_by_side(markers, mine, clouds) == expected
-    assert [search_one(markers, mine, frame, clouds)[0] for frame in range(3)] == expected
 
 
 def test_seven_of_seven_against_all_5040():
     points = moving(7, 40, sway=0.15)
     pool = pool_of(points)
     clouds = tables(points[:2])
-    for frame in range(2):
-        expected = by_trying(range(7), pool, frame, clouds)
-        found, visited = search_one(range(7), pool, frame, clouds)
-        assert found == expected
-        assert side_by_side(range(7), pool, clouds)[frame] == expected
-        assert visited < 5040
-
-
-def test_early_rejection_saves_nodes():
-    points = moving(7, 40)
-    pool = pool_of(points)
-    clouds = tables(points[:1])
-    _, visited = search_one(range(7), pool, 0, clouds)
-    _, without = search_one(range(7), pool[pool.kind == FUNCTIONS.index("ratio")], 0, clouds)
-    assert visited < without
+    assert side_by_side(range(7), pool, clouds) == [by_trying(range(7), pool, frame, clouds) for frame in range(2)]
 
 
 def test_the_right_labelling_is_always_found_in_any_order_of_the_points():

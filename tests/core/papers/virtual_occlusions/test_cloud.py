@@ -60,13 +60,6 @@ def test_a_persons_cloud_holds_what_two_cameras_see_and_little_else(name):
     assert cloud.weight[~real].sum() < 0.5 * cloud.weight[real].sum()
 
 
-def test_support_counts_cameras_and_weights_are_shares():
-    cameras = ring_rig(8)
-    cloud = cloud_of(SPREAD, cameras)
-    assert (cloud.support >= 2).all() and (cloud.support <= 8).all()
-    assert (cloud.weight > 0).all() and (cloud.weight <= 1).all()
-
-
 def test_of_many_cameras_the_neighbours_are_enough():
     cameras = ring_rig(16)
     scene = stand(built_in("body26"), cameras, seed=3, facing=1.0, options=FLAWLESS)

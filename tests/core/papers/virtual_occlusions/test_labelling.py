@@ -134,13 +134,6 @@ def test_every_visible_marker_is_exclusive_or_in_conflict_or_not_associated(seed
         assert all(naming.owner[camera, k] >= 0 or misfit[camera, marker, k] > best[camera, k] for k in slots)
 
 
-def test_a_hidden_marker_takes_no_blob_in_step_one():
-    visible = np.ones((4, 4))
-    visible[2, 1] = 0
-    naming = consistent(label(pixels_of(MARKERS), expect_at(MARKERS, visible=visible)))
-    assert naming.step[2, 1] == REMAINING and (np.delete(naming.step.ravel(), 9) == EXCLUSIVE).all()
-
-
 # Step 2: conflicts -----------------------------------------------------------------------------------------------
 
 

@@ -30,6 +30,7 @@ def total(odds: np.ndarray, naming: np.ndarray) -> float:
 def test_the_total_is_the_highest_that_there_is(seed):
     odds = made_up(seed)
     naming = assigned(odds)
+    assert total(odds, one_to_one(odds[None])[0]) == pytest.approx(total(odds, naming), abs=1e-6)
     given_away = naming[naming != NO_POINT]
     assert len(set(given_away.tolist())) == len(given_away)
     assert (odds[naming != NO_POINT, given_away] > 0).all()

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From labelled clouds to names: a made-up walker and a made-up chain of plates, with hidden markers and ghosts."""
+"""From labelled clouds to names: a made-up walker and one in plates, with hidden markers and ghosts."""
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from addon.core.data.errors import InputError
 from addon.core.geometry.upright import turned
 from addon.core.points.likelihood.frames import label_frames, label_some, solve_frames
 from addon.core.points.likelihood.learn import learn_likelihood
 from addon.core.points.likelihood.trials import make_trial
+from tests.core.points.rigid_bodies import plated
 
 NAMES = ("LHIP", "RHIP", "SACR", "LKNE", "RKNE", "LANK", "RANK", "LTOE", "RTOE", "C7", "LSHO", "RSHO")
 PELVIS = [[0.1, 0.13, 0.95], [0.1, -0.13, 0.95], [-0.1, 0, 1.0]]
@@ -105,30 +105,11 @@ def test_training_is_the_same_for_the_same_seed():
     assert np.array_equal(one.calibration.weights, other.calibration.weights)
 
 
-def plate_chain(seed: int, frames: int = 200) -> np.ndarray:
-    """Five plates of four markers (T, 20, 3) m on a limb that folds any way it likes."""
-    form = np.random.default_rng(9).uniform(-0.08, 0.08, (5, 4, 3))
-    rng = np.random.default_rng(seed)
-    clouds = []
-    base = np.array([0.0, 0, 1])
-    turn = rng.normal(size=(5, 3, 2))
-    for frame in range(frames):
-        at, rows = base, []
-        for rigid_body in range(5):
-            angle = turn[rigid_body] @ [np.sin(0.05 * frame + rigid_body), np.cos(0.03 * frame)]
-            rotation = Rotation.from_rotvec(angle).as_matrix()
-            rows.append(form[rigid_body] @ rotation.T + at)
-            at = at + rotation @ np.array([0, 0, -0.25])
-        clouds.append(np.concatenate(rows))
-    return np.array(clouds) + 0.0004 * rng.normal(size=(frames, 20, 3))
-
-
 def test_plates_are_found_in_poses_that_were_never_seen():
-    names = tuple(f"P{rigid_body}{corner}" for rigid_body in range(5) for corner in "abcd")
-    likelihood = learn_likelihood([(plate_chain(1), "limb")], names)
+    likelihood = learn_likelihood([(plated.walk(plated.body(), frames=200), "she")], plated.NAMES)
     assert likelihood.rigid_bodies is not None
-    assert sorted(map(len, likelihood.rigid_bodies.members)) == [4] * 5
-    trial = make_trial(plate_chain(2), (0, 4), (0, 6), np.random.default_rng(3))
+    assert sorted(map(len, likelihood.rigid_bodies.members)) == [4] * len(plated.SEGMENTS)
+    trial = make_trial(plated.walk(plated.body(), 2, frames=200), (0, 4), (0, 6), np.random.default_rng(3))
     _, wrong, recall = named(likelihood, trial)
     assert wrong < 0.01
     assert recall > 0.9

@@ -10,7 +10,7 @@ from addon.core.geometry.upright import turned, upright_aligned
 from addon.core.points.likelihood import swaps
 from addon.core.points.likelihood.distances import ConstraintOptions, learn_constraints, size_and_fit
 from addon.core.points.likelihood.latent import Latent
-from addon.core.points.likelihood.naming import NO_POINT, name_worth, one_to_one, settle
+from addon.core.points.likelihood.naming import NO_POINT, name_worth, settle
 from addon.core.points.likelihood.shape import learn_shape
 
 MARKERS = 7
@@ -83,21 +83,6 @@ def test_swapping_gains_what_trying_gains(scene, one, other):
     tried[one], tried[other] = tried[other], tried[one]
     gain = swaps.alternatives(model, constraints, before).swap[0, one, other]
     assert gain == pytest.approx(settled(tried).score[0] - before.score[0], rel=1e-6)
-
-
-def test_one_to_one_equals_trying_every_assignment():
-    from itertools import permutations
-
-    rng = np.random.default_rng(3)
-    odds = rng.normal(size=(20, 4, 4))
-    for row, found in zip(odds, one_to_one(odds), strict=True):
-        named = found[found >= 0]
-        assert len(set(named)) == len(named)
-        total = sum(row[marker, point] for marker, point in enumerate(found) if point >= 0)
-        best = max(
-            sum(max(row[marker, point], 0) for marker, point in enumerate(order)) for order in permutations(range(4))
-        )
-        assert total == pytest.approx(best)
 
 
 def test_alignment_undoes_a_turn_and_a_step():

@@ -6,7 +6,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from addon.core.data.takes import NO_POINT
-from addon.core.points.rigid_bodies.correspondences import CORRESPONDENCE, correspondences
+from addon.core.points.rigid_bodies.correspondences import MAX_ALL, correspondences
 
 
 @pytest.mark.parametrize(("markers", "points", "ways"), [(3, 3, 6), (3, 5, 60), (4, 3, 24), (3, 12, 210)])
@@ -28,7 +28,7 @@ def test_of_a_large_plate_the_likely_ways_have_the_right_one_and_are_few(markers
     right = np.full(markers, NO_POINT)
     right[order] = np.arange(len(order))
     assert (tried == right).all(axis=1).any()
-    assert markers > CORRESPONDENCE.max_all and len(tried) < 10_000
+    assert markers > MAX_ALL and len(tried) < 10_000
     for way in tried:
         used = way[way != NO_POINT]
         assert len(np.unique(used)) == len(used)

@@ -14,8 +14,8 @@ from addon.core.points.rigid_bodies.structure import find_joints, learn_structur
 from addon.core.points.rigid_bodies.volumes import signed_volumes
 from addon.core.points.tracklets import cut
 from addon.io.points import read_points
-from tests.accuracy import anatomical
 
+from . import anatomical
 from .plated import NAMES, RATE, SEGMENTS, body, mirror_image, walk
 
 RADIUS = 0.5

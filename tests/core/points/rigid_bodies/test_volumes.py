@@ -6,7 +6,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from addon.core.points.rigid_bodies.volumes import VOLUMES, MedianVolumes, signed_volumes
+from addon.core.points.rigid_bodies.volumes import MedianVolumes, signed_volumes
 
 QUAD = np.array([4, 1, 3, 0])
 
@@ -42,7 +42,7 @@ def test_volumes_are_the_same_in_blocks_and_asked_for_again(place, monkeypatch):
     asked = rng.integers(0, 6, (4, 5, 7))
     volumes = MedianVolumes(place)
     first = volumes.of(*asked)
-    monkeypatch.setattr("addon.core.points.rigid_bodies.volumes.VOLUMES", type(VOLUMES)(block=50))
+    monkeypatch.setattr("addon.core.points.rigid_bodies.volumes.VOLUMES_AT_ONCE", 50)
     assert first.shape == (5, 7)
     assert (volumes.of(*asked) == first).all()
     assert (MedianVolumes(place).of(*asked) == first).all()

@@ -13,15 +13,15 @@ from addon.core.data.lanes import LaneOptions
 from addon.core.data.progress import finished
 from addon.core.data.takes import Labels, Points, Suspect, Verdict
 from addon.core.geometry.rotations import exponential
-from addon.core.points.several import bodies, holding, pipeline
+from addon.core.points.several import affinity, bodies, pipeline
+from addon.core.points.several.affinity import Affinity, AffinityOptions
 from addon.core.points.several.bodies import RecognisingOptions
-from addon.core.points.several.claims import CLAIMS, share, shared_out
 from addon.core.points.several.counting import count_bodies
-from addon.core.points.several.holding import Holding, HoldingOnOptions
-from addon.core.points.several.parting import PartedBodies, parted
+from addon.core.points.several.identification import PersonBuild, identified, likeliest
+from addon.core.points.several.parting import parted
 from addon.core.points.several.pipeline import label_several
-from addon.core.points.several.stays import StayBuild, UntoldStay, ways_of
-from addon.core.points.several.telling import likeliest, told
+from addon.core.points.several.presence import UnidentifiedPresence, ways_of
+from addon.core.points.several.sharing import SHARING, share, shared_out
 from addon.core.points.several.together import joined
 from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer
 from addon.core.points.tracklets import cut
@@ -84,7 +84,7 @@ def matched(given: np.ndarray, truth: np.ndarray, present: np.ndarray) -> tuple[
 def test_tracklets_are_parted_by_what_they_keep_their_distance_to(passing):
     take, truth = passing
     tracklet = cut(take.xyz, take.rate)
-    held = Holding.of(take.xyz, tracklet, take.rate)
+    held = Affinity.of(take.xyz, tracklet, take.rate)
     found = parted(take.xyz, tracklet, held, 2)
     assert set(found.body.tolist()) == {0, 1}
     for index in range(2):
@@ -113,33 +113,10 @@ def test_a_long_take_is_named_the_same_way(passing, monkeypatch):
     asked, options = SeveralOptions(open_model("gait15"), AUTO), PointOptions("likelihood")
     whole = finished(label_several(take, asked, options))
     monkeypatch.setattr(bodies, "PACKING", LaneOptions(whole_cells=0))
-    monkeypatch.setattr(holding, "HOLDING_ON", HoldingOnOptions(at_once=20))
+    monkeypatch.setattr(affinity, "AFFINITY", AffinityOptions(frames_at_once=3))
     parts = finished(label_several(take, asked, options))
     for name in ("marker", "step", "confidence"):
         np.testing.assert_array_equal(getattr(parts.labels, name), getattr(whole.labels, name))
-
-
-def test_the_points_of_some_are_looked_up_by_any_index():
-    generator = np.random.default_rng(3)
-    points, tracklet = generator.normal(size=(9, 5, 3)), generator.integers(-1, 6, (9, 5))
-    may = np.array([True, False, True, False, False, True])
-    some = bodies.OnlySome(points, tracklet, may)
-    wanted = np.where(np.append(may, False)[tracklet][..., None], points, np.nan)
-    np.testing.assert_array_equal(np.asarray(some), wanted)
-    row, lane = np.array([[0], [4]]), np.array([1, 3, 3])
-    for index in (3, slice(2, 7), (row, lane), (slice(None), 2), (..., 0), np.array([5, 1]), (slice(1, 4), lane)):
-        np.testing.assert_array_equal(some[index], wanted[index])
-
-
-def test_what_holds_together_is_added_up_over_parts_of_a_take(passing, monkeypatch):
-    take, _ = passing
-    tracklet = cut(take.xyz, take.rate)
-    whole = Holding.of(take.xyz, tracklet, take.rate)
-    monkeypatch.setattr(holding, "HOLDING_ON", HoldingOnOptions(at_once=20))
-    parts = Holding.of(take.xyz, tracklet, take.rate)
-    body = np.arange(len(whole)) % 2
-    np.testing.assert_allclose(parts.on(body, 2), whole.on(body, 2), rtol=1e-9)
-    assert whole.best().shape == (len(whole),)
 
 
 def alone() -> tuple[Points, np.ndarray]:
@@ -156,19 +133,6 @@ def test_one_is_named_as_ever():
     ever = finished(label_points(take, model, PointOptions("likelihood")))
     assert [one.name for one in found.worn.subjects] == ["1"]
     assert np.array_equal(found.labels.marker, ever.labels.marker)
-
-
-def test_a_body_is_asked_more_only_where_much_is_open(passing, monkeypatch):
-    take, _ = passing
-    asked, options, more = SeveralOptions(open_model("gait15"), 2), PointOptions("likelihood"), bodies.name_more
-    calls = []
-    monkeypatch.setattr(bodies, "name_more", lambda frames: calls.append(frames) or more(frames))
-    usual = finished(label_several(take, asked, options))
-    assert not calls
-    monkeypatch.setattr(bodies, "OPEN", bodies.OpenOptions(max_open=-1.0))
-    every = finished(label_several(take, asked, options))
-    assert len(calls) == 2
-    np.testing.assert_array_equal(usual.labels.marker, every.labels.marker)
 
 
 def test_frames_in_doubt_may_be_asked_later(monkeypatch):
@@ -259,17 +223,17 @@ def test_people_of_two_models_who_are_as_like_one_as_the_other_cannot_be_told_ap
 
 def test_the_surer_keeps_what_two_claim():
     may = np.array([[True, True], [True, True], [True, False], [True, True]])
-    claims = np.array([[9.0, 9.0 - CLAIMS.lead], [5.0, 5.0], [0.0, 8.0], [0.0, 3.0]])
-    assert shared_out(may, claims).tolist() == [[True, False], [False, False], [True, False], [True, True]]
+    certainty = np.array([[9.0, 9.0 - SHARING.lead], [5.0, 5.0], [0.0, 8.0], [0.0, 3.0]])
+    assert shared_out(may, certainty).tolist() == [[True, False], [False, False], [True, False], [True, True]]
 
 
 def test_who_is_who_is_the_likeliest_way_round():
     cost = np.array([[9.0, 1.0], [2.0, 6.0], [20.0, 20.0]])
-    assert told(cost, [0, 1]) == ([1, 0], 12.0)
-    assert told(np.array([[np.inf], [2.0]]), [0]) == ([1], np.inf)
-    assert told(np.array([[np.inf, np.inf]]).T[:, :1], [0])[1] == -np.inf
-    two_alike = np.array([[5.0, 5.0, 1.0], [1.0, 1.0, 9.0], [2.0, 2.0, 8.0]])
-    assert told(two_alike, [0, 0, 2]) == ([1, 2, 0], 10.0), "in their order, and no tie between those who are alike"
+    assert identified(cost, [0, 1]) == ([1, 0], 12.0)
+    assert identified(np.array([[np.inf], [2.0]]), [0]) == ([1], np.inf)
+    assert identified(np.array([[np.inf, np.inf]]).T[:, :1], [0])[1] == -np.inf
+    alike = np.array([[5.0, 5.0, 1.0], [1.0, 1.0, 9.0], [2.0, 2.0, 8.0]])
+    assert identified(alike, [0, 0, 2]) == ([1, 2, 0], 10.0), "in their order, and no tie between those who are alike"
 
 
 def test_markers_of_all_are_called_after_their_subjects():
@@ -331,18 +295,18 @@ def test_who_comes_back_and_may_be_either_is_asked():
     assert asked.frames == 35 and named.sum() == 35
 
 
-def test_a_stay_that_a_person_has_named_is_asked_no_more():
+def test_a_presence_that_a_person_has_named_is_asked_no_more():
     there, tracklet = np.arange(10) >= 4, np.zeros((10, 3), int)
     tracklet[:, 1:], tracklet[:4, 2] = [1, 2], -1
-    stay, labels = UntoldStay(there, np.array([False, True, True])), Labels.none(10, 3)
-    assert stay.is_open(tracklet, labels)
+    presence, labels = UnidentifiedPresence(there, np.array([False, True, True])), Labels.none(10, 3)
+    assert presence.is_open(tracklet, labels)
     labels.marker[:, 0] = 0
-    assert stay.is_open(tracklet, labels), "that is somebody else's"
+    assert presence.is_open(tracklet, labels), "that is somebody else's"
     labels.marker[:, 1] = 1
-    assert not stay.is_open(tracklet, labels)
+    assert not presence.is_open(tracklet, labels)
 
 
-def test_whose_a_stay_is_follows_from_who_is_there():
+def test_whose_a_presence_is_follows_from_who_is_there():
     there = np.zeros((90, 3), bool)
     there[:, 0] = there[:30, 1] = there[60:, 2] = True
     assert ways_of(there, 2) == [(1,)]
@@ -353,25 +317,17 @@ def test_whose_a_stay_is_follows_from_who_is_there():
     assert ways_of(there, 2) == []
 
 
-def test_stays_go_to_whoever_is_built_so():
+def test_presences_go_to_whoever_is_built_so():
     way, lead = likeliest([(0, 1), (1, 0)], np.array([[9.0, 2.0], [1.0, 7.0]]))
     assert (way, lead) == ((1, 0), 13.0)
     generator = np.random.default_rng(4)
     mean = generator.uniform(0.1, 1.5, (15, 15))
     markers, steady = open_model("gait15").markerset.markers, np.full((15, 15), 1e-4)
-    own = StayBuild(markers, mean, steady)
-    assert own.cost(StayBuild(markers, mean * 1.002, steady)) < 1 < own.cost(StayBuild(markers, mean * 1.2, steady))
-    assert own.cost(StayBuild(markers[::-1], mean, steady)) == np.inf
-    assert own.cost(StayBuild(markers, np.full((15, 15), np.nan), steady)) == np.inf
-
-
-def test_stays_are_joined_to_people_or_to_nobody():
-    body = np.array([0, 1, 2, 3, -1])
-    may = np.eye(4, dtype=bool)[np.maximum(body, 0)] & (body >= 0)[:, None]
-    joined = PartedBodies(may * 2.0, body, may).joined(np.array([0, 1, 1, -1]), 2)
-    assert joined.body.tolist() == [0, 1, 1, -1, -1]
-    assert joined.may.sum(axis=1).tolist() == [1, 1, 1, 0, 0]
-    assert joined.hold.max(axis=1).tolist() == [2, 2, 2, 0, 0]
+    own = PersonBuild(markers, mean, steady)
+    assert own.cost(PersonBuild(markers, mean * 1.002, steady), 0.003) < 1
+    assert own.cost(PersonBuild(markers, mean * 1.2, steady), 0.003) > 1
+    assert own.cost(PersonBuild(markers[::-1], mean, steady), 0.003) == np.inf
+    assert own.cost(PersonBuild(markers, np.full((15, 15), np.nan), steady), 0.003) == np.inf
 
 
 @pytest.mark.parametrize("tables", [0, 3, 6])

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is known of markers before anything is recorded: how they move, and how exactly they are seen."""
+
+from dataclasses import dataclass
+
+SIGMAS = 3.0  # standard deviations beyond which something is no chance: 0.3 % of a normal distribution lie there
+
+
+@dataclass(frozen=True)
+class MarkerLimits:
+    """Limits of motion. "Recorded" are about 45 labelled takes at 100 to 120 Hz.
+
+    push_sd_m_s2       measured: m/s², how hard a marker's velocity changes, standard deviation; 99 % of the samples of
+                       every recorded walk are below 46, three of it hold 99 % of dance and ball games (102 to 124)
+    max_impact_m_s2    physical: m/s², a foot that hits the floor or a ball; 99.9 % of the samples of the hardest takes
+                       recorded are below 280
+    noise_px           measured: px, standard deviation of blobs about where calibrations have them, 0.3 to 0.6 in rooms
+    noise_m            measured: m, standard deviation of a point that was reconstructed, beside its motion: blobs that
+                       merge or are partly hidden, and rays that come and go; with 4 mm as reach trajectories break
+    """
+
+    push_sd_m_s2: float = 40.0
+    max_impact_m_s2: float = 600.0
+    noise_px: float = 0.5
+    noise_m: float = 0.003
+
+    @property
+    def max_push_m_s2(self) -> float:
+        """How hard a marker's velocity changes at most where nothing is hit, m/s²."""
+        return SIGMAS * self.push_sd_m_s2
+
+    @property
+    def max_noise_m(self) -> float:
+        """How far a reconstructed point is off at most, m."""
+        return SIGMAS * self.noise_m
+
+
+MARKER_LIMITS = MarkerLimits()

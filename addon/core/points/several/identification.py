@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Who is who, by how far the markers of a body are from each other: against a subject's model, or another presence."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations, permutations
+from typing import Protocol, Self
+
+import numpy as np
+
+from ...data.takes import evenly_spread
+from ..models import Model
+from ..whole_take.pairs import trained_pairs
+from ..whole_take.pipeline import NamedFrames
+from ..whole_take.solving import Solution
+
+
+@dataclass(frozen=True)
+class IdentificationOptions:
+    """How the distances of one person differ.
+
+    lead        log odds by which who is who must be ahead of any other way; physical: 19 of 20 such are right
+    put_on_m    by which a distance of the same person differs from take to take; physical: markers are put on again
+    in_take_m   by which its mean differs in one take; physical: markers stay, and noise and skin average out
+    bend        part of a distance by which it differs in other motions; physical: skin moves over a bent joint
+    max_square  standard deviations², beyond which a distance is no worse: one wrong name is in many distances
+    """
+
+    lead: float = 3.0
+    put_on_m: float = 0.008
+    in_take_m: float = 0.003
+    bend: float = 0.02
+    max_square: float = 25.0
+
+
+IDENTIFICATION = IdentificationOptions()
+FRAMES_COMPARED = 300  # that are looked at, of all with two markers of somebody
+MIN_MET = 10  # frames in which two markers must be there for their distance to say anything
+
+
+class OnBody(Protocol):
+    """What was named on a body."""
+
+    model: Model
+    frames: NamedFrames
+    solution: Solution | None
+
+
+@dataclass(frozen=True, eq=False)
+class PersonBuild:
+    """How far the markers of somebody are from each other (M, M) m: mean, and variance m²; NaN where unknown."""
+
+    markers: tuple[str, ...]
+    mean: np.ndarray
+    variance: np.ndarray
+
+    @classmethod
+    def of(cls, one: OnBody) -> Self:
+        """That of what was named on a body; nothing where it was not solved."""
+        markers = one.model.markerset.markers
+        size = len(markers)
+        if one.solution is None:
+            return cls(markers, *np.full((2, size, size), np.nan))
+        sure = np.where(one.solution.margin > 0, one.solution.marker, -1)
+        placed = one.solution.tracklets.placed(one.frames.take.xyz, sure, size)
+        there = np.flatnonzero(np.isfinite(np.asarray(placed[:])).all(axis=2).any(axis=1))
+        mean, spread, count = distances_in(placed[there[evenly_spread(len(there), FRAMES_COMPARED)]].astype(float))
+        known = count >= MIN_MET
+        return cls(markers, np.where(known, mean, np.nan), np.where(known, spread, np.nan))
+
+    @classmethod
+    def trained(cls, model: Model) -> Self:
+        """That of whoever a model was learned from."""
+        known = trained_pairs(model)
+        return cls(model.markerset.markers, known.mean, known.within)
+
+    def cost(self, other: Self, varies_m: float) -> float:
+        """How badly two go together, negative log likelihood; inf where sets differ, or too little is shown.
+
+        `varies_m` is the standard deviation of a distance between the two.
+        """
+        if self.markers != other.markers:
+            return np.inf
+        variance = varies_m**2 + (IDENTIFICATION.bend * self.mean) ** 2 + (self.variance + other.variance) / 2
+        known = np.triu(np.isfinite(variance + other.mean), 1)
+        if not known.any():
+            return np.inf
+        square = np.minimum((self.mean - other.mean)[known] ** 2 / variance[known], IDENTIFICATION.max_square)
+        # A marker is in many pairs, so these are not as many measurements as they look.
+        return float(square.mean() * len(self.markers) / 2)
+
+
+def costs_of(named: list, models: tuple[Model, ...]) -> list[float]:
+    """How badly each model goes with what was named on a body, negative log likelihood; inf where not at all."""
+    builds, trained = [PersonBuild.of(one) for one in named], [PersonBuild.trained(model) for model in models]
+    varies = IDENTIFICATION.put_on_m
+    return [min((build.cost(other, varies) for build in builds), default=np.inf) for other in trained]
+
+
+def distances_in(markers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of every two of M markers in frames (F, M, 3) m: mean distance m, its variance m², and in how many (M, M)."""
+    distance = np.linalg.norm(markers[:, :, None] - markers[:, None], axis=3)
+    seen = np.isfinite(distance)
+    count = seen.sum(axis=0)
+    mean = np.where(seen, distance, 0).sum(axis=0) / np.maximum(count, 1)
+    spread = np.where(seen, (distance - mean) ** 2, 0).sum(axis=0) / np.maximum(count, 1)
+    return mean, spread, count
+
+
+def likeliest(ways: Sequence[tuple[int, ...]], cost: np.ndarray) -> tuple[tuple[int, ...], float]:
+    """The best of ways to give each of S one of K, by what that costs (S, K), and by how much it is ahead."""
+    order = sorted((float(sum(cost[given, one] for given, one in enumerate(way))), way) for way in ways)
+    lead = order[1][0] - order[0][0] if len(order) > 1 else np.inf
+    return order[0][1], lead if np.isfinite(order[0][0]) else -np.inf
+
+
+def identified(cost: np.ndarray, kind: Sequence[int]) -> tuple[list[int], float]:
+    """Which body (of B) each of S subjects has, by costs (B, S), and by how much that is ahead of any other way.
+
+    Subjects of one `kind` (S,) are not told apart: the first of them has the first body.
+    """
+    bodies, subjects = cost.shape
+    ways = [
+        way
+        for way in permutations(range(bodies), subjects)
+        if all(kind[one] != kind[other] or way[one] < way[other] for one, other in combinations(range(subjects), 2))
+    ]
+    if not ways:
+        return list(range(subjects)), -np.inf
+    way, lead = likeliest(ways, cost.T)
+    return list(way), lead

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Finds what is the matter with a labelled take, the worst first: while it is labelled, or of all of it at once."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..data.takes import Blobs, Labels, Motion, PointRows, Suspect
+from ..edits.kinds import NO_EDITS, Accepted, Edits
+from ..geometry.cameras import NO_CAMERAS, Cameras
+from .answering import PAIR, accepted_in, is_accepted, right_in, settled_in
+from .camera_blobs import CameraBlobs
+from .camera_words import OF_ROOM, cameras_in
+from .leftovers import Leftover, find_leftovers, joined_leftovers
+from .suspects import FAR_OFF, JUMPS, SUSPECTING, runs
+from .trouble import Trouble, extras, in_doubt, left_over, missing, nobody, of_cameras, off_body
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerSight:
+    """Where the M markers of a motion of F frames are seen.
+
+    present  (M, F) True where a marker is there
+    off      (M, F) m from where the body has it; NaN without one of the two
+    """
+
+    present: np.ndarray
+    off: np.ndarray
+
+    @classmethod
+    def of(cls, motion: Motion) -> "MarkerSight":
+        """That of a motion."""
+        frames, markers = motion.markers.shape[:2]
+        sight = cls(np.empty((markers, frames), bool), np.empty((markers, frames)))
+        sight.look_again(motion, dict.fromkeys(range(markers), slice(None)))
+        return sight
+
+    def look_again(self, motion: Motion, changed: Mapping[int, slice]):
+        """Makes it that of a motion which is another in some frames of some markers only; quicker than all of them."""
+        for marker, frames in changed.items():
+            places = motion.markers[frames, marker]
+            self.present[marker, frames] = np.isfinite(places).all(axis=1)
+            away = places - motion.expected[frames, marker]
+            self.off[marker, frames] = np.sqrt(np.einsum("fx,fx->f", away, away))
+
+
+class TakeTrouble:
+    """Looks at a take chunk by chunk; `found` gives the list.
+
+    names are the M markers'; edits what a person said, which answers some of it; words the index of each marker by all
+    that edits may call it, its name alone unless they are given; rate in frames a second.
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        rate: float,
+        edits: Edits = NO_EDITS,
+        cameras: Cameras = NO_CAMERAS,
+        words: Mapping[str, int] | None = None,
+    ):
+        self.names, self.rate, self.edits = tuple(names), rate, edits
+        self.words = words or {name: index for index, name in enumerate(self.names)}
+        self.by_camera = CameraBlobs(cameras)
+        self.first = self.last = self.frames = self.subject_frames = 0
+        count = len(self.names)
+        self._missing, self._excused, self._off, self._accepted = (_Ranges(count) for _ in range(4))
+        self._nobody = _Ranges(1)
+        self._filled: dict[str, list[tuple[int, int]]] = {}
+        self._left: tuple[Leftover, ...] = ()
+
+    def add(self, rows: Blobs | PointRows, labels: Labels, motion: Motion, sight: MarkerSight | None = None):
+        """Adds a chunk, which follows the last. `sight` is the motion's, where it is known."""
+        sight = MarkerSight.of(motion) if sight is None else sight
+        frames = motion.frames
+        self.first = self.first if self.frames else int(frames[0])
+        self.frames, self.last = self.frames + len(frames), int(frames[-1])
+        here = (motion.confidence > 0) | sight.present.any(axis=0)
+        self.subject_frames += int(here.sum())
+        if isinstance(rows, PointRows):
+            self._left = joined_leftovers(self._left, find_leftovers(rows, labels, motion, self.rate))
+        else:
+            self.by_camera.add(rows, labels, motion)
+        lacking = here & ~sight.present
+        with np.errstate(invalid="ignore"):
+            far = sight.off > SUSPECTING.max_off_body_m
+        right = right_in(self.edits, self.words, frames).T
+        self._nobody.add(frames, ~here[None])
+        self._excused.add(frames, lacking & right)
+        self._accepted.add(frames, far & right, sight.off)
+        self._missing.add(frames, lacking & ~right)
+        self._off.add(frames, far & ~right, sight.off)
+
+    def fill(self, marker: str, first: int, last: int):
+        """Notes that a marker's gap from frame `first` to `last`, by the source's numbers, was filled: no trouble."""
+        self._filled.setdefault(marker, []).append((first, last))
+
+    def found(self, suspects: Iterable[Suspect] = (), answered: Iterable[Suspect] = ()) -> tuple[Trouble, ...]:
+        """All trouble, the worst first and what is answered last; suspects are the doubts, open and answered."""
+        doubts, over = ([self._doubt(one) for one in some if FAR_OFF not in one.words] for some in (suspects, answered))
+        found = [*self._of_nobody(), *self._of_missing(), *self._of_leftovers(), *self._of_body(), *doubts]
+        found = [_answered(one) if self._is_accepted(one) else one for one in found]
+        return tuple(sorted([*found, *map(_answered, over)], key=lambda one: (one.answered, -one.stake, one.first)))
+
+    def accepted(self, suspects: Iterable[Suspect] = ()) -> frozenset[Accepted]:
+        """The edits that accept some trouble, or what is said of a marker's doubtful frames."""
+        accepting = [edit for edit in self.edits if isinstance(edit, Accepted)]
+        if not accepting:
+            return frozenset()
+        said = [(one.topic, one.first, one.last) for one in self.found(suspects)]
+        said += [(f"{name} {what}", self.first, self.last) for name in self.names for what in (FAR_OFF, JUMPS)]
+        return frozenset(edit for edit in accepting if any(is_accepted(edit, *one) for one in said))
+
+    def _is_accepted(self, one: Trouble) -> bool:
+        """Whether a person accepted what it says in all of its frames."""
+        if not any(isinstance(edit, Accepted) for edit in self.edits):
+            return False
+        return all(accepted_in(self.edits, one.topic, np.arange(a, b + 1)).all() for a, b in one.spans)
+
+    def _of_nobody(self) -> Iterator[Trouble]:
+        for first, last, _, _ in self._nobody.of[0]:
+            yield nobody(first, last, len(self.names))
+
+    def _of_missing(self) -> Iterator[Trouble]:
+        for index, name in enumerate(self.names):
+            beside = [one for one in self._left if one.beside == index]
+            filled = self._filled.get(name, ())
+            gaps = [one[:2] for one in self._missing.of[index]]
+            gaps = [one for one in gaps if not any(a <= one[0] and one[1] <= b for a, b in filled)]
+            if sum(last - first + 1 for first, last in gaps) > SUSPECTING.max_break_frames:
+                yield missing(name, tuple(gaps), self.subject_frames, beside)
+            if excused := self._excused.of[index]:
+                yield _answered(missing(name, tuple(one[:2] for one in excused), self.subject_frames, beside))
+
+    def _of_leftovers(self) -> Iterator[Trouble]:
+        extra = []
+        for one in self._left:
+            if settled_in(self.edits, one.trajectory, one.first, one.last):
+                yield _answered(left_over(one, "" if one.beside is None else self.names[one.beside]))
+            elif one.beside is None:
+                extra.append(one)
+            else:
+                yield left_over(one, self.names[one.beside])
+        if extra:
+            yield extras(extra)
+
+    def _of_body(self) -> Iterator[Trouble]:
+        for off, as_found in ((self._off, lambda one: one), (self._accepted, _answered)):
+            for name, ranges in zip(self.names, off.of, strict=True):
+                if ranges:
+                    spans, worst = tuple(one[:2] for one in ranges), int(np.argmax([one[2] for one in ranges]))
+                    mean = sum(total for *_, total in ranges) / sum(last - first + 1 for first, last in spans)
+                    yield as_found(off_body(name, spans, worst, ranges[worst][2], mean))
+
+    def _doubt(self, one: Suspect) -> Trouble:
+        """A doubt, with the marker-frames at stake in it."""
+        if one.words.startswith(OF_ROOM):
+            return of_cameras(one, (), float(one.frames * len(self.names)))  # no name can be relied on
+        if cameras := cameras_in(one.words, self.by_camera.names):
+            blobs = sum(self.by_camera.blobs_of(name) for name in cameras)
+            return of_cameras(one, cameras, blobs / max(len(self.by_camera.names), 1))
+        frames = float(one.frames)
+        if one.trajectory is not None and len(one.markers) == PAIR:  # a change of names; in the gap there is none
+            frames = min(frames, SUSPECTING.moment_s * self.rate)
+        on_body = any(
+            left.trajectory == one.trajectory and left.first <= one.last and one.first <= left.last
+            for left in self._left
+        )
+        return in_doubt(one, on_body, frames * max(len(one.markers), 1))
+
+
+def _answered(one: Trouble) -> Trouble:
+    return replace(one, stake=0.0, answered=True)
+
+
+class _Ranges:
+    """Ranges of frames of each of M markers, gathered over chunks: (first, last, worst value, sum of the values)."""
+
+    def __init__(self, count: int):
+        self.of: list[list[tuple[int, int, float, float]]] = [[] for _ in range(count)]
+
+    def add(self, frames: np.ndarray, flags: np.ndarray, values: np.ndarray | None = None):
+        """Adds the flagged frames of a chunk (F,), flags (M, F); values (M, F) of which the worst and sum are kept."""
+        for marker in np.flatnonzero(flags.any(axis=1)).tolist():
+            mine = self.of[marker]
+            for start, stop in runs(flags[marker]):
+                part = np.zeros(1) if values is None else values[marker, start:stop]
+                first, last = int(frames[start]), int(frames[stop - 1])
+                worst, total = float(part.max()), float(part.sum())
+                if mine and mine[-1][1] + 1 == first:
+                    before = mine.pop()
+                    first, worst, total = before[0], max(before[2], worst), before[3] + total
+                mine.append((first, last, worst, total))

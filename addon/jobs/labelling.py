@@ -1,0 +1,305 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A take from file to files, of blobs as of 3D points: named part by part, and written as a whole."""
+
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..blendfile import Chunks, save_blend, save_played
+from ..core.data.markersets import Worn
+from ..core.data.progress import Progress
+from ..core.data.takes import Blobs, EditOutcome, LabelledChunk, PointRows, Points, Suspect
+from ..core.edits.applying import joined, unless_heard
+from ..core.edits.kinds import Accepted
+from ..core.geometry.cameras import NO_CAMERAS, Cameras
+from ..core.points.handedness import Handedness
+from ..core.points.models import Model
+from ..core.points.several.wearers import SeveralOptions
+from ..core.review.doubtful import AskedNames, doubtful_of, doubtful_ranges
+from ..core.review.summary import TakeSummary
+from ..core.review.take_trouble import TakeTrouble
+from ..io.c3d import first_number, names_in_c3d
+from ..io.changed import facts_of_changes
+from ..io.edits import open_edits
+from ..io.json_text import write_json
+from ..io.labels import LabelWriter
+from ..io.points import write_c3d, write_trc
+from ..io.poses import PoseFile
+from ..io.report import REPORT, facts_of_edits, facts_of_trouble, take_report
+from ..io.scratch import scratch_folder
+from ..io.source import digest
+from ..version import version
+from .job import MOTION_FILE, PAGE, LabelJob, Labelled, timed
+from .models import model_for
+from .resuming import leftovers, open_files
+from .several import facts_of_subjects, several_asked
+
+if TYPE_CHECKING:  # only jobs that fill gaps or write a page need them
+    from ..core.filling.kept import KeptFill
+    from ..core.filling.rays import MarkerRays
+    from ..core.review.overview import TakeOverview
+
+
+TakePart = tuple[Blobs | PointRows, list[str], LabelledChunk, float]  # with the keys of its rows, and the part read
+
+
+class OpenTake:
+    """A take while it is labelled; `PointTake` and `BlobTake` say what is different.
+
+    keys      the columns that tell one row of its labels from another
+    mend      what is expected of a take that is mirrored
+    in_parts  whether it is named part by part, so that progress is told of the parts
+    long      whether it has too many frames for keys; None where that shows only while it is read
+    cameras   that saw it; none for points
+    edits     those that the labels follow
+    worn      whose markers are named, one set or those that several subjects wear; known once `name` has ended
+    """
+
+    keys: tuple[str, ...]
+    mend: str
+    in_parts = False
+    long: bool | None = None
+    cameras: Cameras = NO_CAMERAS
+    worn: Worn
+
+    def __init__(
+        self, job: LabelJob, model: Model, several: SeveralOptions | None, stack: ExitStack, clock: dict[str, float]
+    ):
+        self.job, self.model, self.several, self.stack, self.clock = job, model, several, stack, clock
+        self.rate = job.frame_rate
+        known = self.read()
+        named = several.possible if several else model.markerset
+        self.edits = open_edits(job.edits_applied, job.source, named, **known)
+
+    def read(self) -> dict:
+        """Opens the take, and gives what edits are checked by; InputError for what cannot be labelled."""
+        raise NotImplementedError
+
+    def name(self) -> Generator[Progress, None, None]:
+        """Names what is named of the whole take at once, and refuses what cannot be named."""
+        raise NotImplementedError
+
+    def parts(self, kept: bool) -> Iterator[TakePart]:
+        """The named parts, in their order; they may be long where all of them are `kept`."""
+        raise NotImplementedError
+
+    def doubts(self, chunk: LabelledChunk) -> tuple[Sequence[Suspect], Sequence[Suspect]]:
+        """What the motion of a part shows, and the suspects that are about it."""
+        raise NotImplementedError
+
+    def end(self) -> tuple[list[str], tuple[Suspect, ...], frozenset]:
+        """What all of it shows: notes, suspects, and the edits that accept some; ForceableError where it cannot be."""
+        raise NotImplementedError
+
+    def facts(self, results: "Results") -> dict:
+        """What the report says beside what every report says."""
+        raise NotImplementedError
+
+    def points(self) -> Points:
+        """The markers in space, then what stays unnamed of points."""
+        raise NotImplementedError
+
+    def rays(self) -> "MarkerRays | None":
+        """Those of the markers that one camera alone sees; None where no camera is known."""
+        return None
+
+
+def label_take(job: LabelJob, kind: type[OpenTake]) -> Generator[Progress, None, Labelled]:
+    """Labels the take and writes its files, which appear together or not at all.
+
+    Memory does not grow with a take of blobs, unless its gaps are to be filled: that takes all frames.
+    Raises UserError with the file where it can be told.
+    """
+    clock: dict[str, float] = {}
+    with ExitStack() as stack:
+        inputs, files = open_files(job, stack)  # before they are read
+        with timed(clock, "load"):
+            model = yield from model_for(job.model, job.method)
+            several = (yield from several_asked(job, model)) if job.several else None
+            take = kind(job, model, several, stack, clock)
+        yield from take.name()
+        results = Results(job, take, files[".labels.csv"], stack)
+        for rows, keys, chunk, read in take.parts(results.kept):
+            with timed(clock, "write"):
+                results.labels.write(keys, chunk.labels)
+            results.add(rows, chunk, read)
+            if take.in_parts:
+                yield Progress(read, f"frame {chunk.motion.frames[-1]}")
+        with timed(clock, "label"):
+            results.end(*take.end())
+        results.labels.file.flush()
+        points, facts, fills = take.points(), results.facts(), ()
+        if job.fill:
+            from .fill import fill_labelled
+
+            with timed(clock, "fill"):
+                listeners, rays = (results.overview, results.trouble), take.rays()
+                given = points, take.worn, listeners, *(() if rays is None else (rays,))
+                points, of_gaps, fills = yield from fill_labelled(*given)
+            facts |= of_gaps
+        facts |= results.judged()
+        report = _write(results, files, model, points, facts, inputs, fills, clock)
+    return Labelled(report, take.worn, results.chunks if job.keep else [], take.edits)
+
+
+class Results:
+    """What becomes of a take, part by part; its files are open for as long as `stack` is.
+
+    chunks    the parts, where the job keeps them; of a take that is too long for keys only where the job is asked to
+    notes     what a person should know of the whole take
+    outcomes  what became of the edits in each part
+    heard     the edits that accept a doubt that there was
+    """
+
+    def __init__(self, job: LabelJob, take: OpenTake, labels: Path, stack: ExitStack):
+        self.job, self.take = job, take
+        worn = take.worn
+        self.labels = stack.enter_context(LabelWriter(labels, worn.markers, take.keys))
+        self.summary, self.handedness = TakeSummary(worn.markers), Handedness(worn, take.mend)
+        self.trouble = TakeTrouble(worn.markers, take.rate, take.edits, take.cameras, worn.by_name)
+        self.overview = _overview_of(take) if job.html else None
+        played = job.blend and take.long is not False
+        self.poses = stack.enter_context(PoseFile(stack.enter_context(scratch_folder()))) if played else None
+        self.kept = job.keep or (job.blend and not take.long)
+        self.chunks: Chunks = []
+        self.notes: list[str] = []
+        self.outcomes: list[tuple[EditOutcome, ...]] = []
+        self.heard: frozenset[Accepted] = frozenset()
+        self._doubtful: dict[str, list[list[int]]] = {name: [] for name in worn.markers}
+
+    def add(self, rows: Blobs | PointRows, chunk: LabelledChunk, read: float):
+        """Adds the next part, after which the part `read` of the take was read."""
+        self.summary.add(chunk)
+        self.handedness.add(chunk.motion.markers)
+        if self.overview is not None:
+            self.overview.add(rows, chunk)
+        self.trouble.add(rows, chunk.labels, chunk.motion)
+        self._add_doubtful(rows, chunk)
+        self.outcomes.append(chunk.outcomes)
+        self.heard |= chunk.heard
+        if self.poses is not None:
+            self.poses.append(chunk.motion, 1.0 if self.job.frames else read)
+            if self.poses.long and not self.job.keep:
+                self.kept = False
+                self.chunks.clear()
+        if self.kept:
+            self.chunks.append((rows, chunk))
+
+    def _add_doubtful(self, rows: Blobs | PointRows, chunk: LabelledChunk):
+        """Notes which samples are doubtful; what goes on from one part to the next is one range."""
+        markers, frames = self.take.worn.markers, chunk.motion.frames
+        asked = AskedNames.of(rows, chunk.labels, chunk.motion.residual.shape)
+        edits, words = self.take.edits, self.take.worn.by_name
+        doubtful = doubtful_of(asked, frames, *self.take.doubts(chunk), markers, edits, words)
+        for name, spans in doubtful_ranges(doubtful, frames, markers).items():
+            known = self._doubtful[name]
+            if known and known[-1][1] + 1 == spans[0][0]:
+                known[-1][1] = spans.pop(0)[1]
+            known += spans
+
+    def end(self, notes: list[str], suspects: tuple[Suspect, ...], heard: frozenset[Accepted]):
+        """Adds what shows at the end of the take; MirroredError where that is that it is mirrored."""
+        self.notes = [*notes, *self.job.doubted(self.handedness.refuse)]
+        self.summary.suspects += suspects
+        self.heard |= heard
+        if self.chunks and suspects:
+            rows, last = self.chunks[-1]
+            self.chunks[-1] = (rows, replace(last, suspects=(*last.suspects, *suspects)))
+
+    @property
+    def played(self) -> PoseFile | None:
+        """The poses of a take that is too long for keys, where a Blender file is wanted."""
+        return self.poses if self.poses is not None and self.poses.long else None
+
+    def facts(self) -> dict:
+        """What the report says of the take and of who is in it, beside what every report says."""
+        facts = self.take.facts(self)
+        if self.notes:
+            facts["notes"] = [*facts.get("notes", []), *self.notes]
+        if self.job.several:
+            facts |= facts_of_subjects(self.job, self.take.worn, facts.get("notes", []))
+        return facts
+
+    def judged(self) -> dict:
+        """What the report says that a person should look at; asked once gaps are filled, which are no trouble then."""
+        self.heard |= self.trouble.accepted(self.summary.suspects)
+        doubtful = {name: spans for name, spans in self._doubtful.items() if spans}
+        return facts_of_trouble(self.trouble, self.summary.suspects) | {"doubtful": doubtful}
+
+    def edits_done(self) -> tuple[EditOutcome, ...]:
+        """What became of each edit."""
+        return unless_heard(joined(filter(None, self.outcomes)), self.take.edits, self.heard)
+
+
+def _overview_of(take: OpenTake) -> "TakeOverview":
+    """What the take's page is drawn from."""
+    from ..core.review.overview import OverviewSubject, TakeOverview
+
+    return TakeOverview(OverviewSubject.of(take.worn), take.rate, take.cameras, take.edits)
+
+
+def _write(
+    results: Results,
+    files: dict[str, Path],
+    model: Model,
+    points: Points,
+    facts: dict,
+    made_of: dict,
+    fills: "tuple[KeptFill, ...]",
+    clock: dict[str, float],
+) -> dict:
+    """Writes all files of a take but its labels, which are written part by part; gives the report."""
+    job, take, rate = results.job, results.take, points.rate
+    with timed(clock, "write"):
+        if results.played is not None:
+            of_take = points, results.played, results.summary.suspects, take.cameras
+            part = job.for_a_part(not len(take.cameras))
+            save_played(files[".blend"], files[MOTION_FILE], job.source, take.worn, *of_take, part)
+        elif job.blend:
+            shown = results.chunks, take.cameras, take.edits, fills
+            save_blend(files[".blend"], job.source, rate, take.worn, *shown)
+        changed = facts_of_changes(job.path(".labels.csv"), files[".labels.csv"], take.worn.markers)
+        write_c3d(files[".c3d"], points)
+        if job.trc:
+            write_trc(files[".trc"], points)
+        digests = {
+            ending: digest([path]) for ending, path in files.items() if ending not in (PAGE, REPORT) and path.exists()
+        }
+    report = take_report(results.summary, job.source.stem, take.worn.name, rate, version(), clock)
+    outcomes = results.edits_done()
+    report |= (
+        {"model_version": model.history.version, "model_fingerprint": model.fingerprint}
+        | renumbered(points)
+        | facts_of_edits(job.edits_file, outcomes)
+        | facts
+        | changed
+        | {"made_of": {**made_of, "results": digests}}
+    )
+    if "points" in report:
+        del report["blobs"]
+    if left := [path.name for path in leftovers(job)[1]]:
+        words = [f"{name} is not of this run, and stays as it is" for name in left]
+        report["notes"] = [*report.get("notes", []), *words]
+    if results.overview is not None:
+        from ..io.html import write_take_page
+        from .pages import today
+
+        results.overview.outcomes = outcomes
+        write_take_page(files[PAGE], report, results.overview, job.source.name, today())
+        digests[PAGE] = digest([files[PAGE]])
+    write_json(files[REPORT], report)
+    return report
+
+
+def renumbered(points: Points) -> dict:
+    """What a report says where a C3D file cannot say what the take does: of frame numbers, and of long names."""
+    said: dict = {}
+    first = first_number(points.first_frame, points.xyz.shape[0])
+    if first != points.first_frame:
+        said["c3d_first_frame"] = first
+    names = zip(points.names, names_in_c3d(points.names), strict=True)
+    if other := {name: fitted for name, fitted in names if name != fitted}:
+        said["c3d_names"] = other
+    return said

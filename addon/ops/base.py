@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What all operators share: what they are called, when they can be used, and how trouble is reported."""
+
+from collections.abc import Callable, Iterable
+from functools import wraps
+from pathlib import Path
+
+import bpy
+from bpy_extras.io_utils import ExportHelper
+
+from ..core.data.errors import UserError
+from ..scene.opened import opened
+from ..scene.performers import homes
+from ..scene.playing import played_takes
+from ..scene.stored import Stored
+from ..scene.take import is_take
+
+PLAYED_WORDS = "This take plays from a file and has no keys: open a part of it, with Open Part under Long Take"
+
+
+def reports_trouble(method: Callable[..., set[str]]) -> Callable[..., set[str]]:
+    """Wraps an operator's method, such as `invoke`, which need not say where it finished.
+
+    A `UserError` ends it with one readable sentence. Whatever else goes wrong is the program's fault, and propagates.
+    """
+
+    def tried(self, *given) -> set[str]:
+        try:
+            return method(self, *given) or {"FINISHED"}
+        except UserError as error:
+            self.report({"ERROR"}, str(error))
+            return {"CANCELLED"}
+
+    def with_event(self, context, event):
+        return tried(self, context, event)
+
+    def without(self, context):
+        return tried(self, context)
+
+    # Blender counts the parameters of what it calls.
+    return wraps(method)(with_event if method.__code__.co_argcount > 2 else without)
+
+
+class Ours:
+    """An operator: called as its class is, and one step of undo. Where it cannot be used its grey button tells why.
+
+    It differs in `work`, which ends with nothing where it is done; UserError where it cannot be.
+    """
+
+    bl_options = {"REGISTER", "UNDO"}
+
+    def __init_subclass__(cls, **words):
+        super().__init_subclass__(**words)
+        module, found, name = cls.__name__.partition("_OT_")
+        if found:
+            cls.bl_idname = f"{module.lower()}.{name}"
+
+    @classmethod
+    def lacks(cls, _context: bpy.types.Context) -> str:
+        """What is to be done first, in one sentence without its full stop; empty where nothing is lacking."""
+        return ""
+
+    @classmethod
+    def poll(cls, context):
+        words = cls.lacks(context)
+        if words:
+            cls.poll_message_set(words)
+        return not words
+
+    @reports_trouble
+    def execute(self, context):
+        return self.work(context)
+
+
+class WithTake(Ours):
+    """Operators that need an active take, of blobs or points, and no mode."""
+
+    @classmethod
+    def lacks(cls, context):
+        return lacks_take(context)
+
+
+class OfTake(Ours):
+    """Operators on the active take, of blobs or points."""
+
+    @classmethod
+    def lacks(cls, context):
+        return lacks_take(context) or lacks_object_mode(context)
+
+
+class ToldWhere(ExportHelper):
+    """Operators that ask for the file to write, which is called as `proposed` says where nobody chose one."""
+
+    bl_options = {"REGISTER"}
+
+    def invoke(self, context, event):
+        if not self.filepath:
+            self.filepath = str(self.proposed(context))
+        return ExportHelper.invoke(self, context, event)
+
+    def proposed(self, context: bpy.types.Context) -> Path:
+        """The file to write."""
+        raise NotImplementedError
+
+
+def taken(context: bpy.types.Context) -> Stored:
+    """The active take as it is, with its edits, fills and smoothing."""
+    return opened.take(context.scene.mocap_autolabel.take, context.scene)
+
+
+def lacks_take(context: bpy.types.Context) -> str:
+    """What to do where no labelled take is active; else nothing."""
+    if is_take(context.scene.mocap_autolabel.take):
+        return ""
+    return PLAYED_WORDS if played_takes(context.scene) else "Label a take first"
+
+
+def lacks_one_performer(context: bpy.types.Context) -> str:
+    """What to do with a take of several performers, where there has to be one; else nothing."""
+    several = bool(homes(context.scene.mocap_autolabel.take))
+    return "The take is of several performers: export one of them as C3D, and train on that" if several else ""
+
+
+def lacks_object_mode(context: bpy.types.Context) -> str:
+    """What to do outside object mode, where objects can be neither selected nor made; else nothing."""
+    return "" if context.mode == "OBJECT" else "Go to object mode first"
+
+
+def remove_chosen(group: bpy.types.PropertyGroup, name: str):
+    """Takes the chosen row out of a list such as `takes`, whose `take_index` goes to another."""
+    rows, index = getattr(group, name), f"{name.removesuffix('s')}_index"
+    last = len(rows) - 1
+    rows.remove(min(getattr(group, index), last))
+    setattr(group, index, max(min(getattr(group, index), last - 1), 0))
+
+
+def keeps_items(items: Callable[..., Iterable[tuple]]) -> Callable[..., list[tuple]]:
+    """Wraps the items of an enumeration: Blender keeps no reference to their texts, which must outlive the drawing."""
+    kept: list[tuple] = []
+
+    @wraps(items)
+    def run(self, context) -> list[tuple]:
+        kept[:] = items(self, context or bpy.context)  # a menu that sets the value of a button brings no context
+        return kept
+
+    return run

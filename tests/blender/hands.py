@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a hand does to the take of points of the fixture `labelled`, and what is seen then."""
+
+import bpy
+import numpy as np
+
+from addon.scene import naming
+
+FRAMES = 30
+GHOST = 13  # the trajectory that nobody wears; before it each is the marker of its number
+
+
+def shown() -> dict[str, bpy.types.Object]:
+    """The empties of the active take."""
+    take = bpy.context.scene.mocap_autolabel.take
+    return {item[naming.MARKER]: item for item in take.all_objects if naming.MARKER in item}
+
+
+def picked() -> list[int]:
+    """The trajectories that are picked."""
+    return [row.point for row in bpy.context.window_manager.mocap_autolabel.picked]
+
+
+def choose(*names: str):
+    """Selects markers, the first as the active one."""
+    for item in bpy.context.selected_objects:
+        item.select_set(False)
+    for name in reversed(names):
+        shown()[name].select_set(True)
+        bpy.context.view_layer.objects.active = shown()[name]
+
+
+def keys_of(name: str) -> np.ndarray:
+    """(K, 4) the keyed frames of a marker, and where it is in them."""
+    data = shown()[name].animation_data
+    bag = data.action.layers[0].strips[0].channelbag(data.action_slot)
+    curves = [[key.co for key in curve.keyframe_points] for curve in bag.fcurves if curve.data_path == "location"]
+    assert len(curves) in (0, 3)
+    return (
+        np.column_stack([np.array(curves[0])[:, 0], *(np.array(c)[:, 1] for c in curves)])
+        if curves
+        else np.empty((0, 4))
+    )
+
+
+def follows(files, name: str, point: int, frames: slice = slice(None)):
+    """Asserts that a marker is keyed where a trajectory is, in some of the take's frames, and there only."""
+    keys = keys_of(name)
+    wanted = np.arange(FRAMES)[frames]
+    wanted = wanted[np.isfinite(files.xyz[wanted, point, 0])]
+    mine = keys[np.isin(keys[:, 0], 101 + np.arange(FRAMES)[frames])]
+    assert mine[:, 0].tolist() == (101 + wanted).tolist()
+    np.testing.assert_allclose(mine[:, 1:], files.xyz[wanted, point], atol=1e-5)
+
+
+def rows_of_export(path) -> list[list[str]]:
+    assert bpy.ops.mocap_autolabel.export_labels(filepath=str(path)) == {"FINISHED"}
+    return [line.split(",") for line in path.read_text().splitlines()[1:]]

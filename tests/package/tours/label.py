@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A hand that corrects a take with the tool Label in a real Blender's window, by pointer and keys."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+from stage import (
+    TASK,
+    Place,
+    asked,
+    corrections,
+    dot,
+    event,
+    in_window,
+    look_at_the_person,
+    module,
+    now,
+    picked,
+    play,
+    press_held,
+    running,
+    set_tool,
+    settings,
+    window,
+)
+
+
+def walk(seen: dict) -> Iterator[float]:
+    """Install, import, label; pick in every way, name, swap, unlabel and relabel, place, play; two people."""
+    bpy.data.batch_remove(list(bpy.data.objects))
+    bpy.ops.mocap_autolabel.import_points(filepath=TASK["points"])
+    bpy.context.scene.mocap_autolabel.subjects.markerset = TASK["markerset"]
+    bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
+    yield from window.until(lambda: bpy.context.scene.mocap_autolabel.take is not None)
+    bpy.context.scene.frame_set(TASK["frame"])
+    look_at_the_person()
+    set_tool()
+    bpy.ops.ed.undo_push(message="Labelled")
+    yield 1
+    yield from picking(seen)
+    yield from naming(seen)
+    yield from quick_labelling(seen)
+    yield from placing(seen)
+    yield from playing(seen)
+    yield from of_two(seen)
+
+
+def picking(seen: dict) -> Iterator[float]:
+    """Clicks, a box, a lasso."""
+    left, right = dot("LKNE"), dot("RKNE")
+    seen["knees"] = [trajectory("LKNE"), trajectory("RKNE")]
+    yield from window.click(*left)
+    seen["clicked"] = picked()
+    seen["selected"] = [item.name for item in bpy.context.selected_objects]
+    yield from window.click(*right, shift=True)
+    seen["with Shift"] = picked()
+    yield from window.screenshot("1-picked")
+    yield from window.click(*left, shift=True)
+    seen["with Shift again"] = picked()
+    yield from window.click(left[0] + 150, left[1])
+    seen["beside"] = picked()
+    corners = [min(left[0], right[0]) - 25, min(left[1], right[1]) - 25, max(left[0], right[0]) + 25]
+    corners.append(max(left[1], right[1]) + 25)
+    yield from window.drag((corners[0], corners[1]), (corners[2], corners[3]))
+    seen["in a box"] = picked()
+    x, y = right
+    yield from lasso([(x - 25, y - 25), (x + 25, y - 25), (x + 25, y + 25), (x - 25, y + 25), (x - 25, y - 15)])
+    seen["in a lasso"] = picked()
+
+
+def naming(seen: dict) -> Iterator[float]:
+    """Two exchanged, taken back; a pie, a typed name."""
+    left, right = dot("LKNE"), dot("RKNE")
+    yield from window.click(*left)
+    yield from window.click(*right, shift=True)
+    yield from window.press("E", *left)
+    seen["swapped"] = corrections()
+    yield from press_held("Z", left, ctrl=True)
+    yield 1
+    seen["undone"] = corrections()
+    seen["picked after undo"] = picked()
+    yield from window.click(*dot("LANK"))
+    yield from window.press("U", *left)
+    seen["unlabelled"] = corrections()
+    yield from window.tap("L", *left)
+    yield from window.screenshot("2-pie")
+    yield from window.press("FOUR", *left)  # the pie's first piece
+    seen["named by the pie"] = corrections()
+    yield from window.press("RET", *left)
+    yield from window.screenshot("3-typed")
+    yield from window.press("ESC", *left)
+    seen["after Esc"] = corrections()
+
+
+def quick_labelling(seen: dict) -> Iterator[float]:
+    """Three names taken away and given again, one after the other, with second thoughts."""
+    places = {name: dot(name) for name in ("LELB", "RELB", "LTOE")}
+    seen["truth"] = {name: trajectory(name) for name in places}
+    for place in places.values():
+        yield from window.click(*place)
+        yield from window.press("U", *place)
+    begun = len(corrections())
+    aside = places["LELB"]
+    yield from window.press("F", *aside)
+    yield from window.screenshot("4-quick-label")
+    yield from skip_to(places, aside)
+    seen["asked"] = [asked().rstrip("?")]
+    yield from window.click(*places.pop(asked().rstrip("?")))
+    seen["asked"].append(asked().rstrip("?"))
+    yield from window.press("BACK_SPACE", *aside)
+    seen["asked"].append(asked().rstrip("?"))
+    yield from window.press("SPACE", *aside)
+    seen["asked"].append(asked().rstrip("?"))
+    yield from skip_to(places, aside)
+    seen["asked"].append(asked().rstrip("?"))
+    yield from window.click(*places.pop(asked().rstrip("?")))
+    yield from window.press("ESC", *aside)
+    seen["given"] = corrections()[begun:]
+    seen["quick label runs"] = running()
+
+
+def skip_to(wanted: dict[str, Place], aside: Place) -> Iterator[float]:
+    """Pass over the markers that are asked for until it is one of those wanted."""
+    for _ in range(30):
+        if asked().rstrip("?") in wanted:
+            return
+        yield from window.press("SPACE", *aside)
+
+
+def placing(seen: dict) -> Iterator[float]:
+    """A marker put where nothing was seen."""
+    stored, _ = now()
+    hidden = np.isnan(stored.motion.markers[..., 0]) & np.isfinite(stored.motion.expected[..., 0])
+    [frame, marker] = np.argwhere(hidden & np.isfinite(stored.motion.markers[..., 0]).any(axis=0))[0]
+    bpy.context.scene.frame_set(int(stored.motion.frames[frame]) + stored.shift)
+    look_at_the_person()
+    yield 1
+    seen["gap"] = stored.names[marker]
+    item = next(item for item in take().all_objects if item.get("mocap_marker") == seen["gap"])
+    bpy.context.view_layer.objects.active = item
+    for other in bpy.context.selected_objects:
+        other.select_set(False)
+    item.select_set(True)
+    place = in_window(stored.motion.expected[frame, marker])
+    yield from window.press("P", *place)
+    yield from window.click(*place)
+    yield from window.screenshot("5-it-is-here")
+    yield from window.press("RET", *place)
+    seen["placed"] = [corrections()[-1], [float(value) for value in item.matrix_world.translation]]
+
+
+def playing(seen: dict) -> Iterator[float]:
+    """Playback goes on with the tool."""
+    before = bpy.context.scene.frame_current
+    middle = window.region("WINDOW")
+    place = middle.x + 200, middle.y + 200
+    yield from window.press("SPACE", *place)
+    yield 2
+    yield from window.press("SPACE", *place)
+    seen["played"] = bpy.context.scene.frame_current != before
+    seen["tool"] = bpy.context.workspace.tools.from_space_view3d_mode("OBJECT").idname
+
+
+def of_two(seen: dict) -> Iterator[float]:
+    """Two performers labelled beside the window, and a knee that is the other one's; taken back."""
+    bpy.ops.mocap_autolabel.import_points(filepath=TASK["pair"])
+    settings().subjects.performing = "SO_MANY"
+    bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
+    yield from window.until(lambda: take() is not None and "duet" in take().name)
+    bpy.context.scene.frame_set(bpy.context.scene.frame_start + 20)
+    look_at_the_person()
+    window.area().spaces.active.region_3d.view_distance = 5.0
+    bpy.ops.ed.undo_push(message="Labelled")
+    yield 1
+    seen["performers"] = [child.name for child in take().children]
+    seen["their knees"] = [trajectory("1:LKNE"), trajectory("2:LKNE")]
+    place = dot("1:LKNE")
+    yield from window.click(*place)
+    yield from press_held("E", place, shift=True)
+    yield from window.until(lambda: len(corrections()) == 2)
+    seen["the other one's"] = corrections()
+    seen["their knees then"] = [trajectory("1:LKNE"), trajectory("2:LKNE")]
+    yield from window.screenshot("6-performers")
+    yield from press_held("Z", place, ctrl=True)
+    yield from window.until(lambda: not corrections())
+    seen["their knees again"] = [trajectory("1:LKNE"), trajectory("2:LKNE")]
+
+
+def take() -> bpy.types.Collection:
+    return bpy.context.scene.mocap_autolabel.take
+
+
+def dots():
+    """The dots of the current frame, and the names of the markers."""
+    stored, index = now()
+    return module("scene.picking").dots_of(stored, index), stored.names
+
+
+def trajectory(marker: str) -> int:
+    """The trajectory that is a marker now."""
+    here, names = dots()
+    return int(here.trajectory[here.marker == names.index(marker)][0])
+
+
+def lasso(path: list[Place]) -> Iterator[float]:
+    """Drag along a path with Ctrl held, which Blender has to see pressed before a drag counts as such."""
+    event("MOUSEMOVE", "NOTHING", path[0])
+    yield 0.2
+    event("LEFT_CTRL", "PRESS", path[0], ctrl=True)
+    event("LEFTMOUSE", "PRESS", path[0], ctrl=True)
+    for place in path[1:]:
+        yield 0.3
+        event("MOUSEMOVE", "NOTHING", place, ctrl=True)
+    yield 0.3
+    event("LEFTMOUSE", "RELEASE", path[-1], ctrl=True)
+    event("LEFT_CTRL", "RELEASE", path[-1])
+    yield 0.5
+
+
+play(walk)
