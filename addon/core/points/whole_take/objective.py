@@ -188,6 +188,11 @@ class Objective:
         total = float(worth.sum())
         return Candidate(marker, placed, shown, odds, total, settled_frames(self.model.likelihood, placed[self._shown]))
 
+    def coverage(self, marker: np.ndarray) -> np.ndarray:
+        """(M + E,) the part of the take in which each marker is, by names (N,)."""
+        own = marker != NO_MARKER
+        return np.bincount(marker[own], self.tracklets.count[own], self.markers + self.extras) / self.length
+
     def borne_out(self, naming: Candidate) -> tuple[np.ndarray, np.ndarray]:
         """(M,) in how many frames each marker is, and the mean log odds of it there."""
         own = np.flatnonzero((naming.marker != NO_MARKER) & (naming.marker < self.markers))

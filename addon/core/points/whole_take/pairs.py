@@ -174,6 +174,13 @@ def corrected(trained: PairDistances, shown: Moments) -> PairDistances:
     return PairDistances(prior + weight * (mean - prior), (1 - weight) * unsure, spread)
 
 
+def sized(trained: PairDistances, shown: Moments) -> float:
+    """The size of a subject whose distances a take shows, 1 for that of the training."""
+    some = shown.count[: len(trained.mean), : len(trained.mean)]
+    given = (part[: len(some), : len(some)] for part in (shown.mean, shown.variance))
+    return _size(trained, *(np.where(some > 0, part, 0) for part in given), some / PAIRING.independent)[0]
+
+
 def _size(trained: PairDistances, mean: np.ndarray, within: np.ndarray, count: np.ndarray) -> tuple[float, float]:
     """The size of a subject of distances `mean` (M, M) m, 1 for that of the training, and its variance."""
     one, other = np.nonzero(np.triu((count > 1) & (trained.mean > 0), 1))
