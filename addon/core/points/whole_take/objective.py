@@ -27,8 +27,8 @@ from ...geometry.upright import upright_aligned
 from ..likelihood.model import Likelihood
 from ..likelihood.naming import Settled, settle
 from ..models import Model
-from .likeness import likeness, links, worth_of_length
-from .pairs import PAIRING, Moments, PairDistances, corrected, moments, trained_pairs, widened, with_unknown
+from .likeness import LIKENESS, likeness, links, steadiest, worth_of_each, worth_of_length
+from .pairs import PAIRING, Moments, PairDistances, corrected, moments, sized, trained_pairs, widened, with_unknown
 from .rulings import RULING
 from .tracklets import PlacedMarkers, Tracklets, seen_in
 
@@ -95,6 +95,56 @@ class Candidate:
     odds: np.ndarray
     total: float
     settled: Settled | None
+
+
+class LayoutOdds:
+    """How well slots, each all that has one name so far, bear out the distances that training expects of other names.
+
+    known are those of M markers; shown is what the take shows of M + E slots, which are there for a part `coverage`
+    (M + E,) of it.
+    """
+
+    def __init__(self, known: PairDistances, shown: Moments, coverage: np.ndarray):
+        self.markers = len(known.mean)
+        size = sized(known, shown)
+        self.near = steadiest(known.variance)
+        rows = np.arange(self.markers)[:, None]
+        self.mean, self.variance = size * known.mean[rows, self.near], known.variance[rows, self.near]
+        self.apart = size * known.mean
+        self.shown, self.spread, self.coverage = shown.mean, shown.variance, coverage
+
+    def worth(self, orders: np.ndarray) -> np.ndarray:
+        """(K,) what slots are worth by names in orders (K, M + E): order[m] is the slot that is marker m."""
+        own, beside = orders[:, : self.markers], orders[:, self.near]
+        away, spread = self.shown[own[..., None], beside], self.spread[own[..., None], beside]
+        there = np.isfinite(away) & np.isfinite(self.mean) & np.isfinite(self.variance)
+        there &= np.cumsum(there, axis=-1) <= LIKENESS.neighbours
+        asked = there.sum(axis=-1)
+        square = np.where(there, ((away - self.mean) ** 2 + spread) / self.variance, 0)
+        share = worth_of_each(asked)
+        square = np.minimum(square, LIKENESS.max_square).sum(axis=-1) * share
+        precision = share * np.where(there, 1 / self.variance, 0).sum(axis=-1) / 3 + LIKENESS.wide_m**-2
+        odds = 1.5 * np.log(precision) - 1.5 * np.log(2 * np.pi) - 0.5 * square - np.log(LIKENESS.ghost_density)
+        odds = np.where(asked >= LIKENESS.min_neighbours, odds, 0)
+        return (odds * self.coverage[own]).sum(axis=1)
+
+    def exchanges(self, order: np.ndarray, which: np.ndarray) -> np.ndarray:
+        """(K, 2) any of the markers `which` (M or M + E,) and another that may be it, or an extra, of which one is there."""
+        one, other = np.nonzero((self.apart < PAIRING.max_confused_m) & which[: self.markers, None])
+        near = np.column_stack([one, other])
+        near = near[one != other]
+        extra = np.arange(self.markers, len(order))
+        marker = np.flatnonzero(which[: self.markers])
+        beyond = np.column_stack([np.repeat(marker, len(extra)), np.tile(extra, len(marker))])
+        found = np.concatenate([near, beyond]).astype(int)
+        return found[(self.coverage[order[found]] > 0).any(axis=1)]
+
+    def gains(self, order: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """(K,) what it brings that two exchange their slots."""
+        tried = np.tile(order, (len(pairs), 1))
+        rows = np.arange(len(pairs))
+        tried[rows, pairs[:, 0]], tried[rows, pairs[:, 1]] = order[pairs[:, 1]], order[pairs[:, 0]]
+        return self.worth(tried) - self.worth(order[None])[0]
 
 
 class Objective:
@@ -187,6 +237,10 @@ class Objective:
         worth -= np.where(marker[named] < self.markers, 0.0, OBJECTIVE.extra * self.tracklets.count[named])
         total = float(worth.sum())
         return Candidate(marker, placed, shown, odds, total, settled_frames(self.model.likelihood, placed[self._shown]))
+
+    def layout(self, naming: Candidate) -> LayoutOdds:
+        """How well what has one name bears out the distances that training expects of others."""
+        return LayoutOdds(self.known, naming.moments, self.coverage(naming.marker))
 
     def coverage(self, marker: np.ndarray) -> np.ndarray:
         """(M + E,) the part of the take in which each marker is, by names (N,)."""
