@@ -71,6 +71,7 @@ class ObjectiveOptions:
     max_marker: float = 6.0
     shape: float = 0.5
     extra: float = 12.0
+    lab_sd_m: float = 0.04
 
 
 OBJECTIVE = ObjectiveOptions()
@@ -100,7 +101,8 @@ class Candidate:
 class LayoutOdds:
     """How well slots, each all that has one name so far, bear out the distances that training expects of other names.
 
-    known are those of M markers; shown is what the take shows of M + E slots, which are there for a part `coverage`
+    Odds are unlimited: a plate that sits elsewhere has all of its markers off by as much, and turned round it has some
+    of them off by twice that. known are those of M markers; shown is what the take shows of M + E slots, which are there for a part `coverage`
     (M + E,) of it.
     """
 
@@ -109,12 +111,16 @@ class LayoutOdds:
         size = sized(known, shown)
         self.near = steadiest(known.variance)
         rows = np.arange(self.markers)[:, None]
-        self.mean, self.variance = size * known.mean[rows, self.near], known.variance[rows, self.near]
+        self.mean = size * known.mean[rows, self.near]
+        self.variance = known.variance[rows, self.near] + OBJECTIVE.lab_sd_m**2
         self.apart = size * known.mean
         self.shown, self.spread, self.coverage = shown.mean, shown.variance, coverage
 
-    def worth(self, orders: np.ndarray) -> np.ndarray:
-        """(K,) what slots are worth by names in orders (K, M + E): order[m] is the slot that is marker m."""
+    def worth(self, orders: np.ndarray, most: float = np.inf) -> np.ndarray:
+        """(K,) what slots are worth by names in orders (K, M + E): order[m] is the slot that is marker m.
+
+        Squares are `most` at most.
+        """
         own, beside = orders[:, : self.markers], orders[:, self.near]
         away, spread = self.shown[own[..., None], beside], self.spread[own[..., None], beside]
         there = np.isfinite(away) & np.isfinite(self.mean) & np.isfinite(self.variance)
@@ -122,29 +128,40 @@ class LayoutOdds:
         asked = there.sum(axis=-1)
         square = np.where(there, ((away - self.mean) ** 2 + spread) / self.variance, 0)
         share = worth_of_each(asked)
-        square = np.minimum(square, LIKENESS.max_square).sum(axis=-1) * share
+        square = np.minimum(square, most).sum(axis=-1) * share
         precision = share * np.where(there, 1 / self.variance, 0).sum(axis=-1) / 3 + LIKENESS.wide_m**-2
         odds = 1.5 * np.log(precision) - 1.5 * np.log(2 * np.pi) - 0.5 * square - np.log(LIKENESS.ghost_density)
         odds = np.where(asked >= LIKENESS.min_neighbours, odds, 0)
         return (odds * self.coverage[own]).sum(axis=1)
 
-    def exchanges(self, order: np.ndarray, which: np.ndarray) -> np.ndarray:
-        """(K, 2) any of the markers `which` (M or M + E,) and another that may be it, or an extra, of which one is there."""
-        one, other = np.nonzero((self.apart < PAIRING.max_confused_m) & which[: self.markers, None])
-        near = np.column_stack([one, other])
-        near = near[one != other]
-        extra = np.arange(self.markers, len(order))
-        marker = np.flatnonzero(which[: self.markers])
-        beyond = np.column_stack([np.repeat(marker, len(extra)), np.tile(extra, len(marker))])
-        found = np.concatenate([near, beyond]).astype(int)
-        return found[(self.coverage[order[found]] > 0).any(axis=1)]
+    def chains(self, holes: np.ndarray, width: int, length: int) -> list[np.ndarray]:
+        """Orders (M + E,) worth most, by chains of exchanges from any of the markers `holes` (K,).
 
-    def gains(self, order: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-        """(K,) what it brings that two exchange their slots."""
-        tried = np.tile(order, (len(pairs), 1))
-        rows = np.arange(len(pairs))
-        tried[rows, pairs[:, 0]], tried[rows, pairs[:, 1]] = order[pairs[:, 1]], order[pairs[:, 0]]
-        return self.worth(tried) - self.worth(order[None])[0]
+        Whoever has lost its slot takes that of another that is near to it, or an extra's, and leaves it its own: a
+        limb one place off is such a chain, of which every link but the last may be worth less.
+        """
+        every = np.arange(len(self.coverage))
+        near = (self.apart < PAIRING.max_confused_m) & ~np.eye(self.markers, dtype=bool)
+        near = np.pad(near, ((0, 0), (0, len(every) - self.markers)), constant_values=True)
+        orders, ends, found = np.tile(every, (len(holes), 1)), holes, []
+        for _ in range(length):
+            row, other = np.nonzero(near[ends])
+            tried, end = orders[row].copy(), ends[row]
+            one, rows = tried[np.arange(len(row)), end], np.arange(len(row))
+            tried[rows, end] = tried[rows, other]
+            tried[rows, other] = one
+            used = (self.coverage[tried[rows, end]] > 0) & (tried[rows, end] != end)
+            tried, end = tried[used], other[used]
+            tried, first = np.unique(tried, axis=0, return_index=True)
+            end, worth = end[first], self.worth(tried, LIKENESS.max_square)
+            best = np.argsort(-worth, kind="stable")[: width]
+            found += [(float(worth[k]), tried[k]) for k in best]
+            going = best[end[best] < self.markers]
+            orders, ends = tried[going], end[going]
+            if not len(going):
+                break
+        found.sort(key=lambda one: -one[0])
+        return list({order.tobytes(): order for _, order in found}.values())
 
 
 class Objective:
@@ -242,6 +259,9 @@ class Objective:
         """How well what has one name bears out the distances that training expects of others."""
         return LayoutOdds(self.known, naming.moments, self.coverage(naming.marker))
 
+    def _layout_worth(self, naming: Candidate) -> float:
+        return float(self.layout(naming).worth(np.arange(self.markers + self.extras)[None])[0])
+
     def coverage(self, marker: np.ndarray) -> np.ndarray:
         """(M + E,) the part of the take in which each marker is, by names (N,)."""
         own = marker != NO_MARKER
@@ -258,6 +278,7 @@ class Objective:
     def gain(self, new: Candidate, old: Candidate) -> float:
         """By how much one naming is worth more than another, a frame."""
         gain = (new.total - old.total) / self.length
+        gain += (self._layout_worth(new) - self._layout_worth(old)) / LIKENESS.max_samples
         if new.settled is None or old.settled is None:
             return gain
         one, other = (naming.placed[self._shown, :, 0] for naming in (new, old))

@@ -46,8 +46,9 @@ class SearchOptions:
     rounds: int = 2
     far: float = 100.0
     sweeps: int = 3
-    chains: int = 12
+    chains: int = 16
     links: int = 5
+    width: int = 30
 
 
 SEARCH = SearchOptions()
@@ -196,38 +197,13 @@ class Search:
             naming[:, group] = np.where(now.present[:, column], column, NO_POINT)
 
     def _chains(self) -> Iterator[np.ndarray]:
-        """(M + E,) chains of exchanges: each goes on from the last with the two that lose least by how far they are apart.
-
-        A limb one place off is a chain of which every link but the last may be worth less.
-        """
-        objective, doubted = self.objective, self._doubted()
-        layout = objective.layout(self.best)
-        every = np.arange(objective.markers + objective.extras)
-        tried, begun = set(), layout.exchanges(every, doubted)
-        if not len(begun):
-            return
-        first = layout.gains(every, begun)
-        for start in np.argsort(-first, kind="stable")[: SEARCH.chains].tolist():
-            order, touched, found = every, np.zeros(len(every), bool), []
-            link, gain = begun[start], 0.0
-            for _ in range(SEARCH.links):
-                order = order.copy()
-                order[link] = order[link[::-1]]
-                touched[link[:1]] = True
-                gain = layout.worth(order[None])[0] - layout.worth(every[None])[0]
-                found.append((gain, order))
-                more = layout.exchanges(order, ~touched)
-                more = more[~touched[more].any(axis=1)]
-                if not len(more):
-                    break
-                gains = layout.gains(order, more)
-                link = more[gains.argmax()]
-            for gain, order in sorted(found, key=lambda one: -one[0])[:2]:
-                if gain > -SEARCH.margin and order.tobytes() not in tried:
-                    tried.add(order.tobytes())
-                    called = every.copy()
-                    called[order] = every
-                    yield called
+        """(M + E,) chains of exchanges from the markers in doubt, the likeliest by how far markers are from each other."""
+        doubted = np.flatnonzero(self._doubted())
+        if len(doubted):
+            for order in self.objective.layout(self.best).chains(doubted, SEARCH.width, SEARCH.links)[: SEARCH.chains]:
+                called = np.empty_like(order)
+                called[order] = np.arange(len(order))
+                yield called
 
     def _exchanged(self, order: np.ndarray) -> np.ndarray:
         """(N,) the names with each marker called as `order` (M + E,) has it, but where a person has said otherwise."""
