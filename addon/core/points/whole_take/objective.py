@@ -117,7 +117,11 @@ class LayoutOdds:
         self.shown, self.spread, self.coverage = shown.mean, shown.variance, coverage
 
     def worth(self, orders: np.ndarray, most: float = np.inf) -> np.ndarray:
-        """(K,) what slots are worth by names in orders (K, M + E): order[m] is the slot that is marker m.
+        """(K,) what slots are worth by names in orders (K, M + E)."""
+        return self.odds(orders, most).sum(axis=1)
+
+    def odds(self, orders: np.ndarray, most: float = np.inf) -> np.ndarray:
+        """(K, M) log odds of each marker by names in orders (K, M + E): order[m] is the slot that is marker m.
 
         Squares are `most` at most.
         """
@@ -132,7 +136,7 @@ class LayoutOdds:
         precision = share * np.where(there, 1 / self.variance, 0).sum(axis=-1) / 3 + LIKENESS.wide_m**-2
         odds = 1.5 * np.log(precision) - 1.5 * np.log(2 * np.pi) - 0.5 * square - np.log(LIKENESS.ghost_density)
         odds = np.where(asked >= LIKENESS.min_neighbours, odds, 0)
-        return (odds * self.coverage[own]).sum(axis=1)
+        return odds * self.coverage[own]
 
     def chains(self, holes: np.ndarray, width: int, length: int) -> list[np.ndarray]:
         """Orders (M + E,) worth most, by chains of exchanges from any of the markers `holes` (K,).
@@ -161,7 +165,15 @@ class LayoutOdds:
             if not len(going):
                 break
         found.sort(key=lambda one: -one[0])
-        return list({order.tobytes(): order for _, order in found}.values())
+        every_one = np.array(list({order.tobytes(): order for _, order in found}.values())).reshape(-1, len(every))
+        # A plate turned round is two of them at once.
+        moved = every_one[:width] != every
+        one, other = np.nonzero(np.triu(~(moved.astype(int) @ moved.T.astype(int) > 0), 1))
+        both = np.where(moved[one], every_one[one], every_one[other])
+        every_one = np.concatenate([every_one, both])
+        # By either measure, in turn.
+        best = [np.argsort(-self.worth(every_one, most), kind="stable") for most in (LIKENESS.max_square, np.inf)]
+        return [every_one[k] for k in dict.fromkeys(np.stack(best, axis=1).ravel().tolist())]
 
 
 class Objective:

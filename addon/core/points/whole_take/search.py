@@ -46,7 +46,7 @@ class SearchOptions:
     rounds: int = 2
     far: float = 100.0
     sweeps: int = 3
-    chains: int = 16
+    chains: int = 48
     links: int = 5
     width: int = 30
 
@@ -112,6 +112,8 @@ class Search:
         objective, marker = self.objective, self.best.marker
         count, borne_out = objective.borne_out(self.best)
         doubted = (count < SEARCH.seen * np.median(count)) | (borne_out < SEARCH.borne_out * np.median(borne_out))
+        every = np.arange(objective.markers + objective.extras)
+        doubted |= objective.layout(self.best).odds(every[None])[0] < 0
         doubted[marker[[one for one in self._unsure() if marker[one] < objective.markers]]] = True
         return doubted
 
