@@ -77,7 +77,7 @@ class MarginOptions:
     min_seen  part of the take in which a marker is there that is known by its own distances
     """
 
-    looks: float = 1.0
+    looks: float = 1.5
     min_seen: float = 0.5
 
 
