@@ -40,6 +40,8 @@ class RefusalOptions:
     min_often               in this share of the frames
     max_residual            mean square, over what training leaves, between a crowd's markers and where the set has
                             them; chosen on walks (0.14 to 0.2) and on other sets (0.7 to 2.4)
+    min_log_likelihood      measured: nats a marker of the usual frame of a take that single frames are not sure of; in
+                            takes of other labs 5.1 to 9, of other sets -4 to 4, but for those that share most places
     """
 
     sample_frames: int = 40
@@ -58,6 +60,7 @@ class RefusalOptions:
     min_second: float = 0.5
     min_often: float = 0.4
     max_residual: float = 0.45
+    min_log_likelihood: float = 4.0
 
 
 REFUSAL = RefusalOptions()
@@ -70,12 +73,29 @@ def refuse_floods(points: np.ndarray):
         raise JobError(f"has {most} points in one frame; expected the markers of a subject and some ghosts")
 
 
+@dataclass(frozen=True)
+class Fit:
+    """How markers that were named sit as their set has them.
+
+    residual        in a crowd, the usual square of what is left between markers and where their set has them, over what
+                    training leaves; 0 where there is no crowd, and where no frame shows enough of them
+    log_likelihood  nats a marker of the usual frame, by the shape of the training; minus infinity where no frame does
+    """
+
+    residual: float = 0.0
+    log_likelihood: float = -np.inf
+
+
+NO_FIT = Fit()
+
+
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Some frames (F,) of a take and what each says on its own, (F, P)."""
+    """Some frames (F,) of a take and what each says on its own, (F, P); whether they are sure of the markers."""
 
     frames: np.ndarray
     labels: Labels
+    sure: bool
 
 
 def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool = False) -> Sample | None:
@@ -83,8 +103,8 @@ def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool
 
     Which they are and what they say is returned, where they say anything on their own.
 
-    Of a take that is `solvable` as a whole, frames on their own need not be sure where one subject has many more points
-    than the model: then `refuse_unlike` has the say.
+    Of a take that is `solvable` as a whole, frames on their own need not be sure of one subject: then `refuse_unlike`
+    has the say.
 
     Raises UnsuitedError where frames on their own are not sure of the model's markers, SubjectsError where they are of
     two subjects' at once. The fitted body needs its frames in a row: for it two groups of points are two subjects, and
@@ -109,24 +129,25 @@ def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool
     others = [part for part in _seconds(model, some, first, found) if _sure(model, namer, part) >= wanted]
     if len(others) + found >= 2:
         raise _two_subjects(model)
-    if not found and not (solvable and _one_crowd(model, some)):
+    if not found and not (solvable and _are_together(model, some)):
         raise _unrecognised(model, namer, some, alone)
-    return Sample(frames, first)
+    return Sample(frames, first, found)
 
 
-def _one_crowd(model: Model, points: np.ndarray) -> bool:
-    """Whether frames of points (T, P, 3) have many more of them than markers, and all of them together."""
-    if model.likelihood is None or not is_crowd(points, model):
+def _are_together(model: Model, points: np.ndarray) -> bool:
+    """Whether frames of points (T, P, 3) show one group of them that is large enough for a subject."""
+    if model.likelihood is None:
         return False
     return not _grouped(points, model.likelihood.shape.radius, REFUSAL.min_second * len(model.markerset))
 
 
-def refuse_unlike(model: Model, namer: Namer, points: np.ndarray, residual: float):
-    """Raises UnsuitedError where the markers found among many more points (T, P, 3) do not sit as the set has them.
+def refuse_unlike(model: Model, namer: Namer, points: np.ndarray, fit: Fit, sure: bool = True):
+    """Raises UnsuitedError where the markers found among points (T, P, 3) do not sit as the set has them.
 
-    residual is that of `whole_take.solving.Solution`: names can be found for any points, if there are enough.
+    Names can be found for any points, if there are enough. Among many more of them the residual tells and, where
+    single frames were not `sure`, how likely the usual frame is.
     """
-    if residual > REFUSAL.max_residual:
+    if fit.residual > REFUSAL.max_residual or not (sure or fit.log_likelihood >= REFUSAL.min_log_likelihood):
         raise _unrecognised(model, namer, points, 0.0)
 
 

@@ -16,7 +16,7 @@ from ..models import Model
 from ..naming import Namer
 from ..refusals import Sample, SubjectsError, UnsuitedError, refuse_others
 from ..whole_take.deciding import least_margin
-from ..whole_take.objective import usual_residual
+from ..whole_take.objective import usual_fit
 from ..whole_take.pipeline import NamedFrames, PointOptions, Recognise, name_frames, name_more, solution_for
 from ..whole_take.solving import Solution
 from .affinity import Affinity
@@ -66,7 +66,7 @@ class NamedBody:
         if self.sure or self.solution is None:
             return self.sure
         placed = self.solution.tracklets.placed(self.frames.take.xyz, self.solution.marker, len(self.model.markerset))
-        return 0 < usual_residual(self.model.likelihood, placed, upright=False) <= RECOGNISING.max_residual
+        return 0 < usual_fit(self.model.likelihood, placed, upright=False).residual <= RECOGNISING.max_residual
 
 
 def only_some(points: Table, tracklet: np.ndarray, may: np.ndarray) -> Made:

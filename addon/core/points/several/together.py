@@ -48,7 +48,7 @@ def verdict_on(one: NamedBody, target: float) -> Verdict:
     """What is said of one; UnsuitedError where the model is not for it."""
     frames = one.frames
     if one.solution is not None:
-        refuse_unlike(frames.model, frames.namer, frames.take.xyz, one.solution.residual)
+        refuse_unlike(frames.model, frames.namer, frames.take.xyz, one.solution.fit)
     verdict = decided_of(frames, frames.labels, frames.tracklet, one.solution, target)
     refuse_unrecognised(frames.model, frames.namer, frames.take.xyz, verdict.labels)
     return verdict

@@ -27,6 +27,7 @@ from ...geometry.upright import upright_aligned
 from ..likelihood.model import Likelihood
 from ..likelihood.naming import Settled, settle
 from ..models import Model
+from ..refusals import Fit
 from .likeness import LIKENESS, likeness, links, steadiest, worth_of_each, worth_of_length
 from .pairs import PAIRING, Moments, PairDistances, corrected, moments, sized, trained_pairs, widened, with_unknown
 from .rulings import RULING
@@ -323,17 +324,18 @@ def settled_frames(likelihood: Likelihood, placed: np.ndarray) -> Settled | None
     return settle(known.fine, known.constraints, np.where(present[..., None], points, 0), present, naming)
 
 
-def usual_residual(likelihood: Likelihood, placed: np.ndarray | PlacedMarkers, upright: bool = True) -> float:
-    """The middle frame's mean square between markers placed (T, M, 3) m and where the set has them, over its noise.
+def usual_fit(likelihood: Likelihood, placed: np.ndarray | PlacedMarkers, upright: bool = True) -> Fit:
+    """How markers placed (T, M, 3) m sit as the set has them, in the usual of the frames that show most of them.
 
-    A set that is not the subject's has its markers elsewhere, whatever the pose. 0 where too few frames show enough.
-    Who is not `upright`, but may lie or hang, is turned as the set stands first.
+    A set that is not the subject's has its markers elsewhere, whatever the pose. Who is not `upright`, but may lie or
+    hang, is turned as the set stands first.
     """
     some = placed[fullest_frames(seen_in(placed)[:, : len(likelihood)])].astype(float)
     if not upright:
         some = in_axes(*laid_on(likelihood.shape.mean, some[:, : len(likelihood)]), some)
     now = settled_frames(likelihood, some)
     if now is None:
-        return 0.0
+        return Fit()
+    count = now.named.sum(axis=1)
     square = (now.left**2).sum(axis=2) / likelihood.known.fine.noise
-    return float(np.median(square.sum(axis=1) / (3 * now.named.sum(axis=1))))
+    return Fit(float(np.median(square.sum(axis=1) / (3 * count))), float(np.median(now.score / count)))

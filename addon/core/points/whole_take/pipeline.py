@@ -153,6 +153,7 @@ class NamedFrames:
     labels      (T, P), with their `rate`; of a long take worked out when they are asked for
     solvable    whether the take can be solved as a whole
     room        as in `PointOptions`
+    sure        whether some frames were sure enough of the model's markers before all were named
     first       what was asked, where frames that are in doubt are still to be asked by `name_more`
     """
 
@@ -163,6 +164,7 @@ class NamedFrames:
     labels: Said
     solvable: bool
     room: MakeTable
+    sure: bool = True
     first: Asked | None = None
 
     @property
@@ -262,7 +264,8 @@ def name_frames(
             adaptation = replace(adaptation, model=replace(adaptation.model, likelihood=likelihood))
             again = namer_of(adaptation.model, options.method, options.hints)
             labels = yield from _asked(again, take, asked)
-    return NamedFrames(take, tracklet, adaptation, namer, labels, solvable, room, first)
+    sure = sample is None or sample.sure
+    return NamedFrames(take, tracklet, adaptation, namer, labels, solvable, room, sure, first)
 
 
 def name_more(frames: NamedFrames) -> Steps[NamedFrames]:
@@ -329,7 +332,7 @@ def _as_a_whole(frames: NamedFrames, target: float) -> Steps[Verdict]:
     yield Stage("vote", "solve the whole take" if frames.solvable else "let trajectories vote")
     solution = yield from solution_for(frames, named, tracklet)
     if solution is not None:
-        refuse_unlike(frames.model, frames.namer, take.xyz, solution.residual)
+        refuse_unlike(frames.model, frames.namer, take.xyz, solution.fit, frames.sure)
     verdict = decided_of(frames, named, tracklet, solution, target)
     # Who asks for surer labels gets fewer, and the take is of the model's markers all the same.
     usual = verdict if target == USUAL_TARGET else decided_of(frames, named, tracklet, solution, USUAL_TARGET)

@@ -16,11 +16,12 @@ from ...data.lanes import blocks
 from ...data.takes import NO_MARKER
 from ..deciding import Said
 from ..models import Model
+from ..refusals import NO_FIT, Fit
 from .exchanges import undone
 from .layout import Question, named_by_layout
 from .likeness import steadiest
 from .matching import margins, matched
-from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, usual_residual
+from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, usual_fit
 from .pairs import corrected, widened
 from .rulings import RULING, Rulings
 from .search import Search
@@ -96,8 +97,7 @@ class Solution:
     questions  markers that may have another's name in most of the take
     beside     (M, Q) the markers from which each keeps its distance best
     crowd      whether more is on the subject than the set's markers
-    residual   in a crowd, the usual square of what is left between markers and where their set has them, over what
-               training leaves; 0 where no frame shows enough of them
+    fit        how the markers sit as their set has them; the residual in a crowd alone
     """
 
     tracklets: Tracklets
@@ -107,7 +107,7 @@ class Solution:
     questions: tuple[Question, ...]
     beside: np.ndarray
     crowd: bool = False
-    residual: float = 0.0
+    fit: Fit = NO_FIT
 
 
 def solve_take(
@@ -262,8 +262,9 @@ class _Solving:
         likely = np.where(odds.max(axis=1) > 0, odds.argmax(axis=1), NO_MARKER)
         likely = np.where(likely < self.markers, likely, NO_MARKER)
         beside = steadiest(objective.known.variance)[:, : ROUNDS.beside]
-        residual = usual_residual(objective.model.likelihood, placed[:, : self.markers]) if self.crowd else 0.0
-        return Solution(self.tracklets, own, margin, likely, questions, beside, self.crowd, residual)
+        fit = usual_fit(objective.model.likelihood, placed[:, : self.markers])
+        fit = fit if self.crowd else replace(fit, residual=0.0)
+        return Solution(self.tracklets, own, margin, likely, questions, beside, self.crowd, fit)
 
     def _of_seldom(self, own: np.ndarray) -> np.ndarray:
         """(N,) what frames on their own say of markers that are seldom there, by names (N,); no limit for all others.
