@@ -32,8 +32,8 @@ class RefusalOptions:
     min_sure_rest           the same of the points that one subject leaves over, where they are another: spare markers
                             are not
     min_named               share of the markers that such a take is given in the end
-    min_named_fit           the same of a fitted body, which makes do with any points that are near enough: of a body
-                            on its head it named 0.72
+    min_named_fit           the same where single frames are not sure, and of a fitted body, which makes do with any
+                            points that are near enough: of a body on its head it named 0.72
     min_gap_m               between two subjects, where nothing is known of how far one reaches
     crowd                   times as many points as markers, at least, where there may be two subjects
     min_second              share of the markers that a second subject's points must be enough for,
@@ -151,13 +151,14 @@ def refuse_unlike(model: Model, namer: Namer, points: np.ndarray, fit: Fit, sure
         raise _unrecognised(model, namer, points, 0.0)
 
 
-def refuse_unrecognised(model: Model, namer: Namer, points: np.ndarray, given: Labels):
+def refuse_unrecognised(model: Model, namer: Namer, points: np.ndarray, given: Labels, sure: bool = True):
     """Raises UnsuitedError where the labels given (T, P) are so few that points (T, P, 3) are of another marker set.
 
-    The labels are those of the usual target: of a stricter one there are few in any take.
+    The labels are those of the usual target: of a stricter one there are few in any take. Where single frames were not
+    `sure`, nearly all must have one.
     """
     share = given.named.sum() / _possible(points, len(model.markerset))
-    if share < (REFUSAL.min_named_fit if namer.step == BY_FIT else REFUSAL.min_named):
+    if share < (REFUSAL.min_named if sure and namer.step != BY_FIT else REFUSAL.min_named_fit):
         raise _unrecognised(model, namer, points, share)
 
 

@@ -336,7 +336,7 @@ def _as_a_whole(frames: NamedFrames, target: float) -> Steps[Verdict]:
     verdict = decided_of(frames, named, tracklet, solution, target)
     # Who asks for surer labels gets fewer, and the take is of the model's markers all the same.
     usual = verdict if target == USUAL_TARGET else decided_of(frames, named, tracklet, solution, USUAL_TARGET)
-    refuse_unrecognised(frames.model, frames.namer, take.xyz, usual.labels)
+    refuse_unrecognised(frames.model, frames.namer, take.xyz, usual.labels, frames.sure)
     return verdict
 
 
