@@ -84,6 +84,7 @@ CORE = addon.core.__name__
 # Of each stage: what stands in its place, by where it is called.
 STAGES: dict[str, dict[str, Callable]] = {
     "points: search": {"points.whole_take.solving.Search.climb": lambda self: None},
+    "points: exchanges of a while": {"points.whole_take.solving._Solving.undo": lambda self, freedom: None},
     "points: layout of a crowd": {"points.whole_take.solving.named_by_layout": _no_layout},
     "points: blocks": {"points.whole_take.layout.block_exchanges": _nothing_tried},
     "points: unmodelled markers": {"points.whole_take.solving._Solving._add_extras": lambda self: False},

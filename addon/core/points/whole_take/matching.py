@@ -74,10 +74,11 @@ class Names:
         return Names(self.tracklet[open_ones], self.marker[open_ones], self.worth[open_ones], *pairs)
 
 
-def matched(odds: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
+def matched(odds: np.ndarray, first: np.ndarray, last: np.ndarray, exact: bool = True) -> np.ndarray:
     """(N,) the marker of every tracklet, NO_MARKER for none, of the highest total log odds (N, M).
 
-    first, last (N,) are the tracklets' frames, both included.
+    first, last (N,) are the tracklets' frames, both included. If it need not be `exact`, what many names that hang
+    together come to is what the likeliest of them leave, one after the other.
     """
     found = np.full(len(odds), NO_MARKER)
     tracklet, marker = np.nonzero(odds > 0)
@@ -98,7 +99,7 @@ def matched(odds: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray
     many, hard = replace(names, worth=names.worth - TRYING.order * lost), np.zeros(len(part), bool)
     for one in np.unique(part[large]):
         own = many.part(part == one)
-        chosen = _likeliest_first(own)
+        chosen = _likeliest_first(own) if exact else _one_after_another(own)
         if chosen is None:
             hard |= part == one
         else:
@@ -209,6 +210,19 @@ def _likeliest_first(names: Names) -> list[int] | None:
             heappush(waiting, (-sum(worth[one] for one, _ in best_without(closed)), count, closed))
             count += 1
     return None
+
+
+def _one_after_another(names: Names) -> list[int]:
+    """Which of many names are chosen, each the likeliest that those before it leave."""
+    barred, chosen = names.barred, []
+    for one, other in names.rivals.T.tolist():
+        barred[one].add(other)
+    shut: set[int] = set()
+    for one in np.argsort(-names.worth, kind="stable").tolist():
+        if one not in shut:
+            chosen.append(one)
+            shut |= barred[one]
+    return chosen
 
 
 def _solved(names: Names, first: np.ndarray, end: np.ndarray) -> np.ndarray:

@@ -155,7 +155,7 @@ class Search:
             placed, shown = objective.placed(tried), objective.moments(objective.placed(tried))
         for freedom in (USUAL_FREEDOM, self._wide, self._wide):
             odds = objective.odds(tried, placed, shown, freedom, free, group)[:, group] * objective.weight[free, None]
-            found = matched(odds, first, last)
+            found = matched(odds, first, last, exact=False)
             before, tried = tried, tried.copy()
             left = np.where(marker[free] >= objective.markers, marker[free], NO_MARKER)
             tried[free] = np.where(found == NO_MARKER, left, group[found])
