@@ -8,7 +8,7 @@
 #include <stdint.h>
 
 /* Of what the functions take: raised whenever that changes, here and in addon/core/kernels/library.py. */
-#define KERNELS_VERSION 6
+#define KERNELS_VERSION 7
 
 #if defined(_WIN32)
 #define KERNEL __declspec(dllexport)

@@ -55,29 +55,32 @@ static double precision_of(double mean, double variance) {
 }
 
 /* Of B tracklets, S samples each: frame (B, S) or -1, xyz (B, S, 3), own marker (B,) or -1; placed (T, M, 3) by frame.
- * Log odds (B, M), the mean of the frames that know enough; NaN where these are fewer than half of those looked at.
- * `scratch` holds M * (Q + 8). */
+ * Log odds (B, M) of the markers that are `asked` (B, M) of each, the mean of the frames that know enough; NaN of the
+ * others, and where these frames are fewer than half of those looked at. `scratch` holds M * (Q + 8). */
 KERNEL void of_frames(const Likeness *how, int64_t count, int64_t samples, int64_t M, const int64_t *frame,
-                      const float *xyz, const float *placed, const int64_t *own, double *odds, double *scratch) {
+                      const float *xyz, const float *placed, const int64_t *own, const uint8_t *asked, double *odds,
+                      double *scratch) {
     int64_t Q = how->near_count;
     double *precision = scratch, *known = precision + M * Q;
     Seen seen = {.distance = known + M, .products = known + 2 * M};
     for (int64_t i = 0; i < M * Q; i++) precision[i] = precision_of(how->mean[i], how->variance[i]);
     for (int64_t b = 0; b < count; b++) {
-        double *sum = odds + b * M, asked = 0;
+        const uint8_t *wanted = asked + b * M;
+        double *sum = odds + b * M, frames = 0;
         for (int64_t m = 0; m < M; m++) sum[m] = known[m] = 0;
         for (int64_t at = b * samples; at < (b + 1) * samples; at++) {
             if (frame[at] < 0) continue;
-            asked++;
+            frames++;
             look(M, xyz + 3 * at, placed + frame[at] * M * 3, &seen);
             for (int64_t m = 0; m < M; m++) {
+                if (!wanted[m]) continue;
                 double said = odds_of_marker(how, how->near + m * Q, how->mean + m * Q, precision + m * Q, own[b], &seen);
                 if (!isfinite(said)) continue;
                 sum[m] += said;
                 known[m]++;
             }
         }
-        for (int64_t m = 0; m < M; m++) sum[m] = known[m] > 0 && 2 * known[m] >= asked ? sum[m] / known[m] : NAN;
+        for (int64_t m = 0; m < M; m++) sum[m] = known[m] > 0 && 2 * known[m] >= frames ? sum[m] / known[m] : NAN;
     }
 }
 

@@ -116,17 +116,17 @@ def _neighbours(model, constraints, settled, reach, move, swap) -> np.ndarray:
     return odds
 
 
-def of_frames(frame, xyz, placed, own, near, mean, variance, options) -> np.ndarray:
+def of_frames(frame, xyz, placed, own, near, mean, variance, asked, options) -> np.ndarray:
     """Stands for `likeness.of_frames`."""
     (count, samples), (frames, markers), each = frame.shape, placed.shape[:2], near.shape
     frame, own = indices(frame, (count, samples), frames, lowest=-1), indices(own, (count,), markers, lowest=-1)
     near = indices(near, (markers, each[1]), markers, lowest=0)
     xyz, placed = given(xyz, (count, samples, 3), SINGLE), given(placed, (frames, markers, 3), SINGLE)
-    mean, variance = given(mean, each), given(variance, each)
+    mean, variance, asked = given(mean, each), given(variance, each), given(asked, (count, markers), FLAG)
     how = _likeness_arrays(near, mean, variance, options)
     odds, scratch = np.empty((count, markers)), np.empty(markers * (each[1] + 8))
     compiled.of_frames(
-        ctypes.addressof(how), count, samples, markers, *map(address, (frame, xyz, placed, own, odds, scratch))
+        ctypes.addressof(how), count, samples, markers, *map(address, (frame, xyz, placed, own, asked, odds, scratch))
     )
     return odds
 

@@ -158,7 +158,7 @@ SIGNATURES = {
     "link_blobs": [*[COUNT] * 3, *[ADDRESS] * 6, *[NUMBER] * 4, *[ADDRESS] * 3],
     "softly": [ADDRESS, *[COUNT] * 3, *[ADDRESS] * 9],
     "settled": [ADDRESS, ADDRESS, COUNT, COUNT, *[ADDRESS] * 9],
-    "of_frames": [ADDRESS, *[COUNT] * 3, *[ADDRESS] * 6],
+    "of_frames": [ADDRESS, *[COUNT] * 3, *[ADDRESS] * 7],
     "of_ends": [ADDRESS, *[COUNT] * 2, *[NUMBER] * 2, *[ADDRESS] * 8],
     "distance_sums": [COUNT, COUNT, *[ADDRESS] * 5],
     "median_volumes": [COUNT, COUNT, *[ADDRESS] * 4],

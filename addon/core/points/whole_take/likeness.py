@@ -52,11 +52,17 @@ NOTHING_SAID = 0.0  # log odds of a marker that nothing is known of at the time
 
 
 def likeness(
-    tracklets: Tracklets, placed: np.ndarray | PlacedMarkers, own: np.ndarray, pairs: PairDistances, rate: float
+    tracklets: Tracklets,
+    placed: np.ndarray | PlacedMarkers,
+    own: np.ndarray,
+    pairs: PairDistances,
+    rate: float,
+    asked: np.ndarray,
 ) -> np.ndarray:
     """(N, M) log odds that each tracklet is each marker, against none at all, the others being where they are `placed`.
 
-    placed (T, M, 3) m; own (N,) the marker that a tracklet is itself named so far, which does not speak for it.
+    placed (T, M, 3) m; own (N,) the marker that a tracklet is itself named so far, which does not speak for it. Minus
+    infinity where it is not `asked` (N, M).
     """
     markers = placed.shape[1]
     near, rows = steadiest(pairs.variance), np.arange(markers)[:, None]
@@ -64,8 +70,10 @@ def likeness(
     found = np.empty((len(tracklets), markers))
     for some, frames in _by_frames(tracklets.frame):
         frame, beside = _looked_at(placed, tracklets.frame[some, :frames])
-        found[some] = of_frames(frame, tracklets.xyz[some, :frames], beside, own[some], near, mean, variance, LIKENESS)
-    return np.where(np.isnan(found), NOTHING_SAID, found * worth_of_length(tracklets, rate)[:, None])
+        given = frame, tracklets.xyz[some, :frames], beside, own[some], near, mean, variance, asked[some], LIKENESS
+        found[some] = of_frames(*given)
+    found = np.where(np.isnan(found), NOTHING_SAID, found * worth_of_length(tracklets, rate)[:, None])
+    return np.where(asked, found, -np.inf)
 
 
 def _by_frames(frame: np.ndarray) -> Iterator[tuple[np.ndarray, int]]:
@@ -102,15 +110,18 @@ def steadiest(variance: np.ndarray) -> np.ndarray:
 
 
 @stands_for(point_calls.of_frames)
-def of_frames(frame, xyz, placed, own, near, mean, variance, options: LikenessOptions) -> np.ndarray:
-    """(B, M) the mean log odds in the frames (B, S) that are looked at; NaN where half of them know too little."""
+def of_frames(frame, xyz, placed, own, near, mean, variance, asked, options: LikenessOptions) -> np.ndarray:
+    """(B, M) the mean log odds in the frames (B, S) that are looked at; NaN where half of them know too little.
+
+    NaN, too, where it is not `asked` (B, M).
+    """
     beside = _without(placed[np.maximum(frame, 0)], own)[:, :, near]
     odds = _odds(xyz[:, :, None, None].astype(float) - beside, mean, variance, options)
     looked_at = frame >= 0
     seen = np.isfinite(odds) & looked_at[..., None]
     count = seen.sum(axis=1)
     middle = np.where(seen, odds, 0).sum(axis=1) / np.maximum(count, 1)
-    return np.where((count > 0) & (count >= 0.5 * looked_at.sum(axis=1)[:, None]), middle, np.nan)
+    return np.where(asked & (count > 0) & (count >= 0.5 * looked_at.sum(axis=1)[:, None]), middle, np.nan)
 
 
 def _without(placed: np.ndarray, own: np.ndarray) -> np.ndarray:

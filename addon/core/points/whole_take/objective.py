@@ -86,7 +86,8 @@ class Candidate:
     marker   (N,) of each, NO_MARKER for none
     placed   (F, M + E, 3) m where each marker is in the frames that are looked at, NaN where it is not
     moments  of the distances between the markers
-    odds     (N, M + E) log odds of every name given the others
+    odds     (N,) log odds of each name given the others, 0 of none
+    layout   what the names are worth by where training knows the markers to be
     total    the first sum of the objective
     settled  the frames whose shape is asked; None where none shows enough
     """
@@ -95,6 +96,7 @@ class Candidate:
     placed: np.ndarray
     moments: Moments
     odds: np.ndarray
+    layout: float
     total: float
     settled: Settled | None
 
@@ -237,20 +239,23 @@ class Objective:
         shown: Moments,
         freedom: Freedom,
         rows: np.ndarray | None = None,
+        asked: np.ndarray | None = None,
         unheard: np.ndarray | None = None,
     ) -> np.ndarray:
-        """(K, M + E) log odds of every name of some tracklets (K,), the others being named and placed as they are.
+        """(K, M + E) log odds of names of some tracklets (K,), the others being named and placed as they are.
 
-        Of the markers `unheard` it does not count what frames on their own say. What could not be a marker even if it
-        went on best as one, as most ghosts could not, is not asked how it does.
+        Of names that are not `asked` (K, M + E) they are minus infinity. Of the markers `unheard` it does not count
+        what frames on their own say. What could not be a marker even if it went on best as one, as most ghosts could
+        not, is not asked how it does.
         """
         rows = np.arange(len(marker)) if rows is None else rows
+        asked = np.ones((len(rows), self.markers + self.extras), bool) if asked is None else asked
         pairs = corrected(widened(self.pairs, freedom.bend, freedom.motion_m, freedom.layout_m), shown)
         tracklets = self.tracklets.some(rows)
         votes = np.pad(tracklets.votes, ((0, 0), (0, self.extras)))
         if unheard is not None:
             votes[:, unheard] = np.where(np.abs(votes[:, unheard]) >= RULING.odds, votes[:, unheard], 0)
-        odds = likeness(tracklets, placed, marker[rows], pairs, self.rate) + votes
+        odds = likeness(tracklets, placed, marker[rows], pairs, self.rate, asked) + votes
         if freedom.link:
             given = self.tracklets, self._ends, marker, placed, pairs, self.rate
             some = np.flatnonzero(odds.max(axis=1, initial=-np.inf) > -freedom.link)
@@ -261,19 +266,20 @@ class Objective:
         """A naming (N,) with all that follows from it."""
         placed = self.placed(marker)
         shown = self.moments(placed)
-        odds = self.odds(marker, placed, shown, USUAL_FREEDOM)
+        every = np.arange(self.markers + self.extras)
         named = np.flatnonzero(marker != NO_MARKER)
-        worth = odds[named, marker[named]] * self.weight[named]
-        worth -= np.where(marker[named] < self.markers, 0.0, OBJECTIVE.extra * self.tracklets.count[named])
-        total = float(worth.sum())
-        return Candidate(marker, placed, shown, odds, total, settled_frames(self.model.likelihood, placed[self._shown]))
+        odds, own = np.zeros(len(marker)), marker[named]
+        every_one = self.odds(marker, placed, shown, USUAL_FREEDOM, named, own[:, None] == every)
+        odds[named] = every_one[np.arange(len(named)), own]
+        worth = odds[named] * self.weight[named]
+        worth -= np.where(own < self.markers, 0.0, OBJECTIVE.extra * self.tracklets.count[named])
+        layout = float(self.layout(marker, shown).worth(every[None])[0])
+        settled = settled_frames(self.model.likelihood, placed[self._shown])
+        return Candidate(marker, placed, shown, odds, layout, float(worth.sum()), settled)
 
-    def layout(self, naming: Candidate) -> LayoutOdds:
-        """How well what has one name bears out the distances that training expects of others."""
-        return LayoutOdds(self.known, naming.moments, self.coverage(naming.marker))
-
-    def _layout_worth(self, naming: Candidate) -> float:
-        return float(self.layout(naming).worth(np.arange(self.markers + self.extras)[None])[0])
+    def layout(self, marker: np.ndarray, shown: Moments) -> LayoutOdds:
+        """How well what has one name (N,) bears out the distances that training expects of others."""
+        return LayoutOdds(self.known, shown, self.coverage(marker))
 
     def coverage(self, marker: np.ndarray) -> np.ndarray:
         """(M + E,) the part of the take in which each marker is, by names (N,)."""
@@ -285,13 +291,13 @@ class Objective:
         own = np.flatnonzero((naming.marker != NO_MARKER) & (naming.marker < self.markers))
         name = naming.marker[own]
         count = np.bincount(name, self.tracklets.count[own], self.markers)
-        total = np.bincount(name, naming.odds[own, name] * self.weight[own], self.markers)
+        total = np.bincount(name, naming.odds[own] * self.weight[own], self.markers)
         return count, total / np.maximum(count, 1)
 
     def gain(self, new: Candidate, old: Candidate) -> float:
         """By how much one naming is worth more than another, a frame."""
         gain = (new.total - old.total) / self.length
-        gain += (self._layout_worth(new) - self._layout_worth(old)) / LIKENESS.max_samples
+        gain += (new.layout - old.layout) / LIKENESS.max_samples
         if new.settled is None or old.settled is None:
             return gain
         one, other = (naming.placed[self._shown, :, 0] for naming in (new, old))

@@ -64,6 +64,7 @@ class Search:
         self.others: list[Candidate] = []
         apart = np.nan_to_num(objective.known.mean, nan=np.inf)
         np.fill_diagonal(apart, -1.0)
+        self._known_odds: tuple[Candidate, np.ndarray] | None = None
         self._near = np.argsort(apart, axis=1, kind="stable")
 
     def climb(self):
@@ -113,14 +114,22 @@ class Search:
         count, borne_out = objective.borne_out(self.best)
         doubted = (count < SEARCH.seen * np.median(count)) | (borne_out < SEARCH.borne_out * np.median(borne_out))
         every = np.arange(objective.markers + objective.extras)
-        doubted |= objective.layout(self.best).odds(every[None])[0] < 0
+        doubted |= objective.layout(self.best.marker, self.best.moments).odds(every[None])[0] < 0
         doubted[marker[[one for one in self._unsure() if marker[one] < objective.markers]]] = True
         return doubted
+
+    def _odds(self) -> np.ndarray:
+        """(N, M + E) log odds of every name of every tracklet, the others being as they are best."""
+        best, known = self.best, self._known_odds
+        if known is None or known[0] is not best:
+            known = best, self.objective.odds(best.marker, best.placed, best.moments, USUAL_FREEDOM)
+            self._known_odds = known
+        return known[1]
 
     def _unsure(self) -> list[int]:
         """The tracklets that are named and nearly as likely something else, the least sure first."""
         tracklets, weight = self.objective.tracklets, self.objective.weight
-        margin = margins(self.best.odds, self.best.marker, tracklets.first, tracklets.last) * weight / tracklets.count
+        margin = margins(self._odds(), self.best.marker, tracklets.first, tracklets.last) * weight / tracklets.count
         some = np.flatnonzero((self.best.marker != NO_MARKER) & (margin < SEARCH.margin))
         return some[np.argsort(margin[some], kind="stable")].tolist()
 
@@ -130,7 +139,7 @@ class Search:
         One of two is exchanged with the other until a moment comes at which neither is there.
         """
         marker, tracklets = self.best.marker.copy(), self.objective.tracklets
-        odds = self.best.odds[tracklet].copy()
+        odds = self._odds()[tracklet].copy()
         one = marker[tracklet]
         odds[one] = -np.inf
         other = odds.argmax()
@@ -151,10 +160,13 @@ class Search:
         tried = np.where(inside & ~held, NO_MARKER, marker)
         placed, shown = now.placed.copy(), without_markers(now.moments, group)
         placed[:, group] = np.nan
+        asked = np.zeros((len(free), placed.shape[1]), bool)
+        asked[:, group] = True
         if held.any():
             placed, shown = objective.placed(tried), objective.moments(objective.placed(tried))
         for freedom in (USUAL_FREEDOM, self._wide, self._wide):
-            odds = objective.odds(tried, placed, shown, freedom, free, group)[:, group] * objective.weight[free, None]
+            odds = objective.odds(tried, placed, shown, freedom, free, asked, group)[:, group]
+            odds *= objective.weight[free, None]
             found = matched(odds, first, last, exact=False)
             before, tried = tried, tried.copy()
             left = np.where(marker[free] >= objective.markers, marker[free], NO_MARKER)
@@ -202,7 +214,7 @@ class Search:
         """(M + E,) chains of exchanges from the markers in doubt, the likeliest by how far markers are from each other."""
         doubted = np.flatnonzero(self._doubted())
         if len(doubted):
-            for order in self.objective.layout(self.best).chains(doubted, SEARCH.width, SEARCH.links)[: SEARCH.chains]:
+            for order in self.objective.layout(self.best.marker, self.best.moments).chains(doubted, SEARCH.width, SEARCH.links)[: SEARCH.chains]:
                 called = np.empty_like(order)
                 called[order] = np.arange(len(order))
                 yield called
