@@ -74,7 +74,7 @@ def refuse_floods(points: np.ndarray):
 
 
 @dataclass(frozen=True)
-class Fit:
+class SetFit:
     """How markers that were named sit as their set has them.
 
     residual        in a crowd, the usual square of what is left between markers and where their set has them, over what
@@ -86,7 +86,7 @@ class Fit:
     log_likelihood: float = -np.inf
 
 
-NO_FIT = Fit()
+NO_FIT = SetFit()
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +141,7 @@ def _are_together(model: Model, points: np.ndarray) -> bool:
     return not _grouped(points, model.likelihood.shape.radius, REFUSAL.min_second * len(model.markerset))
 
 
-def refuse_unlike(model: Model, namer: Namer, points: np.ndarray, fit: Fit, sure: bool = True):
+def refuse_unlike(model: Model, namer: Namer, points: np.ndarray, fit: SetFit, sure: bool = True):
     """Raises UnsuitedError where the markers found among points (T, P, 3) do not sit as the set has them.
 
     Names can be found for any points, if there are enough. Among many more of them the residual tells and, where

@@ -151,7 +151,8 @@ def test_what_distances_to_named_ones_say(seed, tracklets, samples, markers):
     xyz = generator.normal(0, 0.4, (tracklets, samples, 3)).astype(np.float32)
     xyz[0, 0] = placed[0, 0]  # in the same place as a marker
     frame, own = generator.integers(-1, 5, xyz.shape[:2]), generator.integers(-1, markers, tracklets)
-    arguments = frame, xyz, placed, own, near, mean, variance, LIKENESS
+    asked = generator.random((tracklets, markers)) < 0.7
+    arguments = frame, xyz, placed, own, near, mean, variance, asked, LIKENESS
     with np.errstate(all="ignore"):
         same([of_frames.kernel(*arguments)], [of_frames.reference(*arguments)])
     for wrong in ((frame + 9, *arguments[1:]), (frame, xyz, placed[:, :0], *arguments[3:])):

@@ -57,14 +57,15 @@ def likeness(
     own: np.ndarray,
     pairs: PairDistances,
     rate: float,
-    asked: np.ndarray,
+    asked: np.ndarray | None = None,
 ) -> np.ndarray:
     """(N, M) log odds that each tracklet is each marker, against none at all, the others being where they are `placed`.
 
     placed (T, M, 3) m; own (N,) the marker that a tracklet is itself named so far, which does not speak for it. Minus
-    infinity where it is not `asked` (N, M).
+    infinity where it is not `asked` (N, M), if any is not.
     """
     markers = placed.shape[1]
+    asked = np.ones((len(tracklets), markers), bool) if asked is None else asked
     near, rows = steadiest(pairs.variance), np.arange(markers)[:, None]
     mean, variance = pairs.mean[rows, near], pairs.variance[rows, near]
     found = np.empty((len(tracklets), markers))

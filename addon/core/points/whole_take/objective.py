@@ -27,7 +27,7 @@ from ...geometry.upright import upright_aligned
 from ..likelihood.model import Likelihood
 from ..likelihood.naming import Settled, settle
 from ..models import Model
-from ..refusals import Fit
+from ..refusals import SetFit
 from .likeness import LIKENESS, likeness, links, steadiest, worth_of_each, worth_of_length
 from .pairs import PAIRING, Moments, PairDistances, corrected, moments, sized, trained_pairs, widened, with_unknown
 from .rulings import RULING
@@ -105,8 +105,8 @@ class LayoutOdds:
     """How well slots, each all that has one name so far, bear out the distances that training expects of other names.
 
     Odds are unlimited: a plate that sits elsewhere has all of its markers off by as much, and turned round it has some
-    of them off by twice that. known are those of M markers; shown is what the take shows of M + E slots, which are there for a part `coverage`
-    (M + E,) of it.
+    of them off by twice that. known are those of M markers; shown is what the take shows of M + E slots, which are
+    there for a part `coverage` (M + E,) of it.
     """
 
     def __init__(self, known: PairDistances, shown: Moments, coverage: np.ndarray):
@@ -161,14 +161,14 @@ class LayoutOdds:
             tried, end = tried[used], other[used]
             tried, first = np.unique(tried, axis=0, return_index=True)
             end, worth = end[first], self.worth(tried, LIKENESS.max_square)
-            best = np.argsort(-worth, kind="stable")[: width]
+            best = np.argsort(-worth, kind="stable")[:width]
             found += [(float(worth[k]), tried[k]) for k in best]
             going = best[end[best] < self.markers]
             orders, ends = tried[going], end[going]
             if not len(going):
                 break
         found.sort(key=lambda one: -one[0])
-        every_one = np.array(list({order.tobytes(): order for _, order in found}.values())).reshape(-1, len(every))
+        every_one = np.array(list({order.tobytes(): order for _, order in found}.values()), int).reshape(-1, len(every))
         # A plate turned round is two of them at once.
         moved = every_one[:width] != every
         one, other = np.nonzero(np.triu(~(moved.astype(int) @ moved.T.astype(int) > 0), 1))
@@ -249,7 +249,6 @@ class Objective:
         not, is not asked how it does.
         """
         rows = np.arange(len(marker)) if rows is None else rows
-        asked = np.ones((len(rows), self.markers + self.extras), bool) if asked is None else asked
         pairs = corrected(widened(self.pairs, freedom.bend, freedom.motion_m, freedom.layout_m), shown)
         tracklets = self.tracklets.some(rows)
         votes = np.pad(tracklets.votes, ((0, 0), (0, self.extras)))
@@ -330,7 +329,7 @@ def settled_frames(likelihood: Likelihood, placed: np.ndarray) -> Settled | None
     return settle(known.fine, known.constraints, np.where(present[..., None], points, 0), present, naming)
 
 
-def usual_fit(likelihood: Likelihood, placed: np.ndarray | PlacedMarkers, upright: bool = True) -> Fit:
+def usual_fit(likelihood: Likelihood, placed: np.ndarray | PlacedMarkers, upright: bool = True) -> SetFit:
     """How markers placed (T, M, 3) m sit as the set has them, in the usual of the frames that show most of them.
 
     A set that is not the subject's has its markers elsewhere, whatever the pose. Who is not `upright`, but may lie or
@@ -341,7 +340,7 @@ def usual_fit(likelihood: Likelihood, placed: np.ndarray | PlacedMarkers, uprigh
         some = in_axes(*laid_on(likelihood.shape.mean, some[:, : len(likelihood)]), some)
     now = settled_frames(likelihood, some)
     if now is None:
-        return Fit()
+        return SetFit()
     count = now.named.sum(axis=1)
     square = (now.left**2).sum(axis=2) / likelihood.known.fine.noise
-    return Fit(float(np.median(square.sum(axis=1) / (3 * count))), float(np.median(now.score / count)))
+    return SetFit(float(np.median(square.sum(axis=1) / (3 * count))), float(np.median(now.score / count)))

@@ -211,10 +211,11 @@ class Search:
             naming[:, group] = np.where(now.present[:, column], column, NO_POINT)
 
     def _chains(self) -> Iterator[np.ndarray]:
-        """(M + E,) chains of exchanges from the markers in doubt, the likeliest by how far markers are from each other."""
+        """(M + E,) chains of exchanges from markers in doubt, the likeliest by how far markers are from each other."""
         doubted = np.flatnonzero(self._doubted())
         if len(doubted):
-            for order in self.objective.layout(self.best.marker, self.best.moments).chains(doubted, SEARCH.width, SEARCH.links)[: SEARCH.chains]:
+            layout = self.objective.layout(self.best.marker, self.best.moments)
+            for order in layout.chains(doubted, SEARCH.width, SEARCH.links)[: SEARCH.chains]:
                 called = np.empty_like(order)
                 called[order] = np.arange(len(order))
                 yield called

@@ -16,7 +16,7 @@ from ...data.lanes import blocks
 from ...data.takes import NO_MARKER
 from ..deciding import Said
 from ..models import Model
-from ..refusals import NO_FIT, Fit
+from ..refusals import NO_FIT, SetFit
 from .exchanges import undone
 from .layout import Question, named_by_layout
 from .likeness import steadiest
@@ -107,7 +107,7 @@ class Solution:
     questions: tuple[Question, ...]
     beside: np.ndarray
     crowd: bool = False
-    fit: Fit = NO_FIT
+    fit: SetFit = NO_FIT
 
 
 def solve_take(
@@ -279,11 +279,16 @@ class _Solving:
         return np.where(of_seldom, tracklets.votes[np.arange(len(own)), own], np.inf)
 
     def _of_others(self, search: Search) -> np.ndarray:
-        """(N,) what it would lose to go over to another naming that the search tried, of what it changes."""
+        """(N,) what it would lose to go over to another naming that the search tried, of what it changes.
+
+        A marker that a person has named at any time is no question in the rest of the take.
+        """
         best, count, found = search.best.marker, self.tracklets.count, np.full(len(self.tracklets), np.inf)
+        held = self.tracklets.held
+        known = np.isin(best, held[held != NO_MARKER])
         for other in search.others:
             changed = np.flatnonzero((best != other.marker) & (best != NO_MARKER) & (best < self.markers))
-            if len(changed):
+            if len(changed) and not known[changed].any():
                 frames = np.bincount(best[changed], count[changed]).max()
                 lost = -self.objective.gain(other, search.best) * self.objective.length / frames
                 found[changed] = np.minimum(found[changed], max(lost, 0.0) * MARGINS.looks)

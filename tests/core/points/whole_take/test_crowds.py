@@ -12,7 +12,7 @@ from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.blocks import block_exchanges
 from addon.core.points.whole_take.deciding import labels_of
 from addon.core.points.whole_take.layout import named_by_layout
-from addon.core.points.whole_take.objective import settled_frames, usual_residual
+from addon.core.points.whole_take.objective import settled_frames, usual_fit
 from addon.core.points.whole_take.solving import solve_take
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
@@ -65,7 +65,7 @@ def test_a_crowd_is_told_from_the_set_where_frames_know_the_trunk_only(model, ma
     assert solution.crowd
     assert (given[given != NO_MARKER] == truth[given != NO_MARKER]).all()
     assert (given == truth)[truth != NO_MARKER].mean() > 0.9
-    assert solution.residual < REFUSAL.max_residual
+    assert solution.fit.residual < REFUSAL.max_residual
 
 
 @pytest.mark.parametrize("turned", [(1, 2, 0), (2, 0, 1)])
@@ -87,11 +87,11 @@ def test_every_choice_of_a_block_gives_each_point_one_taker(model, markers):
 
 
 def test_another_set_sits_elsewhere_and_is_refused(model, markers):
-    own = usual_residual(model.likelihood, markers)
+    own = usual_fit(model.likelihood, markers)
     rng = np.random.default_rng(4)
     elsewhere = markers + rng.normal(0, 0.08, (1, markers.shape[1], 3))
-    other = usual_residual(model.likelihood, elsewhere)
-    assert own < REFUSAL.max_residual < other
+    other = usual_fit(model.likelihood, elsewhere)
+    assert own.residual < REFUSAL.max_residual < other.residual
     namer = namer_of(model, "likelihood", None)
     refuse_unlike(model, namer, markers, own)
     with pytest.raises(JobError, match="does not look like a take of model body26"):
