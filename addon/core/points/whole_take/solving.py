@@ -281,14 +281,14 @@ class _Solving:
     def _of_others(self, search: Search) -> np.ndarray:
         """(N,) what it would lose to go over to another naming that the search tried, of what it changes.
 
-        A marker that a person has named at any time is no question in the rest of the take.
+        Whether two have each other's names is no question where a person has named either of them at any time.
         """
         best, count, found = search.best.marker, self.tracklets.count, np.full(len(self.tracklets), np.inf)
         held = self.tracklets.held
         known = np.isin(best, held[held != NO_MARKER])
         for other in search.others:
             changed = np.flatnonzero((best != other.marker) & (best != NO_MARKER) & (best < self.markers))
-            if len(changed) and not known[changed].any():
+            if len(changed) and not (known[changed].any() and len(np.unique(best[changed])) == 2):
                 frames = np.bincount(best[changed], count[changed]).max()
                 lost = -self.objective.gain(other, search.best) * self.objective.length / frames
                 found[changed] = np.minimum(found[changed], max(lost, 0.0) * MARGINS.looks)
