@@ -84,7 +84,6 @@ CORE = addon.core.__name__
 # Of each stage: what stands in its place, by where it is called.
 STAGES: dict[str, dict[str, Callable]] = {
     "points: search": {"points.whole_take.solving.Search.climb": lambda self: None},
-    "points: exchanges of a while": {"points.whole_take.solving._Solving.undo": lambda self, freedom: None},
     "points: layout of a crowd": {"points.whole_take.solving.named_by_layout": _no_layout},
     "points: blocks": {"points.whole_take.layout.block_exchanges": _nothing_tried},
     "points: unmodelled markers": {"points.whole_take.solving._Solving._add_extras": lambda self: False},
@@ -94,7 +93,6 @@ STAGES: dict[str, dict[str, Callable]] = {
     "points: seldom there": {
         "points.whole_take.solving._Solving._of_seldom": lambda self, own: np.full(len(own), np.inf)
     },
-    "points: second asking": {"points.whole_take.pipeline.asked_again": lambda *_: np.zeros(0, int)},
     "points: the whole take": {"points.whole_take.pipeline.can_be_solved": lambda *_: False},
     "points: frames in no order": {"points.whole_take.pipeline.is_unordered": lambda *_: False},
     "frames: limbs exchanged": {"points.likelihood.solving._exchanged": lambda *_: []},

@@ -15,9 +15,8 @@ from ..deciding import Said
 from ..models import Model
 from ..naming import Namer
 from ..refusals import Sample, SubjectsError, UnsuitedError, refuse_others
-from ..whole_take.deciding import least_margin
 from ..whole_take.objective import usual_fit
-from ..whole_take.pipeline import NamedFrames, PointOptions, Recognise, name_frames, name_more, solution_for
+from ..whole_take.pipeline import NamedFrames, PointOptions, Recognise, name_frames, solution_for
 from ..whole_take.solving import Solution
 from .affinity import Affinity
 from .counting import firm_tracklets, is_whole
@@ -35,9 +34,6 @@ class RecognisingOptions:
 
 
 RECOGNISING = RecognisingOptions()
-# Part of the names that could be sure, as many as points are there or markers in the set, which the solved take may
-# leave open for a body not to be asked more than its first frames; measured takes' speed depends on it, no label.
-MAX_OPEN = 0.2
 
 
 @dataclass(eq=False)
@@ -102,9 +98,9 @@ class BodyNaming:
     def __init__(self, crowd: "Crowd", may: np.ndarray, own: np.ndarray, model: Model, recognise: Recognise):
         self.model, self._sure = model, recognise is not take_will_say
         self._crowd, self._own, self._tracklet = crowd, own, crowd.tracklets_of(may)
-        self._work = name_frames(crowd.points_of(may), self._tracklet, model, crowd.options, recognise, first_only=True)
+        self._work = name_frames(crowd.points_of(may), self._tracklet, model, crowd.options, recognise)
         self._begun: list[Stage] = []
-        self._first: NamedFrames | None = None
+        self._frames: NamedFrames | None = None
 
     def begin(self):
         """Goes on until single frames have said whether the body is of the model; UnsuitedError where it is not."""
@@ -114,44 +110,22 @@ class BodyNaming:
 
     def is_half(self) -> Generator[Stage | float | tuple[float, str], None, bool]:
         """Whether single frames that are sure of it name half of it only: solving what is no body takes long."""
-        first = (yield from self._named_first()).first
-        return self._sure and first is not None and not is_whole(first.labels.named, len(self.model.markerset))
+        frames = yield from self._named_frames()
+        return self._sure and frames.solvable and not is_whole(frames.labels.named, len(self.model.markerset))
 
-    def _named_first(self) -> Generator[Stage | float | tuple[float, str], None, NamedFrames]:
-        """Its first frames, once it has begun."""
-        if self._first is None:
+    def _named_frames(self) -> Generator[Stage | float | tuple[float, str], None, NamedFrames]:
+        """What its frames say, once it has begun."""
+        if self._frames is None:
             yield from self._begun
-            self._first = yield from self._work
-        return self._first
+            self._frames = yield from self._work
+        return self._frames
 
     def named(self) -> Generator[Stage | float | tuple[float, str], None, NamedBody]:
-        """The rest of it.
-
-        Frames in doubt are asked where the take that is solved by the first ones leaves much open: it is sure of most
-        names by far fewer frames than a body has. What is no whole body by these is none by more, either.
-        """
-        frames = yield from self._named_first()
-        if frames.first is not None:
-            yield Stage("solve", "solve the take of each")
-            solution = yield from solution_for(frames, frames.labels, self._tracklet)
-            found = NamedBody(self.model, frames, solution, self._sure)
-            if not found.is_whole or self._open(solution) <= MAX_OPEN:
-                return found
-            frames = yield from name_more(frames)
+        """The rest of it."""
+        frames = yield from self._named_frames()
         yield Stage("vote", "solve the take of each")
         solution = yield from solution_for(frames, frames.labels, self._tracklet)
         return NamedBody(self.model, frames, solution, self._sure)
-
-    def _open(self, solution: Solution) -> float:
-        """The part of the names that could be sure, which are not."""
-        needed = least_margin(self._crowd.options.target)
-        sure = np.append((solution.margin >= needed) & (solution.marker != NO_MARKER), False)
-        own, possible, named = np.append(self._own, False), 0, 0
-        for part in blocks(*self._tracklet.shape):
-            there = own[self._crowd.tracklet[part]]
-            possible += int(np.minimum(there.sum(axis=1), len(self.model.markerset)).sum())
-            named += int((sure[solution.tracklets.table[part]] & there).sum())
-        return 1 - named / max(possible, 1)
 
 
 def frames_are_sure(model: Model, namer: Namer, points: Made, solvable: bool) -> Sample | None:  # noqa: ARG001

@@ -42,11 +42,9 @@ SHARES = {
     "adapt": 0.0,
     "others": 0.01,
     "name": 0.1,
-    "solve": 0.6,
-    "name more": 0.6,
-    "learn": 0.8,
-    "name again": 0.8,
-    "vote": 0.8,
+    "learn": 0.6,
+    "name again": 0.6,
+    "vote": 0.6,
 }
 
 

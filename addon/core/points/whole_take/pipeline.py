@@ -33,7 +33,7 @@ from ..possible import refuse_impossible
 from ..refusals import Sample, refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
 from ..tracklets import are_lasting, cut, renamed
 from ..unordered import UNORDERED, is_unordered, learn_subject
-from .asking import asked_again, asked_frames
+from .asking import asked_frames
 from .deciding import BELIEVING, can_be_solved, solution_of, verdict_of
 from .rulings import Rulings
 from .solving import Solution
@@ -50,7 +50,6 @@ COSTS = {
     "adapt": (5, 0),
     "others": (150, 0),
     "name": (0, 1),
-    "name more": (0, 0.3),
     "learn": (0, 0),
     "name again": (0, 0),
     "vote": (10, 0.3),
@@ -136,14 +135,6 @@ Steps = Generator[Stage | float | tuple[float, str], None, Result]
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
-    """The frames (F,) of a take that were asked for names first, and the labels (F, L) that they gave."""
-
-    frames: np.ndarray
-    labels: Labels
-
-
-@dataclass(frozen=True, eq=False)
 class NamedFrames:
     """What the frames of a take say on their own.
 
@@ -154,7 +145,6 @@ class NamedFrames:
     solvable    whether the take can be solved as a whole
     room        as in `PointOptions`
     sure        whether some frames were sure enough of the model's markers before all were named
-    first       what was asked, where frames that are in doubt are still to be asked by `name_more`
     """
 
     take: Points
@@ -165,7 +155,6 @@ class NamedFrames:
     solvable: bool
     room: MakeTable
     sure: bool = True
-    first: Asked | None = None
 
     @property
     def model(self) -> Model:
@@ -227,13 +216,11 @@ def name_frames(
     model: Model,
     options: PointOptions,
     recognise: Recognise | None = None,
-    first_only: bool = False,
 ) -> Steps[NamedFrames]:
     """What every frame says on its own, once it is known whose take it is.
 
     Before its stage "name" begins `recognise`, or else `refuse_others`, raises JobError where the take is not of the
-    model's markers. With `first_only` a take that can be solved is left as its first frames have it: whether more are
-    needed is for whoever solves it, see `name_more`.
+    model's markers.
     """
     learned, room = options.method == "likelihood", IN_MEMORY if options.edits else options.room
     yield Stage("adapt", "look who wears the markers")
@@ -248,11 +235,7 @@ def name_frames(
     points = take.ordered(asked)
     sample = (recognise or refuse_others)(adaptation.model, namer, points, solvable)
     yield Stage("name", f"frame {take.first_frame}")
-    labels, first = (yield from _asked(namer, take, asked, sample if few else None)), None
-    if few and first_only and solvable:
-        first = Asked(asked, labels)
-    elif few:
-        labels, asked = yield from _asked_again(namer, take, tracklet, labels, asked)
+    labels = yield from _asked(namer, take, asked, sample if few else None)
     if few:
         labels = said_between(labels, asked, tracklet)
     if unordered:
@@ -265,14 +248,7 @@ def name_frames(
             again = namer_of(adaptation.model, options.method, options.hints)
             labels = yield from _asked(again, take, asked)
     sure = sample is None or sample.sure
-    return NamedFrames(take, tracklet, adaptation, namer, labels, solvable, room, sure, first)
-
-
-def name_more(frames: NamedFrames) -> Steps[NamedFrames]:
-    """The same with the frames around those of the `first` that are in doubt."""
-    take, tracklet, first = frames.take, frames.tracklet, frames.first
-    labels, asked = yield from _asked_again(frames.namer, take, tracklet, first.labels, first.frames)
-    return replace(frames, labels=said_between(labels, asked, tracklet), first=None)
+    return NamedFrames(take, tracklet, adaptation, namer, labels, solvable, room, sure)
 
 
 def _asked(namer: Namer, take: Points, asked: np.ndarray, sample: Sample | None = None) -> Steps[Labels]:
@@ -295,20 +271,6 @@ def _asked(namer: Namer, take: Points, asked: np.ndarray, sample: Sample | None 
         new = yield from _named(namer, some.xyz, take.rate, take.frames[asked[rows]], share)
         found.put(rows, some.labels(new))
     return found
-
-
-def _asked_again(
-    namer: Namer, take: Points, tracklet: np.ndarray, labels: Labels, asked: np.ndarray
-) -> Steps[tuple[Labels, np.ndarray]]:
-    """The labels (F, L) of the frames asked (F,), with those around frames that are in doubt."""
-    more = asked_again(labels, asked, tracklet, take.rate)
-    if not len(more):
-        return labels, asked
-    yield Stage("name more", f"frame {take.frames[more[0]]}")
-    new = yield from _asked(namer, take, more)
-    every = np.concatenate([asked, more])
-    order = np.argsort(every)
-    return Labels.join([labels, new])[order], every[order]
 
 
 def _named(

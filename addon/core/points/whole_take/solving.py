@@ -17,12 +17,10 @@ from ...data.takes import NO_MARKER
 from ..deciding import Said
 from ..models import Model
 from ..refusals import NO_FIT, SetFit
-from .exchanges import undone
 from .layout import Question, named_by_layout
 from .likeness import steadiest
 from .matching import margins, matched
 from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, usual_fit
-from .pairs import corrected, widened
 from .rulings import RULING, Rulings
 from .search import Search
 from .tracklets import Tracklets, tracklets_of
@@ -131,10 +129,7 @@ def solve_take(
     if rulings is not None:
         tracklets = rulings.of(tracklets)
         begun = rulings.begun(tracklets, with_held(tracklets, begun))
-    solving = _Solving(points, tracklets, model, rate, begun)
-    if rulings is not None:
-        solving.undo(ROUNDS.freedoms[0])
-    return solving.solved(progress)
+    return _Solving(points, tracklets, model, rate, begun).solved(progress)
 
 
 class _Solving:
@@ -157,10 +152,9 @@ class _Solving:
             if number and self.crowd and not self._add_extras() and number == last:
                 break
             self._spread(freedom, ROUNDS.margins if number else ROUNDS.first_margins)
-            for _ in range(ROUNDS.max_layouts):
+            for _ in range(ROUNDS.max_layouts if self.crowd else 0):
                 before = self.marker
-                self.undo(freedom)
-                questions = self._put_in_place(absent=number > 0) if self.crowd else ()
+                questions = self._put_in_place(absent=number > 0)
                 if (before == self.marker).all():
                     break
                 self._spread(freedom, ROUNDS.margins)
@@ -171,18 +165,6 @@ class _Solving:
         search = Search(self.objective, self._filled(), freedom)
         search.climb()
         return self._solution(search.best.marker, (), search)
-
-    def undo(self, freedom: Freedom):
-        """Takes back exchanges of a while."""
-        objective = self.objective
-        trained, placed = objective.pairs, objective.placed(self.marker)
-        wide = widened(trained, freedom.bend, freedom.motion_m, freedom.layout_m)
-        pairs = corrected(wide, objective.moments(placed))
-        placed = self.tracklets.placed(self.points, self.marker, len(trained.mean))
-        votes = np.pad(self.tracklets.votes, ((0, 0), (0, objective.extras)))
-        tracklets = replace(self.tracklets, votes=votes)
-        marker = undone(tracklets, placed, self.marker, trained, pairs, objective.rate)
-        self.marker = with_held(self.tracklets, marker)
 
     def _put_in_place(self, absent: bool) -> tuple[Question, ...]:
         """Names the markers of a crowd by where training knows them to sit; the questions that are left.

@@ -25,8 +25,7 @@ from addon.core.points.several.sharing import SHARING, share, shared_out
 from addon.core.points.several.together import joined
 from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer
 from addon.core.points.tracklets import cut
-from addon.core.points.whole_take import asking
-from addon.core.points.whole_take.pipeline import PointOptions, label_points, name_frames, name_more
+from addon.core.points.whole_take.pipeline import PointOptions, label_points
 from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.io.markersets import markerset_file
 from addon.io.models import open_model, read_model
@@ -133,19 +132,6 @@ def test_one_is_named_as_ever():
     ever = finished(label_points(take, model, PointOptions("likelihood")))
     assert [one.name for one in found.worn.subjects] == ["1"]
     assert np.array_equal(found.labels.marker, ever.labels.marker)
-
-
-def test_frames_in_doubt_may_be_asked_later(monkeypatch):
-    take, tracklet = alone()
-    monkeypatch.setattr(asking, "ASKING", replace(asking.ASKING, max_unsure=-1.0))
-    given = take, tracklet, open_model("gait15"), PointOptions("likelihood")
-    first = finished(name_frames(*given, first_only=True))
-    later, at_once = finished(name_more(first)), finished(name_frames(*given))
-    assert first.first is not None
-    assert later.first is at_once.first is None
-    assert (first.labels.confidence != at_once.labels.confidence).any()
-    for name in ("marker", "step", "confidence", "rate"):
-        np.testing.assert_array_equal(getattr(later.labels, name), getattr(at_once.labels, name))
 
 
 @pytest.mark.parametrize(("markers", "is_half"), [(15, False), (7, True)])

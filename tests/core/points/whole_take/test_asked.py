@@ -6,7 +6,7 @@ import pytest
 
 from addon.core.data.lanes import LaneOptions
 from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels
-from addon.core.points.whole_take.asking import ASKING, asked_again, asked_frames
+from addon.core.points.whole_take.asking import asked_frames
 from addon.core.points.whole_take.tracklets import said_between
 
 
@@ -29,44 +29,6 @@ def test_so_many_frames_a_second_are_asked_and_every_tracklet_is_in_one(tracklet
 
 def test_what_no_frame_shows_needs_no_frame():
     assert asked_frames(np.full((19, 2), -1), 90.0).tolist() == [0, 9, 18]
-
-
-def said_of(frames, markers=20):
-    """What frames say of so many trajectories: each has its own name, for sure."""
-    marker = np.tile(np.arange(markers), (frames, 1))
-    sure = np.full(marker.shape, 0.99)
-    return Labels(marker, np.full(marker.shape, BY_LIKELIHOOD), sure, sure.copy())
-
-
-def test_frames_that_are_sure_and_agree_are_enough():
-    whole = np.tile(np.arange(20), (60, 1))
-    asked = asked_frames(whole, 60.0)
-    said = said_of(len(asked))
-    assert len(asked_again(said, asked, whole, 60.0)) == 0
-    few = int(ASKING.max_changed * 20)
-    said.marker[4, :few] = NO_MARKER
-    said.confidence[2, :few] = 0.5
-    assert len(asked_again(said, asked, whole, 60.0)) == 0
-
-
-def test_those_beside_a_frame_that_is_not_sure_are_asked_as_well():
-    whole = np.tile(np.arange(20), (60, 1))
-    asked = asked_frames(whole, 60.0)
-    said = said_of(len(asked))
-    said.confidence[3, : int(ASKING.max_unsure * 20) + 1] = 0.5
-    assert asked[2:5].tolist() == [12, 18, 24]
-    assert asked_again(said, asked, whole, 60.0).tolist() == [14, 16, 20, 22]
-
-
-def test_those_beside_a_change_of_names_are_asked_as_well():
-    whole = np.tile(np.arange(20), (60, 1))
-    asked = asked_frames(whole, 60.0)
-    said = said_of(len(asked))
-    said.marker[-1, :6] = said.marker[-1, 5::-1]
-    assert asked_again(said, asked, whole, 60.0).tolist() == [44, 46, 50, 52, 56, 58]
-    # What begins there has no other name than before.
-    whole[asked[-2] + 1 :, :6] += 20
-    assert len(asked_again(said, asked, whole, 60.0)) == 0
 
 
 @pytest.mark.parametrize("cells", [0, 1000])
