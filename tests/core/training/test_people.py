@@ -15,11 +15,9 @@ from addon.core.geometry import rotations
 from addon.core.points.likelihood import learn
 from addon.core.posing.posing import fit_points
 from addon.core.training import pipeline
-from addon.core.training.limbs import guide, has_limbs, readings, sites_of
 from addon.core.training.people import FoundPerson, person_in
 from addon.core.training.pipeline import TrainingOptions, train
 from addon.core.training.poses import known_poses, posed_bodies
-from addon.core.training.segments import find_segments, of_one_size
 from addon.core.training.takes import LabelledTake
 from addon.demo.take import make_performance
 from addon.io.likelihood import document_of
@@ -87,20 +85,6 @@ def test_plates_of_unknown_names_are_read_as_limbs_of_their_side(plated, known):
     away = np.median(np.linalg.norm(posed * mirror - joints[some], axis=2), axis=0)
     bare = [index for index, name in enumerate(names) if name.startswith("hand")]  # no marker shows the wrist
     assert np.delete(away, bare).max() < 0.045
-
-
-def test_a_reading_names_the_tree_and_its_mirror_image(plated, known):
-    _, points, _ = plated
-    scaled, _, _ = of_one_size([points])
-    found = find_segments(scaled)
-    ways = readings(found)
-    assert {len(way) for way in ways} == {10}  # the head hardly moves against the trunk
-    assert all(len({limb.group for limb in way}) == 10 for way in ways)
-    sites = sites_of(found, scaled[0][:5], ways[0])
-    assert sites.shape == (5, 10 + 4, 3)
-    assert len(guide(known[0], ways[0], 0.02)) == sites.shape[1]
-    assert has_limbs(known[0])
-    assert not has_limbs(open_markerset("gait15"))
 
 
 def test_markers_in_usual_places_are_known_without_their_names(known):
