@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core.calibration.adjusting import _Bundle, adjusted, held
+from addon.core.calibration.adjusting import adjusted, held
 from addon.core.calibration.sightings import MIN_RAYS, SIGHTING, Sightings
 from addon.core.geometry.cameras import Cameras
 from addon.core.geometry.rotations import exponential
@@ -90,19 +90,6 @@ def test_the_world_is_that_of_the_cameras_that_stayed(seed):
     assert np.abs(found.centres - alone.centres)[stayed].max() < 5e-4
     assert np.abs(found.rotation - alone.rotation).max() < 2e-4
     assert image_error(found, alone).max() < 0.1
-
-
-def test_the_derivative_is_that_of_the_misses():
-    true = ring_rig(4, generator=np.random.default_rng(3))
-    calibrated = moved(true, [1], 1.0, 20)
-    bundle = _Bundle(calibrated, seen_by(true, calibrated, 12), np.array([0, 1, 3]))
-    at = bundle.begin + 0.01 * np.random.default_rng(4).standard_normal(len(bundle.begin))
-    slopes = bundle.slopes(at).toarray()
-    for column in range(len(at)):
-        step = np.zeros(len(at))
-        step[column] = 1e-6
-        difference = (bundle.misses(at + step) - bundle.misses(at - step)) / 2e-6
-        assert np.allclose(slopes[:, column], difference, atol=1e-3 * max(1, np.abs(difference).max()))
 
 
 def test_points_are_spread_over_space(monkeypatch):

@@ -62,16 +62,6 @@ class Room:
         return finished(refine_cameras(self.parts, cameras, SimpleNamespace(markerset=BODY), None))
 
 
-def test_of_a_good_room_nothing_is_changed(monkeypatch):
-    true = ring_rig(6, generator=np.random.default_rng(0))
-    found = Room(true, monkeypatch).refine(true)
-    assert not found.refined
-    assert found.cameras is true
-    assert np.array_equal(found.after, found.before)
-    assert found.doubts == ()
-    assert found.before.max() < 0.5
-
-
 @pytest.mark.parametrize(
     ("which", "degrees", "millimetres", "rounds"), [([4], 0.3, 10, 2), ([4], 2.0, 50, 2), ([1, 4], 1.0, 30, 3)]
 )
