@@ -17,18 +17,6 @@ import os, sys, time
 os.write(int(sys.argv[2]), b"77\\n")
 time.sleep(60)
 """
-TOOL = f"""#!{sys.executable}
-import os, sys, tempfile
-from types import SimpleNamespace
-verb, *arguments = sys.argv[1:]
-if verb == "window":
-    sys.exit("two windows at once may draw the same number")
-if "--python-expr" in arguments:
-    print("Blender 5.2.7 LTS", flush=True)
-    sys.modules["bpy"] = SimpleNamespace(app=SimpleNamespace(tempdir=tempfile.mkdtemp()))
-    exec(arguments[arguments.index("--python-expr") + 1])
-print("Blender 5.2.7 LTS\\ndisplay", os.environ.get("DISPLAY"))
-"""
 BROKEN_XVFB = "#!/bin/sh\nexit 1\n"
 
 
@@ -95,14 +83,6 @@ def test_a_window_gets_a_screen_of_its_own_or_a_reason(nothing_found, tmp_path):
     done = blender.window(tmp_path / "script.py", tmp_path, home=tmp_path)
     assert "display :77" in done.stdout
     assert f"--python {tmp_path / 'script.py'}" in done.stdout
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="the tool is for Linux")
-def test_a_window_of_the_tool_has_a_number_that_was_free(nothing_found, monkeypatch, tmp_path):
-    monkeypatch.setattr(real_blender, "TOOL", program(tmp_path, "tool", TOOL))
-    program(tmp_path / "bin", "Xvfb", XVFB)
-    done = real_blender.find().window(tmp_path / "script.py", tmp_path, home=tmp_path)
-    assert "display :77" in done.stdout, done.stderr
 
 
 def test_what_takes_too_long_is_ended(nothing_found, tmp_path):
