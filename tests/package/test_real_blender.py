@@ -63,13 +63,6 @@ def test_a_blender_that_does_not_start_is_no_blender(nothing_found, monkeypatch,
         real_blender.find()
 
 
-def test_its_settings_are_kept_apart(nothing_found, tmp_path):
-    program(tmp_path / "bin", "blender", BLENDER)
-    done = real_blender.find().run("--background", home=tmp_path / "home")
-    assert f"home {tmp_path / 'home'}" in done.stdout
-    assert "arguments --background" in done.stdout
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a screen")
 def test_a_window_gets_a_screen_of_its_own_or_a_reason(nothing_found, tmp_path):
     program(tmp_path / "bin", "blender", BLENDER)
@@ -90,12 +83,3 @@ def test_what_takes_too_long_is_ended(nothing_found, tmp_path):
     done = real_blender.RealBlender((str(slow),)).run(home=tmp_path, seconds=2)
     assert "started" in done.stdout
     assert "stopped after" in done.stderr
-
-
-def test_what_is_waited_for_in_vain_ends_the_way_through_a_window(monkeypatch):
-    pytest.importorskip("bpy", reason="what a window's script is written in")
-    from scripts import window
-
-    monkeypatch.setattr(window, "PATIENCE", -1)
-    with pytest.raises(TimeoutError, match="in vain"):
-        list(window.until(lambda: False))
