@@ -280,14 +280,6 @@ def test_an_up_axis_and_a_rate_that_are_given_are_taken(extension, empty, files,
     assert empty.scene.mocap_autolabel.source.up == ""
 
 
-def test_what_was_decided_about_a_file_is_reported(extension, empty, files, upside_down):
-    importing = importlib.import_module(f"{extension}.addon.ops.importing")
-    said = importing.take_points(bpy.context, upside_down, "z", 60.0)
-    count, frames = len(files.take.names), len(files.take.xyz)
-    note = "the file has a rate of 0 frames a second, so the 60 that are given were taken"
-    assert said == f"{count} trajectories in {frames} frames; {note}"
-
-
 def test_what_is_refused_can_be_labelled_regardless(extension, imported, files, naming_known, monkeypatch):
     handedness = importlib.import_module(f"{extension}.addon.core.points.handedness")
 

@@ -64,18 +64,6 @@ def test_advice_is_shown_where_it_goes_and_taken(judged, empty):
     np.testing.assert_allclose(read.offsets[read.markers.index(row["marker"])], row["offset"], atol=1e-5)
 
 
-def test_judged_again_the_pair_is_clearer(judged, empty):
-    quality, _, collection = judged
-    row = quality.kept_report(collection)["advice"][0]
-    bpy.ops.mocap_autolabel.take_advice(number=1)
-    empty.view_layer.update()
-    bpy.ops.mocap_autolabel.judge_markers()
-    report = quality.kept_report(collection)
-    assert not quality.changed_since(collection)
-    [after] = [pair["separation"] for pair in report["pairs"] if set(pair["markers"]) == set(row["for"])]
-    assert after == pytest.approx(row["after"], abs=0.1)
-
-
 def test_a_locked_marker_stays(laid):
     quality, _, collection = laid
     for name, item in quality.marker_items(collection).items():
