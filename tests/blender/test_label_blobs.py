@@ -233,8 +233,10 @@ def test_who_looks_through_a_camera_points_at_its_blobs(labelled, files, extensi
         ]
     )
     np.testing.assert_allclose(places, np.column_stack([x, size[1] - y]), atol=0.1)
-    for number, place in enumerate(places):
-        assert module.dot_at(labelled, stored, area, place + 0.4)[1] == number
+    screen = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
+    context = SimpleNamespace(scene=scene, preferences=screen)
+    assert [module.dot_at(context, stored, area, place + 0.4)[1] for place in places] == list(range(len(places)))
+    assert module.dot_at(context, stored, area, (-50, -50))[1] is None
 
 
 def test_markers_of_blobs_are_placed_and_answered(labelled, files):
