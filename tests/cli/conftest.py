@@ -49,6 +49,11 @@ class Answer:
         assert "; expected " in line
         return line.removeprefix("mocap-autolabel: ")
 
+    def refusal(self, status: int) -> str:
+        """The same of one that ended with a status."""
+        assert self.status == status
+        return self.reason
+
 
 def rows_of(path: Path) -> list[dict[str, str]]:
     """A table's rows."""

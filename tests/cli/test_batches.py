@@ -185,9 +185,7 @@ def test_resume_replaces_nothing_that_it_did_not_make_as_it_is(label, run, takes
 
     def refused(reason, *words, **more):
         before = stamps(out)
-        answer = label(*words, "--resume", blobs=takes[:1], **more)
-        assert answer.status == 2
-        assert reason in answer.reason
+        assert reason in label(*words, "--resume", blobs=takes[:1], **more).refusal(2)
         assert stamps(out) == before
 
     refused("differs in --rate, --height;", *FEW, "--rate", "50", "--height", "1.7")

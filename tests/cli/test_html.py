@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from addon.core.data.wording import count_of
-from addon.demo.take import MODEL
 from addon.io import html
 from addon.jobs import batches
 from tests.io.pages import read
@@ -120,13 +119,3 @@ def test_a_page_over_takes_is_replaced_only_by_who_may(label, takes, tmp_path):
     assert (out / "summary.report.html").read_text() == "my own"
     assert label(*FEWEST, "--html", "--resume", "--overwrite", blobs=inputs).status == 0
     assert "2 takes labelled" in page(out / "summary.report.html")
-
-
-def test_a_take_of_points_has_a_page(run, room, tmp_path):
-    out = tmp_path / "out"
-    answer = run("label", room.c3d, "--model", MODEL, "--out", out, "--html", "--method", "fit")
-    assert answer.status == 0
-    text = page(out / "take.report.html")
-    assert "points named" in text
-    assert "Cameras" not in text
-    assert "Method fit" in text

@@ -128,16 +128,6 @@ def test_who_knows_better_is_believed(upside_down, tmp_path, up):
     np.testing.assert_allclose(read_points(tmp_path / "a.trc", up=up).xyz, xyz @ up_rotation(axis).T, atol=1e-5)
 
 
-def test_the_samples_that_went_wrong(shared_data):
-    faults = shared_data / "faults"
-    there = read_points(shared_data / "people" / "mcgill" / "HC030A" / "HC030A05.c3d")
-    take = read_points(faults / "yscreen-minus-z.c3d")
-    np.testing.assert_array_equal(take.xyz, there.xyz)
-    assert "says that -Z is up, but +Z was taken" in take.notes[0]
-    np.testing.assert_array_equal(read_points(faults / "block-count-too-small.c3d").xyz, there.xyz)
-    assert read_points(faults / "first-frame-4294967280.c3d").first_frame == 4294967280
-
-
 def test_recorded_people_keep_the_axis_that_they_have(shared_data):
     """All C3D and TRC of the people and rooms: those with y up are known by name, all others have z up."""
     y_up = {"freeform.c3d", "squat.c3d", "walk_free_01.trc"}
