@@ -34,7 +34,7 @@ def run(arguments) -> int:
         return 0
     # With all that models are named by, which nobody waits for who wants a list.
     from ..io.models import open_model
-    from ..jobs.versions import adopt
+    from ..jobs.models import adopt
     from .model_history import history_lines, history_of
 
     names = arguments.models if arguments.adopt is None else [str(adopt(arguments.adopt))]

@@ -8,9 +8,9 @@ from ..core.data.errors import InputError, JobError
 from ..core.evaluation.comparing import difference_lines
 from ..core.papers.partial_solvers.training import SEARCHES
 from ..io.markersets import SUFFIX
+from ..jobs.models import system_user
 from ..jobs.train import TrainJob, train_file
 from ..jobs.training_takes import KnownBetter
-from ..jobs.versions import system_user
 from .arguments import a_model, add_options, job_of, names, number, whole
 from .console import ProgressLine, print_results
 from .model_history import SHOWN_DIGITS

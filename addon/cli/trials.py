@@ -4,7 +4,6 @@
 import json
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -18,21 +17,10 @@ from ..io.source import read_bytes
 from .serving import TRY
 from .workers import crew
 
-
-@dataclass(frozen=True)
-class SideBySideOptions:
-    """How many processes try, where nobody says.
-
-    max_jobs    a core each; reckoned: what goes before the trials is soon longer than they are
-    min_points  of all trials, for which more than one process is worth its start: so many take 2 s; measured on 41
-                markers
-    """
-
-    max_jobs: int = 4
-    min_points: int = 40_000
-
-
-SIDE_BY_SIDE = SideBySideOptions()
+# How many processes try, where nobody says.
+MAX_JOBS = 4  # a core each; assumed: what goes before the trials is soon longer than they are
+# of all trials, for which more than one process is worth its start: so many take 2 s; measured on 41 markers
+WORTH_POINTS = 40_000
 
 
 def trying(jobs: int | None) -> Trying:
@@ -58,7 +46,7 @@ def _write(path: Path, what: TrialWork | TrialOutcome):
 def _tried(jobs: int | None, works: Sequence[TrialWork]) -> Iterator[TrialOutcome]:
     if jobs is None:
         points = sum(int((work.trial.truth >= 0).sum()) for work in works)
-        jobs = min(os.cpu_count() or 1, SIDE_BY_SIDE.max_jobs) if points >= SIDE_BY_SIDE.min_points else 1
+        jobs = min(os.cpu_count() or 1, MAX_JOBS) if points >= WORTH_POINTS else 1
     return in_turn(works) if min(jobs, len(works)) < 2 else _tried_side_by_side(works, jobs)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.filling.filling import FilledGap, LeftGap
 from ..core.filling.kept import KeptFill, resting_on
-from .names import cell_of
+from .text import cell_of
 
 GAP_COLUMNS = ("marker", "first", "last", "method", "expected_mm")
 

@@ -8,8 +8,8 @@ from ..core.points.likelihood.distances import DistanceConstraints
 from ..core.points.likelihood.model import Likelihood
 from ..core.points.likelihood.shape import Shape
 from ..core.points.rigid_bodies.model import RigidBodies
-from .json_text import rounded
-from .markerset_fields import Reader
+from .markersets import Reader
+from .text import rounded
 
 
 def document_of(likelihood: Likelihood) -> dict:

@@ -18,7 +18,7 @@ from pathlib import Path
 from ..core.data.errors import InputError
 from ..core.points.history import NO_HISTORY, CheckedTake, ModelHistory, ModelVersion, TaughtTake
 from .markersets import SUFFIX
-from .names import can_be_written
+from .text import can_be_written
 
 HISTORY = "history"
 # ours.v2.markerset.json was version 2 of ours, ours.v3-candidate.markerset.json may become version 3.

@@ -11,11 +11,10 @@ from ..core.data.errors import InputError
 from ..core.papers.partial_solvers.model import DOMAIN, FUNCTIONS, NO_POINT, Classifiers, PartialSolvers, Record, Solver
 from ..core.points.models import Model, TrainingTake
 from . import likelihood, markersets, model_history
-from .json_text import write_json
 from .markersets import markerset_file, markerset_in, open_document, open_markerset
 from .model_history import HISTORY, fingerprint_of, read_history
-from .names import can_be_written
 from .packed import MAX_PACKED_BYTES, declared_bytes, pack, unpack
+from .text import can_be_written, write_json
 
 # What the parts are called in the file. The training takes had another name at first, and are read by it too.
 LIKELIHOOD, PARTIAL_SOLVERS, TRAINING_TAKES = "evidence", "ensemble", "training_takes"

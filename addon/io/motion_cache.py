@@ -8,7 +8,6 @@ between what is known before and after, and stands still before the first and af
 import hashlib
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -21,19 +20,9 @@ PC2_HEADER = struct.Struct("<12siiffi")  # mark, version, vertices, first frame,
 PC2_MARK, PC2_VERSION = b"POINTCACHE2\0", 1
 
 
-@dataclass(frozen=True)
-class CacheOptions:
-    """How a cache is written and known again; memory, and so that a longer file is told in no time.
-
-    part_bytes   that are worked on at once
-    told_by      bytes at each of three places that a file is known again by, beside its size
-    """
-
-    part_bytes: int = 8 * 1024 * 1024
-    told_by: int = 65536
-
-
-CACHING = CacheOptions()
+# How a cache is written and known again; memory, and so that a longer file is told in no time.
+PART_BYTES = 8 * 1024 * 1024  # that are worked on at once
+MARK_BYTES = 65536  # bytes at each of three places that a file is known again by, beside its size
 
 
 def write_cache(path: Path, parts: Iterator[np.ndarray], absent: np.ndarray):
@@ -54,7 +43,7 @@ class _Parts:
 
     def __init__(self, file: BinaryIO, frames: int, columns: int):
         self.file, self.frames, self.columns = file, frames, columns
-        self.size = max(CACHING.part_bytes // (4 * max(columns, 1)), 1)
+        self.size = max(PART_BYTES // (4 * max(columns, 1)), 1)
         self.starts = range(0, frames, self.size)
 
     def read(self, start: int) -> np.ndarray:
@@ -109,9 +98,9 @@ def cache_mark(path: Path) -> str:
     """What a cache is known again by: its size, and a digest of its begin, middle and end."""
     told, size = hashlib.sha256(), path.stat().st_size
     with open_binary(path) as file:
-        for place in (0, size // 2, max(size - CACHING.told_by, 0)):
+        for place in (0, size // 2, max(size - MARK_BYTES, 0)):
             file.seek(place)
-            told.update(file.read(CACHING.told_by))
+            told.update(file.read(MARK_BYTES))
     return f"{size} {told.hexdigest()}"
 
 

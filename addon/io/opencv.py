@@ -1,20 +1,162 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cameras in `.yml` files that OpenCV's FileStorage wrote: intrinsics and extrinsics, in one file or in two."""
+"""Cameras in `.yml` files that OpenCV's FileStorage wrote, and the part of YAML that it writes.
+
+Intrinsics and extrinsics are in one file or in two. Nodes go by indentation; there are `[…]` rows and matrices.
+"""
 
 import math
+import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras
-from .filestorage import parse_filestorage
-from .rig import RIG_LIMITS, RigCamera, refuse_crowd, rig, rotation_from_vector
-from .source import TEXTS, read_text
+from .rig import MAX_CAMERA_NUMBER, RigCamera, refuse_crowd, rig, rotation_from_vector
+from .source import MAX_CALIBRATION_BYTES, read_text
 from .toml_cameras import lens
 from .world import z_up
+
+MAX_YAML_DEPTH = 12
+YAML = "OpenCV's YAML"
+
+# A text that does not end goes on to the end: looked for again from every quote in it, it would take its square.
+_QUOTED = re.compile(r""""(?:[^"\\]|\\.)*"|'[^']*'""")
+_PIECE = re.compile(r""""(?:[^"\\]|\\.)*"?|'[^']*'?|[^,\[\]{}]+|[,\[\]{}]""")
+_TAGS = re.compile(r"(?:!!\S*\s*)+")
+
+
+def parse_filestorage(text: str, path: Path) -> dict:
+    """The nodes of a file: numbers, texts, lists, dicts, and matrices as arrays (rows, columns).
+
+    Raises InputError with the line where it is anything else.
+    """
+    lines = _Lines(text, path)
+    document = lines.block(0, 0)
+    if not isinstance(document, dict):
+        raise InputError(f"is a list; expected named nodes of {YAML}", path, 1)
+    return document
+
+
+class _Lines:
+    """The lines that say something, each with its number and indentation, and how far they have been read."""
+
+    def __init__(self, text: str, path: Path):
+        self.path = path
+        self.position = 0
+        self.lines: list[tuple[int, int, str]] = []
+        for number, line in enumerate(text.splitlines(), 1):
+            content = line.strip()
+            if content and not content.startswith(("#", "%")) and content not in ("---", "..."):
+                self.lines.append((number, len(line) - len(line.lstrip()), content))
+        if not self.lines:
+            raise InputError(f"has no nodes; expected {YAML}", path)
+
+    def fail(self, message: str) -> InputError:
+        index = min(self.position, len(self.lines) - 1)
+        return InputError(f"{message}; expected {YAML}", self.path, self.lines[index][0])
+
+    def block(self, indent: int, depth: int) -> object:
+        """The node whose lines are indented by `indent` or more: a list when it begins with a dash, else a dict."""
+        if depth > MAX_YAML_DEPTH:
+            raise self.fail("is nested too deeply")
+        indent = self.lines[self.position][1]
+        if self.lines[self.position][2].startswith(("- ", "-\t")) or self.lines[self.position][2] == "-":
+            return self._list(indent, depth)
+        nodes: dict = {}
+        while self.position < len(self.lines) and self.lines[self.position][1] >= indent:
+            _, here, content = self.lines[self.position]
+            entry = _entry(content)
+            if here != indent or entry is None:
+                raise self.fail(f"has {content[:40]!r} where a node should be")
+            self.position += 1
+            nodes[_unquoted(entry[0])] = self._value(entry[1], indent, depth)
+        return _matrix(nodes, self)
+
+    def _list(self, indent: int, depth: int) -> list:
+        items = []
+        while self.position < len(self.lines) and self.lines[self.position][1] == indent:
+            number, _, content = self.lines[self.position]
+            if not content.startswith("-"):
+                break
+            rest = content[1:].lstrip()
+            if _entry(rest) and not rest.startswith(("[", "{")):
+                # A dict whose first entry stands beside the dash.
+                self.lines[self.position] = (number, indent + len(content) - len(rest), rest)
+                items.append(self.block(indent + 1, depth + 1))
+            else:
+                self.position += 1
+                items.append(self._value(rest, indent, depth))
+        return items
+
+    def _value(self, text: str, indent: int, depth: int) -> object:
+        """What stands behind a name or a dash, on the same line or below it."""
+        tags = _TAGS.match(text)
+        text = text[tags.end() :] if tags else text
+        if text.startswith("#"):
+            text = ""
+        if not text:
+            below = self.position < len(self.lines) and self.lines[self.position]
+            deeper = below and (below[1] > indent or (below[1] == indent and below[2].startswith("-")))
+            return self.block(indent, depth + 1) if deeper else None
+        if text[0] in "[{":
+            return self._flow(text)
+        return _scalar(text)
+
+    def _flow(self, text: str) -> list:
+        """A `[…]` or `{…}` that may go on over several lines, as a flat list of what is in it."""
+        parts = [text]
+        while parts[-1].count("]") + parts[-1].count("}") == 0 and self.position < len(self.lines):
+            parts.append(self.lines[self.position][2])
+            self.position += 1
+        joined = " ".join(parts)
+        if joined[-1] not in "]}":
+            raise self.fail("has a list that does not end")
+        pieces = (piece.strip() for piece in _PIECE.findall(joined))
+        return [_scalar(piece) for piece in pieces if piece and piece not in ",[]{}"]
+
+
+def _entry(content: str) -> tuple[str, str] | None:
+    """A line's name, in its quotes if it has any, and what stands behind the colon; None where it has no name."""
+    quoted = _QUOTED.match(content)
+    end = quoted.end() if quoted else content.find(":")
+    name, colon, value = content[:end], content[end:].lstrip()[:1], content[end:].lstrip()[1:]
+    plain = quoted or (name[:1] not in ("", *"#'\"[]{}") and "#" not in name)
+    if end <= 0 or not plain or colon != ":" or not (value == "" or value[0].isspace()):
+        return None
+    return name.strip(), value.strip()
+
+
+def _matrix(nodes: dict, lines: _Lines) -> object:
+    """An array where the nodes are those of a matrix, else the nodes."""
+    if not {"rows", "cols", "data"} <= nodes.keys():
+        return nodes
+    rows, columns, data = nodes["rows"], nodes["cols"], nodes["data"]
+    whole = all(isinstance(size, float) and size % 1 == 0 and 0 <= size < 1e6 for size in (rows, columns))
+    if not whole or not isinstance(data, list) or not all(isinstance(value, float) for value in data):
+        lines.position -= 1
+        raise lines.fail("has a matrix that is not rows, cols and numbers")
+    if int(rows) * int(columns) != len(data):
+        lines.position -= 1
+        raise lines.fail(f"has a matrix of {len(data)} numbers for {rows:g}×{columns:g}")
+    return np.array(data, dtype=float).reshape(int(rows), int(columns))
+
+
+def _scalar(text: str) -> float | str:
+    """A number where it is one, else a text; `.Nan` and `.Inf` are YAML's."""
+    comment = re.search(r"\s#", text) if text[:1] not in "\"'" else None
+    text = (text[: comment.start()] if comment else text).strip()
+    try:
+        return float(text.lower().replace(".nan", "nan").replace(".inf", "inf"))
+    except ValueError:
+        return _unquoted(text)
+
+
+def _unquoted(text: str) -> str:
+    quoted = len(text) > 1 and text[0] == text[-1] and text[0] in "\"'"
+    return text[1:-1] if quoted else text
+
 
 KIND = "an OpenCV .yml calibration with intrinsics and extrinsics"
 
@@ -30,21 +172,11 @@ WIDTH, HEIGHT = ("W", "width", "image_width"), ("H", "height", "image_height")
 SIZE = ("size", "image_size", "imageSize", "resolution")
 
 
-@dataclass(frozen=True)
-class YmlLimits:
-    """What is no calibration in metres; physical, and memory.
-
-    max_key         letters: longer is no name of a matrix and its camera
-    max_distance_m  of a camera from the origin: if one is farther off, the file is in millimetres
-    max_bytes       of a file: beside its cameras it may hold the points that they were calibrated with
-    """
-
-    max_key: int = 100
-    max_distance_m: float = 200.0
-    max_bytes: int = 4 * TEXTS.calibration
-
-
-YML_LIMITS = YmlLimits()
+# What is no calibration in metres; physical, and memory.
+MAX_KEY = 100  # letters: longer is no name of a matrix and its camera
+MAX_DISTANCE_M = 200.0  # of a camera from the origin: if one is farther off, the file is in millimetres
+# of a file: beside its cameras it may hold the points that they were calibrated with
+MAX_YML_BYTES = 4 * MAX_CALIBRATION_BYTES
 
 
 def read_yml(path: Path, up: str = "") -> Cameras:
@@ -56,12 +188,12 @@ def read_yml(path: Path, up: str = "") -> Cameras:
     """
     document = {}
     for file in files_of(path):
-        nodes = parse_filestorage(read_text(file, KIND, YML_LIMITS.max_bytes), file)
+        nodes = parse_filestorage(read_text(file, KIND, MAX_YML_BYTES), file)
         document.update({key: value for key, value in nodes.items() if key not in document or value is not None})
     cameras = list(_cameras(document, path))
     if not cameras:
         raise InputError(f"has no camera with a matrix; expected {KIND}", path)
-    if any(math.hypot(*camera.translation) > YML_LIMITS.max_distance_m for camera in cameras):
+    if any(math.hypot(*camera.translation) > MAX_DISTANCE_M for camera in cameras):
         cameras = [RigCamera(c.name, c.size, c.matrix, c.distortion, c.rotation, c.translation / 1000) for c in cameras]
     return z_up(rig(cameras, path), up)
 
@@ -112,7 +244,7 @@ def _suffixes(document: dict) -> list[str]:
     """What stands behind `K`, `M` or `camera_matrix` in the names of matrices, such as `_01` or `1`."""
     found: dict[str, None] = {}
     for key, value in document.items():
-        if len(key) > YML_LIMITS.max_key or not isinstance(value, np.ndarray) or value.size != 9:
+        if len(key) > MAX_KEY or not isinstance(value, np.ndarray) or value.size != 9:
             continue
         for stem in MATRIX:
             rest = key[len(stem) :]
@@ -145,7 +277,7 @@ def _size(parts: dict, matrix: np.ndarray, name: str, path: Path) -> np.ndarray:
         return _array(parts, SIZE, name, path, (2,))
     if any(parts.get(key) is not None for key in WIDTH) and any(parts.get(key) is not None for key in HEIGHT):
         return np.concatenate([_array(parts, keys, name, path, (1,)) for keys in (WIDTH, HEIGHT)])
-    return np.round(2 * np.minimum(matrix[:2, 2], RIG_LIMITS.max_number))  # what is larger is refused with the matrix
+    return np.round(2 * np.minimum(matrix[:2, 2], MAX_CAMERA_NUMBER))  # what is larger is refused with the matrix
 
 
 def _array(parts: dict, keys: tuple[str, ...], name: str, path: Path, counts: tuple[int, ...]) -> np.ndarray:

@@ -17,12 +17,10 @@ from ..core.data.room import IN_MEMORY, MakeTable
 from ..core.data.takes import Points
 from ..core.data.wording import words_of_range
 from .c3d import C3dHead, open_c3d, write_c3d_file
-from .motive_points import is_motive, read_motive
-from .points_up import Upright, find_up
 from .qtm import USE_POINTS, held_in, is_qtm, read_qtm_points
 from .samples import Parts, packed
-from .trc import read_trc, write_trc_file
-from .world import UNITS, guess_unit, up_rotation
+from .textpoints import is_motive, read_motive, read_trc, write_trc_file
+from .world import UNITS, Upright, find_up, guess_unit, up_rotation
 
 EXPECTED = "expected a take of 3D points: .c3d, .trc, Motive .csv or Qualisys .qtm"
 
@@ -30,17 +28,10 @@ EXPECTED = "expected a take of 3D points: .c3d, .trc, Motive .csv or Qualisys .q
 OUTPUT_GROUPS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MARKERS", "REACTIONS")
 
 
-@dataclass(frozen=True)
-class NarrowOptions:
-    """How the points of a file are kept; memory.
+# How the points of a file are kept; memory.
+# of a table (T, L) beyond which they stay as narrow as in the file, and are lengths where they are asked
+MAX_WIDE_CELLS = 2_000_000
 
-    max_cells  of a table (T, L) beyond which they stay as narrow as in the file, and are lengths where they are asked
-    """
-
-    max_cells: int = 2_000_000
-
-
-NARROW = NarrowOptions()
 
 _UNLABELLED = re.compile(r"\*\d*|unlabell?ed[ _-]?\d*|u(?:name)?\*\d+|", re.IGNORECASE)
 _COMPUTED = re.compile(r"[LR]?[HKASEW]JC\w*|cent(?:re|er)ofmass\w*", re.IGNORECASE)
@@ -214,7 +205,7 @@ def _file_points(content: _Content, up: str | None, path: Path, make_table: Make
     axis, sign = np.abs(turn).argmax(axis=1), turn.sum(axis=1).astype(found.xyz.dtype)
     for part in blocks(*found.residual.shape):
         found.xyz[part] = found.xyz[part][..., axis] * sign
-    small = found.residual.size <= NARROW.max_cells
+    small = found.residual.size <= MAX_WIDE_CELLS
     return FilePoints(
         names,
         # What gives parts of an array serves as one.

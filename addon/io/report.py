@@ -8,6 +8,7 @@ from pathlib import Path
 from ..core.data.errors import InputError
 from ..core.data.takes import EditOutcome, Suspect
 from ..core.edits.applying import summary_of
+from ..core.review.odd_cameras import CameraCheck
 from ..core.review.summary import TakeSummary
 from ..core.review.take_trouble import TakeTrouble
 from ..core.review.trouble import summary_of_trouble
@@ -53,6 +54,15 @@ def facts_of_edits(file: Path | None, outcomes: Iterable[EditOutcome]) -> dict:
     if not outcomes:
         return {}
     return {"edits": {"file": None if file is None else file.name, **summary_of(outcomes)}}
+
+
+def facts_of_cameras(check: CameraCheck, trouble: TakeTrouble, doubts: Iterable[Suspect]) -> dict:
+    """What a report says of each camera and its blobs, and what is doubtful about the room."""
+    counts = {one.name: one.as_dict() for one in trouble.by_camera.figures()}
+    return {
+        "cameras": {name: row | counts[name] for name, row in check.of_cameras().items()},
+        "camera_doubts": [doubt.reason for doubt in doubts],
+    }
 
 
 def facts_of_trouble(trouble: TakeTrouble, suspects: Iterable[Suspect]) -> dict:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras
-from .names import is_unicode
+from .text import is_unicode
 
 # Qualisys has focal lengths, centres, the sensor and blobs in 64ths of a pixel; its lens is OpenCV's.
 SUBPIXELS = 64
@@ -18,21 +18,10 @@ SUBPIXELS = 64
 Z_UP_FROM_Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
-@dataclass(frozen=True)
-class RigLimits:
-    """What no camera room has; physical.
-
-    max_rotation_error  of a rotation times its transpose: printed ones carry four digits or more
-    max_cameras         no room has more
-    max_number          in m, rad, px or lens units
-    """
-
-    max_rotation_error: float = 1e-2
-    max_cameras: int = 1000
-    max_number: float = 1e9
-
-
-RIG_LIMITS = RigLimits()
+# What no camera room has; physical.
+MAX_ROTATION_ERROR = 1e-2  # of a rotation times its transpose: printed ones carry four digits or more
+MAX_CAMERAS = 1000  # no room has more
+MAX_CAMERA_NUMBER = 1e9  # in m, rad, px or lens units
 
 
 @dataclass(frozen=True)
@@ -54,8 +43,8 @@ class RigCamera:
 
 def refuse_crowd(count: int, path: Path):
     """InputError where a file says it has more cameras than any room, before each of them is looked at."""
-    if count > RIG_LIMITS.max_cameras:
-        raise InputError(f"has {count} cameras; expected at most {RIG_LIMITS.max_cameras}", path)
+    if count > MAX_CAMERAS:
+        raise InputError(f"has {count} cameras; expected at most {MAX_CAMERAS}", path)
 
 
 def rig(cameras: Sequence[RigCamera], path: Path) -> Cameras:
@@ -87,7 +76,7 @@ def _check(camera: RigCamera, path: Path):
     values = np.concatenate(
         [np.ravel(part) for part in (camera.size, camera.matrix, *lenses, camera.rotation, camera.translation)]
     )
-    if not (np.abs(values) < RIG_LIMITS.max_number).all():
+    if not (np.abs(values) < MAX_CAMERA_NUMBER).all():
         raise InputError(
             f"camera {camera.name} has a value that is not a number of any camera; expected a complete calibration",
             path,
@@ -103,7 +92,7 @@ def _check(camera: RigCamera, path: Path):
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     """The rotation next to a printed, rounded one (3, 3); a matrix that is none is given back as it is."""
-    if np.abs(matrix @ matrix.T - np.eye(3)).max() > RIG_LIMITS.max_rotation_error:
+    if np.abs(matrix @ matrix.T - np.eye(3)).max() > MAX_ROTATION_ERROR:
         return matrix
     left, _, right = np.linalg.svd(matrix)
     return left @ right
@@ -111,7 +100,7 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
 
 def rotation_from_vector(vector: np.ndarray) -> np.ndarray:
     """The rotation (3, 3) of a Rodrigues vector (3,) rad; NaN for one that is none, which `rig` refuses."""
-    if not np.abs(vector).max() < RIG_LIMITS.max_number:
+    if not np.abs(vector).max() < MAX_CAMERA_NUMBER:
         return np.full((3, 3), np.nan)
     angle = float(np.linalg.norm(vector))
     if angle == 0:

@@ -11,7 +11,7 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.data.takes import MAX_FRAME
 from ..core.geometry.cameras import Cameras
-from .names import in_cell
+from .text import in_cell
 
 COLUMNS = ("frame", "camera", "x", "y")
 

@@ -14,7 +14,7 @@ from ..core.geometry import inverse_lens
 from ..core.geometry.camera_up import AXIS_NAMES, guess_up
 from ..core.geometry.cameras import Cameras
 from .rig import RigCamera, refuse_crowd, rig, rotation_from_vector
-from .source import TEXTS, read_text
+from .source import MAX_CALIBRATION_BYTES, read_text
 from .world import z_up
 
 # Ours beside the shared keys: a lens of Vicon's kind, exact, where `distortions` can only come near it.
@@ -34,7 +34,7 @@ def read_toml(path: Path, up: str = "") -> Cameras:
 
     `up` is the axis that points up where it is known better than from the file or its cameras.
     """
-    text = read_text(path, "a .toml camera calibration", TEXTS.calibration)
+    text = read_text(path, "a .toml camera calibration", MAX_CALIBRATION_BYTES)
     _refuse_depth(text, path)
     try:
         document = tomllib.loads(text)

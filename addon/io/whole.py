@@ -2,22 +2,79 @@
 """Output files that appear whole or not at all, together, and never in the place of what they are made from.
 
 They are written beside their place, flushed to disk, then renamed. A list of what is to be renamed is on disk before
-the first is: who is killed between two renames leaves it, and the next run in that folder finishes them.
+the first is: who is killed between two renames leaves it, and the next run in that folder finishes them. One run at a
+time gives files their names in a folder, so that those of two never mix: a lock on a file there says whose turn it is.
 """
 
 import json
 import os
 import stat
+import time
 import unicodedata
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import IO
 
 from ..core.data.errors import InputError, JobError
-from .scratch import LOCK, leave, own_folder, take_away_forsaken
-from .source import read_json
-from .turns import TURN, turns
+from .scratch import LOCK, leave, lock_now, own_folder, take_away_forsaken
+from .source import open_at_once, read_json
+
+TURN = ".mocap-autolabel.turn"
+LONG_S = 60.0  # s; giving names takes milliseconds, so who has the turn for so long is stopped or cut off
+LOOK_S = 0.01  # s between two looks
+
+
+@contextmanager
+def turns(folders: Iterable[Path]) -> Iterator[None]:
+    """It is this run's turn in all these folders while the block runs."""
+    with ExitStack() as stack:
+        # In one order for all, or two could wait for each other.
+        for folder in sorted(set(folders)):
+            stack.enter_context(_turn(folder))
+        yield
+
+
+@contextmanager
+def _turn(folder: Path) -> Iterator[None]:
+    path = folder / TURN
+    file = _taken(path)
+    try:
+        yield
+    finally:
+        if file is not None:
+            if os.name == "nt":  # which gives up no file that is open
+                file.close()
+            with suppress(OSError):
+                path.unlink()
+            file.close()
+
+
+def _taken(path: Path) -> IO | None:
+    """The file of a turn, open and locked; None where there can be none."""
+    end = time.monotonic() + LONG_S
+    while time.monotonic() < end:
+        try:
+            file = open(path, "ab", opener=open_at_once)  # noqa: SIM115 a path has no opener
+        except OSError:
+            return None
+        try:
+            lock_now(file)
+            if os.path.samestat(os.fstat(file.fileno()), path.stat()):
+                return file
+        except (BlockingIOError, PermissionError):  # another's turn
+            time.sleep(LOOK_S)
+        except FileNotFoundError:  # whoever had it took it away
+            pass
+        except OSError:  # no locks here
+            file.close()  # Windows takes no file away that is open
+            with suppress(OSError):
+                path.unlink()
+            return None
+        file.close()
+    return None
+
 
 PART = ".part-mocap-autolabel-"
 LIST = ".mocap-autolabel.json"  # in a folder of parts: what each part is like, and what it is to take the place of

@@ -26,12 +26,10 @@ from ..core.review.suspects import find_suspects
 from ..io.blobs import BlobRows, frames_in, read_blobs
 from ..io.labels import BLOB_KEYS
 from ..io.poses import refuse_keys
-from ..io.scratch import scratch_folder
-from ..io.tables import Room
-from .captures import facts_of_capture
-from .job import timed
-from .labelling import OpenTake, Results, TakePart
-from .several import NOT_HELD, subjects_in_blobs
+from ..io.report import facts_of_cameras
+from ..io.scratch import Room, scratch_folder
+from .job import facts_of_capture, timed
+from .labelling import NOT_HELD, OpenTake, Results, TakePart, subjects_in_blobs
 from .spool import RowFile
 
 if TYPE_CHECKING:  # only who fills gaps needs it
@@ -122,12 +120,8 @@ class BlobTake(OpenTake):
         facts["steps"] = {step: results.summary.steps[step] for step in words}
         if self.cameras.remarks:
             facts["calibration"] = list(self.cameras.remarks)
-        counts = {one.name: one.as_dict() for one in results.trouble.by_camera.figures()}
-        return facts | {
-            **facts_of_capture(self.job.source, False, self.cameras),
-            "cameras": {name: row | counts[name] for name, row in self.check.of_cameras().items()},
-            "camera_doubts": [doubt.reason for doubt in self.noticed],
-        }
+        facts |= facts_of_capture(self.job.source, False, self.cameras)
+        return facts | facts_of_cameras(self.check, results.trouble, self.noticed)
 
     def points(self) -> Points:
         """The markers, read from disk where they are looked at."""

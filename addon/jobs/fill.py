@@ -58,18 +58,10 @@ class FillJob:
     cameras: Path | None = None
 
 
-@dataclass(frozen=True)
-class RaysOfTakeOptions:
-    """When labels of blobs are those of a take.
-
-    most_off_px  physical: that half of the blobs may be from where their cameras see the take's markers: a moved camera
-                 makes some px of it, another take or another room hundreds
-    """
-
-    most_off_px: float = 20.0
-
-
-RAYS_OF_TAKE = RaysOfTakeOptions()
+# When labels of blobs are those of a take.
+# physical: that half of the blobs may be from where their cameras see the take's markers: a moved camera makes some px
+# of it, another take or another room hundreds
+MOST_OFF_PX = 20.0
 
 
 def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
@@ -189,7 +181,7 @@ def _rays(job: FillJob, xyz: np.ndarray, names: Sequence[str], first_frame: int)
         raise InputError(
             "names no blob of a marker that the take has; expected the labels of its own blobs", job.labels
         )
-    if (typical := float(np.nanmedian(off))) > RAYS_OF_TAKE.most_off_px:
+    if (typical := float(np.nanmedian(off))) > MOST_OFF_PX:
         words = f"has its blobs {typical:.0f} px from where the cameras see the markers of {job.source.name}"
         raise InputError(f"{words}; expected the labels and the calibration that the take was made with", job.labels)
     return rays_of(blobs, labels, cameras, ~np.isfinite(xyz).all(axis=2))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What to label, and what the jobs of all kinds of input share: their files, their clock, their report."""
+"""What to label, and what jobs of all kinds of input share: files, clock, and what a capture says of itself."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -9,7 +9,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from ..blendfile import Chunks, inside_blender
-from ..core.data.errors import ForceableError
+from ..core.data.errors import ForceableError, InputError
 from ..core.data.markersets import Worn
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.geometry.cameras import Cameras
@@ -17,13 +17,14 @@ from ..core.points.naming import USUAL_TARGET
 from ..io.cameras import calibration_files
 from ..io.edits import edits_beside
 from ..io.markersets import markerset_file
-from ..io.names import written
-from ..io.qtm import USE_BLOBS, USE_POINTS
+from ..io.qtm import USE_BLOBS, USE_POINTS, held_in, is_qtm
 from ..io.report import REPORT
+from ..io.text import written
 
-if TYPE_CHECKING:  # naming blobs takes long to load, and takes of points need none of it
+if TYPE_CHECKING:
     from ..core.blobs.pipeline import Options
     from ..core.papers.virtual_occlusions.occlusion import Occlusion
+
 
 USUAL_RATE = 100.0
 # What of a job holds for any part of its take.
@@ -217,3 +218,43 @@ def timed(clock: dict[str, float], stage: str) -> Iterator[None]:
     begin = perf_counter()
     yield
     clock[stage] = clock.get(stage, 0.0) + perf_counter() - begin
+
+
+def calibration_for(source: Path, cameras: Path | None) -> Path:
+    """The calibration of a take of blobs: the one that was named, else its own; InputError where there is none."""
+    if cameras is not None:
+        return cameras
+    if is_qtm(source):
+        return source
+    words = "holds blobs, and there is no calibration of their cameras"
+    raise InputError(f"{words}; expected --cameras or, in Blender, Import Calibration", source)
+
+
+def blob_rate(source: Path, rate: float | None) -> float | None:
+    """Frames a second of a take of blobs: those that were given, else its own; None where nobody knows."""
+    return held_in(source).rate if rate is None and is_qtm(source) else rate
+
+
+def told_by_capture(source: Path, cameras: Path | None, rate: float | None) -> dict:
+    """Both, as fields of a job of blobs."""
+    return {"cameras": calibration_for(source, cameras), "rate": blob_rate(source, rate)}
+
+
+def told_of_capture(source: Path, points: bool, cameras: Cameras | None = None) -> list[str]:
+    """What was taken of a capture, and which of its cameras are left out of `cameras`, a sentence each."""
+    if not is_qtm(source):
+        return []
+    held = held_in(source)
+    choice = held.told(USE_POINTS if points else USE_BLOBS, None if cameras is None else cameras.names)
+    said = [f"of {source.name}, {choice}"] if choice else []
+    left = [] if cameras is None else [name for name in held.calibrated if name not in cameras.names]
+    if left:
+        words = "cameras that the calibration does not have are left out"
+        said.append(f"of {source.name}, the blobs of {len(left)} {words}: {', '.join(left)}")
+    return said
+
+
+def facts_of_capture(source: Path, points: bool, cameras: Cameras | None = None) -> dict:
+    """The same as part of a report; nothing for other takes."""
+    said = told_of_capture(source, points, cameras)
+    return {"capture": said} if said else {}

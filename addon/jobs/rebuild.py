@@ -21,8 +21,7 @@ from ..io.cameras import calibration_files
 from ..io.points import write_c3d, write_trc
 from ..io.scratch import scratch_folder
 from ..io.whole import whole_file
-from .captures import facts_of_capture
-from .job import USUAL_RATE
+from .job import USUAL_RATE, facts_of_capture
 from .labelling import renumbered
 from .spool import TrajectoryFile
 

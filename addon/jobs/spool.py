@@ -2,7 +2,6 @@
 """Rows on disk while a take is worked on, and trajectories among them as the columns of a file in the end."""
 
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
@@ -14,20 +13,11 @@ from ..core.data.takes import Points
 from ..core.reconstruction.trajectories import Reconstructed, TrajectorySpans
 from ..io.scratch import naming_scratch
 
+# How trajectories become the columns of a file.
+# format: as many as one list of names in a C3D file holds; of more, those share one that are far apart
+MAX_COLUMNS = 255
+REST_S = 1.0  # s between two of one column, so that no program takes them for one; assumed
 
-@dataclass(frozen=True)
-class SpoolOptions:
-    """How trajectories become the columns of a file.
-
-    max_columns  format: as many as one list of names in a C3D file holds; of more, those share one that are far apart
-    rest_s       s between two of one column, so that no program takes them for one; assumed
-    """
-
-    max_columns: int = 255
-    rest_s: float = 1.0
-
-
-SPOOLING = SpoolOptions()
 
 ROW = np.dtype([("trajectory", "<i4"), ("xyz", "<f4", 3), ("residual", "<f4")])
 
@@ -95,9 +85,9 @@ class TrajectoryFile(RowFile):
         column = np.full(len(self.spans.table), -1)
         kept = self.spans.lasting(len(self.counts))
         column[kept] = np.arange(len(kept))
-        if len(kept) > SPOOLING.max_columns:
+        if len(kept) > MAX_COLUMNS:
             first, last = self.spans.table[kept, 1:].T
-            column[kept] = Lanes.packed(first, last + round(SPOOLING.rest_s * self.rate)).lane
+            column[kept] = Lanes.packed(first, last + round(REST_S * self.rate)).lane
         return column
 
 

@@ -96,14 +96,14 @@ def test_what_was_sent_by_one_who_is_gone_is_not_begun(room, takes, tmp_path):
 
 @pytest.mark.skipif(os.name == "nt", reason="needs a system where a process can be killed")
 def test_a_process_that_is_killed_names_its_take(label, takes, monkeypatch):
-    begin = workers.Worker.begin
+    run = workers.Worker.run
 
-    def begun(self, command):
+    def killed(self, command):
         if command.take.endswith("two.csv"):
             self.process.kill()
-        begin(self, command)
+        return run(self, command)
 
-    monkeypatch.setattr(workers.Worker, "begin", begun)
+    monkeypatch.setattr(workers.Worker, "run", killed)
     answer = label(*FEW, "--jobs", "2", "--json", blobs=takes)
     assert answer.status == 1
     assert "two.csv: its process was killed (SIGKILL)" in answer.reason

@@ -6,8 +6,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from addon.io.turns import TURN
-from addon.io.whole import PART
+from addon.io.whole import PART, TURN
 
 from .stage import PAGE, TABLE, Plan, Said, Stage, content, read_whole
 

@@ -16,7 +16,7 @@ from addon.io.models import read_model
 from addon.io.motion_cache import cache_mark, check_cache
 from addon.io.report import earlier_run
 from addon.io.source import open_binary
-from addon.io.turns import TURN, turns
+from addon.io.whole import TURN, turns
 
 ADDON = Path(__file__).resolve().parents[2] / "addon"
 READERS = {"read_text", "read_bytes", "fromfile", "memmap", "loadtxt", "genfromtxt", "iterparse"}
@@ -25,8 +25,8 @@ READERS = {"read_text", "read_bytes", "fromfile", "memmap", "loadtxt", "genfromt
 OWN = {
     ("io/source.py", "open_binary"): "the one way",
     ("io/source.py", "open_at_once"): "a part of it",
-    ("io/tables.py", "_read"): "a scratch file",
-    ("io/tables.py", "__setitem__"): "a scratch file",
+    ("io/scratch.py", "_read"): "a scratch file",
+    ("io/scratch.py", "__setitem__"): "a scratch file",
     ("io/poses.py", "__enter__"): "a scratch file",
     ("io/motion_cache.py", "write_cache"): "what is being written",
     ("io/scratch.py", "_take_away"): "a lock, which is opened to be locked",
@@ -35,7 +35,7 @@ OWN = {
     ("jobs/spool.py", "__enter__"): "a scratch file",
     ("jobs/spool.py", "rows"): "a scratch file",
     ("cli/console.py", "open_streams"): "the null device",
-    ("cli/workers.py", "ending"): "a scratch file",
+    ("cli/workers.py", "run"): "a scratch file",
     ("version.py", "version"): "ships with the program",
 }
 

@@ -10,7 +10,7 @@ from addon.core.data.columns import Columns, beside_of
 from addon.core.data.lanes import Lanes
 from addon.core.data.takes import Points
 from addon.io.points import read_points, write_c3d, write_trc
-from addon.io.trc import read_trc
+from addon.io.textpoints import read_trc
 from addon.jobs.fill import FillJob, fill_file
 from tests.io.whole_columns import dense, read_c3d
 

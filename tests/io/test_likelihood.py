@@ -9,7 +9,7 @@ import pytest
 from addon.core.data.errors import InputError
 from addon.core.points.likelihood.learn import learn_likelihood
 from addon.io.likelihood import document_of, read_likelihood
-from addon.io.markerset_fields import Reader
+from addon.io.markersets import Reader
 
 NAMES = tuple("abcdefgh")
 

@@ -2,7 +2,6 @@
 """Point caches: what is not known is on straight lines, whatever the parts, and another file is told."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -36,7 +35,7 @@ def expected(known, absent):
 
 @pytest.mark.parametrize("part", [1, 3, 7, 64])
 def test_gaps_are_straight_lines_whatever_the_parts(tmp_path, monkeypatch, known, part):
-    monkeypatch.setattr(motion_cache, "CACHING", replace(motion_cache.CACHING, part_bytes=part * 12 * VERTICES))
+    monkeypatch.setattr(motion_cache, "PART_BYTES", part * 12 * VERTICES)
     path, absent = tmp_path / "walk.pc2", np.arange(9.0).reshape(3, 3)
     write_cache(path, (known[start : start + 11] for start in range(0, FRAMES, 11)), absent)
     data = path.read_bytes()

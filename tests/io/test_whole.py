@@ -14,8 +14,7 @@ from pathlib import Path
 import pytest
 
 from addon.core.data.errors import InputError, JobError
-from addon.io import scratch
-from addon.io import turns as turns_of_folders
+from addon.io import scratch, whole
 from addon.io.whole import LIST, PART, LeftAlone, finish_renaming, keep_apart, whole_file, whole_files
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -449,9 +448,9 @@ def test_two_runs_give_names_one_after_the_other(tmp_path, monkeypatch):
             part.write_text("whole")
         order.append("named")
 
-    monkeypatch.setattr(turns_of_folders.time, "sleep", lambda _seconds: looked.set())
+    monkeypatch.setattr(whole.time, "sleep", lambda _seconds: looked.set())
     thread = threading.Thread(target=other)
-    with turns_of_folders.turns([tmp_path]):
+    with whole.turns([tmp_path]):
         thread.start()
         assert looked.wait(60)
         order.append("turn over")
@@ -461,7 +460,7 @@ def test_two_runs_give_names_one_after_the_other(tmp_path, monkeypatch):
 
 
 def test_a_turn_that_nobody_has_any_more_goes_with_the_next_run(tmp_path):
-    (tmp_path / turns_of_folders.TURN).touch()
+    (tmp_path / whole.TURN).touch()
     finish_renaming(tmp_path)
     assert not list(tmp_path.iterdir())
 

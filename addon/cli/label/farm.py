@@ -31,8 +31,7 @@ from ...io.whole import check_targets
 from ...jobs.job import LabelJob
 from ...jobs.resuming import results_of
 from ...version import version
-from ..console import complain
-from ..failures import of_take
+from ..console import complain, of_take
 from ..serving import PATIENCE, POLL, waited_for
 from ..workers import crew
 

@@ -13,8 +13,7 @@ from ...core.data.lanes import blocks
 from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
 from ..samples import Parts, Samples
 from ..source import BytesOnDisk
-from .layout import FileLayout, find_layout
-from .parameters import C3dFile
+from .layout import C3dFile, FileLayout, find_layout
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,7 @@ way is refused, or left out, by name. The container: MS-CFB, read by olefile; th
 """
 
 from .blobs import rows_of_qtm
-from .calibration import read_qtm_cameras
-from .holding import USE_BLOBS, USE_POINTS, USES, CaptureHolds, held_in, is_qtm
+from .capture import USE_BLOBS, USE_POINTS, USES, CaptureHolds, held_in, is_qtm, read_qtm_cameras
 from .points import QtmPoints, read_qtm_points
 
 __all__ = [

@@ -2,7 +2,6 @@
 """The blobs of a `.qtm`, frame by frame over all cameras, as rows like those of a blob file."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,21 +17,10 @@ BLOB_COUNT = np.dtype("<u4")  # of a frame's blobs, behind its head
 DISCARDED_BLOB = "Discarded by size test"
 
 
-@dataclass(frozen=True)
-class QtmBlobOptions:
-    """How the blobs are read, and what is no frame; memory, and what cameras send.
-
-    frames       of all cameras that are put together at a time
-    bytes        of blobs that are unpacked for that, of all cameras together, unless one frame has more
-    max_a_frame  blobs that one camera finds in a frame: the most that cameras send are some thousands
-    """
-
-    frames: int = 256
-    bytes: int = 1 << 24
-    max_a_frame: int = 20_000
-
-
-QTM_BLOBS = QtmBlobOptions()
+# How the blobs are read, and what is no frame; memory, and what cameras send.
+IMAGES_AT_ONCE = 256  # of all cameras that are put together at a time
+BYTES_AT_ONCE = 1 << 24  # of blobs that are unpacked for that, of all cameras together, unless one frame has more
+MAX_A_FRAME = 20_000  # blobs that one camera finds in a frame: the most that cameras send are some thousands
 
 
 def rows_of_qtm(path: Path, cameras: Cameras) -> Iterator[tuple[Rows, float, bool]]:
@@ -69,9 +57,9 @@ def _rows(
     streams: list["FrameStream"], cameras: list[int], ranges: np.ndarray, path: Path
 ) -> Iterator[tuple[Rows, float, bool]]:
     total, done = int((ranges[:, 1] - ranges[:, 0] + 1).sum()), 0
-    ahead = QTM_BLOBS.bytes // len(streams)
+    ahead = BYTES_AT_ONCE // len(streams)
     while done < total:
-        count = min(stream.ahead(min(QTM_BLOBS.frames, total - done), ahead) for stream in streams)
+        count = min(stream.ahead(min(IMAGES_AT_ONCE, total - done), ahead) for stream in streams)
         if not count:
             raise InputError(f"ends after {done} of {total} frames of blobs; expected all of them", path)
         frames = _numbers(ranges, done, count)
@@ -143,9 +131,9 @@ class FrameStream:
             if self._filled(begin) == at:
                 break
             blobs = int.from_bytes(self._bytes[begin - BLOB_COUNT.itemsize : begin], "little")
-            if blobs > QTM_BLOBS.max_a_frame:
+            if blobs > MAX_A_FRAME:
                 words = f"has a frame of {blobs} blobs of camera {self.name}"
-                raise InputError(f"{words}; expected at most {QTM_BLOBS.max_a_frame}", self.path)
+                raise InputError(f"{words}; expected at most {MAX_A_FRAME}", self.path)
             if self._filled(begin + blobs * self.cell.itemsize) < begin + blobs * self.cell.itemsize:
                 raise InputError(f"ends within a frame of camera {self.name}; expected {KIND}", self.path)
             self._frames.append((begin, blobs))

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The streams of an OLE compound file, by name and part by part: an hour of capture is never in memory as a whole."""
+"""The streams and data series of a `.qtm`, an OLE compound file: an hour of capture is never in memory as a whole."""
 
 import struct
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
@@ -12,6 +13,7 @@ from ..source import BytesOnDisk
 
 if TYPE_CHECKING:
     from olefile.olefile import OleDirectoryEntry
+
 
 KIND = "a capture as Qualisys Track Manager saves it"
 OLE_MAGIC = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"
@@ -160,3 +162,69 @@ def _opened(file: BytesOnDisk, path: Path):
 
 def _damaged(path: Path):
     raise InputError(f"is a damaged compound file (is it cut off?); expected {KIND}", path)
+
+
+SERIES_FOLDER = "Measurement NBC/Data series"
+
+# A block: where it begins, its length there, and unpacked.
+SERIES_BLOCK = np.dtype([("start", "<u8"), ("packed", "<u4"), ("unpacked", "<u4")])
+
+
+# What no series has; format, and memory.
+# bytes of a block, packed or unpacked: they have 32 KB. LZO makes at most 255 bytes of one, so unpacking a block that
+# lies about its size takes no more than some 255 of these
+MAX_BLOCK = 1 << 18
+MAX_INDEX = 1 << 24  # bytes of the list of blocks: a million of them, 32 GB of records
+
+
+class Series:
+    """A series, by its number; `size` bytes when unpacked."""
+
+    def __init__(self, container: Container, number: int):
+        """Raises InputError where its list of blocks cannot be."""
+        self.container, self.number = container, number
+        self.what = f"data series {number}"
+        self._stream = container.stream(f"{SERIES_FOLDER}/{number}")
+        index = container.stream(f"{SERIES_FOLDER}/{number}Index").whole(MAX_INDEX)
+        count = int.from_bytes(index[:4], "little")
+        if len(index) < 4 or len(index) != 4 + SERIES_BLOCK.itemsize * count:
+            raise self.trouble("a list of blocks that is cut off")
+        self._blocks = np.frombuffer(index, SERIES_BLOCK, count, 4)
+        # One after the other: so nobody makes much of a few bytes that are named many times.
+        ends = np.cumsum(self._blocks["packed"], dtype=np.int64)
+        starts = ends - self._blocks["packed"]
+        if (self._blocks["start"] != starts).any() or (ends[-1] if count else 0) > self._stream.size:
+            raise self.trouble("blocks that are cut off, or do not follow each other")
+        if max(self._blocks[name].max(initial=0) for name in ("packed", "unpacked")) > MAX_BLOCK:
+            raise self.trouble(f"a block of over {MAX_BLOCK >> 10} KB")
+        self.size = int(self._blocks["unpacked"].sum(dtype=np.int64))
+
+    def blocks(self) -> Iterator[bytes]:
+        """What the blocks hold, one after the other; InputError where one is damaged."""
+        unpack = unpacker(self.container)
+        for start, packed, unpacked in self._blocks.tolist():
+            content = unpack(self._stream.part(start, start + packed), unpacked)
+            if content is None or len(content) != unpacked:
+                raise self.trouble(f"a damaged block at byte {start}")
+            yield content
+
+    def trouble(self, what: str) -> InputError:
+        """The error to raise where the series has what none has."""
+        return InputError(f"has {what} in its {self.what}; expected {KIND}", self.container.path)
+
+
+def unpacker(container: Container):
+    """What unpacks a block of LZO1X, `unpack(packed, size)`, None where it is damaged."""
+    try:
+        from lzallright import InputNotConsumed, LZOCompressor, LZOError
+    except ImportError:
+        words = "is unpacked by the package lzallright, which is not here; expected it to be installed"
+        raise InputError(words, container.path) from None
+
+    def unpack(packed: bytes, size: int) -> bytes | None:
+        try:
+            return LZOCompressor.decompress(packed, size)
+        except (InputNotConsumed, LZOError):
+            return None
+
+    return unpack

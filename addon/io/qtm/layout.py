@@ -23,25 +23,12 @@ ROW_KIND, PARTS_KIND = 23, 24
 FLAGS_KIND = 15  # a number whose bits have names
 
 
-@dataclass(frozen=True)
-class LayoutLimits:
-    """What no capture has; format, and memory.
-
-    max_metadata  bytes of the names of fields, which are 16,000, and
-    max_fields    fields and kinds of items, which are 216
-    max_bytes     of the tree of items: 200 or 300 for a trajectory
-    max_items     in it: a long raw take has tens of thousands of trajectories
-    max_depth     of items within items, which is 2
-    """
-
-    max_metadata: int = 1 << 20
-    max_fields: int = 10_000
-    max_bytes: int = 1 << 26
-    max_items: int = 200_000
-    max_depth: int = 16
-
-
-LAYOUT = LayoutLimits()
+# What no capture has; format, and memory.
+MAX_METADATA = 1 << 20  # bytes of the names of fields, which are 16,000
+MAX_FIELDS = 10_000  # fields and kinds of items, which are 216
+MAX_ITEM_BYTES = 1 << 26  # of the tree of items: 200 or 300 for a trajectory
+MAX_ITEMS = 200_000  # in it: a long raw take has tens of thousands of trajectories
+MAX_DEPTH = 16  # of items within items, which is 2
 
 
 class Cursor:
@@ -169,7 +156,7 @@ class Item:
 
 def read_schema(container: Container) -> Schema:
     """What the file says of its own layout; InputError where that is not understood."""
-    content = container.stream(METADATA).whole(LAYOUT.max_metadata)
+    content = container.stream(METADATA).whole(MAX_METADATA)
     cursor = Cursor(content, METADATA, container.path)
     count, _ = cursor.word(), cursor.word()
     kinds = []
@@ -188,14 +175,14 @@ def read_schema(container: Container) -> Schema:
 
 
 def _limited(count: int, cursor: Cursor) -> int:
-    if count > LAYOUT.max_fields:
+    if count > MAX_FIELDS:
         raise cursor.trouble(f"has {count} entries")
     return count
 
 
 def read_items(container: Container, schema: Schema) -> Item:
     """The root of the tree of items; InputError where it is not understood."""
-    cursor = Cursor(container.stream(ITEMS).whole(LAYOUT.max_bytes), ITEMS, container.path)
+    cursor = Cursor(container.stream(ITEMS).whole(MAX_ITEM_BYTES), ITEMS, container.path)
     tree = _Tree(cursor, schema)
     root = tree.rest_of("", 0)
     if cursor.at != len(cursor.content):
@@ -212,7 +199,7 @@ class _Tree:
     def item(self, depth: int) -> Item:
         kind, _ = self.cursor.word(), self.cursor.word()
         self.count += 1
-        if self.count > LAYOUT.max_items or depth > LAYOUT.max_depth:
+        if self.count > MAX_ITEMS or depth > MAX_DEPTH:
             raise self.cursor.trouble("has too many items")
         kinds = self.schema.kinds
         return self.rest_of(kinds[kind - 1][0] if 0 < kind <= len(kinds) else "", depth)

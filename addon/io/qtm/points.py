@@ -17,19 +17,9 @@ COORDINATES, POINT_RESIDUAL, POINT_TYPE = ("X", "Y", "Z"), "Residual", "Point Ty
 FILLED_TYPES = ("Point Type Gap Filled", "Point Type Virtual", "Point Type Linear Gap Fill")
 
 
-@dataclass(frozen=True)
-class QtmPointLimits:
-    """What is no take of points; physical, and memory.
-
-    max_coordinate  mm: no room is a thousand kilometres wide
-    max_frames      of a take: a day at 500 Hz, and each takes memory
-    """
-
-    max_coordinate: float = 1e9
-    max_frames: int = 50_000_000
-
-
-QTM_POINTS = QtmPointLimits()
+# What is no take of points; physical, and memory.
+MAX_MM = 1e9  # mm: no room is a thousand kilometres wide
+MAX_POINT_FRAMES = 50_000_000  # of a take: a day at 500 Hz, and each takes memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +63,8 @@ def read_qtm_points(path: Path) -> QtmPoints:
         chosen = [capture.trajectories[at] for at in kept]
         first = min(int(one.ranges[0, 0]) for one in chosen)
         frames = max(int(one.ranges[-1, 1]) for one in chosen) - first + 1
-        if frames > QTM_POINTS.max_frames:
-            raise InputError(f"has {frames} frames of 3D points; expected at most {QTM_POINTS.max_frames}", path)
+        if frames > MAX_POINT_FRAMES:
+            raise InputError(f"has {frames} frames of 3D points; expected at most {MAX_POINT_FRAMES}", path)
         if capture.point_rate is None:
             raise InputError(f"has no rate of its 3D points; expected {KIND}", path)
         return QtmPoints(
@@ -114,10 +104,10 @@ def _measured(records: np.ndarray, frame: np.ndarray, column: int, filled: int, 
     """The samples that are there, and what each of them is worth."""
     xyz = np.stack([records[name] for name in COORDINATES], axis=1).astype(float)
     there = np.isfinite(xyz).all(axis=1)
-    if np.abs(xyz[there]).max(initial=0) > QTM_POINTS.max_coordinate:
+    if np.abs(xyz[there]).max(initial=0) > MAX_MM:
         raise InputError(f"has a sample of {what} that is in no room; expected mm", path)
     residual = records[POINT_RESIDUAL].astype(float)
-    residual[~((residual > 0) & (residual < QTM_POINTS.max_coordinate))] = np.nan
+    residual[~((residual > 0) & (residual < MAX_MM))] = np.nan
     residual[(records[POINT_TYPE] & filled) != 0] = 0.0
     columns = np.full(int(there.sum()), column, np.int32)
     return Samples(frame[there].astype(np.int32), columns, xyz[there], residual[there])
