@@ -125,9 +125,8 @@ class LabelFile:
     def __init__(self, path: Path, what: str = "labels"):
         self.path, self.what = Path(path), what
         self.file = open_binary(path)
-        self._reader = csv.reader(self._texts())
-        self._wanted = False
-        self._lines_so_far = self._line = 0  # the second is the line that an error would name
+        self._line = 0  # that an error would name
+        self._numbered = enumerate(iter(lambda: self.file.readline(MAX_LINE_BYTES + 1), b""), 1)
 
     def __enter__(self) -> Self:
         try:
@@ -147,119 +146,85 @@ class LabelFile:
 
     def rows(self) -> Iterator[LabelRow]:
         """All rows in their order, frames ascending."""
-        previous = None
-        while (fields := self._fields()) is not None:
-            if not fields:
-                continue
-            row = self._row(fields)
-            previous = self._in_order(previous, row.frame)
-            yield row
+        return map(self.read, self.unread_rows())
 
     def unread_rows(self) -> Iterator[UnreadRow]:
         """All rows in their order, each unread: for whoever can mostly tell by its text what it says."""
         previous = beginning = None
-        for text in self._lines():
+        for line, text in self._numbered:
             if not text.strip(b"\r\n"):
                 continue
-            line, begins = self._line, text.partition(b",")[0]
+            begins = text.partition(b",")[0]
             # Rows of a frame mostly begin alike.
             if begins != beginning or self._columns[0]:
-                beginning = begins
-                previous = self._in_order(previous, self.read(UnreadRow(line, 0, text)).frame)
+                beginning, frame = begins, self.read(UnreadRow(line, 0, text)).frame
+                if previous is not None and frame < previous:
+                    raise self._error(f"goes back from frame {previous} to {frame}; expected ascending frames")
+                previous = frame
             yield UnreadRow(line, previous or 0, text)
 
     def read(self, row: UnreadRow) -> LabelRow:
         """What a row says."""
-        self._line = row.line
-        return self._row(next(csv.reader(self._one_line(row.text))))
+        return self._row(self._fields(row.line, row.text))
 
-    def _in_order(self, previous: int | None, frame: int) -> int:
-        """The frame of the next row."""
-        if previous is not None and frame < previous:
-            raise self._error(f"goes back from frame {previous} to {frame}; expected ascending frames")
-        return frame
-
-    def _one_line(self, line: bytes) -> Iterator[str]:
-        yield self._text(line)
-        raise self._error(f"has a quote that is not closed; expected {self.what}")
+    def _fields(self, line: int, content: bytes) -> list[str]:
+        """The fields of a line, which is a row: no name has a line's end in it."""
+        self._line = line
+        if b"\0" in content:
+            raise self._error(f"is a binary file; expected {self.what}")
+        if len(content) > MAX_LINE_BYTES:
+            raise self._error(f"has a line of over {MAX_LINE_BYTES >> 20} MB; expected {self.what}")
+        text = content.decode("utf-8-sig" if line == 1 else "utf-8", "surrogateescape")
+        try:
+            return next(csv.reader([text], strict=True), [])
+        except csv.Error as error:
+            quote = str(error) == "unexpected end of data"
+            words = "has a quote that is not closed" if quote else f"is no CSV file ({error})"
+            raise self._error(f"{words}; expected {self.what}") from None
 
     def _read_header(self):
-        fields = self._fields()
-        if fields is None:
+        line, content = next(self._numbered, (0, b""))
+        if not content:
             raise InputError(f"is empty; expected {self.what}", self.path)
-        self.header = header = [name.strip().lower() for name in fields]
+        self.header = header = [name.strip().lower() for name in self._fields(line, content)]
         self.keys = BLOB_KEYS if "camera" in header else POINT_KEYS
         missing = [name for name in (*self.keys, "marker") if name not in header]
         if missing:
             forms = "frame,camera,x,y,marker or frame,point,marker"
-            raise InputError(
-                f"has no column {' or '.join(missing)}; expected {self.what} with the header {forms}", self.path, 1
-            )
+            words = f"has no column {' or '.join(missing)}; expected {self.what} with the header {forms}"
+            raise InputError(words, self.path, 1)
         self._columns = [header.index(name) for name in (*self.keys, "marker")]
-        self._step, self._confidence = (
-            header.index(name) if name in header else None for name in ("step", "confidence")
-        )
+        self._step, self._confidence = (header.index(one) if one in header else None for one in ("step", "confidence"))
         self._width = len(header)
 
     def _row(self, fields: list[str]) -> LabelRow:
         if len(fields) != self._width:
             raise self._error(f"has {len(fields)} fields; expected {self._width} as in the header (is it cut off?)")
         frame, *key, marker = (fields[column].strip() for column in self._columns)
-        try:
-            # Equal numbers are the same place, however many digits each file writes.
-            where = (in_cell(key[0]), *map(_finite, key[1:])) if len(key) > 1 else (int(key[0]),)
-        except ValueError:
-            raise self._error(f"has a key that is no number; expected {self.what} as frame,…") from None
+        number = self._number(frame, f"has the frame {frame[:40]!r}; expected a whole number", whole=True)
+        odd = f"has a key that is no number; expected {self.what} as frame,…"
+        if len(key) > 1:  # equal numbers are the same place, however many digits each file writes
+            where: tuple = (in_cell(key[0]), *(self._number(one, odd) for one in key[1:]))
+        else:
+            where = (int(self._number(key[0], odd, whole=True)),)
         step = "" if self._step is None else fields[self._step].strip()
-        share = np.nan if self._confidence is None else self._share(fields[self._confidence])
-        return LabelRow(self._line, self._whole(frame), where, in_cell(marker), step, share)
+        share, given = np.nan, "" if self._confidence is None else fields[self._confidence].strip()
+        if given:
+            words = f"has the confidence {given[:40]!r}; expected 0 to 1"
+            share = self._number(given, words)
+            if not 0 <= share <= 1:
+                raise self._error(words)
+        return LabelRow(self._line, int(number), where, in_cell(marker), step, share)
 
-    def _whole(self, text: str) -> int:
+    def _number(self, text: str, words: str, whole: bool = False) -> float:
+        """A number that equals itself; InputError with these words for any other."""
         try:
             value = float(text)
         except ValueError:
             value = np.nan
-        if not abs(value) < 2**53 or value % 1:
-            raise self._error(f"has the frame {text[:40]!r}; expected a whole number")
-        return int(value)
-
-    def _share(self, text: str) -> float:
-        try:
-            value = float(text) if text.strip() else np.nan
-        except ValueError:
-            value = -1.0
-        if value < 0 or value > 1:
-            raise self._error(f"has the confidence {text.strip()[:40]!r}; expected 0 to 1")
+        if not isfinite(value) or (whole and (value % 1 or abs(value) >= 2**53)):
+            raise self._error(words)
         return value
-
-    def _fields(self) -> list[str] | None:
-        self._wanted = True
-        try:
-            return next(self._reader, None)
-        except csv.Error as error:
-            raise self._error(f"is no CSV file ({error}); expected {self.what}") from None
-
-    def _texts(self) -> Iterator[str]:
-        for line in self._lines():
-            text = self._text(line)
-            if not self._wanted:  # no name has a line's end in it, and a quote could go on to the end of the file
-                self._line -= 1
-                raise self._error(f"has a quote that is not closed; expected {self.what}")
-            self._wanted = False
-            yield text
-
-    def _lines(self) -> Iterator[bytes]:
-        while line := self.file.readline(MAX_LINE_BYTES + 1):
-            self._lines_so_far += 1
-            self._line = self._lines_so_far
-            yield line
-
-    def _text(self, line: bytes) -> str:
-        if b"\0" in line:
-            raise self._error(f"is a binary file; expected {self.what}")
-        if len(line) > MAX_LINE_BYTES:
-            raise self._error(f"has a line of over {MAX_LINE_BYTES >> 20} MB; expected {self.what}")
-        return line.decode("utf-8-sig" if self._line == 1 else "utf-8", "surrogateescape")
 
     def _error(self, words: str) -> InputError:
         return InputError(words, self.path, self._line)
@@ -289,14 +254,6 @@ def read_blob_labels(
     frame, camera, marker = (table[:, column].astype(int) for column in (0, 1, 4))
     labels = Labels(marker, np.full(len(marker), NO_STEP), np.where(marker == NO_MARKER, 0.0, 1.0))
     return Blobs(frames, frame, camera, table[:, 2:4], np.full(len(table), np.nan)), labels
-
-
-def _finite(text: str) -> float:
-    """A number that equals itself; ValueError for any other."""
-    value = float(text)
-    if not isfinite(value):
-        raise ValueError
-    return value
 
 
 MAX_LISTED = 200  # changes that a report lists, the longest first: a list that a person reads

@@ -102,11 +102,29 @@ class Reader:
 
     def vector(self, row: dict, key: str, where: str) -> np.ndarray:
         """The three numbers under `key`."""
-        return self._numbers(row.get(key), 3, f'{where} "{key}"')
+        return self.row(row.get(key), 3, f'{where} "{key}"')
 
-    def row(self, value: object, count: int, where: str) -> np.ndarray:
-        """(count,) the numbers of a list."""
-        return self._numbers(value, count, where)
+    def row(self, value: object, count: int | None, where: str, most: float = MAX_NUMBER) -> np.ndarray:
+        """(count,) the numbers of a list, of any length where that is None."""
+        count = len(value) if count is None and isinstance(value, list) else count
+        if not isinstance(value, list) or len(value) != count or not all(_is_number(one, most) for one in value):
+            self.fail(f"{where} is not {count or 'a list of'} finite numbers; expected a list of them")
+        return np.array(value, dtype=float)
+
+    def table(self, value: object, rows: int | None, columns: int, where: str, most: float = MAX_NUMBER) -> np.ndarray:
+        """(rows, columns) the numbers of a list of lists, of any length where `rows` is None."""
+        if not isinstance(value, list) or len(value) != (len(value) if rows is None else rows):
+            self.fail(f"{where} is missing or not {rows or 'a list of'} rows; expected {columns} numbers in each")
+        return np.array([self.row(row, columns, where, most) for row in value]).reshape(-1, columns)
+
+    def triangle(self, value: object, size: int, where: str, most: float = MAX_NUMBER) -> np.ndarray:
+        """(size, size) the symmetric matrix whose lower triangle this is."""
+        if not isinstance(value, list) or len(value) != size:
+            self.fail(f"{where} is missing or not {size} rows; expected the lower triangle of a matrix")
+        matrix = np.zeros((size, size))
+        for index, row in enumerate(value):
+            matrix[index, : index + 1] = self.row(row, index + 1, f"{where} row {index}", most)
+        return matrix + np.tril(matrix, -1).T
 
     def vectors(self, value: object, names: Sequence[str], where: str) -> np.ndarray:
         """(N, 3) of an object that holds one vector for every name."""
@@ -114,31 +132,21 @@ class Reader:
         missing = next((name for name in names if name not in table), None)
         if missing is not None:
             self.fail(f"{where} has no {missing!r}; expected three numbers for each")
-        return np.array([self._numbers(table[name], 3, f"{where} {name!r}") for name in names]).reshape(-1, 3)
+        return np.array([self.row(table[name], 3, f"{where} {name!r}") for name in names]).reshape(-1, 3)
 
     def covariance(self, value: object, size: int) -> np.ndarray:
         """(size, size) out of its lower triangle; it must be one of real motion, so never negative in any direction."""
         where = "pose covariance"
-        if not isinstance(value, list) or len(value) != size:
-            self.fail(f"{where} is missing or not {size} rows; expected the lower triangle of a matrix")
-        matrix = np.zeros((size, size))
-        for index, row in enumerate(value):
-            matrix[index, : index + 1] = self._numbers(row, index + 1, f"{where} row {index}")
-        matrix += np.tril(matrix, -1).T
+        matrix = self.triangle(value, size, where)
         eigenvalues = np.linalg.eigvalsh(matrix)
         if eigenvalues[0] < -1e-4 * max(eigenvalues[-1], 1e-9):
             self.fail(f"{where} is negative in some direction; expected a covariance")
         return matrix
 
-    def _numbers(self, value: object, count: int, where: str) -> np.ndarray:
-        if not isinstance(value, list) or len(value) != count or not all(map(_is_number, value)):
-            self.fail(f"{where} is not {count} finite numbers; expected a list of them")
-        return np.array(value, dtype=float)
 
-
-def _is_number(value: object) -> bool:
+def _is_number(value: object, most: float = MAX_NUMBER) -> bool:
     """True for a finite JSON number of a size that a body can have; True and false are none."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and -MAX_NUMBER <= value <= MAX_NUMBER
+    return isinstance(value, int | float) and not isinstance(value, bool) and -most <= value <= most
 
 
 SUFFIX = ".markerset.json"
