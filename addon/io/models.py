@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Models, `*.markerset.json`: a marker set as readable text, what names its markers, training takes, and history."""
 
-from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from ..core.data.errors import InputError
-from ..core.papers.partial_solvers.model import DOMAIN, FUNCTIONS, NO_POINT, Classifiers, PartialSolvers, Record, Solver
+from ..core.papers.partial_solvers.model import DOMAIN, FUNCTIONS, NO_POINT, Classifiers, PartialSolvers, Solver
 from ..core.points.models import Model, TrainingTake
 from . import likelihood, markersets, model_history
 from .markersets import markerset_file, markerset_in, open_document, open_markerset
@@ -19,6 +18,7 @@ from .text import can_be_written, write_json
 # What the parts are called in the file. The training takes had another name at first, and are read by it too.
 LIKELIHOOD, PARTIAL_SOLVERS, TRAINING_TAKES = "evidence", "ensemble", "training_takes"
 FORMER_TRAINING_TAKES = "lessons"
+INDICES, NUMBERS = "iu", "fiu"  # kinds of arrays
 MAX_MARKER_M = 1e3  # m; no marker of a training take is farther away
 
 
@@ -94,14 +94,50 @@ def write_model(path: Path, model: Model):
 
 def _sound_partial_solvers(solvers: PartialSolvers) -> bool:
     """Whether every index has its place and every number is one, so that points can be named by it."""
-    count = len(solvers.markers)
+    own, count, free = solvers.classifiers, len(solvers.markers), (-np.inf, np.inf)
+    kinds = len(own.kind) if own.kind.ndim else -1
+    arrays = [
+        (own.kind, INDICES, (kinds,), 0, len(FUNCTIONS) - 1),
+        (own.points, INDICES, (kinds, max(DOMAIN)), NO_POINT, count - 1),
+        *((bound, NUMBERS, (kinds,), *free) for bound in (own.low, own.high)),
+        (solvers.targets, NUMBERS, (count,), 0, 1),
+    ]
+    for one in solvers.solvers:
+        size, chosen, record = one.markers.size or -1, one.strong.chosen, one.record
+        arrays += [
+            (one.markers, INDICES, (size,), 0, count - 1),
+            (chosen, INDICES, (chosen.size,), 0, kinds - 1),
+            (one.strong.weights, NUMBERS, (chosen.size,), 0, np.inf),
+            (one.reached, "b", (size,), False, True),
+            *((column, NUMBERS, (size,), 0, 2**53) for column in (record.hits, record.failures, record.answers)),
+        ]
     return (
-        _sound_classifiers(solvers.classifiers, count)
-        and all(_sound_solver(solver, solvers.classifiers, count) for solver in solvers.solvers)
-        and _are_numbers(solvers.targets, (count,), 0, 1)
+        all(_is_sound(*row) for row in arrays)
+        and _sound_points(own)
+        and all(_sound_solver(one, own) for one in solvers.solvers)
         and can_be_written(solvers.search)
         and solvers.frames >= 0
     )
+
+
+def _is_sound(values: np.ndarray, kinds: str, shape: tuple[int, ...], low: float, high: float) -> bool:
+    """Whether an array is of one of these kinds and of this shape, and all of it between two bounds."""
+    return values.dtype.kind in kinds and values.shape == shape and bool(((values >= low) & (values <= high)).all())
+
+
+def _sound_points(classifiers: Classifiers) -> bool:
+    """Whether each classifier has as many points as its function takes, none of them twice."""
+    points = classifiers.points
+    inside = np.arange(max(DOMAIN)) < np.array(DOMAIN)[classifiers.kind][:, None]
+    twice = (points[:, :, None] == points[:, None]) & inside[:, :, None] & inside[:, None] & ~np.eye(4, dtype=bool)
+    return bool(((points != NO_POINT) == inside).all() and not twice.any())
+
+
+def _sound_solver(solver: Solver, classifiers: Classifiers) -> bool:
+    """Whether a solver's markers ascend, its classifiers are of these, and it was tried as often as it answered."""
+    own, record = solver.markers, solver.record
+    within = (np.diff(own.astype(int)) > 0).all() and classifiers[solver.strong.chosen].within(own).all()
+    return bool(within and (record.hits + record.failures <= record.answers).all() and record.samples >= 0)
 
 
 def _sound_training_take(take: TrainingTake, markers: int) -> bool:
@@ -115,52 +151,3 @@ def _sound_training_take(take: TrainingTake, markers: int) -> bool:
         and all(map(can_be_written, (take.subject, *take.takes)))
         and take.frames >= 0
     )
-
-
-def _sound_classifiers(classifiers: Classifiers, markers: int) -> bool:
-    count = len(classifiers.kind) if classifiers.kind.ndim else -1
-    if not (
-        _are_indices(classifiers.kind, (count,), len(FUNCTIONS))
-        and _are_indices(classifiers.points, (count, max(DOMAIN)), markers, least=NO_POINT)
-        and _are_numbers(classifiers.low, (count,))
-        and _are_numbers(classifiers.high, (count,))
-    ):
-        return False
-    points = classifiers.points
-    inside = np.arange(max(DOMAIN)) < np.array(DOMAIN)[classifiers.kind][:, None]
-    twice = (points[:, :, None] == points[:, None]) & inside[:, :, None] & inside[:, None] & ~np.eye(4, dtype=bool)
-    return bool(((points != NO_POINT) == inside).all() and not twice.any())
-
-
-def _sound_solver(solver: Solver, classifiers: Classifiers, markers: int) -> bool:
-    own, chosen, record = solver.markers, solver.strong.chosen, solver.record
-    count = len(own) if own.ndim else 0
-    if not (
-        count
-        and _are_indices(own, (count,), markers)
-        and (np.diff(own.astype(int)) > 0).all()
-        and chosen.ndim == 1
-        and _are_indices(chosen, chosen.shape, len(classifiers))
-        and _are_numbers(solver.strong.weights, chosen.shape, 0, np.inf)
-        and solver.reached.shape == (count,)
-        and solver.reached.dtype == bool
-    ):
-        return False
-    return bool(classifiers[chosen].within(own).all()) and _sound_record(record, count)
-
-
-def _sound_record(record: Record, markers: int) -> bool:
-    columns = (record.hits, record.failures, record.answers)
-    if not all(_are_numbers(column, (markers,), 0, 2**53) for column in columns):
-        return False
-    return bool((record.hits + record.failures <= record.answers).all()) and record.samples >= 0
-
-
-def _are_indices(values: np.ndarray, shape: Sequence[int], end: int, least: int = 0) -> bool:
-    whole = values.dtype.kind in "iu" and values.shape == tuple(shape)
-    return whole and bool(((values >= least) & (values < end)).all())
-
-
-def _are_numbers(values: np.ndarray, shape: Sequence[int], low: float = -np.inf, high: float = np.inf) -> bool:
-    number = values.dtype.kind in "fiu" and values.shape == tuple(shape)
-    return number and bool(((values >= low) & (values <= high)).all())

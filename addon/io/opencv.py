@@ -18,144 +18,88 @@ from .source import MAX_CALIBRATION_BYTES, read_text
 from .toml_cameras import lens
 from .world import z_up
 
-MAX_YAML_DEPTH = 12
 YAML = "OpenCV's YAML"
-
 # A text that does not end goes on to the end: looked for again from every quote in it, it would take its square.
 _QUOTED = re.compile(r""""(?:[^"\\]|\\.)*"|'[^']*'""")
-_PIECE = re.compile(r""""(?:[^"\\]|\\.)*"?|'[^']*'?|[^,\[\]{}]+|[,\[\]{}]""")
 _TAGS = re.compile(r"(?:!!\S*\s*)+")
+_PIECE = re.compile(r""""(?:[^"\\]|\\.)*"?|'[^']*'?|[^,\[\]{}\s][^,\[\]{}]*""")
 
 
 def parse_filestorage(text: str, path: Path) -> dict:
-    """The nodes of a file: numbers, texts, lists, dicts, and matrices as arrays (rows, columns).
+    """The nodes of a file: numbers, texts, lists in a pair of brackets, dicts, and matrices as arrays (rows, columns).
 
-    Raises InputError with the line where it is anything else.
+    Items behind dashes are passed over: nothing of a camera is in them. InputError with the line for anything else.
     """
-    lines = _Lines(text, path)
-    document = lines.block(0, 0)
-    if not isinstance(document, dict):
-        raise InputError(f"is a list; expected named nodes of {YAML}", path, 1)
-    return document
+    lines = [(number, line, line.strip()) for number, line in enumerate(text.splitlines(), 1)]
+    said = iter([one for one in lines if one[2] and one[2][0] not in "#%" and one[2] not in ("---", "...")])
+    root: dict = {}
+    open_nodes: list[tuple[int, dict, dict, str]] = [(-1, root, {}, "")]  # with the indentation, and whose they are
+
+    def close(indent: int, number: int):
+        while open_nodes[-1][0] >= indent:
+            _, node, owner, name = open_nodes.pop()
+            if {"rows", "cols", "data"} <= node.keys():
+                owner[name] = _matrix(node, path, number)
+
+    for number, line, content in said:
+        indent = len(line) - len(line.lstrip())
+        close(indent, number - 1)
+        if content[0] == "-":
+            open_nodes.append((indent, {}, {}, ""))
+            continue
+        name, value = _entry(content, path, number)
+        owner = open_nodes[-1][1]
+        if value[:1] in ("", "#"):
+            owner[name] = {}
+            open_nodes.append((indent, owner[name], owner, name))
+            continue
+        parts = [value]
+        while value[0] in "[{" and not {"]", "}"} & set(parts[-1]) and (more := next(said, None)):
+            parts.append(more[2])
+        if value[0] in "[{" and parts[-1][-1] not in "]}":
+            raise InputError(f"has a list that does not end; expected {YAML}", path, number)
+        listed = [_scalar(piece) for piece in _PIECE.findall(" ".join(parts))] if value[0] in "[{" else []
+        owner[name] = listed if value[0] in "[{" else _scalar(value)
+    close(0, len(lines))
+    if not root:
+        raise InputError(f"has no nodes; expected {YAML}", path)
+    return root
 
 
-class _Lines:
-    """The lines that say something, each with its number and indentation, and how far they have been read."""
-
-    def __init__(self, text: str, path: Path):
-        self.path = path
-        self.position = 0
-        self.lines: list[tuple[int, int, str]] = []
-        for number, line in enumerate(text.splitlines(), 1):
-            content = line.strip()
-            if content and not content.startswith(("#", "%")) and content not in ("---", "..."):
-                self.lines.append((number, len(line) - len(line.lstrip()), content))
-        if not self.lines:
-            raise InputError(f"has no nodes; expected {YAML}", path)
-
-    def fail(self, message: str) -> InputError:
-        index = min(self.position, len(self.lines) - 1)
-        return InputError(f"{message}; expected {YAML}", self.path, self.lines[index][0])
-
-    def block(self, indent: int, depth: int) -> object:
-        """The node whose lines are indented by `indent` or more: a list when it begins with a dash, else a dict."""
-        if depth > MAX_YAML_DEPTH:
-            raise self.fail("is nested too deeply")
-        indent = self.lines[self.position][1]
-        if self.lines[self.position][2].startswith(("- ", "-\t")) or self.lines[self.position][2] == "-":
-            return self._list(indent, depth)
-        nodes: dict = {}
-        while self.position < len(self.lines) and self.lines[self.position][1] >= indent:
-            _, here, content = self.lines[self.position]
-            entry = _entry(content)
-            if here != indent or entry is None:
-                raise self.fail(f"has {content[:40]!r} where a node should be")
-            self.position += 1
-            nodes[_unquoted(entry[0])] = self._value(entry[1], indent, depth)
-        return _matrix(nodes, self)
-
-    def _list(self, indent: int, depth: int) -> list:
-        items = []
-        while self.position < len(self.lines) and self.lines[self.position][1] == indent:
-            number, _, content = self.lines[self.position]
-            if not content.startswith("-"):
-                break
-            rest = content[1:].lstrip()
-            if _entry(rest) and not rest.startswith(("[", "{")):
-                # A dict whose first entry stands beside the dash.
-                self.lines[self.position] = (number, indent + len(content) - len(rest), rest)
-                items.append(self.block(indent + 1, depth + 1))
-            else:
-                self.position += 1
-                items.append(self._value(rest, indent, depth))
-        return items
-
-    def _value(self, text: str, indent: int, depth: int) -> object:
-        """What stands behind a name or a dash, on the same line or below it."""
-        tags = _TAGS.match(text)
-        text = text[tags.end() :] if tags else text
-        if text.startswith("#"):
-            text = ""
-        if not text:
-            below = self.position < len(self.lines) and self.lines[self.position]
-            deeper = below and (below[1] > indent or (below[1] == indent and below[2].startswith("-")))
-            return self.block(indent, depth + 1) if deeper else None
-        if text[0] in "[{":
-            return self._flow(text)
-        return _scalar(text)
-
-    def _flow(self, text: str) -> list:
-        """A `[…]` or `{…}` that may go on over several lines, as a flat list of what is in it."""
-        parts = [text]
-        while parts[-1].count("]") + parts[-1].count("}") == 0 and self.position < len(self.lines):
-            parts.append(self.lines[self.position][2])
-            self.position += 1
-        joined = " ".join(parts)
-        if joined[-1] not in "]}":
-            raise self.fail("has a list that does not end")
-        pieces = (piece.strip() for piece in _PIECE.findall(joined))
-        return [_scalar(piece) for piece in pieces if piece and piece not in ",[]{}"]
-
-
-def _entry(content: str) -> tuple[str, str] | None:
-    """A line's name, in its quotes if it has any, and what stands behind the colon; None where it has no name."""
+def _entry(content: str, path: Path, number: int) -> tuple[str, str]:
+    """A line's name, without its quotes if it has any, and what stands behind the colon, without its tags."""
     quoted = _QUOTED.match(content)
     end = quoted.end() if quoted else content.find(":")
-    name, colon, value = content[:end], content[end:].lstrip()[:1], content[end:].lstrip()[1:]
-    plain = quoted or (name[:1] not in ("", *"#'\"[]{}") and "#" not in name)
-    if end <= 0 or not plain or colon != ":" or not (value == "" or value[0].isspace()):
-        return None
-    return name.strip(), value.strip()
+    name, rest = content[:end].strip(), content[end:].lstrip()
+    plain = quoted or (name and name[0] not in "*#'\"[]{}" and "#" not in name)
+    if end <= 0 or not plain or rest[:1] != ":" or rest[1:2].strip():
+        raise InputError(f"has {content[:40]!r} where a node should be; expected {YAML}", path, number)
+    value = rest[1:].strip()
+    tags = _TAGS.match(value)
+    return name.strip("\"'"), value[tags.end() :] if tags else value
 
 
-def _matrix(nodes: dict, lines: _Lines) -> object:
-    """An array where the nodes are those of a matrix, else the nodes."""
-    if not {"rows", "cols", "data"} <= nodes.keys():
-        return nodes
+def _matrix(nodes: dict, path: Path, line: int) -> np.ndarray:
     rows, columns, data = nodes["rows"], nodes["cols"], nodes["data"]
     whole = all(isinstance(size, float) and size % 1 == 0 and 0 <= size < 1e6 for size in (rows, columns))
     if not whole or not isinstance(data, list) or not all(isinstance(value, float) for value in data):
-        lines.position -= 1
-        raise lines.fail("has a matrix that is not rows, cols and numbers")
+        raise InputError(f"has a matrix that is not rows, cols and numbers; expected {YAML}", path, line)
     if int(rows) * int(columns) != len(data):
-        lines.position -= 1
-        raise lines.fail(f"has a matrix of {len(data)} numbers for {rows:g}×{columns:g}")
+        words = f"has a matrix of {len(data)} numbers for {rows:g}×{columns:g}"
+        raise InputError(f"{words}; expected {YAML}", path, line)
     return np.array(data, dtype=float).reshape(int(rows), int(columns))
 
 
 def _scalar(text: str) -> float | str:
     """A number where it is one, else a text; `.Nan` and `.Inf` are YAML's."""
-    comment = re.search(r"\s#", text) if text[:1] not in "\"'" else None
-    text = (text[: comment.start()] if comment else text).strip()
+    text = text.strip()
+    if text[:1] in ('"', "'"):
+        return text.strip(text[0])
+    text = re.split(r"\s#", text, maxsplit=1)[0].strip()
     try:
         return float(text.lower().replace(".nan", "nan").replace(".inf", "inf"))
     except ValueError:
-        return _unquoted(text)
-
-
-def _unquoted(text: str) -> str:
-    quoted = len(text) > 1 and text[0] == text[-1] and text[0] in "\"'"
-    return text[1:-1] if quoted else text
+        return text
 
 
 KIND = "an OpenCV .yml calibration with intrinsics and extrinsics"
