@@ -13,7 +13,7 @@ from ..jobs.train import TrainJob, train_file
 from ..jobs.training_takes import KnownBetter
 from .arguments import a_model, add_options, job_of, names, number, whole
 from .console import ProgressLine, print_results
-from .model_history import SHOWN_DIGITS
+from .models import SHOWN_DIGITS
 from .trials import trying
 
 DESCRIPTION = """Makes a model from labelled takes (.c3d, .trc, Motive .csv) of people, animals or props: its markers, a

@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from ..core.data.errors import UserError
 from ..core.points.likelihood.trying import TrialOutcome, TrialWork, Trying, in_turn, tried
-from ..io.packed import pack, unpack
+from ..io.models import pack, unpack
 from ..io.scratch import naming_scratch, scratch_folder
 from ..io.source import read_bytes
 from .serving import TRY

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras
-from .rig import MAX_CAMERA_NUMBER, RigCamera, refuse_crowd, rig, rotation_from_vector
+from .cameras import MAX_CAMERA_NUMBER, RigCamera, refuse_crowd, rig, rotation_from_vector
 from .source import MAX_CALIBRATION_BYTES, read_text
 from .toml_cameras import lens
 from .world import z_up

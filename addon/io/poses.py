@@ -2,7 +2,6 @@
 """The poses of a long take on disk while it is labelled, for a Blender file that plays it without keys."""
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Self
@@ -12,7 +11,7 @@ import numpy as np
 from ..core.data.errors import JobError
 from ..core.data.markersets import Worn
 from ..core.data.takes import Motion
-from .scratch import naming_scratch
+from .scratch import RowFile
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,6 @@ class PlayedOptions:
 
 PLAYING = PlayedOptions()
 KEYS_A_MARKER, KEYS_A_BONE, BYTES_A_KEY = 3, 7, 240  # numbers a frame
-POSE_FIELDS = ("joints", "rotations")
 
 
 def is_long(frames: int, markers: int, joints: int, options: PlayedOptions | None = None) -> bool:
@@ -74,55 +72,43 @@ class PoseFile:
         self.folder, self.options = folder, options or PLAYING
         self.frames, self.first_frame, self.expected = 0, 0, np.zeros((0, 3))
         self.sample: list[Motion] = []
-        self._step, self._foreseen = 1, False
-        self._shapes: tuple[tuple[int, ...], ...] = ()
+        self._step, self._foreseen, self._joints = 1, False, 0
+        self._file = RowFile(folder, np.dtype(np.float32))
 
     def __enter__(self) -> Self:
-        with naming_scratch(self.folder):
-            self.files = [(self.folder / f"pose {name}").open("w+b") for name in POSE_FIELDS]
+        self._file.__enter__()
         return self
 
-    def __exit__(self, *_: object):
-        for file in self.files:
-            with suppress(OSError):  # of a full disk, which was said
-                file.close()
+    def __exit__(self, *raised: object):
+        self._file.__exit__(*raised)
 
     @property
     def long(self) -> bool:
         """Whether the take is too long for keys."""
-        joints = self._shapes[0][0] if self._shapes else 0
-        return self._foreseen or is_long(self.frames, len(self.expected), joints, self.options)
+        return self._foreseen or is_long(self.frames, len(self.expected), self._joints, self.options)
 
     def append(self, motion: Motion, fraction: float = 1.0):
         """Adds the frames of the next chunk, after which such a `fraction` of the take was read."""
         if not self.frames:
-            self.first_frame = int(motion.frames[0])
+            self.first_frame, self._joints = int(motion.frames[0]), motion.joints.shape[1]
             self.expected = np.full(motion.expected.shape[1:], np.nan)
-            self._shapes = tuple(getattr(motion, name).shape[1:] for name in POSE_FIELDS)
-        with naming_scratch(self.folder):
-            for file, name in zip(self.files, POSE_FIELDS, strict=True):
-                file.write(np.ascontiguousarray(getattr(motion, name), np.float32).data)
-                file.flush()  # whatever is wrong with the disk is said here
+            kinds = [("joints", np.float32, (self._joints, 3)), ("rotations", np.float32, (self._joints, 3, 3))]
+            self._file.kind = np.dtype(kinds)
+        rows = np.empty(len(motion.frames), self._file.kind)
+        rows["joints"], rows["rotations"] = motion.joints, motion.rotations
+        self._file.append(rows)
         self._note(motion)
         self.frames += len(motion.frames)
         if self.frames >= self.options.foreseen_from and 0 < fraction < 1:
             whole = int(self.frames / fraction / self.options.foreseen)
-            self._foreseen |= is_long(whole, len(self.expected), self._shapes[0][0], self.options)
+            self._foreseen |= is_long(whole, len(self.expected), self._joints, self.options)
 
     def parts(self, size: int) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
         """Which frames, their joints (n, J, 3) and rotations (n, J, 3, 3), so many at a time."""
+        rows = self._file.rows()
         for start in range(0, self.frames, size):
             part = slice(start, min(start + size, self.frames))
-            joints, rotations = (
-                self._read(file, shape, part) for file, shape in zip(self.files, self._shapes, strict=True)
-            )
-            yield part, joints, rotations
-
-    def _read(self, file, shape: tuple[int, ...], part: slice) -> np.ndarray:
-        width = int(np.prod(shape))
-        file.seek(4 * width * part.start)
-        block = file.read(4 * width * (part.stop - part.start))
-        return np.frombuffer(block, np.float32).reshape(-1, *shape).astype(float)
+            yield part, rows["joints"][part].astype(float), rows["rotations"][part].astype(float)
 
     def sampled(self) -> Motion:
         """Evenly spaced frames of the take."""

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, Self
 
 import numpy as np
 
@@ -286,3 +286,30 @@ class FileTable:
         with naming_scratch(self.path.parent):
             found = np.fromfile(self.path, self.dtype, count, offset=start * self._row)
         return found.reshape(stop - start, *self.shape[1:])
+
+
+class RowFile:
+    """Rows of one kind, an array's dtype, on disk while a take is worked on; use it as a context manager."""
+
+    def __init__(self, folder: Path, kind: np.dtype):
+        self.folder, self.path, self.kind, self.count = folder, folder / "rows", kind, 0
+
+    def __enter__(self) -> Self:
+        with naming_scratch(self.folder):
+            self.file = self.path.open("w+b")
+        return self
+
+    def __exit__(self, *_: object):
+        with suppress(OSError):  # of a full disk, which was said
+            self.file.close()
+
+    def append(self, rows: np.ndarray):
+        """Writes rows to the end and sees that they got there, which `ndarray.tofile` does not."""
+        with naming_scratch(self.folder):
+            self.file.write(np.ascontiguousarray(rows).data)
+            self.file.flush()
+        self.count += len(rows)
+
+    def rows(self) -> np.ndarray:
+        """All of them, read from disk where they are looked at."""
+        return np.memmap(self.path, self.kind, "r") if self.count else np.zeros(0, self.kind)

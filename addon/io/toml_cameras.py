@@ -13,7 +13,7 @@ from ..core.data.errors import InputError
 from ..core.geometry import inverse_lens
 from ..core.geometry.camera_up import AXIS_NAMES, guess_up
 from ..core.geometry.cameras import Cameras
-from .rig import RigCamera, refuse_crowd, rig, rotation_from_vector
+from .cameras import RigCamera, refuse_crowd, rig, rotation_from_vector
 from .source import MAX_CALIBRATION_BYTES, read_text
 from .world import z_up
 

@@ -11,7 +11,7 @@ from ..core.data.lanes import Lanes, blocks, trajectories_at
 from ..core.data.made import Scaled
 from ..core.geometry.camera_up import guess_up, turned
 from ..core.geometry.cameras import Cameras
-from .rig import Z_UP_FROM_Y_UP
+from .cameras import Z_UP_FROM_Y_UP
 
 # Metres in one of each unit that files name.
 UNITS = {

@@ -27,10 +27,9 @@ from ..io.blobs import BlobRows, frames_in, read_blobs
 from ..io.labels import BLOB_KEYS
 from ..io.poses import refuse_keys
 from ..io.report import facts_of_cameras
-from ..io.scratch import Room, scratch_folder
+from ..io.scratch import Room, RowFile, scratch_folder
 from .job import facts_of_capture, timed
 from .labelling import NOT_HELD, OpenTake, Results, TakePart, subjects_in_blobs
-from .spool import RowFile
 
 if TYPE_CHECKING:  # only who fills gaps needs it
     from ..core.filling.rays import MarkerRays

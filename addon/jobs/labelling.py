@@ -34,9 +34,8 @@ from ..io.scratch import FileTableOptions, Room, scratch_folder
 from ..io.source import digest
 from ..io.text import write_json
 from ..version import version
-from .job import MOTION_FILE, PAGE, LabelJob, Labelled, timed
+from .job import MOTION_FILE, PAGE, LabelJob, Labelled, leftovers, open_files, timed
 from .models import model_for
-from .resuming import leftovers, open_files
 
 if TYPE_CHECKING:
     from ..core.filling.kept import KeptFill

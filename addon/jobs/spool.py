@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Rows on disk while a take is worked on, and trajectories among them as the columns of a file in the end."""
 
-from contextlib import suppress
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 
@@ -11,7 +9,7 @@ from ..core.data.lanes import Lanes
 from ..core.data.made import Made, by_frames
 from ..core.data.takes import Points
 from ..core.reconstruction.trajectories import Reconstructed, TrajectorySpans
-from ..io.scratch import naming_scratch
+from ..io.scratch import RowFile
 
 # How trajectories become the columns of a file.
 # format: as many as one list of names in a C3D file holds; of more, those share one that are far apart
@@ -20,33 +18,6 @@ REST_S = 1.0  # s between two of one column, so that no program takes them for o
 
 
 ROW = np.dtype([("trajectory", "<i4"), ("xyz", "<f4", 3), ("residual", "<f4")])
-
-
-class RowFile:
-    """Rows of one kind, an array's dtype, on disk while a take is worked on; use it as a context manager."""
-
-    def __init__(self, folder: Path, kind: np.dtype):
-        self.folder, self.path, self.kind, self.count = folder, folder / "rows", kind, 0
-
-    def __enter__(self) -> Self:
-        with naming_scratch(self.folder):
-            self.file = self.path.open("w+b")
-        return self
-
-    def __exit__(self, *_: object):
-        with suppress(OSError):  # of a full disk, which was said
-            self.file.close()
-
-    def append(self, rows: np.ndarray):
-        """Writes rows to the end and sees that they got there, which `ndarray.tofile` does not."""
-        with naming_scratch(self.folder):
-            self.file.write(np.ascontiguousarray(rows).data)
-            self.file.flush()
-        self.count += len(rows)
-
-    def rows(self) -> np.ndarray:
-        """All of them, read from disk where they are looked at."""
-        return np.memmap(self.path, self.kind, "r") if self.count else np.zeros(0, self.kind)
 
 
 class TrajectoryFile(RowFile):

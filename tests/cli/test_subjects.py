@@ -19,7 +19,7 @@ from addon.core.data.takes import Points
 from addon.core.points.several.wearers import is_subject_name
 from addon.io.markersets import markerset_file, open_markerset
 from addon.io.points import read_points, write_c3d
-from addon.jobs.resuming import made_of
+from addon.jobs.job import made_of
 from tests.inputs.walkers import RATE, WORN, write_pair, write_seen
 
 from .conftest import report_of, rows_of

@@ -12,7 +12,7 @@ import pytest
 from addon.core.data.errors import InputError
 from addon.core.papers.partial_solvers.frames import SolversNamer
 from addon.core.points.models import by_subject
-from addon.io import packed
+from addon.io import models
 from addon.io.markersets import read_markerset
 from addon.io.models import open_model, read_model, write_model
 from tests.core.toybody import toy_markerset
@@ -126,8 +126,8 @@ def test_arrays_with_a_right_digest_are_sound_or_refused(tmp_path):
         holder = part
         for key in before:
             holder = holder[key]
-        holder[last] = packed._packed(other(packed._array(holder[last]), chance))
-        part["digest"] = packed._digest({key: value for key, value in part.items() if key != "digest"})
+        holder[last] = models._packed(other(models._unpacked_array(holder[last]), chance))
+        part["digest"] = models._digest({key: value for key, value in part.items() if key != "digest"})
         path.write_text(json.dumps(document))
         try:
             model = read_model(path)

@@ -15,7 +15,7 @@ from ...io.batch import DONE_BEFORE, FAILING, LABELLED, row_of
 from ...io.report import INSTEAD, REPORT
 from ...io.scratch import naming_scratch, take_away_scratch
 from ...io.whole import finish_renaming
-from ...jobs.resuming import results_of
+from ...jobs.job import results_of
 from ..console import ProgressLine, complain, of_take, print_results
 from ..serving import load_labelling
 from .checks import as_job, check, check_rest, command_for, edited_beside, summary_of, unused

@@ -8,7 +8,7 @@ import numpy as np
 
 from ...core.data.errors import InputError
 from ...core.geometry.cameras import Cameras
-from ..rig import SUBPIXELS
+from ..cameras import SUBPIXELS
 from ..rows import MAX_PIXEL, Rows
 from .capture import CAMERA_DATA, QtmCamera, QtmCapture
 from .container import KIND

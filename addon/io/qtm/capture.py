@@ -12,7 +12,7 @@ import numpy as np
 from ...core.data.errors import InputError
 from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
 from ...core.geometry.cameras import Cameras
-from ..rig import MAX_CAMERA_NUMBER, SUBPIXELS, RigCamera, refuse_crowd, rig
+from ..cameras import MAX_CAMERA_NUMBER, SUBPIXELS, RigCamera, refuse_crowd, rig
 from ..world import z_up
 from .container import KIND, Container, Series
 from .layout import Cursor, Item, read_items, read_schema
