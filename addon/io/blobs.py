@@ -246,20 +246,27 @@ class _Pending:
         return BlobRows(blobs, rows.keys, self.fraction)
 
 
-class BlobWriter:
-    """Writes a blob file piece by piece; use it as a context manager on a temporary of `whole_files`."""
+class RowWriter:
+    """Rows behind a header; a context manager."""
 
-    def __init__(self, path: Path, cameras: Cameras, area: bool = True):
-        self.names = [csv_field(name) for name in cameras.names]
-        self.area = area
-        self.file = Path(path).open("w", encoding="utf-8", newline="\n")  # noqa: SIM115
-        self.file.write("frame,camera,x,y,area\n" if area else "frame,camera,x,y\n")
+    def __init__(self, path: Path, header: str):
+        self.file = Path(path).open("w", encoding="utf-8", errors="surrogateescape", newline="\n")  # noqa: SIM115
+        self.file.write(header + "\n")
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object):
         self.file.close()
+
+
+class BlobWriter(RowWriter):
+    """Writes a blob file piece by piece; use it as a context manager on a temporary of `whole_files`."""
+
+    def __init__(self, path: Path, cameras: Cameras, area: bool = True):
+        self.names = [csv_field(name) for name in cameras.names]
+        self.area = area
+        super().__init__(path, "frame,camera,x,y,area" if area else "frame,camera,x,y")
 
     def write(self, blobs: Blobs) -> list[str]:
         """Appends the blobs, to a thousandth of a pixel; returns the rows' keys, for the truth file beside it."""

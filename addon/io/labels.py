@@ -15,7 +15,7 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.data.takes import NO_MARKER, NO_STEP, STEPS, Blobs, Labels, PointRows
 from ..core.review.changes import Change, changes, summary_of_changes
-from .blobs import MAX_LINE_BYTES, csv_field
+from .blobs import MAX_LINE_BYTES, RowWriter, csv_field
 from .source import open_binary
 from .text import in_cell
 
@@ -26,21 +26,7 @@ POINT_KEYS = ("frame", "point")
 _CONFIDENCE = tuple(f"{value / 1000:.3f}".rstrip("0").rstrip(".") for value in range(1001))
 
 
-class _RowWriter:
-    """Rows behind a header; a context manager."""
-
-    def __init__(self, path: Path, header: str):
-        self.file = Path(path).open("w", encoding="utf-8", errors="surrogateescape", newline="\n")  # noqa: SIM115
-        self.file.write(header + "\n")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object):
-        self.file.close()
-
-
-class LabelWriter(_RowWriter):
+class LabelWriter(RowWriter):
     """Writes `STEM.labels.csv` chunk by chunk; `keys` are the names of the columns that tell one row from another."""
 
     def __init__(self, path: Path, markers: Sequence[str], keys: Sequence[str] = BLOB_KEYS):
@@ -71,7 +57,7 @@ def write_point_labels(path: Path, rows: PointRows, labels: Labels, markers: tup
         writer.write(point_keys(rows), labels)
 
 
-class TruthWriter(_RowWriter):
+class TruthWriter(RowWriter):
     """Writes a truth file chunk by chunk."""
 
     def __init__(self, path: Path, keys: Sequence[str] = BLOB_KEYS):

@@ -18,7 +18,7 @@ from ..core.data.takes import Points
 from ..core.data.wording import words_of_range
 from .c3d import C3dHead, open_c3d, write_c3d_file
 from .qtm import USE_POINTS, held_in, is_qtm, read_qtm_points
-from .samples import Parts, packed
+from .samples import Parts, PointFile, packed
 from .textpoints import is_motive, read_motive, read_trc, write_trc_file
 from .world import UNITS, Upright, find_up, guess_unit, up_rotation
 
@@ -118,60 +118,25 @@ def _of_frames(take: FilePoints, frames: tuple[int | None, int | None], path: Pa
     return replace(take, xyz=xyz, residual=residual, lanes=lanes, first_frame=take.first_frame + start)
 
 
-@dataclass(frozen=True, eq=False)
-class _Content:
-    """What a file of any format says of its points.
-
-    labels      P names of the columns that are taken, (P,) their indices among `count`
-    parts       all samples
-    scale       what their places, and their residuals, are times to be in the file's units
-    unit, word  the unit and the axis that points up as the file names them; empty where it names none
-    usual       the axis that is up where it names none
-    """
-
-    labels: Sequence[str]
-    columns: np.ndarray
-    count: int
-    frames: int
-    rate: float
-    first_frame: int
-    parts: Parts
-    unit: str
-    word: str = ""
-    usual: str = "+Z"
-    scale: tuple[float, float] = (1.0, 1.0)
-    notes: tuple[str, ...] = ()
-
-
 def _read(path: Path, everything: bool, up: str | None, rate: float | None, make_table: MakeTable) -> FilePoints:
     suffix = path.suffix.lower()
     if suffix == ".c3d":
         with open_c3d(path, rate) as (head, parts):
             return _file_points(_of_c3d(head, parts, path, everything), up, path, make_table)
     if is_qtm(path):
-        one = read_qtm_points(path)
-        content = _Content(
-            one.labels, one.columns, one.count, one.frames, one.rate, one.first_frame, one.parts, unit="mm"
-        )
-        return _file_points(content, up, path)
+        return _file_points(read_qtm_points(path), up, path)
     if suffix not in (".trc", ".csv"):
         if not path.exists():
             raise InputError("there is no such file; expected the path of a take", path)
         raise InputError(f"is of a kind that is not known ({suffix or 'no suffix'}); {EXPECTED}", path)
-    take = read_trc(path) if suffix == ".trc" else read_motive(path)
-    count = len(take.labels)
-    content = _Content(
-        take.labels, np.arange(count), count, take.frames, take.rate, take.first_frame, lambda: take.parts, take.unit,
-        usual="+Y",
-    )  # fmt: skip
-    return _file_points(content, up or take.up, path)
+    return _file_points(read_trc(path) if suffix == ".trc" else read_motive(path), up, path)
 
 
-def _of_c3d(head: C3dHead, parts: Parts, path: Path, everything: bool) -> _Content:
+def _of_c3d(head: C3dHead, parts: Parts, path: Path, everything: bool) -> PointFile:
     columns = np.arange(len(head.labels)) if everything else marker_indices(head)
     if not len(columns):
         raise InputError("has no markers among its points; expected a take with markers", path)
-    return _Content(
+    return PointFile(
         [head.labels[index] for index in columns],
         columns,
         len(head.labels),
@@ -186,7 +151,7 @@ def _of_c3d(head: C3dHead, parts: Parts, path: Path, everything: bool) -> _Conte
     )
 
 
-def _file_points(content: _Content, up: str | None, path: Path, make_table: MakeTable = IN_MEMORY) -> FilePoints:
+def _file_points(content: PointFile, up: str | None, path: Path, make_table: MakeTable = IN_MEMORY) -> FilePoints:
     """The take in a file, in metres and turned upright; `up` is the axis that somebody named, such as "z" or "-y"."""
     found = packed(content.frames, content.columns, content.count, content.parts, make_table)
     if not (found.lanes.last >= found.lanes.first).any():

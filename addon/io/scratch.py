@@ -179,16 +179,14 @@ def _take_away(folder: Path, rescue: Callable[[Path], bool] | None):
         return
     with lock:
         # Where its maker could lock none, nobody knows whether that is gone.
-        gone = _locked(lock) and (lock.read(len(NO_LOCKS)) != NO_LOCKS or _forsaken(folder))
+        gone = _locked(lock) and (
+            lock.read(len(NO_LOCKS)) != NO_LOCKS or (time.time() - folder.stat().st_mtime > FORSAKEN_S)
+        )
         gone = gone and (rescue is None or rescue(folder))
         if gone:
             _clear(folder)
     if gone:
         _drop(folder)
-
-
-def _forsaken(folder: Path) -> bool:
-    return time.time() - folder.stat().st_mtime > FORSAKEN_S
 
 
 def _locked(file: IO) -> bool:

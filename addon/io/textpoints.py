@@ -4,7 +4,6 @@
 import codecs
 import csv
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.data.lanes import blocks
 from ..core.data.takes import MAX_FRAME, MAX_RATE_HZ, MIN_RATE_HZ
-from .samples import Samples
+from .samples import PointFile, Samples
 from .source import decode, open_binary, read_bytes
 from .text import written
 
@@ -23,20 +22,19 @@ MAX_FRAMES_A_ROW = 100  # and in all, beside that gap, for every row
 ROWS_AT_ONCE = 1000  # whose samples are put together
 
 
-@dataclass(frozen=True, eq=False)
-class TextTake:
-    """labels P names; frames how many; parts their samples in `unit`; rate; number of the first frame.
-
-    `up` is the axis that points up; it and `unit` are empty where the file does not say.
-    """
-
-    labels: list[str]
-    frames: int
-    parts: tuple[Samples, ...]
-    unit: str
-    rate: float
-    first_frame: int
-    up: str = ""
+def text_file(
+    rows: Iterable[tuple[int, list[str]]],
+    labels: Sequence[str],
+    starts: Sequence[int],
+    path: Path,
+    rate: float,
+    unit: str,
+    word: str = "",
+) -> PointFile:
+    """The points of rows as `rows_to_samples` takes them; of a world with y up where the file does not say."""
+    first, frames, parts = rows_to_samples(rows, starts, path)
+    columns = np.arange(len(labels))
+    return PointFile(labels, columns, len(labels), frames, rate, first, lambda: parts, unit.lower(), word, "+Y")
 
 
 def rows_to_samples(
@@ -114,7 +112,7 @@ Z_UP = "Z_UP"
 WIDTH_ROWS = 1000  # rows that are looked at where nothing else says how many markers there are
 
 
-def read_trc(path: Path) -> TextTake:
+def read_trc(path: Path) -> PointFile:
     """Raises InputError with the line where the file is not as the format says."""
     text = decode(read_bytes(path), path, TRC)
     lines, ended = text.splitlines(), text.endswith(("\n", "\r"))
@@ -129,10 +127,13 @@ def read_trc(path: Path) -> TextTake:
     if not labels or not any(labels):
         raise InputError(f"names no markers; expected {TRC}", path, 4)
     columns = [2 + 3 * index for index in range(len(labels))]
-    first, frames, parts = rows_to_samples(_trc_rows(lines, begin, ended, 2 + 3 * len(labels), path), columns, path)
-    _refuse_cut_off(head, frames, first, path)
-    up = "+Z" if Z_UP in lines[0] else ""
-    return TextTake(labels, frames, parts, head.get("Units", "").lower(), rate, first, up)
+    rows, word = _trc_rows(lines, begin, ended, 2 + 3 * len(labels), path), "+Z" if Z_UP in lines[0] else ""
+    take = text_file(rows, labels, columns, path, rate, head.get("Units", ""), word)
+    promised = head.get("NumFrames", "")
+    # One that begins later is a part that somebody took out.
+    if count_in(promised) > take.frames and head.get("OrigDataStartFrame", "") == str(take.first_frame):
+        raise InputError(f"has {take.frames} of {promised} frames; expected all of them (is the file cut off?)", path)
+    return take
 
 
 def _trc_rows(lines: list[str], begin: int, ended: bool, widest: int, path: Path) -> Iterator[tuple[int, list[str]]]:
@@ -171,7 +172,7 @@ def _trc_labels(line: str, promised: str, rows: list[str]) -> list[str]:
     labels = fields[2:]
     names = [label for label in labels if label]
     said = count_in(promised)
-    width = max((_trc_width(row) for row in rows[:WIDTH_ROWS]), default=0)
+    width = max(((len(row.rstrip().split("\t")) if row.strip() else 0) for row in rows[:WIDTH_ROWS]), default=0)
     count = max(said, -((2 - width) // 3))
     if count == len(names):
         return names
@@ -180,18 +181,6 @@ def _trc_labels(line: str, promised: str, rows: list[str]) -> list[str]:
     if len(names) == 3 * count and axes == "xyz" * count and stems[::3] == stems[1::3] == stems[2::3] and all(stems):
         return stems[::3]
     return labels[::3]
-
-
-def _trc_width(row: str) -> int:
-    """The number of fields up to the last that says something."""
-    return len(row.rstrip().split("\t")) if row.strip() else 0
-
-
-def _refuse_cut_off(head: dict[str, str], frames: int, first: int, path: Path):
-    """InputError where the head promises more frames; one that begins later is a part that somebody took out."""
-    promised, begins = head.get("NumFrames", ""), head.get("OrigDataStartFrame", "")
-    if count_in(promised) > frames and begins == str(first):
-        raise InputError(f"has {frames} of {promised} frames; expected all of them (is the file cut off?)", path)
 
 
 def _trc_number(text: str | None, what: str, path: Path) -> float:
@@ -237,7 +226,7 @@ def is_motive(path: Path) -> bool:
     return first.strip().strip('"').lower() in OPENINGS
 
 
-def read_motive(path: Path) -> TextTake:
+def read_motive(path: Path) -> PointFile:
     """Raises InputError with the line where the file is not as Motive writes it."""
     text = decode(read_bytes(path), path, MOTIVE)
     lines = text.splitlines()
@@ -249,11 +238,12 @@ def read_motive(path: Path) -> TextTake:
     titles, start = _titles(lines, path)
     kinds, names, properties = (titles.get(key, []) for key in ("type", "name", "property"))
     labels, columns = _markers(kinds, names, properties, path, start)
-    first, frames, parts = rows_to_samples(_rows(lines, start, path), columns, path)
+    unit = settings.get("length units", "").strip()
+    take = text_file(_rows(lines, start, path), labels, columns, path, rate, unit)
     promised, count = settings.get("total exported frames", "").strip(), sum(map(_is_row, lines[start:]))
     if count_in(promised) > count:
         raise InputError(f"has {count} of {promised} frames; expected all of them (is the file cut off?)", path)
-    return TextTake(labels, frames, parts, settings.get("length units", "").strip().lower(), rate, first)
+    return take
 
 
 def _is_row(line: str) -> bool:

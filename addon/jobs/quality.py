@@ -23,7 +23,10 @@ def quality_report(layout: MarkerLayout, found: Ambiguity, advice: Sequence[Advi
         "goal": goal,
         "subjects": layout.subjects,
         "markers": {
-            name: {"separation": _rounded(found.of_markers[index]), "rival": _taken_for(found, index)}
+            name: {
+                "separation": _rounded(found.of_markers[index]),
+                "rival": found.markers[int(found.hidden[index].argmax())],
+            }
             for index, name in enumerate(found.markers)
         },
         "pairs": [
@@ -61,10 +64,6 @@ def _advice(advice: Advice, markerset: MarkerSet) -> dict:
         "after": round(advice.after, QUALITY_DIGITS),
         "words": advice.in_words(markerset),
     }
-
-
-def _taken_for(found: Ambiguity, index: int) -> str:
-    return found.markers[int(found.hidden[index].argmax())]
 
 
 def _rounded(overlap: float) -> float:

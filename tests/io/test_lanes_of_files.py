@@ -89,7 +89,7 @@ def test_texts_are_packed_too(take, tmp_path):
     found = read_points(tmp_path / "raw.trc")
     assert found.xyz.shape[1] == LANES
     text = read_trc(tmp_path / "raw.trc")
-    trc, _ = dense(text.frames, COUNT, text.parts)
+    trc, _ = dense(text.frames, COUNT, text.parts())
     np.testing.assert_array_equal(found.picked(range(COUNT)).xyz, trc * 0.001)
 
 

@@ -240,7 +240,7 @@ def test_trc_heads_of_other_programs(tmp_path, head, promised):
     take = read_trc(path)
     assert take.labels == ["A", "B b", "C"]
     assert take.first_frame == 1
-    xyz, _ = dense(take.frames, 3, take.parts)
+    xyz, _ = dense(take.frames, 3, take.parts())
     np.testing.assert_array_equal(xyz[0], np.arange(1, 10).reshape(3, 3))
     np.testing.assert_array_equal(np.isnan(xyz[1, :, 0]), [False, True, False])
 

@@ -191,7 +191,11 @@ def find_layout(file: C3dFile) -> FileLayout:
     """
     if not (file.word(1) or file.whole("POINT:USED")):
         raise InputError("has no points; expected a take with markers", file.path)
-    starts = [start for start in _starts(file) if file.section < start < len(file.content)]
+    starts = [
+        start
+        for start in _distinct([(block - 1) * BLOCK for block in (file.whole("POINT:DATA_START"), file.word(8))])
+        if file.section < start < len(file.content)
+    ]
     if not starts:
         raise InputError("points to data that are not there; expected a whole C3D file", file.path)
     found = []
@@ -205,10 +209,6 @@ def find_layout(file: C3dFile) -> FileLayout:
     if found[0] is None:
         return _unfinished(file, starts[0])
     return found[0]
-
-
-def _starts(file: C3dFile) -> list[int]:
-    return _distinct([(block - 1) * BLOCK for block in (file.whole("POINT:DATA_START"), file.word(8))])
 
 
 def _points(file: C3dFile) -> list[int]:

@@ -60,7 +60,8 @@ def write_take_page(path: Path, report: Mapping, overview: TakeOverview, source:
 
 def _head(report: Mapping, overview: TakeOverview) -> Html:
     seconds = overview.frames / report["rate"]
-    words = f"{count_of(overview.frames, 'frame')} ({_clock(seconds)}), marker set "
+    clock = f"{seconds:.1f} s" if seconds < 60 else f"{int(seconds // 60)} min {seconds % 60:.0f} s"
+    words = f"{count_of(overview.frames, 'frame')} ({clock}), marker set "
     return joined_html(
         [
             element("h1", name_of(report["take"])),
@@ -73,10 +74,6 @@ def _model_of(report: Mapping) -> Html:
     """The marker set, and which version of it where that is known."""
     version = f", version {report['model_version']}" if "model_version" in report else ""
     return joined_html([name_of(report["model"]), escaped(version)])
-
-
-def _clock(seconds: float) -> str:
-    return f"{seconds:.1f} s" if seconds < 60 else f"{int(seconds // 60)} min {seconds % 60:.0f} s"
 
 
 def _tiles(report: Mapping, overview: TakeOverview) -> Html:
@@ -372,7 +369,10 @@ def _takes(takes: Sequence[TakeRow]) -> Html | None:
         "Time",
     ]
     heads += ["Gaps filled"] if filled else []
-    cells = [_cells(row) + ([_gaps(row)] if filled else []) for row in takes]
+    cells = [
+        _cells(row) + ([("–" if row.gaps is None else f"{row.gaps[0]:,} of {row.gaps[1]:,}")] if filled else [])
+        for row in takes
+    ]
     words = (
         "Those with the most at stake first: frames of a marker that are wrong or missing if what is to be looked at "
         "is as it seems. On the body is what has no name there. A frame is whole where every marker of the take is "
@@ -383,7 +383,7 @@ def _takes(takes: Sequence[TakeRow]) -> Html | None:
 
 def _cells(row: TakeRow) -> list:
     return [
-        element("a", name_of(row.take), href=_link(row.page)) if row.page else name_of(row.take),
+        element("a", name_of(row.take), href=("./" + quote(os.fsencode(row.page)))) if row.page else name_of(row.take),
         f"{row.trouble:,}",
         f"{row.at_stake:,.0f}",
         percent(row.named),
@@ -393,15 +393,6 @@ def _cells(row: TakeRow) -> list:
         f"{row.frames:,}",
         f"{length(row.seconds)} s",
     ]
-
-
-def _gaps(row: TakeRow) -> str:
-    return "–" if row.gaps is None else f"{row.gaps[0]:,} of {row.gaps[1]:,}"
-
-
-def _link(name: str) -> str:
-    """A file beside the page as a link, whatever its name holds."""
-    return "./" + quote(os.fsencode(name))
 
 
 def _markers(takes: Sequence[TakeRow]) -> Html | None:

@@ -8,14 +8,13 @@ way is refused, or left out, by name. The container: MS-CFB, read by olefile; th
 
 from .blobs import rows_of_qtm
 from .capture import USE_BLOBS, USE_POINTS, USES, CaptureHolds, held_in, is_qtm, read_qtm_cameras
-from .points import QtmPoints, read_qtm_points
+from .points import read_qtm_points
 
 __all__ = [
     "USES",
     "USE_BLOBS",
     "USE_POINTS",
     "CaptureHolds",
-    "QtmPoints",
     "held_in",
     "is_qtm",
     "read_qtm_cameras",

@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The 3D points of a `.qtm`: trajectories with and without labels, and which of their samples were measured."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from ...core.data.errors import InputError
-from ..samples import Samples
-from .capture import TRAJECTORY_DATA, QtmCapture, QtmTrajectory
+from ..samples import PointFile, Samples
+from .capture import TRAJECTORY_DATA, QtmCapture
 from .container import KIND
 
 COORDINATES, POINT_RESIDUAL, POINT_TYPE = ("X", "Y", "Z"), "Residual", "Point Type"
@@ -22,40 +22,8 @@ MAX_MM = 1e9  # mm: no room is a thousand kilometres wide
 MAX_POINT_FRAMES = 50_000_000  # of a take: a day at 500 Hz, and each takes memory
 
 
-@dataclass(frozen=True, eq=False)
-class QtmPoints:
-    """The trajectories of a capture that were not discarded.
-
-    labels       names as in the file, empty where there is none
-    columns      (P,) their indices among all trajectories of the file
-    count        of these
-    frames       how many, from first_frame on
-    """
-
-    path: Path
-    labels: tuple[str, ...]
-    columns: np.ndarray
-    count: int
-    frames: int
-    first_frame: int
-    rate: float
-
-    def parts(self) -> Iterator[Samples]:
-        """All samples, part by part: mm; a residual of 0 says that a sample was filled, NaN that it is not known."""
-        with QtmCapture(self.path) as capture:
-            dtype, cell = capture.schema.record(TRAJECTORY_DATA)
-            if cell is not None or any(
-                name not in (dtype.names or ()) for name in (*COORDINATES, POINT_RESIDUAL, POINT_TYPE)
-            ):
-                raise InputError(f"describes no points with X, Y, Z, residual and type; expected {KIND}", self.path)
-            bits = capture.schema.bits(TRAJECTORY_DATA, POINT_TYPE)
-            filled = sum(bits.get(name, 0) for name in FILLED_TYPES)
-            for column in self.columns.tolist():
-                yield from _samples(capture, column, dtype, filled, self.first_frame)
-
-
-def read_qtm_points(path: Path) -> QtmPoints:
-    """What 3D points the file has; InputError where it has none."""
+def read_qtm_points(path: Path) -> PointFile:
+    """The 3D points of a file that were not discarded; InputError where it has none."""
     with QtmCapture(path) as capture:
         kept = capture.kept
         if not kept:
@@ -67,22 +35,29 @@ def read_qtm_points(path: Path) -> QtmPoints:
             raise InputError(f"has {frames} frames of 3D points; expected at most {MAX_POINT_FRAMES}", path)
         if capture.point_rate is None:
             raise InputError(f"has no rate of its 3D points; expected {KIND}", path)
-        return QtmPoints(
-            Path(path),
-            tuple(one.label for one in chosen),
-            np.array(kept),
-            len(capture.trajectories),
-            frames,
-            first,
-            capture.point_rate,
-        )
+        labels, count = [one.label for one in chosen], len(capture.trajectories)
+        parts = partial(_parts, Path(path), kept, first)
+        return PointFile(labels, np.array(kept), count, frames, capture.point_rate, first, parts, unit="mm")
+
+
+def _parts(path: Path, columns: Sequence[int], first: int) -> Iterator[Samples]:
+    """All samples, part by part: mm; a residual of 0 says that a sample was filled, NaN that it is not known."""
+    with QtmCapture(path) as capture:
+        dtype, cell = capture.schema.record(TRAJECTORY_DATA)
+        named = dtype.names or ()
+        if cell is not None or any(name not in named for name in (*COORDINATES, POINT_RESIDUAL, POINT_TYPE)):
+            raise InputError(f"describes no points with X, Y, Z, residual and type; expected {KIND}", path)
+        bits = capture.schema.bits(TRAJECTORY_DATA, POINT_TYPE)
+        filled = sum(bits.get(name, 0) for name in FILLED_TYPES)
+        for column in columns:
+            yield from _samples(capture, column, dtype, filled, first)
 
 
 def _samples(capture: QtmCapture, column: int, dtype: np.dtype, filled: int, first: int) -> Iterator[Samples]:
     """Those of one trajectory, block by block."""
     one = capture.trajectories[column]
     series, lengths = capture.series(one.number), one.ranges[:, 1] - one.ranges[:, 0] + 1
-    what = _what(one, column)
+    what = f"trajectory {column}" + (f" ({one.label[:40]})" if one.label else "")
     if series.size != dtype.itemsize * int(lengths.sum()):
         raise InputError(
             f"has {series.size / dtype.itemsize:g} samples of {what} in {int(lengths.sum())} frames; expected one each",
@@ -111,7 +86,3 @@ def _measured(records: np.ndarray, frame: np.ndarray, column: int, filled: int, 
     residual[(records[POINT_TYPE] & filled) != 0] = 0.0
     columns = np.full(int(there.sum()), column, np.int32)
     return Samples(frame[there].astype(np.int32), columns, xyz[there], residual[there])
-
-
-def _what(one: QtmTrajectory, column: int) -> str:
-    return f"trajectory {column}" + (f" ({one.label[:40]})" if one.label else "")
