@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Camera calibrations of every format: what each comes down to, one camera at a time, then the rig of them all."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -110,6 +110,38 @@ def rotation_from_vector(vector: np.ndarray) -> np.ndarray:
     x, y, z = np.asarray(vector) / angle
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def rotation_of(values: np.ndarray) -> np.ndarray:
+    """The rotation (3, 3) of nine numbers, or of the three of a Rodrigues vector."""
+    return rotation_from_vector(values) if values.size == 3 else values.reshape(3, 3)
+
+
+def numbers_in(parts: Mapping, keys: Sequence[str], name: str, path: Path, *counts: int) -> np.ndarray:
+    """(N,) what a camera has under the first of `keys` that it has, N being one of `counts`; InputError otherwise."""
+    value = next((parts[key] for key in keys if parts.get(key) is not None), None)
+    if value is None:
+        raise InputError(f"camera {name} has no `{keys[0]}`; expected a complete calibration", path)
+    try:
+        found = np.array(value)
+    except ValueError:
+        found = np.array([None])
+    array = found.astype(float).ravel() if found.dtype.kind in "iuf" else np.array([np.nan])
+    if not np.isfinite(array).all():
+        raise InputError(f"camera {name} has a `{keys[0]}` that is not made of numbers; expected numbers", path)
+    if counts and array.size not in counts:
+        words = f"camera {name} has a `{keys[0]}` of {array.size} numbers"
+        raise InputError(f"{words}; expected {' or '.join(map(str, counts[:2]))}", path)
+    return array
+
+
+def lens(coefficients: np.ndarray, name: str, path: Path) -> np.ndarray:
+    """OpenCV's distortion coefficients cut to our five; InputError when a longer model is really used."""
+    if np.any(coefficients[5:]):
+        raise InputError(
+            f"camera {name} has a lens of {coefficients.size} coefficients; expected k1 k2 p1 p2 k3 at most", path
+        )
+    return coefficients[:5]
 
 
 def rotation_from_quaternion(quaternion: np.ndarray) -> np.ndarray:

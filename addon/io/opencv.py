@@ -13,9 +13,8 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras
-from .cameras import MAX_CAMERA_NUMBER, RigCamera, refuse_crowd, rig, rotation_from_vector
+from .cameras import MAX_CAMERA_NUMBER, RigCamera, lens, numbers_in, refuse_crowd, rig, rotation_of
 from .source import MAX_CALIBRATION_BYTES, read_text
-from .toml_cameras import lens
 from .world import z_up
 
 YAML = "OpenCV's YAML"
@@ -202,36 +201,23 @@ def _shared_size(document: dict) -> dict:
 
 
 def _camera(name: str, parts: dict, path: Path) -> RigCamera:
-    matrix = _array(parts, MATRIX, name, path, (9,)).reshape(3, 3)
-    rotation = _array(parts, ROTATION, name, path, (9, 3))
+    matrix = numbers_in(parts, MATRIX, name, path, 9).reshape(3, 3)
+    rotation = numbers_in(parts, ROTATION, name, path, 9, 3)
     given = next((parts[key] for key in LENS if parts.get(key) is not None), None)
-    coefficients = np.zeros(5) if given is None else _array(parts, LENS, name, path, tuple(range(15)))
+    coefficients = np.zeros(5) if given is None else numbers_in(parts, LENS, name, path, *range(15))
     return RigCamera(
         name=name,
         size=_size(parts, matrix, name, path),
         matrix=matrix,
         distortion=lens(coefficients, name, path),
-        rotation=rotation_from_vector(rotation) if rotation.size == 3 else rotation.reshape(3, 3),
-        translation=_array(parts, TRANSLATION, name, path, (3,)),
+        rotation=rotation_of(rotation),
+        translation=numbers_in(parts, TRANSLATION, name, path, 3),
     )
 
 
 def _size(parts: dict, matrix: np.ndarray, name: str, path: Path) -> np.ndarray:
     if any(parts.get(key) is not None for key in SIZE):
-        return _array(parts, SIZE, name, path, (2,))
+        return numbers_in(parts, SIZE, name, path, 2)
     if any(parts.get(key) is not None for key in WIDTH) and any(parts.get(key) is not None for key in HEIGHT):
-        return np.concatenate([_array(parts, keys, name, path, (1,)) for keys in (WIDTH, HEIGHT)])
+        return np.concatenate([numbers_in(parts, keys, name, path, 1) for keys in (WIDTH, HEIGHT)])
     return np.round(2 * np.minimum(matrix[:2, 2], MAX_CAMERA_NUMBER))  # what is larger is refused with the matrix
-
-
-def _array(parts: dict, keys: tuple[str, ...], name: str, path: Path, counts: tuple[int, ...]) -> np.ndarray:
-    value = next((parts[key] for key in keys if parts.get(key) is not None), None)
-    if value is None:
-        raise InputError(f"camera {name} has no {keys[0]} ({', '.join(keys[1:4])}); expected {KIND}", path)
-    try:
-        array = np.array(value, dtype=float).ravel()
-    except (TypeError, ValueError):
-        array = np.array([np.nan])
-    if array.size not in counts or not np.isfinite(array).all():
-        raise InputError(f"camera {name} has a {keys[0]} that is not {counts[0]} numbers; expected {KIND}", path)
-    return array
