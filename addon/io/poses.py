@@ -1,17 +1,130 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The poses of a long take on disk while it is labelled, for a Blender file that plays it without keys."""
+"""The poses of a long take on disk while it is labelled, and its motion beside a Blender file that has no keys.
 
+The latter is a point cache, `.pc2`, of which Blender's Mesh Cache modifier reads a frame at a time: a header of 32
+bytes, then float32 (F, V, 3), all little-endian; places in m. What is not known is on a straight line between what is
+known before and after, and stands still before the first and after the last, as curves of keys do.
+"""
+
+import hashlib
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Self
+from typing import BinaryIO, Self
 
 import numpy as np
 
-from ..core.data.errors import JobError
+from ..core.data.errors import InputError, JobError
 from ..core.data.markersets import Worn
 from ..core.data.takes import Motion
 from .scratch import RowFile
+from .source import open_binary
+
+PC2_HEADER = struct.Struct("<12siiffi")  # mark, version, vertices, first frame, frames a sample, samples
+PC2_MARK, PC2_VERSION = b"POINTCACHE2\0", 1
+
+
+# How a cache is written and known again; memory, and so that a longer file is told in no time.
+PART_BYTES = 8 * 1024 * 1024  # that are worked on at once
+MARK_BYTES = 65536  # bytes at each of three places that a file is known again by, beside its size
+
+
+def write_cache(path: Path, parts: Iterator[np.ndarray], absent: np.ndarray):
+    """Writes frames (F, V, 3), part by part; what is never known is as in `absent` (V, 3), else NaN means not known."""
+    frames = 0
+    with path.open("w+b") as file:
+        file.write(PC2_HEADER.pack(PC2_MARK, PC2_VERSION, len(absent), 0.0, 1.0, 0))
+        for part in parts:
+            file.write(np.ascontiguousarray(part, "<f4").data)
+            frames += len(part)
+        file.seek(0)
+        file.write(PC2_HEADER.pack(PC2_MARK, PC2_VERSION, len(absent), 0.0, 1.0, frames))
+        _bridge(_Parts(file, frames, absent.size), absent.ravel())
+
+
+class _Parts:
+    """The frames of an open cache as parts (n, C), read and written back by their number."""
+
+    def __init__(self, file: BinaryIO, frames: int, columns: int):
+        self.file, self.frames, self.columns = file, frames, columns
+        self.size = max(PART_BYTES // (4 * max(columns, 1)), 1)
+        self.starts = range(0, frames, self.size)
+
+    def read(self, start: int) -> np.ndarray:
+        count = min(self.size, self.frames - start)
+        self.file.seek(PC2_HEADER.size + 4 * self.columns * start)
+        block = self.file.read(4 * self.columns * count)
+        return np.frombuffer(bytearray(block), "<f4").reshape(count, self.columns)
+
+    def write(self, start: int, values: np.ndarray):
+        self.file.seek(PC2_HEADER.size + 4 * self.columns * start)
+        self.file.write(values.data)
+
+
+def _bridge(parts: _Parts, absent: np.ndarray):
+    """Puts straight lines through what is not known: once backwards for what comes after each part, once forwards."""
+    later, after = [], (np.full(parts.columns, np.inf), absent.astype(float))
+    for start in reversed(parts.starts):
+        later.append(after)
+        after = _first_known(parts.read(start), start, after)
+    # Before the first that is known there is nothing to go from, and where nothing ever is, nothing to go to.
+    before = (np.full(parts.columns, -np.inf), after[1])
+    for start, after in zip(parts.starts, reversed(later), strict=True):
+        values = parts.read(start)
+        known = _first_known(values[::-1], 0, (np.full(parts.columns, np.inf), before[1]))
+        last = np.where(np.isfinite(known[0]), start + len(values) - 1 - known[0], before[0]), known[1]
+        for column in np.flatnonzero(~np.isfinite(values).all(axis=0)):
+            ends = [(side[0][column], side[1][column]) for side in (before, after)]
+            values[:, column] = _bridged(values[:, column], start, *ends)
+        parts.write(start, values)
+        before = last
+
+
+def _first_known(values: np.ndarray, start: int, else_: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """When (C,) each column of (n, C) is first known, and its value then; `else_` where it never is."""
+    known = np.isfinite(values)
+    first = known.argmax(axis=0)
+    any_, columns = known.any(axis=0), np.arange(values.shape[1])
+    return np.where(any_, start + first, else_[0]), np.where(any_, values[first, columns], else_[1])
+
+
+def _bridged(values: np.ndarray, start: int, before: tuple[float, float], after: tuple[float, float]) -> np.ndarray:
+    """A column (n,) without gaps, with what is known of it, frame and value, before and after; infinite for nothing."""
+    frames = start + np.arange(len(values))
+    known = np.isfinite(values)
+    ends = [[end] if np.isfinite(end[0]) else [] for end in (before, after)]
+    at = np.array([*(e[0] for e in ends[0]), *frames[known], *(e[0] for e in ends[1])], float)
+    of = np.array([*(e[1] for e in ends[0]), *values[known], *(e[1] for e in ends[1])], float)
+    return np.interp(frames, at, of) if len(at) else np.full(len(values), before[1])
+
+
+def cache_mark(path: Path) -> str:
+    """What a cache is known again by: its size, and a digest of its begin, middle and end."""
+    told, size = hashlib.sha256(), path.stat().st_size
+    with open_binary(path) as file:
+        for place in (0, size // 2, max(size - MARK_BYTES, 0)):
+            file.seek(place)
+            told.update(file.read(MARK_BYTES))
+    return f"{size} {told.hexdigest()}"
+
+
+def check_cache(path: Path, mark: str):
+    """Raises InputError where the file at `path` is not the cache with this mark, saying what it is."""
+    if not path.exists():
+        raise InputError("is not there; expected the motion beside the Blender file (Find Motion)", path)
+    try:
+        with open_binary(path) as file:
+            head = file.read(PC2_HEADER.size)
+        size = path.stat().st_size
+        if len(head) < PC2_HEADER.size or not head.startswith(PC2_MARK):
+            raise InputError("is no point cache; expected the motion that was saved with this Blender file", path)
+        if size < int(mark.split(maxsplit=1)[0]):
+            raise InputError("is shorter than it was saved; expected the whole file, copied anew", path)
+        if cache_mark(path) != mark:
+            raise InputError("is of another take or another labelling; expected the one saved with this file", path)
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror or error}); expected a file that can", path) from None
 
 
 @dataclass(frozen=True)

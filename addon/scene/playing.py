@@ -18,7 +18,7 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet, Worn
 from ..core.data.takes import Suspect
-from ..io.motion_cache import PART_BYTES, cache_mark, check_cache, write_cache
+from ..io.poses import PART_BYTES, cache_mark, check_cache, write_cache
 from ..io.text import written
 from . import armature as armatures
 from . import naming
