@@ -43,7 +43,7 @@ def run(arguments) -> int:
         room,
         demo_take.MODEL,
         out,
-        rate=demo_take.STAGE.rate,
+        rate=demo_take.STAGE_RATE,
         trc=True,
         blend=has_blender(),
         html=True,

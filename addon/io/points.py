@@ -13,6 +13,7 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.data.lanes import blocks
 from ..core.data.made import Scaled
+from ..core.data.markersets import MarkerSet
 from ..core.data.room import IN_MEMORY, MakeTable
 from ..core.data.takes import Points
 from ..core.data.wording import words_of_range
@@ -247,6 +248,15 @@ def marker_columns(names: Sequence[str], wanted: Sequence[str], path: Path | str
             match = next((i for i, other in enumerate(names) if _bare(other) == name), None)
         found.append(-1 if match is None else match)
     return np.array(found, dtype=int)
+
+
+def columns_of_set(names: Sequence[str], markerset: MarkerSet, path: Path | str = "") -> np.ndarray:
+    """(M,) which of a take's `names` is each marker of a set, by its name or an alias; -1 where the take has none."""
+    found, aliases = marker_columns(names, markerset.markers, path), list(markerset.aliases)
+    for alias, column in zip(aliases, marker_columns(names, aliases, path), strict=True):
+        index = markerset.index(markerset.aliases[alias])
+        found[index] = column if found[index] < 0 else found[index]
+    return found
 
 
 def write_c3d(path: Path, points: Points):

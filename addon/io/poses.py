@@ -9,7 +9,7 @@ known before and after, and stands still before the first and after the last, as
 import hashlib
 import struct
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import BinaryIO, Self
 
@@ -127,46 +127,32 @@ def check_cache(path: Path, mark: str):
         raise InputError(f"cannot be read ({error.strerror or error}); expected a file that can", path) from None
 
 
-@dataclass(frozen=True)
-class PlayedOptions:
-    """When a take is played from a file beside the Blender file, instead of by keys; memory.
-
-    most_keys      that a Blender file holds, of markers and bones; opened, each takes some 240 bytes with Blender's
-                   undo and the tables of the take, so that these are 1.4 GB
-    most_shown     keys that a scene is given in which somebody works, 7 GB of them
-    foreseen       times as many keys, when they are foreseen from what part of the file was read: then what keys are
-                   made of is not even gathered
-    foreseen_from  frames that were read before anything is foreseen
-    sample_frames  which the build of a long take's bodies is the median of, at least half as many
-    """
-
-    most_keys: int = 6_000_000
-    most_shown: int = 30_000_000
-    foreseen: float = 2.0
-    foreseen_from: int = 1000
-    sample_frames: int = 2048
-
-
-PLAYING = PlayedOptions()
+# When a take is played from a file beside the Blender file, instead of by keys; memory. Opened, each key takes some 240
+# bytes with Blender's undo and the tables of the take.
+MOST_KEYS = 6_000_000  # that a Blender file holds, of markers and bones: 1.4 GB
+MOST_SHOWN = 30_000_000  # keys that a scene is given in which somebody works: 7 GB
+# times as many keys, when they are foreseen from what part of the file was read: then what they are made of is not kept
+FORESEEN = 2.0
+FORESEEN_FROM = 1000  # frames that were read before anything is foreseen
+SAMPLE_FRAMES = 2048  # which the build of a long take's bodies is the median of, at least half as many
 KEYS_A_MARKER, KEYS_A_BONE, BYTES_A_KEY = 3, 7, 240  # numbers a frame
 
 
-def is_long(frames: int, markers: int, joints: int, options: PlayedOptions | None = None) -> bool:
+def is_long(frames: int, markers: int, joints: int) -> bool:
     """Whether a take of so many frames, markers and joints is too long for keys."""
     keys = KEYS_A_MARKER * markers + KEYS_A_BONE * joints
-    return frames * keys > (options or PLAYING).most_keys
+    return frames * keys > MOST_KEYS
 
 
-def refuse_keys(frames: int, worn: Worn, read: float = 0.0, options: PlayedOptions | None = None):
+def refuse_keys(frames: int, worn: Worn, read: float = 0.0):
     """Raises JobError where the keys of so many frames of these markers would fill the memory of a scene that is open.
 
     So it is where the frames are the part `read` of a file that promises to have so many; 0 where that is not known.
     """
-    options = options or PLAYING
-    if read > 0 and frames >= options.foreseen_from:
-        frames = max(frames, int(frames / read / options.foreseen))
+    if read > 0 and frames >= FORESEEN_FROM:
+        frames = max(frames, int(frames / read / FORESEEN))
     keys = KEYS_A_MARKER * len(worn.markers) + KEYS_A_BONE * sum(len(one.skeleton) for _, one in worn.worn)
-    most = options.most_shown // keys
+    most = MOST_SHOWN // keys
     if frames > most:
         words = f"has {frames:,} frames, whose keys take some {frames * keys * BYTES_A_KEY / 1e9:.0f} GB in a scene"
         way = "choose a part of it with Frames, or use Label Folder, whose Blender file plays a take of any length"
@@ -181,8 +167,8 @@ class PoseFile:
     expected     (M, 3) m where the body carries each marker at first, NaN where it never does
     """
 
-    def __init__(self, folder: Path, options: PlayedOptions | None = None):
-        self.folder, self.options = folder, options or PLAYING
+    def __init__(self, folder: Path):
+        self.folder = folder
         self.frames, self.first_frame, self.expected = 0, 0, np.zeros((0, 3))
         self.sample: list[Motion] = []
         self._step, self._foreseen, self._joints = 1, False, 0
@@ -198,7 +184,7 @@ class PoseFile:
     @property
     def long(self) -> bool:
         """Whether the take is too long for keys."""
-        return self._foreseen or is_long(self.frames, len(self.expected), self._joints, self.options)
+        return self._foreseen or is_long(self.frames, len(self.expected), self._joints)
 
     def append(self, motion: Motion, fraction: float = 1.0):
         """Adds the frames of the next chunk, after which such a `fraction` of the take was read."""
@@ -212,9 +198,9 @@ class PoseFile:
         self._file.append(rows)
         self._note(motion)
         self.frames += len(motion.frames)
-        if self.frames >= self.options.foreseen_from and 0 < fraction < 1:
-            whole = int(self.frames / fraction / self.options.foreseen)
-            self._foreseen |= is_long(whole, len(self.expected), self._joints, self.options)
+        if self.frames >= FORESEEN_FROM and 0 < fraction < 1:
+            whole = int(self.frames / fraction / FORESEEN)
+            self._foreseen |= is_long(whole, len(self.expected), self._joints)
 
     def parts(self, size: int) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
         """Which frames, their joints (n, J, 3) and rotations (n, J, 3, 3), so many at a time."""
@@ -233,9 +219,9 @@ class PoseFile:
         fresh = known.any(axis=0) & ~np.isfinite(self.expected).all(axis=1)
         self.expected[fresh] = motion.expected[known.argmax(axis=0)[fresh], np.flatnonzero(fresh)]
         self.sample.append(_picked(motion, np.arange(-self.frames % self._step, len(motion.frames), self._step)))
-        if sum(len(one.frames) for one in self.sample) > self.options.sample_frames:
+        if sum(len(one.frames) for one in self.sample) > SAMPLE_FRAMES:
             whole = _joined(self.sample)
-            while len(whole.frames) > self.options.sample_frames:
+            while len(whole.frames) > SAMPLE_FRAMES:
                 whole, self._step = _picked(whole, np.arange(0, len(whole.frames), 2)), 2 * self._step
             self.sample = [whole]
 

@@ -15,7 +15,6 @@ import time
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Self
 
@@ -206,30 +205,20 @@ def lock_now(file: IO):
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
-@dataclass(frozen=True)
-class FileTableOptions:
-    """Which tables are kept on disk; memory.
-
-    min_bytes  that a table must have: smaller ones are arrays
-    """
-
-    min_bytes: int = 32_000_000
-
-
-ON_DISK = FileTableOptions()
+MIN_TABLE_BYTES = 32_000_000  # of a table that is kept on disk; smaller ones are arrays: memory
 
 
 class Room:
     """Makes tables as `numpy.zeros` does, large ones in files of a scratch folder that goes when `stack` closes."""
 
-    def __init__(self, stack: ExitStack, options: FileTableOptions = ON_DISK):
-        self.stack, self.options = stack, options
+    def __init__(self, stack: ExitStack, min_bytes: int = MIN_TABLE_BYTES):
+        self.stack, self.min_bytes = stack, min_bytes
         self.folder: Path | None = None
         self.count = 0
 
     def __call__(self, shape: tuple[int, ...], dtype: Any = float) -> "np.ndarray | FileTable":
         """A table of zeros; JobError where the folder for temporary files has no room."""
-        if np.dtype(dtype).itemsize * int(np.prod(shape)) < self.options.min_bytes:
+        if np.dtype(dtype).itemsize * int(np.prod(shape)) < self.min_bytes:
             return np.zeros(shape, dtype)
         if self.folder is None:
             self.folder = self.stack.enter_context(scratch_folder())

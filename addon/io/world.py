@@ -86,25 +86,13 @@ SIGNED_AXES = ("+Z", "+Y", "+X", "-Z", "-Y", "-X")
 UNSURE_WORDS = {"-Z": "+Z", "+Y": "+Y"}  # each with what is most likely meant
 
 
-@dataclass(frozen=True)
-class StandingOptions:
-    """How a standing person's points lie; all 80 takes at hand that stand along an axis by this have it up.
-
-    frames        that are looked at, evenly spread: memory, 400 of 10,000 points are 96 MB
-    floor_m       the lowest marker above nought: physical, m, from one buried by a poor origin to one at half a shank
-    min_height_m  that markers reach up from it: physical, m, half the legs of an adult
-    min_longer    times as long as wide: measured, who kneels down from a run was 1.0 to 1.2 in three takes
-    max_wander    of the height, of the lowest marker: physical, a jump and a step are less than a shank, 0.25 of it
-    """
-
-    frames: int = 400
-    floor_m: tuple[float, float] = (-0.3, 0.4)
-    min_height_m: float = 0.5
-    min_longer: float = 1.3
-    max_wander: float = 0.25
-
-
-STANDING = StandingOptions()
+# How a standing person's points lie; all 80 takes at hand that stand along an axis by this have it up.
+STANDING_FRAMES = 400  # that are looked at, evenly spread: memory, 400 of 10,000 points are 96 MB
+# m, of the lowest marker above nought: physical, from one buried by a poor origin to one at half a shank
+FLOOR_M = (-0.3, 0.4)
+MIN_HEIGHT_M = 0.5  # that markers reach up from it: physical, half the legs of an adult
+MIN_LONGER = 1.3  # times as long as wide: measured, who kneels down from a run was 1.0 to 1.2 in three takes
+MAX_WANDER = 0.25  # of the height, of the lowest marker: physical, a jump and a step are less than a shank
 
 
 @dataclass(frozen=True)
@@ -147,7 +135,7 @@ def _some_frames(xyz: np.ndarray | Scaled, names: Sequence[str], lanes: Lanes | 
     owners = [name.rpartition(":")[0] for name in names]
     largest = max(dict.fromkeys(owners), key=owners.count)
     chosen = np.array([owner == largest for owner in owners])
-    frames = np.unique(np.linspace(0, len(xyz) - 1, STANDING.frames).astype(int))
+    frames = np.unique(np.linspace(0, len(xyz) - 1, STANDING_FRAMES).astype(int))
     some = np.array(xyz[frames], float)
     frame, lane = np.nonzero(np.isfinite(some).all(axis=2))
     other = ~chosen[trajectories_at(lanes, frames[frame], lane)]
@@ -165,13 +153,13 @@ def _stands_along(frames: np.ndarray, base: str) -> str:
     low, high = np.nanmin(frames, axis=1), np.nanmax(frames, axis=1)
     reach = np.median(high - low, axis=0)
     *others, longest = sorted({1, 2, "XYZ".index(base[1])}, key=lambda index: reach[index])
-    if reach[longest] < STANDING.min_height_m or reach[longest] <= STANDING.min_longer * reach[others].max():
+    if reach[longest] < MIN_HEIGHT_M or reach[longest] <= MIN_LONGER * reach[others].max():
         return ""
     found = []
     for sign, ground in (("+", low[:, longest]), ("-", -high[:, longest])):
         tenth, last_tenth = np.percentile(ground, [10, 90])
-        on_floor = STANDING.floor_m[0] < tenth < STANDING.floor_m[1]
-        steady = last_tenth - tenth < STANDING.max_wander * reach[longest]
+        on_floor = FLOOR_M[0] < tenth < FLOOR_M[1]
+        steady = last_tenth - tenth < MAX_WANDER * reach[longest]
         if on_floor and steady and (sign == "+" or base[1] == "XYZ"[longest]):
             found.append(sign + "XYZ"[longest])
     return found[0] if len(found) == 1 else ""

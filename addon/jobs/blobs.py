@@ -29,7 +29,7 @@ from ..io.poses import refuse_keys
 from ..io.report import facts_of_cameras
 from ..io.scratch import Room, RowFile, scratch_folder
 from .job import facts_of_capture, timed
-from .labelling import NOT_HELD, OpenTake, Results, TakePart, subjects_in_blobs
+from .labelling import OpenTake, Results, TakePart, subjects_in_blobs
 
 if TYPE_CHECKING:  # only who fills gaps needs it
     from ..core.filling.rays import MarkerRays
@@ -67,7 +67,7 @@ class BlobTake(OpenTake):
             self.method, self.worn = blob_method(settings), model.markerset
             self.check = CameraCheck(cameras, self.worn)
         else:
-            room = Room(self.stack, NOT_HELD)
+            room = Room(self.stack, 0)  # no table is held: those of chunks are small, and a long take has many
             seen = yield from subjects_in_blobs(job, cameras, self.several, self.edits, room)
             self.method, self.worn = "likelihood", seen.worn
             own, read = tee(self._blobs())

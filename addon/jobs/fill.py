@@ -24,7 +24,7 @@ from ..io.filled import gap_rows, left_rows, write_filled
 from ..io.labels import read_blob_labels
 from ..io.markersets import markerset_file
 from ..io.models import open_model
-from ..io.points import marker_columns, read_points, write_c3d
+from ..io.points import columns_of_set, marker_columns, read_points, write_c3d
 from ..io.whole import whole_files
 from .labelling import renumbered
 
@@ -223,12 +223,7 @@ def _subjects_of(job: FillJob, names: Sequence[str]) -> list[SubjectMarkers]:
 def _of_model(job: FillJob, names: Sequence[str]) -> tuple[MarkerSet, np.ndarray]:
     """The model's markers and where the take has each, by its name or another that the model knows for it."""
     markerset = open_model(job.model).markerset
-    columns = marker_columns(names, markerset.markers, job.source)
-    aliases = list(markerset.aliases)
-    for alias, column in zip(aliases, marker_columns(names, aliases, job.source), strict=True):
-        index = markerset.index(markerset.aliases[alias])
-        if columns[index] < 0:
-            columns[index] = column
+    columns = columns_of_set(names, markerset, job.source)
     if (columns >= 0).sum() < POSING.min_markers:
         what = f"has {(columns >= 0).sum()} of the markers of {markerset.name}"
         raise InputError(f"{what}; expected {POSING.min_markers} or more, or another model", job.source)

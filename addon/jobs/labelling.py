@@ -30,7 +30,7 @@ from ..io.labels import LabelWriter, facts_of_changes
 from ..io.points import write_c3d, write_trc
 from ..io.poses import PoseFile, refuse_keys
 from ..io.report import REPORT, facts_of_edits, facts_of_trouble, take_report
-from ..io.scratch import FileTableOptions, Room, scratch_folder
+from ..io.scratch import Room, scratch_folder
 from ..io.source import digest
 from ..io.text import write_json
 from ..version import version
@@ -43,9 +43,6 @@ if TYPE_CHECKING:
     from ..core.pipelines.several_through_points import SubjectsInImages
     from ..core.points.several.motion import LabelledSubjects
     from ..core.review.overview import TakeOverview
-
-
-NOT_HELD = FileTableOptions(0)  # every table: those of chunks are small, and there are many in a long take
 
 
 def several_asked(job: LabelJob, model: Model) -> Generator[Progress, None, SeveralOptions]:

@@ -20,7 +20,7 @@ import numpy as np
 from addon.capturing import cut, write_capture
 from addon.cli import workers
 from addon.core.data.takes import Points
-from addon.demo.take import MODEL, STAGE, TROUBLE, make_performance
+from addon.demo.take import MODEL, STAGE_RATE, TROUBLE, make_performance
 from addon.io.batch import read_table
 from addon.io.cameras import write_cameras
 from addon.io.html import is_page
@@ -153,7 +153,7 @@ class Stage:
             take, body, part = cut(performance.take, frames), performance.body, slice(frames[0] - 1, frames[1])
             if name in POINTS:
                 residual = np.zeros(take.xyz.shape[:2])
-                points = Points(take.names, take.xyz, residual, STAGE.rate, take.first_frame)
+                points = Points(take.names, take.xyz, residual, STAGE_RATE, take.first_frame)
                 write_c3d(self.inputs / f"{name}.c3d", points)
                 continue
             body = replace(body, rotations=body.rotations[part], joints=body.joints[part], scale=body.scale[part])

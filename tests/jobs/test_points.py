@@ -148,7 +148,7 @@ def test_a_take_too_long_for_keys_plays_from_a_file(source, of_two_minds, monkey
     from addon.scene.playing import played_takes, what_is_wrong
     from addon.scene.take import takes_of
 
-    monkeypatch.setattr(poses, "PLAYING", replace(poses.PLAYING, most_keys=100))
+    monkeypatch.setattr(poses, "MOST_KEYS", 100)
     out = label(source, blend=True, fill=fill)
     assert {path.name for path in out.iterdir()} >= {"walk.blend", "walk.motion.pc2"}
     report = json.loads((out / "walk.report.json").read_text(encoding="utf-8"))

@@ -32,7 +32,7 @@ class Watch:
         while True:
             self.batch.write_summary()  # here, so that what is begun at once never stands there as waiting
             now = time.monotonic()
-            if now - looked >= self.arrivals.options.look_s:
+            if now - looked >= self.arrivals.look_s:
                 looked = now
                 self._look(now)
             path = self._next()
