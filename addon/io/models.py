@@ -141,7 +141,7 @@ def _unpacked_array(packed: dict) -> np.ndarray:
 # What the parts are called in the file. The training takes had another name at first, and are read by it too.
 LIKELIHOOD, PARTIAL_SOLVERS, TRAINING_TAKES = "evidence", "ensemble", "training_takes"
 FORMER_TRAINING_TAKES = "lessons"
-INDICES, NUMBERS = "iu", "fiu"  # kinds of arrays
+INDICES, PLAIN_NUMBERS = "iu", "fiu"  # kinds of arrays
 MAX_MARKER_M = 1e3  # m; no marker of a training take is farther away
 
 
@@ -222,17 +222,17 @@ def _sound_partial_solvers(solvers: PartialSolvers) -> bool:
     arrays = [
         (own.kind, INDICES, (kinds,), 0, len(FUNCTIONS) - 1),
         (own.points, INDICES, (kinds, max(DOMAIN)), NO_POINT, count - 1),
-        *((bound, NUMBERS, (kinds,), *free) for bound in (own.low, own.high)),
-        (solvers.targets, NUMBERS, (count,), 0, 1),
+        *((bound, PLAIN_NUMBERS, (kinds,), *free) for bound in (own.low, own.high)),
+        (solvers.targets, PLAIN_NUMBERS, (count,), 0, 1),
     ]
     for one in solvers.solvers:
         size, chosen, record = one.markers.size or -1, one.strong.chosen, one.record
         arrays += [
             (one.markers, INDICES, (size,), 0, count - 1),
             (chosen, INDICES, (chosen.size,), 0, kinds - 1),
-            (one.strong.weights, NUMBERS, (chosen.size,), 0, np.inf),
+            (one.strong.weights, PLAIN_NUMBERS, (chosen.size,), 0, np.inf),
             (one.reached, "b", (size,), False, True),
-            *((column, NUMBERS, (size,), 0, 2**53) for column in (record.hits, record.failures, record.answers)),
+            *((column, PLAIN_NUMBERS, (size,), 0, 2**53) for column in (record.hits, record.failures, record.answers)),
         ]
     return (
         all(_is_sound(*row) for row in arrays)

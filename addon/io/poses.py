@@ -134,7 +134,7 @@ MOST_SHOWN = 30_000_000  # keys that a scene is given in which somebody works: 7
 # times as many keys, when they are foreseen from what part of the file was read: then what they are made of is not kept
 FORESEEN = 2.0
 FORESEEN_FROM = 1000  # frames that were read before anything is foreseen
-SAMPLE_FRAMES = 2048  # which the build of a long take's bodies is the median of, at least half as many
+SAMPLED_FRAMES = 2048  # which the build of a long take's bodies is the median of, at least half as many
 KEYS_A_MARKER, KEYS_A_BONE, BYTES_A_KEY = 3, 7, 240  # numbers a frame
 
 
@@ -219,9 +219,9 @@ class PoseFile:
         fresh = known.any(axis=0) & ~np.isfinite(self.expected).all(axis=1)
         self.expected[fresh] = motion.expected[known.argmax(axis=0)[fresh], np.flatnonzero(fresh)]
         self.sample.append(_picked(motion, np.arange(-self.frames % self._step, len(motion.frames), self._step)))
-        if sum(len(one.frames) for one in self.sample) > SAMPLE_FRAMES:
+        if sum(len(one.frames) for one in self.sample) > SAMPLED_FRAMES:
             whole = _joined(self.sample)
-            while len(whole.frames) > SAMPLE_FRAMES:
+            while len(whole.frames) > SAMPLED_FRAMES:
                 whole, self._step = _picked(whole, np.arange(0, len(whole.frames), 2)), 2 * self._step
             self.sample = [whole]
 

@@ -26,7 +26,7 @@ def motion_of(first, last):
 
 @pytest.mark.parametrize("chunk", [1, 9, 50, 1000])
 def test_poses_come_back_and_the_sample_is_evenly_spaced(tmp_path, chunk, monkeypatch):
-    monkeypatch.setattr(pose_files, "SAMPLE_FRAMES", 32)
+    monkeypatch.setattr(pose_files, "SAMPLED_FRAMES", 32)
     with PoseFile(tmp_path) as poses:
         for start in range(11, 311, chunk):
             poses.append(motion_of(start, min(start + chunk, 311)))
