@@ -98,14 +98,6 @@ def earlier_run(path: Path, now: dict) -> tuple[dict | None, bool]:
     return report, missing
 
 
-def digests_then(path: Path) -> dict[str, str]:
-    """The digests of the files that an earlier run wrote beside its report at `path`, by ending; none if it is gone."""
-    try:
-        return read_report(path)["made_of"]["results"]
-    except InputError:
-        return {}
-
-
 def _flat(made: dict) -> dict:
     """What results were made of, the options beside the files."""
     files = {name: value for name, value in made.items() if name not in ("options", "results")}

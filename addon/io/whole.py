@@ -12,7 +12,7 @@ import stat
 import time
 import unicodedata
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import IO
@@ -96,15 +96,8 @@ def whole_file(target: Path, overwrite: bool = False, read: Iterable[Path] = ())
 
 
 @contextmanager
-def whole_files(
-    targets: Sequence[Path],
-    overwrite: bool = False,
-    read: Iterable[Path] = (),
-    stale: Callable[[], Iterable[Path]] = tuple,
-) -> Iterator[list[Path]]:
+def whole_files(targets: Sequence[Path], overwrite: bool = False, read: Iterable[Path] = ()) -> Iterator[list[Path]]:
     """The same for the several files of one job: they appear together when the block ends well, in their order.
-
-    Those that `stale` says then, files in the same folders, are taken away once all others are there.
 
     The temporary paths are in the order of `targets`, in folders within the same folders, with the same names. A
     temporary that the block did not write stands for an optional file: its target does not appear. Missing folders are
@@ -129,7 +122,7 @@ def whole_files(
         for parent, folder in folders.items():
             if not (folder / LOCK).exists():  # and of a share that is gone no file was written
                 raise JobError("went away while files were written there; expected it to stay", parent)
-        _appear(pairs, overwrite, stale)
+        _appear(pairs, overwrite)
 
 
 def check_targets(targets: Sequence[Path], overwrite: bool = False, read: Iterable[Path] = ()):
@@ -192,8 +185,8 @@ def _identities(path: Path) -> set[object]:
     return found
 
 
-def _appear(pairs: Sequence[tuple[Path, Path]], overwrite: bool, stale: Callable[[], Iterable[Path]]):
-    """Renames parts to their targets, all or none of them as far as the system allows; what is stale goes with that."""
+def _appear(pairs: Sequence[tuple[Path, Path]], overwrite: bool):
+    """Renames parts to their targets, all or none of them as far as the system allows."""
     for part, target in pairs:
         try:
             _flush(part)
@@ -205,22 +198,19 @@ def _appear(pairs: Sequence[tuple[Path, Path]], overwrite: bool, stale: Callable
             take_away_forsaken(parent, PART, _rename_rest)  # or what one was killed at would mix with these later
         for _, target in pairs:
             _refuse(target, overwrite)
-        away = [(path, _state(path)) for path in stale()]
-        _list(pairs, away)
-        _rename(pairs, away)
+        _list(pairs)
+        _rename(pairs)
     for parent in parents:
         _flush_folder(parent)
 
 
-def _list(pairs: Sequence[tuple[Path, Path]], away: Sequence[tuple[Path, list[int] | None]]):
-    """Puts into each folder of parts what is to be renamed, what each is to take the place of, and what is to go."""
+def _list(pairs: Sequence[tuple[Path, Path]]):
+    """Puts into each folder of parts what is to be renamed, and what each is to take the place of."""
     for folder in dict.fromkeys(part.parent for part, _ in pairs):
         try:
-            # What is to go has no part.
             states: dict[str, list] = {
                 part.name: [_state(part), _state(target)] for part, target in pairs if part.parent == folder
             }
-            states |= {path.name: [None, state] for path, state in away if path.parent == folder.parent}
             states[LOCK] = _mark(folder / LOCK)
             begun = folder / f"{LIST}~"
             begun.write_text(json.dumps(states), encoding="utf-8", newline="\n")
@@ -231,7 +221,7 @@ def _list(pairs: Sequence[tuple[Path, Path]], away: Sequence[tuple[Path, list[in
         _flush_folder(folder)
 
 
-def _rename(pairs: Sequence[tuple[Path, Path]], away: Sequence[tuple[Path, list[int] | None]]):
+def _rename(pairs: Sequence[tuple[Path, Path]]):
     done = 0
     try:
         for part, target in pairs:
@@ -243,10 +233,8 @@ def _rename(pairs: Sequence[tuple[Path, Path]], away: Sequence[tuple[Path, list[
                         leave(folder)
                 raise _unwritable(error, target) from None
             done += 1
-        for path, state in away:
-            _take_away(path, state)
     except KeyboardInterrupt:
-        _rename([(part, target) for part, target in pairs if part.exists()], away)
+        _rename([(part, target) for part, target in pairs if part.exists()])
         raise
 
 
@@ -268,19 +256,10 @@ def _rename_rest(folder: Path) -> bool:
         return False
     for name, (own, state) in states.items():
         part, target = folder / name, folder.parent / name
-        if own is None:
-            _take_away(target, state)
-        elif _state(part) == own and _state(target) == state:
+        if own is not None and _state(part) == own and _state(target) == state:
             part.replace(target)
     _flush_folder(folder.parent)
     return True
-
-
-def _take_away(path: Path, state: list[int] | None):
-    """Takes a file away that is as it was; one that somebody holds open on Windows stays."""
-    with suppress(OSError):
-        if state is not None and _state(path) == state:
-            path.unlink()
 
 
 def _mark(lock: Path) -> list[int]:

@@ -20,7 +20,7 @@ from ..io.cameras import calibration_files
 from ..io.edits import edits_beside
 from ..io.markersets import markerset_file
 from ..io.qtm import USE_BLOBS, USE_POINTS, held_in, is_qtm
-from ..io.report import REPORT, digests_then, earlier_run
+from ..io.report import REPORT, earlier_run
 from ..io.source import digest
 from ..io.text import written
 from ..io.whole import is_read, whole_files
@@ -322,32 +322,11 @@ def open_files(job: LabelJob, stack: ExitStack) -> tuple[dict, dict[str, Path]]:
     """
     made = made_of(job)
     replace = job.overwrite or (job.resume and earlier_run(job.path(REPORT), made)[0] is not None)
-    parts = stack.enter_context(whole_files(job.written, replace, job.read, lambda: leftovers(job)[0]))
+    parts = stack.enter_context(whole_files(job.written, replace, job.read))
     return made, dict(zip(job.endings, parts, strict=True))
 
 
-def leftovers(job: LabelJob) -> tuple[list[Path], list[Path]]:
-    """Files that look like results of this job and are of an earlier one, where it may replace those.
-
-    First those that are as the report that is there says they were written, which go; then those that stay: what
-    somebody changed, what no report knows, and motion, as Blender files saved under other names may play from it.
-    """
-    if not job.overwrite:
-        return [], []
-    then = digests_then(job.path(REPORT))
-    going: list[Path] = []
-    staying: list[Path] = []
-    for ending in OPTIONAL:
-        path = job.path(ending)
-        if ending in job.endings or not path.is_file() or is_read(path, job.read):
-            continue
-        goes = ending != MOTION_FILE and not path.is_symlink() and _is_as_written(path, then.get(ending))
-        (going if goes else staying).append(path)
-    return going, staying
-
-
-def _is_as_written(path: Path, then: str | None) -> bool:
-    try:
-        return then is not None and digest([path]) == then
-    except InputError:  # not to be read
-        return False
+def leftovers(job: LabelJob) -> list[Path]:
+    """Files that look like results of this job and are not of it, where it may replace those of an earlier one."""
+    paths = [job.path(ending) for ending in OPTIONAL if job.overwrite and ending not in job.endings]
+    return [path for path in paths if path.is_file() and not is_read(path, job.read)]

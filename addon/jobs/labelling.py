@@ -367,7 +367,7 @@ def _write(
     )
     if "points" in report:
         del report["blobs"]
-    if left := [path.name for path in leftovers(job)[1]]:
+    if left := [path.name for path in leftovers(job)]:
         words = [f"{name} is not of this run, and stays as it is" for name in left]
         report["notes"] = [*report.get("notes", []), *words]
     if results.overview is not None:
