@@ -44,7 +44,7 @@ def _run(argv: list[str]) -> int:
     if argv == [SERVE]:
         return serve(main)
     if argv[:2] == [TRY, "--result"]:
-        from .trials import run_trial
+        from .train import run_trial
 
         return run_trial(argv[1:])
     with uncollected():

@@ -9,7 +9,6 @@ from pathlib import Path
 from ..core.data.errors import InputError
 from .batch import is_result
 from .edits import edits_beside
-from .source import open_binary
 
 # Endings of takes. Of files that share the rest of their name the first is the take: what was recorded comes before
 # what another program made of it.
@@ -90,7 +89,7 @@ class Arrivals:
     def _is_ready(self, path: Path, now: float) -> bool:
         known = self.files[path]
         # A file without content is about to get some.
-        return known.is_new and known.state[0] > 0 and now - known.since >= self.settled_s and not _held(path)
+        return known.is_new and known.state[0] > 0 and now - known.since >= self.settled_s
 
     def _is_take(self, path: Path) -> bool:
         """Whether a file is a take, and the only one that results get their name from; says so where it is not."""
@@ -153,17 +152,6 @@ def _state_of(path: Path) -> State | None:
         return None
     said = (own.st_size, own.st_mtime_ns, own.st_ino)
     return said if beside is None else (*said, beside.st_size, beside.st_mtime_ns)
-
-
-def _held(path: Path) -> bool:
-    """Whether the program that writes a file lets nobody else read it, as on Windows; elsewhere nobody can."""
-    if os.name != "nt":
-        return False
-    try:
-        open_binary(path).close()
-    except InputError as error:
-        return isinstance(error.__context__, PermissionError)
-    return False
 
 
 def _unreadable(error: OSError, folder: Path) -> InputError:

@@ -18,8 +18,7 @@ from addon.io.blobs import frames_in, read_blobs, write_blobs
 from addon.io.cameras import read_cameras
 from addon.io.points import holds_points, read_points
 from addon.io.qtm import held_in, records
-from addon.io.qtm.container import Container
-from addon.io.qtm.layout import Schema, read_items, read_schema
+from addon.io.qtm.container import Container, Schema, read_items, read_schema
 
 from .qtm_file import (
     EDITED,

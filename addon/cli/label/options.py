@@ -144,15 +144,7 @@ def add_label_options(verbs) -> argparse.ArgumentParser:
     add_subjects(parser)
     add("--use", choices=USES, help="what to label of a .qtm that holds both (default: blobs whose cameras are known)")
     add("--method", choices=jobs.METHODS, default="auto", help=METHODS_HELP)
-    bodies = (
-        "bvh casts rays at its meshes, which takes Blender; capsules is the closed form; auto is bvh inside Blender"
-    )
-    add(
-        "--occlusion",
-        choices=jobs.OCCLUSIONS,
-        default="auto",
-        help=f"what asks whether the body hides a blob: {bodies}",
-    )
+    add("--occlusion", choices=jobs.OCCLUSIONS, default="auto", help=OCCLUSION_HELP)
     share = number(0.5, 0.999999, "share")
     right = f"of points, the share of labels that must be right; what is less sure is left out ({jobs.USUAL_TARGET:g})"
     add("--target", type=share, default=jobs.USUAL_TARGET, metavar="P", help=right)

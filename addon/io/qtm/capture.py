@@ -14,8 +14,7 @@ from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
 from ...core.geometry.cameras import Cameras
 from ..cameras import MAX_CAMERA_NUMBER, SUBPIXELS, RigCamera, refuse_crowd, rig
 from ..world import z_up
-from .container import KIND, Container, Series
-from .layout import Cursor, Item, read_items, read_schema
+from .container import KIND, Container, Cursor, Item, Series, read_items, read_schema
 
 # Numbers of what is said of a camera; each begins with its number and its size.
 CAMERA_POSITION, CAMERA_ROTATION = (1, 2, 3), tuple(range(4, 13))
