@@ -21,8 +21,8 @@ from .core.data.takes import Blobs, LabelledChunk, PointRows, Points, Suspect
 from .core.edits.kinds import NO_EDITS, Edits
 from .core.geometry.cameras import Cameras
 from .io.cameras import read_cameras
-from .io.names import written
 from .io.scratch import lasting_scratch
+from .io.text import written
 
 if TYPE_CHECKING:  # only some jobs need them
     from .core.filling.kept import KeptFill

@@ -26,7 +26,7 @@ from .core.points.several.wearers import AUTO, MAX_SUBJECTS, NAME_RULE, as_compa
 from .core.review.trouble import TROUBLE_KINDS
 from .io.markersets import SUFFIX, builtin_markersets, open_markerset
 from .io.model_history import is_beside
-from .io.names import written
+from .io.text import written
 from .prefs import markerset_folder
 from .scene.armature import SCALE
 from .scene.naming import CAMERAS

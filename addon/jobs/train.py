@@ -24,20 +24,18 @@ from ..core.training.pipeline import (
     train_solvers,
 )
 from ..core.training.takes import standing_apart, subject_rows
-from ..io.json_text import write_json
 from ..io.markersets import SUFFIX, markerset_file, open_markerset
 from ..io.model_history import file_of, moved, seen_from
 from ..io.models import open_model, read_model, write_model
-from ..io.names import written
 from ..io.source import digest, read_bytes
+from ..io.text import write_json, written
 from ..io.whole import keep_apart, whole_files
 from ..version import version
 from .checking import KeptFile, as_taught, checking, files_of, kept_file, takes_to_check
 from .job import timed
-from .models import USUAL_SEARCH, known_bodies
+from .models import USUAL_SEARCH, VersionPlaces, known_bodies
 from .pages import today
 from .training_takes import KnownBetter, TakeFile, chosen_markers, read_takes, refuse_mirrored, unseen_markers
-from .versions import VersionPlaces
 
 CHECK_FROM = 0.75  # of the work where a model is trained on, when what got worse begins to be looked for
 

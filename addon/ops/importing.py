@@ -18,7 +18,7 @@ from ..io.cameras import read_cameras
 from ..io.edits import edits_beside
 from ..io.points import holds_points, read_points
 from ..io.qtm import USE_BLOBS, held_in, is_qtm
-from ..jobs.captures import blob_rate, told_of_capture
+from ..jobs.job import blob_rate, told_of_capture
 from ..props import refresh_review
 from ..scene import cameras as scene_cameras
 from ..scene.opened import opened

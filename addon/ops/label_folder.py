@@ -15,9 +15,9 @@ from ..core.geometry.cameras import Cameras
 from ..core.points.refusals import HOW_TO_ASK
 from ..io.batch import FAILING, TakeRow, read_table
 from ..io.cameras import write_cameras
-from ..io.names import written
 from ..io.scratch import naming_scratch, scratch_folder
-from ..jobs.batches import summary_paths
+from ..io.text import written
+from ..jobs.pages import summary_paths
 from ..props import SceneSettings, subjects_asked
 from ..scene import cameras as scene_cameras
 from ..scene.redrawing import redraw
@@ -102,7 +102,7 @@ def folder_line(settings: SceneSettings) -> tuple[list[str], Path, bool]:
     source, out = (Path(bpy.path.abspath(path)) for path in (settings.folder.path, settings.folder.out))
     if not source.is_dir():
         raise InputError("is no folder; expected one with takes", source)
-    from ..cli.label.subjects import subject_words
+    from ..cli.label.options import subject_words
 
     blobs = cameras_at_hand(bpy.context.scene)
     [table] = summary_paths(out, (), True, False)[:1]

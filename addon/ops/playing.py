@@ -9,8 +9,8 @@ from bpy.props import BoolProperty, IntProperty, StringProperty
 
 from ..core.data.errors import InputError
 from ..core.review.changes import summary_of_changes
-from ..io.changed import changes_of_part
-from ..io.motion_cache import check_cache
+from ..io.labels import changes_of_part
+from ..io.poses import check_cache
 from ..io.qtm import USE_POINTS
 from ..jobs import LabelJob, Labelled, part_job
 from ..props import refresh_review

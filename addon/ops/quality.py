@@ -6,8 +6,8 @@ from collections.abc import Generator
 import bpy
 from bpy.props import IntProperty
 
-from ..io.json_text import json_text
 from ..io.models import open_model
+from ..io.text import json_text
 from ..jobs.quality import judge_placement
 from ..scene import naming
 from ..scene.markerset_edit import edited_collection, read_markerset

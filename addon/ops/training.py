@@ -19,8 +19,8 @@ from ..core.data.wording import count_of
 from ..core.review.doubtful import doubtful_samples
 from ..core.training.looked_at import learnable
 from ..io.markersets import SUFFIX
-from ..io.names import written
 from ..io.points import read_points, write_c3d
+from ..io.text import written
 from ..prefs import markerset_folder, taught_by
 from ..props import ReviewState, SceneSettings, choose_own, chosen_markerset, chosen_model, own_model
 from ..scene.stored import Stored
@@ -119,7 +119,7 @@ class MOCAP_AUTOLABEL_OT_adopt_model(Ours, bpy.types.Operator):
         return "" if context.window_manager.mocap_autolabel.candidate else "Train a marker set on first"
 
     def work(self, context):
-        from ..jobs.versions import adopt
+        from ..jobs.models import adopt
 
         state = context.window_manager.mocap_autolabel
         out = adopt(Path(state.candidate))
@@ -264,7 +264,7 @@ def train_steps(settings: SceneSettings) -> Generator[float, None, dict]:
 
 def _teacher() -> str:
     """Who teaches the model, for its history."""
-    from ..jobs.versions import system_user
+    from ..jobs.models import system_user
 
     return taught_by() or system_user()
 

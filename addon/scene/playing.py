@@ -18,8 +18,8 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet, Worn
 from ..core.data.takes import Suspect
-from ..io.motion_cache import CACHING, cache_mark, check_cache, write_cache
-from ..io.names import written
+from ..io.poses import PART_BYTES, cache_mark, check_cache, write_cache
+from ..io.text import written
 from . import armature as armatures
 from . import naming
 from .body import add_body
@@ -123,7 +123,7 @@ def show_playing(context: bpy.types.Context, take: Playing, cache: Path) -> bpy.
 def _frames(take: Playing, bones: list[_Bones], vertices: int, seen: np.ndarray) -> Iterator[np.ndarray]:
     """The vertices (n, V, 3) of all frames, part by part; notes who is `seen` (M,)."""
     count = len(seen)
-    size = max(CACHING.part_bytes // (200 * vertices), 1)
+    size = max(PART_BYTES // (200 * vertices), 1)
     for part, joints, rotations in take.poses.parts(size):
         found = np.zeros((len(joints), vertices, 3))
         found[:, :count] = take.markers(part)

@@ -8,7 +8,7 @@ import bpy
 from ..core.data.wording import count_of
 from ..io.batch import AT_WORK, FAILING, WAITING
 from ..io.markersets import SUFFIX
-from ..io.names import written
+from ..io.text import written
 from ..ops.importing import cameras_at_hand
 from ..ops.reposing import words_behind
 from ..props import OWN_FILE

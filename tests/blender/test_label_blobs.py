@@ -83,8 +83,8 @@ def test_a_take_whose_keys_would_fill_the_memory_is_refused_as_soon_as_that_is_k
     """Once it has so many frames, or half of the file has shown twice as many."""
     poses, jobs = (importlib.import_module(f"{extension}.addon.{name}") for name in ("io.poses", "jobs.blobs"))
     keys = 3 * len(files.names) + 7 * files.motion.joints.shape[1]
-    options = replace(poses.PLAYING, most_shown=most * keys, foreseen_from=30, foreseen=foreseen)
-    monkeypatch.setattr(poses, "PLAYING", options)
+    for name, value in (("MOST_SHOWN", most * keys), ("FORESEEN_FROM", 30), ("FORESEEN", foreseen)):
+        monkeypatch.setattr(poses, name, value)
     read = jobs.read_blobs
     half = (lambda *given: (replace(rows, fraction=0.5) for rows in read(*given))) if foreseen == 1 else read
     monkeypatch.setattr(jobs, "read_blobs", half)

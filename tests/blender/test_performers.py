@@ -3,7 +3,6 @@
 
 import importlib
 import shutil
-from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -233,7 +232,7 @@ def test_keys_of_two_that_would_fill_the_memory_are_refused_before_anybody_is_na
         importlib.import_module(f"{extension}.addon.{name}") for name in ("io.poses", "core.points.several.pipeline")
     )
     most = FRAMES * (3 * len(worn) + 7 * len(worn.skeleton)) * 3 // 2
-    monkeypatch.setattr(poses, "PLAYING", replace(poses.PLAYING, most_shown=most))
+    monkeypatch.setattr(poses, "MOST_SHOWN", most)
     monkeypatch.setattr(pipeline, "cut", lambda *_, **__: pytest.fail("it was begun"))
     refused(f"has {FRAMES} frames, whose keys .* expected at most 30: choose a part", "label")
 

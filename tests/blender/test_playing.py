@@ -155,7 +155,7 @@ def long(extension, tmp_path, monkeypatch):
 
     def opened_take(kind, *words):
         who = () if "--subject" in words else ("--model", WORN)
-        monkeypatch.setattr(pose_files, "PLAYING", replace(pose_files.PLAYING, most_keys=100))
+        monkeypatch.setattr(pose_files, "MOST_KEYS", 100)
         source = ["pair.c3d"] if kind == "points" else ["seen.csv", "--cameras", "room.toml"]
         monkeypatch.chdir(tmp_path)  # where the names of files begin
         assert command(["label", *source, *who, "--blend", "--out", "out", *words]) == 0

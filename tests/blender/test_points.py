@@ -248,7 +248,7 @@ def test_a_take_whose_keys_would_fill_the_memory_is_refused_and_a_part_of_it_is_
     poses = importlib.import_module(f"{extension}.addon.io.poses")
     settings = imported.scene.mocap_autolabel
     keys = 3 * len(open_markerset(files.markerset)) + 7 * 9
-    monkeypatch.setattr(poses, "PLAYING", replace(poses.PLAYING, most_shown=20 * keys))
+    monkeypatch.setattr(poses, "MOST_SHOWN", 20 * keys)
     refused(r"walk\.c3d: has 30 frames, .*expected at most 20: .*Label Folder", "label")
     assert settings.take is None
     settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 101, 120

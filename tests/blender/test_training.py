@@ -120,7 +120,7 @@ def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, jobs_
     [job] = jobs_given.jobs
     assert [path.name for path in job.takes] == ["one.c3d", "two.c3d"]
     assert (job.name, job.base, job.overwrite, job.kept) == ("mine", None, False, ())
-    assert job.by == importlib.import_module(f"{extension}.addon.jobs.versions").system_user() != ""
+    assert job.by == importlib.import_module(f"{extension}.addon.jobs.models").system_user() != ""
     assert [name for name, _ in job.subjects] == ["ann [2]", files.folder.name]
     assert [row.name for row in listed.window_manager.mocap_autolabel.doubts] == ["one subject"]
     settings.training.train_on = True

@@ -11,7 +11,7 @@ import pytest
 
 from addon.core.data.wording import count_of
 from addon.io import html
-from addon.jobs import batches
+from addon.jobs import pages
 from tests.io.pages import read
 
 FEW = ("--frames", "100:103")
@@ -94,7 +94,7 @@ def test_a_page_over_takes_that_cannot_be_written_costs_nothing_else(label, take
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(batches, "write_folder_page", full)
+    monkeypatch.setattr(pages, "write_folder_page", full)
     answer = label(*FEWEST, "--html", "--json", blobs=takes("one", "two"))
     assert "No space left on device" in answer.reason
     assert [report["take"] for report in json.loads(answer.out)["takes"]] == ["one", "two"]

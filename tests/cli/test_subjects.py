@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 
 from addon.cli.label import add_parser
-from addon.cli.label.asked import as_job, command_for
+from addon.cli.label.checks import as_job, command_for
 from addon.cli.label.farm import _for_elsewhere
-from addon.cli.label.subjects import settle_subjects
+from addon.cli.label.options import settle_subjects
 from addon.core.data.takes import Points
 from addon.core.points.several.wearers import is_subject_name
 from addon.io.markersets import markerset_file, open_markerset
 from addon.io.points import read_points, write_c3d
-from addon.jobs.resuming import made_of
+from addon.jobs.job import made_of
 from tests.inputs.walkers import RATE, WORN, write_pair, write_seen
 
 from .conftest import report_of, rows_of

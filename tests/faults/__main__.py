@@ -24,8 +24,7 @@ from functools import partial
 from pathlib import Path
 from random import Random
 
-from addon.io.turns import TURN
-from addon.io.whole import LIST, PART
+from addon.io.whole import LIST, PART, TURN
 
 from .stage import ROOT, SUMMARIES, TABLE, TAKES, Run, Said, Stage, content, files_of, wait_for_a_moment
 

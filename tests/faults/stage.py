@@ -19,7 +19,7 @@ import numpy as np
 from addon.capturing import cut
 from addon.cli import workers
 from addon.core.data.takes import Points
-from addon.demo.take import MODEL, STAGE, make_performance
+from addon.demo.take import MODEL, STAGE_RATE, make_performance
 from addon.io.batch import read_table
 from addon.io.html import is_page
 from addon.io.markersets import open_markerset
@@ -91,7 +91,7 @@ class Stage:
         performance = make_performance(open_markerset(MODEL))
         for name, frames in TAKES.items():
             take = cut(performance.take, frames)
-            points = Points(take.names, take.xyz, np.zeros(take.xyz.shape[:2]), STAGE.rate, take.first_frame)
+            points = Points(take.names, take.xyz, np.zeros(take.xyz.shape[:2]), STAGE_RATE, take.first_frame)
             write_c3d(self.inputs / f"{name}.c3d", points)
         begin, out = time.monotonic(), folder / "made"
         said = self.start(self.words(tuple(TAKES), out), folder / "temporary").said()

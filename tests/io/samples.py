@@ -12,9 +12,8 @@ from addon.core.geometry.cameras import Cameras
 from addon.core.papers.partial_solvers.model import Classifiers, PartialSolvers, Record, Solver, Strong
 from addon.core.points.history import CheckedTake, ModelHistory, ModelVersion, TaughtTake
 from addon.core.points.models import Model, TrainingTake
-from addon.io.cameras import write_cameras
+from addon.io.cameras import Z_UP_FROM_Y_UP, write_cameras
 from addon.io.points import write_c3d, write_trc
-from addon.io.rig import Z_UP_FROM_Y_UP
 from tests.core.toybody import toy_markerset
 from tests.io.c3d_layouts import DEC, MIPS, Layout
 from tests.io.qtm_file import FILLED, MEASURED, Recording, Trajectory, write_qtm

@@ -14,7 +14,7 @@ from addon.core.data.errors import InputError
 from addon.core.data.takes import Points
 from addon.io.c3d import write_c3d_file
 from addon.io.points import holds_points, marker_columns, read_points, write_c3d, write_trc
-from addon.io.trc import read_trc
+from addon.io.textpoints import read_trc
 from addon.io.whole import whole_file
 from addon.io.world import guess_unit, up_rotation
 from tests import recorded
@@ -217,7 +217,7 @@ def test_trc_heads_of_other_programs(tmp_path, head, promised):
     take = read_trc(path)
     assert take.labels == ["A", "B b", "C"]
     assert take.first_frame == 1
-    xyz, _ = dense(take.frames, 3, take.parts)
+    xyz, _ = dense(take.frames, 3, take.parts())
     np.testing.assert_array_equal(xyz[0], np.arange(1, 10).reshape(3, 3))
     np.testing.assert_array_equal(np.isnan(xyz[1, :, 0]), [False, True, False])
 

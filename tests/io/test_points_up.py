@@ -6,8 +6,7 @@ import pytest
 
 from addon.core.data.takes import Points
 from addon.io.points import read_points, write_trc
-from addon.io.points_up import SIGNED_AXES, UNSURE_WORDS, find_up
-from addon.io.world import up_rotation
+from addon.io.world import SIGNED_AXES, UNSURE_WORDS, find_up, up_rotation
 from tests import recorded
 from tests.io.c3d_layouts import Layout
 

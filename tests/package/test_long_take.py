@@ -2,7 +2,6 @@
 """A long take in a real Blender that has no extension: `tours/play_long.py` plays it, this file judges it."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +23,7 @@ def saved(folder: Path) -> Path:
     pytest.importorskip("bpy", reason="what saves the take")
     write_virtual_points(folder, FRAMES)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(poses, "PLAYING", replace(poses.PLAYING, most_keys=100))
+        patch.setattr(poses, "MOST_KEYS", 100)
         for _ in label_file(LabelJob(folder / "walk.c3d", None, "body26", folder / "out", blend=True)):
             pass
     return folder / "out"

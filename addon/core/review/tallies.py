@@ -28,13 +28,13 @@ OVERVIEW = OverviewOptions()
 
 
 class TimeBins:
-    """Values (F, …) of frames one after the other, `join`ed over so many columns of equal length at most.
+    """Values (F, …) of frames one after the other, added up in so many columns of equal length at most.
 
     values  (columns, …), of which `used` hold something; width is how many frames a column is of
     """
 
-    def __init__(self, *shape: int, join: np.ufunc = np.add, columns: int = OVERVIEW.columns):
-        self.join, self.width, self.frames = join, 1, 0
+    def __init__(self, *shape: int, columns: int = OVERVIEW.columns):
+        self.width, self.frames = 1, 0
         self.values = np.zeros((columns, *shape))
 
     @property
@@ -47,13 +47,13 @@ class TimeBins:
         if not len(values):
             return
         while self.frames + len(values) > self.width * len(self.values):
-            half = self.join(self.values[::2], self.values[1::2])
+            half = self.values[::2] + self.values[1::2]
             self.values[: len(half)], self.values[len(half) :] = half, 0
             self.width *= 2
         column = (self.frames + np.arange(len(values))) // self.width
         starts = np.flatnonzero(np.diff(column, prepend=-1))
         at = column[starts]
-        self.values[at] = self.join(self.values[at], self.join.reduceat(values, starts, axis=0, dtype=float))
+        self.values[at] += np.add.reduceat(values, starts, axis=0, dtype=float)
         self.frames += len(values)
 
 
@@ -79,31 +79,3 @@ class Lengths:
             return float("nan")
         place = int(np.searchsorted(np.cumsum(counts), share * counts.sum()))
         return float(OVERVIEW.least * 10 ** ((min(place, len(counts) - 1) + 0.5) / OVERVIEW.per_decade))
-
-
-class LengthLog:
-    """One kind of length over a take, such as residuals, mm: how they are spread, and by time."""
-
-    def __init__(self):
-        self.spread = Lengths()
-        self.sums, self.largest = TimeBins(2), TimeBins(join=np.maximum)
-
-    def add(self, lengths: np.ndarray):
-        """Adds frames (F, M) of lengths, m; what is not above zero was not measured."""
-        millimetres = 1000 * np.where(lengths > 0, lengths, np.nan)
-        self.spread.add(millimetres.ravel())
-        known = np.isfinite(millimetres)
-        filled = np.where(known, millimetres, 0.0)
-        self.sums.add(np.column_stack([filled.sum(axis=1), known.sum(axis=1)]))
-        self.largest.add(filled.max(axis=1, initial=0.0))
-
-    @property
-    def any(self) -> bool:
-        """Whether anything was measured."""
-        return bool(self.spread.counts.any())
-
-    @property
-    def means(self) -> np.ndarray:
-        """(columns,) mm, NaN where nothing was measured."""
-        total, count = self.sums.values[: self.sums.used].T
-        return np.where(count > 0, total / np.maximum(count, 1), np.nan)

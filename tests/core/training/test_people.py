@@ -20,8 +20,8 @@ from addon.core.training.pipeline import TrainingOptions, train
 from addon.core.training.poses import known_poses, posed_bodies
 from addon.core.training.takes import LabelledTake
 from addon.demo.take import make_performance
-from addon.io.likelihood import document_of
 from addon.io.markersets import open_markerset
+from addon.io.models import likelihood_document
 
 FRAMES = 100
 # A plate of four markers on each of these segments, heights off the middle of its bone.
@@ -138,4 +138,4 @@ def test_points_are_named_the_same_however_the_subject_is_drawn(known, monkeypat
     assert whole.body == "the body of body26, by how the markers move"
     assert any(doubt.startswith("no person's body was found") for doubt in groups.doubts)
     assert not any(doubt.startswith("no person's body was found") for doubt in whole.doubts)
-    assert document_of(groups.model.likelihood) == document_of(whole.model.likelihood)
+    assert likelihood_document(groups.model.likelihood) == likelihood_document(whole.model.likelihood)
