@@ -10,17 +10,17 @@ from ..core.data.errors import InputError
 from ..jobs.refine import Refined, RefineJob, refine_file
 from ..props import chosen_model, frames_wanted
 from ..scene import cameras as scene_cameras
-from ..scene.calibration import show_refined
-from .importing import cameras_at_hand
+from ..scene.cameras import show_refined
+from .base import unless
+from .importing import lacks_cameras
 from .stepping import WorksInSteps, beside
 
 ENDING = ".refined.toml"
+BLOBS_FIRST = "Import the blobs first: the cameras are refined by them"
 
 
 class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
     """Move and turn the cameras so that the take's own named blobs meet; a new calibration is written beside them."""
-
-    bl_label = "Refine Calibration"
 
     filepath: StringProperty(
         name="File",
@@ -31,14 +31,11 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
 
     doing = "Refining the calibration"
 
-    @classmethod
-    def lacks(cls, context):
-        settings = context.scene.mocap_autolabel
-        if settings.source.points_path:
-            return "3D points need no cameras"
-        if not cameras_at_hand(context.scene):
-            return "Import the calibration of the cameras first"
-        return "" if settings.source.blobs_path else "Import the blobs first: the cameras are refined by them"
+    needs = (
+        unless(lambda context: not context.scene.mocap_autolabel.source.points_path, "3D points need no cameras"),
+        lacks_cameras,
+        unless(lambda context: context.scene.mocap_autolabel.source.blobs_path, BLOBS_FIRST),
+    )
 
     def steps(self, context):
         """The refining."""

@@ -15,8 +15,8 @@ from ..scene.stored import Stored
 from ..scene.trouble import trouble_of
 from .base import WithTake, taken
 from .correcting import correct
-from .framing import bring_into_view
 from .picking import dots_here, show_picked
+from .viewing import bring_into_view
 
 # The operators for what no edit mends; a button is there where the operator is.
 ELSEWHERE = {
@@ -91,27 +91,17 @@ def _select(context: bpy.types.Context, trouble: Trouble, stored: Stored):
     """Picks the markers and trajectories of a trouble, and selects its cameras."""
     if context.mode != "OBJECT":
         return
-    scene, cameras = context.scene, context.scene.mocap_autolabel.source.cameras
+    cameras, points = context.scene.mocap_autolabel.source.cameras, []
     markers = [stored.words[name] for name in trouble.markers if name in stored.words]
-    show_picked(context, stored, _points_of(scene, trouble, stored, markers), markers)
+    if isinstance(stored.rows, PointRows):
+        dots = dots_here(stored, context.scene)
+        meant = np.isin(dots.marker, markers) | dots.of(trouble.trajectories)
+        points = dots.trajectory[meant & (dots.trajectory != NO_POINT)].tolist()
+    show_picked(context, stored, points, markers)
     for item in cameras.all_objects if cameras is not None and trouble.cameras else ():
         if item.type == "CAMERA" and camera_name(item) in trouble.cameras and item.name in context.view_layer.objects:
             item.select_set(True)
             context.view_layer.objects.active = item
-
-
-def _points_of(scene: bpy.types.Scene, trouble: Trouble, stored: Stored, markers: list[int]) -> list[int]:
-    """The trajectories in the current frame of some markers, and those of a trouble."""
-    if not isinstance(stored.rows, PointRows):
-        return []
-    dots = dots_here(stored, scene)
-    meant = np.isin(dots.marker, markers) | np.isin(dots.trajectory, trouble.trajectories)
-    return dots.trajectory[meant & (dots.trajectory != NO_POINT)].tolist()
-
-
-def say(context: bpy.types.Context, edits: list[Edit]):
-    """Adds edits to those of the active take, and shows what follows."""
-    correct(context, taken(context).edits.added(*edits))
 
 
 class OfTrouble(WithTake):
@@ -141,8 +131,6 @@ class MOCAP_AUTOLABEL_OT_show_trouble(OfTrouble, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_next_trouble(OfTrouble, bpy.types.Operator):
     """Go to the next trouble that is listed and open."""
 
-    bl_label = "Next Trouble"
-
     back: BoolProperty(name="Back", description="To the one before", options={"SKIP_SAVE"})
 
     def work(self, context):
@@ -168,7 +156,7 @@ class MOCAP_AUTOLABEL_OT_accept_trouble(OfTrouble, bpy.types.Operator):
     bl_label = "It Is Right"
 
     def work(self, context):
-        say(context, self.trouble(context).answers())
+        correct(context, taken(context).edits.added(*self.trouble(context).answers()))
 
 
 class MOCAP_AUTOLABEL_OT_mend_trouble(OfTrouble, bpy.types.Operator):
@@ -179,7 +167,7 @@ class MOCAP_AUTOLABEL_OT_mend_trouble(OfTrouble, bpy.types.Operator):
     def work(self, context):
         trouble = self.trouble(context)
         if edits := mending(trouble):
-            say(context, edits)
+            correct(context, taken(context).edits.added(*edits))
             return {"FINISHED"}
         name = operator_of(trouble)
         if not name:

@@ -7,29 +7,20 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
 
 from ..core.data.takes import NO_MARKER
+from ..scene.opened import opened
 from ..scene.redrawing import redraw
 from ..scene.take import is_take
 from ..scene.trajectories import FOLDED, KeptRows, Runs
 from .base import Ours, WithTake, taken
-from .framing import fit_timelines
+from .gestures import Drags, window_region
 from .picking import picked_points, selected_markers, show_picked
+from .viewing import fit_timelines
 
-SCRUB_HEIGHT, ROW_HEIGHT, LEGEND_HEIGHT = (
-    24,
-    17,
-    22,
-)  # px of the interface; the first is Blender's, of the frame numbers
+# px of the interface; the first is Blender's, of the frame numbers
+SCRUB_HEIGHT, ROW_HEIGHT, LEGEND_HEIGHT = 24, 17, 22
 DRAG = 4  # px of the interface that the mouse moves before a click is a drag
 WHEEL_ROWS = 3  # rows that a notch of the wheel scrolls
 MIN_ROWS = 5  # that there must be room for beside a legend
-
-
-_kept = KeptRows()
-
-
-def forget_rows():
-    """Lets go of the rows: another file was loaded, or the extension ends."""
-    _kept.forget()
 
 
 def timeline_shown(context: bpy.types.Context) -> bool:
@@ -41,7 +32,9 @@ def timeline_shown(context: bpy.types.Context) -> bool:
 
 def shown_runs(context: bpy.types.Context) -> Runs:
     """The rows of the active take."""
-    return _kept.runs(taken(context), context.window_manager.mocap_autolabel.timeline_unfolded)
+    stored = taken(context)
+    _, rows = opened.looked_at.setdefault("rows", (stored, KeptRows()))
+    return rows.runs(stored, context.window_manager.mocap_autolabel.timeline_unfolded)
 
 
 @dataclass(frozen=True)
@@ -146,7 +139,7 @@ def select_range(scene: bpy.types.Scene, first: int, last: int):
     scene.frame_preview_start = first
 
 
-class MOCAP_AUTOLABEL_OT_timeline_click(OnTimeline, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_timeline_click(Drags, OnTimeline, bpy.types.Operator):
     """Click a row to go there and pick; drag along it to select a range; a click on the short ones unfolds them."""
 
     bl_label = "Pick or Select a Range in the Timeline"
@@ -171,17 +164,7 @@ class MOCAP_AUTOLABEL_OT_timeline_click(OnTimeline, bpy.types.Operator):
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
-    def modal(self, context, event):
-        if event.type in ("ESC", "RIGHTMOUSE"):
-            self._take_back(context.scene)
-            return {"CANCELLED"}
-        if event.type == "MOUSEMOVE":
-            self._drag(context, event)
-        if event.type == "LEFTMOUSE" and event.value == "RELEASE":
-            return self._let_go(context, event)
-        return {"RUNNING_MODAL"}
-
-    def _drag(self, context, event):
+    def drag(self, context, event):
         """Shows the range that is dragged over, so far."""
         off = abs(event.mouse_region_x - self._x)
         if self._along and (self._dragged or off > DRAG * context.preferences.system.ui_scale):
@@ -194,7 +177,8 @@ class MOCAP_AUTOLABEL_OT_timeline_click(OnTimeline, bpy.types.Operator):
         ends = sorted((self._frame, frame_at(context.region, event.mouse_region_x)))
         return min(max(ends[0], first), last), max(min(ends[1], last), first)
 
-    def _let_go(self, context, event) -> set[str]:
+    def let_go(self, context, event) -> set[str]:
+        """Picks the row, or selects the range, where the button is let go."""
         runs, state = shown_runs(context), context.window_manager.mocap_autolabel
         if self._row >= len(runs):
             return {"CANCELLED"}  # something else made the rows fewer meanwhile
@@ -207,7 +191,7 @@ class MOCAP_AUTOLABEL_OT_timeline_click(OnTimeline, bpy.types.Operator):
             return {"FINISHED"}
         marker = runs.names[self._row] if runs.marker[self._row] != NO_MARKER else ""
         if self._dragged:
-            self._take_back(context.scene)  # so that undo goes back to what was there before the drag
+            self.cancel(context)  # so that undo goes back to what was there before the drag
         if context.mode != "OBJECT":
             context.scene.frame_set(first)
             return {"FINISHED"}
@@ -221,12 +205,12 @@ class MOCAP_AUTOLABEL_OT_timeline_click(OnTimeline, bpy.types.Operator):
             extend=self.extend,
         )
 
-    def _take_back(self, scene: bpy.types.Scene):
+    def cancel(self, context):
         """Gives the scene the preview range that it had."""
         if self._dragged:
             used, first, last = self._before
-            select_range(scene, first, last)
-            scene.use_preview_range = used
+            select_range(context.scene, first, last)
+            context.scene.use_preview_range = used
 
 
 class MOCAP_AUTOLABEL_OT_timeline_scroll(OnTimeline, bpy.types.Operator):
@@ -248,8 +232,7 @@ class MOCAP_AUTOLABEL_OT_timeline_scroll(OnTimeline, bpy.types.Operator):
         return self.execute(context)
 
     def work(self, context):
-        region = next(region for region in context.area.regions if region.type == "WINDOW")
-        scroll_by(context, region, self.rows)
+        scroll_by(context, window_region(context.area), self.rows)
 
 
 def scroll_by(context: bpy.types.Context, region: bpy.types.Region, rows: float):
@@ -284,7 +267,7 @@ class MOCAP_AUTOLABEL_OT_timeline_pan(OnTimeline, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def _pan(self, context, right: float, up: float):
-        region = next(region for region in context.area.regions if region.type == "WINDOW")
+        region = window_region(context.area)
         with context.temp_override(region=region):
             bpy.ops.view2d.pan("EXEC_DEFAULT", deltax=round(-right), deltay=0)
         scroll_by(context, region, up / (ROW_HEIGHT * context.preferences.system.ui_scale))

@@ -15,7 +15,6 @@ import numpy as np
 from ..core.data.copies import Copies
 from ..core.data.errors import InputError
 from ..core.filling.kept import KeptFill, fills_by_marker, put_in_marker
-from ..core.filling.smoothing import smoothed
 from . import storage
 from .naming import title
 from .stored import Stored, moved_between
@@ -119,9 +118,3 @@ def kept_cutoff(collection: bpy.types.Collection) -> float | None:
     """The cut-off, Hz, by which a take is smoothed; None where it is not."""
     value = collection.get(CUTOFF)
     return None if value is None else float(value)
-
-
-def smoothed_in(stored: Stored, cutoff: float) -> Stored:
-    """A take, its fills in it, as it is when it is smoothed; InputError where its rate has no room for the cut-off."""
-    motion = replace(stored.motion, markers=smoothed(stored.motion.markers, stored.rate, cutoff))
-    return replace(stored, measured=stored.unfilled, motion=motion, cutoff=cutoff)

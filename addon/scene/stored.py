@@ -103,6 +103,16 @@ class Stored:
         """(F,) True where the body was posed on other labels."""
         return np.zeros(len(self.motion.frames), bool) if self.posed_on is None else self.posed_on != self.label_digests
 
+    def index_of(self, current: int) -> int:
+        """Which of the take's frames Blender's current one is; -1 outside."""
+        frames = self.motion.frames
+        at = current - self.shift - int(frames[0]) if len(frames) else -1
+        return at if 0 <= at < len(frames) else -1
+
+    def index_here(self, current: int) -> int:
+        """The same; InputError outside the take."""
+        return self.source_frame(current) - int(self.motion.frames[0])
+
     def source_frame(self, current: int) -> int:
         """Blender's current frame in the source's numbers; InputError outside the take."""
         frame, first, last = current - self.shift, int(self.motion.frames[0]), int(self.motion.frames[-1])

@@ -92,7 +92,7 @@ def test_points_are_seen_before_they_are_labelled(imported, files):
         overlay = importlib.import_module("bl_ext.mocap_tests.mocap_autolabel.addon.ui.overlay")
         marks = importlib.import_module("bl_ext.mocap_tests.mocap_autolabel.addon.ui.marks")
         stored = overlay.shown(imported.scene)
-        seen = marks.point_marks(stored, marks.frame_index(stored, frame))
+        seen = marks.point_marks(stored, stored.index_of(frame))
         assert len(seen.unnamed) == expected
 
 
@@ -269,8 +269,7 @@ def test_a_saved_file_opens_with_its_points(imported, naming_known, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.open_mainfile(filepath=path)
     settings = bpy.context.scene.mocap_autolabel
-    takes = importlib.import_module("addon.scene.take")
-    stored = takes.stored_take(settings.take, bpy.context.scene)
+    stored = importlib.import_module("addon.scene.opened").Opened().take(settings.take, bpy.context.scene)
     assert stored.rows.xyz.shape == (len(stored.rows), 3)
     assert len(stored.rows) > 13 * 25
     assert len(bpy.context.window_manager.mocap_autolabel.markers) == 13

@@ -15,6 +15,7 @@ from addon.core.data.takes import Labels
 from addon.core.points.motion import motion_of
 from addon.io.markersets import open_markerset, write_markerset
 from addon.scene import take as takes
+from addon.scene.opened import Opened
 from addon.scene.stored import digests_of
 
 from .conftest import write_walk
@@ -53,7 +54,7 @@ def reposing(extension):
 @pytest.fixture
 def later(extension, monkeypatch):
     """Lets nothing follow an edit by itself, as in a window until it has time."""
-    for name in ("ops.correcting", "ops.labelling", "ui.handlers"):
+    for name in ("ops.correcting", "ops.labelling", "ui"):
         monkeypatch.setattr(importlib.import_module(f"{extension}.addon.{name}"), "follow_soon", lambda **_: None)
 
 
@@ -134,7 +135,7 @@ def test_digests_tell_labels_apart(made):
 
 def anew(collection) -> np.ndarray:
     """(F, J, 3) m the joints of a body that is fitted to the markers of a take of one as they are."""
-    stored = takes.stored_take(collection, bpy.context.scene)
+    stored = Opened().take(collection, bpy.context.scene)
     points = Labels.none(len(stored.motion.frames), len(stored.names))  # whose confidence alone is asked for
     own = stored.unfilled
     return motion_of(own.markers, own.residual, points, open_markerset("body26"), own.frames).joints
@@ -259,8 +260,7 @@ def test_until_then_viewport_panel_and_export_dialog_say_that_the_body_is_out_of
     def said() -> list[str]:
         canvas, layout = Written(), Written()
         monkeypatch.setattr(overlay, "Canvas", lambda _: canvas)
-        for name in ("draw_laid_out", "draw_frame"):
-            monkeypatch.setattr(overlay, name, lambda *_: None)
+        monkeypatch.setattr(overlay, "draw_frame", lambda *_: None)
         space = SimpleNamespace(overlay=SimpleNamespace(show_overlays=True))
         own = {name: getattr(bpy.context, name) for name in ("scene", "mode", "view_layer")}
         monkeypatch.setattr(overlay, "bpy", SimpleNamespace(context=SimpleNamespace(**own, space_data=space)))
@@ -269,7 +269,7 @@ def test_until_then_viewport_panel_and_export_dialog_say_that_the_body_is_out_of
         panel = Written()
         monkeypatch.setattr(panels, "draw_text", lambda _context, _layout, words, icon: panel.label(words))
         for name in ("review", "character"):
-            getattr(panels, f"MOCAP_AUTOLABEL_PT_{name}").draw(SimpleNamespace(layout=Any()), bpy.context)
+            getattr(panels, name).draw(SimpleNamespace(layout=Any()), bpy.context)
         return [*canvas.words, *layout.words, *panel.words]
 
     assert said() == []

@@ -61,11 +61,12 @@ def test_a_blender_file_keeps_numbers_that_blender_cannot_count(label, room, tmp
     import bpy
 
     from addon.scene import take as takes
+    from addon.scene.opened import Opened
 
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "moved.blend"))
     scene = bpy.context.scene
     (collection,) = takes.takes_of(scene)
-    kept = takes.stored_take(collection, scene)
+    kept = Opened().take(collection, scene)
     assert kept.motion.frames.tolist() == list(range(FAR + 100, FAR + 120))
     assert (kept.motion.frames[0] + kept.shift, scene.frame_start, scene.frame_end) == (1, 1, 20)
 

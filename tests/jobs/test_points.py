@@ -123,15 +123,16 @@ def test_the_take_as_a_whole_overrules_frames_that_exchange_two_markers(source, 
 def test_a_saved_file_shows_what_stayed_unnamed(source, of_two_minds):
     import bpy
 
-    from addon.scene.cloud import cloud_points
-    from addon.scene.take import stored_take, takes_of
+    from addon.scene.opened import Opened
+    from addon.scene.storage import cloud_points
+    from addon.scene.take import takes_of
 
     out = label(source, blend=True)
     bpy.ops.wm.open_mainfile(filepath=str(out / "walk.blend"))
     [collection] = takes_of(bpy.context.scene)
     [cloud] = [thing for thing in collection.all_objects if thing.modifiers]
     np.testing.assert_allclose(cloud_points(cloud.data), np.ones((FRAMES, 3)), atol=1e-5)
-    stored = stored_take(collection, bpy.context.scene)
+    stored = Opened().take(collection, bpy.context.scene)
     assert isinstance(stored.rows, PointRows)
     assert stored.rows.xyz.shape == (16 * FRAMES, 3)
     np.testing.assert_allclose(stored.rows.residual, 0.0015, rtol=1e-5)

@@ -17,7 +17,7 @@ FROM_RIGHT = 50  # px from the sidebar's right end to the middle of the cross be
 
 def walk(seen: dict) -> Iterator[float]:
     """Start, stop, go on, open the take."""
-    opened(module("ui.panels").MOCAP_AUTOLABEL_PT_label_folder)
+    opened(module("ui.panels").label_folder)
     bpy.ops.mocap_autolabel.import_cameras(filepath=TASK["cameras"])
     given = settings()
     given.subjects.markerset, given.source.rate, given.folder.watch = TASK["markerset"], 60, True
