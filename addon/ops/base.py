@@ -4,6 +4,7 @@
 from collections.abc import Callable, Iterable, Iterator
 from functools import wraps
 from pathlib import Path
+from typing import Any
 
 import bpy
 from bpy.props import StringProperty
@@ -144,6 +145,11 @@ def lacks_one_performer(context: bpy.types.Context) -> str:
     """What to do with a take of several performers, where there has to be one; else nothing."""
     several = bool(homes(context.scene.mocap_autolabel.take))
     return "The take is of several performers: export one of them as C3D, and train on that" if several else ""
+
+
+def once(kind: Callable[..., Any], name: str, description: str, **more: Any) -> Any:
+    """A property that an operator is told each time: it does not keep the value of the last."""
+    return kind(name=name, description=description, options={"SKIP_SAVE"}, **more)
 
 
 def remove_chosen(group: bpy.types.PropertyGroup, name: str):

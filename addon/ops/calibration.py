@@ -11,7 +11,7 @@ from ..jobs.refine import Refined, RefineJob, refine_file
 from ..props import chosen_model, frames_wanted
 from ..scene import cameras as scene_cameras
 from ..scene.cameras import show_refined
-from .base import unless
+from .base import once, unless
 from .importing import lacks_cameras
 from .stepping import WorksInSteps, beside
 
@@ -22,11 +22,8 @@ BLOBS_FIRST = "Import the blobs first: the cameras are refined by them"
 class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
     """Move and turn the cameras so that the take's own named blobs meet; a new calibration is written beside them."""
 
-    filepath: StringProperty(
-        name="File",
-        description="The .toml to write; beside the blobs where none is given",
-        subtype="FILE_PATH",
-        options={"SKIP_SAVE"},
+    filepath: once(
+        StringProperty, "File", "The .toml to write; beside the blobs where none is given", subtype="FILE_PATH"
     )
 
     doing = "Refining the calibration"

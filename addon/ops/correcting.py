@@ -36,7 +36,7 @@ from ..scene.picking import dots_of, likely_markers
 from ..scene.redrawing import redraw
 from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
-from .base import OfTake, keeps_items, taken, unless
+from .base import OfTake, keeps_items, once, taken, unless
 from .picking import picked_points, selected_markers, show_picked
 from .reposing import follow_soon
 
@@ -281,7 +281,7 @@ class HasEdits(OfTake):
 class MOCAP_AUTOLABEL_OT_remove_correction(HasEdits, bpy.types.Operator):
     """Take a correction back: the labels are as if it had never been made."""
 
-    index: IntProperty(name="Index", description="Which of the list, from 0", min=0, options={"SKIP_SAVE"})
+    index: once(IntProperty, "Index", "Which of the list, from 0", min=0)
 
     def work(self, context):
         edits = taken(context).edits

@@ -25,7 +25,7 @@ from ..scene.opened import opened
 from ..scene.performers import Performer
 from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
-from .base import OfTake, taken, takes_of_file, unless
+from .base import OfTake, once, taken, takes_of_file, unless
 from .correcting import selected_markers
 from .stepping import WorksInSteps
 
@@ -157,12 +157,7 @@ class MOCAP_AUTOLABEL_OT_take_back_fills(OfTake, bpy.types.Operator):
         unless(lambda context: len(context.window_manager.mocap_autolabel.fills), "Nothing was filled"),
     )
     extent: extent_property("Which fills to take back")
-    index: IntProperty(
-        name="Index",
-        description="Which of the list alone, from 0; -1 for the extent",
-        default=-1,
-        options={"SKIP_SAVE"},
-    )
+    index: once(IntProperty, "Index", "Which of the list alone, from 0; -1 for the extent", default=-1)
 
     def work(self, context):
         stored = taken(context)

@@ -24,7 +24,7 @@ from ..scene import cameras as scene_cameras
 from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
 from ..scene.take import frame_shift, set_time
-from .base import Ours, unless
+from .base import Ours, once, unless
 from .viewing import MAX_PLACES, fit_timelines, show_take_whole
 
 BLOBS, POINTS = "*.csv;*.qtm", "*.c3d;*.trc;*.csv;*.qtm"
@@ -50,7 +50,7 @@ class ImportsFile(Ours, ImportHelper):
     They differ in `take_in`, which makes a file part of the scene and says what is in it; UserError if it cannot.
     """
 
-    filepath: StringProperty(name="File", description="The file to read", subtype="FILE_PATH", options={"SKIP_SAVE"})
+    filepath: once(StringProperty, "File", "The file to read", subtype="FILE_PATH")
 
     def invoke(self, context, event):
         if self.properties.is_property_set("filepath"):
@@ -66,9 +66,7 @@ class MOCAP_AUTOLABEL_OT_import_cameras(ImportsFile, bpy.types.Operator):
 
     bl_label = "Import Calibration"
     filter_glob: StringProperty(default=CALIBRATIONS.replace(".", "*."), options={"HIDDEN"}, maxlen=255)
-    up: EnumProperty(
-        name="Up", description="The axis that points up in the calibration", items=UP_ITEMS, options={"SKIP_SAVE"}
-    )
+    up: once(EnumProperty, "Up", "The axis that points up in the calibration", items=UP_ITEMS)
 
     def take_in(self, context, path: Path) -> str:
         """Adds the cameras, or finds those that are there."""
@@ -107,21 +105,19 @@ class MOCAP_AUTOLABEL_OT_import_blobs(ImportsFile, bpy.types.Operator):
 class ReadsPoints:
     """What is asked of whoever reads 3D points: what is known of them better than from their file."""
 
-    up: EnumProperty(
-        name="Up", description="The axis that points up in the 3D points", items=UP_ITEMS, options={"SKIP_SAVE"}
-    )
-    rate: FloatProperty(
-        name="Rate",
-        description="Frames a second of 3D points whose file says none; 0 where it does",
+    up: once(EnumProperty, "Up", "The axis that points up in the 3D points", items=UP_ITEMS)
+    rate: once(
+        FloatProperty,
+        "Rate",
+        "Frames a second of 3D points whose file says none; 0 where it does",
         min=0.0,
         max=100_000.0,
-        options={"SKIP_SAVE"},
     )
 
-    mirror: BoolProperty(
-        name="Mirror",
-        description="Reverse an axis of 3D points whose axes are left-handed: left and right are exchanged in them",
-        options={"SKIP_SAVE"},
+    mirror: once(
+        BoolProperty,
+        "Mirror",
+        "Reverse an axis of 3D points whose axes are left-handed: left and right are exchanged in them",
     )
 
     @property
@@ -145,9 +141,7 @@ class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operato
     """Read a take to label, whether it holds blobs, 3D points, or, as a Qualisys QTM may, both."""
 
     filter_glob: StringProperty(default=POINTS, options={"HIDDEN"})
-    use: EnumProperty(
-        name="Use", description="What to label of a .qtm that holds both", items=USE_ITEMS, options={"SKIP_SAVE"}
-    )
+    use: once(EnumProperty, "Use", "What to label of a .qtm that holds both", items=USE_ITEMS)
 
     def take_in(self, context, path: Path) -> str:
         """Takes either, as the file holds it."""

@@ -31,7 +31,7 @@ from ..scene.ownership import persons_in
 from ..scene.performers import usual_colour
 from ..scene.relabelled import kept_changes, show_again
 from ..scene.take import Take
-from .base import lacks_object_mode, takes_of_file
+from .base import lacks_object_mode, once, takes_of_file
 from .filling import fills_kept, kept_before
 from .importing import cameras_at_hand
 from .reposing import follow_soon
@@ -191,10 +191,10 @@ class LabelsTake(WorksInSteps):
 class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
     """Name every marker of the take, and show it on an armature with a body."""
 
-    force: BoolProperty(
-        name="Regardless",
-        description="Name markers although something of the take cannot be as it is, for as long as it is this take",
-        options={"SKIP_SAVE"},
+    force: once(
+        BoolProperty,
+        "Regardless",
+        "Name markers although something of the take cannot be as it is, for as long as it is this take",
     )
 
     everybody: BoolProperty(

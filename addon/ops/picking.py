@@ -21,7 +21,7 @@ from ..scene.opened import opened
 from ..scene.picking import Dots, combined, dots_of, inside_box, inside_lasso, nearest, to_region
 from ..scene.stored import Stored
 from ..scene.take import holds_points, is_take
-from .base import OfTake, reports_trouble, taken
+from .base import OfTake, once, reports_trouble, taken
 from .gestures import Drags, gesture, place_in, window_region
 
 PICK_RADIUS = 20.0  # px of the interface from the mouse to a dot that is meant, as for Blender's own picking of points
@@ -162,15 +162,13 @@ class Picks(OfTake):
     """Operators that pick dots."""
 
     bl_options = {"INTERNAL"}
-    mode: EnumProperty(
-        name="Mode", description="What becomes of what was picked before", items=MODES, options={"SKIP_SAVE"}
-    )
+    mode: once(EnumProperty, "Mode", "What becomes of what was picked before", items=MODES)
 
 
 class MOCAP_AUTOLABEL_OT_pick(Picks, bpy.types.Operator):
     """Pick the dot that you point at; beside all dots, nothing."""
 
-    point: IntProperty(name="Number", description="A trajectory's, or a blob's row", min=0, options={"SKIP_SAVE"})
+    point: once(IntProperty, "Number", "A trajectory's, or a blob's row", min=0)
 
     @reports_trouble
     def invoke(self, context, event):

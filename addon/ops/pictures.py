@@ -24,7 +24,7 @@ from ..jobs.pictures import (
 )
 from ..scene import cameras as scene_cameras
 from ..scene.pictures import blobs_of_clips, clip_of, lens_of
-from .base import Ours, unless
+from .base import Ours, once, unless
 from .calibration import free_path
 from .importing import NEEDS_CAMERA, cameras_at_hand, lacks_cameras, take_blobs
 from .stepping import WorksInSteps, nothing_goes_on
@@ -40,17 +40,12 @@ FIRST_PIXEL_ITEMS = [
 class CountsPixels:
     """What is asked of whoever turns pictures into blobs: where the calibration's pixels begin, and where blobs go."""
 
-    first_pixel: EnumProperty(
-        name="(0, 0) Is",
-        description="Where the pixels of the calibration begin",
-        items=FIRST_PIXEL_ITEMS,
-        options={"SKIP_SAVE"},
-    )
-    out: StringProperty(
-        name="Blobs",
-        description="The file of blobs to write; beside the pictures where none is given",
+    first_pixel: once(EnumProperty, "(0, 0) Is", "Where the pixels of the calibration begin", items=FIRST_PIXEL_ITEMS)
+    out: once(
+        StringProperty,
+        "Blobs",
+        "The file of blobs to write; beside the pictures where none is given",
         subtype="FILE_PATH",
-        options={"SKIP_SAVE"},
     )
 
     def first_of(self, cameras: bpy.types.Collection) -> str:

@@ -28,7 +28,7 @@ from ..scene.playing import (
 )
 from ..scene.relabelled import keep_changes
 from ..scene.take import SHIFT
-from .base import Ours, unless
+from .base import Ours, once, unless
 from .importing import forget_take
 from .labelling import LabelsTake, choose_job, edits_so_far, label_steps
 
@@ -36,7 +36,7 @@ from .labelling import LabelsTake, choose_job, edits_so_far, label_steps
 class OfPlayed(Ours):
     """Operators on a take that plays from a file."""
 
-    take: StringProperty(name="Take", description="Its collection; empty for the first", options={"SKIP_SAVE"})
+    take: once(StringProperty, "Take", "Its collection; empty for the first")
 
     needs = (unless(lambda context: played_takes(context.scene), "No take here plays from a file"),)
 
@@ -57,7 +57,7 @@ class MOCAP_AUTOLABEL_OT_next_suspect(OfPlayed, bpy.types.Operator):
 
     bl_label = "Next to Look at"
 
-    back: BoolProperty(name="Back", description="To those before", options={"SKIP_SAVE"})
+    back: once(BoolProperty, "Back", "To those before")
 
     def work(self, context):
         now = context.scene.frame_current
@@ -75,11 +75,9 @@ class MOCAP_AUTOLABEL_OT_next_suspect(OfPlayed, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
     """Label a part of the take again, with keys, to correct it: the preview range, or ten seconds about here."""
 
-    first: IntProperty(name="From", description="First frame, where both are said", options={"SKIP_SAVE"})
-    last: IntProperty(name="To", description="Last frame, where both are said", options={"SKIP_SAVE"})
-    filepath: StringProperty(
-        name="Take", description="The file of the take, where it was moved", subtype="FILE_PATH", options={"SKIP_SAVE"}
-    )
+    first: once(IntProperty, "From", "First frame, where both are said")
+    last: once(IntProperty, "To", "Last frame, where both are said")
+    filepath: once(StringProperty, "Take", "The file of the take, where it was moved", subtype="FILE_PATH")
 
     needs = (*OfPlayed.needs, *LabelsTake.needs)
 

@@ -13,7 +13,7 @@ from ..props import list_trouble
 from ..scene.cameras import camera_name
 from ..scene.stored import Stored
 from ..scene.trouble import trouble_of
-from .base import WithTake, taken
+from .base import WithTake, once, taken
 from .correcting import correct
 from .picking import dots_here, show_picked
 from .viewing import bring_into_view
@@ -107,7 +107,7 @@ def _select(context: bpy.types.Context, trouble: Trouble, stored: Stored):
 class OfTrouble(WithTake):
     """Operators on one line of the list of what is the matter with the active take."""
 
-    index: IntProperty(name="Index", description="Which of the list, from 0", min=0, options={"SKIP_SAVE"})
+    index: once(IntProperty, "Index", "Which of the list, from 0", min=0)
 
     def trouble(self, context: bpy.types.Context) -> Trouble:
         """The line that is meant; InputError where there is none."""
@@ -131,7 +131,7 @@ class MOCAP_AUTOLABEL_OT_show_trouble(OfTrouble, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_next_trouble(OfTrouble, bpy.types.Operator):
     """Go to the next trouble that is listed and open."""
 
-    back: BoolProperty(name="Back", description="To the one before", options={"SKIP_SAVE"})
+    back: once(BoolProperty, "Back", "To the one before")
 
     def work(self, context):
         list_trouble()  # after a correction it comes a moment later, and its lines would not be those of the take

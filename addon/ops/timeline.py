@@ -11,7 +11,7 @@ from ..scene.opened import opened
 from ..scene.redrawing import redraw
 from ..scene.take import is_take
 from ..scene.trajectories import FOLDED, KeptRows, Runs
-from .base import Ours, WithTake, taken
+from .base import Ours, WithTake, once, taken
 from .gestures import Drags, window_region
 from .picking import picked_points, selected_markers, show_picked
 from .viewing import fit_timelines
@@ -32,9 +32,8 @@ def timeline_shown(context: bpy.types.Context) -> bool:
 
 def shown_runs(context: bpy.types.Context) -> Runs:
     """The rows of the active take."""
-    stored = taken(context)
-    _, rows = opened.looked_at.setdefault("rows", (stored, KeptRows()))
-    return rows.runs(stored, context.window_manager.mocap_autolabel.timeline_unfolded)
+    _, rows = opened.looked_at.setdefault("rows", (None, KeptRows()))
+    return rows.runs(taken(context), context.window_manager.mocap_autolabel.timeline_unfolded)
 
 
 @dataclass(frozen=True)
@@ -105,13 +104,11 @@ class MOCAP_AUTOLABEL_OT_timeline_pick(Ours, bpy.types.Operator):
     bl_label = "Pick in the Timeline"
     bl_options = {"UNDO"}  # with REGISTER, its panel would lie over the legend
 
-    marker: StringProperty(name="Marker", description="The marker to select", options={"SKIP_SAVE"})
-    trajectory: IntProperty(
-        name="Trajectory", description="Or the trajectory to pick", default=-1, options={"SKIP_SAVE"}
-    )
+    marker: once(StringProperty, "Marker", "The marker to select")
+    trajectory: once(IntProperty, "Trajectory", "Or the trajectory to pick", default=-1)
     first: IntProperty(name="First", description="The frame to go to, or the first of the range")
     last: IntProperty(name="Last", description="The last frame of the range; the first where only one is meant")
-    extend: BoolProperty(name="Extend", description="Keep what is selected", options={"SKIP_SAVE"})
+    extend: once(BoolProperty, "Extend", "Keep what is selected")
 
     @classmethod
     def poll(cls, context):
@@ -145,7 +142,7 @@ class MOCAP_AUTOLABEL_OT_timeline_click(Drags, OnTimeline, bpy.types.Operator):
     bl_label = "Pick or Select a Range in the Timeline"
     bl_options = {"INTERNAL"}
 
-    extend: BoolProperty(name="Extend", description="Keep what is selected", options={"SKIP_SAVE"})
+    extend: once(BoolProperty, "Extend", "Keep what is selected")
 
     def invoke(self, context, event):
         runs, region = shown_runs(context), context.region
@@ -220,11 +217,7 @@ class MOCAP_AUTOLABEL_OT_timeline_scroll(OnTimeline, bpy.types.Operator):
     bl_options = {"INTERNAL"}
 
     rows: FloatProperty(name="Rows", description="How many, down the list")
-    on_names: BoolProperty(
-        name="On Names",
-        description="Only with the mouse on the names: on the rows the wheel zooms",
-        options={"SKIP_SAVE"},
-    )
+    on_names: once(BoolProperty, "On Names", "Only with the mouse on the names: on the rows the wheel zooms")
 
     def invoke(self, context, event):
         if self.on_names and context.region.type != "CHANNELS":

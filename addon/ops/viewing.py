@@ -11,14 +11,14 @@ from ..scene.cameras import is_mocap_camera, look_through
 from ..scene.opened import opened
 from ..scene.ownership import persons_in
 from ..scene.take import is_take, remove_take
-from .base import Ours, lacks_object_mode, taken, unless
+from .base import Ours, lacks_object_mode, once, taken, unless
 from .picking import show_picked
 
 
 class MOCAP_AUTOLABEL_OT_look_through(Ours, bpy.types.Operator):
     """Look through this camera, with its own picture size and pixels."""
 
-    camera: StringProperty(name="Camera", description="Name of the camera object", options={"SKIP_SAVE"})
+    camera: once(StringProperty, "Camera", "Name of the camera object")
 
     @classmethod
     def poll(cls, context):
@@ -40,7 +40,7 @@ class MOCAP_AUTOLABEL_OT_jump(Ours, bpy.types.Operator):
     bl_label = "Jump to Frame"
 
     frame: IntProperty(name="Frame", description="Frame to go to")
-    marker: StringProperty(name="Marker", description="Marker to select", options={"SKIP_SAVE"})
+    marker: once(StringProperty, "Marker", "Marker to select")
 
     def work(self, context):
         context.scene.frame_set(self.frame)

@@ -17,7 +17,7 @@ from ..props import OWN_FILE, SubjectSettings
 from ..scene.opened import opened
 from ..scene.performers import homes, usual_colour
 from ..scene.stored import Stored
-from .base import Ours, keeps_items, remove_chosen, unless
+from .base import Ours, keeps_items, once, remove_chosen, unless
 from .correcting import Corrects
 from .picking import picked_points, selected_markers
 
@@ -94,7 +94,7 @@ class MOCAP_AUTOLABEL_OT_other_performer(ToldApart, bpy.types.Operator):
     bl_label = "It Is the Other One's"
     bl_property = "performer"
 
-    performer: EnumProperty(name="Performer", description="Whose it is", items=people_items, options={"SKIP_SAVE"})
+    performer: once(EnumProperty, "Performer", "Whose it is", items=people_items)
 
     def invoke(self, context, event):
         self.scope_of_tool(context)
@@ -150,8 +150,8 @@ def within(stored: Stored, rows: np.ndarray, frames: tuple[int, int] | None) -> 
 class MOCAP_AUTOLABEL_OT_exchange_performers(ToldApart, bpy.types.Operator):
     """Say that two performers have each other's names: all markers that both wear are exchanged."""
 
-    one: EnumProperty(name="One", description="Who has the other's names", items=people_items, options={"SKIP_SAVE"})
-    other: EnumProperty(name="Other", description="Who has the one's names", items=people_items, options={"SKIP_SAVE"})
+    one: once(EnumProperty, "One", "Who has the other's names", items=people_items)
+    other: once(EnumProperty, "Other", "Who has the one's names", items=people_items)
 
     def invoke(self, context, event):
         self.scope_of_tool(context)

@@ -41,7 +41,7 @@ class Opened:
     filling: dict[int, tuple[str | None, FillsInTake]] = field(default_factory=dict)
     following: dict[int, PointCorrecting | BlobCorrecting] = field(default_factory=dict)
     trajectories: dict[int, tuple[PointRows, np.ndarray]] = field(default_factory=dict)
-    looked_at: dict[str, tuple[Stored, Any]] = field(default_factory=dict)
+    looked_at: dict[str, tuple[Stored | None, Any]] = field(default_factory=dict)
 
     def take(self, collection: bpy.types.Collection, scene: bpy.types.Scene, edits: Edits | None = None) -> Stored:
         """The take that `collection` holds, as its edits, or others, and its fills and smoothing have it.

@@ -20,7 +20,7 @@ from addon.core.points.motion import motion_of
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model, write_model
-from addon.io.points import read_points, write_c3d
+from addon.io.points import write_c3d
 from addon.scene.take import Take, show_take
 
 from .conftest import MODULE
@@ -202,7 +202,7 @@ def test_one_frame_of_a_labelled_take_is_learned_from(standing, own_folder, exte
     given = []
 
     def train_file(job):
-        given.append((job, read_points(job.takes[0])))
+        given.append((job, *job.shown))
         yield SimpleNamespace(fraction=0.5)
         known = {"out": str(job.out), "model": "hers", "markers": standing.names, "body": {"segments": {}}}
         return {**known, **ADOPTED, "doubts": ["one frame"], "replaced": []}
