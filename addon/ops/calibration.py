@@ -36,8 +36,20 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
 
     def steps(self, context):
         """The refining."""
-        self._of = context.scene.mocap_autolabel.source.cameras.session_uid
-        return beside(refine_file(refine_job_of(context, self.filepath)))
+        settings, path = context.scene.mocap_autolabel, self.filepath
+        self._of = settings.source.cameras.session_uid
+        source = Path(bpy.path.abspath(settings.source.blobs_path))
+        job = RefineJob(
+            source=source,
+            cameras=scene_cameras.cameras_of(settings.source.cameras, context.scene),
+            model=chosen_model(settings.subjects),
+            out=Path(bpy.path.abspath(path)) if path else free_path(source),
+            frames=frames_wanted(settings.labelling),
+            rate=settings.source.rate,
+            overwrite=bool(path),
+            if_refined=True,
+        )
+        return beside(refine_file(job))
 
     def _show(self, context, refined: Refined) -> set[str]:
         scene, report = context.scene, refined.report
@@ -46,29 +58,13 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
         if not report["refined"]:
             self.report({"INFO"}, f"Nothing to refine: {_worst(report)}")
             return {"FINISHED"}
-        settings = scene.mocap_autolabel
-        if settings.source.cameras is None or settings.source.cameras.session_uid != self._of:
+        source = scene.mocap_autolabel.source
+        if source.cameras is None or source.cameras.session_uid != self._of:
             words = f"other cameras are chosen than those that were refined, which are in {Path(report['out']).name}"
             raise InputError(f"{words}; expected them to stay, so import that file")
-        settings.source.cameras = show_refined(scene, settings.source.cameras, refined.cameras, report)
+        source.cameras = show_refined(scene, source.cameras, refined.cameras, report)
         self.report({"INFO"}, f"{_worst(report)}, in {Path(report['out']).name}; label again to use it")
         return {"FINISHED"}
-
-
-def refine_job_of(context: bpy.types.Context, path: str) -> RefineJob:
-    """What the scene's settings ask for; InputError when something is missing."""
-    scene, settings = context.scene, context.scene.mocap_autolabel
-    source = Path(bpy.path.abspath(settings.source.blobs_path))
-    return RefineJob(
-        source=source,
-        cameras=scene_cameras.cameras_of(settings.source.cameras, scene),
-        model=chosen_model(settings.subjects),
-        out=Path(bpy.path.abspath(path)) if path else free_path(source),
-        frames=frames_wanted(settings.labelling),
-        rate=settings.source.rate,
-        overwrite=bool(path),
-        if_refined=True,
-    )
 
 
 def free_path(source: Path, ending: str = ENDING) -> Path:

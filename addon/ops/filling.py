@@ -160,21 +160,19 @@ class MOCAP_AUTOLABEL_OT_take_back_fills(OfTake, bpy.types.Operator):
     index: once(IntProperty, "Index", "Which of the list alone, from 0; -1 for the extent", default=-1)
 
     def work(self, context):
-        stored = taken(context)
-        gone = [number for number, fill in enumerate(stored.fills) if self._is_meant(context, stored, number, fill)]
+        stored, index = taken(context), self.index
+        if index >= 0:
+            gone = [index] if index < len(stored.fills) else []
+        else:
+            markers, frame = wanted_markers(context, stored, self.extent), context.scene.frame_current - stored.shift
+            names = None if markers is None else [stored.names[marker] for marker in markers]
+            mine = [(at, fill) for at, fill in enumerate(stored.fills) if names is None or fill.marker in names]
+            gone = [number for number, fill in mine if self.extent != "GAP" or fill.first <= frame <= fill.last]
         if not gone:
             raise InputError("nothing that was filled is there; expected a filled gap")
         left = [fill for number, fill in enumerate(stored.fills) if number not in gone]
         keep_and_show(context, partial(keep_fills, fills=left))
         self.report({"INFO"}, f"{len(gone)} fills taken back")
-
-    def _is_meant(self, context, stored: Stored, number: int, fill: KeptFill) -> bool:
-        if self.index >= 0:
-            return number == self.index
-        markers = wanted_markers(context, stored, self.extent)
-        mine = markers is None or fill.marker in {stored.names[marker] for marker in markers}
-        frame = context.scene.frame_current - stored.shift
-        return mine and (self.extent != "GAP" or fill.first <= frame <= fill.last)
 
 
 class MOCAP_AUTOLABEL_OT_smooth(OfTake, bpy.types.Operator):

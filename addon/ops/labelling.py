@@ -123,10 +123,7 @@ def label_steps(
 
 
 def _label(
-    job: LabelJob,
-    name: str,
-    tell: Callable[[float], None],
-    look: Callable[[LabelJob, Labelled], None] | None,
+    job: LabelJob, name: str, tell: Callable[[float], None], look: Callable[[LabelJob, Labelled], None] | None
 ) -> Take:
     try:
         with scratch_folder() as folder:
@@ -134,19 +131,14 @@ def _label(
             labelled = drained(label_file(there), tell)
             if look is not None:
                 look(there, labelled)
-        return _take_of(labelled, job, name)
+        doubts = tuple(labelled.report.get("camera_doubts", ()))
+        # An empty list that was given stays one: what lies beside the take was taken back in the scene.
+        edits = labelled.edits if labelled.edits or job.edits is not None else None
+        given = name, labelled.report["rate"], job.cameras or NO_CAMERAS, labelled.worn, labelled.chunks
+        return Take.of(*given, written(str(job.source)), doubts=doubts, edits=edits)
     except UserError as error:
         words = error.message.replace(HOW_TO_ASK, ASK_HERE).replace(HOW_TO_MIRROR, MIRROR_HERE)
         raise type(error)(words, error.file or job.source, error.line) from error
-
-
-def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
-    """The take as the scene shows it."""
-    doubts = tuple(labelled.report.get("camera_doubts", ()))
-    # An empty list that was given stays one: what lies beside the take was taken back in the scene.
-    edits = labelled.edits if labelled.edits or job.edits is not None else None
-    given = name, labelled.report["rate"], job.cameras or NO_CAMERAS, labelled.worn, labelled.chunks
-    return Take.of(*given, written(str(job.source)), doubts=doubts, edits=edits)
 
 
 def lacks_input(context: bpy.types.Context) -> str:

@@ -44,19 +44,17 @@ class MOCAP_AUTOLABEL_OT_add_training_takes(ReadsPoints, Ours, ImportHelper, bpy
         takes = context.scene.mocap_autolabel.training.takes
         named = [Path(self.directory, file.name) for file in self.files if file.name]
         paths = [path for path in named or [Path(self.filepath)] if str(path) not in {row.path for row in takes}]
-        counts = {path: _named_markers(path, self.known_up, self.rate or None) for path in paths}
+        counts = {}
+        for path in paths:
+            known = {"up": self.known_up, "rate": self.rate or None}
+            counts[path] = sum(bool(name) for name in read_points(path, **known).names)
+            if not counts[path]:
+                raise InputError("has no named markers; expected a labelled take", path)
         for path, count in counts.items():
             row = takes.add()
             row.name, row.path, row.markers, row.subject = path.name, str(path), count, path.resolve().parent.name
             row.up, row.rate = self.known_up or "", self.rate
         self.report({"INFO"}, f"{count_of(len(takes), 'take')} to learn from")
-
-
-def _named_markers(path: Path, up: str | None, rate: float | None) -> int:
-    count = sum(bool(name) for name in read_points(path, up=up, rate=rate).names)
-    if not count:
-        raise InputError("has no named markers; expected a labelled take", path)
-    return count
 
 
 class MOCAP_AUTOLABEL_OT_remove_training_take(Ours, bpy.types.Operator):

@@ -13,7 +13,7 @@ from ..core.data.takes import NO_MARKER
 from ..core.edits.kinds import AssignPoint, Edit, Swap
 from ..core.points.several.wearers import MAX_SUBJECTS, as_compared, is_subject_name
 from ..io.markersets import SUFFIX
-from ..props import OWN_FILE, SubjectSettings
+from ..props import OWN_FILE
 from ..scene.opened import opened
 from ..scene.performers import homes, usual_colour
 from ..scene.stored import Stored
@@ -34,7 +34,12 @@ class MOCAP_AUTOLABEL_OT_add_performer(Ours, bpy.types.Operator):
 
     def work(self, context):
         subjects = context.scene.mocap_autolabel.subjects
-        name, number = free_name(subjects), len(subjects.performers)
+        # As the marker set is called, where that is a person's own.
+        path = subjects.markerset_path if subjects.markerset == OWN_FILE else subjects.markerset
+        own = Path(bpy.path.abspath(path)).name.removesuffix(SUFFIX) if path.endswith(SUFFIX) else ""
+        in_use, number = {as_compared(row.name) for row in subjects.performers}, len(subjects.performers)
+        names = (own, *(f"performer{number}" for number in range(1, MAX_SUBJECTS + 2)))
+        name = next(name for name in names if is_subject_name(name) and as_compared(name) not in in_use)
         row = subjects.performers.add()
         row.name, row.colour = name, usual_colour(number)
         row.markerset, row.markerset_path = subjects.markerset, subjects.markerset_path
@@ -48,15 +53,6 @@ class MOCAP_AUTOLABEL_OT_remove_performer(Ours, bpy.types.Operator):
 
     def work(self, context):
         remove_chosen(context.scene.mocap_autolabel.subjects, "performers")
-
-
-def free_name(subjects: SubjectSettings) -> str:
-    """What to call one more performer: as the marker set is called, where that is a person's own."""
-    path = subjects.markerset_path if subjects.markerset == OWN_FILE else subjects.markerset
-    own = Path(bpy.path.abspath(path)).name.removesuffix(SUFFIX) if path.endswith(SUFFIX) else ""
-    in_use = {as_compared(row.name) for row in subjects.performers}
-    numbered = (f"performer{number}" for number in range(1, MAX_SUBJECTS + 2))
-    return next(name for name in (own, *numbered) if is_subject_name(name) and as_compared(name) not in in_use)
 
 
 @keeps_items

@@ -34,7 +34,8 @@ def keep_fills(collection: bpy.types.Collection, fills: Sequence[KeptFill]):
         return
     paths = np.concatenate([fill.path for fill in fills])
     collection[FILL_PATHS] = storage.store_table(title(collection.name, "fills"), {"path": paths})
-    rows = [[fill.marker, fill.first, fill.last, fill.method, _number(fill.expected)] for fill in fills]
+    expected = [float(fill.expected) if np.isfinite(fill.expected) else None for fill in fills]
+    rows = [[one.marker, one.first, one.last, one.method, off] for one, off in zip(fills, expected, strict=True)]
     # Other places under the same words make another text, by which the take at hand is known to be another.
     digest = crc32(paths.astype(np.float32).tobytes())
     collection[FILLS] = json.dumps({"version": 1, "digest": digest, "gaps": rows}, ensure_ascii=False)
@@ -100,10 +101,6 @@ class FillsInTake:
             self._unfit[number] = reason
         for which in (0, 1):
             self._copies.note(which, marker)
-
-
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def keep_cutoff(collection: bpy.types.Collection, cutoff: float | None):
