@@ -14,10 +14,11 @@ import numpy as np
 
 from ..core.data.copies import Copies
 from ..core.data.errors import InputError
+from ..core.edits.following import moved_frames
 from ..core.filling.kept import KeptFill, fills_by_marker, put_in_marker
 from . import storage
 from .naming import title
-from .stored import Stored, moved_between
+from .stored import Stored, changed_between
 
 FILLS, FILL_PATHS, CUTOFF = "mocap_fills", "mocap_fill_paths", "mocap_smoothing"
 
@@ -78,7 +79,7 @@ class FillsInTake:
         """A take without fills as it is with these."""
         if not self._fills:
             return stored
-        moved = None if self._base is None else moved_between(self._base, stored)
+        moved = None if self._base is None else changed_between(self._base, stored, moved_frames)
         if moved is None:
             # Marker by marker, as the scene's motions lie in memory.
             of_marker = (values.swapaxes(0, 1) for values in (stored.motion.markers, stored.motion.residual))

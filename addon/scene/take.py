@@ -13,6 +13,7 @@ from ..core.data.errors import JobError
 from ..core.data.markersets import Worn
 from ..core.data.merging import LabelledRange, joined
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Labels, Motion, PointRows, Suspect
+from ..core.edits.following import moved_frames
 from ..core.edits.kinds import Edits
 from ..core.filling.kept import KeptFill, filled_samples, put_fills
 from ..core.filling.smoothing import smoothed
@@ -29,7 +30,7 @@ from .corrections import keep_edits, kept_text
 from .fills import FILL_PATHS, keep_cutoff, keep_fills
 from .performers import Colour, Performer, body_material, home_of, homes, performers_in_row, performers_of, rows_of
 from .storage import FRAME, add_cloud, cloud_table
-from .stored import Stored, digest_of, digests_of, moved_between
+from .stored import Stored, changed_between, digest_of, digests_of
 
 ROWS, MOTION, POSE, FRAME_TABLE = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
 EXPECTED = "mocap_expected"
@@ -206,7 +207,7 @@ def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored):
 
 def _changed(before: Stored, after: Stored) -> list[int]:
     """The markers that are elsewhere after other edits, fills or smoothing, or whose filled samples are others."""
-    moved = moved_between(before, after)
+    moved = changed_between(before, after, moved_frames)
     if moved is not None:
         return sorted(moved)
     filled, was_filled, nowhere = after.filled_markers, before.filled_markers, np.zeros(len(after.motion.frames), bool)
