@@ -274,8 +274,8 @@ def draw_names(context: bpy.types.Context, pixels: Pixels, runs: Runs, places: R
 def draw_switches(self, context):
     """What the editor's header and its menu have of the timeline."""
     if context.space_data.mode == "DOPESHEET" and is_take(context.scene.mocap_autolabel.take):
-        in_menu = isinstance(self, bpy.types.Menu)
-        self.layout.prop(context.scene.mocap_autolabel.display, "show_timeline", toggle=not in_menu, icon="NLA")
+        in_menu, display = isinstance(self, bpy.types.Menu), context.scene.mocap_autolabel.display
+        self.layout.prop(display, "show_timeline", toggle=not in_menu, icon="NONE" if in_menu else "NLA")
         if in_menu:
             self.layout.prop(context.window_manager.mocap_autolabel, "timeline_unfolded")
 
