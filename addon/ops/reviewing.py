@@ -18,20 +18,12 @@ from .correcting import correct
 from .picking import dots_here, show_picked
 from .viewing import bring_into_view
 
-# The operators for what no edit mends; a button is there where the operator is.
-ELSEWHERE = {
-    FILL: "mocap_autolabel.fill_gaps",
-    REFINE: "mocap_autolabel.refine_calibration",
-    LABEL: "mocap_autolabel.label",
+# The operators for what no edit mends, and the words of their buttons.
+BUTTONS = {
+    FILL: ("fill_gaps", "Fill Gaps"),
+    REFINE: ("refine_calibration", "Refine Calibration"),
+    LABEL: ("label", "Label Again"),
 }
-BUTTONS = {FILL: "Fill Gaps", REFINE: "Refine Calibration", LABEL: "Label Again"}
-
-
-def operator_of(trouble: Trouble) -> str:
-    """The operator that does what is advised, where there is one; else nothing."""
-    name = ELSEWHERE.get(trouble.action, "")
-    known = name and bpy.types.Operator.bl_rna_get_subclass_py("MOCAP_AUTOLABEL_OT_" + name.partition(".")[2])
-    return name if known else ""
 
 
 def mending(trouble: Trouble) -> list[Edit]:
@@ -51,13 +43,13 @@ def mending(trouble: Trouble) -> list[Edit]:
 
 def words_for(trouble: Trouble) -> str:
     """What the button says that does what is advised; empty where none can."""
-    if trouble.action in (DELETE, RIGHT) or not (mending(trouble) or operator_of(trouble)):
+    if trouble.action in (DELETE, RIGHT) or not (mending(trouble) or trouble.action in BUTTONS):
         return ""
     if trouble.action == NAME_IT:
         return f"Name {trouble.trajectories[0]} {trouble.markers[0]}"
     if trouble.action == SWAP:
         return f"Swap {trouble.markers[0]} and {trouble.markers[1]}"
-    return f"Unlabel {trouble.markers[0]}" if trouble.action == UNLABEL else BUTTONS[trouble.action]
+    return f"Unlabel {trouble.markers[0]}" if trouble.action == UNLABEL else BUTTONS[trouble.action][1]
 
 
 def places_of(trouble: Trouble, stored: Stored, frame: int) -> np.ndarray:
@@ -169,12 +161,10 @@ class MOCAP_AUTOLABEL_OT_mend_trouble(OfTrouble, bpy.types.Operator):
         if edits := mending(trouble):
             correct(context, taken(context).edits.added(*edits))
             return {"FINISHED"}
-        name = operator_of(trouble)
-        if not name:
+        if trouble.action not in BUTTONS:
             raise InputError("nothing does that by itself; expected a person to look")
         show(context, trouble)
-        module, _, function = name.partition(".")
-        return getattr(getattr(bpy.ops, module), function)("INVOKE_DEFAULT")
+        return getattr(bpy.ops.mocap_autolabel, BUTTONS[trouble.action][0])("INVOKE_DEFAULT")
 
 
 def is_listed(state: bpy.types.PropertyGroup, row: bpy.types.PropertyGroup) -> bool:
