@@ -235,7 +235,6 @@ class DropsIntoView:
 class MOCAP_AUTOLABEL_FH_cameras(DropsIntoView, bpy.types.FileHandler):
     """Drop a calibration into the 3D view."""
 
-    bl_idname = "MOCAP_AUTOLABEL_FH_cameras"
     bl_label = "Mocap: camera calibration"
     bl_import_operator = "mocap_autolabel.import_cameras"
     bl_file_extensions = ".toml;.xcp;.txt;.xml;.qca;.mcal;.yml;.yaml;.cal;.rad"
@@ -244,7 +243,6 @@ class MOCAP_AUTOLABEL_FH_cameras(DropsIntoView, bpy.types.FileHandler):
 class MOCAP_AUTOLABEL_FH_take(DropsIntoView, bpy.types.FileHandler):
     """Drop blobs or 3D points into the 3D view; what a `.csv` holds is told from its first line."""
 
-    bl_idname = "MOCAP_AUTOLABEL_FH_take"
     bl_label = "Mocap: take to label"
     bl_import_operator = "mocap_autolabel.import_take"
     bl_file_extensions = ".csv;.c3d;.trc;.qtm"

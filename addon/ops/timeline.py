@@ -11,7 +11,7 @@ from ..scene.opened import opened
 from ..scene.redrawing import redraw
 from ..scene.take import is_take
 from ..scene.trajectories import FOLDED, KeptRows, Runs
-from .base import Ours, WithTake, once, taken
+from .base import OfTake, Ours, WithTake, once, taken
 from .gestures import Drags, window_region
 from .picking import picked_points, selected_markers, show_picked
 from .viewing import fit_timelines
@@ -98,7 +98,7 @@ class OnTimeline(Ours):
         return timeline_shown(context)
 
 
-class MOCAP_AUTOLABEL_OT_timeline_pick(Ours, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_timeline_pick(OfTake, bpy.types.Operator):
     """Go to this frame of a marker or trajectory and pick it, or select a range of frames by dragging."""
 
     bl_label = "Pick in the Timeline"
@@ -109,10 +109,6 @@ class MOCAP_AUTOLABEL_OT_timeline_pick(Ours, bpy.types.Operator):
     first: IntProperty(name="First", description="The frame to go to, or the first of the range")
     last: IntProperty(name="Last", description="The last frame of the range; the first where only one is meant")
     extend: once(BoolProperty, "Extend", "Keep what is selected")
-
-    @classmethod
-    def poll(cls, context):
-        return is_take(context.scene.mocap_autolabel.take) and context.mode == "OBJECT"
 
     def work(self, context):
         scene = context.scene

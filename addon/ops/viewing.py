@@ -20,10 +20,6 @@ class MOCAP_AUTOLABEL_OT_look_through(Ours, bpy.types.Operator):
 
     camera: once(StringProperty, "Camera", "Name of the camera object")
 
-    @classmethod
-    def poll(cls, context):
-        return context.scene is not None
-
     def work(self, context):
         camera = context.scene.objects.get(self.camera)
         if not is_mocap_camera(camera):
