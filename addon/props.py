@@ -35,9 +35,8 @@ from .scene.performers import Colour, set_colour, usual_colour
 from .scene.preview import hide_preview
 from .scene.redrawing import redraw
 from .scene.relabelled import kept_changes
-from .scene.review import marker_reviews
 from .scene.take import is_take
-from .scene.trouble import is_quick, trouble_of
+from .scene.trouble import is_quick, marker_reviews, trouble_of
 
 OWN_FILE = "FILE"
 USUAL_MARKERSET = "body26"

@@ -58,7 +58,6 @@ class TrainJob:
     report    a file for what the training has to say, None for none
     known     of takes by their path, what is known better than from the file
     shown     labelled takes that are at hand, beside those of the files
-    passing   the files are gone when the model is there, so that it need not say where they are
     body      a marker set whose body may be that of the takes, beside the built-in ones; None for no other
     kept      labelled takes that the model is checked on whenever it is trained on, beside those that it knows already
     by        who teaches it, for its history; empty where nobody knows
@@ -80,7 +79,6 @@ class TrainJob:
     overwrite: bool = False
     known: Mapping[Path, KnownBetter] = field(default_factory=dict)
     shown: tuple[TakeFile, ...] = ()
-    passing: bool = False
     body: str | None = None
     kept: tuple[Path, ...] = ()
     by: str = ""
@@ -224,8 +222,7 @@ def _learned(
     doubts = " ".join(trained.doubts)
     new = {name for name in kept if name in markers and name not in doubts}
     report["doubts"] += _not_shown(new, set(lost) - set(markers), apart)
-    sha256 = [""] * len(takes) if job.passing else [*digests, *[""] * len(job.shown)]
-    taught = tuple(zip(takes, sha256, strict=True))
+    taught = tuple(zip(takes, [*digests, *[""] * len(job.shown)], strict=True))
     return _Taught(_with_source(trained.model), base, taught, report), trained.replaced
 
 

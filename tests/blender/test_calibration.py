@@ -12,7 +12,7 @@ import pytest
 from addon.core.geometry.cameras import Cameras
 from addon.io.cameras import read_cameras, write_cameras
 from addon.scene import cameras as scene_cameras
-from addon.scene.calibration import kept_health, kept_refinement
+from addon.scene.cameras import kept_health, kept_refinement
 from tests.blender.conftest import open_room, write_room
 from tests.core.calibration.test_adjusting import image_error, moved
 
@@ -101,7 +101,7 @@ def test_the_panel_tells_errors_and_offers_to_label_again(extension, scene, file
         def operator(self, name, text="", icon="NONE"):
             buttons.append((name, text))
 
-    draw = panel.MOCAP_AUTOLABEL_PT_calibration.draw
+    draw = panel.calibration.draw
     draw(SimpleNamespace(layout=Layout()), bpy.context)
     assert buttons == [("mocap_autolabel.refine_calibration", ""), ("mocap_autolabel.label", "Label Again")]
     assert said[-6:] == ["cam 0", "2.19 px", "0.41 px", "cam 1", "–", "–"]

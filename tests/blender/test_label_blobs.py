@@ -72,8 +72,9 @@ def name_in_two(files, scope: str = "FRAME"):
 
 
 def take_now(labelled):
-    opened = importlib.import_module("addon.scene.take")
-    return opened.stored_take(labelled.scene.mocap_autolabel.take, labelled.scene)
+    return (
+        importlib.import_module("addon.scene.opened").Opened().take(labelled.scene.mocap_autolabel.take, labelled.scene)
+    )
 
 
 @pytest.mark.parametrize(("most", "foreseen"), [(29, 1e9), (59, 1)])

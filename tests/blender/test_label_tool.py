@@ -16,7 +16,7 @@ from addon.core.geometry.cameras import NO_CAMERAS
 from addon.io.edits import read_edits
 from addon.io.markersets import open_markerset
 from addon.scene import picking
-from addon.scene.likely import NEAREST, likely_markers, on_ray, predicted, ranked
+from addon.scene.picking import NEAREST, likely_markers, on_ray, predicted, ranked
 from addon.scene.stored import Stored
 
 from .hands import GHOST, choose, follows, keys_of, picked

@@ -100,7 +100,7 @@ def test_files_become_named_markers(ready, files):
 def test_the_real_labelling_casts_rays_unless_the_closed_form_is_chosen(extension, ready, monkeypatch):
     """And names the same blobs alike, but for one in a hundred."""
     occlusion = importlib.import_module(f"{extension}.addon.scene.occlusion")
-    take = importlib.import_module(f"{extension}.addon.scene.take")
+    opened = importlib.import_module(f"{extension}.addon.scene.opened")
     asked, hidden = [], occlusion.MeshOcclusion.hidden
     monkeypatch.setattr(occlusion.MeshOcclusion, "hidden", lambda self, *of: asked.append(self) or hidden(self, *of))
     settings, named, rays = ready.scene.mocap_autolabel, {}, {}
@@ -108,7 +108,7 @@ def test_the_real_labelling_casts_rays_unless_the_closed_form_is_chosen(extensio
     for way in ("bvh", "capsules"):
         settings.labelling.occlusion = way
         assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
-        named[way] = take.stored_take(settings.take, ready.scene).labels.marker
+        named[way] = opened.Opened().take(settings.take, ready.scene).labels.marker
         rays[way] = len(asked)
         asked.clear()
     assert rays["bvh"] > 0
@@ -502,7 +502,7 @@ def test_exports_are_what_was_labelled(ready, labelling, files, tmp_path):
         ["LASI", "exclusive", "0.8"],
         ["RASI", "conflict", "0.8"],
     ]
-    stored = importlib.import_module("addon.scene.take").stored_take(ready.scene.mocap_autolabel.take, ready.scene)
+    stored = importlib.import_module("addon.scene.opened").Opened().take(ready.scene.mocap_autolabel.take, ready.scene)
     for suffix in ("c3d", "trc"):
         path = tmp_path / f"walk.{suffix}"
         assert getattr(bpy.ops.mocap_autolabel, f"export_{suffix}")(filepath=str(path)) == {"FINISHED"}

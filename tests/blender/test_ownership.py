@@ -15,6 +15,7 @@ from addon.io.markersets import open_markerset
 from addon.scene import naming, ownership, performers
 from addon.scene import take as takes
 from addon.scene.character import add_character
+from addon.scene.opened import Opened
 from addon.scene.relabelled import show_again
 from addon.scene.stored import alone
 
@@ -221,7 +222,7 @@ def test_corrections_go_to_the_marker_and_not_to_its_copy(duet):
 def test_what_was_promised_stays_even_unchanged(empty, made, over):
     take = made.pair(markerset=open_markerset("body26"))
     collection = takes.show_take(empty, take)
-    stored = takes.stored_take(collection, empty.scene)
+    stored = Opened().take(collection, empty.scene)
     names = []
     for one in stored.performers:
         home = performers.homes(collection)[one.name]
@@ -305,10 +306,10 @@ def test_nothing_that_nobody_changed_is_left(empty, made, over):
     before = counts()
     collection = takes.show_take(empty, take)
     shown = counts()
-    stored = takes.stored_take(collection, empty.scene)
+    stored = Opened().take(collection, empty.scene)
     edits = stored.edits.added(Swap(("bob:LKNE", "bob:RKNE"), frames=(103, 110)))
     takes.keep_edits(collection, edits)
-    after = takes.stored_take(collection, empty.scene)
+    after = Opened().take(collection, empty.scene)
     takes.show_edits(collection, stored, after)
     performers.set_colour(collection, "bob", (0.1, 0.2, 0.3))
     for item in list(collection.all_objects):

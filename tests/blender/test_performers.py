@@ -16,6 +16,7 @@ from addon.io.points import read_points
 from addon.scene import naming, performers
 from addon.scene import take as takes
 from addon.scene.armature import SCALE
+from addon.scene.opened import Opened
 from addon.scene.relabelled import show_again
 from tests.inputs.walkers import FRAMES, RATE, WORN, write_pair, write_seen
 
@@ -85,7 +86,7 @@ def test_two_where_one_is_asked_for_are_labelled_by_the_button_that_is_offered(e
 def test_a_colour_is_the_bodys_and_of_all_that_is_drawn(empty, made):
     take = made.pair()
     collection = takes.show_take(empty, take)
-    stored = takes.stored_take(collection, empty.scene)
+    stored = Opened().take(collection, empty.scene)
     performers.set_colour(collection, "bob", (0.1, 0.2, 0.3))
     performers.set_colour(collection, "nobody", (0, 0, 0))
     drawn = performers.marker_colours(collection, stored.performers, len(stored.names))
@@ -93,7 +94,7 @@ def test_a_colour_is_the_bodys_and_of_all_that_is_drawn(empty, made):
     np.testing.assert_allclose(drawn[count:], np.tile([0.1, 0.2, 0.3], (count, 1)), atol=1e-4)
     assert not np.allclose(drawn[:count], drawn[count:])
     alone = takes.show_take(empty, made.take())
-    assert performers.marker_colours(alone, takes.stored_take(alone, empty.scene).performers, 13) is None
+    assert performers.marker_colours(alone, Opened().take(alone, empty.scene).performers, 13) is None
 
 
 def test_the_file_keeps_who_is_who(empty, made, tmp_path):
@@ -101,7 +102,7 @@ def test_the_file_keeps_who_is_who(empty, made, tmp_path):
     takes.show_take(empty, take)
     reopen(tmp_path / "duet.blend")
     [collection] = takes.takes_of(bpy.context.scene)
-    stored = takes.stored_take(collection, bpy.context.scene)
+    stored = Opened().take(collection, bpy.context.scene)
     assert stored.names == take.markerset.markers
     assert stored.performers == performers.performers_of(take.markerset)
     assert [stored.segments[one.joint_rows] for one in stored.performers] == [made.markerset().skeleton.segments] * 2
@@ -116,7 +117,7 @@ def test_the_file_keeps_who_is_who(empty, made, tmp_path):
 def test_one_performer_has_no_name(empty, made):
     collection = takes.show_take(empty, made.take())
     assert not performers.homes(collection)
-    stored = takes.stored_take(collection, empty.scene)
+    stored = Opened().take(collection, empty.scene)
     [only] = stored.performers
     assert (only.name, only.model, only.marker_rows, only.joint_rows) == ("", "small", slice(0, 13), slice(0, 9))
     own = only.motion_of(stored.motion)
@@ -141,7 +142,7 @@ def test_the_command_line_saves_them_and_they_can_be_gone_on_with(empty, tmp_pat
     assert command([str(word) for word in words]) == 0
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "pair.blend"))
     [collection] = takes.takes_of(bpy.context.scene)
-    stored = takes.stored_take(collection, bpy.context.scene)
+    stored = Opened().take(collection, bpy.context.scene)
     assert [one.name for one in stored.performers] == ["1", "2"]
     assert stored.labels.named.mean() > 0.95
     for home in performers.homes(collection).values():

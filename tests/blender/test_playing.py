@@ -17,6 +17,7 @@ from addon.io.points import read_points
 from addon.io.poses import PoseFile
 from addon.scene import naming, playing
 from addon.scene import take as takes
+from addon.scene.opened import Opened
 from tests.inputs.walkers import FIRST, FRAMES, WORN, write_seen
 
 from .hands import refused
@@ -180,7 +181,7 @@ def test_a_part_is_opened_with_keys_and_corrected(long, kind, tmp_path):
     played = scene.frame_start, scene.frame_end
     assert bpy.ops.mocap_autolabel.open_part(first=first, last=last) == {"FINISHED"}
     settings = scene.mocap_autolabel
-    stored = takes.stored_take(settings.take, scene)
+    stored = Opened().take(settings.take, scene)
     assert stored.motion.frames.tolist() == list(range(first, last + 1))
     assert [one.name for one in stored.performers] == ["1", "2"]
     assert stored.labels.named.mean() > 0.9
@@ -201,7 +202,7 @@ def test_a_part_is_opened_with_keys_and_corrected(long, kind, tmp_path):
     )
     before = stored.labels.marker.copy()
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
-    assert (takes.stored_take(settings.take, scene).labels.marker == before).all()
+    assert (Opened().take(settings.take, scene).labels.marker == before).all()
     scene.frame_set(first + 3)
     for item in settings.take.all_objects:
         item.select_set(item.get(naming.MARKER) in ("1:LKNE", "1:LANK"))
@@ -210,7 +211,7 @@ def test_a_part_is_opened_with_keys_and_corrected(long, kind, tmp_path):
     assert [edit.frames for edit in read_edits(next(tmp_path.glob("*.edits.json")))] == [(first, last)]
     # Another part comes beside it, and knows of them.
     assert bpy.ops.mocap_autolabel.open_part(first=first + 5, last=last + 10) == {"FINISHED"}
-    assert takes.stored_take(settings.take, scene).motion.frames.tolist() == list(range(first, last + 11))
+    assert Opened().take(settings.take, scene).motion.frames.tolist() == list(range(first, last + 11))
     assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
 
 
@@ -228,7 +229,7 @@ def test_who_was_asked_for_by_name_is_so_in_a_part(long):
     settings = scene.mocap_autolabel
     assert [(row.name, row.markerset) for row in settings.subjects.performers] == [("ann", WORN), ("bob", WORN)]
     assert settings.labelling.target == pytest.approx(0.99)
-    stored = takes.stored_take(settings.take, scene)
+    stored = Opened().take(settings.take, scene)
     assert len(stored.motion.frames) == FRAMES  # five seconds to either side are more than there is
     assert {name.partition(":")[0] for name in stored.names} == {"ann", "bob"}
 

@@ -89,7 +89,7 @@ def test_points_are_seen_before_they_are_labelled(imported, files):
         overlay = importlib.import_module("bl_ext.mocap_tests.mocap_autolabel.addon.ui.overlay")
         marks = importlib.import_module("bl_ext.mocap_tests.mocap_autolabel.addon.ui.marks")
         stored = overlay.shown(imported.scene)
-        seen = marks.point_marks(stored, marks.frame_index(stored, frame))
+        seen = marks.point_marks(stored, stored.index_of(frame))
         assert len(seen.unnamed) == expected
 
 

@@ -19,7 +19,7 @@ def laid(extension, empty):
     empty.scene.mocap_autolabel.subjects.markerset = "gait15"
     assert bpy.ops.mocap_autolabel.edit_markerset() == {"FINISHED"}
     empty.view_layer.update()
-    quality = importlib.import_module(f"{extension}.addon.scene.quality")
+    quality = importlib.import_module(f"{extension}.addon.scene.markerset_edit")
     edit = importlib.import_module(f"{extension}.addon.scene.markerset_edit")
     return quality, edit, edit.edited_collection(empty.scene)
 

@@ -16,6 +16,7 @@ from addon.core.data.takes import Labels
 from addon.core.points.motion import motion_of
 from addon.io.markersets import open_markerset, write_markerset
 from addon.scene import take as takes
+from addon.scene.opened import Opened
 from addon.scene.stored import digests_of
 
 from .conftest import write_walk
@@ -54,7 +55,7 @@ def reposing(extension):
 @pytest.fixture
 def later(extension, monkeypatch):
     """Lets nothing follow an edit by itself, as in a window until it has time."""
-    for name in ("ops.correcting", "ops.labelling", "ui.handlers"):
+    for name in ("ops.correcting", "ops.labelling", "ui"):
         monkeypatch.setattr(importlib.import_module(f"{extension}.addon.{name}"), "follow_soon", lambda **_: None)
 
 
@@ -134,7 +135,7 @@ def test_digests_tell_labels_apart(made):
 
 def anew(collection) -> np.ndarray:
     """(F, J, 3) m the joints of a body that is fitted to the markers of a take of one as they are."""
-    stored = takes.stored_take(collection, bpy.context.scene)
+    stored = Opened().take(collection, bpy.context.scene)
     points = Labels.none(len(stored.motion.frames), len(stored.names))  # whose confidence alone is asked for
     own = stored.unfilled
     return motion_of(own.markers, own.residual, points, open_markerset("body26"), own.frames).joints
@@ -239,8 +240,7 @@ def test_until_then_viewport_panel_and_export_dialog_say_that_the_body_is_out_of
         canvas, layout = MagicMock(foot=20.0, scale=1.0), MagicMock()
         canvas.__enter__.return_value = canvas
         monkeypatch.setattr(overlay, "Canvas", lambda _: canvas)
-        for name in ("draw_laid_out", "draw_frame"):
-            monkeypatch.setattr(overlay, name, lambda *_: None)
+        monkeypatch.setattr(overlay, "draw_frame", lambda *_: None)
         space = SimpleNamespace(overlay=SimpleNamespace(show_overlays=True))
         own = {name: getattr(bpy.context, name) for name in ("scene", "mode", "view_layer")}
         monkeypatch.setattr(overlay, "bpy", SimpleNamespace(context=SimpleNamespace(**own, space_data=space)))

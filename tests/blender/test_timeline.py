@@ -155,7 +155,7 @@ def test_a_drag_selects_the_range_that_corrections_take(labelled, files):
     assert bpy.ops.mocap_autolabel.unlabel(scope="RANGE") == {"FINISHED"}
     [row] = labelled.window_manager.mocap_autolabel.corrections
     assert row.name.endswith("frames 116–125")
-    stored = importlib.import_module("addon.scene.take").stored_take(scene.mocap_autolabel.take, scene)
+    stored = importlib.import_module("addon.scene.opened").Opened().take(scene.mocap_autolabel.take, scene)
     assert (stored.labels.step != BY_EDIT).all(), "a point without a name has no step"
     assert np.isnan(stored.motion.markers[15:25, files.names.index("LKNE")]).all()
     assert len(stored.motion.frames) == FRAMES

@@ -20,7 +20,7 @@ from addon.core.points.motion import motion_of
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model, write_model
-from addon.io.points import read_points, write_c3d
+from addon.io.points import write_c3d
 from addon.scene.take import Take, show_take
 
 from .conftest import MODULE
@@ -58,15 +58,11 @@ def own_folder(extension, monkeypatch, tmp_path):
 
 @pytest.fixture
 def jobs_given(extension, monkeypatch):
-    """The jobs of trainings, which are not done: of each a report says that nothing is against its model, and `said`.
-
-    What was read of the first take, where it is a file, is kept beside the job.
-    """
-    given = SimpleNamespace(jobs=[], read=[], said={})
+    """The jobs of trainings, which are not done: of each a report says that nothing is against its model, and `said`."""
+    given = SimpleNamespace(jobs=[], said={})
 
     def train_file(job):
         given.jobs.append(job)
-        given.read.append(read_points(job.takes[0]) if job.takes else None)
         yield SimpleNamespace(fraction=0.5)
         doubts = [doubt for take in job.shown for doubt in take.doubts]
         known = {"out": str(job.out), "model": job.out.name.partition(".")[0], "markers": ("A",), "doubts": doubts}
@@ -106,7 +102,7 @@ def test_what_was_learned_is_saved_chosen_and_names_points(listed, files, own_fo
 
     bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "raw.c3d"))
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
-    take = importlib.import_module("addon.scene.take").stored_take(settings.take, listed.scene)
+    take = importlib.import_module("addon.scene.opened").Opened().take(settings.take, listed.scene)
     named = take.labels.marker >= 0
     assert named.mean() > 0.8
     assert (take.labels.marker[named] == take.rows.trajectory[named]).all()
@@ -199,14 +195,14 @@ def test_one_frame_of_a_labelled_take_is_learned_from(standing, own_folder, jobs
     standing.settings.training.trained_name = "hers"
     standing.context.scene.frame_set(102)
     assert bpy.ops.mocap_autolabel.learn_frame() == {"FINISHED"}
-    [job], [frame] = jobs_given.jobs, jobs_given.read
+    [job] = jobs_given.jobs
+    [frame] = job.shown
     assert (job.name, job.out, job.base) == ("hers", own_folder / "hers.markerset.json", None)
     assert set(frame.names) == set(standing.names) - {"LHEE"}
     assert frame.xyz.shape == (1, 25, 3)
     where = {name: place for name, place in zip(standing.names, standing.xyz[1], strict=True) if name != "LHEE"}
     assert all(np.allclose(frame.xyz[0, frame.names.index(name)], place, atol=1e-4) for name, place in where.items())
-    assert job.takes[0].stem == "st_and"
-    assert not job.takes[0].exists()
+    assert not job.takes
     assert [row.name for row in standing.context.window_manager.mocap_autolabel.doubts] == ["one frame"]
     job.out.touch()
     refused(r"hers\.markerset\.json: is there already", "learn_frame")

@@ -28,7 +28,7 @@ def walk(seen: dict) -> Iterator[float]:
     bpy.ops.mocap_autolabel.show_timeline()
     yield 1
     yield from window.grow("DOPESHEET_EDITOR", 330)
-    module("ops.framing").fit_timelines(bpy.context)
+    module("ops.viewing").fit_timelines(bpy.context)
     yield 1
     if TASK.get("timing"):
         seen["timing"] = yield from times()
@@ -97,7 +97,7 @@ def walk(seen: dict) -> Iterator[float]:
         "wanted": int(runs.trajectory[ghost]),
     }
 
-    module("ops.framing").fit_timelines(bpy.context)
+    module("ops.viewing").fit_timelines(bpy.context)
     state.timeline_scroll = 0.0
     seen["timing"] = yield from times()
     state.timeline_unfolded = True
