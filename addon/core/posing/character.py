@@ -16,26 +16,10 @@ from ..data.errors import InputError
 
 # From the body's axes (x forward, y left) to a character's (-y forward, x left).
 FACING = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+# Parts of the way at which bones begin that a body's segments have no joints for, as in people: from the back's joint
+# to the neck's, from there to the top of the head, from there to the shoulder's, and from the ankle to the toes' tips.
+CHEST, SKULL, SHOULDER, TOES = 0.5, 0.4, 0.15, 0.7
 UPWARDS, DOWNWARDS, FORWARDS = (0.0, 0, 1), (0.0, 0, -1), (0.0, -1, 0)
-
-
-@dataclass(frozen=True)
-class CharacterOptions:
-    """Where bones begin that a body's segments have no joints for.
-
-    chest     physical: part of the way from the back's joint to the neck's
-    skull     physical: part of the way from the neck's joint to the top of the head
-    shoulder  physical: part of the way from the neck's joint to the shoulder's, where the collarbone begins
-    toes      physical: part of the way from the ankle to the tips of the toes, their joints
-    """
-
-    chest: float = 0.5
-    skull: float = 0.4
-    shoulder: float = 0.15
-    toes: float = 0.7
-
-
-CHARACTER = CharacterOptions()
 
 
 @dataclass(frozen=True)
@@ -69,23 +53,23 @@ def _arm_and_leg(side: str) -> tuple[BoneSite, ...]:
     )
     shoulder = f"shoulder.{side}"
     return (
-        BoneSite(shoulder, "chest", "thorax", arm, out, along=CHARACTER.shoulder, start="head"),
+        BoneSite(shoulder, "chest", "thorax", arm, out, along=SHOULDER, start="head"),
         BoneSite(arm, shoulder, arm, forearm, out),
         BoneSite(forearm, arm, forearm, hand, out),
         BoneSite(hand, forearm, hand, None, out),
         BoneSite(thigh, "hips", thigh, shank, DOWNWARDS),
         BoneSite(shank, thigh, shank, foot, DOWNWARDS),
-        BoneSite(foot, shank, foot, None, None, until=CHARACTER.toes),
-        BoneSite(f"toes.{side}", foot, foot, None, FORWARDS, along=CHARACTER.toes),
+        BoneSite(foot, shank, foot, None, None, until=TOES),
+        BoneSite(f"toes.{side}", foot, foot, None, FORWARDS, along=TOES),
     )
 
 
 BONES = (
     BoneSite("hips", None, "pelvis", "thorax", None),
-    BoneSite("spine", "hips", "thorax", "head", UPWARDS, until=CHARACTER.chest),
-    BoneSite("chest", "spine", "thorax", "head", UPWARDS, along=CHARACTER.chest),
-    BoneSite("neck", "chest", "head", None, UPWARDS, until=CHARACTER.skull),
-    BoneSite("head", "neck", "head", None, UPWARDS, along=CHARACTER.skull),
+    BoneSite("spine", "hips", "thorax", "head", UPWARDS, until=CHEST),
+    BoneSite("chest", "spine", "thorax", "head", UPWARDS, along=CHEST),
+    BoneSite("neck", "chest", "head", None, UPWARDS, until=SKULL),
+    BoneSite("head", "neck", "head", None, UPWARDS, along=SKULL),
     *_arm_and_leg("L"),
     *_arm_and_leg("R"),
 )

@@ -67,10 +67,10 @@ def test_same_seed_same_capture_and_another_seed_another():
     assert not np.array_equal(one.blobs.xy[:50], other.blobs.xy[:50])
 
 
-def test_chunks_are_the_whole_take_in_parts():
+def test_chunks_are_the_whole_take_in_parts(monkeypatch):
+    monkeypatch.setattr("addon.core.simulation.simulate.CHUNK_FRAMES", 20)
     markerset, markers, body = still(50)
-    options = CaptureOptions(chunk_frames=20)
-    chunks = list(capture(markers, markerset.markers, paper_rig(), options, body, first_frame=101))
+    chunks = list(capture(markers, markerset.markers, paper_rig(), body=body, first_frame=101))
     assert [len(chunk.blobs.frames) for chunk in chunks] == [20, 20, 10]
     whole = joined(iter(chunks))
     assert whole.blobs.frames.tolist() == list(range(101, 151))
