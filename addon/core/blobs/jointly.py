@@ -13,8 +13,9 @@ from itertools import combinations
 import numpy as np
 
 from ..data.takes import REMAINING
+from ..geometry.triangulation import passing
 from ..geometry.views import View
-from ..papers.virtual_occlusions.cloud import CLOUD, nearest_blobs, partners
+from ..papers.virtual_occlusions.cloud import FEW_CAMERAS, PARTNERS, nearest_blobs, partners
 from ..papers.virtual_occlusions.labelling import Expectation, Frame, Naming
 
 
@@ -167,20 +168,13 @@ def _sets(frame: Frame, options: AtOnceOptions) -> np.ndarray:
     direction, origin = frame.rays.direction[camera, slot], sight.centres[camera]
     first, second = np.triu_indices(len(camera), 1)
     met = np.eye(sight.count) == 0
-    if sight.count > CLOUD.partners + 1:
-        met = partners(sight.centres, CLOUD.partners)
+    if sight.count > PARTNERS + 1:
+        met = partners(sight.centres, PARTNERS)
     met = met[camera[first], camera[second]]
     first, second = first[met], second[met]
-    between = origin[second] - origin[first]
-    cosine = np.einsum("ni,ni->n", direction[first], direction[second])
-    one, two = np.einsum("ni,ni->n", between, direction[first]), np.einsum("ni,ni->n", between, direction[second])
-    sine2 = np.maximum(1 - cosine**2, CLOUD.min_sine**2)
-    here, there = (one - cosine * two) / sine2, (cosine * one - two) / sine2
-    gap = np.linalg.norm(
-        origin[first] + here[:, None] * direction[first] - origin[second] - there[:, None] * direction[second], axis=1
-    )
+    here, there, between, fixed = passing(direction, origin, first, second)
     noise = rules.pixel * (here / sight.focal[camera[first]] + there / sight.focal[camera[second]]) + 2 * rules.slack_m
-    meets = (here > 0) & (there > 0) & (gap < rules.max_miss * noise) & (1 - cosine**2 > CLOUD.min_sine**2)
+    meets = fixed & (np.linalg.norm(between, axis=0) < rules.max_miss * noise)
     first, second, here = first[meets], second[meets], here[meets]
     middle = origin[first] + here[:, None] * direction[first]
     closest = (np.linalg.norm(middle[:, None] - frame.expected.points, axis=2) < options.max_distance_m).any(axis=1)
@@ -192,7 +186,7 @@ def _sets(frame: Frame, options: AtOnceOptions) -> np.ndarray:
         return members
     # All pairs of a marker's rays make the same whole set.
     whole = _completed(members, middle, frame)
-    if sight.count > CLOUD.partners + 1:
+    if sight.count > PARTNERS + 1:
         members = members[(whole >= 0).sum(axis=1) <= 3]
     whole = np.unique(whole, axis=0)
     parts = [members, whole]
@@ -202,7 +196,7 @@ def _sets(frame: Frame, options: AtOnceOptions) -> np.ndarray:
         fewer = whole.copy()
         fewer[:, without] = -1
         parts.append(fewer[count > 2])
-    for without in combinations(cameras, 2) if sight.count <= CLOUD.few_cameras else ():
+    for without in combinations(cameras, 2) if sight.count <= FEW_CAMERAS else ():
         fewer = whole.copy()
         fewer[:, list(without)] = -1
         parts.append(fewer[(fewer >= 0).sum(axis=1) >= 2])
@@ -227,7 +221,7 @@ def _pruned(many: Hypotheses, singles: Hypotheses, frame: Frame, options: AtOnce
     fixed[camera, frame.fixed[camera, named]] = True
     used = fixed[frame.cameras, np.maximum(slot, 0)] | (frame.fixed[:, marker].T >= 0)
     gain = np.where((used & (slot >= 0)).any(axis=1), 0, gain)
-    most = options.hypotheses + options.hypotheses_more * max(len(frame.cameras) - CLOUD.partners - 1, 0)
+    most = options.hypotheses + options.hypotheses_more * max(len(frame.cameras) - PARTNERS - 1, 0)
     order = np.lexsort((-gain, marker))
     rank = np.arange(len(order)) - np.searchsorted(marker[order], marker[order])
     kept = order[(rank < most) & (gain[order] > 0)]
