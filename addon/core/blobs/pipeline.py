@@ -26,12 +26,14 @@ from ..review.suspects import find_suspects
 from .confidence import CONFIDENCE, named_confidences, swap_doubts
 from .continuity import renamed
 from .image_tracklets import name_by_tracklets
-from .rereading import REREADING, Rereader
-from .search import CROWDING, FINDING, Found, Hints, find_subject
+from .rereading import Rereader
+from .search import CROWDING, FINDING, MAX_FINALISTS, Found, Hints, find_subject
 from .seeding import contradicted, fixed_in, seeds_of
 from .subject import Setup
-from .swaps import exchange_loss, exchanged, swap_names
+from .swaps import exchange_loss, swap_names
 from .tracking import Followed, FrameResult, Track, follow
+
+PARTS = 8  # of a chunk, in which a lost subject is looked for, one frame each
 
 
 @dataclass(frozen=True)
@@ -40,20 +42,15 @@ class TakeOptions:
 
     min_rate               physical: frames a second; below it nobody is followed, every frame is looked at on its own:
                            a limb moves farther between two frames than it is from the next
-    parts                  memory: of a chunk, in which a lost subject is looked for, one frame each
     good_named             physical: share of the markers that a good placement, one that is clear, names of those that
-                           it lets the cameras see; after `FINDING.max_finalists` of them the best will do
+                           it lets the cameras see; after `MAX_FINALISTS` of them the best will do
     min_confidence         physical: a placement less sure than this names nothing, a third of such would be wrong
-    review_frames          physical: until it is asked whether neighbours have changed names, a third of a second, as a
-                           wrong start stays wrong; and again at a chunk's end
     min_label_confidence   paper, 5: rather no label than one that is as likely to be wrong
     """
 
     min_rate: float = 20.0
-    parts: int = 8
     good_named: float = 0.8
     min_confidence: float = 0.7
-    review_frames: int = 20
     min_label_confidence: float = 0.5
 
 
@@ -169,8 +166,6 @@ class TakeLabeller:
             track = followed.track
             chunk.results[at] = self._result(followed)
             at += 1
-            if at in (end, first + TAKES.review_frames):
-                track = self._review(track, chunk, first, at - 1)
             self.track = track
         return at
 
@@ -252,38 +247,9 @@ class TakeLabeller:
             if best is None or found.marker_cost < best.marker_cost:
                 best, best_index = found, index
             good += found.confidence > FINDING.clear_confidence and found.complete > TAKES.good_named
-            if good >= FINDING.max_finalists:
+            if good >= MAX_FINALISTS:
                 break
         return best_index, best
-
-    def _review(self, track: Track, chunk: "_Chunk", first: int, at: int) -> Track:
-        """Asks whether neighbours have changed names, and gives them back from where they may have done so.
-
-        A frame before must say the same, as one may be blurred. Returns the track without what it learned of them.
-        """
-        earlier = at - REREADING.around
-        if earlier < first:
-            return track
-        with self.setup.clock("fit"):
-            found, before = (self._looks_into(exchanged, track, chunk, index) for index in (at, earlier))
-        order = next((order for order in found if order in before), None)
-        if order is None:
-            return track
-        moved = np.flatnonzero(np.array(order) != np.arange(len(order)))
-        since = self._exchanged_to(track, chunk, order, earlier, -1)
-        if any(chunk.is_fixed(index, moved) for index in range(since, at + 1)):  # a person has looked at them
-            return track
-        for index in range(since, at + 1):
-            swap_names(chunk.result(index).naming, np.array(order))
-        names = ", ".join(self.setup.model.markerset.markers[marker] for marker in moved)
-        chunk.suspect(since, at, f"{names} had changed names and got them back")
-        return track.doubting(moved, self.setup)
-
-    def _looks_into(self, question, track: Track, chunk: "_Chunk", index: int, *more):
-        """Asks `question` of a labelled frame: `swaps.exchanged` or `swaps.exchange_loss`."""
-        result = chunk.result(index)
-        subject = replace(track.subject, bodies=result.bodies)
-        return question(chunk.views[index], result.naming, subject, self.setup, *more)
 
     def _exchanged_to(self, track: Track, chunk: "_Chunk", order: tuple[int, ...], at: int, step: int) -> int:
         """The farthest frame of this spell, before `at` or with `step` 1 after it, that asks for an exchange of names.
@@ -295,7 +261,9 @@ class TakeLabeller:
             end += step
         while at != end:
             middle = (at + end + (step > 0)) // 2
-            if self._looks_into(exchange_loss, track, chunk, middle, order) < 0:
+            result = chunk.result(middle)
+            subject = replace(track.subject, bodies=result.bodies)
+            if exchange_loss(chunk.views[middle], result.naming, subject, self.setup, order) < 0:
                 at = middle
             else:
                 end = middle - step
@@ -334,8 +302,8 @@ class _Chunk:
         Before them those of which a person named the most blobs.
         """
         named = [index for index in range(first, end) if self.fixed[index] is not None]
-        named = sorted(named, key=lambda index: -(self.fixed[index] >= 0).sum())[: FINDING.max_finalists]
-        parts = np.array_split(np.arange(first, end), min(TAKES.parts, end - first))
+        named = sorted(named, key=lambda index: -(self.fixed[index] >= 0).sum())[:MAX_FINALISTS]
+        parts = np.array_split(np.arange(first, end), min(PARTS, end - first))
         best = [int(part[np.argmax([self.views[index].count for index in part])]) for part in parts]
         # Far from each other first: by their numbers with the binary digits in reverse.
         order = sorted(range(len(best)), key=lambda part: f"{part:08b}"[::-1])

@@ -38,7 +38,6 @@ class SubjectOptions:
     reference_rate  paper, 6: frames a second for which movement from frame to frame is stated elsewhere
     min_pace        physical: movement a frame, as a share of that at the reference rate, is never taken to be less:
                     what the prediction misses does not shrink with the time between frames
-    max_pace        physical: nor more; beyond it, below 15 frames a second, limbs go anywhere between two frames
     """
 
     min_markers: int = 4
@@ -49,7 +48,6 @@ class SubjectOptions:
     max_noise_px: float = 3.0
     reference_rate: float = 60.0
     min_pace: float = 0.6
-    max_pace: float = 4.0
 
 
 SUBJECT = SubjectOptions()
@@ -128,7 +126,7 @@ class Setup:
     @property
     def pace(self) -> float:
         """How much farther than at the reference rate the subject moves in a frame."""
-        return float(np.clip(SUBJECT.reference_rate / self.rate, SUBJECT.min_pace, SUBJECT.max_pace))
+        return max(SUBJECT.reference_rate / self.rate, SUBJECT.min_pace)
 
     def visible(self, scale: np.ndarray, posed: Posed) -> np.ndarray:
         """Which markers of posed bodies of scale (B, 3) each camera can see (B, C, M): virtual occlusion."""
