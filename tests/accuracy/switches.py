@@ -112,6 +112,7 @@ STAGES: dict[str, dict[str, Callable]] = {
     "points: frames in no order": {"points.whole_take.pipeline.is_unordered": lambda *_: False},
     "frames: limbs exchanged": {"points.likelihood.solving._exchanged": lambda *_: []},
     "blobs: rereading": {"blobs.rereading.Rereader.read_again": lambda *_: ()},
+    "blobs: review of swaps": {"blobs.pipeline.TakeLabeller._review": lambda _, track, *__: track},
     "blobs: continuity": {"blobs.pipeline.renamed": lambda *_: ()},
     "blobs: image tracklets": {"blobs.pipeline.name_by_tracklets": lambda *_: None},
     "blobs: swaps in a found frame": {"blobs.search.settle": try_swaps},
@@ -120,7 +121,7 @@ STAGES: dict[str, dict[str, Callable]] = {
 if has_blender():
     # Rays are cast at the capsules' meshes instead.
     STAGES["blobs: closed form"] = {"blobs.subject.CapsuleOcclusion": lambda markerset, _: mesh_occlusion(markerset)}
-LOOK_AGAIN = ("rereading", "continuity", "image tracklets")
+LOOK_AGAIN = ("rereading", "review of swaps", "continuity", "image tracklets")
 EXCHANGES = ("blocks", "shifts", "exchanges of a while", "seldom there", "consistency", "parting at leaps")
 TOGETHER = {
     "points: six that seem to do nothing": [f"points: {name}" for name in EXCHANGES],

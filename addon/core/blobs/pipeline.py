@@ -26,11 +26,11 @@ from ..review.suspects import find_suspects
 from .confidence import CONFIDENCE, named_confidences, swap_doubts
 from .continuity import renamed
 from .image_tracklets import name_by_tracklets
-from .rereading import Rereader
+from .rereading import REREADING, Rereader
 from .search import CROWDING, FINDING, MAX_FINALISTS, Found, Hints, find_subject
 from .seeding import contradicted, fixed_in, seeds_of
 from .subject import Setup
-from .swaps import exchange_loss, swap_names
+from .swaps import exchange_loss, exchanged, swap_names
 from .tracking import Followed, FrameResult, Track, follow
 
 PARTS = 8  # of a chunk, in which a lost subject is looked for, one frame each
@@ -45,12 +45,15 @@ class TakeOptions:
     good_named             physical: share of the markers that a good placement, one that is clear, names of those that
                            it lets the cameras see; after `MAX_FINALISTS` of them the best will do
     min_confidence         physical: a placement less sure than this names nothing, a third of such would be wrong
+    review_frames          physical: until it is asked whether neighbours have changed names, a third of a second, as a
+                           wrong start stays wrong; and again at a chunk's end
     min_label_confidence   paper, 5: rather no label than one that is as likely to be wrong
     """
 
     min_rate: float = 20.0
     good_named: float = 0.8
     min_confidence: float = 0.7
+    review_frames: int = 20
     min_label_confidence: float = 0.5
 
 
@@ -166,6 +169,8 @@ class TakeLabeller:
             track = followed.track
             chunk.results[at] = self._result(followed)
             at += 1
+            if at in (end, first + TAKES.review_frames):
+                track = self._review(track, chunk, first, at - 1)
             self.track = track
         return at
 
@@ -251,6 +256,35 @@ class TakeLabeller:
                 break
         return best_index, best
 
+    def _review(self, track: Track, chunk: "_Chunk", first: int, at: int) -> Track:
+        """Asks whether neighbours have changed names, and gives them back from where they may have done so.
+
+        A frame before must say the same, as one may be blurred. Returns the track without what it learned of them.
+        """
+        earlier = at - REREADING.around
+        if earlier < first:
+            return track
+        with self.setup.clock("fit"):
+            found, before = (self._looks_into(exchanged, track, chunk, index) for index in (at, earlier))
+        order = next((order for order in found if order in before), None)
+        if order is None:
+            return track
+        moved = np.flatnonzero(np.array(order) != np.arange(len(order)))
+        since = self._exchanged_to(track, chunk, order, earlier, -1)
+        if any(chunk.is_fixed(index, moved) for index in range(since, at + 1)):  # a person has looked at them
+            return track
+        for index in range(since, at + 1):
+            swap_names(chunk.result(index).naming, np.array(order))
+        names = ", ".join(self.setup.model.markerset.markers[marker] for marker in moved)
+        chunk.suspect(since, at, f"{names} had changed names and got them back")
+        return track.doubting(moved, self.setup)
+
+    def _looks_into(self, question, track: Track, chunk: "_Chunk", index: int, *more):
+        """Asks `question` of a labelled frame: `swaps.exchanged` or `swaps.exchange_loss`."""
+        result = chunk.result(index)
+        subject = replace(track.subject, bodies=result.bodies)
+        return question(chunk.views[index], result.naming, subject, self.setup, *more)
+
     def _exchanged_to(self, track: Track, chunk: "_Chunk", order: tuple[int, ...], at: int, step: int) -> int:
         """The farthest frame of this spell, before `at` or with `step` 1 after it, that asks for an exchange of names.
 
@@ -261,9 +295,7 @@ class TakeLabeller:
             end += step
         while at != end:
             middle = (at + end + (step > 0)) // 2
-            result = chunk.result(middle)
-            subject = replace(track.subject, bodies=result.bodies)
-            if exchange_loss(chunk.views[middle], result.naming, subject, self.setup, order) < 0:
+            if self._looks_into(exchange_loss, track, chunk, middle, order) < 0:
                 at = middle
             else:
                 end = middle - step

@@ -168,6 +168,14 @@ def swap_names(naming: Naming, order: np.ndarray):
     naming.give(camera, marker, naming.slot[camera, marker], naming.step[camera, marker])
 
 
+def exchanged(view: View, naming: Naming, subject: Subject, setup: Setup) -> list[tuple[int, ...]]:
+    """Exchanges that would put one frame's names right, the best first, whatever the frames before it said."""
+    fresh, state = refit(view, naming, without_own(subject, setup), setup, SWAP_STEPS, setup.prior)
+    swaps = try_swaps(view, naming, fresh, state, setup, setup.prior)
+    order = np.argsort(swaps.loss)
+    return [tuple(map(int, swaps.orders[index])) for index in order if swaps.loss[index] < -SWAPS.min_gain]
+
+
 def exchange_loss(view: View, naming: Naming, subject: Subject, setup: Setup, order: tuple[int, ...]) -> float:
     """How much worse one frame's body would be for an exchange, whatever the frames before it said."""
     fresh, _ = refit(view, naming, without_own(subject, setup), setup, SWAP_STEPS, setup.prior)
