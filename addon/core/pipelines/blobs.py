@@ -38,16 +38,16 @@ from .through_points import label_through_points
 class BlobOptions:
     """How blobs are named.
 
-    method     one of `naming.METHODS`
     rate       frames a second
+    method     one of `naming.METHODS`
     target     of labels through points: the part that must be right; what is less sure is left unnamed
     hints      what the user may say about the take, for the fitted body
     occlusion  the body in the way; None for the marker set's capsules
     edits      what a person said of the labels; those that `edits.applying.refuse_unknown` lets pass
     """
 
+    rate: float
     method: str = "auto"
-    rate: float = 100.0
     target: float = USUAL_TARGET
     hints: Options = field(default_factory=Options)
     occlusion: Occlusion | None = None

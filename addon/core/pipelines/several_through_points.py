@@ -34,13 +34,13 @@ from .points_of_blobs import PointsOfBlobs, without_number
 class CheckingBackOptions:
     """When a blob keeps the name of its point. Costs are in nats: half the square of a distance over the blobs' noise.
 
-    hidden    what it costs that a body is in the way: nobody's body is exactly the model's, so a blob that goes well
-              with its marker's other blobs keeps its name all the same
-    most      beyond which a blob is not its marker's, and
-    lead      by which it must be cheaper than by any marker of somebody else that can be seen there: else both explain
-              it about as well, as where images melt into one blob. All three were chosen on the first four takes of
-              each kind in tests/accuracy/actor_blobs.py
-    share     of the work that is reconstruction, as measured
+    hidden    measured: what it costs that a body is in the way: nobody's body is exactly the model's, so a blob that
+              goes well with its marker's other blobs keeps its name all the same
+    most      measured: beyond which a blob is not its marker's, and
+    lead      measured: by which it must be cheaper than by any marker of somebody else that can be seen there: else
+              both explain it about as well, as where images melt into one blob. All three were chosen on the first
+              four takes of each kind in tests/accuracy/actor_blobs.py
+    share     measured: of the time of the work that is reconstruction
     """
 
     hidden: float = 15.0
@@ -95,12 +95,7 @@ class SubjectsInImages:
         hidden = hidden_by_any(self.bodies, each, motion.markers, self.cameras.centres)
         checked = given.kept(self._borne_out(blobs, given, motion, hidden, _subject(each)))
 
-        def by_others(own: int, markers: np.ndarray) -> np.ndarray:
-            others = [number for number in range(len(each)) if number != own]
-            volumes, moving = [self.bodies[number] for number in others], [each[number] for number in others]
-            return hidden_by_any(volumes, moving, markers, self.cameras.centres)
-
-        labels = fitted.read(blobs, checked, by_others)
+        labels = fitted.read(blobs, checked)
         there = np.isfinite(motion.markers).all(axis=2)
         meeting = labels.kept(self._meeting(blobs, checked, labels, motion))
         motion = measured_again(motion, blobs, given, meeting, self.cameras, there)

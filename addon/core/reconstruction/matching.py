@@ -11,6 +11,7 @@ import numpy as np
 
 from ..geometry.triangulation import Rays, passing
 from ..geometry.views import VIEWING, Sight, View
+from ..papers.virtual_occlusions.labelling import Rules
 
 MAX_PAIRS = 20_000  # of rays in a frame; more is a room full of reflections, of which the closest pairs are tried
 MAX_ROUNDS = 40  # of choosing hypotheses; few are left after five
@@ -18,13 +19,10 @@ MAX_ROUNDS = 40  # of choosing hypotheses; few are left after five
 
 @dataclass(frozen=True)
 class MatchingOptions:
-    """Which blobs are taken to be one marker's. Deviations are standard ones of a blob's position.
+    """Which blobs are taken to be one marker's, beside how far `Rules` lets them be off.
 
     Measured on walks in 4 to 8 cameras: half or twice of each number changes 1 % of the points at most.
 
-    max_pass_sds  measured: by which two rays of one marker may pass each other
-    max_candidate_sds  measured: within which a blob is tried with the crossing of two others
-    max_miss_sds  measured: within which a blob belongs to the point that its set makes
     room_m3  physical: about the space in which a marker may be
     min_distance_m  physical: between two markers; nearer, two points are one
     max_blur_m  measured: standard deviation along its worst axis of a point; one less certain is none
@@ -32,9 +30,6 @@ class MatchingOptions:
     max_alone_m  physical: from all other markers, as they are on one subject
     """
 
-    max_pass_sds: float = 4.0
-    max_candidate_sds: float = 6.0
-    max_miss_sds: float = 3.5
     room_m3: float = 10.0
     min_distance_m: float = 0.006
     max_blur_m: float = 0.02
@@ -134,7 +129,7 @@ class FrameMatcher:
         local = self.sight.local(expected.points[None])[0]
         image = self.sight.image(local)
         reach = expected.radius / np.maximum(local[..., 2], VIEWING.min_depth_m)
-        reach = reach + self.options.max_miss_sds * self.pixel / self.sight.focal[:, None]
+        reach = reach + Rules.max_miss * self.pixel / self.sight.focal[:, None]
         offset = self.view.image[self.camera, self.slot][:, None] - image[self.camera]
         near = np.einsum("bni,bni->bn", offset, offset) < reach[self.camera] ** 2
         together = near.astype(np.float32) @ near.T.astype(np.float32) > 0
@@ -148,11 +143,10 @@ class FrameMatcher:
 
     def _crossings(self, first: np.ndarray, second: np.ndarray):
         """Of pairs of blobs those whose rays pass each other closely, and the points (Q, 3) between."""
-        options = self.options
         near, far, gap, fixed = passing(self.direction, self.origin, first, second)
         gap2 = gap[0] ** 2 + gap[1] ** 2 + gap[2] ** 2
         focal = self.sight.focal[self.camera]
-        allowed2 = options.max_pass_sds**2 * self.pixel**2 * ((near / focal[first]) ** 2 + (far / focal[second]) ** 2)
+        allowed2 = Rules.max_square * self.pixel**2 * ((near / focal[first]) ** 2 + (far / focal[second]) ** 2)
         kept = np.flatnonzero(fixed & (gap2 < allowed2))
         if len(kept) > MAX_PAIRS:
             kept = kept[np.argsort(gap2[kept] / allowed2[kept])[:MAX_PAIRS]]
@@ -172,7 +166,7 @@ class FrameMatcher:
     def _choose(self, pairs, expected: Expected, before: list[FramePoints]) -> FramePoints:
         """The hypotheses from pairs of blobs that hold, best first; their blobs are not free any more."""
         first, second, middle = self._crossings(*pairs)
-        slots = self._nearest_blobs(middle, self.options.max_candidate_sds)
+        slots = self._nearest_blobs(middle, Rules.max_off_point)
         slots[np.arange(len(first)), self.camera[first]] = self.slot[first]
         slots[np.arange(len(first)), self.camera[second]] = self.slot[second]
         left = _Hypotheses.of(self, self._completed(slots), expected)
@@ -197,7 +191,7 @@ class FrameMatcher:
             slots = self.agreeing(each_once(slots))
             met = self.rays.meet(slots.T)
             known = np.isfinite(met.points[:, 0])
-            more = self._nearest_blobs(met.points[known], self.options.max_miss_sds)
+            more = self._nearest_blobs(met.points[known], Rules.max_miss)
             slots = np.where(slots[known] >= 0, slots[known], more)
         return self.agreeing(each_once(slots))
 
@@ -206,7 +200,7 @@ class FrameMatcher:
         slots = slots[(slots >= 0).sum(axis=1) >= 2]
         for _ in self.cameras:
             miss = self.deviations(slots)
-            bad = miss.max(axis=0, initial=0) > self.options.max_miss_sds
+            bad = miss.max(axis=0, initial=0) > Rules.max_miss
             if not bad.any():
                 break
             slots = slots.copy()
