@@ -18,6 +18,11 @@ from ..geometry.views import View
 from ..papers.virtual_occlusions.cloud import FEW_CAMERAS, PARTNERS, nearest_blobs, partners
 from ..papers.virtual_occlusions.labelling import Expectation, Frame, Naming
 
+# Of a marker, the best, that are chosen from, and more for each camera beyond those whose rays are all met: a point is
+# tried without each of its rays. Without, 4 % of the blobs of sixteen cameras and 22 % of those of twenty-four went
+# without a name.
+HYPOTHESES, MORE_HYPOTHESES = 40, 15
+
 
 @dataclass(frozen=True)
 class AtOnceOptions:
@@ -29,10 +34,6 @@ class AtOnceOptions:
                      of `tests.accuracy.strangers` one marker in ten is 4 to 8 cm from where the fitted body has it
     elsewhere_m      measured: by so much, standard deviation along each axis, on the same; no marker is farther off
                      than four of them
-    hypotheses       memory: of a marker, the best, that are chosen from, and
-    hypotheses_more  measured: for each camera beyond those whose rays are all met; without, 4 % of the blobs of sixteen
-                     cameras and 22 % of those of twenty-four went without a name, as a point is tried without each
-                     of its rays
     seen_behind      physical: chance that a camera has a blob of a marker behind a nearer one on the same line, and
     seen_before      physical: of the nearer one, if it has one of either, as nothing else is in the way
     """
@@ -41,8 +42,6 @@ class AtOnceOptions:
     seen_hidden: float = 0.25
     elsewhere: float = 0.1
     elsewhere_m: float = 0.05
-    hypotheses: int = 40
-    hypotheses_more: int = 15
     seen_behind: float = 0.1
     seen_before: float = 0.99
 
@@ -111,7 +110,7 @@ def hypotheses_of(frame: Frame, expected: Expectation, options: AtOnceOptions = 
     place, elsewhere = _placed(off, expected.covariance[marker] + spread[which], options)
     gain = rays[which] + place + _detections(expected, seen[which], marker, options)
     many = Hypotheses(marker, sets[which], gain, elsewhere)
-    return _pruned(many, _singles(frame, expected, ghost, options), frame, options)
+    return _pruned(many, _singles(frame, expected, ghost, options), frame)
 
 
 def _placed(off: np.ndarray, spread: np.ndarray, options: AtOnceOptions) -> tuple[np.ndarray, np.ndarray]:
@@ -211,7 +210,7 @@ def _completed(members: np.ndarray, points: np.ndarray, frame: Frame) -> np.ndar
     return np.where(members >= 0, members, np.where(off < frame.rules.max_off_point * noise, nearest, -1).T)
 
 
-def _pruned(many: Hypotheses, singles: Hypotheses, frame: Frame, options: AtOnceOptions) -> Hypotheses:
+def _pruned(many: Hypotheses, singles: Hypotheses, frame: Frame) -> Hypotheses:
     """The best of each marker, without those that contradict what a person named."""
     marker, slot, gain, elsewhere = (
         np.concatenate([getattr(many, name), getattr(singles, name)]) for name in Hypotheses.__dataclass_fields__
@@ -221,7 +220,7 @@ def _pruned(many: Hypotheses, singles: Hypotheses, frame: Frame, options: AtOnce
     fixed[camera, frame.fixed[camera, named]] = True
     used = fixed[frame.cameras, np.maximum(slot, 0)] | (frame.fixed[:, marker].T >= 0)
     gain = np.where((used & (slot >= 0)).any(axis=1), 0, gain)
-    most = options.hypotheses + options.hypotheses_more * max(len(frame.cameras) - PARTNERS - 1, 0)
+    most = HYPOTHESES + MORE_HYPOTHESES * max(len(frame.cameras) - PARTNERS - 1, 0)
     order = np.lexsort((-gain, marker))
     rank = np.arange(len(order)) - np.searchsorted(marker[order], marker[order])
     kept = order[(rank < most) & (gain[order] > 0)]

@@ -15,9 +15,10 @@ from ..papers.virtual_occlusions.cost import BlobPull, CloudPull
 from ..papers.virtual_occlusions.fit import Fit, State, body_state, fit_body, fit_placement
 from ..papers.virtual_occlusions.labelling import Expectation, Frame, Naming, give_nearer, name_merged
 from ..papers.virtual_occlusions.placement import blob_centre, make_starts, principal_guess
+from ..posing.posing import POSING
 from .arms import with_arms_held
 from .jointly import JOINTLY, name_jointly
-from .subject import SUBJECT, Setup, Subject, expect, learn_noise, learn_own, name, named_pull, refit
+from .subject import Setup, Subject, expect, learn_noise, learn_own, name, named_pull, refit
 from .swaps import MAX_EXCHANGES, SWAPS, Swaps, swap_names, try_swaps, withdraw_unexpected, without_own
 
 
@@ -167,7 +168,7 @@ def find_subject(
     Raises JobError when the cameras cannot fix a position at all.
     """
     cloud = build_cloud(view, setup.sight)
-    if (cloud.weight > 0).sum() < SUBJECT.min_markers:
+    if (cloud.weight > 0).sum() < POSING.min_markers:
         return None
     prior = _prior_for(hints, setup)
     starts = first_starts(view, cloud, setup, hints)

@@ -14,7 +14,7 @@ from ..geometry.cameras import Cameras
 from ..geometry.views import Sight, View
 from ..papers.virtual_occlusions import cost
 from ..papers.virtual_occlusions.fit import State, fit_body
-from ..papers.virtual_occlusions.labelling import Expectation, Naming, Rules, name_exclusive, name_markers, pixel_noise
+from ..papers.virtual_occlusions.labelling import Expectation, Naming, Rules, name_markers, pixel_noise
 from ..papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion, Occlusion
 from .exchanges import standing_exchanges
 
@@ -25,7 +25,6 @@ TIMED_STAGES = ("place", "fit", "label")
 class SubjectOptions:
     """What is taken for granted of a subject, and what it may be found to be.
 
-    min_markers     physical: that show a body; three points fix where it is, a fourth tells it from its mirror image
     min_marker_sd   measured: heights; a subject's markers are never taken to sit surer than this where the marker set
                     has them. Other labs than the one it was learned from put them elsewhere by a centimetre, as five
                     people of three of them show
@@ -40,7 +39,6 @@ class SubjectOptions:
                     what the prediction misses does not shrink with the time between frames
     """
 
-    min_markers: int = 4
     min_marker_sd: float = 0.008
     skin_m: float = 0.006
     max_own: float = 3.0
@@ -210,7 +208,7 @@ def name(
     `fixed` (C, M) are the blobs that a person named, -1 where nobody did.
     """
     rules = replace(setup.rules, pixel=subject.pixel)
-    return (name_exclusive if step1_only else name_markers)(view, setup.sight, expected, rules, fixed)
+    return name_markers(view, setup.sight, expected, rules, fixed, step1_only)
 
 
 def learn_noise(naming: Naming, subject: Subject, setup: Setup, rate: float) -> Subject:

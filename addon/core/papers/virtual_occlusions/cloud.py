@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...data.physical import SIGMAS
 from ...geometry.rigid import pairwise_distances
 from ...geometry.triangulation import Rays, passing
 from ...geometry.views import Sight, View
@@ -27,11 +28,9 @@ class CloudOptions:
 
     max_gap_m        physical: between two rays of one marker at its depth, most of a marker's size; a point is off its
                      rays by twice that at most, root mean square, so that chains of near misses make none
-    max_gap_px       physical: what the pixels add to it, three standard deviations
     """
 
     max_gap_m: float = 0.012
-    max_gap_px: float = 3.0
 
 
 CLOUD = CloudOptions()
@@ -109,7 +108,7 @@ def _meetings(first, second, camera, direction, origin, sight):
     """Of pairs of rays, those that meet: their indices, mid-points, and the gap as a share of what is allowed."""
     near, far, between, fixed = passing(direction, origin, first, second)
     pixel = near / sight.focal[camera[first]] + far / sight.focal[camera[second]]
-    gap, allowed = np.linalg.norm(between, axis=0), CLOUD.max_gap_m + CLOUD.max_gap_px * pixel / 2
+    gap, allowed = np.linalg.norm(between, axis=0), CLOUD.max_gap_m + SIGMAS * pixel / 2
     kept = fixed & (gap < allowed)
     first, second, middle = first[kept], second[kept], between.T[kept] / 2
     middle += origin[first] + near[kept, None] * direction[first]
@@ -119,7 +118,7 @@ def _meetings(first, second, camera, direction, origin, sight):
 def _members(points: np.ndarray, view: View, sight: Sight) -> np.ndarray:
     """(Q, C) slot of the blob nearest to each point's image where it is near enough, else -1."""
     nearest, metres, depth = nearest_blobs(points, view, sight)
-    allowed = CLOUD.max_gap_m + CLOUD.max_gap_px * depth / sight.focal[:, None]
+    allowed = CLOUD.max_gap_m + SIGMAS * depth / sight.focal[:, None]
     return np.where(metres < allowed, nearest, -1).T
 
 
