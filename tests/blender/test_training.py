@@ -58,7 +58,7 @@ def own_folder(extension, monkeypatch, tmp_path):
 
 @pytest.fixture
 def jobs_given(extension, monkeypatch):
-    """The jobs of trainings, which are not done: of each a report says that nothing is against its model, and `said`."""
+    """The jobs of trainings, which are not done: a report says that nothing is against its model, and `said`."""
     given = SimpleNamespace(jobs=[], said={})
 
     def train_file(job):

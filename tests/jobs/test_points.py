@@ -5,7 +5,7 @@ import csv
 import json
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import ezc3d
 import numpy as np
@@ -16,7 +16,6 @@ from addon.core.data.errors import JobError
 from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, Points, Suspect, Verdict
 from addon.core.points.likelihood.frames import LikelihoodNamer
 from addon.core.points.whole_take import pipeline
-from addon.core.posing.posing import POSING
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points, write_c3d
 from addon.jobs import LabelJob, label_file
@@ -148,7 +147,7 @@ def test_only_the_number_of_a_trajectory_is_made_the_file_s(source, monkeypatch)
 
 
 def test_progress_only_grows_and_goes_on_while_the_body_is_posed(source, of_two_minds, monkeypatch):
-    monkeypatch.setattr("addon.core.posing.posing.POSING", replace(POSING, batch_frames=5))
+    monkeypatch.setattr("addon.core.posing.posing.BATCH_FRAMES", 5)
     told = list(label_file(LabelJob(source, None, "gait15", source.parent / "out")))
     shares = [one.fraction for one in told]
     assert shares == sorted(shares)

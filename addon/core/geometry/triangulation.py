@@ -28,6 +28,7 @@ class MeetingOptions:
 
 
 MEETING = MeetingOptions()
+MIN_SINE = 0.02  # of the angle between two rays; below it, one degree, they fix no depth
 RAY_RIDGE = 1e-12  # of the equations' size, which keeps parallel rays from a division by nought
 
 
@@ -60,6 +61,31 @@ class Rays:
         """
         parts = self.across, self.anchor, self.centres
         return Meeting(*meet(slot, depth, *parts, RAY_RIDGE, MEETING.max_condition))
+
+
+def passing(
+    direction: np.ndarray, origin: np.ndarray, first: np.ndarray, second: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Where pairs of rays pass each other: how far along the first and along the second (N,) m, the gap (3, N) m.
+
+    Rays are direction (B, 3) and origin (B, 3) m, pairs their indices (N,). Also whether that is in front of both, and
+    the angle between them fixes a depth (N,).
+    """
+    # Axis by axis: NumPy is slow to add up three of something.
+    direction, origin = direction.T, origin.T
+    one, two = np.take(direction, first, axis=1), np.take(direction, second, axis=1)
+    between = np.take(origin, second, axis=1) - np.take(origin, first, axis=1)
+    cosine, along_one, along_two = _summed(one * two), _summed(between * one), _summed(between * two)
+    sine2 = 1 - cosine**2
+    floor = np.maximum(sine2, MIN_SINE**2)
+    near, far = (along_one - cosine * along_two) / floor, (cosine * along_one - along_two) / floor
+    fixed = (sine2 > MIN_SINE**2) & (near > VIEWING.min_depth_m) & (far > VIEWING.min_depth_m)
+    return near, far, between + far * two - near * one, fixed
+
+
+def _summed(parts: np.ndarray) -> np.ndarray:
+    """(N,) the sum of the rows of an array (3, N)."""
+    return parts[0] + parts[1] + parts[2]
 
 
 @stands_for(calls.blob_rays)

@@ -32,7 +32,7 @@ class Remembering(SolverStudy):
         if subset not in self._made:
             self._made[subset] = super().solver(subset)
         made = self._made[subset]
-        reached = made.record.reaches(self.targets[made.markers], self.options.ambiguous)
+        reached = made.record.reaches(self.targets[made.markers])
         return replace(made, reached=reached)
 
 

@@ -70,8 +70,8 @@ class Body:
         return self.said(held.tolist(), self.off)
 
 
-def read(blobs: Blobs, given: list[int], *bodies: Body, hidden=lambda number, markers: np.zeros((1, 9, MARKERS), bool)):
-    return FollowedSubjects(bodies, 2 * MARKERS).read(blobs, labels_of(given), hidden).marker.tolist()
+def read(blobs: Blobs, given: list[int], *bodies: Body):
+    return FollowedSubjects(bodies, 2 * MARKERS).read(blobs, labels_of(given)).marker.tolist()
 
 
 def test_what_a_body_adds_is_named_and_what_it_denies_is_not():
@@ -87,18 +87,6 @@ def test_a_blob_that_two_bodies_claim_is_nobodys():
 
 def test_nobody_judges_the_names_of_who_has_no_body():
     assert read(blobs_of([0, 1]), [0, 5], Body(0, [0, -1])) == [0, 5]
-
-
-@pytest.mark.parametrize(("cameras", "kept"), [([2], [-1]), ([2, 3], [1, 1])])
-def test_a_marker_that_somebody_hides_from_the_only_camera_is_not_named(cameras, kept):
-    def hidden(number: int, markers: np.ndarray) -> np.ndarray:
-        found = np.zeros((1, 9, MARKERS), bool)
-        found[0, 2, 1] = number == 0
-        return found
-
-    count = len(cameras)
-    bodies = Body(0, [1] * count), Body(1, [-1] * count)
-    assert read(blobs_of(cameras), [-1] * count, *bodies, hidden=hidden) == kept
 
 
 @pytest.mark.parametrize(("off", "named"), [(0.01, 0), (0.03, 3)])

@@ -47,10 +47,10 @@ def test_the_body_hides_what_its_occlusion_says_and_nothing_else():
     assert 0.1 < hidden.mean() < 0.5
 
 
-def test_chunks_are_the_whole_take_in_parts():
+def test_chunks_are_the_whole_take_in_parts(monkeypatch):
+    monkeypatch.setattr("addon.core.simulation.simulate.CHUNK_FRAMES", 20)
     markerset, markers, body = still(50)
-    options = CaptureOptions(chunk_frames=20)
-    chunks = list(capture(markers, markerset.markers, paper_rig(), options, body, first_frame=101))
+    chunks = list(capture(markers, markerset.markers, paper_rig(), body=body, first_frame=101))
     assert [len(chunk.blobs.frames) for chunk in chunks] == [20, 20, 10]
     whole = joined(iter(chunks))
     assert whole.blobs.frames.tolist() == list(range(101, 151))

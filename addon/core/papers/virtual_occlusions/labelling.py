@@ -242,23 +242,23 @@ class Frame:
 
 
 def name_markers(
-    view: View, sight: Sight, expected: Expectation, rules: Rules, fixed: np.ndarray | None = None
+    view: View,
+    sight: Sight,
+    expected: Expectation,
+    rules: Rules,
+    fixed: np.ndarray | None = None,
+    step1_only: bool = False,
 ) -> Naming:
-    """Algorithm 1 on one frame, of which some blobs may be named already: `fixed` (C, M), see `Frame`."""
-    named = named_by_library if in_use() else named_by_numpy
-    return named(view, sight, expected, rules, fixed, step1_only=False)
+    """Algorithm 1 on one frame, of which some blobs may be named already: `fixed` (C, M), see `Frame`.
 
-
-def name_exclusive(
-    view: View, sight: Sight, expected: Expectation, rules: Rules, fixed: np.ndarray | None = None
-) -> Naming:
-    """Step 1 alone: enough to bring a tracked body up to date before the frame is named in earnest."""
+    Its first step alone is enough to bring a tracked body up to date before the frame is named in earnest.
+    """
     named = named_by_library if in_use() else named_by_numpy
-    return named(view, sight, expected, rules, fixed, step1_only=True)
+    return named(view, sight, expected, rules, fixed, step1_only)
 
 
 def named_by_numpy(view, sight, expected, rules, fixed, step1_only: bool) -> Naming:
-    """Algorithm 1, or its first step alone."""
+    """The same by NumPy."""
     frame = Frame(view, sight, expected, rules, fixed)
     naming = Naming.empty(frame)
     claims = identify_visible(frame, naming)

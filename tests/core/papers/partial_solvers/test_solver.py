@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from addon.core.papers.partial_solvers import solver as solver_module
 from addon.core.papers.partial_solvers.boosting import learn_intervals
 from addon.core.papers.partial_solvers.features import all_features, tables
-from addon.core.papers.partial_solvers.masks import Masks, TreeOptions
+from addon.core.papers.partial_solvers.masks import Masks
 from addon.core.papers.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, Classifiers
 from addon.core.papers.partial_solvers.solver import TreeSearch
 from tests.core.papers.partial_solvers.plain import accepts
@@ -92,7 +92,7 @@ def test_parts_make_no_difference(monkeypatch):
     points = moving(6, 50, sway=0.2)
     pool = pool_of(points)
     whole = side_by_side(range(4), pool[pool.within(range(4))], tables(points))
-    monkeypatch.setattr(solver_module, "TREE", TreeOptions(max_rows=7))
+    monkeypatch.setattr(solver_module, "MAX_ROWS", 7)
     assert side_by_side(range(4), pool[pool.within(range(4))], tables(points)) == whole
 
 
