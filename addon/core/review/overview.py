@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..data.lanes import blocks
 from ..data.takes import BY_EDIT, NO_MARKER, Blobs, EditOutcome, LabelledChunk, PointRows
 from ..edits.applying import joined
 from ..edits.kinds import NO_EDITS, Edits, Place
@@ -14,7 +15,7 @@ from ..geometry.cameras import NO_CAMERAS, Cameras
 from .answering import unanswered_of_blobs
 from .moments import Moment, MomentKeeper
 from .suspects import find_suspects
-from .tallies import OVERVIEW, LengthLog, Lengths, TimeBins
+from .tallies import LengthLog, Lengths, TimeBins
 
 if TYPE_CHECKING:  # it is looked at, and none is made
     from ..data.markersets import Worn
@@ -138,8 +139,8 @@ class TakeOverview:
         camera, frame, marker = rows.camera[named], rows.frame[named], labels.marker[named]
         self.blobs[:, 0] += np.bincount(rows.camera, minlength=count)
         self.blobs[:, 1] += np.bincount(camera, minlength=count)
-        for first in range(0, len(chunk.motion.markers), OVERVIEW.at_once):
-            seen = self.cameras.project(chunk.motion.markers[first : first + OVERVIEW.at_once])
-            part = slice(*np.searchsorted(frame, [first, first + OVERVIEW.at_once]).tolist())
-            off = rows.xy[named[part]] - seen[camera[part], frame[part] - first, marker[part]]
+        for some in blocks(len(chunk.motion.markers), count * chunk.motion.markers.shape[1]):
+            seen = self.cameras.project(chunk.motion.markers[some])
+            part = slice(*np.searchsorted(frame, [some.start, some.stop]).tolist())
+            off = rows.xy[named[part]] - seen[camera[part], frame[part] - some.start, marker[part]]
             self.pixels.add(np.linalg.norm(off, axis=1), camera[part])

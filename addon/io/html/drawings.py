@@ -8,7 +8,7 @@ import numpy as np
 
 from ...core.review.moments import Moment
 from ...core.review.overview import CELL_STATES, GAP_CELL, TakeOverview
-from ...core.review.tallies import OVERVIEW, LengthLog
+from ...core.review.tallies import LENGTH_EDGES, LengthLog
 from .markup import Html, element, joined_html, percent
 
 
@@ -114,7 +114,7 @@ def over_time(log: LengthLog, overview: TakeOverview, title: str) -> Html:
     """The mean of all markers and the largest of them, over the take, on a logarithmic axis."""
     mean, largest = log.means, log.largest.values[: log.largest.used]
     known = mean[np.isfinite(mean) & (mean > 0)]
-    low = 10.0 ** np.floor(np.log10(max(float(np.quantile(known, 0.02)), OVERVIEW.least)))
+    low = 10.0 ** np.floor(np.log10(max(float(np.quantile(known, 0.02)), LENGTH_EDGES[0])))
     high = max(10.0 ** np.ceil(np.log10(float(largest.max()))), 10 * low)
     axes = _Axes(np.log10(low), np.log10(high))
     place = axes.left + (np.arange(len(mean)) + 0.5) / len(mean) * (axes.right - axes.left)
