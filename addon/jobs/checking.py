@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.data.errors import InputError, UserError
 from ..core.data.lanes import Lanes
-from ..core.data.progress import Progress, part_of
+from ..core.data.progress import Progress, within
 from ..core.data.takes import Points, evenly_spread
 from ..core.evaluation.comparing import Comparison, TakeDifference
 from ..core.evaluation.relabelling import NO_NAME, UNTOLD, KnownNames, relabelled, without_names
@@ -168,6 +168,6 @@ def checking(before: Model, after: Model, check: TakesToCheck) -> Generator[Prog
         for way, model in enumerate((before, after)):
             first, last = ((2 * number + way + one) / (2 * len(takes)) for one in (0, 1))
             yield Progress(first, f"label {take.name} anew")
-            counts.append((yield from part_of(relabelled(take, model, markers), first, last)))
+            counts.append((yield from within(relabelled(take, model, markers), first, last)))
         differences.append(TakeDifference(take.name, kind, len(take.truth), *counts))
     return Comparison(markers, tuple(differences), check.left_out)

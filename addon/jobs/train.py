@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import InputError
-from ..core.data.progress import Progress, part_of, within
+from ..core.data.progress import Progress, within
+from ..core.data.wording import listed
 from ..core.evaluation.comparing import Comparison
 from ..core.papers.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
 from ..core.points.history import NO_HISTORY, ModelHistory, ModelVersion
 from ..core.points.likelihood.trying import Trying, in_turn
 from ..core.points.models import Model, TrainingTake
-from ..core.training.looked_at import listed
 from ..core.training.pipeline import (
     TRAINING_SHARES,
     Trained,
@@ -190,13 +190,13 @@ def _made(
     if not (job.takes or job.shown):
         return (yield from _given_solvers(job, base, clock))
     end = TRAINING_SHARES["end"] if base is None else CHECK_FROM
-    made, replaced = yield from part_of(_learned(job, base, clock, try_all), 0.0, end / TRAINING_SHARES["end"])
+    made, replaced = yield from within(_learned(job, base, clock, try_all), 0.0, end / TRAINING_SHARES["end"])
     if base is None:
         return made
     with timed(clock, "check"):
         given = [take for take, _ in made.takes]
         check = takes_to_check(base, markerset_file(job.base), kept, given, replaced)
-        found = yield from part_of(checking(base, made.model, check), CHECK_FROM, TRAINING_SHARES["end"])
+        found = yield from within(checking(base, made.model, check), CHECK_FROM, TRAINING_SHARES["end"])
     made.report["seconds"]["check"] = round(clock["check"], 2)
     return replace(made, check=found)
 

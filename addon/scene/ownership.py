@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..core.training.looked_at import listed
+from ..core.data.wording import listed
 from . import naming
 
 MADE = "mocap_made"  # on what the add-on made: how it was made, and what it is in its take

@@ -14,21 +14,19 @@ from .views import VIEWING, Sight, View
 class MeetingOptions:
     """How rays meet.
 
-    max_condition  physical: of the normal equations of rays, beyond which they fix no depth: two that are nearer to
-                   parallel than half a degree
     kept_share     measured: of the points, best first, that the noise of the blobs is taken from: a wrong name or a
                    merged blob is not noise
     trimmed_scale  measured: by what leaving out the rest divides a normal deviation: 1.5 where two rays meet, 1.2 where
                    three do, by the truncated distribution of squares
     """
 
-    max_condition: float = 1e5
     kept_share: float = 0.8
     trimmed_scale: float = 1.35
 
 
 MEETING = MeetingOptions()
 MIN_SINE = 0.02  # of the angle between two rays; below it, one degree, they fix no depth
+MAX_CONDITION = 1e5  # of the equations of rays; two that are nearer to parallel than half a degree fix no depth
 RAY_RIDGE = 1e-12  # of the equations' size, which keeps parallel rays from a division by nought
 
 
@@ -60,7 +58,7 @@ class Rays:
         how long they are; without it the point nearest to all rays comes first.
         """
         parts = self.across, self.anchor, self.centres
-        return Meeting(*meet(slot, depth, *parts, RAY_RIDGE, MEETING.max_condition))
+        return Meeting(*meet(slot, depth, *parts, RAY_RIDGE, MAX_CONDITION))
 
 
 def passing(
@@ -161,7 +159,7 @@ def meet_rows(
         size = np.einsum("nii->n", normal)[:, None, None] + RAY_RIDGE
         inverse = np.linalg.inv(normal / size + RAY_RIDGE * np.eye(3))
         found = np.einsum("nij,nj->ni", inverse, right / size[:, 0])
-        found[np.einsum("nii->n", inverse) > MEETING.max_condition] = np.nan
+        found[np.einsum("nii->n", inverse) > MAX_CONDITION] = np.nan
         if not last:
             length = np.linalg.norm(found[point] - centres, axis=1)
             weight = 1 / np.maximum(np.nan_to_num(length, nan=np.inf), VIEWING.min_depth_m) ** 2

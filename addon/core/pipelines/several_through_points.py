@@ -14,7 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..data.markersets import MarkerSet
-from ..data.progress import Progress, part_of
+from ..data.progress import Progress, within
 from ..data.takes import Blobs, LabelledChunk, Labels, Motion, touched_samples
 from ..edits.blobs_in_points import NamedThroughBlobs
 from ..edits.kinds import NO_EDITS, Edits
@@ -192,7 +192,7 @@ def label_several_blobs(
     asked = replace(asked, others=True)  # they have blobs, and are in the way
     take = points.take()
     options = replace(options, edits=named.edits_of(points.place))
-    labelled = yield from part_of(label_several(take, asked, options, edits), CHECKING_BACK.share, 1.0)
+    labelled = yield from within(label_several(take, asked, options, edits), CHECKING_BACK.share, 1.0)
     del take
     worn = [one.model.markerset for one in labelled.worn.subjects]
     bodies = tuple(body_of(one) if body_of else CapsuleOcclusion(one, OCCLUDING.fitted_shrink) for one in worn)

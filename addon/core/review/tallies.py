@@ -10,21 +10,15 @@ import numpy as np
 class OverviewOptions:
     """How finely a take is kept.
 
-    columns      format: spans of time at most that a page shows, an even number; they get longer as the take does
-    per_decade   format: classes of a histogram in which a value grows tenfold: its quantiles are known to 6 %
-    least        format: the smallest length that is distinguished from others, mm or px, and
-    decades      format: in which all lengths are
-    at_once      memory: frames whose markers are projected into all cameras at a time
+    columns  format: spans of time at most that a page shows, an even number; they get longer as the take does
     """
 
     columns: int = 1000
-    per_decade: int = 40
-    least: float = 0.001
-    decades: int = 7
-    at_once: int = 500
 
 
 OVERVIEW = OverviewOptions()
+# Edges of the classes of a histogram of lengths, mm or px, in which they grow by 6 %: as well are quantiles known.
+LENGTH_EDGES = np.geomspace(1e-3, 1e4, 281)
 
 
 class TimeBins:
@@ -61,13 +55,12 @@ class Lengths:
     """How values above zero are spread: in logarithmic classes, each of `of` kinds on its own."""
 
     def __init__(self, of: int = 1):
-        self.counts = np.zeros((of, OVERVIEW.decades * OVERVIEW.per_decade), np.int64)
+        self.counts = np.zeros((of, len(LENGTH_EDGES) - 1), np.int64)
 
     def add(self, values: np.ndarray, kind: np.ndarray | int = 0):
         """Adds values (N,), each of a kind; those that are not finite or not above zero are left out."""
         known = np.isfinite(values) & (values > 0)
-        classes = np.floor(OVERVIEW.per_decade * np.log10(values[known] / OVERVIEW.least)).astype(int)
-        classes = np.clip(classes, 0, self.counts.shape[1] - 1)
+        classes = np.searchsorted(LENGTH_EDGES[1:-1], values[known], side="right")
         kind = np.broadcast_to(kind, values.shape)[known]
         flat = np.bincount(kind * self.counts.shape[1] + classes, minlength=self.counts.size)
         self.counts += flat.reshape(self.counts.shape)
@@ -77,5 +70,5 @@ class Lengths:
         counts = self.counts[kind]
         if not counts.any():
             return float("nan")
-        place = int(np.searchsorted(np.cumsum(counts), share * counts.sum()))
-        return float(OVERVIEW.least * 10 ** ((min(place, len(counts) - 1) + 0.5) / OVERVIEW.per_decade))
+        place = min(int(np.searchsorted(np.cumsum(counts), share * counts.sum())), len(counts) - 1)
+        return float(np.sqrt(LENGTH_EDGES[place] * LENGTH_EDGES[place + 1]))

@@ -11,13 +11,13 @@ from functools import cached_property
 import numpy as np
 
 from ...data.takes import BY_EDIT, CONFLICT, EXCLUSIVE, REMAINING
-from ...geometry.triangulation import MEETING, RAY_RIDGE, Meeting, Rays, trimmed_deviation
+from ...geometry.triangulation import MAX_CONDITION, RAY_RIDGE, Meeting, Rays, trimmed_deviation
 from ...geometry.views import NOWHERE, VIEWING, Sight, View
 from ...kernels import frame_calls, in_use
 
 SPREAD_UNIT = 1e-8  # m⁴, the spread whose log is nought
 TOO_FAR = 1e9  # a cost that no blob and marker can have
-CONDITION = RAY_RIDGE, MEETING.max_condition  # as the compiled library takes them
+CONDITION = RAY_RIDGE, MAX_CONDITION  # as the compiled library takes them
 LABEL_STEPS = EXCLUSIVE, CONFLICT, REMAINING, BY_EDIT
 
 
