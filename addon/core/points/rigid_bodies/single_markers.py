@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .correspondences import INDEPENDENT, MAX_COST
 from .model import RigidBodies
+from .structure import INDEPENDENT, MAX_COST
 
 
 @dataclass(frozen=True)
