@@ -25,7 +25,6 @@ OWED = {
     "pipelines/others.py": 2,
     "pipelines/several_through_points.py": 3,
     "points/deciding.py": 9,
-    "points/fitted_body.py": 8,
     "points/history.py": 1,
     "points/likelihood/assembling.py": 5,
     "points/likelihood/calibration.py": 1,

@@ -105,7 +105,7 @@ def test_edits_beside_a_take_of_points_hold_in_every_file(run, cloud, tmp_path, 
         {"kind": "swap", "markers": ["LFHD", "RFHD"], "frames": [110, 119]},
         name="cloud.edits.json",
     )
-    answer = run("label", path, "--model", MODEL, "--out", tmp_path / "out", "--method", "fit")
+    answer = run("label", path, "--model", MODEL, "--out", tmp_path / "out")
     assert answer.status == 0
     assert "the edits of cloud.edits.json beside it are applied" in answer.err
     assert "5 edits applied" in answer.out
@@ -145,7 +145,7 @@ def test_who_accepts_what_nobody_says_is_told(run, cloud, room, tmp_path, edited
     gap = {"kind": "unlabel", "marker": "LANK", "frames": [105, 119]}
     takes = (
         (room.blobs, ["--cameras", room.cameras, "--frames", "100:140"]),
-        (cloud[0], ["--method", "fit"]),
+        (cloud[0], []),
     )
     for path, words in takes:
         line = ["label", path, "--model", MODEL, "--out", tmp_path / "out", "--overwrite", *words, "--edits"]
@@ -165,7 +165,7 @@ def test_who_accepts_what_nobody_says_is_told(run, cloud, room, tmp_path, edited
 
 def test_results_of_other_edits_are_not_passed_over(run, cloud, tmp_path, edited):
     path, _ = cloud
-    words = "label", path, "--model", MODEL, "--out", tmp_path / "out", "--method", "fit", "--resume"
+    words = "label", path, "--model", MODEL, "--out", tmp_path / "out", "--resume"
     edited({"kind": "right", "marker": "C7"}, name="cloud.edits.json")
     assert run(*words).status == 0
     again = run(*words).out
@@ -221,7 +221,7 @@ def test_of_several_takes_each_has_its_own_edits(run, cloud, tmp_path, edited):
     other.write_bytes(path.read_bytes())
     edited({"kind": "delete", "point": whose.index("C7")}, name="cloud.edits.json")
     edited({"kind": "delete", "point": 99}, name="other.edits.json")
-    answer = run("label", path, other, "--model", MODEL, "--out", tmp_path / "out", "--method", "fit")
+    answer = run("label", path, other, "--model", MODEL, "--out", tmp_path / "out")
     assert answer.status == 2
     assert "other.edits.json: edit 1 is of trajectory 99" in answer.reason
     assert "cloud: 20 frames" in answer.out

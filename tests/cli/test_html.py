@@ -124,9 +124,9 @@ def test_a_page_over_takes_is_replaced_only_by_who_may(label, takes, tmp_path):
 
 def test_a_take_of_points_has_a_page(run, room, tmp_path):
     out = tmp_path / "out"
-    answer = run("label", room.c3d, "--model", MODEL, "--out", out, "--html", "--method", "fit")
+    answer = run("label", room.c3d, "--model", MODEL, "--out", out, "--html")
     assert answer.status == 0
     text = page(out / "take.report.html")
     assert "points named" in text
     assert "Cameras" not in text
-    assert "Method fit" in text
+    assert "Method likelihood" in text

@@ -14,8 +14,8 @@ frame,camera,x,y and optionally area, which needs --cameras; 3D points, a .c3d, 
 not looked at; or a Qualisys .qtm, which holds blobs with their calibration, 3D points, or both. For INPUT walk.csv, DIR
 gets walk.labels.csv, walk.c3d and walk.report.json."""
 ENGINES = ("local", "dask")
-METHODS_HELP = """fit: a body fitted frame after frame; likelihood (also called evidence), and ensemble: partial
-solvers, each frame on its own, blobs by way of the points that they make;
+METHODS_HELP = """fit: a body fitted to blobs, frame after frame; likelihood (also called evidence), and ensemble:
+partial solvers, each frame on its own, blobs by way of the points that they make;
 auto (default): the best for the input, fit for blobs and likelihood for points"""
 OCCLUSION_HELP = """what asks whether the body hides a blob's marker: bvh casts rays at its meshes, which takes Blender;
 capsules is the closed form; auto (default) is bvh inside Blender"""

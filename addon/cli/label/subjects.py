@@ -77,13 +77,13 @@ def settle_subjects(arguments):
 
 def check_models(arguments) -> Model:
     """The model of whoever is first; InputError where one is not there, or is none for several subjects."""
-    from ...core.points.naming import chosen_method
+    from ...core.points.naming import chosen_method, plain_method
 
     model = open_model(arguments.model)
     if arguments.subjects == 1 and not arguments.subject:
         return model
     for name in dict.fromkeys([arguments.model, *(worn for _, worn in arguments.subject)]):
-        if chosen_method(open_model(name), arguments.method) != "likelihood":
+        if plain_method(arguments.method) == "fit" or chosen_method(open_model(name), arguments.method) != "likelihood":
             words = f"several subjects need a model that names by likelihood, and {name} is not asked to"
             way = "--method auto, which names blobs by their points"
             raise InputError(f"{words}; expected {way}, and a model made by train")

@@ -82,13 +82,12 @@ def label_blobs(
 
 def _labelled(chunks: Iterable[Blobs], cameras: Cameras, model: Model, options: BlobOptions) -> Iterator[LabelledChunk]:
     """The same with the edits as constraints only."""
-    method = chosen_method(model, blob_method(options))
+    method = blob_method(options)
     if method == "fit":
         given = options.rate, options.hints, options.occlusion, options.edits
         return label_take(chunks, cameras, model.markerset, *given)
-    return label_through_points(
-        chunks, cameras, model, method, options.rate, options.hints, options.target, edits=options.edits
-    )
+    given = chosen_method(model, method), options.rate, options.target
+    return label_through_points(chunks, cameras, model, *given, edits=options.edits)
 
 
 def with_edits(

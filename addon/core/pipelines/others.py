@@ -16,7 +16,7 @@ from ..geometry.cameras import Cameras
 from ..geometry.views import Sight, split_views
 from ..points.models import Model
 from ..points.naming import chosen_method, namer_of
-from ..points.refusals import REFUSAL, SubjectsError, UnsuitedError, is_crowd, refuse_others
+from ..points.refusals import REFUSAL, SubjectsError, UnsuitedError, is_crowd, refuse_others, refuse_two_groups
 from ..reconstruction.matching import Circumstances, Expected, FrameMatcher
 from ..reconstruction.trajectories import RECONSTRUCTION
 
@@ -81,9 +81,12 @@ class OtherSubjects:
         crowded = sum(one is not None for one in self.kept)
         if not crowded or crowded < REFUSAL.min_often * len(self.kept):
             return
-        namer = namer_of(self.model, chosen_method(self.model, "auto"), None)
+        points = self.some_points(SEEKING.frames)
+        if not self.model.has_learned:
+            refuse_two_groups(self.model, points)
+            return
         try:
-            refuse_others(self.model, namer, self.some_points(SEEKING.frames))
+            refuse_others(self.model, namer_of(self.model, chosen_method(self.model, "auto")), points)
         except SubjectsError:
             raise
         except UnsuitedError:

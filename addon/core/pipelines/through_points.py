@@ -10,7 +10,6 @@ from time import perf_counter
 
 import numpy as np
 
-from ..blobs.pipeline import Options
 from ..data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, Blobs, LabelledChunk, Labels, Suspect, Verdict
 from ..edits.blobs_in_points import named_points
 from ..edits.kinds import NO_EDITS, Edits
@@ -67,7 +66,6 @@ def label_through_points(
     model: Model,
     method: str,
     rate: float,
-    options: Options,
     target: float,
     window_frames: int = 1024,
     edits: Edits = NO_EDITS,
@@ -78,7 +76,7 @@ def label_through_points(
     name blobs, the points that these make have their names, and `unedited` is what was labelled without.
     Raises JobError when there are fewer than two cameras, or a frame has more blobs than any capture.
     """
-    work = _Work(cameras, model, namer_of(model, method, options), rate, target, edits)
+    work = _Work(cameras, model, namer_of(model, method), rate, target, edits)
     reconstructor = Reconstructor(cameras, rate)
     waiting: list[tuple[Blobs, Reconstructed]] = []
     seconds = 0.0

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...data.takes import evenly_spread
-from ..refusals import far_groups
+from ..refusals import REFUSAL, far_groups
 from .affinity import Affinity
 from .wearers import MAX_SUBJECTS
 
@@ -16,7 +16,6 @@ class CountingOptions:
     """What a body shows of itself.
 
     firm        part of the usual affinity of a tracklet to others, below which it is a ghost
-    gap_m       between two bodies that are apart; physical: a hand is not farther from the next marker of its own arm
     often       part of the frames in which so many are apart
     spare       part of a set's markers that bodies together may lack for there to be one more
     whole       part of a set's markers that a body shows at most times; physical: whoever is parted in two has half of
@@ -24,7 +23,6 @@ class CountingOptions:
     """
 
     firm: float = 0.2
-    gap_m: float = 0.5
     often: float = 0.05
     spare: float = 0.4
     whole: float = 0.55
@@ -50,7 +48,7 @@ def count_bodies(points: np.ndarray, tracklet: np.ndarray, affinity: Affinity, m
     for frame in frames.tolist():
         own = points[frame][firm[frame]]
         present.append(len(own))
-        groups.append(len(far_groups(own, COUNTING.gap_m, markers / 2)))
+        groups.append(len(far_groups(own, REFUSAL.gap_m, markers / 2)))
     groups = np.sort(groups)[::-1]
     apart = int(groups[int(COUNTING.often * len(groups))])
     most = int(np.quantile(present, 1 - COUNTING.often) / markers + COUNTING.spare)
