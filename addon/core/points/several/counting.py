@@ -32,16 +32,11 @@ COUNTING = CountingOptions()
 FRAMES_COUNTED = 80  # that are looked at
 
 
-@dataclass(frozen=True)
-class Counted:
-    """How many bodies are `apart` at some time, and the `most` that there may be."""
+def count_bodies(points: np.ndarray, tracklet: np.ndarray, affinity: Affinity, markers: int) -> tuple[int, int]:
+    """How many bodies with so many markers are apart at some time, and the most that there may be.
 
-    apart: int
-    most: int
-
-
-def count_bodies(points: np.ndarray, tracklet: np.ndarray, affinity: Affinity, markers: int) -> Counted:
-    """How many bodies with so many markers are in points (T, L, 3) m of tracklets (T, L), -1 where there is none."""
+    In points (T, L, 3) m of tracklets (T, L), -1 where there is none.
+    """
     firm = np.append(firm_tracklets(affinity), False)[tracklet]
     frames = evenly_spread(len(points), FRAMES_COUNTED)
     groups, present = [], []
@@ -52,7 +47,7 @@ def count_bodies(points: np.ndarray, tracklet: np.ndarray, affinity: Affinity, m
     groups = np.sort(groups)[::-1]
     apart = int(groups[int(COUNTING.often * len(groups))])
     most = int(np.quantile(present, 1 - COUNTING.often) / markers + COUNTING.spare)
-    return Counted(apart, min(max(most, 1), MAX_SUBJECTS))
+    return apart, min(max(most, 1), MAX_SUBJECTS)
 
 
 def firm_tracklets(affinity: Affinity) -> np.ndarray:

@@ -197,11 +197,11 @@ class _Parties:
 
     def _counts(self, wanted: int) -> list[int]:
         """How many bodies to look for, the likeliest first."""
-        counted = count_bodies(self.crowd.take.xyz, self.crowd.tracklet, self.crowd.affinity, self._smallest)
+        apart, most = count_bodies(self.crowd.take.xyz, self.crowd.tracklet, self.crowd.affinity, self._smallest)
         if wanted == AUTO:
-            return list(range(max(counted.most, counted.apart, 1), 0, -1))
-        first = max(wanted, counted.apart)
-        return list(dict.fromkeys([first, *range(wanted, max(first, counted.most, wanted + 1) + 1)]))
+            return list(range(max(most, apart), 0, -1))
+        first = max(wanted, apart)
+        return list(dict.fromkeys([first, *range(wanted, max(first, most, wanted + 1) + 1)]))
 
     def _each(
         self, bodies: PartedBodies, wanted: int, count: int, recognise: Recognise
