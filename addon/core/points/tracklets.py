@@ -7,7 +7,7 @@ frames say for long enough that it went over to another marker; that is reported
 at the same time.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -128,25 +128,6 @@ def are_trajectories(points: np.ndarray, lanes: Lanes | None = None, least: floa
     return steps < MIN_STEPS or nearest >= least * steps
 
 
-def voted_windows(
-    labels: Labels, tracklet: np.ndarray, names: Sequence[str], first_frame: int = 0
-) -> Iterator[tuple[slice, Verdict]]:
-    """What tracklets that are long enough vote, some frames at a time; `labels` need only give some frames in a row.
-
-    A window's suspects are with it, and so are tracklets that go over to another marker from the window before it.
-    """
-    size, before = VOTE.window_frames, None
-    edges = [*range(0, max(len(tracklet) - size // 2, 1), size), len(tracklet)]
-    for first, after in pairwise(edges):
-        frames = slice(first, after)
-        part = vote(labels[frames], tracklet[frames], names, first_frame + first)
-        marker, suspects = part.labels.marker, part.suspects
-        if before is not None:
-            suspects += _gone_over(before, marker[0], tracklet[first - 1 : first + 1], first + first_frame, names)
-        yield frames, Verdict(part.labels, suspects)
-        before = marker[-1]
-
-
 def are_lasting(tracklet: np.ndarray) -> bool:
     """Whether the usual point is on a tracklet (T, P) long enough to go by; not so where frames are in no order."""
     lengths = np.zeros(int(tracklet.max(initial=-1)) + 1, int)
@@ -170,15 +151,12 @@ def gone_over(last: int, first: int, before: str, after: str, column: int) -> Su
     return Suspect(last, first, f"goes over from {before} to {after}", column, (before, after))
 
 
-def _gone_over(before, after, tracklet, at: int, names: Sequence[str]) -> tuple[Suspect, ...]:
-    """Tracklets that two windows, of which the second begins at frame `at` by the source's number, gave two names.
-
-    `before` and `after` (L,) are those of the last frame of one and of the first of the other, tracklet (2, L).
-    """
-    changed = (tracklet[0] == tracklet[1]) & (before != after) & (before != NO_MARKER) & (after != NO_MARKER)
+def gone_over_between(marker: np.ndarray, tracklet: np.ndarray, at: int, names: Sequence[str]) -> tuple[Suspect, ...]:
+    """Tracklets (2, L) that have two names, marker (2, L), in two frames, the second of which is `at` in the source."""
+    changed = (tracklet[0] == tracklet[1]) & (marker[0] != marker[1]) & (marker != NO_MARKER).all(axis=0)
     columns = np.flatnonzero(changed)
     return tuple(
-        gone_over(at - 1, at, names[before[column]], names[after[column]], column)
+        gone_over(at - 1, at, names[marker[0, column]], names[marker[1, column]], column)
         for column in columns[np.argsort(tracklet[1, columns], kind="stable")].tolist()
     )
 

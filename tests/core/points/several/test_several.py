@@ -14,7 +14,7 @@ from addon.core.data.progress import finished
 from addon.core.data.takes import Labels, Points, Suspect, Verdict
 from addon.core.geometry.rotations import exponential
 from addon.core.points.several import affinity, bodies, pipeline
-from addon.core.points.several.affinity import Affinity, AffinityOptions
+from addon.core.points.several.affinity import Affinity
 from addon.core.points.several.bodies import RecognisingOptions
 from addon.core.points.several.counting import count_bodies
 from addon.core.points.several.identification import PersonBuild, identified, likeliest
@@ -112,7 +112,7 @@ def test_a_long_take_is_named_the_same_way(passing, monkeypatch):
     asked, options = SeveralOptions(open_model("gait15"), AUTO), PointOptions("likelihood")
     whole = finished(label_several(take, asked, options))
     monkeypatch.setattr(bodies, "PACKING", LaneOptions(whole_cells=0))
-    monkeypatch.setattr(affinity, "AFFINITY", AffinityOptions(frames_at_once=3))
+    monkeypatch.setattr(affinity, "FRAMES_AT_ONCE", 3)
     parts = finished(label_several(take, asked, options))
     for name in ("marker", "step", "confidence"):
         np.testing.assert_array_equal(getattr(parts.labels, name), getattr(whole.labels, name))
