@@ -32,7 +32,7 @@ from ..naming import USUAL_TARGET, Namer, namer_of
 from ..possible import refuse_impossible
 from ..refusals import Sample, refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
 from ..tracklets import are_lasting, cut, renamed
-from ..unordered import UNORDERED, is_unordered, learn_subject
+from ..unordered import FRAMES_LEARNED_FROM, is_unordered, learn_subject
 from .asking import asked_again, asked_frames
 from .deciding import BELIEVING, can_be_solved, solution_of, verdict_of
 from .rulings import Rulings
@@ -105,7 +105,7 @@ def begins(frames: int, unordered: bool = False, edited: bool = False) -> dict[s
     """How far along the work is when each of its stages begins, for a take of so many frames."""
     costs = dict(COSTS)
     if unordered:
-        costs |= {"learn": (COST_OF_LEARNING * min(frames, UNORDERED.frames), 0), "name again": COSTS["name"]}
+        costs |= {"learn": (COST_OF_LEARNING * min(frames, FRAMES_LEARNED_FROM), 0), "name again": COSTS["name"]}
     if edited:
         costs |= {"vote again": COSTS["vote"]}
     done = np.cumsum([0, *(fixed + each * frames for fixed, each in costs.values())])
