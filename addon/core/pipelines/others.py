@@ -79,7 +79,7 @@ class OtherSubjects:
     def refuse(self):
         """Raises JobError where the take shows two subjects or more, and says how to ask for both."""
         crowded = sum(one is not None for one in self.kept)
-        if not crowded or crowded < REFUSAL.min_often * len(self.kept):
+        if not crowded or crowded < REFUSAL.min_half * len(self.kept):
             return
         points = self.some_points(SEEKING.frames)
         if not self.model.has_learned:

@@ -18,19 +18,18 @@ from ..review.suspects import suspect_ranges
 from .likelihood.distances import DistanceConstraints
 from .likelihood.model import Likelihood
 from .models import Model
+from .refusals import REFUSAL
 from .tracklets import VOTE, are_lasting, gone_over_between, vote
 
 
 @dataclass(frozen=True)
 class WitnessOptions:
-    """Where a vote needs frames that are sure on their own, as its frames may err together. All reckoned.
+    """Where a vote needs frames that are sure on their own, as its frames may err together.
 
-    crowd                  times as many points as markers are a crowd, where
-    min_sure_crowd         of a tracklet's frames must be sure of its name on their own,
+    min_sure_crowd         of a tracklet's frames must be sure of its name on their own in a crowd,
     min_sure_one_subject   and so many where one subject is all that the model has seen
     """
 
-    crowd: float = 2.0
     min_sure_crowd: float = 0.5
     min_sure_one_subject: float = 0.25
 
@@ -175,7 +174,7 @@ def _needed(model: Model, tracklet: np.ndarray) -> float:
     the next one differs.
     """
     likelihood, markers = model.likelihood, len(model.markerset)
-    if (tracklet >= 0).sum() >= WITNESSES.crowd * markers * len(tracklet):
+    if (tracklet >= 0).sum() >= REFUSAL.crowd * markers * len(tracklet):
         return WITNESSES.min_sure_crowd
     few = likelihood is not None and likelihood.subjects == 1 and likelihood.rigid_bodies is None
     return WITNESSES.min_sure_one_subject if few else 0.0

@@ -24,14 +24,14 @@ class RefusalOptions:
 
     max_points      memory: of a frame; more are no marker system's
     min_confidence  of a label that counts, or a rate of USUAL_TARGET: who was trained on little may never promise it
-    min_sure        share of the markers whose labels count, in a take of the model's
-    min_sure_rigid  the same of a set on rigid bodies, of which there is often one that any body has
-    min_sure_rest   the same of the points that one subject leaves over, if they are another: spare markers are not
+    min_sure        measured: share of the markers whose labels count: 0.13 at least in takes of the model's, 0 of
+                    plates by other sets, 0.05 at most of people by a set on plates
+    min_sure_rest   measured: the same of the points that one subject leaves over, if they are another; of spare
+                    markers it is 0.05 at most
     min_named       share of the markers that such a take is given in the end
     gap_m           physical: between two bodies; a hand is not farther from the next marker of its own arm
-    crowd           times as many points as markers, at least, where there may be two subjects
-    min_second      share of the markers that a second subject's points must be enough for,
-    min_often       in this share of the frames
+    crowd           measured: times as many points as markers: 1.14 at most of one subject among 40 ghosts, 2 of two
+    min_half        physical: share of the markers, and of the frames: of who is there half is seen, half of the time
     max_residual    measured: mean square, over what training leaves, between a crowd's markers and where the set has
                     them: 0.14 to 0.2 on walks, 0.7 to 2.4 on other sets
     """
@@ -39,13 +39,11 @@ class RefusalOptions:
     max_points: int = 400
     min_confidence: float = 0.99
     min_sure: float = 0.12
-    min_sure_rigid: float = 0.2
     min_sure_rest: float = 0.3
     min_named: float = 0.25
     gap_m: float = 0.5
     crowd: float = 1.6
-    min_second: float = 0.5
-    min_often: float = 0.4
+    min_half: float = 0.5
     max_residual: float = 0.45
 
 
@@ -87,9 +85,8 @@ def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool
     some = points[frames]
     first = _each_alone(namer, some)
     alone = sure_share(first, some, len(model.markerset))
-    least = REFUSAL.min_sure if model.rigid_bodies is None else REFUSAL.min_sure_rigid
-    found = alone >= least
-    wanted = REFUSAL.min_sure_rest if found else least
+    found = alone >= REFUSAL.min_sure
+    wanted = REFUSAL.min_sure_rest if found else REFUSAL.min_sure
     others = [part for part in _seconds(model, some, first, found) if _sure(model, namer, part) >= wanted]
     if len(others) + found >= 2:
         raise _two_subjects(model)
@@ -100,7 +97,7 @@ def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool
 
 def refuse_two_groups(model: Model, points: np.ndarray):
     """Raises SubjectsError where points (T, P, 3) m are in two groups, each of which may be a subject of the model."""
-    if _grouped(points, REFUSAL.gap_m, REFUSAL.min_second * len(model.markerset)):
+    if _grouped(points, REFUSAL.gap_m, REFUSAL.min_half * len(model.markerset)):
         raise _two_subjects(model)
 
 
@@ -108,7 +105,7 @@ def _one_crowd(model: Model, points: np.ndarray) -> bool:
     """Whether frames of points (T, P, 3) have many more of them than markers, and all of them together."""
     if model.likelihood is None or not is_crowd(points, model):
         return False
-    return not _grouped(points, model.likelihood.shape.radius, REFUSAL.min_second * len(model.markerset))
+    return not _grouped(points, model.likelihood.shape.radius, REFUSAL.min_half * len(model.markerset))
 
 
 def refuse_unlike(model: Model, namer: Namer, points: np.ndarray, residual: float):
@@ -140,13 +137,13 @@ def _seconds(model: Model, points: np.ndarray, first: Labels, found: bool) -> li
     """The points (T, P, 3) of each who may be a subject beside the one that was named, if one was; NaN elsewhere."""
     size = len(model.markerset)
     crowded = _points_at_a_time(points) >= REFUSAL.crowd * size
-    if crowded.mean() < REFUSAL.min_often:
+    if crowded.mean() < REFUSAL.min_half:
         return []
     if found:
         return [np.where(~first.named[..., None], points, np.nan)]
     if model.likelihood is None:
         return []
-    chosen = _grouped(points, model.likelihood.shape.radius, REFUSAL.min_second * size)
+    chosen = _grouped(points, model.likelihood.shape.radius, REFUSAL.min_half * size)
     if not chosen:
         return []
     return [np.array([np.where(own[place][:, None], frame, np.nan) for frame, own in chosen]) for place in (0, 1)]
@@ -156,7 +153,7 @@ def _grouped(points: np.ndarray, gap: float, least: float) -> list[tuple[np.ndar
     """The frames of points (T, P, 3) that show two groups of `least` points or more, with them; none where few do."""
     groups = [far_groups(frame, gap, least) for frame in points]
     chosen = [(frame, own) for frame, own in zip(points, groups, strict=True) if len(own) >= 2]
-    return chosen if len(chosen) >= REFUSAL.min_often * len(points) else []
+    return chosen if len(chosen) >= REFUSAL.min_half * len(points) else []
 
 
 def far_groups(points: np.ndarray, gap: float, least: float) -> list[np.ndarray]:
@@ -185,8 +182,8 @@ def far_groups(points: np.ndarray, gap: float, least: float) -> list[np.ndarray]
 def _sure(model: Model, namer: Namer, points: np.ndarray) -> float:
     """How sure the frames of points (T, P, 3) m are of the model's markers, 0 where there are seldom enough points."""
     size = len(model.markerset)
-    enough = _points_at_a_time(points) >= REFUSAL.min_second * size
-    if enough.mean() < REFUSAL.min_often:
+    enough = _points_at_a_time(points) >= REFUSAL.min_half * size
+    if enough.mean() < REFUSAL.min_half:
         return 0.0
     return sure_share(_each_alone(namer, points[enough]), points[enough], size)
 
