@@ -236,7 +236,7 @@ class LabellingSettings(bpy.types.PropertyGroup):
         description="How names are found",
         items=(
             ("auto", "Automatic", "The best that the take and the marker set allow"),
-            ("fit", "Body", "Fit the marker set's body, frame after frame"),
+            ("fit", "Body", "Fit the marker set's body to blobs, frame after frame"),
             ("ensemble", "Partial Solvers", "An ensemble of partial solvers, each frame of points on its own"),
             ("likelihood", "Likelihood", "How likely it is that points are markers, each frame on its own"),
         ),

@@ -21,7 +21,6 @@ OWED = {
     "filling/trials.py": 14,
     "pipelines/fitted_subjects.py": 1,
     "points/deciding.py": 9,
-    "points/fitted_body.py": 8,
     "points/history.py": 1,
     "points/likelihood/assembling.py": 5,
     "points/likelihood/calibration.py": 1,

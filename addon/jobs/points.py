@@ -47,8 +47,7 @@ class PointTake(OpenTake):
 
     def name(self) -> Generator[Progress, None, None]:
         """Names all of it."""
-        hints = self.job.options if self.method == "fit" else None
-        options = PointOptions(self.method, self.job.target, hints, self.edits, self.room, self.job.force)
+        options = PointOptions(self.method, self.job.target, self.edits, self.room, self.job.force)
         if self.several is None:
             self.labelled = yield from label_take(self.take, self.model, options)
             self.worn = self.model.markerset

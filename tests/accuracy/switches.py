@@ -14,7 +14,6 @@ import addon.core
 from addon.blendfile import has_blender, mesh_occlusion
 from addon.core.blobs.swaps import try_swaps
 from addon.core.data.takes import NO_MARKER
-from addon.core.points.fitted_body import NothingInTheWay
 from addon.core.points.whole_take.layout import NOTHING_HELD
 
 # What decides labels; what only draws, fills, trains or simulates is elsewhere.
@@ -88,6 +87,13 @@ def _no_extras(tracklets, marker, markers, missing):
 
 def _nothing_tried(known, now, place):
     return np.zeros((0, len(place)), int)
+
+
+class NothingInTheWay:
+    """The occlusion of cameras that see through everything."""
+
+    def hidden(self, rotations, joints, scale, markers, centres) -> np.ndarray:
+        return np.zeros((len(markers), len(centres), markers.shape[1]), dtype=bool)
 
 
 CORE = addon.core.__name__

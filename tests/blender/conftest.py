@@ -262,6 +262,7 @@ def name_as(extension, monkeypatch) -> Callable[[np.ndarray], None]:
             yield takes.Labels(marker, np.where(named, takes.BY_FIT, takes.NO_STEP), named * 1.0, named * 1.0)
 
         monkeypatch.setattr(pipeline, "namer_of", lambda *_: SimpleNamespace(step=takes.BY_FIT, name=name))
+        monkeypatch.setattr(pipeline, "refuse_others", lambda *_: None)
 
     return know
 

@@ -105,7 +105,7 @@ def test_edits_beside_a_take_of_points_hold_in_every_file(run, cloud, tmp_path, 
         {"kind": "swap", "markers": ["LFHD", "RFHD"], "frames": [110, 119]},
         name="cloud.edits.json",
     )
-    answer = run("label", path, "--model", MODEL, "--out", tmp_path / "out", "--method", "fit")
+    answer = run("label", path, "--model", MODEL, "--out", tmp_path / "out")
     assert answer.status == 0
     assert "the edits of cloud.edits.json beside it are applied" in answer.err
     assert "5 edits applied" in answer.out
@@ -117,7 +117,6 @@ def test_edits_beside_a_take_of_points_hold_in_every_file(run, cloud, tmp_path, 
     assert all(label[frame, knee] == ("", "", "0") for frame in range(100, 105))
     assert all(label[frame, wrist] == ("", "", "0") for frame in range(*FRAMES))
     assert label[115, whose.index("LFHD")] == ("RFHD", "edit", "1")
-    assert label[105, whose.index("LFHD")][0] == "LFHD"
     toes, residual = positions(tmp_path / "out" / "cloud.c3d", "LTOE")
     truth = read_points(path)
     assert toes[5:10] == pytest.approx(1000 * truth.xyz[5:10, heel], abs=0.01)
@@ -132,7 +131,7 @@ def test_edits_beside_a_take_of_points_hold_in_every_file(run, cloud, tmp_path, 
 
 def test_results_of_other_edits_are_not_passed_over(run, cloud, tmp_path, edited):
     path, _ = cloud
-    words = "label", path, "--model", MODEL, "--out", tmp_path / "out", "--method", "fit", "--resume"
+    words = "label", path, "--model", MODEL, "--out", tmp_path / "out", "--resume"
     edited({"kind": "right", "marker": "C7"}, name="cloud.edits.json")
     assert run(*words).status == 0
     again = run(*words).out
@@ -174,7 +173,7 @@ def test_of_several_takes_each_has_its_own_edits(run, cloud, tmp_path, edited):
     other.write_bytes(path.read_bytes())
     edited({"kind": "delete", "point": whose.index("C7")}, name="cloud.edits.json")
     edited({"kind": "delete", "point": 99}, name="other.edits.json")
-    answer = run("label", path, other, "--model", MODEL, "--out", tmp_path / "out", "--method", "fit")
+    answer = run("label", path, other, "--model", MODEL, "--out", tmp_path / "out")
     assert answer.status == 2
     assert "other.edits.json: edit 1 is of trajectory 99" in answer.reason
     assert "cloud: 20 frames" in answer.out

@@ -119,7 +119,7 @@ def test_bad_inputs(run, holed, tmp_path):
 
 
 def test_label_fills_in_the_same_job_and_labels_stay_what_was_seen(run, holed, tmp_path):
-    words = ("label", holed / "walk.c3d", "--model", MODEL, "--method", "fit", "--trc", "--json")
+    words = ("label", holed / "walk.c3d", "--model", MODEL, "--trc", "--json")
     plain, full = (run(*words, "--out", tmp_path / name, *more) for name, more in (("a", ()), ("b", ("--fill",))))
     assert (plain.status, full.status) == (0, 0)
     labels = [(tmp_path / name / "walk.labels.csv").read_text() for name in "ab"]

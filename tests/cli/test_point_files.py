@@ -38,9 +38,7 @@ def without_rate(room, tmp_path):
 @pytest.fixture
 def label(run, tmp_path):
     def call(path, *words):
-        answer = run(
-            "label", path, "--model", MODEL, "--method", "fit", "--out", tmp_path / "out", "--overwrite", *words
-        )
+        answer = run("label", path, "--model", MODEL, "--out", tmp_path / "out", "--overwrite", *words)
         report = tmp_path / "out" / f"{path.stem}.report.json"
         return answer, json.loads(report.read_text()) if answer.status == 0 else None
 

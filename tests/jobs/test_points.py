@@ -66,7 +66,7 @@ def use(monkeypatch, namer):
     def unheard(model, _, *rest):
         look(model, LikelihoodNamer(model.likelihood), *rest)
 
-    monkeypatch.setattr(pipeline, "namer_of", lambda model, method, hints: namer)
+    monkeypatch.setattr(pipeline, "namer_of", lambda model, method: namer)
     monkeypatch.setattr(pipeline, "refuse_others", unheard)
 
 
@@ -163,7 +163,7 @@ def test_the_report_says_what_is_the_matter_and_what_labelling_again_changed(sou
 
     def labelled(said) -> dict:
         monkeypatch.setattr(pipeline, "namer_of", lambda *_: Known(said, 0.9999))
-        job = LabelJob(source, None, "gait15", tmp_path / "out", method="fit", overwrite=True)
+        job = LabelJob(source, None, "gait15", tmp_path / "out", method="ensemble", overwrite=True)
         for _ in label_file(job):
             pass
         return json.loads(job.path(".report.json").read_text())

@@ -10,7 +10,6 @@ from ...blendfile import has_blender, open_cameras
 from ...core.data.errors import InputError
 from ...core.data.wording import words_of_range
 from ...io.edits import edits_beside, open_edits
-from ...io.models import open_model
 from ...io.points import holds_points
 from ...io.qtm import is_qtm
 from ...io.whole import keep_apart
@@ -125,23 +124,17 @@ def unused(arguments) -> list[str]:
         said.append("--mirror is not looked at for blobs: what is mirrored of them is their images or calibration")
     hints = [f"--{name}" for name in ("height", "facing") if getattr(arguments, name) is not None]
     if hints:
+        from ...core.points.naming import plain_method
+
         several = arguments.subjects != 1 or bool(arguments.subject)
-        deaf = [kind for kind in sorted(kinds) if several or not _fits(arguments, kind)]
+        fitted = not several and plain_method(arguments.method) in ("auto", "fit")
+        deaf = [kind for kind in sorted(kinds) if kind or not fitted]
         what = " and ".join("3D points" if kind else "blobs" for kind in deaf)
         verb = "is" if len(hints) == 1 else "are"
         if deaf:
-            why = "of several subjects" if several else "that needs --method fit here"
+            why = "of several subjects" if several else "that is for blobs and --method fit"
             said.append(f"{' and '.join(hints)} {verb} not looked at for {what}: {why}")
     return said
-
-
-def _fits(arguments, points: bool) -> bool:
-    """Whether takes of 3D points, or of blobs, are named by a body that is fitted to them, which takes hints."""
-    if arguments.method != "auto" or not points:
-        return arguments.method in ("auto", "fit")
-    from ...core.points.naming import chosen_method
-
-    return chosen_method(open_model(arguments.model), "auto") == "fit"
 
 
 def _check_inputs(arguments):

@@ -80,13 +80,13 @@ def settle_subjects(arguments):
 
 def check_models(arguments) -> Model:
     """The model of whoever is first; InputError where one is not there, or is none for several subjects."""
-    from ...core.points.naming import chosen_method
+    from ...core.points.naming import chosen_method, plain_method
 
     model = open_model(arguments.model)
     if arguments.subjects == 1 and not arguments.subject:
         return model
     for name in dict.fromkeys([arguments.model, *(worn for _, worn in arguments.subject)]):
-        if chosen_method(open_model(name), arguments.method) != "likelihood":
+        if plain_method(arguments.method) == "fit" or chosen_method(open_model(name), arguments.method) != "likelihood":
             words = f"several subjects need a model that names by likelihood, and {name} is not asked to"
             way = "--method auto, which names blobs by their points"
             raise InputError(f"{words}; expected {way}, and a model made by train")
@@ -115,8 +115,8 @@ frame,camera,x,y and optionally area, which needs --cameras; 3D points, a .c3d, 
 not looked at; or a Qualisys .qtm, which holds blobs with their calibration, 3D points, or both. For INPUT walk.csv, DIR
 gets walk.labels.csv, walk.c3d and walk.report.json."""
 ENGINES = ("local", "dask")
-METHODS_HELP = """fit: a body fitted frame after frame; likelihood (also called evidence), and ensemble: partial
-solvers, each frame on its own, blobs by way of the points that they make;
+METHODS_HELP = """fit: a body fitted to blobs, frame after frame; likelihood (also called evidence), and ensemble:
+partial solvers, each frame on its own, blobs by way of the points that they make;
 auto (default): the best for the input, fit for blobs and likelihood for points"""
 OCCLUSION_HELP = """what asks whether the body hides a blob's marker: bvh casts rays at its meshes, which takes Blender;
 capsules is the closed form; auto (default) is bvh inside Blender"""

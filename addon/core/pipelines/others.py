@@ -17,7 +17,7 @@ from ..geometry.cameras import Cameras
 from ..geometry.views import Sight, split_views
 from ..points.models import Model
 from ..points.naming import chosen_method, namer_of
-from ..points.refusals import REFUSAL, SubjectsError, UnsuitedError, is_crowd, refuse_others
+from ..points.refusals import REFUSAL, SubjectsError, UnsuitedError, is_crowd, refuse_others, refuse_two_groups
 from ..reconstruction.matching import Circumstances, Expected, FrameMatcher
 from ..reconstruction.trajectories import RECONSTRUCTION
 
@@ -80,11 +80,14 @@ class OtherSubjects:
     def refuse(self):
         """Raises JobError where the take shows two subjects or more, and says how to ask for both."""
         crowded = sum(one is not None for one in self.kept)
-        if not crowded or crowded < REFUSAL.min_often * len(self.kept):
+        if not crowded or crowded < REFUSAL.min_half * len(self.kept):
             return
-        namer = namer_of(self.model, chosen_method(self.model, "auto"), None)
+        points = self.some_points(FRAMES)
+        if not self.model.has_learned:
+            refuse_two_groups(self.model, points)
+            return
         try:
-            refuse_others(self.model, namer, self.some_points(FRAMES))
+            refuse_others(self.model, namer_of(self.model, chosen_method(self.model, "auto")), points)
         except SubjectsError:
             raise
         except UnsuitedError:

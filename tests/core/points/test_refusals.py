@@ -4,14 +4,13 @@
 import numpy as np
 import pytest
 
-from addon.core.blobs.pipeline import Options
 from addon.core.data.errors import JobError
 from addon.core.data.takes import BY_LIKELIHOOD, Labels
 from addon.core.geometry import rotations
 from addon.core.points.likelihood.learn import learn_likelihood
 from addon.core.points.models import Model
 from addon.core.points.naming import Namer, namer_of
-from addon.core.points.refusals import refuse_floods, refuse_others, refuse_unrecognised
+from addon.core.points.refusals import refuse_floods, refuse_others, refuse_two_groups, refuse_unrecognised
 from addon.core.simulation.virtual import Act
 from addon.core.training.segments import segment_markerset
 from addon.io.models import open_model
@@ -54,11 +53,7 @@ def plated() -> Model:
 
 
 def by_likelihood(model: Model) -> Namer:
-    return namer_of(model, "likelihood", Options())
-
-
-def by_body(model: Model) -> Namer:
-    return namer_of(model, "fit", Options())
+    return namer_of(model, "likelihood")
 
 
 def first(count: int) -> Labels:
@@ -99,12 +94,12 @@ def test_two_subjects_are_said_so(model, distance):
     assert "two subjects" in said or "several subjects at once" in said
 
 
-def test_two_subjects_are_too_many_for_a_fitted_body(model):
+def test_two_groups_are_two_subjects_where_nothing_names_points(model):
     both = np.concatenate([person(1), person(2, at=(0.3, 2.5))], axis=1)
     with pytest.raises(JobError, match="shows two subjects or more that wear gait15"):
-        refuse_others(model, by_body(model), both)
+        refuse_two_groups(model, both)
     ghosts = np.tile(np.random.default_rng(2).uniform(1, 1.2, (5, 3)), (FRAMES, 1, 1))
-    refuse_others(model, by_body(model), np.concatenate([person(1), ghosts], axis=1))
+    refuse_two_groups(model, np.concatenate([person(1), ghosts], axis=1))
 
 
 def test_two_on_plates_are_said_so(plated):
@@ -123,9 +118,6 @@ def test_few_labels_in_the_end_are_said_so(model):
     with pytest.raises(JobError, match="20% of its markers were recognised for sure"):
         refuse_unrecognised(model, by_likelihood(model), points, first(3))
     refuse_unrecognised(model, by_likelihood(model), points, first(5))
-    with pytest.raises(JobError, match="33% of its markers"):
-        refuse_unrecognised(model, by_body(model), points, first(5))
-    refuse_unrecognised(model, by_body(model), points, first(12))
 
 
 def test_a_flood_of_points_is_refused_before_it_fills_the_memory():

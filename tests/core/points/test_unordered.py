@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Frames in no order teach their subject: strangers whose markers sit elsewhere are named nearly completely."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -10,10 +8,11 @@ from hypothesis import strategies as st
 
 from addon.core.data.progress import finished
 from addon.core.data.takes import Labels
+from addon.core.points import unordered
 from addon.core.points.likelihood.frames import label_frames
 from addon.core.points.likelihood.trials import Trial, make_trial
 from addon.core.points.tracklets import cut
-from addon.core.points.unordered import UNORDERED, is_unordered, learn_subject
+from addon.core.points.unordered import is_unordered, learn_subject
 from addon.core.points.whole_take.pipeline import PointOptions, label_points
 from addon.core.simulation.virtual import Act
 from tests.core.scenes import anonymous, walker
@@ -105,12 +104,13 @@ def test_too_little_that_is_sure_leaves_the_training(model, clouds, alone):
     assert finished(learn_subject(model.likelihood, clouds.points, none)) is model.likelihood
 
 
-def test_ghosts_are_no_marker_that_nobody_wears(model, walk):
+def test_ghosts_are_no_marker_that_nobody_wears(model, walk, monkeypatch):
     generator = np.random.default_rng(2)
     without = walk.copy()
     without[:, RTHI] = np.nan
     clouds = make_trial(without, (2, 2), (3, 3), generator)
     alone = Labels.join(label_frames(model.likelihood, clouds.points))
-    learned = finished(learn_subject(model.likelihood, clouds.points, alone, replace(UNORDERED, trials=1)))
+    monkeypatch.setattr(unordered, "TRIALS", 1)
+    learned = finished(learn_subject(model.likelihood, clouds.points, alone))
     marker = Labels.join(label_frames(learned, clouds.points)).sure(TARGET)
     assert (marker == RTHI).mean() < 0.005

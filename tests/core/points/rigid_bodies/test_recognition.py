@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from addon.core.data.takes import NO_MARKER
+from addon.core.data.takes import NO_MARKER, NO_POINT
 from addon.core.points.rigid_bodies.cluster_matching import NO_CLUSTER
 from addon.core.points.rigid_bodies.clustering import find_clusters, sampled, unbroken
+from addon.core.points.rigid_bodies.marker_matching import correspondences
 from addon.core.points.rigid_bodies.model import learn_rigid_bodies
 from addon.core.points.rigid_bodies.recognition import recognise
 from addon.core.points.rigid_bodies.structure import learn_structure
@@ -180,3 +181,11 @@ def test_how_loose_a_marker_may_be_does_not_depend_on_where_the_plate_faces(wobb
     points = points @ Rotation.from_euler("zyx", turn, degrees=True).as_matrix().T
     moving, still = find_clusters(sampled(points, unbroken(cut(points, RATE), RATE), RATE))
     assert [len(group.form) for group in moving + still] == [markers]
+
+
+@pytest.mark.parametrize(("markers", "points", "ways"), [(3, 3, 6), (3, 5, 60), (4, 3, 24), (3, 12, 210)])
+def test_all_ways_in_which_points_may_be_markers_are_tried(markers, points, ways):
+    rng = np.random.default_rng(0)
+    tried = correspondences(markers, rng.normal(size=(points, 3)))
+    assert len(np.unique(tried, axis=0)) == ways
+    assert ((tried != NO_POINT).sum(axis=1) == min(markers, points)).all()

@@ -13,7 +13,6 @@ from addon.core.data.progress import finished
 from addon.core.data.takes import Labels, Points, Suspect, Verdict
 from addon.core.geometry.rotations import exponential
 from addon.core.points.several import affinity, bodies, pipeline
-from addon.core.points.several.affinity import AffinityOptions
 from addon.core.points.several.bodies import RecognisingOptions
 from addon.core.points.several.identification import PersonBuild
 from addon.core.points.several.pipeline import label_several
@@ -100,7 +99,7 @@ def test_a_long_take_is_named_the_same_way(passing, monkeypatch):
     take, _ = passing
     whole = labelled(take, AUTO)
     monkeypatch.setattr(bodies, "PACKING", LaneOptions(whole_cells=0))
-    monkeypatch.setattr(affinity, "AFFINITY", AffinityOptions(frames_at_once=3))
+    monkeypatch.setattr(affinity, "FRAMES_AT_ONCE", 3)
     parts = labelled(take, AUTO)
     for name in ("marker", "step", "confidence"):
         np.testing.assert_array_equal(getattr(parts.labels, name), getattr(whole.labels, name))
