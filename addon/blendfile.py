@@ -21,8 +21,8 @@ from .core.data.takes import Blobs, LabelledChunk, PointRows, Points, Suspect
 from .core.edits.kinds import NO_EDITS, Edits
 from .core.geometry.cameras import Cameras
 from .io.cameras import read_cameras
-from .io.names import written
 from .io.scratch import lasting_scratch
+from .io.text import written
 
 if TYPE_CHECKING:  # only some jobs need them
     from .core.filling.kept import KeptFill
@@ -160,13 +160,9 @@ def save_blend(
 
     from .scene import take as scenes
 
-    labels, motion, suspects = scenes.join_labelled([chunk for _, chunk in chunks])
-    rows = scenes.join_rows([rows for rows, _ in chunks])
     # Blender's texts are UTF-8, and the name of a file may be any bytes.
     name, file = written(source.stem), written(str(source))
-    unedited = scenes.join_unedited([chunk for _, chunk in chunks]) if edits else None
-    said = {"edits": edits or None, "unedited": unedited, "fills": fills}
-    take = scenes.Take(name, rate, cameras, worn, rows, labels, motion, suspects, file, **said)
+    take = scenes.Take.of(name, rate, cameras, worn, chunks, file, edits=edits or None, fills=fills)
     with silenced():
         _open_nothing()
         scenes.show_take(bpy.context, take)

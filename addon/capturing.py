@@ -18,7 +18,7 @@ from .core.posing.posing import POSING, fit_points
 from .core.simulation.simulate import BodiesTogether, CaptureOptions, PosedBody, capture
 from .io.blobs import BlobWriter
 from .io.labels import TruthWriter
-from .io.points import marker_columns
+from .io.points import columns_of_set
 from .io.whole import whole_files
 
 Bodies = PosedBody | BodiesTogether
@@ -95,26 +95,16 @@ def cut(take: LabelledMarkers, frames: tuple[int | None, int | None] | None) -> 
     return replace(take, xyz=take.xyz[start:stop], first_frame=take.first_frame + start)
 
 
-def find_markers(take: LabelledMarkers, markerset: MarkerSet) -> np.ndarray:
-    """(M,) which of the take's markers is each of the marker set's, by name or alias; -1 where it has none."""
-    found = marker_columns(take.names, markerset.markers)
-    for index, name in enumerate(markerset.markers):
-        others = [alias for alias, meant in markerset.aliases.items() if meant == name]
-        if found[index] < 0 and others:
-            found[index] = max(marker_columns(take.names, others))
-    return found
-
-
 def wears(take: LabelledMarkers, markerset: MarkerSet) -> bool:
     """Whether a take has enough of a marker set's markers for its body to be posed."""
-    return bool((find_markers(take, markerset) >= 0).mean() >= MIN_MARKER_SHARE)
+    return bool((columns_of_set(take.names, markerset) >= 0).mean() >= MIN_MARKER_SHARE)
 
 
 def fitting_markerset(take: LabelledMarkers, markersets: Sequence[MarkerSet]) -> MarkerSet:
     """The marker set of the take: the largest that is there whole, or else the one that is there most."""
 
     def fit(markerset: MarkerSet) -> tuple[bool, float, int]:
-        there = int((find_markers(take, markerset) >= 0).sum())
+        there = int((columns_of_set(take.names, markerset) >= 0).sum())
         whole = there == len(markerset)
         return whole, 0.0 if whole else there / len(markerset), there
 
@@ -129,7 +119,7 @@ def fitting_markerset(take: LabelledMarkers, markersets: Sequence[MarkerSet]) ->
 
 def posed_body(take: LabelledMarkers, markerset: MarkerSet, chosen: Sequence[int]) -> PosedBody:
     """The marker set's body on the take's markers, in the way of the markers `chosen` (indices into the take's)."""
-    found = find_markers(take, markerset)
+    found = columns_of_set(take.names, markerset)
     points = np.where((found >= 0)[:, None], take.xyz[:, found], np.nan)
     model = BodyModel(markerset)
     try:

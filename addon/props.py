@@ -26,7 +26,7 @@ from .core.points.several.wearers import AUTO, MAX_SUBJECTS, NAME_RULE, as_compa
 from .core.review.trouble import TROUBLE_KINDS
 from .io.markersets import SUFFIX, builtin_markersets, open_markerset
 from .io.model_history import is_beside
-from .io.names import written
+from .io.text import written
 from .prefs import markerset_folder
 from .scene.armature import SCALE
 from .scene.naming import CAMERAS
@@ -35,9 +35,8 @@ from .scene.performers import Colour, set_colour, usual_colour
 from .scene.preview import hide_preview
 from .scene.redrawing import redraw
 from .scene.relabelled import kept_changes
-from .scene.review import marker_reviews
 from .scene.take import is_take
-from .scene.trouble import is_quick, trouble_of
+from .scene.trouble import is_quick, marker_reviews, trouble_of
 
 OWN_FILE = "FILE"
 USUAL_MARKERSET = "body26"
@@ -237,7 +236,7 @@ class LabellingSettings(bpy.types.PropertyGroup):
         description="How names are found",
         items=(
             ("auto", "Automatic", "The best that the take and the marker set allow"),
-            ("fit", "Body", "Fit the marker set's body, frame after frame"),
+            ("fit", "Body", "Fit the marker set's body to blobs, frame after frame"),
             ("ensemble", "Partial Solvers", "An ensemble of partial solvers, each frame of points on its own"),
             ("likelihood", "Likelihood", "How likely it is that points are markers, each frame on its own"),
         ),

@@ -15,6 +15,7 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -106,10 +107,10 @@ def is_in_the_code(command: str) -> bool:
     return (place / "__main__.py").exists() or (file.exists() and "__main__" in file.read_text(encoding="utf-8"))
 
 
-def markdown(columns: list[str], rows: list[list[str]]) -> str:
+def markdown(columns: Sequence[str], rows: Iterable[Sequence]) -> str:
     """A table as Markdown."""
     lines = [columns, ["---"] * len(columns), *rows]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    return "".join(f"| {' | '.join(map(str, line))} |\n" for line in lines)
 
 
 def _index(made: dict[str, str]) -> str:

@@ -112,18 +112,13 @@ def grow(kind: str, pixels: int) -> Iterator[float]:
     yield 1
 
 
-def choose_folder(operator: str, folder: str, picture: str = "", file: str = "") -> Iterator[float]:
-    """Press an operator's button and choose a folder in the file browser that it opens, of which a picture is taken.
-
-    A `file` of the folder is chosen where one is named.
-    """
+def choose_folder(operator: str, folder: str, picture: str = "") -> Iterator[float]:
+    """Press an operator's button and choose a folder in the file browser that it opens, of which a picture is taken."""
     places = yield from scroll_to(operator)
     yield from click(*places[operator])
     yield from until(lambda: _browser() is not None)
     shown, browser = _browser()
     browser.spaces.active.params.directory = folder.encode()
-    if file:
-        browser.spaces.active.params.filename = file
     yield 1
     if picture:
         yield from screenshot(picture)

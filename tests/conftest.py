@@ -25,7 +25,7 @@ SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 SLOW = (
     "blender/test_quality.py",
     "cli/test_batches.py", "cli/test_farm.py", "cli/test_faults.py", "cli/test_force.py", "cli/test_train.py",
-    "io/test_calibration_sizes.py", "io/test_fuzz.py", "io/test_sizes.py", "package/",
+    "io/test_fuzz.py", "io/test_sizes.py", "package/",
 )  # fmt: skip
 
 
@@ -38,8 +38,10 @@ def shared_data() -> Path:
 
 
 def pytest_collection_modifyitems(items):
-    """Marks what is slow, so that `-m "not slow"` leaves it out."""
+    """Marks what is slow, so that `-m "not slow"` leaves it out, and skips what needs Blender where there is none."""
     for item in items:
+        if item.get_closest_marker("blender") and not importlib.util.find_spec("bpy"):
+            item.add_marker(pytest.mark.skip(reason="needs bpy"))
         if item.path.relative_to(Path(__file__).parent).as_posix().startswith(SLOW):
             item.add_marker("slow")
 

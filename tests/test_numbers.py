@@ -13,19 +13,14 @@ CORE = Path(__file__).resolve().parents[1] / "addon" / "core"
 KINDS = re.compile(r"\b(physical|paper|measured|learned|memory|format)\b")
 # Numbers by file that rest on nothing yet: to be measured, or to go. Nothing is added here.
 OWED = {
-    "blobs/continuity.py": 1,
     "filling/gaps.py": 10,
     "filling/kernels.py": 6,
     "filling/plain.py": 6,
     "filling/rays.py": 8,
     "filling/regression.py": 18,
     "filling/trials.py": 14,
-    "pipelines/blobs.py": 1,
     "pipelines/fitted_subjects.py": 1,
-    "pipelines/others.py": 2,
-    "pipelines/several_through_points.py": 3,
     "points/deciding.py": 9,
-    "points/fitted_body.py": 8,
     "points/history.py": 1,
     "points/likelihood/assembling.py": 5,
     "points/likelihood/calibration.py": 1,

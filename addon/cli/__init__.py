@@ -7,11 +7,9 @@ Every verb has a file here with `add_parser`; this one turns whatever happens in
 import sys
 
 from ..io.scratch import take_away_own
-from .console import complain, open_streams, stoppable, telling
-from .failures import as_trouble
-from .loading import try_libraries, uncollected
+from .console import as_trouble, complain, open_streams, stoppable, telling
 from .parser import build_parser
-from .serving import SERVE, TRY, serve
+from .serving import SERVE, TRY, serve, try_libraries, uncollected
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 
@@ -46,7 +44,7 @@ def _run(argv: list[str]) -> int:
     if argv == [SERVE]:
         return serve(main)
     if argv[:2] == [TRY, "--result"]:
-        from .trials import run_trial
+        from .train import run_trial
 
         return run_trial(argv[1:])
     with uncollected():

@@ -4,10 +4,10 @@
 from pathlib import Path
 
 from .. import capturing, jobs
-from ..blendfile import has_blender
+from ..blendfile import has_blender, silenced
 from ..core.evaluation.figures import Figures
 from ..demo import take as demo_take
-from ..demo.best_frame import best_shot
+from ..demo.picture import best_shot, draw
 from ..io.cameras import write_cameras
 from ..io.markersets import open_markerset
 from ..io.whole import check_targets, whole_file
@@ -43,7 +43,7 @@ def run(arguments) -> int:
         room,
         demo_take.MODEL,
         out,
-        rate=demo_take.STAGE.rate,
+        rate=demo_take.STAGE_RATE,
         trc=True,
         blend=has_blender(),
         html=True,
@@ -86,9 +86,6 @@ def run(arguments) -> int:
 
 def _draw(path: Path, performance, markerset, labelled: jobs.Labelled, agreement, overwrite: bool):
     """The picture of the take's widest step."""
-    from ..blendfile import silenced
-    from ..demo.picture import draw
-
     frame, shot = best_shot(performance.cameras, markerset, labelled.chunks)
     figures = agreement.figures.as_dict()
     title = "Mocap Autolabel"

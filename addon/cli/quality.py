@@ -7,9 +7,9 @@ from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.placement_quality import ADVICE
 from ..core.placement_quality.renamings import TURNED_ROUND
-from ..io.json_text import write_json
 from ..io.markersets import markerset_file
 from ..io.models import open_model
+from ..io.text import write_json
 from ..io.whole import whole_files
 from ..jobs.quality import judge_placement
 from .arguments import a_model, add_options, names, number, whole

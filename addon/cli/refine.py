@@ -3,7 +3,7 @@
 
 from pathlib import Path
 
-from ..jobs.captures import told_by_capture
+from ..jobs.job import told_by_capture
 from ..jobs.refine import RefineJob, refine_file
 from .arguments import OWN_CAMERAS, add_options, job_of
 from .console import ProgressLine, print_results

@@ -6,18 +6,73 @@ too.
 """
 
 import _thread
+import gc
 import json
 import os
 import queue
+import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout, suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from importlib import import_module
 from io import StringIO
 
 from ..core.data.errors import JobError
-from .loading import load_labelling
+
+if sys.platform != "win32":
+    import resource
+
+# 16 MB are what this program has taken before it loads them, generously; measured.
+# 5 s of a core are 25 times what NumPy takes to load, measured: what it is built on may ask for memory for ever.
+LIBRARIES = """
+import mmap, resource
+most = min((one for one in (5, resource.getrlimit(resource.RLIMIT_CPU)[1]) if one >= 0))
+resource.setrlimit(resource.RLIMIT_CPU, (most, most))
+taken = mmap.mmap(-1, 1 << 24)
+try:
+    import numpy
+except ModuleNotFoundError:
+    pass
+"""
+
+
+def try_libraries():
+    """JobError where the memory that this process may have is too little for NumPy to be loaded at all.
+
+    What it is built on ends the process then, without a word of ours, so another one tries it. Where memory is not
+    limited nothing is tried.
+    """
+    if sys.platform == "win32" or "numpy" in sys.modules:
+        return
+    limits = {resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA)}
+    if limits == {resource.RLIM_INFINITY}:
+        return
+    command = [sys.executable, "-c", LIBRARIES]
+    if subprocess.run(command, capture_output=True, check=False).returncode:  # noqa: S603 it is ourselves
+        limit = min(limits - {resource.RLIM_INFINITY}) >> 20
+        raise JobError(f"there are {limit} MB of memory, with which it cannot begin; expected more, see ulimit")
+
+
+@contextmanager
+def uncollected() -> Iterator[None]:
+    """Nothing is looked through for garbage in this block."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def load_labelling():
+    """Loads what labels takes, before the first of them is there."""
+    with uncollected():
+        for module in (".label", "..jobs.points"):
+            import_module(module, __package__)
+
 
 SERVE = "serve"  # the word that makes a process one
 TRY = "try"  # the word of a command that only such a process gets: try --result FILE TRIAL

@@ -11,7 +11,7 @@ from ..core.geometry.camera_up import AXIS_NAMES
 from ..core.simulation.simulate import CaptureOptions
 from ..io.cameras import calibration_files
 from ..io.markersets import builtin_markersets, markerset_file, open_markerset
-from ..io.points import marker_columns, read_points
+from ..io.points import columns_of_set, marker_columns, read_points
 from ..io.whole import keep_apart
 from .arguments import add_options, job_of, names, number, whole
 from .console import ProgressLine, print_results
@@ -141,7 +141,7 @@ def _what_is_captured(take: capturing.LabelledMarkers, arguments):
 
 def _choose(take: capturing.LabelledMarkers, markerset, arguments) -> tuple[list[str], list[int]]:
     """Names and indices of the markers to capture; the marker set's own names where it has one."""
-    found = [] if markerset is None else capturing.find_markers(take, markerset)
+    found = [] if markerset is None else columns_of_set(take.names, markerset)
     own = {
         int(index): name
         for index, name in zip(found, markerset.markers if markerset else [], strict=True)

@@ -10,11 +10,11 @@ import queue
 import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -84,43 +84,116 @@ class Command:
         )
 
 
-@dataclass(eq=False)
 class Worker:
-    """One process, the pipe to it, the file of what it says on standard error, where all are heard, what it is at."""
+    """A process that takes one command after the other; `begun` once it had any."""
 
-    process: subprocess.Popen
-    pipe: IO[bytes]
-    errors: Path
-    heard: "queue.SimpleQueue[tuple[Worker, bytes | None]]"
-    command: Command | None = field(default=None, init=False)
-    begun: bool = field(default=False, init=False)  # whether it ever had one
+    def __init__(self, scratch: Path):
+        """Starts it; JobError where there can be none."""
+        self.errors, self.begun = scratch / f"{time.monotonic_ns()}.stderr", False
+        with naming_scratch(scratch):
+            output = self.errors.open("wb")
+        with output:
+            try:
+                self.process = subprocess.Popen(  # noqa: S603 - it is ourselves
+                    [*door(), SERVE],
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.PIPE,
+                    stderr=output,
+                    start_new_session=True,  # a Ctrl-C reaches us only, and we stop them once
+                )
+            except OSError as error:
+                reason = error.strerror or error
+                raise JobError(f"no process can be started for it ({reason}); expected fewer --jobs") from None
+        self.pipe = cast("IO[bytes]", self.process.stdin)
 
-    def __post_init__(self):
-        threading.Thread(target=self._listen, daemon=True).start()
-
-    def begin(self, command: Command):
-        """Sends it a command; that it is gone shows where it would have answered."""
-        self.command, self.begun = command, True
-        with suppress(OSError):
+    def run(self, command: Command) -> dict | UserError:
+        """What comes of a command; how the process ended where it does before it answers."""
+        self.begun = True
+        with suppress(OSError):  # that it is gone shows where it would have answered
             self.pipe.write(command.sent())
             self.pipe.flush()
+        for line in cast("IO[bytes]", self.process.stdout):
+            if line.startswith(ANSWER.encode()):
+                return command.answer(**json.loads(line[len(ANSWER) :]))
+        return command.answer(self.process.wait(), self.errors.read_bytes().decode("utf-8", "replace"))
 
     def close(self):
-        """Lets go of the pipe to the process, which ends itself then."""
+        """Lets go of the pipe to the process, which ends itself then; at once where it is still starting up."""
+        if not self.begun:
+            self.process.kill()
         with suppress(OSError):
             self.pipe.close()
 
-    def ending(self) -> dict:
-        """How it ended, and what it said before."""
-        said = self.errors.read_bytes().decode("utf-8", "replace")
-        return {"status": self.process.returncode, "said": said}
 
-    def _listen(self):
-        for line in self.process.stdout:
-            if line.startswith(ANSWER.encode()):
-                self.heard.put((self, line[len(ANSWER) :]))
-        self.process.wait()
-        self.heard.put((self, None))
+class Crew:
+    """So many processes at most, those of them that are idle, and a folder for what they leave."""
+
+    def __init__(self, jobs: int, scratch: Path):
+        self.jobs, self.scratch = jobs, scratch
+        self.workers: list[Worker] = []
+        self.idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
+
+    def start(self) -> Worker:
+        """Another process; JobError where there can be none."""
+        worker = Worker(self.scratch)
+        self.workers.append(worker)
+        return worker
+
+    def run(self, pool: ThreadPoolExecutor, commands: Iterable[list[str] | None]) -> Answers:
+        """Number and answer of each command line, as they come; processes that ended meanwhile are replaced."""
+        at_work: dict[Future, int] = {}
+        lines, numbers, more = iter(commands), count(), True
+        while more or at_work:
+            while more and len(at_work) < self.jobs:
+                line = next(lines, NO_MORE)
+                more = line is not NO_MORE
+                if not isinstance(line, list):
+                    break
+                number = next(numbers)
+                command = Command(number, line, self.scratch / f"{number}.json")
+                at_work[pool.submit(self._do, command)] = number
+            if not at_work and more:
+                time.sleep(POLL)
+            for future in wait(at_work, POLL, FIRST_COMPLETED).done:
+                yield at_work.pop(future), future.result()
+
+    def _do(self, command: Command) -> dict | UserError:
+        try:
+            worker = self._free()
+        except JobError as error:
+            return JobError(error.message, error.file or command.take)
+        answer = worker.run(command)
+        if worker.process.poll() is None:
+            self.idle.put(worker)
+        else:
+            self.workers.remove(worker)
+            worker.close()
+        return answer
+
+    def _free(self) -> Worker:
+        """A process with nothing to do; where none can be started, the next of the others that is done."""
+        with suppress(queue.Empty):
+            return self.idle.get_nowait()
+        while True:
+            try:
+                return self.start()
+            except JobError:
+                if not self.workers:
+                    raise
+            with suppress(queue.Empty):
+                return self.idle.get(timeout=POLL)
+
+    def stop(self):
+        """Lets the processes end, which lets them clean up, and insists where one does not."""
+        for worker in self.workers:
+            worker.close()
+        limit = time.monotonic() + PATIENCE
+        for worker in self.workers:
+            try:
+                worker.process.wait(max(limit - time.monotonic(), 0.1))
+            except subprocess.TimeoutExpired:
+                worker.process.kill()
+                worker.process.wait()
 
 
 @contextmanager
@@ -131,63 +204,15 @@ def crew(jobs: int) -> Iterator[Callable[[Iterable[list[str] | None]], Answers]]
     each asked for when a process has time for it; None among them stands for none at the moment. The processes start up
     while whoever has begun them looks at what they are to do, and end with this block, or with this process.
     """
-    with scratch_folder() as scratch:
-        workers: list[Worker] = []
-        heard: queue.SimpleQueue[tuple[Worker, bytes | None]] = queue.SimpleQueue()
+    with scratch_folder() as scratch, ThreadPoolExecutor(jobs) as pool:
+        workers = Crew(jobs, scratch)
         try:
             with suppress(JobError):  # said of the takes, where none can be started then either
-                while len(workers) < jobs:
-                    workers.append(start_process(scratch, heard))
-            yield partial(_run, scratch, workers, heard, jobs)
+                for _ in range(jobs):
+                    workers.idle.put(workers.start())
+            yield partial(workers.run, pool)
         finally:
-            _stop(workers)
-
-
-def _run(
-    scratch: Path, workers: list[Worker], heard: queue.SimpleQueue, jobs: int, commands: Iterable[list[str] | None]
-) -> Answers:
-    """Number and answer of each command line, as they come; processes that ended meanwhile are replaced."""
-    waiting: list[Command] = []
-    lines, numbers, more, pausing = iter(commands), count(), True, False
-    while more or waiting or any(worker.command for worker in workers):
-        wanted, pausing = jobs - sum(worker.command is not None for worker in workers), False
-        while more and not pausing and len(waiting) < wanted:
-            line = next(lines, NO_MORE)
-            more, pausing = line is not NO_MORE, line is None
-            if isinstance(line, list):
-                number = next(numbers)
-                waiting.append(Command(number, line, scratch / f"{number}.json"))
-        yield from _man(scratch, workers, heard, jobs, waiting)
-        for worker in workers:
-            if waiting and worker.command is None:
-                worker.begin(waiting.pop(0))
-        if not workers and not pausing:  # none could be started
-            continue
-        try:
-            worker, said = heard.get(timeout=POLL)
-        except queue.Empty:
-            continue
-        command, worker.command = worker.command, None
-        if said is None:
-            workers.remove(worker)
-            worker.close()
-        if command is not None:
-            ending = json.loads(said) if said else worker.ending()
-            yield command.number, command.answer(**ending)
-
-
-def _man(
-    scratch: Path, workers: list[Worker], heard: queue.SimpleQueue, jobs: int, waiting: list[Command]
-) -> Iterator[tuple[int, UserError]]:
-    """Starts processes for what waits; where there can be none, number and answer of a command that nobody takes."""
-    while waiting and len(workers) < jobs:
-        try:
-            workers.append(start_process(scratch, heard))
-        except JobError as error:
-            if workers:  # which take what is left
-                return
-            command = waiting.pop(0)
-            yield command.number, JobError(error.message, error.file or command.take)
+            workers.stop()
 
 
 def door() -> list[str]:
@@ -201,38 +226,3 @@ def door() -> list[str]:
     # Once bpy is imported, Blender's folders of scripts come first, and the bpy in them is none on its own.
     paths = [path for path in sys.path if not (Path(path) / "bpy" / "__init__.py").is_file()]
     return [sys.executable, "-c", SCRIPT, str(ROOT), json.dumps(paths)]
-
-
-def start_process(scratch: Path, heard: queue.SimpleQueue) -> Worker:
-    """A new process that waits for commands; JobError where there can be none."""
-    errors = scratch / f"{time.monotonic_ns()}.stderr"
-    with naming_scratch(scratch):
-        output = errors.open("wb")
-    with output:
-        try:
-            process = subprocess.Popen(  # noqa: S603 - it is ourselves
-                [*door(), SERVE],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=output,
-                start_new_session=True,  # a Ctrl-C reaches us only, and we stop them once
-            )
-        except OSError as error:
-            reason = error.strerror or error
-            raise JobError(f"no process can be started for it ({reason}); expected fewer --jobs") from None
-    return Worker(process, cast("IO[bytes]", process.stdin), errors, heard)
-
-
-def _stop(workers: list[Worker]):
-    """Lets the processes end, which lets them clean up, and insists where one does not."""
-    for worker in workers:
-        if not worker.begun:  # it is still starting up, and has nothing to clean up
-            worker.process.kill()
-        worker.close()
-    limit = time.monotonic() + PATIENCE
-    for worker in workers:
-        try:
-            worker.process.wait(max(limit - time.monotonic(), 0.1))
-        except subprocess.TimeoutExpired:
-            worker.process.kill()
-            worker.process.wait()

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One frame of a labelled take as a picture: the room, the body and its named markers, and what two cameras saw."""
+"""One frame of a labelled take as a picture that Blender renders: the room, the body, and what two cameras saw.
+
+Pixels count from the top left corner of the picture, x to the right and y down.
+"""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -7,10 +10,110 @@ from pathlib import Path
 
 import numpy as np
 
+from ..blendfile import Chunks, unbroken
 from ..core.data.markersets import MarkerSet
-from ..core.data.takes import EXCLUSIVE, NO_MARKER
+from ..core.data.takes import EXCLUSIVE, NO_MARKER, Motion
 from ..core.geometry.cameras import Cameras
-from .sheet import LETTER_WIDTH, Sheet
+
+LETTER_WIDTH = 0.64  # of an average letter of Blender's built-in font, in units of its size
+_KINDS = ("objects", "meshes", "curves", "materials", "cameras", "worlds")  # of what a drawing is made of
+_TURN = np.linspace(0, 2 * np.pi, 24, endpoint=False)
+CIRCLE = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
+
+
+class Sheet:
+    """Collects shapes and words; a higher layer is in front. A colour is (r, g, b), 0 to 1, as it looks on screen."""
+
+    def __init__(self, width: int, height: int, paper: tuple):
+        self.width, self.height, self.paper = width, height, paper
+        self.shapes: dict[tuple, list[np.ndarray]] = {}
+        self.words: list[tuple] = []
+
+    def polygon(self, corners, colour: tuple, layer: int = 0):
+        """A filled convex polygon with corners (N, 2) px."""
+        self.shapes.setdefault((colour, layer), []).append(np.asarray(corners, dtype=float))
+
+    def disc(self, centre, radius: float, colour: tuple, layer: int = 0):
+        """A filled circle."""
+        self.polygon(np.asarray(centre) + radius * CIRCLE, colour, layer)
+
+    def lines(self, points, colour: tuple, layer: int = 0, thickness: float = 1.2):
+        """Straight lines from each of the points (N, 2) px to the next."""
+        for start, end in pairwise(np.asarray(points, dtype=float)):
+            length = np.hypot(*(end - start))
+            if length > 0:
+                side = np.array([start[1] - end[1], end[0] - start[0]]) / length * thickness / 2
+                self.polygon([start + side, end + side, end - side, start - side], colour, layer)
+
+    def text(self, x: float, y: float, words: str, size: float, colour: tuple, align: str = "LEFT"):
+        """Words on a baseline at y; `align` is LEFT, CENTER or RIGHT of x."""
+        self.words.append((x, y, words, size, colour, align))
+
+    def render(self, path: Path):
+        """Renders the drawing to `path`, a PNG. Needs bpy; leaves no data behind in it."""
+        import bpy
+
+        before = {kind: set(getattr(bpy.data, kind)) for kind in _KINDS}
+        scene = bpy.data.scenes.new("Picture")
+        try:
+            self._build(bpy, scene)
+            scene.render.filepath = str(Path(path).resolve())
+            with unbroken():
+                bpy.ops.render.render(write_still=True, scene=scene.name)
+        finally:
+            bpy.data.scenes.remove(scene)
+            for kind, kept in before.items():
+                bpy.data.batch_remove(set(getattr(bpy.data, kind)) - kept)
+
+    def _build(self, bpy, scene):
+        view = bpy.data.objects.new("View", bpy.data.cameras.new("View"))
+        view.data.type, view.data.ortho_scale = "ORTHO", self.width
+        view.location = (self.width / 2, -self.height / 2, 50.0)
+        scene.camera = view
+        scene.collection.objects.link(view)
+        render = scene.render
+        render.engine, render.image_settings.file_format = "CYCLES", "PNG"
+        render.resolution_x, render.resolution_y, render.resolution_percentage = self.width, self.height, 100
+        # Every ray meets a light at once: one bounce, and as many samples as smooth edges need.
+        scene.cycles.device, scene.cycles.samples, scene.cycles.use_denoising = "CPU", 16, False
+        scene.cycles.max_bounces = 0
+        scene.view_settings.view_transform = "Standard"
+        self.polygon([(0, 0), (self.width, 0), (self.width, self.height), (0, self.height)], self.paper, -1)
+        colours = {colour for colour, _ in self.shapes} | {words[4] for words in self.words}
+        materials = {colour: _light(bpy, colour) for colour in colours}
+
+        def add(data, colour: tuple):
+            data.materials.append(materials[colour])
+            thing = bpy.data.objects.new(data.name, data)
+            scene.collection.objects.link(thing)
+            return thing
+
+        for (colour, layer), polygons in self.shapes.items():
+            corners = np.concatenate(polygons) * [1, -1]
+            ends = np.cumsum([len(polygon) for polygon in polygons]).tolist()
+            faces = [list(range(end - len(one), end)) for end, one in zip(ends, polygons, strict=True)]
+            mesh = bpy.data.meshes.new("shape")
+            mesh.from_pydata([(x, y, layer) for x, y in corners.tolist()], [], faces)
+            add(mesh, colour)
+        for x, y, words, size, colour, align in self.words:
+            curve = bpy.data.curves.new("words", "FONT")
+            curve.body, curve.align_x, curve.size = words, align, size
+            add(curve, colour).location = (x, -y, 20.0)
+
+
+def _light(bpy, colour: tuple):
+    """A material that looks like `colour` on a screen (the sRGB curve)."""
+    material = bpy.data.materials.new("flat")
+    if not material.node_tree:
+        material.use_nodes = True
+    nodes = material.node_tree.nodes
+    nodes.clear()
+    glow = nodes.new("ShaderNodeEmission")
+    linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in colour]
+    glow.inputs["Color"].default_value = (*linear, 1)
+    material.node_tree.links.new(glow.outputs[0], nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
+    return material
+
 
 PICTURE_WIDTH, PICTURE_HEIGHT, PANELS = (
     1280,
@@ -198,3 +301,53 @@ def _lines(sheet: Sheet, view: Cameras, points, colour: tuple, layer: int):
     for pair in pairwise(pixels):
         if np.isfinite(pair).all() and np.max(np.abs(pair)) < 5 * PICTURE_WIDTH:
             sheet.lines(pair, colour, layer)
+
+
+def best_shot(cameras: Cameras, markerset: MarkerSet, chunks: Chunks) -> tuple[int, Shot]:
+    """The frame with the most markers, of those the one with the widest step; its number and its picture.
+
+    Raises ValueError when no frame has a body.
+    """
+    best, score = None, -1.0
+    for blobs, chunk in chunks:
+        scores = _scores(chunk.motion)
+        if len(scores) and scores.max() > score:
+            best, score = (blobs, chunk, int(np.argmax(scores))), float(scores.max())
+    if best is None:
+        raise ValueError("nobody was found in any frame")
+    blobs, chunk, index = best
+    rows = np.flatnonzero(blobs.frame == index)
+    motion, labels = chunk.motion, chunk.labels
+    ahead = motion.rotations[index, 0, :, 0]
+    shot = Shot(
+        cameras,
+        markerset,
+        posed_capsules(markerset, motion, index),
+        motion.markers[index],
+        float(np.arctan2(ahead[1], ahead[0])),
+        blobs.camera[rows],
+        blobs.xy[rows],
+        labels.marker[rows],
+        labels.step[rows],
+    )
+    return int(blobs.frames[index]), shot
+
+
+def _scores(motion: Motion) -> np.ndarray:
+    """(F,) markers seen, and for a tie how far they are from the body's middle, ahead and behind; -1 for nobody."""
+    seen = np.isfinite(motion.markers).all(axis=2)
+    away = motion.expected - motion.expected.mean(axis=1, keepdims=True)
+    reach = np.abs(np.einsum("fmi,fi->fm", away, motion.rotations[:, 0, :, 0])).mean(axis=1)
+    return np.where(motion.confidence > 0, seen.sum(axis=1) + np.minimum(np.nan_to_num(reach), 0.99), -1.0)
+
+
+def posed_capsules(markerset: MarkerSet, motion: Motion, index: int) -> Body:
+    """The body's capsules in one frame, in the world."""
+    capsules = markerset.capsules
+    turn, joints = motion.rotations[index, capsules.segment], motion.joints[index, capsules.segment]
+    scale = motion.scale[index]
+
+    def placed(points: np.ndarray) -> np.ndarray:
+        return joints + (turn @ (points * scale)[..., None])[..., 0]
+
+    return Body(placed(capsules.start), placed(capsules.end), capsules.radius * scale.mean())

@@ -17,29 +17,13 @@ from ..core.simulation.virtual import DEMO, draw_person, perform
 MODEL = "body26"
 
 
-@dataclass(frozen=True)
-class StageOptions:
-    """Where the demo plays; chosen so that it is quick and shows what the labelling can do.
-
-    seed             of person, walk, room and everything that is random
-    cameras          in a ring,
-    size_px          of their images
-    radius_m         of the ring
-    volume_radius_m  of what all of them see whole
-    rate             frames a second
-    """
-
-    seed: int = 7
-    cameras: int = 8
-    size_px: tuple[int, int] = (1280, 960)
-    radius_m: float = 3.6
-    volume_radius_m: float = 1.3
-    rate: float = 60.0
-
-
-STAGE = StageOptions()
+# Where the demo plays; chosen so that it is quick and shows what the labelling can do.
+STAGE_SEED = 7  # of person, walk, room and everything that is random
+STAGE_CAMERAS, STAGE_SIZE_PX, STAGE_RADIUS_M = 8, (1280, 960), 3.6  # in a ring
+STAGE_VOLUME_M = 1.3  # radius of what all of them see whole
+STAGE_RATE = 60.0
 # Everything that goes wrong in a good laboratory, and a little more of it.
-TROUBLE = CaptureOptions(seed=STAGE.seed, noise=0.4, dropout=0.01, reflections=2, flicker=0.3, marker_offset=0.005)
+TROUBLE = CaptureOptions(seed=STAGE_SEED, noise=0.4, dropout=0.01, reflections=2, flicker=0.3, marker_offset=0.005)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +37,10 @@ class Performance:
 
 def make_performance(markerset: MarkerSet) -> Performance:
     """The same room, person and walk every time."""
-    generator = np.random.default_rng(STAGE.seed)
-    cameras = ring_rig(
-        STAGE.cameras, STAGE.size_px, STAGE.radius_m, volume_radius=STAGE.volume_radius_m, generator=generator
-    )
+    generator = np.random.default_rng(STAGE_SEED)
+    cameras = ring_rig(STAGE_CAMERAS, STAGE_SIZE_PX, STAGE_RADIUS_M, volume_radius=STAGE_VOLUME_M, generator=generator)
     model = BodyModel(markerset)
-    bodies = perform(model, draw_person(markerset, generator), DEMO, STAGE.rate, STAGE.seed)
+    bodies = perform(model, draw_person(markerset, generator), DEMO, STAGE_RATE, STAGE_SEED)
     posed = model.pose(bodies)
     body = PosedBody(
         CapsuleOcclusion(markerset), np.asarray(markerset.attachment), posed.rotations, posed.joints, bodies.scale

@@ -9,27 +9,16 @@ from pathlib import Path
 from ..core.data.errors import InputError
 from .batch import is_result
 from .edits import edits_beside
-from .source import open_binary
 
 # Endings of takes. Of files that share the rest of their name the first is the take: what was recorded comes before
 # what another program made of it.
 TAKE_ENDINGS = (".qtm", ".csv", ".c3d", ".trc")
 
 
-@dataclass(frozen=True)
-class WatchOptions:
-    """How a folder is watched.
-
-    look_s     s between two looks into it
-    settled_s  s for which a file has to be as it is before it is taken for whole: copies over a network and programs
-               that save pause for a second or two
-    """
-
-    look_s: float = 1.0
-    settled_s: float = 3.0
-
-
-WATCHING = WatchOptions()
+LOOK_EVERY_S = 1.0  # s between two looks into a folder
+# s for which a file has to be as it is before it is whole: copies over a network and programs that save pause for a
+# second or two
+SETTLED_S = 3.0
 
 State = tuple[int, ...]  # what tells a file, and the edits beside it, from how they were before
 
@@ -57,9 +46,9 @@ class Arrival:
 class Arrivals:
     """The takes in folders, as they come. The folders in them are not looked into."""
 
-    def __init__(self, folders: Sequence[Path], options: WatchOptions = WATCHING):
+    def __init__(self, folders: Sequence[Path], look_s: float = LOOK_EVERY_S, settled_s: float = SETTLED_S):
         """Raises InputError where one is no folder, or cannot be read."""
-        self.folders, self.options = folders, options
+        self.folders, self.look_s, self.settled_s = folders, look_s, settled_s
         self.files: dict[Path, Arrival] = {}
         self.taken: dict[str, Path] = {}  # by the name that results get
         self.passed: list[str] = []  # sentences on files that are left out, and on folders that cannot be read
@@ -95,12 +84,12 @@ class Arrivals:
 
     def is_arriving(self, now: float) -> bool:
         """Whether a file may still be on its way at a time, s."""
-        return any(one.is_new and now - one.since < self.options.settled_s for one in self.files.values())
+        return any(one.is_new and now - one.since < self.settled_s for one in self.files.values())
 
     def _is_ready(self, path: Path, now: float) -> bool:
         known = self.files[path]
         # A file without content is about to get some.
-        return known.is_new and known.state[0] > 0 and now - known.since >= self.options.settled_s and not _held(path)
+        return known.is_new and known.state[0] > 0 and now - known.since >= self.settled_s
 
     def _is_take(self, path: Path) -> bool:
         """Whether a file is a take, and the only one that results get their name from; says so where it is not."""
@@ -163,17 +152,6 @@ def _state_of(path: Path) -> State | None:
         return None
     said = (own.st_size, own.st_mtime_ns, own.st_ino)
     return said if beside is None else (*said, beside.st_size, beside.st_mtime_ns)
-
-
-def _held(path: Path) -> bool:
-    """Whether the program that writes a file lets nobody else read it, as on Windows; elsewhere nobody can."""
-    if os.name != "nt":
-        return False
-    try:
-        open_binary(path).close()
-    except InputError as error:
-        return isinstance(error.__context__, PermissionError)
-    return False
 
 
 def _unreadable(error: OSError, folder: Path) -> InputError:

@@ -11,9 +11,9 @@ from typing import Any
 
 from ..core.data.errors import InputError
 from ..core.review.trouble import LEFT_OVER
-from .names import cell_of, in_cell
 from .report import REPORT, read_report
 from .source import open_binary, read_bytes
+from .text import cell_of, in_cell
 
 # What becomes of a take, in the order of the table.
 FAILING, LABELLED, DONE_BEFORE, AT_WORK, WAITING = "failed", "labelled", "done before", "at work", "waiting"

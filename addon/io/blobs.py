@@ -12,38 +12,25 @@ from ..core.data.errors import InputError
 from ..core.data.takes import Blobs
 from ..core.data.wording import words_of_range
 from ..core.geometry.cameras import Cameras
-from .names import cell_of
 from .qtm import held_in, is_qtm, rows_of_qtm
 from .rows import Rows, parse_rows, read_header
 from .source import open_binary
+from .text import cell_of
 
 KIND = "a blob file with the header frame,camera,x,y"
 
 
-@dataclass(frozen=True)
-class BlobFileOptions:
-    """How blob files are read, and what is none; memory, and what a capture is.
-
-    block_bytes      that are read at a time
-    max_line_bytes   of a line; a longer one is no row
-    chunk_rows       beyond which a chunk is cut short at a frame's end, so that ghosts by the million do not fill the
-                     memory
-    max_frame_rows   blobs of a frame: nobody has cameras for more at one time
-    max_unseen       frames without blobs, which are written as well, as C3D and TRC number frames one by one: an empty
-                     room for minutes is sound, also when hardly anything was seen so far
-    unseen_for_seen  more of them for every frame with blobs: a file that is nearly all gap has a wrong column or a time
-                     for its frame
-    """
-
-    block_bytes: int = 1 << 22
-    max_line_bytes: int = 1 << 20
-    chunk_rows: int = 200_000
-    max_frame_rows: int = 500_000
-    max_unseen: int = 100_000
-    unseen_for_seen: int = 10
-
-
-BLOB_FILE = BlobFileOptions()
+# How blob files are read, and what is none; memory, and what a capture is.
+BLOCK_BYTES = 1 << 22  # that are read at a time
+MAX_LINE_BYTES = 1 << 20  # of a line; a longer one is no row
+# beyond which a chunk is cut short at a frame's end, so that ghosts by the million do not fill the memory
+CHUNK_ROWS = 200_000
+MAX_FRAME_ROWS = 500_000  # blobs of a frame: nobody has cameras for more at one time
+# frames without blobs, which are written as well, as C3D and TRC number frames one by one: an empty room for minutes is
+# sound, also when hardly anything was seen so far
+MAX_UNSEEN = 100_000
+# more of them for every frame with blobs: a file that is nearly all gap has a wrong column or a time for its frame
+UNSEEN_FOR_SEEN = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +53,7 @@ def read_blobs(
     """The take in chunks of at most `chunk_frames` consecutive frames; `frames` keeps those from A to B, both included.
 
     Frames without blobs between the first and the last are there as empty frames; of those there may be as
-    many as `BLOB_FILE` says. Rows may come in any order within a frame; frames ascend.
+    many as MAX_UNSEEN and UNSEEN_FOR_SEEN say. Rows may come in any order within a frame; frames ascend.
     Columns may come in any order and others may stand among them. Of a `.qtm`, blobs of cameras that are not among
     `cameras` are left out, and its rows' keys are as a blob file would have them.
     Raises InputError with the file and line for whatever breaks that, and when there is no blob at all.
@@ -100,15 +87,13 @@ def frames_in(path: Path, cameras: Cameras) -> tuple[int, int] | None:
     with open_binary(path) as file:
         size = file.seek(0, 2)
         file.seek(0)
-        head = file.read(BLOB_FILE.block_bytes)
-        file.seek(max(size - BLOB_FILE.block_bytes, 0))
+        head = file.read(BLOCK_BYTES)
+        file.seek(max(size - BLOCK_BYTES, 0))
         tail = file.read()
     try:
         header, start = read_header(head, path)
         begin = parse_rows(head[start:].rpartition(b"\n")[0] or head[start:], header, cameras, path, 2)
-        end = parse_rows(
-            tail[start:] if size <= BLOB_FILE.block_bytes else tail.partition(b"\n")[2], header, cameras, path, 2
-        )
+        end = parse_rows(tail[start:] if size <= BLOCK_BYTES else tail.partition(b"\n")[2], header, cameras, path, 2)
     except InputError:
         return None
     return (int(begin.frame[0]), int(end.frame[-1])) if len(begin) and len(end) else None
@@ -120,7 +105,7 @@ def check_header(path: Path):
         held_in(path)
         return
     with open_binary(path) as file:
-        read_header(file.read(BLOB_FILE.block_bytes), path)
+        read_header(file.read(BLOCK_BYTES), path)
 
 
 def _blocks(path: Path, cameras: Cameras) -> Iterator[tuple[Rows, float, bool]]:
@@ -128,11 +113,11 @@ def _blocks(path: Path, cameras: Cameras) -> Iterator[tuple[Rows, float, bool]]:
     with open_binary(path) as file:
         size = max(file.seek(0, 2), 1)
         file.seek(0)
-        carry = file.read(BLOB_FILE.block_bytes)
+        carry = file.read(BLOCK_BYTES)
         header, start = read_header(carry, path)
         carry, line, previous = carry[start:], 2, None
         while True:
-            more = file.read(BLOB_FILE.block_bytes)
+            more = file.read(BLOCK_BYTES)
             finished = not more
             if finished:
                 block, carry = carry, b""
@@ -140,10 +125,8 @@ def _blocks(path: Path, cameras: Cameras) -> Iterator[tuple[Rows, float, bool]]:
                 block, newline, carry = carry.rpartition(b"\n")
                 block += newline
                 carry += more
-                if len(carry) > BLOB_FILE.block_bytes + BLOB_FILE.max_line_bytes:
-                    raise InputError(
-                        f"has a line of over {BLOB_FILE.max_line_bytes >> 20} MB; expected {KIND}", path, line
-                    )
+                if len(carry) > BLOCK_BYTES + MAX_LINE_BYTES:
+                    raise InputError(f"has a line of over {MAX_LINE_BYTES >> 20} MB; expected {KIND}", path, line)
             rows = parse_rows(block, header, cameras, path, line)
             previous = _check_order(rows, previous, path)
             yield rows, 1.0 if finished else (file.tell() - len(carry)) / size, finished
@@ -187,13 +170,13 @@ class _Tally:
         steps = np.diff(rows.frame, prepend=rows.frame[0] - 1 if self.last is None else self.last)
         seen = self.seen + np.cumsum(steps > 0)
         unseen = self.unseen + np.cumsum(np.maximum(steps - 1, 0))
-        allowed = BLOB_FILE.max_unseen + BLOB_FILE.unseen_for_seen * seen
+        allowed = MAX_UNSEEN + UNSEEN_FOR_SEEN * seen
         if (unseen > allowed).any():
             at = int(np.argmax(unseen > allowed))
             raise InputError(
                 f"leaps from frame {rows.frame[at] - steps[at]} to {rows.frame[at]}, which makes {unseen[at]} frames "
-                f"without blobs and {seen[at]} with some; expected at most {BLOB_FILE.max_unseen} without, and "
-                f"{BLOB_FILE.unseen_for_seen} more for each with some (is the column frame a time?)",
+                f"without blobs and {seen[at]} with some; expected at most {MAX_UNSEEN} without, and "
+                f"{UNSEEN_FOR_SEEN} more for each with some (is the column frame a time?)",
                 self.path,
                 rows.line_of(at),
             )
@@ -203,10 +186,10 @@ class _Tally:
         begins = np.flatnonzero(np.diff(rows.frame, prepend=rows.frame[0] - 1))
         counts = np.diff(begins, append=len(rows))
         counts[0] += self.crowd if rows.frame[0] == self.last else 0
-        if counts.max() > BLOB_FILE.max_frame_rows:
-            at = int(begins[np.argmax(counts > BLOB_FILE.max_frame_rows)])
+        if counts.max() > MAX_FRAME_ROWS:
+            at = int(begins[np.argmax(counts > MAX_FRAME_ROWS)])
             raise InputError(
-                f"has over {BLOB_FILE.max_frame_rows} blobs in frame {rows.frame[at]}; expected one frame of a capture "
+                f"has over {MAX_FRAME_ROWS} blobs in frame {rows.frame[at]}; expected one frame of a capture "
                 "and then the next",
                 self.path,
                 rows.line_of(at),
@@ -241,22 +224,17 @@ class _Pending:
         if not self.begun:
             return
         end = self.last_frame + 1 if finished else self.last_frame
-        if end - self.next_frame < self.chunk_frames and self.count < BLOB_FILE.chunk_rows and not finished:
+        if end - self.next_frame < self.chunk_frames and self.count < CHUNK_ROWS and not finished:
             return
         rows = Rows.join(self.rows)
         while self.next_frame < end:
             stop = min(self.next_frame + self.chunk_frames, end)
-            if (
-                stop == end
-                and not finished
-                and end - self.next_frame < self.chunk_frames
-                and len(rows) < BLOB_FILE.chunk_rows
-            ):
+            if stop == end and not finished and end - self.next_frame < self.chunk_frames and len(rows) < CHUNK_ROWS:
                 break
             count = int(np.searchsorted(rows.frame, stop))
-            if count > BLOB_FILE.chunk_rows:
+            if count > CHUNK_ROWS:
                 # Back to the end of the last frame that fits; one frame alone is never divided.
-                stop = max(int(rows.frame[BLOB_FILE.chunk_rows]), self.next_frame + 1)
+                stop = max(int(rows.frame[CHUNK_ROWS]), self.next_frame + 1)
                 count = int(np.searchsorted(rows.frame, stop))
             yield self._chunk(rows.cut(0, count), stop)
             rows, self.next_frame = rows.cut(count, len(rows)), stop
@@ -268,20 +246,27 @@ class _Pending:
         return BlobRows(blobs, rows.keys, self.fraction)
 
 
-class BlobWriter:
-    """Writes a blob file piece by piece; use it as a context manager on a temporary of `whole_files`."""
+class RowWriter:
+    """Rows behind a header; a context manager."""
 
-    def __init__(self, path: Path, cameras: Cameras, area: bool = True):
-        self.names = [csv_field(name) for name in cameras.names]
-        self.area = area
-        self.file = Path(path).open("w", encoding="utf-8", newline="\n")  # noqa: SIM115
-        self.file.write("frame,camera,x,y,area\n" if area else "frame,camera,x,y\n")
+    def __init__(self, path: Path, header: str):
+        self.file = Path(path).open("w", encoding="utf-8", errors="surrogateescape", newline="\n")  # noqa: SIM115
+        self.file.write(header + "\n")
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object):
         self.file.close()
+
+
+class BlobWriter(RowWriter):
+    """Writes a blob file piece by piece; use it as a context manager on a temporary of `whole_files`."""
+
+    def __init__(self, path: Path, cameras: Cameras, area: bool = True):
+        self.names = [csv_field(name) for name in cameras.names]
+        self.area = area
+        super().__init__(path, "frame,camera,x,y,area" if area else "frame,camera,x,y")
 
     def write(self, blobs: Blobs) -> list[str]:
         """Appends the blobs, to a thousandth of a pixel; returns the rows' keys, for the truth file beside it."""

@@ -9,8 +9,8 @@ from ..core.data.errors import InputError
 from ..core.edits.applying import refuse_unknown
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.edits.rows import document_of, edits_of
-from .json_text import write_json
 from .source import read_json
+from .text import write_json
 from .whole import whole_file
 
 if TYPE_CHECKING:  # it is looked at, and none is made

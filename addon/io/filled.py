@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.filling.filling import FilledGap, LeftGap
 from ..core.filling.kept import KeptFill, resting_on
-from .names import cell_of
+from .text import cell_of
 
 GAP_COLUMNS = ("marker", "first", "last", "method", "expected_mm")
 
@@ -42,13 +42,13 @@ def write_filled(path: Path, rows: Sequence[dict]):
 
 
 def _row(marker: str, first: int, last: int, method: str, expected: float, rests_on: str) -> dict:
-    told = zip(GAP_COLUMNS, (marker, first, last, method, _millimetres(expected)), strict=True)
+    told = zip(
+        GAP_COLUMNS,
+        (marker, first, last, method, (round(1000 * expected, 2) if np.isfinite(expected) else None)),
+        strict=True,
+    )
     return dict(told) | {"rests_on": rests_on}
 
 
 def _where(one: FilledGap | LeftGap, names: Sequence[str], first_frame: int) -> tuple[str, int, int]:
     return names[one.gap.marker], first_frame + one.gap.start, first_frame + one.gap.stop - 1
-
-
-def _millimetres(metres: float) -> float | None:
-    return round(1000 * metres, 2) if np.isfinite(metres) else None

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The contract's labels and truth: written piece by piece beside the labelling, read row by row."""
+"""The contract's labels and truth: written piece by piece beside the labelling, read row by row, and compared."""
 
 import csv
+from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import dropwhile, takewhile, zip_longest
 from math import isfinite
 from pathlib import Path
 from typing import NamedTuple, Self
@@ -12,9 +14,10 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.takes import NO_MARKER, NO_STEP, STEPS, Blobs, Labels, PointRows
-from .blobs import BLOB_FILE, csv_field
-from .names import in_cell
+from ..core.review.changes import Change, changes, summary_of_changes
+from .blobs import MAX_LINE_BYTES, RowWriter, csv_field
 from .source import open_binary
+from .text import in_cell
 
 BLOB_KEYS = ("frame", "camera", "x", "y")
 POINT_KEYS = ("frame", "point")
@@ -23,21 +26,7 @@ POINT_KEYS = ("frame", "point")
 _CONFIDENCE = tuple(f"{value / 1000:.3f}".rstrip("0").rstrip(".") for value in range(1001))
 
 
-class _RowWriter:
-    """Rows behind a header; a context manager."""
-
-    def __init__(self, path: Path, header: str):
-        self.file = Path(path).open("w", encoding="utf-8", errors="surrogateescape", newline="\n")  # noqa: SIM115
-        self.file.write(header + "\n")
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object):
-        self.file.close()
-
-
-class LabelWriter(_RowWriter):
+class LabelWriter(RowWriter):
     """Writes `STEM.labels.csv` chunk by chunk; `keys` are the names of the columns that tell one row from another."""
 
     def __init__(self, path: Path, markers: Sequence[str], keys: Sequence[str] = BLOB_KEYS):
@@ -68,7 +57,7 @@ def write_point_labels(path: Path, rows: PointRows, labels: Labels, markers: tup
         writer.write(point_keys(rows), labels)
 
 
-class TruthWriter(_RowWriter):
+class TruthWriter(RowWriter):
     """Writes a truth file chunk by chunk."""
 
     def __init__(self, path: Path, keys: Sequence[str] = BLOB_KEYS):
@@ -122,9 +111,8 @@ class LabelFile:
     def __init__(self, path: Path, what: str = "labels"):
         self.path, self.what = Path(path), what
         self.file = open_binary(path)
-        self._reader = csv.reader(self._texts())
-        self._wanted = False
-        self._lines_so_far = self._line = 0  # the second is the line that an error would name
+        self._line = 0  # that an error would name
+        self._numbered = enumerate(iter(lambda: self.file.readline(MAX_LINE_BYTES + 1), b""), 1)
 
     def __enter__(self) -> Self:
         try:
@@ -144,119 +132,85 @@ class LabelFile:
 
     def rows(self) -> Iterator[LabelRow]:
         """All rows in their order, frames ascending."""
-        previous = None
-        while (fields := self._fields()) is not None:
-            if not fields:
-                continue
-            row = self._row(fields)
-            previous = self._in_order(previous, row.frame)
-            yield row
+        return map(self.read, self.unread_rows())
 
     def unread_rows(self) -> Iterator[UnreadRow]:
         """All rows in their order, each unread: for whoever can mostly tell by its text what it says."""
         previous = beginning = None
-        for text in self._lines():
+        for line, text in self._numbered:
             if not text.strip(b"\r\n"):
                 continue
-            line, begins = self._line, text.partition(b",")[0]
+            begins = text.partition(b",")[0]
             # Rows of a frame mostly begin alike.
             if begins != beginning or self._columns[0]:
-                beginning = begins
-                previous = self._in_order(previous, self.read(UnreadRow(line, 0, text)).frame)
+                beginning, frame = begins, self.read(UnreadRow(line, 0, text)).frame
+                if previous is not None and frame < previous:
+                    raise self._error(f"goes back from frame {previous} to {frame}; expected ascending frames")
+                previous = frame
             yield UnreadRow(line, previous or 0, text)
 
     def read(self, row: UnreadRow) -> LabelRow:
         """What a row says."""
-        self._line = row.line
-        return self._row(next(csv.reader(self._one_line(row.text))))
+        return self._row(self._fields(row.line, row.text))
 
-    def _in_order(self, previous: int | None, frame: int) -> int:
-        """The frame of the next row."""
-        if previous is not None and frame < previous:
-            raise self._error(f"goes back from frame {previous} to {frame}; expected ascending frames")
-        return frame
-
-    def _one_line(self, line: bytes) -> Iterator[str]:
-        yield self._text(line)
-        raise self._error(f"has a quote that is not closed; expected {self.what}")
+    def _fields(self, line: int, content: bytes) -> list[str]:
+        """The fields of a line, which is a row: no name has a line's end in it."""
+        self._line = line
+        if b"\0" in content:
+            raise self._error(f"is a binary file; expected {self.what}")
+        if len(content) > MAX_LINE_BYTES:
+            raise self._error(f"has a line of over {MAX_LINE_BYTES >> 20} MB; expected {self.what}")
+        text = content.decode("utf-8-sig" if line == 1 else "utf-8", "surrogateescape")
+        try:
+            return next(csv.reader([text], strict=True), [])
+        except csv.Error as error:
+            quote = str(error) == "unexpected end of data"
+            words = "has a quote that is not closed" if quote else f"is no CSV file ({error})"
+            raise self._error(f"{words}; expected {self.what}") from None
 
     def _read_header(self):
-        fields = self._fields()
-        if fields is None:
+        line, content = next(self._numbered, (0, b""))
+        if not content:
             raise InputError(f"is empty; expected {self.what}", self.path)
-        self.header = header = [name.strip().lower() for name in fields]
+        self.header = header = [name.strip().lower() for name in self._fields(line, content)]
         self.keys = BLOB_KEYS if "camera" in header else POINT_KEYS
         missing = [name for name in (*self.keys, "marker") if name not in header]
         if missing:
             forms = "frame,camera,x,y,marker or frame,point,marker"
-            raise InputError(
-                f"has no column {' or '.join(missing)}; expected {self.what} with the header {forms}", self.path, 1
-            )
+            words = f"has no column {' or '.join(missing)}; expected {self.what} with the header {forms}"
+            raise InputError(words, self.path, 1)
         self._columns = [header.index(name) for name in (*self.keys, "marker")]
-        self._step, self._confidence = (
-            header.index(name) if name in header else None for name in ("step", "confidence")
-        )
+        self._step, self._confidence = (header.index(one) if one in header else None for one in ("step", "confidence"))
         self._width = len(header)
 
     def _row(self, fields: list[str]) -> LabelRow:
         if len(fields) != self._width:
             raise self._error(f"has {len(fields)} fields; expected {self._width} as in the header (is it cut off?)")
         frame, *key, marker = (fields[column].strip() for column in self._columns)
-        try:
-            # Equal numbers are the same place, however many digits each file writes.
-            where = (in_cell(key[0]), *map(_finite, key[1:])) if len(key) > 1 else (int(key[0]),)
-        except ValueError:
-            raise self._error(f"has a key that is no number; expected {self.what} as frame,…") from None
+        number = self._number(frame, f"has the frame {frame[:40]!r}; expected a whole number", whole=True)
+        odd = f"has a key that is no number; expected {self.what} as frame,…"
+        if len(key) > 1:  # equal numbers are the same place, however many digits each file writes
+            where: tuple = (in_cell(key[0]), *(self._number(one, odd) for one in key[1:]))
+        else:
+            where = (int(self._number(key[0], odd, whole=True)),)
         step = "" if self._step is None else fields[self._step].strip()
-        share = np.nan if self._confidence is None else self._share(fields[self._confidence])
-        return LabelRow(self._line, self._whole(frame), where, in_cell(marker), step, share)
+        share, given = np.nan, "" if self._confidence is None else fields[self._confidence].strip()
+        if given:
+            words = f"has the confidence {given[:40]!r}; expected 0 to 1"
+            share = self._number(given, words)
+            if not 0 <= share <= 1:
+                raise self._error(words)
+        return LabelRow(self._line, int(number), where, in_cell(marker), step, share)
 
-    def _whole(self, text: str) -> int:
+    def _number(self, text: str, words: str, whole: bool = False) -> float:
+        """A number that equals itself; InputError with these words for any other."""
         try:
             value = float(text)
         except ValueError:
             value = np.nan
-        if not abs(value) < 2**53 or value % 1:
-            raise self._error(f"has the frame {text[:40]!r}; expected a whole number")
-        return int(value)
-
-    def _share(self, text: str) -> float:
-        try:
-            value = float(text) if text.strip() else np.nan
-        except ValueError:
-            value = -1.0
-        if value < 0 or value > 1:
-            raise self._error(f"has the confidence {text.strip()[:40]!r}; expected 0 to 1")
+        if not isfinite(value) or (whole and (value % 1 or abs(value) >= 2**53)):
+            raise self._error(words)
         return value
-
-    def _fields(self) -> list[str] | None:
-        self._wanted = True
-        try:
-            return next(self._reader, None)
-        except csv.Error as error:
-            raise self._error(f"is no CSV file ({error}); expected {self.what}") from None
-
-    def _texts(self) -> Iterator[str]:
-        for line in self._lines():
-            text = self._text(line)
-            if not self._wanted:  # no name has a line's end in it, and a quote could go on to the end of the file
-                self._line -= 1
-                raise self._error(f"has a quote that is not closed; expected {self.what}")
-            self._wanted = False
-            yield text
-
-    def _lines(self) -> Iterator[bytes]:
-        while line := self.file.readline(BLOB_FILE.max_line_bytes + 1):
-            self._lines_so_far += 1
-            self._line = self._lines_so_far
-            yield line
-
-    def _text(self, line: bytes) -> str:
-        if b"\0" in line:
-            raise self._error(f"is a binary file; expected {self.what}")
-        if len(line) > BLOB_FILE.max_line_bytes:
-            raise self._error(f"has a line of over {BLOB_FILE.max_line_bytes >> 20} MB; expected {self.what}")
-        return line.decode("utf-8-sig" if self._line == 1 else "utf-8", "surrogateescape")
 
     def _error(self, words: str) -> InputError:
         return InputError(words, self.path, self._line)
@@ -288,9 +242,75 @@ def read_blob_labels(
     return Blobs(frames, frame, camera, table[:, 2:4], np.full(len(table), np.nan)), labels
 
 
-def _finite(text: str) -> float:
-    """A number that equals itself; ValueError for any other."""
-    value = float(text)
-    if not isfinite(value):
-        raise ValueError
-    return value
+MAX_LISTED = 200  # changes that a report lists, the longest first: a list that a person reads
+
+
+def facts_of_changes(before: Path, after: Path, markers: Sequence[str]) -> dict:
+    """What a report says of what is otherwise than in an earlier label file; nothing where that is of other rows."""
+    if not before.exists():
+        return {}
+    try:
+        with LabelFile(before) as old, LabelFile(after) as new:
+            found = _changes(old, new, markers)
+    except (InputError, OSError):  # whatever lies there, it is about to be replaced
+        return {}
+    return {"changed": [one.as_dict() for one in found[:MAX_LISTED]], "changed_in_all": summary_of_changes(found)}
+
+
+def changes_of_part(
+    whole: Path, part: Path, markers: Sequence[str], frames: tuple[int, int]
+) -> tuple[Change, ...] | None:
+    """What is otherwise in the label file of a part of a take, its first to last frame, than in that of all of it.
+
+    None where nobody can tell: the one of the whole take is not there, or is of other rows.
+    """
+    try:
+        with LabelFile(whole) as old, LabelFile(part) as new:
+            return _changes(old, new, markers, frames)
+    except (InputError, OSError):
+        return None
+
+
+def _changes(
+    old: LabelFile, new: LabelFile, markers: Sequence[str], frames: tuple[int, int] | None = None
+) -> tuple[Change, ...]:
+    """All changes, in some `frames` of the old file; InputError where the rows are not of the same blobs or points."""
+    index = {name: number for number, name in enumerate(markers)}
+    numbers, table = array("q"), array("q")
+    alike = old.header == new.header
+    for frame, pairs in _frame_by_frame(old, new, frames):
+        # Most of a take is as it was: those frames are counted, and only the others read.
+        if not alike or any(one.text != other.text for one, other in pairs):
+            for pair in pairs:
+                one, other = old.read(pair[0]), new.read(pair[1])
+                if one.key != other.key:
+                    raise _others(old)
+                # A name that the model does not have is of another model: as good as none.
+                table.extend((len(numbers), index.get(one.marker, NO_MARKER), index.get(other.marker, NO_MARKER)))
+        numbers.append(frame)
+    at, before, after = np.array(table, dtype=np.int64).reshape(-1, 3).T
+    return changes(at, before, after, markers, np.array(numbers, dtype=np.int64))
+
+
+def _frame_by_frame(
+    old: LabelFile, new: LabelFile, frames: tuple[int, int] | None
+) -> Iterator[tuple[int, list[tuple[UnreadRow, UnreadRow]]]]:
+    """Each frame, and its rows in pairs; InputError where the frames have other rows."""
+    pairs: list[tuple[UnreadRow, UnreadRow]] = []
+    before = old.unread_rows()
+    if frames is not None:
+        begun = dropwhile(lambda row: row.frame < frames[0], before)
+        before = takewhile(lambda row: row.frame <= frames[1], begun)
+    for one, other in zip_longest(before, new.unread_rows()):
+        if one is None or other is None or one.frame != other.frame:
+            raise _others(old)
+        if pairs and one.frame != pairs[0][0].frame:
+            yield pairs[0][0].frame, pairs
+            pairs = []
+        pairs.append((one, other))
+    if pairs:
+        yield pairs[0][0].frame, pairs
+
+
+def _others(old: LabelFile) -> InputError:
+    return InputError("holds other rows than now; expected the labels of the same blobs or points", old.path)

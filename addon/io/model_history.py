@@ -11,16 +11,18 @@ import math
 import os
 import posixpath
 import re
-from dataclasses import replace
+from dataclasses import MISSING, fields, is_dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any, get_args, get_origin, get_type_hints
 
 from ..core.data.errors import InputError
-from ..core.points.history import NO_HISTORY, CheckedTake, ModelHistory, ModelVersion, TaughtTake
+from ..core.points.history import NO_HISTORY, ModelHistory, TaughtTake
 from .markersets import SUFFIX
-from .names import can_be_written
+from .text import can_be_written
 
 HISTORY = "history"
+HISTORY_KEYS = {"name": "take", "origin": "from"}  # of fields that are called otherwise in the file
 # ours.v2.markerset.json was version 2 of ours, ours.v3-candidate.markerset.json may become version 3.
 _BESIDE = re.compile(r"(?P<name>.+)\.v\d+(?P<candidate>-candidate)?(-\d+)?")
 
@@ -37,76 +39,51 @@ def read_history(top: dict, path: Path) -> ModelHistory:
     if HISTORY not in top:
         return NO_HISTORY
     try:
-        history = top[HISTORY]
-        versions = tuple(_version(row) for row in history["versions"])
-        kept = tuple(_take(row) for row in history.get("kept_takes", []))
-        if any(one.version <= before.version for before, one in pairwise(versions)):
+        history = _read(ModelHistory, top[HISTORY])
+        numbers = [0, *(each.version for each in history.versions)]
+        if "versions" not in top[HISTORY] or any(one <= before for before, one in pairwise(numbers)):
             raise ValueError
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
         words = "has a damaged history; expected it as it was trained, or the file without it"
         raise InputError(words, path) from None
-    return ModelHistory(versions, kept)
+    return history
 
 
-def _version(row: dict) -> ModelVersion:
-    version = row["version"]
-    if type(version) is not int or version < 1:
+def _read(kind: type, row: dict) -> Any:
+    """A dataclass out of an object, whose keys are the fields; those that have a default may be left out."""
+    hints, known = get_type_hints(kind), {}
+    for field in fields(kind):
+        value = row.get(HISTORY_KEYS.get(field.name, field.name))
+        if value is not None:
+            known[field.name] = _value(hints[field.name], value)
+    return kind(**known)
+
+
+def _value(kind: Any, value: Any) -> Any:
+    if get_origin(kind) is tuple:
+        part, *others = get_args(kind)
+        return tuple(_read(part, one) if others == [...] else _value(part, one) for one in _as_long(value, others))
+    number = kind in (int, float) and not isinstance(value, bool) and isinstance(value, int | kind)
+    text = kind is str and isinstance(value, str) and can_be_written(value)  # of one line
+    if not (kind is bool or text or (number and math.isfinite(value) and value >= 0)):
         raise ValueError
-    date, by, program, origin = (_text(row.get(key)) for key in ("date", "by", "program", "from"))
-    takes, checked = tuple(map(_take, row.get("takes", []))), tuple(map(_checked, row.get("checked", [])))
-    return ModelVersion(version, date, by, program, origin, takes, checked, row.get("told") is True)
+    return kind(value)
 
 
-def _take(row: dict) -> TaughtTake:
-    frames = row.get("frames", 0)
-    if type(frames) is not int or frames < 0:
-        raise ValueError
-    name, subject = _text(row["take"]), _text(row.get("subject"))
-    sha256, path, up = (_text(row.get(key)) for key in ("sha256", "path", "up"))
-    return TaughtTake(name, subject, frames, sha256, path, up, _number(row.get("rate") or 0.0))
-
-
-def _checked(row: dict) -> CheckedTake:
-    recall, wrong = (tuple(map(_number, row[key])) for key in ("recall", "wrong"))
-    if len(recall) != 2 or len(wrong) != 2:
-        raise ValueError
-    return CheckedTake(_text(row["take"]), recall, wrong)
-
-
-def _text(value: object) -> str:
-    """A text of one line, empty where there is none."""
-    if value is None:
-        return ""
-    if not isinstance(value, str) or not can_be_written(value):
+def _as_long(value: list, others: list) -> list:
+    if not isinstance(value, list) or (others != [...] and len(value) != 1 + len(others)):
         raise ValueError
     return value
 
 
-def _number(value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not (math.isfinite(value) and value >= 0):
-        raise ValueError
-    return float(value)
-
-
-def document_of(history: ModelHistory) -> dict:
-    """A history as JSON has it; what is not known is left out."""
-    document: dict = {"versions": [_version_row(one) for one in history.versions]}
-    if history.kept_takes:
-        document["kept_takes"] = list(map(_take_row, history.kept_takes))
-    return document
-
-
-def _version_row(one: ModelVersion) -> dict:
-    checked = [{"take": row.name, "recall": row.recall, "wrong": row.wrong} for row in one.checked]
-    row = {"date": one.date, "by": one.by, "program": one.program, "from": one.origin, "told": one.told}
-    row |= {"takes": list(map(_take_row, one.takes)), "checked": checked}
-    return {"version": one.version} | {key: value for key, value in row.items() if value}
-
-
-def _take_row(take: TaughtTake) -> dict:
-    known = {"sha256": take.sha256, "path": take.path, "up": take.up, "rate": take.rate}
-    row = {"take": take.name, "subject": take.subject, "frames": take.frames}
-    return row | {key: value for key, value in known.items() if value}
+def document_of(one: Any) -> Any:
+    """A history, or a part of one, as JSON has it; what is not known is left out."""
+    if isinstance(one, tuple):
+        return [document_of(part) for part in one]
+    if not is_dataclass(one):
+        return one
+    known = [(f, getattr(one, f.name)) for f in fields(one)]
+    return {HISTORY_KEYS.get(f.name, f.name): document_of(value) for f, value in known if value or f.default is MISSING}
 
 
 def seen_from(model: Path, file: Path) -> str:

@@ -1,25 +1,221 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Models, `*.markerset.json`: a marker set as readable text, what names its markers, training takes, and history."""
+"""Models, `*.markerset.json`: a marker set as readable text, what names its markers, training takes, and history.
 
-from collections.abc import Sequence
-from functools import lru_cache
+Learned numbers are text too, or dataclasses of arrays, packed, exact to the bit; both come back as data alone.
+"""
+
+import base64
+import binascii
+import hashlib
+import json
+import math
+import types
+import typing
+import zlib
+from dataclasses import fields, is_dataclass
+from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from ..core.data.errors import InputError
-from ..core.papers.partial_solvers.model import DOMAIN, FUNCTIONS, NO_POINT, Classifiers, PartialSolvers, Record, Solver
+from ..core.papers.partial_solvers.model import DOMAIN, FUNCTIONS, NO_POINT, Classifiers, PartialSolvers, Solver
+from ..core.points.likelihood.calibration import FEATURES, FRAME_KINDS, Calibration
+from ..core.points.likelihood.distances import DistanceConstraints
+from ..core.points.likelihood.model import Likelihood
+from ..core.points.likelihood.shape import Shape
 from ..core.points.models import Model, TrainingTake
-from . import likelihood, markersets, model_history
-from .json_text import write_json
-from .markersets import markerset_file, markerset_in, open_document, open_markerset
+from ..core.points.rigid_bodies.model import RigidBodies
+from . import markersets, model_history
+from .markersets import Reader, markerset_file, markerset_in, open_document, open_markerset
 from .model_history import HISTORY, fingerprint_of, read_history
-from .names import can_be_written
-from .packed import MAX_PACKED_BYTES, declared_bytes, pack, unpack
+from .text import can_be_written, rounded, write_json
+
+MAX_LEARNED = 1e9  # of a number that was learned; format
+
+
+def likelihood_document(likelihood: Likelihood) -> dict:
+    """A likelihood as JSON has it; ValueError where a number is not finite."""
+    shape, constraints, calibration = likelihood.shape, likelihood.constraints, likelihood.calibration
+    document = {
+        "subjects": likelihood.subjects,
+        "mean": rounded(shape.mean),
+        "noise": rounded(shape.noise),
+        "modes": rounded(np.moveaxis(shape.modes, 2, 0).reshape(shape.modes.shape[2], -1)),
+        "size_sd": rounded(constraints.size_sd),
+        "ties": rounded(np.column_stack([constraints.pair, constraints.length, constraints.sd])),
+        "trust": rounded(calibration.weights),
+        "rates": rounded(calibration.rates),
+        "least": rounded(calibration.least),
+    }
+    bodies = likelihood.rigid_bodies
+    if bodies is not None:
+        document["plates"] = [list(map(int, body)) for body in bodies.members]
+        document["form"] = rounded(bodies.form)
+        for name, table in (("low", bodies.low), ("high", bodies.high)):
+            document[name] = [rounded(row[: index + 1]) for index, row in enumerate(table)]
+    return document
+
+
+def read_likelihood(reader: Reader, value: object, markers: tuple[str, ...]) -> Likelihood:
+    """The likelihood of these markers, checked in every part; raises InputError naming what is not as expected."""
+    part, count = reader.mapping(value, "evidence"), len(markers)
+
+    def row(key: str, length: int | None) -> np.ndarray:
+        return reader.row(part.get(key), length, f'evidence "{key}"', MAX_LEARNED)
+
+    def table(key: str, rows: int | None, columns: int) -> np.ndarray:
+        return reader.table(part.get(key), rows, columns, f'evidence "{key}"', MAX_LEARNED)
+
+    modes, constraints, rates = table("modes", None, 3 * count), table("ties", None, 4), row("rates", None)
+    if not len(rates) or (rates < 0).any() or (rates > 1).any():
+        reader.fail('evidence "rates" are not parts from 0 to 1; expected one or more')
+    if ((constraints[:, :2] < 0) | (constraints[:, :2] >= count)).any() or (constraints[:, 2:] <= 0).any():
+        reader.fail('evidence "ties" name no marker or a length below 0; expected two indices, m and m')
+    noise = row("noise", count)
+    if (noise <= 0).any():
+        reader.fail('evidence "noise" is not above 0; expected a variance for each marker')
+    pair, size_sd = constraints[:, :2].astype(int), reader.number(part, "size_sd", "evidence", low=1e-6)
+    bodies = None
+    if "plates" in part:
+        form = table("form", count, 3)
+        low, high = (reader.triangle(part.get(key), count, f'evidence "{key}"', MAX_LEARNED) for key in ("low", "high"))
+        bodies = RigidBodies(_plates(reader, part["plates"], count), form, low, high)
+    return Likelihood(
+        markers=markers,
+        shape=Shape(table("mean", count, 3), np.moveaxis(modes.reshape(-1, count, 3), 0, 2), noise),
+        constraints=DistanceConstraints(pair, constraints[:, 2], constraints[:, 3], size_sd),
+        calibration=Calibration(row("trust", FEATURES), rates, table("least", FRAME_KINDS, len(rates))),
+        subjects=int(reader.number(part, "subjects", "evidence", low=1)),
+        rigid_bodies=bodies,
+    )
+
+
+def _plates(reader: Reader, value: object, count: int) -> tuple[np.ndarray, ...]:
+    """The markers of each rigid body."""
+    bodies = value if isinstance(value, list) and all(isinstance(one, list) and one for one in value) else [[None]]
+    flat = [index for body in bodies for index in body]
+    if any(type(index) is not int or not 0 <= index < count for index in flat) or len(set(flat)) != len(flat):
+        reader.fail('evidence "plates" are not lists of different indices of markers; expected [[0, 1, 2], …]')
+    return tuple(np.array(body, dtype=int) for body in bodies)
+
+
+ARRAY_KINDS = {f"{letter}{size}": f"<{letter}{size}" for letter in "iuf" for size in (1, 2, 4, 8)} | {"b1": "|b1"}
+MAX_PACKED_BYTES = 1 << 28  # bytes of all arrays of a file; no model comes near
+DIGEST = "digest"
+
+
+def pack(value: object) -> dict:
+    """A dataclass as a JSON object, with a digest that tells whether it came through unchanged."""
+    packed = _packed(value)
+    return {DIGEST: _digest(packed), **packed}
+
+
+def unpack(kind: type, packed: object, what: str, path: Path):
+    """The dataclass of type `kind` that `pack` made the object of; InputError naming `what` where it is not one."""
+    broken = InputError(f"has damaged {what}; expected it as it was trained, so train the model anew", path)
+    if not isinstance(packed, dict):
+        raise broken
+    # What is compressed can be a thousand times as large, so nothing is unpacked before it is known to have room.
+    if declared_bytes(packed) > MAX_PACKED_BYTES:
+        raise InputError(f"has over {MAX_PACKED_BYTES >> 20} MB of {what}; expected what was trained", path)
+    content = {key: value for key, value in packed.items() if key != DIGEST}
+    try:
+        if packed.get(DIGEST) != _digest(content):
+            raise broken
+        return _unpacked(kind, content)
+    except (KeyError, TypeError, ValueError, RecursionError, binascii.Error, zlib.error):
+        raise broken from None
+
+
+def declared_bytes(packed: object) -> int:
+    """The bytes that the arrays in a packed object, or in a list of them, say that they have."""
+    waiting, total = [packed], 0
+    while waiting:
+        value = waiting.pop()
+        if isinstance(value, list):
+            waiting += value
+        elif isinstance(value, dict):
+            waiting += value.values()
+            total += _declared_size(value) if "data" in value else 0
+    return total
+
+
+def _declared_size(packed: dict) -> int:
+    """The bytes that an array says that it has; none where it is no array, as unpacking it finds out."""
+    shape, kind = packed.get("shape"), packed.get("kind")
+    if (
+        not isinstance(kind, str)
+        or kind not in ARRAY_KINDS
+        or not isinstance(shape, list)
+        or not all(type(one) is int and one >= 0 for one in shape)
+    ):
+        return 0
+    return math.prod(shape) * np.dtype(ARRAY_KINDS[kind]).itemsize
+
+
+def _digest(packed: dict) -> str:
+    return hashlib.sha256(json.dumps(packed, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _packed(value: object):
+    if is_dataclass(value):
+        return {field.name: _packed(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, np.ndarray):
+        kind = value.dtype.kind + str(value.dtype.itemsize)
+        content = zlib.compress(np.ascontiguousarray(value, ARRAY_KINDS[kind]).tobytes(), 9)
+        data = base64.b64encode(content).decode("ascii")
+        return {"kind": kind, "shape": list(value.shape), "data": data}
+    if isinstance(value, tuple):
+        return [_packed(part) for part in value]
+    if isinstance(value, np.generic):
+        return value.item()
+    if value is None or isinstance(value, (bool, int, float, str)):
+        return value
+    raise TypeError(f"{type(value).__name__} cannot be packed")
+
+
+_hints = cache(typing.get_type_hints)
+
+
+def _unpacked(kind, packed):
+    """`packed` as a value of the type that a dataclass' field is annotated with."""
+    if is_dataclass(kind):
+        hints = _hints(kind)
+        return kind(**{field.name: _unpacked(hints[field.name], packed[field.name]) for field in fields(kind)})
+    if kind is np.ndarray:
+        return _unpacked_array(packed)
+    origin, parts = typing.get_origin(kind), typing.get_args(kind)
+    if origin in (types.UnionType, typing.Union):
+        if packed is None and type(None) in parts:
+            return None
+        (kind,) = (part for part in parts if part is not type(None))
+        return _unpacked(kind, packed)
+    if origin is tuple:
+        each = parts[:1] * len(packed) if parts[-1] is Ellipsis else parts
+        return tuple(_unpacked(part, one) for part, one in zip(each, packed, strict=True))
+    if kind is float and isinstance(packed, int):
+        packed = float(packed)
+    if not isinstance(packed, kind):
+        raise TypeError
+    return packed
+
+
+def _unpacked_array(packed: dict) -> np.ndarray:
+    kind, size = ARRAY_KINDS[packed["kind"]], _declared_size(packed)
+    unzipped = zlib.decompressobj()
+    data = unzipped.decompress(base64.b64decode(packed["data"], validate=True), size + 1)
+    if len(data) != size:
+        raise ValueError
+    values = np.frombuffer(data, kind).reshape(packed["shape"]).copy()
+    # Of a byte that is neither nought nor one, nobody knows what NumPy makes.
+    return values.view("u1") > 0 if kind == ARRAY_KINDS["b1"] else values
+
 
 # What the parts are called in the file. The training takes had another name at first, and are read by it too.
 LIKELIHOOD, PARTIAL_SOLVERS, TRAINING_TAKES = "evidence", "ensemble", "training_takes"
 FORMER_TRAINING_TAKES = "lessons"
+INDICES, PLAIN_NUMBERS = "iu", "fiu"  # kinds of arrays
 MAX_MARKER_M = 1e3  # m; no marker of a training take is farther away
 
 
@@ -45,7 +241,7 @@ def read_model(path: Path) -> Model:
     markerset = markerset_in(reader, top)
     learned = None
     if LIKELIHOOD in top:
-        learned = likelihood.read_likelihood(reader, top[LIKELIHOOD], markerset.markers)
+        learned = read_likelihood(reader, top[LIKELIHOOD], markerset.markers)
     solvers = None
     if PARTIAL_SOLVERS in top:
         solvers = _partial_solvers(top[PARTIAL_SOLVERS], markerset.markers, path)
@@ -82,7 +278,7 @@ def write_model(path: Path, model: Model):
     """Writes a model; partial solvers and training takes come back exactly, the rest with six significant digits."""
     document = markersets.document_of(model.markerset)
     if model.likelihood is not None:
-        document[LIKELIHOOD] = likelihood.document_of(model.likelihood)
+        document[LIKELIHOOD] = likelihood_document(model.likelihood)
     if model.partial_solvers is not None:
         document[PARTIAL_SOLVERS] = pack(model.partial_solvers)
     if model.training_takes:
@@ -95,14 +291,50 @@ def write_model(path: Path, model: Model):
 
 def _sound_partial_solvers(solvers: PartialSolvers) -> bool:
     """Whether every index has its place and every number is one, so that points can be named by it."""
-    count = len(solvers.markers)
+    own, count, free = solvers.classifiers, len(solvers.markers), (-np.inf, np.inf)
+    kinds = len(own.kind) if own.kind.ndim else -1
+    arrays = [
+        (own.kind, INDICES, (kinds,), 0, len(FUNCTIONS) - 1),
+        (own.points, INDICES, (kinds, max(DOMAIN)), NO_POINT, count - 1),
+        *((bound, PLAIN_NUMBERS, (kinds,), *free) for bound in (own.low, own.high)),
+        (solvers.targets, PLAIN_NUMBERS, (count,), 0, 1),
+    ]
+    for one in solvers.solvers:
+        size, chosen, record = one.markers.size or -1, one.strong.chosen, one.record
+        arrays += [
+            (one.markers, INDICES, (size,), 0, count - 1),
+            (chosen, INDICES, (chosen.size,), 0, kinds - 1),
+            (one.strong.weights, PLAIN_NUMBERS, (chosen.size,), 0, np.inf),
+            (one.reached, "b", (size,), False, True),
+            *((column, PLAIN_NUMBERS, (size,), 0, 2**53) for column in (record.hits, record.failures, record.answers)),
+        ]
     return (
-        _sound_classifiers(solvers.classifiers, count)
-        and all(_sound_solver(solver, solvers.classifiers, count) for solver in solvers.solvers)
-        and _are_numbers(solvers.targets, (count,), 0, 1)
+        all(_is_sound(*row) for row in arrays)
+        and _sound_points(own)
+        and all(_sound_solver(one, own) for one in solvers.solvers)
         and can_be_written(solvers.search)
         and solvers.frames >= 0
     )
+
+
+def _is_sound(values: np.ndarray, kinds: str, shape: tuple[int, ...], low: float, high: float) -> bool:
+    """Whether an array is of one of these kinds and of this shape, and all of it between two bounds."""
+    return values.dtype.kind in kinds and values.shape == shape and bool(((values >= low) & (values <= high)).all())
+
+
+def _sound_points(classifiers: Classifiers) -> bool:
+    """Whether each classifier has as many points as its function takes, none of them twice."""
+    points = classifiers.points
+    inside = np.arange(max(DOMAIN)) < np.array(DOMAIN)[classifiers.kind][:, None]
+    twice = (points[:, :, None] == points[:, None]) & inside[:, :, None] & inside[:, None] & ~np.eye(4, dtype=bool)
+    return bool(((points != NO_POINT) == inside).all() and not twice.any())
+
+
+def _sound_solver(solver: Solver, classifiers: Classifiers) -> bool:
+    """Whether a solver's markers ascend, its classifiers are of these, and it was tried as often as it answered."""
+    own, record = solver.markers, solver.record
+    within = (np.diff(own.astype(int)) > 0).all() and classifiers[solver.strong.chosen].within(own).all()
+    return bool(within and (record.hits + record.failures <= record.answers).all() and record.samples >= 0)
 
 
 def _sound_training_take(take: TrainingTake, markers: int) -> bool:
@@ -116,52 +348,3 @@ def _sound_training_take(take: TrainingTake, markers: int) -> bool:
         and all(map(can_be_written, (take.subject, *take.takes)))
         and take.frames >= 0
     )
-
-
-def _sound_classifiers(classifiers: Classifiers, markers: int) -> bool:
-    count = len(classifiers.kind) if classifiers.kind.ndim else -1
-    if not (
-        _are_indices(classifiers.kind, (count,), len(FUNCTIONS))
-        and _are_indices(classifiers.points, (count, max(DOMAIN)), markers, least=NO_POINT)
-        and _are_numbers(classifiers.low, (count,))
-        and _are_numbers(classifiers.high, (count,))
-    ):
-        return False
-    points = classifiers.points
-    inside = np.arange(max(DOMAIN)) < np.array(DOMAIN)[classifiers.kind][:, None]
-    twice = (points[:, :, None] == points[:, None]) & inside[:, :, None] & inside[:, None] & ~np.eye(4, dtype=bool)
-    return bool(((points != NO_POINT) == inside).all() and not twice.any())
-
-
-def _sound_solver(solver: Solver, classifiers: Classifiers, markers: int) -> bool:
-    own, chosen, record = solver.markers, solver.strong.chosen, solver.record
-    count = len(own) if own.ndim else 0
-    if not (
-        count
-        and _are_indices(own, (count,), markers)
-        and (np.diff(own.astype(int)) > 0).all()
-        and chosen.ndim == 1
-        and _are_indices(chosen, chosen.shape, len(classifiers))
-        and _are_numbers(solver.strong.weights, chosen.shape, 0, np.inf)
-        and solver.reached.shape == (count,)
-        and solver.reached.dtype == bool
-    ):
-        return False
-    return bool(classifiers[chosen].within(own).all()) and _sound_record(record, count)
-
-
-def _sound_record(record: Record, markers: int) -> bool:
-    columns = (record.hits, record.failures, record.answers)
-    if not all(_are_numbers(column, (markers,), 0, 2**53) for column in columns):
-        return False
-    return bool((record.hits + record.failures <= record.answers).all()) and record.samples >= 0
-
-
-def _are_indices(values: np.ndarray, shape: Sequence[int], end: int, least: int = 0) -> bool:
-    whole = values.dtype.kind in "iu" and values.shape == tuple(shape)
-    return whole and bool(((values >= least) & (values < end)).all())
-
-
-def _are_numbers(values: np.ndarray, shape: Sequence[int], low: float = -np.inf, high: float = np.inf) -> bool:
-    number = values.dtype.kind in "fiu" and values.shape == tuple(shape)
-    return number and bool(((values >= low) & (values <= high)).all())

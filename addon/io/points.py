@@ -13,16 +13,15 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.data.lanes import blocks
 from ..core.data.made import Scaled
+from ..core.data.markersets import MarkerSet
 from ..core.data.room import IN_MEMORY, MakeTable
 from ..core.data.takes import Points
 from ..core.data.wording import words_of_range
 from .c3d import C3dHead, open_c3d, write_c3d_file
-from .motive_points import is_motive, read_motive
-from .points_up import Upright, find_up
 from .qtm import USE_POINTS, held_in, is_qtm, read_qtm_points
-from .samples import Parts, packed
-from .trc import read_trc, write_trc_file
-from .world import UNITS, guess_unit, up_rotation
+from .samples import Parts, PointFile, packed
+from .textpoints import is_motive, read_motive, read_trc, write_trc_file
+from .world import UNITS, Upright, find_up, guess_unit, up_rotation
 
 EXPECTED = "expected a take of 3D points: .c3d, .trc, Motive .csv or Qualisys .qtm"
 
@@ -30,17 +29,10 @@ EXPECTED = "expected a take of 3D points: .c3d, .trc, Motive .csv or Qualisys .q
 OUTPUT_GROUPS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MARKERS", "REACTIONS")
 
 
-@dataclass(frozen=True)
-class NarrowOptions:
-    """How the points of a file are kept; memory.
+# How the points of a file are kept; memory.
+# of a table (T, L) beyond which they stay as narrow as in the file, and are lengths where they are asked
+MAX_WIDE_CELLS = 2_000_000
 
-    max_cells  of a table (T, L) beyond which they stay as narrow as in the file, and are lengths where they are asked
-    """
-
-    max_cells: int = 2_000_000
-
-
-NARROW = NarrowOptions()
 
 _UNLABELLED = re.compile(r"\*\d*|unlabell?ed[ _-]?\d*|u(?:name)?\*\d+|", re.IGNORECASE)
 _COMPUTED = re.compile(r"[LR]?[HKASEW]JC\w*|cent(?:re|er)ofmass\w*", re.IGNORECASE)
@@ -127,60 +119,25 @@ def _of_frames(take: FilePoints, frames: tuple[int | None, int | None], path: Pa
     return replace(take, xyz=xyz, residual=residual, lanes=lanes, first_frame=take.first_frame + start)
 
 
-@dataclass(frozen=True, eq=False)
-class _Content:
-    """What a file of any format says of its points.
-
-    labels      P names of the columns that are taken, (P,) their indices among `count`
-    parts       all samples
-    scale       what their places, and their residuals, are times to be in the file's units
-    unit, word  the unit and the axis that points up as the file names them; empty where it names none
-    usual       the axis that is up where it names none
-    """
-
-    labels: Sequence[str]
-    columns: np.ndarray
-    count: int
-    frames: int
-    rate: float
-    first_frame: int
-    parts: Parts
-    unit: str
-    word: str = ""
-    usual: str = "+Z"
-    scale: tuple[float, float] = (1.0, 1.0)
-    notes: tuple[str, ...] = ()
-
-
 def _read(path: Path, everything: bool, up: str | None, rate: float | None, make_table: MakeTable) -> FilePoints:
     suffix = path.suffix.lower()
     if suffix == ".c3d":
         with open_c3d(path, rate) as (head, parts):
             return _file_points(_of_c3d(head, parts, path, everything), up, path, make_table)
     if is_qtm(path):
-        one = read_qtm_points(path)
-        content = _Content(
-            one.labels, one.columns, one.count, one.frames, one.rate, one.first_frame, one.parts, unit="mm"
-        )
-        return _file_points(content, up, path)
+        return _file_points(read_qtm_points(path), up, path)
     if suffix not in (".trc", ".csv"):
         if not path.exists():
             raise InputError("there is no such file; expected the path of a take", path)
         raise InputError(f"is of a kind that is not known ({suffix or 'no suffix'}); {EXPECTED}", path)
-    take = read_trc(path) if suffix == ".trc" else read_motive(path)
-    count = len(take.labels)
-    content = _Content(
-        take.labels, np.arange(count), count, take.frames, take.rate, take.first_frame, lambda: take.parts, take.unit,
-        usual="+Y",
-    )  # fmt: skip
-    return _file_points(content, up or take.up, path)
+    return _file_points(read_trc(path) if suffix == ".trc" else read_motive(path), up, path)
 
 
-def _of_c3d(head: C3dHead, parts: Parts, path: Path, everything: bool) -> _Content:
+def _of_c3d(head: C3dHead, parts: Parts, path: Path, everything: bool) -> PointFile:
     columns = np.arange(len(head.labels)) if everything else marker_indices(head)
     if not len(columns):
         raise InputError("has no markers among its points; expected a take with markers", path)
-    return _Content(
+    return PointFile(
         [head.labels[index] for index in columns],
         columns,
         len(head.labels),
@@ -195,7 +152,7 @@ def _of_c3d(head: C3dHead, parts: Parts, path: Path, everything: bool) -> _Conte
     )
 
 
-def _file_points(content: _Content, up: str | None, path: Path, make_table: MakeTable = IN_MEMORY) -> FilePoints:
+def _file_points(content: PointFile, up: str | None, path: Path, make_table: MakeTable = IN_MEMORY) -> FilePoints:
     """The take in a file, in metres and turned upright; `up` is the axis that somebody named, such as "z" or "-y"."""
     found = packed(content.frames, content.columns, content.count, content.parts, make_table)
     if not (found.lanes.last >= found.lanes.first).any():
@@ -214,7 +171,7 @@ def _file_points(content: _Content, up: str | None, path: Path, make_table: Make
     axis, sign = np.abs(turn).argmax(axis=1), turn.sum(axis=1).astype(found.xyz.dtype)
     for part in blocks(*found.residual.shape):
         found.xyz[part] = found.xyz[part][..., axis] * sign
-    small = found.residual.size <= NARROW.max_cells
+    small = found.residual.size <= MAX_WIDE_CELLS
     return FilePoints(
         names,
         # What gives parts of an array serves as one.
@@ -291,6 +248,15 @@ def marker_columns(names: Sequence[str], wanted: Sequence[str], path: Path | str
             match = next((i for i, other in enumerate(names) if _bare(other) == name), None)
         found.append(-1 if match is None else match)
     return np.array(found, dtype=int)
+
+
+def columns_of_set(names: Sequence[str], markerset: MarkerSet, path: Path | str = "") -> np.ndarray:
+    """(M,) which of a take's `names` is each marker of a set, by its name or an alias; -1 where the take has none."""
+    found, aliases = marker_columns(names, markerset.markers, path), list(markerset.aliases)
+    for alias, column in zip(aliases, marker_columns(names, aliases, path), strict=True):
+        index = markerset.index(markerset.aliases[alias])
+        found[index] = column if found[index] < 0 else found[index]
+    return found
 
 
 def write_c3d(path: Path, points: Points):

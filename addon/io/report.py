@@ -8,6 +8,7 @@ from pathlib import Path
 from ..core.data.errors import InputError
 from ..core.data.takes import EditOutcome, Suspect
 from ..core.edits.applying import summary_of
+from ..core.review.odd_cameras import CameraCheck
 from ..core.review.summary import TakeSummary
 from ..core.review.take_trouble import TakeTrouble
 from ..core.review.trouble import summary_of_trouble
@@ -55,6 +56,15 @@ def facts_of_edits(file: Path | None, outcomes: Iterable[EditOutcome]) -> dict:
     return {"edits": {"file": None if file is None else file.name, **summary_of(outcomes)}}
 
 
+def facts_of_cameras(check: CameraCheck, trouble: TakeTrouble, doubts: Iterable[Suspect]) -> dict:
+    """What a report says of each camera and its blobs, and what is doubtful about the room."""
+    counts = {one.name: one.as_dict() for one in trouble.by_camera.figures()}
+    return {
+        "cameras": {name: row | counts[name] for name, row in check.of_cameras().items()},
+        "camera_doubts": [doubt.reason for doubt in doubts],
+    }
+
+
 def facts_of_trouble(trouble: TakeTrouble, suspects: Iterable[Suspect]) -> dict:
     """What a report says is the matter with a take, the worst first, and the same in half a sentence."""
     found = trouble.found(suspects)
@@ -86,14 +96,6 @@ def earlier_run(path: Path, now: dict) -> tuple[dict | None, bool]:
         elif digest([file]) != was:
             raise InputError(f"was changed since it was made; expected it as it was, {INSTEAD}", file)
     return report, missing
-
-
-def digests_then(path: Path) -> dict[str, str]:
-    """The digests of the files that an earlier run wrote beside its report at `path`, by ending; none if it is gone."""
-    try:
-        return read_report(path)["made_of"]["results"]
-    except InputError:
-        return {}
 
 
 def _flat(made: dict) -> dict:

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rows of blobs out of text, millions a second: blocks as arrays where the text is plain, line by line where not."""
+"""Rows of blobs out of text: blocks as arrays where the text is plain, line by line where not."""
 
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from io import BytesIO
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.data.takes import MAX_FRAME
 from ..core.geometry.cameras import Cameras
-from .names import in_cell
+from .text import in_cell
 
 COLUMNS = ("frame", "camera", "x", "y")
 
@@ -20,7 +22,7 @@ MAX_PIXEL = 1e6
 HEAD_BYTES = 4096  # where a file that is no text shows it; later a byte that is no text has a line of its own
 
 _FIELD = re.compile(rb'("(?:[^"]|"")*"|[^,"]*)(,|$)')
-_POWERS = 10.0 ** np.arange(19)
+AREA_KIND = "S32"  # letters of an area, beyond which none has any
 
 
 @dataclass(frozen=True)
@@ -117,114 +119,29 @@ def parse_rows(block: bytes, header: Header, cameras: Cameras, path: Path, line:
 
 def parse_plain(block: bytes, header: Header, cameras: Cameras, line: int) -> Rows | None:
     """All rows at once as arrays; None where the text is not plain, correct rows: those are for `parse_lines`."""
-    if b'"' in block or b"\0" in block:
+    if b'"' in block or b"\0" in block or not block.strip():
         return None
-    text = np.frombuffer(block, np.uint8)
-    ends = np.flatnonzero(text == ord("\n"))
-    starts = np.concatenate([[0], ends[:-1] + 1]) if len(ends) else ends
-    found = np.flatnonzero(text == ord(","))
-    if len(found) != len(ends) * (header.count - 1):
+    names = np.array([name.encode("utf-8") for name in cameras.names])
+    kinds = dict.fromkeys(range(header.count), "S1") | dict.fromkeys((header.frame, header.x, header.y), "f8")
+    kinds |= {header.camera: f"S{names.dtype.itemsize + 1}"}  # a longer name is none of them, also when it is cut
+    kinds |= {header.area: AREA_KIND} if header.area >= 0 else {}
+    named = [(str(column), kind) for column, kind in kinds.items()]
+    try:
+        table = np.loadtxt(BytesIO(block), named, delimiter=",", comments=None, encoding="latin-1", ndmin=1)
+        area = table[str(header.area)] if header.area >= 0 else np.full(len(table), b"")
+        area = np.where(area == b"", b"nan", area).astype(float)
+    except ValueError:
         return None
-    commas = found.reshape(len(ends), header.count - 1)
-    if len(ends) and not ((commas[:, 0] >= starts).all() and (commas[:, -1] < ends).all()):
+    frame, xy = table[str(header.frame)], np.column_stack([table[str(header.x)], table[str(header.y)]])
+    order, written = np.argsort(names), table[str(header.camera)]
+    camera = order[np.minimum(np.searchsorted(names, written, sorter=order), len(names) - 1)]
+    sound = (np.abs(frame) <= MAX_FRAME) & (frame % 1 == 0) & (np.abs(xy) <= MAX_PIXEL).all(axis=1)
+    sound &= (names[camera] == written) & ~((area < 0) | np.isinf(area))
+    if not sound.all() or len(table) != block.count(b"\n"):
         return None
-    edges = np.column_stack([starts - 1, commas, ends])
-    # A field may reach past the end of the block when it is looked at by columns.
-    longest = max((len(name.encode("utf-8")) for name in cameras.names), default=0)
-    text = np.concatenate([text, np.zeros(max(64, longest), np.uint8)])
-
-    def field(index: int) -> tuple[np.ndarray, np.ndarray]:
-        return edges[:, index] + 1, edges[:, index + 1] - edges[:, index] - 1
-
-    frame = _decimals(text, *field(header.frame))
-    x, y = _decimals(text, *field(header.x)), _decimals(text, *field(header.y))
-    camera = _cameras(text, *field(header.camera), cameras)
-    area = np.full(len(ends), np.nan) if header.area < 0 else _areas(text, *field(header.area))
-    if frame is None or x is None or y is None or camera is None or area is None:
-        return None
-    if (np.abs(frame) > MAX_FRAME).any() or (frame % 1).any():
-        return None
-    if max(np.abs(x).max(initial=0), np.abs(y).max(initial=0)) > MAX_PIXEL or (area < 0).any():
-        return None
-    keys = _keys(block, edges, header)
-    return Rows(frame.astype(np.int64), camera, np.column_stack([x, y]), area, keys, np.arange(line, line + len(ends)))
-
-
-def _decimals(text: np.ndarray, starts: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
-    """Numbers such as -12.75 (N,), right to the last bit up to 15 digits; None when one is written any other way."""
-    if not len(starts):
-        return np.zeros(0)
-    negative = text[starts] == ord("-")
-    starts, lengths = starts + negative, lengths - negative
-    width = int(lengths.max())
-    if width > 18 or lengths.min() < 1:
-        return None
-    value, after = np.zeros(len(starts), np.int64), np.zeros(len(starts), np.int64)
-    point, digits = np.zeros(len(starts), bool), np.zeros(len(starts), bool)
-    for column in range(width):
-        sign = text[starts + column]
-        active = lengths > column
-        digit = sign - np.uint8(ord("0"))
-        is_digit = (digit < 10) & active
-        is_point = (sign == ord(".")) & active
-        if (active & ~is_digit & (~is_point | point)).any():
-            return None
-        np.multiply(value, 10, out=value, where=is_digit)
-        np.add(value, digit, out=value, where=is_digit)
-        after += is_digit & point
-        point |= is_point
-        digits |= is_digit
-    if not digits.all():
-        return None
-    return np.where(negative, -1.0, 1.0) * value / _POWERS[after]
-
-
-def _areas(text: np.ndarray, starts: np.ndarray, lengths: np.ndarray) -> np.ndarray | None:
-    """Areas (N,), NaN where the field is empty; None where one is not plain."""
-    area = np.full(len(starts), np.nan)
-    given = lengths > 0
-    values = _decimals(text, starts[given], lengths[given])
-    if values is None:
-        return None
-    area[given] = values
-    return area
-
-
-def _cameras(text: np.ndarray, starts: np.ndarray, lengths: np.ndarray, cameras: Cameras) -> np.ndarray | None:
-    """Camera indices (N,); None where a name is not among the cameras."""
-    if not len(starts):
-        return np.zeros(0, np.int64)
-    names = [name.encode("utf-8") for name in cameras.names]
-    width = int(lengths.max())
-    if width > max(map(len, names)) or lengths.min() < 1:
-        return None
-    if width > 8:
-        columns = np.arange(width)
-        letters = np.where(columns < lengths[:, None], text[starts[:, None] + columns], 0).astype(np.uint8)
-        written, known = letters.view(f"S{width}").ravel(), np.array(names)
-    else:
-        # Up to eight letters are one whole number, and numbers are found ten times faster than texts.
-        written = np.zeros(len(starts), np.uint64)
-        for column in range(width):
-            letter = np.where(lengths > column, text[starts + column], 0).astype(np.uint64)
-            written |= letter << np.uint64(8 * column)
-        known = np.array([int.from_bytes(name, "little") if len(name) <= 8 else 0 for name in names], np.uint64)
-    order = np.argsort(known)
-    places = np.minimum(np.searchsorted(known, written, sorter=order), len(known) - 1)
-    found = order[places]
-    return found if (known[found] == written).all() else None
-
-
-def _keys(block: bytes, edges: np.ndarray, header: Header) -> list[str]:
-    text = block.decode("ascii") if block.isascii() else None
-    fields = (header.frame, header.camera, header.x, header.y)
-    if fields == (0, 1, 2, 3) and text is not None:
-        if header.count == 4:
-            return text.split("\n")[:-1]
-        return [text[start:end] for start, end in zip((edges[:, 0] + 1).tolist(), edges[:, 4].tolist(), strict=True)]
-    bounds = [zip((edges[:, index] + 1).tolist(), edges[:, index + 1].tolist(), strict=True) for index in fields]
-    parts = [[block[start:end].decode("utf-8", "surrogateescape") for start, end in pairs] for pairs in bounds]
-    return [",".join(row) for row in zip(*parts, strict=True)]
+    fields = itemgetter(header.frame, header.camera, header.x, header.y)
+    keys = [",".join(fields(row.split(","))) for row in block.decode("utf-8", "surrogateescape").split("\n")[:-1]]
+    return Rows(frame.astype(np.int64), camera, xy, area, keys, np.arange(line, line + len(table)))
 
 
 def parse_lines(block: bytes, header: Header, cameras: Cameras, path: Path, line: int) -> Rows:

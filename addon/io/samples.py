@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The samples of a file of 3D points as they are read, and packed into lanes: of P columns most are empty."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -38,6 +38,34 @@ class Samples:
 
 
 Parts = Callable[[], Iterable[Samples]]  # all samples of a file, part by part, as often as it is called
+
+
+@dataclass(frozen=True, eq=False)
+class PointFile:
+    """What a file of any format says of its points.
+
+    labels      P names of the columns that are taken, empty where there is none
+    columns     (P,) their indices among `count`
+    frames      how many, from `first_frame` on, `rate` a second
+    parts       all samples
+    unit, word  the unit and the axis that points up as the file names them; empty where it names none
+    usual       the axis that is up where it names none
+    scale       what their places, and their residuals, are times to be in the file's units
+    notes       what is otherwise than the file says, in sentences
+    """
+
+    labels: Sequence[str]
+    columns: np.ndarray
+    count: int
+    frames: int
+    rate: float
+    first_frame: int
+    parts: Parts
+    unit: str
+    word: str = ""
+    usual: str = "+Z"
+    scale: tuple[float, float] = (1.0, 1.0)
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

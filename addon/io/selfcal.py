@@ -13,8 +13,8 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras, distort
-from .rig import RigCamera, refuse_crowd, rig
-from .source import TEXTS, numbers, read_text
+from .cameras import RigCamera, refuse_crowd, rig
+from .source import MAX_CALIBRATION_BYTES, numbers, read_text
 from .world import z_up
 
 KIND = "a self-calibration folder with *.Pmat.cal, *.rad and Res.dat"
@@ -76,7 +76,7 @@ def _names(folder: Path, default: list[str]) -> list[str]:
         return default
     names = [
         line.strip()
-        for line in read_text(file, "the names of the cameras", TEXTS.calibration).splitlines()
+        for line in read_text(file, "the names of the cameras", MAX_CALIBRATION_BYTES).splitlines()
         if line.strip()
     ]
     return names if len(names) == len(default) else default
@@ -84,7 +84,7 @@ def _names(folder: Path, default: list[str]) -> list[str]:
 
 def _table(path: Path, kind: str) -> np.ndarray:
     """The rows of numbers of a file of Octave, comments left out."""
-    lines = enumerate(read_text(path, kind, TEXTS.calibration).splitlines(), 1)
+    lines = enumerate(read_text(path, kind, MAX_CALIBRATION_BYTES).splitlines(), 1)
     rows = [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith(("#", "%"))]
     if not rows:
         raise InputError(f"has no numbers; expected {kind}", path)
@@ -122,7 +122,7 @@ def decompose(projection: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarra
 def _lens(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Camera matrix (3, 3) and lens (5,) of a `.rad` file, which is lines of `K11 = 422.2` and `kc1 = -0.28`."""
     values = {}
-    for number, line in enumerate(read_text(path, "a .rad lens", TEXTS.calibration).splitlines(), 1):
+    for number, line in enumerate(read_text(path, "a .rad lens", MAX_CALIBRATION_BYTES).splitlines(), 1):
         key, equals, value = line.partition("=")
         if equals:
             values[key.strip()] = numbers(value, 1, key.strip()[:20], path, number)[0]

@@ -7,7 +7,6 @@ import json
 import os
 import stat
 from collections.abc import Iterable
-from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -20,25 +19,16 @@ if TYPE_CHECKING:
     from xml.etree.ElementTree import Element
 
 
-@dataclass(frozen=True)
-class TextLimits:
-    """Bytes beyond which a text is another file than is meant; memory.
+# Bytes beyond which a text is another file than is meant; memory.
+# of JSON: parsed, a value takes up to a hundred times the letters that it was written with, and no file of ours has a
+# tenth of these. Long texts, such as packed arrays, cost no more than their letters
+MAX_JSON_VALUES = 2_000_000
+MAX_TEXT_BYTES = 64 * 1024 * 1024  # a calibration or a marker set is a few kilobytes to a few megabytes (camera masks)
+# parsed, a byte of XML takes up to 100; calibrations of hundreds of cameras have far fewer bytes, also with the masks
+# of their images, which only XML holds
+MAX_XML_BYTES = 8 * 1024 * 1024
+MAX_CALIBRATION_BYTES = 1024 * 1024  # the same without masks: a byte of TOML takes up to 350
 
-    max_values   of JSON: parsed, a value takes up to a hundred times the letters that it was written with, and no file
-                 of ours has a tenth of these. Long texts, such as packed arrays, cost no more than their letters
-    text         a calibration or a marker set is a few kilobytes to a few megabytes (camera masks)
-    xml          parsed, a byte of XML takes up to 100; calibrations of hundreds of cameras have far fewer bytes, also
-                 with the masks of their images, which only XML holds
-    calibration  the same without masks: a byte of TOML takes up to 350
-    """
-
-    max_values: int = 2_000_000
-    text: int = 64 * 1024 * 1024
-    xml: int = 8 * 1024 * 1024
-    calibration: int = 1024 * 1024
-
-
-TEXTS = TextLimits()
 
 # Longer marks first: the UTF-32 one begins with the UTF-16 one.
 _MARKS = (
@@ -125,7 +115,7 @@ def read_bytes(path: Path, limit: int | None = None) -> bytes:
     return content
 
 
-def read_text(path: Path, kind: str, limit: int = TEXTS.text) -> str:
+def read_text(path: Path, kind: str, limit: int = MAX_TEXT_BYTES) -> str:
     """The text of a small file in UTF-8, or UTF-16 or -32 with its mark; InputError when it is no text.
 
     `kind` names the format in the error, such as "a camera calibration"; `limit` is the most bytes that one has.
@@ -156,7 +146,7 @@ def read_xml(path: Path, kind: str) -> "Element":
     """
     from xml.etree import ElementTree
 
-    text = read_text(path, kind, TEXTS.xml)
+    text = read_text(path, kind, MAX_XML_BYTES)
     if text.startswith("<?xml"):
         # The declared encoding is that of the bytes, not of the decoded text.
         start, end, rest = text.partition("?>")
@@ -206,8 +196,8 @@ def read_json(path: Path, kind: str) -> Any:
     """
     text = read_text(path, kind)
     # Every value but the first stands behind one of these signs.
-    if sum(map(text.count, ",[{")) > TEXTS.max_values:
-        raise InputError(f"has more than {TEXTS.max_values} values; expected {kind}", path)
+    if sum(map(text.count, ",[{")) > MAX_JSON_VALUES:
+        raise InputError(f"has more than {MAX_JSON_VALUES} values; expected {kind}", path)
     try:
         return json.loads(text)
     except json.JSONDecodeError as error:

@@ -1,50 +1,40 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Takes of points that are written as text: what they have in common."""
+"""Takes of points that are written as text: Motion Analysis' `.trc`, and OptiTrack Motive's `.csv` of markers."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+import codecs
+import csv
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ..core.data.errors import InputError
-from ..core.data.takes import MAX_FRAME
-from .samples import Samples
+from ..core.data.lanes import blocks
+from ..core.data.takes import MAX_FRAME, MAX_RATE_HZ, MIN_RATE_HZ
+from .samples import PointFile, Samples
+from .source import decode, open_binary, read_bytes
+from .text import written
+
+# What is no take of points; physical, and memory.
+MAX_COORDINATE = 1e9  # in any unit
+MAX_GAP = 10_000  # frames that are left out between two rows: what it would fill the memory with is no take
+MAX_FRAMES_A_ROW = 100  # and in all, beside that gap, for every row
+ROWS_AT_ONCE = 1000  # whose samples are put together
 
 
-@dataclass(frozen=True)
-class TextPointLimits:
-    """What is no take of points; physical, and memory.
-
-    max_coordinate    in any unit
-    max_gap           frames that are left out between two rows: what it would fill the memory with is no take
-    max_frames_a_row  and in all, beside that gap, for every row
-    rows_at_once      whose samples are put together
-    """
-
-    max_coordinate: float = 1e9
-    max_gap: int = 10_000
-    max_frames_a_row: int = 100
-    rows_at_once: int = 1000
-
-
-TEXT_POINTS = TextPointLimits()
-
-
-@dataclass(frozen=True, eq=False)
-class TextTake:
-    """labels P names; frames how many; parts their samples in `unit`; rate; number of the first frame.
-
-    `up` is the axis that points up; it and `unit` are empty where the file does not say.
-    """
-
-    labels: list[str]
-    frames: int
-    parts: tuple[Samples, ...]
-    unit: str
-    rate: float
-    first_frame: int
-    up: str = ""
+def text_file(
+    rows: Iterable[tuple[int, list[str]]],
+    labels: Sequence[str],
+    starts: Sequence[int],
+    path: Path,
+    rate: float,
+    unit: str,
+    word: str = "",
+) -> PointFile:
+    """The points of rows as `rows_to_samples` takes them; of a world with y up where the file does not say."""
+    first, frames, parts = rows_to_samples(rows, starts, path)
+    columns = np.arange(len(labels))
+    return PointFile(labels, columns, len(labels), frames, rate, first, lambda: parts, unit.lower(), word, "+Y")
 
 
 def rows_to_samples(
@@ -59,16 +49,16 @@ def rows_to_samples(
     parts, values, first, before, count = [], [], 0, 0, 0
     for line, fields in rows:
         frame = _frame(fields[0], path, line)
-        if count and not 0 < frame - before <= TEXT_POINTS.max_gap:
+        if count and not 0 < frame - before <= MAX_GAP:
             raise InputError(f"goes from frame {before} to {frame}; expected ascending frames", path, line)
         first, before, count = frame if not count else first, frame, count + 1
         row = [_value(fields, column + axis, path, line) for column in columns for axis in range(3)]
         values.append(_samples_of(np.array(row, dtype=float).reshape(1, -1, 3), frame - first))
-        if len(values) == TEXT_POINTS.rows_at_once:
+        if len(values) == ROWS_AT_ONCE:
             parts.append(_joined(values))
             values = []
     frames = before - first + 1
-    if frames - 1 > TEXT_POINTS.max_gap + TEXT_POINTS.max_frames_a_row * count:
+    if frames - 1 > MAX_GAP + MAX_FRAMES_A_ROW * count:
         raise InputError(f"has {count} rows for frames {first} to {before}; expected every frame", path)
     return first, frames, (*parts, *([_joined(values)] if values else []))
 
@@ -109,6 +99,221 @@ def _value(fields: list[str], index: int, path: Path, line: int) -> float:
         value = float(field)
     except ValueError:
         raise InputError(f"has {field.strip()[:40]!r} as a coordinate; expected a number", path, line) from None
-    if abs(value) > TEXT_POINTS.max_coordinate:
+    if abs(value) > MAX_COORDINATE:
         raise InputError(f"has {field.strip()[:40]!r} as a coordinate; expected a position in a room", path, line)
     return value
+
+
+TRC = "a .trc file"
+
+# The format has no word for the axis that points up, and most of its files have y up; ours say here that it is z.
+Z_UP = "Z_UP"
+
+WIDTH_ROWS = 1000  # rows that are looked at where nothing else says how many markers there are
+
+
+def read_trc(path: Path) -> PointFile:
+    """Raises InputError with the line where the file is not as the format says."""
+    text = decode(read_bytes(path), path, TRC)
+    lines, ended = text.splitlines(), text.endswith(("\n", "\r"))
+    if len(lines) < 5 or not lines[0].lstrip().lower().startswith("pathfiletype"):
+        raise InputError(f"does not begin with PathFileType; expected {TRC}", path, 1)
+    head = dict(zip(lines[1].split(), lines[2].split(), strict=False))
+    rate = _trc_number(head.get("DataRate"), "DataRate", path)
+    if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
+        raise InputError(f"has a DataRate of {rate:g}; expected frames a second", path, 3)
+    begin = next((index for index in (4, 5) if _is_trc_row(lines, index)), 5)
+    labels = _trc_labels(lines[3], head.get("NumMarkers", ""), lines[begin:])
+    if not labels or not any(labels):
+        raise InputError(f"names no markers; expected {TRC}", path, 4)
+    columns = [2 + 3 * index for index in range(len(labels))]
+    rows, word = _trc_rows(lines, begin, ended, 2 + 3 * len(labels), path), "+Z" if Z_UP in lines[0] else ""
+    take = text_file(rows, labels, columns, path, rate, head.get("Units", ""), word)
+    promised = head.get("NumFrames", "")
+    # One that begins later is a part that somebody took out.
+    if count_in(promised) > take.frames and head.get("OrigDataStartFrame", "") == str(take.first_frame):
+        raise InputError(f"has {take.frames} of {promised} frames; expected all of them (is the file cut off?)", path)
+    return take
+
+
+def _trc_rows(lines: list[str], begin: int, ended: bool, widest: int, path: Path) -> Iterator[tuple[int, list[str]]]:
+    """The number and the fields of each row from `begin` on, of a text that `ended` with a line's end."""
+    width = 0
+    for number, line in enumerate(lines[begin:], begin + 1):
+        if not line.strip():
+            continue
+        fields = line.split("\t")
+        if len(fields) > widest and any(field.strip() for field in fields[widest:]):
+            raise InputError(f"has {len(fields)} fields; expected {widest} as the names in line 4 say", path, number)
+        if number == len(lines) and (len(fields) < 3 or (not ended and len(fields) < width)):
+            raise InputError(f"ends in the middle of a row; expected {widest} fields", path, number)
+        width = len(fields)
+        yield number, fields
+    if not width:
+        raise InputError("has no frames; expected at least one", path)
+
+
+def _is_trc_row(lines: list[str], index: int) -> bool:
+    """Whether a line is a row of coordinates; some programs leave out the line with X1, Y1, Z1."""
+    first = lines[index].split("\t")[0].strip() if index < len(lines) else ""
+    return first.isascii() and first.isdigit()
+
+
+def _trc_labels(line: str, promised: str, rows: list[str]) -> list[str]:
+    """The markers' names, empty for those without one, in the order of their columns.
+
+    The format has a name above the first of a marker's three columns. Other programs put one tab or two behind a name,
+    a name above each column (`LASI_x`, `LASI_y`, `LASI_z`), or a space before the first; then it is the number of the
+    names that has to fit NumMarkers and the rows.
+    """
+    fields = [field.strip() for field in line.rstrip("\t ").split("\t")]
+    if len(fields) > 1 and fields[1].lower().startswith("time "):
+        fields[1:2] = fields[1].split(None, 1)
+    labels = fields[2:]
+    names = [label for label in labels if label]
+    said = count_in(promised)
+    width = max(((len(row.rstrip().split("\t")) if row.strip() else 0) for row in rows[:WIDTH_ROWS]), default=0)
+    count = max(said, -((2 - width) // 3))
+    if count == len(names):
+        return names
+    stems = [name[:-1].rstrip("_. ") for name in names]
+    axes = "".join(name[-1].lower() for name in names)
+    if len(names) == 3 * count and axes == "xyz" * count and stems[::3] == stems[1::3] == stems[2::3] and all(stems):
+        return stems[::3]
+    return labels[::3]
+
+
+def _trc_number(text: str | None, what: str, path: Path) -> float:
+    try:
+        return float(text or "")
+    except ValueError:
+        raise InputError(f"has no number under {what}; expected {TRC}", path, 3) from None
+
+
+def write_trc_file(path: Path, labels: list[str], xyz: np.ndarray, rate: float, first_frame: int):
+    """Writes points (T, P, 3) m as mm; missing samples are empty fields."""
+    frames, count = xyz.shape[:2]
+    head = [
+        f"PathFileType\t4\t(X/Y/Z)\t{written(Path(path).name)}\t{Z_UP}",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+        f"{rate:.6g}\t{rate:.6g}\t{frames}\t{count}\tmm\t{rate:.6g}\t{first_frame}\t{frames}",
+        "Frame#\tTime\t" + "\t\t\t".join(written(label.replace("\t", " ")) for label in labels) + "\t\t",
+        "\t\t" + "\t".join(f"{axis}{index}" for index in range(1, count + 1) for axis in "XYZ"),
+        "",
+    ]
+    with Path(path).open("w", encoding="utf-8", newline="\n") as file:
+        file.write("\n".join(head) + "\n")
+        for part in blocks(frames, count):
+            for index, points in zip(range(part.start, part.stop), xyz[part], strict=True):
+                values = (1000.0 * np.asarray(points, dtype=float)).ravel().tolist()
+                fields = ("" if value != value else f"{value:.5f}" for value in values)
+                file.write(f"{first_frame + index}\t{index / rate:.6f}\t" + "\t".join(fields) + "\n")
+
+
+MOTIVE = "a Motive .csv export"
+
+OPENINGS = ("format version", "take name")
+
+# Where a file has several kinds of marker, the first of these is what the cameras saw.
+MARKER_KINDS = ("marker", "unlabeled marker", "rigid body marker", "bone marker")
+
+
+def is_motive(path: Path) -> bool:
+    """Whether a file begins with Motive's settings, as its exports of points do and files of blobs do not."""
+    with open_binary(path) as file:
+        head = file.readline(4096)
+    first = head.removeprefix(codecs.BOM_UTF8).decode("latin-1").partition(",")[0]
+    return first.strip().strip('"').lower() in OPENINGS
+
+
+def read_motive(path: Path) -> PointFile:
+    """Raises InputError with the line where the file is not as Motive writes it."""
+    text = decode(read_bytes(path), path, MOTIVE)
+    lines = text.splitlines()
+    head = _fields(lines[0] if lines else "", path, 1)
+    settings = dict(zip((key.strip().lower() for key in head[::2]), head[1::2], strict=False))
+    if not any(opening in settings for opening in OPENINGS):
+        raise InputError(f"does not begin with Motive's settings; expected {MOTIVE}", path, 1)
+    rate = _rate(settings, path)
+    titles, start = _titles(lines, path)
+    kinds, names, properties = (titles.get(key, []) for key in ("type", "name", "property"))
+    labels, columns = _markers(kinds, names, properties, path, start)
+    unit = settings.get("length units", "").strip()
+    take = text_file(_rows(lines, start, path), labels, columns, path, rate, unit)
+    promised, count = settings.get("total exported frames", "").strip(), sum(map(_is_row, lines[start:]))
+    if count_in(promised) > count:
+        raise InputError(f"has {count} of {promised} frames; expected all of them (is the file cut off?)", path)
+    return take
+
+
+def _is_row(line: str) -> bool:
+    return bool(line.strip(", \t"))
+
+
+def _rows(lines: list[str], start: int, path: Path) -> Iterator[tuple[int, list[str]]]:
+    """The number and the fields of each row from `start` on."""
+    width, empty = len(_fields(lines[start - 1], path, start)), True
+    for number, line in enumerate(lines[start:], start + 1):
+        if not _is_row(line):
+            continue
+        fields = line.split(",") if '"' not in line else _fields(line, path, number)
+        if len(fields) != width and not (len(fields) < width and number < len(lines)):
+            raise InputError(f"has {len(fields)} fields; expected {width} (is the file cut off?)", path, number)
+        empty = False
+        yield number, fields
+    if empty:
+        raise InputError("has no frames; expected at least one", path)
+
+
+def _rate(settings: dict[str, str], path: Path) -> float:
+    for key in ("export frame rate", "capture frame rate"):
+        try:
+            rate = float(settings.get(key, ""))
+        except ValueError:
+            continue
+        if MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
+            return rate
+    raise InputError("has no Export Frame Rate; expected frames a second", path, 1)
+
+
+def _titles(lines: list[str], path: Path) -> tuple[dict[str, list[str]], int]:
+    """The rows above the data by what they hold, and how many lines there are up to the data."""
+    titles: dict[str, list[str]] = {}
+    for number, line in enumerate(lines[1:12], 2):
+        fields = _fields(line, path, number)
+        first, second = [*fields, "", ""][:2]
+        if first.strip().lower() == "frame":
+            return titles, number
+        if second.strip().lower() in ("type", "name"):
+            titles[second.strip().lower()] = fields
+        elif any(field.strip() in ("Position", "Rotation") for field in fields):
+            titles["property"] = fields
+    raise InputError(f"has no row that begins with Frame; expected {MOTIVE}", path, min(len(lines), 12))
+
+
+def _markers(
+    kinds: list[str], names: list[str], properties: list[str], path: Path, line: int
+) -> tuple[list[str], list[int]]:
+    """Names of the markers and where their columns begin."""
+    starts: dict[str, list[tuple[str, int]]] = {}
+    column = 2
+    while column + 2 < len(names):
+        kind = kinds[column].strip().lower().removesuffix(" (measured)") if column < len(kinds) else "marker"
+        here = names[column : column + 3]
+        position = all(field.strip() == "Position" for field in properties[column : column + 3]) if properties else True
+        if position and len(set(here)) == 1:
+            starts.setdefault(kind, []).append((here[0].strip(), column))
+            column += 3
+        else:
+            column += 1
+    chosen = next((starts[kind] for kind in MARKER_KINDS if kind in starts), None)
+    if not chosen:
+        raise InputError(f"has no columns of marker positions; expected {MOTIVE} of markers", path, line)
+    return [name for name, _ in chosen], [column for _, column in chosen]
+
+
+def _fields(line: str, path: Path, number: int) -> list[str]:
+    try:
+        return next(csv.reader([line]), [])
+    except csv.Error:
+        raise InputError(f"is not a row of a CSV file; expected {MOTIVE}", path, number) from None

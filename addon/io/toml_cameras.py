@@ -13,8 +13,8 @@ from ..core.data.errors import InputError
 from ..core.geometry import inverse_lens
 from ..core.geometry.camera_up import AXIS_NAMES, guess_up
 from ..core.geometry.cameras import Cameras
-from .rig import RigCamera, refuse_crowd, rig, rotation_from_vector
-from .source import TEXTS, read_text
+from .cameras import RigCamera, lens, numbers_in, refuse_crowd, rig, rotation_of
+from .source import MAX_CALIBRATION_BYTES, read_text
 from .world import z_up
 
 # Ours beside the shared keys: a lens of Vicon's kind, exact, where `distortions` can only come near it.
@@ -34,7 +34,7 @@ def read_toml(path: Path, up: str = "") -> Cameras:
 
     `up` is the axis that points up where it is known better than from the file or its cameras.
     """
-    text = read_text(path, "a .toml camera calibration", TEXTS.calibration)
+    text = read_text(path, "a .toml camera calibration", MAX_CALIBRATION_BYTES)
     _refuse_depth(text, path)
     try:
         document = tomllib.loads(text)
@@ -75,46 +75,18 @@ def _camera(key: str, table: dict, path: Path) -> RigCamera:
     name = str(table.get("name", key))
     if table.get("fisheye"):
         raise InputError(f"camera {name} has a fisheye lens; expected one in OpenCV's k1 k2 p1 p2 k3 model", path)
-    rotation = _array(table, "rotation", name, path)
-    if rotation.size not in (3, 9):
-        raise InputError(
-            f"camera {name} has a rotation of {rotation.size} numbers; expected a Rodrigues vector or 3×3", path
-        )
+    rotation = numbers_in(table, ("rotation",), name, path, 3, 9)
     exact = table.get(INVERSE) is not None
-    distortion = lens(_array(table, "distortions", name, path), name, path)
+    distortion = lens(numbers_in(table, ("distortions",), name, path), name, path)
     return RigCamera(
         name=name,
-        size=_array(table, "size", name, path, 2),
-        matrix=_array(table, "matrix", name, path, 9).reshape(3, 3),
+        size=numbers_in(table, ("size",), name, path, 2),
+        matrix=numbers_in(table, ("matrix",), name, path, 9).reshape(3, 3),
         distortion=np.zeros(5) if exact else distortion,
-        rotation=rotation_from_vector(rotation) if rotation.size == 3 else rotation.reshape(3, 3),
-        translation=_array(table, "translation", name, path, 3),
-        inverse=_array(table, INVERSE, name, path, 3) if exact else np.zeros(3),
+        rotation=rotation_of(rotation),
+        translation=numbers_in(table, ("translation",), name, path, 3),
+        inverse=numbers_in(table, (INVERSE,), name, path, 3) if exact else np.zeros(3),
     )
-
-
-def _array(table: dict, key: str, name: str, path: Path, count: int | None = None) -> np.ndarray:
-    if table.get(key) is None:
-        raise InputError(f"camera {name} has no `{key}`; expected a complete calibration", path)
-    try:
-        found = np.array(table[key])
-    except ValueError:
-        found = np.array([None])
-    array = found.astype(float).ravel() if found.dtype.kind in "iuf" else np.array([np.nan])
-    if not np.isfinite(array).all():
-        raise InputError(f"camera {name} has a `{key}` that is not made of numbers; expected numbers", path)
-    if count is not None and array.size != count:
-        raise InputError(f"camera {name} has a `{key}` of {array.size} numbers; expected {count}", path)
-    return array
-
-
-def lens(coefficients: np.ndarray, name: str, path: Path) -> np.ndarray:
-    """OpenCV's distortion coefficients cut to our five; InputError when a longer model is really used."""
-    if np.any(coefficients[5:]):
-        raise InputError(
-            f"camera {name} has a lens of {coefficients.size} coefficients; expected k1 k2 p1 p2 k3 at most", path
-        )
-    return coefficients[:5]
 
 
 def write_toml(path: Path, cameras: Cameras):

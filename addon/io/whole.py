@@ -2,22 +2,79 @@
 """Output files that appear whole or not at all, together, and never in the place of what they are made from.
 
 They are written beside their place, flushed to disk, then renamed. A list of what is to be renamed is on disk before
-the first is: who is killed between two renames leaves it, and the next run in that folder finishes them.
+the first is: who is killed between two renames leaves it, and the next run in that folder finishes them. One run at a
+time gives files their names in a folder, so that those of two never mix: a lock on a file there says whose turn it is.
 """
 
 import json
 import os
 import stat
+import time
 import unicodedata
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import IO
 
 from ..core.data.errors import InputError, JobError
-from .scratch import LOCK, leave, own_folder, take_away_forsaken
-from .source import read_json
-from .turns import TURN, turns
+from .scratch import LOCK, leave, lock_now, own_folder, take_away_forsaken
+from .source import open_at_once, read_json
+
+TURN = ".mocap-autolabel.turn"
+LONG_S = 60.0  # s; giving names takes milliseconds, so who has the turn for so long is stopped or cut off
+LOOK_S = 0.01  # s between two looks
+
+
+@contextmanager
+def turns(folders: Iterable[Path]) -> Iterator[None]:
+    """It is this run's turn in all these folders while the block runs."""
+    with ExitStack() as stack:
+        # In one order for all, or two could wait for each other.
+        for folder in sorted(set(folders)):
+            stack.enter_context(_turn(folder))
+        yield
+
+
+@contextmanager
+def _turn(folder: Path) -> Iterator[None]:
+    path = folder / TURN
+    file = _taken(path)
+    try:
+        yield
+    finally:
+        if file is not None:
+            if os.name == "nt":  # which gives up no file that is open
+                file.close()
+            with suppress(OSError):
+                path.unlink()
+            file.close()
+
+
+def _taken(path: Path) -> IO | None:
+    """The file of a turn, open and locked; None where there can be none."""
+    end = time.monotonic() + LONG_S
+    while time.monotonic() < end:
+        try:
+            file = open(path, "ab", opener=open_at_once)  # noqa: SIM115 a path has no opener
+        except OSError:
+            return None
+        try:
+            lock_now(file)
+            if os.path.samestat(os.fstat(file.fileno()), path.stat()):
+                return file
+        except (BlockingIOError, PermissionError):  # another's turn
+            time.sleep(LOOK_S)
+        except FileNotFoundError:  # whoever had it took it away
+            pass
+        except OSError:  # no locks here
+            file.close()  # Windows takes no file away that is open
+            with suppress(OSError):
+                path.unlink()
+            return None
+        file.close()
+    return None
+
 
 PART = ".part-mocap-autolabel-"
 LIST = ".mocap-autolabel.json"  # in a folder of parts: what each part is like, and what it is to take the place of
@@ -39,15 +96,8 @@ def whole_file(target: Path, overwrite: bool = False, read: Iterable[Path] = ())
 
 
 @contextmanager
-def whole_files(
-    targets: Sequence[Path],
-    overwrite: bool = False,
-    read: Iterable[Path] = (),
-    stale: Callable[[], Iterable[Path]] = tuple,
-) -> Iterator[list[Path]]:
+def whole_files(targets: Sequence[Path], overwrite: bool = False, read: Iterable[Path] = ()) -> Iterator[list[Path]]:
     """The same for the several files of one job: they appear together when the block ends well, in their order.
-
-    Those that `stale` says then, files in the same folders, are taken away once all others are there.
 
     The temporary paths are in the order of `targets`, in folders within the same folders, with the same names. A
     temporary that the block did not write stands for an optional file: its target does not appear. Missing folders are
@@ -72,7 +122,7 @@ def whole_files(
         for parent, folder in folders.items():
             if not (folder / LOCK).exists():  # and of a share that is gone no file was written
                 raise JobError("went away while files were written there; expected it to stay", parent)
-        _appear(pairs, overwrite, stale)
+        _appear(pairs, overwrite)
 
 
 def check_targets(targets: Sequence[Path], overwrite: bool = False, read: Iterable[Path] = ()):
@@ -135,8 +185,8 @@ def _identities(path: Path) -> set[object]:
     return found
 
 
-def _appear(pairs: Sequence[tuple[Path, Path]], overwrite: bool, stale: Callable[[], Iterable[Path]]):
-    """Renames parts to their targets, all or none of them as far as the system allows; what is stale goes with that."""
+def _appear(pairs: Sequence[tuple[Path, Path]], overwrite: bool):
+    """Renames parts to their targets, all or none of them as far as the system allows."""
     for part, target in pairs:
         try:
             _flush(part)
@@ -148,22 +198,19 @@ def _appear(pairs: Sequence[tuple[Path, Path]], overwrite: bool, stale: Callable
             take_away_forsaken(parent, PART, _rename_rest)  # or what one was killed at would mix with these later
         for _, target in pairs:
             _refuse(target, overwrite)
-        away = [(path, _state(path)) for path in stale()]
-        _list(pairs, away)
-        _rename(pairs, away)
+        _list(pairs)
+        _rename(pairs)
     for parent in parents:
         _flush_folder(parent)
 
 
-def _list(pairs: Sequence[tuple[Path, Path]], away: Sequence[tuple[Path, list[int] | None]]):
-    """Puts into each folder of parts what is to be renamed, what each is to take the place of, and what is to go."""
+def _list(pairs: Sequence[tuple[Path, Path]]):
+    """Puts into each folder of parts what is to be renamed, and what each is to take the place of."""
     for folder in dict.fromkeys(part.parent for part, _ in pairs):
         try:
-            # What is to go has no part.
             states: dict[str, list] = {
                 part.name: [_state(part), _state(target)] for part, target in pairs if part.parent == folder
             }
-            states |= {path.name: [None, state] for path, state in away if path.parent == folder.parent}
             states[LOCK] = _mark(folder / LOCK)
             begun = folder / f"{LIST}~"
             begun.write_text(json.dumps(states), encoding="utf-8", newline="\n")
@@ -174,7 +221,7 @@ def _list(pairs: Sequence[tuple[Path, Path]], away: Sequence[tuple[Path, list[in
         _flush_folder(folder)
 
 
-def _rename(pairs: Sequence[tuple[Path, Path]], away: Sequence[tuple[Path, list[int] | None]]):
+def _rename(pairs: Sequence[tuple[Path, Path]]):
     done = 0
     try:
         for part, target in pairs:
@@ -186,10 +233,8 @@ def _rename(pairs: Sequence[tuple[Path, Path]], away: Sequence[tuple[Path, list[
                         leave(folder)
                 raise _unwritable(error, target) from None
             done += 1
-        for path, state in away:
-            _take_away(path, state)
     except KeyboardInterrupt:
-        _rename([(part, target) for part, target in pairs if part.exists()], away)
+        _rename([(part, target) for part, target in pairs if part.exists()])
         raise
 
 
@@ -211,19 +256,10 @@ def _rename_rest(folder: Path) -> bool:
         return False
     for name, (own, state) in states.items():
         part, target = folder / name, folder.parent / name
-        if own is None:
-            _take_away(target, state)
-        elif _state(part) == own and _state(target) == state:
+        if own is not None and _state(part) == own and _state(target) == state:
             part.replace(target)
     _flush_folder(folder.parent)
     return True
-
-
-def _take_away(path: Path, state: list[int] | None):
-    """Takes a file away that is as it was; one that somebody holds open on Windows stays."""
-    with suppress(OSError):
-        if state is not None and _state(path) == state:
-            path.unlink()
 
 
 def _mark(lock: Path) -> list[int]:

@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Units of a take whose file does not say, and the turns from worlds with another axis up."""
+"""Units and up axes of worlds: what a file says of them and, where that says little, one look at the take."""
 
 import warnings
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..core.data.lanes import blocks
+from ..core.data.lanes import Lanes, blocks, trajectories_at
 from ..core.data.made import Scaled
 from ..core.geometry.camera_up import guess_up, turned
 from ..core.geometry.cameras import Cameras
-from .rig import Z_UP_FROM_Y_UP
+from .cameras import Z_UP_FROM_Y_UP
 
 # Metres in one of each unit that files name.
 UNITS = {
@@ -77,3 +78,88 @@ def z_up(cameras: Cameras, up: str = "") -> Cameras:
         return cameras
     remark = f"the cameras stand with {axis} up in the calibration, which does not say: turned to z up"
     return replace(cameras, remarks=(*cameras.remarks, remark))
+
+
+SIGNED_AXES = ("+Z", "+Y", "+X", "-Z", "-Y", "-X")
+
+# Programs write these of worlds with another axis up: Qualisys -Z of those with z up, and others +Y by default.
+UNSURE_WORDS = {"-Z": "+Z", "+Y": "+Y"}  # each with what is most likely meant
+
+
+# How a standing person's points lie; all 80 takes at hand that stand along an axis by this have it up.
+STANDING_FRAMES = 400  # that are looked at, evenly spread: memory, 400 of 10,000 points are 96 MB
+# m, of the lowest marker above nought: physical, from one buried by a poor origin to one at half a shank
+FLOOR_M = (-0.3, 0.4)
+MIN_HEIGHT_M = 0.5  # that markers reach up from it: physical, half the legs of an adult
+MIN_LONGER = 1.3  # times as long as wide: measured, who kneels down from a run was 1.0 to 1.2 in three takes
+MAX_WANDER = 0.25  # of the height, of the lowest marker: physical, a jump and a step are less than a shank
+
+
+@dataclass(frozen=True)
+class Upright:
+    """The axis that points up, such as "+Z", and what to say of it: a sentence where the file says otherwise."""
+
+    axis: str
+    notes: tuple[str, ...] = ()
+
+
+def find_up(
+    word: str,
+    xyz: np.ndarray | Scaled,
+    names: Sequence[str],
+    usual: str = "+Z",
+    lanes: Lanes | None = None,
+) -> Upright:
+    """The axis that points up in points (T, L, 3) m with `names`.
+
+    word    the axis that the file names, empty where it names none
+    usual   what is likely where the file names none
+    lanes   which of the names stands where; None where each has a lane of its own
+    """
+    word = word if word in SIGNED_AXES else ""
+    base = UNSURE_WORDS.get(word, word or usual)
+    seen = _stands_along(_some_frames(xyz, names, lanes), base)
+    up = seen if seen and (not word or word in UNSURE_WORDS) else base
+    says = f"says that {word} is up" if word else "does not say which axis is up"
+    notes = []
+    if up != (word or usual):
+        why = "by how the points stand" if up == seen else "as programs write that of such worlds"
+        notes = [f"the file {says}, but {up} was taken {why} (an up axis that is given overrules this)"]
+    elif seen not in ("", up):
+        notes = [f"the file {says}, but its points stand along {seen} (an up axis that is given overrules this)"]
+    return Upright(up, tuple(notes))
+
+
+def _some_frames(xyz: np.ndarray | Scaled, names: Sequence[str], lanes: Lanes | None) -> np.ndarray:
+    """(F, L, 3) some frames with points of the subject with most names: two people are as wide as they are tall."""
+    owners = [name.rpartition(":")[0] for name in names]
+    largest = max(dict.fromkeys(owners), key=owners.count)
+    chosen = np.array([owner == largest for owner in owners])
+    frames = np.unique(np.linspace(0, len(xyz) - 1, STANDING_FRAMES).astype(int))
+    some = np.array(xyz[frames], float)
+    frame, lane = np.nonzero(np.isfinite(some).all(axis=2))
+    other = ~chosen[trajectories_at(lanes, frames[frame], lane)]
+    some[frame[other], lane[other]] = np.nan
+    return some[np.isfinite(some).all(axis=2).any(axis=1)]
+
+
+def _stands_along(frames: np.ndarray, base: str) -> str:
+    """The axis along which the points stand, longer than wide, on a floor at nought; else empty.
+
+    Only of axes that files mean: the one called `base` and its opposite, y and z.
+    """
+    if not len(frames):
+        return ""
+    low, high = np.nanmin(frames, axis=1), np.nanmax(frames, axis=1)
+    reach = np.median(high - low, axis=0)
+    *others, longest = sorted({1, 2, "XYZ".index(base[1])}, key=lambda index: reach[index])
+    if reach[longest] < MIN_HEIGHT_M or reach[longest] <= MIN_LONGER * reach[others].max():
+        return ""
+    found = []
+    for sign, ground in (("+", low[:, longest]), ("-", -high[:, longest])):
+        tenth, last_tenth = np.percentile(ground, [10, 90])
+        on_floor = FLOOR_M[0] < tenth < FLOOR_M[1]
+        steady = last_tenth - tenth < MAX_WANDER * reach[longest]
+        if on_floor and steady and (sign == "+" or base[1] == "XYZ"[longest]):
+            found.append(sign + "XYZ"[longest])
+    return found[0] if len(found) == 1 else ""

@@ -11,7 +11,7 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.geometry import inverse_lens
 from ..core.geometry.cameras import Cameras
-from .rig import SUBPIXELS, RigCamera, refuse_crowd, rig, rotation_from_quaternion
+from .cameras import SUBPIXELS, RigCamera, refuse_crowd, rig, rotation_from_quaternion
 from .source import numbers, read_xml
 from .world import z_up
 

@@ -26,13 +26,10 @@ from ..core.review.suspects import find_suspects
 from ..io.blobs import BlobRows, frames_in, read_blobs
 from ..io.labels import BLOB_KEYS
 from ..io.poses import refuse_keys
-from ..io.scratch import scratch_folder
-from ..io.tables import Room
-from .captures import facts_of_capture
-from .job import timed
-from .labelling import OpenTake, Results, TakePart
-from .several import NOT_HELD, subjects_in_blobs
-from .spool import RowFile
+from ..io.report import facts_of_cameras
+from ..io.scratch import Room, RowFile, scratch_folder
+from .job import facts_of_capture, timed
+from .labelling import OpenTake, Results, TakePart, subjects_in_blobs
 
 if TYPE_CHECKING:  # only who fills gaps needs it
     from ..core.filling.rays import MarkerRays
@@ -65,12 +62,12 @@ class BlobTake(OpenTake):
                 refuse_two(self._blobs, cameras, model)
             self.taken.clear()
         if self.several is None:
-            settings = BlobOptions(job.method, self.rate, job.target, job.options, self._occlusion(), self.edits)
+            settings = BlobOptions(self.rate, job.method, job.target, job.options, self._occlusion(), self.edits)
             self.work = label_blobs(self._blobs(), cameras, model, settings)
             self.method, self.worn = blob_method(settings), model.markerset
             self.check = CameraCheck(cameras, self.worn)
         else:
-            room = Room(self.stack, NOT_HELD)
+            room = Room(self.stack, 0)  # no table is held: those of chunks are small, and a long take has many
             seen = yield from subjects_in_blobs(job, cameras, self.several, self.edits, room)
             self.method, self.worn = "likelihood", seen.worn
             own, read = tee(self._blobs())
@@ -122,12 +119,8 @@ class BlobTake(OpenTake):
         facts["steps"] = {step: results.summary.steps[step] for step in words}
         if self.cameras.remarks:
             facts["calibration"] = list(self.cameras.remarks)
-        counts = {one.name: one.as_dict() for one in results.trouble.by_camera.figures()}
-        return facts | {
-            **facts_of_capture(self.job.source, False, self.cameras),
-            "cameras": {name: row | counts[name] for name, row in self.check.of_cameras().items()},
-            "camera_doubts": [doubt.reason for doubt in self.noticed],
-        }
+        facts |= facts_of_capture(self.job.source, False, self.cameras)
+        return facts | facts_of_cameras(self.check, results.trouble, self.noticed)
 
     def points(self) -> Points:
         """The markers, read from disk where they are looked at."""

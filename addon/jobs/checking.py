@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.data.errors import InputError, UserError
 from ..core.data.lanes import Lanes
-from ..core.data.progress import Progress, part_of
+from ..core.data.progress import Progress, within
 from ..core.data.takes import Points, evenly_spread
 from ..core.evaluation.comparing import Comparison, TakeDifference
 from ..core.evaluation.relabelling import NO_NAME, UNTOLD, KnownNames, relabelled, without_names
@@ -24,21 +24,10 @@ from .training_takes import KnownBetter, TakeFile, read_takes, suits, trajectori
 KEPT, TAUGHT, FRAMES = "kept", "taught", "frames"
 
 
-@dataclass(frozen=True)
-class CheckingOptions:
-    """What a training on is checked by beside the takes that are kept for it; reckoned, by the time that it takes.
-
-    max_taught  takes that earlier trainings learned from, spread over them
-    max_frames  of each subject none of whose takes is there: of what the model itself keeps, each named on its own
-    max_unseen  subjects of whom such frames are taken
-    """
-
-    max_taught: int = 6
-    max_frames: int = 60
-    max_unseen: int = 12
-
-
-CHECKING = CheckingOptions()
+# What a training on is checked by beside the takes that are kept for it; assumed, by the time that it takes.
+MAX_TAUGHT = 6  # takes that earlier trainings learned from, spread over them
+MAX_FRAMES = 60  # of each subject none of whose takes is there: of what the model itself keeps, each named on its own
+MAX_SUBJECTS_UNSEEN = 12  # subjects of whom such frames are taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +83,7 @@ def takes_to_check(
         and (one.take.subject, (one.take.name,)) not in wrong
         and _is_there(one.path)
     ]
-    few = [taught[place] for place in evenly_spread(len(taught), CHECKING.max_taught).tolist()]
+    few = [taught[place] for place in evenly_spread(len(taught), MAX_TAUGHT).tolist()]
     lost = [take for take in base.history.kept_takes if file_of(take, file) is None]
     found, left_out, there = [], [(take.name, "nobody knows where it is") for take in lost], set()
     for one, kind in (*((one, KEPT) for one in kept), *((one, TAUGHT) for one in few)):
@@ -104,7 +93,7 @@ def takes_to_check(
         except UserError as error:
             left_out.append((one.take.name, error.message.partition(";")[0]))
     rows = [one for one in base.training_takes if (one.subject, one.takes) not in wrong and one.subject not in there]
-    unseen = list(by_subject(rows).items())[: CHECKING.max_unseen]
+    unseen = list(by_subject(rows).items())[:MAX_SUBJECTS_UNSEEN]
     found += [(_frames_of(subject, points, base.markerset.markers), FRAMES) for subject, points in unseen]
     return TakesToCheck(tuple(found), tuple(left_out))
 
@@ -153,7 +142,7 @@ def _known_names(one: KeptFile, by_hand: bool) -> KnownNames:
 
 def _frames_of(subject: str, points: np.ndarray, names: tuple[str, ...]) -> KnownNames:
     """What a model keeps of a subject, (F, M, 3) m, as frames that have nothing to do with each other."""
-    xyz = points[evenly_spread(len(points), CHECKING.max_frames)]
+    xyz = points[evenly_spread(len(points), MAX_FRAMES)]
     frames, markers = xyz.shape[:2]
     order = np.random.default_rng(frames).permuted(np.tile(np.arange(markers), (frames, 1)), axis=1)
     xyz = np.take_along_axis(xyz, order[..., None], axis=1)
@@ -179,6 +168,6 @@ def checking(before: Model, after: Model, check: TakesToCheck) -> Generator[Prog
         for way, model in enumerate((before, after)):
             first, last = ((2 * number + way + one) / (2 * len(takes)) for one in (0, 1))
             yield Progress(first, f"label {take.name} anew")
-            counts.append((yield from part_of(relabelled(take, model, markers), first, last)))
+            counts.append((yield from within(relabelled(take, model, markers), first, last)))
         differences.append(TakeDifference(take.name, kind, len(take.truth), *counts))
     return Comparison(markers, tuple(differences), check.left_out)

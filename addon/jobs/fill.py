@@ -24,7 +24,7 @@ from ..io.filled import gap_rows, left_rows, write_filled
 from ..io.labels import read_blob_labels
 from ..io.markersets import markerset_file
 from ..io.models import open_model
-from ..io.points import marker_columns, read_points, write_c3d
+from ..io.points import columns_of_set, marker_columns, read_points, write_c3d
 from ..io.whole import whole_files
 from .labelling import renumbered
 
@@ -58,18 +58,10 @@ class FillJob:
     cameras: Path | None = None
 
 
-@dataclass(frozen=True)
-class RaysOfTakeOptions:
-    """When labels of blobs are those of a take.
-
-    most_off_px  physical: that half of the blobs may be from where their cameras see the take's markers: a moved camera
-                 makes some px of it, another take or another room hundreds
-    """
-
-    most_off_px: float = 20.0
-
-
-RAYS_OF_TAKE = RaysOfTakeOptions()
+# When labels of blobs are those of a take.
+# physical: that half of the blobs may be from where their cameras see the take's markers: a moved camera makes some px
+# of it, another take or another room hundreds
+MOST_OFF_PX = 20.0
 
 
 def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
@@ -189,7 +181,7 @@ def _rays(job: FillJob, xyz: np.ndarray, names: Sequence[str], first_frame: int)
         raise InputError(
             "names no blob of a marker that the take has; expected the labels of its own blobs", job.labels
         )
-    if (typical := float(np.nanmedian(off))) > RAYS_OF_TAKE.most_off_px:
+    if (typical := float(np.nanmedian(off))) > MOST_OFF_PX:
         words = f"has its blobs {typical:.0f} px from where the cameras see the markers of {job.source.name}"
         raise InputError(f"{words}; expected the labels and the calibration that the take was made with", job.labels)
     return rays_of(blobs, labels, cameras, ~np.isfinite(xyz).all(axis=2))
@@ -231,12 +223,7 @@ def _subjects_of(job: FillJob, names: Sequence[str]) -> list[SubjectMarkers]:
 def _of_model(job: FillJob, names: Sequence[str]) -> tuple[MarkerSet, np.ndarray]:
     """The model's markers and where the take has each, by its name or another that the model knows for it."""
     markerset = open_model(job.model).markerset
-    columns = marker_columns(names, markerset.markers, job.source)
-    aliases = list(markerset.aliases)
-    for alias, column in zip(aliases, marker_columns(names, aliases, job.source), strict=True):
-        index = markerset.index(markerset.aliases[alias])
-        if columns[index] < 0:
-            columns[index] = column
+    columns = columns_of_set(names, markerset, job.source)
     if (columns >= 0).sum() < POSING.min_markers:
         what = f"has {(columns >= 0).sum()} of the markers of {markerset.name}"
         raise InputError(f"{what}; expected {POSING.min_markers} or more, or another model", job.source)

@@ -1,29 +1,35 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What to label, and what the jobs of all kinds of input share: their files, their clock, their report."""
+"""What to label, what the results are made of, and what jobs of all kinds of input share."""
 
+import hashlib
+import json
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, fields
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 from ..blendfile import Chunks, inside_blender
-from ..core.data.errors import ForceableError
+from ..core.data.errors import ForceableError, InputError
 from ..core.data.markersets import Worn
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.geometry.cameras import Cameras
-from ..core.points.naming import USUAL_TARGET
+from ..core.points.naming import USUAL_TARGET, plain_method
 from ..io.cameras import calibration_files
 from ..io.edits import edits_beside
 from ..io.markersets import markerset_file
-from ..io.names import written
-from ..io.qtm import USE_BLOBS, USE_POINTS
-from ..io.report import REPORT
+from ..io.qtm import USE_BLOBS, USE_POINTS, held_in, is_qtm
+from ..io.report import REPORT, earlier_run
+from ..io.source import digest
+from ..io.text import written
+from ..io.whole import is_read, whole_files
+from ..version import version
 
-if TYPE_CHECKING:  # naming blobs takes long to load, and takes of points need none of it
+if TYPE_CHECKING:
     from ..core.blobs.pipeline import Options
     from ..core.papers.virtual_occlusions.occlusion import Occlusion
+
 
 USUAL_RATE = 100.0
 # What of a job holds for any part of its take.
@@ -217,3 +223,110 @@ def timed(clock: dict[str, float], stage: str) -> Iterator[None]:
     begin = perf_counter()
     yield
     clock[stage] = clock.get(stage, 0.0) + perf_counter() - begin
+
+
+def calibration_for(source: Path, cameras: Path | None) -> Path:
+    """The calibration of a take of blobs: the one that was named, else its own; InputError where there is none."""
+    if cameras is not None:
+        return cameras
+    if is_qtm(source):
+        return source
+    words = "holds blobs, and there is no calibration of their cameras"
+    raise InputError(f"{words}; expected --cameras or, in Blender, Import Calibration", source)
+
+
+def blob_rate(source: Path, rate: float | None) -> float | None:
+    """Frames a second of a take of blobs: those that were given, else its own; None where nobody knows."""
+    return held_in(source).rate if rate is None and is_qtm(source) else rate
+
+
+def told_by_capture(source: Path, cameras: Path | None, rate: float | None) -> dict:
+    """Both, as fields of a job of blobs."""
+    return {"cameras": calibration_for(source, cameras), "rate": blob_rate(source, rate)}
+
+
+def told_of_capture(source: Path, points: bool, cameras: Cameras | None = None) -> list[str]:
+    """What was taken of a capture, and which of its cameras are left out of `cameras`, a sentence each."""
+    if not is_qtm(source):
+        return []
+    held = held_in(source)
+    choice = held.told(USE_POINTS if points else USE_BLOBS, None if cameras is None else cameras.names)
+    said = [f"of {source.name}, {choice}"] if choice else []
+    left = [] if cameras is None else [name for name in held.calibrated if name not in cameras.names]
+    if left:
+        words = "cameras that the calibration does not have are left out"
+        said.append(f"of {source.name}, the blobs of {len(left)} {words}: {', '.join(left)}")
+    return said
+
+
+def facts_of_capture(source: Path, points: bool, cameras: Cameras | None = None) -> dict:
+    """The same as part of a report; nothing for other takes."""
+    said = told_of_capture(source, points, cameras)
+    return {"capture": said} if said else {}
+
+
+# Fields of a job that make no difference to what its files hold, or are told by their content.
+OUTSIDE = ("source", "cameras", "model", "out", "body", "edits", "overwrite", "resume", "keep", "shown")
+
+# Files that one run writes beside its report and another does not.
+OPTIONAL = (".trc", ".blend", PAGE, MOTION_FILE)
+
+
+def made_of(job: LabelJob) -> dict:
+    """What the results come from: version, content of the files that are read, options. To be asked before they are.
+
+    Raises InputError where one of them cannot be read.
+    """
+    options = {field.name: getattr(job, field.name) for field in fields(job) if field.name not in OUTSIDE}
+    # Names for one thing are one.
+    options |= {
+        "occlusion": job.casts,
+        "method": plain_method(job.method),
+        "wearers": [name for name, _ in job.wearers],
+    }
+    worn = [model for _, model in job.wearers] or [job.model]
+    made = {
+        "version": version(),
+        "input": digest([job.source]),
+        "cameras": digest(calibration_files(job.cameras)) if isinstance(job.cameras, Path) else None,
+        "model": digest([markerset_file(model) for model in worn]),
+        "options": options,
+    }
+    edits = job.edits_applied
+    if isinstance(edits, Path):
+        made["edits"] = digest([edits])
+    elif edits:
+        made["edits"] = hashlib.sha256(repr(edits).encode()).hexdigest()
+    return json.loads(json.dumps(made, default=str))  # as it is read back
+
+
+def results_of(job: LabelJob) -> dict | None:
+    """The report of an earlier run of the same job, where all that it made is there as it made it; else None.
+
+    Raises InputError where what is there was made otherwise, or changed since, and the job may not replace it.
+    """
+    try:
+        report, missing = earlier_run(job.path(REPORT), made_of(job))
+    except InputError:
+        if job.overwrite:
+            return None
+        raise
+    return None if missing else report
+
+
+def open_files(job: LabelJob, stack: ExitStack) -> tuple[dict, dict[str, Path]]:
+    """What the results are made of, and temporaries of all files that the job writes, by ending.
+
+    They take their places when `stack` ends well: those of files that are there only where the job was told to replace
+    them, or goes on with what a run of it left.
+    """
+    made = made_of(job)
+    replace = job.overwrite or (job.resume and earlier_run(job.path(REPORT), made)[0] is not None)
+    parts = stack.enter_context(whole_files(job.written, replace, job.read))
+    return made, dict(zip(job.endings, parts, strict=True))
+
+
+def leftovers(job: LabelJob) -> list[Path]:
+    """Files that look like results of this job and are not of it, where it may replace those of an earlier one."""
+    paths = [job.path(ending) for ending in OPTIONAL if job.overwrite and ending not in job.endings]
+    return [path for path in paths if path.is_file() and not is_read(path, job.read)]

@@ -24,25 +24,13 @@ CENTRE, CORNER = "centre", "corner"
 FIRST_PIXEL = {CENTRE: 0.0, CORNER: 0.5}
 
 
-@dataclass(frozen=True)
-class FootageOptions:
-    """How pictures of a take are read; reckoned.
-
-    looked_at    frames of each camera, spread over the take, that say what is dark and what is bright
-    most_spots   of a picture; more of them are no markers, and the threshold is in the noise or the room is lit
-    same_rate    how far rates of movies may differ, parts of them: some write 29.97 as 30
-    max_missing  numbers without a picture between the first and the last; a folder with more has some other numbers
-    same_size    how far a picture's sides may be from the calibration's, px: some keep half pixels
-    """
-
-    looked_at: int = 12
-    most_spots: int = 2000
-    same_rate: float = 0.01
-    max_missing: int = 100_000
-    same_size: float = 0.6
-
-
-FOOTAGE = FootageOptions()
+# How pictures of a take are read; assumed.
+LOOKED_AT = 12  # frames of each camera, spread over the take, that say what is dark and what is bright
+MOST_SPOTS = 2000  # of a picture; more of them are no markers, and the threshold is in the noise or the room is lit
+SAME_RATE = 0.01  # how far rates of movies may differ, parts of them: some write 29.97 as 30
+# numbers without a picture between the first and the last; a folder with more has some other numbers
+MAX_MISSING = 100_000
+SAME_SIZE_PX = 0.6  # how far a picture's sides may be from the calibration's, px: some keep half pixels
 
 
 @dataclass(frozen=True)
@@ -168,7 +156,7 @@ def check_size(size: Sequence[float], cameras: Cameras, index: int, path: Path |
     wanted = cameras.size[index]
     if not (wanted > 0).all():  # some calibrations do not say it
         return
-    if np.abs(wanted - size).max() > FOOTAGE.same_size:
+    if np.abs(wanted - size).max() > SAME_SIZE_PX:
         words = f"is {size[0]:g} × {size[1]:g} px, and camera {cameras.names[index]} {wanted[0]:g} × {wanted[1]:g}"
         raise InputError(f"{words}; expected pictures as large as those that were calibrated", path)
 
@@ -177,7 +165,7 @@ def _rate(opened: Sequence) -> float | None:
     """Frames a second of all movies, None where there is none; InputError where they differ."""
     told = [view for view in opened if view.rate]
     for view in told[1:]:
-        if abs(view.rate - told[0].rate) > FOOTAGE.same_rate * told[0].rate:
+        if abs(view.rate - told[0].rate) > SAME_RATE * told[0].rate:
             words = f"has {view.rate:g} frames a second, and {told[0].path.name} {told[0].rate:g}"
             raise InputError(f"{words}; expected cameras that ran together", view.path)
     return round(told[0].rate, 4) if told else None
@@ -189,7 +177,7 @@ def _frames(opened: Sequence, job: PicturesJob) -> tuple[int, int]:
     begin = first if wanted[0] is None else max(first, wanted[0])
     end = last if wanted[1] is None else min(last, wanted[1])
     for view in opened:
-        if view.missing > FOOTAGE.max_missing:
+        if view.missing > MAX_MISSING:
             words = f"has no picture for {view.missing} numbers between {view.first} and {view.last}"
             raise InputError(f"{words}; expected pictures that are numbered by their frames", view.path)
     if begin > end:
@@ -205,7 +193,7 @@ def _brightness(
     for number, (index, view) in enumerate(views.items()):
         frames = np.arange(max(first, view.first), min(last, view.last) + 1)
         pictures = []
-        for frame in frames[evenly_spread(len(frames), FOOTAGE.looked_at)] if len(frames) else ():
+        for frame in frames[evenly_spread(len(frames), LOOKED_AT)] if len(frames) else ():
             picture = view.grey(int(frame))
             if picture is not None:
                 pictures.append(picture)
@@ -226,7 +214,7 @@ def _of_frame(
         if picture is None:
             continue
         spots = find_spots(picture, brightness[index], options)
-        if len(spots) > FOOTAGE.most_spots:
+        if len(spots) > MOST_SPOTS:
             words = f"shows {len(spots)} bright spots in frame {frame}"
             raise InputError(f"{words}; expected markers in a dark room, or another --threshold", view.path)
         camera.append(np.full(len(spots), index))

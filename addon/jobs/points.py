@@ -15,10 +15,9 @@ from ..core.points.whole_take.pipeline import PointOptions, label_take
 from ..io.labels import POINT_KEYS, point_keys
 from ..io.points import read_points
 from ..io.poses import is_long, refuse_keys
-from ..io.tables import Room
-from .captures import facts_of_capture
-from .labelling import OpenTake, Results, TakePart
-from .several import label_subjects
+from ..io.scratch import Room
+from .job import facts_of_capture
+from .labelling import OpenTake, Results, TakePart, label_subjects
 
 
 class PointTake(OpenTake):
@@ -48,8 +47,7 @@ class PointTake(OpenTake):
 
     def name(self) -> Generator[Progress, None, None]:
         """Names all of it."""
-        hints = self.job.options if self.method == "fit" else None
-        options = PointOptions(self.method, self.job.target, hints, self.edits, self.room, self.job.force)
+        options = PointOptions(self.method, self.job.target, self.edits, self.room, self.job.force)
         if self.several is None:
             self.labelled = yield from label_take(self.take, self.model, options)
             self.worn = self.model.markerset

@@ -13,18 +13,84 @@ from threadpoolctl import threadpool_limits
 
 from ..blendfile import open_cameras
 from ..core.data.errors import InputError, JobError
+from ..core.data.lanes import Lanes
+from ..core.data.made import Made, by_frames
 from ..core.data.progress import Progress
-from ..core.data.takes import Blobs
-from ..core.reconstruction.trajectories import reconstruct_take
+from ..core.data.takes import Blobs, Points
+from ..core.reconstruction.trajectories import Reconstructed, TrajectorySpans, reconstruct_take
 from ..io.blobs import BlobRows, read_blobs
 from ..io.cameras import calibration_files
 from ..io.points import write_c3d, write_trc
-from ..io.scratch import scratch_folder
+from ..io.scratch import RowFile, scratch_folder
 from ..io.whole import whole_file
-from .captures import facts_of_capture
-from .job import USUAL_RATE
+from .job import USUAL_RATE, facts_of_capture
 from .labelling import renumbered
-from .spool import TrajectoryFile
+
+# How trajectories become the columns of a file.
+# format: as many as one list of names in a C3D file holds; of more, those share one that are far apart
+MAX_COLUMNS = 255
+REST_S = 1.0  # s between two of one column, so that no program takes them for one; assumed
+
+
+ROW = np.dtype([("trajectory", "<i4"), ("xyz", "<f4", 3), ("residual", "<f4")])
+
+
+class TrajectoryFile(RowFile):
+    """The points of a take, row after row in a scratch file; use it as a context manager."""
+
+    def __init__(self, folder: Path, rate: float):
+        super().__init__(folder, ROW)
+        self.rate, self.first_frame = rate, 0
+        self.counts: list[int] = []
+        self.spans = TrajectorySpans()
+
+    def add(self, part: Reconstructed):
+        """Adds the frames of the next chunk."""
+        if not self.counts:
+            self.first_frame = int(part.frames[0])
+        self.spans.note(part.trajectory, len(self.counts) + part.frame)
+        rows = np.empty(len(part.points), ROW)
+        rows["trajectory"], rows["xyz"], rows["residual"] = part.trajectory, part.points, part.residual
+        self.append(rows)
+        self.counts += np.bincount(part.frame, minlength=len(part.frames)).tolist()
+
+    def points(self) -> Points:
+        """The whole take, a trajectory a column, in the order in which they begin; read from disk part by part.
+
+        Passing coincidences of rays are left out.
+        """
+        column = self._columns()
+        width = int(column.max(initial=-1)) + 1
+        starts = np.concatenate([[0], np.cumsum(self.counts)])
+        rows = self.rows()
+        xyz, residual = (_columns(rows, starts, column, width, field) for field in ("xyz", "residual"))
+        return Points(("",) * width, xyz, residual, self.rate, self.first_frame)
+
+    def _columns(self) -> np.ndarray:
+        """The column of every trajectory, -1 for those that are left out."""
+        column = np.full(len(self.spans.table), -1)
+        kept = self.spans.lasting(len(self.counts))
+        column[kept] = np.arange(len(kept))
+        if len(kept) > MAX_COLUMNS:
+            first, last = self.spans.table[kept, 1:].T
+            column[kept] = Lanes.packed(first, last + round(REST_S * self.rate)).lane
+        return column
+
+
+def _columns(rows: np.ndarray, starts: np.ndarray, column: np.ndarray, width: int, field: str) -> Made:
+    """One field of the rows as an array (T, P, …) of which slices and single frames can be had."""
+    shape = (len(starts) - 1, width, *ROW[field].shape)
+
+    def block(frames: slice) -> np.ndarray:
+        own = rows[starts[frames.start] : starts[frames.stop]]
+        frame = np.repeat(np.arange(frames.stop - frames.start), np.diff(starts[frames.start : frames.stop + 1]))
+        found = np.full((frames.stop - frames.start, *shape[1:]), np.nan, np.float32)
+        to = column[own["trajectory"]]
+        found[frame[to >= 0], to[to >= 0]] = own[field][to >= 0]
+        return found
+
+    return Made(shape, by_frames(shape[0], block))
+
 
 WRITERS = {".c3d": write_c3d, ".trc": write_trc}
 

@@ -20,8 +20,7 @@ from ..io.cameras import calibration_files, write_cameras
 from ..io.markersets import markerset_file
 from ..io.models import open_model
 from ..io.whole import whole_file
-from .captures import facts_of_capture
-from .job import USUAL_RATE
+from .job import USUAL_RATE, facts_of_capture
 
 READ = 0.1  # of the work, in its progress
 

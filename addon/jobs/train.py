@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from ..core.data.errors import InputError
-from ..core.data.progress import Progress, part_of, within
+from ..core.data.progress import Progress, within
+from ..core.data.wording import listed
 from ..core.evaluation.comparing import Comparison
 from ..core.papers.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
 from ..core.points.history import NO_HISTORY, ModelHistory, ModelVersion
 from ..core.points.likelihood.trying import Trying, in_turn
 from ..core.points.models import Model, TrainingTake
-from ..core.training.looked_at import listed
 from ..core.training.pipeline import (
     TRAINING_SHARES,
     Trained,
@@ -24,20 +24,18 @@ from ..core.training.pipeline import (
     train_solvers,
 )
 from ..core.training.takes import standing_apart, subject_rows
-from ..io.json_text import write_json
 from ..io.markersets import SUFFIX, markerset_file, open_markerset
 from ..io.model_history import file_of, moved, seen_from
 from ..io.models import open_model, read_model, write_model
-from ..io.names import written
 from ..io.source import digest, read_bytes
+from ..io.text import write_json, written
 from ..io.whole import keep_apart, whole_files
 from ..version import version
 from .checking import KeptFile, as_taught, checking, files_of, kept_file, takes_to_check
 from .job import timed
-from .models import USUAL_SEARCH, known_bodies
+from .models import USUAL_SEARCH, VersionPlaces, known_bodies
 from .pages import today
 from .training_takes import KnownBetter, TakeFile, chosen_markers, read_takes, refuse_mirrored, unseen_markers
-from .versions import VersionPlaces
 
 CHECK_FROM = 0.75  # of the work where a model is trained on, when what got worse begins to be looked for
 
@@ -60,7 +58,6 @@ class TrainJob:
     report    a file for what the training has to say, None for none
     known     of takes by their path, what is known better than from the file
     shown     labelled takes that are at hand, beside those of the files
-    passing   the files are gone when the model is there, so that it need not say where they are
     body      a marker set whose body may be that of the takes, beside the built-in ones; None for no other
     kept      labelled takes that the model is checked on whenever it is trained on, beside those that it knows already
     by        who teaches it, for its history; empty where nobody knows
@@ -82,7 +79,6 @@ class TrainJob:
     overwrite: bool = False
     known: Mapping[Path, KnownBetter] = field(default_factory=dict)
     shown: tuple[TakeFile, ...] = ()
-    passing: bool = False
     body: str | None = None
     kept: tuple[Path, ...] = ()
     by: str = ""
@@ -194,13 +190,13 @@ def _made(
     if not (job.takes or job.shown):
         return (yield from _given_solvers(job, base, clock))
     end = TRAINING_SHARES["end"] if base is None else CHECK_FROM
-    made, replaced = yield from part_of(_learned(job, base, clock, try_all), 0.0, end / TRAINING_SHARES["end"])
+    made, replaced = yield from within(_learned(job, base, clock, try_all), 0.0, end / TRAINING_SHARES["end"])
     if base is None:
         return made
     with timed(clock, "check"):
         given = [take for take, _ in made.takes]
         check = takes_to_check(base, markerset_file(job.base), kept, given, replaced)
-        found = yield from part_of(checking(base, made.model, check), CHECK_FROM, TRAINING_SHARES["end"])
+        found = yield from within(checking(base, made.model, check), CHECK_FROM, TRAINING_SHARES["end"])
     made.report["seconds"]["check"] = round(clock["check"], 2)
     return replace(made, check=found)
 
@@ -226,8 +222,7 @@ def _learned(
     doubts = " ".join(trained.doubts)
     new = {name for name in kept if name in markers and name not in doubts}
     report["doubts"] += _not_shown(new, set(lost) - set(markers), apart)
-    sha256 = [""] * len(takes) if job.passing else [*digests, *[""] * len(job.shown)]
-    taught = tuple(zip(takes, sha256, strict=True))
+    taught = tuple(zip(takes, [*digests, *[""] * len(job.shown)], strict=True))
     return _Taught(_with_source(trained.model), base, taught, report), trained.replaced
 
 

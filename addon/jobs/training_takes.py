@@ -18,10 +18,10 @@ from ..core.training.looked_at import learnable
 from ..core.training.takes import LabelledTake, odd_size
 from ..core.training.transfer import known_body, known_places
 from ..io.edits import edits_beside, read_edits
-from ..io.names import can_be_named, written
 from ..io.points import FilePoints, read_points
 from ..io.report import REPORT, read_report
 from ..io.source import digest
+from ..io.text import can_be_named, written
 
 
 @dataclass(frozen=True)

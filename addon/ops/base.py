@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What all operators share: what they are called, when they can be used, and how trouble is reported."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import wraps
 from pathlib import Path
+from typing import Any
 
 import bpy
+from bpy.props import StringProperty
 from bpy_extras.io_utils import ExportHelper
 
 from ..core.data.errors import UserError
@@ -13,8 +15,9 @@ from ..scene.opened import opened
 from ..scene.performers import homes
 from ..scene.playing import played_takes
 from ..scene.stored import Stored
-from ..scene.take import is_take
+from ..scene.take import SOURCE, is_take, takes_of
 
+Need = Callable[[bpy.types.Context], str]
 PLAYED_WORDS = "This take plays from a file and has no keys: open a part of it, with Open Part under Long Take"
 
 
@@ -41,24 +44,45 @@ def reports_trouble(method: Callable[..., set[str]]) -> Callable[..., set[str]]:
     return wraps(method)(with_event if method.__code__.co_argcount > 2 else without)
 
 
+def unless(holds: Callable[[bpy.types.Context], object], words: str) -> Need:
+    """A need: these words where something does not hold."""
+    return lambda context: "" if holds(context) else words
+
+
+def lacks_take(context: bpy.types.Context) -> str:
+    """What to do where no labelled take is active; else nothing."""
+    if is_take(context.scene.mocap_autolabel.take):
+        return ""
+    return PLAYED_WORDS if played_takes(context.scene) else "Label a take first"
+
+
+def lacks_object_mode(context: bpy.types.Context) -> str:
+    """What to do outside object mode, where objects can be neither selected nor made; else nothing."""
+    return "" if context.mode == "OBJECT" else "Go to object mode first"
+
+
 class Ours:
     """An operator: called as its class is, and one step of undo. Where it cannot be used its grey button tells why.
 
-    It differs in `work`, which ends with nothing where it is done; UserError where it cannot be.
+    Its button has the words of its name, unless it has others. It differs in `work`, which ends with nothing where it
+    is done, UserError where it cannot be; and in what it `needs`: each says what is to be done first, in one sentence
+    without its full stop, and nothing where nothing is lacking.
     """
 
     bl_options = {"REGISTER", "UNDO"}
+    needs: tuple[Need, ...] = ()
 
     def __init_subclass__(cls, **words):
         super().__init_subclass__(**words)
         module, found, name = cls.__name__.partition("_OT_")
         if found:
             cls.bl_idname = f"{module.lower()}.{name}"
+            cls.bl_label = vars(cls).get("bl_label", name.replace("_", " ").title())
 
     @classmethod
-    def lacks(cls, _context: bpy.types.Context) -> str:
-        """What is to be done first, in one sentence without its full stop; empty where nothing is lacking."""
-        return ""
+    def lacks(cls, context: bpy.types.Context) -> str:
+        """What is to be done first; empty where nothing is lacking."""
+        return next((words for need in cls.needs if (words := need(context))), "")
 
     @classmethod
     def poll(cls, context):
@@ -75,23 +99,25 @@ class Ours:
 class WithTake(Ours):
     """Operators that need an active take, of blobs or points, and no mode."""
 
-    @classmethod
-    def lacks(cls, context):
-        return lacks_take(context)
+    needs = (lacks_take,)
 
 
 class OfTake(Ours):
     """Operators on the active take, of blobs or points."""
 
-    @classmethod
-    def lacks(cls, context):
-        return lacks_take(context) or lacks_object_mode(context)
+    needs = (lacks_take, lacks_object_mode)
 
 
 class ToldWhere(ExportHelper):
     """Operators that ask for the file to write, which is called as `proposed` says where nobody chose one."""
 
     bl_options = {"REGISTER"}
+
+    def __init_subclass__(cls, **words):
+        super().__init_subclass__(**words)
+        if "filename_ext" in vars(cls):
+            only = StringProperty(default=f"*{cls.filename_ext}", options={"HIDDEN"})
+            cls.__annotations__ = vars(cls).get("__annotations__", {}) | {"filter_glob": only}
 
     def invoke(self, context, event):
         if not self.filepath:
@@ -108,11 +134,11 @@ def taken(context: bpy.types.Context) -> Stored:
     return opened.take(context.scene.mocap_autolabel.take, context.scene)
 
 
-def lacks_take(context: bpy.types.Context) -> str:
-    """What to do where no labelled take is active; else nothing."""
-    if is_take(context.scene.mocap_autolabel.take):
-        return ""
-    return PLAYED_WORDS if played_takes(context.scene) else "Label a take first"
+def takes_of_file(scene: bpy.types.Scene, source: str) -> Iterator[bpy.types.Collection]:
+    """The takes of a file in a scene, the active one first, then the latest; none where no file is known."""
+    for take in (scene.mocap_autolabel.take, *reversed(takes_of(scene))):
+        if source and is_take(take) and take[SOURCE] == source:
+            yield take
 
 
 def lacks_one_performer(context: bpy.types.Context) -> str:
@@ -121,9 +147,9 @@ def lacks_one_performer(context: bpy.types.Context) -> str:
     return "The take is of several performers: export one of them as C3D, and train on that" if several else ""
 
 
-def lacks_object_mode(context: bpy.types.Context) -> str:
-    """What to do outside object mode, where objects can be neither selected nor made; else nothing."""
-    return "" if context.mode == "OBJECT" else "Go to object mode first"
+def once(kind: Callable[..., Any], name: str, description: str, **more: Any) -> Any:
+    """A property that an operator is told each time: it does not keep the value of the last."""
+    return kind(name=name, description=description, options={"SKIP_SAVE"}, **more)
 
 
 def remove_chosen(group: bpy.types.PropertyGroup, name: str):

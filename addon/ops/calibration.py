@@ -10,40 +10,46 @@ from ..core.data.errors import InputError
 from ..jobs.refine import Refined, RefineJob, refine_file
 from ..props import chosen_model, frames_wanted
 from ..scene import cameras as scene_cameras
-from ..scene.calibration import show_refined
-from .importing import cameras_at_hand
+from ..scene.cameras import show_refined
+from .base import once, unless
+from .importing import lacks_cameras
 from .stepping import WorksInSteps, beside
 
 ENDING = ".refined.toml"
+BLOBS_FIRST = "Import the blobs first: the cameras are refined by them"
 
 
 class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
     """Move and turn the cameras so that the take's own named blobs meet; a new calibration is written beside them."""
 
-    bl_label = "Refine Calibration"
-
-    filepath: StringProperty(
-        name="File",
-        description="The .toml to write; beside the blobs where none is given",
-        subtype="FILE_PATH",
-        options={"SKIP_SAVE"},
+    filepath: once(
+        StringProperty, "File", "The .toml to write; beside the blobs where none is given", subtype="FILE_PATH"
     )
 
     doing = "Refining the calibration"
 
-    @classmethod
-    def lacks(cls, context):
-        settings = context.scene.mocap_autolabel
-        if settings.source.points_path:
-            return "3D points need no cameras"
-        if not cameras_at_hand(context.scene):
-            return "Import the calibration of the cameras first"
-        return "" if settings.source.blobs_path else "Import the blobs first: the cameras are refined by them"
+    needs = (
+        unless(lambda context: not context.scene.mocap_autolabel.source.points_path, "3D points need no cameras"),
+        lacks_cameras,
+        unless(lambda context: context.scene.mocap_autolabel.source.blobs_path, BLOBS_FIRST),
+    )
 
     def steps(self, context):
         """The refining."""
-        self._of = context.scene.mocap_autolabel.source.cameras.session_uid
-        return beside(refine_file(refine_job_of(context, self.filepath)))
+        settings, path = context.scene.mocap_autolabel, self.filepath
+        self._of = settings.source.cameras.session_uid
+        source = Path(bpy.path.abspath(settings.source.blobs_path))
+        job = RefineJob(
+            source=source,
+            cameras=scene_cameras.cameras_of(settings.source.cameras, context.scene),
+            model=chosen_model(settings.subjects),
+            out=Path(bpy.path.abspath(path)) if path else free_path(source),
+            frames=frames_wanted(settings.labelling),
+            rate=settings.source.rate,
+            overwrite=bool(path),
+            if_refined=True,
+        )
+        return beside(refine_file(job))
 
     def _show(self, context, refined: Refined) -> set[str]:
         scene, report = context.scene, refined.report
@@ -52,29 +58,13 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
         if not report["refined"]:
             self.report({"INFO"}, f"Nothing to refine: {_worst(report)}")
             return {"FINISHED"}
-        settings = scene.mocap_autolabel
-        if settings.source.cameras is None or settings.source.cameras.session_uid != self._of:
+        source = scene.mocap_autolabel.source
+        if source.cameras is None or source.cameras.session_uid != self._of:
             words = f"other cameras are chosen than those that were refined, which are in {Path(report['out']).name}"
             raise InputError(f"{words}; expected them to stay, so import that file")
-        settings.source.cameras = show_refined(scene, settings.source.cameras, refined.cameras, report)
+        source.cameras = show_refined(scene, source.cameras, refined.cameras, report)
         self.report({"INFO"}, f"{_worst(report)}, in {Path(report['out']).name}; label again to use it")
         return {"FINISHED"}
-
-
-def refine_job_of(context: bpy.types.Context, path: str) -> RefineJob:
-    """What the scene's settings ask for; InputError when something is missing."""
-    scene, settings = context.scene, context.scene.mocap_autolabel
-    source = Path(bpy.path.abspath(settings.source.blobs_path))
-    return RefineJob(
-        source=source,
-        cameras=scene_cameras.cameras_of(settings.source.cameras, scene),
-        model=chosen_model(settings.subjects),
-        out=Path(bpy.path.abspath(path)) if path else free_path(source),
-        frames=frames_wanted(settings.labelling),
-        rate=settings.source.rate,
-        overwrite=bool(path),
-        if_refined=True,
-    )
 
 
 def free_path(source: Path, ending: str = ENDING) -> Path:

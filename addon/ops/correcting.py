@@ -9,7 +9,7 @@ import numpy as np
 from bpy.props import EnumProperty, IntProperty
 
 from ..core.data.errors import InputError
-from ..core.data.takes import NO_MARKER, NO_POINT, PointRows
+from ..core.data.takes import NO_MARKER, PointRows, rows_in_frame
 from ..core.data.wording import count_of
 from ..core.edits.kinds import (
     NO_EDITS,
@@ -29,22 +29,18 @@ from ..core.edits.kinds import (
 from ..core.edits.wording import counted_on
 from ..io.edits import EDITS_ENDING, write_edits
 from ..props import SCOPES, refresh_review
-from ..scene.blob_dots import blob_edit, likely_of_blob, rows_of_markers
+from ..scene.blob_dots import blob_edit, likely_of_blob
 from ..scene.corrections import keep_edits
-from ..scene.likely import likely_markers
 from ..scene.opened import opened
-from ..scene.picking import dots_of
+from ..scene.picking import dots_of, likely_markers
 from ..scene.redrawing import redraw
 from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
-from .base import OfTake, keeps_items, taken
+from .base import OfTake, keeps_items, once, taken, unless
 from .picking import picked_points, selected_markers, show_picked
 from .reposing import follow_soon
 
 REVIEW_DELAY = 0.05  # s from an edit to the tables that follow it
-
-# What the likeliest names were asked of last (take, frame, trajectory), and they: a menu asks for each of its rows.
-_likely: list = []
 
 
 @keeps_items
@@ -58,35 +54,30 @@ def marker_items(_self, context) -> list[tuple[str, str, str, str, int]]:
 
 def likely_here(context: bpy.types.Context, stored: Stored) -> list[int]:
     """All markers, the likeliest for the dot that was picked last first; in their own order where there is none."""
-    frame = context.scene.frame_current - stored.shift
-    points = picked_points(context)
-    if not points or not stored.motion.frames[0] <= frame <= stored.motion.frames[-1]:
+    index, points = stored.index_of(context.scene.frame_current), picked_points(context)
+    if not points or index < 0:
         return list(range(len(stored.names)))
-    asked = (stored, frame, points[-1])
-    if _likely[:3] != list(asked):
-        _likely[:] = [*asked, _likely_of(context, stored, frame - int(stored.motion.frames[0]), points[-1])]
-    return _likely[3]
-
-
-def _likely_of(context: bpy.types.Context, stored: Stored, index: int, point: int) -> list[int]:
-    """All markers, the likeliest for a blob, or a trajectory in frame `index`, first.
-
-    In their own order where that has no point.
-    """
-    if not isinstance(stored.rows, PointRows):
-        return likely_of_blob(stored, opened.tracks(context.scene.mocap_autolabel.take, context.scene), point)
-    dots = dots_of(stored, index)
-    found = np.flatnonzero(dots.trajectory == point)
-    if not len(found):
-        return list(range(len(stored.names)))
-    return likely_markers(stored, index, opened.rows_of(stored, point), dots.xyz[found[0]])
+    # A menu asks for each of its rows.
+    asked, (before, likely) = (index, points[-1]), opened.looked_at.get("likely", (None, None))
+    if before is not stored or likely[0] != asked:
+        if isinstance(stored.rows, PointRows):
+            dots = dots_of(stored, index)
+            places = dots.xyz[dots.trajectory == points[-1]]
+            rows = opened.rows_of(stored, points[-1])
+            markers = likely_markers(stored, index, rows, places[0]) if len(places) else list(range(len(stored.names)))
+        else:
+            tracks = opened.tracks(context.scene.mocap_autolabel.take, context.scene)
+            markers = likely_of_blob(stored, tracks, points[-1])
+        likely = asked, markers
+        opened.looked_at["likely"] = stored, likely
+    return likely[1]
 
 
 def correct(context: bpy.types.Context, edits: Edits) -> Stored:
     """Gives the active take other edits, shows what follows and returns it; InputError where new ones find nothing."""
     scene, collection = context.scene, context.scene.mocap_autolabel.take
     before = opened.take(collection, scene)
-    after = opened.take_with(collection, scene, edits)
+    after = opened.take(collection, scene, edits)
     for outcome in after.outcomes[len(before.edits) :]:
         if not outcome.labels:
             reason = counted_on(outcome.reason, before.shift)
@@ -95,16 +86,11 @@ def correct(context: bpy.types.Context, edits: Edits) -> Stored:
     show_edits(collection, before, after)
     scene.frame_set(scene.frame_current)
     follow_soon(seen=True)
-    review_soon()
-    return taken(context)
-
-
-def review_soon():
-    """Fills the tables of the review once the view was drawn: a hand that names dots does not wait for them."""
     if bpy.app.background:
         review_now()
-    elif not bpy.app.timers.is_registered(review_now):
+    elif not bpy.app.timers.is_registered(review_now):  # a hand that names dots does not wait for the tables
         bpy.app.timers.register(review_now, first_interval=REVIEW_DELAY)
+    return taken(context)
 
 
 def review_now():
@@ -129,15 +115,6 @@ def frames_in_scope(scope: str, stored: Stored, scene: bpy.types.Scene) -> tuple
         return begin, end
     frame = stored.source_frame(scene.frame_current)
     return {"FRAME": (frame, frame), "ON": (frame, last), "BACK": (first, frame)}[scope]
-
-
-def trajectory_of(stored: Stored, marker: str, frame: int) -> int:
-    """The trajectory that is a marker in a frame; InputError where none is."""
-    dots = dots_of(stored, frame - int(stored.motion.frames[0]))
-    found = dots.trajectory[(dots.marker == stored.names.index(marker)) & (dots.trajectory != NO_POINT)]
-    if not len(found):
-        raise InputError(f"{marker} is not named in frame {frame + stored.shift}; expected one in which it is")
-    return int(found[0])
 
 
 class Corrects(OfTake):
@@ -167,16 +144,19 @@ def chosen_trajectories(context: bpy.types.Context, stored: Stored) -> list[int]
     """The trajectories that are picked, else those of the selected markers in the current frame; of blobs the rows."""
     if picked := picked_points(context):
         return picked
-    frame = stored.source_frame(context.scene.frame_current)
-    names = selected_markers(context)
-    if names and isinstance(stored.rows, PointRows):
-        return [trajectory_of(stored, name, frame) for name in names]
-    markers = [stored.names.index(name) for name in names]
-    if rows := rows_of_markers(stored, frame - int(stored.motion.frames[0]), markers) if names else []:
-        return rows
-    if names:
-        raise InputError(f"no camera has a blob of {' '.join(names)} in this frame; expected one that has")
-    raise InputError("nothing is selected; expected a marker, or a picked point or blob")
+    frame, names = context.scene.frame_current, selected_markers(context)
+    here = rows_in_frame(stored.rows, stored.index_here(frame))
+    if not names:
+        raise InputError("nothing is selected; expected a marker, or a picked point or blob")
+    rows = {one: here.start + np.flatnonzero(stored.labels.marker[here] == stored.words[one]) for one in names}
+    if not isinstance(stored.rows, PointRows):
+        if not any(map(len, rows.values())):
+            raise InputError(f"no camera has a blob of {' '.join(names)} in this frame; expected one that has")
+        return sorted(np.concatenate(list(rows.values())).tolist())
+    for name, found in rows.items():
+        if not len(found):
+            raise InputError(f"{name} is not named in frame {frame}; expected one in which it is")
+    return [int(stored.rows.trajectory[found[0]]) for found in rows.values()]
 
 
 def edit_of(
@@ -198,7 +178,10 @@ def refuse_beside_each_other(stored: Stored, points: Sequence[int], frames: tupl
     Of blobs where several are of one camera.
     """
     if not isinstance(stored.rows, PointRows):
-        _refuse_one_image(stored, points)
+        camera, count = np.unique(stored.rows.camera[list(points)], return_counts=True)
+        for one in np.flatnonzero(count > 1)[:1]:
+            words = f"{count[one]} blobs of {stored.cameras.names[camera[one]]} are picked"
+            raise InputError(f"{words}; expected one of each camera, as a marker has")
         return
     rows = np.isin(stored.rows.trajectory, points)
     number = stored.rows.frames[stored.rows.frame[rows]]
@@ -206,20 +189,9 @@ def refuse_beside_each_other(stored: Stored, points: Sequence[int], frames: tupl
         number = number[(number >= frames[0]) & (number <= frames[1])]
     many = np.flatnonzero(np.bincount(number - stored.rows.frames[0]) > 1)
     if len(many):
-        words = (
-            f"{len(points)} points are picked, several of them in frame {stored.rows.frames[many[0]] + stored.shift}"
-        )
+        several = f"several of them in frame {stored.rows.frames[many[0]] + stored.shift}"
+        words = f"{len(points)} points are picked, {several}"
         raise InputError(f"{words}; expected one, or pieces of a marker that follow each other")
-
-
-def _refuse_one_image(stored: Stored, rows: Sequence[int]):
-    """Raises InputError where several of some blobs are of one camera."""
-    camera = stored.rows.camera[list(rows)]
-    many = np.flatnonzero(np.bincount(camera) > 1)
-    if len(many):
-        name = stored.cameras.names[int(many[0])]
-        words = f"{int((camera == many[0]).sum())} blobs of {name} are picked"
-        raise InputError(f"{words}; expected one of each camera, as a marker has")
 
 
 class MOCAP_AUTOLABEL_OT_name_point(Corrects, bpy.types.Operator):
@@ -245,8 +217,6 @@ class MOCAP_AUTOLABEL_OT_name_point(Corrects, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_unlabel(Corrects, bpy.types.Operator):
     """Take the names of the selected markers away from the points that have them in this frame."""
 
-    bl_label = "Unlabel"
-
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
         """The trajectories, or blobs, have no name; where markers of blobs alone are selected, nothing is these."""
         names = selected_markers(context)
@@ -259,18 +229,10 @@ class MOCAP_AUTOLABEL_OT_unlabel(Corrects, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_no_marker(Corrects, bpy.types.Operator):
     """Say that the picked points are no markers: another person's, a thing's, or nothing; they get no name any more."""
 
-    bl_label = "No Marker"
-
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
         """The trajectories are no markers."""
         chosen = chosen_trajectories(context, stored)
         return [edit_of((Delete, DeleteBlob), stored, one, frames) for one in chosen]
-
-
-def _are_of_one_image(stored: Stored, rows: Sequence[int]) -> bool:
-    """Whether blobs are of one camera and all have a name."""
-    camera, marker = stored.rows.camera[list(rows)], stored.labels.marker[list(rows)]
-    return bool((camera == camera[0]).all() and (marker != NO_MARKER).all())
 
 
 class MOCAP_AUTOLABEL_OT_swap_markers(Corrects, bpy.types.Operator):
@@ -281,15 +243,16 @@ class MOCAP_AUTOLABEL_OT_swap_markers(Corrects, bpy.types.Operator):
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
         """The two markers exchanged; where two blobs of one camera are picked, in that camera."""
         picked = picked_points(context)
-        if not isinstance(stored.rows, PointRows) and len(picked) == 2 and _are_of_one_image(stored, picked):
-            names = [stored.names[stored.labels.marker[row]] for row in picked]
-            both = zip(picked, names[::-1], strict=True)
-            return [blob_edit(AssignBlob, stored, row, frames, name) for row, name in both]
+        if not isinstance(stored.rows, PointRows) and len(picked) == 2:
+            (one, other), marker = stored.rows.camera[picked], stored.labels.marker[picked]
+            if one == other and (marker != NO_MARKER).all():
+                names = [stored.names[index] for index in marker[::-1]]
+                both = zip(picked, names, strict=True)
+                return [blob_edit(AssignBlob, stored, row, frames, name) for row, name in both]
         names = sorted(selected_markers(context))
         if len(names) != 2:
-            raise InputError(
-                f"the selection has {count_of(len(names), 'marker')}; expected the two that have each other's names"
-            )
+            words = f"the selection has {count_of(len(names), 'marker')}"
+            raise InputError(f"{words}; expected the two that have each other's names")
         return [Swap((names[0], names[1]), frames=frames)]
 
 
@@ -309,18 +272,16 @@ class MOCAP_AUTOLABEL_OT_is_right(Corrects, bpy.types.Operator):
 class HasEdits(OfTake):
     """Operators on the edits that there are."""
 
-    @classmethod
-    def lacks(cls, context):
-        corrected = len(context.window_manager.mocap_autolabel.corrections)
-        return super().lacks(context) or ("" if corrected else "Nothing was corrected")
+    needs = (
+        *OfTake.needs,
+        unless(lambda context: len(context.window_manager.mocap_autolabel.corrections), "Nothing was corrected"),
+    )
 
 
 class MOCAP_AUTOLABEL_OT_remove_correction(HasEdits, bpy.types.Operator):
     """Take a correction back: the labels are as if it had never been made."""
 
-    bl_label = "Remove Correction"
-
-    index: IntProperty(name="Index", description="Which of the list, from 0", min=0, options={"SKIP_SAVE"})
+    index: once(IntProperty, "Index", "Which of the list, from 0", min=0)
 
     def work(self, context):
         edits = taken(context).edits
@@ -344,7 +305,6 @@ class MOCAP_AUTOLABEL_OT_clear_corrections(HasEdits, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_save_corrections(OfTake, bpy.types.Operator):
     """Write the corrections beside the take, where the command line and other scenes take them up."""
 
-    bl_label = "Save Corrections"
     bl_options = {"REGISTER"}
 
     def invoke(self, context, event):

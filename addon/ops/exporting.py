@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The labelled take as files for other programs: the same that the command line writes."""
+"""The labelled take as files for other programs, as the command line writes them; its body as a character as well."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy.props import BoolProperty, EnumProperty, StringProperty
+from bpy.props import BoolProperty, EnumProperty
 
 from ..core.data.columns import Columns
 from ..core.data.errors import InputError, JobError
@@ -17,10 +19,12 @@ from ..io.labels import LabelWriter, write_point_labels
 from ..io.points import write_c3d, write_trc
 from ..io.whole import whole_files
 from ..jobs.pages import KeptTake, write_kept_page
+from ..scene.character import BLENDER_AXES, BVH_AXES, add_character
+from ..scene.opened import opened
 from ..scene.performers import homes
 from ..scene.stored import Stored, alone
-from ..scene.take import is_take
-from .base import ToldWhere, WithTake, keeps_items, taken
+from ..scene.take import is_take, set_time
+from .base import OfTake, ToldWhere, WithTake, keeps_items, taken
 from .reposing import follow_now, words_behind
 
 # No performer is called so.
@@ -55,8 +59,11 @@ class ExportsTake(ToldWhere, WithTake):
     def work(self, context):
         if self.of_body:
             follow_now(context)
-        stored = taken(context)
-        parts, read = self.parts(stored), read_by(context, stored)
+        stored, settings = taken(context), context.scene.mocap_autolabel
+        # No export may replace what take and scene come from.
+        named = stored.source, settings.source.blobs_path, settings.source.points_path, bpy.data.filepath
+        read = [Path(bpy.path.abspath(name)) for name in (*named, settings.subjects.markerset_path) if name]
+        parts = self.parts(stored)
         paths = [self.path_of(name) for name, _ in parts]
         for path, (name, part) in zip(paths, parts, strict=True):
             # Blender's own file browser has asked already whether to overwrite, of the file that it was told.
@@ -75,25 +82,10 @@ class ExportsTake(ToldWhere, WithTake):
         return Path(self.filepath)
 
 
-def read_by(context: bpy.types.Context, stored: Stored) -> list[Path]:
-    """The files that the take and the scene come from, which no export may replace."""
-    settings = context.scene.mocap_autolabel
-    named = [
-        stored.source,
-        settings.source.blobs_path,
-        settings.source.points_path,
-        settings.subjects.markerset_path,
-        bpy.data.filepath,
-    ]
-    return [Path(bpy.path.abspath(name)) for name in named if name]
-
-
 class MOCAP_AUTOLABEL_OT_export_labels(ExportsTake, bpy.types.Operator):
     """Write the name of every blob or point, row for row with the file they are from."""
 
-    bl_label = "Export Labels"
     filename_ext = ".labels.csv"
-    filter_glob: StringProperty(default="*.labels.csv", options={"HIDDEN"})
 
     def write(self, paths: list[Path], stored: Stored):
         """Writes the labels; beside those of blobs is each row's own text, which only the file of the blobs has."""
@@ -162,9 +154,7 @@ class ExportsPoints(ExportsPerformers):
 class MOCAP_AUTOLABEL_OT_export_c3d(ExportsPoints, bpy.types.Operator):
     """Write the named markers in space as C3D: gaps empty, and what was filled with the residual 0."""
 
-    bl_label = "Export C3D"
     filename_ext, write_points = ".c3d", staticmethod(write_c3d)
-    filter_glob: StringProperty(default="*.c3d", options={"HIDDEN"})
 
 
 class MOCAP_AUTOLABEL_OT_export_trc(ExportsPoints, bpy.types.Operator):
@@ -172,25 +162,15 @@ class MOCAP_AUTOLABEL_OT_export_trc(ExportsPoints, bpy.types.Operator):
 
     bl_label = "Export TRC"
     filename_ext, write_points = ".trc", staticmethod(write_trc)
-    filter_glob: StringProperty(default="*.trc", options={"HIDDEN"})
 
 
 def points_of(stored: Stored) -> Points:
     """The take as points: a trajectory a marker, then those that stay unnamed where it came as points."""
-    motion = stored.motion
-    xyz, residual, names = motion.markers, motion.residual, stored.names
-    if isinstance(stored.rows, PointRows):
-        width, xyz, residual = unnamed_trajectories(stored)
-        names = (*names, *[""] * (width - len(names)))
-    return Points(names, xyz, residual, stored.rate, int(motion.frames[0]))
-
-
-def unnamed_trajectories(stored: Stored) -> tuple[int, Columns, Columns]:
-    """How many columns the markers and the trajectories without a name make, their places, m, and residuals, m.
-
-    A trajectory of the file is a column, with the points in which it has no name; residuals are NaN where the take was
-    labelled before they were kept.
-    """
+    motion, first = stored.motion, int(stored.motion.frames[0])
+    if not isinstance(stored.rows, PointRows):
+        return Points(stored.names, motion.markers, motion.residual, stored.rate, first)
+    # A trajectory of the file is a column, with the points in which it has no name; residuals are NaN where the take
+    # was labelled before they were kept.
     rows, kept, markers = stored.rows, np.flatnonzero(~stored.labels.named), len(stored.names)
     kept = kept[np.argsort(rows.frame[kept], kind="stable")]
     numbers, column = np.unique(rows.trajectory[kept], return_inverse=True)
@@ -204,15 +184,18 @@ def unnamed_trajectories(stored: Stored) -> tuple[int, Columns, Columns]:
 
         return Columns(own, np.arange(markers), width, beside)
 
-    return width, of(stored.motion.markers, rows.xyz), of(stored.motion.residual, rows.residual)
+    names = (*stored.names, *[""] * len(numbers))
+    return Points(names, of(motion.markers, rows.xyz), of(motion.residual, rows.residual), stored.rate, first)
 
 
 def write_labels(path: Path, stored: Stored):
     """Writes the labels of a take of blobs; JobError when the file of its blobs has changed since."""
     if not stored.source:
         raise InputError(f"take {stored.name} names no file of blobs; expected the file that it was labelled from")
-    source, frames = found_again(Path(bpy.path.abspath(stored.source))), stored.motion.frames
-    first = 0
+    source, frames, first = Path(bpy.path.abspath(stored.source)), stored.motion.frames, 0
+    if bpy.data.filepath and not source.exists():  # as after a move of the whole folder
+        beside = Path(bpy.data.filepath).with_name(source.name)
+        source = beside if beside.is_file() else source
     with LabelWriter(path, stored.names) as writer:
         for part in read_blobs(source, stored.cameras, (int(frames[0]), int(frames[-1]))):
             last = first + len(part.keys)
@@ -225,18 +208,11 @@ def write_labels(path: Path, stored: Stored):
         raise JobError("holds other blobs than those that were labelled; expected the file as it was", str(source))
 
 
-def found_again(source: Path) -> Path:
-    """Where a take's file is: where it was or, as after a move of the whole folder, beside the Blender file."""
-    beside = Path(bpy.data.filepath).with_name(source.name) if bpy.data.filepath else source
-    return beside if beside.is_file() and not source.exists() else source
-
-
 class MOCAP_AUTOLABEL_OT_export_report(ExportsTake, bpy.types.Operator):
     """Save a page that shows how the take was labelled: one file that opens in any browser, to be passed on."""
 
     bl_label = "Save Report"
     filename_ext, of_body = ".report.html", True
-    filter_glob: StringProperty(default="*.report.html", options={"HIDDEN"})
     open_after: BoolProperty(name="Open It", description="Show the page in the browser once it is saved", default=True)
 
     def execute(self, context):
@@ -248,21 +224,122 @@ class MOCAP_AUTOLABEL_OT_export_report(ExportsTake, bpy.types.Operator):
 
     def write(self, paths: list[Path], stored: Stored):
         """Writes the page."""
-        [path] = paths
-        write_kept_page(path, kept_take(stored))
+        [path], source = paths, bpy.path.abspath(stored.source) if stored.source else ""
+        whose = stored.model, stored.rate, OverviewSubject(stored.names, stored.words, stored.parents), stored.cameras
+        labelled = LabelledChunk(stored.labels, stored.unfilled, stored.suspects, outcomes=stored.outcomes)
+        said = stored.rows, labelled, stored.edits, stored.fitting
+        write_kept_page(path, KeptTake(stored.name, source, *whose, *said))
 
 
-def kept_take(stored: Stored) -> KeptTake:
-    """A take as its page takes it."""
-    return KeptTake(
-        stored.name,
-        bpy.path.abspath(stored.source) if stored.source else "",
-        stored.model,
-        stored.rate,
-        OverviewSubject(stored.names, stored.words, stored.parents),
-        stored.cameras,
-        stored.rows,
-        LabelledChunk(stored.labels, stored.unfilled, stored.suspects, outcomes=stored.outcomes),
-        stored.edits,
-        stored.fitting,
-    )
+BVH_UNITS = 100.0  # to a metre: BVH has no unit, and what reads it takes centimetres
+
+
+class MOCAP_AUTOLABEL_OT_add_character(OfTake, bpy.types.Operator):
+    """Add an armature that moves as the take's body does, with the chosen bone names and a T-pose as its rest."""
+
+    def work(self, context):
+        settings = context.scene.mocap_autolabel
+        follow_now(context)
+        stored, added = opened.take(settings.take, context.scene), []
+        for one in stored.performers:
+            home = homes(settings.take).get(one.name, settings.take)
+            added.append(add_character(context, home, alone(stored, one), settings.bone_names, BLENDER_AXES).name)
+        self.report({"INFO"}, f"Added {', '.join(added)}")
+
+
+class ExportsCharacter(OfTake, ExportsPerformers):
+    """The exports of a performer's character by Blender's own exporters.
+
+    They differ in `axes`, which the armature is turned into, and in `export`, which writes it: JobError if it cannot.
+    """
+
+    of_body = True
+    performer: performer_property(together=False)
+
+    def write(self, paths: list[Path], stored: Stored):
+        """Writes an armature that is there for the export only."""
+        context = bpy.context
+        settings = context.scene.mocap_autolabel
+        home = homes(settings.take).get(self.performer_name, settings.take)
+        added = add_character(context, home, stored, settings.bone_names, self.axes)
+        with _alone(context, added, stored):
+            self.export(paths[0], stored)
+
+
+class MOCAP_AUTOLABEL_OT_export_bvh(ExportsCharacter, bpy.types.Operator):
+    """Write the take's body as BVH: usual bone names, a T-pose as its rest, y up, in centimetres."""
+
+    bl_label = "Export BVH"
+    filename_ext, axes = ".bvh", BVH_AXES
+
+    def export(self, path: Path, stored: Stored):
+        """Writes the active armature."""
+        frames = stored.motion.frames + stored.shift
+        _exporter("export_anim", "bvh", "BVH")(
+            filepath=str(path),
+            check_existing=False,
+            global_scale=BVH_UNITS,
+            frame_start=int(frames[0]),
+            frame_end=int(frames[-1]),
+            rotate_mode="ZXY",
+            root_transform_only=True,
+        )
+
+
+class MOCAP_AUTOLABEL_OT_export_fbx(ExportsCharacter, bpy.types.Operator):
+    """Write the take's body as FBX: usual bone names, and a T-pose as its rest."""
+
+    bl_label = "Export FBX"
+    filename_ext, axes = ".fbx", BLENDER_AXES
+
+    def export(self, path: Path, stored: Stored):
+        """Writes the selected armature."""
+        _exporter("export_scene", "fbx", "FBX")(
+            filepath=str(path),
+            check_existing=False,
+            use_selection=True,
+            object_types={"ARMATURE"},
+            add_leaf_bones=False,
+            bake_anim_use_all_bones=True,
+            bake_anim_use_nla_strips=False,
+            bake_anim_use_all_actions=False,
+            bake_anim_simplify_factor=0.0,
+        )
+
+
+def _exporter(family: str, name: str, called: str) -> Callable[..., set[str]]:
+    """One of Blender's exporters, which are add-ons that can be switched off."""
+    operator = getattr(getattr(bpy.ops, family), name)
+    try:
+        operator.get_rna_type()
+    except KeyError:
+        raise JobError(
+            f"Blender's own {called} exporter is switched off; expected it enabled in the preferences, under Add-ons"
+        ) from None
+    return operator
+
+
+@contextmanager
+def _alone(context: bpy.types.Context, item: bpy.types.Object, stored: Stored) -> Iterator[None]:
+    """While a thing is the only one that is selected, in a scene that plays the take as it was recorded.
+
+    Afterwards the thing is gone, and scene and selection are as they were.
+    """
+    scene, layer = context.scene, context.view_layer
+    render, played = scene.render, (scene.frame_start, scene.frame_end, scene.frame_current)
+    rate, active, selected = (render.fps, render.fps_base), layer.objects.active, list(context.selected_objects)
+    try:
+        set_time(scene, stored.rate, stored.motion.frames + stored.shift)
+        for other in selected:
+            other.select_set(False)
+        item.select_set(True)
+        layer.objects.active = item
+        yield
+    finally:
+        bpy.data.batch_remove([item, item.data, item.animation_data.action])
+        for other in selected:
+            other.select_set(True)
+        layer.objects.active = active
+        render.fps, render.fps_base = rate
+        scene.frame_start, scene.frame_end = played[:2]
+        scene.frame_set(played[2])

@@ -18,14 +18,14 @@ from ..core.filling.rays import NO_RAYS, MarkerRays, rays_of
 from ..core.filling.smoothing import smoothed
 from ..core.posing.posing import POSING
 from ..io.filled import left_rows
-from ..io.names import written
+from ..io.text import written
 from ..props import chosen_markerset, list_rows, refresh_review, row_of
 from ..scene.fills import keep_cutoff, keep_fills, kept_cutoff, kept_fills
 from ..scene.opened import opened
 from ..scene.performers import Performer
 from ..scene.stored import Stored
-from ..scene.take import SOURCE, is_take, show_edits, takes_of
-from .base import OfTake, taken
+from ..scene.take import is_take, show_edits
+from .base import OfTake, once, taken, takes_of_file, unless
 from .correcting import selected_markers
 from .stepping import WorksInSteps
 
@@ -53,10 +53,8 @@ def keep_and_show(context: bpy.types.Context, keep: Callable[[bpy.types.Collecti
 
 def kept_before(scene: bpy.types.Scene, source: str) -> dict:
     """The fills and the smoothing of the take of the same file when it was labelled before, as fields of a `Take`."""
-    latest = [scene.mocap_autolabel.take, *reversed(takes_of(scene))]
-    for take in latest:
-        if is_take(take) and source and take[SOURCE] == written(source):
-            return {"fills": kept_fills(take), "cutoff": kept_cutoff(take)}
+    for take in takes_of_file(scene, written(source)):
+        return {"fills": kept_fills(take), "cutoff": kept_cutoff(take)}
     return {}
 
 
@@ -79,28 +77,20 @@ def wanted_markers(context: bpy.types.Context, stored: Stored, extent: str) -> t
 class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
     """Fill gaps by what the rest of the take says; what was measured stays, and what is filled is marked as such."""
 
-    bl_label = "Fill Gaps"
-
     extent: extent_property("Which gaps to fill")
     doing = "Filling gaps"
 
     def steps(self, context) -> Generator[float, None, FilledTake]:
         """The filling, beside the window."""
-        stored, options = self._asked(context)
+        settings, stored = context.scene.mocap_autolabel, taken(context)
+        frame = stored.index_here(context.scene.frame_current) if self.extent == "GAP" else None
+        longest = settings.filling.longest if settings.filling.use_longest else None
+        markers = wanted_markers(context, stored, self.extent)
+        options = FillOptions(settings.filling.method, longest, markers, frame)
         self._of = context.scene.mocap_autolabel.take.session_uid
         subjects = [subject_of(context, stored, one, options.method) for one in stored.performers]
         work = partial(fill_subjects, stored.unfilled.markers, stored.rate, options, subjects, _rays(stored))
         return in_background(lambda tell: finished(work(), tell))
-
-    def _asked(self, context) -> tuple[Stored, FillOptions]:
-        settings = context.scene.mocap_autolabel
-        stored = opened.take(settings.take, context.scene)
-        frame = None
-        if self.extent == "GAP":
-            frame = stored.source_frame(context.scene.frame_current) - int(stored.motion.frames[0])
-        longest = settings.filling.longest if settings.filling.use_longest else None
-        markers = wanted_markers(context, stored, self.extent)
-        return stored, FillOptions(settings.filling.method, longest, markers, frame)
 
     def _show(self, context, filled: FilledTake) -> set[str]:
         settings = context.scene.mocap_autolabel
@@ -112,7 +102,10 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
         new = kept_fills_of(filled, stored.names, stored.motion.frames)
         if new:
             keep_and_show(context, partial(keep_fills, fills=replaced_fills(stored.fitting, new)))
-        note_left(context, left_rows(filled.left, stored.names, int(stored.motion.frames[0]) + stored.shift))
+        # The gaps that were left, with the reasons; frames are Blender's.
+        left = left_rows(filled.left, stored.names, int(stored.motion.frames[0]) + stored.shift)
+        rows = [[gap[key] for key in ("marker", "first", "last", "reason")] for gap in left]
+        list_rows(context.window_manager.mocap_autolabel, "left_gaps", "name first last reason", rows)
         self.report({"INFO"} if new else {"WARNING"}, outcome_of(filled, new))
         return {"FINISHED"} if new else {"CANCELLED"}
 
@@ -150,85 +143,54 @@ def outcome_of(filled: FilledTake, new: Sequence[KeptFill]) -> str:
     off = [1000 * fill.expected for fill in new if fill.expected == fill.expected]
     words = f"{len(new)} of {len(new) + len(filled.left)} gaps filled"
     if off:
-        words += (
-            f", expected error {max(off):.1f} mm" if len(off) == 1 else f", expected errors up to {max(off):.1f} mm"
-        )
+        words += f", expected {'error' if len(off) == 1 else 'errors up to'} {max(off):.1f} mm"
     if filled.left:
         words += f"; the first that was left {filled.left[0].reason}"
     return words
 
 
-def note_left(context: bpy.types.Context, rows: Sequence[dict]):
-    """Lists the gaps that were left, with the reasons; frames are Blender's."""
-    keys = ("marker", "first", "last", "reason")
-    values = [[gap[key] for key in keys] for gap in rows]
-    list_rows(context.window_manager.mocap_autolabel, "left_gaps", "name first last reason", values)
-
-
-class HasFills(OfTake):
-    """Operators on the fills that there are."""
-
-    @classmethod
-    def lacks(cls, context):
-        filled = len(context.window_manager.mocap_autolabel.fills)
-        return super().lacks(context) or ("" if filled else "Nothing was filled")
-
-
-class MOCAP_AUTOLABEL_OT_take_back_fills(HasFills, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_take_back_fills(OfTake, bpy.types.Operator):
     """Make filled gaps gaps again."""
 
-    bl_label = "Take Back Fills"
-
-    extent: extent_property("Which fills to take back")
-    index: IntProperty(
-        name="Index",
-        description="Which of the list alone, from 0; -1 for the extent",
-        default=-1,
-        options={"SKIP_SAVE"},
+    needs = (
+        *OfTake.needs,
+        unless(lambda context: len(context.window_manager.mocap_autolabel.fills), "Nothing was filled"),
     )
+    extent: extent_property("Which fills to take back")
+    index: once(IntProperty, "Index", "Which of the list alone, from 0; -1 for the extent", default=-1)
 
     def work(self, context):
-        stored = taken(context)
-        gone = [number for number, fill in enumerate(stored.fills) if self._is_meant(context, stored, number, fill)]
+        stored, index = taken(context), self.index
+        if index >= 0:
+            gone = [index] if index < len(stored.fills) else []
+        else:
+            markers, frame = wanted_markers(context, stored, self.extent), context.scene.frame_current - stored.shift
+            names = None if markers is None else [stored.names[marker] for marker in markers]
+            mine = [(at, fill) for at, fill in enumerate(stored.fills) if names is None or fill.marker in names]
+            gone = [number for number, fill in mine if self.extent != "GAP" or fill.first <= frame <= fill.last]
         if not gone:
             raise InputError("nothing that was filled is there; expected a filled gap")
         left = [fill for number, fill in enumerate(stored.fills) if number not in gone]
         keep_and_show(context, partial(keep_fills, fills=left))
         self.report({"INFO"}, f"{len(gone)} fills taken back")
 
-    def _is_meant(self, context, stored: Stored, number: int, fill: KeptFill) -> bool:
-        if self.index >= 0:
-            return number == self.index
-        markers = wanted_markers(context, stored, self.extent)
-        mine = markers is None or fill.marker in {stored.names[marker] for marker in markers}
-        frame = context.scene.frame_current - stored.shift
-        return mine and (self.extent != "GAP" or fill.first <= frame <= fill.last)
-
 
 class MOCAP_AUTOLABEL_OT_smooth(OfTake, bpy.types.Operator):
     """Smooth the markers by a Butterworth filter without lag, each stretch between gaps for itself; labels stay."""
 
-    bl_label = "Smooth"
-
     def work(self, context):
-        settings = context.scene.mocap_autolabel
-        stored = opened.take(settings.take, context.scene)
-        smoothed(
-            stored.motion.markers[:0], stored.rate, settings.filling.cutoff
-        )  # before anything is kept that cannot be
-        keep_and_show(context, partial(keep_cutoff, cutoff=settings.filling.cutoff))
+        stored, cutoff = taken(context), context.scene.mocap_autolabel.filling.cutoff
+        smoothed(stored.motion.markers[:0], stored.rate, cutoff)  # before anything is kept that cannot be
+        keep_and_show(context, partial(keep_cutoff, cutoff=cutoff))
 
 
 class MOCAP_AUTOLABEL_OT_take_back_smoothing(OfTake, bpy.types.Operator):
     """Show and export the markers as they were measured again."""
 
-    bl_label = "Take Back Smoothing"
-
-    @classmethod
-    def lacks(cls, context):
-        if words := super().lacks(context):
-            return words
-        return "Nothing is smoothed" if kept_cutoff(context.scene.mocap_autolabel.take) is None else ""
+    needs = (
+        *OfTake.needs,
+        unless(lambda context: kept_cutoff(context.scene.mocap_autolabel.take) is not None, "Nothing is smoothed"),
+    )
 
     def work(self, context):
         keep_and_show(context, partial(keep_cutoff, cutoff=None))

@@ -37,22 +37,39 @@ class Gesture:
 gesture = Gesture()
 
 
+class Drags:
+    """A modal operator that goes on as long as the left button is held.
+
+    It differs in `drag`, the pointer was moved, `let_go`, which ends it, and `cancel`.
+    """
+
+    def modal(self, context, event):
+        if event.type in ("ESC", "RIGHTMOUSE"):
+            self.cancel(context)
+            return {"CANCELLED"}
+        if event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE"):
+            self.drag(context, event)
+        released = event.type == "LEFTMOUSE" and event.value == "RELEASE"
+        return self.let_go(context, event) if released else {"RUNNING_MODAL"}
+
+
 def window_region(area: bpy.types.Area) -> bpy.types.Region:
-    """The region of a 3D view that shows the scene."""
+    """The main region of an editor, which in a 3D view shows the scene."""
     return next(region for region in area.regions if region.type == "WINDOW")
 
 
-def place_in(region: bpy.types.Region, event: bpy.types.Event) -> tuple[int, int]:
+def place_in(region: bpy.types.Region | bpy.types.Area, event: bpy.types.Event) -> tuple[int, int]:
     """Where the pointer is, px of a region."""
     return event.mouse_x - region.x, event.mouse_y - region.y
 
 
 def is_over_view(area: bpy.types.Area, event: bpy.types.Event) -> bool:
     """Whether the pointer is over what a 3D view shows, and not over its sidebar, its toolbar or another editor."""
-    for region in area.regions:
-        x, y = place_in(region, event)
-        if region.type != "WINDOW" and region.width > 1 and 0 <= x < region.width and 0 <= y < region.height:
-            return False
-    region = window_region(area)
-    x, y = place_in(region, event)
-    return 0 <= x < region.width and 0 <= y < region.height
+    over = [region for region in area.regions if region.width > 1 and is_over(region, event)]
+    return [region.type for region in over] == ["WINDOW"]
+
+
+def is_over(part: bpy.types.Region | bpy.types.Area, event: bpy.types.Event) -> bool:
+    """Whether the pointer is over a region or an area."""
+    x, y = place_in(part, event)
+    return 0 <= x < part.width and 0 <= y < part.height

@@ -18,14 +18,14 @@ from ..io.cameras import read_cameras
 from ..io.edits import edits_beside
 from ..io.points import holds_points, read_points
 from ..io.qtm import USE_BLOBS, held_in, is_qtm
-from ..jobs.captures import blob_rate, told_of_capture
+from ..jobs.job import blob_rate, told_of_capture
 from ..props import refresh_review
 from ..scene import cameras as scene_cameras
 from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
 from ..scene.take import frame_shift, set_time
-from .base import Ours
-from .framing import MAX_PLACES, fit_timelines, show_take_whole
+from .base import Ours, once, unless
+from .viewing import MAX_PLACES, fit_timelines, show_take_whole
 
 BLOBS, POINTS = "*.csv;*.qtm", "*.c3d;*.trc;*.csv;*.qtm"
 UP_ITEMS = [("AUTO", "As the File Says", "Or, where it does not say, as what is in it tells")] + [
@@ -39,13 +39,18 @@ USE_ITEMS = [
 ]
 
 
+NEEDS_CAMERA = unless(
+    lambda context: any(item.type == "CAMERA" for item in context.scene.objects), "This scene has no cameras"
+)
+
+
 class ImportsFile(Ours, ImportHelper):
     """What the imports share: a file that was dropped, or named by a script, is read at once; else one is asked for.
 
     They differ in `take_in`, which makes a file part of the scene and says what is in it; UserError if it cannot.
     """
 
-    filepath: StringProperty(name="File", description="The file to read", subtype="FILE_PATH", options={"SKIP_SAVE"})
+    filepath: once(StringProperty, "File", "The file to read", subtype="FILE_PATH")
 
     def invoke(self, context, event):
         if self.properties.is_property_set("filepath"):
@@ -60,12 +65,8 @@ class MOCAP_AUTOLABEL_OT_import_cameras(ImportsFile, bpy.types.Operator):
     """Read a camera calibration and add its cameras to the scene."""
 
     bl_label = "Import Calibration"
-    filter_glob: StringProperty(
-        default=";".join(f"*{suffix}" for suffix in CALIBRATIONS.split(";")), options={"HIDDEN"}, maxlen=255
-    )
-    up: EnumProperty(
-        name="Up", description="The axis that points up in the calibration", items=UP_ITEMS, options={"SKIP_SAVE"}
-    )
+    filter_glob: StringProperty(default=CALIBRATIONS.replace(".", "*."), options={"HIDDEN"}, maxlen=255)
+    up: once(EnumProperty, "Up", "The axis that points up in the calibration", items=UP_ITEMS)
 
     def take_in(self, context, path: Path) -> str:
         """Adds the cameras, or finds those that are there."""
@@ -81,9 +82,7 @@ class MOCAP_AUTOLABEL_OT_use_cameras(Ours, bpy.types.Operator):
 
     bl_label = "Use the Scene's Cameras"
 
-    @classmethod
-    def lacks(cls, context):
-        return "" if any(item.type == "CAMERA" for item in context.scene.objects) else "This scene has no cameras"
+    needs = (NEEDS_CAMERA,)
 
     def work(self, context):
         collection = scene_cameras.adopt_cameras(context.scene)
@@ -94,7 +93,6 @@ class MOCAP_AUTOLABEL_OT_use_cameras(Ours, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_import_blobs(ImportsFile, bpy.types.Operator):
     """Choose the file of the blobs to label, and look at them through the cameras, which a .qtm brings itself."""
 
-    bl_label = "Import Blobs"
     filter_glob: StringProperty(default=BLOBS, options={"HIDDEN"})
 
     def take_in(self, context, path: Path) -> str:
@@ -107,21 +105,19 @@ class MOCAP_AUTOLABEL_OT_import_blobs(ImportsFile, bpy.types.Operator):
 class ReadsPoints:
     """What is asked of whoever reads 3D points: what is known of them better than from their file."""
 
-    up: EnumProperty(
-        name="Up", description="The axis that points up in the 3D points", items=UP_ITEMS, options={"SKIP_SAVE"}
-    )
-    rate: FloatProperty(
-        name="Rate",
-        description="Frames a second of 3D points whose file says none; 0 where it does",
+    up: once(EnumProperty, "Up", "The axis that points up in the 3D points", items=UP_ITEMS)
+    rate: once(
+        FloatProperty,
+        "Rate",
+        "Frames a second of 3D points whose file says none; 0 where it does",
         min=0.0,
         max=100_000.0,
-        options={"SKIP_SAVE"},
     )
 
-    mirror: BoolProperty(
-        name="Mirror",
-        description="Reverse an axis of 3D points whose axes are left-handed: left and right are exchanged in them",
-        options={"SKIP_SAVE"},
+    mirror: once(
+        BoolProperty,
+        "Mirror",
+        "Reverse an axis of 3D points whose axes are left-handed: left and right are exchanged in them",
     )
 
     @property
@@ -144,11 +140,8 @@ class MOCAP_AUTOLABEL_OT_import_points(ReadsPoints, ImportsFile, bpy.types.Opera
 class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operator):
     """Read a take to label, whether it holds blobs, 3D points, or, as a Qualisys QTM may, both."""
 
-    bl_label = "Import Take"
     filter_glob: StringProperty(default=POINTS, options={"HIDDEN"})
-    use: EnumProperty(
-        name="Use", description="What to label of a .qtm that holds both", items=USE_ITEMS, options={"SKIP_SAVE"}
-    )
+    use: once(EnumProperty, "Use", "What to label of a .qtm that holds both", items=USE_ITEMS)
 
     def take_in(self, context, path: Path) -> str:
         """Takes either, as the file holds it."""
@@ -159,22 +152,19 @@ class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operato
 
 def take_blobs(context: bpy.types.Context, path: Path) -> str:
     """Makes a file of blobs the scene's take and says what is in it; InputError where it cannot be used."""
-    scene, settings = context.scene, context.scene.mocap_autolabel
+    scene, source = context.scene, context.scene.mocap_autolabel.source
     cameras, own = _cameras_for(scene, path)
     blobs = Blobs.join(part.blobs for part in read_blobs(path, cameras))
     forget_take(context)
     if own:
-        settings.source.cameras = scene_cameras.find_or_add_cameras(scene, cameras)
-    settings.source.preview = store_preview(path.stem, blobs, cameras)
-    settings.source.blobs_path, settings.source.blob_count = str(path), len(blobs)
-    settings.source.rate = blob_rate(path, None) or settings.source.rate
+        source.cameras = scene_cameras.find_or_add_cameras(scene, cameras)
+    source.preview = store_preview(path.stem, blobs, cameras)
+    source.blobs_path, source.blob_count = str(path), len(blobs)
+    source.rate = blob_rate(path, None) or source.rate
     _set_frames(context, blobs.frames)
     fit_timelines(context)
-    said = [
-        f"{count_of(len(blobs), 'blob')} in {count_of(len(blobs.frames), 'frame')}",
-        *(cameras.remarks if own else ()),
-    ]
-    return "; ".join([*said, *told_of_capture(path, False, cameras)])
+    said = f"{count_of(len(blobs), 'blob')} in {count_of(len(blobs.frames), 'frame')}"
+    return "; ".join([said, *(cameras.remarks if own else ()), *told_of_capture(path, False, cameras)])
 
 
 def _cameras_for(scene: bpy.types.Scene, path: Path) -> tuple[Cameras, bool]:
@@ -200,22 +190,18 @@ def take_points(
     `up` is the axis that points up in it where the user knows, `rate` is used where the file says none;
     `mirror` reverses an axis of one whose axes are left-handed.
     """
-    settings, take = context.scene.mocap_autolabel, read_points(path, up=up, rate=rate or None, mirror=mirror)
+    source, take = context.scene.mocap_autolabel.source, read_points(path, up=up, rate=rate or None, mirror=mirror)
     forget_take(context)
-    settings.source.preview = show_points(context.scene, path.stem, take)
-    settings.source.points_path, settings.source.blob_count = str(path), len(settings.source.preview.vertices)
-    settings.source.up, settings.source.mirror = up or "", mirror
-    settings.source.trajectories, settings.source.rate = len(take.names), take.rate
+    source.preview = show_points(context.scene, path.stem, take)
+    source.points_path, source.blob_count = str(path), len(source.preview.vertices)
+    source.up, source.mirror = up or "", mirror
+    source.trajectories, source.rate = len(take.names), take.rate
     _set_frames(context, take.first_frame + np.arange(len(take.xyz)))
     show_take_whole(context, take.xyz[evenly_spread(len(take.xyz), MAX_PLACES)].reshape(-1, 3))
     edits = edits_beside(path)
     more = [] if edits is None else [f"{edits.name} beside it will be applied"]
-    said = [
-        f"{count_of(settings.source.trajectories, 'trajectory')} in {count_of(len(take.xyz), 'frame')}",
-        *take.notes,
-        *more,
-    ]
-    return "; ".join([*said, *told_of_capture(path, True)])
+    said = f"{count_of(source.trajectories, 'trajectory')} in {count_of(len(take.xyz), 'frame')}"
+    return "; ".join([said, *take.notes, *more, *told_of_capture(path, True)])
 
 
 def forget_take(context: bpy.types.Context):
@@ -232,13 +218,10 @@ def forget_take(context: bpy.types.Context):
 
 
 def _set_frames(context: bpy.types.Context, frames: np.ndarray):
-    settings = context.scene.mocap_autolabel
-    settings.source.first_frame, settings.source.last_frame = int(frames[0]), int(frames[-1])
-    settings.labelling.range_first, settings.labelling.range_last = (
-        settings.source.first_frame,
-        settings.source.last_frame,
-    )
-    set_time(context.scene, settings.source.rate, frames + frame_shift(frames))
+    source, labelling = context.scene.mocap_autolabel.source, context.scene.mocap_autolabel.labelling
+    source.first_frame, source.last_frame = int(frames[0]), int(frames[-1])
+    labelling.range_first, labelling.range_last = source.first_frame, source.last_frame
+    set_time(context.scene, source.rate, frames + frame_shift(frames))
 
 
 class DropsIntoView:
@@ -246,13 +229,12 @@ class DropsIntoView:
 
     @classmethod
     def poll_drop(cls, context):
-        return in_view(context)
+        return context.area is not None and context.area.type == "VIEW_3D"
 
 
 class MOCAP_AUTOLABEL_FH_cameras(DropsIntoView, bpy.types.FileHandler):
     """Drop a calibration into the 3D view."""
 
-    bl_idname = "MOCAP_AUTOLABEL_FH_cameras"
     bl_label = "Mocap: camera calibration"
     bl_import_operator = "mocap_autolabel.import_cameras"
     bl_file_extensions = ".toml;.xcp;.txt;.xml;.qca;.mcal;.yml;.yaml;.cal;.rad"
@@ -261,7 +243,6 @@ class MOCAP_AUTOLABEL_FH_cameras(DropsIntoView, bpy.types.FileHandler):
 class MOCAP_AUTOLABEL_FH_take(DropsIntoView, bpy.types.FileHandler):
     """Drop blobs or 3D points into the 3D view; what a `.csv` holds is told from its first line."""
 
-    bl_idname = "MOCAP_AUTOLABEL_FH_take"
     bl_label = "Mocap: take to label"
     bl_import_operator = "mocap_autolabel.import_take"
     bl_file_extensions = ".csv;.c3d;.trc;.qtm"
@@ -273,6 +254,4 @@ def cameras_at_hand(scene: bpy.types.Scene) -> bool:
     return collection is not None and any(item.type == "CAMERA" for item in collection.all_objects)
 
 
-def in_view(context: bpy.types.Context) -> bool:
-    """True over a 3D view, where our files may be dropped."""
-    return context.area is not None and context.area.type == "VIEW_3D"
+lacks_cameras = unless(lambda context: cameras_at_hand(context.scene), "Import the calibration of the cameras first")

@@ -15,13 +15,13 @@ from ..core.geometry.cameras import Cameras
 from ..core.points.refusals import HOW_TO_ASK
 from ..io.batch import FAILING, TakeRow, read_table
 from ..io.cameras import write_cameras
-from ..io.names import written
 from ..io.scratch import naming_scratch, scratch_folder
-from ..jobs.batches import summary_paths
-from ..props import SceneSettings, subjects_asked
+from ..io.text import written
+from ..jobs.pages import summary_paths
+from ..props import SceneSettings, list_rows, subjects_asked
 from ..scene import cameras as scene_cameras
 from ..scene.redrawing import redraw
-from .base import Ours
+from .base import Ours, unless
 from .importing import cameras_at_hand
 
 FOLLOWED_EVERY = 0.5  # s between two looks at what the process wrote
@@ -79,7 +79,6 @@ class FolderBatch:
         self._kept.close()
 
     def _end(self, worker, said: bytes | None):
-
         ending = json.loads(said) if said else worker.ending()
         self._kept.close()
         if self.stopping or (ending["status"] == 0 and said):
@@ -102,38 +101,18 @@ def folder_line(settings: SceneSettings) -> tuple[list[str], Path, bool]:
     source, out = (Path(bpy.path.abspath(path)) for path in (settings.folder.path, settings.folder.out))
     if not source.is_dir():
         raise InputError("is no folder; expected one with takes", source)
-    from ..cli.label.subjects import subject_words
+    from ..cli.label.options import subject_words
 
     blobs = cameras_at_hand(bpy.context.scene)
     [table] = summary_paths(out, (), True, False)[:1]
-    line = [
-        "label",
-        *subject_words(**subjects_asked(settings.subjects)),
-        f"--out={out}",
-        "--watch",
-        "--resume",
-        "--summary",
-        "--html",
-    ]
-    line += [
-        "--blend",
-        f"--method={settings.labelling.method or 'auto'}",
-        f"--target={settings.labelling.target}",
-        f"--jobs={settings.folder.jobs}",
-    ]
-    line += [] if settings.folder.watch else ["--idle=0"]
-    line += ["--overwrite"] if settings.folder.overwrite else []
-    line += [f"--occlusion={settings.labelling.occlusion}", f"--rate={settings.source.rate}"] if blobs else []
+    labelling, folder = settings.labelling, settings.folder
+    line = ["label", *subject_words(**subjects_asked(settings.subjects)), f"--out={out}"]
+    line += ["--watch", "--resume", "--summary", "--html", "--blend", f"--method={labelling.method or 'auto'}"]
+    line += [f"--target={labelling.target}", f"--jobs={folder.jobs}"]
+    line += [] if folder.watch else ["--idle=0"]
+    line += ["--overwrite"] if folder.overwrite else []
+    line += [f"--occlusion={labelling.occlusion}", f"--rate={settings.source.rate}"] if blobs else []
     return [*line, "--", str(source)], table, blobs
-
-
-def words_of_batch(batch: FolderBatch) -> tuple[str, float]:
-    """How far a batch is, in words and as a share of the takes that are there."""
-    done = sum(row.measured or row.state == FAILING for row in batch.rows)
-    failed = sum(row.state == FAILING for row in batch.rows)
-    words = f"{done} of {len(batch.rows)} takes" if batch.rows else "Looking for takes"
-    words += f", {failed} failed" if failed else ""
-    return "Stopping" if batch.stopping else words, done / max(len(batch.rows), 1)
 
 
 def follow() -> float | None:
@@ -152,39 +131,29 @@ def show_batch():
     if not _latest:
         return
     state, batch = bpy.context.window_manager.mocap_autolabel, _latest[0]
-    words, share = words_of_batch(batch)
-    state.folder_doing, state.folder_share = (words, share) if _going else ("", 0.0)
+    failed = sum(row.state == FAILING for row in batch.rows)
+    done = sum(row.measured or row.state == FAILING for row in batch.rows)
+    words = f"{done} of {len(batch.rows)} takes" if batch.rows else "Looking for takes"
+    words += f", {failed} failed" if failed else ""
+    words = "Stopping" if batch.stopping else words
+    state.folder_doing, state.folder_share = (words, done / max(len(batch.rows), 1)) if _going else ("", 0.0)
     state.folder_said = "" if batch.trouble is None else written(str(batch.trouble))
     state.folder_results = str(batch.table.parent)
-    if [_said(row) for row in batch.rows] != [
-        (row.name, row.state, row.reason, row.stake) for row in state.folder_takes
-    ]:
-        _list_takes(state, batch.rows)
+    # The take that is chosen stays so, wherever it goes.
+    names = [row.name for row in state.folder_takes]
+    chosen = names[state.folder_take_index] if state.folder_take_index < len(names) else ""
+    columns = "name state reason stake measured trouble on_body named found"
+    list_rows(state, "folder_takes", columns, map(_row, batch.rows))
+    names = [row.name for row in state.folder_takes]
+    state.folder_take_index = names.index(chosen) if chosen in names else 0
     redraw("VIEW_3D", "UI")
 
 
-def _said(row: TakeRow) -> tuple[str, str, str, int]:
-    return (
-        written(row.take),
-        row.state,
-        written(row.reason).replace(HOW_TO_ASK, "under Performers"),
-        round(row.at_stake),
-    )
-
-
-def _list_takes(state: bpy.types.PropertyGroup, rows: list[TakeRow]):
-    """Fills the list; the take that is chosen stays so, wherever it goes."""
-    chosen = (
-        state.folder_takes[state.folder_take_index].name if state.folder_take_index < len(state.folder_takes) else ""
-    )
-    state.folder_takes.clear()
-    for row in rows:
-        shown = state.folder_takes.add()
-        shown.name, shown.state, shown.reason, shown.stake = _said(row)
-        shown.measured, shown.trouble, shown.on_body = row.measured, row.trouble, row.on_body
-        shown.named, shown.found = -1.0 if row.named is None else row.named, row.found
-    places = [place for place, row in enumerate(rows) if written(row.take) == chosen]
-    state.folder_take_index = places[0] if places else 0
+def _row(row: TakeRow) -> tuple:
+    """What the list shows of a take."""
+    reason = written(row.reason).replace(HOW_TO_ASK, "under Performers")
+    counts = row.measured, row.trouble, row.on_body, -1.0 if row.named is None else row.named, row.found
+    return written(row.take), row.state, reason, round(row.at_stake), *counts
 
 
 def leave_batch():
@@ -198,16 +167,11 @@ def leave_batch():
 class MOCAP_AUTOLABEL_OT_label_folder(Ours, bpy.types.Operator):
     """Label the takes of a folder in the background, but for those that are done already; go on working meanwhile."""
 
-    bl_label = "Label Folder"
-
-    @classmethod
-    def lacks(cls, context):
-        settings = context.scene.mocap_autolabel
-        if _going:
-            return "Another folder is being labelled"
-        if not settings.folder.path:
-            return "Choose the folder of the takes first"
-        return "" if settings.folder.out else "Choose the folder for the results first"
+    needs = (
+        unless(lambda _: not _going, "Another folder is being labelled"),
+        unless(lambda context: context.scene.mocap_autolabel.folder.path, "Choose the folder of the takes first"),
+        unless(lambda context: context.scene.mocap_autolabel.folder.out, "Choose the folder for the results first"),
+    )
 
     def work(self, context):
         settings, scene = context.scene.mocap_autolabel, context.scene

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the tool Label does beside picking: names dot after dot, puts a marker where none was seen, and more."""
 
+from contextlib import suppress
+
 import bpy
 import numpy as np
 from bpy.props import EnumProperty, FloatVectorProperty
@@ -11,8 +13,7 @@ from ..core.data.takes import NO_MARKER, NO_POINT, PointRows
 from ..core.edits.kinds import AssignBlob, AssignPoint, Edit, Place
 from ..props import SCOPES
 from ..scene.blob_dots import asked_in_image, ray_of
-from ..scene.likely import on_ray, predicted
-from ..scene.picking import missing
+from ..scene.picking import missing, on_ray, predicted
 from ..scene.stored import Stored
 from .base import OfTake, keeps_items, reports_trouble, taken
 from .correcting import correct, edit_of, frames_in_scope, marker_items
@@ -21,11 +22,6 @@ from .picking import InView, dot_at, image_in, selected_markers, show_picked
 
 # Keys that change what is looked at, which go on meaning what they mean while dots are named.
 LOOKING = ("ARROW", "NUMPAD", "WHEEL", "MOUSE", "TRACKPAD", "TIMER", "HOME", "ACCENT_GRAVE", "NDOF", "WINDOW")
-
-
-def index_here(stored: Stored, scene: bpy.types.Scene) -> int:
-    """Which of the take's frames the current one is; InputError outside the take."""
-    return stored.source_frame(scene.frame_current) - int(stored.motion.frames[0])
 
 
 def camera_of(context: bpy.types.Context, stored: Stored, area: bpy.types.Area) -> int:
@@ -72,7 +68,11 @@ class WorksInView:
             return self.waited(context)
         if event.value == "PRESS" and (event.type, event.ctrl) in self.keys:
             gesture.mouse = place_in(self._region, event)
-            return self._do(context, self.keys[event.type, event.ctrl])
+            try:  # trouble is told, and the work goes on
+                return getattr(self, self.keys[event.type, event.ctrl])(context)
+            except UserError as error:
+                self.report({"ERROR"}, str(error))
+                return {"RUNNING_MODAL"}
         looks = any(event.type.startswith(word) or event.type.endswith(word) for word in LOOKING)
         return {"PASS_THROUGH"} if looks and event.type not in ("LEFTMOUSE", "RIGHTMOUSE") else {"RUNNING_MODAL"}
 
@@ -83,19 +83,10 @@ class WorksInView:
         """Something else happened, which goes on to whoever it is for."""
         return {"PASS_THROUGH"}
 
-    def _do(self, context, what: str) -> set[str]:
-        """One of the keys was pressed; trouble is told, and the work goes on."""
-        try:
-            return getattr(self, what)(context)
-        except UserError as error:
-            self.report({"ERROR"}, str(error))
-            return {"RUNNING_MODAL"}
-
 
 class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
     """Name dot after dot: you are asked for each marker that is missing in this frame, and click where it is."""
 
-    bl_label = "Quick Label"
     bl_options = {"REGISTER"}
 
     scope: EnumProperty(name="Frames", description="The frames in which the names are given", items=SCOPES)
@@ -117,54 +108,44 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
         if not isinstance(stored.rows, PointRows):
             camera_of(context, stored, context.area)
         self.begin(context, event)
-        return self._asked_for_next(context)
-
-    def _asked_for_next(self, context) -> set[str]:
-        return {"RUNNING_MODAL"} if self._ask(context) else {"FINISHED"}
+        return self._ask(context)
 
     def waited(self, context) -> set[str]:
         # The frame may be another one now, and what is missing in it.
-        if self._asked_in != context.scene.frame_current and not self._ask(context):
-            return {"FINISHED"}
-        return {"PASS_THROUGH"}
+        ended = self._asked_in != context.scene.frame_current and self._ask(context) == {"FINISHED"}
+        return {"FINISHED"} if ended else {"PASS_THROUGH"}
 
     def moved(self, context):
         if self._asked_in != context.scene.frame_current:
             self._ask(context)
 
-    def _ask(self, context) -> bool:
-        """Asks for the next marker that is missing; without one it ends, and says so."""
-        stored = taken(context)
-        self._asked_in = context.scene.frame_current
-        marker = self._next(context, stored)
-        if marker is None:
+    def _ask(self, context) -> set[str]:
+        """Asks for the next marker that is missing; without one it ends, and says so.
+
+        After the last one, and from the first again at the end; those that were skipped never.
+        """
+        stored, self._asked_in, asked = taken(context), context.scene.frame_current, []
+        with suppress(InputError):
+            asked = np.flatnonzero(self._asked(context, stored)).tolist()
+        free = [marker for marker in asked if marker not in self._skipped]
+        if not free:
             self.cancel(context)
             self.report({"INFO"}, f"No marker is missing in frame {context.scene.frame_current}")
-            return False
-        gesture.marker = marker
-        place = predicted(stored, index_here(stored, context.scene))[marker]
+            return {"FINISHED"}
+        gesture.marker = next((marker for marker in free if marker > self._last), free[0])
+        place = predicted(stored, stored.index_here(context.scene.frame_current))[gesture.marker]
         gesture.place = tuple(place) if np.isfinite(place).all() else None
-        left = int(self._asked(context, stored).sum())
-        name = stored.names[marker]
+        left, name = len(asked), stored.names[gesture.marker]
         keys = "Space: not here    Backspace: take the last back    Esc: end"
         self.tell(context, f"{name}?", f"Quick Label: click {name}, {left} missing in this frame    {keys}")
-        return True
+        return {"RUNNING_MODAL"}
 
     def _asked(self, context, stored: Stored) -> np.ndarray:
         """(M,) True for the markers that are asked for; of blobs in the camera that the view looks through."""
-        index = index_here(stored, context.scene)
+        index = stored.index_here(context.scene.frame_current)
         if isinstance(stored.rows, PointRows):
             return missing(stored, index)
         return asked_in_image(stored, index, camera_of(context, stored, self._area))
-
-    def _next(self, context, stored: Stored) -> int | None:
-        """The next marker after the last one, from the first again at the end; those that were skipped never."""
-        try:
-            free = np.flatnonzero(self._asked(context, stored))
-        except InputError:
-            return None
-        free = [marker for marker in free.tolist() if marker not in self._skipped]
-        return next((marker for marker in free if marker > self._last), free[0] if free else None)
 
     def click(self, context) -> set[str]:
         """The dot at the pointer is the marker that is asked for."""
@@ -180,13 +161,13 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
         self._said.append(edit)
         bpy.ops.ed.undo_push(message=f"Label {name}")
         self._last = gesture.marker
-        return self._asked_for_next(context)
+        return self._ask(context)
 
     def skip(self, context) -> set[str]:
         """The marker is not there."""
         self._skipped.add(gesture.marker)
         self._last = gesture.marker
-        return self._asked_for_next(context)
+        return self._ask(context)
 
     def take_back(self, context) -> set[str]:
         """The last name that was given is taken back, and asked for again."""
@@ -197,7 +178,7 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
         show_picked(context, correct(context, stored.edits.without(-1)), [])
         bpy.ops.ed.undo_push(message=f"Take {name} Back")
         self._last = stored.names.index(name) - 1
-        return self._asked_for_next(context)
+        return self._ask(context)
 
 
 class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
@@ -207,11 +188,7 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
 
     marker: EnumProperty(name="Marker", description="What is here", items=marker_items)
     location: FloatVectorProperty(name="Location", description="Where it is", subtype="TRANSLATION", unit="LENGTH")
-    keys = {
-        ("LEFTMOUSE", False): "click",
-        ("RET", False): "confirm",
-        ("NUMPAD_ENTER", False): "confirm",
-    }
+    keys = {("LEFTMOUSE", False): "click", ("RET", False): "confirm", ("NUMPAD_ENTER", False): "confirm"}
 
     def work(self, context):
         scene = context.scene
@@ -226,7 +203,7 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
             raise InputError("this is no 3D view; expected one to click into")
         self._at = None
         stored = taken(context)
-        index = index_here(stored, context.scene)
+        index = stored.index_here(context.scene.frame_current)
         free = [stored.names[marker] for marker in np.flatnonzero(missing(stored, index))]
         if not self.properties.is_property_set("marker"):
             names = [name for name in selected_markers(context) if name in free]
@@ -240,11 +217,11 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
         if not np.isfinite(self._near).all():
             self._near = np.array(self._area.spaces.active.region_3d.view_location)
         self.moved(context)
-        self.tell(context, f"{self.marker}: click where it is", self._help())
+        self._help = (
+            f"It Is Here: click where {self.marker} is, turn the view and click again, then Enter    Esc: cancel"
+        )
+        self.tell(context, f"{self.marker}: click where it is", self._help)
         return {"RUNNING_MODAL"}
-
-    def _help(self) -> str:
-        return f"It Is Here: click where {self.marker} is, turn the view and click again, then Enter    Esc: cancel"
 
     def moved(self, context):
         if self._at is None:
@@ -257,30 +234,22 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
         """
         view = self._area.spaces.active.region_3d
         near = self._near if self._at is None else self._at
-        if (row := self._blob_under_pointer()) is not None:
-            return on_ray(*ray_of(self._stored, row), near)
-        ray = (
-            function(self._region, view, gesture.mouse) for function in (region_2d_to_origin_3d, region_2d_to_vector_3d)
-        )
-        origin, direction = (np.array(part, dtype=float) for part in ray)
+        stored = self._stored
+        if not isinstance(stored.rows, PointRows) and image_in(stored, bpy.context.scene, self._area) is not None:
+            dots, found = dot_at(bpy.context, stored, self._area, gesture.mouse)
+            if found is not None and dots.marker[found] in (NO_MARKER, gesture.marker):
+                return on_ray(*ray_of(stored, int(dots.trajectory[found])), near)
+        ways = region_2d_to_origin_3d, region_2d_to_vector_3d
+        origin, direction = (np.array(way(self._region, view, gesture.mouse), dtype=float) for way in ways)
         if view.is_perspective:
             return on_ray(origin, direction, near)
         return origin + direction * float((near - origin) @ direction)
-
-    def _blob_under_pointer(self) -> int | None:
-        """The row of the blob that the pointer is at, of the marker or without a name; None for no such blob."""
-        stored = self._stored
-        if isinstance(stored.rows, PointRows) or image_in(stored, bpy.context.scene, self._area) is None:
-            return None
-        dots, found = dot_at(bpy.context, stored, self._area, gesture.mouse)
-        mine = found is not None and dots.marker[found] in (NO_MARKER, gesture.marker)
-        return int(dots.trajectory[found]) if mine else None
 
     def click(self, context) -> set[str]:
         """The marker is put under the pointer."""
         self._at = self._under_pointer()
         gesture.place = tuple(self._at)
-        self.tell(context, f"{self.marker}: Enter, or click again", self._help())
+        self.tell(context, f"{self.marker}: Enter, or click again", self._help)
         return {"RUNNING_MODAL"}
 
     def confirm(self, context) -> set[str]:
@@ -302,7 +271,8 @@ class MOCAP_AUTOLABEL_OT_place_which(InView, bpy.types.Operator):
     def _missing(self, context) -> list[tuple[str, str, str, str, int]]:
         """The markers that are missing in this frame, for an enumeration."""
         stored = taken(context)
-        names = {stored.names[at] for at in np.flatnonzero(missing(stored, index_here(stored, context.scene)))}
+        lacking = np.flatnonzero(missing(stored, stored.index_here(context.scene.frame_current)))
+        names = {stored.names[at] for at in lacking}
         return [item for item in marker_items(self, context) if item[0] in names]
 
     marker: EnumProperty(name="Marker", description="What is here", items=_missing)

@@ -14,47 +14,29 @@ from ..core.data.takes import Blobs
 from ..core.data.wording import count_of
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS
-from ..core.papers.virtual_occlusions.occlusion import Occlusion
 from ..core.points.handedness import HOW_TO_MIRROR
 from ..core.points.refusals import HOW_TO_ASK
 from ..core.points.several.wearers import AUTO
 from ..core.review.changes import summary_of_changes
 from ..io.markersets import open_markerset
-from ..io.names import written
 from ..io.qtm import USE_BLOBS, USE_POINTS
 from ..io.scratch import scratch_folder
+from ..io.text import written
 from ..jobs import LabelJob, Labelled, label_file
-from ..props import (
-    SceneSettings,
-    choose_model,
-    colours_asked,
-    frames_wanted,
-    refresh_review,
-    subjects_asked,
-    take_name,
-)
+from ..props import SceneSettings, choose_model, colours_asked, frames_wanted, refresh_review, subjects_asked, take_name
 from ..scene import cameras as scene_cameras
-from ..scene.calibration import keep_health
 from ..scene.corrections import kept_edits
 from ..scene.occlusion import meshes_on, occlusion_of
 from ..scene.ownership import persons_in
 from ..scene.performers import usual_colour
 from ..scene.relabelled import kept_changes, show_again
-from ..scene.take import (
-    SOURCE,
-    Take,
-    is_take,
-    join_labelled,
-    join_rows,
-    join_unedited,
-    takes_of,
-)
-from .base import lacks_object_mode
+from ..scene.take import Take
+from .base import lacks_object_mode, once, takes_of_file
 from .filling import fills_kept, kept_before
-from .framing import fit_timelines, show_take_whole
 from .importing import cameras_at_hand
 from .reposing import follow_soon
-from .stepping import WorksInSteps
+from .stepping import WorksInSteps, nothing_goes_on
+from .viewing import fit_timelines, show_take_whole
 
 ASK_HERE = "by Label All Performers, or under Performers"
 MIRROR_HERE = "by Mirror in the options of Import 3D Points"
@@ -68,6 +50,10 @@ def job_of(context: bpy.types.Context) -> LabelJob:
     if not points and not given.blobs_path:
         raise InputError("no blobs are chosen; expected a file of camera blobs")
     source = Path(bpy.path.abspath(given.points_path or given.blobs_path))
+    # The meshes on the skeleton that the user named, else those of the marker sets' capsules, as of several.
+    own, body = labelling.body, None
+    if own is not None and not points and labelling.occlusion == "bvh" and settings.subjects.performing == "ONE":
+        body = occlusion_of(context, own, meshes_on(own, context.scene), open_markerset(asked["model"]))
     return LabelJob(
         source=source,
         cameras=None if points else scene_cameras.cameras_of(given.cameras, context.scene),
@@ -83,7 +69,7 @@ def job_of(context: bpy.types.Context) -> LabelJob:
         height=labelling.height if labelling.use_height else None,
         facing=labelling.facing if labelling.use_facing else None,
         occlusion=labelling.occlusion,
-        body=None if points else _body_in_the_way(context, settings, asked["model"]),
+        body=body,
         edits=edits_so_far(context.scene, source),
         keep=True,
         shown=True,
@@ -119,18 +105,9 @@ def choose_job(settings: SceneSettings, job: LabelJob, ends: tuple[int, int]):
         choose_model(row, model)
 
 
-def _body_in_the_way(context: bpy.types.Context, settings: SceneSettings, model: str) -> Occlusion | None:
-    """The meshes on the skeleton that the user named; None for those of the marker sets' capsules, as of several."""
-    body = settings.labelling.body
-    if body is None or settings.labelling.occlusion != "bvh" or settings.subjects.performing != "ONE":
-        return None
-    return occlusion_of(context, body, meshes_on(body, context.scene), open_markerset(model))
-
-
 def edits_so_far(scene: bpy.types.Scene, source: Path) -> Edits | None:
     """What was said of the same points or blobs when they were labelled before; None where nobody said anything."""
-    latest = [scene.mocap_autolabel.take, *reversed(takes_of(scene))]
-    same = (take for take in latest if is_take(take) and take[SOURCE] == written(str(source)))
+    same = takes_of_file(scene, written(str(source)))
     return next((edits for edits in map(kept_edits, same) if edits is not None), None)
 
 
@@ -146,10 +123,7 @@ def label_steps(
 
 
 def _label(
-    job: LabelJob,
-    name: str,
-    tell: Callable[[float], None],
-    look: Callable[[LabelJob, Labelled], None] | None,
+    job: LabelJob, name: str, tell: Callable[[float], None], look: Callable[[LabelJob, Labelled], None] | None
 ) -> Take:
     try:
         with scratch_folder() as folder:
@@ -157,36 +131,30 @@ def _label(
             labelled = drained(label_file(there), tell)
             if look is not None:
                 look(there, labelled)
-        return _take_of(labelled, job, name)
+        doubts = tuple(labelled.report.get("camera_doubts", ()))
+        # An empty list that was given stays one: what lies beside the take was taken back in the scene.
+        edits = labelled.edits if labelled.edits or job.edits is not None else None
+        given = name, labelled.report["rate"], job.cameras or NO_CAMERAS, labelled.worn, labelled.chunks
+        return Take.of(*given, written(str(job.source)), doubts=doubts, edits=edits)
     except UserError as error:
         words = error.message.replace(HOW_TO_ASK, ASK_HERE).replace(HOW_TO_MIRROR, MIRROR_HERE)
         raise type(error)(words, error.file or job.source, error.line) from error
 
 
-def _take_of(labelled: Labelled, job: LabelJob, name: str) -> Take:
-    """The take as the scene shows it."""
-    labels, motion, suspects = join_labelled([chunk for _, chunk in labelled.chunks])
-    rows = join_rows([rows for rows, _ in labelled.chunks])
-    cameras = job.cameras or NO_CAMERAS
-    rate = labelled.report["rate"]
-    doubts = tuple(labelled.report.get("camera_doubts", ()))
-    source = written(str(job.source))
-    unedited = join_unedited([chunk for _, chunk in labelled.chunks]) if labelled.edits else None
-    # An empty list that was given stays one: what lies beside the take was taken back in the scene.
-    edits = labelled.edits if labelled.edits or job.edits is not None else None
-    return Take(name, rate, cameras, labelled.worn, rows, labels, motion, suspects, source, doubts, edits, unedited)
-
-
-def lacks_room_to_label(context: bpy.types.Context) -> str:
-    """What nothing can be labelled for just now, whatever it is; empty where it can."""
-    going_on = "Something is going on already; wait for it, or cancel it"
-    return lacks_object_mode(context) or (going_on if context.window_manager.mocap_autolabel.doing else "")
+def lacks_input(context: bpy.types.Context) -> str:
+    """What to import before anything can be labelled; else nothing."""
+    source = context.scene.mocap_autolabel.source
+    if source.points_path:
+        return ""
+    if not cameras_at_hand(context.scene):
+        return "Import the calibration of the cameras first, or 3D points"
+    return "" if source.blobs_path else "Import the blobs first, or 3D points"
 
 
 class LabelsTake(WorksInSteps):
     """Operators that label, and show the take as the scene's settings have it."""
 
-    doing = "Labelling"
+    doing, needs = "Labelling", (lacks_object_mode, nothing_goes_on)
 
     def _show(self, context, take: Take) -> set[str]:
         if context.mode != "OBJECT":  # where the user went meanwhile
@@ -194,36 +162,31 @@ class LabelsTake(WorksInSteps):
         settings = context.scene.mocap_autolabel
         take = replace(take, **kept_before(context.scene, take.source), colours=colours_asked(settings.subjects))
         settings.take = show_again(context, take, whole=not settings.labelling.use_range)
-        keep_health(settings.take, take.doubts)
         follow_soon()  # frames around those that were labelled may have been corrected a moment before
         refresh_review(context.window_manager, context.scene)
         fit_timelines(context)
         if isinstance(take.rows, Blobs):
             show_take_whole(context, take.motion.markers.reshape(-1, 3))
-        for words in take.doubts:
+        for words in take.doubts or ():
             self.report({"WARNING"}, words)
         things = "blobs" if isinstance(take.rows, Blobs) else "points"
         named, frames = int(take.labels.named.sum()), len(take.motion.frames)
-        kept = f"; {count_of(len(take.edits), 'correction')} kept" if take.edits else ""
-        kept += fills_kept(context)
-        changed = summary_of_changes(kept_changes(settings.take))
-        than_before = f"; {changed} than before" if changed else ""
-        yours = persons_in(settings.take)
-        kept += f"; kept in {settings.take.name}: {yours}" if yours else ""
-        self.report(
-            {"INFO"}, f"{named} of {len(take.rows)} {things} named in {count_of(frames, 'frame')}{kept}{than_before}"
-        )
+        words = f"{named} of {len(take.rows)} {things} named in {count_of(frames, 'frame')}"
+        words += f"; {count_of(len(take.edits), 'correction')} kept" if take.edits else ""
+        words += fills_kept(context)
+        yours, changed = persons_in(settings.take), summary_of_changes(kept_changes(settings.take))
+        words += f"; kept in {settings.take.name}: {yours}" if yours else ""
+        self.report({"INFO"}, words + (f"; {changed} than before" if changed else ""))
         return {"FINISHED"}
 
 
 class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
     """Name every marker of the take, and show it on an armature with a body."""
 
-    bl_label = "Label"
-    force: BoolProperty(
-        name="Regardless",
-        description="Name markers although something of the take cannot be as it is, for as long as it is this take",
-        options={"SKIP_SAVE"},
+    force: once(
+        BoolProperty,
+        "Regardless",
+        "Name markers although something of the take cannot be as it is, for as long as it is this take",
     )
 
     everybody: BoolProperty(
@@ -232,14 +195,7 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
         options={"HIDDEN", "SKIP_SAVE"},
     )
 
-    @classmethod
-    def lacks(cls, context):
-        settings = context.scene.mocap_autolabel
-        if not settings.source.points_path and not cameras_at_hand(context.scene):
-            return "Import the calibration of the cameras first, or 3D points"
-        if not settings.source.points_path and not settings.source.blobs_path:
-            return "Import the blobs first, or 3D points"
-        return lacks_room_to_label(context)
+    needs = (lacks_input, *LabelsTake.needs)
 
     def steps(self, context):
         """The labelling; what the take is refused for stays beside the button where something can be done about it."""

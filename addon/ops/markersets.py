@@ -1,37 +1,48 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A marker set of one's own: laid out in the view, moved and re-attached there, saved as a file."""
+"""A marker set of one's own: laid out in the view, moved and re-attached there, judged, and saved as a file."""
 
 from pathlib import Path
 
 import bpy
-from bpy.props import EnumProperty, StringProperty
+from bpy.props import EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..core.data.errors import InputError
 from ..core.points.models import Model
 from ..io.markersets import SUFFIX, open_markerset
 from ..io.models import open_model, write_model
+from ..io.text import json_text
 from ..io.whole import whole_file
+from ..jobs.quality import judge_placement
 from ..prefs import markerset_folder
 from ..props import OWN_FILE, chosen_markerset
 from ..scene import naming
-from ..scene.markerset_edit import edited_collection, is_unmoved, read_markerset, reattach, show_markerset, skeleton_of
-from .base import Ours, ToldWhere, keeps_items, lacks_object_mode
+from ..scene.armature import armature_of
+from ..scene.markerset_edit import (
+    edited_collection,
+    is_unmoved,
+    keep_report,
+    marker_items,
+    read_markerset,
+    reattach,
+    show_markerset,
+    take_advice,
+)
+from .base import Ours, ToldWhere, keeps_items, lacks_object_mode, unless
+from .stepping import WorksInSteps, beside
 
 
 @keeps_items
 def _segment_items(_self, context) -> list[tuple[str, str, str]]:
     collection = edited_collection(context.scene)
-    bones = skeleton_of(collection).data.bones if collection else ()
+    bones = armature_of(collection).data.bones if collection else ()
     return [(bone.name, bone.name, f"Attach to {bone.name}") for bone in bones]
 
 
 class Laid(Ours):
     """Needs a marker set that is laid out."""
 
-    @classmethod
-    def lacks(cls, context):
-        return "Show a marker set first" if edited_collection(context.scene) is None else ""
+    needs = (unless(lambda context: edited_collection(context.scene) is not None, "Show a marker set first"),)
 
 
 class MOCAP_AUTOLABEL_OT_open_markerset(Ours, ImportHelper, bpy.types.Operator):
@@ -53,16 +64,13 @@ class MOCAP_AUTOLABEL_OT_edit_markerset(Ours, bpy.types.Operator):
 
     bl_label = "Show and Edit"
 
-    @classmethod
-    def lacks(cls, context):
-        return lacks_object_mode(context)
+    needs = (lacks_object_mode,)
 
     def work(self, context):
         settings = context.scene.mocap_autolabel
         markerset = chosen_markerset(settings.subjects)
-        source = (
-            settings.subjects.markerset_path if settings.subjects.markerset == OWN_FILE else settings.subjects.markerset
-        )
+        subjects = settings.subjects
+        source = subjects.markerset_path if subjects.markerset == OWN_FILE else subjects.markerset
         show_markerset(context, markerset, source)
 
 
@@ -74,10 +82,13 @@ class MOCAP_AUTOLABEL_OT_reattach(Laid, bpy.types.Operator):
 
     segment: EnumProperty(name="Segment", description="The segment that carries them", items=_segment_items)
 
-    @classmethod
-    def lacks(cls, context):
-        chosen = any(naming.MARKER in item or naming.CAPSULE in item for item in context.selected_objects)
-        return super().lacks(context) or ("" if chosen else "Select markers or capsules first")
+    needs = (
+        *Laid.needs,
+        unless(
+            lambda context: any(naming.MARKER in one or naming.CAPSULE in one for one in context.selected_objects),
+            "Select markers or capsules first",
+        ),
+    )
 
     def invoke(self, context, event):
         context.window_manager.invoke_search_popup(self)
@@ -85,7 +96,7 @@ class MOCAP_AUTOLABEL_OT_reattach(Laid, bpy.types.Operator):
 
     def work(self, context):
         collection = edited_collection(context.scene)
-        armature, ours = skeleton_of(collection), set(collection.all_objects)
+        armature, ours = armature_of(collection), set(collection.all_objects)
         chosen = [item for item in context.selected_objects if item in ours and item != armature]
         for item in chosen:
             reattach(item, armature, self.segment)
@@ -99,7 +110,6 @@ class MOCAP_AUTOLABEL_OT_save_markerset(ToldWhere, Laid, bpy.types.Operator):
     bl_options = {"REGISTER"}
 
     filename_ext = SUFFIX
-    filter_glob: StringProperty(default=f"*{SUFFIX}", options={"HIDDEN"})
 
     def proposed(self, context) -> Path:
         """In the folder of own marker sets, called after the one that it was made from."""
@@ -124,3 +134,41 @@ class MOCAP_AUTOLABEL_OT_save_markerset(ToldWhere, Laid, bpy.types.Operator):
         settings = context.scene.mocap_autolabel
         settings.subjects.markerset, settings.subjects.markerset_path = OWN_FILE, str(path)
         self.report({"INFO"}, f"Saved {path}")
+
+
+class MOCAP_AUTOLABEL_OT_judge_markers(Laid, WorksInSteps, bpy.types.Operator):
+    """Find out which markers are easily taken for each other, and what to move; a locked location stays as it is."""
+
+    bl_label = "Judge Placement"
+
+    doing = "Judging the markers"
+
+    def steps(self, context):
+        """The judging, and the search for better places."""
+        collection = edited_collection(context.scene)
+        model = open_model(bpy.path.abspath(collection[naming.EDITED]))
+        # Those whose location is locked stay where they are.
+        keep = [name for name, item in marker_items(collection).items() if all(item.lock_location)]
+        markerset = read_markerset(collection, model.markerset, model.markerset.name)
+        return beside(judge_placement(markerset, model.markerset, model.likelihood, keep=keep))
+
+    def _show(self, context, result: dict) -> set[str]:
+        collection = edited_collection(context.scene)
+        if collection is None:
+            self.report({"WARNING"}, "The marker set was put away meanwhile")
+            return {"CANCELLED"}
+        keep_report(collection, json_text(result) + "\n")
+        poor = sum(pair["separation"] < result["goal"] for pair in result["pairs"])
+        self.report({"INFO"}, f"{poor} ambiguous pairs, {len(result['advice'])} changes advised")
+        return {"FINISHED"}
+
+
+class MOCAP_AUTOLABEL_OT_take_advice(Laid, bpy.types.Operator):
+    """Put the marker where it is advised to be."""
+
+    bl_label = "Put It There"
+
+    number: IntProperty(name="Number", description="Which advice of the list", default=1, min=1)
+
+    def work(self, context):
+        take_advice(edited_collection(context.scene), self.number)

@@ -21,8 +21,8 @@ from ..scene.opened import opened
 from ..scene.picking import Dots, combined, dots_of, inside_box, inside_lasso, nearest, to_region
 from ..scene.stored import Stored
 from ..scene.take import holds_points, is_take
-from .base import OfTake, reports_trouble, taken
-from .gestures import gesture, place_in, window_region
+from .base import OfTake, once, reports_trouble, taken
+from .gestures import Drags, gesture, place_in, window_region
 
 PICK_RADIUS = 20.0  # px of the interface from the mouse to a dot that is meant, as for Blender's own picking of points
 LASSO_STEP = 3.0  # px that the pointer moves between two corners of a lasso
@@ -54,12 +54,7 @@ def picked_points(context: bpy.types.Context) -> list[int]:
     if holds_points(take):
         return picked
     stored = opened.take(take, scene)
-    return rows_now(stored, opened.tracks(take, scene), picked, index_of(stored, scene.frame_current))
-
-
-def index_of(stored: Stored, frame: int) -> int:
-    """Which of the take's frames Blender's `frame` is, or would be."""
-    return frame - stored.shift - int(stored.motion.frames[0])
+    return rows_now(stored, opened.tracks(take, scene), picked, stored.index_of(scene.frame_current))
 
 
 def show_picked(context: bpy.types.Context, stored: Stored, points: Sequence[int], markers: Iterable[int] = ()):
@@ -72,7 +67,13 @@ def show_picked(context: bpy.types.Context, stored: Stored, points: Sequence[int
     scene, state = context.scene, context.window_manager.mocap_autolabel
     for item in context.selected_objects:
         item.select_set(False)
-    marker = _names_of(stored, scene, points) if points else {}
+    if not points:
+        marker = {}
+    elif isinstance(stored.rows, PointRows):
+        dots = dots_here(stored, scene)
+        marker = dict(zip(dots.trajectory.tolist(), dots.marker.tolist(), strict=True))
+    else:
+        marker = {row: int(stored.labels.marker[row]) for row in points if row < len(stored.rows)}
     wanted = [marker[point] for point in points if marker.get(point, NO_MARKER) != NO_MARKER]
     empties = marker_empties(scene.mocap_autolabel.take)
     for name in (stored.names[index] for index in (*markers, *wanted)):
@@ -86,14 +87,6 @@ def show_picked(context: bpy.types.Context, stored: Stored, points: Sequence[int
     state.picked_with = _selection(context)
 
 
-def _names_of(stored: Stored, scene: bpy.types.Scene, points: Sequence[int]) -> dict[int, int]:
-    """The marker of each trajectory in the current frame, or of each of some rows of blobs."""
-    if not isinstance(stored.rows, PointRows):
-        return {row: int(stored.labels.marker[row]) for row in points if row < len(stored.rows)}
-    dots = dots_here(stored, scene)
-    return {int(point): int(name) for point, name in zip(dots.trajectory, dots.marker, strict=True)}
-
-
 def words_of_picked(context: bpy.types.Context, points: Sequence[int]) -> str:
     """What is picked, in words: trajectories, or whose blobs."""
     take = context.scene.mocap_autolabel.take
@@ -101,12 +94,6 @@ def words_of_picked(context: bpy.types.Context, points: Sequence[int]) -> str:
         return f"Trajectory {', '.join(map(str, points))}"
     stored = opened.take(take, context.scene)
     return f"Blob of {', '.join(stored.cameras.names[stored.rows.camera[row]] for row in points)}"
-
-
-def keep_picked(context: bpy.types.Context):
-    """Before a step is undone: what is picked no longer is let go."""
-    if not picked_points(context):
-        context.window_manager.mocap_autolabel.picked.clear()
 
 
 def restore_picked(context: bpy.types.Context):
@@ -122,7 +109,7 @@ def restore_picked(context: bpy.types.Context):
 
 def dots_here(stored: Stored, scene: bpy.types.Scene, area: bpy.types.Area | None = None) -> Dots:
     """The dots of the current frame, of blobs those of the camera that a view looks through; InputError outside."""
-    index = stored.source_frame(scene.frame_current) - int(stored.motion.frames[0])
+    index = stored.index_here(scene.frame_current)
     if isinstance(stored.rows, PointRows):
         return dots_of(stored, index)
     image = None if area is None else image_in(stored, scene, area)
@@ -151,17 +138,6 @@ def dot_at(context: bpy.types.Context, stored: Stored, area: bpy.types.Area, mou
     return dots, nearest(places, mouse, PICK_RADIUS * context.preferences.system.ui_scale)
 
 
-def pick(context: bpy.types.Context, stored: Stored, point: int, mode: str = "SET"):
-    """Picks a trajectory that has a point in the current frame, or a row of a blob there; InputError where none is."""
-    frame = context.scene.frame_current
-    if not isinstance(stored.rows, PointRows):
-        if point >= len(stored.rows) or stored.rows.frame[point] != index_of(stored, frame):
-            raise InputError(f"row {point} is no blob of frame {frame}; expected one of its blobs")
-    elif not dots_here(stored, context.scene).of([point]).any():
-        raise InputError(f"trajectory {point} has no point in frame {frame}; expected one that has")
-    show_picked(context, stored, combined(picked_points(context), [point], mode))
-
-
 def _pick_dots(context: bpy.types.Context, stored: Stored, dots: Dots, found: np.ndarray, mode: str):
     """Picks the dots `found` (K,) of a frame: points as trajectories, blobs as rows, others as markers' empties."""
     points = dots.trajectory[found]
@@ -186,17 +162,13 @@ class Picks(OfTake):
     """Operators that pick dots."""
 
     bl_options = {"INTERNAL"}
-    mode: EnumProperty(
-        name="Mode", description="What becomes of what was picked before", items=MODES, options={"SKIP_SAVE"}
-    )
+    mode: once(EnumProperty, "Mode", "What becomes of what was picked before", items=MODES)
 
 
 class MOCAP_AUTOLABEL_OT_pick(Picks, bpy.types.Operator):
     """Pick the dot that you point at; beside all dots, nothing."""
 
-    bl_label = "Pick"
-
-    point: IntProperty(name="Number", description="A trajectory's, or a blob's row", min=0, options={"SKIP_SAVE"})
+    point: once(IntProperty, "Number", "A trajectory's, or a blob's row", min=0)
 
     @reports_trouble
     def invoke(self, context, event):
@@ -208,10 +180,16 @@ class MOCAP_AUTOLABEL_OT_pick(Picks, bpy.types.Operator):
         context.area.tag_redraw()
 
     def work(self, context):
-        pick(context, taken(context), self.point, self.mode)
+        point, frame, stored = self.point, context.scene.frame_current, taken(context)
+        if not isinstance(stored.rows, PointRows):
+            if point >= len(stored.rows) or stored.rows.frame[point] != stored.index_of(frame):
+                raise InputError(f"row {point} is no blob of frame {frame}; expected one of its blobs")
+        elif not dots_here(stored, context.scene).of([point]).any():
+            raise InputError(f"trajectory {point} has no point in frame {frame}; expected one that has")
+        show_picked(context, stored, combined(picked_points(context), [point], self.mode))
 
 
-class MOCAP_AUTOLABEL_OT_pick_region(Picks, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_pick_region(Drags, Picks, bpy.types.Operator):
     """Pick the dots in a box or a lasso that you draw."""
 
     bl_label = "Pick Dots in a Region"
@@ -228,29 +206,17 @@ class MOCAP_AUTOLABEL_OT_pick_region(Picks, bpy.types.Operator):
         gesture.clear()
         gesture.region, gesture.outline = region.as_pointer(), [begin]
         self._area, self._region, self._begin = context.area, region, begin
-        self._draw(place_in(region, event))
+        self.drag(context, event)
         context.window_manager.modal_handler_add(self)
-        return {"RUNNING_MODAL"}
-
-    def modal(self, context, event):
-        if event.type in ("ESC", "RIGHTMOUSE"):
-            self.cancel(context)
-            return {"CANCELLED"}
-        if event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE"):
-            self._draw(place_in(self._region, event))
-        if event.type == "LEFTMOUSE" and event.value == "RELEASE":
-            self._draw(place_in(self._region, event))
-            outline = np.array(gesture.outline, dtype=float)
-            self.cancel(context)
-            return self._picked(context, outline)
         return {"RUNNING_MODAL"}
 
     def cancel(self, context):
         gesture.clear()
         self._area.tag_redraw()
 
-    def _draw(self, mouse: tuple[int, int]):
+    def drag(self, context, event):
         """The outline up to where the pointer is now."""
+        mouse = place_in(self._region, event)
         if self.shape == "BOX":
             (left, lower), (right, upper) = self._begin, mouse
             gesture.outline = [(left, lower), (right, lower), (right, upper), (left, upper)]
@@ -259,7 +225,11 @@ class MOCAP_AUTOLABEL_OT_pick_region(Picks, bpy.types.Operator):
         self._area.tag_redraw()
 
     @reports_trouble
-    def _picked(self, context, outline: np.ndarray):
+    def let_go(self, context, event):
+        """Picks what is inside."""
+        self.drag(context, event)
+        outline = np.array(gesture.outline, dtype=float)
+        self.cancel(context)
         stored = taken(context)
         dots, places = dots_in_view(context, stored, self._area)
         box = self.shape == "BOX"

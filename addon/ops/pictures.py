@@ -23,11 +23,11 @@ from ..jobs.pictures import (
     pictures_by_camera,
 )
 from ..scene import cameras as scene_cameras
-from ..scene.clip_tracks import blobs_of_clips, clip_of, keep_lens
-from .base import Ours
+from ..scene.pictures import blobs_of_clips, clip_of, lens_of
+from .base import Ours, once, unless
 from .calibration import free_path
-from .importing import cameras_at_hand, take_blobs
-from .stepping import WorksInSteps
+from .importing import NEEDS_CAMERA, cameras_at_hand, lacks_cameras, take_blobs
+from .stepping import WorksInSteps, nothing_goes_on
 
 BLOBS_ENDING = ".blobs.csv"
 FIRST_PIXEL_ITEMS = [
@@ -40,17 +40,12 @@ FIRST_PIXEL_ITEMS = [
 class CountsPixels:
     """What is asked of whoever turns pictures into blobs: where the calibration's pixels begin, and where blobs go."""
 
-    first_pixel: EnumProperty(
-        name="(0, 0) Is",
-        description="Where the pixels of the calibration begin",
-        items=FIRST_PIXEL_ITEMS,
-        options={"SKIP_SAVE"},
-    )
-    out: StringProperty(
-        name="Blobs",
-        description="The file of blobs to write; beside the pictures where none is given",
+    first_pixel: once(EnumProperty, "(0, 0) Is", "Where the pixels of the calibration begin", items=FIRST_PIXEL_ITEMS)
+    out: once(
+        StringProperty,
+        "Blobs",
+        "The file of blobs to write; beside the pictures where none is given",
         subtype="FILE_PATH",
-        options={"SKIP_SAVE"},
     )
 
     def first_of(self, cameras: bpy.types.Collection) -> str:
@@ -70,7 +65,6 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, WorksInSteps, bpy.types.Operat
     bl_label = "Blobs from Pictures"
 
     doing = "Finding blobs"
-    _asked = False
 
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE", "HIDDEN"})
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"SKIP_SAVE", "HIDDEN"})
@@ -87,23 +81,10 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, WorksInSteps, bpy.types.Operat
         name="Greatest Area", description="Larger spots are left out, px²", default=SpotOptions.max_area, min=1.0
     )
 
-    @classmethod
-    def lacks(cls, context):
-        if not cameras_at_hand(context.scene):
-            return "Import the calibration of the cameras first"
-        return "Something is going on already; wait for it" if context.window_manager.mocap_autolabel.doing else ""
+    needs = (lacks_cameras, nothing_goes_on)
 
     def invoke(self, context, event):
-        if self.directory:
-            return super().invoke(context, event)
-        self._asked = True
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
-
-    def execute(self, context):
-        if self._asked and not bpy.app.background:
-            return self._begin(context)
-        return super().execute(context)
+        return super().invoke(context, event) if self.directory else self.ask_for_file(context)
 
     def steps(self, context) -> Generator[float, None, dict]:
         """The finding."""
@@ -126,11 +107,9 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, WorksInSteps, bpy.types.Operat
         chosen = [folder / item.name for item in self.files if item.name]
         if chosen:
             return chosen
-        there = [
-            path
-            for path in (sorted(folder.iterdir()) if folder.is_dir() else ())
-            if (path.is_dir() or path.suffix.lower() in bpy.path.extensions_movie) and _is_of_camera(path, names)
-        ]
+        inside = sorted(folder.iterdir()) if folder.is_dir() else ()
+        some = [path for path in inside if path.is_dir() or path.suffix.lower() in bpy.path.extensions_movie]
+        there = [path for path in some if _is_of_camera(path, names)]
         if not there:
             words = "holds no movie and no folder of pictures that has a camera's name"
             raise InputError(f"{words}; expected one for each camera", folder)
@@ -152,22 +131,21 @@ class MOCAP_AUTOLABEL_OT_import_clip_tracks(CountsPixels, Ours, bpy.types.Operat
 
     bl_label = "Blobs from Clip Tracks"
 
-    @classmethod
-    def lacks(cls, context):
-        if not any(item.type == "CAMERA" for item in context.scene.objects):
-            return "This scene has no cameras"
-        return "" if len(bpy.data.movieclips) else "Open the movie clips and track them first"
+    needs = (NEEDS_CAMERA, unless(lambda _: len(bpy.data.movieclips), "Open the movie clips and track them first"))
 
     def work(self, context):
         scene, settings = context.scene, context.scene.mocap_autolabel
-        own = not cameras_at_hand(scene) or scene_cameras.is_adopted(settings.source.cameras)
-        items = scene.objects if not cameras_at_hand(scene) else settings.source.cameras.all_objects
+        there = cameras_at_hand(scene)
+        own = not there or scene_cameras.is_adopted(settings.source.cameras)
+        items = settings.source.cameras.all_objects if there else scene.objects
         items = [item for item in items if item.type == "CAMERA"]
         clips = _clips_of(items, scene)
         if own:
+            data = {scene_cameras.camera_name(item): item.data for item in items}
             for name, clip in clips.items():
-                keep_lens(next(item for item in items if scene_cameras.camera_name(item) == name), clip)
-        collection = settings.source.cameras if cameras_at_hand(scene) else scene_cameras.adopt_cameras(scene)
+                if not any(data[name].get(scene_cameras.DISTORTION, ())):
+                    data[name][scene_cameras.DISTORTION] = lens_of(clip)
+        collection = settings.source.cameras if there else scene_cameras.adopt_cameras(scene)
         cameras = scene_cameras.cameras_of(collection, scene)
         used = {cameras.names.index(name): clip for name, clip in clips.items()}
         for index, clip in used.items():

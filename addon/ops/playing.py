@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A long take that plays from a file: what is to be looked at, a part of it with keys, and its motion if it moved."""
 
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,8 +10,8 @@ from bpy.props import BoolProperty, IntProperty, StringProperty
 
 from ..core.data.errors import InputError
 from ..core.review.changes import summary_of_changes
-from ..io.changed import changes_of_part
-from ..io.motion_cache import check_cache
+from ..io.labels import changes_of_part
+from ..io.poses import check_cache
 from ..io.qtm import USE_POINTS
 from ..jobs import LabelJob, Labelled, part_job
 from ..props import refresh_review
@@ -27,19 +28,17 @@ from ..scene.playing import (
 )
 from ..scene.relabelled import keep_changes
 from ..scene.take import SHIFT
-from .base import Ours
+from .base import Ours, once, unless
 from .importing import forget_take
-from .labelling import LabelsTake, choose_job, edits_so_far, label_steps, lacks_room_to_label
+from .labelling import LabelsTake, choose_job, edits_so_far, label_steps
 
 
 class OfPlayed(Ours):
     """Operators on a take that plays from a file."""
 
-    take: StringProperty(name="Take", description="Its collection; empty for the first", options={"SKIP_SAVE"})
+    take: once(StringProperty, "Take", "Its collection; empty for the first")
 
-    @classmethod
-    def lacks(cls, context):
-        return "" if played_takes(context.scene) else "No take here plays from a file"
+    needs = (unless(lambda context: played_takes(context.scene), "No take here plays from a file"),)
 
     def meant(self, context: bpy.types.Context) -> bpy.types.Collection | None:
         """The take that is meant; None where there is none of that name."""
@@ -58,20 +57,17 @@ class MOCAP_AUTOLABEL_OT_next_suspect(OfPlayed, bpy.types.Operator):
 
     bl_label = "Next to Look at"
 
-    back: BoolProperty(name="Back", description="To those before", options={"SKIP_SAVE"})
+    back: once(BoolProperty, "Back", "To those before")
 
     def work(self, context):
-        scene = context.scene
-        now = scene.frame_current
+        now = context.scene.frame_current
         rows = suspects_of(self.played(context))
         later = [row for row in rows if (row[0] < now if self.back else row[0] > now)]
         if not later:
-            self.report(
-                {"INFO"}, "Nothing is left to look at before here" if self.back else "Nothing is left after here"
-            )
+            self.report({"INFO"}, f"Nothing is left to look at {'before' if self.back else 'after'} here")
             return {"CANCELLED"}
         first, _, _ = (max if self.back else min)(later)
-        scene.frame_set(first)
+        context.scene.frame_set(first)
         self.report({"INFO"}, "; ".join(reason for begin, _, reason in later if begin == first))
         return {"FINISHED"}
 
@@ -79,18 +75,11 @@ class MOCAP_AUTOLABEL_OT_next_suspect(OfPlayed, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
     """Label a part of the take again, with keys, to correct it: the preview range, or ten seconds about here."""
 
-    bl_label = "Open Part"
+    first: once(IntProperty, "From", "First frame, where both are said")
+    last: once(IntProperty, "To", "Last frame, where both are said")
+    filepath: once(StringProperty, "Take", "The file of the take, where it was moved", subtype="FILE_PATH")
 
-    first: IntProperty(name="From", description="First frame, where both are said", options={"SKIP_SAVE"})
-    last: IntProperty(name="To", description="Last frame, where both are said", options={"SKIP_SAVE"})
-    filepath: StringProperty(
-        name="Take", description="The file of the take, where it was moved", subtype="FILE_PATH", options={"SKIP_SAVE"}
-    )
-    _asked_for_it = False
-
-    @classmethod
-    def lacks(cls, context):
-        return super().lacks(context) or lacks_room_to_label(context)
+    needs = (*OfPlayed.needs, *LabelsTake.needs)
 
     def invoke(self, context, event):
         """Asks for the file of the take where it was moved."""
@@ -98,13 +87,8 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
         said = None if take is None else for_a_part(take)
         if said is None or self.filepath or Path(said["source"]).exists() or bpy.app.background:
             return super().invoke(context, event)
-        self.filepath, self._asked_for_it = said["source"], True
-        context.window_manager.fileselect_add(self)
-        return {"RUNNING_MODAL"}
-
-    def execute(self, context):
-        """In the window, where the file was asked for, the work goes on beside it."""
-        return self._begin(context) if self._asked_for_it else super().execute(context)
+        self.filepath = said["source"]
+        return self.ask_for_file(context)
 
     def steps(self, context):
         """The labelling."""
@@ -154,8 +138,6 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_find_motion(OfPlayed, bpy.types.Operator):
     """Find the file that the take plays from again: beside the Blender file, else where you say."""
 
-    bl_label = "Find Motion"
-
     filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE"})
     filter_glob: StringProperty(default="*.pc2", options={"HIDDEN"})
 
@@ -177,13 +159,9 @@ class MOCAP_AUTOLABEL_OT_find_motion(OfPlayed, bpy.types.Operator):
 
     def _beside(self, context: bpy.types.Context) -> Path | None:
         """The file of this take in the Blender file's folder, None where it is not there."""
-        try:
+        with suppress(InputError):
             take = self.played(context)
-            name = motion_path(take).name
-            if not bpy.data.filepath:
-                return None
-            path = Path(bpy.data.filepath).parent / name
+            path = Path(bpy.data.filepath).parent / motion_path(take).name
             check_cache(path, str(take[MOTION_MARK]))
-        except InputError:
-            return None
-        return path
+            return path if bpy.data.filepath else None
+        return None

@@ -13,25 +13,17 @@ from ..props import list_trouble
 from ..scene.cameras import camera_name
 from ..scene.stored import Stored
 from ..scene.trouble import trouble_of
-from .base import WithTake, taken
+from .base import WithTake, once, taken
 from .correcting import correct
-from .framing import bring_into_view
 from .picking import dots_here, show_picked
+from .viewing import bring_into_view
 
-# The operators for what no edit mends; a button is there where the operator is.
-ELSEWHERE = {
-    FILL: "mocap_autolabel.fill_gaps",
-    REFINE: "mocap_autolabel.refine_calibration",
-    LABEL: "mocap_autolabel.label",
+# The operators for what no edit mends, and the words of their buttons.
+BUTTONS = {
+    FILL: ("fill_gaps", "Fill Gaps"),
+    REFINE: ("refine_calibration", "Refine Calibration"),
+    LABEL: ("label", "Label Again"),
 }
-BUTTONS = {FILL: "Fill Gaps", REFINE: "Refine Calibration", LABEL: "Label Again"}
-
-
-def operator_of(trouble: Trouble) -> str:
-    """The operator that does what is advised, where there is one; else nothing."""
-    name = ELSEWHERE.get(trouble.action, "")
-    known = name and bpy.types.Operator.bl_rna_get_subclass_py("MOCAP_AUTOLABEL_OT_" + name.partition(".")[2])
-    return name if known else ""
 
 
 def mending(trouble: Trouble) -> list[Edit]:
@@ -51,13 +43,13 @@ def mending(trouble: Trouble) -> list[Edit]:
 
 def words_for(trouble: Trouble) -> str:
     """What the button says that does what is advised; empty where none can."""
-    if trouble.action in (DELETE, RIGHT) or not (mending(trouble) or operator_of(trouble)):
+    if trouble.action in (DELETE, RIGHT) or not (mending(trouble) or trouble.action in BUTTONS):
         return ""
     if trouble.action == NAME_IT:
         return f"Name {trouble.trajectories[0]} {trouble.markers[0]}"
     if trouble.action == SWAP:
         return f"Swap {trouble.markers[0]} and {trouble.markers[1]}"
-    return f"Unlabel {trouble.markers[0]}" if trouble.action == UNLABEL else BUTTONS[trouble.action]
+    return f"Unlabel {trouble.markers[0]}" if trouble.action == UNLABEL else BUTTONS[trouble.action][1]
 
 
 def places_of(trouble: Trouble, stored: Stored, frame: int) -> np.ndarray:
@@ -91,33 +83,23 @@ def _select(context: bpy.types.Context, trouble: Trouble, stored: Stored):
     """Picks the markers and trajectories of a trouble, and selects its cameras."""
     if context.mode != "OBJECT":
         return
-    scene, cameras = context.scene, context.scene.mocap_autolabel.source.cameras
+    cameras, points = context.scene.mocap_autolabel.source.cameras, []
     markers = [stored.words[name] for name in trouble.markers if name in stored.words]
-    show_picked(context, stored, _points_of(scene, trouble, stored, markers), markers)
+    if isinstance(stored.rows, PointRows):
+        dots = dots_here(stored, context.scene)
+        meant = np.isin(dots.marker, markers) | dots.of(trouble.trajectories)
+        points = dots.trajectory[meant & (dots.trajectory != NO_POINT)].tolist()
+    show_picked(context, stored, points, markers)
     for item in cameras.all_objects if cameras is not None and trouble.cameras else ():
         if item.type == "CAMERA" and camera_name(item) in trouble.cameras and item.name in context.view_layer.objects:
             item.select_set(True)
             context.view_layer.objects.active = item
 
 
-def _points_of(scene: bpy.types.Scene, trouble: Trouble, stored: Stored, markers: list[int]) -> list[int]:
-    """The trajectories in the current frame of some markers, and those of a trouble."""
-    if not isinstance(stored.rows, PointRows):
-        return []
-    dots = dots_here(stored, scene)
-    meant = np.isin(dots.marker, markers) | np.isin(dots.trajectory, trouble.trajectories)
-    return dots.trajectory[meant & (dots.trajectory != NO_POINT)].tolist()
-
-
-def say(context: bpy.types.Context, edits: list[Edit]):
-    """Adds edits to those of the active take, and shows what follows."""
-    correct(context, taken(context).edits.added(*edits))
-
-
 class OfTrouble(WithTake):
     """Operators on one line of the list of what is the matter with the active take."""
 
-    index: IntProperty(name="Index", description="Which of the list, from 0", min=0, options={"SKIP_SAVE"})
+    index: once(IntProperty, "Index", "Which of the list, from 0", min=0)
 
     def trouble(self, context: bpy.types.Context) -> Trouble:
         """The line that is meant; InputError where there is none."""
@@ -141,9 +123,7 @@ class MOCAP_AUTOLABEL_OT_show_trouble(OfTrouble, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_next_trouble(OfTrouble, bpy.types.Operator):
     """Go to the next trouble that is listed and open."""
 
-    bl_label = "Next Trouble"
-
-    back: BoolProperty(name="Back", description="To the one before", options={"SKIP_SAVE"})
+    back: once(BoolProperty, "Back", "To the one before")
 
     def work(self, context):
         list_trouble()  # after a correction it comes a moment later, and its lines would not be those of the take
@@ -168,7 +148,7 @@ class MOCAP_AUTOLABEL_OT_accept_trouble(OfTrouble, bpy.types.Operator):
     bl_label = "It Is Right"
 
     def work(self, context):
-        say(context, self.trouble(context).answers())
+        correct(context, taken(context).edits.added(*self.trouble(context).answers()))
 
 
 class MOCAP_AUTOLABEL_OT_mend_trouble(OfTrouble, bpy.types.Operator):
@@ -179,14 +159,12 @@ class MOCAP_AUTOLABEL_OT_mend_trouble(OfTrouble, bpy.types.Operator):
     def work(self, context):
         trouble = self.trouble(context)
         if edits := mending(trouble):
-            say(context, edits)
+            correct(context, taken(context).edits.added(*edits))
             return {"FINISHED"}
-        name = operator_of(trouble)
-        if not name:
+        if trouble.action not in BUTTONS:
             raise InputError("nothing does that by itself; expected a person to look")
         show(context, trouble)
-        module, _, function = name.partition(".")
-        return getattr(getattr(bpy.ops, module), function)("INVOKE_DEFAULT")
+        return getattr(bpy.ops.mocap_autolabel, BUTTONS[trouble.action][0])("INVOKE_DEFAULT")
 
 
 def is_listed(state: bpy.types.PropertyGroup, row: bpy.types.PropertyGroup) -> bool:

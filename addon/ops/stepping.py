@@ -15,13 +15,20 @@ from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError
 from ..core.data.progress import finished
 from ..scene.redrawing import redraw
-from .base import Ours, reports_trouble
+from .base import Ours, reports_trouble, unless
+from .gestures import is_over
 
 BUDGET = 0.1  # s of work between two looks at the keyboard
 TICK = 0.02  # s
 TELL_EVERY = 0.25  # s between two words on how far it is: Blender draws the whole window again for each
 TELLING_AFTER, TELLING_FROM = 3.0, 0.02  # s and share of the work from which on its end can be told
 ASKED_FROM = 10.0  # s of work that is not given up unasked; paper: Miller 1968, people who wait longer turn away
+
+
+nothing_goes_on = unless(
+    lambda context: not context.window_manager.mocap_autolabel.doing,
+    "Something is going on already; wait for it, or cancel it",
+)
 
 
 class WorksInSteps(Ours):
@@ -31,7 +38,7 @@ class WorksInSteps(Ours):
     """
 
     doing = "Working"
-    _timer = None
+    _timer, _asked_for_it = None, False
     _told = float("-inf")
 
     def steps(self, context: bpy.types.Context) -> Generator[float, None, Any]:
@@ -46,6 +53,16 @@ class WorksInSteps(Ours):
 
     def invoke(self, context, event):
         return self.execute(context) if bpy.app.background else self._begin(context)
+
+    def ask_for_file(self, context) -> set[str]:
+        """Lets a person choose a file; in the window the work then goes on beside it."""
+        self._asked_for_it = True
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context):
+        beside = self._asked_for_it and not bpy.app.background
+        return self._begin(context) if beside else super().execute(context)
 
     @reports_trouble
     def _begin(self, context) -> set[str]:
@@ -134,11 +151,7 @@ def ends_work(context: bpy.types.Context, event: bpy.types.Event) -> bool:
         return False  # Esc is let go after it has closed a menu, and repeated while it is held
     if any(window.screen.is_animation_playing for window in context.window_manager.windows):
         return False
-    return any(area.type == "VIEW_3D" and _is_over(area, event) for area in context.window.screen.areas)
-
-
-def _is_over(area: bpy.types.Area, event: bpy.types.Event) -> bool:
-    return 0 <= event.mouse_x - area.x < area.width and 0 <= event.mouse_y - area.y < area.height
+    return any(area.type == "VIEW_3D" and is_over(area, event) for area in context.window.screen.areas)
 
 
 def time_left(spent: float, fraction: float) -> str:
@@ -152,7 +165,6 @@ def time_left(spent: float, fraction: float) -> str:
 class MOCAP_AUTOLABEL_OT_cancel(Ours, bpy.types.Operator):
     """Stop what is going on; nothing of it stays, so more than ten seconds of work are asked about."""
 
-    bl_label = "Cancel"
     bl_options = {"INTERNAL"}
 
     def invoke(self, context, event):

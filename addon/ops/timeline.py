@@ -7,29 +7,20 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
 
 from ..core.data.takes import NO_MARKER
+from ..scene.opened import opened
 from ..scene.redrawing import redraw
 from ..scene.take import is_take
 from ..scene.trajectories import FOLDED, KeptRows, Runs
-from .base import Ours, WithTake, taken
-from .framing import fit_timelines
+from .base import OfTake, Ours, WithTake, once, taken
+from .gestures import Drags, window_region
 from .picking import picked_points, selected_markers, show_picked
+from .viewing import fit_timelines
 
-SCRUB_HEIGHT, ROW_HEIGHT, LEGEND_HEIGHT = (
-    24,
-    17,
-    22,
-)  # px of the interface; the first is Blender's, of the frame numbers
+# px of the interface; the first is Blender's, of the frame numbers
+SCRUB_HEIGHT, ROW_HEIGHT, LEGEND_HEIGHT = 24, 17, 22
 DRAG = 4  # px of the interface that the mouse moves before a click is a drag
 WHEEL_ROWS = 3  # rows that a notch of the wheel scrolls
 MIN_ROWS = 5  # that there must be room for beside a legend
-
-
-_kept = KeptRows()
-
-
-def forget_rows():
-    """Lets go of the rows: another file was loaded, or the extension ends."""
-    _kept.forget()
 
 
 def timeline_shown(context: bpy.types.Context) -> bool:
@@ -41,7 +32,8 @@ def timeline_shown(context: bpy.types.Context) -> bool:
 
 def shown_runs(context: bpy.types.Context) -> Runs:
     """The rows of the active take."""
-    return _kept.runs(taken(context), context.window_manager.mocap_autolabel.timeline_unfolded)
+    _, rows = opened.looked_at.setdefault("rows", (None, KeptRows()))
+    return rows.runs(taken(context), context.window_manager.mocap_autolabel.timeline_unfolded)
 
 
 @dataclass(frozen=True)
@@ -106,23 +98,17 @@ class OnTimeline(Ours):
         return timeline_shown(context)
 
 
-class MOCAP_AUTOLABEL_OT_timeline_pick(Ours, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_timeline_pick(OfTake, bpy.types.Operator):
     """Go to this frame of a marker or trajectory and pick it, or select a range of frames by dragging."""
 
     bl_label = "Pick in the Timeline"
     bl_options = {"UNDO"}  # with REGISTER, its panel would lie over the legend
 
-    marker: StringProperty(name="Marker", description="The marker to select", options={"SKIP_SAVE"})
-    trajectory: IntProperty(
-        name="Trajectory", description="Or the trajectory to pick", default=-1, options={"SKIP_SAVE"}
-    )
+    marker: once(StringProperty, "Marker", "The marker to select")
+    trajectory: once(IntProperty, "Trajectory", "Or the trajectory to pick", default=-1)
     first: IntProperty(name="First", description="The frame to go to, or the first of the range")
     last: IntProperty(name="Last", description="The last frame of the range; the first where only one is meant")
-    extend: BoolProperty(name="Extend", description="Keep what is selected", options={"SKIP_SAVE"})
-
-    @classmethod
-    def poll(cls, context):
-        return is_take(context.scene.mocap_autolabel.take) and context.mode == "OBJECT"
+    extend: once(BoolProperty, "Extend", "Keep what is selected")
 
     def work(self, context):
         scene = context.scene
@@ -146,13 +132,13 @@ def select_range(scene: bpy.types.Scene, first: int, last: int):
     scene.frame_preview_start = first
 
 
-class MOCAP_AUTOLABEL_OT_timeline_click(OnTimeline, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_timeline_click(Drags, OnTimeline, bpy.types.Operator):
     """Click a row to go there and pick; drag along it to select a range; a click on the short ones unfolds them."""
 
     bl_label = "Pick or Select a Range in the Timeline"
     bl_options = {"INTERNAL"}
 
-    extend: BoolProperty(name="Extend", description="Keep what is selected", options={"SKIP_SAVE"})
+    extend: once(BoolProperty, "Extend", "Keep what is selected")
 
     def invoke(self, context, event):
         runs, region = shown_runs(context), context.region
@@ -171,17 +157,7 @@ class MOCAP_AUTOLABEL_OT_timeline_click(OnTimeline, bpy.types.Operator):
         context.window_manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
-    def modal(self, context, event):
-        if event.type in ("ESC", "RIGHTMOUSE"):
-            self._take_back(context.scene)
-            return {"CANCELLED"}
-        if event.type == "MOUSEMOVE":
-            self._drag(context, event)
-        if event.type == "LEFTMOUSE" and event.value == "RELEASE":
-            return self._let_go(context, event)
-        return {"RUNNING_MODAL"}
-
-    def _drag(self, context, event):
+    def drag(self, context, event):
         """Shows the range that is dragged over, so far."""
         off = abs(event.mouse_region_x - self._x)
         if self._along and (self._dragged or off > DRAG * context.preferences.system.ui_scale):
@@ -194,7 +170,8 @@ class MOCAP_AUTOLABEL_OT_timeline_click(OnTimeline, bpy.types.Operator):
         ends = sorted((self._frame, frame_at(context.region, event.mouse_region_x)))
         return min(max(ends[0], first), last), max(min(ends[1], last), first)
 
-    def _let_go(self, context, event) -> set[str]:
+    def let_go(self, context, event) -> set[str]:
+        """Picks the row, or selects the range, where the button is let go."""
         runs, state = shown_runs(context), context.window_manager.mocap_autolabel
         if self._row >= len(runs):
             return {"CANCELLED"}  # something else made the rows fewer meanwhile
@@ -207,7 +184,7 @@ class MOCAP_AUTOLABEL_OT_timeline_click(OnTimeline, bpy.types.Operator):
             return {"FINISHED"}
         marker = runs.names[self._row] if runs.marker[self._row] != NO_MARKER else ""
         if self._dragged:
-            self._take_back(context.scene)  # so that undo goes back to what was there before the drag
+            self.cancel(context)  # so that undo goes back to what was there before the drag
         if context.mode != "OBJECT":
             context.scene.frame_set(first)
             return {"FINISHED"}
@@ -221,12 +198,12 @@ class MOCAP_AUTOLABEL_OT_timeline_click(OnTimeline, bpy.types.Operator):
             extend=self.extend,
         )
 
-    def _take_back(self, scene: bpy.types.Scene):
+    def cancel(self, context):
         """Gives the scene the preview range that it had."""
         if self._dragged:
             used, first, last = self._before
-            select_range(scene, first, last)
-            scene.use_preview_range = used
+            select_range(context.scene, first, last)
+            context.scene.use_preview_range = used
 
 
 class MOCAP_AUTOLABEL_OT_timeline_scroll(OnTimeline, bpy.types.Operator):
@@ -236,11 +213,7 @@ class MOCAP_AUTOLABEL_OT_timeline_scroll(OnTimeline, bpy.types.Operator):
     bl_options = {"INTERNAL"}
 
     rows: FloatProperty(name="Rows", description="How many, down the list")
-    on_names: BoolProperty(
-        name="On Names",
-        description="Only with the mouse on the names: on the rows the wheel zooms",
-        options={"SKIP_SAVE"},
-    )
+    on_names: once(BoolProperty, "On Names", "Only with the mouse on the names: on the rows the wheel zooms")
 
     def invoke(self, context, event):
         if self.on_names and context.region.type != "CHANNELS":
@@ -248,8 +221,7 @@ class MOCAP_AUTOLABEL_OT_timeline_scroll(OnTimeline, bpy.types.Operator):
         return self.execute(context)
 
     def work(self, context):
-        region = next(region for region in context.area.regions if region.type == "WINDOW")
-        scroll_by(context, region, self.rows)
+        scroll_by(context, window_region(context.area), self.rows)
 
 
 def scroll_by(context: bpy.types.Context, region: bpy.types.Region, rows: float):
@@ -284,7 +256,7 @@ class MOCAP_AUTOLABEL_OT_timeline_pan(OnTimeline, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def _pan(self, context, right: float, up: float):
-        region = next(region for region in context.area.regions if region.type == "WINDOW")
+        region = window_region(context.area)
         with context.temp_override(region=region):
             bpy.ops.view2d.pan("EXEC_DEFAULT", deltax=round(-right), deltay=0)
         scroll_by(context, region, up / (ROW_HEIGHT * context.preferences.system.ui_scale))

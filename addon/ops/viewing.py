@@ -2,28 +2,23 @@
 """Looking around in a take: through its cameras, at its doubtful frames; and putting it away."""
 
 import bpy
+import numpy as np
 from bpy.props import IntProperty, StringProperty
 
 from ..core.data.errors import InputError
 from ..props import refresh_review
-from ..scene import naming
 from ..scene.cameras import is_mocap_camera, look_through
 from ..scene.opened import opened
 from ..scene.ownership import persons_in
 from ..scene.take import is_take, remove_take
-from .base import Ours, lacks_object_mode
+from .base import Ours, lacks_object_mode, once, taken, unless
+from .picking import show_picked
 
 
 class MOCAP_AUTOLABEL_OT_look_through(Ours, bpy.types.Operator):
     """Look through this camera, with its own picture size and pixels."""
 
-    bl_label = "Look Through"
-
-    camera: StringProperty(name="Camera", description="Name of the camera object", options={"SKIP_SAVE"})
-
-    @classmethod
-    def poll(cls, context):
-        return context.scene is not None
+    camera: once(StringProperty, "Camera", "Name of the camera object")
 
     def work(self, context):
         camera = context.scene.objects.get(self.camera)
@@ -41,18 +36,14 @@ class MOCAP_AUTOLABEL_OT_jump(Ours, bpy.types.Operator):
     bl_label = "Jump to Frame"
 
     frame: IntProperty(name="Frame", description="Frame to go to")
-    marker: StringProperty(name="Marker", description="Marker to select", options={"SKIP_SAVE"})
+    marker: once(StringProperty, "Marker", "Marker to select")
 
     def work(self, context):
         context.scene.frame_set(self.frame)
         collection = context.scene.mocap_autolabel.take
         if self.marker and is_take(collection) and context.mode == "OBJECT":
-            for item in context.selected_objects:
-                item.select_set(False)
-            for item in collection.all_objects:
-                if item.get(naming.MARKER) == self.marker:
-                    item.select_set(True)
-                    context.view_layer.objects.active = item
+            stored = taken(context)
+            show_picked(context, stored, [], [stored.words[self.marker]] if self.marker in stored.words else [])
 
 
 class MOCAP_AUTOLABEL_OT_clear(Ours, bpy.types.Operator):
@@ -60,11 +51,10 @@ class MOCAP_AUTOLABEL_OT_clear(Ours, bpy.types.Operator):
 
     bl_label = "Remove Take"
 
-    @classmethod
-    def lacks(cls, context):
-        if not is_take(context.scene.mocap_autolabel.take):
-            return "There is no labelled take in this scene"
-        return lacks_object_mode(context)
+    needs = (
+        unless(lambda context: is_take(context.scene.mocap_autolabel.take), "There is no labelled take in this scene"),
+        lacks_object_mode,
+    )
 
     def work(self, context):
         settings = context.scene.mocap_autolabel
@@ -74,3 +64,44 @@ class MOCAP_AUTOLABEL_OT_clear(Ours, bpy.types.Operator):
         refresh_review(context.window_manager, context.scene)
         if left is not None:
             self.report({"INFO"}, f"What is yours is kept in {left.name}: {persons_in(left) or 'collections'}")
+
+
+ROOM = 4.0  # times the reach of what is meant that a view shows around it
+MIN_ROOM = 1.2  # m that a view shows at least, so that one knows the limb
+MAX_PLACES = 5000  # that the extent of a take is told from
+
+
+def bring_into_view(context: bpy.types.Context, places: np.ndarray, room: float = ROOM):
+    """Lets every 3D view that looks through no camera show places (K, 3) m, from where it looks."""
+    there = places[np.isfinite(places).all(axis=1)]
+    if not len(there) or context.screen is None:
+        return
+    middle = (there.min(axis=0) + there.max(axis=0)) / 2
+    reach = float(np.linalg.norm(there - middle, axis=1).max())
+    for area in context.screen.areas:
+        if area.type == "VIEW_3D" and area.spaces.active.region_3d.view_perspective != "CAMERA":
+            view = area.spaces.active.region_3d
+            view.view_location = middle.tolist()
+            view.view_distance = max(room * reach, MIN_ROOM)
+
+
+def show_take_whole(context: bpy.types.Context, points: np.ndarray):
+    """Lets 3D views show points (N, 3) m but for the farthest few, which may be ghosts, and timelines all frames."""
+    some = points[np.isfinite(points).all(axis=1)]
+    if len(some):
+        some = some[np.linspace(0, len(some) - 1, min(len(some), MAX_PLACES)).astype(int)]
+        ends = np.percentile(some, [2, 98], axis=0)
+        bring_into_view(context, ends, room=2.4)
+    fit_timelines(context)
+
+
+def fit_timelines(context: bpy.types.Context):
+    """Lets Dope Sheets and timelines show all frames that the scene plays."""
+    if context.screen is None:
+        return
+    for area in context.screen.areas:
+        region = next((one for one in area.regions if one.type == "WINDOW"), None)
+        if area.type == "DOPESHEET_EDITOR" and region is not None:
+            with context.temp_override(area=area, region=region):
+                if bpy.ops.action.view_all.poll():
+                    bpy.ops.action.view_all()

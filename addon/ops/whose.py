@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a person says of whose a marker is, in a take of several performers: "this is the other one"."""
+"""Who is in a take: the list of those who are asked for, and what a person says of whose a marker is."""
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -10,12 +11,48 @@ from bpy.props import EnumProperty
 from ..core.data.errors import InputError
 from ..core.data.takes import NO_MARKER
 from ..core.edits.kinds import AssignPoint, Edit, Swap
+from ..core.points.several.wearers import MAX_SUBJECTS, as_compared, is_subject_name
+from ..io.markersets import SUFFIX
+from ..props import OWN_FILE
 from ..scene.opened import opened
-from ..scene.performers import Performer, homes
+from ..scene.performers import homes, usual_colour
 from ..scene.stored import Stored
-from .base import keeps_items
+from .base import Ours, keeps_items, once, remove_chosen, unless
 from .correcting import Corrects
 from .picking import picked_points, selected_markers
+
+
+class MOCAP_AUTOLABEL_OT_add_performer(Ours, bpy.types.Operator):
+    """Add a performer to the list, in the chosen marker set."""
+
+    needs = (
+        unless(
+            lambda context: len(context.scene.mocap_autolabel.subjects.performers) < MAX_SUBJECTS,
+            f"Up to {MAX_SUBJECTS} performers can be asked for",
+        ),
+    )
+
+    def work(self, context):
+        subjects = context.scene.mocap_autolabel.subjects
+        # As the marker set is called, where that is a person's own.
+        path = subjects.markerset_path if subjects.markerset == OWN_FILE else subjects.markerset
+        own = Path(bpy.path.abspath(path)).name.removesuffix(SUFFIX) if path.endswith(SUFFIX) else ""
+        in_use, number = {as_compared(row.name) for row in subjects.performers}, len(subjects.performers)
+        names = (own, *(f"performer{number}" for number in range(1, MAX_SUBJECTS + 2)))
+        name = next(name for name in names if is_subject_name(name) and as_compared(name) not in in_use)
+        row = subjects.performers.add()
+        row.name, row.colour = name, usual_colour(number)
+        row.markerset, row.markerset_path = subjects.markerset, subjects.markerset_path
+        subjects.performer_index = number
+
+
+class MOCAP_AUTOLABEL_OT_remove_performer(Ours, bpy.types.Operator):
+    """Take the chosen performer out of the list."""
+
+    needs = (unless(lambda context: len(context.scene.mocap_autolabel.subjects.performers), "Nobody is in the list"),)
+
+    def work(self, context):
+        remove_chosen(context.scene.mocap_autolabel.subjects, "performers")
 
 
 @keeps_items
@@ -25,14 +62,9 @@ def people_items(_self, context) -> list[tuple[str, str, str]]:
     return [] if take is None else [(name, name, "") for name in homes(take)]
 
 
-def performer_of(stored: Stored, marker: int) -> Performer:
-    """Whose a marker is."""
-    return next(one for one in stored.performers if one.marker_rows.start <= marker < one.marker_rows.stop)
-
-
 def counterpart(stored: Stored, marker: int, name: str) -> int:
     """The same marker of another performer, of the other one where no name is said; InputError where there is none."""
-    own = performer_of(stored, marker)
+    own = next(one for one in stored.performers if one.marker_rows.start <= marker < one.marker_rows.stop)
     called = name or next(one.name for one in stored.performers if one.name != own.name)
     if called == own.name:
         raise InputError(f"{stored.names[marker]} is {called}'s already; expected another performer")
@@ -46,11 +78,10 @@ def counterpart(stored: Stored, marker: int, name: str) -> int:
 class ToldApart(Corrects):
     """Corrections of who is who."""
 
-    @classmethod
-    def lacks(cls, context):
-        words = super().lacks(context)
-        alone = len(homes(context.scene.mocap_autolabel.take)) < 2 if not words else False
-        return words or ("The take is of one performer" if alone else "")
+    needs = (
+        *Corrects.needs,
+        unless(lambda context: len(homes(context.scene.mocap_autolabel.take)) > 1, "The take is of one performer"),
+    )
 
 
 class MOCAP_AUTOLABEL_OT_other_performer(ToldApart, bpy.types.Operator):
@@ -59,7 +90,7 @@ class MOCAP_AUTOLABEL_OT_other_performer(ToldApart, bpy.types.Operator):
     bl_label = "It Is the Other One's"
     bl_property = "performer"
 
-    performer: EnumProperty(name="Performer", description="Whose it is", items=people_items, options={"SKIP_SAVE"})
+    performer: once(EnumProperty, "Performer", "Whose it is", items=people_items)
 
     def invoke(self, context, event):
         self.scope_of_tool(context)
@@ -115,10 +146,8 @@ def within(stored: Stored, rows: np.ndarray, frames: tuple[int, int] | None) -> 
 class MOCAP_AUTOLABEL_OT_exchange_performers(ToldApart, bpy.types.Operator):
     """Say that two performers have each other's names: all markers that both wear are exchanged."""
 
-    bl_label = "Exchange Performers"
-
-    one: EnumProperty(name="One", description="Who has the other's names", items=people_items, options={"SKIP_SAVE"})
-    other: EnumProperty(name="Other", description="Who has the one's names", items=people_items, options={"SKIP_SAVE"})
+    one: once(EnumProperty, "One", "Who has the other's names", items=people_items)
+    other: once(EnumProperty, "Other", "Who has the one's names", items=people_items)
 
     def invoke(self, context, event):
         self.scope_of_tool(context)

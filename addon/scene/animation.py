@@ -152,7 +152,11 @@ def move(bag: bpy.types.ActionChannelbag, path: str, frames: np.ndarray, before:
         points = curve.keyframe_points
         places[:, 1] = now_at[now, index]
         if not few:
-            _resize(points, more)
+            for _ in range(-more):
+                points.remove(points[-1], fast=True)
+            if more > 0:
+                points.add(more)
+                points.foreach_set("interpolation", np.full(len(points), LINEAR, dtype=np.int32))
             points.foreach_set("co", places.ravel())
         if retyped:
             points.foreach_set("type", kinds)
@@ -166,12 +170,3 @@ def _kinds(made: np.ndarray | None, there: np.ndarray) -> np.ndarray:
     """The types of the keys of the rows that are there (F,), where a tool made some (F,) up."""
     some = np.zeros(len(there), bool) if made is None else made
     return np.where(some[there], SET_BY_TOOL, SET_BY_HAND).astype(np.int32)
-
-
-def _resize(points: bpy.types.FCurveKeyframePoints, more: int):
-    """Adds keys at the end of a curve, or takes the last ones away."""
-    for _ in range(-more):
-        points.remove(points[-1], fast=True)
-    if more > 0:
-        points.add(more)
-        points.foreach_set("interpolation", np.full(len(points), LINEAR, dtype=np.int32))

@@ -5,19 +5,40 @@ A bone rests along its segment, so its own axes are not the segment's: B, the bo
 A segment with world rotation R and joint p puts its bone at [R B | p] in the armature, which stands at the origin.
 """
 
+import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ..core.body.anatomy import side_in
+from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import Motion
 from ..core.geometry.rotations import matrix_to_quaternion
 from ..core.points.motion import PosedFrames
 from . import animation
-from .sides import keep_sides
+
+KEPT_SIDES = "mocap_sides"  # on an armature: those of its segments, as JSON
+
+# Of the left, the right and the middle; sRGB. Blue against orange differs by brightness and for every kind of
+# colour-blindness; the middle is neither.
+SIDE_COLOURS = {"L": (0.13, 0.47, 0.95), "R": (1.0, 0.56, 0.1), "": (0.93, 0.93, 0.88)}
+
+
+def segment_sides(markerset: MarkerSet) -> dict[str, str]:
+    """The side of each segment by its name: that of its name, else the one that most of its markers are on."""
+    segments, markers = markerset.skeleton.segments, set(markerset.markers)
+    sides = {}
+    for index, name in enumerate(segments):
+        own = [side_in(markerset.markers[one], markers) for one in np.flatnonzero(markerset.attachment == index)]
+        most = max(("L", "R"), key=own.count)
+        sides[name] = side_in(name, segments) or (most if own.count(most) > len(own) / 2 else "")
+    return sides
+
 
 MIN_BONE_M = 0.02  # m; Blender deletes bones without length
 SCALE = "mocap_scale"  # m for one unit of the marker set, (3,), on the armature
@@ -38,10 +59,12 @@ def build_of(markerset: MarkerSet, motion: Motion) -> Build:
     found = np.isfinite(motion.joints).all(axis=(1, 2)) & np.isfinite(motion.scale).all(axis=1)
     if not found.any():
         return mean_build(markerset)
-    scale = np.median(motion.scale[found], axis=0)
-    offsets = np.median(_local_offsets(skeleton.parents, motion.joints[found], motion.rotations[found]), axis=0)
-    offsets[0] = skeleton.offsets[0] * scale
-    return Build(_summed(skeleton.parents, offsets), scale)
+    scale, above = np.median(motion.scale[found], axis=0), skeleton.parents[1:]
+    joints, rotations = motion.joints[found], motion.rotations[found]
+    # Each joint in the axes of the one above it.
+    local = np.einsum("fjba,fjb->fja", rotations[:, above], joints[:, 1:] - joints[:, above])
+    offsets = np.concatenate([skeleton.offsets[:1] * scale, np.median(local, axis=0)])
+    return Build(replace(skeleton, offsets=offsets).rest_joints, scale)
 
 
 def mean_build(markerset: MarkerSet) -> Build:
@@ -65,25 +88,38 @@ def add_armature(
     lay_bones(context, armature, markerset, build)
     for bone in armature.pose.bones:
         bone.rotation_mode = "QUATERNION"
-    keep_sides(armature, markerset)
+    armature[KEPT_SIDES] = json.dumps(segment_sides(markerset))
     return armature
+
+
+def armature_of(collection: bpy.types.Collection) -> bpy.types.Object:
+    """The armature of a take or a marker set that is laid out; InputError when it was deleted."""
+    for item in collection.all_objects:
+        if item.type == "ARMATURE" and SCALE in item:
+            return item
+    raise InputError(f"{collection.name} has lost its armature; expected the one that it was shown with")
+
+
+@contextmanager
+def edited_bones(context: bpy.types.Context, armature: bpy.types.Object) -> Iterator[bpy.types.ArmatureEditBones]:
+    """The bones of an armature to be changed, from object mode; what is active stays so."""
+    layer = context.view_layer
+    before, layer.objects.active = layer.objects.active, armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    yield armature.data.edit_bones
+    bpy.ops.object.mode_set(mode="OBJECT")
+    layer.objects.active = before
 
 
 def lay_bones(context: bpy.types.Context, armature: bpy.types.Object, markerset: MarkerSet, build: Build):
     """Gives an armature the bones of a build at rest; those that it has get other places. Needs object mode."""
-    layer, data = context.view_layer, armature.data
-    before = layer.objects.active
-    layer.objects.active = armature
-    bpy.ops.object.mode_set(mode="EDIT")
-    tails = bone_tails(markerset, build)
-    for index, segment in enumerate(markerset.skeleton.segments):
-        bone = data.edit_bones.get(segment) or data.edit_bones.new(segment)
-        bone.head, bone.tail, bone.roll = build.joints[index], tails[index], 0.0
-        parent = markerset.skeleton.parents[index]
-        if parent >= 0:
-            bone.parent = data.edit_bones[markerset.skeleton.segments[parent]]
-    bpy.ops.object.mode_set(mode="OBJECT")
-    layer.objects.active = before
+    segments, tails = markerset.skeleton.segments, bone_tails(markerset, build)
+    with edited_bones(context, armature) as bones:
+        for index, (segment, parent) in enumerate(zip(segments, markerset.skeleton.parents, strict=True)):
+            bone = bones.get(segment) or bones.new(segment)
+            bone.head, bone.tail, bone.roll = build.joints[index], tails[index], 0.0
+            if parent >= 0:
+                bone.parent = bones[segments[parent]]
     armature[SCALE] = [float(value) for value in build.scale]
 
 
@@ -180,8 +216,9 @@ def bone_channels(
             before = posed[:, parent] @ (np.linalg.inv(rest[parent]) @ rest[index])
         else:
             before = np.broadcast_to(rest[index], posed[:, 0].shape)
-        local = _inverse(before) @ posed[:, index]
-        yield local[:, :3, 3], _quaternions(local[:, :3, :3])
+        back = before[:, :3, :3].transpose(0, 2, 1)
+        location = (back @ (posed[:, index, :3, 3:] - before[:, :3, 3:]))[..., 0]
+        yield location, _quaternions(back @ posed[:, index, :3, :3])
 
 
 def rest_matrices(armature: bpy.types.Object, markerset: MarkerSet) -> np.ndarray:
@@ -203,43 +240,13 @@ def attach(item: bpy.types.Object, armature: bpy.types.Object, segment: str, pla
     item.matrix_basis = Matrix((np.linalg.inv(turned @ to_tail) @ place).tolist())
 
 
-def _local_offsets(parents: np.ndarray, joints: np.ndarray, rotations: np.ndarray) -> np.ndarray:
-    """(F, J, 3) each joint in its parent's axes, m; the root's are not set."""
-    offsets = np.zeros_like(joints)
-    above = parents[1:]
-    offsets[:, 1:] = np.einsum("fjba,fjb->fja", rotations[:, above], joints[:, 1:] - joints[:, above])
-    return offsets
-
-
-def _summed(parents: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    joints = offsets.copy()
-    for index, parent in enumerate(parents):
-        if parent >= 0:
-            joints[index] += joints[parent]
-    return joints
-
-
 def _reach(markerset: MarkerSet, segment: int) -> np.ndarray:
     """(3,) the far end of a segment without children, from its joint, heights: of its capsules, else its markers."""
     capsules = markerset.capsules
     mine = np.asarray(capsules.segment) == segment
-    ends = np.concatenate(
-        [capsules.start[mine], capsules.end[mine], markerset.offsets[markerset.attachment == segment]]
-    )
-    if mine.any():
-        ends = ends[: 2 * int(mine.sum())]
-    if not len(ends):
-        return np.zeros(3)
-    return ends[np.argmax(np.linalg.norm(ends, axis=1))]
-
-
-def _inverse(matrices: np.ndarray) -> np.ndarray:
-    """Inverse of rigid transforms (F, 4, 4); NaN stays NaN."""
-    inverse = np.tile(np.eye(4), (len(matrices), 1, 1))
-    turned = matrices[:, :3, :3].transpose(0, 2, 1)
-    inverse[:, :3, :3] = turned
-    inverse[:, :3, 3] = -(turned @ matrices[:, :3, 3:])[..., 0]
-    return inverse
+    ends = np.concatenate([capsules.start[mine], capsules.end[mine]])
+    ends = ends if len(ends) else markerset.offsets[markerset.attachment == segment]
+    return ends[np.argmax(np.linalg.norm(ends, axis=1))] if len(ends) else np.zeros(3)
 
 
 def _quaternions(matrices: np.ndarray) -> np.ndarray:
@@ -249,16 +256,7 @@ def _quaternions(matrices: np.ndarray) -> np.ndarray:
     """
     there = np.isfinite(matrices).all(axis=(1, 2))
     quaternions = np.full((len(matrices), 4), np.nan)
-    quaternions[there] = matrix_to_quaternion(matrices[there])
-    return quaternions * _signs(quaternions)[:, None]
-
-
-def _signs(quaternions: np.ndarray) -> np.ndarray:
-    """(F,) +1 or -1 that keeps each quaternion near the last one that is known."""
-    signs = np.ones(len(quaternions))
-    known = np.flatnonzero(np.isfinite(quaternions).all(axis=1))
-    if len(known):
-        along = np.sign(np.einsum("fi,fi->f", quaternions[known[1:]], quaternions[known[:-1]]))
-        first = 1.0 if quaternions[known[0], 0] >= 0 else -1.0
-        signs[known] = np.cumprod(np.concatenate([[first], np.where(along < 0, -1.0, 1.0)]))
-    return signs
+    known = matrix_to_quaternion(matrices[there])
+    along = np.append(known[:1, 0], np.einsum("fi,fi->f", known[1:], known[:-1]))
+    quaternions[there] = known * np.cumprod(np.where(along < 0, -1.0, 1.0))[:, None]
+    return quaternions

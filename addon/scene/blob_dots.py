@@ -11,8 +11,7 @@ from ..core.data.errors import InputError
 from ..core.data.takes import NO_MARKER, NO_POINT, rows_in_frame
 from ..core.edits.blob_tracks import BlobTracks
 from ..core.edits.kinds import BlobEdit
-from .likely import predicted, ranked
-from .picking import Dots, missing
+from .picking import Dots, missing, predicted, ranked
 from .stored import Stored
 
 PLACE_DIGITS = 2  # of a pixel that an edit keeps: the file's single precision is finer, and people read it
@@ -45,22 +44,11 @@ def marker_dots(stored: Stored, index: int) -> Dots:
 
 def rows_now(stored: Stored, tracks: BlobTracks, rows: list[int], index: int) -> list[int]:
     """The rows in frame `index` of the tracks of some rows; a track that is not there then has none."""
-    found = []
-    for row in rows:
-        if row >= len(stored.rows):
-            continue
-        if stored.rows.frame[row] == index:
-            found.append(row)
-            continue
-        track = tracks.rows(row)
+    found: list[int] = []
+    for row in (row for row in rows if row < len(stored.rows)):
+        track = np.array([row]) if stored.rows.frame[row] == index else tracks.rows(row)
         found += track[stored.rows.frame[track] == index].tolist()
     return found
-
-
-def rows_of_markers(stored: Stored, index: int, markers: list[int]) -> list[int]:
-    """The rows of all cameras in frame `index` that are some markers."""
-    here = rows_in_frame(stored.rows, index)
-    return (here.start + np.flatnonzero(np.isin(stored.labels.marker[here], markers))).tolist()
 
 
 def missing_in_image(stored: Stored, index: int, camera: int) -> np.ndarray:
@@ -98,12 +86,6 @@ def ray_of(stored: Stored, row: int) -> tuple[np.ndarray, np.ndarray]:
     camera = int(stored.rows.camera[row])
     image = stored.cameras.undistort(stored.rows.xy[[row]], np.array([camera]))[0]
     return stored.cameras.centres[camera], np.append(image, 1.0) @ stored.cameras.rotation[camera]
-
-
-def track_around(stored: Stored, tracks: BlobTracks, row: int, reach: int) -> np.ndarray:
-    """(K,) the rows of a blob's track up to `reach` frames before and after it."""
-    track = tracks.rows(row)
-    return track[np.abs(stored.rows.frame[track] - stored.rows.frame[row]) <= reach]
 
 
 def blob_edit(kind: type[BlobEdit], stored: Stored, row: int, frames: tuple[int, int] | None, *marker: str) -> BlobEdit:

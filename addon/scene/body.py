@@ -9,8 +9,8 @@ import numpy as np
 from ..core.data.markersets import MarkerSet
 from . import armature as armatures
 from . import naming
+from .armature import SIDE_COLOURS, segment_sides
 from .ownership import changed_by_us
-from .sides import SIDE_COLOURS, segment_sides
 
 AROUND, RINGS = 24, 6
 COLOUR = (0.55, 0.65, 0.8, 0.35)
@@ -20,11 +20,34 @@ START, END, RADIUS = "mocap_start", "mocap_end", "mocap_radius"
 
 @dataclass(frozen=True, eq=False)
 class Capsule:
-    """One capsule in metres, in its segment's axes from its joint."""
+    """One capsule in metres.
 
-    start: np.ndarray
-    end: np.ndarray
+    place   (4, 4) where its own axes sit in its segment, from the joint: its middle, z along it
+    half    half the length between its ends
+    radius  around the line between them
+    """
+
+    place: np.ndarray
+    half: float
     radius: float
+
+    @classmethod
+    def of(cls, markerset: MarkerSet, index: int, scale: np.ndarray) -> "Capsule":
+        """Capsule `index` of a set for a subject of `scale` (3,): ends stretch with it, the radius with its mean."""
+        capsules = markerset.capsules
+        start, end = capsules.start[index] * scale, capsules.end[index] * scale
+        length = np.linalg.norm(end - start)
+        z = (end - start) / length if length > 0 else np.array([0.0, 0.0, 1.0])
+        x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
+        x /= np.linalg.norm(x)
+        place = np.eye(4)
+        place[:3] = np.column_stack([x, np.cross(z, x), z, (start + end) / 2])
+        return cls(place, float(length / 2), float(capsules.radius[index] * scale.mean()))
+
+    def hang(self, item: bpy.types.Object, armature: bpy.types.Object, segment: str):
+        """Hangs a mesh of this capsule on the bone of a segment."""
+        item[START], item[END], item[RADIUS] = [0.0, 0.0, -self.half], [0.0, 0.0, self.half], self.radius
+        armatures.attach(item, armature, segment, self.place)
 
 
 def add_body(
@@ -41,8 +64,15 @@ def add_body(
     meshes = []
     sides = segment_sides(markerset)
     for index, segment in enumerate(markerset.capsules.segment):
-        name = markerset.skeleton.segments[segment]
-        item = add_capsule(collection, armature, name, capsule_in_metres(markerset, index, scale))
+        name, capsule = markerset.skeleton.segments[segment], Capsule.of(markerset, index, scale)
+        vertices, faces = capsule_shape(capsule.half, capsule.radius)
+        mesh = bpy.data.meshes.new("Capsule")
+        mesh.from_pydata(vertices.tolist(), [], faces)
+        mesh.shade_smooth()
+        item = bpy.data.objects.new(f"{name} capsule", mesh)
+        item[naming.CAPSULE] = name
+        collection.objects.link(item)
+        capsule.hang(item, armature, name)
         item[naming.MATERIAL] = material or _material(sides[name])
         item.data.materials.append(item[naming.MATERIAL])
         meshes.append(item)
@@ -59,53 +89,17 @@ def fit_body(home: bpy.types.Collection, armature: bpy.types.Object, markerset: 
         own = np.flatnonzero(markerset.capsules.segment == number).tolist()
         items = [item for item in hung if item[naming.CAPSULE] == name]
         for index, item in zip(own, items, strict=False) if len(own) == len(items) else ():
+            capsule = Capsule.of(markerset, index, scale)
+            vertices, _ = capsule_shape(capsule.half, capsule.radius)
             with changed_by_us(item):
-                _reshape(item, armature, name, capsule_in_metres(markerset, index, scale))
-
-
-def _reshape(item: bpy.types.Object, armature: bpy.types.Object, name: str, capsule: Capsule):
-    """Gives a capsule that hangs on the bone `name` another place and size."""
-    place, half = capsule_place(capsule)
-    vertices, _ = capsule_shape(half, capsule.radius)
-    if len(item.data.vertices) == len(vertices):
-        item.data.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
-        item.data.update()
-    item[START], item[END], item[RADIUS] = [0.0, 0.0, -half], [0.0, 0.0, half], capsule.radius
-    armatures.attach(item, armature, name, place)
-
-
-def capsule_in_metres(markerset: MarkerSet, index: int, scale: np.ndarray) -> Capsule:
-    """Capsule `index` of a marker set for a subject of `scale` (3,): ends stretch with it, the radius with its mean."""
-    capsules = markerset.capsules
-    return Capsule(
-        capsules.start[index] * scale, capsules.end[index] * scale, float(capsules.radius[index] * scale.mean())
-    )
-
-
-def add_capsule(
-    collection: bpy.types.Collection, armature: bpy.types.Object, segment: str, capsule: Capsule
-) -> bpy.types.Object:
-    """Adds one capsule on the bone `segment`. Its origin is its middle, its z axis runs from start to end."""
-    place, half = capsule_place(capsule)
-    item = bpy.data.objects.new(f"{segment} capsule", capsule_mesh(half, capsule.radius))
-    item[naming.CAPSULE] = segment
-    item[START], item[END], item[RADIUS] = [0.0, 0.0, -half], [0.0, 0.0, half], capsule.radius
-    collection.objects.link(item)
-    armatures.attach(item, armature, segment, place)
-    return item
-
-
-def capsule_mesh(half: float, radius: float) -> bpy.types.Mesh:
-    """A closed mesh of the points within `radius` m of the z axis between -half and +half m."""
-    vertices, faces = capsule_shape(half, radius)
-    mesh = bpy.data.meshes.new("Capsule")
-    mesh.from_pydata(vertices.tolist(), [], faces)
-    mesh.shade_smooth()
-    return mesh
+                if len(item.data.vertices) == len(vertices):
+                    item.data.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
+                    item.data.update()
+                capsule.hang(item, armature, name)
 
 
 def capsule_shape(half: float, radius: float) -> tuple[np.ndarray, list[tuple[int, ...]]]:
-    """Corners (V, 3) m and faces of that mesh.
+    """Corners (V, 3) m and faces of a closed mesh of the points within `radius` of the z axis from -half to half m.
 
     The corners lie on the capsule, so the mesh is inside it by at most `radius` times 1 - cos(π / 24), under 1 %.
     """
@@ -128,27 +122,10 @@ def _faces(rings: int) -> list[tuple[int, ...]]:
     """Quads between neighbouring rings and a fan at each pole, all facing outwards."""
     faces, low, high = [], rings * AROUND, rings * AROUND + 1
     for step in range(AROUND):
-        after = (step + 1) % AROUND
-        faces.append((low, after, step))
-        faces.extend(
-            (ring * AROUND + step, ring * AROUND + after, (ring + 1) * AROUND + after, (ring + 1) * AROUND + step)
-            for ring in range(rings - 1)
-        )
-        faces.append((high, (rings - 1) * AROUND + step, (rings - 1) * AROUND + after))
+        one, other = np.arange(rings) * AROUND + step, np.arange(rings) * AROUND + (step + 1) % AROUND
+        quads = np.column_stack([one[:-1], other[:-1], other[1:], one[1:]])
+        faces += [(low, int(other[0]), step), *map(tuple, quads.tolist()), (high, int(one[-1]), int(other[-1]))]
     return faces
-
-
-def capsule_place(capsule: Capsule) -> tuple[np.ndarray, float]:
-    """Where a capsule's own axes sit in its segment (4, 4), and half the length between its ends."""
-    along = capsule.end - capsule.start
-    length = np.linalg.norm(along)
-    z = along / length if length > 0 else np.array([0.0, 0.0, 1.0])
-    x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
-    x /= np.linalg.norm(x)
-    place = np.eye(4)
-    place[:3, 0], place[:3, 1], place[:3, 2] = x, np.cross(z, x), z
-    place[:3, 3] = (capsule.start + capsule.end) / 2
-    return place, float(length / 2)
 
 
 def _material(side: str) -> bpy.types.Material:

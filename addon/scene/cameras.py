@@ -6,6 +6,7 @@ Blender cannot express (image size and pixel aspect per camera, skew, distortion
 Pixel (0, 0) is the upper left corner of Blender's picture.
 """
 
+import json
 from pathlib import Path
 
 import bpy
@@ -21,6 +22,7 @@ IMAGE_SIZE, ASPECT, SKEW, DISTORTION = "mocap_size", "mocap_aspect", "mocap_skew
 INVERSE_LENS = "mocap_inverse"
 ADOPTED = "mocap_adopted"  # on a collection of cameras that were the scene's own
 CAMERA_DISPLAY_SIZE = 0.25
+HEALTH, REFINED = "mocap_health", "mocap_refined"  # on a take, on a collection of cameras
 SAME_CAMERA = 1e-4  # relative: what single precision does to a calibration and back
 
 # A camera of computer vision looks along +z with y down, Blender's along -z with y up.
@@ -36,10 +38,13 @@ def add_cameras(scene: bpy.types.Scene, cameras: Cameras) -> bpy.types.Collectio
         data = bpy.data.cameras.new(name)
         camera = bpy.data.objects.new(name, data)
         camera[naming.CAMERA] = name
-        _set_lens(data, cameras.size[index], cameras.matrix[index])
-        _keep_beyond_blender(
-            data, cameras.size[index], cameras.matrix[index], cameras.distortion[index], cameras.inverse[index]
-        )
+        (width, height), matrix = cameras.size[index], cameras.matrix[index]
+        data.sensor_fit, data.sensor_width = "HORIZONTAL", SENSOR_WIDTH
+        data.lens = matrix[0, 0] * SENSOR_WIDTH / width
+        data.shift_x = (width / 2 - matrix[0, 2]) / width
+        data.shift_y = (matrix[1, 2] - height / 2) * matrix[0, 0] / matrix[1, 1] / width
+        data.display_size, data.clip_start = CAMERA_DISPLAY_SIZE, 0.01
+        _keep_beyond_blender(data, cameras.size[index], matrix, cameras.distortion[index], cameras.inverse[index])
         pose = np.eye(4)
         pose[:3, :3] = cameras.rotation[index].T @ FLIP
         pose[:3, 3] = cameras.centres[index]
@@ -154,44 +159,25 @@ def look_through(scene: bpy.types.Scene, camera: bpy.types.Object):
     render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, aspect), max(1.0, 1 / aspect)
 
 
-def _set_lens(data: bpy.types.Camera, size: np.ndarray, matrix: np.ndarray):
-    """Sets a Blender camera's lens from an intrinsic matrix in pixels; `size` is (width, height)."""
-    width, height = size
-    aspect = matrix[1, 1] / matrix[0, 0]
-    data.sensor_fit = "HORIZONTAL"
-    data.sensor_width = SENSOR_WIDTH
-    data.lens = matrix[0, 0] * SENSOR_WIDTH / width
-    data.shift_x = (width / 2 - matrix[0, 2]) / width
-    data.shift_y = (matrix[1, 2] - height / 2) / aspect / width
-    data.display_size = CAMERA_DISPLAY_SIZE
-    data.clip_start = 0.01
-
-
 def _keep_beyond_blender(
     data: bpy.types.Camera, size: np.ndarray, matrix: np.ndarray, distortion: np.ndarray, inverse: np.ndarray
 ):
     """Keeps what Blender's own settings of a camera cannot say."""
-    data[IMAGE_SIZE] = [float(side) for side in size]
-    data[ASPECT] = float(matrix[1, 1] / matrix[0, 0])
-    data[SKEW] = float(matrix[0, 1])
-    data[DISTORTION] = [float(value) for value in distortion]
-    data[INVERSE_LENS] = [float(value) for value in inverse]
+    data[ASPECT], data[SKEW] = float(matrix[1, 1] / matrix[0, 0]), float(matrix[0, 1])
+    for key, values in ((IMAGE_SIZE, size), (DISTORTION, distortion), (INVERSE_LENS, inverse)):
+        data[key] = [float(value) for value in values]
 
 
 def _read(items: list[bpy.types.Object], scene: bpy.types.Scene) -> Cameras:
-    rows = [_read_lens(item, scene) for item in items]
+    lenses = list(zip(*(_read_lens(item, scene) for item in items), strict=True)) or [()] * 4
+    shapes = (-1, 2), (-1, 3, 3), (-1, 5), (-1, 3)
+    size, matrix, distortion, inverse = (np.array(one).reshape(to) for one, to in zip(lenses, shapes, strict=True))
     poses = np.array([_pose(item).normalized() for item in items]).reshape(-1, 4, 4)
-    rotation = FLIP @ poses[:, :3, :3].transpose(0, 2, 1)
-    rotation = np.array([_orthonormal(turn) for turn in rotation]).reshape(-1, 3, 3)
-    return Cameras(
-        tuple(camera_name(item) for item in items),
-        np.array([row[0] for row in rows]).reshape(-1, 2),
-        np.array([row[1] for row in rows]).reshape(-1, 3, 3),
-        np.array([row[2] for row in rows]).reshape(-1, 5),
-        rotation,
-        -np.einsum("cij,cj->ci", rotation, poses[:, :3, 3]),
-        np.array([row[3] for row in rows]).reshape(-1, 3),
-    )
+    left, _, right = np.linalg.svd(FLIP @ poses[:, :3, :3].transpose(0, 2, 1))
+    rotation = left @ right  # the nearest to matrices in single precision
+    translation = -np.einsum("cij,cj->ci", rotation, poses[:, :3, 3])
+    names = tuple(camera_name(item) for item in items)
+    return Cameras(names, size, matrix, distortion, rotation, translation, inverse)
 
 
 def _pose(item: bpy.types.Object) -> Matrix:
@@ -230,16 +216,34 @@ def _read_lens(item: bpy.types.Object, scene: bpy.types.Scene) -> tuple[np.ndarr
     return size, matrix, *lenses
 
 
-def _orthonormal(matrix: np.ndarray) -> np.ndarray:
-    """The rotation nearest to a matrix in single precision."""
-    left, _, right = np.linalg.svd(matrix)
-    return left @ right
-
-
 def _same(one: Cameras, other: Cameras) -> bool:
-    if one.names != other.names:
-        return False
     fields = ("size", "matrix", "distortion", "rotation", "translation", "inverse")
-    return all(
-        np.allclose(getattr(one, field), getattr(other, field), rtol=SAME_CAMERA, atol=SAME_CAMERA) for field in fields
-    )
+    pairs = ((getattr(one, field), getattr(other, field)) for field in fields)
+    return one.names == other.names and all(np.allclose(*pair, rtol=SAME_CAMERA, atol=SAME_CAMERA) for pair in pairs)
+
+
+def kept_health(take: bpy.types.Collection | None) -> list[str] | None:
+    """What is odd about a take's cameras, a sentence each; None where nobody looked."""
+    return json.loads(take[HEALTH]) if take is not None and HEALTH in take else None
+
+
+def kept_refinement(cameras: bpy.types.Collection | None) -> dict | None:
+    """The report of the refining that made these cameras; None where none did."""
+    return json.loads(cameras[REFINED]) if cameras is not None and REFINED in cameras else None
+
+
+def show_refined(
+    scene: bpy.types.Scene, before: bpy.types.Collection, cameras: Cameras, report: dict
+) -> bpy.types.Collection:
+    """Adds refined cameras in the place of those before, which are hidden; gives their collection.
+
+    The scene's camera becomes the refined one of the same name.
+    """
+    through = scene.camera
+    collection = find_or_add_cameras(scene, cameras)
+    collection[REFINED] = json.dumps(report)
+    if through is not None and through.name in before.all_objects:
+        by_name = {camera_name(item): item for item in collection.objects}
+        look_through(scene, by_name[camera_name(through)])
+    before.hide_viewport = True
+    return collection

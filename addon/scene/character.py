@@ -18,17 +18,9 @@ CHARACTER_OF = "mocap_character"  # on the armature: whose names its bones have
 BLENDER_AXES, BVH_AXES = np.eye(3), np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 
 
-def take_armature(collection: bpy.types.Collection) -> bpy.types.Object:
-    """The armature that a take was shown with; InputError when it was deleted."""
-    for item in collection.all_objects:
-        if item.type == "ARMATURE" and armatures.SCALE in item:
-            return item
-    raise InputError(f"{collection.name} has lost its armature; expected the one that it was shown with")
-
-
 def character_in(collection: bpy.types.Collection, stored: Stored) -> Character:
     """The character that a take's body is; InputError where it is no person's."""
-    armature = take_armature(collection)
+    armature = armatures.armature_of(collection)
     bones = [armature.data.bones.get(name) for name in stored.segments]
     if None in bones:
         gone = stored.segments[bones.index(None)]
@@ -55,7 +47,17 @@ def add_character(
     armature = bpy.data.objects.new(f"{stored.name} character", data)
     armature[CHARACTER_OF] = names
     collection.objects.link(armature)
-    _add_bones(context, armature, character, called, axes)
+    ahead, up = axes @ [0.0, -1, 0], axes @ [0.0, 0, 1]
+    with armatures.edited_bones(context, armature) as bones:
+        for index, (name, above) in enumerate(zip(called, character.parents, strict=True)):
+            bone = bones.new(name)
+            bone.head, bone.tail = axes @ character.heads[index], axes @ character.tails[index]
+            bone.align_roll(Vector(up if character.names[index].startswith(("foot", "toes")) else ahead))
+            if above >= 0:
+                bone.parent = bones[called[above]]
+                bone.use_connect = (bone.head - bone.parent.tail).length < armatures.MOVED_BONE
+    for bone in armature.pose.bones:
+        bone.rotation_mode = "QUATERNION"
     rest = np.array([data.bones[name].matrix_local for name in called], dtype=float)
     heads, rotations = character.posed(stored.motion.joints, stored.motion.rotations)
     channels = list(armatures.bone_channels(character.parents, rest, axes @ rotations @ axes.T, heads @ axes.T))
@@ -64,27 +66,3 @@ def add_character(
     action = bpy.data.actions.new(armature.name)
     armatures.key_bones(armature, action, called, [channels[0], *still], stored.motion.frames + stored.shift)
     return armature
-
-
-def _add_bones(
-    context: bpy.types.Context, armature: bpy.types.Object, character: Character, called: list[str], axes: np.ndarray
-):
-    """Makes the bones; what is active and selected stays so."""
-    layer = context.view_layer
-    before = layer.objects.active
-    layer.objects.active = armature
-    bpy.ops.object.mode_set(mode="EDIT")
-    bones = armature.data.edit_bones
-    ahead, up = axes @ [0.0, -1, 0], axes @ [0.0, 0, 1]
-    for index, name in enumerate(called):
-        bone = bones.new(name)
-        bone.head, bone.tail = axes @ character.heads[index], axes @ character.tails[index]
-        bone.align_roll(Vector(up if character.names[index].startswith(("foot", "toes")) else ahead))
-        above = character.parents[index]
-        if above >= 0:
-            bone.parent = bones[called[above]]
-            bone.use_connect = (bone.head - bone.parent.tail).length < armatures.MOVED_BONE
-    bpy.ops.object.mode_set(mode="OBJECT")
-    layer.objects.active = before
-    for bone in armature.pose.bones:
-        bone.rotation_mode = "QUATERNION"

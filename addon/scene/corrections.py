@@ -6,21 +6,77 @@ of the extension need to know of nothing else.
 """
 
 import json
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import bpy
 import numpy as np
 
 from ..core.data.copies import Copies
-from ..core.data.takes import Labels, Motion, PointRows, Suspect
+from ..core.data.takes import Motion, PointRows, Suspect
+from ..core.edits.blob_tracks import BlobTracks
 from ..core.edits.following import FollowedEdits, Following, Held, moved_frames
+from ..core.edits.following_blobs import BlobFollowing, BlobGroup
 from ..core.edits.kinds import Edits
 from ..core.edits.replay import FREE
 from ..core.edits.rows import document_of, edits_of
-from ..core.review.answering import SAID, Answers, unanswered, without_accepted
+from ..core.geometry.measuring import measured_at, put_places
+from ..core.review.answering import SAID, Answers, unanswered, unanswered_of_blobs, without_accepted
 from ..core.review.suspects import called_by
-from .answers import BlobCorrecting
 from .stored import Stored
+
+
+class BlobCorrecting:
+    """What works the edits of a take of blobs out; what no changed edit is about is not worked out again."""
+
+    def __init__(self, stored: Stored):
+        """Stored has the labels that the program gave."""
+        self.following = BlobFollowing(
+            stored.rows, stored.labels, stored.words, len(stored.names), stored.cameras.names
+        )
+        self._measured: dict[BlobGroup, Motion] = {}
+
+    @property
+    def tracks(self) -> BlobTracks:
+        """The tracks of the take's blobs."""
+        return self.following.tracks
+
+    def apply(self, stored: Stored, edits: Edits) -> Stored:
+        """The take with its edits applied; stored is as it was first given."""
+        followed = self.following.apply(edits)
+        known, self._measured = self._measured, {}
+        motion = replace(
+            stored.motion,
+            **{name: getattr(stored.motion, name).copy() for name in ("markers", "residual", "residual_px")},
+        )
+        for group in followed.groups:
+            part = self._measured[group] = known.get(group) or self._measure(stored, group)
+            for name in ("markers", "residual", "residual_px"):
+                getattr(motion, name)[group.frames][group.touched] = getattr(part, name)[group.touched]
+        return replace(
+            stored,
+            labels=followed.labels,
+            motion=motion,
+            suspects=_open(stored, edits),
+            edits=edits,
+            outcomes=followed.outcomes,
+            placed=tuple(followed.places),
+        )
+
+    def _measure(self, stored: Stored, group: BlobGroup) -> Motion:
+        """The frames of a group, with the markers that it is about where their blobs meet, or were placed."""
+        part = Motion(*(getattr(stored.motion, one.name)[group.frames] for one in fields(Motion)))
+        if not group.touched.any():
+            return part
+        blobs = stored.rows.part(group.frames, group.rows)
+        part = measured_at(part, blobs, group.labels, stored.cameras, group.touched)
+        put_places(part, {(frame - group.frames.start, marker): xyz for (frame, marker), xyz in group.places.items()})
+        return part
+
+
+def _open(stored: Stored, edits: Edits) -> tuple:
+    """The doubts that no edit answers."""
+    return without_accepted(unanswered_of_blobs(stored.suspects, edits, stored.words), edits)
+
 
 EDITS = "mocap_edits"
 
@@ -98,24 +154,6 @@ class PointCorrecting:
 def following_of(stored: Stored) -> PointCorrecting | BlobCorrecting:
     """What works the edits of a take out; stored has the labels that the program gave."""
     return PointCorrecting(stored) if isinstance(stored.rows, PointRows) else BlobCorrecting(stored)
-
-
-def edited(stored: Stored, edits: Edits, following: PointCorrecting | BlobCorrecting | None = None) -> Stored:
-    """A take with its edits applied: labels, markers and what is left to look at; the body follows by `reposing`.
-
-    stored has the labels that the program gave, `following` is its own and makes one more edit quick.
-    """
-    return (following or following_of(stored)).apply(stored, edits)
-
-
-def motion_of_labels(motion: Motion, rows: PointRows, labels: Labels) -> Motion:
-    """The motion with each marker where its points are."""
-    xyz, off = np.full_like(motion.markers, np.nan), np.full_like(motion.residual, np.nan)
-    at = rows.frame[labels.named], labels.marker[labels.named]
-    xyz[at] = rows.xyz[labels.named]
-    if rows.residual is not None:
-        off[at] = rows.residual[labels.named]
-    return replace(motion, markers=xyz, residual=off)
 
 
 def _unanswered(stored: Stored, followed: FollowedEdits, following: Following) -> tuple[Suspect, ...]:

@@ -14,11 +14,11 @@ import numpy as np
 
 from ..core.data.copies import Copies
 from ..core.data.errors import InputError
+from ..core.edits.following import moved_frames
 from ..core.filling.kept import KeptFill, fills_by_marker, put_in_marker
-from ..core.filling.smoothing import smoothed
 from . import storage
 from .naming import title
-from .stored import Stored, moved_between
+from .stored import Stored, changed_between
 
 FILLS, FILL_PATHS, CUTOFF = "mocap_fills", "mocap_fill_paths", "mocap_smoothing"
 
@@ -35,7 +35,8 @@ def keep_fills(collection: bpy.types.Collection, fills: Sequence[KeptFill]):
         return
     paths = np.concatenate([fill.path for fill in fills])
     collection[FILL_PATHS] = storage.store_table(title(collection.name, "fills"), {"path": paths})
-    rows = [[fill.marker, fill.first, fill.last, fill.method, _number(fill.expected)] for fill in fills]
+    expected = [float(fill.expected) if np.isfinite(fill.expected) else None for fill in fills]
+    rows = [[one.marker, one.first, one.last, one.method, off] for one, off in zip(fills, expected, strict=True)]
     # Other places under the same words make another text, by which the take at hand is known to be another.
     digest = crc32(paths.astype(np.float32).tobytes())
     collection[FILLS] = json.dumps({"version": 1, "digest": digest, "gaps": rows}, ensure_ascii=False)
@@ -78,7 +79,7 @@ class FillsInTake:
         """A take without fills as it is with these."""
         if not self._fills:
             return stored
-        moved = None if self._base is None else moved_between(self._base, stored)
+        moved = None if self._base is None else changed_between(self._base, stored, moved_frames)
         if moved is None:
             # Marker by marker, as the scene's motions lie in memory.
             of_marker = (values.swapaxes(0, 1) for values in (stored.motion.markers, stored.motion.residual))
@@ -103,10 +104,6 @@ class FillsInTake:
             self._copies.note(which, marker)
 
 
-def _number(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
 def keep_cutoff(collection: bpy.types.Collection, cutoff: float | None):
     """Keeps the cut-off, Hz, with the take that `collection` holds; None for none."""
     if cutoff is not None:
@@ -119,9 +116,3 @@ def kept_cutoff(collection: bpy.types.Collection) -> float | None:
     """The cut-off, Hz, by which a take is smoothed; None where it is not."""
     value = collection.get(CUTOFF)
     return None if value is None else float(value)
-
-
-def smoothed_in(stored: Stored, cutoff: float) -> Stored:
-    """A take, its fills in it, as it is when it is smoothed; InputError where its rate has no room for the cut-off."""
-    motion = replace(stored.motion, markers=smoothed(stored.motion.markers, stored.rate, cutoff))
-    return replace(stored, measured=stored.unfilled, motion=motion, cutoff=cutoff)

@@ -25,15 +25,20 @@ def add_markers(
     """
     empties = []
     for index, name in enumerate(names):
-        empty = bpy.data.objects.new(name, None)
-        empty.empty_display_type = "SPHERE"
-        empty.empty_display_size = DISPLAY_SIZE
-        empty[naming.MARKER] = name
-        collection.objects.link(empty)
+        empty = add_marker(collection, name)
         action = actions.for_keys(int(np.isfinite(motion.markers[:, index]).sum()))
         show_marker(empty, action, motion, index, frames, None if filled is None else filled[:, index])
         empties.append(empty)
     return empties
+
+
+def add_marker(collection: bpy.types.Collection, name: str, size: float = DISPLAY_SIZE) -> bpy.types.Object:
+    """Adds the empty of one marker, `size` m, at the world's origin."""
+    empty = bpy.data.objects.new(name, None)
+    empty.empty_display_type, empty.empty_display_size = "SPHERE", size
+    empty[naming.MARKER] = name
+    collection.objects.link(empty)
+    return empty
 
 
 def show_marker(
@@ -53,7 +58,9 @@ def show_marker(
     """
     seen = motion.markers[:, index]
     unseen = not np.isfinite(seen).any()
-    empty.location = _first_finite(motion.expected[:, index] if unseen else seen)
+    places = motion.expected[:, index] if unseen else seen
+    there = np.isfinite(places).all(axis=1)
+    empty.location = places[there.argmax()] if there.any() else np.zeros(3)
     if empty.hide_viewport != unseen or empty.hide_render != unseen:  # Blender orders its whole scene again for these
         empty.hide_viewport = empty.hide_render = unseen
     bag = animation.channels(empty, action)
@@ -65,9 +72,3 @@ def show_marker(
 def marker_empties(collection: bpy.types.Collection) -> dict[str, bpy.types.Object]:
     """The empties of a take by marker; of one that was duplicated the first."""
     return {item[naming.MARKER]: item for item in list(collection.all_objects)[::-1] if naming.MARKER in item}
-
-
-def _first_finite(points: np.ndarray) -> np.ndarray:
-    """The first row of (F, 3) without NaN, or the origin."""
-    there = np.isfinite(points).all(axis=1)
-    return points[np.argmax(there)] if there.any() else np.zeros(3)

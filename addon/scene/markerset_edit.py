@@ -5,8 +5,9 @@ What counts is where things stand on the bones at rest: joints are the heads of 
 are our capsule meshes, each parented to the bone of the segment that carries it.
 """
 
+import json
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -17,6 +18,7 @@ from ..core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from . import armature as armatures
 from . import naming
 from .body import END, RADIUS, START, add_body
+from .markers import add_marker
 
 MARKER_SIZE = 0.015
 UNMOVED = 0.002  # of the subject's height: a marker nearer to its place than that was not moved
@@ -36,8 +38,9 @@ def show_markerset(context: bpy.types.Context, markerset: MarkerSet, source: str
     for index, name in enumerate(markerset.markers):
         place = np.eye(4)
         place[:3, 3] = markerset.offsets[index] * build.scale
-        segment = markerset.skeleton.segments[markerset.attachment[index]]
-        _add_marker(collection, armature, name, segment, place)
+        empty = add_marker(collection, name, MARKER_SIZE)
+        empty.show_in_front = True
+        armatures.attach(empty, armature, markerset.skeleton.segments[markerset.attachment[index]], place)
     return collection
 
 
@@ -47,12 +50,14 @@ def edited_collection(scene: bpy.types.Scene) -> bpy.types.Collection | None:
     return found[-1] if found else None
 
 
-def skeleton_of(collection: bpy.types.Collection) -> bpy.types.Object:
-    """The armature of a marker set that is laid out; InputError when it was deleted."""
-    for item in collection.all_objects:
-        if item.type == "ARMATURE" and armatures.SCALE in item:
-            return item
-    raise InputError(f"{collection.name} has lost its skeleton; expected the armature that it was shown with")
+def _name_of(item: bpy.types.Object) -> str:
+    """The marker that an empty is."""
+    return str(item.get(naming.MARKER, item.name))
+
+
+def marker_items(collection: bpy.types.Collection) -> dict[str, bpy.types.Object]:
+    """The empties of a marker set that is laid out, by marker."""
+    return {_name_of(item): item for item in collection.all_objects if item.type == "EMPTY"}
 
 
 def reattach(item: bpy.types.Object, armature: bpy.types.Object, segment: str):
@@ -63,16 +68,19 @@ def reattach(item: bpy.types.Object, armature: bpy.types.Object, segment: str):
     armatures.attach(item, armature, segment, place)
 
 
-def read_markerset(collection: bpy.types.Collection, base: MarkerSet, name: str, description: str = "") -> MarkerSet:
+def read_markerset(collection: bpy.types.Collection, base: MarkerSet, name: str) -> MarkerSet:
     """The marker set called `name` as it is laid out now; what cannot be seen (spread, aliases) comes from `base`.
 
     Raises InputError when a bone is missing, a marker or capsule hangs on none, or two markers share a name.
     """
-    armature = skeleton_of(collection)
+    armature = armatures.armature_of(collection)
     height = float(np.mean(armature[armatures.SCALE]))
     skeleton = _read_skeleton(armature, base.skeleton, height)
-    empties = {str(item.get(naming.MARKER, item.name)): item for item in _items(collection, "EMPTY")}
-    _refuse_duplicates([str(item.get(naming.MARKER, item.name)) for item in _items(collection, "EMPTY")])
+    names = [_name_of(item) for item in collection.all_objects if item.type == "EMPTY"]
+    for twice, count in Counter(names).most_common(1):
+        if count > 1:
+            raise InputError(f"two markers are called {twice}; expected every marker to have a name of its own")
+    empties = marker_items(collection)
     if not empties:
         raise InputError(f"{collection.name} has no markers; expected at least one")
     markers = (*(m for m in base.markers if m in empties), *sorted(m for m in empties if m not in base.markers))
@@ -82,7 +90,6 @@ def read_markerset(collection: bpy.types.Collection, base: MarkerSet, name: str,
     return replace(
         base,
         name=name,
-        description=description or base.description,
         markers=markers,
         aliases={alias: marker for alias, marker in base.aliases.items() if marker in empties and alias not in empties},
         skeleton=skeleton,
@@ -101,25 +108,11 @@ def is_unmoved(markerset: MarkerSet, base: MarkerSet) -> bool:
     return bool((np.linalg.norm(markerset.offsets - base.offsets, axis=1) < UNMOVED).all())
 
 
-def _add_marker(collection, armature: bpy.types.Object, name: str, segment: str, place: np.ndarray):
-    empty = bpy.data.objects.new(name, None)
-    empty.empty_display_type, empty.empty_display_size = "SPHERE", MARKER_SIZE
-    empty.show_in_front = True
-    empty[naming.MARKER] = name
-    collection.objects.link(empty)
-    armatures.attach(empty, armature, segment, place)
-
-
-def _items(collection: bpy.types.Collection, kind: str) -> list[bpy.types.Object]:
-    return [item for item in collection.all_objects if item.type == kind]
-
-
 def _in_armature(item: bpy.types.Object, armature: bpy.types.Object) -> Matrix:
     """Where `item` stands in the armature's space when the armature is at rest."""
     bone = armature.data.bones.get(item.parent_bone) if item.parent == armature and item.parent_type == "BONE" else None
     if bone is None:
-        name = item.get(naming.MARKER, item.name)
-        raise InputError(f"{name} hangs on no bone; expected it parented to a bone of {armature.name}")
+        raise InputError(f"{_name_of(item)} hangs on no bone; expected it parented to a bone of {armature.name}")
     tail = bone.matrix_local @ Matrix.Translation(Vector((0, bone.length, 0)))
     return tail @ item.matrix_parent_inverse @ item.matrix_basis
 
@@ -133,12 +126,6 @@ def _segment_of(item: bpy.types.Object, armature: bpy.types.Object, skeleton: Sk
     return skeleton.segments.index(item.parent_bone)
 
 
-def _refuse_duplicates(names: list[str]):
-    twice = [name for name, count in Counter(names).items() if count > 1]
-    if twice:
-        raise InputError(f"two markers are called {twice[0]}; expected every marker to have a name of its own")
-
-
 def _read_skeleton(armature: bpy.types.Object, base: Skeleton, height: float) -> Skeleton:
     missing = [segment for segment in base.segments if segment not in armature.data.bones]
     if missing:
@@ -146,18 +133,13 @@ def _read_skeleton(armature: bpy.types.Object, base: Skeleton, height: float) ->
             f"{armature.name} has no bone {missing[0]}; expected the bones of the marker set it was made from"
         )
     joints = np.array([armature.data.bones[segment].head_local for segment in base.segments], dtype=float) / height
-    offsets = joints.copy()
-    for index, parent in enumerate(base.parents):
-        if parent >= 0:
-            offsets[index] -= joints[parent]
-    return Skeleton(base.segments, base.parents, offsets)
+    above = np.where(base.parents[:, None] >= 0, joints[base.parents], 0.0)
+    return Skeleton(base.segments, base.parents, joints - above)
 
 
 def _read_capsules(collection, armature: bpy.types.Object, skeleton: Skeleton, height: float) -> Capsules:
     rows = []
-    for item in _items(collection, "MESH"):
-        if naming.CAPSULE not in item:
-            continue
+    for item in (one for one in collection.all_objects if one.type == "MESH" and naming.CAPSULE in one):
         segment = _segment_of(item, armature, skeleton)
         place = _in_armature(item, armature)
         ends = [
@@ -165,13 +147,9 @@ def _read_capsules(collection, armature: bpy.types.Object, skeleton: Skeleton, h
             for key in (START, END)
         ]
         rows.append((segment, *ends, item[RADIUS] * float(np.mean(place.to_scale()[:2])) / height))
-    rows.sort(key=lambda row: row[0])
-    return Capsules(
-        np.array([row[0] for row in rows], dtype=int),
-        np.array([row[1] for row in rows]).reshape(-1, 3),
-        np.array([row[2] for row in rows]).reshape(-1, 3),
-        np.array([row[3] for row in rows], dtype=float),
-    )
+    columns = list(zip(*sorted(rows, key=lambda row: row[0]), strict=True)) or [()] * 4
+    segments, start, end, radius = (np.array(column) for column in columns)
+    return Capsules(segments.astype(int), start.reshape(-1, 3), end.reshape(-1, 3), radius.astype(float))
 
 
 def _carried_over(base: MarkerSet, markers: tuple[str, ...], attachment: np.ndarray) -> Spread:
@@ -187,3 +165,98 @@ def _carried_over(base: MarkerSet, markers: tuple[str, ...], attachment: np.ndar
                 modes[:, joints + index] = spread.modes[:, joints + old]
                 deviation[index] = spread.marker_sd[old]
     return replace(spread, modes=modes, marker_sd=deviation)
+
+
+QUALITY_REPORT = "mocap_quality"
+PLACES = "mocap_quality_places"
+MOVED_MARKER = 1e-4  # m; a marker that stands farther from where it was judged was moved
+
+# The last text that was read: panels and overlay ask at every redraw.
+_read: dict[str, dict] = {}
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """Where advice number `number` wants a marker: `begin` and `end` (3,) m in the world."""
+
+    number: int
+    marker: str
+    begin: np.ndarray
+    end: np.ndarray
+
+
+def keep_report(collection: bpy.types.Collection, text: str):
+    """Keeps a report, as text, with the marker set that it is about."""
+    collection[QUALITY_REPORT] = text
+    collection[PLACES] = json.dumps({name: list(place) for name, place in _places(collection).items()})
+
+
+def kept_report(collection: bpy.types.Collection | None) -> dict | None:
+    """The report of a marker set that is laid out; None before it was judged."""
+    text = collection.get(QUALITY_REPORT) if collection is not None else None
+    if not text:
+        return None
+    if text not in _read:
+        _read.clear()
+        _read[text] = json.loads(text)
+    return _read[text]
+
+
+def changed_since(collection: bpy.types.Collection) -> bool:
+    """Whether markers were moved, added, renamed or taken away since they were judged."""
+    before, now = json.loads(collection.get(PLACES, "{}")), _places(collection)
+    if set(before) != set(now):
+        return True
+    return any(np.abs(np.subtract(before[name], now[name])).max() > MOVED_MARKER for name in now)
+
+
+def targets(collection: bpy.types.Collection) -> list[Target]:
+    """Where the report's advice wants markers that are not there yet."""
+    report, items, found = kept_report(collection), marker_items(collection), []
+    for number, row in enumerate(report["advice"] if report else (), 1):
+        anchor = items.get(row["anchor"])
+        if anchor is None or (row["do"] == "add" and row["marker"] in items):
+            continue
+        end = _target(collection, row)
+        begin = np.array(anchor.matrix_world.translation)
+        if end is not None and np.linalg.norm(end - begin) > MOVED_MARKER:
+            found.append(Target(number, row["marker"], begin, end))
+    return found
+
+
+def take_advice(collection: bpy.types.Collection, number: int):
+    """Moves or adds the marker of one piece of advice, counted from 1; InputError where that cannot be done."""
+    report = kept_report(collection)
+    if report is None or not 1 <= number <= len(report["advice"]):
+        raise InputError(f"there is no advice {number}; expected the marker set to be judged first")
+    row, items = report["advice"][number - 1], marker_items(collection)
+    armature, item = armatures.armature_of(collection), items.get(row["anchor"])
+    if item is None or row["segment"] not in armature.data.bones:
+        raise InputError(f"{row['anchor']} or {row['segment']} is gone; expected them where they were judged")
+    if row["do"] == "add":
+        if row["marker"] in items:
+            raise InputError(f"{row['marker']} was added already; expected it once")
+        item = item.copy()
+        item.name = item[naming.MARKER] = row["marker"]
+        collection.objects.link(item)
+    place = np.eye(4)
+    place[:3, 3] = np.array(row["offset"]) * np.array(armature[armatures.SCALE])
+    item.matrix_parent_inverse.identity()
+    armatures.attach(item, armature, row["segment"], place)
+
+
+def _target(collection: bpy.types.Collection, row: dict) -> np.ndarray | None:
+    """(3,) m of the world, where the armature now has the place that a row of advice means."""
+    armature = armatures.armature_of(collection)
+    bone = armature.pose.bones.get(row["segment"])
+    if bone is None:
+        return None
+    offset = np.array(row["offset"]) * np.array(armature[armatures.SCALE])
+    rest, posed = (np.array(part, dtype=float) for part in (bone.bone.matrix_local, bone.matrix))
+    local = np.linalg.inv(rest) @ np.append(rest[:3, 3] + offset, 1)
+    return (np.array(armature.matrix_world, dtype=float) @ posed @ local)[:3]
+
+
+def _places(collection: bpy.types.Collection) -> dict[str, tuple[float, float, float]]:
+    """Where every marker hangs, whatever its armature does meanwhile."""
+    return {name: tuple(item.matrix_basis.translation) for name, item in marker_items(collection).items()}

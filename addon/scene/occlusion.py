@@ -16,28 +16,14 @@ from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.papers.virtual_occlusions.occlusion import OCCLUDING, segment_distance2
 from .armature import SCALE
-from .body import capsule_in_metres, capsule_place, capsule_shape
+from .body import Capsule, capsule_shape
 
-
-@dataclass(frozen=True)
-class SkinOptions:
-    """How thick a mesh of flat faces is; assumed.
-
-    ball_steps     that a ball inside is made smaller by, until it touches two faces
-    facets         a ball in flat faces touches them this much nearer than in the round body that they stand for
-    squarely       of a distance that is along a face's normal: with less the nearest place is an edge or a corner
-    inset_m        from the wall, where the ray to the far one starts
-    min_divisor_m  what is divided by is never less
-    """
-
-    ball_steps: int = 8
-    facets: float = 0.97
-    squarely: float = 0.9999
-    inset_m: float = 1e-5
-    min_divisor_m: float = 1e-9
-
-
-SKIN = SkinOptions()
+# How thick a mesh of flat faces is; assumed.
+BALL_STEPS = 8  # that a ball inside is made smaller by, until it touches two faces
+FACETS = 0.97  # a ball in flat faces touches them this much nearer than in the round body that they stand for
+SQUARELY = 0.9999  # of a distance, along a face's normal: with less the nearest place is an edge or a corner
+INSET_M = 1e-5  # from the wall, where the ray to the far one starts
+MIN_DIVISOR_M = 1e-9  # what is divided by is never less
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +97,7 @@ class MeshOcclusion:
 
     def _near(self, points: np.ndarray, eyes: np.ndarray, standoff: float) -> np.ndarray:
         """(K, C, N) True where the line from a point (K, N, 3) to an eye (K, C, 3) comes near enough to a volume."""
-        length2 = np.maximum(np.einsum("kx,kx->k", self._axis, self._axis), SKIN.min_divisor_m)
+        length2 = np.maximum(np.einsum("kx,kx->k", self._axis, self._axis), MIN_DIVISOR_M)
         # Every volume has axes of its own here, so each is a body of one capsule.
         gap2 = segment_distance2(self._start[:, None], self._axis[:, None], length2[:, None], points[:, :, None], eyes)
         return gap2[..., 0] <= ((self._radius + standoff) ** 2)[:, None, None]
@@ -154,12 +140,11 @@ def capsule_meshes(markerset: MarkerSet, shrink: float = OCCLUDING.fitted_shrink
     """The occlusion test of the meshes that `body.add_body` makes of a marker set's capsules, without the objects."""
     scale, volumes = np.full(3, markerset.spread.height), []
     for index, segment in enumerate(markerset.capsules.segment):
-        capsule = capsule_in_metres(markerset, index, scale)
-        place, half = capsule_place(capsule)
-        corners, faces = capsule_shape(half, capsule.radius * shrink)
-        placed = corners @ place[:3, :3].T + place[:3, 3]
-        tree = BVHTree.FromPolygons(placed.tolist(), faces)
-        volumes.append(Volume(int(segment), tree, capsule.start, capsule.end - capsule.start, capsule.radius * shrink))
+        capsule = Capsule.of(markerset, index, scale)
+        radius, place, along = capsule.radius * shrink, capsule.place, capsule.half * capsule.place[:3, 2]
+        corners, faces = capsule_shape(capsule.half, radius)
+        tree = BVHTree.FromPolygons((corners @ place[:3, :3].T + place[:3, 3]).tolist(), faces)
+        volumes.append(Volume(int(segment), tree, place[:3, 3] - along, 2 * along, radius))
     return MeshOcclusion(volumes, scale)
 
 
@@ -192,7 +177,7 @@ def _outside(volume: Volume, point: np.ndarray, standoff: float) -> np.ndarray |
     """
     surface, normal, face, distance = volume.tree.find_nearest(point.tolist())
     along = abs((point - np.array(surface)) @ np.array(normal))
-    if volume.skin is None or not volume.skin.rim[face] or along > SKIN.squarely * distance:
+    if volume.skin is None or not volume.skin.rim[face] or along > SQUARELY * distance:
         return _moved_out(volume.tree, point, standoff)
     moved = _moved_out(volume.skin.tree, point + volume.skin.joint, standoff)
     return None if moved is None else moved - volume.skin.joint
@@ -206,7 +191,7 @@ def _moved_out(tree: BVHTree, point: np.ndarray, standoff: float) -> np.ndarray 
     inside = away @ normal < 0
     if not inside and distance >= standoff:
         return point
-    outward = normal if distance < SKIN.min_divisor_m else away * ((-1 if inside else 1) / distance)
+    outward = normal if distance < MIN_DIVISOR_M else away * ((-1 if inside else 1) / distance)
     if inside and distance > (1 - OCCLUDING.min_side_share) * _ball_radius(tree, surface, outward):
         return None
     return surface + outward * standoff
@@ -217,15 +202,15 @@ def _ball_radius(tree: BVHTree, surface: np.ndarray, outward: np.ndarray) -> flo
 
     A ball as wide as the way to the far wall shrinks onto whatever reaches into it (Ma, Bae and Choi's shrinking ball).
     """
-    far = tree.ray_cast((surface - outward * SKIN.inset_m).tolist(), (-outward).tolist())[3]
+    far = tree.ray_cast((surface - outward * INSET_M).tolist(), (-outward).tolist())[3]
     if far is None:
         return np.inf
     radius = far / 2
-    for _ in range(SKIN.ball_steps):
+    for _ in range(BALL_STEPS):
         centre = surface - outward * radius
         touch, _, _, distance = tree.find_nearest(centre.tolist())
         chord = surface - np.array(touch)
-        if distance >= radius * SKIN.facets or chord @ outward < SKIN.min_divisor_m:
+        if distance >= radius * FACETS or chord @ outward < MIN_DIVISOR_M:
             break
         radius = float(chord @ chord / (2 * chord @ outward))
     return radius
@@ -287,7 +272,7 @@ def _shrunk(points: np.ndarray, triangles: np.ndarray, owner: np.ndarray, shrink
     normals = np.zeros_like(points)
     for corner in range(3):
         np.add.at(normals, triangles[:, corner], faces)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), SKIN.min_divisor_m)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), MIN_DIVISOR_M)
     thick = np.full(len(points), np.inf)
     for part in (*(owner == segment for segment in np.unique(owner)), np.ones(len(owner), dtype=bool)):
         tree = _tree(points, triangles[part])
@@ -308,7 +293,7 @@ def _around(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     low, high = min(along.min() + radius, 0.0), max(along.max() - radius, 0.0)
     axis = vectors[:, 2] * (high - low)
     start = middle + vectors[:, 2] * low
-    place = np.clip((points - start) @ axis / max(axis @ axis, SKIN.min_divisor_m), 0, 1)
+    place = np.clip((points - start) @ axis / max(axis @ axis, MIN_DIVISOR_M), 0, 1)
     return start, axis, float(np.linalg.norm(points - start - np.outer(place, axis), axis=1).max())
 
 

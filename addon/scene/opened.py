@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Takes and blobs read out of the file, kept at hand so that drawing a frame reads nothing twice."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import bpy
 import numpy as np
@@ -9,13 +10,13 @@ import numpy as np
 from ..core.data.takes import PointRows
 from ..core.edits.blob_tracks import BlobTracks
 from ..core.edits.kinds import NO_EDITS, Edits
+from ..core.filling.smoothing import smoothed
 from . import cameras as scene_cameras
-from .answers import BlobCorrecting
-from .corrections import PointCorrecting, edited, following_of, kept_edits, kept_text, text_of
+from .corrections import BlobCorrecting, PointCorrecting, following_of, kept_edits, kept_text, text_of
 from .fills import FillsInTake, fills_text, kept_cutoff, kept_fills
 from .preview import holds_points, read_points_preview, read_preview
 from .stored import Stored
-from .take import POSE, ROWS, finished_take, unedited_take, with_kept_body
+from .take import POSE, ROWS, unedited_take, with_kept_body
 
 
 @dataclass
@@ -30,6 +31,7 @@ class Opened:
     filling  what puts the fills of each take in, beside their text
     following  what works the edits of each take out
     trajectories  rows of trajectories that were asked for, beside those of the whole take
+    looked_at  what was worked out of the take that was asked for last, which is the first of it, by what it is
     """
 
     stored: dict[int, Stored] = field(default_factory=dict)
@@ -39,59 +41,54 @@ class Opened:
     filling: dict[int, tuple[str | None, FillsInTake]] = field(default_factory=dict)
     following: dict[int, PointCorrecting | BlobCorrecting] = field(default_factory=dict)
     trajectories: dict[int, tuple[PointRows, np.ndarray]] = field(default_factory=dict)
+    looked_at: dict[str, tuple[Stored | None, Any]] = field(default_factory=dict)
 
-    def take(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
-        """The take that `collection` holds, as its edits, fills and smoothing have it."""
-        return self._final(collection, self._as_edited(collection, scene))
+    def take(self, collection: bpy.types.Collection, scene: bpy.types.Scene, edits: Edits | None = None) -> Stored:
+        """The take that `collection` holds, as its edits, or others, and its fills and smoothing have it.
 
-    def _as_edited(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
-        text = kept_text(collection)
-        if text is None:
-            return self.unedited(collection, scene)
-        kept = self.edited.get(_number_of(collection))
-        if kept is not None and kept[0] == text and kept[1] is self.unedited(collection, scene):
-            return kept[2]
-        return self._edited(collection, scene, kept_edits(collection), text)
-
-    def take_with(self, collection: bpy.types.Collection, scene: bpy.types.Scene, edits: Edits) -> Stored:
-        """The take that `collection` holds as it is with `edits`, its fills and smoothing."""
-        return self._final(collection, self._edited(collection, scene, edits, text_of(edits)))
-
-    def _edited(self, collection: bpy.types.Collection, scene: bpy.types.Scene, edits: Edits, text: str) -> Stored:
-        key, before = _number_of(collection), self.unedited(collection, scene)
-        if key not in self.following:
-            self.following[key] = following_of(before)
-        after = edited(before, edits, self.following.get(key))
-        self.edited[key] = (text, before, after)
-        return after
+        The body follows by `reposing`.
+        """
+        key, stored = _number_of(collection), self.unedited(collection, scene)
+        text = kept_text(collection) if edits is None else text_of(edits)
+        if text is not None:
+            kept = self.edited.get(key)
+            if kept is None or kept[0] != text or kept[1] is not stored:
+                if key not in self.following:
+                    self.following[key] = following_of(stored)
+                after = self.following[key].apply(stored, kept_edits(collection) if edits is None else edits)
+                kept = self.edited[key] = text, stored, after
+            stored = kept[2]
+        return self._final(collection, stored)
 
     def make_ready(self, collection: bpy.types.Collection, scene: bpy.types.Scene):
         """Makes what the first corrections of a take would wait for, which of a long one is some 100 MB of memory."""
-        before = self.unedited(collection, scene)
-        if _number_of(collection) in self.following:
+        key, before = _number_of(collection), self.unedited(collection, scene)
+        if key in self.following:
             return
-        following = self.following[_number_of(collection)] = following_of(before)
-        edits, shown = kept_edits(collection) or NO_EDITS, self.final.get(_number_of(collection))
+        following = self.following[key] = following_of(before)
+        edits, shown = kept_edits(collection) or NO_EDITS, self.final.get(key)
         # Two, as the take before an edit and after it are there at once.
         both = [self._final(collection, following.apply(before, edits)) for _ in range(2)]
         both.clear()
-        self.final.pop(_number_of(collection), None)
+        self.final.pop(key, None)
         if shown is not None:  # what is drawn knows its take by what it is
-            self.final[_number_of(collection)] = shown
+            self.final[key] = shown
 
     def _final(self, collection: bpy.types.Collection, stored: Stored) -> Stored:
-        said = fills_text(collection), kept_cutoff(collection)
+        """A take with its edits as it is with its fills, and then smoothed; InputError for a rate too low for that."""
+        key, said = _number_of(collection), (fills_text(collection), kept_cutoff(collection))
         if said == (None, None):
             return stored
-        kept = self.final.get(_number_of(collection))
-        if kept is not None and kept[0] == said and kept[1] is stored:
-            return kept[2]
-        filling = self.filling.get(_number_of(collection))
-        if filling is None or filling[0] != said[0]:
-            filling = self.filling[_number_of(collection)] = said[0], FillsInTake(kept_fills(collection))
-        after = finished_take(collection, stored, filling[1])
-        self.final[_number_of(collection)] = (said, stored, after)
-        return after
+        kept = self.final.get(key)
+        if kept is None or kept[0] != said or kept[1] is not stored:
+            if key not in self.filling or self.filling[key][0] != said[0]:
+                self.filling[key] = said[0], FillsInTake(kept_fills(collection))
+            after = self.filling[key][1].put(stored)
+            if said[1] is not None:
+                motion = replace(after.motion, markers=smoothed(after.motion.markers, after.rate, said[1]))
+                after = replace(after, measured=after.unfilled, motion=motion, cutoff=said[1])
+            kept = self.final[key] = said, stored, after
+        return kept[2]
 
     def unedited(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
         """The take that `collection` holds, as the program labelled it."""
@@ -129,13 +126,8 @@ class Opened:
 
     def forget(self):
         """Lets go of everything: another file was loaded, something was undone, or the extension ends."""
-        self.stored.clear()
-        self.bodies.clear()
-        self.edited.clear()
-        self.final.clear()
-        self.filling.clear()
-        self.following.clear()
-        self.trajectories.clear()
+        for kept in vars(self).values():
+            kept.clear()
 
 
 def _number_of(collection: bpy.types.Collection) -> int:

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..core.training.looked_at import listed
+from ..core.data.wording import listed
 from . import naming
 
 MADE = "mocap_made"  # on what the add-on made: how it was made, and what it is in its take
@@ -244,7 +244,9 @@ def _state(block: bpy.types.ID) -> str:
             said.append(mesh.shape_keys is not None)
             arrays.append(numbers(mesh.vertices, "co", 3))
         if block.type == "ARMATURE":
-            said += [_of_bone(bone) for bone in block.pose.bones]
+            for bone in block.pose.bones:
+                kinds = [one.type for one in bone.constraints]
+                said.append((bone.name, _name(bone.parent), kinds, _name(bone.custom_shape), _own_keys(bone)))
             arrays += [
                 np.array([getattr(bone, one) for bone in block.data.bones]) for one in ("matrix_local", "tail_local")
             ]
@@ -290,11 +292,6 @@ def _of_object(item: bpy.types.Object) -> list:
     if not any(curve.data_path == "location" for curve in _curves(item)):
         said.append(list(item.location))
     return said
-
-
-def _of_bone(bone: bpy.types.PoseBone) -> tuple:
-    shape, above = _name(bone.custom_shape), _name(bone.parent)
-    return bone.name, above, [one.type for one in bone.constraints], shape, _own_keys(bone)
 
 
 def _name(block) -> str | None:

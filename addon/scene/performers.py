@@ -130,12 +130,11 @@ def body_material(home: bpy.types.Collection) -> bpy.types.Material | None:
 
 def colours_in(collection: bpy.types.Collection) -> dict[str, Colour]:
     """The colour of each performer of a take by name; none in a take of one."""
-    found = {}
-    for number, (name, home) in enumerate(homes(collection).items()):
-        material = body_material(home)
-        own = None if material is None else Color(material.diffuse_color[:3]).from_scene_linear_to_srgb()
-        found[name] = usual_colour(number) if own is None else tuple(own)
-    return found
+    materials = {name: body_material(home) for name, home in homes(collection).items()}
+    return {
+        name: usual_colour(number) if one is None else tuple(Color(one.diffuse_color[:3]).from_scene_linear_to_srgb())
+        for number, (name, one) in enumerate(materials.items())
+    }
 
 
 def set_colour(collection: bpy.types.Collection, name: str, colour: Colour):
@@ -143,12 +142,7 @@ def set_colour(collection: bpy.types.Collection, name: str, colour: Colour):
     home = homes(collection).get(name)
     material = None if home is None else body_material(home)
     if material is not None:
-        material.diffuse_color = (*_linear(colour), material.diffuse_color[3])
-
-
-def _linear(colour: Colour) -> Colour:
-    """A colour of the screen, sRGB, as materials have theirs."""
-    return tuple(Color(colour).from_srgb_to_scene_linear())
+        material.diffuse_color = (*Color(colour).from_srgb_to_scene_linear(), material.diffuse_color[3])
 
 
 def marker_colours(

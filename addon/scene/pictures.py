@@ -2,11 +2,13 @@
 """Movies and image sequences as grey pictures, by Blender's own reading, frame by frame, without a window or a GPU.
 
 A movie's frame is had as an image texture has it: the texture's image user says which one, evaluating the texture at
-one place makes Blender decode it, and the image's pixels are that frame's from then on.
+one place makes Blender decode it, and the image's pixels are that frame's from then on. The tracks of Blender's movie
+clips are blobs: a marker's place in a clip is in parts of its picture, (0, 0) the lower left corner, with the lens in
+it. Frame 1 of a clip is the scene's frame in which it starts.
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Self
@@ -15,6 +17,7 @@ import bpy
 import numpy as np
 
 from ..core.data.errors import InputError
+from ..core.data.takes import Blobs
 
 FIRST_FRAME = 1  # of a movie, as Blender counts
 CACHE_MB = 256  # of decoded frames that Blender keeps where nobody looks at them; eight movies are read side by side
@@ -195,3 +198,62 @@ def _grey(image: bpy.types.Image) -> np.ndarray:
     image.pixels.foreach_get(values)
     values = values.reshape(height, width, channels)[::-1]
     return values[..., 0] if channels < 3 else np.maximum(np.maximum(values[..., 0], values[..., 1]), values[..., 2])
+
+
+SOLVER_CONSTRAINTS = {"CAMERA_SOLVER"}
+# Their terms by their names in Blender; without any of them a lens of each kind is none.
+OTHER_LENSES = {"DIVISION": ("division_k1", "division_k2"), "NUKE": ("nuke_k1", "nuke_k2", "nuke_p1", "nuke_p2")}
+NO_AREA = np.nan  # a track's box is drawn by hand
+
+
+def clip_of(camera: bpy.types.Object, scene: bpy.types.Scene) -> bpy.types.MovieClip | None:
+    """The clip that a camera is solved by or shows in its background; None where there is none."""
+    solvers = [one for one in camera.constraints if one.type in SOLVER_CONSTRAINTS]
+    pictures = [one for one in camera.data.background_images if one.source == "MOVIE_CLIP"]
+    clips = [scene.active_clip if one.use_active_clip else one.clip for one in solvers]
+    clips += [scene.active_clip if one.use_camera_clip else one.clip for one in pictures]
+    return next((clip for clip in clips if clip is not None), None)
+
+
+def blobs_of_clips(clips: Mapping[int, bpy.types.MovieClip], size: np.ndarray, shift: float) -> Blobs:
+    """The tracks of clips, by the index of their camera, in the scene's frames; markers that are muted are none.
+
+    `size` (C, 2) px is that of the cameras' pictures, `shift` px how far their (0, 0) is from the upper left corner of
+    the first pixel, 0.5 where it is its middle. InputError where there is no marker at all.
+    """
+    rows = [row for index, clip in clips.items() for row in _markers(clip, index)]
+    if not rows:
+        raise InputError("the clips have no tracks with markers; expected some that are tracked and not muted")
+    table = np.array(rows)
+    frame, camera = table[:, 0].astype(int), table[:, 1].astype(int)
+    order = np.lexsort((camera, frame))
+    frame, camera, place = frame[order], camera[order], table[order, 2:]
+    xy = np.column_stack([place[:, 0], 1 - place[:, 1]]) * size[camera] - shift
+    first = int(frame[0])
+    return Blobs(np.arange(first, frame[-1] + 1), frame - first, camera, xy, np.full(len(frame), NO_AREA))
+
+
+def _markers(clip: bpy.types.MovieClip, camera: int) -> list[tuple[int, int, float, float]]:
+    """Frame of the scene, camera, and place of each marker that is not muted."""
+    tracks = [track for item in clip.tracking.objects for track in item.tracks]
+    return [
+        (marker.frame + clip.frame_start - 1, camera, marker.co[0] + track.offset[0], marker.co[1] + track.offset[1])
+        for track in tracks
+        for marker in track.markers
+        if not marker.mute
+    ]
+
+
+def lens_of(clip: bpy.types.MovieClip) -> list[float]:
+    """k1, k2, p1, p2, k3 of a clip, in OpenCV's sense, which Blender's polynomial has too; InputError for others."""
+    lens = clip.tracking.camera
+    if lens.distortion_model == "POLYNOMIAL":
+        return [lens.k1, lens.k2, 0.0, 0.0, lens.k3]
+    if lens.distortion_model == "BROWN" and not (lens.brown_k4 or lens.brown_p1 or lens.brown_p2):
+        return [lens.brown_k1, lens.brown_k2, 0.0, 0.0, lens.brown_k3]
+    terms = OTHER_LENSES.get(lens.distortion_model, ())
+    if terms and not any(getattr(lens, term) for term in terms):
+        return [0.0] * 5
+    kind = lens.distortion_model.title()
+    words = f"clip {clip.name} has a lens of the kind {kind}, or with terms that OpenCV's has not"
+    raise InputError(f"{words}; expected Polynomial, or Brown with K1 to K3 only")

@@ -18,12 +18,12 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet, Worn
 from ..core.data.takes import Suspect
-from ..io.motion_cache import CACHING, cache_mark, check_cache, write_cache
-from ..io.names import written
+from ..io.poses import PART_BYTES, cache_mark, check_cache, write_cache
+from ..io.text import written
 from . import armature as armatures
 from . import naming
 from .body import add_body
-from .markers import DISPLAY_SIZE
+from .markers import add_marker
 from .performers import body_material, home_of, performers_of
 from .take import SHIFT, SOURCE, SUSPECTS, frame_shift, set_time
 
@@ -96,7 +96,10 @@ def show_playing(context: bpy.types.Context, take: Playing, cache: Path) -> bpy.
     set_time(scene, take.rate, ends + shift)
     collection = _child(scene.collection, naming.title(take.name))
     bones, sample, empties = [], poses.sampled(), {}
-    carrier = _carrier(collection)
+    # The hidden mesh whose vertices the file moves.
+    carrier = bpy.data.objects.new(f"{collection.name} motion", bpy.data.meshes.new(f"{collection.name} motion"))
+    carrier.hide_viewport = carrier.hide_render = carrier.hide_select = True
+    collection.objects.link(carrier)
     for performer, (_, markerset) in zip(performers_of(take.worn), take.worn.worn, strict=True):
         home = home_of(collection, performer, {})
         build = armatures.build_of(markerset, performer.motion_of(sample))
@@ -105,7 +108,9 @@ def show_playing(context: bpy.types.Context, take: Playing, cache: Path) -> bpy.
         add_body(_child(home, f"{home.name} body"), armature, markerset, build.scale, body_material(home))
         place = _child(home, f"{home.name} markers")
         for index in range(*performer.marker_rows.indices(len(take.worn.markers))):
-            empties[index] = _marker(place, take.worn.markers[index], carrier, index)
+            empties[index] = add_marker(place, take.worn.markers[index])
+            empties[index].show_name = True
+            _hang(empties[index], carrier, index)
     numbers = BONE_NUMBERS * sum(len(one.segments) for one in bones)
     vertices = len(take.worn.markers) + -(-numbers // 3)
     carrier.data.vertices.add(vertices)
@@ -115,7 +120,9 @@ def show_playing(context: bpy.types.Context, take: Playing, cache: Path) -> bpy.
         # Standing still in the moving body it would look like a wrong name.
         empty.hide_viewport = empty.hide_render = not seen[index]
     _drive(collection, carrier, bones, len(take.worn.markers))
-    _play(carrier, cache, int(ends[0] + shift))
+    modifier = carrier.modifiers.new("Motion", "MESH_CACHE")
+    modifier.cache_format, modifier.frame_start = "PC2", int(ends[0] + shift)
+    modifier.filepath = "//" + written(cache.name)
     _keep(collection, carrier, take, cache, shift)
     return collection
 
@@ -123,7 +130,7 @@ def show_playing(context: bpy.types.Context, take: Playing, cache: Path) -> bpy.
 def _frames(take: Playing, bones: list[_Bones], vertices: int, seen: np.ndarray) -> Iterator[np.ndarray]:
     """The vertices (n, V, 3) of all frames, part by part; notes who is `seen` (M,)."""
     count = len(seen)
-    size = max(CACHING.part_bytes // (200 * vertices), 1)
+    size = max(PART_BYTES // (200 * vertices), 1)
     for part, joints, rotations in take.poses.parts(size):
         found = np.zeros((len(joints), vertices, 3))
         found[:, :count] = take.markers(part)
@@ -135,52 +142,34 @@ def _frames(take: Playing, bones: list[_Bones], vertices: int, seen: np.ndarray)
 
 def _absent(take: Playing, bones: list[_Bones], vertices: int) -> np.ndarray:
     """(V, 3) what to show of what is never known: markers where the body has them, bones at rest."""
-    rest = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0] * sum(len(one.segments) for one in bones)
+    count, bone = len(take.poses.expected), [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+    rest = bone * sum(len(one.segments) for one in bones)
     absent = np.zeros((vertices, 3))
-    absent[: len(take.poses.expected)] = np.nan_to_num(take.poses.expected)
-    absent[len(take.poses.expected) :].reshape(-1)[: len(rest)] = rest
+    absent[:count] = np.nan_to_num(take.poses.expected)
+    absent[count:].reshape(-1)[: len(rest)] = rest
     return absent
 
 
-def _carrier(collection: bpy.types.Collection) -> bpy.types.Object:
-    """The hidden mesh whose vertices the file moves; it has none yet."""
-    item = bpy.data.objects.new(f"{collection.name} motion", bpy.data.meshes.new(f"{collection.name} motion"))
-    item.hide_viewport = item.hide_render = item.hide_select = True
-    collection.objects.link(item)
-    return item
-
-
-def _marker(place: bpy.types.Collection, name: str, carrier: bpy.types.Object, vertex: int) -> bpy.types.Object:
-    empty = _on_vertex(place, name, carrier, vertex)
-    empty.empty_display_type, empty.empty_display_size = "SPHERE", DISPLAY_SIZE
-    empty[naming.MARKER] = name
-    empty.show_name = True
-    return empty
-
-
-def _on_vertex(place: bpy.types.Collection, name: str, carrier: bpy.types.Object, vertex: int) -> bpy.types.Object:
-    empty = bpy.data.objects.new(name, None)
+def _hang(empty: bpy.types.Object, carrier: bpy.types.Object, vertex: int):
+    """Hangs an empty on a vertex."""
     empty.parent, empty.parent_type, empty.parent_vertices = carrier, "VERTEX", (vertex, 0, 0)
-    place.objects.link(empty)
-    return empty
 
 
 def _drive(collection: bpy.types.Collection, carrier: bpy.types.Object, bones: list[_Bones], first: int):
     """Makes every bone follow its numbers, which are in the vertices from `first` on."""
     place = _child(collection, f"{collection.name} numbers")
     place.hide_viewport = place.hide_render = True
-    empties: dict[int, bpy.types.Object] = {}
-    number = 0
-    for one in bones:
-        for segment in one.segments:
-            bone = one.armature.pose.bones[segment]
-            for path, axes in (("location", 3), ("rotation_quaternion", 4)):
-                for axis in range(axes):
-                    vertex, part = first + number // 3, number % 3
-                    if vertex not in empties:
-                        empties[vertex] = _on_vertex(place, f"{collection.name} {vertex}", carrier, vertex)
-                    _follow(bone.driver_add(path, axis), empties[vertex], "XYZ"[part])
-                    number += 1
+    channels = [("location", axis) for axis in range(3)] + [("rotation_quaternion", axis) for axis in range(4)]
+    driven = [
+        (one.armature.pose.bones[name], *channel) for one in bones for name in one.segments for channel in channels
+    ]
+    for number, (bone, path, axis) in enumerate(driven):
+        if number % 3 == 0:
+            vertex = first + number // 3
+            empty = bpy.data.objects.new(f"{collection.name} {vertex}", None)
+            _hang(empty, carrier, vertex)
+            place.objects.link(empty)
+        _follow(bone.driver_add(path, axis), empty, "XYZ"[number % 3])
 
 
 def _follow(curve: bpy.types.FCurve, empty: bpy.types.Object, axis: str):
@@ -194,12 +183,6 @@ def _follow(curve: bpy.types.FCurve, empty: bpy.types.Object, axis: str):
     variable.type = "TRANSFORMS"
     target = variable.targets[0]
     target.id, target.transform_type, target.transform_space = empty, f"LOC_{axis}", "WORLD_SPACE"
-
-
-def _play(carrier: bpy.types.Object, cache: Path, first: int):
-    modifier = carrier.modifiers.new("Motion", "MESH_CACHE")
-    modifier.cache_format, modifier.frame_start = "PC2", first
-    modifier.filepath = "//" + written(cache.name)
 
 
 def _keep(collection: bpy.types.Collection, carrier: bpy.types.Object, take: Playing, cache: Path, shift: int):
@@ -219,28 +202,23 @@ def _child(parent: bpy.types.Collection, name: str) -> bpy.types.Collection:
     return child
 
 
-def is_played(collection: bpy.types.Collection | None) -> bool:
-    """True for a take that plays from a file."""
-    return collection is not None and PLAYED in collection
-
-
 def played_takes(scene: bpy.types.Scene) -> list[bpy.types.Collection]:
     """The takes of a scene that play from files."""
-    return [collection for collection in scene.collection.children_recursive if is_played(collection)]
+    return [collection for collection in scene.collection.children_recursive if PLAYED in collection]
 
 
-def modifier_of(collection: bpy.types.Collection) -> bpy.types.Modifier | None:
-    """What plays a take; None where a user took it away."""
+def modifier_of(collection: bpy.types.Collection) -> bpy.types.Modifier:
+    """What plays a take; InputError where a user took it away."""
     carrier = collection.get(CARRIER)
-    return None if carrier is None else next((one for one in carrier.modifiers if one.type == "MESH_CACHE"), None)
+    for modifier in carrier.modifiers if carrier is not None else ():
+        if modifier.type == "MESH_CACHE":
+            return modifier
+    raise InputError("the object that plays the take was taken away; expected it: open the saved file again")
 
 
 def motion_path(collection: bpy.types.Collection) -> Path:
     """Where the motion of a take is looked for."""
-    modifier = modifier_of(collection)
-    if modifier is None:
-        raise InputError("the object that plays the take was taken away; expected it: open the saved file again")
-    return Path(bpy.path.abspath(modifier.filepath, library=collection.library))
+    return Path(bpy.path.abspath(modifier_of(collection).filepath, library=collection.library))
 
 
 _known: dict[tuple, str] = {}
@@ -270,11 +248,7 @@ def what_is_wrong(collection: bpy.types.Collection) -> str:
 def find_motion(collection: bpy.types.Collection, path: Path):
     """Lets a take play from the file at `path`; InputError where it is not that take's."""
     check_cache(path, str(collection[MOTION_MARK]))
-    modifier = modifier_of(collection)
-    if modifier is None:
-        raise InputError("the object that plays the take was taken away; expected it: open the saved file again")
-    name = str(path)
-    modifier.filepath = bpy.path.relpath(name) if bpy.data.filepath else name
+    modifier_of(collection).filepath = bpy.path.relpath(str(path)) if bpy.data.filepath else str(path)
 
 
 def for_a_part(collection: bpy.types.Collection) -> dict | None:

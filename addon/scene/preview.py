@@ -10,7 +10,8 @@ import numpy as np
 from ..core.data.takes import Blobs, Labels, Motion, PointRows, Points
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
 from . import naming, ownership, storage
-from .cloud import FRAME, add_cloud, cloud_points, cloud_table
+from .ownership import numbers
+from .storage import FRAME, add_cloud, cloud_table
 from .take import Stored, frame_shift
 
 CAMERA_NAMES, PREVIEW_SHIFT = "mocap_camera_names", "mocap_frame_shift"
@@ -26,17 +27,15 @@ def store_preview(name: str, blobs: Blobs, cameras: Cameras) -> bpy.types.Mesh:
 
 def read_preview(mesh: bpy.types.Mesh, cameras: Cameras) -> Stored:
     """The kept blobs as a take without labels, markers or motion; blobs of cameras that are gone are left out."""
-    table = storage.read_table(mesh)
-    names = json.loads(mesh[CAMERA_NAMES])
+    table, names = storage.read_table(mesh), json.loads(mesh[CAMERA_NAMES])
     index = np.array([cameras.names.index(name) if name in cameras.names else -1 for name in names], dtype=int)
     camera = index[table["camera"]]
     there = camera >= 0
     number = table["frame"][there]
     frames = np.arange(number[0], number[-1] + 1) if len(number) else np.zeros(0, dtype=int)
-    count, rows = len(frames), int(there.sum())
-    blobs = Blobs(frames, number - number[:1].sum(), camera[there], table["xy"][there], np.full(rows, np.nan))
-    shift = frame_shift(frames)
-    return Stored(mesh.name, 0.0, cameras, (), blobs, Labels.none(rows), _no_motion(frames, count), (), "", shift)
+    area = np.full(len(number), np.nan)
+    blobs = Blobs(frames, number - number[:1].sum(), camera[there], table["xy"][there], area)
+    return _unlabelled(mesh, cameras, blobs, frame_shift(frames))
 
 
 def show_points(scene: bpy.types.Scene, name: str, take: Points) -> bpy.types.Mesh:
@@ -59,10 +58,8 @@ def read_points_preview(mesh: bpy.types.Mesh) -> Stored:
     """The kept points as a take without labels, markers, motion or cameras."""
     table, shift = storage.read_table(mesh), int(mesh[PREVIEW_SHIFT])
     number = table[FRAME] - shift
-    frames = np.arange(number[0], number[-1] + 1)
-    rows = PointRows(frames, number - number[0], table["trajectory"], cloud_points(mesh), None)
-    motion = _no_motion(frames, len(frames))
-    return Stored(mesh.name, 0.0, NO_CAMERAS, (), rows, Labels.none(len(rows)), motion, (), "", shift)
+    frames, xyz = np.arange(number[0], number[-1] + 1), numbers(mesh.vertices, "co", 3).reshape(-1, 3).astype(float)
+    return _unlabelled(mesh, NO_CAMERAS, PointRows(frames, number - number[0], table["trajectory"], xyz, None), shift)
 
 
 def hide_preview(mesh: bpy.types.Mesh | None, hidden: bool):
@@ -83,17 +80,10 @@ def _objects(mesh: bpy.types.Mesh | None) -> list[bpy.types.Object]:
     return [item for item in bpy.data.objects if mesh is not None and item.data == mesh]
 
 
-def _no_motion(frames: np.ndarray, count: int) -> Motion:
-    none, points = np.zeros((count, 0)), np.zeros((count, 0, 3))
-    return Motion(
-        frames,
-        points,
-        none,
-        none,
-        none,
-        points,
-        points,
-        np.zeros((count, 0, 3, 3)),
-        np.full((count, 3), np.nan),
-        np.zeros(count),
-    )
+def _unlabelled(mesh: bpy.types.Mesh, cameras: Cameras, rows: Blobs | PointRows, shift: int) -> Stored:
+    """Rows as a take with nothing else."""
+    count = len(rows.frames)
+    none, points, turns = np.zeros((count, 0)), np.zeros((count, 0, 3)), np.zeros((count, 0, 3, 3))
+    scale, confidence = np.full((count, 3), np.nan), np.zeros(count)
+    motion = Motion(rows.frames, points, none, none, none, points, points, turns, scale, confidence)
+    return Stored(mesh.name, 0.0, cameras, (), rows, Labels.none(len(rows)), motion, (), "", shift)

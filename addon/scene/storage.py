@@ -2,21 +2,20 @@
 """Arrays kept in the file: a mesh that is never shown, one vertex a row, one attribute a column.
 
 Blender saves, links, copies and undoes meshes as fast as arrays go; single precision keeps a pixel to 1/2000 and a
-metre to 0.1 µm. A row number is a vertex number.
+metre to 0.1 µm. A row number is a vertex number. A table of points can be shown as one object, which of all frames'
+points shows those of the current frame: geometry nodes do the choosing, so the file plays anywhere.
 """
 
 import bpy
 import numpy as np
 
-# Attribute type and the name of its values, by what a row of the array looks like.
-_FLOATS = {
-    (): ("FLOAT", "value"),
-    (2,): ("FLOAT2", "vector"),
-    (3,): ("FLOAT_VECTOR", "vector"),
-    (4,): ("QUATERNION", "value"),
-}
+from . import naming
+
+# Attribute types of numbers by what a row of the array looks like, and what Blender calls the values of each.
+_FLOATS = {(): "FLOAT", (2,): "FLOAT2", (3,): "FLOAT_VECTOR", (4,): "QUATERNION"}
+_WIDTH = {"INT": ()} | {kind: width for width, kind in _FLOATS.items()}
+_VALUES = {"INT": "value", "FLOAT": "value", "FLOAT2": "vector", "FLOAT_VECTOR": "vector", "QUATERNION": "value"}
 FROM = "mocap_from_"  # and a column's name: what its whole numbers count from, where they need more than 32 bits
-_WIDTH = {"INT": (), "FLOAT": (), "FLOAT2": (2,), "FLOAT_VECTOR": (3,), "QUATERNION": (4,)}
 
 
 def store_table(name: str, columns: dict[str, np.ndarray]) -> bpy.types.Mesh:
@@ -28,14 +27,14 @@ def store_table(name: str, columns: dict[str, np.ndarray]) -> bpy.types.Mesh:
     mesh.vertices.add(rows.pop())
     for key, column in columns.items():
         if np.issubdtype(column.dtype, np.integer) or column.dtype == bool:
-            kind, values, dtype = "INT", "value", np.int32
+            kind, dtype = "INT", np.int32
             if len(column) and np.abs(column).max() > np.iinfo(dtype).max:
                 mesh[FROM + key] = float(column.min())
                 column = column - column.min()
         else:
-            (kind, values), dtype = _FLOATS[column.shape[1:]], np.float32
+            kind, dtype = _FLOATS[column.shape[1:]], np.float32
         attribute = mesh.attributes.new(key, kind, "POINT")
-        attribute.data.foreach_set(values, np.ascontiguousarray(column, dtype=dtype).ravel())
+        attribute.data.foreach_set(_VALUES[kind], np.ascontiguousarray(column, dtype=dtype).ravel())
     return mesh
 
 
@@ -48,8 +47,58 @@ def read_table(mesh: bpy.types.Mesh) -> dict[str, np.ndarray]:
         shape = _WIDTH[attribute.data_type]
         whole = attribute.data_type == "INT"
         flat = np.empty(len(mesh.vertices) * int(np.prod(shape, dtype=int)), dtype=np.int32 if whole else np.float32)
-        values = "vector" if attribute.data_type in ("FLOAT2", "FLOAT_VECTOR") else "value"
-        attribute.data.foreach_get(values, flat)
+        attribute.data.foreach_get(_VALUES[attribute.data_type], flat)
         column = flat.reshape(-1, *shape).astype(np.int64 if whole else float)
         columns[attribute.name] = column + int(mesh[FROM + attribute.name]) if FROM + attribute.name in mesh else column
     return columns
+
+
+POINT_RADIUS = 0.008  # m
+FRAME = "frame"
+
+
+def add_cloud(collection: bpy.types.Collection, mesh: bpy.types.Mesh) -> bpy.types.Object:
+    """Adds the object that shows `mesh`, a table made by `cloud_table`."""
+    item = bpy.data.objects.new(mesh.name, mesh)
+    collection.objects.link(item)
+    item.modifiers.new("Points of the frame", "NODES").node_group = _nodes()
+    return item
+
+
+def cloud_table(name: str, frames: np.ndarray, points: np.ndarray, **columns: np.ndarray) -> bpy.types.Mesh:
+    """A mesh of N points (N, 3) m at Blender's `frames` (N,), with further columns for `read_table`."""
+    mesh = store_table(name, {FRAME: frames, **columns})
+    mesh.vertices.foreach_set("co", np.ascontiguousarray(points, dtype=np.float32).ravel())
+    return mesh
+
+
+def _nodes() -> bpy.types.NodeTree:
+    """The nodes that keep the points of the current frame, made once a file."""
+    name = naming.title("points of the frame")
+    tree = bpy.data.node_groups.get(name)
+    if tree is not None:
+        return tree
+    tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
+    for way in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    entry, leave = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")
+    frame, now = tree.nodes.new("GeometryNodeInputNamedAttribute"), tree.nodes.new("GeometryNodeInputSceneTime")
+    frame.data_type = "INT"
+    frame.inputs["Name"].default_value = FRAME
+    same = tree.nodes.new("FunctionNodeCompare")
+    same.data_type, same.operation = "INT", "EQUAL"
+    one, other = (socket for socket in same.inputs if socket.type == "INT")
+    points = tree.nodes.new("GeometryNodeMeshToPoints")
+    points.inputs["Radius"].default_value = POINT_RADIUS
+    attribute = next(socket for socket in frame.outputs if socket.enabled and socket.name == "Attribute")
+    for start, end in (
+        (entry.outputs[0], points.inputs["Mesh"]),
+        (attribute, one),
+        (now.outputs["Frame"], other),
+        (same.outputs["Result"], points.inputs["Selection"]),
+        (points.outputs[0], leave.inputs[0]),
+    ):
+        tree.links.new(start, end)
+    for column, node in enumerate((entry, frame, now, same, points, leave)):
+        node.location = (200 * column, 0)
+    return tree

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.takes import Blobs, EditOutcome, Labels, Motion, PointRows, Suspect
-from ..core.edits.following import Held, changed_frames, moved_frames
+from ..core.edits.following import Held, changed_frames
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.filling.kept import KeptFill, filled_samples, fills_by_marker
 from ..core.geometry.cameras import Cameras
@@ -103,6 +103,16 @@ class Stored:
         """(F,) True where the body was posed on other labels."""
         return np.zeros(len(self.motion.frames), bool) if self.posed_on is None else self.posed_on != self.label_digests
 
+    def index_of(self, current: int) -> int:
+        """Which of the take's frames Blender's current one is; -1 outside."""
+        frames = self.motion.frames
+        at = current - self.shift - int(frames[0]) if len(frames) else -1
+        return at if 0 <= at < len(frames) else -1
+
+    def index_here(self, current: int) -> int:
+        """The same; InputError outside the take."""
+        return self.source_frame(current) - int(self.motion.frames[0])
+
     def source_frame(self, current: int) -> int:
         """Blender's current frame in the source's numbers; InputError outside the take."""
         frame, first, last = current - self.shift, int(self.motion.frames[0]), int(self.motion.frames[-1])
@@ -178,23 +188,16 @@ def alone(stored: Stored, performer: Performer) -> Stored:
     )
 
 
-def moved_between(before: Stored, after: Stored) -> dict[int, slice] | None:
-    """The markers that are elsewhere, and the frames, by their index, in which they may be.
-
-    None where two takes differ by more than edits and fills that go with the one but not with the other.
-    """
-    return _between(before, after, moved_frames)
-
-
-def changed_between(before: Stored, after: Stored) -> dict[int, slice] | None:
-    """The same of markers that are elsewhere, or of which edits say something else."""
-    return _between(before, after, changed_frames)
-
-
-def _between(
-    before: Stored, after: Stored, frames_of: Callable[[Held | None, Held | None], dict[int, slice]]
+def changed_between(
+    before: Stored,
+    after: Stored,
+    frames_of: Callable[[Held | None, Held | None], dict[int, slice]] = changed_frames,
 ) -> dict[int, slice] | None:
-    # Of blobs nothing says what an edit changes.
+    """The markers that are elsewhere, or of which edits say something else, and the frames, by index, where they may.
+
+    By `moved_frames` only those that are elsewhere. None where two takes differ by more than edits and fills that go
+    with the one but not with the other: of blobs nothing says what an edit changes.
+    """
     same = isinstance(before.rows, PointRows) and before.rows is after.rows
     same = same and before.fills is after.fills
     if not same or before.cutoff is not None or after.cutoff is not None:

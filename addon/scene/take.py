@@ -2,15 +2,18 @@
 """A labelled take as a whole: gathered from the labelling, shown in a scene, kept in the file and read back."""
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass, field, fields, replace
+from typing import Any, Self
 
 import bpy
 import numpy as np
 
 from ..core.data.errors import JobError
 from ..core.data.markersets import Worn
+from ..core.data.merging import LabelledRange, joined
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Labels, Motion, PointRows, Suspect
+from ..core.edits.following import moved_frames
 from ..core.edits.kinds import Edits
 from ..core.filling.kept import KeptFill, filled_samples, put_fills
 from ..core.filling.smoothing import smoothed
@@ -23,27 +26,19 @@ from . import markers as scene_markers
 from . import naming, ownership, storage
 from .animation import TakeActions
 from .body import add_body
-from .cloud import FRAME, add_cloud, cloud_table
-from .corrections import edited, keep_edits, kept_edits, kept_text, motion_of_labels
-from .fills import FILL_PATHS, FillsInTake, keep_cutoff, keep_fills, kept_cutoff, kept_fills, smoothed_in
+from .corrections import keep_edits, kept_text
+from .fills import FILL_PATHS, keep_cutoff, keep_fills
 from .performers import Colour, Performer, body_material, home_of, homes, performers_in_row, performers_of, rows_of
-from .stored import Stored, digest_of, digests_of, moved_between
+from .storage import FRAME, add_cloud, cloud_table
+from .stored import Stored, changed_between, digest_of, digests_of
 
 ROWS, MOTION, POSE, FRAME_TABLE = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
 EXPECTED = "mocap_expected"
 POSED_ON = "posed_on"  # of a frame: the digest of the labels that the body was posed on
 SHOWN_BODY = "mocap_shown_body"  # on an action: the digest of the labels that the body was posed on that it shows
-RATE, SHIFT, SUSPECTS, SOURCE, MARKER_NAMES = (
-    "mocap_rate",
-    "mocap_frame_shift",
-    "mocap_suspects",
-    "mocap_source",
-    "mocap_names",
-)
-STEP_NAMES = "mocap_steps"
-MARKER_WORDS = "mocap_marker_words"
-PARENTS, SEGMENTS = "mocap_parents", "mocap_segments"
-PERFORMERS = "mocap_performers"
+RATE, SHIFT, SUSPECTS, SOURCE = "mocap_rate", "mocap_frame_shift", "mocap_suspects", "mocap_source"
+MARKER_NAMES, MARKER_WORDS, STEP_NAMES = "mocap_names", "mocap_marker_words", "mocap_steps"
+PARENTS, SEGMENTS, PERFORMERS = "mocap_parents", "mocap_segments", "mocap_performers"
 TRAJECTORY, POINT, RESIDUAL = "trajectory", "point", "point_residual"
 LAST_FRAME = 1048574  # Blender's last frame
 
@@ -61,7 +56,7 @@ class Take:
     motion     frame for frame with `rows.frames`
     suspects   ranges of frames to look at
     source     the file of the take, empty if there is none
-    doubts     sentences about the whole take, said once when it is shown
+    doubts     what is odd about its cameras, a sentence each; None where nobody looked
     edits      what a person said of the rows, which the labels follow; None where nobody said anything
     unedited   the program's own labels, of which the edits give these; None where they are these
     fills      gaps that were filled, which `motion` has not
@@ -79,7 +74,7 @@ class Take:
     motion: Motion
     suspects: tuple[Suspect, ...] = ()
     source: str = ""
-    doubts: tuple[str, ...] = ()
+    doubts: tuple[str, ...] | None = None
     edits: Edits | None = None
     unedited: Labels | None = None
     fills: tuple[KeptFill, ...] = ()
@@ -87,34 +82,29 @@ class Take:
     colours: Mapping[str, Colour] = field(default_factory=dict)
     old_body: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
 
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        rate: float,
+        cameras: Cameras,
+        worn: Worn,
+        chunks: Sequence[tuple[Blobs | PointRows, LabelledChunk]],
+        source: str,
+        **said: Any,
+    ) -> Self:
+        """The take of consecutive rows and what was made of them; `said` are further fields. JobError without any."""
+        if not chunks:
+            raise JobError("the take holds no frames; expected at least one frame with blobs")
+        parts = [LabelledRange(rows, one.labels, one.motion, one.suspects, one.unedited) for rows, one in chunks]
+        take = cls(name, rate, cameras, worn, source=source, **vars(joined(parts)), **said)
+        return take if take.edits else replace(take, unedited=None)
+
     @property
     def posed_on(self) -> np.ndarray:
         """(F,) the digests of the labels that the body was posed on."""
         now = digests_of(self.rows, self.labels, self.motion)
         return np.where(np.isin(self.motion.frames, self.old_body), now ^ 1, now)
-
-
-def join_rows(chunks: Sequence[Blobs] | Sequence[PointRows]) -> Blobs | PointRows:
-    """Consecutive chunks of a take as one; points are one chunk always."""
-    if isinstance(chunks[0], PointRows):
-        [rows] = chunks
-        return rows
-    return Blobs.join(chunks)
-
-
-def join_labelled(chunks: list[LabelledChunk]) -> tuple[Labels, Motion, tuple[Suspect, ...]]:
-    """Labels, motion and suspects of consecutive chunks as one; suspects that touch and agree become one range."""
-    if not chunks:
-        raise JobError("the take holds no frames; expected at least one frame with blobs")
-    labels = Labels.join(chunk.labels for chunk in chunks)
-    motion = Motion(*(np.concatenate([getattr(c.motion, f.name) for c in chunks]) for f in fields(Motion)))
-    return labels, motion, _merged(suspect for chunk in chunks for suspect in chunk.suspects)
-
-
-def join_unedited(chunks: Sequence[LabelledChunk]) -> Labels | None:
-    """The program's own labels of consecutive chunks; None where there were no edits of them."""
-    parts = [chunk.unedited for chunk in chunks]
-    return None if any(part is None for part in parts) else Labels.join(parts)
 
 
 def frame_shift(frames: np.ndarray) -> int:
@@ -217,19 +207,16 @@ def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored):
 
 def _changed(before: Stored, after: Stored) -> list[int]:
     """The markers that are elsewhere after other edits, fills or smoothing, or whose filled samples are others."""
-    moved = moved_between(before, after)
+    moved = changed_between(before, after, moved_frames)
     if moved is not None:
         return sorted(moved)
-    filled, was_filled = after.filled_markers, before.filled_markers
+    filled, was_filled, nowhere = after.filled_markers, before.filled_markers, np.zeros(len(after.motion.frames), bool)
     either = filled.keys() | was_filled.keys()
-    refilled = {index for index in either if not _flags_alike(filled.get(index), was_filled.get(index))}
+    flags = {index: [one.get(index, nowhere) for one in (filled, was_filled)] for index in either}
+    refilled = {index for index, both in flags.items() if not np.array_equal(*both)}
     one, other = before.motion.markers, after.motion.markers
     elsewhere = {index for index in range(len(after.names)) if not _alike(one[:, index], other[:, index])}
     return sorted(refilled | elsewhere)
-
-
-def _flags_alike(one: np.ndarray | None, other: np.ndarray | None) -> bool:
-    return one is not None and other is not None and np.array_equal(one, other)
 
 
 def _alike(one: np.ndarray, other: np.ndarray) -> bool:
@@ -288,35 +275,29 @@ def holds_points(collection: bpy.types.Collection | None) -> bool:
     return is_take(collection) and POINT in collection[ROWS].attributes
 
 
-def stored_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
-    """A take as the file keeps it with its edits, fills and smoothing, in any session after its labelling."""
-    edits = kept_edits(collection)
-    stored = unedited_take(collection, scene)
-    return finished_take(collection, stored if edits is None else edited(stored, edits))
-
-
-def finished_take(collection: bpy.types.Collection, stored: Stored, filling: FillsInTake | None = None) -> Stored:
-    """A take with its fills in it, and then smoothed, as the file has these; `stored` has its edits and neither.
-
-    The fills need not be read where what puts them in is known.
-    """
-    cutoff = kept_cutoff(collection)
-    after = (filling or FillsInTake(kept_fills(collection))).put(stored)
-    return after if cutoff is None else smoothed_in(after, cutoff)
-
-
 def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:
     """A take as the program labelled it."""
-    table, frames = storage.read_table(collection[ROWS]), storage.read_table(collection[FRAME_TABLE])["number"]
+    table, frames = storage.read_table(collection[ROWS]), storage.read_table(collection[FRAME_TABLE])
     names = tuple(json.loads(collection[MARKER_NAMES]))
     performers = performers_in_row(json.loads(collection[PERFORMERS]))
-    rows, motion = _read_rows(table, frames), _read_motion(collection, frames, len(names), len(performers))
-    labels = Labels(table["marker"], _read_steps(collection, table), table["confidence"])
+    if POINT in table:
+        known = (table[name] for name in ("frame", TRAJECTORY, POINT))
+        rows: Blobs | PointRows = PointRows(frames["number"], *known, table.get(RESIDUAL))
+    else:
+        rows = Blobs(frames["number"], *(table[field.name] for field in fields(Blobs)[1:]))
+    motion = _read_motion(collection, frames, len(names), len(performers))
+    # How the labels came about, as an index into STEPS.
+    step = np.array([STEPS.index(step) for step in json.loads(collection[STEP_NAMES])])[table["step"]]
+    labels = Labels(table["marker"], step, table["confidence"])
     if isinstance(rows, PointRows) and kept_text(collection) is not None:
         # What the file keeps of the motion may have been made with the edits.
-        motion = motion_of_labels(motion, rows, labels)
+        motion.markers[:], motion.residual[:] = np.nan, np.nan
+        at = rows.frame[labels.named], labels.marker[labels.named]
+        motion.markers[at] = rows.xyz[labels.named]
+        if rows.residual is not None:
+            motion.residual[at] = rows.residual[labels.named]
     cameras = collection.get(naming.CAMERAS)
-    stored = Stored(
+    return Stored(
         str(collection[naming.TAKE]),
         float(collection[RATE]),
         scene_cameras.cameras_of(cameras, scene) if cameras else NO_CAMERAS,
@@ -324,7 +305,7 @@ def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> S
         rows,
         labels,
         motion,
-        tuple(_suspect(*row) for row in json.loads(collection[SUSPECTS])),
+        tuple(Suspect(*row[:4], tuple(row[4]), *row[5:]) for row in json.loads(collection[SUSPECTS])),
         str(collection[SOURCE]),
         int(collection[SHIFT]),
         json.loads(collection[MARKER_WORDS]),
@@ -332,27 +313,8 @@ def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> S
         performers=performers,
         parents=tuple(json.loads(collection[PARENTS])),
         segments=tuple(json.loads(collection[SEGMENTS])),
+        posed_on=frames[POSED_ON],
     )
-    return _with_digests(collection, stored)
-
-
-def _suspect(
-    first: int, last: int, words: str, trajectory: int | None, markers: Sequence[str], doubtful: int | None = None
-) -> Suspect:
-    """A suspect of its row."""
-    return Suspect(first, last, words, trajectory, tuple(markers), doubtful)
-
-
-def _read_rows(table: dict[str, np.ndarray], frames: np.ndarray) -> Blobs | PointRows:
-    """The blobs or points of a stored take."""
-    if POINT not in table:
-        return Blobs(frames, *(table[field.name] for field in fields(Blobs)[1:]))
-    return PointRows(frames, table["frame"], table[TRAJECTORY], table[POINT], table.get(RESIDUAL))
-
-
-def _read_steps(collection: bpy.types.Collection, table: dict[str, np.ndarray]) -> np.ndarray:
-    """(N,) how the labels came about, as an index into STEPS."""
-    return np.array([STEPS.index(step) for step in json.loads(collection[STEP_NAMES])])[table["step"]]
 
 
 def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Collection | None, shift: int):
@@ -361,7 +323,13 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     if take.unedited is not None and isinstance(take.rows, Blobs):
         # What a person placed has the residual 0, as nothing that was measured has.
         motion = measured_again(motion, take.rows, take.labels, labels, take.cameras, also=motion.residual == 0)
-    columns = _row_columns(take.rows) | {"marker": labels.marker, "step": labels.step, "confidence": labels.confidence}
+    rows = take.rows
+    if isinstance(rows, Blobs):
+        columns = {field.name: getattr(rows, field.name) for field in fields(Blobs)[1:]}
+    else:
+        columns = {"frame": rows.frame, TRAJECTORY: rows.trajectory, POINT: rows.xyz}
+        columns |= {} if rows.residual is None else {RESIDUAL: rows.residual}
+    columns |= {"marker": labels.marker, "step": labels.step, "confidence": labels.confidence}
     collection[ROWS] = storage.store_table(f"{title} rows", columns)
     collection[STEP_NAMES] = json.dumps(STEPS)
     flat = {
@@ -380,7 +348,8 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     collection[MARKER_NAMES] = json.dumps(take.markerset.markers)
     # Blender's whole numbers have 32 bits, and a shift may need 33.
     collection[RATE], collection[SHIFT], collection[SOURCE] = float(take.rate), float(shift), take.source
-    collection[SUSPECTS] = json.dumps([_suspect_row(suspect) for suspect in take.suspects])
+    said = [astuple(one)[: 5 if one.doubtful is None else 6] for one in take.suspects]
+    collection[SUSPECTS] = json.dumps(said, default=int)  # whole numbers of NumPy as well
     collection[MARKER_WORDS] = json.dumps(take.markerset.by_name)
     collection[PERFORMERS] = json.dumps(rows_of(performers))
     skeletons = [one.skeleton for _, one in take.markerset.worn]
@@ -392,6 +361,8 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     collection[SEGMENTS] = json.dumps([name for one in skeletons for name in one.segments])
     if take.edits is not None:
         keep_edits(collection, take.edits)
+    if take.doubts is not None:
+        collection[scene_cameras.HEALTH] = json.dumps(take.doubts)
     keep_fills(collection, take.fills)
     keep_cutoff(collection, take.cutoff)
 
@@ -421,35 +392,25 @@ def _size_of(number: int) -> str:
     return f"scale{number}" if number else "scale"
 
 
-def _suspect_row(suspect: Suspect) -> list:
-    trajectory = None if suspect.trajectory is None else int(suspect.trajectory)
-    more = [] if suspect.doubtful is None else [int(suspect.doubtful)]
-    return [int(suspect.first), int(suspect.last), suspect.words, trajectory, list(suspect.markers), *more]
-
-
-def _row_columns(rows: Blobs | PointRows) -> dict[str, np.ndarray]:
-    """Blobs or points as the columns of a table."""
-    if isinstance(rows, Blobs):
-        return {field.name: getattr(rows, field.name) for field in fields(Blobs)[1:]}
-    columns = {"frame": rows.frame, TRAJECTORY: rows.trajectory, POINT: rows.xyz}
-    return columns if rows.residual is None else columns | {RESIDUAL: rows.residual}
-
-
-def _read_motion(collection: bpy.types.Collection, frames: np.ndarray, markers: int, performers: int) -> Motion:
-    motion, count = storage.read_table(collection[MOTION]), len(frames)
+def _read_motion(
+    collection: bpy.types.Collection, frames: dict[str, np.ndarray], markers: int, performers: int
+) -> Motion:
+    motion, count = storage.read_table(collection[MOTION]), len(frames["number"])
     return Motion(
-        frames=frames,
+        frames=frames["number"],
         markers=_by_marker(motion["markers"].reshape(count, markers, 3)),
         residual=_by_marker(motion["residual"].reshape(count, markers)),
         residual_px=_by_marker(motion["residual_px"].reshape(count, markers)),
         conflicts=motion["conflicts"].reshape(count, markers),
-        **_read_body(collection, count, markers, performers),
+        **_read_body(collection, frames, markers, performers),
     )
 
 
-def _read_body(collection: bpy.types.Collection, count: int, markers: int, performers: int) -> dict[str, np.ndarray]:
-    """The body of a take in so many frames, as the fields of a motion."""
-    pose, frames = storage.read_table(collection[POSE]), storage.read_table(collection[FRAME_TABLE])
+def _read_body(
+    collection: bpy.types.Collection, frames: dict[str, np.ndarray], markers: int, performers: int
+) -> dict[str, np.ndarray]:
+    """The body of a take, as the fields of a motion; `frames` is the table of its frames."""
+    pose, count = storage.read_table(collection[POSE]), len(frames["number"])
     expected = storage.read_table(collection[EXPECTED])["expected"]
     return {
         "expected": _by_marker(expected.reshape(count, markers, 3)),
@@ -462,13 +423,9 @@ def _read_body(collection: bpy.types.Collection, count: int, markers: int, perfo
 
 def with_kept_body(collection: bpy.types.Collection, stored: Stored) -> Stored:
     """A take as the program labelled it, with the body that the file has of it by now."""
-    own = _read_body(collection, len(stored.motion.frames), len(stored.names), len(stored.performers))
-    return _with_digests(collection, replace(stored, motion=replace(stored.motion, **own)))
-
-
-def _with_digests(collection: bpy.types.Collection, stored: Stored) -> Stored:
-    """With what labels its body was posed on."""
-    return replace(stored, posed_on=storage.read_table(collection[FRAME_TABLE])[POSED_ON])
+    frames = storage.read_table(collection[FRAME_TABLE])
+    own = _read_body(collection, frames, len(stored.names), len(stored.performers))
+    return replace(stored, motion=replace(stored.motion, **own), posed_on=frames[POSED_ON])
 
 
 def _by_marker(values: np.ndarray) -> np.ndarray:
@@ -483,13 +440,3 @@ def set_time(scene: bpy.types.Scene, rate: float, frames: np.ndarray):
     if len(frames):
         scene.frame_start, scene.frame_end = int(frames[0]), int(frames[-1])
         scene.frame_set(int(frames[0]))
-
-
-def _merged(suspects: Iterator[Suspect]) -> tuple[Suspect, ...]:
-    merged: list[Suspect] = []
-    for suspect in sorted(suspects, key=lambda s: (s.reason, s.first)):
-        if merged and merged[-1].reason == suspect.reason and suspect.first <= merged[-1].last + 1:
-            merged[-1] = replace(merged[-1], last=max(merged[-1].last, suspect.last))
-        else:
-            merged.append(suspect)
-    return tuple(sorted(merged, key=lambda s: s.first))

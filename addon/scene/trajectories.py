@@ -17,18 +17,9 @@ NAMED, UNNAMED, GAP, FILLED, CORRECTED, DOUBTFUL = range(len(STATES))
 FOLDED = "short ones"
 
 
-@dataclass(frozen=True)
-class RowOptions:
-    """How trajectories are shown; assumed.
-
-    min_own_row_s  that a trajectory without a name is there, in all of a take, to have its own row: shorter ones are
-                   mostly ghosts that flicker
-    """
-
-    min_own_row_s: float = 1.0
-
-
-TRAJECTORY_ROWS = RowOptions()
+# s that a trajectory without a name is there, in all of a take, to have its own row; assumed: shorter ones are mostly
+# ghosts that flicker.
+MIN_OWN_ROW_S = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,10 +83,6 @@ class KeptRows:
             self.stored, self.unfolded = stored, unfolded
             self.made = self._joined()
         return self.made
-
-    def forget(self):
-        """Lets go of the take."""
-        self.stored = self.made = None
 
     def _same_points(self, stored: Stored) -> bool:
         last = self.stored
@@ -161,7 +148,7 @@ def _rows_of_points(stored: Stored, unfolded: bool) -> tuple[list[str], list[int
     fresh = np.diff(there, prepend=there[0] - 1) != 0
     own, row = there[fresh], np.cumsum(fresh) - 1
     count = np.bincount(row)
-    long_enough = unfolded | (count >= TRAJECTORY_ROWS.min_own_row_s * stored.rate)
+    long_enough = unfolded | (count >= MIN_OWN_ROW_S * stored.rate)
     rank = np.argsort(np.where(long_enough, -count, 1), kind="stable")
     kept = rank[: int(long_enough.sum())]
     place = np.full(len(own), len(kept))
@@ -178,7 +165,7 @@ def _rows_of_points(stored: Stored, unfolded: bool) -> tuple[list[str], list[int
 def states_of(stored: Stored, markers: Sequence[int], frames: slice) -> np.ndarray:
     """(F, K) one of STATES for each of F frames, by their index from start to stop, and of K markers, by theirs."""
     markers = list(markers)
-    there = np.isfinite(np.column_stack([stored.motion.markers[frames, marker, 0] for marker in markers]))
+    there = np.isfinite(np.array([stored.motion.markers[frames, marker, 0] for marker in markers]).T)
     states = np.where(there, NAMED, GAP).astype(np.int8)
     column_of = np.full(len(stored.names) + 1, -1)  # the last is that of NO_MARKER, -1
     column_of[markers] = np.arange(len(markers))

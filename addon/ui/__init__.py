@@ -1,18 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The sidebar, and what is drawn over the 3D view."""
+"""The sidebar, what is drawn over the 3D view, and what is worked out again for another file or an earlier step."""
 
 from contextlib import ExitStack
 
 import bpy
+from bpy.app.handlers import persistent
 
 from ..ops.correcting import review_now
-from ..ops.label_folder import follow, leave_batch
-from ..ops.reposing import forget_reposing
-from ..ops.timeline import forget_rows
-from ..props import list_trouble
+from ..ops.label_folder import follow, leave_batch, show_batch
+from ..ops.picking import picked_points, restore_picked
+from ..ops.reposing import follow_soon, forget_reposing
+from ..props import adopt_settings, list_trouble, refresh_review
+from ..scene import naming
 from ..scene.opened import opened
-from ..scene.trouble import forget_trouble
-from . import figure, handlers, label_tool, overlay, panels, quality, review, timeline
+from ..scene.take import takes_of
+from . import figure, label_tool, overlay, panels, quality, review, timeline
 
 PANEL_MODULES = (panels, review, label_tool)  # a panel behind the one that it is in
 
@@ -24,32 +26,66 @@ def add_handlers(stack: ExitStack):
         stack.callback(bpy.types.SpaceView3D.draw_handler_remove, drawing, "WINDOW")
     timeline.add_timeline(stack)
     label_tool.add_tool(stack)
-    stack.callback(opened.forget)
-    stack.callback(forget_trouble)
-    stack.callback(forget_rows)
-    stack.callback(forget_reposing)
-    stack.callback(overlay.letters.forget)
-    stack.callback(overlay.discs.forget)
-    stack.callback(_stop_timer, list_trouble)
+    for forget in (opened.forget, forget_reposing, overlay.letters.forget, overlay.discs.forget, leave_batch):
+        stack.callback(forget)
     events = bpy.app.handlers
     for listeners, function in (
-        (events.load_post, handlers.after_load),
-        (events.undo_pre, handlers.before_undo),
-        (events.redo_pre, handlers.before_undo),
-        (events.undo_post, handlers.after_undo),
-        (events.redo_post, handlers.after_undo),
+        (events.load_post, after_load),
+        (events.undo_pre, before_undo),
+        (events.redo_pre, before_undo),
+        (events.undo_post, after_undo),
+        (events.redo_post, after_undo),
     ):
         listeners.append(function)
         stack.callback(listeners.remove, function)
     # While an extension is being enabled the file is out of bounds; a moment later it is not. The timer is persistent
     # because Blender 4.5 as a module hangs at its end when a file is opened under one that is not.
-    bpy.app.timers.register(handlers.adopt_takes, first_interval=0.0, persistent=True)
-    stack.callback(_stop_timer, handlers.adopt_takes)
-    stack.callback(_stop_timer, review_now)
-    stack.callback(leave_batch)
-    stack.callback(_stop_timer, follow)
+    bpy.app.timers.register(adopt_takes, first_interval=0.0, persistent=True)
+    for timer in (list_trouble, adopt_takes, review_now, follow):
+        stack.callback(_stop_timer, timer)
 
 
 def _stop_timer(function):
     if bpy.app.timers.is_registered(function):
         bpy.app.timers.unregister(function)
+
+
+@persistent
+def after_load(*_):
+    """A file was opened: what was read from the last one is forgotten, and takes made elsewhere are found."""
+    opened.forget()
+    forget_reposing()
+    bpy.context.view_layer.update()  # constraints of cameras, which what was edited in takes of blobs is measured by
+    bpy.context.window_manager.mocap_autolabel.picked.clear()
+    adopt_takes()
+    if not bpy.app.background:
+        follow_soon()
+    show_batch()
+
+
+@persistent
+def before_undo(*_):
+    """A step will be undone or redone: what stays picked is what is picked now."""
+    if not picked_points(bpy.context):
+        bpy.context.window_manager.mocap_autolabel.picked.clear()
+
+
+@persistent
+def after_undo(*_):
+    """A step was undone or redone: the tables may be of a take that is gone, and the body of other labels."""
+    follow_soon()
+    refresh_review(bpy.context.window_manager, bpy.context.scene)
+    restore_picked(bpy.context)
+
+
+def adopt_takes():
+    """Makes a take that the command line put into a scene the active one, and fills the review of the current scene."""
+    for scene in bpy.data.scenes:
+        settings, takes = scene.mocap_autolabel, takes_of(scene)
+        adopt_settings(settings)
+        if settings.take is None and settings.source.preview is None and takes:
+            settings.take = takes[-1]
+            settings.source.rate = scene.render.fps / scene.render.fps_base
+        if settings.source.cameras is None and takes:
+            settings.source.cameras = takes[-1].get(naming.CAMERAS)
+    refresh_review(bpy.context.window_manager, bpy.context.scene)

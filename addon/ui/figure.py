@@ -5,21 +5,22 @@ A trail is broken where its marker was not seen: a dashed line leads over the ga
 frame, and the list asks about that, a thin ring is drawn in the place that the body has for it.
 """
 
+import json
 from collections.abc import Sequence
 
 import bpy
 import numpy as np
 
+from ..core.body.anatomy import side_in
 from ..core.review.trouble import MISSING, Trouble
 from ..ops.picking import selected_markers
 from ..ops.reviewing import places_of
+from ..scene.armature import KEPT_SIDES, SIDE_COLOURS
 from ..scene.opened import opened
 from ..scene.performers import Colour, armatures_of, colours_in, marker_colours
-from ..scene.sides import KEPT_SIDES, SIDE_COLOURS, colours_of, kept_sides
 from ..scene.stored import Stored
 from ..scene.take import is_take
 from ..scene.trouble import known_trouble
-from . import marks
 from .overlay import Canvas
 
 FIGURE_WIDTH, TRAIL_WIDTH = 3.0, 1.8
@@ -43,13 +44,18 @@ def draw():
     if not settings.display.show_overlay or not space.overlay.show_overlays or not is_take(settings.take):
         return
     stored = opened.take(settings.take, context.scene)
-    index = marks.frame_index(stored, context.scene.frame_current)
+    index = stored.index_of(context.scene.frame_current)
     if index < 0:
         return
     found = known_trouble(settings.take, context.scene) or ()
     with Canvas(context) as canvas:
         if settings.display.show_figure:
-            draw_figure(canvas, settings.take)
+            colours, shown = colours_in(settings.take), armatures_of(settings.take)
+            for name, armature in shown:
+                if armature.visible_get():
+                    draw_bones(canvas, armature, colours.get(name))
+            if len(_colours_of_bones) > len(shown):  # those of other takes
+                _colours_of_bones.clear()
             canvas.rings(canvas.place(missing(stored, index, found)), MISSING_COLOUR, MISSING_RADIUS)
         if settings.display.show_trails:
             names = [name for name in selected_markers(context) if name in stored.words]
@@ -60,21 +66,11 @@ def draw():
                 canvas.rings(places, MEANT_COLOUR, radius)
 
 
-def draw_figure(canvas: Canvas, collection: bpy.types.Collection):
+def draw_bones(canvas: Canvas, armature: bpy.types.Object, own: Colour | None):
     """A line for every bone, in the colour of its side; along a limb every other one is darker.
 
     Of several performers each is drawn in their own colour, which the sides tinge.
     """
-    colours, shown = colours_in(collection), armatures_of(collection)
-    for name, armature in shown:
-        if armature.visible_get():
-            draw_bones(canvas, armature, colours.get(name))
-    if len(_colours_of_bones) > len(shown):  # those of other takes
-        _colours_of_bones.clear()
-
-
-def draw_bones(canvas: Canvas, armature: bpy.types.Object, own: Colour | None):
-    """The figure of one performer, in their own colour if there is one."""
     bones = armature.pose.bones
     world = np.array(armature.matrix_world, dtype=float)
     ends = np.empty((2, len(bones), 3), dtype=np.float32)
@@ -104,7 +100,7 @@ def _bone_colours(armature: bpy.types.Object, own: Colour | None) -> tuple[np.nd
     key, kept = (own, names, armature.get(KEPT_SIDES, "")), _colours_of_bones.get(armature.session_uid)
     if kept is None or kept[0] != key:
         light = np.array([FAR_BONE if len(bone.parent_recursive) % 2 else 1.0 for bone in armature.data.bones])
-        sides = kept_sides(armature)
+        sides = json.loads(armature.get(KEPT_SIDES, "{}"))
         colours = np.array([SIDE_COLOURS[sides.get(name, "")] for name in names]).reshape(-1, 3)
         if own is not None:
             colours = SIDE_TINT * colours + (1 - SIDE_TINT) * np.array(own)
@@ -123,19 +119,18 @@ def missing(stored: Stored, index: int, found: Sequence[Trouble]) -> np.ndarray:
     return stored.motion.expected[index, [marker for marker in sorted(lost) if not there[marker]]]
 
 
-def draw_trails(
-    canvas: Canvas, stored: Stored, index: int, markers: list[int], collection: bpy.types.Collection | None = None
-):
+def draw_trails(canvas: Canvas, stored: Stored, index: int, markers: list[int], collection: bpy.types.Collection):
     """Where markers were and will be, a second either way, fading."""
     colours = marker_colours(collection, stored.performers, len(stored.names))
-    if colours is None:
-        colours = colours_of(stored.names)
+    if colours is None:  # by their sides
+        known = set(stored.names)
+        colours = {one: SIDE_COLOURS[side_in(stored.names[one], known)] for one in markers}
     trails = [trail(stored.motion.markers[:, one], index, max(round(stored.rate), 2)) for one in markers]
     for marker, (ends, faded, _) in zip(markers, trails, strict=True):
         tints = np.concatenate([np.tile(colours[marker], (*faded.shape, 1)), faded[..., None]], axis=2)
         canvas.lines(canvas.place(ends), tints, TRAIL_WIDTH)
-    for _, _, gaps in trails:
-        canvas.lines(canvas.place(gaps), np.tile(MISSING_COLOUR, (len(gaps), 2, 1)), 1.2)
+    gaps = np.concatenate([np.empty((0, 2, 3)), *(gap for _, _, gap in trails)])
+    canvas.lines(canvas.place(gaps), np.tile(MISSING_COLOUR, (len(gaps), 2, 1)), 1.2)
 
 
 def trail(path: np.ndarray, index: int, reach: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -151,15 +146,12 @@ def trail(path: np.ndarray, index: int, reach: int) -> tuple[np.ndarray, np.ndar
     follows = end - begin == 1
     ends = np.stack([part[begin], part[end]], axis=1)
     far = np.abs(np.stack([begin, end], axis=1) + first - index) / reach
-    dashes = [_dashes(*pair) for pair in ends[~follows]]
-    return ends[follows], 1 - 0.85 * far[follows], np.concatenate(dashes) if dashes else np.empty((0, 2, 3))
-
-
-def _dashes(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(D, 2, 3) dashes from one place to another."""
-    count = int(np.clip(np.linalg.norm(other - one) / (2 * DASH), 1, MAX_DASHES))
-    share = (np.arange(count)[:, None] + np.array([0.25, 0.75])) / count
-    return one + share[..., None] * (other - one)
+    dashes = [np.empty((0, 2, 3))]
+    for one, other in ends[~follows]:
+        count = int(np.clip(np.linalg.norm(other - one) / (2 * DASH), 1, MAX_DASHES))
+        share = (np.arange(count)[:, None] + np.array([0.25, 0.75])) / count
+        dashes.append(one + share[..., None] * (other - one))
+    return ends[follows], 1 - 0.85 * far[follows], np.concatenate(dashes)
 
 
 def meant(context: bpy.types.Context, collection: bpy.types.Collection, stored: Stored) -> Trouble | None:

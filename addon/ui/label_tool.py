@@ -11,16 +11,15 @@ from ..ops.base import lacks_take
 from ..ops.correcting import likely_here
 from ..ops.gestures import gesture
 from ..ops.picking import image_in, picked_points, selected_markers
-from ..scene.blob_dots import blob_dots, marker_dots, on_rays, track_around
-from ..scene.likely import NEAREST
+from ..scene.blob_dots import blob_dots, marker_dots, on_rays
 from ..scene.opened import opened
 from ..scene.performers import homes
-from ..scene.picking import Dots, dots_of, path_of
+from ..scene.picking import NEAREST, Dots, dots_of, path_of
 from ..scene.stored import Stored
 from ..scene.take import is_take
-from . import marks
 from .marks import ORANGE, WHITE
 from .overlay import BLOB_RADIUS, Canvas
+from .parts import draw_operators
 
 TOOL = "mocap_autolabel.label_tool"
 GLOW, GLOW_RADIUS, HALO_RADIUS = (1.0, 1.0, 1.0, 0.3), 6.5, 11.0
@@ -141,21 +140,12 @@ class MOCAP_AUTOLABEL_MT_label(bpy.types.Menu):
         layout.operator("mocap_autolabel.name_point", text="Type a Name…")
         other = layout.operator("wm.call_menu_pie", text="Another Name from Here On")
         other.name = "MOCAP_AUTOLABEL_MT_names_from_here_pie"
-        layout.operator("mocap_autolabel.quick_label")
-        layout.separator()
-        layout.operator("mocap_autolabel.swap_markers")
-        if homes(context.scene.mocap_autolabel.take):
-            layout.operator("mocap_autolabel.other_performer")
-            layout.operator("mocap_autolabel.exchange_performers")
-        layout.operator("mocap_autolabel.unlabel")
-        layout.operator("mocap_autolabel.no_marker")
-        layout.operator("mocap_autolabel.is_right")
-        layout.operator("mocap_autolabel.place_marker")
-        layout.separator()
-        layout.operator("mocap_autolabel.next_trouble")
+        several = bool(homes(context.scene.mocap_autolabel.take))
+        draw_operators(layout, "quick_label", "", "swap_markers")
+        draw_operators(layout, *("other_performer", "exchange_performers") * several)
+        draw_operators(layout, "unlabel", "no_marker", "is_right", "place_marker", "", "next_trouble")
         layout.operator("mocap_autolabel.next_trouble", text="Last Trouble").back = True
-        layout.separator()
-        layout.operator("mocap_autolabel.pick_none")
+        draw_operators(layout, "", "pick_none")
 
 
 def draw_menu(self, context):
@@ -172,7 +162,7 @@ def draw():
     if not space.overlay.show_overlays or not is_take(collection):
         return
     stored = opened.take(collection, scene)
-    index = marks.frame_index(stored, scene.frame_current)
+    index = stored.index_of(scene.frame_current)
     with Canvas(context) as canvas:
         if index >= 0:
             draw_picked(canvas, stored, index, *shown_of(context, stored, index))
@@ -194,7 +184,8 @@ def shown_of(context: bpy.types.Context, stored: Stored, index: int) -> tuple[Do
     points = [row for row in points if stored.rows.camera[row] == camera]
     tracks = opened.tracks(context.scene.mocap_autolabel.take, context.scene)
     for row in points:
-        rows = track_around(stored, tracks, row, reach)
+        track = tracks.rows(row)
+        rows = track[np.abs(stored.rows.frame[track] - stored.rows.frame[row]) <= reach]
         places = on_rays(stored, rows, pose)
         paths.append((np.stack([places[:-1], places[1:]], axis=1), stored.labels.marker[rows[:-1]] != NO_MARKER))
     return blob_dots(stored, index, camera, pose), points, paths

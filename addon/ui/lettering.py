@@ -18,9 +18,7 @@ from ..scene.redrawing import redraw
 from .boxes import BOX_CORNERS, box_batch, made_shader
 
 LETTERS_IN_A_ROW = 32  # places in a row of the texture, of which each letter has two: its own and its shadow's
-USUAL = tuple(
-    map(chr, range(32, 127))
-)  # letters that are drawn into the texture at once: names are mostly made of them
+USUAL = tuple(map(chr, range(32, 127)))  # drawn into the texture at once: names are mostly made of them
 REACH = 2  # px that a letter, or its shadow, may reach beyond its step to either side
 MOST_WORDS = 4096  # whose letters' places are kept: names are few, but numbers change with every frame
 SHADOW = 0.4  # opacity of each of the letters, a pixel apart, that a shadow is made of
@@ -81,11 +79,6 @@ class Letters:
             colours = np.concatenate([dark.astype(np.float32), colours])
         self._make_picture()
         self._draw_boxes(boxes, places, colours)
-
-    def prepare(self, text: str, size: float):
-        """Makes the texture ready for a text of a size, px, where nothing is being drawn."""
-        self._laid_out(text, size)
-        self._make_picture()
 
     def forget(self):
         """Lets go of what the GPU has."""

@@ -7,16 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..core.data.takes import BY_EDIT, CONFLICT, EXCLUSIVE, NO_MARKER, REMAINING, STEPS, PointRows, rows_in_frame
-from ..core.review.doubtful import DOUBTFUL_NAMES, markers_meant
-from ..scene.blob_dots import on_rays, rows_of_image
+from ..scene.picking import Dots
 from ..scene.take import Stored
+from ..scene.trajectories import DOUBTFUL, FILLED, states_of
 
-GREEN, CYAN, MAGENTA, GREY = (
-    (0.15, 0.85, 0.3, 1.0),
-    (0.1, 0.85, 0.95, 1.0),
-    (0.95, 0.2, 0.85, 1.0),
-    (0.55, 0.55, 0.55, 0.9),
-)
+GREEN, CYAN = (0.15, 0.85, 0.3, 1.0), (0.1, 0.85, 0.95, 1.0)
+MAGENTA, GREY = (0.95, 0.2, 0.85, 1.0), (0.55, 0.55, 0.55, 0.9)
 CALLED = re.compile(r"\btrajector(?:y|ies)((?: \d+)+)")  # trajectories in a reason, one or a list of them
 ORANGE, RED = (1.0, 0.75, 0.2, 1.0), (1.0, 0.15, 0.2, 1.0)
 YELLOW = (1.0, 0.9, 0.2, 1.0)  # a person named it, as in the timeline
@@ -32,42 +28,12 @@ STEP_COLOURS[REMAINING] = BLACK, WHITE
 STEP_COLOURS[BY_EDIT] = YELLOW, YELLOW
 
 
-@dataclass(frozen=True, eq=False)
-class CameraMarks:
-    """One frame through one camera.
-
-    blobs     (N, 3) m, a point on each blob's ray, lens taken out
-    marker    (N,) index of the blob's marker, NO_MARKER where unnamed
-    step      (N,) how it was named
-    expected  (M, 3) m, where the body carries each marker; NaN where nobody was found
-    """
-
-    blobs: np.ndarray
-    marker: np.ndarray
-    step: np.ndarray
-    expected: np.ndarray
-
-
-def frame_index(stored: Stored, frame: int) -> int:
-    """Which of the take's frames Blender's `frame` is; -1 outside the take."""
-    frames = stored.motion.frames
-    at = int(np.searchsorted(frames, frame - stored.shift))
-    return at if at < len(frames) and frames[at] == frame - stored.shift else -1
-
-
-def camera_marks(stored: Stored, index: int, camera: int, pose: np.ndarray) -> CameraMarks:
-    """What camera number `camera` saw in frame `index`; `pose` (4, 4) is the Blender camera's, which looks along -z."""
-    rows, labels = rows_of_image(stored, index, camera), stored.labels
-    places = on_rays(stored, rows, pose)
-    return CameraMarks(places, labels.marker[rows], labels.step[rows], stored.motion.expected[index])
-
-
-def links(marks: CameraMarks) -> tuple[np.ndarray, np.ndarray]:
+def links(stored: Stored, index: int, blobs: Dots) -> tuple[np.ndarray, np.ndarray]:
     """Ends (L, 2, 3) m and colours (L, 2, 4) of the lines from named blobs to where the body expects their markers."""
-    named = np.flatnonzero(marks.marker != NO_MARKER)
-    ends = np.stack([marks.blobs[named], marks.expected[marks.marker[named]]], axis=1)
+    named = np.flatnonzero(blobs.marker != NO_MARKER)
+    ends = np.stack([blobs.xyz[named], stored.motion.expected[index, blobs.marker[named]]], axis=1)
     there = np.isfinite(ends).all(axis=(1, 2))
-    return ends[there], STEP_COLOURS[marks.step[named][there]]
+    return ends[there], STEP_COLOURS[stored.labels.step[blobs.trajectory[named[there]]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,26 +55,18 @@ class PointMarks:
 
 
 def point_marks(stored: Stored, index: int) -> PointMarks:
-    """What there is in frame `index`: doubtful is what has little confidence or is named among the suspects."""
-    frame = stored.motion.frames[index] if len(stored.motion.frames) else 0
-    here = [suspect for suspect in stored.suspects if suspect.first <= frame <= suspect.last]
-    reasons, of_word = [suspect.reason for suspect in here], {name: at for at, name in enumerate(stored.names)}
-    doubtful = np.zeros(len(stored.names), dtype=bool)
-    doubtful[[marker for suspect in here for marker in markers_meant(suspect, of_word)]] = True
-    markers, labels = stored.motion.markers[index], stored.labels
-    here_filled = {fill.marker for fill in stored.fitting if fill.first <= frame <= fill.last}
-    filled = np.array([name in here_filled for name in stored.names], dtype=bool)
-    if not isinstance(stored.rows, PointRows):
-        return PointMarks(markers, doubtful, np.empty((0, 3)), filled, {})
-    here = rows_in_frame(stored.rows, index)
-    marker, confidence = labels.marker[here], labels.confidence[here]
-    doubtful[marker[(marker != NO_MARKER) & (confidence < DOUBTFUL_NAMES.min_confidence)]] = True
-    left = here.start + np.flatnonzero(marker == NO_MARKER)
-    numbers = stored.rows.trajectory[left].tolist()
-    # Reasons count things as well, so a number is a trajectory's only where they call it one.
-    called = {number for reason in reasons for found in CALLED.findall(reason) for number in map(int, found.split())}
-    asked = {row: f"trajectory {number}" for row, number in enumerate(numbers) if number in called}
-    return PointMarks(markers, doubtful, stored.rows.xyz[left], filled, asked)
+    """What there is in frame `index`."""
+    states = states_of(stored, range(len(stored.names)), slice(index, index + 1))[0]
+    unnamed, asked = np.empty((0, 3)), {}
+    if isinstance(stored.rows, PointRows):
+        here, frame = rows_in_frame(stored.rows, index), stored.rows.frames[index]
+        left = here.start + np.flatnonzero(~stored.labels.named[here])
+        unnamed, numbers = stored.rows.xyz[left], stored.rows.trajectory[left].tolist()
+        # Reasons count things as well, so a number is a trajectory's only where they call it one.
+        reasons = [suspect.reason for suspect in stored.suspects if suspect.first <= frame <= suspect.last]
+        called = {int(number) for words in reasons for found in CALLED.findall(words) for number in found.split()}
+        asked = {row: f"trajectory {number}" for row, number in enumerate(numbers) if number in called}
+    return PointMarks(stored.motion.markers[index], states == DOUBTFUL, unnamed, states == FILLED, asked)
 
 
 NOTHING_COVERED = np.empty((0, 4))
@@ -130,7 +88,10 @@ def room_for_words(
     """
     starts = np.full(places.shape, np.nan)
     there = np.flatnonzero(np.isfinite(places).all(axis=1))
-    boxes = _boxes_beside(places[there], widths[there], height, gap)
+    x, y, wide = *places[there].T, widths[there]
+    left = np.stack([x + gap, x - gap - wide, x - wide / 2, x - wide / 2], axis=1)
+    lower = np.stack([y - height / 3, y - height / 3, y + gap, y - gap - height], axis=1)
+    boxes = np.stack([left, lower, left + wide[:, None], lower + height], axis=2)
     discs = np.concatenate([places[there] - mark, places[there] + mark], axis=1)
     clear = ~_meets(boxes[:, :, None], discs).any(axis=2)
     # Which boxes meet is asked of all at once: one by one it would cost half a redraw's time.
@@ -144,14 +105,6 @@ def room_for_words(
             starts[index] = flat[chosen, :2]
             taken |= meets[chosen]
     return starts
-
-
-def _boxes_beside(places: np.ndarray, widths: np.ndarray, height: float, gap: float) -> np.ndarray:
-    """(N, 4, 4) boxes, left, lower, right, upper end, of words to the right of places (N, 2), left, above and below."""
-    x, y = places.T
-    left = np.stack([x + gap, x - gap - widths, x - widths / 2, x - widths / 2], axis=1)
-    lower = np.stack([y - height / 3, y - height / 3, y + gap, y - gap - height], axis=1)
-    return np.stack([left, lower, left + widths[:, None], lower + height], axis=2)
 
 
 def _meets(boxes: np.ndarray, others: np.ndarray) -> np.ndarray:

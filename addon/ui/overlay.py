@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Drawn over the 3D view: through a camera its blobs, the body's markers and the links between them; names anywhere."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Self
 
 import bpy
@@ -13,16 +13,16 @@ from ..core.data.takes import BY_EDIT, CONFLICT, EXCLUSIVE, NO_MARKER, NO_STEP, 
 from ..core.data.wording import count_of
 from ..ops.importing import cameras_at_hand
 from ..ops.reposing import words_behind
-from ..scene import naming
+from ..scene.blob_dots import blob_dots
 from ..scene.cameras import camera_name, camera_through
-from ..scene.markerset_edit import edited_collection
+from ..scene.markerset_edit import edited_collection, marker_items
 from ..scene.opened import opened
-from ..scene.performers import Colour, colours_in, marker_colours
+from ..scene.performers import colours_in, marker_colours
 from ..scene.picking import to_region
 from ..scene.preview import holds_points
 from ..scene.take import Stored, is_take
 from . import marks
-from .discs import Discs
+from .boxes import Discs
 from .lettering import Letters, Word
 from .marks import BLUE, GREY, ORANGE, RED, STEP_COLOURS, WHITE
 
@@ -48,27 +48,21 @@ def draw():
     if not settings.display.show_overlay or not space.overlay.show_overlays:
         return
     with Canvas(context) as canvas:
-        if settings.display.show_names:
-            draw_laid_out(canvas, context.scene)
+        laid_out = edited_collection(context.scene) if settings.display.show_names else None
+        if laid_out is not None:
+            items = {name: item for name, item in marker_items(laid_out).items() if item.visible_get()}
+            places = np.array([item.matrix_world.translation for item in items.values()], dtype=float).reshape(-1, 3)
+            canvas.names(list(items), canvas.place(places))
         if words := words_behind(context):
             canvas.text(words, LEGEND_LEFT * canvas.scale, canvas.foot, RED)
             canvas.foot += LINE * canvas.scale
         draw_frame(canvas, context)
 
 
-def draw_laid_out(canvas: "Canvas", scene: bpy.types.Scene):
-    """The names of the markers of a set that is being changed."""
-    laid_out = edited_collection(scene)
-    if laid_out is not None:
-        items = [item for item in laid_out.all_objects if naming.MARKER in item and item.visible_get()]
-        places = np.array([item.matrix_world.translation for item in items], dtype=float).reshape(-1, 3)
-        canvas.names([str(item[naming.MARKER]) for item in items], canvas.place(places))
-
-
 def draw_frame(canvas: "Canvas", context: bpy.types.Context):
     """What there is of the take in the current frame."""
     settings, stored = context.scene.mocap_autolabel, shown(context.scene)
-    index = marks.frame_index(stored, context.scene.frame_current) if stored else -1
+    index = stored.index_of(context.scene.frame_current) if stored else -1
     if index < 0:
         return
     camera = camera_through(context.space_data, context.scene)
@@ -136,7 +130,8 @@ class Canvas:
 
     def rings(self, centres: np.ndarray, colour: tuple[float, ...], radius: float):
         """Open circles around centres (N, 2) px."""
-        rim = _circle(radius * self.scale)
+        turn = np.arange(CORNERS) * 2 * np.pi / CORNERS
+        rim = np.column_stack([np.cos(turn), np.sin(turn)]) * radius * self.scale
         arcs = centres[:, None, None] + np.stack([rim, np.roll(rim, -1, axis=0)], axis=1)[None]
         arcs = arcs.reshape(-1, 2, 2)
         self.lines(arcs, np.broadcast_to(np.array(colour), (*arcs.shape[:2], 4)), 1.2)
@@ -154,11 +149,13 @@ class Canvas:
             if width is None:
                 discs.draw(*columns)
                 continue
-            shader = gpu.shader.from_builtin("POLYLINE_SMOOTH_COLOR")
+            shader, (places, colours) = gpu.shader.from_builtin("POLYLINE_SMOOTH_COLOR"), columns
             shader.bind()
             shader.uniform_float("viewportSize", self.size)
             shader.uniform_float("lineWidth", width * self.scale)
-            _batch(shader, "LINES", *columns).draw(shader)
+            flat = np.column_stack([places, np.zeros(len(places))]).astype(np.float32)
+            content = {"pos": flat, "color": np.ascontiguousarray(colours, np.float32)}
+            batch_for_shader(shader, "LINES", content).draw(shader)
         self._waiting.clear()
         letters.draw(self._words, TEXT_SIZE * self.scale, shadow=True)
         self._words.clear()
@@ -191,19 +188,20 @@ def covered(area: bpy.types.Area, region: bpy.types.Region, by: Sequence[str] = 
 def draw_camera(canvas: Canvas, stored: Stored, index: int, camera: bpy.types.Object, settings):
     """The view through one camera, as in the paper's figures 1, 4, 5 and 6."""
     number = stored.cameras.names.index(camera_name(camera))
-    seen = marks.camera_marks(stored, index, number, np.array(camera.matrix_world.normalized(), dtype=float))
-    canvas.rings(canvas.place(seen.expected), RING_COLOUR, RING_RADIUS)
+    seen = blob_dots(stored, index, number, np.array(camera.matrix_world.normalized(), dtype=float))
+    step, named = stored.labels.step[seen.trajectory], np.flatnonzero(seen.marker != NO_MARKER)
+    canvas.rings(canvas.place(stored.motion.expected[index]), RING_COLOUR, RING_RADIUS)
     if settings.display.show_links:
-        ends, colours = marks.links(seen)
+        ends, colours = marks.links(stored, index, seen)
         canvas.lines(canvas.place(ends), colours, LINK_WIDTH)
-    places = canvas.place(seen.blobs)
-    canvas.discs(places, STEP_COLOURS[seen.step, 0], BLOB_RADIUS, 1.2)
+    places = canvas.place(seen.xyz)
+    canvas.discs(places, STEP_COLOURS[step, 0], BLOB_RADIUS, 1.2)
     if settings.display.show_names:
-        named = np.flatnonzero(seen.marker != NO_MARKER)
         canvas.names([stored.names[marker] for marker in seen.marker[named]], places[named])
     if stored.names:
-        legend = (*LEGEND, *([BY_HAND] if (seen.step == BY_EDIT).any() else []))
-        draw_legend(canvas, camera_name(camera), len(places), int((seen.marker != NO_MARKER).sum()), legend)
+        legend = (*LEGEND, BY_HAND) if (step == BY_EDIT).any() else LEGEND
+        title = f"{camera_name(camera)}: {len(named)} of {len(places)} blobs named"
+        draw_colours(canvas, title, [(words, STEP_COLOURS[one]) for words, one in legend])
     else:
         canvas.text(f"{camera_name(camera)}: {count_of(len(places), 'blob')}", LEGEND_LEFT * canvas.scale, canvas.foot)
 
@@ -226,31 +224,16 @@ def draw_markers(canvas: Canvas, stored: Stored, index: int, settings, collectio
     if settings.display.show_names:
         words = [*stored.names, *seen.asked.values()]
         canvas.names(words, np.concatenate([places, others[asked]]))
-    if isinstance(stored.rows, PointRows):
-        found = int((np.isfinite(seen.named).all(axis=1) & ~seen.filled).sum())
-        people = {} if collection is None else colours_in(collection)
-        draw_point_legend(canvas, found, found + len(others), bool(stored.names), bool(stored.fills), people)
-
-
-def draw_point_legend(
-    canvas: Canvas, named: int, points: int, labelled: bool, filled: bool, people: Mapping[str, Colour]
-):
-    """What the colours of points mean, and how many have a name; `filled` where the take has filled gaps.
-
-    `people` are performers with names, and their colours.
-    """
-    if not labelled:
-        canvas.text(count_of(points, "point"), LEGEND_LEFT * canvas.scale, canvas.foot)
+    if not isinstance(stored.rows, PointRows):
         return
+    if not stored.names:
+        canvas.text(count_of(len(others), "point"), LEGEND_LEFT * canvas.scale, canvas.foot)
+        return
+    found = int((np.isfinite(seen.named).all(axis=1) & ~seen.filled).sum())
+    people = {} if collection is None else colours_in(collection)
     names = [(name, (*colour, 1.0)) for name, colour in people.items()] or [("named", ORANGE)]
-    rows = (*names, ("doubtful", RED), ("unnamed", GREY)) + (("filled", BLUE),) * filled
-    draw_colours(canvas, f"{named} of {points} points named", rows)
-
-
-def draw_legend(canvas: Canvas, camera: str, blobs: int, named: int, legend):
-    """What the colours of blobs mean, by the steps of a `legend`, and how many have a name."""
-    rows = [(words, STEP_COLOURS[step]) for words, step in legend]
-    draw_colours(canvas, f"{camera}: {named} of {blobs} blobs named", rows)
+    rows = (*names, ("doubtful", RED), ("unnamed", GREY)) + (("filled", BLUE),) * bool(stored.fills)
+    draw_colours(canvas, f"{found} of {found + len(others)} points named", rows)
 
 
 def draw_colours(canvas: Canvas, title: str, rows):
@@ -263,14 +246,3 @@ def draw_colours(canvas: Canvas, title: str, rows):
     canvas.lines(ends, colours, LINK_WIDTH * 1.5)
     beside = [(words, (left + 30 * canvas.scale, y)) for (words, _), y in zip(rows, lower.tolist(), strict=True)]
     canvas.texts([(title, (left, bottom + line * len(rows))), *beside])
-
-
-def _circle(radius: float) -> np.ndarray:
-    turn = np.arange(CORNERS) * 2 * np.pi / CORNERS
-    return np.column_stack([np.cos(turn), np.sin(turn)]) * radius
-
-
-def _batch(shader, kind: str, points: np.ndarray, colours: np.ndarray):
-    positions = np.zeros((len(points), 3), dtype=np.float32)
-    positions[:, :2] = points
-    return batch_for_shader(shader, kind, {"pos": positions, "color": np.ascontiguousarray(colours, dtype=np.float32)})

@@ -8,178 +8,160 @@ import bpy
 from ..core.data.wording import count_of
 from ..io.batch import AT_WORK, FAILING, WAITING
 from ..io.markersets import SUFFIX
-from ..io.names import written
+from ..io.text import written
 from ..ops.importing import cameras_at_hand
 from ..ops.reposing import words_behind
 from ..props import OWN_FILE
 from ..scene import naming
-from ..scene.calibration import kept_health, kept_refinement
-from ..scene.cameras import camera_name
-from ..scene.markerset_edit import edited_collection
-from ..scene.quality import changed_since, kept_report
+from ..scene.cameras import camera_name, kept_health, kept_refinement
+from ..scene.markerset_edit import changed_since, edited_collection, kept_report
 from ..scene.take import holds_points, is_take
-from .parts import DrawsRows, Reviewing, Step, draw_cells, draw_choice, draw_list, draw_optional, draw_text, in_short
+from .parts import (
+    DrawsRows,
+    draw_cells,
+    draw_choice,
+    draw_list,
+    draw_operators,
+    draw_optional,
+    draw_text,
+    has_take,
+    in_short,
+    panel,
+)
 
 FEW_SHOWN = 5  # cameras that fit below each other
 PAIRS_SHOWN = 6  # of the list of ambiguous markers
 STATE_ICONS = {FAILING: "ERROR", AT_WORK: "PLAY", WAITING: "TIME"}
 
 
-class MOCAP_AUTOLABEL_PT_cameras(Step, bpy.types.Panel):
+@panel("1. Cameras")
+def cameras(layout, context):
     """The cameras that recorded the take."""
-
-    bl_label = "1. Cameras"
-
-    def draw(self, context):
-        layout, source = self.layout, context.scene.mocap_autolabel.source
-        if source.points_path:
-            layout.label(text="3D points need no cameras", icon="INFO")
-        layout.operator("mocap_autolabel.import_cameras", icon="IMPORT")
-        if source.points_path:
-            return
-        if not cameras_at_hand(context.scene):
-            layout.label(text="Or drop a calibration here", icon="INFO")
-            if any(item.type == "CAMERA" for item in context.scene.objects):
-                layout.operator("mocap_autolabel.use_cameras", icon="OUTLINER_OB_CAMERA")
-            return
-        cameras = [item for item in source.cameras.all_objects if item.type == "CAMERA"]
-        grid = layout.grid_flow(columns=1 if len(cameras) <= FEW_SHOWN else 2, even_columns=True, align=True)
-        for camera in cameras:
-            icon = "OUTLINER_OB_CAMERA" if context.scene.camera == camera else "CAMERA_DATA"
-            button = grid.operator("mocap_autolabel.look_through", text=camera_name(camera), icon=icon)
-            button.camera = camera.name
+    source = context.scene.mocap_autolabel.source
+    if source.points_path:
+        layout.label(text="3D points need no cameras", icon="INFO")
+    layout.operator("mocap_autolabel.import_cameras", icon="IMPORT")
+    if source.points_path:
+        return
+    if not cameras_at_hand(context.scene):
+        layout.label(text="Or drop a calibration here", icon="INFO")
+        if any(item.type == "CAMERA" for item in context.scene.objects):
+            layout.operator("mocap_autolabel.use_cameras", icon="OUTLINER_OB_CAMERA")
+        return
+    cameras = [item for item in source.cameras.all_objects if item.type == "CAMERA"]
+    grid = layout.grid_flow(columns=1 if len(cameras) <= FEW_SHOWN else 2, even_columns=True, align=True)
+    for camera in cameras:
+        icon = "OUTLINER_OB_CAMERA" if context.scene.camera == camera else "CAMERA_DATA"
+        button = grid.operator("mocap_autolabel.look_through", text=camera_name(camera), icon=icon)
+        button.camera = camera.name
 
 
-class MOCAP_AUTOLABEL_PT_calibration(Step, bpy.types.Panel):
+def _has_blobs_and_cameras(context: bpy.types.Context) -> bool:
+    source = context.scene.mocap_autolabel.source
+    return bool(source.blobs_path) and not source.points_path and cameras_at_hand(context.scene)
+
+
+@panel("Calibration Health", under="cameras", seen=_has_blobs_and_cameras)
+def calibration(layout, context):
     """Whether the cameras go together, and what to do where they do not."""
-
-    bl_label = "Calibration Health"
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_cameras"
-
-    @classmethod
-    def poll(cls, context):
-        source = context.scene.mocap_autolabel.source
-        return bool(source.blobs_path) and not source.points_path and cameras_at_hand(context.scene)
-
-    def draw(self, context):
-        layout, settings = self.layout, context.scene.mocap_autolabel
-        report = kept_refinement(settings.source.cameras)
-        take = settings.take if is_take(settings.take) and not holds_points(settings.take) else None
-        health = kept_health(take)
-        for words in health or ():
-            draw_text(context, layout, words[0].upper() + words[1:], icon="ERROR")
-        if health == []:
-            layout.label(text="All cameras go together", icon="CHECKMARK")
-        elif health is None:
-            layout.label(text="Shown when a take is labelled", icon="INFO")
-        layout.operator("mocap_autolabel.refine_calibration", icon="CON_CAMERASOLVER")
-        if report is not None:
-            column = layout.column(align=True)
-            draw_cells(column, "Camera", "Before", "After")
-            for name, row in report["cameras"].items():
-                errors = row["before_px"], row["after_px"]
-                draw_cells(column, name, *("–" if None in errors else f"{error:.2f} px" for error in errors))
-            layout.operator("mocap_autolabel.label", text="Label Again", icon="PLAY")
+    settings = context.scene.mocap_autolabel
+    report = kept_refinement(settings.source.cameras)
+    take = settings.take if is_take(settings.take) and not holds_points(settings.take) else None
+    health = kept_health(take)
+    for words in health or ():
+        draw_text(context, layout, words[0].upper() + words[1:], icon="ERROR")
+    if health == []:
+        layout.label(text="All cameras go together", icon="CHECKMARK")
+    elif health is None:
+        layout.label(text="Shown when a take is labelled", icon="INFO")
+    layout.operator("mocap_autolabel.refine_calibration", icon="CON_CAMERASOLVER")
+    if report is not None:
+        column = layout.column(align=True)
+        draw_cells(column, "Camera", "Before", "After")
+        for name, row in report["cameras"].items():
+            errors = row["before_px"], row["after_px"]
+            draw_cells(column, name, *("–" if None in errors else f"{error:.2f} px" for error in errors))
+        layout.operator("mocap_autolabel.label", text="Label Again", icon="PLAY")
 
 
-class MOCAP_AUTOLABEL_PT_take(Step, bpy.types.Panel):
+@panel("2. Blobs or 3D Points")
+def take(layout, context):
     """What the cameras saw, or the points that another program made of it."""
-
-    bl_label = "2. Blobs or 3D Points"
-
-    def draw(self, context):
-        layout, source = self.layout, context.scene.mocap_autolabel.source
+    source = context.scene.mocap_autolabel.source
+    draw_operators(layout.column(align=True), "import_blobs", "import_points", icon="IMPORT")
+    if not source.points_path:
         column = layout.column(align=True)
-        column.operator("mocap_autolabel.import_blobs", icon="IMPORT")
-        column.operator("mocap_autolabel.import_points", icon="IMPORT")
-        if not source.points_path:
-            column = layout.column(align=True)
-            column.operator("mocap_autolabel.find_blobs", icon="FILE_MOVIE")
-            if len(bpy.data.movieclips):
-                column.operator("mocap_autolabel.import_clip_tracks", icon="TRACKER")
-        path = source.points_path or source.blobs_path
-        if not path:
-            layout.label(text="Or drop a .csv, .c3d, .trc or .qtm here", icon="INFO")
-            return
-        column = layout.column(align=True)
-        column.label(text=bpy.path.basename(path), icon="FILE")
-        frames = f"Frames {source.first_frame} to {source.last_frame}"
-        count, thing = (source.trajectories, "trajectory") if source.points_path else (source.blob_count, "blob")
-        # A take that was never read as a whole was not counted.
-        column.label(text=f"{frames}, {count_of(count, thing)}" if count else frames)
-        if source.points_path:
-            column.label(text=f"{source.rate:g} frames a second")
-        else:
-            layout.prop(source, "rate")
+        column.operator("mocap_autolabel.find_blobs", icon="FILE_MOVIE")
+        if len(bpy.data.movieclips):
+            column.operator("mocap_autolabel.import_clip_tracks", icon="TRACKER")
+    path = source.points_path or source.blobs_path
+    if not path:
+        layout.label(text="Or drop a .csv, .c3d, .trc or .qtm here", icon="INFO")
+        return
+    column = layout.column(align=True)
+    column.label(text=bpy.path.basename(path), icon="FILE")
+    frames = f"Frames {source.first_frame} to {source.last_frame}"
+    count, thing = (source.trajectories, "trajectory") if source.points_path else (source.blob_count, "blob")
+    # A take that was never read as a whole was not counted.
+    column.label(text=f"{frames}, {count_of(count, thing)}" if count else frames)
+    if source.points_path:
+        column.label(text=f"{source.rate:g} frames a second")
+    else:
+        layout.prop(source, "rate")
 
 
-class MOCAP_AUTOLABEL_PT_markerset(Step, bpy.types.Panel):
+@panel("3. Marker Set")
+def markerset(layout, context):
     """What the subject wears."""
-
-    bl_label = "3. Marker Set"
-
-    def draw(self, context):
-        layout, subjects = self.layout, context.scene.mocap_autolabel.subjects
-        row = layout.row(align=True)
-        row.prop(subjects, "markerset", text="")
-        row.operator("mocap_autolabel.open_markerset", text="", icon="FILE_FOLDER")
-        if subjects.markerset == OWN_FILE:
-            layout.prop(subjects, "markerset_path", text="")
+    subjects = context.scene.mocap_autolabel.subjects
+    row = layout.row(align=True)
+    row.prop(subjects, "markerset", text="")
+    row.operator("mocap_autolabel.open_markerset", text="", icon="FILE_FOLDER")
+    if subjects.markerset == OWN_FILE:
+        layout.prop(subjects, "markerset_path", text="")
 
 
-class MOCAP_AUTOLABEL_PT_markerset_edit(Step, bpy.types.Panel):
+@panel("See and Edit", under="markerset", closed=True)
+def markerset_edit(layout, context):
     """A marker set of one's own."""
-
-    bl_label = "See and Edit"
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_markerset"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    def draw(self, context):
-        layout = self.layout
-        layout.operator("mocap_autolabel.edit_markerset", icon="OUTLINER_OB_ARMATURE")
-        if edited_collection(context.scene) is None:
-            return
-        item = context.object
-        if item is not None and naming.MARKER in item:
-            layout.prop(item, f'["{naming.MARKER}"]', text="Marker")
-            layout.label(text=f"On {item.parent_bone or 'no segment'}", icon="BONE_DATA")
-        layout.operator("mocap_autolabel.reattach", icon="CONSTRAINT_BONE")
-        layout.operator("mocap_autolabel.save_markerset", icon="EXPORT")
+    layout.operator("mocap_autolabel.edit_markerset", icon="OUTLINER_OB_ARMATURE")
+    if edited_collection(context.scene) is None:
+        return
+    item = context.object
+    if item is not None and naming.MARKER in item:
+        layout.prop(item, f'["{naming.MARKER}"]', text="Marker")
+        layout.label(text=f"On {item.parent_bone or 'no segment'}", icon="BONE_DATA")
+    layout.operator("mocap_autolabel.reattach", icon="CONSTRAINT_BONE")
+    layout.operator("mocap_autolabel.save_markerset", icon="EXPORT")
 
 
-class MOCAP_AUTOLABEL_PT_train(Step, bpy.types.Panel):
+@panel("Train from Labelled Takes", under="markerset", closed=True)
+def train(layout, context):
     """A marker set learned from labelled takes."""
-
-    bl_label = "Train from Labelled Takes"
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_markerset"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    def draw(self, context):
-        layout, settings = self.layout, context.scene.mocap_autolabel
-        training, state = settings.training, context.window_manager.mocap_autolabel
-        row = layout.row(align=True)
-        row.operator("mocap_autolabel.add_training_takes", icon="ADD")
-        row.operator("mocap_autolabel.remove_training_take", text="", icon="REMOVE")
-        if len(training.takes):
-            draw_list(layout, training, "takes")
-            chosen = training.takes[min(training.take_index, len(training.takes) - 1)]
-            layout.label(text=count_of(chosen.markers, "named marker"))
-        own = settings.subjects.markerset == OWN_FILE or settings.subjects.markerset.endswith(SUFFIX)
-        if own:
-            layout.prop(training, "train_on", text="Train the Chosen One On")
-        if not (own and training.train_on):
-            layout.prop(training, "trained_name")
-        for name in ("train", "learn_take", "learn_frame"):
-            layout.operator(f"mocap_autolabel.{name}", icon="PLAY")
-        if len(state.differences):
-            box = layout.box()
-            box.label(text="Known takes, labelled again", icon="ERROR" if state.candidate else "CHECKMARK")
-            for difference in state.differences:
-                draw_text(context, box, difference.name)
-            if state.candidate:
-                box.operator("mocap_autolabel.adopt_model", icon="CHECKMARK")
-        for doubt in state.doubts:
-            draw_text(context, layout, doubt.name, icon="ERROR")
+    settings = context.scene.mocap_autolabel
+    training, state = settings.training, context.window_manager.mocap_autolabel
+    row = layout.row(align=True)
+    row.operator("mocap_autolabel.add_training_takes", icon="ADD")
+    row.operator("mocap_autolabel.remove_training_take", text="", icon="REMOVE")
+    if len(training.takes):
+        draw_list(layout, training, "takes")
+        chosen = training.takes[min(training.take_index, len(training.takes) - 1)]
+        layout.label(text=count_of(chosen.markers, "named marker"))
+    own = settings.subjects.markerset == OWN_FILE or settings.subjects.markerset.endswith(SUFFIX)
+    if own:
+        layout.prop(training, "train_on", text="Train the Chosen One On")
+    if not (own and training.train_on):
+        layout.prop(training, "trained_name")
+    draw_operators(layout, "train", "learn_take", "learn_frame", icon="PLAY")
+    if len(state.differences):
+        box = layout.box()
+        box.label(text="Known takes, labelled again", icon="ERROR" if state.candidate else "CHECKMARK")
+        for difference in state.differences:
+            draw_text(context, box, difference.name)
+        if state.candidate:
+            box.operator("mocap_autolabel.adopt_model", icon="CHECKMARK")
+    for doubt in state.doubts:
+        draw_text(context, layout, doubt.name, icon="ERROR")
 
 
 class MOCAP_AUTOLABEL_UL_takes(DrawsRows, bpy.types.UIList):
@@ -193,76 +175,66 @@ class MOCAP_AUTOLABEL_UL_takes(DrawsRows, bpy.types.UIList):
         row.prop(item, "kept", text="", emboss=False, icon="LOCKED" if item.kept else "UNLOCKED")
 
 
-class MOCAP_AUTOLABEL_PT_quality(Step, bpy.types.Panel):
+@panel("Placement Quality", under="markerset", seen=lambda context: edited_collection(context.scene) is not None)
+def quality(layout, context):
     """Which markers are easily taken for each other."""
-
-    bl_label = "Placement Quality"
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_markerset"
-
-    @classmethod
-    def poll(cls, context):
-        return edited_collection(context.scene) is not None
-
-    def draw(self, context):
-        layout, collection = self.layout, edited_collection(context.scene)
-        layout.operator("mocap_autolabel.judge_markers", icon="VIEWZOOM")
-        report = kept_report(collection)
-        if report is None:
-            return
-        if changed_since(collection):
-            draw_text(context, layout, "Markers have changed since; judge them again", icon="ERROR")
-        self._draw_pairs(layout.column(align=True), report)
-        for number, row in enumerate(report["advice"], 1):
-            box = layout.box()
-            gain = f"{' and '.join(row['for'])} from {row['before']:.1f} to {row['after']:.1f}"
-            draw_text(context, box, f"{number}. {row['words'][0].upper()}{row['words'][1:]}. {gain}", icon="LIGHT")
-            box.operator("mocap_autolabel.take_advice", icon="EMPTY_ARROWS").number = number
-
-    def _draw_pairs(self, column: bpy.types.UILayout, report: dict):
-        """The whole set, then the pairs that are ambiguous."""
-        poor = [pair for pair in report["pairs"] if pair["separation"] < report["goal"]]
-        found = [(" and ".join(pair["markers"]), pair["separation"]) for pair in poor[:PAIRS_SHOWN]]
-        for whole in report["whole"][:1]:
-            words = "Turned round" if whole["kind"] == "turn" else "Left for right"
-            found.insert(0, (words, whole["separation"]))
-        for words, separation in found:
-            row = column.split(factor=0.75)
-            row.label(text=words, icon="ERROR" if separation < report["goal"] else "CHECKMARK")
-            row.label(text=f"{separation:.1f}")
-        if not poor:
-            column.label(text="No ambiguous pairs", icon="CHECKMARK")
-        elif len(poor) > PAIRS_SHOWN:
-            column.label(text=f"and {len(poor) - PAIRS_SHOWN} more pairs")
+    collection = edited_collection(context.scene)
+    layout.operator("mocap_autolabel.judge_markers", icon="VIEWZOOM")
+    report = kept_report(collection)
+    if report is None:
+        return
+    if changed_since(collection):
+        draw_text(context, layout, "Markers have changed since; judge them again", icon="ERROR")
+    _draw_pairs(layout.column(align=True), report)
+    for number, row in enumerate(report["advice"], 1):
+        box = layout.box()
+        gain = f"{' and '.join(row['for'])} from {row['before']:.1f} to {row['after']:.1f}"
+        draw_text(context, box, f"{number}. {row['words'][0].upper()}{row['words'][1:]}. {gain}", icon="LIGHT")
+        box.operator("mocap_autolabel.take_advice", icon="EMPTY_ARROWS").number = number
 
 
-class MOCAP_AUTOLABEL_PT_label(Step, bpy.types.Panel):
+def _draw_pairs(column: bpy.types.UILayout, report: dict):
+    """The whole set, then the pairs that are ambiguous."""
+    poor = [pair for pair in report["pairs"] if pair["separation"] < report["goal"]]
+    found = [(" and ".join(pair["markers"]), pair["separation"]) for pair in poor[:PAIRS_SHOWN]]
+    for whole in report["whole"][:1]:
+        words = "Turned round" if whole["kind"] == "turn" else "Left for right"
+        found.insert(0, (words, whole["separation"]))
+    for words, separation in found:
+        row = column.split(factor=0.75)
+        row.label(text=words, icon="ERROR" if separation < report["goal"] else "CHECKMARK")
+        row.label(text=f"{separation:.1f}")
+    if not poor:
+        column.label(text="No ambiguous pairs", icon="CHECKMARK")
+    elif len(poor) > PAIRS_SHOWN:
+        column.label(text=f"and {len(poor) - PAIRS_SHOWN} more pairs")
+
+
+@panel("4. Label")
+def label(layout, context):
     """The one button."""
-
-    bl_label = "4. Label"
-
-    def draw(self, context):
-        layout, settings, state = self.layout, context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
-        labelling, points = settings.labelling, settings.source.points_path
-        draw_choice(layout, labelling, "method")
-        if points or labelling.method not in ("auto", "fit"):
-            layout.prop(labelling, "target")
-        if not points:
-            draw_choice(layout, labelling, "occlusion")
-            if labelling.occlusion == "bvh":
-                draw_choice(layout, labelling, "body")
-        row = layout.row(align=True)
-        row.scale_y = 1.6
-        if state.doing:
-            row.progress(factor=state.share, text=state.doing)
-            row.operator("mocap_autolabel.cancel", text="", icon="X")
-            return
-        row.operator("mocap_autolabel.label", icon="PLAY")
-        if crowded_here(state, settings):
-            draw_text(context, layout, "The take shows two performers or more", icon="ERROR")
-            layout.operator("mocap_autolabel.label", text="Label All Performers", icon="COMMUNITY").everybody = True
-        if state.refused:
-            draw_text(context, layout, state.refused, icon="ERROR")
-            layout.operator("mocap_autolabel.label", text="Label Regardless", icon="PLAY").force = True
+    settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
+    labelling, points = settings.labelling, settings.source.points_path
+    draw_choice(layout, labelling, "method")
+    if points or labelling.method not in ("auto", "fit"):
+        layout.prop(labelling, "target")
+    if not points:
+        draw_choice(layout, labelling, "occlusion")
+        if labelling.occlusion == "bvh":
+            draw_choice(layout, labelling, "body")
+    row = layout.row(align=True)
+    row.scale_y = 1.6
+    if state.doing:
+        row.progress(factor=state.share, text=state.doing)
+        row.operator("mocap_autolabel.cancel", text="", icon="X")
+        return
+    row.operator("mocap_autolabel.label", icon="PLAY")
+    if crowded_here(state, settings):
+        draw_text(context, layout, "The take shows two performers or more", icon="ERROR")
+        layout.operator("mocap_autolabel.label", text="Label All Performers", icon="COMMUNITY").everybody = True
+    if state.refused:
+        draw_text(context, layout, state.refused, icon="ERROR")
+        layout.operator("mocap_autolabel.label", text="Label Regardless", icon="PLAY").force = True
 
 
 def crowded_here(state: bpy.types.PropertyGroup, settings: bpy.types.PropertyGroup) -> bool:
@@ -271,29 +243,24 @@ def crowded_here(state: bpy.types.PropertyGroup, settings: bpy.types.PropertyGro
     return settings.subjects.performing == "ONE" and state.crowded == written(str(Path(bpy.path.abspath(source))))
 
 
-class MOCAP_AUTOLABEL_PT_performers(Step, bpy.types.Panel):
+@panel("Performers", under="label", closed=True)
+def performers(layout, context):
     """Who is asked for."""
-
-    bl_label = "Performers"
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_label"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    def draw(self, context):
-        layout, subjects = self.layout, context.scene.mocap_autolabel.subjects
-        draw_choice(layout, subjects, "performing")
-        if subjects.performing == "SO_MANY":
-            layout.prop(subjects, "performer_count")
-        if subjects.performing != "LISTED":
-            return
-        row = layout.row()
-        draw_list(row, subjects, "performers")
-        column = row.column(align=True)
-        column.operator("mocap_autolabel.add_performer", text="", icon="ADD")
-        column.operator("mocap_autolabel.remove_performer", text="", icon="REMOVE")
-        if subjects.performer_index < len(subjects.performers):
-            chosen = subjects.performers[subjects.performer_index]
-            if chosen.markerset == OWN_FILE:
-                layout.prop(chosen, "markerset_path", text="")
+    subjects = context.scene.mocap_autolabel.subjects
+    draw_choice(layout, subjects, "performing")
+    if subjects.performing == "SO_MANY":
+        layout.prop(subjects, "performer_count")
+    if subjects.performing != "LISTED":
+        return
+    row = layout.row()
+    draw_list(row, subjects, "performers")
+    column = row.column(align=True)
+    column.operator("mocap_autolabel.add_performer", text="", icon="ADD")
+    column.operator("mocap_autolabel.remove_performer", text="", icon="REMOVE")
+    if subjects.performer_index < len(subjects.performers):
+        chosen = subjects.performers[subjects.performer_index]
+        if chosen.markerset == OWN_FILE:
+            layout.prop(chosen, "markerset_path", text="")
 
 
 class MOCAP_AUTOLABEL_UL_performers(DrawsRows, bpy.types.UIList):
@@ -310,65 +277,56 @@ class MOCAP_AUTOLABEL_UL_performers(DrawsRows, bpy.types.UIList):
         row.prop(item, "markerset", text="", emboss=False)
 
 
-class MOCAP_AUTOLABEL_PT_hints(Step, bpy.types.Panel):
+@panel("Hints", under="label", closed=True)
+def hints(layout, context):
     """What may be told, and never has to be."""
-
-    bl_label = "Hints"
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_label"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    def draw(self, context):
-        layout, labelling = self.layout, context.scene.mocap_autolabel.labelling
-        layout.label(text="Never needed; they narrow the search")
-        draw_optional(layout, labelling, "Height", "use_height", "height")
-        draw_optional(layout, labelling, "Facing", "use_facing", "facing")
-        draw_optional(layout, labelling, "Frames", "use_range", "range_first", "range_last")
+    labelling = context.scene.mocap_autolabel.labelling
+    layout.label(text="Never needed; they narrow the search")
+    draw_optional(layout, labelling, "Height", "use_height", "height")
+    draw_optional(layout, labelling, "Facing", "use_facing", "facing")
+    draw_optional(layout, labelling, "Frames", "use_range", "range_first", "range_last")
 
 
-class MOCAP_AUTOLABEL_PT_label_folder(Step, bpy.types.Panel):
+@panel("Label Folder", under="label", closed=True)
+def label_folder(layout, context):
     """Takes of a folder, labelled in the background."""
+    folder = context.scene.mocap_autolabel.folder
+    state = context.window_manager.mocap_autolabel
+    column = layout.column(align=True)
+    column.active = not state.folder_doing
+    for name in ("path", "out"):
+        draw_choice(column, folder, name, factor=0.28)
+    row = column.row(align=True)
+    row.prop(folder, "watch", toggle=True)
+    row.prop(folder, "overwrite", toggle=True)
+    column.prop(folder, "jobs")
+    row = layout.row(align=True)
+    row.scale_y = 1.4
+    if state.folder_doing:
+        row.progress(factor=state.folder_share, text=state.folder_doing)
+        row.operator("mocap_autolabel.stop_folder", text="", icon="X")
+    else:
+        row.operator("mocap_autolabel.label_folder", icon="PLAY")
+    if state.folder_said:
+        draw_text(context, layout, state.folder_said, icon="ERROR")
+    if len(state.folder_takes):
+        _draw_takes(layout, context, state)
 
-    bl_label = "Label Folder"
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_label"
-    bl_options = {"DEFAULT_CLOSED"}
 
-    def draw(self, context):
-        layout, folder = self.layout, context.scene.mocap_autolabel.folder
-        state = context.window_manager.mocap_autolabel
-        column = layout.column(align=True)
-        column.active = not state.folder_doing
-        for name in ("path", "out"):
-            draw_choice(column, folder, name, factor=0.28)
-        row = column.row(align=True)
-        row.prop(folder, "watch", toggle=True)
-        row.prop(folder, "overwrite", toggle=True)
-        column.prop(folder, "jobs")
-        row = layout.row(align=True)
-        row.scale_y = 1.4
-        if state.folder_doing:
-            row.progress(factor=state.folder_share, text=state.folder_doing)
-            row.operator("mocap_autolabel.stop_folder", text="", icon="X")
-        else:
-            row.operator("mocap_autolabel.label_folder", icon="PLAY")
-        if state.folder_said:
-            draw_text(context, layout, state.folder_said, icon="ERROR")
-        if len(state.folder_takes):
-            self._draw_takes(context, state)
-
-    def _draw_takes(self, context, state):
-        draw_list(self.layout, state, "folder_takes", rows=4)
-        index = min(state.folder_take_index, len(state.folder_takes) - 1)
-        take = state.folder_takes[index]
-        box = self.layout.box()
-        if not take.measured:
-            draw_text(context, box, f"{take.name}: {take.reason or take.state}", STATE_ICONS.get(take.state, "NONE"))
-            return
-        named = f"{take.named:.1%} named, " if take.named >= 0 else ""
-        words = f"{named}{take.found:.1%} of all samples found, {take.on_body} on the body without a name"
-        draw_text(context, box, f"{take.name}: {words}. {take.reason}")
-        row = box.row(align=True)
-        row.operator("mocap_autolabel.open_folder_take", icon="FILE_BLEND").index = index
-        row.operator("mocap_autolabel.open_folder_page", icon="DOCUMENTS").index = index
+def _draw_takes(layout: bpy.types.UILayout, context, state):
+    draw_list(layout, state, "folder_takes", rows=4)
+    index = min(state.folder_take_index, len(state.folder_takes) - 1)
+    take = state.folder_takes[index]
+    box = layout.box()
+    if not take.measured:
+        draw_text(context, box, f"{take.name}: {take.reason or take.state}", STATE_ICONS.get(take.state, "NONE"))
+        return
+    named = f"{take.named:.1%} named, " if take.named >= 0 else ""
+    words = f"{named}{take.found:.1%} of all samples found, {take.on_body} on the body without a name"
+    draw_text(context, box, f"{take.name}: {words}. {take.reason}")
+    row = box.row(align=True)
+    row.operator("mocap_autolabel.open_folder_take", icon="FILE_BLEND").index = index
+    row.operator("mocap_autolabel.open_folder_page", icon="DOCUMENTS").index = index
 
 
 class MOCAP_AUTOLABEL_UL_folder_takes(DrawsRows, bpy.types.UIList):
@@ -386,52 +344,35 @@ class MOCAP_AUTOLABEL_UL_folder_takes(DrawsRows, bpy.types.UIList):
         split.label(text=in_short(item.stake))
 
 
-class MOCAP_AUTOLABEL_PT_review(Step, bpy.types.Panel):
+@panel("5. Review")
+def review(layout, context):
     """The labelled take."""
-
-    bl_label = "5. Review"
-
-    def draw(self, context):
-        layout, settings = self.layout, context.scene.mocap_autolabel
-        layout.prop(settings, "take", text="")
+    settings = context.scene.mocap_autolabel
+    layout.prop(settings, "take", text="")
+    links = ("show_links",) * (not settings.source.points_path)
+    for names in (("show_overlay", "show_names"), ("show_figure", "show_trails", *links)):
         row = layout.row(align=True)
-        row.prop(settings.display, "show_overlay", toggle=True, icon="OVERLAY")
-        row.prop(settings.display, "show_names", toggle=True)
-        row = layout.row(align=True)
-        row.prop(settings.display, "show_figure", toggle=True)
-        row.prop(settings.display, "show_trails", toggle=True)
-        if not settings.source.points_path:
-            row.prop(settings.display, "show_links", toggle=True)
-        if words := words_behind(context):
-            draw_text(context, layout, words, icon="ERROR")
-        if is_take(settings.take):
-            layout.operator("mocap_autolabel.clear", icon="TRASH")
+        for name in names:
+            row.prop(settings.display, name, toggle=True, icon="OVERLAY" if name == "show_overlay" else "NONE")
+    if words := words_behind(context):
+        draw_text(context, layout, words, icon="ERROR")
+    if is_take(settings.take):
+        layout.operator("mocap_autolabel.clear", icon="TRASH")
 
 
-class MOCAP_AUTOLABEL_PT_export(Step, bpy.types.Panel):
+@panel("6. Export")
+def export(layout, _context):
     """Files for other programs."""
-
-    bl_label = "6. Export"
-
-    def draw(self, context):
-        column = self.layout.column(align=True)
-        for name in ("labels", "c3d", "trc"):
-            column.operator(f"mocap_autolabel.export_{name}", icon="EXPORT")
-        column.operator("mocap_autolabel.export_report", icon="DOCUMENTS")
+    column = layout.column(align=True)
+    draw_operators(column, "export_labels", "export_c3d", "export_trc", icon="EXPORT")
+    draw_operators(column, "export_report", icon="DOCUMENTS")
 
 
-class MOCAP_AUTOLABEL_PT_character(Reviewing, bpy.types.Panel):
+@panel("Character", under="export", seen=has_take)
+def character(layout, context):
     """The body as other rigs have it."""
-
-    bl_label = "Character"
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_export"
-
-    def draw(self, context):
-        layout = self.layout
-        if words := words_behind(context):
-            draw_text(context, layout, words, icon="ERROR")
-        layout.prop(context.scene.mocap_autolabel, "bone_names", text="Bones")
-        layout.operator("mocap_autolabel.add_character", icon="OUTLINER_OB_ARMATURE")
-        row = layout.row(align=True)
-        row.operator("mocap_autolabel.export_bvh", icon="EXPORT")
-        row.operator("mocap_autolabel.export_fbx", icon="EXPORT")
+    if words := words_behind(context):
+        draw_text(context, layout, words, icon="ERROR")
+    layout.prop(context.scene.mocap_autolabel, "bone_names", text="Bones")
+    layout.operator("mocap_autolabel.add_character", icon="OUTLINER_OB_ARMATURE")
+    draw_operators(layout.row(align=True), "export_bvh", "export_fbx", icon="EXPORT")

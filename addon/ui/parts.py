@@ -2,46 +2,64 @@
 """What the panels of the sidebar share: where they live, their lists, and how they write a sentence or frames."""
 
 import textwrap
+from collections.abc import Callable
 
 import bpy
 
 from ..scene.take import is_take
 
 LETTER = 6.6  # px of the interface that a letter of a panel is wide, on average
+PANEL = "MOCAP_AUTOLABEL_PT_"
 MARGIN = 56  # px of the interface beside the words of a panel
 
 
-class Step:
-    """Where every panel of ours lives."""
-
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "Mocap"
+def has_take(context: bpy.types.Context) -> bool:
+    """Whether there is a take to review."""
+    return is_take(context.scene.mocap_autolabel.take)
 
 
-class Reviewing(Step):
-    """A panel below Review, shown only with a take to review."""
+def panel(
+    label: str,
+    under: str = "",
+    closed: bool = False,
+    seen: Callable[[bpy.types.Context], object] = lambda _: True,
+    header: Callable[[bpy.types.UILayout, bpy.types.Context], None] | None = None,
+) -> Callable[[Callable[[bpy.types.UILayout, bpy.types.Context], None]], type[bpy.types.Panel]]:
+    """Makes a panel of the sidebar, called `MOCAP_AUTOLABEL_PT_` as well, of what draws it in a layout.
 
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_review"
+    It has a label, lies under another panel of ours, is closed at first, and is seen when something holds. What draws a
+    header writes beside the label.
+    """
 
-    @classmethod
-    def poll(cls, context):
-        return is_take(context.scene.mocap_autolabel.take)
+    def made(draw) -> type[bpy.types.Panel]:
+        words = {
+            "bl_space_type": "VIEW_3D",
+            "bl_region_type": "UI",
+            "bl_category": "Mocap",
+            "bl_label": label,
+            "poll": classmethod(lambda _, context: bool(seen(context))),
+            "draw": lambda self, context: draw(self.layout, context),
+        }
+        words |= {"bl_parent_id": f"{PANEL}{under}"} if under else {}
+        words |= {"bl_options": {"DEFAULT_CLOSED"}} if closed else {}
+        words |= {"draw_header_preset": lambda self, context: header(self.layout, context)} if header else {}
+        of = {"__module__": draw.__module__, "__doc__": draw.__doc__}
+        return type(f"{PANEL}{draw.__name__}", (bpy.types.Panel,), words | of)
+
+    return made
 
 
 class DrawsRows:
-    """A list, whose rows `draw_row` draws: `MOCAP_AUTOLABEL_UL_` and the name of the property that holds the rows."""
+    """A list, whose rows `draw_row` draws: `MOCAP_AUTOLABEL_UL_` and what holds the rows, or their kind."""
 
     def draw_item(self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0):
         self.draw_row(context, layout, item, index)
 
 
-def draw_list(layout: bpy.types.UILayout, owner: bpy.types.PropertyGroup, name: str, rows: int = 3):
+def draw_list(layout: bpy.types.UILayout, owner: bpy.types.PropertyGroup, name: str, rows: int = 3, kind: str = ""):
     """The list of a property group's rows of a name, such as `fills`; the chosen one is kept in `fill_index`."""
-    index = f"{name.removesuffix('s')}_index"
-    layout.template_list(
-        f"MOCAP_AUTOLABEL_UL_{name}", "", owner, name, owner, index, rows=rows, maxrows=max(2 * rows, 8)
-    )
+    index, kind = f"{name.removesuffix('s')}_index", f"MOCAP_AUTOLABEL_UL_{kind or name}"
+    layout.template_list(kind, name, owner, name, owner, index, rows=rows, maxrows=max(2 * rows, 8))
 
 
 def draw_text(context: bpy.types.Context, layout: bpy.types.UILayout, words: str, icon: str = "NONE"):
@@ -68,6 +86,15 @@ def draw_optional(layout: bpy.types.UILayout, group: bpy.types.PropertyGroup, he
     values.active = getattr(group, used)
     for name in names:
         values.prop(group, name, text="")
+
+
+def draw_operators(layout: bpy.types.UILayout, *names: str, icon: str = "NONE"):
+    """A button for each of our operators, such as `smooth`, and a gap for each empty name."""
+    for name in names:
+        if name:
+            layout.operator(f"mocap_autolabel.{name}", icon=icon)
+        else:
+            layout.separator()
 
 
 def draw_cells(layout: bpy.types.UILayout, *cells: str):

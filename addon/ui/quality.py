@@ -4,8 +4,7 @@
 import bpy
 import numpy as np
 
-from ..scene.markerset_edit import edited_collection
-from ..scene.quality import kept_report, marker_items, targets
+from ..scene.markerset_edit import edited_collection, kept_report, marker_items, targets
 from .marks import CYAN, GREEN, ORANGE, RED
 from .overlay import BLOB_RADIUS, RING_RADIUS, Canvas, draw_colours
 

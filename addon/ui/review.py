@@ -15,14 +15,14 @@ from ..scene.playing import PLAYED, for_a_part, part_here, played_takes, suspect
 from ..scene.trouble import known_cameras, known_trouble
 from .parts import (
     DrawsRows,
-    Reviewing,
-    Step,
     draw_choice,
     draw_list,
     draw_optional,
     draw_text,
     frames_in_short,
+    has_take,
     in_short,
+    panel,
 )
 
 ICONS = {
@@ -37,44 +37,43 @@ NO_KEYS = "It plays from a file beside this one and has no keys."
 SAVE_THEM = "Save Corrections keeps them for the whole take, when it is labelled again from the command line."
 
 
-class MOCAP_AUTOLABEL_PT_trouble(Reviewing, bpy.types.Panel):
+def _trouble_header(layout: bpy.types.UILayout, context):
+    rows = context.window_manager.mocap_autolabel.troubles
+    left = sum(not row.answered for row in rows)
+    layout.label(text=f"{left} open" if left else "nothing open", icon="NONE" if left else "CHECKMARK")
+
+
+@panel("To Look at", under="review", seen=has_take, header=_trouble_header)
+def trouble(layout, context):
     """What to look at before trusting the take."""
+    state = context.window_manager.mocap_autolabel
+    if not len(state.troubles):
+        layout.label(text="Nothing", icon="CHECKMARK")
+        return
+    layout.row(align=True).prop(state, "trouble_done", expand=True)
+    row = layout.row(align=True)
+    row.prop(state, "trouble_kind", text="")
+    row.prop_search(state, "trouble_marker", state, "markers", text="", icon="EMPTY_AXIS")
+    draw_list(layout, state, "troubles", rows=5)
+    row = layout.row(align=True)
+    row.operator("mocap_autolabel.next_trouble", text="Previous", icon="TRIA_LEFT").back = True
+    row.operator("mocap_autolabel.next_trouble", text="Next", icon="TRIA_RIGHT").back = False
+    found, index = known_trouble(context.scene.mocap_autolabel.take, context.scene) or (), state.trouble_index
+    if index < len(found) == len(state.troubles) and is_listed(state, state.troubles[index]):
+        _draw_one(layout, context, found[index], index)
 
-    bl_label = "To Look at"
 
-    def draw_header_preset(self, context):
-        rows = context.window_manager.mocap_autolabel.troubles
-        left = sum(not row.answered for row in rows)
-        self.layout.label(text=f"{left} open" if left else "nothing open", icon="NONE" if left else "CHECKMARK")
-
-    def draw(self, context):
-        layout, state = self.layout, context.window_manager.mocap_autolabel
-        if not len(state.troubles):
-            layout.label(text="Nothing", icon="CHECKMARK")
-            return
-        layout.row(align=True).prop(state, "trouble_done", expand=True)
-        row = layout.row(align=True)
-        row.prop(state, "trouble_kind", text="")
-        row.prop_search(state, "trouble_marker", state, "markers", text="", icon="EMPTY_AXIS")
-        draw_list(layout, state, "troubles", rows=5)
-        row = layout.row(align=True)
-        row.operator("mocap_autolabel.next_trouble", text="Previous", icon="TRIA_LEFT").back = True
-        row.operator("mocap_autolabel.next_trouble", text="Next", icon="TRIA_RIGHT").back = False
-        found, index = known_trouble(context.scene.mocap_autolabel.take, context.scene) or (), state.trouble_index
-        if index < len(found) == len(state.troubles) and is_listed(state, state.troubles[index]):
-            self._draw_one(context, found[index], index)
-
-    def _draw_one(self, context, trouble, index: int):
-        box = self.layout.box()
-        draw_text(context, box, trouble.reason[0].upper() + trouble.reason[1:], ICONS[trouble.kind])
-        if trouble.answered:
-            box.label(text="Looked at", icon="CHECKMARK")
-            return
-        draw_text(context, box, trouble.advice, "INFO")
-        column = box.column(align=True)
-        if words := words_for(trouble):
-            column.operator("mocap_autolabel.mend_trouble", text=words, icon="PLAY").index = index
-        column.operator("mocap_autolabel.accept_trouble", text=trouble.answer, icon="CHECKMARK").index = index
+def _draw_one(layout: bpy.types.UILayout, context, trouble, index: int):
+    box = layout.box()
+    draw_text(context, box, trouble.reason[0].upper() + trouble.reason[1:], ICONS[trouble.kind])
+    if trouble.answered:
+        box.label(text="Looked at", icon="CHECKMARK")
+        return
+    draw_text(context, box, trouble.advice, "INFO")
+    column = box.column(align=True)
+    if words := words_for(trouble):
+        column.operator("mocap_autolabel.mend_trouble", text=words, icon="PLAY").index = index
+    column.operator("mocap_autolabel.accept_trouble", text=trouble.answer, icon="CHECKMARK").index = index
 
 
 class MOCAP_AUTOLABEL_UL_troubles(DrawsRows, bpy.types.UIList):
@@ -95,41 +94,35 @@ class MOCAP_AUTOLABEL_UL_troubles(DrawsRows, bpy.types.UIList):
         return [self.bitflag_filter_item if is_listed(data, row) else 0 for row in rows], []
 
 
-class MOCAP_AUTOLABEL_PT_camera_blobs(Reviewing, bpy.types.Panel):
+@panel(
+    "Cameras",
+    under="review",
+    closed=True,
+    seen=lambda context: has_take(context) and known_cameras(context.scene.mocap_autolabel.take, context.scene),
+)
+def camera_blobs(layout, context):
     """How well each camera's blobs are named, and how far they are off."""
-
-    bl_label = "Cameras"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    @classmethod
-    def poll(cls, context):
-        return super().poll(context) and bool(known_cameras(context.scene.mocap_autolabel.take, context.scene))
-
-    def draw(self, context):
-        grid = self.layout.grid_flow(row_major=True, columns=4, even_columns=False, align=True)
-        for words in ("Camera", "Named", "Beside", "px"):
+    grid = layout.grid_flow(row_major=True, columns=4, even_columns=False, align=True)
+    for words in ("Camera", "Named", "Beside", "px"):
+        grid.label(text=words)
+    for one in known_cameras(context.scene.mocap_autolabel.take, context.scene):
+        named = f"{one.named / one.blobs:.0%}" if one.blobs else "–"
+        error = f"{one.error_px:.2f}" if one.error_px == one.error_px else "–"
+        for words in (one.name, named, str(one.unnamed_beside), error):
             grid.label(text=words)
-        for one in known_cameras(context.scene.mocap_autolabel.take, context.scene):
-            named = f"{one.named / one.blobs:.0%}" if one.blobs else "–"
-            error = f"{one.error_px:.2f}" if one.error_px == one.error_px else "–"
-            for words in (one.name, named, str(one.unnamed_beside), error):
-                grid.label(text=words)
 
 
-class MOCAP_AUTOLABEL_PT_changes(Reviewing, bpy.types.Panel):
+@panel(
+    "Changed by Labelling Again",
+    under="review",
+    seen=lambda context: len(context.window_manager.mocap_autolabel.changes),
+)
+def changes(layout, context):
     """What labelling again changed."""
-
-    bl_label = "Changed by Labelling Again"
-
-    @classmethod
-    def poll(cls, context):
-        return bool(len(context.window_manager.mocap_autolabel.changes))
-
-    def draw(self, context):
-        state = context.window_manager.mocap_autolabel
-        draw_list(self.layout, state, "changes")
-        if state.change_index < len(state.changes):
-            draw_text(context, self.layout, state.changes[state.change_index].words)
+    state = context.window_manager.mocap_autolabel
+    draw_list(layout, state, "changes")
+    if state.change_index < len(state.changes):
+        draw_text(context, layout, state.changes[state.change_index].words)
 
 
 class MOCAP_AUTOLABEL_UL_changes(DrawsRows, bpy.types.UIList):
@@ -162,16 +155,13 @@ def has_residuals(context: bpy.types.Context) -> bool:
     return any(row.residual > 0 for row in context.window_manager.mocap_autolabel.markers)
 
 
-class MOCAP_AUTOLABEL_PT_markers(Reviewing, bpy.types.Panel):
+@panel("Markers", under="review", seen=has_take)
+def markers(layout, context):
     """Every marker with its gaps and residual, the one that was found least first."""
-
-    bl_label = "Markers"
-
-    def draw(self, context):
-        measured = has_residuals(context)
-        for cell, heading in zip(cells(self.layout, measured), ("Marker", "Found", "Gaps", "mm"), strict=False):
-            cell.label(text=heading)
-        draw_list(self.layout, context.window_manager.mocap_autolabel, "markers", rows=6)
+    measured = has_residuals(context)
+    for cell, heading in zip(cells(layout, measured), ("Marker", "Found", "Gaps", "mm"), strict=False):
+        cell.label(text=heading)
+    draw_list(layout, context.window_manager.mocap_autolabel, "markers", rows=6)
 
 
 class MOCAP_AUTOLABEL_UL_markers(DrawsRows, bpy.types.UIList):
@@ -190,38 +180,35 @@ class MOCAP_AUTOLABEL_UL_markers(DrawsRows, bpy.types.UIList):
             cell.label(text=f"{item.residual:.1f}" if item.residual == item.residual else "–")
 
 
-class MOCAP_AUTOLABEL_PT_corrections(Reviewing, bpy.types.Panel):
+@panel("Corrections", under="review", seen=has_take)
+def corrections(layout, context):
     """What a person says of the labels."""
-
-    bl_label = "Corrections"
-
-    def draw(self, context):
-        layout, state = self.layout, context.window_manager.mocap_autolabel
-        names, points = selected_markers(context), picked_points(context)
-        if names:
-            layout.label(text=", ".join(names), icon="EMPTY_DATA")
-        elif points:
-            layout.label(text=words_of_picked(context, points), icon="DOT")
-        grid = layout.grid_flow(columns=2, even_columns=True, align=True)
-        grid.operator("mocap_autolabel.name_point", icon="SORTALPHA")
-        grid.operator("mocap_autolabel.unlabel", icon="X")
-        grid.operator("mocap_autolabel.swap_markers", icon="UV_SYNC_SELECT")
-        grid.operator("mocap_autolabel.is_right", icon="CHECKMARK")
-        if homes(context.scene.mocap_autolabel.take):
-            column = layout.column(align=True)
-            column.operator("mocap_autolabel.other_performer", icon="COMMUNITY")
-            column.operator("mocap_autolabel.exchange_performers", icon="UV_SYNC_SELECT")
-        if len(state.corrections):
-            row = layout.row()
-            draw_list(row, state, "corrections")
-            column = row.column(align=True)
-            remove = column.operator("mocap_autolabel.remove_correction", text="", icon="REMOVE")
-            remove.index = state.correction_index
-            column.operator("mocap_autolabel.clear_corrections", text="", icon="TRASH")
-            if state.correction_index < len(state.corrections):
-                row = state.corrections[state.correction_index]
-                draw_text(context, layout, f"{row.name}: {row.idle}" if row.idle else row.name)
-        layout.operator("mocap_autolabel.save_corrections", icon="FILE_TICK")
+    state = context.window_manager.mocap_autolabel
+    names, points = selected_markers(context), picked_points(context)
+    if names:
+        layout.label(text=", ".join(names), icon="EMPTY_DATA")
+    elif points:
+        layout.label(text=words_of_picked(context, points), icon="DOT")
+    grid = layout.grid_flow(columns=2, even_columns=True, align=True)
+    grid.operator("mocap_autolabel.name_point", icon="SORTALPHA")
+    grid.operator("mocap_autolabel.unlabel", icon="X")
+    grid.operator("mocap_autolabel.swap_markers", icon="UV_SYNC_SELECT")
+    grid.operator("mocap_autolabel.is_right", icon="CHECKMARK")
+    if homes(context.scene.mocap_autolabel.take):
+        column = layout.column(align=True)
+        column.operator("mocap_autolabel.other_performer", icon="COMMUNITY")
+        column.operator("mocap_autolabel.exchange_performers", icon="UV_SYNC_SELECT")
+    if len(state.corrections):
+        row = layout.row()
+        draw_list(row, state, "corrections")
+        column = row.column(align=True)
+        remove = column.operator("mocap_autolabel.remove_correction", text="", icon="REMOVE")
+        remove.index = state.correction_index
+        column.operator("mocap_autolabel.clear_corrections", text="", icon="TRASH")
+        if state.correction_index < len(state.corrections):
+            row = state.corrections[state.correction_index]
+            draw_text(context, layout, f"{row.name}: {row.idle}" if row.idle else row.name)
+    layout.operator("mocap_autolabel.save_corrections", icon="FILE_TICK")
 
 
 class MOCAP_AUTOLABEL_UL_corrections(DrawsRows, bpy.types.UIList):
@@ -232,109 +219,95 @@ class MOCAP_AUTOLABEL_UL_corrections(DrawsRows, bpy.types.UIList):
         layout.label(text=item.name, icon="ERROR" if item.idle else "NONE")
 
 
-class MOCAP_AUTOLABEL_PT_playing(Step, bpy.types.Panel):
+@panel("Long Take", under="review", seen=lambda context: played_takes(context.scene))
+def playing(layout, context):
     """Takes that are too long for keys."""
-
-    bl_label = "Long Take"
-    bl_parent_id = "MOCAP_AUTOLABEL_PT_review"
-
-    @classmethod
-    def poll(cls, context):
-        return bool(played_takes(context.scene))
-
-    def draw(self, context):
-        for take in played_takes(context.scene):
-            box = self.layout.box()
-            row = box.row(align=True)
-            row.label(text=str(take[PLAYED]), icon="PLAY")
-            row.prop(take, "hide_viewport", text="", emboss=False)
-            if wrong := what_is_wrong(take):
-                draw_text(context, box, wrong, "ERROR")
-                box.operator("mocap_autolabel.find_motion", icon="FILE_FOLDER").take = take.name
-            self._draw_suspects(context, box, take)
-            if for_a_part(take) is None:
-                draw_text(context, box, NO_KEYS, "INFO")
-                continue
-            box.operator("mocap_autolabel.open_part", icon="ZOOM_SELECTED").take = take.name
-            first, last = part_here(take, context.scene)
-            words = f"Open Part labels frames {first} to {last} again with keys, to correct them. {SAVE_THEM}"
-            draw_text(context, box, f"{NO_KEYS} {words}", "INFO")
-
-    def _draw_suspects(self, context, box: bpy.types.UILayout, take: bpy.types.Collection):
-        rows = suspects_of(take)
-        if not rows:
-            box.label(text="Nothing to look at", icon="CHECKMARK")
-            return
+    for take in played_takes(context.scene):
+        box = layout.box()
         row = box.row(align=True)
-        for words, icon, back in (("Previous", "TRIA_LEFT", True), ("Next", "TRIA_RIGHT", False)):
-            button = row.operator("mocap_autolabel.next_suspect", text=words, icon=icon)
-            button.back, button.take = back, take.name
-        now = context.scene.frame_current
-        for first, last, reason in [row for row in rows if row[0] <= now <= row[1]][:4]:
-            draw_text(context, box, f"{frames_in_short(first, last)}: {reason}", "DOT")
+        row.label(text=str(take[PLAYED]), icon="PLAY")
+        row.prop(take, "hide_viewport", text="", emboss=False)
+        if wrong := what_is_wrong(take):
+            draw_text(context, box, wrong, "ERROR")
+            box.operator("mocap_autolabel.find_motion", icon="FILE_FOLDER").take = take.name
+        _draw_suspects(context, box, take)
+        if for_a_part(take) is None:
+            draw_text(context, box, NO_KEYS, "INFO")
+            continue
+        box.operator("mocap_autolabel.open_part", icon="ZOOM_SELECTED").take = take.name
+        first, last = part_here(take, context.scene)
+        words = f"Open Part labels frames {first} to {last} again with keys, to correct them. {SAVE_THEM}"
+        draw_text(context, box, f"{NO_KEYS} {words}", "INFO")
 
 
-class MOCAP_AUTOLABEL_PT_people(Reviewing, bpy.types.Panel):
+def _draw_suspects(context, box: bpy.types.UILayout, take: bpy.types.Collection):
+    rows = suspects_of(take)
+    if not rows:
+        box.label(text="Nothing to look at", icon="CHECKMARK")
+        return
+    row = box.row(align=True)
+    for words, icon, back in (("Previous", "TRIA_LEFT", True), ("Next", "TRIA_RIGHT", False)):
+        button = row.operator("mocap_autolabel.next_suspect", text=words, icon=icon)
+        button.back, button.take = back, take.name
+    now = context.scene.frame_current
+    for first, last, reason in [row for row in rows if row[0] <= now <= row[1]][:4]:
+        draw_text(context, box, f"{frames_in_short(first, last)}: {reason}", "DOT")
+
+
+@panel(
+    "Performers",
+    under="review",
+    seen=lambda context: has_take(context) and homes(context.scene.mocap_autolabel.take),
+)
+def people(layout, context):
     """Those who were found."""
-
-    bl_label = "Performers"
-
-    @classmethod
-    def poll(cls, context):
-        return super().poll(context) and bool(homes(context.scene.mocap_autolabel.take))
-
-    def draw(self, context):
-        column = self.layout.column(align=True)
-        for name, home in homes(context.scene.mocap_autolabel.take).items():
-            row, material = column.row(align=True), body_material(home)
-            if material is not None:
-                colour = row.row()
-                colour.scale_x = 0.3
-                colour.prop(material, "diffuse_color", text="")
-            row.label(text=name)
+    column = layout.column(align=True)
+    for name, home in homes(context.scene.mocap_autolabel.take).items():
+        row, material = column.row(align=True), body_material(home)
+        if material is not None:
+            colour = row.row()
+            colour.scale_x = 0.3
+            colour.prop(material, "diffuse_color", text="")
+        row.label(text=name)
 
 
-class MOCAP_AUTOLABEL_PT_fill_gaps(Reviewing, bpy.types.Panel):
+@panel("Fill Gaps", under="review", closed=True, seen=has_take)
+def fill_gaps(layout, context):
     """Gaps and what they were filled with."""
+    filling = context.scene.mocap_autolabel.filling
+    state = context.window_manager.mocap_autolabel
+    draw_choice(layout, filling, "method", factor=0.35)
+    draw_optional(layout, filling, "Longest", "use_longest", "longest")
+    extent_buttons(layout, "mocap_autolabel.fill_gaps")
+    for words in filled_here(context):
+        layout.label(text=words, icon="KEYTYPE_GENERATED_VEC")
+    if len(state.fills):
+        _draw_fills(layout, context, state)
+    if len(state.left_gaps):
+        layout.label(text=f"{count_of(len(state.left_gaps), 'gap')} left:")
+        draw_list(layout, state, "left_gaps", rows=2, kind="gaps")
+        if state.left_gap_index < len(state.left_gaps):
+            draw_text(context, layout, f"The gap {state.left_gaps[state.left_gap_index].reason}")
 
-    bl_label = "Fill Gaps"
-    bl_options = {"DEFAULT_CLOSED"}
 
-    def draw(self, context):
-        layout, filling = self.layout, context.scene.mocap_autolabel.filling
-        state = context.window_manager.mocap_autolabel
-        draw_choice(layout, filling, "method", factor=0.35)
-        draw_optional(layout, filling, "Longest", "use_longest", "longest")
-        extent_buttons(layout, "mocap_autolabel.fill_gaps")
-        for words in filled_here(context):
-            layout.label(text=words, icon="KEYTYPE_GENERATED_VEC")
-        if len(state.fills):
-            self._draw_fills(context, state)
-        if len(state.left_gaps):
-            layout.label(text=f"{count_of(len(state.left_gaps), 'gap')} left:")
-            draw_list(layout, state, "left_gaps", rows=2)
-            if state.left_gap_index < len(state.left_gaps):
-                draw_text(context, layout, f"The gap {state.left_gaps[state.left_gap_index].reason}")
-
-    def _draw_fills(self, context: bpy.types.Context, state: bpy.types.PropertyGroup):
-        """The fills, and what takes them back."""
-        layout = self.layout
-        row = layout.row()
-        draw_list(row, state, "fills")
-        row.operator("mocap_autolabel.take_back_fills", text="", icon="REMOVE").index = state.fill_index
-        if state.fill_index < len(state.fills):
-            fill = state.fills[state.fill_index]
-            if fill.reason:
-                draw_text(context, layout, f"Left out: {fill.reason}. Fill the gap again, or take this back", "ERROR")
-            else:
-                layout.label(text=f"By {fill.method}")
-                if fill.rests_on != "both ends":
-                    layout.label(text=f"Rests on {fill.rests_on} alone, and what moves with it", icon="INFO")
-        unfit = sum(bool(fill.reason) for fill in state.fills)
-        if unfit:
-            layout.label(text=f"{unfit} no longer fit the labels", icon="ERROR")
-        layout.label(text="Take Back Fills of:")
-        extent_buttons(layout, "mocap_autolabel.take_back_fills")
+def _draw_fills(layout: bpy.types.UILayout, context: bpy.types.Context, state: bpy.types.PropertyGroup):
+    """The fills, and what takes them back."""
+    row = layout.row()
+    draw_list(row, state, "fills", kind="gaps")
+    row.operator("mocap_autolabel.take_back_fills", text="", icon="REMOVE").index = state.fill_index
+    if state.fill_index < len(state.fills):
+        fill = state.fills[state.fill_index]
+        if fill.reason:
+            draw_text(context, layout, f"Left out: {fill.reason}. Fill the gap again, or take this back", "ERROR")
+        else:
+            layout.label(text=f"By {fill.method}")
+            if fill.rests_on != "both ends":
+                layout.label(text=f"Rests on {fill.rests_on} alone, and what moves with it", icon="INFO")
+    unfit = sum(bool(fill.reason) for fill in state.fills)
+    if unfit:
+        layout.label(text=f"{unfit} no longer fit the labels", icon="ERROR")
+    layout.label(text="Take Back Fills of:")
+    extent_buttons(layout, "mocap_autolabel.take_back_fills")
 
 
 def extent_buttons(layout: bpy.types.UILayout, operator: str):
@@ -357,54 +330,37 @@ def filled_here(context: bpy.types.Context) -> list[str]:
     return lines
 
 
-class MOCAP_AUTOLABEL_UL_fills(DrawsRows, bpy.types.UIList):
-    """Filled gaps."""
+class MOCAP_AUTOLABEL_UL_gaps(DrawsRows, bpy.types.UIList):
+    """Gaps that were filled, or that were left."""
 
     def draw_row(self, context, layout, item, index):
-        """A filled gap, with the error to expect."""
+        """A gap, with the error to expect where it was filled."""
         row = layout.row(align=True)
-        row.label(text=item.name, icon="ERROR" if item.reason else "NONE")
+        row.label(text=item.name, icon="ERROR" if item.method and item.reason else "NONE")
         draw_jump(row, frames_in_short(item.first, item.last), item.first, item.name, emboss=False)
-        row.label(text=f"{item.expected:.1f} mm" if item.expected >= 0 else "–")
+        if item.method:
+            row.label(text=f"{item.expected:.1f} mm" if item.expected >= 0 else "–")
 
 
-class MOCAP_AUTOLABEL_UL_left_gaps(DrawsRows, bpy.types.UIList):
-    """Gaps that were left."""
-
-    def draw_row(self, context, layout, item, index):
-        """A gap that was left."""
-        row = layout.row(align=True)
-        row.label(text=item.name)
-        draw_jump(row, frames_in_short(item.first, item.last), item.first, item.name, emboss=False)
-
-
-class MOCAP_AUTOLABEL_PT_smoothing(Reviewing, bpy.types.Panel):
+@panel("Smoothing", under="review", closed=True, seen=has_take)
+def smoothing(layout, context):
     """What is too fast to be the person taken from the markers."""
-
-    bl_label = "Smoothing"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    def draw(self, context):
-        layout, settings = self.layout, context.scene.mocap_autolabel
-        layout.prop(settings.filling, "cutoff", text="Cut-Off (Hz)")
-        row = layout.row(align=True)
-        row.operator("mocap_autolabel.smooth", icon="MOD_SMOOTH")
-        row.operator("mocap_autolabel.take_back_smoothing", text="", icon="X")
-        cutoff = kept_cutoff(settings.take)
-        if cutoff is not None:
-            layout.label(text=f"Smoothed at {cutoff:g} Hz, exports too", icon="INFO")
+    settings = context.scene.mocap_autolabel
+    layout.prop(settings.filling, "cutoff", text="Cut-Off (Hz)")
+    row = layout.row(align=True)
+    row.operator("mocap_autolabel.smooth", icon="MOD_SMOOTH")
+    row.operator("mocap_autolabel.take_back_smoothing", text="", icon="X")
+    cutoff = kept_cutoff(settings.take)
+    if cutoff is not None:
+        layout.label(text=f"Smoothed at {cutoff:g} Hz, exports too", icon="INFO")
 
 
-class MOCAP_AUTOLABEL_PT_timeline(Reviewing, bpy.types.Panel):
+@panel("Trajectory Timeline", under="review", closed=True, seen=has_take)
+def timeline(layout, context):
     """The trajectory timeline's switch."""
-
-    bl_label = "Trajectory Timeline"
-    bl_options = {"DEFAULT_CLOSED"}
-
-    def draw(self, context):
-        column, display = self.layout.column(), context.scene.mocap_autolabel.display
-        if display.show_timeline:
-            column.prop(display, "show_timeline", icon="NLA", toggle=True)
-        else:
-            column.operator("mocap_autolabel.show_timeline", icon="NLA")
-        column.prop(context.window_manager.mocap_autolabel, "timeline_unfolded")
+    column, display = layout.column(), context.scene.mocap_autolabel.display
+    if display.show_timeline:
+        column.prop(display, "show_timeline", icon="NLA", toggle=True)
+    else:
+        column.operator("mocap_autolabel.show_timeline", icon="NLA")
+    column.prop(context.window_manager.mocap_autolabel, "timeline_unfolded")

@@ -37,12 +37,8 @@ STATE_HEIGHTS = {
     DOUBTFUL: (0.05, 0.95),
 }
 MIN_WIDTH = 2.0  # px of the interface of what is no name: a gap of one frame in 20,000 is seen as well
-GROUND, STRIPE, CHOSEN_ROW, LEGEND_EDGE = (
-    (0.105, 0.105, 0.105),
-    (0.125, 0.125, 0.125),
-    (0.2, 0.25, 0.33),
-    (0.05, 0.05, 0.05),
-)
+GROUND, STRIPE = (0.105, 0.105, 0.105), (0.125, 0.125, 0.125)
+CHOSEN_ROW, LEGEND_EDGE = (0.2, 0.25, 0.33), (0.05, 0.05, 0.05)
 PREVIEW_EDGE, BEYOND_RANGE = (0.95, 0.5, 0.1, 1.0), (0.0, 0.0, 0.0, 0.5)
 BEHIND_NAMES = (0.05, 0.05, 0.05, 0.75)
 WORDS, WORDS_CHOSEN, WORDS_FAINT = (0.8, 0.8, 0.8, 1.0), (1.0, 1.0, 1.0, 1.0), (0.55, 0.55, 0.55, 1.0)
@@ -103,7 +99,10 @@ class DrawnRuns:
             self.shader = made_shader("run", VERTEX, FRAGMENT, corners, between, "VEC4 view")
             self.legend = [buffer_of(self.shader, np.array([[0, 1, 0, state]])) for state in range(len(STATES))]
         if self.of is None or self.of() is not runs:
-            self.of, self.batch = weakref.ref(runs), buffer_of(self.shader, corners_of(runs))
+            # Left and right end in frames after the take's first, row and state, in the order of drawing.
+            row, begin, end, state = runs.runs[np.argsort(runs.runs[:, 3], kind="stable")].T
+            table = np.column_stack([begin - runs.span[0] - 0.5, end - runs.span[0] + 0.5, row, state])
+            self.of, self.batch = weakref.ref(runs), buffer_of(self.shader, table)
 
     def forget(self):
         """Lets go of what the GPU has."""
@@ -113,56 +112,48 @@ class DrawnRuns:
 _drawn, _letters = DrawnRuns(), Letters()
 
 
-def corners_of(runs: Runs) -> np.ndarray:
-    """(N, 4) left and right end in frames after the take's first, row and state, in the order of drawing."""
-    table = runs.runs[np.argsort(runs.runs[:, 3], kind="stable")]
-    first = runs.span[0]
-    return np.column_stack([table[:, 1] - first - 0.5, table[:, 2] - first + 0.5, table[:, 0], table[:, 3]])
-
-
 def buffer_of(shader: gpu.types.GPUShader, runs: np.ndarray) -> gpu.types.GPUBatch:
     """Runs (N, 4) as two triangles each."""
     corner = np.broadcast_to(BOX_CORNERS, (len(runs), *BOX_CORNERS.shape))
     return box_batch(shader, run=np.repeat(runs[:, None], 4, axis=1), corner=corner)
 
 
-def draw_rows():
-    """Draws the rows over the editor's main region; Blender calls this at every redraw."""
+def draw_rows(beside: bool = False):
+    """Draws the rows over the editor's main region, or their names over its channels; Blender calls this at redraws."""
     context = bpy.context
     if not timeline_shown(context):
         return
     runs, region = shown_runs(context), context.region
-    places, pixels = RowPlaces.of(context, region, len(runs)), Pixels(region)
+    places = RowPlaces.of(context, region, len(runs))
     _drawn.ready(runs)
-    with pixels:
+    with Pixels(region) as pixels:
         draw_ground(context, pixels, runs, places)
-        left, right = (region.view2d.region_to_view(x, 0)[0] for x in (0, region.width))
-        wide = region.width / max(right - left, 1e-6)
-        shader, scale = _drawn.shader, places.scale
-        shader.bind()
-        # What lies under the frame numbers, Blender draws over afterwards; under the legend, we do.
-        with gpu.matrix.push_pop():
-            gpu.matrix.translate((0.0, places.upper(0)))
-            shader.uniform_float("view", (left - runs.span[0], wide, places.row, MIN_WIDTH * scale))
-            _drawn.batch.draw(shader)
-        draw_preview_range(context.scene, pixels, places, (left, wide))
-        if places.bottom:
-            draw_state_legend(pixels, places)
-        if not context.space_data.show_region_channels:
+        if not beside:
+            draw_runs(context, pixels, runs, places)
+        if beside or not context.space_data.show_region_channels:
             draw_names(context, pixels, runs, places)
+        if beside:
+            pixels.box(0, 0, region.width, places.bottom, (*GROUND, 1.0))
 
 
 def draw_names_beside():
     """Draws the names of the rows over the editor's channels; Blender calls this at every redraw."""
-    context = bpy.context
-    if not timeline_shown(context):
-        return
-    runs, region = shown_runs(context), context.region
-    places, pixels = RowPlaces.of(context, region, len(runs)), Pixels(region)
-    with pixels:
-        draw_ground(context, pixels, runs, places)
-        draw_names(context, pixels, runs, places)
-        pixels.box(0, 0, region.width, places.bottom, (*GROUND, 1.0))
+    draw_rows(beside=True)
+
+
+def draw_runs(context: bpy.types.Context, pixels: "Pixels", runs: Runs, places: RowPlaces):
+    """The stretches of the rows, the frames that are played, and the legend."""
+    left, right = (context.region.view2d.region_to_view(x, 0)[0] for x in (0, context.region.width))
+    wide = context.region.width / max(right - left, 1e-6)
+    _drawn.shader.bind()
+    # What lies under the frame numbers, Blender draws over afterwards; under the legend, we do.
+    with gpu.matrix.push_pop():
+        gpu.matrix.translate((0.0, places.upper(0)))
+        _drawn.shader.uniform_float("view", (left - runs.span[0], wide, places.row, MIN_WIDTH * places.scale))
+        _drawn.batch.draw(_drawn.shader)
+    draw_preview_range(context.scene, pixels, places, (left, wide))
+    if places.bottom:
+        draw_state_legend(pixels, places)
 
 
 class Pixels:
@@ -220,19 +211,16 @@ def rows_seen(runs: Runs, places: RowPlaces) -> np.ndarray:
 def chosen_rows(context: bpy.types.Context, runs: Runs, seen: np.ndarray) -> np.ndarray:
     """Those of the rows whose markers are selected, or whose trajectory is picked."""
     names, picked = set(selected_markers(context)), set(picked_points(context))
-    is_chosen = [
-        runs.names[row] in names if runs.marker[row] != NO_MARKER else runs.trajectory[row] in picked for row in seen
-    ]
-    return seen[np.array(is_chosen, bool)]
+    named = np.array([runs.names[row] in names for row in seen], bool)
+    return seen[np.where(runs.marker[seen] != NO_MARKER, named, np.isin(runs.trajectory[seen], list(picked)))]
 
 
 def draw_preview_range(scene: bpy.types.Scene, pixels: Pixels, places: RowPlaces, view: tuple[float, float]):
     """Darkens what is outside the preview range, or the scene's range where there is none, as Blender does."""
     left, wide = view
-    preview = scene.use_preview_range
-    first, last = (
-        (scene.frame_preview_start, scene.frame_preview_end) if preview else (scene.frame_start, scene.frame_end)
-    )
+    first, last, preview = scene.frame_start, scene.frame_end, scene.use_preview_range
+    if preview:
+        first, last = scene.frame_preview_start, scene.frame_preview_end
     begin, end = (first - 0.5 - left) * wide, (last + 0.5 - left) * wide
     pixels.box(0, places.bottom, max(begin, 0), places.top, BEYOND_RANGE)
     pixels.box(min(end, pixels.size[0]), places.bottom, pixels.size[0], places.top, BEYOND_RANGE)
@@ -283,19 +271,13 @@ def draw_names(context: bpy.types.Context, pixels: Pixels, runs: Runs, places: R
     _letters.draw(words, size)
 
 
-def draw_toggle(self, context):
-    """The toggle in the editor's header."""
+def draw_switches(self, context):
+    """What the editor's header and its menu have of the timeline."""
     if context.space_data.mode == "DOPESHEET" and is_take(context.scene.mocap_autolabel.take):
-        self.layout.prop(context.scene.mocap_autolabel.display, "show_timeline", toggle=True, icon="NLA")
-
-
-def draw_view_menu(self, context):
-    """What the editor's menu has of the timeline."""
-    if context.space_data.mode != "DOPESHEET" or not is_take(context.scene.mocap_autolabel.take):
-        return
-    self.layout.separator()
-    self.layout.prop(context.scene.mocap_autolabel.display, "show_timeline")
-    self.layout.prop(context.window_manager.mocap_autolabel, "timeline_unfolded")
+        in_menu, display = isinstance(self, bpy.types.Menu), context.scene.mocap_autolabel.display
+        self.layout.prop(display, "show_timeline", toggle=not in_menu, icon="NONE" if in_menu else "NLA")
+        if in_menu:
+            self.layout.prop(context.window_manager.mocap_autolabel, "timeline_unfolded")
 
 
 def add_timeline(stack: ExitStack):
@@ -305,9 +287,9 @@ def add_timeline(stack: ExitStack):
         stack.callback(bpy.types.SpaceDopeSheetEditor.draw_handler_remove, drawing, kind)
     stack.callback(_drawn.forget)
     stack.callback(_letters.forget)
-    for menu, draw in ((bpy.types.DOPESHEET_HT_header, draw_toggle), (bpy.types.DOPESHEET_MT_view, draw_view_menu)):
-        menu.append(draw)
-        stack.callback(menu.remove, draw)
+    for menu in (bpy.types.DOPESHEET_HT_header, bpy.types.DOPESHEET_MT_view):
+        menu.append(draw_switches)
+        stack.callback(menu.remove, draw_switches)
     keys = bpy.context.window_manager.keyconfigs.addon
     if keys is None:  # a Blender without windows has none
         return

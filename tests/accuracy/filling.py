@@ -23,8 +23,7 @@ from addon.core.filling import plain
 from addon.core.filling.filling import FillOptions, fill_take
 from addon.core.filling.gaps import Gap, KnownMarkers
 from addon.io.points import read_points
-
-from .tables import table
+from scripts.results import markdown
 
 PEOPLE = Path(__file__).resolve().parents[3] / "shared" / "data" / "people"
 TAKES = {
@@ -166,7 +165,7 @@ def main() -> int:
         for at_once in given.at_once:
             print(f"\n{at_once} missing at once, mean error in mm\n")
             rows = [row for seconds in SECONDS for row in _rows(takes, seconds, at_once, given)]
-            print(table(["gap", "takes", *PEERS, "auto", "auto expected", "by take"], rows), flush=True)
+            print(markdown(["gap", "takes", *PEERS, "auto", "auto expected", "by take"], rows), flush=True)
     print(f"\n{perf_counter() - begin:.0f} s, {process_time():.0f} s of a core")
     return 0
 

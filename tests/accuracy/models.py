@@ -14,7 +14,7 @@ from addon.io.markersets import read_markerset, write_markerset
 from scripts import learn_markersets
 
 from . import people
-from .captures import Trial
+from .people import Trial
 
 CACHE = Path(tempfile.gettempdir()) / "mocap-autolabel-accuracy"
 LEARNED_BY = (

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from addon.core.data.takes import Blobs
+from addon.core.geometry.cameras import Cameras
 from scripts.learn_markersets import MISLABELLED, WALKERS
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
@@ -40,6 +42,22 @@ class Recording:
             if name in self.names:
                 picked[:, index] = self.xyz[:, self.names.index(name)]
         return picked
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """One take to be labelled: blobs with their true names, and what the labelling is not told.
+
+    title    says which capture it is, for people to read
+    xyz      (T, M, 3) m where the markers were
+    """
+
+    title: str
+    cameras: Cameras
+    blobs: Blobs
+    truth: np.ndarray
+    xyz: np.ndarray
+    rate: float
 
 
 def available() -> bool:

@@ -10,8 +10,8 @@ from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions, capture, joined
 
 from . import people
-from .captures import Trial
 from .flesh import Move, flesh, moved_flesh
+from .people import Trial
 
 OFF_THE_MIDDLE = 0.3
 

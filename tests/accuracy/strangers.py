@@ -15,8 +15,8 @@ from addon.core.simulation.rigs import paper_rig
 from addon.core.simulation.simulate import CaptureOptions, capture, joined
 
 from . import people
-from .captures import Trial
 from .flesh import Move, flesh, moved_flesh
+from .people import Trial
 from .standing import OFF_THE_MIDDLE
 
 DRAWS = 20

@@ -13,7 +13,6 @@ import numpy as np
 import addon.core
 from addon.blendfile import has_blender, mesh_occlusion
 from addon.core.blobs.swaps import try_swaps
-from addon.core.points.fitted_body import NothingInTheWay
 
 # What decides labels; what only draws, fills, trains or simulates is elsewhere.
 NAMING = ("blobs", "points", "pipelines", "reconstruction", "body")
@@ -78,6 +77,13 @@ def _no_layout(likelihood, placed, held, absent):
 
 def _nothing_tried(known, now, place):
     return np.zeros((0, len(place)), int)
+
+
+class NothingInTheWay:
+    """The occlusion of cameras that see through everything."""
+
+    def hidden(self, rotations, joints, scale, markers, centres) -> np.ndarray:
+        return np.zeros((len(markers), len(centres), markers.shape[1]), dtype=bool)
 
 
 CORE = addon.core.__name__

@@ -13,8 +13,8 @@ from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions, capture, joined
 
 from . import people
-from .captures import Trial
 from .flesh import Move, flesh, moved_flesh
+from .people import Trial
 
 ROOM = people.DATA / "rooms" / "vicon12"
 RATE = 60.0

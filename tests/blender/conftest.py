@@ -3,7 +3,7 @@
 
 import importlib
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -33,6 +33,8 @@ from addon.core.geometry.cameras import NO_CAMERAS, Cameras  # noqa: E402
 from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion  # noqa: E402
 from addon.core.points.models import Model  # noqa: E402
 from addon.core.points.several.wearers import SetsWorn, Wearer  # noqa: E402
+from addon.io.blobs import write_blobs  # noqa: E402
+from addon.io.cameras import write_cameras  # noqa: E402
 from addon.io.markersets import write_markerset  # noqa: E402
 from addon.io.points import write_c3d  # noqa: E402
 from addon.scene.take import Take  # noqa: E402
@@ -216,22 +218,11 @@ def make_pair(frames: int = 20, name: str = "duet", markerset: MarkerSet | None 
     return Take(name, 59.94, NO_CAMERAS, worn, rows, labels, motion, suspects, f"{name}.c3d")
 
 
-@dataclass(frozen=True)
-class Made:
-    """The makers of test data, handed to the tests as one fixture."""
-
-    markerset = staticmethod(make_markerset)
-    cameras = staticmethod(make_cameras)
-    motion = staticmethod(make_motion)
-    blobs = staticmethod(make_blobs)
-    take = staticmethod(make_take)
-    pair = staticmethod(make_pair)
-
-
 @pytest.fixture(scope="session")
-def made() -> Made:
+def made() -> SimpleNamespace:
     """Makers of marker sets, cameras, motions and takes."""
-    return Made()
+    makers = {"markerset": make_markerset, "cameras": make_cameras, "motion": make_motion, "blobs": make_blobs}
+    return SimpleNamespace(**makers, take=make_take, pair=make_pair)
 
 
 @pytest.fixture
@@ -271,6 +262,7 @@ def name_as(extension, monkeypatch) -> Callable[[np.ndarray], None]:
             yield takes.Labels(marker, np.where(named, takes.BY_FIT, takes.NO_STEP), named * 1.0, named * 1.0)
 
         monkeypatch.setattr(pipeline, "namer_of", lambda *_: SimpleNamespace(step=takes.BY_FIT, name=name))
+        monkeypatch.setattr(pipeline, "refuse_others", lambda *_: None)
 
     return know
 
@@ -295,6 +287,29 @@ def write_walk(folder: Path, xyz: np.ndarray, markerset: MarkerSet, rate: float 
     write_markerset(folder / "small.markerset.json", markerset)
     take, edits = folder / "walk.c3d", folder / "walk.edits.json"
     return SimpleNamespace(folder=folder, take=take, edits=edits, xyz=xyz, names=markerset.markers)
+
+
+def write_room(folder: Path, frames: int, lens: float = 0.0) -> SimpleNamespace:
+    """Writes room.toml, small.markerset.json and walk.csv: what four cameras see of a person whom nobody loses."""
+    markerset, cameras = make_markerset(), make_cameras(lens)
+    motion = make_motion(markerset, frames)
+    for part in (motion.markers, motion.expected, motion.joints, motion.rotations):
+        part[3:5] = part[2]
+    seen, truth = make_blobs(markerset, cameras, motion)
+    write_cameras(folder / "room.toml", cameras)
+    write_blobs(folder / "walk.csv", seen, cameras)
+    write_markerset(folder / "small.markerset.json", markerset)
+    paths = {"cameras": "room.toml", "blobs": "walk.csv", "markerset": "small.markerset.json"}
+    known = {"room": cameras, "seen": seen, "truth": truth, "motion": motion, "names": markerset.markers}
+    return SimpleNamespace(folder=folder, **{name: str(folder / path) for name, path in paths.items()}, **known)
+
+
+def open_room(files: SimpleNamespace):
+    """Imports what `write_room` wrote by the extension's buttons."""
+    assert bpy.ops.mocap_autolabel.import_cameras(filepath=files.cameras) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.import_blobs(filepath=files.blobs) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.open_markerset(filepath=files.markerset) == {"FINISHED"}
+    bpy.context.scene.mocap_autolabel.source.rate = 60.0
 
 
 def label_walk(folder: Path):

@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a hand does to the take of points of the fixture `labelled`, and what is seen then."""
 
+from pathlib import Path
+
 import bpy
 import numpy as np
+import pytest
 
 from addon.scene import naming
 
@@ -56,3 +59,15 @@ def follows(files, name: str, point: int, frames: slice = slice(None)):
 def rows_of_export(path) -> list[list[str]]:
     assert bpy.ops.mocap_autolabel.export_labels(filepath=str(path)) == {"FINISHED"}
     return [line.split(",") for line in path.read_text().splitlines()[1:]]
+
+
+def refused(words: str, operator: str, *how: str, **given):
+    """Asserts that an operator of ours ends with an error that says that."""
+    with pytest.raises(RuntimeError, match=words):
+        getattr(bpy.ops.mocap_autolabel, operator)(*how, **given)
+
+
+def reopen(path: Path | str):
+    """Saves the file and opens what was saved."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.open_mainfile(filepath=str(path))

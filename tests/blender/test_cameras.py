@@ -141,9 +141,3 @@ def test_a_scene_without_cameras_and_an_orthographic_one_are_refused(empty):
     empty.scene.collection.objects.link(camera)
     with pytest.raises(InputError, match="Plan is not a perspective camera"):
         scene_cameras.cameras_of_scene(empty.scene)
-
-
-def test_the_same_cameras_are_added_once(empty, made):
-    first = scene_cameras.find_or_add_cameras(empty.scene, made.cameras())
-    assert scene_cameras.find_or_add_cameras(empty.scene, made.cameras()) == first
-    assert scene_cameras.find_or_add_cameras(empty.scene, made.cameras(lens=0.1)) != first

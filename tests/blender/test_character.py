@@ -12,6 +12,7 @@ from addon.core.posing.character import BONE_NAMES
 from addon.io.markersets import open_markerset
 from addon.scene import character as characters
 from addon.scene import take as takes
+from addon.scene.opened import Opened
 
 FRAMES = 24
 # What a retargeted joint or marker may be off: the root alone moves, and floats of single precision are in between.
@@ -171,6 +172,6 @@ def test_a_rig_that_copies_the_file_by_bone_names_moves_as_the_body(shown, tmp_p
 def test_who_is_no_person_has_no_character(empty, made, extension):
     take = made.take()
     collection = takes.show_take(empty, take)
-    stored = takes.stored_take(collection, empty.scene)
+    stored = Opened().take(collection, empty.scene)
     with pytest.raises(InputError, match="no person's skeleton"):
         characters.add_character(empty, collection, stored, "HUMANIK")

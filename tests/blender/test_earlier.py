@@ -20,6 +20,8 @@ from addon.io.models import open_model, write_model
 from addon.io.points import read_points
 from tests.earlier.keep import FEW, MODEL
 
+from .hands import reopen
+
 EARLIER = Path(__file__).resolve().parents[1] / "earlier"
 GONE = {"keep_unnamed"}  # settings that there are no more
 VERSIONS = sorted(path.parent.name for path in EARLIER.glob("*/expected.json"))
@@ -85,8 +87,7 @@ def test_settings_before_there_were_groups_are_kept_in_any_blender(extension, em
     settings.rate, settings.folder_path, settings.use_fill_longest, settings.method = 50.0, "/takes", True, "fit"
     row = settings.training_takes.add()
     row.name, row.path, row.rate, row.kept = "one.c3d", "/one.c3d", 60.0, True
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "flat.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "flat.blend"))
+    reopen(tmp_path / "flat.blend")
     settings = bpy.context.scene.mocap_autolabel
     assert (settings.source.rate, settings.folder.path, settings.filling.use_longest) == (50.0, "/takes", True)
     assert (settings.labelling.method, settings.filling.method) == ("fit", "auto")
@@ -121,8 +122,7 @@ def test_a_take_is_corrected_filled_smoothed_exported_and_saved_again(take, stor
     written = read_points(tmp_path / "walk.c3d")
     assert set(take["markers"]) <= set(written.names)
     places = stored().motion.markers
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "again.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "again.blend"))
+    reopen(tmp_path / "again.blend")
     np.testing.assert_allclose(stored().motion.markers, places, atol=1e-5)
 
 

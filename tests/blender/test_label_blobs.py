@@ -11,32 +11,18 @@ import pytest
 
 from addon.core.data.takes import BY_EDIT, NO_MARKER, NO_STEP
 from addon.core.edits.kinds import AssignBlob, DeleteBlob, Place, Right, UnlabelBlob
-from addon.io.blobs import BlobWriter
-from addon.io.cameras import write_cameras
 from addon.io.edits import read_edits
-from addon.io.markersets import write_markerset
 from addon.io.points import read_points
 
-from .hands import choose, keys_of, picked, rows_of_export, shown
+from .conftest import open_room, write_room
+from .hands import choose, keys_of, picked, refused, reopen, rows_of_export, shown
 
 FRAMES, LOST = 30, "RKNE"
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory, made):
-    """A take of blobs of the small person, its cameras, and which marker each blob is."""
-    folder, markerset, cameras = tmp_path_factory.mktemp("blobs"), made.markerset(), made.cameras(lens=-0.05)
-    motion = made.motion(markerset, FRAMES)
-    for part in (motion.markers, motion.joints, motion.rotations, motion.expected):
-        part[3:5] = part[2]  # nobody is lost
-    blobs, labels = made.blobs(markerset, cameras, motion)
-    write_cameras(folder / "room.toml", cameras)
-    write_markerset(folder / "small.markerset.json", markerset)
-    with BlobWriter(folder / "walk.csv", cameras) as writer:
-        writer.write(blobs)
-    return SimpleNamespace(
-        folder=folder, blobs=blobs, truth=labels, motion=motion, names=markerset.markers, cameras=cameras
-    )
+def files(tmp_path_factory):
+    return write_room(tmp_path_factory.mktemp("blobs"), FRAMES, lens=-0.05)
 
 
 @pytest.fixture
@@ -48,7 +34,7 @@ def labelled(extension, empty, files, made, monkeypatch):
 
     def label_take(chunks, cameras, markerset, rate, options, occlusion=None, edits=()):
         for blobs in chunks:
-            rows = np.isin(files.motion.frames[files.blobs.frame], blobs.frames)
+            rows = np.isin(files.motion.frames[files.seen.frame], blobs.frames)
             marker = np.where(files.truth.marker[rows] == lost, NO_MARKER, files.truth.marker[rows])
             step = np.where(marker == NO_MARKER, NO_STEP, files.truth.step[rows])
             part = np.isin(files.motion.frames, blobs.frames)
@@ -59,10 +45,7 @@ def labelled(extension, empty, files, made, monkeypatch):
     monkeypatch.setattr(pipeline, "label_take", label_take)
     beside = files.folder / "walk.edits.json"
     beside.unlink(missing_ok=True)
-    bpy.ops.mocap_autolabel.import_cameras(filepath=str(files.folder / "room.toml"))
-    bpy.ops.mocap_autolabel.import_blobs(filepath=str(files.folder / "walk.csv"))
-    bpy.ops.mocap_autolabel.open_markerset(filepath=str(files.folder / "small.markerset.json"))
-    empty.scene.mocap_autolabel.source.rate = 60.0
+    open_room(files)
     empty.scene.mocap_autolabel.labelling.occlusion = "capsules"
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     empty.scene.frame_set(115)
@@ -72,13 +55,13 @@ def labelled(extension, empty, files, made, monkeypatch):
 def row_of(files, name: str, camera: int, frame: int = 115) -> int:
     """The row of a marker's blob."""
     index = files.names.index(name)
-    own = (files.truth.marker == index) & (files.blobs.camera == camera)
-    return int(np.flatnonzero(own & (files.blobs.frame == frame - 101))[0])
+    own = (files.truth.marker == index) & (files.seen.camera == camera)
+    return int(np.flatnonzero(own & (files.seen.frame == frame - 101))[0])
 
 
 def cameras_that_see(files, name: str, frame: int = 115) -> list[int]:
-    own = (files.truth.marker == files.names.index(name)) & (files.blobs.frame == frame - 101)
-    return files.blobs.camera[own].tolist()
+    own = (files.truth.marker == files.names.index(name)) & (files.seen.frame == frame - 101)
+    return files.seen.camera[own].tolist()
 
 
 def name_in_two(files, scope: str = "FRAME"):
@@ -89,8 +72,9 @@ def name_in_two(files, scope: str = "FRAME"):
 
 
 def take_now(labelled):
-    opened = importlib.import_module("addon.scene.take")
-    return opened.stored_take(labelled.scene.mocap_autolabel.take, labelled.scene)
+    return (
+        importlib.import_module("addon.scene.opened").Opened().take(labelled.scene.mocap_autolabel.take, labelled.scene)
+    )
 
 
 @pytest.mark.parametrize(("most", "foreseen"), [(29, 1e9), (59, 1)])
@@ -100,14 +84,13 @@ def test_a_take_whose_keys_would_fill_the_memory_is_refused_as_soon_as_that_is_k
     """Once it has so many frames, or half of the file has shown twice as many."""
     poses, jobs = (importlib.import_module(f"{extension}.addon.{name}") for name in ("io.poses", "jobs.blobs"))
     keys = 3 * len(files.names) + 7 * files.motion.joints.shape[1]
-    options = replace(poses.PLAYING, most_shown=most * keys, foreseen_from=30, foreseen=foreseen)
-    monkeypatch.setattr(poses, "PLAYING", options)
+    for name, value in (("MOST_SHOWN", most * keys), ("FORESEEN_FROM", 30), ("FORESEEN", foreseen)):
+        monkeypatch.setattr(poses, name, value)
     read = jobs.read_blobs
     half = (lambda *given: (replace(rows, fraction=0.5) for rows in read(*given))) if foreseen == 1 else read
     monkeypatch.setattr(jobs, "read_blobs", half)
     before = labelled.scene.mocap_autolabel.take
-    with pytest.raises(RuntimeError, match=r"walk\.csv: has .* frames, whose keys .*Label Folder"):
-        bpy.ops.mocap_autolabel.label()
+    refused(r"walk\.csv: has .* frames, whose keys .*Label Folder", "label")
     assert labelled.scene.mocap_autolabel.take == before
 
 
@@ -155,9 +138,7 @@ def test_a_name_holds_along_the_track_of_the_blob(labelled, files):
 def test_what_is_said_of_blobs_is_kept_over_save_undo_and_relabelling(labelled, files, extension, tmp_path):
     name_in_two(files)
     place = keys_of(LOST)[0]
-    path = tmp_path / "take.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    bpy.ops.wm.open_mainfile(filepath=str(path))
+    reopen(tmp_path / "take.blend")
     np.testing.assert_allclose(take_now(bpy.context).motion.markers[14, files.names.index(LOST)], place[1:], atol=1e-5)
     # What the sidebar and the exports go by was read while the file was being opened.
     opened, scene = importlib.import_module(f"{extension}.addon.scene.opened").opened, bpy.context.scene
@@ -182,8 +163,7 @@ def test_blobs_lose_their_names_swap_and_are_none(labelled, files):
     assert [item.name for item in bpy.context.selected_objects] == ["LANK"]
     bpy.ops.mocap_autolabel.pick(point=other, mode="TOGGLE")
     assert picked() == [row, other]
-    with pytest.raises(RuntimeError, match="2 blobs of cam 1 are picked; expected one of each camera"):
-        bpy.ops.mocap_autolabel.name_point(marker="C7", scope="FRAME")
+    refused("2 blobs of cam 1 are picked; expected one of each camera", "name_point", marker="C7", scope="FRAME")
     bpy.ops.mocap_autolabel.swap_markers(scope="FRAME")
     labels = take_now(labelled).labels.marker
     assert (files.names[labels[row]], files.names[labels[other]]) == ("LKNE", "LANK")
@@ -211,8 +191,7 @@ def test_a_picked_blob_is_picked_along_its_track(labelled, files, extension):
     bpy.context.scene.frame_set(116)
     bpy.context.scene.use_preview_range = True
     bpy.context.scene.frame_preview_start, bpy.context.scene.frame_preview_end = 120, 125
-    with pytest.raises(RuntimeError, match="the blob is of frame 116"):
-        bpy.ops.mocap_autolabel.name_point(marker="LKNE", scope="RANGE")
+    refused("the blob is of frame 116", "name_point", marker="LKNE", scope="RANGE")
 
 
 def test_the_lost_marker_is_the_likeliest_for_its_blob(labelled, files, extension):
@@ -222,12 +201,43 @@ def test_the_lost_marker_is_the_likeliest_for_its_blob(labelled, files, extensio
     stored, tracks = (work(scene.mocap_autolabel.take, scene) for work in (opened.take, opened.tracks))
     row = row_of(files, LOST, cameras_that_see(files, LOST)[0])
     assert stored.names[dots.likely_of_blob(stored, tracks, row)[0]] == LOST
-    camera = int(files.blobs.camera[row])
+    camera = int(files.seen.camera[row])
     assert np.flatnonzero(dots.asked_in_image(stored, 14, camera)).tolist() == [files.names.index(LOST)]
     origin, direction = dots.ray_of(stored, row)
     truth = files.motion.expected[14, files.names.index(LOST)]
     off = np.linalg.norm(np.cross(truth - origin, direction / np.linalg.norm(direction)))
     assert off < 1e-3, "a marker lies on its blob's ray, the lens taken out"
+
+
+def test_who_looks_through_a_camera_points_at_its_blobs(labelled, files, extension):
+    """Each of them lies where the picture has it, the lens taken out, and is what a pointer beside it means."""
+    module = importlib.import_module(f"{extension}.addon.ops.picking")
+    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
+    scene, size = labelled.scene, (656, 491)
+    camera = scene.mocap_autolabel.source.cameras.objects[1]
+    assert bpy.ops.mocap_autolabel.look_through(camera=camera.name) == {"FINISHED"}
+    pixel = {"scale_x": scene.render.pixel_aspect_x, "scale_y": scene.render.pixel_aspect_y}
+    lens = camera.calc_matrix_camera(labelled.evaluated_depsgraph_get(), x=size[0], y=size[1], **pixel)
+    view = SimpleNamespace(
+        view_perspective="CAMERA", perspective_matrix=lens @ camera.matrix_world.normalized().inverted()
+    )
+    space = SimpleNamespace(region_3d=view, use_local_camera=False, camera=camera)
+    region = SimpleNamespace(type="WINDOW", width=size[0], height=size[1])
+    area = SimpleNamespace(regions=[region], spaces=SimpleNamespace(active=space))
+    stored = opened.take(scene.mocap_autolabel.take, scene)
+    dots, places = module.dots_in_view(labelled, stored, area)
+    assert dots.trajectory.tolist() == np.flatnonzero((files.seen.frame == 14) & (files.seen.camera == 1)).tolist()
+    x, y = files.room.select([1]).matrix[0, :2] @ np.vstack(
+        [
+            files.room.undistort(files.seen.xy[dots.trajectory], files.seen.camera[dots.trajectory]).T,
+            np.ones(len(places)),
+        ]
+    )
+    np.testing.assert_allclose(places, np.column_stack([x, size[1] - y]), atol=0.1)
+    screen = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
+    context = SimpleNamespace(scene=scene, preferences=screen)
+    assert [module.dot_at(context, stored, area, place + 0.4)[1] for place in places] == list(range(len(places)))
+    assert module.dot_at(context, stored, area, (-50, -50))[1] is None
 
 
 def test_markers_of_blobs_are_placed_and_answered(labelled, files):

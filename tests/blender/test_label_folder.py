@@ -10,26 +10,22 @@ import bpy
 import pytest
 
 from addon.io.batch import read_table
-from addon.io.blobs import write_blobs
-from addon.io.cameras import write_cameras
-from addon.io.markersets import write_markerset
 from addon.scene.take import is_take
+
+from .conftest import write_room
+from .hands import refused
 
 PATIENCE = 120.0  # s; a busy machine labels slowly
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory, made):
+def files(tmp_path_factory):
     """A calibration, a marker set, and a folder with a take of blobs and one that is none."""
-    folder = tmp_path_factory.mktemp("files")
-    markerset, cameras = made.markerset(), made.cameras()
-    blobs, _ = made.blobs(markerset, cameras, made.motion(markerset, 6))
-    (folder / "in").mkdir()
-    write_cameras(folder / "room.toml", cameras)
-    write_markerset(folder / "small.markerset.json", markerset)
-    write_blobs(folder / "in" / "walk.csv", blobs, cameras)
-    (folder / "in" / "bad.csv").write_text("no,blobs\n")
-    return folder
+    files = write_room(tmp_path_factory.mktemp("files"), 6)
+    (files.folder / "in").mkdir()
+    shutil.move(files.blobs, files.folder / "in")
+    (files.folder / "in" / "bad.csv").write_text("no,blobs\n")
+    return files.folder
 
 
 @pytest.fixture
@@ -56,10 +52,8 @@ def test_a_folder_is_labelled_and_its_takes_opened(ready):
     assert "holds neither blobs nor 3D points" in state().folder_takes[0].reason
     assert (state().folder_doing, state().folder_said) == ("", "")
     assert (ready.out / "walk.report.html").is_file()
-    with pytest.raises(RuntimeError, match="is not there; expected a take that Label Folder labelled"):
-        bpy.ops.mocap_autolabel.open_folder_take(index=0)
-    with pytest.raises(RuntimeError, match="no take is chosen"):
-        bpy.ops.mocap_autolabel.open_folder_take(index=5)
+    refused("is not there; expected a take that Label Folder labelled", "open_folder_take", index=0)
+    refused("no take is chosen", "open_folder_take", index=5)
     assert bpy.ops.mocap_autolabel.open_folder_take(index=1) == {"FINISHED"}
     assert is_take(bpy.context.scene.mocap_autolabel.take)
     assert [row.name for row in state().folder_takes] == ["bad", "walk"]
@@ -96,11 +90,9 @@ def test_what_stops_a_folder_is_said(ready, files, tmp_path):
     settings.folder.path = ""
     assert not bpy.ops.mocap_autolabel.label_folder.poll()
     settings.folder.path = str(tmp_path / "none")
-    with pytest.raises(RuntimeError, match="is no folder; expected one with takes"):
-        bpy.ops.mocap_autolabel.label_folder()
+    refused("is no folder; expected one with takes", "label_folder")
     settings.folder.path = str(files / "in")
     ready.out.mkdir()
     shutil.copy(files / "in" / "walk.csv", ready.out / "summary.csv")
-    with pytest.raises(RuntimeError, match="exists already"):
-        bpy.ops.mocap_autolabel.label_folder()
+    refused("exists already", "label_folder")
     assert "exists already" in state().folder_said

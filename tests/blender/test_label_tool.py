@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from addon.core.data.takes import NO_MARKER, NO_STEP, Labels, PointRows
-from addon.core.edits.kinds import AssignPoint, Delete, Place
+from addon.core.edits.kinds import Delete, Place
 from addon.core.geometry.cameras import NO_CAMERAS
 from addon.io.edits import read_edits
 from addon.io.markersets import open_markerset
 from addon.scene import picking
-from addon.scene.likely import NEAREST, likely_markers, on_ray, predicted, ranked
+from addon.scene.picking import NEAREST, likely_markers, on_ray, predicted, ranked
 from addon.scene.stored import Stored
 
 from .hands import GHOST, choose, follows, keys_of, picked
@@ -172,15 +172,6 @@ def test_what_is_no_marker_gets_no_name(labelled, files):
     assert keys_of("LANK")[-1, 0] == 119
     bpy.ops.mocap_autolabel.save_corrections()
     assert read_edits(files.edits).items == (Delete(ankle, frames=(120, 130)),)
-
-
-def test_another_name_from_here_on_splits_a_trajectory(labelled, files):
-    bpy.ops.mocap_autolabel.pick(point=GHOST)
-    bpy.ops.mocap_autolabel.name_point(marker="C7", scope="ON")
-    bpy.ops.mocap_autolabel.save_corrections()
-    assert read_edits(files.edits).items == (AssignPoint(GHOST, "C7", frames=(120, 130)),)
-    follows(files, "C7", files.names.index("C7"), slice(0, 19))
-    follows(files, "C7", GHOST, slice(19, None))
 
 
 def test_a_marker_that_is_placed_is_there_and_can_be_taken_back(labelled, files):

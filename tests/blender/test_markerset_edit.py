@@ -8,6 +8,7 @@ import pytest
 from addon.core.data.errors import InputError
 from addon.io.markersets import builtin_markersets, open_markerset
 from addon.scene import markerset_edit, naming
+from addon.scene.armature import armature_of
 
 
 @pytest.fixture
@@ -85,7 +86,7 @@ def test_what_was_learned_of_markers_is_kept_only_while_they_are_where_they_were
 
 def test_a_marker_attached_to_another_segment_stays_where_it_stands(empty, laid_out):
     markerset, collection = laid_out
-    item, armature = marker(collection, "LKNE"), markerset_edit.skeleton_of(collection)
+    item, armature = marker(collection, "LKNE"), armature_of(collection)
     empty.view_layer.update()
     before = item.matrix_world.translation.copy()
     markerset_edit.reattach(item, armature, "l_shank")
@@ -99,7 +100,7 @@ def test_a_marker_attached_to_another_segment_stays_where_it_stands(empty, laid_
 
 def test_blenders_own_parenting_counts_too(empty, laid_out):
     markerset, collection = laid_out
-    item, armature = marker(collection, "LANK"), markerset_edit.skeleton_of(collection)
+    item, armature = marker(collection, "LANK"), armature_of(collection)
     empty.view_layer.update()
     before = item.matrix_world.translation.copy()
     armature.data.bones.active = armature.data.bones["l_thigh"]
@@ -160,10 +161,10 @@ def test_two_markers_of_one_name_and_one_on_no_bone_are_refused(empty, laid_out)
 
 def test_a_skeleton_that_lost_a_bone_or_is_gone_is_refused(empty, laid_out):
     markerset, collection = laid_out
-    armature = markerset_edit.skeleton_of(collection)
+    armature = armature_of(collection)
     armature.data.bones["head"].name = "kopf"
     with pytest.raises(InputError, match="no bone head"):
         markerset_edit.read_markerset(collection, markerset, "mine")
     bpy.data.objects.remove(armature)
-    with pytest.raises(InputError, match="lost its skeleton"):
+    with pytest.raises(InputError, match="lost its armature"):
         markerset_edit.read_markerset(collection, markerset, "mine")

@@ -11,7 +11,9 @@ from mathutils import Matrix, Vector
 
 from addon.core.data.takes import NO_MARKER
 from addon.scene import take as takes
+from addon.scene.blob_dots import blob_dots
 from addon.scene.cameras import cameras_of, look_through
+from addon.scene.opened import Opened
 from addon.scene.preview import read_preview, store_preview
 
 
@@ -26,24 +28,24 @@ def shown(empty, made):
     """A take through a lens that bends, in the scene and read back."""
     take = made.take(lens=-0.15)
     collection = takes.show_take(empty, take)
-    return take, takes.stored_take(collection, empty.scene)
+    return take, Opened().take(collection, empty.scene)
 
 
 def camera_of(stored, number):
     return bpy.context.scene.objects[stored.cameras.names[number]]
 
 
-def test_blobs_lie_on_their_markers_with_the_lens_taken_out(empty, shown, marks):
+def test_blobs_lie_on_their_markers_with_the_lens_taken_out(empty, shown):
     take, stored = shown
     for number in range(4):
         camera = camera_of(stored, number)
         pose = np.array(camera.matrix_world.normalized())
-        seen = marks.camera_marks(stored, 10, number, pose)
+        seen = blob_dots(stored, 10, number, pose)
         named = seen.marker != NO_MARKER
         assert named.sum() > 3
         look_through(empty.scene, camera)
         empty.view_layer.update()
-        for blob, marker in zip(seen.blobs[named], seen.marker[named], strict=True):
+        for blob, marker in zip(seen.xyz[named], seen.marker[named], strict=True):
             here, there = (
                 world_to_camera_view(empty.scene, camera, Vector(point)).xy
                 for point in (blob, take.motion.expected[10, marker])
@@ -53,11 +55,11 @@ def test_blobs_lie_on_their_markers_with_the_lens_taken_out(empty, shown, marks)
 
 def test_links_take_the_colour_of_their_step(shown, marks):
     _, stored = shown
-    seen = marks.camera_marks(stored, 10, 0, np.eye(4))
-    ends, colours = marks.links(seen)
+    seen = blob_dots(stored, 10, 0, np.eye(4))
+    ends, colours = marks.links(stored, 10, seen)
     named = seen.marker != NO_MARKER
     assert len(ends) == named.sum()
-    for step, (first, last) in zip(seen.step[named], colours, strict=True):
+    for step, (first, last) in zip(stored.labels.step[seen.trajectory[named]], colours, strict=True):
         assert (tuple(first), tuple(last)) == {
             1: (marks.GREEN, marks.GREEN),
             2: (marks.CYAN, marks.MAGENTA),
@@ -67,14 +69,14 @@ def test_links_take_the_colour_of_their_step(shown, marks):
 
 def test_a_lost_frame_has_blobs_and_no_links(shown, marks):
     _, stored = shown
-    seen = marks.camera_marks(stored, 3, 0, np.eye(4))
-    assert len(seen.blobs) == 1
-    assert len(marks.links(seen)[0]) == 0
+    seen = blob_dots(stored, 3, 0, np.eye(4))
+    assert len(seen.xyz) == 1
+    assert len(marks.links(stored, 3, seen)[0]) == 0
 
 
-def test_frames_outside_the_take_draw_nothing(shown, marks):
+def test_frames_outside_the_take_draw_nothing(shown):
     _, stored = shown
-    assert [marks.frame_index(stored, frame) for frame in (100, 101, 120, 121)] == [-1, 0, 19, -1]
+    assert [stored.index_of(frame) for frame in (100, 101, 120, 121)] == [-1, 0, 19, -1]
 
 
 def test_words_never_lie_on_each_other(marks):
@@ -119,7 +121,7 @@ def test_a_trail_is_broken_where_the_marker_was_not_seen(extension):
 
 
 def test_sides_are_told_apart_by_people_who_see_few_colours(extension):
-    sides = importlib.import_module(f"{extension}.addon.scene.sides")
+    sides = importlib.import_module(f"{extension}.addon.scene.armature")
     colours = np.array([sides.SIDE_COLOURS[side] for side in ("L", "R", "")])
     linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
     # Machado, Oliveira and Fernandes 2009, without the cones for long, middle and short waves.
@@ -136,14 +138,14 @@ def test_sides_are_told_apart_by_people_who_see_few_colours(extension):
     assert [sides.side_in(name, names) for name in names] == ["L", "R", "", "", "L", "R"]
 
 
-def test_blobs_can_be_looked_at_before_they_are_labelled(empty, made, marks):
+def test_blobs_can_be_looked_at_before_they_are_labelled(empty, made):
     take = made.take()
     mesh = store_preview("walk", take.rows, take.cameras)
     stored = read_preview(mesh, take.cameras)
     np.testing.assert_array_equal(stored.rows.frames, take.rows.frames)
     np.testing.assert_array_equal(stored.rows.frame, take.rows.frame)
     np.testing.assert_allclose(stored.rows.xy, take.rows.xy, atol=1e-4)
-    assert len(marks.camera_marks(stored, 4, 0, np.eye(4)).blobs) == 1
+    assert len(blob_dots(stored, 4, 0, np.eye(4)).xyz) == 1
     fewer = read_preview(mesh, take.cameras.select([1, 2]))
     assert len(fewer.rows) == np.isin(take.rows.camera, [1, 2]).sum()
 
@@ -187,7 +189,8 @@ def test_it_draws(extension, empty, made, monkeypatch):
         buffer.dimensions = size[0] * size[1] * 4
         return np.array(buffer).reshape(size[1], size[0], 4)
 
-    overlay.letters.prepare("é", overlay.TEXT_SIZE)
+    overlay.letters.width("é", overlay.TEXT_SIZE)
+    overlay.letters._make_picture()  # where nothing is being drawn
     stored = overlay.shown(empty.scene)
     picture = drawn(lambda canvas: overlay.draw_camera(canvas, stored, 10, camera, settings))
     rows = np.flatnonzero((take.rows.frame == 10) & (take.rows.camera == 1) & (take.labels.step == 1))

@@ -15,10 +15,12 @@ from addon.io.markersets import open_markerset
 from addon.scene import naming, ownership, performers
 from addon.scene import take as takes
 from addon.scene.character import add_character
+from addon.scene.opened import Opened
 from addon.scene.relabelled import show_again
 from addon.scene.stored import alone
 
 from .conftest import label_walk, write_walk
+from .hands import reopen
 
 KINDS = ("objects", "meshes", "armatures", "actions", "collections", "materials", "node_groups")
 
@@ -32,6 +34,10 @@ def own_mesh(name: str, place: bpy.types.Collection) -> bpy.types.Object:
     item = bpy.data.objects.new(name, bpy.data.meshes.new(name))
     place.objects.link(item)
     return item
+
+
+def new_mesh(name: str) -> bpy.types.Object:
+    return own_mesh(name, bpy.context.scene.collection)
 
 
 def item_of(collection: bpy.types.Collection, kind: str) -> bpy.types.Object:
@@ -56,9 +62,7 @@ def over(request, tmp_path):
     def delete(take: takes.Take) -> bpy.types.Collection | None:
         name = next(one.name for one in takes.takes_of(bpy.context.scene) if one[naming.TAKE] == take.name)
         if request.param.startswith("saved"):
-            path = str(tmp_path / "own.blend")
-            bpy.ops.wm.save_as_mainfile(filepath=path)
-            bpy.ops.wm.open_mainfile(filepath=path)
+            reopen(tmp_path / "own.blend")
         collection = bpy.data.collections[name]
         if request.param.endswith("removed"):
             return takes.remove_take(collection)
@@ -76,17 +80,12 @@ def duet(empty, made):
     return SimpleNamespace(take=take, collection=collection)
 
 
-def rename(item):
-    item.name = "mine"
+def curve_of(item: bpy.types.Object) -> bpy.types.FCurve:
+    return ownership._curves(item)[0]
 
 
 def add_constraint(item):
-    item.name, target = item.name, own_mesh("target", bpy.context.scene.collection)
-    item.constraints.new("COPY_ROTATION").target = target
-
-
-def add_property(item):
-    item["note"] = "look here"
+    item.constraints.new("COPY_ROTATION").target = new_mesh("target")
 
 
 def turn(item):
@@ -94,61 +93,8 @@ def turn(item):
     item.rotation_euler, item.scale = (0.1, 0.2, 0.3), (2, 2, 2)
 
 
-def key_scale(item):
-    item.keyframe_insert("scale", frame=105)
-
-
-def protect(item):
-    item.use_fake_user = True
-
-
-def drive(item):
-    item.driver_add("rotation_euler", 0).driver.expression = "frame"
-
-
-def use_own_action(item):
-    item.animation_data_create().action = bpy.data.actions.new("mine too")
-
-
 def push_down(item):
-    data = item.animation_data
-    data.nla_tracks.new().strips.new("mine", 101, data.action)
-
-
-def move_a_key(item):
-    data = item.animation_data
-    curve = data.action.layers[0].strips[0].channelbag(data.action_slot).fcurves[0]
-    curve.keyframe_points[2].co.y += 0.25
-
-
-def make_constant(item):
-    data = item.animation_data
-    curve = data.action.layers[0].strips[0].channelbag(data.action_slot).fcurves[0]
-    curve.keyframe_points[1].interpolation = "CONSTANT"
-
-
-def smooth_keys(item):
-    data = item.animation_data
-    data.action.layers[0].strips[0].channelbag(data.action_slot).fcurves[0].modifiers.new("NOISE")
-
-
-CHANGES = {
-    "marker": (
-        *(rename, add_constraint, add_property, turn, key_scale, protect, drive),
-        *(use_own_action, push_down, move_a_key, make_constant, smooth_keys),
-    ),
-    "armature": (rename, add_constraint, add_property, turn, key_scale, push_down, move_a_key),
-    "capsule": (rename, add_constraint, add_property, turn, key_scale),
-    "unnamed": (rename, add_constraint, add_property, key_scale),
-}
-
-
-def constrain_bone(item):
-    item.pose.bones[2].constraints.new("LIMIT_ROTATION")
-
-
-def shape_bone(item):
-    item.pose.bones[2].custom_shape = own_mesh("shape", bpy.context.scene.collection)
+    item.animation_data.nla_tracks.new().strips.new("mine", 101, item.animation_data.action)
 
 
 def move_joint(item):
@@ -158,47 +104,45 @@ def move_joint(item):
     bpy.ops.object.mode_set(mode="OBJECT")
 
 
-def give_material(item):
-    item.data.materials[0] = bpy.data.materials.new("mine too")
-
-
-def give_material_to_the_object(item):
-    item.material_slots[0].link = "OBJECT"
+def give_material(item, link="DATA"):
+    item.material_slots[0].link = link
     item.material_slots[0].material = bpy.data.materials.new("mine too")
 
 
-def sculpt(item):
-    item.data.vertices[3].co.x += 0.02
-
-
-def add_modifier(item):
-    item.modifiers.new("mine", "SUBSURF")
-
-
-def add_uv(item):
-    item.data.uv_layers.new(name="mine")
-
-
-def add_group(item):
-    item.vertex_groups.new(name="mine")
-
-
-def hang_elsewhere(item):
-    item.parent = own_mesh("hook", bpy.context.scene.collection)
-
-
-CHANGES["armature"] += (constrain_bone, shape_bone, move_joint)
-CHANGES["capsule"] += (give_material, give_material_to_the_object, sculpt, add_modifier, add_uv, add_group)
-CHANGES["capsule"] += (hang_elsewhere,)
-CHANGES["marker"] += (hang_elsewhere,)
-EVERY_CHANGE = [(kind, change) for kind, changes in CHANGES.items() for change in changes]
+ALL, MOVED = "marker armature capsule unnamed", "marker armature"
+# What a person does to something, and to which kinds of things that were made.
+CHANGES = {
+    "rename": (ALL, lambda one: setattr(one, "name", "mine")),
+    "add constraint": (ALL, add_constraint),
+    "add property": (ALL, lambda one: one.__setitem__("note", "look here")),
+    "turn": ("marker armature capsule", turn),
+    "key scale": (ALL, lambda one: one.keyframe_insert("scale", frame=105)),
+    "push down": (MOVED, push_down),
+    "move a key": (MOVED, lambda one: setattr(curve_of(one).keyframe_points[2].co, "y", 0.25)),
+    "protect": ("marker", lambda one: setattr(one, "use_fake_user", True)),
+    "drive": ("marker", lambda one: setattr(one.driver_add("rotation_euler", 0).driver, "expression", "frame")),
+    "own action": ("marker", lambda one: setattr(one.animation_data, "action", bpy.data.actions.new("mine too"))),
+    "make constant": ("marker", lambda one: setattr(curve_of(one).keyframe_points[1], "interpolation", "CONSTANT")),
+    "smooth keys": ("marker", lambda one: curve_of(one).modifiers.new("NOISE")),
+    "hang elsewhere": ("marker capsule", lambda one: setattr(one, "parent", new_mesh("hook"))),
+    "constrain bone": ("armature", lambda one: one.pose.bones[2].constraints.new("LIMIT_ROTATION")),
+    "shape bone": ("armature", lambda one: setattr(one.pose.bones[2], "custom_shape", new_mesh("shape"))),
+    "move joint": ("armature", move_joint),
+    "give material": ("capsule", give_material),
+    "give material to the object": ("capsule", lambda one: give_material(one, "OBJECT")),
+    "sculpt": ("capsule", lambda one: setattr(one.data.vertices[3].co, "x", 0.02)),
+    "add modifier": ("capsule", lambda one: one.modifiers.new("mine", "SUBSURF")),
+    "add uv": ("capsule", lambda one: one.data.uv_layers.new(name="mine")),
+    "add group": ("capsule", lambda one: one.vertex_groups.new(name="mine")),
+}
+EVERY_CHANGE = [(kind, name) for name, (kinds, _) in CHANGES.items() for kind in kinds.split()]
 
 
 @pytest.mark.parametrize("over", ["labelled again", "saved, opened and removed"], indirect=True)
-@pytest.mark.parametrize(("kind", "change"), EVERY_CHANGE, ids=[f"{k}-{c.__name__}" for k, c in EVERY_CHANGE])
+@pytest.mark.parametrize(("kind", "change"), EVERY_CHANGE)
 def test_what_a_person_changed_is_that_persons(duet, over, kind, change):
     item = item_of(duet.collection, kind)
-    change(item)
+    CHANGES[change][1](item)
     name = item.name
     bpy.context.view_layer.update()
     action = item.animation_data.action.name if item.animation_data and item.animation_data.action else None
@@ -226,7 +170,7 @@ def test_what_a_person_changed_is_that_persons(duet, over, kind, change):
 
 def test_keys_that_were_changed_are_as_they_were(duet, over):
     item = item_of(duet.collection, "marker")
-    move_a_key(item)
+    curve_of(item).keyframe_points[2].co.y += 0.25
     before, name = [list(curve.keyframe_points[2].co) for curve in ownership._curves(item)], item.name
     over(duet.take)
     kept = bpy.data.objects[name]
@@ -278,7 +222,7 @@ def test_corrections_go_to_the_marker_and_not_to_its_copy(duet):
 def test_what_was_promised_stays_even_unchanged(empty, made, over):
     take = made.pair(markerset=open_markerset("body26"))
     collection = takes.show_take(empty, take)
-    stored = takes.stored_take(collection, empty.scene)
+    stored = Opened().take(collection, empty.scene)
     names = []
     for one in stored.performers:
         home = performers.homes(collection)[one.name]
@@ -295,13 +239,13 @@ def test_what_was_promised_stays_even_unchanged(empty, made, over):
 def test_what_hangs_on_the_take_stays_where_it_is_or_follows_what_comes(duet, over):
     marker, armature = (item_of(duet.collection, kind) for kind in ("marker", "armature"))
     scene = bpy.context.scene
-    on_marker, on_bone = (own_mesh(name, scene.collection) for name in ("on marker", "on bone"))
+    on_marker, on_bone = (new_mesh(name) for name in ("on marker", "on bone"))
     on_marker.parent = marker
     on_bone.parent, on_bone.parent_type, on_bone.parent_bone = armature, "BONE", "head"
-    follower = own_mesh("follower", scene.collection)
+    follower = new_mesh("follower")
     constraint = follower.constraints.new("COPY_LOCATION")
     constraint.target = marker
-    skin = own_mesh("skin", scene.collection)
+    skin = new_mesh("skin")
     skin.modifiers.new("skin", "ARMATURE").object = armature
     scene.frame_set(110)
     bpy.context.view_layer.update()
@@ -362,10 +306,10 @@ def test_nothing_that_nobody_changed_is_left(empty, made, over):
     before = counts()
     collection = takes.show_take(empty, take)
     shown = counts()
-    stored = takes.stored_take(collection, empty.scene)
+    stored = Opened().take(collection, empty.scene)
     edits = stored.edits.added(Swap(("bob:LKNE", "bob:RKNE"), frames=(103, 110)))
     takes.keep_edits(collection, edits)
-    after = takes.stored_take(collection, empty.scene)
+    after = Opened().take(collection, empty.scene)
     takes.show_edits(collection, stored, after)
     performers.set_colour(collection, "bob", (0.1, 0.2, 0.3))
     for item in list(collection.all_objects):
@@ -394,7 +338,7 @@ def test_who_moves_by_the_takes_action_goes_on_moving(duet, over):
     marker = item_of(duet.collection, "marker")
     action = marker.animation_data.action
     for name in ("in the slot", "in an own slot"):
-        data = own_mesh(name, bpy.context.scene.collection).animation_data_create()
+        data = new_mesh(name).animation_data_create()
         data.action = action
     bpy.data.objects["in the slot"].animation_data.action_slot = marker.animation_data.action_slot
     own = bpy.data.objects["in an own slot"].animation_data
@@ -442,10 +386,10 @@ def test_a_take_out_of_another_file_goes(duet, tmp_path, link, again):
 
 
 def test_twice_again_keeps_what_was_kept_once(duet):
-    rename(item_of(duet.collection, "marker"))
+    item_of(duet.collection, "marker").name = "mine"
     first = show_again(bpy.context, duet.take, whole=True)
     once = counts()
-    add_property(item_of(first, "capsule"))
+    item_of(first, "capsule")["note"] = "look here"
     second = show_again(bpy.context, duet.take, whole=True)
     assert second == first
     assert len(counts()["objects"]) == len(once["objects"]) + 1
@@ -472,7 +416,7 @@ def test_points_that_were_renamed_stay_when_others_are_imported(extension, empty
     assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "one.c3d")) == {"FINISHED"}
     [item] = empty.scene.objects
     item.name = "reference"
-    child = own_mesh("stage", empty.scene.collection)
+    child = new_mesh("stage")
     child.parent = item
     assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "two.c3d")) == {"FINISHED"}
     assert sorted(one.name for one in empty.scene.objects) == ["Mocap: two points", "reference", "stage"]

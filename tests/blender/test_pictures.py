@@ -14,6 +14,8 @@ from addon.scene import cameras as scene_cameras
 from scripts.movies import encode
 from tests.inputs.pictures import NAMES, SIZE, places, save_pictures, two_cameras
 
+from .hands import refused
+
 FRAMES = range(1, 9)
 
 
@@ -74,8 +76,7 @@ def test_what_was_undone_meanwhile_is_opened_again(empty, studio):
 def test_trouble_with_pictures_is_one_sentence(extension, empty, studio, tmp_path):
     assert not bpy.ops.mocap_autolabel.find_blobs.poll()
     bpy.ops.mocap_autolabel.import_cameras(filepath=str(studio[0] / "room.toml"))
-    with pytest.raises(RuntimeError, match="holds no movie"):
-        bpy.ops.mocap_autolabel.find_blobs(directory=str(tmp_path))
+    refused("holds no movie", "find_blobs", directory=str(tmp_path))
     assert not empty.scene.mocap_autolabel.source.blobs_path
 
 

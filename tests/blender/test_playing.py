@@ -13,10 +13,14 @@ from addon.cli import main as command
 from addon.core.data.takes import Motion, Suspect
 from addon.io import poses as pose_files
 from addon.io.edits import read_edits
+from addon.io.points import read_points
 from addon.io.poses import PoseFile
 from addon.scene import naming, playing
 from addon.scene import take as takes
+from addon.scene.opened import Opened
 from tests.inputs.walkers import FIRST, FRAMES, WORN, write_seen
+
+from .hands import refused
 
 
 def places(context, collection, frames):
@@ -141,10 +145,8 @@ def test_the_sidebars_operators_step_and_find(extension, both, tmp_path):
     assert bpy.ops.mocap_autolabel.find_motion() == {"FINISHED"}
     assert playing.what_is_wrong(collection) == ""
     shutil.move(folder / "out" / "walk.motion.pc2", folder / "hidden.pc2")
-    with pytest.raises(RuntimeError, match="not beside the Blender file"):
-        bpy.ops.mocap_autolabel.find_motion()
-    with pytest.raises(RuntimeError, match="plays from a file and has no keys"):
-        bpy.ops.mocap_autolabel.fill_gaps()
+    refused("not beside the Blender file", "find_motion")
+    refused("plays from a file and has no keys", "fill_gaps")
 
 
 @pytest.fixture
@@ -154,7 +156,7 @@ def long(extension, tmp_path, monkeypatch):
 
     def opened_take(kind, *words):
         who = () if "--subject" in words else ("--model", WORN)
-        monkeypatch.setattr(pose_files, "PLAYING", replace(pose_files.PLAYING, most_keys=100))
+        monkeypatch.setattr(pose_files, "MOST_KEYS", 100)
         source = ["pair.c3d"] if kind == "points" else ["seen.csv", "--cameras", "room.toml"]
         monkeypatch.chdir(tmp_path)  # where the names of files begin
         assert command(["label", *source, *who, "--blend", "--out", "out", *words]) == 0
@@ -170,11 +172,16 @@ def test_a_part_is_opened_with_keys_and_corrected(long, kind, tmp_path):
     collection = long(kind, "--subjects", "2")
     scene = bpy.context.scene
     first, last = FIRST + 10, FIRST + 19
+    written = read_points(next((tmp_path / "out").glob("*.c3d")))
+    names = sorted(item[naming.MARKER] for item in collection.all_objects if naming.MARKER in item)
+    known = written.xyz[10, [written.names.index(name) for name in names]]
+    shown = places(bpy.context, collection, [first])[0][0]
+    np.testing.assert_allclose(np.where(np.isnan(known), known, shown), known, atol=1e-5)
     scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end = True, first, last
     played = scene.frame_start, scene.frame_end
     assert bpy.ops.mocap_autolabel.open_part(first=first, last=last) == {"FINISHED"}
     settings = scene.mocap_autolabel
-    stored = takes.stored_take(settings.take, scene)
+    stored = Opened().take(settings.take, scene)
     assert stored.motion.frames.tolist() == list(range(first, last + 1))
     assert [one.name for one in stored.performers] == ["1", "2"]
     assert stored.labels.named.mean() > 0.9
@@ -195,7 +202,7 @@ def test_a_part_is_opened_with_keys_and_corrected(long, kind, tmp_path):
     )
     before = stored.labels.marker.copy()
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
-    assert (takes.stored_take(settings.take, scene).labels.marker == before).all()
+    assert (Opened().take(settings.take, scene).labels.marker == before).all()
     scene.frame_set(first + 3)
     for item in settings.take.all_objects:
         item.select_set(item.get(naming.MARKER) in ("1:LKNE", "1:LANK"))
@@ -204,7 +211,7 @@ def test_a_part_is_opened_with_keys_and_corrected(long, kind, tmp_path):
     assert [edit.frames for edit in read_edits(next(tmp_path.glob("*.edits.json")))] == [(first, last)]
     # Another part comes beside it, and knows of them.
     assert bpy.ops.mocap_autolabel.open_part(first=first + 5, last=last + 10) == {"FINISHED"}
-    assert takes.stored_take(settings.take, scene).motion.frames.tolist() == list(range(first, last + 11))
+    assert Opened().take(settings.take, scene).motion.frames.tolist() == list(range(first, last + 11))
     assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
 
 
@@ -212,11 +219,17 @@ def test_who_was_asked_for_by_name_is_so_in_a_part(long):
     long("points", "--subject", f"ann={WORN}", "--subject", f"bob={WORN}", "--target", "0.99")
     scene = bpy.context.scene
     scene.frame_set(FIRST + 20)
-    assert bpy.ops.mocap_autolabel.open_part() == {"FINISHED"}
+    bpy.ops.ed.undo_push(message="Opened")
+    assert bpy.ops.mocap_autolabel.open_part("EXEC_DEFAULT", True) == {"FINISHED"}
+    bpy.ops.ed.undo()
+    scene = bpy.context.scene
+    assert (scene.mocap_autolabel.take, scene.mocap_autolabel.source.points_path) == (None, "")
+    bpy.ops.ed.redo()
+    scene = bpy.context.scene
     settings = scene.mocap_autolabel
     assert [(row.name, row.markerset) for row in settings.subjects.performers] == [("ann", WORN), ("bob", WORN)]
     assert settings.labelling.target == pytest.approx(0.99)
-    stored = takes.stored_take(settings.take, scene)
+    stored = Opened().take(settings.take, scene)
     assert len(stored.motion.frames) == FRAMES  # five seconds to either side are more than there is
     assert {name.partition(":")[0] for name in stored.names} == {"ann", "bob"}
 
@@ -258,11 +271,9 @@ def test_the_part_here_is_what_is_to_be_looked_at_or_the_preview_range(both, mon
 def test_what_cannot_be_opened_is_told_and_nothing_changes(long, tmp_path):
     collection = long("points", "--subjects", "2")
     scene = bpy.context.scene
-    with pytest.raises(RuntimeError, match=r"frames 900 to 950 are none of take pair; expected some of 7 to 46"):
-        bpy.ops.mocap_autolabel.open_part(first=900, last=950)
+    refused(r"frames 900 to 950 are none of take pair; expected some of 7 to 46", "open_part", first=900, last=950)
     (tmp_path / "pair.c3d").rename(tmp_path / "elsewhere.c3d")
-    with pytest.raises(RuntimeError, match=r"pair\.c3d: there is no such file"):
-        bpy.ops.mocap_autolabel.open_part()
+    refused(r"pair\.c3d: there is no such file", "open_part")
     assert not scene.mocap_autolabel.source.points_path
     assert not collection.hide_viewport
     # `pair.c3d` beside the Blender file is what was made of the take, and not the take.
@@ -271,5 +282,4 @@ def test_what_cannot_be_opened_is_told_and_nothing_changes(long, tmp_path):
     assert bpy.ops.mocap_autolabel.open_part(first=FIRST, last=FIRST + 9, filepath=found) == {"FINISHED"}
     assert scene.mocap_autolabel.source.points_path == found
     del collection[playing.FOR_A_PART]
-    with pytest.raises(RuntimeError, match="does not say how it was labelled"):
-        bpy.ops.mocap_autolabel.open_part()
+    refused("does not say how it was labelled", "open_part")

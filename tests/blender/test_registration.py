@@ -36,24 +36,6 @@ def everything():
     return classes, properties, handlers
 
 
-def test_enabling_adds_and_disabling_takes_out(extension):
-    with_it = everything()
-    assert hasattr(bpy.types.Scene, "mocap_autolabel")
-    assert "mocap_autolabel" in dir(bpy.ops)
-    addon_utils.disable(extension, default_set=False)
-    without = everything()
-    assert not any("mocap_autolabel" in name for name in without[0])
-    assert not hasattr(bpy.types.Scene, "mocap_autolabel")
-    assert not hasattr(bpy.types.WindowManager, "mocap_autolabel")
-    assert not any("mocap_autolabel" in module for modules in without[2].values() for module in modules)
-    for _ in range(2):
-        assert addon_utils.enable(extension, default_set=False) is not None
-        assert everything()[1:] == with_it[1:]
-        addon_utils.disable(extension, default_set=False)
-        assert everything() == without
-    addon_utils.enable(extension, default_set=True)
-
-
 def test_a_register_that_fails_leaves_nothing(extension, monkeypatch):
     addon_utils.disable(extension, default_set=False)
     before = everything()

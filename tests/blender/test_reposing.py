@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import bpy
 import numpy as np
@@ -15,10 +16,11 @@ from addon.core.data.takes import Labels
 from addon.core.points.motion import motion_of
 from addon.io.markersets import open_markerset, write_markerset
 from addon.scene import take as takes
+from addon.scene.opened import Opened
 from addon.scene.stored import digests_of
 
 from .conftest import write_walk
-from .hands import choose
+from .hands import choose, refused, reopen
 from .test_performers import kinds
 
 FRAMES, FIRST = 30, 101
@@ -53,7 +55,7 @@ def reposing(extension):
 @pytest.fixture
 def later(extension, monkeypatch):
     """Lets nothing follow an edit by itself, as in a window until it has time."""
-    for name in ("ops.correcting", "ops.labelling", "ui.handlers"):
+    for name in ("ops.correcting", "ops.labelling", "ui"):
         monkeypatch.setattr(importlib.import_module(f"{extension}.addon.{name}"), "follow_soon", lambda **_: None)
 
 
@@ -100,8 +102,7 @@ def test_a_correction_that_is_taken_back_after_labelling_again_leaves_the_body_a
     before = bones(), rests(), capsules()
     swap()
     path = str(files.folder / "walk.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    bpy.ops.wm.open_mainfile(filepath=path)
+    reopen(path)
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert np.abs(bones() - before[0]).max() > 0.1, "the arm goes to the knee"
     assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
@@ -134,7 +135,7 @@ def test_digests_tell_labels_apart(made):
 
 def anew(collection) -> np.ndarray:
     """(F, J, 3) m the joints of a body that is fitted to the markers of a take of one as they are."""
-    stored = takes.stored_take(collection, bpy.context.scene)
+    stored = Opened().take(collection, bpy.context.scene)
     points = Labels.none(len(stored.motion.frames), len(stored.names))  # whose confidence alone is asked for
     own = stored.unfilled
     return motion_of(own.markers, own.residual, points, open_markerset("body26"), own.frames).joints
@@ -228,27 +229,6 @@ def test_what_was_begun_of_other_labels_is_left(labelled, reposing, later, monke
     np.testing.assert_allclose(bones(), right, atol=NEAR)
 
 
-class Written:
-    """A layout, or a canvas, that keeps what it is to show."""
-
-    scale, foot = 1.0, 20.0
-
-    def __init__(self):
-        self.words = []
-
-    def label(self, text="", icon="NONE"):
-        self.words.append(text)
-
-    def text(self, words, *_):
-        self.words.append(words)
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        pass
-
-
 def test_until_then_viewport_panel_and_export_dialog_say_that_the_body_is_out_of_date(
     labelled, files, extension, reposing, later, monkeypatch
 ):
@@ -257,20 +237,22 @@ def test_until_then_viewport_panel_and_export_dialog_say_that_the_body_is_out_of
     )
 
     def said() -> list[str]:
-        canvas, layout = Written(), Written()
+        canvas, layout = MagicMock(foot=20.0, scale=1.0), MagicMock()
+        canvas.__enter__.return_value = canvas
         monkeypatch.setattr(overlay, "Canvas", lambda _: canvas)
-        for name in ("draw_laid_out", "draw_frame"):
-            monkeypatch.setattr(overlay, name, lambda *_: None)
+        monkeypatch.setattr(overlay, "draw_frame", lambda *_: None)
         space = SimpleNamespace(overlay=SimpleNamespace(show_overlays=True))
         own = {name: getattr(bpy.context, name) for name in ("scene", "mode", "view_layer")}
         monkeypatch.setattr(overlay, "bpy", SimpleNamespace(context=SimpleNamespace(**own, space_data=space)))
         overlay.draw()
         exporting.ExportsTake.draw(SimpleNamespace(of_body=True, layout=layout), bpy.context)
-        panel = Written()
-        monkeypatch.setattr(panels, "draw_text", lambda _context, _layout, words, icon: panel.label(words))
+        words = [call.args[0] for call in canvas.text.mock_calls] + [
+            one["text"] for _, _, one in layout.label.mock_calls
+        ]
+        monkeypatch.setattr(panels, "draw_text", lambda _context, _layout, text, icon: words.append(text))
         for name in ("review", "character"):
-            getattr(panels, f"MOCAP_AUTOLABEL_PT_{name}").draw(SimpleNamespace(layout=Any()), bpy.context)
-        return [*canvas.words, *layout.words, *panel.words]
+            getattr(panels, f"MOCAP_AUTOLABEL_PT_{name}").draw(MagicMock(), bpy.context)
+        return words
 
     assert said() == []
     swap()
@@ -278,16 +260,6 @@ def test_until_then_viewport_panel_and_export_dialog_say_that_the_body_is_out_of
     assert len(words) == 4 and all("body is out of date" in one for one in words)
     reposing.follow_now(bpy.context)
     assert said() == []
-
-
-class Any:
-    """Whatever is asked of it."""
-
-    def __getattr__(self, _):
-        return self
-
-    def __call__(self, *_, **__):
-        return self
 
 
 def test_without_its_marker_set_the_body_says_what_it_needs_and_is_not_written(labelled, files, reposing, made):
@@ -301,8 +273,11 @@ def test_without_its_marker_set_the_body_says_what_it_needs_and_is_not_written(l
     swap()
     assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
     assert "choose marker set mine" in reposing.words_behind(bpy.context)
-    with pytest.raises(RuntimeError, match="older than the last correction; expected you to choose marker set mine"):
-        bpy.ops.mocap_autolabel.export_bvh(filepath=str(files.folder / "walk.bvh"))
+    refused(
+        "older than the last correction; expected you to choose marker set mine",
+        "export_bvh",
+        filepath=str(files.folder / "walk.bvh"),
+    )
     assert not (files.folder / "walk.bvh").exists()
     bpy.context.scene.mocap_autolabel.subjects.markerset = "body26"
     bvh(files, "walk.bvh")

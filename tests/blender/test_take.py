@@ -12,6 +12,7 @@ from addon.core.data.takes import STEPS, Blobs, LabelledChunk, Labels, Motion, S
 from addon.scene import animation, naming
 from addon.scene import take as takes
 from addon.scene.armature import bone_tails, build_of
+from addon.scene.opened import Opened
 
 
 def only(collection, kind):
@@ -128,7 +129,7 @@ def test_the_file_keeps_the_take(empty, made, tmp_path):
     bpy.ops.wm.open_mainfile(filepath=path)
     found = takes.takes_of(bpy.context.scene)
     assert [collection.name for collection in found] == ["Mocap: walk"]
-    stored = takes.stored_take(found[0], bpy.context.scene)
+    stored = Opened().take(found[0], bpy.context.scene)
     assert (stored.name, stored.names, stored.suspects) == ("walk", take.markerset.markers, take.suspects)
     assert stored.cameras.names == take.cameras.names
     for kind, tolerance in ((Blobs, 1e-4), (Labels, 1e-6), (Motion, 1e-6)):
@@ -162,7 +163,7 @@ def test_frames_beyond_blenders_last_are_shifted_to_one(empty, made):
     take = replace(take, motion=replace(take.motion, frames=far), rows=replace(take.rows, frames=far))
     collection = takes.show_take(empty, take)
     assert (empty.scene.frame_start, empty.scene.frame_end) == (1, 8)
-    stored = takes.stored_take(collection, empty.scene)
+    stored = Opened().take(collection, empty.scene)
     np.testing.assert_array_equal(stored.rows.frames, far)
     assert stored.rows.frames[0] + stored.shift == 1
 
@@ -181,13 +182,12 @@ def test_chunks_join_to_the_take_they_came_from(made):
         motion = Motion(*(getattr(take.motion, f.name)[first:last] for f in fields(Motion)))
         reason = (Suspect(108, 109, "lost"),) if first == 0 else (Suspect(110, 111, "lost"), Suspect(115, 116, "lost"))
         parts.append((blobs, LabelledChunk(labels, motion, reason)))
-    joined = Blobs.join(blobs for blobs, _ in parts)
+    whole = takes.Take.of(take.name, take.rate, take.cameras, take.markerset, parts, take.source)
+    np.testing.assert_array_equal(whole.labels.marker, take.labels.marker)
+    np.testing.assert_array_equal(whole.motion.markers, take.motion.markers)
     for field in fields(Blobs):
-        np.testing.assert_array_equal(getattr(joined, field.name), getattr(take.rows, field.name))
-    labels, motion, suspects = takes.join_labelled([chunk for _, chunk in parts])
-    np.testing.assert_array_equal(labels.marker, take.labels.marker)
-    np.testing.assert_array_equal(motion.markers, take.motion.markers)
-    assert suspects == (Suspect(108, 111, "lost"), Suspect(115, 116, "lost"))
+        np.testing.assert_array_equal(getattr(whole.rows, field.name), getattr(take.rows, field.name))
+    assert whole.suspects == (Suspect(108, 111, "lost"), Suspect(115, 116, "lost"))
 
 
 def test_a_file_whose_steps_were_counted_otherwise_is_read_by_their_names(empty, made):
@@ -195,5 +195,5 @@ def test_a_file_whose_steps_were_counted_otherwise_is_read_by_their_names(empty,
     collection = takes.show_take(empty, take)
     others = [STEPS[step] for step in (0, 3, 2, 1)]
     collection["mocap_steps"] = json.dumps(others)
-    stored = takes.stored_take(collection, empty.scene)
+    stored = Opened().take(collection, empty.scene)
     assert [STEPS[step] for step in stored.labels.step] == [others[step] for step in take.labels.step]

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import BY_EDIT, NO_MARKER
-from tests.blender.hands import FRAMES, GHOST, choose, picked, shown
+
+from .hands import FRAMES, GHOST, choose, picked, refused, shown
 
 
 @pytest.fixture
@@ -154,14 +155,13 @@ def test_a_drag_selects_the_range_that_corrections_take(labelled, files):
     assert bpy.ops.mocap_autolabel.unlabel(scope="RANGE") == {"FINISHED"}
     [row] = labelled.window_manager.mocap_autolabel.corrections
     assert row.name.endswith("frames 116–125")
-    stored = importlib.import_module("addon.scene.take").stored_take(scene.mocap_autolabel.take, scene)
+    stored = importlib.import_module("addon.scene.opened").Opened().take(scene.mocap_autolabel.take, scene)
     assert (stored.labels.step != BY_EDIT).all(), "a point without a name has no step"
     assert np.isnan(stored.motion.markers[15:25, files.names.index("LKNE")]).all()
     assert len(stored.motion.frames) == FRAMES
 
 
 def test_it_is_offered_with_a_take_only(extension, empty):
-    with pytest.raises(RuntimeError, match="Label a take first"):
-        bpy.ops.mocap_autolabel.show_timeline()
+    refused("Label a take first", "show_timeline")
     for operator in ("timeline_click", "timeline_scroll", "timeline_pan", "timeline_keys"):
         assert not getattr(bpy.ops.mocap_autolabel, operator).poll(), "elsewhere keys are Blender's own"

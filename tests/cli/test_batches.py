@@ -18,7 +18,6 @@ from addon import jobs
 from addon.cli import serving, workers
 from addon.demo.take import MODEL
 from addon.io import scratch
-from addon.jobs import spool
 from tests.faults.stage import at_work, wait_for
 
 from .conftest import lengthened
@@ -96,14 +95,14 @@ def test_what_was_sent_by_one_who_is_gone_is_not_begun(room, takes, tmp_path):
 
 @pytest.mark.skipif(os.name == "nt", reason="needs a system where a process can be killed")
 def test_a_process_that_is_killed_names_its_take(label, takes, monkeypatch):
-    begin = workers.Worker.begin
+    run = workers.Worker.run
 
-    def begun(self, command):
+    def killed(self, command):
         if command.take.endswith("two.csv"):
             self.process.kill()
-        begin(self, command)
+        return run(self, command)
 
-    monkeypatch.setattr(workers.Worker, "begin", begun)
+    monkeypatch.setattr(workers.Worker, "run", killed)
     answer = label(*FEW, "--jobs", "2", "--json", blobs=takes)
     assert answer.status == 1
     assert "two.csv: its process was killed (SIGKILL)" in answer.reason
@@ -137,8 +136,8 @@ def test_a_full_temporary_folder_is_called_by_its_name(label, temporary, monkeyp
         self.file = SimpleNamespace(write=full, close=lambda: None)
         return self
 
-    begin = spool.RowFile.__enter__
-    monkeypatch.setattr(spool.RowFile, "__enter__", begun)
+    begin = scratch.RowFile.__enter__
+    monkeypatch.setattr(scratch.RowFile, "__enter__", begun)
     answer = label(*FEW)
     assert answer.status == 1
     assert answer.reason.startswith(f"{temporary}{os.sep}mocap-autolabel-")
@@ -185,9 +184,7 @@ def test_resume_replaces_nothing_that_it_did_not_make_as_it_is(label, run, takes
 
     def refused(reason, *words, **more):
         before = stamps(out)
-        answer = label(*words, "--resume", blobs=takes[:1], **more)
-        assert answer.status == 2
-        assert reason in answer.reason
+        assert reason in label(*words, "--resume", blobs=takes[:1], **more).refusal(2)
         assert stamps(out) == before
 
     refused("differs in --rate, --height;", *FEW, "--rate", "50", "--height", "1.7")

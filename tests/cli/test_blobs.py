@@ -118,6 +118,4 @@ def test_what_cannot_be_done(find, run, studio, tmp_path):
 
 def test_without_blender_it_is_said_in_one_sentence(find, studio, monkeypatch):
     monkeypatch.setattr("addon.blendfile.has_blender", lambda: False)
-    answer = find(studio[0] / "left")
-    assert answer.status == 2
-    assert "pictures are read by Blender" in answer.reason
+    assert "pictures are read by Blender" in find(studio[0] / "left").refusal(2)

@@ -5,7 +5,6 @@ import json
 
 import pytest
 
-from addon.blendfile import has_blender
 from addon.cli import demo
 from addon.demo import take as demo_take
 
@@ -41,7 +40,6 @@ def test_without_blender_everything_but_the_pictures(run, short, monkeypatch, tm
 
 @pytest.mark.slow
 @pytest.mark.blender
-@pytest.mark.skipif(not has_blender(), reason="needs bpy")
 def test_with_blender_a_scene_and_a_picture(run, short, tmp_path):
     answer = run("demo", "--out", tmp_path / "demo")
     assert (answer.status, answer.err) == (0, "")

@@ -2,21 +2,15 @@
 """The two doors, what comes out of them, and what an interruption leaves behind."""
 
 import json
-import os
-import signal
 import subprocess
 import sys
 from types import SimpleNamespace
 
 import pytest
 
-from addon.blendfile import has_blender
 from addon.cli import workers
 from addon.cli.workers import door
 from addon.demo.take import MODEL
-from tests.faults.stage import wait_for
-
-from .conftest import lengthened
 
 
 def test_models_lists_the_built_in_ones(run):
@@ -45,7 +39,6 @@ def test_a_process_gives_status_and_last_line(tmp_path):
 
 
 @pytest.mark.blender
-@pytest.mark.skipif(not has_blender(), reason="needs bpy")
 def test_blenders_door_is_the_same_command_line(capsys):
     from addon import registration
 
@@ -68,16 +61,3 @@ def test_a_worker_that_dies_is_one_sentence(monkeypatch, tmp_path):
     assert number == 0
     assert answer.exit_status == 1
     assert "status 7" in str(answer)
-
-
-@pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_an_interruption_leaves_nothing_half_written(room, tmp_path):
-    take, out = lengthened(room.blobs, tmp_path / "long.csv", 60), tmp_path / "out"
-    words = ["label", take, "--model", MODEL, "--cameras", room.cameras, "--out", out]
-    process = subprocess.Popen([*door(), *map(str, words)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    wait_for(lambda: out.exists() and list(out.iterdir()))
-    process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=60)
-    assert process.returncode == 1
-    assert said.splitlines()[-1].startswith("mocap-autolabel: stopped")
-    assert list(out.iterdir()) == []

@@ -7,7 +7,6 @@ import sys
 
 import pytest
 
-from addon.blendfile import has_blender
 from addon.demo.take import MODEL
 from addon.io.labels import LabelFile
 from addon.io.points import read_points
@@ -32,7 +31,6 @@ def test_points(run, room, tmp_path):
 
 
 @pytest.mark.blender
-@pytest.mark.skipif(not has_blender(), reason="needs bpy")
 def test_blobs_with_a_blender_file_that_serves_as_calibration(label, room, tmp_path):
     source = shutil.copy(room.blobs, tmp_path / f"{STEM}.csv")
     calibration = shutil.copy(room.cameras, tmp_path / f"{STEM}.toml")

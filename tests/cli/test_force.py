@@ -12,7 +12,7 @@ from addon.capturing import cut
 from addon.core.data.takes import Points
 from addon.core.points.handedness import MEND_BLOBS, Handedness, MirroredError
 from addon.core.points.likelihood.sides import mirror_order
-from addon.demo.take import STAGE, make_performance
+from addon.demo.take import STAGE_RATE, make_performance
 from addon.io.labels import POINT_KEYS, TruthWriter
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points, write_c3d
@@ -27,7 +27,7 @@ def walks(tmp_path_factory):
     """Somebody in `body39` who walks, as recorded and mirrored, with the truth of both; names are in the files."""
     folder = tmp_path_factory.mktemp("walks")
     take = cut(make_performance(open_markerset(LOPSIDED)).take, (100, 160))
-    points = Points(take.names, take.xyz, np.zeros(take.xyz.shape[:2]), STAGE.rate, take.first_frame)
+    points = Points(take.names, take.xyz, np.zeros(take.xyz.shape[:2]), STAGE_RATE, take.first_frame)
     write_c3d(folder / "plain.c3d", points)
     write_c3d(folder / "mirrored.c3d", replace(points, xyz=points.xyz * [-1.0, 1.0, 1.0]))
     with TruthWriter(folder / "truth.csv", POINT_KEYS) as writer:

@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from addon.cli.console import ProgressLine, print_results
-from addon.cli.failures import as_trouble
+from addon.cli.console import ProgressLine, as_trouble, print_results
 from addon.demo.take import MODEL
 from addon.io.batch import read_table
 

@@ -10,9 +10,8 @@ from pathlib import Path
 import pytest
 
 from addon.core.data.wording import count_of
-from addon.demo.take import MODEL
 from addon.io import html
-from addon.jobs import batches
+from addon.jobs import pages
 from tests.io.pages import read
 
 FEW = ("--frames", "100:103")
@@ -95,7 +94,7 @@ def test_a_page_over_takes_that_cannot_be_written_costs_nothing_else(label, take
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(batches, "write_folder_page", full)
+    monkeypatch.setattr(pages, "write_folder_page", full)
     answer = label(*FEWEST, "--html", "--json", blobs=takes("one", "two"))
     assert "No space left on device" in answer.reason
     assert [report["take"] for report in json.loads(answer.out)["takes"]] == ["one", "two"]
@@ -120,13 +119,3 @@ def test_a_page_over_takes_is_replaced_only_by_who_may(label, takes, tmp_path):
     assert (out / "summary.report.html").read_text() == "my own"
     assert label(*FEWEST, "--html", "--resume", "--overwrite", blobs=inputs).status == 0
     assert "2 takes labelled" in page(out / "summary.report.html")
-
-
-def test_a_take_of_points_has_a_page(run, room, tmp_path):
-    out = tmp_path / "out"
-    answer = run("label", room.c3d, "--model", MODEL, "--out", out, "--html", "--method", "fit")
-    assert answer.status == 0
-    text = page(out / "take.report.html")
-    assert "points named" in text
-    assert "Cameras" not in text
-    assert "Method fit" in text

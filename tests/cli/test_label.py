@@ -12,7 +12,6 @@ import ezc3d
 import numpy as np
 import pytest
 
-from addon.blendfile import has_blender
 from addon.cli import main
 from addon.demo.take import MODEL
 from addon.io.markersets import open_markerset
@@ -119,7 +118,6 @@ def test_inputs_that_would_have_the_same_results_are_refused_before_any_work(lab
 
 
 @pytest.mark.blender
-@pytest.mark.skipif(not has_blender(), reason="needs bpy")
 def test_blend_holds_the_take(label, tmp_path):
     assert label("--blend", "--rate", "60").status == 0
     import bpy
@@ -138,22 +136,3 @@ def test_blend_holds_the_take(label, tmp_path):
 def test_without_blender_no_blend(label, monkeypatch):
     monkeypatch.setattr("addon.cli.label.checks.has_blender", lambda: False)
     assert "--blend needs Blender" in label("--blend").reason
-
-
-def test_cameras_with_each_others_names_are_named(label, done, room, tmp_path):
-    mixed = tmp_path / "mixed.csv"
-    other = {"cam2": "cam5", "cam5": "cam2"}
-    rows = [line.split(",") for line in room.blobs.read_text().splitlines()]
-    mixed.write_text("".join(",".join([row[0], other.get(row[1], row[1]), *row[2:]]) + "\n" for row in rows))
-    words = "cameras cam2 and cam5 seem to have each other's names: exchanged, their blobs fit"
-    answer = label("--rate", "60", blobs=[mixed])
-    assert answer.status == 0
-    assert f"mixed: {words}" in answer.out.splitlines()
-    report = report_of(tmp_path / "out" / "mixed.c3d")
-    assert report["camera_doubts"] == [words]
-    assert {"first": 100, "last": 119, "reason": words} in report["suspect"]
-    assert report["cameras"]["cam2"]["named"] < 0.1 * report["cameras"]["cam2"]["in_image"]
-    report = report_of(done.out / "walk.c3d")
-    assert report["camera_doubts"] == []
-    assert report["cameras"]["cam2"]["named"] > 0.4 * report["cameras"]["cam2"]["in_image"]
-    assert all(one["offset_px"] is None or one["offset_px"] < 0.5 for one in report["cameras"].values())

@@ -52,12 +52,12 @@ def label(run, anonymous, tmp_path):
 
 @pytest.mark.parametrize("name", ["anon.c3d", "anon.trc"])
 def test_every_point_gets_a_row_and_the_right_name(label, figures, anonymous, tmp_path, name):
-    answer = label("--method", "fit", "--trc", "--json", name=name)
+    answer = label("--trc", "--json", name=name)
     assert (answer.status, answer.err) == (0, "")
     labels, truth = rows_of(tmp_path / "out" / "anon.labels.csv"), rows_of(anonymous / "truth.csv")
     assert list(labels[0]) == ["frame", "point", "marker", "step", "confidence"]
     assert [list(row.values())[:2] for row in labels] == [list(row.values())[:2] for row in truth]
-    assert {row["step"] for row in labels} <= {"", "fit", "trajectory"}
+    assert {row["step"] for row in labels} <= {"", "evidence", "trajectory"}
     found = figures(tmp_path / "out" / "anon.labels.csv", anonymous / "truth.csv", "--model", MODEL)
     assert found["precision"] > 0.99
     assert found["recall"] > 0.95
@@ -71,7 +71,7 @@ def test_every_point_gets_a_row_and_the_right_name(label, figures, anonymous, tm
     assert 1000 * np.nanmax(read_points(tmp_path / "out" / "anon.c3d").residual) == pytest.approx(residual, abs=0.03)
     [report] = json.loads(answer.out)["takes"]
     assert report == report_of(tmp_path / "out" / "anon.c3d")
-    assert (report["frames"], report["method"], report["trajectories"], report["points"]) == (20, "fit", 29, 560)
+    assert (report["frames"], report["method"], report["trajectories"], report["points"]) == (20, "likelihood", 29, 560)
     assert "blobs" not in report
     mean = report["markers"]["LASI"]["mean_residual_mm"]
     assert mean == (pytest.approx(residual, abs=0.03) if name.endswith(".c3d") else None)
@@ -79,39 +79,18 @@ def test_every_point_gets_a_row_and_the_right_name(label, figures, anonymous, tm
 
 
 def test_what_cannot_be_labelled_is_said(label, run, room, anonymous, tmp_path):
+    assert "the method fit names blobs; expected auto" in label("--method", "fit").reason
     for frames in ("1:2", "1000:2000", "1000:", ":2"):
         words = f"has no point that is present in frames {frames}; expected frames with markers, of its own 100 to 1"
-        assert words in label("--method", "fit", "--frames", frames).reason
+        assert words in label("--frames", frames).reason
     few = read_points(anonymous / "anon.c3d")
     write_c3d(tmp_path / "few.c3d", Points(few.names[:5], few.xyz[:, :5], few.residual[:, :5], few.rate, 1))
-    words = ("label", tmp_path / "few.c3d", "--model", MODEL, "--method", "fit", "--out")
+    words = ("label", tmp_path / "few.c3d", "--model", MODEL, "--out")
     assert "would be written over" in run(*words, tmp_path, "--overwrite").reason
-    answer = run(*words, tmp_path / "out")
-    assert answer.status == 1
-    assert "few.c3d: does not look like a take of model" in answer.reason
+    assert "few.c3d: does not look like a take of model" in run(*words, tmp_path / "out").refusal(1)
     assert (
         "expected --cameras" in run("label", room.blobs, anonymous / "anon.c3d", "--model", MODEL, "--out", "y").reason
     )
-
-
-def test_blobs_named_by_their_points_agree_with_the_fitted_body(trained, room, run, figures, tmp_path):
-    words = ("label", room.blobs, "--cameras", room.cameras, "--model", trained, "--rate", "60")
-    answer = run(*words, "--out", tmp_path / "points", "--method", "likelihood", "--json")
-    assert (answer.status, answer.err) == (0, "")
-    answer_of_fit = run(*words, "--out", tmp_path / "fit", "--height", "1.7")
-    assert (answer_of_fit.status, answer_of_fit.err) == (0, ""), "the hint is followed"
-    found = figures(tmp_path / "points" / "walk.labels.csv", room.truth)
-    assert found["precision"] > 0.98
-    assert found["recall"] > 0.9
-    [report] = json.loads(answer.out)["takes"]
-    assert (report["method"], report["frames"]) == ("likelihood", FRAMES[1] - FRAMES[0] + 1)
-    assert set(report["steps"]) == {"evidence", "ensemble", "trajectory"}
-    assert 0 < report["markers"]["C7"]["mean_residual_px"] < 2
-    rows = [rows_of(tmp_path / folder / "walk.labels.csv") for folder in ("points", "fit")]
-    pairs = [(one["marker"], two["marker"]) for one, two in zip(*rows, strict=True)]
-    both = [(one, two) for one, two in pairs if one and two]
-    assert len(both) > 1000
-    assert np.mean([one == two for one, two in both]) > 0.99
 
 
 def test_evidence_is_what_likelihood_was_called_at_first(trained, label, tmp_path):
@@ -123,7 +102,7 @@ def test_evidence_is_what_likelihood_was_called_at_first(trained, label, tmp_pat
 def test_of_another_marker_set_only_what_both_have_is_named(room, run, tmp_path):
     words = ("label", room.blobs, "--cameras", room.cameras, "--model", "gait15", "--rate", "60")
     answer = run(*words, "--method", "evidence", "--facing", "0", "--out", tmp_path / "other")
-    assert answer.err == "mocap-autolabel: --facing is not looked at for blobs: that needs --method fit here\n"
+    assert "--facing is not looked at for blobs: that is for blobs and --method fit\n" in answer.err
     found, truth = rows_of(tmp_path / "other" / "walk.labels.csv"), rows_of(room.truth)
     given = [(row["marker"], real["marker"]) for row, real in zip(found, truth, strict=True) if row["marker"]]
     wrong = [pair for pair in given if pair[0] not in pair[1].split("|")]
@@ -166,25 +145,12 @@ def test_a_model_names_only_in_the_ways_that_it_knows(run, room, label, tmp_path
         assert f"model bare {lack}" in answer.reason
 
 
-def test_reconstructed_points_are_named(trained, room, run, tmp_path):
-    points = tmp_path / "points.c3d"
-    assert run("reconstruct", room.blobs, "--cameras", room.cameras, "--out", points, "--rate", "60").status == 0
-    answer = run("label", points, "--model", trained, "--out", tmp_path / "out", "--json")
-    [report] = json.loads(answer.out)["takes"]
-    assert report["unlabelled"] < 0.1 * report["points"]
-    found, truth = read_points(tmp_path / "out" / "points.c3d"), read_points(room.c3d)
-    columns = [found.names.index(name) for name in truth.names]
-    off = np.linalg.norm(found.xyz[:, columns] - truth.xyz, axis=2)
-    assert np.isfinite(off).mean() > 0.9
-    assert (off[np.isfinite(off)] < 0.02).mean() > 0.99
-
-
 def test_what_makes_no_difference_to_points_is_said(trained, room, label, run, tmp_path):
     answer = label("--rate", "60", "--height", "1.7", "--facing", "0", model=trained)
     assert answer.status == 0
     assert answer.err.splitlines() == [
         "mocap-autolabel: --rate is not looked at for 3D points whose files say their own rate",
-        "mocap-autolabel: --height and --facing are not looked at for 3D points: that needs --method fit here",
+        "mocap-autolabel: --height and --facing are not looked at for 3D points: that is for blobs and --method fit",
     ]
     report = report_of(tmp_path / "out" / "anon.c3d")
     assert report["rate"] == pytest.approx(59.94, abs=0.1)

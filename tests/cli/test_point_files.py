@@ -7,7 +7,7 @@ import struct
 import numpy as np
 import pytest
 
-from addon.core.data.errors import InputError, JobError
+from addon.core.data.errors import JobError
 from addon.core.data.takes import Points
 from addon.demo.take import MODEL
 from addon.io.points import read_points, write_c3d
@@ -38,9 +38,7 @@ def without_rate(room, tmp_path):
 @pytest.fixture
 def label(run, tmp_path):
     def call(path, *words):
-        answer = run(
-            "label", path, "--model", MODEL, "--method", "fit", "--out", tmp_path / "out", "--overwrite", *words
-        )
+        answer = run("label", path, "--model", MODEL, "--out", tmp_path / "out", "--overwrite", *words)
         report = tmp_path / "out" / f"{path.stem}.report.json"
         return answer, json.loads(report.read_text()) if answer.status == 0 else None
 
@@ -95,38 +93,21 @@ def test_simulate_takes_axis_and_rate(run, room, upside_down, without_rate, tmp_
     assert json.loads(answer.out)["notes"] == [NO_RATE]
 
 
-@pytest.fixture
-def training_take(run, tmp_path, monkeypatch):
-    """What `train` reads of a take, without the training, which takes its time."""
+def test_train_takes_axis_and_rate(run, upside_down, without_rate, tmp_path, monkeypatch):
+    """The training, which takes its time, is left out."""
+    jobs = []
 
-    def read(take, *words):
-        jobs = []
+    def train_file(job, *_):
+        jobs.append(job)
+        raise JobError("stops here; expected no more")
 
-        def train_file(job, *_):
-            jobs.append(job)
-            raise JobError("stops here; expected no more")
-
-        monkeypatch.setattr("addon.cli.train.train_file", train_file)
+    monkeypatch.setattr("addon.cli.train.train_file", train_file)
+    for take, *words in ((upside_down,), (upside_down, "--up", "-z"), (without_rate, "--rate", "60")):
         assert run("train", take, "--out", tmp_path / "ours.markerset.json", *words).status == 1
-        [found] = read_takes(jobs[0].takes, jobs[0].subjects, jobs[0].known)
-        return found
-
-    return read
-
-
-def test_train_takes_axis_and_rate(training_take, room, upside_down, without_rate):
-    plain = training_take(room.c3d)
-    found = training_take(upside_down)
-    np.testing.assert_array_equal(found.xyz, plain.xyz)
-    assert found.doubts[0].startswith(f"down.c3d: {SAID}")
-    found = training_take(upside_down, "--up", "-z")
-    np.testing.assert_allclose(found.xyz[..., 2], -plain.xyz[..., 2], atol=1e-9)
-    assert found.doubts == ()
-    with pytest.raises(InputError, match="rate of 0"):
-        training_take(without_rate)
-    found = training_take(without_rate, "--rate", "60")
-    np.testing.assert_array_equal(found.xyz, plain.xyz)
-    assert found.doubts == (f"slow.c3d: {NO_RATE}",)
+    as_it_stands, turned, timed = (read_takes(job.takes, job.subjects, job.known)[0] for job in jobs)
+    assert as_it_stands.doubts[0].startswith(f"down.c3d: {SAID}")
+    np.testing.assert_allclose(turned.xyz[..., 2], -as_it_stands.xyz[..., 2], atol=1e-9)
+    assert (turned.doubts, timed.doubts) == ((), (f"slow.c3d: {NO_RATE}",))
 
 
 def test_frames_are_numbered_up_to_the_last_of_32_bits(label, room, tmp_path):

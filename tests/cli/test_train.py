@@ -103,26 +103,6 @@ def test_the_model_names_a_creature_that_it_has_never_seen(trained, anonymous, r
     assert figures["recall"] > least
 
 
-def test_a_prop_that_was_only_turned_about_the_vertical_is_known_in_any_pose(run, tmp_path):
-    form, names = np.random.default_rng(3).uniform(-0.25, 0.25, (6, 3)), [f"P{index}" for index in range(6)]
-    time, chance = np.arange(300)[:, None] / 100, np.random.default_rng(4)
-    upright = rotations.exponential(np.column_stack([0 * time, 0 * time, time]))[0]
-    tumbling = rotations.exponential(np.cumsum(chance.normal(0, 0.05, (300, 3)), axis=0))[0]
-    known, raw = (
-        np.einsum("fij,mj->fmi", turn, form) + np.array([0, 0, 1.2]) + chance.normal(0, 0.0005, (300, 6, 3))
-        for turn in (upright, tumbling)
-    )
-    model = tmp_path / "prop.markerset.json"
-    assert run("train", write(tmp_path / "prop.c3d", known, names), "--out", model, "--search", "none").status == 0
-    for frame in range(0, 300, 30):
-        raw[frame : frame + 30, chance.permutation(6)[: chance.integers(0, 3)]] = np.nan
-    order = chance.permutation(6)
-    anonymous = write(tmp_path / "raw.c3d", raw[:, order], [""] * 6)
-    assert run("label", anonymous, "--model", model, "--out", tmp_path / "out").status == 0
-    found = read_points(tmp_path / "out" / "raw.c3d")
-    np.testing.assert_allclose(found.xyz[:, [found.names.index(name) for name in names]], raw, atol=1e-5)
-
-
 def test_a_model_is_given_its_partial_solvers_later(trained, anonymous, run, tmp_path):
     model, _ = trained
     more = tmp_path / "more.markerset.json"
@@ -290,17 +270,6 @@ def test_a_corrected_take_replaces_what_was_learned_from_it(takes, run, tmp_path
     ]
     kept = read_model(better).subjects["c1"]
     np.testing.assert_allclose(kept, read_points(right).xyz, atol=1e-5)
-
-
-def test_a_take_that_contradicts_the_others_is_said(takes, run, tmp_path):
-    names = [*NAMES[1::-1], *NAMES[2:]]
-    wrong = write(tmp_path / "wrong.c3d", creature(1), names)
-    words = ("--out", tmp_path / "m.markerset.json", "--search", "none", "--overwrite")
-    answer = run("train", takes[0], wrong, takes[2], *words)
-    assert answer.status == 0
-    assert "doubtful            BODY1 and BODY2 have each other's names in wrong.c3d" in answer.out
-    assert "in one of walk0.c3d and wrong.c3d" in run("train", takes[0], wrong, *words).out
-    assert "each other's names" not in run("train", *takes, *words).out
 
 
 def test_what_cannot_be_trained_is_said_and_leaves_nothing(takes, run, tmp_path):

@@ -6,7 +6,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
-from addon.cli import trials
+from addon.cli import train
 from addon.core.data.errors import JobError
 from addon.core.points.likelihood.trials import make_trial
 from addon.core.points.likelihood.trying import TrialWork, in_turn
@@ -27,7 +27,7 @@ def works():
 
 
 def test_in_two_processes_they_are_the_same_to_the_bit(works):
-    alone, beside = (list(way(works)) for way in (in_turn, trials.trying(2)))
+    alone, beside = (list(way(works)) for way in (in_turn, train.trying(2)))
     assert sum(len(outcome.right) for outcome in alone) > 100
     for one, other in zip(alone, beside, strict=True):
         assert one.described.tobytes() == other.described.tobytes()
@@ -35,12 +35,12 @@ def test_in_two_processes_they_are_the_same_to_the_bit(works):
 
 
 def test_few_are_not_worth_a_process(works, monkeypatch):
-    monkeypatch.setattr(trials, "crew", None)
-    assert len(list(trials.trying(None)(works))) == len(list(trials.trying(1)(works))) == 3
+    monkeypatch.setattr(train, "crew", None)
+    assert len(list(train.trying(None)(works))) == len(list(train.trying(1)(works))) == 3
 
 
 def test_one_that_cannot_be_made_is_said(works, monkeypatch):
     killed = JobError("its process was killed; expected it to finish", "1.trial")
-    monkeypatch.setattr(trials, "crew", lambda _: nullcontext(lambda _: iter([(1, killed)])))
+    monkeypatch.setattr(train, "crew", lambda _: nullcontext(lambda _: iter([(1, killed)])))
     with pytest.raises(JobError, match=r"^a trial could not be made: its process was killed; expected it to finish$"):
-        list(trials.trying(2)(works))
+        list(train.trying(2)(works))

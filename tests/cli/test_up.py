@@ -11,6 +11,8 @@ from addon.io.cameras import read_cameras
 from addon.io.points import read_points
 from tests.io.samples import qca
 
+from .conftest import report_of
+
 Y_UP_FROM_Z_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 SAID = "the cameras stand with y up in the calibration, which does not say: turned to z up"
 
@@ -40,31 +42,18 @@ def test_reconstruct(run, room, lying, tmp_path):
     assert SAID in words
 
 
-def test_label(label, lying, tmp_path):
-    answer = label("--frames", "100:103", cameras=lying)
-    assert answer.status == 0
-    assert SAID in answer.out
-    report = json.loads((tmp_path / "out" / "walk.report.json").read_text())
+def test_label_and_simulate(label, run, room, lying, tmp_path):
+    assert SAID in label("--frames", "100:103", cameras=lying).out
+    report = report_of(tmp_path / "out" / "walk.c3d")
     assert report["calibration"] == [SAID]
     assert report["unlabelled"] < 0.3 * report["blobs"]
     assert label("--frames", "100:103", "--up=-y", "--overwrite", cameras=lying).status == 0
-    report = json.loads((tmp_path / "out" / "walk.report.json").read_text())
-    assert "calibration" not in report
-
-
-def test_simulate(run, room, lying, tmp_path):
-    def blobs(name, cameras, *words):
-        answer = run("simulate", room.c3d, "--cameras", cameras, "--out", tmp_path / name, *words)
-        return answer, np.genfromtxt(tmp_path / name, delimiter=",", skip_header=1, usecols=(0, 2, 3))
-
-    _, plain = blobs("plain.csv", room.cameras)
-    answer, seen = blobs("turned.csv", lying)
-    assert SAID in answer.out
-    np.testing.assert_allclose(seen, plain, atol=0.01)
-    answer, _ = blobs("told.csv", lying, "--cameras-up", "y")
-    assert SAID not in answer.out
+    assert "calibration" not in report_of(tmp_path / "out" / "walk.c3d")
+    words = "simulate", room.c3d, "--cameras", lying, "--out", tmp_path / "turned.csv", "--overwrite"
+    assert SAID in run(*words).out
+    assert SAID not in run(*words, "--cameras-up", "y").out
 
 
 def test_no_other_axis_is_known(run, room, tmp_path):
-    answer = run("reconstruct", room.blobs, "--cameras", room.cameras, "--out", tmp_path / "a.c3d", "--up", "w")
-    assert answer.status == 2
+    words = "reconstruct", room.blobs, "--cameras", room.cameras, "--out", tmp_path / "a.c3d", "--up", "w"
+    assert run(*words).status == 2

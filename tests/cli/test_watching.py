@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from addon.cli.label import watching
-from addon.io.arrivals import Arrivals, WatchOptions
+from addon.io.arrivals import Arrivals
 from addon.io.batch import read_table
 from tests.io.pages import read
 
@@ -26,8 +26,7 @@ PATIENCE = 120.0  # s; a busy machine labels slowly
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """A folder to be watched, where a file is whole as soon as it stays as it is for a moment."""
-    options = WatchOptions(look_s=0.1, settled_s=0.3)
-    monkeypatch.setattr(watching, "Arrivals", partial(Arrivals, options=options))
+    monkeypatch.setattr(watching, "Arrivals", partial(Arrivals, look_s=0.1, settled_s=0.3))
     (tmp_path / "in").mkdir()
     return tmp_path / "in"
 

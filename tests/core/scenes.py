@@ -8,11 +8,11 @@ import numpy as np
 
 from addon.core.body.bodies import Bodies, BodyModel
 from addon.core.data.markersets import MarkerSet
-from addon.core.data.takes import Blobs
+from addon.core.data.takes import Blobs, Motion, Points
 from addon.core.geometry.cameras import Cameras
 from addon.core.geometry.views import View, split_views
 from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion
-from addon.core.simulation.simulate import CaptureOptions, PosedBody, capture, joined
+from addon.core.simulation.simulate import BodiesTogether, Capture, CaptureOptions, PosedBody, capture, joined
 from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.io.markersets import open_markerset
 
@@ -61,6 +61,27 @@ def person_of(markerset: MarkerSet, seed: int, height: float | None = None) -> B
     return person if height is None else replace(person, scale=np.full((1, 3), float(height)))
 
 
+def walker(name: str, seed: int, acts, rate: float = RATE, noise: float = 0.0005) -> np.ndarray:
+    """(T, M, 3) m: the markers of a virtual person in a built-in set who performs, measured with noise."""
+    markerset, generator = built_in(name), np.random.default_rng(seed)
+    model = BodyModel(markerset)
+    markers = model.pose(perform(model, draw_person(markerset, generator), acts, rate=rate)).markers
+    return markers + generator.normal(0, noise, markers.shape)
+
+
+def anonymous(xyz: np.ndarray, rate: float = RATE) -> Points:
+    """A take of points (T, P, 3) m without names, from frame 1 on."""
+    residual = np.where(np.isfinite(xyz[..., 0]), 0.0005, np.nan)
+    return Points(("",) * xyz.shape[1], xyz, residual, rate, 1)
+
+
+def motion_of(markers: np.ndarray, expected: np.ndarray, first: int = 1) -> Motion:
+    """A motion of markers (T, M, 3) m, and where a body that stays upright has them; nothing else of it matters."""
+    count, residual = len(markers), np.where(np.isfinite(markers[..., 0]), 0.001, np.nan)
+    pose = expected[:, :1], np.tile(np.eye(3), (count, 1, 1, 1)), np.ones((count, 3)), np.ones(count)
+    return Motion(first + np.arange(count), markers, residual, residual, 0 * residual, expected, *pose)
+
+
 def film(markerset: MarkerSet, cameras: Cameras, bodies: Bodies, options: CaptureOptions = CLEAN) -> Scene:
     """A virtual capture of posed bodies, one a frame, with the body in the way."""
     posed = BodyModel(markerset).pose(bodies)
@@ -94,8 +115,10 @@ def act(
     )
 
 
-def abreast(markerset: MarkerSet, seeds, frames: int, rate: float, apart: float) -> tuple[list, list]:
-    """Bodies and markers (T, M, 3) m of people, by their seeds, who walk side by side, so many m from each other."""
+def abreast(
+    markerset: MarkerSet, seeds, frames: int, rate: float, apart: float, cameras: Cameras, options: CaptureOptions
+) -> Capture:
+    """What cameras see of people, by their seeds, who walk side by side, so many m from each other."""
     model, bodies, markers = BodyModel(markerset), [], []
     for place, seed in enumerate(seeds):
         moves = perform(model, person_of(markerset, seed), [Act(frames / rate)], rate=rate)
@@ -105,7 +128,9 @@ def abreast(markerset: MarkerSet, seeds, frames: int, rate: float, apart: float)
         volume = CapsuleOcclusion(markerset)
         bodies.append(PosedBody(volume, markerset.attachment, turns, joints, moves.scale[:frames]))
         markers.append(posed.markers[:frames] + shift)
-    return bodies, markers
+    together = BodiesTogether(tuple(bodies), (len(markerset),) * len(bodies))
+    names = [f"{seed}:{name}" for seed in seeds for name in markerset.markers]
+    return joined(capture(np.concatenate(markers, axis=1), names, cameras, options, together))
 
 
 def cut(blobs: Blobs, size: int) -> list[Blobs]:

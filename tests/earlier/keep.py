@@ -182,7 +182,7 @@ def _take() -> bpy.types.Collection:
 
 def _read(version: Version) -> dict:
     """What the version reads out of the active take: how many rows are each marker, and where markers are."""
-    stored = version.part("scene.take").stored_take(_take(), bpy.context.scene)
+    stored = version.part("scene.opened").Opened().take(_take(), bpy.context.scene)
     counts = np.bincount(stored.labels.marker[stored.labels.marker >= 0], minlength=len(stored.names))
     places = np.round(stored.motion.markers[[0, 9, -1]], 6)
     return {

@@ -3,7 +3,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -26,19 +26,16 @@ from tests.core.toybody import toy_markerset
 from tests.io.samples import HISTORY_OF_TWO, ring, toy_model, walk, write_all
 
 OPTIONS = {"method": "auto"}  # that the sound report was made with
+POINTS = ("c3d", "dec", "mips", "trc", "motive")
+CALIBRATIONS = ("toml", "xcp", "qca", "mcal", "yml", "pmat", "rad", "res")
 
 
 def _blobs(path: Path):
     return sum(len(rows.blobs) for rows in read_blobs(path, ring()))
 
 
-def _labels(path: Path):
-    with LabelFile(path) as file:
-        return sum(1 for _ in file.rows())
-
-
-def _truth(path: Path):
-    with LabelFile(path, "truth") as file:
+def _labels(path: Path, what: str = "labels"):
+    with LabelFile(path, what) as file:
         return sum(1 for _ in file.rows())
 
 
@@ -61,11 +58,10 @@ def _report(path: Path):
 
 
 READERS: dict[str, Callable[[Path], object]] = {
-    "toml": read_cameras, "xcp": read_cameras, "qca": read_cameras, "mcal": read_cameras, "yml": read_cameras,
-    "pmat": read_cameras, "rad": read_cameras, "res": lambda path: read_cameras(path.parent), "blobs": _blobs,
-    "labels": _labels, "truth": _truth, "c3d": _take, "dec": _take, "mips": _take, "trc": _take, "motive": _take,
-    "qtm": _capture, "markerset": read_markerset, "model": read_model, "edits": read_edits,
-    "history": read_model, "summary": read_table, "report": _report,
+    **dict.fromkeys(CALIBRATIONS, read_cameras), "res": lambda path: read_cameras(path.parent), "blobs": _blobs,
+    "labels": _labels, "truth": partial(_labels, what="truth"), **dict.fromkeys(POINTS, _take), "qtm": _capture,
+    "markerset": read_markerset, "model": read_model, "edits": read_edits, "history": read_model,
+    "summary": read_table, "report": _report,
 }  # fmt: skip
 
 
@@ -140,8 +136,8 @@ def _written_again(write: Callable, read: Callable, name: str) -> Callable[[obje
 _MODEL_AGAIN = _written_again(write_model, read_model, "again.markerset.json")
 # What was read is written and read again: what a writer refuses, the reader should have.
 USES: dict[str, Callable[[object, Path], None]] = {
-    **dict.fromkeys(("toml", "xcp", "qca", "mcal", "yml", "pmat", "rad", "res"), _cameras_again),
-    **dict.fromkeys(("c3d", "dec", "mips", "trc", "motive", "qtm"), _points_again),
+    **dict.fromkeys(CALIBRATIONS, _cameras_again),
+    **dict.fromkeys((*POINTS, "qtm"), _points_again),
     "markerset": _written_again(write_markerset, read_markerset, "again.markerset.json"),
     "model": _MODEL_AGAIN,
     "history": _MODEL_AGAIN,
@@ -150,36 +146,21 @@ USES: dict[str, Callable[[object, Path], None]] = {
 }
 
 
-@dataclass(frozen=True)
-class Verbs:
-    """Command lines of the kinds, as a user would type them next; the sound files stand in `sound`."""
+def verb_of(kind: str, path: Path, sound: dict[str, Path], out: Path) -> list[str]:
+    """One command for the broken file at `path`, as a user would type it next; none for a kind without a verb.
 
-    sound: dict[str, Path]
-    out: Path
-
-    def of(self, kind: str, path: Path) -> list[str]:
-        """The words of one command for the broken file at `path`; none for a kind that has no verb of its own."""
-        sound, out = self.sound, self.out
-        if kind in ("toml", "xcp", "qca", "mcal", "yml", "pmat", "rad", "res"):
-            cameras = path.parent if kind in ("pmat", "rad", "res") else path
-            words = ["reconstruct", sound["blobs"], "--cameras", cameras, "--out", out / "made.c3d", "--overwrite"]
-        elif kind == "blobs":
-            words = ["label", path, "--cameras", sound["toml"], "--model", sound["markerset"], *self._to()]
-        elif kind in ("c3d", "dec", "mips", "trc", "motive"):
-            words = ["label", path, "--model", sound["model"], *self._to()]
-        elif kind == "qtm":
-            words = ["reconstruct", path, "--out", out / "made.c3d", "--overwrite"]
-        elif kind in ("markerset", "model"):
-            words = ["label", sound["mips"], "--model", path, *self._to()]
-        elif kind == "history":
-            words = ["models", path]
-        elif kind == "edits":
-            words = ["label", sound["mips"], "--model", sound["model"], "--edits", path, *self._to()]
-        elif kind in ("labels", "truth"):
-            words = ["evaluate", path, sound[kind]]
-        else:
-            return []
-        return [str(word) for word in words]
-
-    def _to(self) -> list:
-        return ["--out", self.out, "--overwrite"]
+    The sound files of the other kinds stand in `sound`.
+    """
+    made, to = ["--out", out / "made.c3d", "--overwrite"], ["--out", out, "--overwrite"]
+    cameras = path.parent if kind in ("pmat", "rad", "res") else path
+    words = {
+        **{one: ["reconstruct", sound["blobs"], "--cameras", cameras, *made] for one in CALIBRATIONS},
+        **{one: ["label", path, "--model", sound["model"], *to] for one in POINTS},
+        **{one: ["label", sound["mips"], "--model", path, *to] for one in ("markerset", "model")},
+        "blobs": ["label", path, "--cameras", sound["toml"], "--model", sound["markerset"], *to],
+        "qtm": ["reconstruct", path, *made],
+        "history": ["models", path],
+        "edits": ["label", sound["mips"], "--model", sound["model"], "--edits", path, *to],
+        **{labels: ["evaluate", path, sound[labels]] for labels in ("labels", "truth")},
+    }
+    return [str(word) for word in words.get(kind, ())]

@@ -14,9 +14,9 @@ MEMORY_MB, SECONDS = 1024, 5  # that one file may take
 PATIENCE = 6  # times as long, on the wall's clock
 FILES_OPEN = 64  # at a time; one that stays open with every file is noticed soon
 
-_CHANGES = ("os.remove", "os.rename", "os.mkdir", "os.rmdir", "os.link", "os.symlink", "os.truncate", "os.chmod",
-            "os.chown", "os.utime", "os.setxattr", "os.removexattr", "os.mknod")  # fmt: skip
-_NO_FOLDER = ("os.truncate", "os.setxattr", "os.removexattr")
+# Of these the folder that a name is in comes last, as the number of an open one or −1.
+_CHANGES = ("os.remove", "os.rename", "os.mkdir", "os.rmdir", "os.link", "os.symlink", "os.chmod", "os.chown",
+            "os.utime", "os.mknod")  # fmt: skip
 _NEVER = ("socket.", "subprocess.", "os.system", "os.exec", "os.fork", "os.posix_spawn", "os.spawn", "pty.", "urllib.",
           "http.", "ftplib.", "smtplib.", "webbrowser.", "pickle.")  # fmt: skip
 _WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
@@ -36,7 +36,7 @@ class Watch:
         self.writable = tuple(f"{Path(one).resolve()}{os.sep}" for one in writable)
         own = [*sys.path, sys.prefix, sys.base_prefix, "/proc", "/sys", *readable]
         self.readable = (*self.writable, *(str(Path(one).resolve()) for one in own if one), os.devnull)
-        self.looking, self.busy, self.seen = False, False, []
+        self.looking, self.seen = False, []
         sys.addaudithook(self._told)
         sys.unraisablehook = self._unraisable
 
@@ -50,41 +50,36 @@ class Watch:
             self.looking = False
 
     def _told(self, event: str, arguments: tuple):
-        if not self.looking or self.busy:
+        if not self.looking:
             return
-        self.busy = True
+        self.looking = False  # whatever is done to find out is our own
         try:
             what = self._wrong(event, arguments)
-            if what is not None and what not in self.seen:
-                self.seen.append(what)
         finally:
-            self.busy = False
+            self.looking = True
         if what is not None:
+            if what not in self.seen:
+                self.seen.append(what)
             raise PermissionError(what)
 
     def _wrong(self, event: str, arguments: tuple) -> str | None:
         if event.startswith(_NEVER):
             return f"{event} {arguments!r}"[:300]
-        if event == "open":
+        if event == "open" and not isinstance(arguments[0], int):
             path, mode, flags = arguments
-            if isinstance(path, int):
-                return None
-            writing = (
-                bool(flags & _WRITING) if isinstance(flags, int) else any(letter in (mode or "") for letter in "wax+")
+            return self._outside(
+                path, bool(flags & _WRITING) if isinstance(flags, int) else bool(set(mode) & set("wax+"))
             )
-            return self._outside(path, writing)
         if event in _CHANGES:
-            paths = arguments[:2] if event in ("os.rename", "os.link", "os.symlink") else arguments[:1]
-            # The folder that a name is in comes last, where there is one.
-            folder = -1 if event in _NO_FOLDER else arguments[-1]
-            wrong = [self._outside(path, True, folder) for path in paths if not isinstance(path, int)]
+            paths = arguments[: 2 if event in ("os.rename", "os.link", "os.symlink") else 1]
+            wrong = [self._outside(path, True, arguments[-1]) for path in paths if not isinstance(path, int)]
             return next((f"{event}: {one}" for one in wrong if one is not None), None)
         return None
 
     def _outside(self, path: str | bytes | os.PathLike, writing: bool, within: int = -1) -> str | None:
         """What is wrong with a path, of a folder that is open as `within` where that is above -1."""
         place = Path(os.fsdecode(path))
-        if isinstance(within, int) and within >= 0:
+        if within >= 0:
             place = Path(f"/proc/self/fd/{within}").readlink() / place
         try:
             name = str(place.parent.resolve() / place.name)
@@ -121,18 +116,9 @@ def in_time() -> Iterator[None]:
             signal.setitimer(timer, 0)
 
 
-def peak_mb() -> float:
-    """The most memory that this process had; what `getrusage` says has that of the one that began it in it."""
-    status = Path("/proc/self/status")
-    if not status.exists():
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    return int(status.read_text().partition("VmHWM:")[2].split()[0]) / 1024
-
-
-def quick_folder() -> str | None:
+def quick_folder() -> str:
     """Where temporary files cost the least: in memory, where the system has such a folder."""
-    shared = Path("/dev/shm")
-    return str(shared) if shared.is_dir() and os.access(shared, os.W_OK) else tempfile.gettempdir()
+    return "/dev/shm" if os.access("/dev/shm", os.W_OK) else tempfile.gettempdir()
 
 
 def _too_slow(*_):

@@ -11,7 +11,7 @@ import zlib
 from copy import deepcopy
 from functools import cache
 
-from addon.io.packed import DIGEST, _digest
+from addon.io.models import DIGEST, _digest
 from tests.io.qtm_file import compound_file, packed_series, streams, unpacked_series
 from tests.io.samples import capture
 
@@ -109,9 +109,7 @@ def rebuilt(kind: str, content: bytes, chance: random.Random) -> bytes:
         if len(content) > LETTERS:
             break
         if kind in BINARY:
-            content = chance.choice([_other_words, _other_words, _other_record, _other_reals, _other_blocks])(
-                content, chance
-            )
+            content = chance.choice([_other_bytes, _other_bytes, _other_bytes, _other_blocks])(content, chance)
         elif chance.random() < 0.7:
             content = _other_fields(content, chance)
         else:
@@ -226,24 +224,20 @@ def _other_parts(chance: random.Random) -> bytes:
     for _ in range(chance.randint(1, 3)):
         name = chance.choice(sorted(parts))
         index, way = f"{name}Index", chance.random()
-        if index in parts and way < 0.4 and f"{name}" in _sound_parts():
-            changed = bytearray(mutated(_unpacked(name), chance) if chance.random() < 0.5 else _unpacked(name))
+        if index in parts and way < 0.4:
+            content = _unpacked(name)
+            changed = bytearray(mutated(content, chance) if chance.random() < 0.5 else content)
             _place_word(changed, chance)
             parts[name], parts[index] = packed_series(bytes(changed))
-        elif way < 0.7:
-            changed = bytearray(parts[name])
-            _place_word(changed, chance)
-            parts[name] = bytes(changed)
-        elif way < 0.85:
-            parts[name] = mutated(parts[name], chance)
-        elif way < 0.9:
-            del parts[name]
-        elif way < 0.95:
-            parts[name] = parts[chance.choice(sorted(parts))]
-        else:
-            parts[name] = chance.choice([b"", parts[name] * 50, bytes(1 << 16), b"\xff" * 4096])
-        if not parts:
-            break
+            continue
+        changed = bytearray(parts[name])
+        _place_word(changed, chance)
+        other, odd = parts[chance.choice(sorted(parts))], [b"", parts[name] * 50, bytes(1 << 16), b"\xff" * 4096]
+        parts[name] = chance.choice(
+            [bytes(changed), bytes(changed), mutated(parts[name], chance), other, chance.choice(odd)]
+        )
+    if chance.random() < 0.1:
+        del parts[chance.choice(sorted(parts))]
     content = bytearray(compound_file(parts, chance.choice([512, 512, 4096])))
     if chance.random() < 0.25:  # the container: its header, its tables and its directory are at both ends
         for _ in range(chance.randint(1, 3)):
@@ -262,35 +256,27 @@ def _place_word(content: bytearray, chance: random.Random):
         content[at : at + 8] = struct.pack("<d", chance.choice(REALS))
 
 
-def _other_words(content: bytes, chance: random.Random) -> bytes:
-    """A C3D file with another word in its header or its parameters."""
-    changed = bytearray(content)
-    at = 2 * chance.randrange(max(min(20 if chance.random() < 0.4 else 1024, len(changed) // 2 - 1), 1))
-    if chance.random() < 0.5:
-        changed[at : at + 2] = chance.choice(WORDS).to_bytes(2, chance.choice(["little", "big"]))
-    else:
-        changed[at : at + 1] = bytes([chance.choice(WORDS) & 0xFF])
+def _other_bytes(content: bytes, chance: random.Random) -> bytes:
+    """A C3D file with other bytes in its header, its parameters, near the name of one, or anywhere."""
+    changed, names = bytearray(content), [found.span() for found in re.finditer(rb"[A-Z_]{4,}", content[512:4096])]
+    for _ in range(chance.choice([1, 1, 1, 3, 40])):
+        way = chance.randrange(4)
+        if way == 0 and names:  # length, group, way on, type, sizes or values of a parameter
+            start, end = chance.choice(names)
+            at, part = 512 + chance.choice([start - 2, start - 1, *range(end, end + 12)]), _byte(chance)
+        elif way == 1:
+            at = 4 * chance.randrange(max(len(changed) // 4, 1))
+            part = struct.pack(chance.choice("<>") + "f", chance.choice(REALS))
+        else:
+            at = 2 * chance.randrange(max(min(20 if chance.random() < 0.4 else 1024, len(changed) // 2 - 1), 1))
+            word = chance.choice(WORDS).to_bytes(2, chance.choice(["little", "big"]))
+            part = word if way == 2 else _byte(chance)
+        changed[at : at + len(part)] = part
     return bytes(changed)
 
 
-def _other_record(content: bytes, chance: random.Random) -> bytes:
-    """A C3D file with another byte near the name of a parameter: its length, group, way on, type, sizes or values."""
-    changed = bytearray(content)
-    names = [match.span() for match in re.finditer(rb"[A-Z_]{4,}", content[512:4096])]
-    if names:
-        start, end = chance.choice(names)
-        at = 512 + chance.choice([start - 2, start - 1, *range(end, end + 12)])
-        changed[at : at + 1] = bytes([chance.choice([0, 1, 2, 3, 4, 7, 0x7F, 0x80, 0xFE, 0xFF, chance.randrange(256)])])
-    return bytes(changed)
-
-
-def _other_reals(content: bytes, chance: random.Random) -> bytes:
-    """A C3D file with odd floating-point numbers in its header, parameters or data."""
-    changed = bytearray(content)
-    for _ in range(chance.choice([1, 1, 3, 40])):
-        at = 4 * chance.randrange(max(len(changed) // 4, 1))
-        changed[at : at + 4] = struct.pack(chance.choice("<>") + "f", chance.choice(REALS))
-    return bytes(changed)
+def _byte(chance: random.Random) -> bytes:
+    return bytes([chance.choice([0, 1, 2, 3, 4, 7, 0x7F, 0x80, 0xFE, 0xFF, chance.randrange(256)])])
 
 
 def _other_blocks(content: bytes, chance: random.Random) -> bytes:

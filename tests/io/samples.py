@@ -5,15 +5,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from addon.core.data.takes import Blobs, Points
 from addon.core.geometry.cameras import Cameras
 from addon.core.papers.partial_solvers.model import Classifiers, PartialSolvers, Record, Solver, Strong
 from addon.core.points.history import CheckedTake, ModelHistory, ModelVersion, TaughtTake
 from addon.core.points.models import Model, TrainingTake
-from addon.io.cameras import write_cameras
+from addon.io.cameras import Z_UP_FROM_Y_UP, write_cameras
 from addon.io.points import write_c3d, write_trc
-from addon.io.rig import Z_UP_FROM_Y_UP
 from tests.core.toybody import toy_markerset
 from tests.io.c3d_layouts import DEC, MIPS, Layout
 from tests.io.qtm_file import FILLED, MEASURED, Recording, Trajectory, write_qtm
@@ -47,20 +47,6 @@ def ring(count: int = 4, distortion=(-0.1, 0.05, 0.001, -0.002, 0.01), names=Non
     )
 
 
-def quaternion(rotation: np.ndarray) -> np.ndarray:
-    """x, y, z, w of a rotation (3, 3), by the eigenvector that belongs to one."""
-    m = rotation
-    symmetric = np.array(
-        [
-            [m[0, 0] - m[1, 1] - m[2, 2], m[1, 0] + m[0, 1], m[2, 0] + m[0, 2], m[2, 1] - m[1, 2]],
-            [m[1, 0] + m[0, 1], m[1, 1] - m[0, 0] - m[2, 2], m[2, 1] + m[1, 2], m[0, 2] - m[2, 0]],
-            [m[2, 0] + m[0, 2], m[2, 1] + m[1, 2], m[2, 2] - m[0, 0] - m[1, 1], m[1, 0] - m[0, 1]],
-            [m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1], m[0, 0] + m[1, 1] + m[2, 2]],
-        ]
-    )
-    return np.linalg.eigh(symmetric)[1][:, -1]
-
-
 def row(values) -> str:
     return " ".join(f"{value:.15g}" for value in np.ravel(values))
 
@@ -71,7 +57,7 @@ def xcp(cameras: Cameras, radial=(3e-8, -1e-14)) -> str:
     for index, name in enumerate(cameras.names):
         focal, centre = cameras.matrix[index, 0, 0], cameras.matrix[index, :2, 2]
         good = (
-            f'FOCAL_LENGTH="{focal:.15g}" ORIENTATION="{row(quaternion(cameras.rotation[index]))}" '
+            f'FOCAL_LENGTH="{focal:.15g}" ORIENTATION="{row(Rotation.from_matrix(cameras.rotation[index]).as_quat())}" '
             f'POSITION="{row(cameras.centres[index] * 1000)}" PRINCIPAL_POINT="{row(centre)}" '
             f'VICON_RADIAL="{row(radial)}"'
         )

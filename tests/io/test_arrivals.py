@@ -8,10 +8,8 @@ import time
 import pytest
 
 from addon.core.data.errors import InputError
-from addon.io.arrivals import Arrivals, WatchOptions
+from addon.io.arrivals import Arrivals
 from addon.io.batch import TakeRow, write_table
-
-OPTIONS = WatchOptions(look_s=1, settled_s=3)
 
 
 def put(path, text="frame,camera,x,y\n"):
@@ -28,7 +26,7 @@ put.count = 1
 
 @pytest.fixture
 def watched(tmp_path):
-    return Arrivals([tmp_path], OPTIONS)
+    return Arrivals([tmp_path])
 
 
 def test_a_take_is_there_when_it_stays_as_it_is(watched, tmp_path):

@@ -2,7 +2,6 @@
 """Blob files: what is read is what is there, whatever its size and order of columns; what is wrong has a line."""
 
 import tracemalloc
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -118,7 +117,7 @@ def test_what_is_wrong_is_told_with_its_line(path, text, line, words):
 
 
 def test_lines_are_counted_over_blocks(path, monkeypatch):
-    monkeypatch.setattr(blob_files, "BLOB_FILE", replace(blob_files.BLOB_FILE, block_bytes=256))
+    monkeypatch.setattr(blob_files, "BLOCK_BYTES", 256)
     text = "frame,camera,x,y\n" + "".join(f"{n // 3},cam_1,{n},1\n" for n in range(500))
     chunks = read(path, text, chunk_frames=16)
     assert np.concatenate([c.blobs.frames for c in chunks]).tolist() == list(range(167))
@@ -131,7 +130,7 @@ def test_lines_are_counted_over_blocks(path, monkeypatch):
 
 
 def test_a_frame_of_very_many_ghosts_is_one_frame(path, monkeypatch):
-    monkeypatch.setattr(blob_files, "BLOB_FILE", replace(blob_files.BLOB_FILE, chunk_rows=50))
+    monkeypatch.setattr(blob_files, "CHUNK_ROWS", 50)
     counts = [3, 120, 40, 1, 60, 5]
     text = "frame,camera,x,y\n" + "".join(f"{f},cam_1,{n},1\n" for f, count in enumerate(counts) for n in range(count))
     chunks = read(path, text)
@@ -145,7 +144,7 @@ def test_a_frame_of_very_many_ghosts_is_one_frame(path, monkeypatch):
 
 
 def test_memory_does_not_grow_with_the_take(path, monkeypatch):
-    monkeypatch.setattr(blob_files, "BLOB_FILE", replace(blob_files.BLOB_FILE, block_bytes=1 << 18))
+    monkeypatch.setattr(blob_files, "BLOCK_BYTES", 1 << 18)
     rng = np.random.default_rng(0)
 
     def peak(frames: int) -> int:

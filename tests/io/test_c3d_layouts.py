@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """C3D files of every processor and layout, sound and contradicting themselves, judged by two other readers."""
 
-import re
 import warnings
 from dataclasses import replace
 
@@ -42,9 +41,6 @@ def layouts():
 
 
 LAYOUTS = list(layouts())
-# ezc3d cannot read files of MIPS processors. py-c3d cannot count beyond 65535 frames or 255 labels, takes 65535 for a
-# sample that is there, and makes a huge number of a DEC's zero, such as the rate of analog data that are not there.
-FOR_EZC3D = [param for param in LAYOUTS if param.values[0].processor != MIPS]
 FOR_PY_C3D = [
     param
     for param in LAYOUTS
@@ -77,26 +73,6 @@ def test_every_layout_is_read(tmp_path, layout):
     take = read_c3d(written(tmp_path, layout))
     is_read(take, layout)
     assert take.notes == ()
-
-
-@pytest.mark.parametrize("layout", FOR_EZC3D)
-def test_ezc3d_reads_the_same_but_takes_the_cameras_for_the_residual(tmp_path, layout):
-    path = written(tmp_path, layout)
-    ours, theirs = read_c3d(path), ezc3d.c3d(str(path))
-    points = theirs["data"]["points"][:3].transpose(2, 1, 0)
-    there = ~np.isnan(ours.residual)
-    assert points.shape == ours.xyz.shape
-    np.testing.assert_array_equal(points[there], ours.xyz[there])
-    parameters = theirs["parameters"]["POINT"]
-    keys = sorted(key for key in parameters if re.fullmatch(r"LABELS\d*", key))
-    assert [label for key in keys for label in parameters[key]["value"]] == ours.labels
-    if layout.first < 65_536:
-        assert theirs["header"]["points"]["first_frame"] + 1 == ours.first_frame
-    residual = theirs["data"]["meta_points"]["residuals"][0].T
-    _, word = layout.take()
-    if layout.residuals == "signed":  # ezc3d takes 65535, which is -1 without its sign, for cameras and a residual
-        assert (residual[~there] < 0).all()
-    np.testing.assert_allclose(residual[there], (word[there] >> 8) * SCALE, rtol=1e-6)
 
 
 @pytest.mark.parametrize("layout", FOR_PY_C3D)

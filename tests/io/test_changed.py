@@ -9,8 +9,7 @@ import pytest
 from addon.core.data.errors import InputError
 from addon.core.data.takes import NO_MARKER
 from addon.core.review.changes import changes, summary_of_changes
-from addon.io.changed import MAX_LISTED, facts_of_changes
-from addon.io.labels import LabelFile
+from addon.io.labels import MAX_LISTED, LabelFile, facts_of_changes
 
 MARKERS = ("LASI", "RASI", "Bob:LKNE", "a,b")
 NAMES = ("", "LASI", "RASI", "Bob:LKNE", '"a,b"', "of another model")

@@ -112,7 +112,7 @@ def test_a_file_is_written_whole_or_not_at_all(path, monkeypatch):
     before = path.read_text()
     with pytest.raises(InputError, match="exists already"):
         write_edits(path, Edits(), overwrite=False)
-    monkeypatch.setattr("addon.io.json_text.compact", lambda _: (_ for _ in ()).throw(RuntimeError))
+    monkeypatch.setattr("addon.io.text.compact", lambda _: (_ for _ in ()).throw(RuntimeError))
     with pytest.raises(RuntimeError):
         write_edits(path, Edits((Right("B"),)))
     assert path.read_text() == before

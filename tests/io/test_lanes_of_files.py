@@ -10,7 +10,7 @@ from addon.core.data.columns import Columns, beside_of
 from addon.core.data.lanes import Lanes
 from addon.core.data.takes import Points
 from addon.io.points import read_points, write_c3d, write_trc
-from addon.io.trc import read_trc
+from addon.io.textpoints import read_trc
 from addon.jobs.fill import FillJob, fill_file
 from tests.io.whole_columns import dense, read_c3d
 
@@ -89,7 +89,7 @@ def test_texts_are_packed_too(take, tmp_path):
     found = read_points(tmp_path / "raw.trc")
     assert found.xyz.shape[1] == LANES
     text = read_trc(tmp_path / "raw.trc")
-    trc, _ = dense(text.frames, COUNT, text.parts)
+    trc, _ = dense(text.frames, COUNT, text.parts())
     np.testing.assert_array_equal(found.picked(range(COUNT)).xyz, trc * 0.001)
 
 

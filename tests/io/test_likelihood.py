@@ -8,8 +8,8 @@ import pytest
 
 from addon.core.data.errors import InputError
 from addon.core.points.likelihood.learn import learn_likelihood
-from addon.io.likelihood import document_of, read_likelihood
-from addon.io.markerset_fields import Reader
+from addon.io.markersets import Reader
+from addon.io.models import likelihood_document, read_likelihood
 
 NAMES = tuple("abcdefgh")
 
@@ -26,9 +26,9 @@ def learned(rigid: bool):
 def test_reading_and_writing_again_changes_nothing(rigid):
     likelihood = learned(rigid)
     assert (likelihood.rigid_bodies is not None) == rigid
-    document = document_of(likelihood)
+    document = likelihood_document(likelihood)
     again = read_likelihood(Reader("model"), json.loads(json.dumps(document)), NAMES)
-    assert document_of(again) == document
+    assert likelihood_document(again) == document
     assert np.allclose(again.shape.modes, likelihood.shape.modes, rtol=1e-5, atol=1e-12)
     assert np.allclose(again.calibration.least, likelihood.calibration.least, rtol=1e-5)
 
@@ -47,7 +47,7 @@ def test_reading_and_writing_again_changes_nothing(rigid):
     ],
 )
 def test_a_part_that_is_not_as_expected_is_named(key, value):
-    document = document_of(learned(True))
+    document = likelihood_document(learned(True))
     document[key] = value
     with pytest.raises(InputError, match=key):
         read_likelihood(Reader("model"), document, NAMES)

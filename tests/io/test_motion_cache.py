@@ -2,14 +2,13 @@
 """Point caches: what is not known is on straight lines, whatever the parts, and another file is told."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from addon.core.data.errors import InputError
-from addon.io import motion_cache
-from addon.io.motion_cache import PC2_HEADER, cache_mark, check_cache, write_cache
+from addon.io import poses
+from addon.io.poses import PC2_HEADER, cache_mark, check_cache, write_cache
 
 FRAMES, VERTICES = 40, 3
 
@@ -36,7 +35,7 @@ def expected(known, absent):
 
 @pytest.mark.parametrize("part", [1, 3, 7, 64])
 def test_gaps_are_straight_lines_whatever_the_parts(tmp_path, monkeypatch, known, part):
-    monkeypatch.setattr(motion_cache, "CACHING", replace(motion_cache.CACHING, part_bytes=part * 12 * VERTICES))
+    monkeypatch.setattr(poses, "PART_BYTES", part * 12 * VERTICES)
     path, absent = tmp_path / "walk.pc2", np.arange(9.0).reshape(3, 3)
     write_cache(path, (known[start : start + 11] for start in range(0, FRAMES, 11)), absent)
     data = path.read_bytes()

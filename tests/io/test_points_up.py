@@ -6,8 +6,7 @@ import pytest
 
 from addon.core.data.takes import Points
 from addon.io.points import read_points, write_trc
-from addon.io.points_up import SIGNED_AXES, UNSURE_WORDS, find_up
-from addon.io.world import up_rotation
+from addon.io.world import SIGNED_AXES, UNSURE_WORDS, find_up, up_rotation
 from tests import recorded
 from tests.io.c3d_layouts import Layout
 
@@ -126,16 +125,6 @@ def test_who_knows_better_is_believed(upside_down, tmp_path, up):
     assert (take.up, take.notes) == (axis, ())
     write_trc(tmp_path / "a.trc", Points(NAMES, xyz, np.zeros(xyz.shape[:2]), RATE, 1))
     np.testing.assert_allclose(read_points(tmp_path / "a.trc", up=up).xyz, xyz @ up_rotation(axis).T, atol=1e-5)
-
-
-def test_the_samples_that_went_wrong(shared_data):
-    faults = shared_data / "faults"
-    there = read_points(shared_data / "people" / "mcgill" / "HC030A" / "HC030A05.c3d")
-    take = read_points(faults / "yscreen-minus-z.c3d")
-    np.testing.assert_array_equal(take.xyz, there.xyz)
-    assert "says that -Z is up, but +Z was taken" in take.notes[0]
-    np.testing.assert_array_equal(read_points(faults / "block-count-too-small.c3d").xyz, there.xyz)
-    assert read_points(faults / "first-frame-4294967280.c3d").first_frame == 4294967280
 
 
 def test_recorded_people_keep_the_axis_that_they_have(shared_data):

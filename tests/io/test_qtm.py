@@ -17,10 +17,8 @@ from addon.core.data.takes import Blobs
 from addon.io.blobs import frames_in, read_blobs, write_blobs
 from addon.io.cameras import read_cameras
 from addon.io.points import holds_points, read_points
-from addon.io.qtm import blobs as qtm_blobs
-from addon.io.qtm import held_in
-from addon.io.qtm.container import Container
-from addon.io.qtm.layout import Schema, read_items, read_schema
+from addon.io.qtm import held_in, records
+from addon.io.qtm.container import Container, Schema, read_items, read_schema
 
 from .qtm_file import (
     EDITED,
@@ -338,7 +336,7 @@ def test_small_streams_that_go_round_in_a_ring_do_not_fill_the_memory(tmp_path, 
 
 
 def test_a_frame_of_more_blobs_than_a_camera_finds_is_refused(tmp_path):
-    head = struct.pack("<QII", 0, 0, qtm_blobs.QTM_BLOBS.max_a_frame + 1)
+    head = struct.pack("<QII", 0, 0, records.MAX_A_FRAME + 1)
     packed, index = packed_series(head + bytes(1000))
     name = "Measurement NBC/Data series/114"
     path = write_qtm(tmp_path / "odd.qtm", recording(odd={name: packed, f"{name}Index": index}))

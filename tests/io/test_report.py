@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from addon.core.data.takes import STEPS, LabelledChunk, Labels, Motion, Suspect
 from addon.core.review.summary import TakeSummary
-from addon.io.json_text import write_json
 from addon.io.report import take_report
+from addon.io.text import write_json
 
 
 def chunk(present: np.ndarray, first: int = 0, suspects=(), labels=(0, -1), conflicts: int = 1) -> LabelledChunk:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from addon.core.data.errors import JobError
-from addon.io.tables import FileTable, FileTableOptions, Room
+from addon.io.scratch import FileTable, Room
 
 SHAPE = 7, 3, 2
 WANTED = st.one_of(
@@ -40,7 +40,7 @@ def test_places_are_by_frame_and_lane(tmp_path):
 
 def test_only_large_tables_are_on_disk_and_go_when_the_job_is_done():
     with ExitStack() as stack:
-        room = Room(stack, FileTableOptions(min_bytes=1000))
+        room = Room(stack, min_bytes=1000)
         assert isinstance(room((10, 12), np.float64), np.ndarray)
         assert room.folder is None
         large = room((10, 13), np.float64)

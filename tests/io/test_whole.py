@@ -14,8 +14,7 @@ from pathlib import Path
 import pytest
 
 from addon.core.data.errors import InputError, JobError
-from addon.io import scratch
-from addon.io import turns as turns_of_folders
+from addon.io import scratch, whole
 from addon.io.whole import LIST, PART, LeftAlone, finish_renaming, keep_apart, whole_file, whole_files
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -190,8 +189,7 @@ def replace(part, target):
     left -= 1
     return renamed(part, target)
 Path.replace = replace
-stale = lambda: [folder / "old"] if "stale" in words else []
-with whole_files([folder / name for name in ("1", "2", "3")], "overwrite" in words, stale=stale) as parts:
+with whole_files([folder / name for name in ("1", "2", "3")], "overwrite" in words) as parts:
     for part in parts:
         part.write_text("new")
     if left < 0:
@@ -239,32 +237,6 @@ def test_what_a_killed_run_left_half_written_goes_and_nothing_else(tmp_path):
         assert temporary.read_text() == "all of it"
     assert sorted(tmp_path.iterdir()) == sorted([*mine, tmp_path / "running"])
     assert all((folder / "picture").read_text() == "mine" for folder in mine)
-
-
-def test_what_is_stale_goes_once_the_others_are_there(tmp_path):
-    old, kept = tmp_path / "old", tmp_path / "kept"
-    old.write_text("old")
-    kept.write_text("kept")
-    with pytest.raises(ValueError, match="oops"), whole_files([tmp_path / "1"], stale=lambda: [old]) as parts:
-        parts[0].write_text("new")
-        raise ValueError("oops")
-    assert sorted(tmp_path.iterdir()) == [kept, old]
-    with whole_files([tmp_path / "1"], stale=lambda: [old, tmp_path / "gone"]) as parts:
-        parts[0].write_text("new")
-        assert old.exists()
-    assert sorted(tmp_path.iterdir()) == [tmp_path / "1", kept]
-
-
-@kills
-@pytest.mark.parametrize("changed", [False, True])
-def test_what_is_stale_goes_with_the_next_run_where_one_was_killed_before_unless_it_is_changed(tmp_path, changed):
-    (tmp_path / "old").write_text("old")
-    killed(tmp_path, 2, "stale")
-    assert (tmp_path / "old").exists()
-    if changed:
-        (tmp_path / "old").write_text("somebody's")
-    finish_renaming(tmp_path)
-    assert held(tmp_path) == dict.fromkeys("123", "new") | ({"old": "somebody's"} if changed else {})
 
 
 def planted(folder, content: str):
@@ -320,7 +292,7 @@ def test_a_name_too_long_is_called_by_its_name_in_a_folder_that_was_not_there(tm
 
 
 @pytest.mark.parametrize(("names", "stop"), [("12", 1), ("12", 2), ("123", 2)])
-def test_a_stop_among_names_is_one_behind_the_last_and_behind_what_is_stale(tmp_path, monkeypatch, names, stop):
+def test_a_stop_among_names_is_one_behind_the_last(tmp_path, monkeypatch, names, stop):
     calls = []
 
     def stopped(target):
@@ -328,10 +300,9 @@ def test_a_stop_among_names_is_one_behind_the_last_and_behind_what_is_stale(tmp_
         if len(calls) == stop:
             raise KeyboardInterrupt
 
-    (tmp_path / "old").write_text("old")
     at_renaming(monkeypatch, stopped)
     targets = [tmp_path / name for name in names]
-    with pytest.raises(KeyboardInterrupt), whole_files(targets, stale=lambda: [tmp_path / "old"]) as parts:
+    with pytest.raises(KeyboardInterrupt), whole_files(targets) as parts:
         fill(parts)
     assert sorted(tmp_path.iterdir()) == targets
 
@@ -449,9 +420,9 @@ def test_two_runs_give_names_one_after_the_other(tmp_path, monkeypatch):
             part.write_text("whole")
         order.append("named")
 
-    monkeypatch.setattr(turns_of_folders.time, "sleep", lambda _seconds: looked.set())
+    monkeypatch.setattr(whole.time, "sleep", lambda _seconds: looked.set())
     thread = threading.Thread(target=other)
-    with turns_of_folders.turns([tmp_path]):
+    with whole.turns([tmp_path]):
         thread.start()
         assert looked.wait(60)
         order.append("turn over")
@@ -461,7 +432,7 @@ def test_two_runs_give_names_one_after_the_other(tmp_path, monkeypatch):
 
 
 def test_a_turn_that_nobody_has_any_more_goes_with_the_next_run(tmp_path):
-    (tmp_path / turns_of_folders.TURN).touch()
+    (tmp_path / whole.TURN).touch()
     finish_renaming(tmp_path)
     assert not list(tmp_path.iterdir())
 

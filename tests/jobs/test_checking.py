@@ -14,11 +14,11 @@ from addon.core.points.history import ModelHistory, ModelVersion
 from addon.core.points.models import Model, TrainingTake
 from addon.io.models import open_model, write_model
 from addon.io.points import read_points, write_c3d
-from addon.jobs import checking, train, versions
+from addon.jobs import checking, models, train
 from addon.jobs.checking import FRAMES, KEPT, TAUGHT, files_of, kept_file, takes_to_check
+from addon.jobs.models import VersionPlaces, adopt, system_user
 from addon.jobs.train import TrainJob, train_file
 from addon.jobs.training_takes import KnownBetter, read_takes
-from addon.jobs.versions import VersionPlaces, adopt, system_user
 from tests.core.toybody import toy_markerset
 
 NAMES = toy_markerset().markers
@@ -82,7 +82,7 @@ def test_what_is_given_again_or_had_wrong_names_checks_nothing(tmp_path):
 
 
 def test_of_many_takes_some_of_all_are_chosen(tmp_path, monkeypatch):
-    monkeypatch.setattr(checking, "CHECKING", replace(checking.CHECKING, max_taught=3))
+    monkeypatch.setattr(checking, "MAX_TAUGHT", 3)
     takes = [write(tmp_path / f"s{n}" / f"{n}.c3d") for n in range(7)]
     base, file = base_of(tmp_path, takes, subjects=())
     assert told(takes_to_check(base, file, [], [], ())) == [(f"{n}.c3d", TAUGHT) for n in (0, 3, 6)]
@@ -186,11 +186,11 @@ def test_what_somebody_else_taught_meanwhile_is_not_written_over(tmp_path, monke
 
 
 def test_who_is_logged_in_need_not_be_known(monkeypatch):
-    monkeypatch.setattr(versions.getpass, "getuser", lambda: "ann")
+    monkeypatch.setattr(models.getpass, "getuser", lambda: "ann")
     assert system_user() == "ann"
 
     def unknown():
         raise OSError("no such user")
 
-    monkeypatch.setattr(versions.getpass, "getuser", unknown)
+    monkeypatch.setattr(models.getpass, "getuser", unknown)
     assert system_user() == ""

@@ -9,11 +9,9 @@ import pytest
 
 from addon.capturing import cut, truth_path, write_capture
 from addon.core.data.progress import finished
-from addon.core.data.takes import BY_EDIT
 from addon.core.edits.applying import BlobCells, apply_to_blobs
 from addon.core.edits.kinds import AssignBlob, Edits
 from addon.demo.take import MODEL, TROUBLE, make_performance
-from addon.io.edits import write_edits
 from addon.io.markersets import open_markerset
 from addon.jobs import LabelJob, label_file
 
@@ -61,21 +59,3 @@ def test_one_blob_named_holds_and_hardly_costs_others_their_names(capture, tmp_p
     assert counts[1][1] <= min(counts[0][1], 2)
     assert counts[1][0] >= 0.998 * counts[0][0]
     assert labelled.report["edits"] == {"file": None, "applied": {"assign": 1}, "found_nothing": []}
-
-
-def test_a_blob_is_named_along_its_track_from_a_file(capture, tmp_path):
-    """The track is followed through the take before it is labelled, and goes on over the borders of its parts."""
-    source, cameras, truth = capture
-    chosen = next(row for row in truth if (row["frame"], row["camera"], row["marker"]) == ("105", "cam3", "RTOE"))
-    edit = AssignBlob("cam3", 105, float(chosen["x"]), float(chosen["y"]), "LFIN", frames=(102, 108))
-    write_edits(tmp_path / "said.edits.json", Edits((edit,)))
-    job = LabelJob(source, cameras, MODEL, tmp_path, frames=(100, 112), keep=True, occlusion="capsules")
-    labelled = finished(label_file(replace(job, edits=tmp_path / "said.edits.json")))
-    named = [row for _, chunk in labelled.chunks for row in (chunk.labels.step == BY_EDIT).tolist()]
-    found = [row for row, mine in zip(truth, named, strict=False) if mine]
-    assert {row["marker"] for row in found} == {"RTOE"}
-    assert {row["camera"] for row in found} == {"cam3"}
-    frames = sorted(int(row["frame"]) for row in found)
-    assert 105 in frames and len(frames) > 3
-    assert frames[0] >= 102 and frames[-1] <= 108
-    assert labelled.edits.items == (edit,)

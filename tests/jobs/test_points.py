@@ -5,20 +5,17 @@ import csv
 import json
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import ezc3d
 import numpy as np
 import pytest
 
-from addon.blendfile import has_blender
 from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import JobError
-from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, PointRows, Points, Suspect, Verdict
+from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, Points, Suspect, Verdict
 from addon.core.points.likelihood.frames import LikelihoodNamer
 from addon.core.points.whole_take import pipeline
-from addon.core.posing.posing import POSING
-from addon.io import poses
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points, write_c3d
 from addon.jobs import LabelJob, label_file
@@ -69,7 +66,7 @@ def use(monkeypatch, namer):
     def unheard(model, _, *rest):
         look(model, LikelihoodNamer(model.likelihood), *rest)
 
-    monkeypatch.setattr(pipeline, "namer_of", lambda model, method, hints: namer)
+    monkeypatch.setattr(pipeline, "namer_of", lambda model, method: namer)
     monkeypatch.setattr(pipeline, "refuse_others", unheard)
 
 
@@ -118,55 +115,6 @@ def test_the_take_as_a_whole_overrules_frames_that_exchange_two_markers(source, 
     assert {row["marker"] for row in rows if row["point"] == "4"} == {"RASI"}
 
 
-@pytest.mark.blender
-@pytest.mark.skipif(not has_blender(), reason="needs bpy")
-def test_a_saved_file_shows_what_stayed_unnamed(source, of_two_minds):
-    import bpy
-
-    from addon.scene.cloud import cloud_points
-    from addon.scene.take import stored_take, takes_of
-
-    out = label(source, blend=True)
-    bpy.ops.wm.open_mainfile(filepath=str(out / "walk.blend"))
-    [collection] = takes_of(bpy.context.scene)
-    [cloud] = [thing for thing in collection.all_objects if thing.modifiers]
-    np.testing.assert_allclose(cloud_points(cloud.data), np.ones((FRAMES, 3)), atol=1e-5)
-    stored = stored_take(collection, bpy.context.scene)
-    assert isinstance(stored.rows, PointRows)
-    assert stored.rows.xyz.shape == (16 * FRAMES, 3)
-    np.testing.assert_allclose(stored.rows.residual, 0.0015, rtol=1e-5)
-    assert set(stored.rows.trajectory.tolist()) == set(range(3, 19))
-    assert (stored.labels.marker == NO_MARKER).sum() == FRAMES
-
-
-@pytest.mark.blender
-@pytest.mark.skipif(not has_blender(), reason="needs bpy")
-@pytest.mark.parametrize("fill", [False, True])
-def test_a_take_too_long_for_keys_plays_from_a_file(source, of_two_minds, monkeypatch, fill):
-    import bpy
-
-    from addon.scene.playing import played_takes, what_is_wrong
-    from addon.scene.take import takes_of
-
-    monkeypatch.setattr(poses, "PLAYING", replace(poses.PLAYING, most_keys=100))
-    out = label(source, blend=True, fill=fill)
-    assert {path.name for path in out.iterdir()} >= {"walk.blend", "walk.motion.pc2"}
-    report = json.loads((out / "walk.report.json").read_text(encoding="utf-8"))
-    assert ".motion.pc2" in report["made_of"]["results"]
-    bpy.ops.wm.open_mainfile(filepath=str(out / "walk.blend"))
-    assert not takes_of(bpy.context.scene)
-    [collection] = played_takes(bpy.context.scene)
-    assert what_is_wrong(collection) == ""
-    points = read_points(out / "walk.c3d")
-    for frame in (11, 40, 70):
-        bpy.context.scene.frame_set(frame)
-        for index, name in enumerate(open_markerset("gait15").markers):
-            place = points.xyz[frame - 11 : frame - 10, index][0]
-            if np.isfinite(place).all():
-                found = bpy.data.objects[name].matrix_world.translation
-                np.testing.assert_allclose(found, place, atol=1e-5)
-
-
 @pytest.fixture
 def fairly_sure(monkeypatch):
     """A naming that is right in every frame, and no surer than one in two thousand."""
@@ -199,7 +147,7 @@ def test_only_the_number_of_a_trajectory_is_made_the_file_s(source, monkeypatch)
 
 
 def test_progress_only_grows_and_goes_on_while_the_body_is_posed(source, of_two_minds, monkeypatch):
-    monkeypatch.setattr("addon.core.posing.posing.POSING", replace(POSING, batch_frames=5))
+    monkeypatch.setattr("addon.core.posing.posing.BATCH_FRAMES", 5)
     told = list(label_file(LabelJob(source, None, "gait15", source.parent / "out")))
     shares = [one.fraction for one in told]
     assert shares == sorted(shares)
@@ -215,7 +163,7 @@ def test_the_report_says_what_is_the_matter_and_what_labelling_again_changed(sou
 
     def labelled(said) -> dict:
         monkeypatch.setattr(pipeline, "namer_of", lambda *_: Known(said, 0.9999))
-        job = LabelJob(source, None, "gait15", tmp_path / "out", method="fit", overwrite=True)
+        job = LabelJob(source, None, "gait15", tmp_path / "out", method="ensemble", overwrite=True)
         for _ in label_file(job):
             pass
         return json.loads(job.path(".report.json").read_text())

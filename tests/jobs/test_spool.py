@@ -2,14 +2,13 @@
 """Trajectories on disk: back in their columns, in flat memory."""
 
 import tracemalloc
-from dataclasses import replace
 
 import numpy as np
 
 from addon.core.reconstruction.trajectories import Reconstructed
 from addon.io.points import read_points, write_c3d
-from addon.jobs import spool
-from addon.jobs.spool import TrajectoryFile
+from addon.jobs import rebuild
+from addon.jobs.rebuild import TrajectoryFile
 
 
 def part(first: int, frames: int, spans: dict[int, range]) -> Reconstructed:
@@ -41,7 +40,7 @@ def test_trajectories_come_back_in_columns_without_the_shortest(tmp_path):
 
 
 def test_many_trajectories_share_columns_when_they_are_far_apart_in_time(tmp_path, monkeypatch):
-    monkeypatch.setattr(spool, "SPOOLING", replace(spool.SPOOLING, max_columns=3))
+    monkeypatch.setattr(rebuild, "MAX_COLUMNS", 3)
     spans = {number: range(40 * number, 40 * number + 30) for number in range(5)}
     with TrajectoryFile(tmp_path, 5.0) as file:
         file.add(part(0, 200, spans))

@@ -5,13 +5,11 @@ Tried in the bpy module of this Python and in a real Blender, the program. `tour
 """
 
 import json
-import os
-import subprocess
 import sys
 
 import pytest
 
-from scripts import build
+from scripts import build, real_blender
 
 from .conftest import TOURS, zip_for
 
@@ -19,41 +17,24 @@ SCRIPT = TOURS / "lifecycle.py"
 NEWER = "9.9.9"
 
 
-def live_in_module(make_zip, tmp_path):
-    import bpy
-
-    name = zip_for(bpy.app.version[:2])
-    report = tmp_path / "report.json"
-    done = subprocess.run(
-        [sys.executable, str(SCRIPT), "--", str(make_zip(name)), str(make_zip(name, NEWER)), str(report)],
-        env=os.environ | {"BLENDER_USER_RESOURCES": str(tmp_path / "home")},
-        check=False,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert report.exists(), done.stdout + done.stderr
-    return json.loads(report.read_text()) | {"log": done.stdout + done.stderr}
-
-
-def live_in_program(make_zip, tmp_path, blender):
-    name = zip_for(blender.version[:2])
-    report = tmp_path / "report.json"
-    arguments = ["--background", "--factory-startup", "--python-exit-code", "3", "--python", str(SCRIPT), "--"]
-    zips = [str(make_zip(name)), str(make_zip(name, NEWER))]
-    done = blender.run(*arguments, *zips, str(report), home=tmp_path / "home")
-    assert report.exists(), done.stdout + done.stderr
-    return json.loads(report.read_text()) | {"log": done.stdout + done.stderr}
-
-
 @pytest.fixture(scope="module", params=["module", pytest.param("program", marks=pytest.mark.real_blender)])
 def life(request, make_zip, tmp_path_factory):
     """What was seen of the extension at each point of its life."""
     folder = tmp_path_factory.mktemp("life")
     if request.param == "module":
-        return live_in_module(make_zip, folder)
-    return live_in_program(make_zip, folder, request.getfixturevalue("blender_program"))
+        import bpy
+
+        blender = real_blender.RealBlender((sys.executable, str(SCRIPT)), version=bpy.app.version)
+        before = []
+    else:
+        blender = request.getfixturevalue("blender_program")
+        before = ["--background", "--factory-startup", "--python-exit-code", "3", "--python", str(SCRIPT)]
+    name = zip_for(blender.version[:2])
+    report = folder / "report.json"
+    zips = str(make_zip(name)), str(make_zip(name, NEWER))
+    done = blender.run(*before, "--", *zips, str(report), home=folder / "home")
+    assert report.exists(), done.stdout + done.stderr
+    return json.loads(report.read_text()) | {"log": done.stdout + done.stderr}
 
 
 def test_installing_enables_it_with_its_tab_and_operators(life):

@@ -17,18 +17,6 @@ import os, sys, time
 os.write(int(sys.argv[2]), b"77\\n")
 time.sleep(60)
 """
-TOOL = f"""#!{sys.executable}
-import os, sys, tempfile
-from types import SimpleNamespace
-verb, *arguments = sys.argv[1:]
-if verb == "window":
-    sys.exit("two windows at once may draw the same number")
-if "--python-expr" in arguments:
-    print("Blender 5.2.7 LTS", flush=True)
-    sys.modules["bpy"] = SimpleNamespace(app=SimpleNamespace(tempdir=tempfile.mkdtemp()))
-    exec(arguments[arguments.index("--python-expr") + 1])
-print("Blender 5.2.7 LTS\\ndisplay", os.environ.get("DISPLAY"))
-"""
 BROKEN_XVFB = "#!/bin/sh\nexit 1\n"
 
 
@@ -75,13 +63,6 @@ def test_a_blender_that_does_not_start_is_no_blender(nothing_found, monkeypatch,
         real_blender.find()
 
 
-def test_its_settings_are_kept_apart(nothing_found, tmp_path):
-    program(tmp_path / "bin", "blender", BLENDER)
-    done = real_blender.find().run("--background", home=tmp_path / "home")
-    assert f"home {tmp_path / 'home'}" in done.stdout
-    assert "arguments --background" in done.stdout
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a screen")
 def test_a_window_gets_a_screen_of_its_own_or_a_reason(nothing_found, tmp_path):
     program(tmp_path / "bin", "blender", BLENDER)
@@ -97,25 +78,8 @@ def test_a_window_gets_a_screen_of_its_own_or_a_reason(nothing_found, tmp_path):
     assert f"--python {tmp_path / 'script.py'}" in done.stdout
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="the tool is for Linux")
-def test_a_window_of_the_tool_has_a_number_that_was_free(nothing_found, monkeypatch, tmp_path):
-    monkeypatch.setattr(real_blender, "TOOL", program(tmp_path, "tool", TOOL))
-    program(tmp_path / "bin", "Xvfb", XVFB)
-    done = real_blender.find().window(tmp_path / "script.py", tmp_path, home=tmp_path)
-    assert "display :77" in done.stdout, done.stderr
-
-
 def test_what_takes_too_long_is_ended(nothing_found, tmp_path):
     slow = program(tmp_path, "slow", "#!/bin/sh\necho started; exec sleep 60\n")
     done = real_blender.RealBlender((str(slow),)).run(home=tmp_path, seconds=2)
     assert "started" in done.stdout
     assert "stopped after" in done.stderr
-
-
-def test_what_is_waited_for_in_vain_ends_the_way_through_a_window(monkeypatch):
-    pytest.importorskip("bpy", reason="what a window's script is written in")
-    from scripts import window
-
-    monkeypatch.setattr(window, "PATIENCE", -1)
-    with pytest.raises(TimeoutError, match="in vain"):
-        list(window.until(lambda: False))

@@ -18,6 +18,12 @@ def room(watch, tmp_path_factory):
     return watch("room", folder, **task)
 
 
+def test_a_key_shows_what_is_meant_from_where_one_looks(room):
+    place, before, after = room["view"]
+    assert max(map(abs, place)) < 8, "it was looked at 9 9 9, where nobody is"
+    assert after == pytest.approx(before, abs=1e-5)
+
+
 def test_keys_correct_and_answer(room):
     assert room["labelled"]["edits"] == []
     unlabelled, *answers = room["corrected"]["edits"]

@@ -3,8 +3,6 @@
 
 import pytest
 
-from addon.io.markersets import read_markerset
-
 pytestmark = [pytest.mark.real_blender, pytest.mark.window, pytest.mark.slow]
 
 
@@ -35,21 +33,5 @@ def test_a_click_labels_the_take_and_offers_the_review(tour):
     assert "mocap_autolabel.clear" in tour["to review"]
 
 
-def test_the_take_is_exported(tour):
-    names = {name.removeprefix("mocap_autolabel.") for name in tour["at the end"]}
-    assert {"export_labels", "export_c3d", "export_trc"} <= names
-    assert all((tour["folder"] / f"take.{kind}").stat().st_size for kind in ("labels.csv", "c3d", "trc"))
-
-
-def test_a_marker_set_of_ones_own_is_saved_and_chosen(tour):
-    assert tour["marker set"] == "mine.markerset.json"
-    assert len(read_markerset(tour["folder"] / "mine.markerset.json")) == 26
-
-
 def test_a_click_looks_through_a_camera(tour):
     assert tour["view"] == "CAMERA"
-
-
-def test_clearing_is_one_step_of_undo(tour):
-    assert tour["cleared"]
-    assert tour["back after undo"]

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from scripts.virtual_take import write_virtual_pair, write_virtual_points
+from scripts.virtual_take import write_virtual_points
 
 pytestmark = [pytest.mark.real_blender, pytest.mark.window, pytest.mark.slow]
 FRAMES, FRAME = 120, 40
@@ -14,8 +14,7 @@ FRAMES, FRAME = 120, 40
 def seen(watch, tmp_path_factory):
     folder = tmp_path_factory.mktemp("label")
     write_virtual_points(folder, FRAMES)
-    write_virtual_pair(folder, FRAMES)
-    task = {"points": str(folder / "walk.c3d"), "pair": str(folder / "duet.c3d"), "markerset": "body26", "frame": FRAME}
+    task = {"points": str(folder / "walk.c3d"), "markerset": "body26", "frame": FRAME}
     return watch("label", folder, **task)
 
 
@@ -62,11 +61,3 @@ def test_a_marker_is_put_where_nothing_was_seen(seen):
 def test_playback_goes_on_with_the_tool(seen):
     assert seen["played"]
     assert seen["tool"] == "mocap_autolabel.label_tool"
-
-
-def test_a_trajectory_of_one_performer_is_the_other_ones_by_a_key(seen):
-    assert seen["performers"][:2] == ["1", "2"]
-    knees = seen["their knees"]
-    assert [words.split(" is ")[0] for words in seen["the other one's"]] == ["2:LKNE", "1:LKNE"]
-    assert seen["their knees then"] == knees[::-1]
-    assert seen["their knees again"] == knees

@@ -55,13 +55,6 @@ def test_keys_that_are_not_seen_are_left_alone(seen):
     assert seen["keys left"]
 
 
-def test_gaps_are_filled_beside_the_window_and_esc_stops_it(seen):
-    assert seen["filling"] == ["MOCAP_AUTOLABEL_OT_fill_gaps"]
-    assert seen["filling stopped"] == [0, 0]
-    assert seen["filled"] > 50
-    assert seen["filled after undo"] == 0
-
-
 @pytest.mark.parametrize("name", ["timeline-whole", "timeline-range", "timeline-ghosts", "timeline-unfolded"])
 def test_the_rows_are_coloured(seen, name):
     picture = imread(seen["folder"] / f"{name}.png")[..., :3]

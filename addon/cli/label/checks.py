@@ -1,21 +1,64 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What can be known to be wrong, or to make no difference, before any work."""
+"""What is asked for, as a job or a command line for each take, and what can be known to be wrong before any work."""
 
+import math
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ... import jobs
 from ...blendfile import has_blender, open_cameras
 from ...core.data.errors import InputError
+from ...core.data.wording import words_of_range
 from ...io.edits import edits_beside, open_edits
-from ...io.models import open_model
 from ...io.points import holds_points
 from ...io.qtm import is_qtm
 from ...io.whole import keep_apart
-from ...jobs.captures import calibration_for
-from .asked import as_job, summary_of
-from .subjects import check_models, worn_in
+from ...jobs.job import calibration_for, told_by_capture
+from ..arguments import job_of
+from .options import check_models, subject_words, worn_in
 
 if TYPE_CHECKING:
-    from pathlib import Path
+    from ...jobs.pages import BatchSummary
+
+
+def as_job(arguments, path: Path) -> jobs.LabelJob:
+    """The job of labelling one of the inputs."""
+    facing = None if arguments.facing is None else math.radians(arguments.facing)
+    known = {"source": path, "wearers": tuple(arguments.subject), "facing": facing}
+    if not holds_points(path, arguments.use):
+        known |= told_by_capture(path, arguments.cameras, arguments.rate)
+    return job_of(jobs.LabelJob, arguments, **known)
+
+
+def command_for(arguments, path: Path) -> list[str]:
+    """The command line that labels one of the inputs alone."""
+    who = subject_words(arguments.model, arguments.subjects, arguments.subject)
+    command = ["label", f"--out={arguments.out}", *who]
+    known = {
+        name: getattr(arguments, name)
+        for name in ("cameras", "rate", "height", "facing", "method", "occlusion", "target", "up", "use", "edits")
+    }
+    command += [f"--{name}={value}" for name, value in known.items() if value is not None]
+    if arguments.frames:
+        command.append(f"--frames={words_of_range(arguments.frames)}")
+    switches = "mirror", "trc", "fill", "blend", "html", "overwrite", "resume", "force"
+    command += [f"--{name}" for name in switches if getattr(arguments, name)]
+    return [*command, "--", str(path)]
+
+
+def summary_of(arguments) -> "BatchSummary | None":
+    """The summary of all takes; None where none is wanted, as of one take only."""
+    page = arguments.summary or (arguments.html and (arguments.watch or len(arguments.inputs) > 1))
+    if not page and not arguments.watch:
+        return None
+    from ...jobs.pages import BatchSummary, summary_paths
+
+    stems = [] if arguments.watch else [path.stem for path in arguments.inputs]
+    summary = BatchSummary(*summary_paths(arguments.out, stems, arguments.summary, page))
+    if not arguments.watch:
+        for path in arguments.inputs:
+            summary.wait_for(path)
+    return summary
 
 
 def check(arguments):
@@ -81,23 +124,17 @@ def unused(arguments) -> list[str]:
         said.append("--mirror is not looked at for blobs: what is mirrored of them is their images or calibration")
     hints = [f"--{name}" for name in ("height", "facing") if getattr(arguments, name) is not None]
     if hints:
+        from ...core.points.naming import plain_method
+
         several = arguments.subjects != 1 or bool(arguments.subject)
-        deaf = [kind for kind in sorted(kinds) if several or not _fits(arguments, kind)]
+        fitted = not several and plain_method(arguments.method) in ("auto", "fit")
+        deaf = [kind for kind in sorted(kinds) if kind or not fitted]
         what = " and ".join("3D points" if kind else "blobs" for kind in deaf)
         verb = "is" if len(hints) == 1 else "are"
         if deaf:
-            why = "of several subjects" if several else "that needs --method fit here"
+            why = "of several subjects" if several else "that is for blobs and --method fit"
             said.append(f"{' and '.join(hints)} {verb} not looked at for {what}: {why}")
     return said
-
-
-def _fits(arguments, points: bool) -> bool:
-    """Whether takes of 3D points, or of blobs, are named by a body that is fitted to them, which takes hints."""
-    if arguments.method != "auto" or not points:
-        return arguments.method in ("auto", "fit")
-    from ...core.points.naming import chosen_method
-
-    return chosen_method(open_model(arguments.model), "auto") == "fit"
 
 
 def _check_inputs(arguments):

@@ -28,11 +28,9 @@ from ...core.data.errors import InputError, JobError, UserError
 from ...io.markersets import markerset_file
 from ...io.scratch import scratch_folder
 from ...io.whole import check_targets
-from ...jobs.job import LabelJob
-from ...jobs.resuming import results_of
+from ...jobs.job import LabelJob, results_of
 from ...version import version
-from ..console import complain
-from ..failures import of_take
+from ..console import complain, of_take
 from ..serving import PATIENCE, POLL, waited_for
 from ..workers import crew
 

@@ -15,14 +15,48 @@ from ...io.batch import DONE_BEFORE, FAILING, LABELLED, row_of
 from ...io.report import INSTEAD, REPORT
 from ...io.scratch import naming_scratch, take_away_scratch
 from ...io.whole import finish_renaming
-from ...jobs.resuming import results_of
-from ..console import ProgressLine, complain, print_results
-from ..failures import of_take
-from ..loading import load_labelling
-from .asked import as_job, command_for, summary_of
-from .checks import check, check_rest, edited_beside, unused
-from .lines import as_line, doubts_in
-from .subjects import check_models, settle_subjects
+from ...jobs.job import results_of
+from ..console import ProgressLine, complain, of_take, print_results
+from ..serving import load_labelling
+from .checks import as_job, check, check_rest, command_for, edited_beside, summary_of, unused
+from .options import check_models, settle_subjects
+
+
+def as_line(report: dict) -> str:
+    """One take's result as a line for people."""
+    things = "points" if "points" in report else "blobs"
+    count, named = report[things], report[things] - report["unlabelled"]
+    speed = report["timing"]["frames_per_second"]
+    pace = "" if speed is None else f", {speed:.0f} frames/s"
+    if "edits" in report:
+        applied = sum(report["edits"]["applied"].values())
+        pace += f", {applied} edit{'' if applied == 1 else 's'} applied"
+    unit = f", no unit in the file, taken for {report['unit_assumed']}" if "unit_assumed" in report else ""
+    if "filled" in report:
+        pace += f", {len(report['filled'])} of {len(report['filled']) + len(report['left'])} gaps filled"
+    first = ", frames in the .c3d from 0" if "c3d_first_frame" in report else ""
+    frames = f"{report['frames']} frame" + ("" if report["frames"] == 1 else "s")
+    more = "".join(f"; {words}" for words in _remarks(report))
+    if report.get("changed_in_all"):
+        pace += f", {report['changed_in_all']} than before"
+    look = f"; {report['to_look_at']}" if report.get("to_look_at") else ""
+    return f"{report['take']}: {frames}, {named} of {count} {things} named{pace}{unit}{first}{more}{look}"
+
+
+def doubts_in(report: dict) -> list[str]:
+    """What is odd about the cameras of a take, and which edits found nothing, a line each."""
+    missed = [
+        f"edit {one['edit']} ({one['kind']}) found nothing: {one['reason']}"
+        for one in report.get("edits", {}).get("found_nothing", [])
+    ]
+    return [f"{report['take']}: {words}" for words in (*report.get("camera_doubts", []), *missed)]
+
+
+def _remarks(report: dict) -> list[str]:
+    """What was decided about a take's files, in sentences."""
+    said = [words for part in ("capture", "calibration", "notes") for words in report.get(part, [])]
+    return [f"{words} (--use chooses)" if " are taken, not " in words else words for words in said]
+
 
 Result = TypeVar("Result")
 Answer = dict | UserError  # a take's report, or why there is none

@@ -12,7 +12,7 @@ from ...io.batch import AT_WORK, DONE_BEFORE, FAILING, LABELLED, MEASURED, WAITI
 from ...io.scratch import take_away_own
 from ..console import complain, print_results
 from ..workers import crew
-from .asked import command_for
+from .checks import command_for
 from .running import Answer, Batch
 
 
@@ -32,7 +32,7 @@ class Watch:
         while True:
             self.batch.write_summary()  # here, so that what is begun at once never stands there as waiting
             now = time.monotonic()
-            if now - looked >= self.arrivals.options.look_s:
+            if now - looked >= self.arrivals.look_s:
                 looked = now
                 self._look(now)
             path = self._next()

@@ -11,6 +11,8 @@ import numpy as np
 
 from ..data.markersets import MarkerSet
 
+MAX_SEGMENT_MARKERS = 4  # of which every order is tried; of five there would be 119
+
 
 @dataclass(frozen=True)
 class ExchangeOptions:
@@ -18,11 +20,9 @@ class ExchangeOptions:
 
     max_mirror_miss      physical: heights by which a marker may miss its mirror image, 5 cm on a grown person, as the
                          markers of two sides are never placed quite alike
-    max_segment_markers  memory: on one segment, of which every order is tried; of five there would be 119
     """
 
     max_mirror_miss: float = 0.03
-    max_segment_markers: int = 4
 
 
 EXCHANGES = ExchangeOptions()
@@ -33,7 +33,7 @@ def standing_exchanges(markerset: MarkerSet, options: ExchangeOptions = EXCHANGE
     identity = np.arange(len(markerset))
     orders = [
         *_limbs(markerset, identity, options.max_mirror_miss),
-        *_clusters(markerset, identity, options.max_segment_markers),
+        *_clusters(markerset, identity, MAX_SEGMENT_MARKERS),
     ]
     return np.unique(np.array(orders, dtype=int).reshape(-1, len(identity)), axis=0)
 

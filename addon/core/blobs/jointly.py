@@ -13,9 +13,15 @@ from itertools import combinations
 import numpy as np
 
 from ..data.takes import REMAINING
+from ..geometry.triangulation import passing
 from ..geometry.views import View
-from ..papers.virtual_occlusions.cloud import CLOUD, nearest_blobs, partners
+from ..papers.virtual_occlusions.cloud import FEW_CAMERAS, PARTNERS, nearest_blobs, partners
 from ..papers.virtual_occlusions.labelling import Expectation, Frame, Naming
+
+# Of a marker, the best, that are chosen from, and more for each camera beyond those whose rays are all met: a point is
+# tried without each of its rays. Without, 4 % of the blobs of sixteen cameras and 22 % of those of twenty-four went
+# without a name.
+HYPOTHESES, MORE_HYPOTHESES = 40, 15
 
 
 @dataclass(frozen=True)
@@ -28,10 +34,6 @@ class AtOnceOptions:
                      of `tests.accuracy.strangers` one marker in ten is 4 to 8 cm from where the fitted body has it
     elsewhere_m      measured: by so much, standard deviation along each axis, on the same; no marker is farther off
                      than four of them
-    hypotheses       memory: of a marker, the best, that are chosen from, and
-    hypotheses_more  measured: for each camera beyond those whose rays are all met; without, 4 % of the blobs of sixteen
-                     cameras and 22 % of those of twenty-four went without a name, as a point is tried without each
-                     of its rays
     seen_behind      physical: chance that a camera has a blob of a marker behind a nearer one on the same line, and
     seen_before      physical: of the nearer one, if it has one of either, as nothing else is in the way
     """
@@ -40,8 +42,6 @@ class AtOnceOptions:
     seen_hidden: float = 0.25
     elsewhere: float = 0.1
     elsewhere_m: float = 0.05
-    hypotheses: int = 40
-    hypotheses_more: int = 15
     seen_behind: float = 0.1
     seen_before: float = 0.99
 
@@ -110,7 +110,7 @@ def hypotheses_of(frame: Frame, expected: Expectation, options: AtOnceOptions = 
     place, elsewhere = _placed(off, expected.covariance[marker] + spread[which], options)
     gain = rays[which] + place + _detections(expected, seen[which], marker, options)
     many = Hypotheses(marker, sets[which], gain, elsewhere)
-    return _pruned(many, _singles(frame, expected, ghost, options), frame, options)
+    return _pruned(many, _singles(frame, expected, ghost, options), frame)
 
 
 def _placed(off: np.ndarray, spread: np.ndarray, options: AtOnceOptions) -> tuple[np.ndarray, np.ndarray]:
@@ -167,20 +167,13 @@ def _sets(frame: Frame, options: AtOnceOptions) -> np.ndarray:
     direction, origin = frame.rays.direction[camera, slot], sight.centres[camera]
     first, second = np.triu_indices(len(camera), 1)
     met = np.eye(sight.count) == 0
-    if sight.count > CLOUD.partners + 1:
-        met = partners(sight.centres, CLOUD.partners)
+    if sight.count > PARTNERS + 1:
+        met = partners(sight.centres, PARTNERS)
     met = met[camera[first], camera[second]]
     first, second = first[met], second[met]
-    between = origin[second] - origin[first]
-    cosine = np.einsum("ni,ni->n", direction[first], direction[second])
-    one, two = np.einsum("ni,ni->n", between, direction[first]), np.einsum("ni,ni->n", between, direction[second])
-    sine2 = np.maximum(1 - cosine**2, CLOUD.min_sine**2)
-    here, there = (one - cosine * two) / sine2, (cosine * one - two) / sine2
-    gap = np.linalg.norm(
-        origin[first] + here[:, None] * direction[first] - origin[second] - there[:, None] * direction[second], axis=1
-    )
+    here, there, between, fixed = passing(direction, origin, first, second)
     noise = rules.pixel * (here / sight.focal[camera[first]] + there / sight.focal[camera[second]]) + 2 * rules.slack_m
-    meets = (here > 0) & (there > 0) & (gap < rules.max_miss * noise) & (1 - cosine**2 > CLOUD.min_sine**2)
+    meets = fixed & (np.linalg.norm(between, axis=0) < rules.max_miss * noise)
     first, second, here = first[meets], second[meets], here[meets]
     middle = origin[first] + here[:, None] * direction[first]
     closest = (np.linalg.norm(middle[:, None] - frame.expected.points, axis=2) < options.max_distance_m).any(axis=1)
@@ -192,7 +185,7 @@ def _sets(frame: Frame, options: AtOnceOptions) -> np.ndarray:
         return members
     # All pairs of a marker's rays make the same whole set.
     whole = _completed(members, middle, frame)
-    if sight.count > CLOUD.partners + 1:
+    if sight.count > PARTNERS + 1:
         members = members[(whole >= 0).sum(axis=1) <= 3]
     whole = np.unique(whole, axis=0)
     parts = [members, whole]
@@ -202,7 +195,7 @@ def _sets(frame: Frame, options: AtOnceOptions) -> np.ndarray:
         fewer = whole.copy()
         fewer[:, without] = -1
         parts.append(fewer[count > 2])
-    for without in combinations(cameras, 2) if sight.count <= CLOUD.few_cameras else ():
+    for without in combinations(cameras, 2) if sight.count <= FEW_CAMERAS else ():
         fewer = whole.copy()
         fewer[:, list(without)] = -1
         parts.append(fewer[(fewer >= 0).sum(axis=1) >= 2])
@@ -217,7 +210,7 @@ def _completed(members: np.ndarray, points: np.ndarray, frame: Frame) -> np.ndar
     return np.where(members >= 0, members, np.where(off < frame.rules.max_off_point * noise, nearest, -1).T)
 
 
-def _pruned(many: Hypotheses, singles: Hypotheses, frame: Frame, options: AtOnceOptions) -> Hypotheses:
+def _pruned(many: Hypotheses, singles: Hypotheses, frame: Frame) -> Hypotheses:
     """The best of each marker, without those that contradict what a person named."""
     marker, slot, gain, elsewhere = (
         np.concatenate([getattr(many, name), getattr(singles, name)]) for name in Hypotheses.__dataclass_fields__
@@ -227,7 +220,7 @@ def _pruned(many: Hypotheses, singles: Hypotheses, frame: Frame, options: AtOnce
     fixed[camera, frame.fixed[camera, named]] = True
     used = fixed[frame.cameras, np.maximum(slot, 0)] | (frame.fixed[:, marker].T >= 0)
     gain = np.where((used & (slot >= 0)).any(axis=1), 0, gain)
-    most = options.hypotheses + options.hypotheses_more * max(len(frame.cameras) - CLOUD.partners - 1, 0)
+    most = HYPOTHESES + MORE_HYPOTHESES * max(len(frame.cameras) - PARTNERS - 1, 0)
     order = np.lexsort((-gain, marker))
     rank = np.arange(len(order)) - np.searchsorted(marker[order], marker[order])
     kept = order[(rank < most) & (gain[order] > 0)]

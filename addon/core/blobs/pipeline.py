@@ -27,11 +27,13 @@ from .confidence import CONFIDENCE, named_confidences, swap_doubts
 from .continuity import renamed
 from .image_tracklets import name_by_tracklets
 from .rereading import REREADING, Rereader
-from .search import CROWDING, FINDING, Found, Hints, find_subject
+from .search import CROWDING, FINDING, MAX_FINALISTS, Found, Hints, find_subject
 from .seeding import contradicted, fixed_in, seeds_of
 from .subject import Setup
 from .swaps import exchange_loss, exchanged, swap_names
 from .tracking import Followed, FrameResult, Track, follow
+
+PARTS = 8  # of a chunk, in which a lost subject is looked for, one frame each
 
 
 @dataclass(frozen=True)
@@ -40,9 +42,8 @@ class TakeOptions:
 
     min_rate               physical: frames a second; below it nobody is followed, every frame is looked at on its own:
                            a limb moves farther between two frames than it is from the next
-    parts                  memory: of a chunk, in which a lost subject is looked for, one frame each
     good_named             physical: share of the markers that a good placement, one that is clear, names of those that
-                           it lets the cameras see; after `FINDING.max_finalists` of them the best will do
+                           it lets the cameras see; after `MAX_FINALISTS` of them the best will do
     min_confidence         physical: a placement less sure than this names nothing, a third of such would be wrong
     review_frames          physical: until it is asked whether neighbours have changed names, a third of a second, as a
                            wrong start stays wrong; and again at a chunk's end
@@ -50,7 +51,6 @@ class TakeOptions:
     """
 
     min_rate: float = 20.0
-    parts: int = 8
     good_named: float = 0.8
     min_confidence: float = 0.7
     review_frames: int = 20
@@ -252,7 +252,7 @@ class TakeLabeller:
             if best is None or found.marker_cost < best.marker_cost:
                 best, best_index = found, index
             good += found.confidence > FINDING.clear_confidence and found.complete > TAKES.good_named
-            if good >= FINDING.max_finalists:
+            if good >= MAX_FINALISTS:
                 break
         return best_index, best
 
@@ -334,8 +334,8 @@ class _Chunk:
         Before them those of which a person named the most blobs.
         """
         named = [index for index in range(first, end) if self.fixed[index] is not None]
-        named = sorted(named, key=lambda index: -(self.fixed[index] >= 0).sum())[: FINDING.max_finalists]
-        parts = np.array_split(np.arange(first, end), min(TAKES.parts, end - first))
+        named = sorted(named, key=lambda index: -(self.fixed[index] >= 0).sum())[:MAX_FINALISTS]
+        parts = np.array_split(np.arange(first, end), min(PARTS, end - first))
         best = [int(part[np.argmax([self.views[index].count for index in part])]) for part in parts]
         # Far from each other first: by their numbers with the binary digits in reverse.
         order = sorted(range(len(best)), key=lambda part: f"{part:08b}"[::-1])

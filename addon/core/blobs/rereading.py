@@ -15,7 +15,7 @@ from ..body.bodies import PLACEMENT
 from ..geometry.views import View
 from .known_subject import KnownSubject, judged, known_subject_of, strain
 from .subject import Setup, expect, name, refit
-from .swaps import SWAP_STEPS, SWAPS, swap_names, try_swaps
+from .swaps import MAX_EXCHANGES, SWAP_STEPS, SWAPS, swap_names, try_swaps
 from .tracking import Followed, FrameResult, Track, advanced, difference, follow
 
 
@@ -164,7 +164,7 @@ class Rereader:
         if strain(view, naming, self.known, state.posed.markers[0], setup).max() < setup.rules.min_lead:
             return followed
         changed = False
-        for _ in range(SWAPS.max_exchanges):
+        for _ in range(MAX_EXCHANGES):
             swaps = try_swaps(view, naming, subject, state, setup, setup.prior)
             if not len(swaps.loss) or swaps.loss.min() > -SWAPS.min_gain:
                 break

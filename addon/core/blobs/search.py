@@ -15,10 +15,11 @@ from ..papers.virtual_occlusions.cost import BlobPull, CloudPull
 from ..papers.virtual_occlusions.fit import Fit, State, body_state, fit_body, fit_placement
 from ..papers.virtual_occlusions.labelling import Expectation, Frame, Naming, give_nearer, name_merged
 from ..papers.virtual_occlusions.placement import blob_centre, make_starts, principal_guess
+from ..posing.posing import POSING
 from .arms import with_arms_held
 from .jointly import JOINTLY, name_jointly
-from .subject import SUBJECT, Setup, Subject, expect, learn_noise, learn_own, name, named_pull, refit
-from .swaps import SWAPS, Swaps, swap_names, try_swaps, withdraw_unexpected, without_own
+from .subject import Setup, Subject, expect, learn_noise, learn_own, name, named_pull, refit
+from .swaps import MAX_EXCHANGES, SWAPS, Swaps, swap_names, try_swaps, withdraw_unexpected, without_own
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,6 @@ class FindOptions:
     good_cost         measured: for each blob, and each image of a marker that should be seen; a body that costs more
                       may hold its arms otherwise. On people with their arms set (`tests.accuracy.strangers`) right
                       bodies and wrong ones overlap between 2.5 and 2.7
-    max_finalists     memory: of the fits to the cloud, best first, that are fitted to blobs
     min_distance_m    physical: two fits whose markers are farther from each other than this on average are two
                       solutions, as limbs are that thick; the finalists differ by half as much
     temper            physical: by how much costs overstate their differences, as a marker's blobs share its error
@@ -43,7 +43,6 @@ class FindOptions:
     facings: int = 8
     upright_sd_rad: float = 0.35
     good_cost: float = 2.3
-    max_finalists: int = 3
     min_distance_m: float = 0.10
     temper: float = 12.0
     clear_confidence: float = 0.98
@@ -56,6 +55,7 @@ class FindOptions:
 # five noisy cameras (`gait15`) are wrong, with these 141.
 CLOUD_STAGES = ((0.20, 0.60), (0.10, 0.30), (0.05, 0.15))
 BLOB_STAGES = ((0.06, 0.25), (0.03, 0.12), (0.02, 0.08))
+MAX_FINALISTS = 3  # of the fits to the cloud, best first, that are fitted to blobs
 STAGE_STEPS = 3  # iterations of each stage, and of a fit to names: the first ones gain most (section 6)
 SETTLED_STEPS = 2  # iterations once exchanges of names are settled
 NAMING_ROUNDS = 2  # of naming: names show how the markers sit on this subject, which sharpens the next round
@@ -168,7 +168,7 @@ def find_subject(
     Raises JobError when the cameras cannot fix a position at all.
     """
     cloud = build_cloud(view, setup.sight)
-    if (cloud.weight > 0).sum() < SUBJECT.min_markers:
+    if (cloud.weight > 0).sum() < POSING.min_markers:
         return None
     prior = _prior_for(hints, setup)
     starts = first_starts(view, cloud, setup, hints)
@@ -191,7 +191,7 @@ def find_subject(
 def _fit_starts(starts: Bodies, cloud: Cloud, view: View, setup: Setup, prior, arms: bool = False) -> Fit:
     """The best of the starts against the cloud, against the blobs."""
     bodies, cost = fit_cloud(starts, cloud, setup, prior, arms)
-    finalists = bodies.pick(_distinct(bodies, cost, setup)[: FINDING.max_finalists])
+    finalists = bodies.pick(_distinct(bodies, cost, setup)[:MAX_FINALISTS])
     return fit_blobs(finalists, view, setup, prior)
 
 
@@ -374,7 +374,7 @@ def _at_once(view: View, expected: Expectation, pixel: float, setup: Setup, fixe
 def settle(view: View, naming: Naming, subject: Subject, state: State, setup: Setup, prior) -> Swaps:
     """Gives neighbours each other's names for as long as that makes a better body; returns the last trial."""
     swaps = try_swaps(view, naming, subject, state, setup, prior)
-    for _ in range(SWAPS.max_exchanges):
+    for _ in range(MAX_EXCHANGES):
         if not len(swaps.loss) or swaps.loss.min() >= 0:
             break
         swap_names(naming, swaps.orders[swaps.loss.argmin()])

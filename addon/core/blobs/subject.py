@@ -14,7 +14,7 @@ from ..geometry.cameras import Cameras
 from ..geometry.views import Sight, View
 from ..papers.virtual_occlusions import cost
 from ..papers.virtual_occlusions.fit import State, fit_body
-from ..papers.virtual_occlusions.labelling import Expectation, Naming, Rules, name_exclusive, name_markers, pixel_noise
+from ..papers.virtual_occlusions.labelling import Expectation, Naming, Rules, name_markers, pixel_noise
 from ..papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion, Occlusion
 from .exchanges import standing_exchanges
 
@@ -25,7 +25,6 @@ TIMED_STAGES = ("place", "fit", "label")
 class SubjectOptions:
     """What is taken for granted of a subject, and what it may be found to be.
 
-    min_markers     physical: that show a body; three points fix where it is, a fourth tells it from its mirror image
     min_marker_sd   measured: heights; a subject's markers are never taken to sit surer than this where the marker set
                     has them. Other labs than the one it was learned from put them elsewhere by a centimetre, as five
                     people of three of them show
@@ -38,10 +37,8 @@ class SubjectOptions:
     reference_rate  paper, 6: frames a second for which movement from frame to frame is stated elsewhere
     min_pace        physical: movement a frame, as a share of that at the reference rate, is never taken to be less:
                     what the prediction misses does not shrink with the time between frames
-    max_pace        physical: nor more; beyond it, below 15 frames a second, limbs go anywhere between two frames
     """
 
-    min_markers: int = 4
     min_marker_sd: float = 0.008
     skin_m: float = 0.006
     max_own: float = 3.0
@@ -49,7 +46,6 @@ class SubjectOptions:
     max_noise_px: float = 3.0
     reference_rate: float = 60.0
     min_pace: float = 0.6
-    max_pace: float = 4.0
 
 
 SUBJECT = SubjectOptions()
@@ -128,7 +124,7 @@ class Setup:
     @property
     def pace(self) -> float:
         """How much farther than at the reference rate the subject moves in a frame."""
-        return float(np.clip(SUBJECT.reference_rate / self.rate, SUBJECT.min_pace, SUBJECT.max_pace))
+        return max(SUBJECT.reference_rate / self.rate, SUBJECT.min_pace)
 
     def visible(self, scale: np.ndarray, posed: Posed) -> np.ndarray:
         """Which markers of posed bodies of scale (B, 3) each camera can see (B, C, M): virtual occlusion."""
@@ -212,7 +208,7 @@ def name(
     `fixed` (C, M) are the blobs that a person named, -1 where nobody did.
     """
     rules = replace(setup.rules, pixel=subject.pixel)
-    return (name_exclusive if step1_only else name_markers)(view, setup.sight, expected, rules, fixed)
+    return name_markers(view, setup.sight, expected, rules, fixed, step1_only)
 
 
 def learn_noise(naming: Naming, subject: Subject, setup: Setup, rate: float) -> Subject:

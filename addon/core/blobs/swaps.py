@@ -23,19 +23,17 @@ class SwapOptions:
     max_unexpected    physical: squared deviations, of three of them, beyond which two blobs that meet are not the
                       marker's: one marker in 135 is farther off. An unnamed blob, or a missing marker, costs as much
     layout_room       physical: how much wider than over the recorded people a new subject's marker layout may vary
-    max_fits          memory: exchanges, those that promise most, that are worth a whole fit
-    max_exchanges     memory: of names in a frame; with more the placement is wrong
     min_gain          measured: squared deviations that an exchange must gain before a track is doubted; with 4 walks in
                       five noisy cameras (`body26`) have 1,230 wrong labels for 992
     """
 
     max_unexpected: float = 12.0
     layout_room: float = 1.25
-    max_fits: int = 10
-    max_exchanges: int = 3
     min_gain: float = 5.0
 
 
+MAX_FITS = 10  # of exchanges, those that promise most
+MAX_EXCHANGES = 3  # of names in a frame; with more the placement is wrong
 SWAP_STEPS = 4  # of a whole fit, from one that is near: Gauss-Newton has settled by then
 SWAPS = SwapOptions()
 
@@ -82,7 +80,7 @@ def try_swaps(view: View, naming: Naming, subject: Subject, state: State, setup:
     orders = _orders(naming, state, setup)
     if not len(orders):
         return Swaps(orders, np.zeros(0))
-    worth = np.argsort(_first_steps(view, naming, subject, state, setup, prior, orders))[: SWAPS.max_fits]
+    worth = np.argsort(_first_steps(view, naming, subject, state, setup, prior, orders))[:MAX_FITS]
     return Swaps(orders[worth], _losses(view, naming, subject, setup, prior, orders[worth]))
 
 

@@ -16,6 +16,7 @@ from ..kernels.structures import made_once
 from ..papers.virtual_occlusions.fit import DAMPING
 from ..papers.virtual_occlusions.labelling import CONDITION, LABEL_STEPS, Expectation, Naming, Rules, naming_of
 from ..papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion
+from ..posing.posing import POSING
 from .subject import SUBJECT, Setup, Subject, expect, learn_noise, learn_own, name, refit
 
 
@@ -245,7 +246,7 @@ def _follower(setup: Setup, options: TrackOptions = TRACKING) -> Follower:
     anchor = anchor_weight(model.joint_count, len(model.modes), setup.pace)
     numbers = {
         "fit_steps": FOLLOWING_STEPS,
-        "min_due": SUBJECT.min_markers,
+        "min_due": POSING.min_markers,
         "min_meetings": setup.rules.min_meetings,
         "behind": NOWHERE,
         "ridge": DAMPING.ridge,
@@ -296,7 +297,7 @@ def advanced(
     change[:, 6:PLACEMENT] = 0
     velocity = (1 - options.velocity_rate) * track.velocity + options.velocity_rate * change
     named = (naming.slot >= 0).any(axis=0).sum()
-    due = max(expected.visible.any(axis=0).sum(), SUBJECT.min_markers)
+    due = max(expected.visible.any(axis=0).sum(), POSING.min_markers)
     poor = bool(named < options.min_named_share * due)
     points = naming.meeting.points
     seen = np.isfinite(points[:, 0])

@@ -22,22 +22,10 @@ from ..review.odd_cameras import CameraCheck
 from .adjusting import adjusted, held
 from .sightings import Sightings
 
-
-@dataclass(frozen=True)
-class RefineOptions:
-    """How much of a take is labelled to refine a calibration.
-
-    parts          measured: of a take, spread over it: a second of each says where cameras are within their noise
-    part_frames    measured: frames of each at most: what a subject is known by after, and little enough to do twice
-    max_rounds     measured: of labelling and adjusting: cameras that were moved get their names in the second
-    """
-
-    parts: int = 12
-    part_frames: int = 40
-    max_rounds: int = 3
-
-
-REFINING = RefineOptions()
+# Of a take so many parts are labelled, spread over it, of so many frames at most: what a subject is known by after, and
+# little enough to do twice. A second of each says where cameras are within their noise.
+PARTS, PART_FRAMES = 12, 40
+MAX_ROUNDS = 3  # of labelling and adjusting: cameras that were moved get their names in the second
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +59,8 @@ class Refinement:
 def parts_of(first: int, last: int) -> list[tuple[int, int]]:
     """The frames of a take from `first` to `last` that are looked at: first and last frame of each part, ascending."""
     count = last - first + 1
-    parts = min(REFINING.parts, count)
-    length = min(REFINING.part_frames, count // parts)
+    parts = min(PARTS, count)
+    length = min(PART_FRAMES, count // parts)
     starts = first + np.linspace(0, count - length, parts).round().astype(int)
     return [(int(start), int(start) + length - 1) for start in starts]
 
@@ -93,14 +81,14 @@ def refine_cameras(
     given, rounds = cameras, 0
     doubts: tuple[str, ...] = ()
     while True:
-        span = (rounds / REFINING.max_rounds, (rounds + 1) / REFINING.max_rounds)
+        span = (rounds / MAX_ROUNDS, (rounds + 1) / MAX_ROUNDS)
         labelled, check = yield from _labelled(parts, given, model, options, span)
         if not rounds:
             _refuse_room(check)
             _refuse_nobody(check, model.markerset.name)
             doubts = tuple(suspect.reason for suspect in check.suspects())
         rounds += 1
-        places, more = check.moved, rounds < REFINING.max_rounds
+        places, more = check.moved, rounds < MAX_ROUNDS
         if places and more:
             given = _with_places(given, places)
             continue

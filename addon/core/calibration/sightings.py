@@ -12,20 +12,8 @@ from ..geometry.cameras import Cameras
 from ..geometry.triangulation import meet_rows
 from ..review.odd_cameras import MIN_RAYS
 
-
-@dataclass(frozen=True)
-class SightingOptions:
-    """Which points are looked at.
-
-    max_points  measured: of a part of the take, what a bundle adjustment carries in seconds
-    cell_m      physical: m, edge of the cubes over which points are spread; a step of somebody who stands about
-    """
-
-    max_points: int = 2500
-    cell_m: float = 0.2
-
-
-SIGHTING = SightingOptions()
+MAX_POINTS = 2500  # of a part of the take, what a bundle adjustment carries in seconds
+CELL_M = 0.2  # edge of the cubes over which points are spread: a step of somebody who stands about
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +70,10 @@ class Sightings:
         return meet_rows(cameras, self.camera, self.image, self.point, self.count)
 
     def spread(self, cameras: Cameras) -> Self:
-        """At most `max_points` of the points, as evenly over space as they allow."""
+        """At most MAX_POINTS of the points, as evenly over space as they allow."""
         points = self.met(cameras)
         sound = np.isfinite(points).all(axis=1)
-        cube = np.floor(np.where(sound[:, None], points, 0) / SIGHTING.cell_m).astype(np.int64)
+        cube = np.floor(np.where(sound[:, None], points, 0) / CELL_M).astype(np.int64)
         _, cell = np.unique(cube, axis=0, return_inverse=True)
         # Shuffled, so that of a cell's points not only those of the first seconds are taken.
         shuffled = np.random.default_rng(0).permutation(self.count)
@@ -95,7 +83,7 @@ class Sightings:
         rank[by_cell] = np.arange(self.count) - np.repeat(np.cumsum(sizes) - sizes, sizes)
         order = np.lexsort((np.arange(self.count)[np.argsort(shuffled)], rank, ~sound))
         chosen = np.zeros(self.count, bool)
-        chosen[order[: SIGHTING.max_points]] = True
+        chosen[order[:MAX_POINTS]] = True
         return self.kept(chosen & sound)
 
     def misses(self, cameras: Cameras) -> np.ndarray:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A range of a take that was labelled again, put into the take: nothing is there twice, and nothing outside is lost."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -65,13 +66,18 @@ def merged(old: LabelledRange, new: LabelledRange) -> LabelledRange:
         if whole and part.first > whole[-1].last + 1:
             whole.append(_nothing(part, whole[-1].last + 1, part.first - 1))
         whole.append(part)
-    edited = any(part.unedited is not None for part in whole)
+    return joined(whole)
+
+
+def joined(parts: Sequence[LabelledRange]) -> LabelledRange:
+    """Ranges that follow each other as one; suspects that touch and say the same become one."""
+    edited = any(part.unedited is not None for part in parts)
     return LabelledRange(
-        _joined_rows([part.rows for part in whole]),
-        Labels.join(_bare(part.labels) for part in whole),
-        Motion(*(np.concatenate([getattr(part.motion, one.name) for part in whole]) for one in fields(Motion))),
-        _joined_suspects([suspect for part in whole for suspect in part.suspects]),
-        Labels.join(_bare(part.own) for part in whole) if edited else None,
+        _joined_rows([part.rows for part in parts]),
+        Labels.join(_bare(part.labels) for part in parts),
+        Motion(*(np.concatenate([getattr(part.motion, one.name) for part in parts]) for one in fields(Motion))),
+        _joined_suspects([suspect for part in parts for suspect in part.suspects]),
+        Labels.join(_bare(part.own) for part in parts) if edited else None,
     )
 
 
@@ -124,6 +130,8 @@ def _nothing(like: LabelledRange, first: int, last: int) -> LabelledRange:
 
 
 def _joined_rows(parts: list) -> Blobs | PointRows:
+    if len(parts) == 1:
+        return parts[0]
     if isinstance(parts[0], Blobs):
         return Blobs.join(parts)
     before = np.cumsum([0, *(len(part.frames) for part in parts)])[:-1]

@@ -3,6 +3,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 SIGMAS = 3.0  # standard deviations beyond which something is no chance: 0.3 % of a normal distribution lie there
 
 
@@ -33,6 +35,10 @@ class MarkerLimits:
     def max_noise_m(self) -> float:
         """How far a reconstructed point is off at most, m."""
         return SIGMAS * self.noise_m
+
+    def reach_m(self, seconds: np.ndarray) -> np.ndarray:
+        """How far from where it leads by its velocity a marker is seen at most after some time, m."""
+        return self.max_noise_m + self.max_push_m_s2 / 2 * seconds**2
 
 
 MARKER_LIMITS = MarkerLimits()

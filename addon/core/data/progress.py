@@ -30,7 +30,7 @@ class Stage:
 
 
 def within(
-    work: Generator[Stage | float | tuple[float, str], None, Result],
+    work: Generator[Progress | Stage | float | tuple[float, str], None, Result],
     first: float,
     last: float,
     note: str = "",
@@ -48,18 +48,10 @@ def within(
             return end.value
         if isinstance(item, Stage):
             (first, last), note, item = spans[item.name], item.note, 0.0
+        if isinstance(item, Progress):
+            item = item.fraction, item.note
         share, doing = item if isinstance(item, tuple) else (item, note)
         yield Progress(first + (last - first) * share, doing)
-
-
-def part_of(work: Generator[Progress, None, Result], first: float, last: float) -> Generator[Progress, None, Result]:
-    """Work that says how far it is, as part of a whole, from `first` to `last` of it; gives its result."""
-    while True:
-        try:
-            step = next(work)
-        except StopIteration as end:
-            return end.value
-        yield Progress(first + (last - first) * step.fraction, step.note)
 
 
 def in_stages(work: Generator, begins: Mapping[str, float]) -> Generator[Progress, None, Any]:

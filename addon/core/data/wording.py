@@ -1,6 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How what many parts tell is put into words."""
 
+from collections.abc import Iterable
+
+LISTED = 8  # names that a sentence lists: more is not read
+
+
+def listed(names: Iterable[str], between: str = ", ") -> str:
+    """Names one after the other, not more than a person reads."""
+    names = list(names)
+    more = len(names) - LISTED
+    some = between.join(names[:LISTED])
+    return f"{some} and {more} more" if more > 0 else some
+
 
 def count_of(number: int, what: str) -> str:
     """A number of things, such as `1 gap`, `2,000 gaps` or `2 trajectories`."""

@@ -16,6 +16,7 @@ from ..data.errors import InputError
 from ..data.lanes import Lanes
 from ..data.markersets import Worn
 from ..data.takes import Blobs, EditOutcome, Labels, Points
+from ..data.wording import listed
 from .kinds import EDIT_KINDS, Accepted, BlobEdit, Edit, Edits, Place, PointEdit, Swap
 from .replay import Edited, Replay
 
@@ -217,7 +218,7 @@ def refuse_unknown(
         for name in edit.names:
             if name not in names:
                 words = f"edit {number} names {name!r}"
-                raise InputError(f"{words}; expected a marker of the model, such as {_some(names)}")
+                raise InputError(f"{words}; expected a marker of the model, such as {listed(names)}")
         if isinstance(edit, Swap) and len({names[name] for name in edit.names}) == 1:
             raise InputError(f"edit {number} swaps a marker with itself; expected two markers")
         if trajectories is not None:
@@ -242,12 +243,7 @@ def _refuse_camera(edit: Edit, number: int, cameras: set[str]):
     if isinstance(edit, PointEdit):
         raise InputError(f"edit {number} is of a point in a take of blobs; expected one with camera, frame, x and y")
     if isinstance(edit, BlobEdit) and edit.camera not in cameras:
-        raise InputError(f"edit {number} is of the camera {edit.camera!r}; expected one of {_some(sorted(cameras))}")
-
-
-def _some(names: Iterable[str]) -> str:
-    """As many of some names as a sentence lists."""
-    return ", ".join(list(names)[:8])
+        raise InputError(f"edit {number} is of the camera {edit.camera!r}; expected one of {listed(sorted(cameras))}")
 
 
 def apply_to_points(labels: Labels, edits: Edits, cells: PointCells) -> AppliedEdits:

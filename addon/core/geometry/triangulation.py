@@ -14,20 +14,19 @@ from .views import VIEWING, Sight, View
 class MeetingOptions:
     """How rays meet.
 
-    max_condition  physical: of the normal equations of rays, beyond which they fix no depth: two that are nearer to
-                   parallel than half a degree
     kept_share     measured: of the points, best first, that the noise of the blobs is taken from: a wrong name or a
                    merged blob is not noise
     trimmed_scale  measured: by what leaving out the rest divides a normal deviation: 1.5 where two rays meet, 1.2 where
                    three do, by the truncated distribution of squares
     """
 
-    max_condition: float = 1e5
     kept_share: float = 0.8
     trimmed_scale: float = 1.35
 
 
 MEETING = MeetingOptions()
+MIN_SINE = 0.02  # of the angle between two rays; below it, one degree, they fix no depth
+MAX_CONDITION = 1e5  # of the equations of rays; two that are nearer to parallel than half a degree fix no depth
 RAY_RIDGE = 1e-12  # of the equations' size, which keeps parallel rays from a division by nought
 
 
@@ -59,7 +58,32 @@ class Rays:
         how long they are; without it the point nearest to all rays comes first.
         """
         parts = self.across, self.anchor, self.centres
-        return Meeting(*meet(slot, depth, *parts, RAY_RIDGE, MEETING.max_condition))
+        return Meeting(*meet(slot, depth, *parts, RAY_RIDGE, MAX_CONDITION))
+
+
+def passing(
+    direction: np.ndarray, origin: np.ndarray, first: np.ndarray, second: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Where pairs of rays pass each other: how far along the first and along the second (N,) m, the gap (3, N) m.
+
+    Rays are direction (B, 3) and origin (B, 3) m, pairs their indices (N,). Also whether that is in front of both, and
+    the angle between them fixes a depth (N,).
+    """
+    # Axis by axis: NumPy is slow to add up three of something.
+    direction, origin = direction.T, origin.T
+    one, two = np.take(direction, first, axis=1), np.take(direction, second, axis=1)
+    between = np.take(origin, second, axis=1) - np.take(origin, first, axis=1)
+    cosine, along_one, along_two = _summed(one * two), _summed(between * one), _summed(between * two)
+    sine2 = 1 - cosine**2
+    floor = np.maximum(sine2, MIN_SINE**2)
+    near, far = (along_one - cosine * along_two) / floor, (cosine * along_one - along_two) / floor
+    fixed = (sine2 > MIN_SINE**2) & (near > VIEWING.min_depth_m) & (far > VIEWING.min_depth_m)
+    return near, far, between + far * two - near * one, fixed
+
+
+def _summed(parts: np.ndarray) -> np.ndarray:
+    """(N,) the sum of the rows of an array (3, N)."""
+    return parts[0] + parts[1] + parts[2]
 
 
 @stands_for(calls.blob_rays)
@@ -135,7 +159,7 @@ def meet_rows(
         size = np.einsum("nii->n", normal)[:, None, None] + RAY_RIDGE
         inverse = np.linalg.inv(normal / size + RAY_RIDGE * np.eye(3))
         found = np.einsum("nij,nj->ni", inverse, right / size[:, 0])
-        found[np.einsum("nii->n", inverse) > MEETING.max_condition] = np.nan
+        found[np.einsum("nii->n", inverse) > MAX_CONDITION] = np.nan
         if not last:
             length = np.linalg.norm(found[point] - centres, axis=1)
             weight = 1 / np.maximum(np.nan_to_num(length, nan=np.inf), VIEWING.min_depth_m) ** 2

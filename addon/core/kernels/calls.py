@@ -5,8 +5,6 @@ Each has the name and the arguments of the NumPy function that it stands for; se
 ValueError where an array has not the shape that the others ask for.
 """
 
-import ctypes
-
 import numpy as np
 
 from .library import compiled
@@ -19,40 +17,30 @@ from .structures import (
     PullArrays,
     SightArrays,
     address,
+    call,
     given,
     indices,
+    keeping,
     made_once,
 )
 
 
 def pose(model, bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stands for `bodies.pose`."""
-    kept, arrays = body_arrays(model, bodies)
-    rotations, joints, markers = _posed_outputs(model, len(bodies))
+    posed = _posed_outputs(model, len(bodies))
     scratch = np.empty(12 * model.joint_count + 3 * model.marker_count)
-    compiled.pose(
-        ctypes.addressof(model_arrays(model)),
-        ctypes.addressof(arrays),
-        *map(address, (rotations, joints, markers, scratch)),
-    )
-    del kept
-    return rotations, joints, markers
+    call(compiled.pose, model_arrays(model), body_arrays(model, bodies), *posed, scratch)
+    return posed
 
 
 def derivatives(model, bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Stands for `bodies.derivatives`."""
-    kept, arrays = body_arrays(model, bodies)
-    rotations, joints, markers = _posed_outputs(model, len(bodies))
+    posed = _posed_outputs(model, len(bodies))
     columns = np.empty((len(bodies), model.marker_count, 3, model.parameters))
     joint_count, width = model.joint_count, 3 + len(model.modes)
     scratch = np.empty(21 * joint_count + 3 * model.marker_count + 3 * (joint_count + 1) * width)
-    compiled.derivatives(
-        ctypes.addressof(model_arrays(model)),
-        ctypes.addressof(arrays),
-        *map(address, (rotations, joints, markers, columns, scratch)),
-    )
-    del kept
-    return rotations, joints, markers, columns
+    call(compiled.derivatives, model_arrays(model), body_arrays(model, bodies), *posed, columns, scratch)
+    return *posed, columns
 
 
 def model_arrays(model) -> ModelArrays:
@@ -72,13 +60,11 @@ def _model_arrays(model) -> ModelArrays:
         given(model.modes, (len(model.modes), parts, 3)),
         carries,
     )
-    arrays = ModelArrays(model.joint_count, model.marker_count, len(model.modes), *map(address, kept))
-    arrays.kept = kept  # as long as the library looks at them
-    return arrays
+    return keeping(ModelArrays(model.joint_count, model.marker_count, len(model.modes), *map(address, kept)), kept)
 
 
-def body_arrays(model, bodies) -> tuple[tuple[np.ndarray, ...], BodyArrays]:
-    """Bodies as the library takes them, and the arrays that must outlive the call."""
+def body_arrays(model, bodies) -> BodyArrays:
+    """Bodies as the library takes them."""
     count = len(bodies)
     kept = (
         given(bodies.translation, (count, 3)),
@@ -88,7 +74,7 @@ def body_arrays(model, bodies) -> tuple[tuple[np.ndarray, ...], BodyArrays]:
         given(bodies.shape, (count, len(model.modes))),
         given(bodies.own, (count, model.marker_count, 3)),
     )
-    return kept, BodyArrays(count, *map(address, kept))
+    return keeping(BodyArrays(count, *map(address, kept)), kept)
 
 
 def sight_arrays(sight) -> SightArrays:
@@ -98,9 +84,7 @@ def sight_arrays(sight) -> SightArrays:
 
 def _sight_arrays(sight) -> SightArrays:
     kept = given(sight.rotation, (sight.count, 3, 3)), given(sight.translation[:, 0], (sight.count, 3))
-    arrays = SightArrays(sight.count, *map(address, kept), sight.min_depth)
-    arrays.kept = kept
-    return arrays
+    return keeping(SightArrays(sight.count, *map(address, kept), sight.min_depth), kept)
 
 
 RAY_PULL, BLOB_PULL, CLOUD_PULL, POINT_PULL = range(4)
@@ -108,34 +92,31 @@ RAY_PULL, BLOB_PULL, CLOUD_PULL, POINT_PULL = range(4)
 
 def ray_pull(markers, image, deviation, sight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stands for `cost.ray_pull`."""
-    return _pull(markers, sight, *ray_arrays(len(markers), markers.shape[1], image, deviation, sight))
+    return _pull(markers, sight, ray_arrays(len(markers), markers.shape[1], image, deviation, sight))
 
 
 def blob_pull(markers, visible, view, sight, softness, reach) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stands for `cost.blob_pull`."""
-    return _pull(markers, sight, *blob_arrays(len(markers), markers.shape[1], visible, view, sight, softness, reach))
+    return _pull(markers, sight, blob_arrays(len(markers), markers.shape[1], visible, view, sight, softness, reach))
 
 
 def cloud_pull(markers, points, weight, softness, reach) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stands for `cost.cloud_pull`."""
-    return _pull(markers, None, *cloud_arrays(points, weight, softness, reach))
+    return _pull(markers, None, cloud_arrays(points, weight, softness, reach))
 
 
 def point_pull(markers, points, noise, reach) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Stands for `cost.point_pull`."""
-    return _pull(markers, None, *point_arrays(len(markers), markers.shape[1], points, noise, reach))
+    return _pull(markers, None, point_arrays(len(markers), markers.shape[1], points, noise, reach))
 
 
-def _pull(markers, sight, kept, arrays) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _pull(markers, sight, arrays) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     count = markers.shape[1]
     markers = given(markers, (len(markers), count, 3))
     cost, gradient, hessian = np.empty(len(markers)), np.empty(markers.shape), np.empty((*markers.shape, 3))
     scratch = np.empty(_pull_scratch(count, arrays))
-    compiled.pull(
-        ctypes.addressof(arrays), sight and ctypes.addressof(sight_arrays(sight)), len(markers), count,
-        address(markers), address(cost), address(gradient), address(hessian), address(scratch),
-    )  # fmt: skip
-    del kept
+    looking = sight and sight_arrays(sight)
+    call(compiled.pull, arrays, looking, len(markers), count, markers, cost, gradient, hessian, scratch)
     return cost, gradient, hessian
 
 
@@ -143,17 +124,17 @@ def _pull_scratch(markers: int, arrays: PullArrays) -> int:
     return (markers + 1) * (arrays.size + 1) + 9 * markers
 
 
-def ray_arrays(bodies: int, markers: int, image, deviation, sight) -> tuple[tuple, PullArrays]:
-    """A `RayPull` as the library takes it, and the arrays that must outlive the call."""
+def ray_arrays(bodies: int, markers: int, image, deviation, sight) -> PullArrays:
+    """A `RayPull` as the library takes it."""
     sets = len(image)
     if sets not in (1, bodies):
         raise ValueError(f"{sets} sets of names for {bodies} bodies; expected one, or one each")
     kept = given(image, (sets, sight.count, markers, 2)), given(deviation, (sets, sight.count, markers))
-    return kept, PullArrays(RAY_PULL, sets, 0, address(kept[0]), address(kept[1]), None, None, 0, 0)
+    return keeping(PullArrays(RAY_PULL, sets, 0, address(kept[0]), address(kept[1]), None, None, 0, 0), kept)
 
 
-def blob_arrays(bodies: int, markers: int, visible, view, sight, softness, reach) -> tuple[tuple, PullArrays]:
-    """A `BlobPull` as the library takes it, as above."""
+def blob_arrays(bodies: int, markers: int, visible, view, sight, softness, reach) -> PullArrays:
+    """A `BlobPull` as the library takes it."""
     shape = (sight.count, view.real.shape[1])
     kept = (
         given(view.image, (*shape, 2)),
@@ -161,57 +142,51 @@ def blob_arrays(bodies: int, markers: int, visible, view, sight, softness, reach
         given(visible, (bodies, sight.count, markers), FLAG),
     )
     image, real, seen = map(address, kept)
-    return kept, PullArrays(BLOB_PULL, 1, shape[1], image, None, real, seen, softness, reach)
+    return keeping(PullArrays(BLOB_PULL, 1, shape[1], image, None, real, seen, softness, reach), kept)
 
 
-def cloud_arrays(points, weight, softness, reach) -> tuple[tuple, PullArrays]:
-    """A `CloudPull` as the library takes it, as above."""
+def cloud_arrays(points, weight, softness, reach) -> PullArrays:
+    """A `CloudPull` as the library takes it."""
     kept = given(points, (len(points), 3)), given(weight, (len(points),))
-    return kept, PullArrays(CLOUD_PULL, 1, len(points), address(kept[0]), address(kept[1]), None, None, softness, reach)
+    places, weights = map(address, kept)
+    return keeping(PullArrays(CLOUD_PULL, 1, len(points), places, weights, None, None, softness, reach), kept)
 
 
-def point_arrays(bodies: int, markers: int, points, noise, reach) -> tuple[tuple, PullArrays]:
-    """A `PointPull` as the library takes it, as above."""
+def point_arrays(bodies: int, markers: int, points, noise, reach) -> PullArrays:
+    """A `PointPull` as the library takes it."""
     kept = (given(points, (bodies, markers, 3)),)
-    return kept, PullArrays(POINT_PULL, bodies, 0, address(kept[0]), None, None, None, noise, reach)
+    return keeping(PullArrays(POINT_PULL, bodies, 0, address(kept[0]), None, None, None, noise, reach), kept)
 
 
 def fit_body(model, start, pull, steps: int, prior, width: int, damping) -> tuple | None:
     """Stands for `fit.descend`: rows of bodies and the arrays of `State`, the trace; None where NumPy has to do it."""
-    kept, arrays = pull.compiled(len(start), model.marker_count)
+    arrays = pull.compiled(len(start), model.marker_count)
     count, markers = len(start), model.marker_count
     rows, own = _rows_of(model, start)
-    prior_kept, known = prior.compiled(model)
     gradient, normal = np.empty((count, width)), np.empty((count, width, width))
-    rotations, joint, marker = _posed_outputs(model, count)
+    posed = _posed_outputs(model, count)
     columns, trace = np.empty((count, markers, 3, width)), np.empty((steps + 1, count))
     scratch = np.empty(fit_scratch(model, width, arrays))
-    sight, damped = getattr(pull, "sight", None), DampingArrays(*damping)
-    fine = compiled.fit_body(
-        ctypes.addressof(model_arrays(model)), sight and ctypes.addressof(sight_arrays(sight)),
-        ctypes.addressof(arrays), ctypes.addressof(known), ctypes.addressof(damped), count, width, steps,
-        address(rows), address(own), address(gradient), address(normal), address(rotations),
-        address(joint), address(marker), address(columns), address(trace), address(scratch),
+    sight = getattr(pull, "sight", None)
+    fine = call(
+        compiled.fit_body, model_arrays(model), sight and sight_arrays(sight), arrays, prior.compiled(model),
+        DampingArrays(*damping), count, width, steps, rows, own, gradient, normal, *posed, columns, trace, scratch,
     )  # fmt: skip
-    del kept, prior_kept
-    return (rows, gradient, normal, rotations, joint, marker, columns, trace) if fine else None
+    return (rows, gradient, normal, *posed, columns, trace) if fine else None
 
 
 def fit_until_still(
     model, start, pull, steps: int, at_once: int, still: float, prior, width: int, damping
 ) -> np.ndarray | None:
     """Stands for `fit.fit_until_still`: rows of bodies; None where NumPy has to do it."""
-    kept, arrays = pull.compiled(len(start), model.marker_count)
+    arrays = pull.compiled(len(start), model.marker_count)
     rows, own = _rows_of(model, start)
-    prior_kept, known = prior.compiled(model)
     scratch = np.empty(still_scratch(model, width, at_once, arrays))
-    sight, damped = getattr(pull, "sight", None), DampingArrays(*damping)
-    fine = compiled.fit_until_still(
-        ctypes.addressof(model_arrays(model)), sight and ctypes.addressof(sight_arrays(sight)),
-        ctypes.addressof(arrays), ctypes.addressof(known), ctypes.addressof(damped), len(rows), width, steps,
-        at_once, still, *map(address, (rows, own, scratch)),
+    sight = getattr(pull, "sight", None)
+    fine = call(
+        compiled.fit_until_still, model_arrays(model), sight and sight_arrays(sight), arrays, prior.compiled(model),
+        DampingArrays(*damping), len(rows), width, steps, at_once, still, rows, own, scratch,
     )  # fmt: skip
-    del kept, prior_kept
     return rows if fine else None
 
 
@@ -247,7 +222,7 @@ def _step_length(model, width: int) -> int:
     return row_length(model) + width * (width + 1) + 12 * joints + 3 * markers + 3 * markers * width
 
 
-def prior_arrays(prior, model, predicted=None, weight=None, hessian=None) -> tuple[tuple, PriorArrays]:
+def prior_arrays(prior, model, predicted=None, weight=None, hessian=None) -> PriorArrays:
     """A prior as the library takes it, with the row of the predicted body, if any, and what holds to it.
 
     `hessian` is another than its own.
@@ -262,7 +237,7 @@ def prior_arrays(prior, model, predicted=None, weight=None, hessian=None) -> tup
     if predicted is not None:
         kept += [given(predicted, (row_length(model),)), given(weight, (model.parameters,))]
     addresses = [*map(address, kept)] + [None] * (6 - len(kept))
-    return tuple(kept), PriorArrays(prior.strength, prior.height, prior.upright, *addresses)
+    return keeping(PriorArrays(prior.strength, prior.height, prior.upright, *addresses), kept)
 
 
 def covariance(normal, columns, ridge) -> np.ndarray | None:
@@ -270,9 +245,7 @@ def covariance(normal, columns, ridge) -> np.ndarray | None:
     bodies, markers, _, width = columns.shape
     normal, columns = given(normal, (bodies, width, width)), given(columns, (bodies, markers, 3, width))
     spread, scratch = np.empty((bodies, markers, 3, 3)), np.empty(width * (width + 3 * markers))
-    fine = compiled.covariance(
-        bodies, markers, width, address(normal), address(columns), ridge, address(spread), address(scratch)
-    )
+    fine = call(compiled.covariance, bodies, markers, width, normal, columns, ridge, spread, scratch)
     return spread if fine else None
 
 
@@ -283,10 +256,8 @@ def capsules_hide(start, axis, radius, markers, centres, standoff, min_side_shar
     radius, markers = given(radius, (bodies, capsules)), given(markers, (bodies, count, 3))
     centres, standoff = given(centres, (cameras, 3)), given(standoff, (bodies,))
     hidden = np.empty((bodies, cameras, count), bool)
-    compiled.capsules_hide(
-        bodies, capsules, count, cameras, address(start), address(axis), address(radius),
-        address(markers), address(centres), address(standoff), min_side_share, address(hidden),
-    )  # fmt: skip
+    given_parts = start, axis, radius, markers, centres, standoff
+    call(compiled.capsules_hide, bodies, capsules, count, cameras, *given_parts, min_side_share, hidden)
     return hidden
 
 
@@ -297,10 +268,7 @@ def blob_rays(image, rotation, centres) -> tuple[np.ndarray, np.ndarray, np.ndar
     centres = given(centres, (cameras, 3))
     direction, across = np.empty((cameras, blobs, 3)), np.empty((cameras, blobs, 3, 3))
     anchor = np.empty((cameras, blobs, 3))
-    compiled.blob_rays(
-        cameras, blobs, address(image), address(rotation), address(centres), address(direction),
-        address(across), address(anchor),
-    )  # fmt: skip
+    call(compiled.blob_rays, cameras, blobs, image, rotation, centres, direction, across, anchor)
     return direction, across, anchor
 
 
@@ -313,11 +281,8 @@ def meet(slot, depth, across, anchor, centres, ridge, max_condition) -> tuple[np
     centres = given(centres, (cameras, 3))
     points, residual, miss = np.empty((count, 3)), np.empty(count), np.empty((cameras, count))
     scratch = np.empty(cameras)
-    compiled.meet(
-        cameras, blobs, count, address(slot), address(depth), address(across),
-        address(anchor), address(centres), ridge, max_condition, address(points), address(residual),
-        address(miss), address(scratch),
-    )  # fmt: skip
+    rays, made = (slot, depth, across, anchor, centres), (points, residual, miss)
+    call(compiled.meet, cameras, blobs, count, *rays, ridge, max_condition, *made, scratch)
     return points, residual, miss
 
 
@@ -326,7 +291,7 @@ def straightened(image, lens, reach, *steps) -> np.ndarray:
     count = len(image)
     image, lens, reach = given(image, (count, 2)), given(lens, (count, 5)), given(reach, (count,))
     found = np.empty((count, 2))
-    compiled.straightened(count, *map(address, (image, lens, reach)), *steps, address(found))
+    call(compiled.straightened, count, image, lens, reach, *steps, found)
     return found
 
 

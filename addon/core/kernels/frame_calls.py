@@ -23,6 +23,7 @@ from .structures import (
     PullArrays,
     RuleArrays,
     address,
+    call,
     given,
     indices,
 )
@@ -152,7 +153,7 @@ def label_confidences(naming, options) -> np.ndarray:
     heads = {"sight": ctypes.addressof(sight_arrays(frame.sight)), "rules": ctypes.addressof(rule)}
     arrays = FrameArrays(cameras, count, blobs, behind=frame.sight.nowhere, **heads, **places)
     sure = np.empty(shape)
-    compiled.label_confidences(ctypes.addressof(arrays), options.hidden, options.shadowed, address(sure))
+    call(compiled.label_confidences, arrays, options.hidden, options.shadowed, sure)
     return sure
 
 
@@ -168,8 +169,7 @@ def link_blobs(before, view, speed, depth, reaches, clear) -> tuple[np.ndarray, 
         given(depth, (cameras,)),
     )
     link, ahead, there = np.empty((cameras, blobs), INDEX), np.empty((cameras, blobs, 2)), np.empty(2 * earlier)
-    places = tuple(map(address, (*kept, link, ahead, there)))
-    compiled.link_blobs(cameras, earlier, blobs, *places[:6], *reaches, *clear, *places[6:])
+    call(compiled.link_blobs, cameras, earlier, blobs, *kept, *reaches, *clear, link, ahead, there)
     return link, ahead
 
 
@@ -195,7 +195,7 @@ class Follower:
         segment, *body = capsules or (np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
         count, shapes = len(segment), ((-1, 3), (-1, 3), (-1,))
         self.sees = count > 0
-        prior_kept, known = prior.compiled(model)
+        known = prior.compiled(model)
         kept = (
             indices(segment, (count,), model.joint_count, lowest=0),
             *(given(part, (count, *shape[1:])) for part, shape in zip(body, shapes, strict=True)),
@@ -211,7 +211,7 @@ class Follower:
         places = dict(zip(names, map(address, kept), strict=True))
         heads = dict(zip(("model", "sight", "prior", "damping", "rules"), map(ctypes.addressof, parts), strict=True))
         self.arrays = FollowingArrays(capsules=count, **heads, **places, **numbers)
-        self.kept = kept, prior_kept, parts  # as long as the library looks at them
+        self.kept = kept, parts  # as long as the library looks at them
         self.nobody = np.full(self.shape, -1)
         self.steps = steps
         joints, markers, width, pairs = model.joint_count, model.marker_count, model.parameters, prod(self.shape)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The same of naming points by likelihood: see `calls`."""
 
-import ctypes
 import math
 
 import numpy as np
@@ -15,8 +14,10 @@ from .structures import (
     GaussianArrays,
     LikenessArrays,
     address,
+    call,
     given,
     indices,
+    keeping,
     made_once,
 )
 
@@ -37,10 +38,7 @@ def softly(model, points, present, ghost, latent, schedule) -> tuple[np.ndarray,
     )
     share, fitness = np.empty((count, markers, width)), np.empty(count)
     scratch = np.empty(size * size + markers * (width + 4) + 5 * width)
-    done = compiled.softly(
-        ctypes.addressof(gaussian_arrays(model)), count, width, len(schedule),
-        *map(address, (*kept, share, fitness, scratch)),
-    )  # fmt: skip
+    done = call(compiled.softly, gaussian_arrays(model), count, width, len(schedule), *kept, share, fitness, scratch)
     if not done:
         raise np.linalg.LinAlgError("the precision of a guess is not positive definite")
     return points, latent, share, fitness
@@ -74,10 +72,8 @@ def _settled(model, constraints, points, naming, worth, halves) -> tuple[np.ndar
     worth, score, size = given(worth, (count,)), np.empty(count), np.empty(count)
     latent, said = model.size, constraint_arrays(constraints, markers)
     scratch = np.empty(latent * latent + latent + said.count + 3 * markers * (latent + 2))
-    done = compiled.settled(
-        ctypes.addressof(gaussian_arrays(model)), ctypes.addressof(said), count,
-        width, *map(address, (points, naming, worth, score, size, *halves, scratch)),
-    )  # fmt: skip
+    made = score, size, *halves, scratch
+    done = call(compiled.settled, gaussian_arrays(model), said, count, width, points, naming, worth, *made)
     if not done:
         raise np.linalg.LinAlgError("the precision of a naming is not positive definite")
     return points, score, size
@@ -109,10 +105,9 @@ def _neighbours(model, constraints, settled, reach, move, swap) -> np.ndarray:
     )
     odds = np.empty((count, markers, width))
     scratch = np.empty(width * width + markers * width + 18 * markers)
-    compiled.neighbours(
-        ctypes.addressof(gaussian_arrays(model)), ctypes.addressof(constraint_arrays(constraints, markers)), count,
-        width, *map(address, kept), reach, *map(address, (odds, move, swap, scratch)),
-    )  # fmt: skip
+    said = constraint_arrays(constraints, markers)
+    made = odds, move, swap, scratch
+    call(compiled.neighbours, gaussian_arrays(model), said, count, width, *kept, reach, *made)
     return odds
 
 
@@ -125,9 +120,7 @@ def of_frames(frame, xyz, placed, own, near, mean, variance, asked, options) -> 
     mean, variance, asked = given(mean, each), given(variance, each), given(asked, (count, markers), FLAG)
     how = _likeness_arrays(near, mean, variance, options)
     odds, scratch = np.empty((count, markers)), np.empty(markers * (each[1] + 8))
-    compiled.of_frames(
-        ctypes.addressof(how), count, samples, markers, *map(address, (frame, xyz, placed, own, asked, odds, scratch))
-    )
+    call(compiled.of_frames, how, count, samples, markers, frame, xyz, placed, own, asked, odds, scratch)
     return odds
 
 
@@ -140,10 +133,8 @@ def of_ends(frame, then, gap, xyz, placed, own, near, within, rate: float, optio
     xyz, placed = given(xyz, (count, 3), SINGLE), given(placed, (frames, markers, 3), SINGLE)
     how = _likeness_arrays(near, None, within, options)
     odds, scratch = np.empty((count, markers)), np.empty(2 * each[1] + 7 * markers)
-    compiled.of_ends(
-        ctypes.addressof(how), count, markers, options.change_s * rate, options.link_sd_m**2,
-        *map(address, (frame, then, gap, xyz, placed, own, odds, scratch)),
-    )  # fmt: skip
+    parts = frame, then, gap, xyz, placed, own, odds, scratch
+    call(compiled.of_ends, how, count, markers, options.change_s * rate, options.link_sd_m**2, *parts)
     return odds
 
 
@@ -160,7 +151,7 @@ def distance_sums(points) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     frames, markers = points.shape[:2]
     points, scratch = given(points, (frames, markers, 3)), np.empty(3 * markers)
     sums = np.empty((3, markers, markers))
-    compiled.distance_sums(frames, markers, *map(address, (points, *sums, scratch)))
+    call(compiled.distance_sums, frames, markers, points, *sums, scratch)
     return tuple(sums)
 
 
@@ -169,7 +160,7 @@ def median_volumes(place, quads) -> np.ndarray:
     (things, _, frames), count = place.shape, len(quads)
     place, quads = given(place, (things, 3, frames)), indices(quads, (count, 4), things, lowest=0)
     medians, scratch = np.empty(count), np.empty(frames)
-    compiled.median_volumes(count, frames, *map(address, (place, quads, medians, scratch)))
+    call(compiled.median_volumes, count, frames, place, quads, medians, scratch)
     return medians
 
 
@@ -187,9 +178,7 @@ def _gaussian_arrays(model) -> GaussianArrays:
         given(np.moveaxis(model.columns, 2, 0), (size, markers, 3)),
         given(model.products, (markers, size * size)),
     )
-    arrays = GaussianArrays(markers, size, *map(address, kept), model.yaw_sd)
-    arrays.kept = kept  # as long as the library looks at them
-    return arrays
+    return keeping(GaussianArrays(markers, size, *map(address, kept), model.yaw_sd), kept)
 
 
 NO_CONSTRAINTS = ConstraintArrays(size_sd=1.0)
@@ -216,5 +205,5 @@ def _constraint_arrays(constraints, markers: int) -> ConstraintArrays:
         given(constraints.joined(markers), (markers, markers), INDEX),
     )
     arrays = ConstraintArrays(count, *map(address, kept), constraints.size_sd, *constraints.limits)
-    arrays.kept, arrays.markers = kept, markers
-    return arrays
+    arrays.markers = markers
+    return keeping(arrays, kept)

@@ -182,6 +182,12 @@ def made_once(owner: object, make: Callable[[], Made]) -> Made:
     return structure
 
 
+def keeping(structure: Made, kept: object) -> Made:
+    """The structure, which keeps the arrays that it has the addresses of for as long as it is there itself."""
+    structure.kept = kept
+    return structure
+
+
 def given(array: np.ndarray, shape: tuple[int, ...], kind: np.dtype = REAL) -> np.ndarray:
     """An array as the library takes it, of a kind and as it lies in memory; ValueError where it has another shape."""
     array = np.ascontiguousarray(array, kind)
@@ -196,6 +202,17 @@ def indices(array: np.ndarray, shape: tuple[int, ...], count: int, lowest: int) 
     if array.size and not lowest <= array.min() <= array.max() < count:
         raise ValueError(f"indices lie from {array.min()} to {array.max()}; expected {lowest} to {count - 1}")
     return array
+
+
+def call(function: Callable, *arguments: object) -> Any:
+    """What a function of the library answers; it is given the addresses of arrays and structures, and numbers."""
+    return function(*map(_as_given, arguments))
+
+
+def _as_given(argument: Any) -> Any:
+    if isinstance(argument, np.ndarray):
+        return address(argument)
+    return ctypes.addressof(argument) if isinstance(argument, ctypes.Structure) else argument
 
 
 @overload

@@ -27,9 +27,9 @@ from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again, put_places
 from ..papers.virtual_occlusions.occlusion import Occlusion
 from ..points.models import Model
-from ..points.naming import chosen_method, plain_method
+from ..points.naming import plain_method
 from ..points.several.motion import with_bodies_of
-from ..points.whole_take.pipeline import USUAL_TARGET
+from ..points.whole_take.pipeline import USUAL_TARGET, PointOptions
 from ..review.answering import heard_in, unanswered_of_blobs, without_accepted
 from .through_points import label_through_points
 
@@ -38,16 +38,16 @@ from .through_points import label_through_points
 class BlobOptions:
     """How blobs are named.
 
-    method     one of `naming.METHODS`
     rate       frames a second
+    method     one of `naming.METHODS`
     target     of labels through points: the part that must be right; what is less sure is left unnamed
     hints      what the user may say about the take, for the fitted body
     occlusion  the body in the way; None for the marker set's capsules
     edits      what a person said of the labels; those that `edits.applying.refuse_unknown` lets pass
     """
 
+    rate: float
     method: str = "auto"
-    rate: float = 100.0
     target: float = USUAL_TARGET
     hints: Options = field(default_factory=Options)
     occlusion: Occlusion | None = None
@@ -82,13 +82,12 @@ def label_blobs(
 
 def _labelled(chunks: Iterable[Blobs], cameras: Cameras, model: Model, options: BlobOptions) -> Iterator[LabelledChunk]:
     """The same with the edits as constraints only."""
-    method = chosen_method(model, blob_method(options))
+    method = blob_method(options)
     if method == "fit":
         given = options.rate, options.hints, options.occlusion, options.edits
         return label_take(chunks, cameras, model.markerset, *given)
-    return label_through_points(
-        chunks, cameras, model, method, options.rate, options.hints, options.target, edits=options.edits
-    )
+    named = PointOptions(method, options.target, force=True)  # the cameras say what cannot be
+    return label_through_points(chunks, cameras, model, options.rate, named, options.edits)
 
 
 def with_edits(

@@ -7,7 +7,7 @@ body says which of the points' names are right, and held by these it names what 
 else's points beside markers that it lacks: one may be its own, if it is nearer to where it has that.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -21,9 +21,6 @@ from ..papers.virtual_occlusions.labelling import Rules
 from ..papers.virtual_occlusions.occlusion import Occlusion
 from ..points.several.props import is_prop
 from ..points.several.wearers import SetsWorn
-
-# (F, C, M) True where somebody else's body hides markers (F, M, 3) m of a subject, by its number.
-HiddenByOthers = Callable[[int, np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -57,8 +54,8 @@ class _Said:
 class FollowedSubject:
     """One subject of a take, whose markers are from `first` on, with its body by itself and its body held by names."""
 
-    def __init__(self, number: int, first: int, setup: Setup):
-        self.number, self.first, self.size, self.setup = number, first, setup.model.marker_count, setup
+    def __init__(self, first: int, setup: Setup):
+        self.first, self.size, self.setup = first, setup.model.marker_count, setup
         self.free, self.held = (TakeLabeller(setup, Options()) for _ in range(2))
         self.heard = True
 
@@ -117,17 +114,16 @@ class FollowedSubjects:
     def of(cls, worn: SetsWorn, cameras: Cameras, rate: float, bodies: Sequence[Occlusion]) -> Self:
         """Nobody followed yet; `bodies` are what is in the way, a volume for each subject."""
         found = []
-        for number, (one, first, body) in enumerate(zip(worn.subjects, worn.firsts, bodies, strict=True)):
+        for one, first, body in zip(worn.subjects, worn.firsts, bodies, strict=True):
             if not is_prop(one.model):
                 setup = Setup.of(cameras, one.model.markerset, body, rate=rate)
-                found.append(FollowedSubject(number, first, setup))
+                found.append(FollowedSubject(first, setup))
         return cls(tuple(found), len(worn))
 
-    def read(self, blobs: Blobs, labels: Labels, hidden: HiddenByOthers) -> Labels:
+    def read(self, blobs: Blobs, labels: Labels) -> Labels:
         """The labels (N,) of the next chunk's blobs by points, without those that bodies deny, and with what they add.
 
-        A blob that two bodies claim is nobody's. A marker that one camera alone has seen is not named where somebody
-        else hides it.
+        A blob that two bodies claim is nobody's.
         """
         if not self.subjects:
             return labels
@@ -143,7 +139,7 @@ class FollowedSubjects:
         whole = agreed
         for one in said:
             whole = whole.replaced(one.labels.named & (claims == 1), one.labels)
-        return whole.kept(~self._unseen(blobs, agreed, whole, said, hidden))
+        return whole
 
     def _contested(self, blobs: Blobs, agreed: Labels, alone: Sequence[_Said]) -> np.ndarray:
         """(N,) True for the names of points that a marker of somebody else's body is nearer to than their own body's.
@@ -177,22 +173,3 @@ class FollowedSubjects:
                 close = (away < Rules.max_distance_m).any(axis=2)
                 near[:, other.first : other.first + other.size] = close
         return agreed.named & near[blobs.frame, np.maximum(agreed.marker, 0)]
-
-    def _rays(self, blobs: Blobs, labels: Labels) -> np.ndarray:
-        """(N,) how many blobs of its frame have the same name as each."""
-        sample = blobs.frame * self.markers + np.maximum(labels.marker, 0)
-        count = np.bincount(sample[labels.named], minlength=len(blobs.frames) * self.markers)
-        return np.where(labels.named, count[sample], 0)
-
-    def _unseen(
-        self, blobs: Blobs, agreed: Labels, whole: Labels, said: Sequence[_Said], hidden: HiddenByOthers
-    ) -> np.ndarray:
-        """(N,) True for new names of markers that no other camera sees, and that somebody else hides from this one."""
-        found = np.zeros(len(blobs), bool)
-        lone = whole.named & ~agreed.named & (self._rays(blobs, whole) == 1)
-        for subject, one in zip(self.subjects, said, strict=True):
-            rows = np.flatnonzero(lone & subject.owns(whole))
-            if len(rows):
-                by_others = hidden(subject.number, one.motion.expected)
-                found[rows] = by_others[blobs.frame[rows], blobs.camera[rows], whole.marker[rows] - subject.first]
-        return found

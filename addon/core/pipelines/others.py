@@ -11,27 +11,28 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..blobs.subject import SUBJECT
 from ..data.takes import Blobs, LabelledChunk, evenly_spread, rows_in_frame
 from ..geometry.cameras import Cameras
 from ..geometry.views import Sight, split_views
 from ..points.models import Model
 from ..points.naming import chosen_method, namer_of
-from ..points.refusals import REFUSAL, SubjectsError, UnsuitedError, is_crowd, refuse_others
+from ..points.refusals import REFUSAL, SubjectsError, UnsuitedError, is_crowd, refuse_others, refuse_two_groups
 from ..reconstruction.matching import Circumstances, Expected, FrameMatcher
 from ..reconstruction.trajectories import RECONSTRUCTION
+
+FIRST = 4  # frames of a take's beginning, whose points are counted before any is named, in 0.1 s
+FRAMES = 12  # that are looked at, spread over the take
 
 
 @dataclass(frozen=True)
 class SeekingOptions:
-    """Where a take may show two. Reckoned.
+    """Where a take may show two.
 
-    first   of its beginning, whose points are counted before any is named; as measured, 0.1 s
-    frames  that are looked at, spread over the take
-    left    blobs without a name in a frame, as a share of those with one, that may be somebody else's
+    left  physical: blobs without a name in a frame, as a share of those with one, that may be somebody else's: two have
+          as many, and one of them hides half of the other's
     """
 
-    first: int = 4
-    frames: int = 12
     left: float = 0.5
 
 
@@ -45,7 +46,7 @@ def refuse_two(read: Callable[[], Iterable[Blobs]], cameras: Cameras, model: Mod
     """
     begun, whole = OtherSubjects(cameras, model), OtherSubjects(cameras, model)
     begun.add(next(iter(read())))
-    if is_crowd(begun.some_points(SEEKING.first), model):
+    if is_crowd(begun.some_points(FIRST), model):
         for blobs in read():
             whole.add(blobs)
         whole.refuse()
@@ -73,17 +74,20 @@ class OtherSubjects:
             self.kept.append(one)
             self.residual.append(np.atleast_1d(residual[index]))
         self.frames += count
-        while len(self.kept) > 2 * SEEKING.frames:
+        while len(self.kept) > 2 * FRAMES:
             self.kept, self.residual, self.stride = self.kept[::2], self.residual[::2], 2 * self.stride
 
     def refuse(self):
         """Raises JobError where the take shows two subjects or more, and says how to ask for both."""
         crowded = sum(one is not None for one in self.kept)
-        if not crowded or crowded < REFUSAL.min_often * len(self.kept):
+        if not crowded or crowded < REFUSAL.min_half * len(self.kept):
             return
-        namer = namer_of(self.model, chosen_method(self.model, "auto"), None)
+        points = self.some_points(FRAMES)
+        if not self.model.has_learned:
+            refuse_two_groups(self.model, points)
+            return
         try:
-            refuse_others(self.model, namer, self.some_points(SEEKING.frames))
+            refuse_others(self.model, namer_of(self.model, chosen_method(self.model, "auto")), points)
         except SubjectsError:
             raise
         except UnsuitedError:
@@ -106,7 +110,7 @@ class OtherSubjects:
         """What the capture is like, by how far the rays of named blobs miss where they meet."""
         residual = np.concatenate(self.residual)
         residual = residual[np.isfinite(residual)]
-        pixel = float(np.median(residual)) if len(residual) else RECONSTRUCTION.tried_px[0]
-        pixel = float(np.clip(pixel, RECONSTRUCTION.tried_px[0], RECONSTRUCTION.max_px))
+        pixel = float(np.median(residual)) if len(residual) else SUBJECT.min_noise_px
+        pixel = float(np.clip(pixel, SUBJECT.min_noise_px, SUBJECT.max_noise_px))
         ghosts = np.full(len(self.cameras), RECONSTRUCTION.first_ghosts)
         return Circumstances(pixel, RECONSTRUCTION.first_seen, ghosts)

@@ -13,12 +13,9 @@ from time import perf_counter
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..data.errors import JobError
-from ..data.lanes import Lanes
 from ..data.markersets import MarkerSet
-from ..data.progress import Progress, part_of
-from ..data.room import IN_MEMORY, MakeTable
-from ..data.takes import Blobs, LabelledChunk, Labels, Motion, Points, Suspect, touched_samples
+from ..data.progress import Progress, within
+from ..data.takes import Blobs, LabelledChunk, Labels, Motion, touched_samples
 from ..edits.blobs_in_points import NamedThroughBlobs
 from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
@@ -29,21 +26,21 @@ from ..points.several.motion import LabelledSubjects, beside, measured_of_first
 from ..points.several.pipeline import label_several
 from ..points.several.wearers import SetsWorn, SeveralOptions
 from ..points.whole_take.pipeline import PointOptions
-from ..reconstruction.trajectories import Reconstructor, TrajectorySpans
 from .fitted_subjects import FollowedSubjects
+from .points_of_blobs import PointsOfBlobs, without_number
 
 
 @dataclass(frozen=True)
 class CheckingBackOptions:
     """When a blob keeps the name of its point. Costs are in nats: half the square of a distance over the blobs' noise.
 
-    hidden    what it costs that a body is in the way: nobody's body is exactly the model's, so a blob that goes well
-              with its marker's other blobs keeps its name all the same
-    most      beyond which a blob is not its marker's, and
-    lead      by which it must be cheaper than by any marker of somebody else that can be seen there: else both explain
-              it about as well, as where images melt into one blob. All three were chosen on the first four takes of
-              each kind in tests/accuracy/actor_blobs.py
-    share     of the work that is reconstruction, as measured
+    hidden    measured: what it costs that a body is in the way: nobody's body is exactly the model's, so a blob that
+              goes well with its marker's other blobs keeps its name all the same
+    most      measured: beyond which a blob is not its marker's, and
+    lead      measured: by which it must be cheaper than by any marker of somebody else that can be seen there: else
+              both explain it about as well, as where images melt into one blob. All three were chosen on the first
+              four takes of each kind in tests/accuracy/actor_blobs.py
+    share     measured: of the time of the work that is reconstruction
     """
 
     hidden: float = 15.0
@@ -53,80 +50,6 @@ class CheckingBackOptions:
 
 
 CHECKING_BACK = CheckingBackOptions()
-
-
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """The points of a chunk of so many frames, from frame `first` of the take on: rows (Q,) as `PointsOfBlobs.kind`."""
-
-    first: int
-    frames: int
-    rows: np.ndarray
-
-
-class PointsOfBlobs:
-    """The points that the blobs of a take make, chunk by chunk, in tables that `make_table` gives."""
-
-    def __init__(self, cameras: Cameras, rate: float, make_table: MakeTable = IN_MEMORY):
-        self.rate, self.make_table, self.first_frame, self.frames = rate, make_table, 0, 0
-        self.reconstructor = Reconstructor(cameras, rate)
-        row = [("frame", "<i4"), ("trajectory", "<i4"), ("xyz", "<f4", 3), ("residual", "<f4")]
-        self.kind = np.dtype([*row, ("blobs", "<i4", len(cameras))])
-        self.spans = TrajectorySpans()
-        self.parts: list[_Part] = []
-        self.place: np.ndarray | None = None
-        self.lanes: Lanes | None = None
-
-    def add(self, blobs: Blobs):
-        """Adds the next chunk of the take. Raises JobError where a frame has more blobs than any capture."""
-        made = self.reconstructor.reconstruct(blobs)
-        rows = np.empty(len(made.points), self.kind)
-        values = self.frames + made.frame, made.trajectory, made.points, made.residual, made.rows
-        for name, column in zip(self.kind.names, values, strict=True):
-            rows[name] = column
-        self.spans.note(made.trajectory, rows["frame"])
-        table = self.make_table(rows.shape, self.kind) if len(rows) else rows
-        table[:] = rows
-        self.first_frame = self.first_frame if self.parts else int(blobs.frames[0])
-        self.parts.append(_Part(self.frames, len(blobs.frames), table))
-        self.frames += len(blobs.frames)
-
-    def take(self) -> Points:
-        """All of them as a take, passing coincidences of rays left out; JobError where there are none."""
-        kept = self.spans.lasting(self.frames)
-        if not len(kept):
-            raise JobError(
-                "shows no markers that two cameras see together; expected blobs, and the cameras that saw them"
-            )
-        self.lanes = Lanes.packed(*self.spans.table[kept, 1:].T)
-        self.place = np.full(len(self.spans.table), -1)
-        self.place[kept] = np.arange(len(kept))
-        shape = self.frames, self.lanes.count
-        xyz, residual = np.full((*shape, 3), np.nan, np.float32), np.full(shape, np.nan, np.float32)
-        for part in self.parts:
-            rows, lane = self._lasting(part)
-            xyz[rows["frame"], lane] = rows["xyz"]
-            residual[rows["frame"], lane] = rows["residual"]
-        return Points(("",) * len(kept), xyz, residual, self.rate, self.first_frame, lanes=self.lanes)
-
-    def named(self, index: int, labels: Labels, blobs: int) -> Labels:
-        """What labels (T, L) of the take say of so many blobs (N,) of a chunk."""
-        part = self.parts[index]
-        rows, lane = self._lasting(part)
-        own = labels[part.first : part.first + part.frames][rows["frame"] - part.first, lane]
-        found = Labels.none(blobs)
-        point, camera = np.nonzero((rows["blobs"] >= 0) & own.named[:, None])
-        at = rows["blobs"][point, camera]
-        found.marker[at], found.step[at], found.confidence[at] = (
-            column[point] for column in (own.marker, own.step, own.confidence)
-        )
-        return found
-
-    def _lasting(self, part: _Part) -> tuple[np.ndarray, np.ndarray]:
-        """The points of a chunk that are in the take, and their lanes."""
-        rows = part.rows[:]
-        place = self.place[rows["trajectory"]]
-        return rows[place >= 0], self.lanes.lane[place[place >= 0]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +71,7 @@ class SubjectsInImages:
 
     def chunks(self, chunks: Iterable[Blobs]) -> Iterator[LabelledChunk]:
         """The same chunks as were reconstructed, with the names of their blobs."""
-        suspects = tuple(_of_blobs(one) for one in self.labelled.suspects)
+        suspects = tuple(without_number(one) for one in self.labelled.suspects)
         spent = {"place": self.seconds, **self.labelled.seconds}
         fitted = FollowedSubjects.of(self.labelled.worn, self.cameras, self.points.rate, self.bodies)
         for index, blobs in enumerate(chunks):
@@ -172,12 +95,7 @@ class SubjectsInImages:
         hidden = hidden_by_any(self.bodies, each, motion.markers, self.cameras.centres)
         checked = given.kept(self._borne_out(blobs, given, motion, hidden, _subject(each)))
 
-        def by_others(own: int, markers: np.ndarray) -> np.ndarray:
-            others = [number for number in range(len(each)) if number != own]
-            volumes, moving = [self.bodies[number] for number in others], [each[number] for number in others]
-            return hidden_by_any(volumes, moving, markers, self.cameras.centres)
-
-        labels = fitted.read(blobs, checked, by_others)
+        labels = fitted.read(blobs, checked)
         there = np.isfinite(motion.markers).all(axis=2)
         meeting = labels.kept(self._meeting(blobs, checked, labels, motion))
         motion = measured_again(motion, blobs, given, meeting, self.cameras, there)
@@ -261,8 +179,6 @@ def label_several_blobs(
     held. Raises JobError where there are fewer than two cameras, a frame has more blobs than any capture, or as
     `label_several` does, which raises InputError where edits are of somebody who is not there.
     """
-    if len(cameras) < 2:
-        raise JobError(f"{len(cameras)} camera cannot fix a point in space; expected two or more")
     seconds, points = 0.0, PointsOfBlobs(cameras, rate, options.room)
     named = NamedThroughBlobs(edits, cameras.names, asked.possible)
     for blobs, share in read():
@@ -276,19 +192,8 @@ def label_several_blobs(
     asked = replace(asked, others=True)  # they have blobs, and are in the way
     take = points.take()
     options = replace(options, edits=named.edits_of(points.place))
-    labelled = yield from part_of(label_several(take, asked, options, edits), CHECKING_BACK.share, 1.0)
+    labelled = yield from within(label_several(take, asked, options, edits), CHECKING_BACK.share, 1.0)
     del take
     worn = [one.model.markerset for one in labelled.worn.subjects]
     bodies = tuple(body_of(one) if body_of else CapsuleOcclusion(one, OCCLUDING.fitted_shrink) for one in worn)
     return SubjectsInImages(cameras, points, labelled, labelled.worn.asked, bodies, seconds)
-
-
-def _of_blobs(suspect: Suspect) -> Suspect:
-    """The suspect without the numbers of trajectories, which are in no file here."""
-    words = suspect.words
-    if suspect.trajectory is not None:
-        words = f"a trajectory of points {words}"
-    elif words.startswith("trajectories "):
-        as_one = words.partition(": as trajectory ")[2].partition(" ")[2]
-        words = f"several trajectories of points, one of which {as_one}"
-    return replace(suspect, words=words, trajectory=None)

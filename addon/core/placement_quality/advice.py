@@ -17,6 +17,7 @@ from .surface import all_over, nearby
 
 MOVE, ADD = "move", "add"
 ADDED_NAME = "NEW"  # of a marker that is added, with a number
+FOLLOWED = 2  # directions, the most promising of all; all of them take four times as long
 AXIS_WORDS = (("forward", "back"), ("to the left", "to the right"), ("up", "down"))
 
 
@@ -29,7 +30,6 @@ class AdviceOptions:
     steps        changes that are advised; format: `quality --advice`
     stride_m     between places that are tried; physical: as exactly as markers are put on
     max_move_m   and the farthest of them; physical: farther is another place on the body
-    followed     directions, the most promising of all; memory: all of them take four times as long
     noticed      standard deviations of a separation that count; physical: at 4 they change how often by a ninth
     """
 
@@ -37,7 +37,6 @@ class AdviceOptions:
     steps: int = 3
     stride_m: float = 0.01
     max_move_m: float = 0.06
-    followed: int = 2
     noticed: float = 0.1
 
 
@@ -170,7 +169,7 @@ class _Search:
         ]
         yield from first
         distances = np.arange(ADVICE.stride_m, ADVICE.max_move_m - ADVICE.stride_m / 2, ADVICE.stride_m)
-        for found in sorted(first, key=lambda found: -found.separation_of(self.pair))[: ADVICE.followed]:
+        for found in sorted(first, key=lambda found: -found.separation_of(self.pair))[:FOLLOWED]:
             direction = found.layout.markerset.offsets[marker] - old
             for distance in distances / size:
                 places = nearby(self.layout.markerset, marker, distance)

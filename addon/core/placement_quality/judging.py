@@ -16,21 +16,8 @@ from .layout import MarkerLayout
 from .overlap import covariance_of, pair_overlaps, renaming_overlap
 from .renamings import Renaming, renamings
 
-
-@dataclass(frozen=True)
-class JudgingOptions:
-    """How a marker set is judged.
-
-    trials        that overlaps are averaged over, all markers seen in the first; memory
-    hidden_share  of the markers that is hidden in each of the others; physical: a body hides a
-                  quarter
-    """
-
-    trials: int = 7
-    hidden_share: float = 0.25
-
-
-JUDGING = JudgingOptions()
+TRIALS = 7  # that overlaps are averaged over, all markers seen in the first
+HIDDEN_SHARE = 0.25  # of the markers, hidden in each of the others: a body hides a quarter
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,9 +94,9 @@ def _judged(layout: MarkerLayout, whole: Sequence[Renaming]) -> Ambiguity:
 def _trials(count: int) -> np.ndarray:
     """(trials, M) which markers are seen: all in the first trial, then each hidden as often as any other."""
     generator = np.random.default_rng(0)
-    gone = min(max(round(JUDGING.hidden_share * count), 1), max(count - MIN_POINTS, 0))
-    order = np.concatenate([generator.permutation(count) for _ in range(JUDGING.trials)])
-    masks = np.ones((JUDGING.trials, count), dtype=bool)
+    gone = min(max(round(HIDDEN_SHARE * count), 1), max(count - MIN_POINTS, 0))
+    order = np.concatenate([generator.permutation(count) for _ in range(TRIALS)])
+    masks = np.ones((TRIALS, count), dtype=bool)
     for row, mask in enumerate(masks[1:]):
         mask[order[row * gone : (row + 1) * gone]] = False
     return masks

@@ -18,22 +18,8 @@ from ..points.likelihood.model import Likelihood
 from ..points.likelihood.shape import Shape, learn_shape
 from ..simulation.virtual import draw_person
 
-
-@dataclass(frozen=True)
-class LayoutOptions:
-    """How the cloud of a marker set is drawn and changed.
-
-    people        drawn from the marker set's spread; memory
-    poses         of each of them; memory
-    turn_ridge_m  no segment's turn is read off finer differences than this; physical: as markers move on skin
-    """
-
-    people: int = 16
-    poses: int = 50
-    turn_ridge_m: float = 0.01
-
-
-LAYING_OUT = LayoutOptions()
+PEOPLE, POSES = 16, 50  # drawn from a marker set's spread, and of each of them
+TURN_RIDGE_M = 0.01  # no segment's turn is read off finer differences than this, as markers move on skin
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,11 +157,9 @@ def _drawn(markerset: MarkerSet, seed: int) -> tuple[np.ndarray, np.ndarray]:
     values, vectors = np.linalg.eigh(spread.pose_covariance)
     root = vectors * np.sqrt(np.maximum(values, 0))
     clouds, rotations = [], []
-    for _ in range(LAYING_OUT.people):
-        person = draw_person(markerset, generator).pick(np.zeros(LAYING_OUT.poses, dtype=int))
-        bends = spread.pose_mean + (generator.standard_normal((LAYING_OUT.poses, 3 * joints)) @ root.T).reshape(
-            -1, joints, 3
-        )
+    for _ in range(PEOPLE):
+        person = draw_person(markerset, generator).pick(np.zeros(POSES, dtype=int))
+        bends = spread.pose_mean + (generator.standard_normal((POSES, 3 * joints)) @ root.T).reshape(-1, joints, 3)
         posed = model.pose(replace(person, bends=bends))
         clouds.append(posed.markers)
         rotations.append(posed.rotations)
@@ -193,7 +177,7 @@ def _turns(shape: Shape, clouds: np.ndarray, rotations: np.ndarray) -> Turns:
     target = turn.reshape(len(turn), rotations.shape[1], 9)
     middle, mean = flat.mean(axis=0), target.mean(axis=0)
     centred, aims = flat - middle, (target - mean).reshape(len(flat), -1)
-    normal = centred.T @ centred / len(flat) + LAYING_OUT.turn_ridge_m**2 * np.eye(flat.shape[1])
+    normal = centred.T @ centred / len(flat) + TURN_RIDGE_M**2 * np.eye(flat.shape[1])
     slope = np.linalg.solve(normal, centred.T @ aims / len(flat))
     rest = (aims - centred @ slope).reshape(len(flat), -1, 9)
     modes = shape.modes.reshape(len(slope), -1).T @ slope

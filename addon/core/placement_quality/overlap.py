@@ -7,38 +7,20 @@ a measure of divergence between two multinomial populations, Sankhyā 7, 1946): 
 and half of it bounds how often the better guess is wrong. Hiding a marker or adding noise can only raise it.
 """
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from ..geometry.upright import turned
+from ..points.likelihood.latent import Latent
 from ..points.likelihood.shape import Shape
-
-
-@dataclass(frozen=True)
-class PlacementUncertainty:
-    """What is not known of where a subject stands.
-
-    place_sd    radii; physical: it may stand anywhere in a room
-    yaw_sd_rad  physical: which way it faces the rest of the cloud shows to half a radian, or is tried all around
-    """
-
-    place_sd: float = 6.0
-    yaw_sd_rad: float = 0.5
-
-
-PLACEMENT_UNCERTAINTY = PlacementUncertainty()
 
 
 def covariance_of(shape: Shape) -> np.ndarray:
     """(3M, 3M) m², of all markers together, with the subject's place and a turn about the vertical unknown."""
-    mean, markers = shape.mean - shape.mean.mean(axis=0), len(shape.mean)
-    flat = shape.modes.reshape(3 * markers, -1)
-    radius = np.sqrt((mean**2).sum(axis=1).mean())
-    place = np.tile(np.eye(3), (markers, 1)) * (PLACEMENT_UNCERTAINTY.place_sd * radius)
-    turn = np.stack([-mean[:, 1], mean[:, 0], np.zeros(markers)], axis=1).reshape(-1, 1)
-    turn = turn * PLACEMENT_UNCERTAINTY.yaw_sd_rad
-    columns = np.concatenate([flat, place, turn], axis=1)
+    mean = shape.mean - shape.mean.mean(axis=0)
+    columns = Latent(replace(shape, mean=mean)).flat
+    columns = columns.reshape(3 * len(mean), -1)
     return columns @ columns.T + np.diag(np.repeat(shape.noise, 3))
 
 

@@ -12,24 +12,10 @@ from ..points.likelihood.sides import mirror_order
 
 OTHER_SIDE, TURNED_ROUND = "sides", "turn"
 
-
+MAX_TURNS = 4  # of the whole cloud that are judged, the likeliest; a square has three
+MIN_RENAMED_SHARE = 0.5  # of the markers, by a turn of the whole body
 YAWS = 24  # turns of the whole cloud that are tried, every 15 degrees
 MIN_TURN_RAD = np.pi / 4 - 1e-6  # an eighth of a turn: a body that is turned less is the same body
-
-
-@dataclass(frozen=True)
-class RenamingOptions:
-    """Which turns of the whole cloud are judged.
-
-    max_turns          the likeliest; physical: a square has three
-    min_renamed_share  of the markers that a turn renames; physical: it is one of the whole body
-    """
-
-    max_turns: int = 4
-    min_renamed_share: float = 0.5
-
-
-RENAMING = RenamingOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +78,7 @@ def _turns(shape: Shape) -> list[Renaming]:
         rows, columns = linear_sum_assignment(square)
         total = float(square[rows, columns].sum())
         key = tuple(columns.tolist())
-        if (columns != rows).mean() >= RENAMING.min_renamed_share and total < found.get(key, (np.inf, 0.0))[0]:
+        if (columns != rows).mean() >= MIN_RENAMED_SHARE and total < found.get(key, (np.inf, 0.0))[0]:
             found[key] = total, float(yaw)
-    best = sorted(found.items(), key=lambda row: row[1][0])[: RENAMING.max_turns]
+    best = sorted(found.items(), key=lambda row: row[1][0])[:MAX_TURNS]
     return [Renaming(TURNED_ROUND, np.array(key), yaw) for key, (_, yaw) in best]

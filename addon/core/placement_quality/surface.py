@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Places for markers on a body: around a marker along the surface of its segment, and all over a segment."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..data.markersets import MarkerSet
@@ -11,32 +9,16 @@ from ..papers.virtual_occlusions.occlusion import CapsuleOcclusion
 PLACES_AROUND, PLACE_ROWS = 8, 3  # places around a marker or a capsule, and rows along it, that are tried
 
 
-@dataclass(frozen=True)
-class SurfaceOptions:
-    """Which places on a body are tried, and how they are seen.
-
-    end             of a capsule's length, by which places stay off its ends, and a marker may leave them; physical:
-                    joints bend there
-    min_radius      heights, of a capsule that is walked around; physical: a finger's
-    ring_heights    heights, of two rings of cameras around the body at rest; physical: as cameras hang in a room
-    ring_radius     heights, of those rings; physical
-    min_seen_share  of the cameras that should see a marker; physical: a convex body hides half
-    """
-
-    end: float = 0.1
-    min_radius: float = 0.005
-    ring_heights: tuple[float, float] = (0.5, 1.2)
-    ring_radius: float = 3.0
-    min_seen_share: float = 0.45
-
-
-SURFACE = SurfaceOptions()
+RING_HEIGHTS, RING_RADIUS = (0.5, 1.2), 3.0  # heights, of two rings of cameras around the body, as they hang in a room
+MIN_SEEN_SHARE = 0.45  # of the cameras that should see a marker; a convex body hides half
+END = 0.1  # of a capsule's length, by which places stay off its ends, and a marker may leave them: joints bend there
+MIN_RADIUS = 0.005  # heights, of a capsule that is walked around: a finger's
 
 
 def in_view(markerset: MarkerSet, segment: int, places: np.ndarray) -> np.ndarray:
     """(N,) the part of a ring of cameras that sees places (N, 3) on a segment of the body at rest."""
-    ring = SURFACE.ring_radius * _circle(2 * PLACES_AROUND)
-    eyes = np.concatenate([np.column_stack([ring, np.full(len(ring), height)]) for height in SURFACE.ring_heights])
+    ring = RING_RADIUS * _circle(2 * PLACES_AROUND)
+    eyes = np.concatenate([np.column_stack([ring, np.full(len(ring), height)]) for height in RING_HEIGHTS])
     joints = markerset.skeleton.rest_joints
     turns = np.tile(np.eye(3), (1, len(joints), 1, 1))
     hidden = CapsuleOcclusion(markerset).hidden(
@@ -53,7 +35,7 @@ def nearby(markerset: MarkerSet, marker: int, distance: float) -> np.ndarray:
     """
     places, segment = _nearby(markerset, marker, distance), int(markerset.attachment[marker])
     share = in_view(markerset, segment, np.concatenate([markerset.offsets[[marker]], places]))
-    return places[share[1:] >= min(share[0], SURFACE.min_seen_share)]
+    return places[share[1:] >= min(share[0], MIN_SEEN_SHARE)]
 
 
 def _nearby(markerset: MarkerSet, marker: int, distance: float) -> np.ndarray:
@@ -70,11 +52,11 @@ def _nearby(markerset: MarkerSet, marker: int, distance: float) -> np.ndarray:
     along = axis / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
     height = float((own - start) @ along)
     out = own - start - height * along
-    radius = max(np.linalg.norm(out), SURFACE.min_radius)
+    radius = max(np.linalg.norm(out), MIN_RADIUS)
     first, second = _across(along, out)
     up, aside = _circle(PLACES_AROUND).T
     heights, turns = height + distance * up, distance * aside / radius
-    low, high = min(height, -SURFACE.end * length), max(height, (1 + SURFACE.end) * length)
+    low, high = min(height, -END * length), max(height, (1 + END) * length)
     on = (heights >= low - 1e-9) & (heights <= high + 1e-9) & (np.abs(turns) <= np.pi)
     ring = np.cos(turns)[:, None] * first + np.sin(turns)[:, None] * second
     return (start + heights[:, None] * along + radius * ring)[on]
@@ -85,14 +67,14 @@ def all_over(markerset: MarkerSet, segment: int) -> np.ndarray:
     mine = np.flatnonzero(markerset.capsules.segment == segment)
     places = [np.zeros((0, 3))]
     along, across = _circle(PLACES_AROUND).T
-    shares = np.linspace(SURFACE.end, 1 - SURFACE.end, PLACE_ROWS)
+    shares = np.linspace(END, 1 - END, PLACE_ROWS)
     for start, axis, radius in zip(*_axes(markerset, mine), markerset.capsules.radius[mine], strict=True):
         length = np.linalg.norm(axis)
         first, second = _across(axis / length if length > 1e-6 else np.array([0.0, 0.0, 1.0]), np.zeros(3))
         ring = along[:, None] * first + across[:, None] * second
         places += [start + share * axis + radius * ring for share in shares]
     every = np.concatenate(places)
-    return every[in_view(markerset, segment, every) >= SURFACE.min_seen_share] if len(every) else every
+    return every[in_view(markerset, segment, every) >= MIN_SEEN_SHARE] if len(every) else every
 
 
 def _circle(count: int) -> np.ndarray:

@@ -53,8 +53,7 @@ def borne_out(verdict: Verdict, adaptation: Adaptation, first_frame: int, lanes:
     from .rigid_bodies.recognition import MOTION_CONFIDENCE
 
     if not adaptation.other_layout:
-        said = _of_form_alone(seen, first_frame) + _of_props(seen, first_frame, lanes)
-        return Verdict(labels, said + verdict.suspects)
+        return Verdict(labels, _of_take(adaptation, [], first_frame, lanes) + verdict.suspects)
     found = _found(seen)
     moving = seen.marker != NO_MARKER
     other = moving & labels.named & (seen.marker != labels.marker)
@@ -67,15 +66,10 @@ def borne_out(verdict: Verdict, adaptation: Adaptation, first_frame: int, lanes:
     step = np.where(marker == labels.marker, labels.step, BY_TRAJECTORY)
     given = marker != NO_MARKER
     checked = Labels(marker, np.where(given, step, NO_STEP), np.where(given, sure, 0.0))
-    named = found.copy()
-    named[seen.marker[moving]] = True
-    suspects = (
-        _of_other_layout(seen, names, named, first_frame)
-        + _of_props(seen, first_frame, lanes)
-        + _of_contradictions(seen, np.where(other, labels.marker, NO_MARKER), names, first_frame, lanes)
-        + verdict.suspects
-    )
-    return Verdict(checked, suspects)
+    found[seen.marker[moving]] = True
+    missing = [names[marker] for marker in np.flatnonzero(~found)]
+    contradicted = _of_contradictions(seen, np.where(other, labels.marker, NO_MARKER), names, first_frame, lanes)
+    return Verdict(checked, _of_take(adaptation, missing, first_frame, lanes) + contradicted + verdict.suspects)
 
 
 def _found(seen: "Recognition") -> np.ndarray:
@@ -90,40 +84,26 @@ def _found(seen: "Recognition") -> np.ndarray:
     return found
 
 
-def _of_other_layout(seen: "Recognition", names, found: np.ndarray, first_frame: int) -> tuple[Suspect, ...]:
-    """What holds for the whole take of a subject with other rigid bodies than the model's."""
-    rigid_bodies = len(seen.cluster)
-    sure = int((seen.cluster >= 0).sum())
-    recognised = f"{sure} of {rigid_bodies} were recognised by how they move, and their forms taken from this take"
-    said = [f"the rigid bodies are not those of the training, or sit elsewhere: {recognised}"]
-    missing = [names[marker] for marker in np.flatnonzero(~found)]
-    if missing:
-        said.append(f"not found for sure, so unnamed in the whole take: {' '.join(missing)}")
-    return tuple(Suspect(first_frame, first_frame + len(seen.part) - 1, words) for words in said)
-
-
-def _of_form_alone(seen: "Recognition", first_frame: int) -> tuple[Suspect, ...]:
-    """That nothing checks whether rigid bodies are on the limbs of the training, where the motion does not tell."""
-    if seen.known is not None:
-        return ()
-    sure = int((seen.cluster >= 0).sum())
-    words = (
-        f"how the rigid bodies move tells only {sure} of {len(seen.cluster)}, so names rest on the rigid bodies' "
-        "forms alone: look whether each is on its limb"
-    )
-    return (Suspect(first_frame, first_frame + len(seen.part) - 1, words),)
-
-
-def _of_props(seen: "Recognition", first_frame: int, lanes: Lanes | None) -> tuple[Suspect, ...]:
-    """Things in the room that are not on the subject."""
+def _of_take(adaptation: Adaptation, missing: list[str], first_frame: int, lanes: Lanes | None) -> tuple[Suspect, ...]:
+    """What is true of the whole take, where these markers are `missing` in it."""
+    seen, words = adaptation.recognition, []
+    of_all = f"{int((seen.cluster >= 0).sum())} of {len(seen.cluster)}"
+    if adaptation.other_layout:
+        recognised = f"{of_all} were recognised by how they move, and their forms taken from this take"
+        words.append(f"the rigid bodies are not those of the training, or sit elsewhere: {recognised}")
+        if missing:
+            words.append(f"not found for sure, so unnamed in the whole take: {' '.join(missing)}")
+    elif seen.known is None:
+        words.append(
+            f"how the rigid bodies move tells only {of_all}, so names rest on the rigid bodies' forms alone: "
+            "look whether each is on its limb"
+        )
     prop = seen.prop
-    standing = standing_in(lanes, prop.shape)
-    count = sum(bool(prop[span, lane].any()) for _, span, lane in standing.each_alone())
-    if not count:
-        return ()
-    who = "1 trajectory stands" if count == 1 else f"{count} trajectories stand"
-    words = f"{who} still while the subject moves: no markers of the set"
-    return (Suspect(first_frame, first_frame + len(seen.part) - 1, words),)
+    count = sum(bool(prop[span, lane].any()) for _, span, lane in standing_in(lanes, prop.shape).each_alone())
+    if count:
+        who = "1 trajectory stands" if count == 1 else f"{count} trajectories stand"
+        words.append(f"{who} still while the subject moves: no markers of the set")
+    return tuple(Suspect(first_frame, first_frame + len(seen.part) - 1, one) for one in words)
 
 
 def _of_contradictions(

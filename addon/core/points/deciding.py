@@ -3,6 +3,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Protocol, Self
 
 import numpy as np
@@ -10,19 +11,18 @@ import numpy as np
 from ..data.lanes import PACKING, Lanes, blocks, trajectories_at
 from ..data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
 from .models import Model
-from .tracklets import are_lasting, voted_windows
+from .refusals import REFUSAL
+from .tracklets import VOTE, are_lasting, gone_over_between, vote
 
 
 @dataclass(frozen=True)
 class WitnessOptions:
-    """Where a vote needs frames that are sure on their own, as its frames may err together. All reckoned.
+    """Where a vote needs frames that are sure on their own, as its frames may err together.
 
-    crowd                  times as many points as markers are a crowd, where
-    min_sure_crowd         of a tracklet's frames must be sure of its name on their own,
+    min_sure_crowd         of a tracklet's frames must be sure of its name on their own in a crowd,
     min_sure_one_subject   and so many where one subject is all that the model has seen
     """
 
-    crowd: float = 2.0
     min_sure_crowd: float = 0.5
     min_sure_one_subject: float = 0.25
 
@@ -60,10 +60,16 @@ class Votes:
             said = named.whole()
             return cls(said.marker, [(slice(0, len(tracklet)), None, said.confidence)], ())
         found, suspects = cls(np.full(tracklet.shape, NO_MARKER, np.int16), [], ()), []
-        for frames, part in voted_windows(named, tracklet, names, first_frame):
+        size = VOTE.window_frames
+        edges = [*range(0, max(len(tracklet) - size // 2, 1), size), len(tracklet)]
+        for first, after in pairwise(edges):
+            frames, border = slice(first, after), slice(first - 1, first + 1)
+            part = vote(named[frames], tracklet[frames], names, first_frame + first)
             found.marker[frames] = part.labels.marker
             found.windows.append((frames, *_few(part.labels.confidence, tracklet.size)))
             suspects += part.suspects
+            if first:
+                suspects += gone_over_between(found.marker[border], tracklet[border], first + first_frame, names)
         return replace(found, suspects=tuple(sorted(suspects, key=lambda suspect: suspect.first)))
 
     def parts(self) -> Iterator[tuple[slice, np.ndarray]]:
@@ -140,7 +146,7 @@ def _needed(model: Model, tracklet: np.ndarray) -> float:
     the next one differs.
     """
     likelihood, markers = model.likelihood, len(model.markerset)
-    if (tracklet >= 0).sum() >= WITNESSES.crowd * markers * len(tracklet):
+    if (tracklet >= 0).sum() >= REFUSAL.crowd * markers * len(tracklet):
         return WITNESSES.min_sure_crowd
     few = likelihood is not None and likelihood.subjects == 1 and likelihood.rigid_bodies is None
     return WITNESSES.min_sure_one_subject if few else 0.0

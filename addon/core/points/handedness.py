@@ -19,7 +19,7 @@ from ..geometry.rigid import MIN_POINTS, in_axes, laid_on
 from ..posing.posing import POSING, fit_subject, labelled_pull
 from .likelihood.sides import MIRROR, mirror_order
 from .naming import USUAL_TARGET
-from .refusals import REFUSAL
+from .refusals import FRAMES_ASKED
 
 # Log odds from which it is said, by as much as names must be sure of. Of 59 takes of all labs, those that have RBAC or
 # RBAK are at 11.6 to 24 as they are, and at -11.6 to -24 mirrored.
@@ -54,7 +54,7 @@ class Handedness:
 
     def add(self, markers: np.ndarray):
         """Adds markers (T, M, 3) m of all who are in the take, NaN where missing."""
-        some = markers[evenly_spread(len(markers), REFUSAL.sample_frames)]
+        some = markers[evenly_spread(len(markers), FRAMES_ASKED)]
         for segment in self.segments:
             segment.add(some)
 
@@ -139,7 +139,7 @@ def refuse_labelled(markerset: MarkerSet, points: np.ndarray):
     fullest = np.flatnonzero(there >= max(POSING.min_markers, there.max(initial=0) - 1))
     if not len(fullest):
         return
-    some = points[fullest[evenly_spread(len(fullest), REFUSAL.sample_frames)]]
+    some = points[fullest[evenly_spread(len(fullest), FRAMES_ASKED)]]
     model = BodyModel(markerset)
     prior = Prior(model)
     with threadpool_limits(1, user_api="blas"):

@@ -15,7 +15,7 @@ class TaughtTake:
     sha256  of what the file held; empty for a take that was taught from no file
     path    of the file as seen from the model's, with /; empty where it is not known
     up      the axis that points up in it, where that is known better than from the file; else empty
-    rate    frames a second, where the file says none; else 0
+    rate    format: frames a second, where the file says none; else 0
     """
 
     name: str

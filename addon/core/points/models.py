@@ -54,6 +54,11 @@ class Model:
     fingerprint: str = ""
 
     @property
+    def has_learned(self) -> bool:
+        """Whether it has learned to name points; a set that was only drawn has not."""
+        return self.likelihood is not None or self.partial_solvers is not None
+
+    @property
     def rigid_bodies(self) -> RigidBodies | None:
         """The rigid bodies that most of the markers are on; None for other sets."""
         return None if self.likelihood is None else self.likelihood.rigid_bodies

@@ -16,38 +16,13 @@ from ..data.room import IN_MEMORY, MakeTable
 from ..data.takes import EditOutcome, LabelledChunk, Labels, Motion, PointRows, Points, Suspect, placed, places_of
 from ..posing.posing import POSING, fit_in_steps, fit_points, markers_there, pose_subject, subject_of
 from ..review.suspects import doubtful_flags, suspects_of
+from .tracklets import CUTTING
 
-
-@dataclass(frozen=True)
-class LeftoverOptions:
-    """How trajectories without a name become columns of a file; reckoned.
-
-    max_columns  beyond which those that are far from each other in time share one: what a C3D file has room for, which
-                 is 16,320 with the markers
-    rest_s       s between two trajectories of one column
-    """
-
-    max_columns: int = 16_000
-    rest_s: float = 1.0
-
-
-LEFTOVERS = LeftoverOptions()
-
-
-@dataclass(frozen=True)
-class MotionOptions:
-    """How the motion of a take is worked out; reckoned, by memory.
-
-    part_frames     at once
-    subject_frames  which a subject's size and shape are taken from: with 12, 16, 24 or 40, bodies were as near
-                    to the markers of 11 takes (2.84 mm; 5.3 mm and 18.5 mm with a third and two thirds of them hidden)
-    """
-
-    part_frames: int = 4096
-    subject_frames: int = 16
-
-
-MOVING = MotionOptions()
+MAX_LEFTOVERS = 16_000  # columns of trajectories without a name: a C3D file has room for 16,320 with the markers
+PART_FRAMES = 4096  # whose motion is worked out at once; by memory
+# Which a subject's size and shape are taken from. With 12, 16, 24 or 40, bodies were as near to the markers of 11 takes
+# (2.84 mm; 5.3 mm and 18.5 mm with a third and two thirds of them hidden).
+SUBJECT_FRAMES = 16
 
 
 def by_marker(values: Table, labels: Labels, markers: int, places: Mapping | None = None) -> Made:
@@ -116,8 +91,8 @@ class TakeMotion:
 
     def parts(self) -> Iterator[slice]:
         """The take part by part."""
-        for start in range(0, len(self), MOVING.part_frames):
-            yield slice(start, min(start + MOVING.part_frames, len(self)))
+        for start in range(0, len(self), PART_FRAMES):
+            yield slice(start, min(start + PART_FRAMES, len(self)))
 
 
 def take_motion(
@@ -139,8 +114,7 @@ def take_motion(
         (np.isfinite(markers[part][..., 0]).sum(axis=1) >= POSING.min_markers).any()
         for part in blocks(*markers.shape[:2])
     ):
-        options = {"subject_frames": MOVING.subject_frames, "progress": progress, "make_table": make_table}
-        bodies = fit_points(model, markers, **options)
+        bodies = fit_points(model, markers, subject_frames=SUBJECT_FRAMES, progress=progress, make_table=make_table)
     else:
         bodies = _nobody(model, len(markers))
     return TakeMotion(markers, residual, labels, model, frames, bodies)
@@ -196,7 +170,7 @@ def posed_again(
     if not there.any():
         yield _frames_of(model, _nobody(model, len(here)))
         return _frames_of(model, _nobody(model, len(markers)))
-    subject = subject_of(model, markers, prior, MOVING.subject_frames)
+    subject = subject_of(model, markers, prior, SUBJECT_FRAMES)
     yield _frames_of(model, pose_subject(model, subject, here, prior) if there[frame] else _nobody(model, 1))
     return _frames_of(model, (yield from fit_in_steps(model, markers, prior, subject=subject)))
 
@@ -248,18 +222,19 @@ class LabelledPoints:
         return rows, LabelledChunk(self.labels[frames][at], motion, own, *said)
 
 
-def labelled_points(
-    take: Points, labelled: LabelledPoints, markerset: MarkerSet, options: LeftoverOptions = LEFTOVERS
-) -> Points:
-    """A labelled take as points: the model's markers in its order, then what stays unlabelled, a column each."""
+def labelled_points(take: Points, labelled: LabelledPoints, markerset: MarkerSet) -> Points:
+    """A labelled take as points: the model's markers in its order, then what stays unlabelled.
+
+    Each trajectory has a column; where a file has no room for so many, some have one with long gaps between them.
+    """
     motion, standing = labelled.motion, take.standing
     left = take.present & ~labelled.labels.named
     spans = [(number, np.flatnonzero(left[span, lane]) + span.start) for number, span, lane in standing.each_alone()]
     spans = [(number, int(frames[0]), int(frames[-1])) for number, frames in spans if len(frames)]
     number, first, last = np.array(spans, int).reshape(-1, 3).T
     place = np.arange(len(number))
-    if len(number) > options.max_columns:
-        place = Lanes.packed(first, last + round(options.rest_s * take.rate)).lane
+    if len(number) > MAX_LEFTOVERS:
+        place = Lanes.packed(first, last + round(2 * CUTTING.max_gap_s * take.rate)).lane
     column = np.full(len(standing), -1)
     column[number] = len(markerset) + place
     names = (*markerset.markers, *[""] * (int(place.max(initial=-1)) + 1))

@@ -1,17 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whatever names points: by likelihood, by partial solvers or by a fitted body, all behind one small interface."""
+"""Whatever names points: by likelihood or by partial solvers, behind one small interface."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from ..data.errors import InputError
 from ..data.takes import Labels
 from .models import Model
-
-if TYPE_CHECKING:  # naming blobs takes a fifth of a second to load, and few takes of points are named so
-    from ..blobs.pipeline import Options
 
 METHODS = ("auto", "fit", "ensemble", "likelihood", "evidence")  # what the user may ask for
 USUAL_TARGET = 0.999  # the part of the labels that must be right, unless another is asked for
@@ -35,28 +32,26 @@ def plain_method(wanted: str) -> str:
 
 
 def chosen_method(model: Model, wanted: str) -> str:
-    """The method that "auto" stands for, or the one that was wanted; InputError where the model cannot do it."""
-    if wanted == "auto":
-        return "likelihood" if model.likelihood is not None else "fit" if model.partial_solvers is None else "ensemble"
+    """The method by which points are named: what "auto" stands for, or the one that was wanted.
+
+    InputError where the model cannot do it.
+    """
     wanted, name = plain_method(wanted), model.markerset.name
-    if wanted == "likelihood" and model.likelihood is None:
-        raise InputError(f"model {name} has learned nothing to name points by; expected one made by train")
+    if wanted == "fit":
+        raise InputError("the method fit names blobs; expected auto, likelihood or ensemble for 3D points")
     if wanted == "ensemble" and model.partial_solvers is None:
         raise InputError(f"model {name} has no partial solvers; expected one that was trained by train")
-    return wanted
+    if (wanted == "likelihood" and model.likelihood is None) or not model.has_learned:
+        raise InputError(f"model {name} has learned nothing to name points by; expected one made by train")
+    return wanted if wanted != "auto" else "ensemble" if model.likelihood is None else "likelihood"
 
 
-def namer_of(model: Model, method: str, options: "Options | None") -> Namer:
-    """What names points by a method that `chosen_method` gave. Only a fitted body has options, None for the usual."""
+def namer_of(model: Model, method: str) -> Namer:
+    """What names points by a method that `chosen_method` gave."""
     if method == "likelihood":
         from .likelihood.frames import LikelihoodNamer
 
         return LikelihoodNamer(model.likelihood)
-    if method == "ensemble":
-        from ..papers.partial_solvers.frames import SolversNamer
+    from ..papers.partial_solvers.frames import SolversNamer
 
-        return SolversNamer(model.partial_solvers)
-    from ..blobs.pipeline import Options
-    from .fitted_body import FittedBodyNamer
-
-    return FittedBodyNamer(model.markerset, options or Options())
+    return SolversNamer(model.partial_solvers)

@@ -5,7 +5,7 @@ A rate that is too low can be: who moves slowly may do so. It is no more than sa
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
@@ -13,8 +13,9 @@ import numpy as np
 from ..data.errors import ForceableError, JobError
 from ..data.lanes import Lanes
 from ..data.takes import evenly_spread
+from ..geometry.rigid import MIN_POINTS
 from .models import Model
-from .tracklets import CUTTING, are_trajectories
+from .tracklets import are_trajectories
 
 GRAVITY = 9.81  # m/s², physical
 UNIT_M = {"mm": 0.001, "cm": 0.01, "inches": 0.0254, "m": 1.0}  # metres in one of each; format
@@ -27,41 +28,34 @@ class PossibleOptions:
     max_gravities  physical: nothing of a body falls faster than by gravity, so it is pushed up by no more than that on
                    average, and by more than five times that in no more than a fifth of the time;
     part           physical: of the frames, more than that fifth
-    step_s         over which accelerations are taken; reckoned: shorter ones show how noisy points are
+    step_s         physical: s, over which accelerations are taken; noise of 3 mm adds a tenth of the limit to them
     min_reach_m    physical: from end to end of a frame's points, longer than a hand, which can be shaken faster
-    min_frames     that tell anything, and
-    min_points     of each; reckoned
-    nearer         times nearer than the frames beside it another frame is, where they are out of order; measured: 1.1
+    nearer         measured: times nearer than the frames beside it another frame is, where they are out of order; 1.1
                    at most in takes as recorded, 8 and more in others
-    min_nearest    as in `CutOptions`, of columns that follow their points in nearly all frames; measured: 0.92 at least
+    min_nearest    measured: as in `CutOptions`, of columns that follow their points in nearly all frames; 0.92 at least
                    in takes as recorded, half where only two frames at a time follow each other
     max_size       physical: times larger or smaller than those of a set's usual wearer markers are, in the right unit:
-                   from the shortest newborn to the tallest man there ever was it is 0.25 to 1.6; and
-    min_unit       times too large or too small where size alone tells the unit; reckoned: beyond whoever else it may be
-    slow_hz        up to which a rate is no marker system's; reckoned; and
-    slow_speed     m/s, beyond which next to no point of people is who get about, at a tenth of their rate; measured:
+                   from the shortest newborn to the tallest man there ever was it is 0.25 to 1.6
+    slow_hz        physical: cameras that look at markers take as many pictures a second at least; and
+    slow_speed     measured: m/s, beyond which next to no point of people is who get about, at a tenth of their rate:
                    0.7 at most there, 1.2 at least at their own
-    frames         that are looked at, and
-    columns        which have the most points; by time
     """
 
     max_gravities: float = 5.0
     part: float = 0.25
     step_s: float = 0.04
     min_reach_m: float = 0.3
-    min_frames: int = 20
-    min_points: int = 3
     nearer: float = 4.0
     min_nearest: float = 0.75
     max_size: float = 3.0
-    min_unit: float = 10.0
     slow_hz: float = 25.0
     slow_speed: float = 0.8
-    frames: int = 200
-    columns: int = 100
 
 
 POSSIBLE = PossibleOptions()
+FRAMES_LOOKED_AT = 200  # spread over the take, and
+COLUMNS_LOOKED_AT = 100  # which have the most points; by time
+MIN_FRAMES = 20  # of which a quarter is more than chance
 
 
 def refuse_impossible(points: np.ndarray, rate: float, lanes: Lanes | None, models: Iterable[Model]):
@@ -73,7 +67,7 @@ def refuse_impossible(points: np.ndarray, rate: float, lanes: Lanes | None, mode
     gravities = usual_acceleration(points, rate) / GRAVITY
     if gravities <= POSSIBLE.max_gravities:
         return
-    some = points[evenly_spread(len(points), POSSIBLE.frames)]
+    some = points[evenly_spread(len(points), FRAMES_LOOKED_AT)]
     for unit in filter(None, (mistaken_unit(model, some) for model in models)):
         raise unit
     if times_nearer(points) >= POSSIBLE.nearer:
@@ -81,7 +75,7 @@ def refuse_impossible(points: np.ndarray, rate: float, lanes: Lanes | None, mode
             "has its frames out of order: most look far more like some other frame than like those before and after; "
             "expected frames in the order in which they were recorded"
         )
-    if are_trajectories(points, replace(CUTTING, min_nearest=POSSIBLE.min_nearest), lanes):
+    if are_trajectories(points, lanes, POSSIBLE.min_nearest):
         raise ForceableError(
             f"has a rate that cannot be: at {rate:g} Hz half of its points accelerate by more than {gravities:.0f} "
             "times gravity in a quarter of the frames, which nobody can; expected the rate at which it was recorded, "
@@ -91,9 +85,9 @@ def refuse_impossible(points: np.ndarray, rate: float, lanes: Lanes | None, mode
 
 def slow_words(points: np.ndarray, rate: float) -> str:
     """What to look at where points (T, L, 3) m that get about do so as at a rate ten times too low; else empty."""
-    chosen = evenly_spread(max(len(points) - 1, 0), POSSIBLE.frames)
+    chosen = evenly_spread(max(len(points) - 1, 0), FRAMES_LOOKED_AT)
     speed = np.linalg.norm(points[chosen + 1] - points[chosen], axis=2) * rate
-    if rate > POSSIBLE.slow_hz or np.isfinite(speed).sum() < POSSIBLE.frames:
+    if rate > POSSIBLE.slow_hz or np.isfinite(speed).sum() < FRAMES_LOOKED_AT:
         return ""
     there = points[chosen][:, np.isfinite(speed).any(axis=0)]
     about, fast = np.median(_reach(there.swapaxes(0, 1))), np.nanquantile(speed, 0.99)
@@ -120,7 +114,8 @@ def mistaken_unit(
         if sure is not None and sure(points / times):
             words = f"seems to be in {unit} and is taken for {taken_for}: its points are {times:.4g} {apart}"
             return JobError(f"{words}; expected a file that says their unit")
-        if sure is None and max(times, 1 / times) >= POSSIBLE.min_unit:
+        # What fits in two units by its size is in neither for sure.
+        if sure is None and max(times, 1 / times) > POSSIBLE.max_size**2:
             roughly = float(f"{np.sqrt((seen / own).prod()):.1g}")
             words = f"has a unit that cannot be: its points are about {roughly:g} {apart}"
             return JobError(f"{words}; expected a file that says their unit")
@@ -130,20 +125,20 @@ def mistaken_unit(
 def usual_acceleration(points: np.ndarray, rate: float) -> float:
     """m/s², beyond which half of points (T, L, 3) m accelerate in `part` of the frames; 0 where too few tell."""
     step = max(round(POSSIBLE.step_s * rate), 1)
-    middle = step + evenly_spread(max(len(points) - 2 * step, 0), POSSIBLE.frames)
+    middle = step + evenly_spread(max(len(points) - 2 * step, 0), FRAMES_LOOKED_AT)
     before, now, after = (points[middle + off].astype(float) for off in (-step, 0, step))
     found = np.linalg.norm(before - 2 * now + after, axis=2) * (rate / step) ** 2
-    told = np.isfinite(found).sum(axis=1) >= POSSIBLE.min_points
-    if told.sum() < POSSIBLE.min_frames or np.median(_reach(now[told])) < POSSIBLE.min_reach_m:
+    told = np.isfinite(found).sum(axis=1) >= MIN_POINTS
+    if told.sum() < MIN_FRAMES or np.median(_reach(now[told])) < POSSIBLE.min_reach_m:
         return 0.0
     return float(np.quantile(np.nanmedian(found[told], axis=1), 1 - POSSIBLE.part))
 
 
 def times_nearer(points: np.ndarray) -> float:
     """How many times nearer to the usual frame of points (T, L, 3) m another is than the nearest of those beside it."""
-    chosen = 1 + evenly_spread(max(len(points) - 2, 0), POSSIBLE.frames)
+    chosen = 1 + evenly_spread(max(len(points) - 2, 0), FRAMES_LOOKED_AT)
     there = np.isfinite(points[chosen]).all(axis=2).sum(axis=0)
-    columns = np.sort(np.argsort(-there, kind="stable")[: POSSIBLE.columns])
+    columns = np.sort(np.argsort(-there, kind="stable")[:COLUMNS_LOOKED_AT])
     before, now, after = (points[chosen + off][:, columns].astype(float) for off in (-1, 0, 1))
     beside = np.fmin(_apart(now, before), _apart(now, after))
     nearest = np.full(len(now), np.nan)
@@ -152,13 +147,13 @@ def times_nearer(points: np.ndarray) -> float:
         nearest[one] = np.nanmin(_apart(others, frame), initial=np.inf)
     told = np.isfinite(beside) & np.isfinite(nearest)
     ratio = np.where(beside[told] > 0, beside[told] / np.maximum(nearest[told], np.finfo(float).tiny), 0.0)
-    return float(np.median(ratio)) if len(ratio) >= POSSIBLE.min_frames else 0.0
+    return float(np.median(ratio)) if len(ratio) >= MIN_FRAMES else 0.0
 
 
 def _apart(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """(F,) m, how far half of the points (F, C, 3) m of a frame are at least from those of another; NaN of too few."""
     distance = np.linalg.norm(one - other, axis=2)
-    enough = np.isfinite(distance).sum(axis=1) >= POSSIBLE.min_points
+    enough = np.isfinite(distance).sum(axis=1) >= MIN_POINTS
     found = np.full(len(one), np.nan)
     found[enough] = np.nanmedian(distance[enough], axis=1)
     return found

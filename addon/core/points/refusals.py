@@ -11,59 +11,50 @@ import numpy as np
 
 from ..data.errors import JobError
 from ..data.lanes import blocks
-from ..data.takes import BY_FIT, Labels, evenly_spread
+from ..data.takes import Labels, evenly_spread
+from ..geometry.rigid import MIN_POINTS
 from .models import Model
-from .naming import Namer
+from .naming import USUAL_TARGET, Namer
 from .possible import mistaken_unit
 
 
 @dataclass(frozen=True)
 class RefusalOptions:
-    """When a take is refused. All reckoned; shares are of what could be given.
+    """When a take is refused; shares are of what could be given.
 
-    sample_frames           that are looked at, spread over the take,
-    sample_rate             and the frames a second that they are said to have: single frames have none
-    max_points              of a frame; more are no marker system's, and would fill the memory
-    min_points              of a frame whose markers can be distinguished
-    min_rate                at which labels like it are right, of a label that counts; or,
-    min_confidence          as a model that was trained on little may never promise so much, its confidence
-    min_sure                share of the markers whose labels count, in a take of the model's
-    min_sure_rigid          the same of a set on rigid bodies, of which there is often one that any body has
-    min_sure_rest           the same of the points that one subject leaves over, where they are another: spare markers
-                            are not
-    min_named               share of the markers that such a take is given in the end
-    min_named_fit           the same where single frames are not sure, and of a fitted body, which makes do with any
-                            points that are near enough: of a body on its head it named 0.72
-    min_gap_m               between two subjects, where nothing is known of how far one reaches
-    crowd                   times as many points as markers, at least, where there may be two subjects
-    min_second              share of the markers that a second subject's points must be enough for,
-    min_often               in this share of the frames
-    max_residual            mean square, over what training leaves, between a crowd's markers and where the set has
-                            them; chosen on walks (0.14 to 0.2) and on other sets (0.7 to 2.4)
-    min_log_likelihood      measured: nats a marker of the usual frame of a take that single frames are not sure of; in
-                            takes of other labs 5.1 to 9, of other sets -4 to 4, but for those that share most places
+    max_points      memory: of a frame; more are no marker system's
+    min_confidence  of a label that counts, or a rate of USUAL_TARGET: who was trained on little may never promise it
+    min_sure        measured: share of the markers whose labels count: 0.13 at least in takes of the model's, 0 of
+                    plates by other sets, 0.05 at most of people by a set on plates
+    min_sure_rest   measured: the same of the points that one subject leaves over, if they are another; of spare
+                    markers it is 0.05 at most
+    min_named       share of the markers that such a take is given in the end
+    min_all         measured: the same where single frames are not sure: 0.97 at least in takes of other labs, 0.92 at
+                    most of other sets
+    gap_m           physical: between two bodies; a hand is not farther from the next marker of its own arm
+    crowd           measured: times as many points as markers: 1.14 at most of one subject among 40 ghosts, 2 of two
+    min_half        physical: share of the markers, and of the frames: of who is there half is seen, half of the time
+    max_residual    measured: mean square, over what training leaves, between a crowd's markers and where the set has
+                    them: 0.14 to 0.2 on walks, 0.7 to 2.4 on other sets
+    min_log_likelihood  measured: nats a marker of the usual frame where single frames are not sure: 5.1 at least in
+                        takes of other labs, 4 at most of sets that do not share most places
     """
 
-    sample_frames: int = 40
-    sample_rate: float = 100.0
     max_points: int = 400
-    min_points: int = 4
-    min_rate: float = 0.999
     min_confidence: float = 0.99
     min_sure: float = 0.12
-    min_sure_rigid: float = 0.2
     min_sure_rest: float = 0.3
     min_named: float = 0.25
-    min_named_fit: float = 0.75
-    min_gap_m: float = 0.6
+    min_all: float = 0.75
+    gap_m: float = 0.5
     crowd: float = 1.6
-    min_second: float = 0.5
-    min_often: float = 0.4
+    min_half: float = 0.5
     max_residual: float = 0.45
     min_log_likelihood: float = 4.0
 
 
 REFUSAL = RefusalOptions()
+FRAMES_ASKED = 40  # that are looked at, spread over the take; by time
 
 
 def refuse_floods(points: np.ndarray):
@@ -98,34 +89,27 @@ class Sample:
     sure: bool
 
 
-def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool = False) -> Sample | None:
+def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool = False) -> Sample:
     """Looks at some frames of points (T, P, 3) m, NaN where missing, before all of them are named.
 
-    Which they are and what they say is returned, where they say anything on their own.
+    Which they are and what they say is returned.
 
     Of a take that is `solvable` as a whole, frames on their own need not be sure of one subject: then `refuse_unlike`
     has the say.
 
     Raises UnsuitedError where frames on their own are not sure of the model's markers, SubjectsError where they are of
-    two subjects' at once. The fitted body needs its frames in a row: for it two groups of points are two subjects, and
-    the rest is for `refuse_unrecognised`.
+    two subjects' at once.
     """
-    if namer.step == BY_FIT:
-        some = points[evenly_spread(len(points), REFUSAL.sample_frames)]
-        if _grouped(some, REFUSAL.min_gap_m, REFUSAL.min_second * len(model.markerset)):
-            raise _two_subjects(model)
-        return None
     count = _points_at_a_time(points)
-    frames = np.flatnonzero(count >= min(REFUSAL.min_points, len(model.markerset)))
+    frames = np.flatnonzero(count >= min(MIN_POINTS + 1, len(model.markerset)))
     if not len(frames):
         raise UnsuitedError("has no frame with enough points to tell markers apart; expected four or more at a time")
-    frames = frames[evenly_spread(len(frames), REFUSAL.sample_frames)]
+    frames = frames[evenly_spread(len(frames), FRAMES_ASKED)]
     some = points[frames]
     first = _each_alone(namer, some)
     alone = sure_share(first, some, len(model.markerset))
-    least = REFUSAL.min_sure if model.rigid_bodies is None else REFUSAL.min_sure_rigid
-    found = alone >= least
-    wanted = REFUSAL.min_sure_rest if found else least
+    found = alone >= REFUSAL.min_sure
+    wanted = REFUSAL.min_sure_rest if found else REFUSAL.min_sure
     others = [part for part in _seconds(model, some, first, found) if _sure(model, namer, part) >= wanted]
     if len(others) + found >= 2:
         raise _two_subjects(model)
@@ -134,11 +118,17 @@ def refuse_others(model: Model, namer: Namer, points: np.ndarray, solvable: bool
     return Sample(frames, first, found)
 
 
+def refuse_two_groups(model: Model, points: np.ndarray):
+    """Raises SubjectsError where points (T, P, 3) m are in two groups, each of which may be a subject of the model."""
+    if _grouped(points, REFUSAL.gap_m, REFUSAL.min_half * len(model.markerset)):
+        raise _two_subjects(model)
+
+
 def _are_together(model: Model, points: np.ndarray) -> bool:
     """Whether frames of points (T, P, 3) show one group of them that is large enough for a subject."""
     if model.likelihood is None:
         return False
-    return not _grouped(points, model.likelihood.shape.radius, REFUSAL.min_second * len(model.markerset))
+    return not _grouped(points, model.likelihood.shape.radius, REFUSAL.min_half * len(model.markerset))
 
 
 def refuse_unlike(model: Model, namer: Namer, points: np.ndarray, fit: SetFit, sure: bool = True):
@@ -158,13 +148,13 @@ def refuse_unrecognised(model: Model, namer: Namer, points: np.ndarray, given: L
     `sure`, nearly all must have one.
     """
     share = given.named.sum() / _possible(points, len(model.markerset))
-    if share < (REFUSAL.min_named if sure and namer.step != BY_FIT else REFUSAL.min_named_fit):
+    if share < (REFUSAL.min_named if sure else REFUSAL.min_all):
         raise _unrecognised(model, namer, points, share)
 
 
 def sure_share(named: Labels, points: np.ndarray, markers: int) -> float:
     """The share of the markers, or of the points (T, P, 3) if they are fewer, that frames alone are sure of."""
-    counts = (named.rate >= REFUSAL.min_rate) | (named.confidence >= REFUSAL.min_confidence)
+    counts = (named.rate >= USUAL_TARGET) | (named.confidence >= REFUSAL.min_confidence)
     return float(counts.sum() / _possible(points, markers))
 
 
@@ -172,13 +162,13 @@ def _seconds(model: Model, points: np.ndarray, first: Labels, found: bool) -> li
     """The points (T, P, 3) of each who may be a subject beside the one that was named, if one was; NaN elsewhere."""
     size = len(model.markerset)
     crowded = _points_at_a_time(points) >= REFUSAL.crowd * size
-    if crowded.mean() < REFUSAL.min_often:
+    if crowded.mean() < REFUSAL.min_half:
         return []
     if found:
         return [np.where(~first.named[..., None], points, np.nan)]
     if model.likelihood is None:
         return []
-    chosen = _grouped(points, model.likelihood.shape.radius, REFUSAL.min_second * size)
+    chosen = _grouped(points, model.likelihood.shape.radius, REFUSAL.min_half * size)
     if not chosen:
         return []
     return [np.array([np.where(own[place][:, None], frame, np.nan) for frame, own in chosen]) for place in (0, 1)]
@@ -188,7 +178,7 @@ def _grouped(points: np.ndarray, gap: float, least: float) -> list[tuple[np.ndar
     """The frames of points (T, P, 3) that show two groups of `least` points or more, with them; none where few do."""
     groups = [far_groups(frame, gap, least) for frame in points]
     chosen = [(frame, own) for frame, own in zip(points, groups, strict=True) if len(own) >= 2]
-    return chosen if len(chosen) >= REFUSAL.min_often * len(points) else []
+    return chosen if len(chosen) >= REFUSAL.min_half * len(points) else []
 
 
 def far_groups(points: np.ndarray, gap: float, least: float) -> list[np.ndarray]:
@@ -217,15 +207,15 @@ def far_groups(points: np.ndarray, gap: float, least: float) -> list[np.ndarray]
 def _sure(model: Model, namer: Namer, points: np.ndarray) -> float:
     """How sure the frames of points (T, P, 3) m are of the model's markers, 0 where there are seldom enough points."""
     size = len(model.markerset)
-    enough = _points_at_a_time(points) >= REFUSAL.min_second * size
-    if enough.mean() < REFUSAL.min_often:
+    enough = _points_at_a_time(points) >= REFUSAL.min_half * size
+    if enough.mean() < REFUSAL.min_half:
         return 0.0
     return sure_share(_each_alone(namer, points[enough]), points[enough], size)
 
 
 def _each_alone(namer: Namer, points: np.ndarray) -> Labels:
     """What single frames of points (T, P, 3) m say."""
-    return Labels.join(namer.name(points, REFUSAL.sample_rate))
+    return Labels.join(namer.name(points, 0.0))
 
 
 def _points_at_a_time(points: np.ndarray) -> np.ndarray:
@@ -264,9 +254,8 @@ def _two_subjects(model: Model) -> SubjectsError:
 
 def _unrecognised(model: Model, namer: Namer, points: np.ndarray, share: float) -> UnsuitedError:
     name, size = model.markerset.name, len(model.markerset)
-    some = points[evenly_spread(len(points), REFUSAL.sample_frames)]
-    alone = namer.step != BY_FIT and not is_crowd(some, model)
-    sure = (lambda scaled: _sure(model, namer, scaled) >= REFUSAL.min_sure_rest) if alone else None
+    some = points[evenly_spread(len(points), FRAMES_ASKED)]
+    sure = (lambda scaled: _sure(model, namer, scaled) >= REFUSAL.min_sure_rest) if not is_crowd(some, model) else None
     unit = mistaken_unit(model, some, sure)
     if unit:
         return UnsuitedError(unit.message)

@@ -7,7 +7,7 @@ frames say for long enough that it went over to another marker; that is reported
 at the same time.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -19,38 +19,30 @@ from ..data.takes import BY_TRAJECTORY, NO_MARKER, Labels, Suspect, Verdict, eve
 
 @dataclass(frozen=True)
 class CutOptions:
-    """Where a trajectory may go on as another marker's. All reckoned.
+    """Where a trajectory may go on as another marker's.
 
-    max_gap_s    without a point, beyond which a column may hold another trajectory
-    max_speed    m/s; no marker moves faster
-    min_nearest  part of the points to which their column's next is the nearest of the next frame, where columns are
-                 trajectories: of people at 10 Hz it is two thirds, of points in any order one in as many as there are
-    pairs        of frames that are looked at for that, spread over the take,
-    min_steps    from one point of a column to the next that must be in them
-    at_once      points that are worked on, by memory
+    max_gap_s    physical: s without a point, in which a whole limb has moved on and another marker may be in its place
+    max_speed    physical: m/s; the hand of who throws or serves is as fast, and nothing else that markers are on
+    min_nearest  measured: part of the points to which their column's next is the nearest of the next frame, where
+                 columns are trajectories: two thirds of people at 10 Hz; of points in any order one in as many as there
+                 are
     """
 
     max_gap_s: float = 0.5
     max_speed: float = 12.0
     min_nearest: float = 0.4
-    pairs: int = 200
-    min_steps: int = 100
-    at_once: int = 200_000
 
 
 @dataclass(frozen=True)
 class VoteOptions:
-    """How tracklets vote. All reckoned.
+    """How tracklets vote.
 
     max_frame_log_odds   that one frame can say: beyond it a frame's calibration knows nothing
     ghost_log_odds       that a frame without a name says for a ghost
     frame_weight         part of an independent frame that a frame is worth: neighbours err together
     swap_cost            log odds that a tracklet must speak for another name before it is believed to have swapped
-    min_part             of a tracklet's frames that a name must have to be considered, unless it can pay for a swap
-    min_majority         of what was said, for the name that wins
     max_overlap_frames   that two tracklets of one marker may share: trackers end one late and start the other early
-    max_log_odds         that a vote is sure
-    window_frames        that vote together, so that memory does not grow with the take
+    window_frames        memory: frames that vote together, as labels of all frames of a long take are large
     min_length_frames    of the usual tracklet; shorter ones have nothing to vote about
     """
 
@@ -58,19 +50,20 @@ class VoteOptions:
     ghost_log_odds: float = 1.0
     frame_weight: float = 0.1
     swap_cost: float = 10.0
-    min_part: float = 0.05
-    min_majority: float = 0.5
     max_overlap_frames: int = 2
-    max_log_odds: float = 30.0
+    max_log_odds: float = 30.0  # format: the chance of more is 1 in floating point
     window_frames: int = 2048
     min_length_frames: int = 5
 
 
 CUTTING = CutOptions()
 VOTE = VoteOptions()
+PAIRS_COMPARED = 200  # pairs of frames in which it is seen whether columns are trajectories; by time
+MIN_STEPS = 100  # from one point of a column to the next, of which a share is known to a twentieth
+POINTS_AT_ONCE = 200_000  # that are cut at once; by memory
 
 
-def cut(points: np.ndarray, rate: float, options: CutOptions = CUTTING, lanes: Lanes | None = None) -> np.ndarray:
+def cut(points: np.ndarray, rate: float, lanes: Lanes | None = None) -> np.ndarray:
     """(T, L) the number of the tracklet that each point (T, L, 3) m belongs to, -1 where there is none.
 
     No tracklet is of two trajectories, which stand as `lanes` say; by their order tracklets are numbered. Where columns
@@ -81,7 +74,7 @@ def cut(points: np.ndarray, rate: float, options: CutOptions = CUTTING, lanes: L
         present[part] = np.isfinite(points[part]).all(axis=2)
     standing = standing_in(lanes, present.shape)
     tracklet = np.full(present.shape, -1, np.int32)
-    if not are_trajectories(points, options, lanes):
+    if not are_trajectories(points, lanes):
         tracklet[present] = np.arange(present.sum())
         return tracklet
     count, size, waiting = 0, 0, []
@@ -89,31 +82,34 @@ def cut(points: np.ndarray, rate: float, options: CutOptions = CUTTING, lanes: L
         frames = np.flatnonzero(present[span, lane]) + span.start
         waiting.append((frames, np.full(len(frames), lane)))
         size += len(frames)
-        if size >= options.at_once:
-            count, size, waiting = _cut_some(tracklet, points, waiting, count, rate, options), 0, []
+        if size >= POINTS_AT_ONCE:
+            count, size, waiting = _cut_some(tracklet, points, waiting, count, rate), 0, []
     if waiting:
-        count = _cut_some(tracklet, points, waiting, count, rate, options)
+        count = _cut_some(tracklet, points, waiting, count, rate)
     narrow = tracklet.size > PACKING.whole_cells and count <= np.iinfo(np.int16).max
     return tracklet.astype(np.int16) if narrow else tracklet
 
 
-def _cut_some(tracklet, points, some, count: int, rate: float, options: CutOptions) -> int:
+def _cut_some(tracklet: np.ndarray, points: np.ndarray, some: list, count: int, rate: float) -> int:
     """Numbers the tracklets of some trajectories, by frames and lanes (K,) of each, from `count` on; the next one."""
     frames, lane = (np.concatenate(parts) for parts in zip(*some, strict=True))
     if not len(frames):
         return count
     gap = np.diff(frames)
     step = np.linalg.norm(np.diff(points[frames, lane], axis=0), axis=1)
-    ends = (gap > options.max_gap_s * rate) | (step > options.max_speed / rate * gap)
+    ends = (gap > CUTTING.max_gap_s * rate) | (step > CUTTING.max_speed / rate * gap)
     ends |= np.diff(np.repeat(np.arange(len(some)), [len(own) for own, _ in some])) != 0
     number = count + np.concatenate([[0], np.cumsum(ends)])
     tracklet[frames, lane] = number
     return int(number[-1]) + 1
 
 
-def are_trajectories(points: np.ndarray, options: CutOptions = CUTTING, lanes: Lanes | None = None) -> bool:
-    """Whether the trajectories of points (T, L, 3) m follow anything, as far as can be known."""
-    frames = evenly_spread(max(len(points) - 1, 0), options.pairs)
+def are_trajectories(points: np.ndarray, lanes: Lanes | None = None, least: float = CUTTING.min_nearest) -> bool:
+    """Whether the trajectories of points (T, L, 3) m follow anything, as far as can be known.
+
+    `least` is the part of them whose next point must be the nearest.
+    """
+    frames = evenly_spread(max(len(points) - 1, 0), PAIRS_COMPARED)
     now, then = (np.isfinite(points[some]).all(axis=2) for some in (frames, frames + 1))
     goes_on = now & then
     if lanes is not None:
@@ -122,51 +118,17 @@ def are_trajectories(points: np.ndarray, options: CutOptions = CUTTING, lanes: L
     there = np.argsort(~then, axis=1, kind="stable")[:, : int(then.sum(axis=1).max(initial=0))]
     nearest, steps = 0, int(goes_on.sum())
     for part in blocks(len(frames), there.shape[1] ** 2):
-        if steps < options.min_steps or nearest >= options.min_nearest * steps:
+        if steps < MIN_STEPS or nearest >= least * steps:
             break
         at, lane = frames[part, None], there[part]
         before, after = points[at, lane].T, points[at + 1, lane].T
         square = sum((one[:, None] - other[None]) ** 2 for one, other in zip(after, before, strict=True))
         own = np.where(np.isnan(square), np.inf, square).argmin(axis=0) == np.arange(lane.shape[1])[:, None]
         nearest += int((own & np.take_along_axis(goes_on[part], lane, axis=1).T).sum())
-    return steps < options.min_steps or nearest >= options.min_nearest * steps
+    return steps < MIN_STEPS or nearest >= least * steps
 
 
-def vote_tracklets(
-    labels: Labels, tracklet: np.ndarray, names: Sequence[str], first_frame: int = 0, options: VoteOptions = VOTE
-) -> Verdict:
-    """One name for each tracklet, or part of one that swapped; frames as they are where tracklets are too short.
-
-    labels and tracklet are (T, P); names the M markers; first_frame the source's number of the first frame.
-    """
-    if not are_lasting(tracklet, options):
-        return Verdict(labels)
-    windows = list(voted_windows(labels, tracklet, names, first_frame, options))
-    voted = Labels.join(part.labels for _, part in windows)
-    suspects = [suspect for _, part in windows for suspect in part.suspects]
-    return Verdict(voted, tuple(sorted(suspects, key=lambda suspect: suspect.first)))
-
-
-def voted_windows(
-    labels: Labels, tracklet: np.ndarray, names: Sequence[str], first_frame: int = 0, options: VoteOptions = VOTE
-) -> Iterator[tuple[slice, Verdict]]:
-    """The same of tracklets that are long enough, some frames at a time; `labels` need only give some frames in a row.
-
-    A window's suspects are with it, and so are tracklets that go over to another marker from the window before it.
-    """
-    size, before = options.window_frames, None
-    edges = [*range(0, max(len(tracklet) - size // 2, 1), size), len(tracklet)]
-    for first, after in pairwise(edges):
-        frames = slice(first, after)
-        part = vote(labels[frames], tracklet[frames], names, first_frame + first, options)
-        marker, suspects = part.labels.marker, part.suspects
-        if before is not None:
-            suspects += _gone_over(before, marker[0], tracklet[first - 1 : first + 1], first + first_frame, names)
-        yield frames, Verdict(part.labels, suspects)
-        before = marker[-1]
-
-
-def are_lasting(tracklet: np.ndarray, options: VoteOptions = VOTE) -> bool:
+def are_lasting(tracklet: np.ndarray) -> bool:
     """Whether the usual point is on a tracklet (T, P) long enough to go by; not so where frames are in no order."""
     lengths = np.zeros(int(tracklet.max(initial=-1)) + 1, int)
     for part in blocks(*tracklet.shape):
@@ -175,13 +137,13 @@ def are_lasting(tracklet: np.ndarray, options: VoteOptions = VOTE) -> bool:
     before, whole = np.cumsum(lengths), int(lengths.sum())
     # The median over the points of how long the tracklet of each is.
     middle = lengths[np.searchsorted(before, [(whole - 1) // 2, whole // 2], side="right")] if whole else lengths
-    return whole > 0 and bool(middle.mean() >= options.min_length_frames)
+    return whole > 0 and bool(middle.mean() >= VOTE.min_length_frames)
 
 
-def frame_log_odds(confidence: np.ndarray, options: VoteOptions = VOTE) -> np.ndarray:
+def frame_log_odds(confidence: np.ndarray) -> np.ndarray:
     """Log odds that frames on their own say for names of such confidence."""
     odds = np.log(np.maximum(confidence, 1e-6) / np.maximum(1 - confidence, 1e-6))
-    return np.clip(odds, 0, options.max_frame_log_odds)
+    return np.clip(odds, 0, VOTE.max_frame_log_odds)
 
 
 def gone_over(last: int, first: int, before: str, after: str, column: int) -> Suspect:
@@ -189,15 +151,12 @@ def gone_over(last: int, first: int, before: str, after: str, column: int) -> Su
     return Suspect(last, first, f"goes over from {before} to {after}", column, (before, after))
 
 
-def _gone_over(before, after, tracklet, at: int, names: Sequence[str]) -> tuple[Suspect, ...]:
-    """Tracklets that two windows, of which the second begins at frame `at` by the source's number, gave two names.
-
-    `before` and `after` (L,) are those of the last frame of one and of the first of the other, tracklet (2, L).
-    """
-    changed = (tracklet[0] == tracklet[1]) & (before != after) & (before != NO_MARKER) & (after != NO_MARKER)
+def gone_over_between(marker: np.ndarray, tracklet: np.ndarray, at: int, names: Sequence[str]) -> tuple[Suspect, ...]:
+    """Tracklets (2, L) that have two names, marker (2, L), in two frames, the second of which is `at` in the source."""
+    changed = (tracklet[0] == tracklet[1]) & (marker[0] != marker[1]) & (marker != NO_MARKER).all(axis=0)
     columns = np.flatnonzero(changed)
     return tuple(
-        gone_over(at - 1, at, names[before[column]], names[after[column]], column)
+        gone_over(at - 1, at, names[marker[0, column]], names[marker[1, column]], column)
         for column in columns[np.argsort(tracklet[1, columns], kind="stable")].tolist()
     )
 
@@ -247,26 +206,24 @@ class Stretch:
     silent: float
 
 
-def vote(
-    labels: Labels, tracklet: np.ndarray, names: Sequence[str], first_frame: int = 0, options: VoteOptions = VOTE
-) -> Verdict:
+def vote(labels: Labels, tracklet: np.ndarray, names: Sequence[str], first_frame: int = 0) -> Verdict:
     """One name for each tracklet, or for each part of one that swapped, of frames that all vote together.
 
     labels and tracklet are (T, L), names the M markers and first_frame the source's number of the first frame.
     """
-    stretches = _stretches(labels, tracklet, len(names), options)
-    given = _given(stretches, len(tracklet), len(names), options)
+    stretches = _stretches(labels, tracklet, len(names))
+    given = _given(stretches, len(tracklet), len(names))
     voted = Labels.none(*tracklet.shape)
     for stretch, (name, chance) in zip(stretches, given, strict=True):
         if name != NO_MARKER:
             at = stretch.frames, stretch.lane
             voted.marker[at], voted.step[at], voted.confidence[at] = name, BY_TRAJECTORY, chance
     suspects = _swaps(stretches, given, names, first_frame)
-    suspects += _doubts(stretches, given, names, first_frame, options.max_frame_log_odds)
+    suspects += _doubts(stretches, given, names, first_frame)
     return Verdict(voted, tuple(sorted(suspects, key=lambda suspect: suspect.first)))
 
 
-def _stretches(labels: Labels, tracklet: np.ndarray, markers: int, options: VoteOptions) -> list[Stretch]:
+def _stretches(labels: Labels, tracklet: np.ndarray, markers: int) -> list[Stretch]:
     """The tracklets (T, L) cut where they went over to another marker, those of which no frame says anything left out.
 
     There may be very many of these, a ghost each, so points are gone through in a row and not in a table of tracklets.
@@ -280,29 +237,28 @@ def _stretches(labels: Labels, tracklet: np.ndarray, markers: int, options: Vote
         return []
     row = row[np.argsort(number[row], kind="stable")]
     frame, lane, number, said = frame[row], lane[row], number[row], said[row]
-    worth = frame_log_odds(labels.confidence[frame, lane].astype(float), options)
+    worth = frame_log_odds(labels.confidence[frame, lane].astype(float))
     begin = np.flatnonzero(np.diff(number, prepend=-1))
-    counts, paid = _added_up(np.repeat(np.arange(len(begin)), np.diff(begin, append=len(number))), said, worth, markers)
-    length = np.diff(begin, append=len(number))[:, None]
-    considered = (counts > options.min_part * length) | (paid * options.frame_weight > options.swap_cost)
-    cuts = [begin]
-    for one in np.flatnonzero(considered.sum(axis=1) > 1).tolist():
-        own = slice(begin[one], begin[one] + int(length[one, 0]))
-        gain = np.where(said[own, None] == np.flatnonzero(considered[one]), worth[own, None], 0) * options.frame_weight
-        cuts.append(own.start + 1 + np.flatnonzero(np.diff(_most_likely(gain, options.swap_cost))))
+    # What cannot pay for a change in all of a tracklet cannot in a part of it.
+    able = _added_up(begin, said, worth, markers) * VOTE.frame_weight > VOTE.swap_cost
+    cuts, ends = [begin], np.append(begin[1:], len(number))
+    for one in np.flatnonzero(able.sum(axis=1) > 1).tolist():
+        own = slice(begin[one], ends[one])
+        gain = np.where(said[own, None] == np.flatnonzero(able[one]), worth[own, None], 0) * VOTE.frame_weight
+        cuts.append(own.start + 1 + np.flatnonzero(np.diff(_most_likely(gain, VOTE.swap_cost))))
     begin = np.sort(np.concatenate(cuts))
-    _, total = _added_up(np.repeat(np.arange(len(begin)), np.diff(begin, append=len(number))), said, worth, markers)
-    silent = options.ghost_log_odds * np.add.reduceat(said == NO_MARKER, begin, dtype=float)
+    total = _added_up(begin, said, worth, markers)
+    silent = VOTE.ghost_log_odds * np.add.reduceat(said == NO_MARKER, begin, dtype=float)
     parts = zip(number[begin].tolist(), lane[begin].tolist(), np.split(frame, begin[1:]), total, silent, strict=True)
     return [Stretch(*part) for part in parts]
 
 
-def _added_up(part: np.ndarray, said: np.ndarray, worth: np.ndarray, markers: int) -> tuple[np.ndarray, np.ndarray]:
-    """How often each marker is said (K,) in each part (K,), and what that is worth, (N, M) each."""
-    count, some = int(part.max(initial=-1)) + 1, said != NO_MARKER
+def _added_up(begin: np.ndarray, said: np.ndarray, worth: np.ndarray, markers: int) -> np.ndarray:
+    """(N, M) what the markers said (K,), each worth (K,), are worth together from each of N beginnings to the next."""
+    part = np.repeat(np.arange(len(begin)), np.diff(begin, append=len(said)))
+    some = said != NO_MARKER
     cell = part[some] * markers + said[some]
-    tables = (np.bincount(cell, weights, count * markers) for weights in (None, worth[some]))
-    return tuple(table.reshape(count, markers) for table in tables)
+    return np.bincount(cell, worth[some], len(begin) * markers).reshape(len(begin), markers)
 
 
 def _most_likely(gain: np.ndarray, cost: float) -> np.ndarray:
@@ -322,20 +278,20 @@ def _most_likely(gain: np.ndarray, cost: float) -> np.ndarray:
     return path
 
 
-def _given(stretches: list[Stretch], frames: int, markers: int, options: VoteOptions) -> list[tuple[int, float]]:
+def _given(stretches: list[Stretch], frames: int, markers: int) -> list[tuple[int, float]]:
     """The marker and chance of every stretch: who has most to say chooses first, and nobody takes what is taken."""
     busy = np.zeros((frames, markers), dtype=bool)
     given: list[tuple[int, float]] = [(NO_MARKER, 0.0)] * len(stretches)
     waiting = sorted(range(len(stretches)), key=lambda index: -stretches[index].said.max(initial=0))
     for index in waiting:
         stretch = stretches[index]
-        allowed = np.add.reduce(busy[stretch.frames], axis=0, dtype=int) <= options.max_overlap_frames
+        allowed = np.add.reduce(busy[stretch.frames], axis=0, dtype=int) <= VOTE.max_overlap_frames
         free = np.where(allowed, stretch.said, 0)
         best = int(free.argmax())
         rest = stretch.said.sum() - stretch.said[best] + stretch.silent
-        if free[best] > options.min_majority * (free[best] + rest):
-            lead = (free[best] - rest) * options.frame_weight
-            given[index] = (best, float(1 / (1 + np.exp(-min(lead, options.max_log_odds)))))
+        if free[best] > rest:
+            lead = (free[best] - rest) * VOTE.frame_weight
+            given[index] = (best, float(1 / (1 + np.exp(-min(lead, VOTE.max_log_odds)))))
             busy[stretch.frames, best] = True
     return given
 
@@ -350,11 +306,11 @@ def _swaps(stretches, given, names, first_frame) -> list[Suspect]:
     return suspects
 
 
-def _doubts(stretches, given, names, first_frame, least: float) -> list[Suspect]:
+def _doubts(stretches, given, names, first_frame) -> list[Suspect]:
     """Tracklets that frames named often and for which no name won."""
     suspects = []
     for stretch, (name, _) in zip(stretches, given, strict=True):
-        if name == NO_MARKER and stretch.said.max() > max(stretch.silent, least):
+        if name == NO_MARKER and stretch.said.max() > max(stretch.silent, VOTE.max_frame_log_odds):
             likely = tuple(names[marker] for marker in np.argsort(-stretch.said)[:2] if stretch.said[marker] > 0)
             words = f"may be {' or '.join(likely)} and stays unnamed"
             first, last = (int(stretch.frames[at]) + first_frame for at in (0, -1))

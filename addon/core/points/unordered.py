@@ -23,42 +23,38 @@ from .tracklets import are_lasting
 
 @dataclass(frozen=True)
 class UnorderedOptions:
-    """How frames in no order teach their subject. Reckoned, and looked at on people and labs left out of training.
+    """How frames in no order teach their subject.
 
-    frames           of the take that are learned from
-    min_clouds       of them that have enough sure names, else the training must do
     min_part         of the markers that are enough
     min_rate         at which labels like it are right, of a name that is learned from: stricter learns more slowly,
                      and no better
-    max_rounds       of learning and naming
-    same             part of the points that keep their names when nothing changes any more,
-    nearly_same      and when it is time to look for markers that are placed elsewhere:
     rare             named less often than this part of what is usual; they are looked for
     loose_sd_radii   this far about where they are expected, and are there if they are
     near_radii       this near to one place of the body, in
     min_near         this part of the frames that have them, and this part of what is usual of a marker
-    hidden_part      of a frame's points that is hidden to try how far labels keep,
-    trials           so many times in each frame; a name that changes then counts as wrong, unless it is so far ahead,
+    hidden_part      of a frame's points that is hidden to try how far labels keep; a name that changes then counts as
+                     wrong, unless it is so far ahead,
     max_lead         in log odds, of the name before
     """
 
-    frames: int = 600
-    min_clouds: int = 20
     min_part: float = 1 / 3
     min_rate: float = 0.99
-    max_rounds: int = 10
-    same: float = 0.9995
-    nearly_same: float = 0.995
     rare: float = 0.5
     loose_sd_radii: float = 0.25
     near_radii: float = 0.12
     min_near: float = 0.5
     hidden_part: float = 1 / 12
-    trials: int = 2
     max_lead: float = 5.0
 
 
 UNORDERED = UnorderedOptions()
+FRAMES_LEARNED_FROM = 600  # of a take; by time
+MIN_CLOUDS = 20  # of them that have enough sure names, else there is nothing to learn from
+MAX_ROUNDS = 10  # of learning and naming; it settles before
+SETTLED = 0.9995  # part of the points that keep their names, when nothing changes any more,
+NEARLY_SETTLED = 0.995  # and when it is time to look for markers that are placed elsewhere
+TRIALS = 2  # in each frame; by time
+STEPS = MAX_ROUNDS + TRIALS
 
 
 def is_unordered(model: Model, tracklet: np.ndarray) -> bool:
@@ -69,47 +65,44 @@ def is_unordered(model: Model, tracklet: np.ndarray) -> bool:
     return model.likelihood is not None and model.rigid_bodies is None and not are_lasting(tracklet)
 
 
-def learn_subject(
-    trained: Likelihood, points: np.ndarray, named: Labels, options: UnorderedOptions = UNORDERED
-) -> Generator[float, None, Likelihood]:
+def learn_subject(trained: Likelihood, points: np.ndarray, named: Labels) -> Generator[float, None, Likelihood]:
     """The likelihood of the subject of frames of points (T, P, 3) m, which `trained` named with their `rate`.
 
     Yields the share of the work that is done. Where too little is sure it is the training's own.
     """
-    chosen = evenly_spread(len(points), options.frames)
+    chosen = evenly_spread(len(points), FRAMES_LEARNED_FROM)
     points, labels = points[chosen], named[chosen]
     present = np.isfinite(points).all(axis=2)
     crowded = np.median(present.sum(axis=1)) > len(trained)
     likelihood, sought = trained, np.zeros(len(trained), dtype=bool)
-    steps = options.max_rounds + options.trials
-    for done in range(options.max_rounds):
-        clouds = sure_clouds(labels, points, len(trained), options)
-        if len(clouds) < options.min_clouds:
+    for done in range(MAX_ROUNDS):
+        clouds = sure_clouds(labels, points, len(trained))
+        if len(clouds) < MIN_CLOUDS:
             return trained
         likelihood = of_subject(trained, clouds)
-        before, labels = labels, (yield from _named(likelihood, points, done / steps, 1 / steps))
+        before, labels = labels, (yield from _named(likelihood, points, done / STEPS, 1 / STEPS))
         same = (labels.marker == before.marker)[present].mean()
-        rare = _rare(clouds, options) & ~sought
+        rare = _rare(clouds) & ~sought
         # Among many more points than markers, what is left over is other markers.
-        if same >= options.nearly_same and rare.any() and not crowded:
+        if same >= NEARLY_SETTLED and rare.any() and not crowded:
             sought |= rare
-            loose = loosened(likelihood, rare, options.loose_sd_radii)
-            wide = yield from _named(loose, points, done / steps, 1 / steps)
-            labels = _in_place(wide, points, rare, likelihood.shape, clouds, options)
-        elif same >= options.same:
+            loose = loosened(likelihood, rare, UNORDERED.loose_sd_radii)
+            wide = yield from _named(loose, points, done / STEPS, 1 / STEPS)
+            labels = _in_place(wide, points, rare, likelihood.shape, clouds)
+        elif same >= SETTLED:
             break
-    return (yield from _tried(likelihood, points, labels, options))
+    return (yield from _tried(likelihood, points, labels))
 
 
-def sure_clouds(labels: Labels, points: np.ndarray, markers: int, options: UnorderedOptions = UNORDERED) -> np.ndarray:
+def sure_clouds(labels: Labels, points: np.ndarray, markers: int) -> np.ndarray:
     """(F, M, 3) m, NaN where unsure, the frames of points (T, P, 3) m that have enough names to learn from."""
-    clouds = _placed(labels, points, markers, options)
-    return clouds[np.isfinite(clouds[..., 0]).mean(axis=1) >= options.min_part]
+    clouds = _placed(labels, points, markers)
+    return clouds[np.isfinite(clouds[..., 0]).mean(axis=1) >= UNORDERED.min_part]
 
 
-def _placed(labels: Labels, points: np.ndarray, markers: int, options: UnorderedOptions) -> np.ndarray:
+def _placed(labels: Labels, points: np.ndarray, markers: int) -> np.ndarray:
     """(T, M, 3) m of points (T, P, 3) whose names are sure; NaN where a marker has none."""
-    return labels.kept(labels.sure(options.min_rate) != NO_MARKER).placed(points, markers)
+    return labels.kept(labels.sure(UNORDERED.min_rate) != NO_MARKER).placed(points, markers)
 
 
 def _named(likelihood: Likelihood, points: np.ndarray, first: float, part: float) -> Generator[float, None, Labels]:
@@ -122,20 +115,18 @@ def _named(likelihood: Likelihood, points: np.ndarray, first: float, part: float
     return Labels.join(parts)
 
 
-def _rare(clouds: np.ndarray, options: UnorderedOptions) -> np.ndarray:
+def _rare(clouds: np.ndarray) -> np.ndarray:
     """(M,) True for markers that are hardly ever named, as when they are placed where nobody in training had them."""
     often = np.isfinite(clouds[..., 0]).mean(axis=0)
-    return often < options.rare * np.median(often)
+    return often < UNORDERED.rare * np.median(often)
 
 
-def _in_place(
-    labels: Labels, points: np.ndarray, rare: np.ndarray, shape: Shape, clouds: np.ndarray, options: UnorderedOptions
-) -> Labels:
+def _in_place(labels: Labels, points: np.ndarray, rare: np.ndarray, shape: Shape, clouds: np.ndarray) -> Labels:
     """The labels without those of rare markers (M,) that are not in one place of the body: ghosts are anywhere.
 
     `clouds` (F, M, 3) m are those in which all others were sure before.
     """
-    placed = _placed(labels, points, len(rare), options)
+    placed = _placed(labels, points, len(rare))
     usual = np.median(np.isfinite(clouds[..., 0]).sum(axis=0))
     kept = labels.named
     for marker in np.flatnonzero(rare):
@@ -144,16 +135,14 @@ def _in_place(
         near = np.zeros(len(off), dtype=bool)
         if there.any():
             distance = np.linalg.norm(off - np.median(off[there], axis=0), axis=1)
-            near = there & (distance < options.near_radii * shape.radius)
-        if near.sum() < options.min_near * max(there.sum(), usual):
+            near = there & (distance < UNORDERED.near_radii * shape.radius)
+        if near.sum() < UNORDERED.min_near * max(there.sum(), usual):
             near[:] = False
         kept &= (labels.marker != marker) | near[:, None]
     return labels.kept(kept)
 
 
-def _tried(
-    likelihood: Likelihood, points: np.ndarray, labels: Labels, options: UnorderedOptions
-) -> Generator[float, None, Likelihood]:
+def _tried(likelihood: Likelihood, points: np.ndarray, labels: Labels) -> Generator[float, None, Likelihood]:
     """The likelihood promising no more than labels (T, P) keep when more of the points (T, P, 3) m are hidden.
 
     What its margins are worth was learned of other people and of their poses. How often names change here when less of
@@ -161,16 +150,15 @@ def _tried(
     """
     rng, present = np.random.default_rng(0), np.isfinite(points).all(axis=2)
     count = present.sum(axis=1, keepdims=True)
-    gone = np.maximum(np.rint(options.hidden_part * count), 1)
+    gone = np.maximum(np.rint(UNORDERED.hidden_part * count), 1)
     odds, right = [], []
-    steps = options.max_rounds + options.trials
-    for trial in range(options.trials):
+    for trial in range(TRIALS):
         rank = np.where(present, rng.random(present.shape), 2.0).argsort(axis=1).argsort(axis=1)
         seen = np.where((present & (rank >= gone))[..., None], points, np.nan)
-        again = yield from _named(likelihood, seen, (options.max_rounds + trial) / steps, 1 / steps)
+        again = yield from _named(likelihood, seen, (MAX_ROUNDS + trial) / STEPS, 1 / STEPS)
         sure, before = _log_odds(again)[again.named], _log_odds(labels)[again.named]
         same = (again.marker == labels.marker)[again.named]
-        usable = same | (sure - before < options.max_lead)
+        usable = same | (sure - before < UNORDERED.max_lead)
         odds.append(sure[usable])
         right.append(same[usable])
     calibration = raised(likelihood.calibration, np.concatenate(odds), np.concatenate(right))

@@ -16,26 +16,11 @@ from ..data.errors import InputError
 
 # From the body's axes (x forward, y left) to a character's (-y forward, x left).
 FACING = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+# Parts of the way at which bones begin that a body's segments have no joints for, as in people: from the back's joint
+# to the neck's, from there to the top of the head, from there to the shoulder's, and from the ankle to the toes' tips.
+WHOLE = 0.0, 1.0
+CHEST, SKULL, SHOULDER, TOES = 0.5, 0.4, 0.15, 0.7
 UPWARDS, DOWNWARDS, FORWARDS = (0.0, 0, 1), (0.0, 0, -1), (0.0, -1, 0)
-
-
-@dataclass(frozen=True)
-class CharacterOptions:
-    """Where bones begin that a body's segments have no joints for.
-
-    chest     physical: part of the way from the back's joint to the neck's
-    skull     physical: part of the way from the neck's joint to the top of the head
-    shoulder  physical: part of the way from the neck's joint to the shoulder's, where the collarbone begins
-    toes      physical: part of the way from the ankle to the tips of the toes, their joints
-    """
-
-    chest: float = 0.5
-    skull: float = 0.4
-    shoulder: float = 0.15
-    toes: float = 0.7
-
-
-CHARACTER = CharacterOptions()
 
 
 @dataclass(frozen=True)
@@ -46,9 +31,8 @@ class BoneSite:
     parent     None for the root
     segment    of the body, that moves it
     towards    the segment whose joint is ahead of it; None for the own far end
-    along      format: it begins so far, of the way there
+    part       it begins so far, and ends so far, of the way there
     direction  of the bone at rest, None for as the body has it
-    until      format: it ends so far on that way
     start      the segment whose joint that way begins at, None for its own
     """
 
@@ -57,8 +41,7 @@ class BoneSite:
     segment: str
     towards: str | None
     direction: tuple[float, float, float] | None
-    along: float = 0.0
-    until: float = 1.0
+    part: tuple[float, float] = WHOLE
     start: str | None = None
 
 
@@ -69,23 +52,23 @@ def _arm_and_leg(side: str) -> tuple[BoneSite, ...]:
     )
     shoulder = f"shoulder.{side}"
     return (
-        BoneSite(shoulder, "chest", "thorax", arm, out, along=CHARACTER.shoulder, start="head"),
+        BoneSite(shoulder, "chest", "thorax", arm, out, part=(SHOULDER, 1.0), start="head"),
         BoneSite(arm, shoulder, arm, forearm, out),
         BoneSite(forearm, arm, forearm, hand, out),
         BoneSite(hand, forearm, hand, None, out),
         BoneSite(thigh, "hips", thigh, shank, DOWNWARDS),
         BoneSite(shank, thigh, shank, foot, DOWNWARDS),
-        BoneSite(foot, shank, foot, None, None, until=CHARACTER.toes),
-        BoneSite(f"toes.{side}", foot, foot, None, FORWARDS, along=CHARACTER.toes),
+        BoneSite(foot, shank, foot, None, None, part=(0.0, TOES)),
+        BoneSite(f"toes.{side}", foot, foot, None, FORWARDS, part=(TOES, 1.0)),
     )
 
 
 BONES = (
     BoneSite("hips", None, "pelvis", "thorax", None),
-    BoneSite("spine", "hips", "thorax", "head", UPWARDS, until=CHARACTER.chest),
-    BoneSite("chest", "spine", "thorax", "head", UPWARDS, along=CHARACTER.chest),
-    BoneSite("neck", "chest", "head", None, UPWARDS, until=CHARACTER.skull),
-    BoneSite("head", "neck", "head", None, UPWARDS, along=CHARACTER.skull),
+    BoneSite("spine", "hips", "thorax", "head", UPWARDS, part=(0.0, CHEST)),
+    BoneSite("chest", "spine", "thorax", "head", UPWARDS, part=(CHEST, 1.0)),
+    BoneSite("neck", "chest", "head", None, UPWARDS, part=(0.0, SKULL)),
+    BoneSite("head", "neck", "head", None, UPWARDS, part=(SKULL, 1.0)),
     *_arm_and_leg("L"),
     *_arm_and_leg("R"),
 )
@@ -186,7 +169,7 @@ def _ends(site: BoneSite, index: Mapping[str, int], joints: np.ndarray, ends: np
     own = index[site.segment]
     first = joints[index[site.start or site.segment]]
     last = ends[own] if site.towards is None or site.towards not in index else joints[index[site.towards]]
-    return first + site.along * (last - first), first + site.until * (last - first)
+    return first + site.part[0] * (last - first), first + site.part[1] * (last - first)
 
 
 def _turn(site: BoneSite, bone: np.ndarray) -> np.ndarray:

@@ -21,6 +21,10 @@ from ..kernels import calls
 from ..papers.virtual_occlusions.cost import PointPull
 from ..papers.virtual_occlusions.fit import fit_body, fit_until_still
 
+WINDOW_FRAMES = 20_000  # of one subject that are posed as a take of their own, so that memory does not grow
+KEY_STRIDE = 8  # frames; those in between start from their neighbours' poses
+BATCH_FRAMES = 256  # posed at once, few enough for the processor's cache
+
 
 @dataclass(frozen=True)
 class PosingOptions:
@@ -32,9 +36,6 @@ class PosingOptions:
     own_sd           physical: heights, how far a subject's own markers stray from where the shape puts them
     min_markers      physical: a frame with fewer has no pose; three points fix one, a fourth tells it from its mirror
     subject_frames   memory: which one subject's size and shape are taken from
-    key_stride       memory: frames; those in between start from their neighbours' poses
-    window_frames    memory: of one subject that are posed as a take of their own
-    batch_frames     memory: posed at once, few enough for the processor's cache
     max_cost_ratio   physical: of a frame's cost to the median; one that is posed worse than this is tried again
     max_size_ratio   physical: of a body's first size to the prior's height, either way: a grown person on a child's
                      marker set
@@ -47,9 +48,6 @@ class PosingOptions:
     own_sd: float = 0.02
     min_markers: int = 4
     subject_frames: int = 40
-    key_stride: int = 8
-    window_frames: int = 20_000
-    batch_frames: int = 256
     max_cost_ratio: float = 3.0
     max_size_ratio: float = 1.6
     limb_weight: float = 0.25
@@ -108,8 +106,8 @@ def fit_in_steps(
         for part in blocks(len(points), int(np.prod(shape[1:]))):
             fields[name][part] = np.nan
     yield count(0)
-    for at in range(0, len(enough), POSING.window_frames):
-        part = enough[at : at + POSING.window_frames]
+    for at in range(0, len(enough), WINDOW_FRAMES):
+        part = enough[at : at + WINDOW_FRAMES]
         bodies = yield from _pose_in_steps(model, subject, points[part], prior, count)
         for name in poses:
             fields[name][part] = getattr(bodies, name)
@@ -148,7 +146,7 @@ def fit_subject(model: BodyModel, points: np.ndarray, prior: Prior, steps: int =
 
 def _counter(frames: int) -> Callable[[int], float]:
     """A function that hears how many frames went how many steps on, and says how far that is in it all, about."""
-    whole, done = frames * (FAR_STEPS / POSING.key_stride + NEAR_STEPS), 0
+    whole, done = frames * (FAR_STEPS / KEY_STRIDE + NEAR_STEPS), 0
 
     def count(work: int) -> float:
         nonlocal done
@@ -172,7 +170,7 @@ def _pose_in_steps(
     """
     stiff = BodyModel(baked(model, subject))
     held = _Held(Prior(stiff, prior.strength, height=prior.height), slice(6, PLACEMENT))
-    keys = np.unique(np.append(np.arange(0, len(points), POSING.key_stride), len(points) - 1))
+    keys = np.unique(np.append(np.arange(0, len(points), KEY_STRIDE), len(points) - 1))
     start = replace(aligned(stiff, points[keys], prior), scale=np.repeat(subject.scale, len(keys), axis=0))
     posed = yield from _fit_batches(stiff, start, points[keys], held, FAR_STEPS, count)
     if len(keys) < len(points):
@@ -369,7 +367,7 @@ def _tried_again(
 
 
 def _batches(count: int) -> list[slice]:
-    return [slice(first, first + POSING.batch_frames) for first in range(0, count, POSING.batch_frames)]
+    return [slice(first, first + BATCH_FRAMES) for first in range(0, count, BATCH_FRAMES)]
 
 
 def _cost(model: BodyModel, bodies: Bodies, points: np.ndarray, part: slice) -> np.ndarray:

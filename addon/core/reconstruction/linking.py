@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Points of one frame after the other joined into trajectories: the nearest to where each should be, one to one."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..data.physical import MARKER_LIMITS
+from ..papers.virtual_occlusions.labelling import Rules
 from .matching import Expected
 
 
@@ -13,9 +14,7 @@ from .matching import Expected
 class LinkingOptions:
     """How markers move, so far as it links points, beside what `MARKER_LIMITS` says.
 
-    noise_m         physical: by which a point may be off beside that: noise, and rays that come and go
     max_start_m_s   measured: by which the velocity of a trajectory that has just begun may differ from its neighbours'
-    max_reach_m     measured: from where a point is expected; twice of it exchanges trajectories
     max_gap_s       measured: without a point, after which a trajectory ends; half of it breaks three times as many
     velocity_share  measured: of the newest step in the velocity; without the older steps and the neighbours one of two
                     who walk one behind the other (`blobs of several behind`) has 520 wrong labels for 11
@@ -23,9 +22,7 @@ class LinkingOptions:
     neighbour_m     measured: within which a trajectory that begins moves as those around it do, on the same take
     """
 
-    noise_m: float = 0.008
     max_start_m_s: float = 3.0
-    max_reach_m: float = 0.12
     max_gap_s: float = 0.12
     velocity_share: float = 0.6
     settled_points: int = 6
@@ -57,15 +54,6 @@ class Links:
         none = np.zeros(0, int)
         return cls(rate, none, np.zeros((0, 3)), np.zeros((0, 3)), none, none, begun=0)
 
-    def backwards(self, points: np.ndarray, numbers: np.ndarray) -> "Links":
-        """The same trajectories, to be followed into the past from where they had `points` with these `numbers`."""
-        place = {number: index for index, number in enumerate(self.number.tolist())}
-        at = np.array([place.get(number, -1) for number in numbers.tolist()], dtype=int)
-        velocity = np.where((at >= 0)[:, None], -self.velocity[at], 0.0) if len(self.number) else 0 * points
-        length = np.where(at >= 0, self.length[at], 1) if len(self.number) else np.ones(len(points), int)
-        kept = {"number": numbers.copy(), "points": points.copy(), "missing": np.zeros(len(points), int)}
-        return replace(self, velocity=velocity, length=length, **kept)
-
     def expected(self) -> Expected:
         """Where the trajectories should be in the next frame."""
         return Expected(self.points + self.velocity * (1 + self.missing)[:, None], self._reach())
@@ -74,8 +62,8 @@ class Links:
         """(N,) m, how far from there a point may be and still be of the trajectory."""
         seconds = (1 + self.missing) / self.rate
         start = np.where(self.length < 2, self.options.max_start_m_s * seconds, 0)
-        reach = self.options.noise_m + MARKER_LIMITS.max_push_m_s2 / 2 * seconds**2 + start
-        return np.minimum(reach, self.options.max_reach_m)
+        # No blob is farther from where its marker is expected; twice of it exchanges trajectories.
+        return np.minimum(MARKER_LIMITS.reach_m(seconds) + start, Rules.max_distance_m)
 
     def link(self, points: np.ndarray) -> np.ndarray:
         """(Q,) the numbers of the trajectories that the next frame's points (Q, 3) belong to; new ones begin."""

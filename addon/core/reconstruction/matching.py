@@ -9,42 +9,32 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..geometry.triangulation import Rays
-from ..geometry.views import Sight, View
+from ..geometry.triangulation import Rays, passing
+from ..geometry.views import VIEWING, Sight, View
+from ..papers.virtual_occlusions.labelling import Rules
+
+MAX_PAIRS = 20_000  # of rays in a frame; more is a room full of reflections, of which the closest pairs are tried
+MAX_ROUNDS = 40  # of choosing hypotheses; few are left after five
 
 
 @dataclass(frozen=True)
 class MatchingOptions:
-    """Which blobs are taken to be one marker's. Deviations are standard ones of a blob's position.
+    """Which blobs are taken to be one marker's, beside how far `Rules` lets them be off.
 
     Measured on walks in 4 to 8 cameras: half or twice of each number changes 1 % of the points at most.
 
-    min_depth_m  physical: from a camera; no marker is nearer
-    min_sine  measured: of the angle between two rays; below it they fix no depth
-    max_pass_sds  measured: by which two rays of one marker may pass each other
-    max_candidate_sds  measured: within which a blob is tried with the crossing of two others
-    max_miss_sds  measured: within which a blob belongs to the point that its set makes
     room_m3  physical: about the space in which a marker may be
     min_distance_m  physical: between two markers; nearer, two points are one
     max_blur_m  measured: standard deviation along its worst axis of a point; one less certain is none
     min_lead  measured: log likelihood by which a point of two rays must lead any other use of its blobs
-    max_pairs  memory: a frame; more is a room full of reflections, of which the closest pairs are tried
     max_alone_m  physical: from all other markers, as they are on one subject
-    max_rounds  measured: of choosing hypotheses that hold
     """
 
-    min_depth_m: float = 0.2
-    min_sine: float = 0.02
-    max_pass_sds: float = 4.0
-    max_candidate_sds: float = 6.0
-    max_miss_sds: float = 3.5
     room_m3: float = 10.0
     min_distance_m: float = 0.006
     max_blur_m: float = 0.02
     min_lead: float = 1.5
-    max_pairs: int = 20_000
     max_alone_m: float = 1.0
-    max_rounds: int = 40
 
 
 MATCHING = MatchingOptions()
@@ -138,8 +128,8 @@ class FrameMatcher:
         """Pairs of blobs in different cameras that both lie where the same point is expected."""
         local = self.sight.local(expected.points[None])[0]
         image = self.sight.image(local)
-        reach = expected.radius / np.maximum(local[..., 2], self.options.min_depth_m)
-        reach = reach + self.options.max_miss_sds * self.pixel / self.sight.focal[:, None]
+        reach = expected.radius / np.maximum(local[..., 2], VIEWING.min_depth_m)
+        reach = reach + Rules.max_miss * self.pixel / self.sight.focal[:, None]
         offset = self.view.image[self.camera, self.slot][:, None] - image[self.camera]
         near = np.einsum("bni,bni->bn", offset, offset) < reach[self.camera] ** 2
         together = near.astype(np.float32) @ near.T.astype(np.float32) > 0
@@ -153,23 +143,14 @@ class FrameMatcher:
 
     def _crossings(self, first: np.ndarray, second: np.ndarray):
         """Of pairs of blobs those whose rays pass each other closely, and the points (Q, 3) between."""
-        options = self.options
-        # Axis by axis (3, N): NumPy is slow to add up three of something.
-        direction, origin = self.direction.T, self.origin.T
-        between = np.take(origin, second, axis=1) - np.take(origin, first, axis=1)
-        one, two = np.take(direction, first, axis=1), np.take(direction, second, axis=1)
-        cosine, along_one, along_two = _summed(one * two), _summed(between * one), _summed(between * two)
-        sine2 = np.maximum(1 - cosine**2, options.min_sine**2)
-        near, far = (along_one - cosine * along_two) / sine2, (cosine * along_one - along_two) / sine2
-        gap = between + far * two - near * one
-        gap2 = _summed(gap**2)
+        near, far, gap, fixed = passing(self.direction, self.origin, first, second)
+        gap2 = gap[0] ** 2 + gap[1] ** 2 + gap[2] ** 2
         focal = self.sight.focal[self.camera]
-        allowed2 = options.max_pass_sds**2 * self.pixel**2 * ((near / focal[first]) ** 2 + (far / focal[second]) ** 2)
-        good = (gap2 < allowed2) & (1 - cosine**2 > options.min_sine**2)
-        kept = np.flatnonzero(good & (near > options.min_depth_m) & (far > options.min_depth_m))
-        if len(kept) > options.max_pairs:
-            kept = kept[np.argsort(gap2[kept] / allowed2[kept])[: options.max_pairs]]
-        middle = self.origin[first[kept]] + (near[kept] * one[:, kept] + gap[:, kept] / 2).T
+        allowed2 = Rules.max_square * self.pixel**2 * ((near / focal[first]) ** 2 + (far / focal[second]) ** 2)
+        kept = np.flatnonzero(fixed & (gap2 < allowed2))
+        if len(kept) > MAX_PAIRS:
+            kept = kept[np.argsort(gap2[kept] / allowed2[kept])[:MAX_PAIRS]]
+        middle = self.origin[first[kept]] + near[kept, None] * self.direction[first[kept]] + gap[:, kept].T / 2
         return first[kept], second[kept], middle
 
     def _nearest_blobs(self, points: np.ndarray, deviations: float) -> np.ndarray:
@@ -185,13 +166,13 @@ class FrameMatcher:
     def _choose(self, pairs, expected: Expected, before: list[FramePoints]) -> FramePoints:
         """The hypotheses from pairs of blobs that hold, best first; their blobs are not free any more."""
         first, second, middle = self._crossings(*pairs)
-        slots = self._nearest_blobs(middle, self.options.max_candidate_sds)
+        slots = self._nearest_blobs(middle, Rules.max_off_point)
         slots[np.arange(len(first)), self.camera[first]] = self.slot[first]
         slots[np.arange(len(first)), self.camera[second]] = self.slot[second]
         left = _Hypotheses.of(self, self._completed(slots), expected)
         taken = [part.points for part in before]
         chosen = []
-        for _ in range(self.options.max_rounds):
+        for _ in range(MAX_ROUNDS):
             winners = left.winners(taken, self.options)
             if not winners.any():
                 break
@@ -210,7 +191,7 @@ class FrameMatcher:
             slots = self.agreeing(each_once(slots))
             met = self.rays.meet(slots.T)
             known = np.isfinite(met.points[:, 0])
-            more = self._nearest_blobs(met.points[known], self.options.max_miss_sds)
+            more = self._nearest_blobs(met.points[known], Rules.max_miss)
             slots = np.where(slots[known] >= 0, slots[known], more)
         return self.agreeing(each_once(slots))
 
@@ -219,7 +200,7 @@ class FrameMatcher:
         slots = slots[(slots >= 0).sum(axis=1) >= 2]
         for _ in self.cameras:
             miss = self.deviations(slots)
-            bad = miss.max(axis=0, initial=0) > self.options.max_miss_sds
+            bad = miss.max(axis=0, initial=0) > Rules.max_miss
             if not bad.any():
                 break
             slots = slots.copy()
@@ -235,7 +216,7 @@ class FrameMatcher:
     def metres(self, points: np.ndarray) -> np.ndarray:
         """(C, Q) m, standard deviation of a blob's position at the points (Q, 3)."""
         depth = np.nan_to_num(self.sight.local(points[None])[0, ..., 2], nan=1.0)
-        return self.pixel / self.sight.focal[:, None] * np.maximum(depth, self.options.min_depth_m)
+        return self.pixel / self.sight.focal[:, None] * np.maximum(depth, VIEWING.min_depth_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,11 +302,6 @@ class _Hypotheses:
             name: np.concatenate([getattr(rest, name), getattr(again, name)]) for name in vars(rest) if name != "miss"
         }
         return _Hypotheses(miss=np.concatenate([rest.miss, again.miss], axis=1), **fields)
-
-
-def _summed(axes: np.ndarray) -> np.ndarray:
-    """(N,) the sum of three rows (3, N)."""
-    return axes[0] + axes[1] + axes[2]
 
 
 def each_once(slots: np.ndarray) -> np.ndarray:

@@ -6,58 +6,42 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..blobs.subject import SUBJECT
 from ..data.errors import JobError
 from ..data.takes import Blobs
 from ..geometry.cameras import Cameras
 from ..geometry.triangulation import trimmed_deviation
 from ..geometry.views import Sight, View, split_views
+from ..papers.virtual_occlusions.labelling import Rules
 from .linking import Links
 from .matching import Circumstances, Expected, FrameMatcher, FramePoints
+
+SAMPLE_FRAMES = 12  # of the first chunk that the circumstances are learned from, twice
 
 
 @dataclass(frozen=True)
 class ReconstructionOptions:
-    """How a capture's circumstances are learned, and where trajectories begin.
+    """How a capture's circumstances are learned.
 
     Measured on walks in 4 to 8 cameras: half or twice of each number changes 1 % of the points at most; of the two
     shares, `first_seen` and `max_seen`, half of it, as twice of it would be more than all.
 
     min_points  measured: of a trajectory; a shorter one is a passing coincidence of rays
-    tried_px  measured: the take shows which of these deviations of a blob's position is nearest to its own
-    min_gain  measured: of the part of the blobs that a coarser one must explain to be taken
-    min_px  measured: least that the deviation may be, and
-    max_px  measured: most
     first_seen  measured: assumed before anything is seen: `Circumstances.seen`, and
     first_ghosts  measured: `Circumstances.ghosts`
     min_seen  measured: least that may be assumed; points of many rays, which say it, are the ones that are seen well,
         and
     max_seen  measured: most
     min_ghosts  measured: a frame, in every camera
-    sample_frames  measured: of the first chunk that the circumstances are learned from, twice
-    min_noise_points  measured: that must say it
-    opening_frames  measured: at the beginning, of which the calmest is where trajectories begin
-    opening_stride  measured: frames between those that are tried
-    min_full  measured: of the most points that a frame has, which the calmest must have
-    max_move_m  physical: that counts as a move between frames; farther is another point
     new_share  measured: of what a chunk shows in what is believed from then on
     """
 
     min_points: int = 5
-    tried_px: tuple[float, ...] = (0.4, 0.8, 1.6, 3.2)
-    min_gain: float = 0.05
-    min_px: float = 0.05
-    max_px: float = 4.0
     first_seen: float = 0.6
     first_ghosts: float = 3.0
     min_seen: float = 0.2
     max_seen: float = 0.7
     min_ghosts: float = 0.2
-    sample_frames: int = 12
-    min_noise_points: int = 8
-    opening_frames: int = 64
-    opening_stride: int = 4
-    min_full: float = 0.8
-    max_move_m: float = 0.1
     new_share: float = 0.3
 
 
@@ -134,14 +118,15 @@ class Reconstructor:
     def __init__(self, cameras: Cameras, rate: float, options: ReconstructionOptions = RECONSTRUCTION):
         self.cameras, self.sight, self.links, self.options = cameras, Sight(cameras), Links.at(rate), options
         ghosts = np.full(len(cameras), options.first_ghosts)
-        self.circumstances = Circumstances(options.tried_px[0], options.first_seen, ghosts)
+        self.circumstances = Circumstances(Rules.pixel, options.first_seen, ghosts)
         self.learned = False
 
     def reconstruct(self, blobs: Blobs) -> Reconstructed:
         """The points of the next chunk."""
         views = split_views(blobs, self.cameras)
-        linked = [] if self.learned else self._open(views)
-        linked += [self._linked(view, self.links) for view in views[len(linked) :]]
+        if not self.learned:
+            self._learn_first(views)
+        linked = [self._linked(view) for view in views]
         found, numbers = [points for points, _ in linked], [number for _, number in linked]
         self._learn(views, found, self.options.new_share)
         counts = [len(points.points) for points in found]
@@ -150,75 +135,30 @@ class Reconstructor:
         frame, trajectory = np.repeat(np.arange(len(views)), counts), np.concatenate(numbers)
         return Reconstructed(blobs.frames, frame, trajectory, rows=rows, pixel=self.circumstances.pixel, **columns)
 
-    def _linked(self, view: View, links: Links) -> tuple[FramePoints, np.ndarray]:
+    def _linked(self, view: View) -> tuple[FramePoints, np.ndarray]:
         """The points of the next frame and the numbers of their trajectories."""
-        points = self._match(view, links.expected())
-        return points, links.link(points.points)
+        points = self._match(view, self.links.expected())
+        return points, self.links.link(points.points)
 
     def _match(self, view: View, expected: Expected) -> FramePoints:
         if not view.count:
             return FramePoints.nothing(len(self.cameras))
         return FrameMatcher(view, self.sight, self.cameras.size, self.circumstances).match(expected)
 
-    def _open(self, views: list[View]) -> list[tuple[FramePoints, np.ndarray]]:
-        """The beginning of the take, linked forward and backward from its calmest frame.
-
-        Nothing tells the velocity of a trajectory's first point, and a foot that swings may be at its own toe's place
-        in the next frame.
-        """
-        if not self._learn_first(views):
-            return []
-        first = self._calmest(views[: self.options.opening_frames])
-        middle = [self._linked(view, self.links) for view in views[first : first + 2]]
-        back = self.links.backwards(middle[0][0].points, middle[0][1])
-        before = [self._linked(view, back) for view in reversed(views[:first])]
-        self.links.begun = back.begun
-        return [*reversed(before), *middle]
-
-    def _calmest(self, views: list[View]) -> int:
-        """The frame from which the points move least to the next."""
-        starts = range(0, len(views) - 1, self.options.opening_stride)
-        pairs = [self._matched(views[start : start + 2]) for start in starts]
-        most = max((len(one.points) for one, _ in pairs), default=0)
-        full = self.options.min_full * most
-        moves = [
-            _movement(one.points, two.points, self.options.max_move_m) if len(one.points) > full else np.inf
-            for one, two in pairs
-        ]
-        return starts[int(np.argmin(moves))] if most else 0
-
-    def _learn_first(self, views: list[View]) -> bool:
-        """What the capture is like, from frames spread over the first chunk, each on its own; whether they could."""
+    def _learn_first(self, views: list[View]):
+        """What the capture is like, from frames spread over the first chunk, each on its own."""
         full = [view for view in views if view.count]
-        count = self.options.sample_frames
-        sample = full[:: max(len(full) // count, 1)][:count]
-        if not sample:
-            return False
-        self.circumstances = replace(self.circumstances, pixel=self._likely_noise(sample))
-        for _ in range(2):
-            self.learned |= self._learn(sample, self._matched(sample), 1.0)
-        return self.learned
-
-    def _likely_noise(self, sample: list[View]) -> float:
-        """The least deviation beyond which no more of the blobs belong to points."""
-        least, explained = self.options.tried_px[0], -1.0
-        for pixel in self.options.tried_px:
-            self.circumstances = replace(self.circumstances, pixel=pixel)
-            used = sum((points.slots >= 0).sum() for points in self._matched(sample))
-            share = used / sum(view.count for view in sample)
-            if share > explained + self.options.min_gain:
-                least, explained = pixel, share
-        return least
-
-    def _matched(self, views: list[View]) -> list[FramePoints]:
-        return [self._match(view, Expected.nothing()) for view in views]
+        sample = full[:: max(len(full) // SAMPLE_FRAMES, 1)][:SAMPLE_FRAMES]
+        for _ in range(2 if sample else 0):
+            matched = [self._match(view, Expected.nothing()) for view in sample]
+            self.learned |= self._learn(sample, matched, 1.0)
 
     def _learn(self, views: list[View], found: list[FramePoints], share: float) -> bool:
         """Moves what is believed of the capture by `share` towards what these frames show; whether they could."""
         support = np.concatenate([points.support for points in found]) if found else np.zeros(0, int)
         squares = np.concatenate([points.squares for points in found]) if found else np.zeros(0)
         watching = np.concatenate([points.watching for points in found]) if found else np.zeros(0)
-        pixel = _pixel_noise(squares, support, self.options)
+        pixel = _pixel_noise(squares, support)
         if not np.isfinite(pixel):
             return False
         blobs = np.sum([view.real.sum(axis=1) for view in views], axis=0)
@@ -228,7 +168,7 @@ class Reconstructor:
         seen = np.clip(support[many].sum() / max(watching[many].sum(), 1), options.min_seen, options.max_seen)
         self.circumstances = replace(
             old,
-            pixel=float(np.clip(old.pixel + share * (pixel - old.pixel), options.min_px, options.max_px)),
+            pixel=float(np.clip(old.pixel + share * (pixel - old.pixel), SUBJECT.min_noise_px, SUBJECT.max_noise_px)),
             seen=float(old.seen + share * (seen - old.seen)),
             ghosts=np.maximum(old.ghosts + share * ((blobs - used) / len(views) - old.ghosts), options.min_ghosts),
         )
@@ -241,23 +181,15 @@ def _rows(view: View, points: FramePoints) -> np.ndarray:
     return np.where(points.slots >= 0, rows, -1)
 
 
-def _movement(before: np.ndarray, after: np.ndarray, max_move: float) -> float:
-    """m², mean square of how far points (Q, 3) are from the nearest of those after them."""
-    if not len(before) or not len(after):
-        return np.inf
-    distance = np.linalg.norm(before[:, None] - after, axis=2).min(axis=1)
-    return float((np.minimum(distance, max_move) ** 2).mean())
-
-
-def _pixel_noise(squares: np.ndarray, support: np.ndarray, options: ReconstructionOptions) -> float:
+def _pixel_noise(squares: np.ndarray, support: np.ndarray) -> float:
     """px, standard deviation of the blobs' positions as the meeting rays show it; NaN when too few rays meet.
 
     The worst of the points do not count: a wrong set or a merged blob is not noise.
     """
     freedom = 2.0 * support - 3
     many = support >= 3
-    if many.sum() < options.min_noise_points:
+    if many.sum() < Rules.min_meetings:
         many = support >= 2
-    if many.sum() < options.min_noise_points:
+    if many.sum() < Rules.min_meetings:
         return float("nan")
     return trimmed_deviation(squares[many], freedom[many])

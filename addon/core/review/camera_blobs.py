@@ -5,10 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..data.lanes import blocks
 from ..data.takes import NO_MARKER, Blobs, Labels, Motion
 from ..geometry.cameras import Cameras
 from .suspects import SUSPECTING
-from .tallies import OVERVIEW, Lengths
+from .tallies import Lengths
 
 
 @dataclass(frozen=True)
@@ -54,13 +55,13 @@ class CameraBlobs:
 
     def add(self, blobs: Blobs, labels: Labels, motion: Motion):
         """Adds a chunk."""
-        for first in range(0, len(blobs.frames), OVERVIEW.at_once):
-            last = min(first + OVERVIEW.at_once, len(blobs.frames))
-            rows = slice(*np.searchsorted(blobs.frame, [first, last]).tolist())
-            self._add(blobs.frame[rows] - first, blobs.camera[rows], blobs.xy[rows], labels.marker[rows], motion, first)
+        for frames in blocks(len(blobs.frames), len(self.names) * motion.markers.shape[1]):
+            rows = slice(*np.searchsorted(blobs.frame, [frames.start, frames.stop]).tolist())
+            frame = blobs.frame[rows] - frames.start
+            self._add(frame, blobs.camera[rows], blobs.xy[rows], labels.marker[rows], motion, frames)
 
-    def _add(self, frame, camera, xy, marker, motion: Motion, first: int):
-        count, frames = len(self.names), slice(first, first + OVERVIEW.at_once)
+    def _add(self, frame, camera, xy, marker, motion: Motion, frames: slice):
+        count = len(self.names)
         named = marker != NO_MARKER
         self._blobs += np.bincount(camera, minlength=count)
         self._named += np.bincount(camera[named], minlength=count)

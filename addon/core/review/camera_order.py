@@ -172,6 +172,18 @@ def best_order(agreement: CameraAgreement, sure: np.ndarray) -> np.ndarray | Non
     return order if moved.any() and better[moved].all() else None
 
 
+def cycles_of(order: np.ndarray) -> list[tuple[int, ...]]:
+    """The groups that a permutation (C,) moves round, each in the order in which it does."""
+    left, found = set(np.flatnonzero(order != np.arange(len(order))).tolist()), []
+    while left:
+        group = [min(left)]
+        while int(order[group[-1]]) != group[0]:
+            group.append(int(order[group[-1]]))
+        found.append(tuple(group))
+        left -= set(group)
+    return found
+
+
 def _passing(cameras: Cameras, one: int, other: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """How far rays (..., 3) of two cameras are beside each other's lines, in the second image and in the first."""
     turn = cameras.rotation[other] @ cameras.rotation[one].T

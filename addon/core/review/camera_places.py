@@ -19,17 +19,20 @@ from .camera_order import CAMERA_HEALTH, near_image
 class MovedOptions:
     """How a camera may have been moved since its calibration.
 
-    reach_rad    physical: rad, how far it is turned about any axis by somebody who knocks against it; 6°
-    turn_sd_rad  physical: rad, standard deviation of that turn where the blobs do not tell it from a shift, and
+    turn_sd_rad  physical: rad, standard deviation of its turn about an axis by somebody who knocks against it; 3°
     shift_sd_m   physical: m, of how far it is shifted
     bin_rad      measured: width of a bin of the votes, of which three side by side count together; as wide as a body's
                  own image is blurred by the turns that are tried
     """
 
-    reach_rad: float = 0.10
     turn_sd_rad: float = 0.05
     shift_sd_m: float = 0.05
     bin_rad: float = 0.004
+
+    @property
+    def reach_rad(self) -> float:
+        """How far it is looked for, rad: beyond two standard deviations it was put elsewhere."""
+        return 2 * self.turn_sd_rad
 
 
 MOVED = MovedOptions()

@@ -19,7 +19,7 @@ from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Suspect
 from ..geometry.cameras import Cameras
 from ..geometry.triangulation import meet_rows
-from .camera_order import CAMERA_HEALTH, CameraAgreement, best_order, same_names_meet
+from .camera_order import CAMERA_HEALTH, CameraAgreement, best_order, cycles_of, same_names_meet
 from .camera_places import CameraPlace, find_again
 from .camera_words import OF_ROOM
 from .room_size import times_too_large
@@ -312,7 +312,7 @@ class CameraCheck:
         figures, names = self.figures, self.cameras.names
         fixed = np.arange(len(names)) == self._order_or_own
         if self.order is not None:
-            yield from (_renamed([names[index] for index in cycle]) for cycle in _cycles(self.order))
+            yield from (_renamed([names[index] for index in cycle]) for cycle in cycles_of(np.argsort(self.order)))
         for index, place in self.moved.items():
             yield (
                 f"camera {names[index]} seems to have moved since the calibration: its blobs fit with it turned by "
@@ -345,14 +345,3 @@ def _renamed(names: list[str]) -> str:
         return f"cameras {' and '.join(sorted(names))} seem to have each other's names: exchanged, their blobs fit"
     pairs = [f"{one} fit the calibration of {other}" for one, other in zip(names, names[1:] + names[:1], strict=True)]
     return f"cameras seem to have the names of others: the blobs of {', those of '.join(pairs)}"
-
-
-def _cycles(order: np.ndarray) -> Iterator[list[int]]:
-    """The cycles of an order (C,), without what stays in place; each camera has the name of the next."""
-    left = {index for index, other in enumerate(order) if index != other}
-    while left:
-        cycle = [min(left)]
-        while order[cycle[-1]] != cycle[0]:
-            cycle.append(int(order[cycle[-1]]))
-        left -= set(cycle)
-        yield cycle[:1] + cycle[:0:-1]

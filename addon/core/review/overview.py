@@ -14,7 +14,7 @@ from ..geometry.cameras import NO_CAMERAS, Cameras
 from .answering import unanswered_of_blobs
 from .moments import Moment, MomentKeeper
 from .suspects import find_suspects
-from .tallies import OVERVIEW, LengthLog, Lengths, TimeBins
+from .tallies import TimeBins
 
 if TYPE_CHECKING:  # it is looked at, and none is made
     from ..data.markersets import Worn
@@ -52,10 +52,6 @@ class TakeOverview:
     """What a page about a take shows beside its report.
 
     cells       counts of CELL_STATES by time, marker and state
-    residual    of measured samples, as `Motion` has it, and
-    off_body    how far markers are from where the fitted body has them
-    pixels      reprojection errors of named blobs, px, by camera
-    blobs       (C, 2) how many blobs each camera has, and how many of them have a name
     outcomes    what became of each edit
     """
 
@@ -63,9 +59,6 @@ class TakeOverview:
         self.subject, self.rate, self.cameras, self.edits = subject, rate, cameras, edits
         self.first: int | None = None
         self.cells = TimeBins(len(subject.markers), len(CELL_STATES))
-        self.residual, self.off_body = LengthLog(), LengthLog()
-        self.pixels = Lengths(max(len(cameras), 1))
-        self.blobs = np.zeros((len(cameras), 2), np.int64)
         self.outcomes: tuple[EditOutcome, ...] = ()
         self.keeper = MomentKeeper(rate)
 
@@ -89,11 +82,6 @@ class TakeOverview:
         doubts = [one for one in dict.fromkeys((*found, *chunk.suspects)) if one.markers and one.doubtful is None]
         cells = self._cells(rows, chunk, doubts)
         self.cells.add(cells[..., None] == np.arange(len(CELL_STATES)))
-        measured = cells != FILLED_CELL
-        self.residual.add(np.where(measured, motion.residual, np.nan))
-        self.off_body.add(np.where(measured, np.linalg.norm(motion.markers - motion.expected, axis=-1), np.nan))
-        if isinstance(rows, Blobs):
-            self._add_blobs(rows, chunk)
         if chunk.outcomes:
             self.outcomes = joined([self.outcomes, chunk.outcomes]) if self.outcomes else chunk.outcomes
         self.keeper.add(rows, chunk, doubts, self.subject.words)
@@ -131,15 +119,3 @@ class TakeOverview:
                 by_hand[edit.frame - first, words[edit.marker]] = True
         cells[present & by_hand] = EDITED_CELL
         return cells
-
-    def _add_blobs(self, rows: Blobs, chunk: LabelledChunk):
-        labels, count = chunk.labels, len(self.cameras)
-        named = np.flatnonzero(labels.named)
-        camera, frame, marker = rows.camera[named], rows.frame[named], labels.marker[named]
-        self.blobs[:, 0] += np.bincount(rows.camera, minlength=count)
-        self.blobs[:, 1] += np.bincount(camera, minlength=count)
-        for first in range(0, len(chunk.motion.markers), OVERVIEW.at_once):
-            seen = self.cameras.project(chunk.motion.markers[first : first + OVERVIEW.at_once])
-            part = slice(*np.searchsorted(frame, [first, first + OVERVIEW.at_once]).tolist())
-            off = rows.xy[named[part]] - seen[camera[part], frame[part] - first, marker[part]]
-            self.pixels.add(np.linalg.norm(off, axis=1), camera[part])

@@ -8,6 +8,7 @@ import numpy as np
 
 from ..data.physical import MARKER_LIMITS
 from ..data.takes import Motion, Suspect
+from ..data.wording import listed
 
 
 @dataclass(frozen=True)
@@ -31,12 +32,10 @@ class ListOptions:
 
     max_alike    format: findings with one reason that have entries of their own; more are one entry
     max_entries  format: in the list, as many as a person works through
-    max_names    format: of markers, or ranges, in an entry that is of many, as many as a line has room for
     """
 
     max_alike: int = 2
     max_entries: int = 40
-    max_names: int = 8
 
 
 SUSPECTING = SuspectOptions()
@@ -105,7 +104,7 @@ def summarised(suspects: Sequence[Suspect], rate: float, options: ListOptions = 
         kind, many = max(kinds.items(), key=lambda item: len(item[1]))
         if len(many) < 2:
             break
-        entries = [entry for entry in entries if _kind(entry.reason) != kind] + [_of_one_kind(many, options.max_names)]
+        entries = [entry for entry in entries if _kind(entry.reason) != kind] + [_of_one_kind(many)]
     return tuple(sorted(entries, key=lambda one: (one.first, -one.last)))
 
 
@@ -141,12 +140,12 @@ def _kind(reason: str) -> str:
     return " ".join(["trajectory", *words[2:3]] if words[0] == "trajectory" else words[1:])
 
 
-def _of_one_kind(found: list[Suspect], max_names: int) -> Suspect:
+def _of_one_kind(found: list[Suspect]) -> Suspect:
     """One entry for findings of one kind about several markers or trajectories."""
     tracks = found[0].reason.startswith("trajectory ")
     whom = list(dict.fromkeys(suspect.reason.split(" ")[1 if tracks else 0] for suspect in found))
-    listed = " ".join(whom[:max_names]) + (f" and {len(whom) - max_names} more" if len(whom) > max_names else "")
-    words = f"trajectories {listed}: as {found[0].reason}" if tracks else f"{listed}: {_kind(found[0].reason)}"
+    who = listed(whom, " ")
+    words = f"trajectories {who}: as {found[0].reason}" if tracks else f"{who}: {_kind(found[0].reason)}"
     return replace(_as_one(found, words), trajectory=None)
 
 

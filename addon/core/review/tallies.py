@@ -10,31 +10,25 @@ import numpy as np
 class OverviewOptions:
     """How finely a take is kept.
 
-    columns      format: spans of time at most that a page shows, an even number; they get longer as the take does
-    per_decade   format: classes of a histogram in which a value grows tenfold: its quantiles are known to 6 %
-    least        format: the smallest length that is distinguished from others, mm or px, and
-    decades      format: in which all lengths are
-    at_once      memory: frames whose markers are projected into all cameras at a time
+    columns  format: spans of time at most that a page shows, an even number; they get longer as the take does
     """
 
     columns: int = 1000
-    per_decade: int = 40
-    least: float = 0.001
-    decades: int = 7
-    at_once: int = 500
 
 
 OVERVIEW = OverviewOptions()
+# Edges of the classes of a histogram of lengths, mm or px, in which they grow by 6 %: as well are quantiles known.
+LENGTH_EDGES = np.geomspace(1e-3, 1e4, 281)
 
 
 class TimeBins:
-    """Values (F, …) of frames one after the other, `join`ed over so many columns of equal length at most.
+    """Values (F, …) of frames one after the other, added up in so many columns of equal length at most.
 
     values  (columns, …), of which `used` hold something; width is how many frames a column is of
     """
 
-    def __init__(self, *shape: int, join: np.ufunc = np.add, columns: int = OVERVIEW.columns):
-        self.join, self.width, self.frames = join, 1, 0
+    def __init__(self, *shape: int, columns: int = OVERVIEW.columns):
+        self.width, self.frames = 1, 0
         self.values = np.zeros((columns, *shape))
 
     @property
@@ -47,13 +41,13 @@ class TimeBins:
         if not len(values):
             return
         while self.frames + len(values) > self.width * len(self.values):
-            half = self.join(self.values[::2], self.values[1::2])
+            half = self.values[::2] + self.values[1::2]
             self.values[: len(half)], self.values[len(half) :] = half, 0
             self.width *= 2
         column = (self.frames + np.arange(len(values))) // self.width
         starts = np.flatnonzero(np.diff(column, prepend=-1))
         at = column[starts]
-        self.values[at] = self.join(self.values[at], self.join.reduceat(values, starts, axis=0, dtype=float))
+        self.values[at] += np.add.reduceat(values, starts, axis=0, dtype=float)
         self.frames += len(values)
 
 
@@ -61,13 +55,12 @@ class Lengths:
     """How values above zero are spread: in logarithmic classes, each of `of` kinds on its own."""
 
     def __init__(self, of: int = 1):
-        self.counts = np.zeros((of, OVERVIEW.decades * OVERVIEW.per_decade), np.int64)
+        self.counts = np.zeros((of, len(LENGTH_EDGES) - 1), np.int64)
 
     def add(self, values: np.ndarray, kind: np.ndarray | int = 0):
         """Adds values (N,), each of a kind; those that are not finite or not above zero are left out."""
         known = np.isfinite(values) & (values > 0)
-        classes = np.floor(OVERVIEW.per_decade * np.log10(values[known] / OVERVIEW.least)).astype(int)
-        classes = np.clip(classes, 0, self.counts.shape[1] - 1)
+        classes = np.searchsorted(LENGTH_EDGES[1:-1], values[known], side="right")
         kind = np.broadcast_to(kind, values.shape)[known]
         flat = np.bincount(kind * self.counts.shape[1] + classes, minlength=self.counts.size)
         self.counts += flat.reshape(self.counts.shape)
@@ -77,33 +70,5 @@ class Lengths:
         counts = self.counts[kind]
         if not counts.any():
             return float("nan")
-        place = int(np.searchsorted(np.cumsum(counts), share * counts.sum()))
-        return float(OVERVIEW.least * 10 ** ((min(place, len(counts) - 1) + 0.5) / OVERVIEW.per_decade))
-
-
-class LengthLog:
-    """One kind of length over a take, such as residuals, mm: how they are spread, and by time."""
-
-    def __init__(self):
-        self.spread = Lengths()
-        self.sums, self.largest = TimeBins(2), TimeBins(join=np.maximum)
-
-    def add(self, lengths: np.ndarray):
-        """Adds frames (F, M) of lengths, m; what is not above zero was not measured."""
-        millimetres = 1000 * np.where(lengths > 0, lengths, np.nan)
-        self.spread.add(millimetres.ravel())
-        known = np.isfinite(millimetres)
-        filled = np.where(known, millimetres, 0.0)
-        self.sums.add(np.column_stack([filled.sum(axis=1), known.sum(axis=1)]))
-        self.largest.add(filled.max(axis=1, initial=0.0))
-
-    @property
-    def any(self) -> bool:
-        """Whether anything was measured."""
-        return bool(self.spread.counts.any())
-
-    @property
-    def means(self) -> np.ndarray:
-        """(columns,) mm, NaN where nothing was measured."""
-        total, count = self.sums.values[: self.sums.used].T
-        return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+        place = min(int(np.searchsorted(np.cumsum(counts), share * counts.sum())), len(counts) - 1)
+        return float(np.sqrt(LENGTH_EDGES[place] * LENGTH_EDGES[place + 1]))

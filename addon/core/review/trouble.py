@@ -9,13 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..data.takes import Suspect
-from ..data.wording import words_of_frames
+from ..data.wording import LISTED, words_of_frames
 from ..edits.kinds import Accepted, Delete, Edit, Right
 from .answering import PAIR
 from .camera_words import OF_ROOM
 from .leftovers import Leftover
 from .summary import MM_PER_M
-from .suspects import LISTING
 
 # What is the matter, in the words of the list and of reports.
 MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA, NOBODY_THERE = (
@@ -96,7 +95,7 @@ class Trouble:
         Many ranges are answered as a whole, which locks no label between them.
         """
         spans = self.spans
-        if len(spans) <= LISTING.max_names:
+        if len(spans) <= LISTED:
             if self.kind in (MISSING, OFF_BODY) or (self.kind == IN_DOUBT and self.markers and not self.trajectories):
                 return [Right(name, frames=span) for name in self.markers for span in spans]
             if self.kind == LEFT_OVER:

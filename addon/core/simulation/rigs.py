@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Made-up camera rigs: the first paper's four corners, and rings of any number of cameras around a volume."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..geometry.cameras import Cameras
@@ -17,29 +15,11 @@ RIG_LENS = (
     -0.0003,
     0.0,
 )  # k1, k2, p1, p2, k3 of a good 6 mm lens: 3 px of barrel at corners
-
-
-@dataclass(frozen=True)
-class RigOptions:
-    """How far a rig put up by hand is from its plan, and what is free in it.
-
-    margin_px      at the edge of the images that stays free; physical: a marker's image
-    ring_radius_m  of a ring of cameras; physical: a room of 7 m
-    off_m          by which a camera is off its place along either axis of the floor; physical: as tripods stand, and
-    off_up_share   of that in its height
-    off_target_m   by which it aims beside the middle; physical: two degrees
-    max_slack      share of the focal length that is not used; physical: as lenses are set by hand
-    """
-
-    margin_px: float = 6.0
-    ring_radius_m: float = 3.2
-    off_m: float = 0.3
-    off_up_share: float = 2 / 3
-    off_target_m: float = 0.1
-    max_slack: float = 0.05
-
-
-RIG = RigOptions()
+MARGIN_PX = 6.0  # at the edge of the images that stays free: a marker's image
+RING_RADIUS_M = 3.2  # of a ring of cameras, in a room of 7 m
+# Of a rig put up by hand: by how much a camera is off its place along the axes, as tripods stand, and aims beside the
+# middle, two degrees; and the share of the focal length that is not used, as lenses are set by hand.
+OFF_M, OFF_TARGET_M, MAX_SLACK = np.array([0.3, 0.3, 0.2]), 0.1, 0.05
 
 
 def paper_rig(generator: np.random.Generator | None = None) -> Cameras:
@@ -56,7 +36,7 @@ def paper_rig(generator: np.random.Generator | None = None) -> Cameras:
 def ring_rig(
     count: int,
     size: tuple[int, int] = PAPER_SIZE_PX,
-    radius: float = RIG.ring_radius_m,
+    radius: float = RING_RADIUS_M,
     height: float = PAPER_HEIGHT_M,
     volume_radius: float = VOLUME_RADIUS_M,
     generator: np.random.Generator | None = None,
@@ -87,10 +67,10 @@ def _rig(
     slack = np.ones(count)
     if generator is not None:
         turn = generator.uniform(0, 2 * np.pi)
-        centres = centres + generator.uniform(-RIG.off_m, RIG.off_m, (count, 3)) * [1, 1, RIG.off_up_share]
+        centres = centres + generator.uniform(-1, 1, (count, 3)) * OFF_M
         centres = centres @ [[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]]
-        targets = targets + generator.uniform(-RIG.off_target_m, RIG.off_target_m, (count, 3))
-        slack = generator.uniform(1 - RIG.max_slack, 1.0, count)
+        targets = targets + generator.uniform(-OFF_TARGET_M, OFF_TARGET_M, (count, 3))
+        slack = generator.uniform(1 - MAX_SLACK, 1.0, count)
     rotation = np.stack([_look_at(eye, target) for eye, target in zip(centres, targets, strict=True)])
     angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
     rim = np.stack([volume_radius * np.cos(angle), volume_radius * np.sin(angle)], axis=1)
@@ -101,7 +81,7 @@ def _rig(
         local = (outline - centres[index]) @ rotation[index].T
         # The barrel only pulls inward, so fitting the pinhole image fits the real one.
         reach = np.abs(local[:, :2] / local[:, 2:]).max(axis=0)
-        focal[index] = slack[index] * ((middle - RIG.margin_px) / reach).min()
+        focal[index] = slack[index] * ((middle - MARGIN_PX) / reach).min()
     matrix = np.zeros((count, 3, 3))
     matrix[:, 0, 0] = matrix[:, 1, 1] = focal
     matrix[:, :2, 2] = middle

@@ -20,6 +20,11 @@ from ..papers.virtual_occlusions.occlusion import Occlusion
 TAKE_STREAM = 2**32
 
 
+AREA_NOISE = 0.05  # standard deviation of a marker's area, parts of it, as its light varies
+GHOST_AREA = 2.0, 14.0  # px², least and greatest of a ghost, as of markers near and far in a room
+CHUNK_FRAMES = 256  # captured at once, so that memory does not grow; each draws from a generator of its own
+
+
 @dataclass(frozen=True)
 class CaptureOptions:
     """What goes wrong in a virtual capture, and how much of it.
@@ -37,9 +42,6 @@ class CaptureOptions:
     calibration_mm    how far the cameras really stand from where their calibration says, mm; physical: not at all
     calibration_mrad  how far they are really turned from it, mrad; physical: not at all
     marker_offset     markers sit up to this far from where they should, each in a fixed direction, m; physical: none
-    area_noise        standard deviation of a marker's area, parts of it; physical: as its light varies
-    ghost_area        least and greatest area of a ghost, px²; physical: as a marker's near and far in a room
-    chunk_frames      captured at once; memory
     """
 
     seed: int = 0
@@ -54,9 +56,6 @@ class CaptureOptions:
     calibration_mm: float = 0.0
     calibration_mrad: float = 0.0
     marker_offset: float = 0.0
-    area_noise: float = 0.05
-    ghost_area: tuple[float, float] = (2.0, 14.0)
-    chunk_frames: int = 256
 
 
 class BodyInTheWay(Protocol):
@@ -150,9 +149,9 @@ def capture(
     offsets = _in_ball(generator, len(names)) * options.marker_offset
     size = cameras.size[:, None]
     ghosts = generator.uniform(0, 1, (len(cameras), options.reflections, 2)) * size
-    ghost_area = generator.uniform(*options.ghost_area, (len(cameras), options.reflections))
-    for number, start in enumerate(range(0, len(markers), options.chunk_frames)):
-        part = slice(start, min(start + options.chunk_frames, len(markers)))
+    ghost_area = generator.uniform(*GHOST_AREA, (len(cameras), options.reflections))
+    for number, start in enumerate(range(0, len(markers), CHUNK_FRAMES)):
+        part = slice(start, min(start + CHUNK_FRAMES, len(markers)))
         there = markers[part]
         there = there + (offsets if body is None else body.carry(part, offsets))
         hidden = None if body is None else body.hidden(part, there, real.centres)
@@ -201,7 +200,7 @@ def _marker_images(
     depth = depth + cameras.translation[:, 2][:, None]
     with np.errstate(invalid="ignore", divide="ignore"):
         area = np.pi * (cameras.focal[:, None] * options.marker_radius / depth) ** 2
-    area = area * (1 + options.area_noise * generator.standard_normal(area.shape))
+    area = area * (1 + AREA_NOISE * generator.standard_normal(area.shape))
     there = _in_image(xy, cameras.size[:, None]) & np.moveaxis(_through_lens(ideal, cameras), 0, 1)
     there &= generator.random(there.shape) >= options.dropout
     if hidden is not None:
@@ -233,7 +232,7 @@ def _ghost_images(
     area = np.broadcast_to(areas, (frames, *areas.shape))
     fixed = generator.random(area.shape) < options.reflection_on
     anywhere = generator.random((frames, cameras, slots, 2)) * size[:, None]
-    flicker_area = generator.uniform(*options.ghost_area, (frames, cameras, slots))
+    flicker_area = generator.uniform(*GHOST_AREA, (frames, cameras, slots))
     sudden = generator.random((frames, cameras, slots)) < options.flicker / max(slots, 1)
     return _Images(
         np.concatenate([xy, anywhere], axis=2),

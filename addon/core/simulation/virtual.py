@@ -19,47 +19,20 @@ HIP_FLEXION = ((0.0, 21), (0.12, 17), (0.5, -18), (0.6, -11), (0.84, 23))
 KNEE_FLEXION = ((0.0, 5), (0.13, 16), (0.38, 5), (0.5, 14), (0.6, 42), (0.71, 62), (0.95, 4))
 ANKLE_FLEXION = ((0.0, 1), (0.07, -5), (0.3, 6), (0.45, 9), (0.6, -12), (0.72, 0), (0.85, 3))
 
-
 # Radians to either side with every stride, as the curves above; then of an elbow in the middle of its swing, and least.
 PELVIS_LIST, PELVIS_TURN, THORAX_TURN, THORAX_LEAN, HEAD_TURN, ARM_SWING = np.radians((3.0, 4.0, 7.0, 2.0, 4.0, 20.0))
 ELBOW_SWING, LEAST_ELBOW = np.radians((14.0, 8.0))
-
-
-@dataclass(frozen=True)
-class GaitOptions:
-    """How virtual people move beside their joints' curves, which textbooks on gait draw alike.
-
-    max_spread       standard deviations; physical: beyond them bodies stop looking like people
-    harmonics        that a curve is rounded to; paper: gait is described by five or six (Winter, Biomechanics, 2.2)
-    strides_per_s    of a person of stature_m; physical: 110 steps a minute
-    stature_m        shorter legs swing faster; physical: an adult's
-    act_ease_s       over which one act flows into the next; physical: a step's time
-    step_ease_s      over which the weight goes from foot to foot; physical: the time on both feet
-    stance_share     of its stride, from heel strike, through which a foot carries; physical: 58 to 62 %
-    stance_ease      of a stride, within which it lets go; physical: half the time on both feet
-    min_stride       below it both feet carry all the time; physical: steps of 10 cm are none
-    sole_softness_m  how far above the lowest point of the soles the floor still holds a foot; physical: a shoe's
-    arms_up_rad      of an arm that is raised; physical: 150 degrees
-    sway_rad         how far waist, arms and head wander; physical: nobody stands quite still
-    sway_hz          and how fast; physical: of standing people below 1 Hz
-    """
-
-    max_spread: float = 2.0
-    harmonics: int = 5
-    strides_per_s: float = 0.92
-    stature_m: float = 1.7
-    act_ease_s: float = 0.6
-    step_ease_s: float = 0.12
-    stance_share: float = 0.58
-    stance_ease: float = 0.06
-    min_stride: float = 0.15
-    sole_softness_m: float = 0.004
-    arms_up_rad: float = 2.6
-    sway_rad: float = 0.02
-    sway_hz: tuple[float, float] = (0.1, 0.6)
-
-
-GAIT = GaitOptions()
+MAX_SPREAD = 2.0  # standard deviations: beyond them bodies stop looking like people
+HARMONICS = 5  # that a curve is rounded to: gait is described by five or six (Winter, Biomechanics, 2.2)
+STRIDES_PER_S, STATURE_M = 0.92, 1.7  # 110 steps a minute, of an adult; shorter legs swing faster
+ACT_EASE_S = 0.6  # over which one act flows into the next: a step's time
+STEP_EASE_S = 0.12  # over which the weight goes from foot to foot: the time on both feet
+STANCE_SHARE = 0.58  # of its stride, from heel strike, through which a foot carries; people's 58 to 62 %
+STANCE_EASE = 0.06  # of a stride, within which it lets go: half the time on both feet
+MIN_STRIDE = 0.15  # below it both feet carry all the time: steps of 10 cm are none
+SOLE_SOFTNESS_M = 0.004  # how far above the lowest point of the soles the floor still holds a foot: a shoe's
+ARMS_UP_RAD = 2.6  # of an arm that is raised: 150 degrees
+SWAY_RAD, SWAY_HZ = 0.02, (0.1, 0.6)  # how far waist, arms and head wander, and how fast: nobody stands quite still
 
 
 @dataclass(frozen=True)
@@ -67,10 +40,10 @@ class Act:
     """A part of a performance.
 
     seconds   how long it lasts
-    stride    length of the steps, 0 (standing) to 1 (a brisk walk); physical: nobody walks unasked
-    turn      how far the person turns to the left meanwhile, rad; physical: not at all
-    left      how far the left arm is raised, 0 (hanging) to 1 (up); physical: arms hang
-    right     the same of the right arm; physical
+    stride    format: length of the steps, 0 (standing) to 1 (a brisk walk)
+    turn      physical: rad, how far the person turns to the left meanwhile
+    left      format: how far the left arm is raised, 0 (hanging) to 1 (up)
+    right     format: the same of the right arm
     """
 
     seconds: float
@@ -117,7 +90,7 @@ def perform(
     generator = np.random.default_rng(seed)
     stature = float(person.scale.mean())
     time, stride, heading, arms = _plan(acts, rate)
-    pace = GAIT.strides_per_s * np.sqrt(GAIT.stature_m / stature) / rate
+    pace = STRIDES_PER_S * np.sqrt(STATURE_M / stature) / rate
     cycles = np.cumsum(np.full(len(time), pace)) + generator.random()
     bends, tilt = _bends(model.markerset, time, cycles, stride, arms, generator)
     turn = rotations.about_z(heading + facing)
@@ -134,8 +107,8 @@ def perform(
 
 
 def _within(generator: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
-    """Standard normal numbers, none beyond `max_spread`."""
-    return np.clip(generator.standard_normal(shape), -GAIT.max_spread, GAIT.max_spread)
+    """Standard normal numbers, none beyond MAX_SPREAD."""
+    return np.clip(generator.standard_normal(shape), -MAX_SPREAD, MAX_SPREAD)
 
 
 def _plan(acts: Sequence[Act], rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -144,7 +117,7 @@ def _plan(acts: Sequence[Act], rate: float) -> tuple[np.ndarray, np.ndarray, np.
     time = np.arange(round(ends[-1] * rate)) / rate
     which = np.minimum(np.searchsorted(ends, time, side="right"), len(acts) - 1)
     rows = np.array([(act.stride, act.turn / act.seconds, act.left, act.right) for act in acts])[which]
-    smooth = _smoothed(rows, GAIT.act_ease_s * rate)
+    smooth = _smoothed(rows, ACT_EASE_S * rate)
     return time, smooth[:, 0], np.cumsum(smooth[:, 1]) / rate, smooth[:, 2:]
 
 
@@ -159,9 +132,9 @@ def _cycle(keys: tuple[tuple[float, float], ...], phase: np.ndarray) -> np.ndarr
     """Radians at `phase` (strides) of a closed curve through angles (share of a stride, degrees), without corners."""
     at = np.linspace(0, 1, 100, endpoint=False)
     share, angle = np.array(keys).T
-    spectrum = np.fft.rfft(np.interp(at, share, np.radians(angle), period=1))[: GAIT.harmonics + 1] / len(at)
-    turns = np.exp(2j * np.pi * np.outer(phase, np.arange(GAIT.harmonics + 1)))
-    return (turns * spectrum * np.where(np.arange(GAIT.harmonics + 1) == 0, 1, 2)).real.sum(axis=1)
+    spectrum = np.fft.rfft(np.interp(at, share, np.radians(angle), period=1))[: HARMONICS + 1] / len(at)
+    turns = np.exp(2j * np.pi * np.outer(phase, np.arange(HARMONICS + 1)))
+    return (turns * spectrum * np.where(np.arange(HARMONICS + 1) == 0, 1, 2)).real.sum(axis=1)
 
 
 def _bends(
@@ -193,7 +166,7 @@ def _bends(
         bend(f"foot.{side}", 1, -stride * _cycle(ANKLE_FLEXION, phase))
         away = stride * (1 - np.clip(raised, 0, 1))
         bend(f"upper_arm.{side}", 1, away * ARM_SWING * np.cos(2 * np.pi * phase))
-        bend(f"upper_arm.{side}", 0, sign * GAIT.arms_up_rad * raised)
+        bend(f"upper_arm.{side}", 0, sign * ARMS_UP_RAD * raised)
         bend(f"forearm.{side}", 1, -LEAST_ELBOW - away * ELBOW_SWING * (1 - np.cos(2 * np.pi * phase)) / 2)
     bend("thorax", 2, THORAX_TURN * stride * np.cos(swing))
     bend("thorax", 1, THORAX_LEAN * stride)
@@ -207,8 +180,8 @@ def _bends(
 
 def _sway(time: np.ndarray, generator: np.random.Generator) -> np.ndarray:
     """A slow wander, rad: nobody stands quite still."""
-    speed, phase = generator.uniform(*GAIT.sway_hz, 3), generator.uniform(0, 2 * np.pi, 3)
-    size = GAIT.sway_rad * generator.uniform(0.2, 1.0, 3)
+    speed, phase = generator.uniform(*SWAY_HZ, 3), generator.uniform(0, 2 * np.pi, 3)
+    size = SWAY_RAD * generator.uniform(0.2, 1.0, 3)
     return (size * np.sin(2 * np.pi * speed * time[:, None] + phase)).sum(axis=1)
 
 
@@ -231,16 +204,16 @@ def _soles(model: BodyModel, bodies: Bodies, cycles: np.ndarray, stride: np.ndar
         below = np.tile(capsules.radius[chosen], 2) * bodies.scale.mean(axis=1)[:, None]
         points.append(posed.joints[:, index, None] + turned - below[..., None] * [0, 0, 1])
         stands = _stands(cycles + lag)
-        carried = 1 - np.minimum(stride / GAIT.min_stride, 1) * (1 - stands)
+        carried = 1 - np.minimum(stride / MIN_STRIDE, 1) * (1 - stands)
         carries.append(np.repeat(carried[:, None], len(local), axis=1))
     return np.concatenate(points, axis=1), np.concatenate(carries, axis=1)
 
 
 def _stands(phase: np.ndarray) -> np.ndarray:
     """(T,) how much a foot at `phase` of its stride carries, 0 to 1."""
-    ease = GAIT.stance_ease
+    ease = STANCE_EASE
     since = (phase + ease / 2) % 1
-    return np.clip(np.minimum(since, GAIT.stance_share + ease - since) / ease, 0, 1)
+    return np.clip(np.minimum(since, STANCE_SHARE + ease - since) / ease, 0, 1)
 
 
 def _way(soles: np.ndarray, carries: np.ndarray, rate: float) -> np.ndarray:
@@ -249,14 +222,14 @@ def _way(soles: np.ndarray, carries: np.ndarray, rate: float) -> np.ndarray:
     What carries stays: the body moves by what its soles on the floor would have moved the other way.
     """
     height = soles[..., 2]
-    weight = carries * np.exp(-(height - height.min(axis=1, keepdims=True)) / GAIT.sole_softness_m) + 1e-12
+    weight = carries * np.exp(-(height - height.min(axis=1, keepdims=True)) / SOLE_SOFTNESS_M) + 1e-12
     weight /= weight.sum(axis=1, keepdims=True)
     between = (weight[1:] + weight[:-1]) / 2
     steps = -(between[..., None] * np.diff(soles, axis=0)).sum(axis=1)[:, :2]
     way = np.zeros((len(soles), 3))
-    way[1:, :2] = np.cumsum(_smoothed(steps, GAIT.step_ease_s * rate), axis=0)
+    way[1:, :2] = np.cumsum(_smoothed(steps, STEP_EASE_S * rate), axis=0)
     lift = -(weight * height).sum(axis=1)
     # A toe that swings too low lifts the person a little instead of going through the floor.
     sunk = np.maximum(-(height.min(axis=1) + lift), 0)
-    way[:, 2] = _smoothed((lift + sunk)[:, None], GAIT.step_ease_s * rate)[:, 0]
+    way[:, 2] = _smoothed((lift + sunk)[:, None], STEP_EASE_S * rate)[:, 0]
     return way

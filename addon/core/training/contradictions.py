@@ -12,6 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from ..data.takes import MEDIAN_SD
+from ..review.camera_order import cycles_of
 from .spread import some_of
 
 
@@ -88,7 +89,7 @@ def _exchanged(take: Leads, others: Sequence[Leads]) -> list[tuple[int, ...]]:
             tried.append((_chi_square(take.mean[np.ix_(changed, changed, changed)], usual, weight), changed))
         best, changed = min(tried, key=lambda row: row[0], default=(least, order))
         if best >= least:
-            return [group for group in _cycles(order) if _fits(group, take.mean, mean, usual, weight)]
+            return [group for group in cycles_of(order) if _fits(group, take.mean, mean, usual, weight)]
         least, order, mean = best, changed, take.mean[np.ix_(changed, changed, changed)]
 
 
@@ -120,18 +121,6 @@ def _chi_square(mean: np.ndarray, usual: np.ndarray, weight: np.ndarray) -> floa
     """How far leads are from the usual ones on the whole."""
     known = np.isfinite(mean)
     return float((weight[known] * (mean[known] - usual[known]) ** 2).sum())
-
-
-def _cycles(order: np.ndarray) -> list[tuple[int, ...]]:
-    """The groups that a permutation (M,) moves round."""
-    left, found = set(np.flatnonzero(order != np.arange(len(order))).tolist()), []
-    while left:
-        group = [min(left)]
-        while int(order[group[-1]]) != group[0]:
-            group.append(int(order[group[-1]]))
-        found.append(tuple(group))
-        left -= set(group)
-    return found
 
 
 def _usual(others: Sequence[Leads]) -> tuple[np.ndarray, np.ndarray]:

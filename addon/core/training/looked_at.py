@@ -10,9 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..data.wording import listed
 from ..points.likelihood.learn import LEARN
-
-LISTED_NAMES = 8  # that a sentence lists: more is not read
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,10 +45,3 @@ def learnable(xyz: np.ndarray, doubtful: np.ndarray, names: Sequence[str]) -> Le
     if hardly:
         doubts.append(f"{listed(hardly)}: found in hardly any frames that could be learned, so little is new of them")
     return Learnable(np.where((seen & doubtful)[..., None], np.nan, xyz), tuple(doubts))
-
-
-def listed(names: Sequence[str]) -> str:
-    """Names one after the other, not more than a person reads."""
-    more = len(names) - LISTED_NAMES
-    some = ", ".join(names[:LISTED_NAMES])
-    return f"{some} and {more} more" if more > 0 else some

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..data.physical import MARKER_LIMITS
 from ..data.takes import evenly_spread
 from ..points.models import TrainingTake, by_subject
 from .contradictions import contradictions, leads
@@ -21,13 +22,11 @@ class KeepingOptions:
     max_size_ratio     of a take to the others, and of them to it; physical: people differ by two, units by ten
     max_frames         of a subject that a model keeps; memory: they make up most of its file
     considered_frames  spread over a subject's takes, of which those are chosen; memory
-    same_place_m       cells of space by which points are the same; physical: as markers are measured
     """
 
     max_size_ratio: float = 5.0
     max_frames: int = 600
     considered_frames: int = 4000
-    same_place_m: float = 0.002
 
 
 KEEPING = KeepingOptions()
@@ -190,7 +189,7 @@ def _same_points(kept: np.ndarray, points: np.ndarray) -> bool:
 def _cells(points: np.ndarray) -> np.ndarray:
     """(…,) the number of the cell of space that points (…, 3) m lie in, -1 where missing."""
     there = np.isfinite(points).all(axis=-1)
-    place = np.floor(np.where(there[..., None], points, 0) / KEEPING.same_place_m).astype(np.int64) + CELLS_A_SIDE // 2
+    place = np.floor(np.where(there[..., None], points, 0) / MARKER_LIMITS.noise_m).astype(np.int64) + CELLS_A_SIDE // 2
     return np.where(there, (place[..., 0] * CELLS_A_SIDE + place[..., 1]) * CELLS_A_SIDE + place[..., 2], -1)
 
 

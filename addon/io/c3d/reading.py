@@ -1,6 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a C3D file holds of points, as it stands there."""
+"""A C3D file read: header and parameters in its own byte order, where its samples lie, and what it holds of points.
 
+Everything is said twice or more in a C3D file, and programs that write it err in one of the places. The length of the
+file is the witness: the claim that fills it is right.
+"""
+
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,8 +18,281 @@ from ...core.data.lanes import blocks
 from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
 from ..samples import Parts, Samples
 from ..source import BytesOnDisk
-from .layout import FileLayout, find_layout
-from .parameters import C3dFile
+
+KIND = "a C3D file"
+BLOCK = 512
+INTEL, DEC, MIPS = 84, 85, 86
+MASK_KEY = 80
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter as it stands in the file; kind -1 is text, 1, 2 and 4 are bytes, whole numbers and reals."""
+
+    kind: int
+    dimensions: tuple[int, ...]
+    content: bytes
+
+
+class C3dFile:
+    """Header and parameters of a file.
+
+    parameters  by "GROUP:NAME"
+    scale       of whole numbers; below zero where the file holds reals
+    width       bytes of a word of data
+    """
+
+    def __init__(self, content: bytes | BytesOnDisk, path: Path):
+        """Raises InputError where the file is no C3D file or its parameters are damaged."""
+        head = content[:2]
+        if len(content) < 2 * BLOCK or head[1] != MASK_KEY:
+            raise InputError(f"does not begin as a C3D file does; expected {KIND}", path)
+        self.content, self.path = content, path
+        self.section = (head[0] - 1) * BLOCK
+        if head[0] < 2 or self.section + 4 > len(content):
+            raise InputError(f"points to parameters that are not there; expected {KIND}", path)
+        self.blocks, self.processor = content[self.section + 2 : self.section + 4]
+        if self.processor not in (INTEL, DEC, MIPS):
+            raise InputError(
+                f"is of an unknown processor ({self.processor}); expected {KIND} of Intel, DEC or MIPS", path
+            )
+        self.order = ">" if self.processor == MIPS else "<"
+        self.parameters = self._parse(content[self.section + 4 : self._end()])
+        self.scale = self.number("POINT:SCALE", self.header_real(6))
+        if not 0 < abs(self.scale) < 1e6:
+            raise InputError(f"has the scale {self.scale:g}; expected {KIND} with a scale", path)
+        self.width = 4 if self.scale < 0 else 2
+
+    def _end(self) -> int:
+        """Where the parameters end at the latest.
+
+        Some programs count too few blocks of parameters; the data, which the header points to, come after them all.
+        """
+        blocks, data = self.blocks, self.word(8) * BLOCK - BLOCK
+        ends = [self.section + blocks * BLOCK if blocks else 0, data if data <= len(self.content) else 0]
+        return max(ends) if max(ends) > self.section else len(self.content)
+
+    def word(self, index: int) -> int:
+        """The unsigned 16-bit word at `index` of the header, from zero."""
+        return struct.unpack(self.order + "H", self.content[2 * index : 2 * index + 2])[0]
+
+    def header_real(self, index: int) -> float:
+        """The real number whose first word is at `index` of the header."""
+        return float(self.reals(self.content[2 * index : 2 * index + 4])[0])
+
+    def reals(self, content: bytes) -> np.ndarray:
+        """32-bit reals of this processor; a DEC's are IEEE's with the halves changed round, four times as large."""
+        if self.processor != DEC:
+            return np.frombuffer(content, self.order + "f4")
+        halves = np.frombuffer(content, "<u2").reshape(-1, 2)[:, ::-1]
+        with np.errstate(invalid="ignore"):
+            return np.ascontiguousarray(halves).view("<f4").ravel() / np.float32(4)
+
+    def _parse(self, section: bytes) -> dict[str, Parameter]:
+        groups: dict[int, str] = {}
+        found: list[tuple[int, str, Parameter]] = []
+        position = 0
+        while position + 4 <= len(section):
+            length, group = struct.unpack_from("bb", section, position)
+            if length == 0 or group == 0:
+                break
+            name_end = position + 2 + abs(length)
+            if name_end + 2 > len(section):
+                raise InputError(f"has parameters that are cut off; expected {KIND}", self.path)
+            name = as_text(section[position + 2 : name_end]).upper()
+            offset = struct.unpack_from(self.order + "H", section, name_end)[0]
+            if group < 0:
+                groups[-group] = name
+            else:
+                found.append((group, name, self._parameter(section[name_end + 2 :])))
+            if offset == 0:
+                break
+            position = name_end + offset
+        return {f"{groups.get(group, group)}:{name}": parameter for group, name, parameter in found}
+
+    def _parameter(self, record: bytes) -> Parameter:
+        if len(record) < 2:
+            raise InputError(f"has parameters that are cut off; expected {KIND}", self.path)
+        kind, count = struct.unpack_from("bB", record)
+        dimensions = tuple(record[2 : 2 + count])
+        size = int(np.prod(dimensions, dtype=np.int64)) * abs(kind) if len(dimensions) < 8 else -1
+        content = record[2 + count : 2 + count + max(size, 0)]
+        if kind not in (-1, 1, 2, 4) or size < 0 or len(dimensions) < count or len(content) < size:
+            raise InputError(f"has a damaged parameter; expected {KIND}", self.path)
+        return Parameter(kind, dimensions, content)
+
+    def number(self, key: str, default: float) -> float:
+        """The first value of a number parameter, `default` where there is none."""
+        values = self.numbers(key)
+        return float(values[0]) if len(values) else default
+
+    def whole(self, key: str) -> int:
+        """The first value of a number parameter as a whole number, 0 where there is none."""
+        value = self.number(key, 0)
+        return int(value) if np.isfinite(value) else 0
+
+    def numbers(self, key: str) -> np.ndarray:
+        """The values of a number parameter; whole numbers without sign, as files beyond 32767 frames mean them."""
+        parameter = self.parameters.get(key)
+        if parameter is None or parameter.kind == -1:
+            return np.zeros(0)
+        if parameter.kind == 4:
+            return self.reals(parameter.content)
+        return np.frombuffer(parameter.content, "u1" if parameter.kind == 1 else self.order + "u2")
+
+    def texts(self, key: str) -> list[str]:
+        """The texts of a text parameter."""
+        parameter = self.parameters[key]
+        width = max(parameter.dimensions[0] if parameter.dimensions else 1, 1)
+        return [as_text(parameter.content[start : start + width]) for start in range(0, len(parameter.content), width)]
+
+
+def as_text(content: bytes) -> str:
+    """UTF-8, the last letter of which may be cut off; Latin-1 where it is not."""
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        # A parameter has room for 255 bytes, and a program that cuts there may cut a letter.
+        whole = content[: error.start] if error.reason == "unexpected end of data" and error.start else b""
+        text = whole.decode("utf-8") if whole and not whole.isascii() else content.decode("latin-1")
+    return text.strip(" \0\t\r\n")
+
+
+SIXTEEN_BITS = 65535
+
+
+@dataclass(frozen=True)
+class FileLayout:
+    """What lies where in the file.
+
+    start   byte at which the data begin
+    points  points in a frame
+    analog  words of analog data in a frame, behind the points
+    frames  number of frames
+    first   number of the first frame
+    left    bytes behind the last frame
+    notes   what of all that departs from what the file says, in sentences
+    """
+
+    start: int
+    points: int
+    analog: int
+    frames: int
+    first: int
+    left: int
+    notes: tuple[str, ...]
+
+    @property
+    def stride(self) -> int:
+        """Words a frame."""
+        return 4 * self.points + self.analog
+
+
+def find_layout(file: C3dFile) -> FileLayout:
+    """The layout that fills the file: the header's, unless another claim of the file does and that one does not.
+
+    Raises InputError where the file has no points or ends before its data do.
+    """
+    if not (file.word(1) or file.whole("POINT:USED")):
+        raise InputError("has no points; expected a take with markers", file.path)
+    starts = [
+        start
+        for start in _distinct([(block - 1) * BLOCK for block in (file.whole("POINT:DATA_START"), file.word(8))])
+        if file.section < start < len(file.content)
+    ]
+    if not starts:
+        raise InputError("points to data that are not there; expected a whole C3D file", file.path)
+    found = []
+    for start in starts:
+        for points in _point_counts(file):
+            for analog in _analog(file):
+                layout = _filled(file, start, points, analog)
+                if layout is not None and layout.left < BLOCK:
+                    return layout
+                found.append(layout)
+    if found[0] is None:
+        return _unfinished(file, starts[0])
+    return found[0]
+
+
+def _point_counts(file: C3dFile) -> list[int]:
+    return [count for count in _distinct([file.word(1), file.whole("POINT:USED")]) if count > 0]
+
+
+def _analog(file: C3dFile) -> list[int]:
+    """Words of analog data a frame; some programs write the number of channels there, or of one sample of each."""
+    words, samples, channels = file.word(2), file.word(9), file.whole("ANALOG:USED")
+    rates = file.number("ANALOG:RATE", 0), file.number("POINT:RATE", file.header_real(10))
+    each = rates[0] / rates[1] if np.isfinite(rates).all() and rates[1] > 0 else 0
+    claims = [words, words * samples, channels * samples, channels * round(each) if each < SIXTEEN_BITS else 0]
+    return _distinct([claim for claim in claims if 0 <= claim <= SIXTEEN_BITS])
+
+
+def _distinct(values: list[int]) -> list[int]:
+    return list(dict.fromkeys(values))
+
+
+def _filled(file: C3dFile, start: int, points: int, analog: int) -> FileLayout | None:
+    """The layout with the claim about frames that best fills the data; None where each wants more than there are."""
+    size = (4 * points + analog) * file.width
+    available = (len(file.content) - start) // size
+    claims = list(_claims(file))
+    fitting = [claim for claim in claims if 1 <= claim[0] <= available]
+    if not fitting:
+        return None
+    frames, first = _likeliest(fitting, size, len(file.content) - start)
+    left = len(file.content) - start - frames * size
+    return FileLayout(start, points, analog, frames, first, left, tuple(_notes(file, points, analog, frames, claims)))
+
+
+def _likeliest(claims: list[tuple[int, int]], size: int, length: int) -> tuple[int, int]:
+    """The claim that leaves least of the data over; the commonest of those that leave what may be padding."""
+    filling = [frames for frames, _ in claims if length - frames * size < BLOCK]
+    return max(claims, key=lambda claim: (filling.count(claim[0]), claim[0]))
+
+
+def _claims(file: C3dFile) -> list[tuple[int, int]]:
+    """Numbers of frames and of the first of them, from the places where files keep them."""
+    first, last = file.word(3), file.word(4)
+    claims = [(last - first + 1, first)] if last < SIXTEEN_BITS else []
+    starts, ends = (file.numbers(f"TRIAL:ACTUAL_{end}_FIELD").astype(np.int64) for end in ("START", "END"))
+    if len(starts) and len(ends):
+        begin, end = (int(words[0]) + (int(words[1]) << 16 if len(words) > 1 else 0) for words in (starts, ends))
+        claims.insert(0, (end - begin + 1, begin))
+        first = begin
+    claims += [(file.whole(key), first) for key in ("POINT:LONG_FRAMES", "POINT:FRAMES")]
+    if max((frames for frames, _ in claims), default=0) > SIXTEEN_BITS:
+        # Sixteen bits say 65535 where they mean more.
+        claims = [claim for claim in claims if claim[0] != SIXTEEN_BITS]
+    return claims
+
+
+def _notes(file: C3dFile, points: int, analog: int, frames: int, claims: list[tuple[int, int]]) -> Iterator[str]:
+    others = [str(claim) for claim in _distinct([claim for claim, _ in claims]) if claim > 0 and claim != frames]
+    if others:
+        yield f"the file says in places that it has {' or '.join(others)} frames, but {frames} fill it and were read"
+    if file.word(1) and points != file.word(1):
+        yield f"the header says that there are {file.word(1)} points, but {points} fill the file and were read"
+    if analog != file.word(2):
+        yield (
+            f"the header says that a frame has {file.word(2)} words of analog data, but {analog} fill the file "
+            "and were passed over"
+        )
+
+
+def _unfinished(file: C3dFile, start: int) -> FileLayout:
+    """A file with fewer frames than it says that nevertheless ends with a frame, as no copy does that was cut off."""
+    points, analog = _point_counts(file)[0], _analog(file)[0]
+    size = (4 * points + analog) * file.width
+    length = len(file.content) - start
+    claims = _claims(file)
+    wanted = max((frames for frames, _ in claims), default=0)
+    # What is cut off by a disk or a network ends with a block, where frames of a fitting size would end too.
+    if length % size or length < size or len(file.content) % BLOCK == 0:
+        raise InputError(f"has data for {length // size} of {wanted} frames; expected a whole C3D file", file.path)
+    frames = length // size
+    note = f"the file says that it has {wanted} frames, but ends with the end of frame {frames}: those were read"
+    return FileLayout(start, points, analog, frames, claims[0][1] if claims else 1, 0, (note,))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...core.data.errors import InputError
 from ...core.data.lanes import blocks
-from .parameters import BLOCK, INTEL, MASK_KEY
+from .reading import BLOCK, INTEL, MASK_KEY
 
 # 255 steps of this many mm are what the residual of a sample has room for: 0 to 12.75 mm.
 RESIDUAL_STEP = 0.05

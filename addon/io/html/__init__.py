@@ -6,8 +6,7 @@ them, `style` says how they look, `drawings` makes the pictures of a take, `take
 They are HTML that is well-formed XML too, so that tests can look into them.
 """
 
-from .folder_page import write_folder_page
 from .markup import is_page
-from .take_page import write_take_page
+from .pages import write_folder_page, write_take_page
 
 __all__ = ["is_page", "write_folder_page", "write_take_page"]

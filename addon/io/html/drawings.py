@@ -8,32 +8,17 @@ import numpy as np
 
 from ...core.review.moments import Moment
 from ...core.review.overview import CELL_STATES, GAP_CELL, TakeOverview
-from ...core.review.tallies import OVERVIEW, LengthLog
-from .markup import Html, element, joined_html, percent
+from .markup import Html, element, percent
+
+# How pictures are laid out; by looking at them.
+VIEW = 300  # of a picture of a person, and the `margin` around whom, in its units
+VIEW_HEIGHT = 320
+VIEW_MARGIN = 30
+NAMED_BESIDE = 4  # markers beside the doubtful ones that are called by their names
+SHOWN_LETTERS = 18  # of a name in a picture; the whole name is in its title
+LETTER_UNITS = 6.4  # the width of a letter, in units, for keeping names apart
 
 
-@dataclass(frozen=True)
-class DrawingOptions:
-    """How pictures are laid out; by looking at them.
-
-    view, view_height  of a picture of a person, and the `margin` around whom, in its units
-    neighbours         markers beside the doubtful ones that are called by their names
-    max_letters        of a name in a picture; the whole name is in its title
-    letter             the width of a letter, in units, for keeping names apart
-    plot, plot_height  of a curve
-    """
-
-    view: int = 300
-    view_height: int = 320
-    margin: int = 30
-    neighbours: int = 4
-    max_letters: int = 18
-    letter: float = 6.4
-    plot: int = 720
-    plot_height: int = 190
-
-
-DRAWING = DrawingOptions()
 # From the most to the least serious, for what only some frames of a column are.
 SERIOUS = ("doubtful", "gap", "edited", "filled", "named")
 
@@ -110,63 +95,6 @@ def strip_legend(states: Sequence[str]) -> Html:
     return element("ul", *(element("li", swatch(state), words[state]) for state in states), class_="legend")
 
 
-def over_time(log: LengthLog, overview: TakeOverview, title: str) -> Html:
-    """The mean of all markers and the largest of them, over the take, on a logarithmic axis."""
-    mean, largest = log.means, log.largest.values[: log.largest.used]
-    known = mean[np.isfinite(mean) & (mean > 0)]
-    low = 10.0 ** np.floor(np.log10(max(float(np.quantile(known, 0.02)), OVERVIEW.least)))
-    high = max(10.0 ** np.ceil(np.log10(float(largest.max()))), 10 * low)
-    axes = _Axes(np.log10(low), np.log10(high))
-    place = axes.left + (np.arange(len(mean)) + 0.5) / len(mean) * (axes.right - axes.left)
-    lines = []
-    for kind, values in (("most", largest), ("mean", mean)):
-        values = np.where(values > 0, values, np.nan)
-        lines.append(element("path", class_=kind, d=_path(place, axes.up(np.log10(np.clip(values, low, high))))))
-    grid = [axes.level(np.log10(mark), f"{mark:g} mm") for mark in _decades(low, high)]
-    frames = np.unique(np.linspace(overview.first or 0, overview.last, 5).round().astype(int))
-    span = max(overview.last - (overview.first or 0), 1)
-    for frame in frames.tolist():
-        x = axes.left + (frame - (overview.first or 0)) / span * (axes.right - axes.left)
-        grid.append(element("text", f"{frame}", x=round(x, 1), y=axes.bottom + 16, text_anchor="middle"))
-    words = element("text", "largest", x=axes.right - 4, y=12, text_anchor="end", class_="small")
-    size = f"0 0 {DRAWING.plot} {DRAWING.plot_height}"
-    return element("svg", element("title", title), *grid, *lines, words, viewBox=size, role="img")
-
-
-def _path(x: np.ndarray, y: np.ndarray) -> str:
-    """A line through what is known."""
-    known = np.isfinite(y)
-    parts = []
-    for start, stop in _runs(known):
-        points = " ".join(f"{a:.1f} {b:.1f}" for a, b in zip(x[start:stop], y[start:stop], strict=True))
-        parts.append(f"M{points}" if stop - start > 1 else f"M{points}h1")
-    return "".join(parts)
-
-
-@dataclass(frozen=True)
-class _Axes:
-    """Where a plot's values from `least` to `most` lie upwards."""
-
-    least: float
-    most: float
-    left: float = 62.0
-    right: float = DRAWING.plot - 28.0
-    bottom: float = DRAWING.plot_height - 24.0
-    top: float = 18.0
-
-    def up(self, value):
-        return self.bottom - (value - self.least) / (self.most - self.least) * (self.bottom - self.top)
-
-    def level(self, value: float, words: str) -> Html:
-        y = round(float(self.up(value)), 1)
-        line = element("path", class_="grid", d=f"M{self.left} {y}H{self.right}")
-        return joined_html([line, element("text", words, x=self.left - 6, y=y + 4, text_anchor="end")])
-
-
-def _decades(low: float, high: float) -> list[float]:
-    return [10.0**power for power in range(round(np.log10(low)), round(np.log10(high)) + 1)]
-
-
 def moment_views(moment: Moment, names: Sequence[str], parents: Sequence[int]) -> Html:
     """The person at a moment from the front and from the right: doubtful markers ringed, those beside them named."""
     ahead = np.array([*moment.heading, 0.0])
@@ -205,7 +133,7 @@ def _view(
     for index in _beside(moment):
         parts.append(drawn.name(moment.markers[index], names[index], "small", taken, 6))
     parts.append(element("text", words, x=10, y=18, class_="small"))
-    size = f"0 0 {DRAWING.view} {DRAWING.view_height}"
+    size = f"0 0 {VIEW} {VIEW_HEIGHT}"
     kept = [part for part in parts if part is not None]
     return element("svg", element("title", title), *kept, viewBox=size, role="img")
 
@@ -219,7 +147,7 @@ def _beside(moment: Moment) -> list[int]:
     if not len(about) or not known:
         return []
     off = np.linalg.norm(moment.markers[known][:, None] - about[None], axis=2).min(axis=1)
-    return [known[place] for place in np.argsort(off)[: DRAWING.neighbours]]
+    return [known[place] for place in np.argsort(off)[:NAMED_BESIDE]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +165,7 @@ class _Canvas:
         shown = shown[np.isfinite(shown).all(axis=1)]
         flat = np.column_stack([shown @ across, shown[:, 2]]) if len(shown) else np.zeros((1, 2))
         low, high = flat.min(axis=0), flat.max(axis=0)
-        room = np.array([DRAWING.view, DRAWING.view_height]) - 2.0 * DRAWING.margin
+        room = np.array([VIEW, VIEW_HEIGHT]) - 2.0 * VIEW_MARGIN
         scale = float((room / np.maximum(high - low, 0.3)).min())
         return cls(across, (low + high) / 2, scale)
 
@@ -247,13 +175,13 @@ class _Canvas:
         if not np.isfinite(flat).all():
             return None
         x, y = (flat - self.middle) * self.scale
-        x, y = round(DRAWING.view / 2 + float(x), 1), round(DRAWING.view_height / 2 - float(y), 1)
-        inside = 0 <= x <= DRAWING.view and 0 <= y <= DRAWING.view_height
+        x, y = round(VIEW / 2 + float(x), 1), round(VIEW_HEIGHT / 2 - float(y), 1)
+        inside = 0 <= x <= VIEW and 0 <= y <= VIEW_HEIGHT
         return (x, y) if inside else None
 
     def floor(self) -> Html | None:
-        y = round(DRAWING.view_height / 2 + float(self.middle[1]) * self.scale, 1)
-        return element("path", class_="grid", d=f"M10 {y}H{DRAWING.view - 10}") if 0 < y < DRAWING.view_height else None
+        y = round(VIEW_HEIGHT / 2 + float(self.middle[1]) * self.scale, 1)
+        return element("path", class_="grid", d=f"M10 {y}H{VIEW - 10}") if 0 < y < VIEW_HEIGHT else None
 
     def bone(self, one: np.ndarray, other: np.ndarray) -> Html | None:
         return self._line(one, other, "bone")
@@ -278,9 +206,9 @@ class _Canvas:
         at = self.at(place)
         if at is None:
             return None
-        short = name if len(name) <= DRAWING.max_letters else name[: DRAWING.max_letters - 1] + "…"
-        wide = DRAWING.letter * len(short) + 2
-        left = round(min(at[0] + away, DRAWING.view - 2 - wide), 1)
+        short = name if len(name) <= SHOWN_LETTERS else name[: SHOWN_LETTERS - 1] + "…"
+        wide = LETTER_UNITS * len(short) + 2
+        left = round(min(at[0] + away, VIEW - 2 - wide), 1)
         for base in (at[1] + 4, at[1] - 9, at[1] + 17):
             if not any(abs(base - y) < 12 and left < right and x < left + wide for x, right, y in taken):
                 taken.append((left, left + wide, base))

@@ -6,17 +6,14 @@ points and calibration are known otherwise; most of it the file says itself (`la
 way is refused, or left out, by name. The container: MS-CFB, read by olefile; the packing: LZO1X, by lzallright.
 """
 
-from .blobs import rows_of_qtm
-from .calibration import read_qtm_cameras
-from .holding import USE_BLOBS, USE_POINTS, USES, CaptureHolds, held_in, is_qtm
-from .points import QtmPoints, read_qtm_points
+from .capture import USE_BLOBS, USE_POINTS, USES, CaptureHolds, held_in, is_qtm, read_qtm_cameras
+from .records import read_qtm_points, rows_of_qtm
 
 __all__ = [
     "USES",
     "USE_BLOBS",
     "USE_POINTS",
     "CaptureHolds",
-    "QtmPoints",
     "held_in",
     "is_qtm",
     "read_qtm_cameras",

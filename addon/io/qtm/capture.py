@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a `.qtm` holds: its cameras, each with its blobs and calibration, its trajectories, and its rate."""
+"""What a `.qtm` holds: cameras, each with blobs and calibration, trajectories, rate, and what of it is read."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
 from typing import Self
@@ -10,11 +11,73 @@ import numpy as np
 
 from ...core.data.errors import InputError
 from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
-from ..rig import RigCamera, refuse_crowd
-from .cameras import CameraPart, read_camera_part
-from .container import KIND, Container
-from .layout import Item, read_items, read_schema
-from .series import Series
+from ...core.geometry.cameras import Cameras
+from ..cameras import MAX_CAMERA_NUMBER, SUBPIXELS, RigCamera, refuse_crowd, rig
+from ..world import z_up
+from .container import KIND, Container, Cursor, Item, Series, read_items, read_schema
+
+# Numbers of what is said of a camera; each begins with its number and its size.
+CAMERA_POSITION, CAMERA_ROTATION = (1, 2, 3), tuple(range(4, 13))
+CAMERA_LENS, CALIBRATED, CALIBRATION_FILE, SERIAL, LAST_COLUMN, LAST_ROW = 13, 14, 15, 23, 47, 48
+WIDE = (CALIBRATION_FILE,)  # whose size is in letters of two bytes
+
+# The first numbers of the lens: focal lengths, centre, k1 k2 p1 p2; what follows is zero in all that is known.
+LENS_START, LENS_NUMBERS, LENS_REST = 4, 8, 8
+
+
+# What no camera has; format.
+MAX_CAMERA_BYTES = 1 << 20  # of all that is said of it, which is 2,300 bytes
+MAX_CAMERA_TURN = 1e-6  # by which a stored rotation may differ from one: they have the digits of a double
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPart:
+    """What a file says of one camera: its name, and its calibration or the `trouble` with that, such as "is …"."""
+
+    name: str
+    calibration: RigCamera | None
+    trouble: str = ""
+
+
+def read_camera_part(container: Container, number: int) -> CameraPart:
+    """The camera of that number, from 1; InputError where what is said of it is not laid out as it should be."""
+    name = f"Measurement/Cameras/Camera - {number}"
+    cursor = Cursor(container.stream(name).whole(MAX_CAMERA_BYTES), name, container.path)
+    said = {}
+    for _ in range(cursor.word()):
+        what, size = cursor.word(), cursor.word()
+        said[what] = cursor.bytes(size * (2 if what in WIDE else 1))
+    if len(said.get(SERIAL, b"")) != 4:
+        raise InputError(f"has no serial number of camera {number}; expected {KIND}", container.path)
+    serial = str(int.from_bytes(said[SERIAL], "little"))
+    if said.get(CALIBRATED) != b"\1":
+        return CameraPart(serial, None, "is not calibrated")
+    return _calibrated(serial, said)
+
+
+def _calibrated(serial: str, said: dict[int, bytes]) -> CameraPart:
+    """A camera looks along its own -x, with y to the right and z up: turned to our z, x and -y."""
+    wanted = dict.fromkeys((*CAMERA_POSITION, *CAMERA_ROTATION), 8) | {LAST_COLUMN: 4, LAST_ROW: 4}
+    lens_bytes = LENS_START + 4 * (LENS_NUMBERS + LENS_REST)
+    odd = any(len(said.get(what, b"")) != size for what, size in wanted.items())
+    if odd or len(said.get(CAMERA_LENS, b"")) < lens_bytes:
+        return CameraPart(serial, None, "has a calibration that is laid out in a way that is not known")
+    lens = np.frombuffer(said[CAMERA_LENS], "<f4", LENS_NUMBERS + LENS_REST, LENS_START).astype(float)
+    position = np.frombuffer(b"".join(said[what] for what in CAMERA_POSITION), "<f8") / 1000
+    stored = np.frombuffer(b"".join(said[what] for what in CAMERA_ROTATION), "<f8").reshape(3, 3)
+    size = np.array([int.from_bytes(said[what], "little") + 1 for what in (LAST_COLUMN, LAST_ROW)], float)
+    numbers = np.concatenate([lens, position, stored.ravel(), size])
+    if not (np.abs(numbers) < MAX_CAMERA_NUMBER).all() or not (lens[:2] > 0).all():
+        return CameraPart(serial, None, "has a calibration that is none of any camera")
+    if lens[LENS_NUMBERS:].any():
+        return CameraPart(serial, None, "has a lens of a kind that is not known")
+    if np.abs(stored @ stored.T - np.eye(3)).max() > MAX_CAMERA_TURN or np.linalg.det(stored) < 0:
+        return CameraPart(serial, None, "has a calibration that is none of any camera")
+    rotation = np.stack([stored[1], -stored[2], -stored[0]])
+    (fu, fv, cu, cv), distortion = lens[:4] / SUBPIXELS, lens[4:LENS_NUMBERS]
+    matrix = np.array([[fu, 0.0, cu], [0.0, fv, cv], [0.0, 0.0, 1.0]])
+    return CameraPart(serial, RigCamera(serial, size, matrix, distortion, rotation, -rotation @ position))
+
 
 BLOB_DATA, CAMERA_DATA = "2dData", "2dCameraData"
 POINT_DATA, TRAJECTORY_DATA = "Trajectories", "Trajectory"
@@ -160,3 +223,93 @@ class QtmCapture:
         if (steps[::2] < 0).any() or (steps[1::2] <= 0).any():
             raise InputError(f"has frames of {of} that do not ascend; expected {KIND}", self.path)
         return item.ranges
+
+
+def read_qtm_cameras(path: Path, up: str = "") -> Cameras:
+    """The calibrated cameras that recorded blobs, by serial number; `remarks` name those that are left out, and why.
+
+    Raises InputError where there are none.
+    """
+    with QtmCapture(path) as capture:
+        left, usable = capture.left_out, capture.usable
+    if not usable:
+        words = f"has no calibrated cameras ({', '.join(left[:3]) or 'it has none at all'})"
+        raise InputError(f"{words}; expected a calibration, such as --cameras says", path)
+    cameras = z_up(rig([one.calibration for one in usable if one.calibration is not None], path), up)
+    remark = f"of {Path(path).name}, {len(left)} cameras are left out: {', '.join(left)}"
+    return replace(cameras, remarks=(*cameras.remarks, remark)) if left else cameras
+
+
+USE_BLOBS, USE_POINTS = USES = ("blobs", "points")
+NEEDED = 2  # cameras that must have seen something and be calibrated, for a point to be found
+
+
+def is_qtm(path: Path) -> bool:
+    """Whether a file is a capture of Qualisys Track Manager, by its suffix."""
+    return Path(path).suffix.lower() == ".qtm"
+
+
+@dataclass(frozen=True)
+class CaptureHolds:
+    """What a capture holds.
+
+    cameras      names of those that recorded blobs, and
+    calibrated   of those of them that have a calibration
+    labelled     how many trajectories have a label, and
+    unlabelled   how many have none
+    rate         frames a second of the blobs, None where it is not said
+    first, last  frame of the blobs
+    """
+
+    cameras: tuple[str, ...]
+    calibrated: tuple[str, ...]
+    labelled: int
+    unlabelled: int
+    rate: float | None
+    first: int = 0
+    last: int = 0
+
+    def choice(self, wanted: str | None, path: Path) -> str:
+        """One of USES: what was `wanted`; else blobs where their cameras are calibrated, or where there are no points.
+
+        InputError where the capture does not hold it.
+        """
+        there = {USE_BLOBS: bool(self.cameras), USE_POINTS: bool(self.labelled + self.unlabelled)}
+        if not any(there.values()):
+            raise InputError("holds neither blobs nor 3D points; expected a capture with some", path)
+        if wanted is not None and not there[wanted]:
+            other = "3D points, and no blobs" if wanted == USE_BLOBS else "blobs, and no 3D points"
+            raise InputError(f"holds {other}; expected a capture with {wanted}, or another --use", path)
+        calibrated = len(self.calibrated) >= NEEDED or not there[USE_POINTS]
+        return wanted or (USE_BLOBS if calibrated else USE_POINTS)
+
+    def told(self, choice: str, cameras: Sequence[str] | None = None) -> str:
+        """What was taken of the capture, and what not, for a person to read; empty where it holds one of them only.
+
+        `cameras` are the names of those of a calibration that is not the capture's own.
+        """
+        if not self.cameras or not self.labelled + self.unlabelled:
+            return ""
+        points = f"its 3D points ({self.labelled} trajectories with a label, {self.unlabelled} without)"
+        used = self.calibrated if cameras is None else set(self.cameras) & set(cameras)
+        blobs = f"its blobs ({len(used) if choice == USE_BLOBS else len(self.cameras)} cameras)"
+        taken, other = (blobs, points) if choice == USE_BLOBS else (points, blobs)
+        return f"{taken} are taken, not {other}"
+
+
+def held_in(path: Path) -> CaptureHolds:
+    """What a capture holds; InputError where it cannot be read."""
+    with QtmCapture(path) as capture:
+        seen = [camera for camera in capture.cameras if camera.seen]
+        kept = [capture.trajectories[at] for at in capture.kept]
+        labelled = sum(bool(one.label) for one in kept)
+        ranges = seen[0].ranges if seen else None
+        return CaptureHolds(
+            cameras=tuple(camera.name for camera in seen),
+            calibrated=tuple(camera.name for camera in seen if camera.calibration is not None),
+            labelled=labelled,
+            unlabelled=len(kept) - labelled,
+            rate=capture.blob_rate,
+            first=0 if ranges is None else int(ranges[0, 0]),
+            last=0 if ranges is None else int(ranges[-1, 1]),
+        )

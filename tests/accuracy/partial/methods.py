@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The methods that are compared, each learned from some people's frames and asked for names at several target rates."""
 
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -18,8 +17,6 @@ from addon.core.points.likelihood.learn import learn_likelihood
 Takes = Sequence[tuple[np.ndarray, str]]  # frames (T, M, 3) m, and whose they are
 FAITHFUL = {"paper": PAPER_FUNCTIONS, "turn": FUNCTIONS}
 METHODS = (*FAITHFUL, "ours")
-HIDES = range(11)
-PATTERNS = 1000
 ANY_RATE = 100.0  # frames a second; to both methods each frame is alone
 
 
@@ -35,7 +32,7 @@ class Remembering(SolverStudy):
         if subset not in self._made:
             self._made[subset] = super().solver(subset)
         made = self._made[subset]
-        reached = made.record.reaches(self.targets[made.markers], self.options.ambiguous)
+        reached = made.record.reaches(self.targets[made.markers])
         return replace(made, reached=reached)
 
 
@@ -43,65 +40,29 @@ class Faithful:
     """The paper's method: one ensemble of partial solvers for each target, made when it is first asked for."""
 
     def __init__(self, takes: Takes, names: tuple[str, ...], options: Training):
-        began = time.process_time()
         self._names = names
         self.study = Remembering(np.concatenate([frames for frames, _ in takes]), options)
         for _ in self.study.survey():
             pass
-        self._namers: dict[float, SolversNamer] = {}
         self._ensembles: dict[float, PartialSolvers] = {}
-        self.facts: dict = {"survey": time.process_time() - began, "frames": self.study.frames, "ensembles": {}}
 
     def names(self, points: np.ndarray, targets: Sequence[float]) -> dict[float, np.ndarray]:
         """The markers (N, P) of points (N, P, 3) m for each target, -1 where unnamed."""
-        return {target: Labels.join(self._namer(target).name(points, ANY_RATE)).marker for target in targets}
+        namers = {target: SolversNamer(self.ensemble(target)) for target in targets}
+        return {target: Labels.join(namer.name(points, ANY_RATE)).marker for target, namer in namers.items()}
 
     def ensemble(self, target: float) -> PartialSolvers:
         """The partial solvers for a target."""
-        self._namer(target)
+        if target not in self._ensembles:
+            self._ensembles[target] = finished(self.study.partial_solvers(self._names, target))
         return self._ensembles[target]
-
-    def _namer(self, target: float) -> SolversNamer:
-        if target not in self._namers:
-            began = time.process_time()
-            partial_solvers = finished(self.study.partial_solvers(self._names, target))
-            self._namers[target] = SolversNamer(partial_solvers)
-            self._ensembles[target] = partial_solvers
-            self.facts["ensembles"][str(target)] = {
-                "seconds": time.process_time() - began,
-                "sizes": [len(solver.markers) for solver in partial_solvers.solvers],
-                "covered": (partial_solvers.covered > 0).tolist(),
-                "alive": alive(partial_solvers),
-            }
-        return self._namers[target]
-
-
-def alive(partial_solvers: PartialSolvers) -> list[list[float]]:
-    """For 0 to 10 hidden markers: the share of solvers that still have all their markers, and of the markers that are
-    there the share for which such a solver votes."""
-    generator = np.random.default_rng(0)
-    count = len(partial_solvers.markers)
-    whole, votes = np.zeros((2, len(partial_solvers), count), dtype=bool)
-    for row, solver in enumerate(partial_solvers.solvers):
-        whole[row, solver.markers] = True
-        votes[row, solver.markers[solver.reached]] = True
-    rows = []
-    for hide in HIDES:
-        hidden = generator.random((PATTERNS, count)).argsort(axis=1).argsort(axis=1) < hide
-        lives = ~(hidden[:, None] & whole).any(axis=2)
-        told = (lives[..., None] & votes).any(axis=1)
-        rows.append([float(lives.mean()) if len(partial_solvers) else 0.0, float(told[~hidden].mean())])
-    return rows
 
 
 class Ours:
     """Our own method: names are given once, with the rate at which labels as confident are right."""
 
     def __init__(self, takes: Takes, names: tuple[str, ...]):
-        began = time.process_time()
         self._likelihood = learn_likelihood(takes, names)
-        frames = sum(len(frames) for frames, _ in takes)
-        self.facts: dict = {"training": time.process_time() - began, "frames": frames}
 
     def names(self, points: np.ndarray, targets: Sequence[float]) -> dict[float, np.ndarray]:
         """The markers (N, P) of points (N, P, 3) m for each target, -1 where unnamed."""

@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The results as Markdown, one block for each part of the replication page."""
+"""The results as Markdown, one block for each part of the page, put together over the people that were left out."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from .. import people
-from ..tables import table
-from .results import COLUMNS, Results, over
-from .scores import Score
-from .studies import HIDDEN, TABLE_2, TARGETS
+from scripts.results import markdown
 
+from .. import people
+from .measuring import HIDDEN, SAME, TABLE_2, TARGETS, read
+from .scores import Score
+
+LEFT_OUT = "left out"
 # The paper's tables 3, 4 and 5, per cent.
 PAPER_FA = ((8.13, 1.12, 0.09, 0.04), (8.89, 0.94, 0.09, 0.05), (7.04, 0.58, 0.07, 0.02), (4.28, 0.34, 0.02, 0.01),
             (2.35, 0.16, 0.01, 0.00))  # fmt: skip
@@ -23,6 +26,71 @@ PAPER_MARKERS = {
 }  # fmt: skip
 PAPER_POOLED = (0.02, 31.16)
 PAPER = "the paper, as printed"
+
+
+@dataclass(frozen=True)
+class Column:
+    """One of the things compared: a method, and whether it had seen the people that it was tested on."""
+
+    method: str
+    people: str
+    title: str
+
+
+COLUMNS = (
+    Column("paper", SAME, "faithful, same people"),
+    Column("paper", LEFT_OUT, "faithful, left out"),
+    Column("turn", SAME, "faithful + turn, same people"),
+    Column("turn", LEFT_OUT, "faithful + turn, left out"),
+    Column("ours", SAME, "ours, same people"),
+    Column("ours", LEFT_OUT, "ours, left out"),
+)
+
+
+class Results:
+    """All results in a folder."""
+
+    def __init__(self, folder: Path):
+        self._found: dict[str, dict[str, dict]] = {}
+        for path in sorted(folder.glob("*.*.json")):
+            method, split = path.stem.split(".")
+            self._found.setdefault(method, {})[split] = read(path)
+
+    def parts(self, column: Column, study: str) -> dict[str, dict]:
+        """What a study found, by the people who were tested."""
+        mine = self._found.get(column.method, {})
+        return {
+            split: found[study]
+            for split, found in mine.items()
+            if study in found and (split == SAME) == (column.people == SAME)
+        }
+
+    def with_study(self, study: str) -> list[tuple[Column, dict]]:
+        """The columns in which the study was run, with what it found, counts added up over people."""
+        parts = [(column, list(self.parts(column, study).values())) for column in COLUMNS]
+        return [(column, added(found)) for column, found in parts if found]
+
+    def people(self, column: Column) -> str:
+        """How many people were tested in how many groups."""
+        groups = list(self.parts(column, "grid"))
+        if column.people == SAME:
+            return "all people in both"
+        count = sum(len(group.split("+")) for group in groups)
+        return f"{count} people left out, {len(groups)} trainings"
+
+
+def added(parts: list):
+    """Results of a study together: numbers added wherever they stand."""
+    if isinstance(parts[0], dict):
+        return {key: added([part[key] for part in parts]) for key in parts[0] if all(key in part for part in parts)}
+    if isinstance(parts[0], list):
+        return [added(list(some)) for some in zip(*parts, strict=True)]
+    return sum(parts)
+
+
+def over(counts: dict, target: str) -> Score:
+    """The score at one target, added up over all conditions of {condition: {target: counts}}."""
+    return Score.of(added([by_target[target] for by_target in counts.values()]))
 
 
 def percent(share: float, digits: int = 2) -> str:
@@ -51,8 +119,8 @@ def conditions(results: Results) -> str:
         ["occlusions a frame", "4", str(TABLE_2)],
         ["test frames", "16,384", "; ".join(f"{column.title}: {count}" for column, count in clouds.items())],
     ]
-    words = [f"- {column.title}: {results.people(column, 'grid')}" for column, _ in tested]
-    return table(["condition", "the paper (table 2, section 5)", "here"], rows) + "\n\n" + "\n".join(words)
+    words = [f"- {column.title}: {results.people(column)}" for column, _ in tested]
+    return markdown(["condition", "the paper (table 2, section 5)", "here"], rows) + "\n\n" + "\n".join(words)
 
 
 def _clouds(by_target: dict) -> int:
@@ -73,7 +141,7 @@ def table3(results: Results) -> str:
     for _, found in columns:
         pooled += [percent(found.false_assignments, 3), percent(found.false_occlusions)]
     titles = [PAPER, *(column.title for column, _ in columns)]
-    return table(["marker", *(f"{title}: {part}" for title in titles for part in ("FA", "FO"))], [*rows, pooled])
+    return markdown(["marker", *(f"{title}: {part}" for title in titles for part in ("FA", "FO"))], [*rows, pooled])
 
 
 def _share(part, whole) -> str:
@@ -89,7 +157,7 @@ def _grid(results: Results, printed, figure: Callable[[Score], str]) -> str:
             found = counts[str(hide)]
             cells = [figure(Score.of(found[str(target)])) if str(target) in found else "" for target in TARGETS]
             rows.append([hide, column.title, *cells])
-    return table(["hidden", "method, people", *map(rate, TARGETS)], rows)
+    return markdown(["hidden", "method, people", *map(rate, TARGETS)], rows)
 
 
 def table4(results: Results) -> str:
@@ -118,7 +186,7 @@ def cover(results: Results) -> str:
             joined = f"{np.count_nonzero(members)} of {len(members)}"
             rows.append([column.title, rate(target), joined, _range(members), named, _range(reached)])
     names = ["functions", "target", "markers in any solver", "solvers a marker is in"]
-    return table([*names, "markers for which one reaches the target", "solvers that do, a marker"], rows)
+    return markdown([*names, "markers for which one reaches the target", "solvers that do, a marker"], rows)
 
 
 def asked(results: Results) -> str:
@@ -127,7 +195,7 @@ def asked(results: Results) -> str:
     for column, counts in results.with_study("grid"):
         for target in sorted(next(iter(counts.values())), key=float):
             found = [Score.of(by_target[target]) for by_target in counts.values()]
-            pooled = over(counts, float(target))
+            pooled = over(counts, target)
             wrong = [score.false_assignments for score in found]
             rows.append(
                 [column.title, rate(target), percent(1 - float(target), 3), percent(pooled.false_assignments, 3),
@@ -141,100 +209,11 @@ def asked(results: Results) -> str:
         "least to most hidden",
         "recall",
     ]
-    return table(names, rows)
-
-
-def _of(part: int, whole: int) -> str:
-    return f"{part} of {whole} ({100 * part / whole:.2f} %)" if whole else "none"
-
-
-def training(results: Results) -> str:
-    """How long training took."""
-    rows = []
-    for column in COLUMNS:
-        facts = list(results.parts(column, "facts").values())
-        if not facts:
-            continue
-        if column.method == "ours":
-            seconds = [fact["training"] for fact in facts]
-            rows.append([column.title, "all", len(facts), _seconds(seconds), ""])
-            continue
-        for target in TARGETS:
-            mine = [(fact["survey"], fact["ensembles"].get(str(target))) for fact in facts if "survey" in fact]
-            mine = [(survey, partial_solvers) for survey, partial_solvers in mine if partial_solvers]
-            if mine:
-                sizes = [len(partial_solvers["sizes"]) for _, partial_solvers in mine]
-                covered = [sum(partial_solvers["covered"]) for _, partial_solvers in mine]
-                seconds = [survey + partial_solvers["seconds"] for survey, partial_solvers in mine]
-                words = f"{_range(sizes)} solvers; {_range(covered)} of 15 markers reach the target"
-                rows.append([column.title, rate(target), len(mine), _seconds(seconds), words])
-    return table(["method, people", "target", "trainings", "processor time", "ensemble"], rows)
-
-
-def _seconds(seconds: list[float]) -> str:
-    return f"{np.median(seconds):.0f} s ({min(seconds):.0f} to {max(seconds):.0f})"
+    return markdown(names, rows)
 
 
 def _range(values: list[int]) -> str:
     return str(min(values)) if min(values) == max(values) else f"{min(values)} to {max(values)}"
-
-
-def speed(results: Results) -> str:
-    """Frames a second and delays."""
-    if not results.speed:
-        return "not measured"
-    rows = [
-        [method, markers, hide, ghost, f"{rate_:.0f}", f"{middle:.2f} ms", f"{late:.2f} ms"]
-        for method, markers, hide, ghost, rate_, middle, late in results.speed["rows"]
-    ]
-    names = ["method", "markers", "hidden", "ghosts", "frames a second", "one frame alone, median", "99th percentile"]
-    return f"Load {results.speed['load']:.1f} when done.\n\n" + table(names, rows)
-
-
-def solvers(results: Results) -> str:
-    """Hit rates of all solvers: growth with size, and small solvers."""
-    parts = []
-    for column, found in results.with_study("solvers"):
-        grown, fallen, worst = found["growth"]
-        parts.append(
-            f"**{column.title}.** Adding a marker to a solver, {grown:,} comparisons of a hit rate before and after: "
-            f"it falls in {fallen:,} ({percent(fallen / grown)}), by {percent(worst)} at most."
-        )
-        rows = [[size, count, percent(mean), *reached] for size, count, mean, *reached in found["sizes"]]
-        names = [f"any marker at {rate(target)}" for target in (0.99, 0.999, 0.9999)]
-        columns = ["markers in the solver", "solvers", "mean hit rate", *names]
-        parts.append(table([*columns, *(f"{name}, SACR aside" for name in names)], rows))
-        rows = [[name, size or "none", members, percent(best)] for name, size, members, best in found["smallest"]]
-        parts.append(
-            table(["marker", "fewest markers at 99.99 %", "which", "hit rate there, or the best of all"], rows)
-        )
-    return "\n\n".join(parts)
-
-
-def optimal(results: Results) -> str:
-    """Whether the marker sets are what the paper calls optimally designed."""
-    rows = [
-        [column.title, name, _of(right, frames)]
-        for column, found in results.with_study("optimal")
-        for name, (frames, right) in found.items()
-    ]
-    return table(["functions", "markers", "whole frames with one labelling, the right one"], rows)
-
-
-def voters(results: Results) -> str:
-    """What is left to vote when markers are hidden."""
-    found = results.with_study("solvers")
-    if not found:
-        return "not measured"
-    titles, series = [], []
-    for column, claims in found:
-        titles.append(f"weak classifiers, {column.title}")
-        series.append([f"{count} ({percent(share, 1)})" for _, count, share in claims["voters"]])
-        alive = results.pooled(column, "facts")["ensembles"]["0.9999"]["alive"]
-        titles += [f"whole solvers of the ensemble, {column.title}", f"markers still named, {column.title}"]
-        series += [[percent(row[place], 1) for row in alive] for place in (0, 1)]
-    rows = [[hide, *(one[hide] for one in series)] for hide in range(len(series[0]))]
-    return table(["hidden", *titles], rows)
 
 
 BLOCKS: dict[str, Callable[[Results], str]] = {
@@ -244,10 +223,5 @@ BLOCKS: dict[str, Callable[[Results], str]] = {
     "table5": table5,
     "recall": recall,
     "asked": asked,
-    "training": training,
-    "speed": speed,
-    "solvers": solvers,
-    "optimal": optimal,
-    "voters": voters,
     "cover": cover,
 }

@@ -3,8 +3,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from addon.core.blobs.confidence import label_confidences, swap_doubts
 from addon.core.blobs.swaps import Swaps
@@ -49,25 +47,6 @@ def test_the_nearer_the_twin_the_less_sure():
 def test_a_hidden_twin_and_one_that_has_a_blob_doubt_less():
     assert one_blob(0.02, visible=False) > one_blob(0.02)
     assert one_blob(0.02, taken=True) == pytest.approx(1)
-
-
-@settings(max_examples=60)
-@given(st.integers(0, 2**16), st.floats(0.003, 0.1), st.floats(0, 0.05))
-def test_confidences_are_chances(seed, deviation, error):
-    """A28: 0 to 1 whatever the scene, ghosts, hidden markers and merged blobs among it."""
-    generator = np.random.default_rng(seed)
-    points = generator.uniform([-0.2, -0.2, 0.8], [0.2, 0.2, 1.2], (10, 3))
-    pixels = [np.vstack([row[generator.random(10) < 0.8], row[:2] + 6]) for row in RIG.project(points)]
-    expected = expect_at(points + generator.normal(0, error, points.shape), deviation, generator.random((4, 10)) < 0.8)
-    naming = name_markers(split_views(blobs_at(pixels), RIG)[0], SIGHT, expected, Rules())
-    sure = label_confidences(naming, *np.nonzero(naming.slot >= 0))
-    assert ((sure >= 0) & (sure <= 1)).all()
-
-
-def test_nothing_named_has_no_confidences():
-    view = split_views(blobs_at([np.zeros((0, 2))] * 4), RIG)[0]
-    naming = name_markers(view, SIGHT, expect_at(np.zeros((3, 3)), 0.1), Rules())
-    assert label_confidences(naming, *np.nonzero(naming.slot >= 0)).shape == (0,)
 
 
 def test_doubts_of_exchanges():

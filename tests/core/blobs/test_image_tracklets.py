@@ -1,15 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Blobs that go on in one image: what they are called before and after says what they are in between."""
 
-from dataclasses import replace
-
 import numpy as np
-import pytest
 
-from addon.core.blobs.image_tracklets import name_by_tracklets, tracklets_of
-from addon.core.geometry.views import View
-from addon.core.papers.virtual_occlusions.labelling import Frame, Naming
-from tests.core.blobs.followed import RIG, exchange, followed, take_name, wrong_names
+from addon.core.blobs.image_tracklets import name_by_tracklets
+from tests.core.blobs.followed import exchange, followed, take_name, wrong_names
 from tests.core.scenes import RATE
 
 FRAMES = range(30, 38)
@@ -65,36 +60,6 @@ def test_names_that_suit_stay():
     assert wrong_names(scene, views, results).sum() <= wrong
 
 
-def shifted(result, view, camera: int, marker: int, way: float):
-    """The frame with one of its blobs drawn aside by `way` m, and without its name; the view and the result."""
-    old = result.naming
-    image = view.image.copy()
-    image[camera, old.slot[camera, marker], 0] += way / old.frame.depth[camera, marker]
-    view = replace(view, image=image)
-    rules = replace(old.frame.rules, pixel=0.1)  # of cameras that would notice
-    frame = Frame(view, old.frame.sight, old.frame.expected, rules, old.frame.fixed)
-    naming = Naming(frame, old.slot, old.step, old.owner, old.partner, old.conflicts)
-    naming.withdraw(np.array([camera]), np.array([marker]))
-    return view, replace(result, naming=naming)
-
-
-@pytest.mark.parametrize(("way", "named"), [(0.007, True), (0.03, False)])
-def test_a_marker_that_is_partly_hidden_is_named_but_not_met(way, named):
-    scene, _, views, results = followed()
-    marker = scene.markerset.index("LKNE")
-    camera, before, views = seen_by(results, marker), slots(results), list(views)
-    points = np.array([result.naming.meeting.points[marker] for result in results])
-    for frame in FRAMES:  # it goes aside little by little, as a blob does whose marker goes behind something
-        part = way * np.sin(np.pi * (frame - FRAMES.start + 1) / (len(FRAMES) + 1))
-        views[frame], results[frame] = shifted(results[frame], views[frame], camera, marker, part)
-    name_by_tracklets(views, results, RATE)
-    middle = FRAMES[len(FRAMES) // 2]
-    naming = results[middle].naming
-    assert (naming.slot[camera, marker] == before[middle][camera, marker]) == named
-    assert naming.rays[camera, marker] < 0
-    assert np.linalg.norm(naming.meeting.points[marker] - points[middle]) < 0.002
-
-
 def test_what_a_person_named_stays():
     scene, _, views, results = followed()
     marker, other = scene.markerset.index("LKNE"), scene.markerset.index("LTOE")
@@ -111,28 +76,3 @@ def test_what_a_person_named_stays():
         assert naming.owner[camera, slot] == other
     finally:
         naming.frame.fixed[camera, other] = -1  # the frame is not this test's own
-
-
-def images(*paths):
-    """Views of one camera in which blobs go along paths (F, 2)."""
-    xy = np.array(paths).swapaxes(0, 1)[:, None]
-    return [View(one, np.ones(one.shape[:2], bool), np.zeros(one.shape[:2], int)) for one in xy]
-
-
-def test_blobs_that_meet_are_other_tracklets_afterwards():
-    along = np.linspace(-0.2, 0.2, 41)
-    near, far = np.stack([along, 0.0005 + 0 * along], axis=1), np.stack([-along, 0 * along], axis=1)
-    depths = [np.array([3.0])] * len(along)
-    numbers, count = tracklets_of(images(near, far), depths, RATE)
-    first, last = set(numbers[0][0].tolist()), set(numbers[-1][0].tolist())
-    assert len(first) == 2 and not first & last and count >= 4
-    numbers, count = tracklets_of(images(near, far + np.array([0, 0.2])), depths, RATE)
-    assert count == 2 and (numbers[0] == numbers[-1]).all()
-
-
-def test_frames_without_anybody_or_without_blobs():
-    assert name_by_tracklets([], [], RATE) == {}
-    _, _, views, results = followed()
-    assert name_by_tracklets(views, [None] * len(views), RATE) == {}
-    nothing = replace(views[0], image=np.zeros((len(RIG), 1, 2)), real=np.zeros((len(RIG), 1), bool))
-    name_by_tracklets([*views[:20], nothing, *views[21:]], [*results[:20], None, *results[21:]], RATE)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from addon.core.blobs.arms import HELD, with_arms_held
-from addon.core.blobs.jointly import JOINTLY, hypotheses_of, name_jointly
+from addon.core.blobs.jointly import hypotheses_of, name_jointly
 from addon.core.blobs.search import Hints, find_subject
 from addon.core.blobs.subject import Setup
 from addon.core.body.bodies import BodyModel
-from addon.core.geometry.views import Sight, View
+from addon.core.geometry.views import Sight
 from addon.core.papers.virtual_occlusions.labelling import Expectation, Frame, Rules
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions
@@ -76,13 +76,6 @@ def test_every_marker_and_every_blob_is_used_once():
     assert (found.gain > 0).all() and ((found.slot >= 0).sum(axis=1) >= 1).all()
 
 
-def test_nothing_to_name():
-    scene = standing(options=CaptureOptions(dropout=1.0, reflections=0, flicker=0.0))
-    assert not len(scene.blobs)
-    naming, elsewhere = name_jointly(frame_of(scene))
-    assert (naming.slot < 0).all() and not elsewhere.any()
-
-
 @pytest.mark.parametrize("arms", np.flatnonzero(~HELD[:, 1].any(axis=1)).tolist())
 def test_stretched_arms_are_found_wherever_they_point(arms):
     scene = standing(arms, seed=arms)
@@ -96,39 +89,6 @@ def test_bodies_without_arms_stay_as_they_are():
     assert len(with_arms_held(model.rest(3, 1.7), model)) == 3
     whole = BodyModel(built_in("body26"))
     assert len(with_arms_held(whole.rest(3, 1.7), whole)) == 3 * (1 + len(HELD))
-
-
-def on_one_line():
-    """A frame of two head markers, the farther exactly behind the nearer for camera 0, which has one blob for both.
-
-    Beside it the nearer has one in camera 1, the farther in cameras 1 and 2, and all others have theirs.
-    """
-    markerset = built_in("body26")
-    sight, before, behind = Sight(RIG), markerset.index("LFHD"), markerset.index("LBHD")
-    points = BodyModel(markerset).pose(BodyModel(markerset).rest(1, 1.75)).markers[0]
-    line = points[before] - sight.centres[0]
-    points[behind] = points[before] + 0.14 * line / np.linalg.norm(line)
-    image = sight.image(sight.local(points[None]))[0]
-    image = image + np.random.default_rng(2).normal(0, 0.3, image.shape) / sight.focal[:, None, None]
-    real = sight.inside(sight.image(sight.local(points[None])))[0].copy()
-    real[[0, 2, 3, 3], [behind, before, before, behind]] = False
-    view = View(np.where(real[..., None], image, 1e3), real, np.zeros(real.shape, int))
-    body = points.copy()
-    body[before] += [0.03, 0.02, 0.0]
-    visible = np.ones(real.shape, bool)
-    visible[[2, 3], [before, behind]] = False
-    expected = Expectation(body, np.tile(0.02**2 * np.eye(3), (len(points), 1, 1)), visible)
-    return Frame(view, sight, expected, Rules(pixel=0.4)), before, behind
-
-
-def test_the_nearer_of_two_markers_on_one_line_has_the_blob():
-    frame, before, behind = on_one_line()
-    naming, _ = name_jointly(frame)
-    assert naming.slot[0, before] == before and naming.slot[0, behind] < 0
-    assert (naming.slot[1:3, behind] == behind).all()
-    # Were it as odd that a marker is not seen behind another as anywhere, the farther one would have it.
-    blind = replace(JOINTLY, seen_behind=JOINTLY.seen, seen_before=JOINTLY.seen)
-    assert name_jointly(frame, blind)[0].slot[0, behind] == before
 
 
 def test_of_many_cameras_neighbours_do_not_crowd_out_a_marker():

@@ -1,26 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Frames whose names do not suit the subject: found by what the other frames show, and read again."""
+"""Frames whose names do not suit the subject are read again; names that jump to a neighbour go back."""
 
 import numpy as np
 import pytest
 
-from addon.core.blobs.known_subject import judged, known_subject_of
+from addon.core.blobs.continuity import renamed
+from addon.core.blobs.known_subject import known_subject_of
 from addon.core.blobs.rereading import REREADING, Rereader
-from tests.core.blobs.followed import exchange, followed, wrong_names
+from tests.core.blobs.followed import exchange, followed, take_name, wrong_names
+from tests.core.scenes import RATE
 
 FOOT = ("LANK", "LHEE", "LTOE")
 ENOUGH = REREADING.min_frames // 2
-
-
-def test_right_names_suit_the_subject_and_exchanged_ones_do_not():
-    scene, setup, views, results = followed()
-    exchange(scene, results, range(30, 45), *FOOT)
-    known = known_subject_of(results, setup, None, ENOUGH)
-    _, off = judged(views, results, known, setup)
-    exchanged = np.isin(np.arange(len(results)), range(30, 45))
-    foot = [scene.markerset.index(name) for name in FOOT]
-    assert (off[exchanged][:, foot].max(axis=1) > setup.rules.max_on_point).all()
-    assert (off[~exchanged] < setup.rules.max_on_point).all()
 
 
 def test_a_marker_that_is_hardly_seen_sits_where_it_did_before():
@@ -67,3 +58,30 @@ def test_a_chunk_that_begins_wrong_is_read_from_the_one_before():
     exchange(scene, results, range(40, 46), *FOOT)
     assert rereader.read_again(views[40:], rest, results[39])
     assert not wrong_names(scene, views[40:], rest).any()
+
+
+def test_a_name_that_a_hidden_neighbour_lent_goes_back():
+    """LWRA was hidden at first, and LFIN had its name."""
+    scene, _, views, results = followed()
+    for result in results[:14]:
+        take_name(result.naming, scene.markerset.index("LWRA"))
+    exchange(scene, results, range(14), "LWRA", "LFIN")
+    assert wrong_names(scene, views, results).any()
+    changes = renamed(results, RATE)
+    assert [(first, last) for first, last, _ in changes] == [(0, 13)]
+    assert {scene.markerset.markers[index] for index in changes[0][2]} == {"LWRA", "LFIN"}
+    assert not wrong_names(scene, views, results).any()
+
+
+def test_an_exchange_is_undone():
+    scene, _, views, results = followed()
+    exchange(scene, results, range(20, 40), "LANK", "LHEE", "LTOE")
+    assert [(first, last) for first, last, _ in renamed(results, RATE)] == [(20, 39)]
+    assert not wrong_names(scene, views, results).any()
+
+
+def test_what_never_jumped_keeps_its_names():
+    _, _, _, results = followed()
+    before = [result.naming.slot.copy() for result in results]
+    assert renamed(results, RATE) == []
+    assert all(np.array_equal(slot, result.naming.slot) for slot, result in zip(before, results, strict=True))

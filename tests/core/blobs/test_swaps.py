@@ -9,7 +9,7 @@ import pytest
 
 from addon.core.blobs.search import Hints, find_subject, settle
 from addon.core.blobs.subject import Setup, refit
-from addon.core.blobs.swaps import swap_names, try_swaps, withdraw_unexpected, without_own
+from addon.core.blobs.swaps import swap_names, withdraw_unexpected, without_own
 from addon.core.body.prior import Prior
 from addon.core.data.takes import EXCLUSIVE
 from addon.core.papers.virtual_occlusions.labelling import Frame, Naming
@@ -55,29 +55,6 @@ def order_of(scene, *pairs):
     return order
 
 
-def test_exchanging_twice_changes_nothing():
-    scene, _, found = case()
-    naming = true_naming(scene, found)
-    before = [getattr(naming, name).copy() for name in ("slot", "step", "owner")]
-    points = naming.meeting.points.copy()
-    first, second = scene.markerset.index("LWRA"), scene.markerset.index("LWRB")
-    swap_names(naming, order_of(scene, "LWRA-LWRB"))
-    assert np.array_equal(consistent(naming).slot[:, first], before[0][:, second])
-    assert naming.meeting.points[first] == pytest.approx(points[second], nan_ok=True)
-    swap_names(naming, order_of(scene, "LWRA-LWRB"))
-    for name, array in zip(("slot", "step", "owner"), before, strict=True):
-        assert np.array_equal(getattr(consistent(naming), name), array)
-
-
-def test_right_names_are_not_exchanged():
-    scene, setup, found = case()
-    naming = true_naming(scene, found)
-    subject, state, prior = fitted(scene, setup, found, naming)
-    swaps = try_swaps(scene.views()[0], naming, subject, state, setup, prior)
-    assert len(swaps.orders) and (swaps.loss > 0).all()
-    assert (np.sort(swaps.orders, axis=1) == np.arange(len(scene.markerset))).all()
-
-
 LEGS, APART = ("LKNE-RKNE", "LANK-RANK", "LHEE-RHEE", "LTOE-RTOE"), ("LFHD-RFHD", "LWRA-LFIN", "RWRA-RFIN")
 
 
@@ -119,14 +96,6 @@ def test_neighbours_of_a_marker_that_was_never_put_on_get_their_names_back():
     assert np.array_equal(consistent(naming).slot[:, [absent, beside, behind]], right[:, [absent, beside, behind]])
 
 
-def test_no_neighbours_no_trials():
-    scene, setup, found = case()
-    naming = true_naming(scene, found)
-    naming.withdraw(*np.nonzero(naming.slot >= 0))
-    subject, state, prior = fitted(scene, setup, found, naming)
-    assert len(try_swaps(scene.views()[0], naming, subject, state, setup, prior).orders) == 0
-
-
 @pytest.mark.parametrize("far", [0.12, 0.3])
 def test_a_name_that_the_body_would_not_expect_is_withdrawn(far):
     """A28: two ghosts that happen to meet far from where the rest of the body has the marker keep no name."""
@@ -153,13 +122,3 @@ def test_a_name_that_the_body_would_not_expect_is_withdrawn(far):
     assert (consistent(haunted).slot[:, marker] == -1).all()
     kept = (haunted.slot >= 0).sum() / (naming.slot >= 0).sum()
     assert kept > 0.9
-
-
-def test_what_the_body_expects_stays():
-    for seed in range(3):
-        scene, setup, found = case("gait15", seed)
-        naming = true_naming(scene, found)
-        before = (naming.slot >= 0).sum()
-        subject, state, _ = fitted(scene, setup, found, naming)
-        withdraw_unexpected(naming, state, subject, setup)
-        assert (consistent(naming).slot >= 0).sum() >= 0.95 * before

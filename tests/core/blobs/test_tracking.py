@@ -6,19 +6,18 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from addon.core.blobs.search import Hints, find_subject
-from addon.core.blobs.subject import Setup, Subject
-from addon.core.blobs.tracking import FOLLOWING_STEPS, Anchor, Track, difference, follow
+from addon.core.blobs.subject import Setup
+from addon.core.blobs.tracking import FOLLOWING_STEPS, Track, difference, follow
 from addon.core.body.bodies import BodyModel
-from addon.core.body.prior import Prior
 from addon.core.geometry.views import split_views
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from addon.core.simulation.virtual import Act
-from tests.core.scenes import RATE, act, built_in, keep, person_of
+from tests.core.scenes import RATE, act, built_in, keep
 from tests.core.toybody import toy_markerset
 
 RIG = ring_rig(6, radius=4.5, volume_radius=1.3)
@@ -62,30 +61,6 @@ def test_a_difference_is_the_step_that_leads_there(seed):
     assert difference(bodies, bodies) == pytest.approx(np.zeros_like(step), abs=1e-12)
 
 
-@settings(max_examples=20)
-@given(st.integers(0, 2**16))
-def test_the_anchors_gradient_against_finite_differences(seed):
-    """For a turn the gradient holds to first order in the turn, which between two frames is a few degrees."""
-    predicted, generator = random_bodies(seed, 1)
-    anchor, small = Anchor(Prior(MODEL), predicted, 1.0), 1e-6
-    bodies = predicted.moved(generator.normal(0, 0.02, (1, MODEL.parameters)))
-    _, gradient, hessian = anchor.terms(bodies)
-    for column in range(MODEL.parameters):
-        step = np.zeros((1, MODEL.parameters))
-        step[0, column] = small
-        slope = (anchor.terms(bodies.moved(step))[0] - anchor.terms(bodies.moved(-step))[0]) / (2 * small)
-        assert 2 * gradient[0, column] == pytest.approx(slope[0], rel=0.02, abs=0.3)
-    assert np.linalg.eigvalsh(hessian).min() > 0
-
-
-def test_a_longer_blind_spell_holds_less():
-    """The anchor's slack grows with every frame in which too little was seen."""
-    predicted, _ = random_bodies(0, 1)
-    moved = predicted.moved(np.full((1, MODEL.parameters), 0.05))
-    costs = [Anchor(Prior(MODEL), predicted, slack).terms(moved)[0][0] for slack in (1, 2, 4)]
-    assert costs[0] > costs[1] > costs[2]
-
-
 @pytest.mark.parametrize("name", ["gait15", "body26"])
 def test_a_walk_is_followed_with_two_iterations_a_frame(name):
     """A34: at 60 frames a second from the previous pose: iterations a frame, lost-track rate, right names."""
@@ -107,18 +82,6 @@ def test_a_walk_is_followed_with_two_iterations_a_frame(name):
     assert np.mean(errors) < 0.006
 
 
-def test_it_learns_where_the_subject_wears_its_markers():
-    """The fit knows a person's own marker placement better after a second than at first."""
-    scene = walk("gait15")
-    setup, views, track = begun(scene)
-    start = track.subject.own_sd
-    for view in views[1:61]:
-        track = follow(track, view, setup).track
-    assert (track.subject.own_sd <= start + 1e-12).all() and (track.subject.own_sd > 0).all()
-    limit = 3 * setup.marker_sd + 1e-9
-    assert (np.linalg.norm(track.subject.bodies.own[0], axis=1) <= limit).all()
-
-
 @pytest.mark.parametrize("noise", [0.3, 1.2])
 def test_it_learns_the_takes_noise(noise):
     scene = walk("gait15", noise)
@@ -138,13 +101,3 @@ def test_without_blobs_it_is_lost_at_once():
     blind = follow(track, empty, setup).track
     assert not track.lost and blind.lost
     assert np.isfinite(blind.subject.bodies.translation).all()
-
-
-def test_a_body_drawn_from_the_spread_starts_still():
-    person = person_of(toy_markerset(), 1)
-    subject = Subject(person, np.full(len(toy_markerset()), 0.01), 1.0)
-    points = MODEL.pose(person).markers[0] + np.array([0.01, 0, 0])
-    points[3] = np.nan
-    track = Track.begin(subject, points, np.ones((6, len(toy_markerset())), dtype=bool), MODEL)
-    assert not track.velocity.any() and not track.lost
-    assert track.lag[0] == pytest.approx([0.01, 0, 0]) and (track.lag[3] == 0).all()

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from addon.core.body.bodies import PLACEMENT, BodyModel
+from addon.core.body.bodies import BodyModel
 from addon.io.markersets import open_markerset
 from tests.core.body.test_prior import some_bodies
 from tests.core.toybody import toy_markerset
@@ -36,26 +36,6 @@ def test_derivatives_are_those_of_the_markers(seed):
     np.testing.assert_allclose(posed.markers, model.pose(bodies).markers, atol=1e-12)
     expected = differences(bodies, lambda moved: model.pose(moved).markers, model.parameters)
     np.testing.assert_allclose(columns, expected, atol=1e-7)
-
-
-@settings(max_examples=15, deadline=None)
-@given(seed=seeds)
-def test_placement_derivatives_are_those_of_the_stiff_body(seed):
-    model = BodyModel(toy_markerset())
-    bodies = some_bodies(model, seed)
-    stiff = replace(bodies, bends=np.zeros_like(bodies.bends), shape=np.zeros_like(bodies.shape))
-    posed, columns = model.placement_derivatives(stiff)
-    expected = differences(stiff, lambda moved: model.placement_derivatives(moved)[0].markers, PLACEMENT)
-    np.testing.assert_allclose(columns, expected, atol=1e-7)
-    np.testing.assert_allclose(posed.markers, model.pose(stiff).markers, atol=1e-12)
-    np.testing.assert_allclose(posed.joints, model.pose(stiff).joints, atol=1e-12)
-
-
-def test_the_roots_bend_stays_zero():
-    model = BodyModel(toy_markerset())
-    moved = model.rest(2).moved(np.ones((2, model.parameters)))
-    assert not moved.bends[:, 0].any()
-    assert (moved.bends[:, 1:] == 1).all()
 
 
 def test_bending_an_elbow_moves_only_what_it_carries():

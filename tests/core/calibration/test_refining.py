@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from addon.core.calibration import refining
-from addon.core.calibration.refining import REFINING, parts_of, refine_cameras
+from addon.core.calibration.refining import PART_FRAMES, parts_of, refine_cameras
 from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import NO_MARKER, Blobs, LabelledChunk, Labels
@@ -60,16 +60,6 @@ class Room:
 
     def refine(self, cameras: Cameras):
         return finished(refine_cameras(self.parts, cameras, SimpleNamespace(markerset=BODY), None))
-
-
-def test_of_a_good_room_nothing_is_changed(monkeypatch):
-    true = ring_rig(6, generator=np.random.default_rng(0))
-    found = Room(true, monkeypatch).refine(true)
-    assert not found.refined
-    assert found.cameras is true
-    assert np.array_equal(found.after, found.before)
-    assert found.doubts == ()
-    assert found.before.max() < 0.5
 
 
 @pytest.mark.parametrize(
@@ -126,5 +116,5 @@ def test_parts_are_spread_over_the_take(count):
     assert parts[-1][1] == 10 + count
     assert all(first <= last for first, last in parts)
     assert all(last < following for (_, last), (following, _) in pairwise(parts))
-    assert all(last - first < REFINING.part_frames for first, last in parts)
+    assert all(last - first < PART_FRAMES for first, last in parts)
     assert len(parts) == min(12, count)

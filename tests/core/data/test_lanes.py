@@ -86,12 +86,6 @@ def test_what_a_frame_shows_is_in_the_order_of_the_file_and_labels_find_their_wa
     np.testing.assert_array_equal(ordered.of(there) & np.isfinite(ordered.xyz[..., 0]), number >= 0)
 
 
-def test_lanes_stand_in_the_order_of_their_earliest_trajectories():
-    lanes = Lanes.packed(np.array([20, 0, 0, 10, 20, 10]), np.array([29, 9, 9, 19, 29, 19]))
-    assert lanes.count == 2
-    assert lanes.lane.tolist() == [0, 1, 0, 1, 1, 0] or lanes.lane.tolist() == [0, 0, 1, 0, 1, 1]
-
-
 def test_blocks_are_all_frames_one_after_the_other():
     for frames, width in ((0, 5), (7, 0), (1000, PACKING.block_cells), (5000, 500)):
         parts = list(blocks(frames, width))

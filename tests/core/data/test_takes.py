@@ -8,11 +8,8 @@ from addon.core.data.takes import (
     BY_FIT,
     BY_LIKELIHOOD,
     BY_TRAJECTORY,
-    EXCLUSIVE,
     NO_MARKER,
     NO_STEP,
-    STEPS,
-    Blobs,
     Labels,
     PointRows,
     Points,
@@ -34,35 +31,12 @@ def without_rates(labels: Labels) -> Labels:
     return Labels(labels.marker, labels.step, labels.confidence)
 
 
-def test_steps_are_called_what_label_files_call_them():
-    assert (STEPS[NO_STEP], STEPS[EXCLUSIVE], STEPS[BY_LIKELIHOOD]) == ("", "exclusive", "evidence")
-    assert (STEPS[BY_FIT], STEPS[BY_TRAJECTORY]) == ("fit", "trajectory")
-    assert len(set(STEPS)) == len(STEPS)
-
-
-@pytest.mark.parametrize("shape", [(5,), (2, 3), (0,)])
-def test_nothing_named(shape):
-    found = Labels.none(*shape)
-    for column, value in ((found.marker, NO_MARKER), (found.step, NO_STEP), (found.confidence, 0)):
-        assert column.shape == shape
-        assert (column == value).all()
-    assert found.rate is None
-    assert not found.named.any()
-
-
 def test_parts_come_one_after_the_other(labels):
     whole = Labels.join([labels, labels[:1]])
     for name in ("marker", "step", "confidence", "rate"):
         column = getattr(labels, name)
         np.testing.assert_array_equal(getattr(whole, name), np.concatenate([column, column[:1]]))
     assert Labels.join(part for part in (labels, without_rates(labels))).rate is None, "not all of them were measured"
-
-
-def test_some_of_them_by_any_index(labels):
-    for index in (1, slice(1), np.array([1, 0]), labels.named, (slice(None), 2)):
-        for name in ("marker", "step", "confidence", "rate"):
-            np.testing.assert_array_equal(getattr(labels[index], name), getattr(labels, name)[index])
-    assert without_rates(labels)[0].rate is None
 
 
 def test_what_is_not_kept_leaves_nothing_behind(labels):
@@ -103,14 +77,3 @@ def test_points_become_rows_that_call_trajectories_as_their_file_does():
     assert rows.residual.tolist() == [0, 2, 3, 4, 5]
     assert len(rows) == 5
     assert PointRows.of(Points(("",) * 3, xyz, residual, 100.0, 41)).trajectory.tolist() == [0, 2, 0, 1, 2]
-
-
-def test_blobs_between_two_frames_are_those_of_the_frames():
-    frame = np.array([0, 0, 1, 3, 3, 4])
-    blobs = Blobs(np.arange(7, 12), frame, np.arange(6), np.arange(12.0).reshape(6, 2), np.arange(6.0))
-    part = blobs.between(8, 10)
-    assert part.frames.tolist() == [8, 9, 10]
-    assert part.frame.tolist() == [0, 2, 2]
-    assert part.camera.tolist() == part.area.tolist() == [2, 3, 4]
-    assert part.xy.tolist() == [[4, 5], [6, 7], [8, 9]]
-    assert len(blobs.between(20, 30).frames) == len(blobs.between(20, 30)) == 0

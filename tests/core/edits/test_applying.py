@@ -2,7 +2,6 @@
 """Edits applied to labels: what they say holds, later ones win, and no frame has a marker twice."""
 
 from dataclasses import replace
-from time import process_time
 
 import numpy as np
 import pytest
@@ -10,18 +9,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from addon.core.data.errors import InputError
-from addon.core.data.takes import BY_EDIT, BY_LIKELIHOOD, NO_MARKER, Blobs, Labels, Points
+from addon.core.data.takes import BY_EDIT, BY_LIKELIHOOD, NO_MARKER, Blobs, Labels
 from addon.core.edits.applying import (
     BlobCells,
     PointCells,
     apply_to_blobs,
     apply_to_points,
-    joined,
     refuse_unknown,
     summary_of,
 )
 from addon.core.edits.kinds import (
-    NO_EDITS,
     AssignBlob,
     AssignPoint,
     Delete,
@@ -36,7 +33,7 @@ from addon.io.markersets import open_markerset
 
 from .lists import COLUMNS, FIRST, FRAMES, INDEX, NAMES, POINTS, edit, edits, named, take
 
-A, B, C, D = range(4)
+A, B, C = range(3)
 seeds = st.integers(0, 10_000)
 
 
@@ -211,27 +208,6 @@ def test_words_that_are_not_of_this_take_are_refused(one, said):
     assert "; expected " in caught.value.message
 
 
-def test_words_of_points_are_refused_in_a_take_of_blobs():
-    for one, said in ((Delete(3), "of a point"), (AssignBlob("cam9", 1, 2, 3, "A"), "camera 'cam9'")):
-        with pytest.raises(InputError, match=said):
-            refuse_unknown(Edits((one,)), INDEX, cameras=("cam1",))
-
-
-def test_a_click_is_answered_at_once_in_a_long_take():
-    """20,000 frames of 62 markers: a tenth of a second, of which this leaves a slow machine some."""
-    count = 62
-    marker = np.tile(np.arange(count), (20_000, 1))
-    names = {f"M{index}": index for index in range(count)}
-    cells = PointCells(names, count, 1, np.ones(marker.shape, bool), np.arange(count))
-    labels, said = named(marker), Edits((Swap(("M1", "M2"), frames=(100, 5000)), AssignPoint(3, "M4"), Right("M9")))
-    spent = []
-    for _ in range(3):
-        begin = process_time()
-        apply_to_points(labels, said, cells)
-        spent.append(process_time() - begin)
-    assert min(spent) < 0.25
-
-
 # Blobs: two cameras, two frames from 20 on.
 @pytest.fixture(scope="module")
 def markerset():
@@ -273,25 +249,3 @@ def test_edits_of_markers_are_of_all_images_of_their_frames(cells, markerset):
     assert {key: place.tolist() for key, place in done.places.items()} == {(1, 0): [1.0, 2.0, 3.0]}
     moved = apply_to_blobs(labels, Edits((Place(one, 21, (1.0, 2.0, 3.0)), Swap((one, other)))), cells)
     assert list(moved.places) == [(1, 1)]
-
-
-def test_outcomes_of_chunks_are_taken_together(cells, markerset):
-    name = markerset.markers[0]
-    said = Edits((Right(name, frames=(20, 20)), AssignBlob("cam1", 21, 0, 0, name), Right(name, frames=(90, 95))))
-    labels = named(np.array([0, 1, 0, 1, 0, 1]))
-    chunk = apply_to_blobs(labels, said, cells).outcomes
-    later = replace(cells.blobs, frames=np.array([22, 23]))
-    whole = joined([chunk, apply_to_blobs(labels, said, BlobCells.of(later, cells.cameras, markerset)).outcomes])
-    assert [one.labels for one in whole] == [2, 0, 0]
-    assert whole[1].reason.startswith("cam1 has no blob within 2 px")
-    assert whole[2].reason == "frames 90 to 95 are not among what is labelled"
-
-
-def test_points_of_a_take_are_known_by_their_place_in_the_file(markerset):
-    xyz = np.full((2, 2, 3), np.nan)
-    xyz[0] = 0.0
-    take = Points(("", ""), xyz, np.zeros((2, 2)), 100.0, 7, np.array([4, 9]))
-    cells = PointCells.of(take, markerset)
-    done = apply_to_points(Labels.none(2, 2), Edits((AssignPoint(9, markerset.markers[3]),)), cells)
-    assert done.labels.marker.tolist() == [[-1, 3], [-1, -1]]
-    assert apply_to_points(Labels.none(2, 2), NO_EDITS, cells).outcomes == ()

@@ -5,10 +5,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from addon.core.data.errors import JobError
-from addon.core.data.progress import finished
-from addon.core.data.takes import Labels, Points
-from addon.core.evaluation import relabelling
+from addon.core.data.takes import Points
 from addon.core.evaluation.comparing import Comparison, TakeDifference, WorseOptions, difference_lines, share
 from addon.core.evaluation.relabelling import (
     NO_NAME,
@@ -16,10 +13,8 @@ from addon.core.evaluation.relabelling import (
     NameCounts,
     RelabelOptions,
     count_names,
-    relabelled,
     without_names,
 )
-from tests.io.samples import toy_model
 
 
 def named(xyz: np.ndarray, rate: float = 10.0) -> Points:
@@ -65,38 +60,6 @@ def test_names_are_counted_where_they_are_known():
     counts = count_names(given_names, truth, present, 3)
     assert (counts.present.tolist(), counts.right.tolist(), counts.wrong.tolist()) == ([1, 2, 0], [1, 0, 0], [1, 1, 0])
     assert (counts.recall, counts.wrong_share) == (1 / 3, 2 / 3)
-
-
-def test_labels_are_counted_by_the_names_of_markers(monkeypatch):
-    model = toy_model()
-    own = model.markerset.markers
-    xyz = np.random.default_rng(1).normal(size=(4, len(own), 3))
-    truth = np.broadcast_to(np.arange(len(own)), xyz.shape[:2])
-    take = without_names("take", own, named(xyz), truth)
-
-    class Said:
-        labels = Labels(take.truth.copy(), take.truth, take.truth * 0.0)
-
-    def label_take(points, _model, _options):
-        yield from ()
-        assert points is take.points
-        return Said
-
-    monkeypatch.setattr(relabelling, "label_take", label_take)
-    markers = (*own[::-1], "OTHER")
-    counts = finished(relabelled(take, model, markers))
-    assert counts.right.tolist() == [4] * len(own) + [0]
-    assert counts.recall == 1.0
-    fewer = finished(relabelled(take, model, own[1:]))
-    assert (fewer.right.sum(), fewer.wrong.sum()) == (4 * (len(own) - 1), 0), "a name that is not asked for is no error"
-
-    def refuses(_points, _model, _options):
-        yield from ()
-        raise JobError("does not look like it; expected another")
-
-    monkeypatch.setattr(relabelling, "label_take", refuses)
-    counts = finished(relabelled(take, model, own))
-    assert (counts.recall, counts.wrong_share, counts.refused) == (0.0, 0.0, "does not look like it; expected another")
 
 
 def counts(right, wrong, refused=""):

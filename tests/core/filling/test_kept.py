@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from addon.core.data.takes import Motion
 from addon.core.filling.filling import FilledGap, FilledTake, kept_fills_of
 from addon.core.filling.gaps import Gap
 from addon.core.filling.kept import KeptFill, filled_samples, put_fills, replaced_fills
+from tests.core.scenes import motion_of
 
 NAMES = ("A", "B")
 FRAMES = 50 + np.arange(12)
@@ -28,15 +28,8 @@ def take() -> SimpleNamespace:
     return SimpleNamespace(markers=markers, whole=whole, flags=flags, fills=kept_fills_of(filled, NAMES, FRAMES))
 
 
-def motion_of(markers: np.ndarray) -> Motion:
-    """A motion of markers alone."""
-    residual = np.where(np.isfinite(markers[..., 0]), 0.001, np.nan)
-    nothing = np.empty(0)
-    return Motion(FRAMES, markers, residual, *[nothing] * 7)
-
-
 def test_fills_are_put_in_as_they_were_made_with_residual_0(take):
-    motion, unfit = put_fills(motion_of(take.markers), NAMES, take.fills)
+    motion, unfit = put_fills(motion_of(take.markers, take.whole, FRAMES[0]), NAMES, take.fills)
     assert unfit == ("", "")
     np.testing.assert_array_equal(motion.markers, take.whole)
     np.testing.assert_array_equal(motion.residual == 0, take.flags)
@@ -55,7 +48,7 @@ def test_fills_are_put_in_as_they_were_made_with_residual_0(take):
 )
 def test_a_fill_is_left_out_where_the_take_is_another_around_it(take, frame, marker, value, which, reason):
     take.markers[frame, marker] = value
-    motion, unfit = put_fills(motion_of(take.markers), NAMES, take.fills)
+    motion, unfit = put_fills(motion_of(take.markers, take.whole, FRAMES[0]), NAMES, take.fills)
     assert reason in unfit[which]
     assert unfit[1 - which] == ""
     filled = motion.residual == 0
@@ -69,7 +62,7 @@ def test_a_fill_of_another_marker_or_of_other_frames_is_left_out(take):
         (KeptFill("C", one.first, one.last, "pca", 0.0, one.path), "no such marker"),
         (KeptFill("A", 60, 70, "pca", 0.0, np.zeros((13, 3))), "not all of its frames"),
     ):
-        motion, unfit = put_fills(motion_of(take.markers), NAMES, [other])
+        motion, unfit = put_fills(motion_of(take.markers, take.whole, FRAMES[0]), NAMES, [other])
         assert reason in unfit[0]
         np.testing.assert_array_equal(motion.markers, take.markers)
 

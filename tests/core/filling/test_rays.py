@@ -111,19 +111,6 @@ def test_only_a_blob_that_is_alone_makes_a_ray():
     assert len(rays_of(blobs, nobody, CAMERAS, missing)) == 0
 
 
-def test_rays_of_chunks_are_those_of_the_take(rays):
-    half = len(rays) // 2
-    names = ("marker", "frame", "origin", "direction", "spread")
-    chunks = [
-        MarkerRays(*(getattr(rays, name)[part] - (first if name == "frame" else 0) for name in names))
-        for part, first in ((slice(half), 0), (slice(half, None), 80))
-    ]
-    joined = MarkerRays.join([(80, chunks[1]), (0, chunks[0])])
-    for name in names:
-        np.testing.assert_allclose(getattr(joined, name), getattr(rays, name))
-    assert len(MarkerRays.join([])) == 0
-
-
 def test_a_long_gap_is_held_part_by_part(rays, monkeypatch):
     whole = held(off_by(), GAP, 0.01, rays, own(), RATE)
     monkeypatch.setattr("addon.core.filling.rays.HOLDING", type(HOLDING)(window=13, margin_s=0.3))

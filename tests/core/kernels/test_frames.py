@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from addon.core.blobs.pipeline import label_take
 from addon.core.geometry import triangulation
-from addon.core.geometry.triangulation import MEETING, RAY_RIDGE
+from addon.core.geometry.triangulation import MAX_CONDITION, RAY_RIDGE
 from addon.core.geometry.views import Sight, split_views
 from addon.core.kernels import frame_calls
 from addon.core.papers.virtual_occlusions import labelling
@@ -88,13 +88,13 @@ def test_rays_meet_the_same(seed, cameras, lengths):
     slot[:, 0], slot[1:, 1] = -1, -1
     depth = generator.uniform(1, 5, slot.shape) if lengths else None
     slot = np.where(view.real[np.arange(len(slot))[:, None], np.maximum(slot, 0)], slot, -1)
-    both(triangulation.meet, slot, depth, *rays[1:], sight.centres, RAY_RIDGE, MEETING.max_condition)
+    both(triangulation.meet, slot, depth, *rays[1:], sight.centres, RAY_RIDGE, MAX_CONDITION)
 
 
 def test_indices_and_shapes_beyond_are_refused():
     _, sight, view, expected = scene(0, 3, 4, 0)
     rays = triangulation.blob_rays(view.image, sight.rotation, sight.centres)
-    ends = *rays[1:], sight.centres, RAY_RIDGE, MEETING.max_condition
+    ends = *rays[1:], sight.centres, RAY_RIDGE, MAX_CONDITION
     far = np.full((3, 4), view.real.shape[1])
     many = SimpleNamespace(real=np.ones((frame_calls.MOST_CAMERAS + 1, 1), bool))
     refused = (

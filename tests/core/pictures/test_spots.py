@@ -68,16 +68,6 @@ def test_two_that_touch_are_two(angle, radius):
     assert near.max() < 0.3
 
 
-def test_three_in_a_clump_are_three():
-    discs = [(40.0, 40.0, 3.0), (46.4, 40.0, 3.0), (43.2, 45.6, 3.0)]
-    found = spots_of(drawn([*discs, (80, 20, 3.0), (90, 70, 3.0), (20, 70, 3.0), (20, 20, 3.0)]))
-    assert len(found) == 7
-
-
-def test_a_single_large_spot_stays_one():
-    assert len(spots_of(drawn([(40.4, 40.1, 9.0), (80, 20, 2.0), (90, 70, 2.0)]))) == 3
-
-
 def test_what_is_long_large_small_or_cut_is_none():
     picture = drawn([(0.5, 40, 3), (60, 45, 3), (60, 89, 3)])
     picture[10:12, 20:60] = 1.0  # a lamp's tube

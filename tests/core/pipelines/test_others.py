@@ -3,7 +3,6 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from addon.core.blobs.pipeline import label_take
@@ -12,17 +11,11 @@ from addon.core.geometry.cameras import Cameras
 from addon.core.pipelines.others import SEEKING, OtherSubjects, refuse_two
 from addon.core.points.refusals import SubjectsError
 from addon.core.simulation.rigs import ring_rig
-from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, capture, joined
-from addon.io.models import open_model
+from addon.core.simulation.simulate import CaptureOptions
 from tests.core.scenes import abreast, cut
 
 FRAMES, RATE, CHUNK = 40, 50.0, 16
 QUIET = CaptureOptions(seed=3)
-
-
-@pytest.fixture(scope="module")
-def model():
-    return open_model("gait15")
 
 
 @pytest.fixture(scope="module")
@@ -32,11 +25,7 @@ def cameras():
 
 def blobs_of(model, cameras: Cameras, people: tuple[int, ...], options: CaptureOptions = QUIET) -> Blobs:
     """What cameras see of people, by their seeds, who walk side by side, 0.8 m apart."""
-    markerset = model.markerset
-    bodies, markers = abreast(markerset, people, FRAMES, RATE, 0.8)
-    together = BodiesTogether(tuple(bodies), (len(markerset),) * len(people))
-    names = [f"{seed}:{name}" for seed in people for name in markerset.markers]
-    return joined(capture(np.concatenate(markers, axis=1), names, cameras, options, together)).blobs
+    return abreast(model.markerset, people, FRAMES, RATE, 0.8, cameras, options).blobs
 
 
 def looked_at(blobs: Blobs, cameras: Cameras, model) -> OtherSubjects:
@@ -46,11 +35,6 @@ def looked_at(blobs: Blobs, cameras: Cameras, model) -> OtherSubjects:
     for part, chunk in zip(parts, label_take(parts, cameras, model.markerset, RATE), strict=True):
         others.add(part, chunk)
     return others
-
-
-def test_two_are_told_how_to_have_both(model, cameras):
-    with pytest.raises(SubjectsError, match=r"two subjects or more that wear gait15.*--subjects 2 or auto"):
-        looked_at(blobs_of(model, cameras, (1, 2)), cameras, model).refuse()
 
 
 def test_two_are_told_before_any_of_the_take_is_named(model, cameras):

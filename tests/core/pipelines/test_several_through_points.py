@@ -17,8 +17,7 @@ from addon.core.points.several.identification import IDENTIFICATION
 from addon.core.points.several.wearers import SeveralOptions, Wearer
 from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.simulation.rigs import ring_rig
-from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, capture, joined
-from addon.io.models import open_model
+from addon.core.simulation.simulate import CaptureOptions
 from tests.core.scenes import abreast
 
 FRAMES, RATE, CHUNK = 40, 50.0, 16
@@ -26,19 +25,16 @@ NAMED = PointOptions("likelihood")
 
 
 @pytest.fixture(scope="module")
-def model():
-    return open_model("gait15")
-
-
-@pytest.fixture(scope="module")
 def shot(model):
     """Cameras, blobs and truth of two people in gait15 who walk side by side, 0.6 m apart."""
-    bodies, markers = abreast(model.markerset, (1, 2), FRAMES, RATE, 0.6)
-    names = [f"{number}:{name}" for number in (1, 2) for name in model.markerset.markers]
     cameras = ring_rig(8, (1280, 1024), 4.0, 2.2, 1.4)
-    together = BodiesTogether(tuple(bodies), (15, 15))
-    seen = joined(capture(np.concatenate(markers, axis=1), names, cameras, CaptureOptions(seed=5), together))
-    return cameras, seen.blobs, seen.truth, tuple(bodies), markers
+    seen = abreast(model.markerset, (1, 2), FRAMES, RATE, 0.6, cameras, CaptureOptions(seed=5))
+    return cameras, seen.blobs, seen.truth
+
+
+def label(shot, blobs: Blobs, asked: SeveralOptions, **options) -> SubjectsInImages:
+    """Some of the blobs of the take, labelled."""
+    return finished(label_several_blobs(lambda: parts(blobs), shot[0], asked, NAMED, RATE, **options))
 
 
 def parts(blobs: Blobs):
@@ -58,13 +54,12 @@ def swapped(truth: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def found(shot, model) -> SubjectsInImages:
-    cameras, blobs = shot[:2]
-    return finished(label_several_blobs(lambda: parts(blobs), cameras, SeveralOptions(model, 2), NAMED, RATE))
+    return label(shot, shot[1], SeveralOptions(model, 2))
 
 
 @pytest.fixture(scope="module")
 def labelled(shot, found):
-    _, blobs, truth = shot[:3]
+    _, blobs, truth = shot
     names, chunks = named(found, blobs)
     name, text = next((name, text) for name, text in zip(names, truth, strict=True) if name and text)
     return names, chunks, truth if text[0] == name[0] else swapped(truth)
@@ -85,10 +80,10 @@ def test_blobs_of_two_have_their_names(labelled):
 
 
 def test_one_asked_for_among_two_has_her_names_alone_and_the_other_is_in_the_way(shot, model, monkeypatch):
-    cameras, blobs, truth = shot[:3]
+    _, blobs, truth = shot
     monkeypatch.setattr(pipeline, "IDENTIFICATION", replace(IDENTIFICATION, lead=-1.0))  # the set's model knows neither
     asked = SeveralOptions(subjects=(Wearer("ann", model),))
-    found = finished(label_several_blobs(lambda: parts(blobs), cameras, asked, NAMED, RATE))
+    found = label(shot, blobs, asked)
     assert len(found.labelled.worn.subjects) == len(found.bodies) == 2
     assert found.worn.markers == tuple(f"ann:{name}" for name in model.markerset.markers)
     names, chunks = named(found, blobs)
@@ -106,14 +101,14 @@ def test_one_asked_for_among_two_has_her_names_alone_and_the_other_is_in_the_way
 
 def test_where_one_asked_for_is_not_there_nobody_is_found(shot, model, monkeypatch):
     """Whoever else is there is no reason to say that she is."""
-    cameras, blobs, truth = shot[:3]
+    _, blobs, truth = shot
     monkeypatch.setattr(pipeline, "IDENTIFICATION", replace(IDENTIFICATION, lead=-1.0))
     asked = SeveralOptions(subjects=(Wearer("ann", model),))
-    names, _ = named(finished(label_several_blobs(lambda: parts(blobs), cameras, asked, NAMED, RATE)), blobs)
+    names, _ = named(label(shot, blobs, asked), blobs)
     hers = max("12", key=lambda one: ((names != "") & truth_of(truth, one)).sum())
     kept = ~(truth_of(truth, hers) & (blobs.frame >= 22))
     few = blobs.part(slice(0, FRAMES), kept)
-    found = finished(label_several_blobs(lambda: parts(few), cameras, asked, NAMED, RATE))
+    found = label(shot, few, asked)
     assert len(found.labelled.worn.subjects) == 2
     _, chunks = named(found, few)
     confidence = np.concatenate([chunk.motion.confidence for chunk in chunks])
@@ -122,8 +117,8 @@ def test_where_one_asked_for_is_not_there_nobody_is_found(shot, model, monkeypat
 
 
 def test_as_many_as_are_asked_for_have_names_and_others_are_in_the_way(shot, model):
-    cameras, blobs = shot[:2]
-    found = finished(label_several_blobs(lambda: parts(blobs), cameras, SeveralOptions(model, 1), NAMED, RATE))
+    blobs = shot[1]
+    found = label(shot, blobs, SeveralOptions(model, 1))
     assert len(found.labelled.worn.subjects) == len(found.bodies) == 2
     assert found.worn.markers == tuple(f"1:{name}" for name in model.markerset.markers)
     names, chunks = named(found, blobs)
@@ -137,12 +132,12 @@ def truth_of(truth: np.ndarray, person: str) -> np.ndarray:
 
 
 def test_a_marker_that_one_camera_alone_sees_is_named(shot, model):
-    cameras, blobs, truth = shot[:3]
+    _, blobs, truth = shot
     lost = (truth == "1:LKNE") & (blobs.frame >= 10) & (blobs.frame < 30)
     camera = np.bincount(blobs.camera[lost]).argmax()
     kept = ~lost | (blobs.camera == camera)
     few, truth = blobs.part(slice(0, FRAMES), kept), truth[kept]
-    again = finished(label_several_blobs(lambda: parts(few), cameras, SeveralOptions(model, 2), NAMED, RATE))
+    again = label(shot, few, SeveralOptions(model, 2))
     names, _ = named(again, few)
     other = (names != truth).sum() > (names != swapped(truth)).sum()
     expected = "2:LKNE" if other else "1:LKNE"
@@ -161,8 +156,7 @@ def test_a_point_has_the_name_that_a_person_gave_one_of_its_blobs(shot, model, f
     trail = np.column_stack([blobs.frames[blobs.frame[rows]], blobs.xy[rows]])
     where = {"camera": cameras.names[camera], "frame": int(trail[0, 0]), "x": trail[0, 1], "y": trail[0, 2]}
     edits = Edits((AssignBlob(marker="2:LTHI", **where, frames=(1, FRAMES), trail=trail),))
-    work = label_several_blobs(lambda: parts(blobs), cameras, SeveralOptions(model, 2), NAMED, RATE, edits=edits)
-    again = finished(work)
+    again = label(shot, blobs, SeveralOptions(model, 2), edits=edits)
     names = again.worn.by_name
     before, now = found.labelled.labels.marker, again.labelled.labels.marker
     point = (before == names["1:LTHI"]) & (now == names["2:LTHI"])
@@ -179,23 +173,8 @@ def test_an_edit_of_somebody_who_is_not_there_is_told_by_its_own_number(shot, mo
     row = int(np.flatnonzero(blobs.frame == 9)[0])
     where = {"camera": cameras.names[blobs.camera[row]], "frame": 10, "x": blobs.xy[row, 0], "y": blobs.xy[row, 1]}
     edits = Edits((Place("1:LKNE", 10, (0.0, 0.0, 1.0)), AssignBlob(marker="3:LKNE", **where)))
-    work = label_several_blobs(lambda: parts(blobs), cameras, SeveralOptions(model), NAMED, RATE, edits=edits)
     with pytest.raises(InputError, match="edit 2 names '3:LKNE'"):
-        finished(work)
-
-
-def test_one_body_hides_the_others_markers(shot):
-    cameras, _, _, bodies, markers = shot
-    both = BodiesTogether(bodies, (15, 15)).hidden(slice(0, 5), np.concatenate(markers, axis=1)[:5], cameras.centres)
-    alone = np.concatenate(
-        [
-            body.hidden(slice(0, 5), own[:5], cameras.centres)
-            for body, own in zip(bodies, (one[:5] for one in markers), strict=True)
-        ],
-        axis=2,
-    )
-    assert (both >= alone).all()
-    assert (both & ~alone).mean() > 0.02
+        label(shot, blobs, SeveralOptions(model), edits=edits)
 
 
 def test_a_blob_that_is_off_its_point_has_no_name(shot, found, labelled):
@@ -207,15 +186,6 @@ def test_a_blob_that_is_off_its_point_has_no_name(shot, found, labelled):
     again, _ = named(found, replace(blobs, xy=xy))
     assert again[row] == ""
     assert (again == names).mean() > 0.99
-
-
-def test_points_of_blobs_are_those_that_last(found):
-    points, take = found.points, found.points.take()
-    assert len(take.xyz) == FRAMES
-    assert take.first_frame == 1
-    assert take.present.sum(axis=1).mean() > 25
-    spans = points.spans.table
-    assert len(take.names) == (spans[:, 0] >= 5).sum()
 
 
 def test_what_no_two_cameras_see_is_told(shot):

@@ -7,14 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import InputError
 from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
-from addon.core.geometry.upright import turned
 from addon.core.placement_quality import advise, judge, marker_layout, separation
 from addon.core.placement_quality.layout import MarkerLayout
 from addon.core.placement_quality.overlap import covariance_of, pair_overlaps, renaming_overlap
-from addon.core.placement_quality.surface import all_over, in_view, nearby
 from addon.core.points.likelihood.shape import Shape
 from tests.core.toybody import toy_markerset
 
@@ -67,15 +64,6 @@ def test_a_square_that_is_exact_is_the_same_from_four_sides():
     assert separation(exact.seen)[0, 1] == pytest.approx(0, abs=1e-3)
 
 
-def test_a_body_with_the_same_markers_on_both_sides_is_told_apart_worse_than_one_without():
-    toy = toy_markerset()
-    one = toy.markers.index("LANK")
-    offsets = toy.offsets.copy()
-    offsets[one] += [0.0, 0.0, 0.09]
-    lopsided = replace(toy, offsets=offsets)
-    assert judge(marker_layout(lopsided)).overlaps.max() < judge(marker_layout(toy)).overlaps.max()
-
-
 def test_the_closed_form_of_pairs_is_that_of_whole_gaussians():
     shape = random_shape()
     covariance, seen = covariance_of(shape), np.array([1, 1, 1, 0, 1, 1, 1], dtype=bool)
@@ -93,86 +81,6 @@ def test_the_closed_form_of_pairs_is_that_of_whole_gaussians():
     logs = [np.linalg.slogdet(part)[1] for part in (*covariances, half)]
     expected = np.exp(-away @ np.linalg.solve(half, away) / 8 + (logs[0] + logs[1]) / 4 - logs[2] / 2)
     assert move[1, 4] == pytest.approx(expected, rel=1e-6)
-
-
-def test_the_overlap_bounds_how_often_the_likelier_naming_is_wrong():
-    generator, shape = np.random.default_rng(3), random_shape(5)
-    shape = replace(shape, noise=shape.noise * 12)
-    covariance = covariance_of(shape)
-    drawn = generator.multivariate_normal(shape.mean.ravel(), covariance, 4000).reshape(-1, 7, 3)
-    precision = np.linalg.inv(covariance)
-
-    def cost(points):
-        away = (points - shape.mean).reshape(len(points), -1)
-        return np.einsum("ni,ij,nj->n", away, precision, away)
-
-    swap, _ = pair_overlaps(shape, covariance, np.ones(7, dtype=bool))
-    for one, two in ((0, 1), (2, 5), (3, 4)):
-        exchanged = drawn.copy()
-        exchanged[:, [one, two]] = drawn[:, [two, one]]
-        wrong = (cost(exchanged) < cost(drawn)).mean()
-        assert wrong <= swap[one, two] / 2 + 0.02
-        assert wrong >= swap[one, two] ** 2 / 4 - 0.02
-
-
-def test_other_names_give_the_same_table_in_their_order():
-    shape = random_shape()
-    order = np.random.default_rng(1).permutation(7)
-    seen = np.array([1, 1, 0, 1, 1, 1, 1], dtype=bool)
-    other = Shape(shape.mean[order], shape.modes[order], shape.noise[order])
-    for mine, theirs in zip(
-        pair_overlaps(shape, covariance_of(shape), seen),
-        pair_overlaps(other, covariance_of(other), seen[order]),
-        strict=True,
-    ):
-        np.testing.assert_allclose(theirs, mine[np.ix_(order, order)], rtol=1e-6, atol=1e-12)
-
-
-def test_where_the_subject_stands_and_faces_changes_nothing():
-    shape = random_shape()
-    mean = np.array([3.0, -2.0, 1.0]) + turned(shape.mean, np.array(0.7))
-    modes = np.moveaxis(turned(np.moveaxis(shape.modes, 2, 0), np.full(3, 0.7)), 0, 2)
-    here, there = judge(layout_of(shape), whole=[]), judge(layout_of(Shape(mean, modes, shape.noise)), whole=[])
-    np.testing.assert_allclose(there.hidden, here.hidden, rtol=1e-5, atol=1e-9)
-    np.testing.assert_allclose(there.seen, here.seen, rtol=1e-5, atol=1e-9)
-
-
-def test_noise_and_hidden_markers_only_make_it_worse():
-    shape, everyone = random_shape(), np.ones(7, dtype=bool)
-    clear = pair_overlaps(shape, covariance_of(shape), everyone)
-    noisy = replace(shape, noise=shape.noise * 2)
-    blurred = pair_overlaps(noisy, covariance_of(noisy), everyone)
-    some = everyone.copy()
-    some[[2, 6]] = False
-    fewer = pair_overlaps(shape, covariance_of(shape), some)
-    pairs = np.ix_(np.flatnonzero(some), np.flatnonzero(some))
-    for one, two, three in zip(clear, blurred, fewer, strict=True):
-        assert (two >= one - 1e-12).all()
-        assert (three[pairs] >= one[pairs] - 1e-12).all()
-
-
-def test_separation_is_that_of_two_bell_curves():
-    assert separation(np.exp(-(3.0**2) / 8)) == pytest.approx(3)
-    assert separation(1.0) == 0
-    assert np.isfinite(separation(0.0))
-
-
-def test_a_moved_marker_goes_where_its_segment_carries_it():
-    toy = toy_markerset()
-    made, model = marker_layout(toy), BodyModel(toy)
-    marker = toy.markers.index("LTHI")
-    place = toy.offsets[marker] + [0.02, 0.0, 0.03]
-    # The same change made to the set itself, whose cloud is then drawn anew.
-    offsets = toy.offsets.copy()
-    offsets[marker] = place
-    anew = marker_layout(replace(toy, offsets=offsets))
-    moved = made.moved(marker, place)
-    assert moved.markerset.offsets[marker] == pytest.approx(place)
-    between = moved.shape.mean - moved.shape.mean.mean(axis=0) - anew.shape.mean + anew.shape.mean.mean(axis=0)
-    assert np.abs(between).max() < 0.002
-    step = (moved.shape.mean - made.shape.mean)[marker]
-    assert np.linalg.norm(step) == pytest.approx(1.7 * np.hypot(0.02, 0.03), rel=0.05)
-    assert model.marker_count == len(toy)
 
 
 def test_an_edited_set_keeps_what_was_learned_of_its_base():
@@ -198,26 +106,6 @@ def test_an_edited_set_keeps_what_was_learned_of_its_base():
     np.testing.assert_allclose(found.shape.mean[0], drawn.shape.mean[0])
     assert np.linalg.norm(found.shape.mean[2] - drawn.shape.mean[3]) == pytest.approx(0.034, rel=0.1)
     assert np.linalg.norm(found.shape.mean[-1] - drawn.shape.mean[5]) == pytest.approx(0.017 * 3**0.5, rel=0.1)
-
-
-def test_places_nearby_lie_on_the_surface():
-    toy = toy_markerset()
-    marker = toy.markers.index("LTHI")
-    places = nearby(toy, marker, 0.02)
-    assert 4 <= len(places) <= 8
-    radius = np.linalg.norm(toy.offsets[marker][:2])
-    np.testing.assert_allclose(np.linalg.norm(places[:, :2], axis=1), radius)
-    assert np.linalg.norm(places - toy.offsets[marker], axis=1) == pytest.approx(0.02, rel=0.05)
-
-
-def test_places_that_the_body_hides_are_no_places():
-    toy = toy_markerset()
-    thigh = toy.skeleton.segments.index("thigh.L")
-    outside, inside = in_view(toy, thigh, np.array([[0.0, 0.05, -0.05], [0.0, -0.046, -0.05]]))
-    assert outside > 0.5 > inside
-    places = all_over(toy, thigh)
-    assert len(places) > 4
-    assert (in_view(toy, thigh, places) >= 0.45).all()
 
 
 @pytest.fixture(scope="module")

@@ -15,17 +15,11 @@ from addon.core.points.whole_take.pipeline import PointOptions, label_take
 from addon.core.review.suspects import find_suspects
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
-from addon.io.models import open_model
 from tests.core.data.test_lanes import packed
 
 from .whole_take.test_solving import RATE, pieces
 
 FRAMES = 120
-
-
-@pytest.fixture(scope="module")
-def model():
-    return open_model("gait15")
 
 
 @pytest.fixture(scope="module")

@@ -8,10 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
-from addon.core.data.takes import Points
 from addon.core.points.motion import LabelledPoints
 from addon.core.points.possible import (
     GRAVITY,
@@ -24,41 +22,28 @@ from addon.core.points.possible import (
 from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.wearers import SeveralOptions
 from addon.core.points.whole_take.pipeline import PointOptions, label_take
-from addon.core.simulation.virtual import Act, draw_person, perform
-from addon.io.models import open_model
+from addon.core.simulation.virtual import Act
 from addon.io.points import read_points
-
-RATE = 60.0
-
-
-@pytest.fixture(scope="module")
-def model():
-    return open_model("gait15")
+from tests.core.scenes import RATE, anonymous, walker
 
 
 @pytest.fixture(scope="module")
-def walk(model) -> np.ndarray:
+def walk() -> np.ndarray:
     """(T, 15, 3) m: a virtual person who walks, in columns of any order."""
-    generator = np.random.default_rng(3)
-    bodies = perform(
-        BodyModel(model.markerset), draw_person(model.markerset, generator), [Act(1.5, 0.8), Act(1.5, 0.9)], rate=RATE
-    )
-    markers = BodyModel(model.markerset).pose(bodies).markers[: int(3 * RATE)]
-    return (markers + generator.normal(0, 0.0005, markers.shape))[:, generator.permutation(15)]
+    markers = walker("gait15", 3, [Act(1.5, 0.8), Act(1.5, 0.9)])[: int(3 * RATE)]
+    return markers[:, np.random.default_rng(3).permutation(15)]
 
 
 def labelled(points: np.ndarray, rate: float, model, **options) -> LabelledPoints:
-    take = Points(("",) * points.shape[1], points, np.full(points.shape[:2], 0.0005), rate, 1)
-    return finished(label_take(take, model, replace(PointOptions("likelihood"), **options)))
+    return finished(label_take(anonymous(points, rate), model, replace(PointOptions("likelihood"), **options)))
 
 
 def test_a_rate_ten_times_too_high_is_named(model, walk):
     labelled(walk, RATE, model)
     with pytest.raises(JobError, match=r"has a rate that cannot be: at 600 Hz .* such as 60 Hz"):
         labelled(walk, 10 * RATE, model)
-    take = Points(("",) * 15, walk, np.full(walk.shape[:2], 0.0005), 10 * RATE, 1)
     with pytest.raises(JobError, match="has a rate that cannot be"):
-        finished(label_several(take, SeveralOptions(model, 2), PointOptions("likelihood")))
+        finished(label_several(anonymous(walk, 10 * RATE), SeveralOptions(model, 2), PointOptions("likelihood")))
 
 
 def test_frames_out_of_their_order_are_named(model, walk):

@@ -4,20 +4,18 @@
 import numpy as np
 import pytest
 
-from addon.core.blobs.pipeline import Options
-from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import JobError
 from addon.core.data.takes import BY_LIKELIHOOD, Labels
 from addon.core.geometry import rotations
 from addon.core.points.likelihood.learn import learn_likelihood
 from addon.core.points.models import Model
 from addon.core.points.naming import Namer, namer_of
-from addon.core.points.refusals import refuse_floods, refuse_others, refuse_unrecognised
-from addon.core.simulation.virtual import Act, draw_person, perform
+from addon.core.points.refusals import refuse_floods, refuse_others, refuse_two_groups, refuse_unrecognised
+from addon.core.simulation.virtual import Act
 from addon.core.training.segments import segment_markerset
-from addon.io.markersets import open_markerset
 from addon.io.models import open_model
 from addon.io.points import read_points
+from tests.core.scenes import walker
 
 PLATES = 3  # of four markers each
 FRAMES = 60
@@ -25,11 +23,7 @@ FRAMES = 60
 
 def person(seed: int, at=(0.0, 0.0)) -> np.ndarray:
     """(T, 15, 3) m: a virtual person in gait15 who walks."""
-    markerset = open_markerset("gait15")
-    model, generator = BodyModel(markerset), np.random.default_rng(seed)
-    bodies = perform(model, draw_person(markerset, generator), [Act(FRAMES / 60)], rate=60)
-    markers = model.pose(bodies).markers[:FRAMES]
-    return markers + np.array([*at, 0]) + generator.normal(0, 0.0005, markers.shape)
+    return walker("gait15", seed, [Act(FRAMES / 60)])[:FRAMES] + np.array([*at, 0])
 
 
 def robot(seed: int, frames: int = 300, form: int = 7) -> np.ndarray:
@@ -50,11 +44,6 @@ def robot(seed: int, frames: int = 300, form: int = 7) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def gait() -> Model:
-    return open_model("gait15")
-
-
-@pytest.fixture(scope="module")
 def plated() -> Model:
     """A model of the robot, whose markers are all on plates."""
     names = tuple(f"M{index}" for index in range(4 * PLATES))
@@ -64,11 +53,7 @@ def plated() -> Model:
 
 
 def by_likelihood(model: Model) -> Namer:
-    return namer_of(model, "likelihood", Options())
-
-
-def by_body(model: Model) -> Namer:
-    return namer_of(model, "fit", Options())
+    return namer_of(model, "likelihood")
 
 
 def first(count: int) -> Labels:
@@ -84,37 +69,37 @@ def refused(model: Model, points: np.ndarray) -> str:
     return caught.value.message
 
 
-def test_what_the_model_is_for_passes(gait, plated):
+def test_what_the_model_is_for_passes(model, plated):
     ghosts = np.tile(np.random.default_rng(2).uniform(-1, 1, (3, 3)), (FRAMES, 1, 1))
-    refuse_others(gait, by_likelihood(gait), np.concatenate([person(1), ghosts], axis=1))
+    refuse_others(model, by_likelihood(model), np.concatenate([person(1), ghosts], axis=1))
     refuse_others(plated, by_likelihood(plated), robot(2))
     half = robot(3)
     half[:, ::4] = np.nan
     refuse_others(plated, by_likelihood(plated), half)
 
 
-def test_another_marker_set_is_said_so(gait, plated):
+def test_another_marker_set_is_said_so(model, plated):
     other = np.random.default_rng(5)
     chaos = np.tile(other.uniform([-0.4, -0.4, 0], [0.4, 0.4, 1.7], (20, 3)), (FRAMES, 1, 1))
     for points in (robot(1), chaos, other.normal(0, 1, (FRAMES, 15, 3))):
-        assert "does not look like a take of model gait15" in refused(gait, points)
+        assert "does not look like a take of model gait15" in refused(model, points)
     for points in (person(1), chaos, robot(1, form=8)):
         assert "does not look like a take of model robot" in refused(plated, points)
 
 
 @pytest.mark.parametrize("distance", [1.5, 4.0])
-def test_two_subjects_are_said_so(gait, distance):
+def test_two_subjects_are_said_so(model, distance):
     both = np.concatenate([person(1), person(2, at=(0.3, distance))], axis=1)
-    said = refused(gait, both)
+    said = refused(model, both)
     assert "two subjects" in said or "several subjects at once" in said
 
 
-def test_two_subjects_are_too_many_for_a_fitted_body(gait):
+def test_two_groups_are_two_subjects_where_nothing_names_points(model):
     both = np.concatenate([person(1), person(2, at=(0.3, 2.5))], axis=1)
     with pytest.raises(JobError, match="shows two subjects or more that wear gait15"):
-        refuse_others(gait, by_body(gait), both)
+        refuse_two_groups(model, both)
     ghosts = np.tile(np.random.default_rng(2).uniform(1, 1.2, (5, 3)), (FRAMES, 1, 1))
-    refuse_others(gait, by_body(gait), np.concatenate([person(1), ghosts], axis=1))
+    refuse_two_groups(model, np.concatenate([person(1), ghosts], axis=1))
 
 
 def test_two_on_plates_are_said_so(plated):
@@ -122,20 +107,17 @@ def test_two_on_plates_are_said_so(plated):
     assert "shows two subjects or more that wear robot" in refused(plated, both)
 
 
-def test_too_few_points_are_said_so(gait):
+def test_too_few_points_are_said_so(model):
     few = np.full((FRAMES, 20, 3), np.nan)
     few[:, :3] = person(1)[:, :3]
-    assert "no frame with enough points" in refused(gait, few)
+    assert "no frame with enough points" in refused(model, few)
 
 
-def test_few_labels_in_the_end_are_said_so(gait):
+def test_few_labels_in_the_end_are_said_so(model):
     points = person(1)
     with pytest.raises(JobError, match="20% of its markers were recognised for sure"):
-        refuse_unrecognised(gait, by_likelihood(gait), points, first(3))
-    refuse_unrecognised(gait, by_likelihood(gait), points, first(5))
-    with pytest.raises(JobError, match="33% of its markers"):
-        refuse_unrecognised(gait, by_body(gait), points, first(5))
-    refuse_unrecognised(gait, by_body(gait), points, first(12))
+        refuse_unrecognised(model, by_likelihood(model), points, first(3))
+    refuse_unrecognised(model, by_likelihood(model), points, first(5))
 
 
 def test_a_flood_of_points_is_refused_before_it_fills_the_memory():

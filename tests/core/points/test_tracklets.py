@@ -1,11 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Trajectories in tracklets: where they are cut, and how tracklets vote."""
+"""Trajectories in tracklets: where they are cut, and how tracklets vote: one name each, no name twice at a time."""
+
+import tracemalloc
 
 import numpy as np
 import pytest
 
-from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels
-from addon.core.points.tracklets import VOTE, cut, renamed, vote_tracklets
+from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels
+from addon.core.points.deciding import Votes
+from addon.core.points.tracklets import VOTE, cut, renamed, vote
 
 RATE = 100.0
 
@@ -40,11 +43,11 @@ def test_one_column_may_carry_two_markers_one_after_the_other():
     marker, confidence = np.zeros(tracklet.shape, int), np.full(tracklet.shape, 0.9)
     marker[110:] = 1
     marker[3:6], marker[120:123] = 1, 0
-    voted = vote_tracklets(labelled(np.where(tracklet >= 0, marker, NO_MARKER), confidence), tracklet, ["A", "B"])
-    assert (voted.labels.marker[:50] == 0).all()
-    assert (voted.labels.marker[110:] == 1).all()
-    assert (voted.labels.marker[50:110] == NO_MARKER).all()
-    [change] = renamed(voted.labels.marker, tracklet, ["A", "B"], first_frame=100)
+    voted = Votes.of(labelled(np.where(tracklet >= 0, marker, NO_MARKER), confidence), tracklet, ["A", "B"], 0)
+    assert (voted.marker[:50] == 0).all()
+    assert (voted.marker[110:] == 1).all()
+    assert (voted.marker[50:110] == NO_MARKER).all()
+    [change] = renamed(voted.marker, tracklet, ["A", "B"], first_frame=100)
     assert (change.first, change.last) == (149, 210)
     assert change.reason == "trajectory 0 is A and, behind a gap or a leap, B"
 
@@ -53,18 +56,16 @@ def test_points_without_trajectories_keep_their_own_names():
     shuffled = np.random.default_rng(0).permuted(straight(40, 12) * [1, 4, 1], axis=1)
     tracklet = cut(shuffled, RATE)
     marker = np.random.default_rng(1).integers(0, 5, tracklet.shape)
-    voted = vote_tracklets(labelled(marker, 1.0), tracklet, list("ABCDE"))
-    np.testing.assert_array_equal(voted.labels.marker, marker)
-    assert (voted.labels.step == BY_LIKELIHOOD).all()
+    voted = Votes.of(labelled(marker, 1.0), tracklet, list("ABCDE"), 0)
+    np.testing.assert_array_equal(voted.marker, marker)
 
 
 def test_windows_do_not_change_a_long_trajectory():
     tracklet = cut(straight(VOTE.window_frames * 2 + 300, 2), RATE)
     marker = np.tile([1, 0], (len(tracklet), 1))
     marker[::7] = NO_MARKER
-    voted = vote_tracklets(labelled(marker, 0.95), tracklet, ["A", "B"], first_frame=10)
-    np.testing.assert_array_equal(voted.labels.marker, np.tile([1, 0], (len(tracklet), 1)))
-    assert (voted.labels.step == BY_TRAJECTORY).all()
+    voted = Votes.of(labelled(marker, 0.95), tracklet, ["A", "B"], 10)
+    np.testing.assert_array_equal(voted.marker, np.tile([1, 0], (len(tracklet), 1)))
     assert voted.suspects == ()
 
 
@@ -75,7 +76,7 @@ def test_doubts_name_the_column_of_the_file():
     marker = np.full(tracklet.shape, NO_MARKER)
     marker[:, 1] = 0
     marker[:60, 2], marker[60:, 2] = 1, 2
-    voted = vote_tracklets(labelled(marker, 0.99), tracklet, ["A", "B", "C"], first_frame=5)
+    voted = Votes.of(labelled(marker, 0.99), tracklet, ["A", "B", "C"], 5)
     [swap] = voted.suspects
     assert (swap.trajectory, swap.reason) == (2, "trajectory 2 goes over from B to C")
     assert abs(swap.first - 64) <= 2
@@ -86,9 +87,66 @@ def test_a_swap_at_a_window_s_border_or_late_in_it_is_followed_and_said(frame):
     tracklet = cut(straight(VOTE.window_frames * 2 + 300, 2), RATE)
     marker = np.tile([1, 0], (len(tracklet), 1))
     marker[frame:] = [0, 1]
-    voted = vote_tracklets(labelled(marker, 0.99), tracklet, ["A", "B"])
-    np.testing.assert_array_equal(voted.labels.marker, marker)
+    voted = Votes.of(labelled(marker, 0.99), tracklet, ["A", "B"], 0)
+    np.testing.assert_array_equal(voted.marker, marker)
     reasons = {(suspect.last, suspect.reason) for suspect in voted.suspects}
     assert reasons == {
         (frame, f"trajectory {at} goes over from {old} to {new}") for at, old, new in ((0, "B", "A"), (1, "A", "B"))
     }
+
+
+NAMES = ("LTOE", "RTOE", "HEAD")
+
+
+def said(rows, present: np.ndarray | None = None):
+    """Frames' labels (T, P) with a confidence of 0.98, and the tracklet (T, P) of every point that is present."""
+    marker = np.array(rows).T
+    present = np.ones(marker.shape, dtype=bool) if present is None else present
+    marker = np.where(present, marker, NO_MARKER)
+    return labelled(marker, np.where(marker >= 0, 0.98, 0.0)), np.where(present, np.arange(marker.shape[1]), -1)
+
+
+def test_a_few_wrong_frames_are_outvoted():
+    left = np.zeros(200, dtype=int)
+    left[50:60] = 1
+    right = np.ones(200, dtype=int)
+    right[50:60] = 0
+    voted = vote(*said([left, right]), NAMES)
+    assert (voted.labels.marker == [0, 1]).all()
+    assert voted.suspects == ()
+    assert (voted.labels.confidence > 0.99).all()
+
+
+def test_who_says_more_keeps_a_name_that_two_claim():
+    voted = vote(*said([np.full(100, 2), np.repeat([2, -1], [60, 40])]), NAMES)
+    assert (voted.labels.marker[:, 0] == 2).all()
+    assert (voted.labels.marker[:, 1] == -1).all()
+    assert "trajectory 1 may be HEAD" in voted.suspects[0].reason
+
+
+def test_pieces_of_one_marker_that_follow_each_other_all_get_its_name():
+    present = np.ones((100, 2), dtype=bool)
+    present[:50, 1] = present[50:, 0] = False
+    voted = vote(*said([np.full(100, 2), np.full(100, 2)], present), NAMES)
+    assert (voted.labels.marker[present] == 2).all()
+    assert (voted.labels.marker[~present] == -1).all()
+
+
+def test_a_ghost_that_is_named_now_and_then_stays_unnamed():
+    ghost = np.full(300, -1)
+    ghost[::20] = 2
+    voted = vote(*said([ghost]), NAMES)
+    assert (voted.labels.marker == -1).all()
+
+
+def test_ghosts_of_one_frame_each_change_no_vote_and_take_no_time_or_room():
+    marker, ghosts = np.repeat([[0, 1]], 2000, axis=0), 20
+    labels, tracklet = said(np.concatenate([marker, np.full((2000, ghosts), -1)], axis=1).T)
+    tracklet[:, 2:] = 2 + np.arange(2000 * ghosts).reshape(2000, ghosts)
+    tracemalloc.start()
+    voted = vote(labels, tracklet, NAMES)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (voted.labels.marker[:, :2] == [0, 1]).all()
+    assert (voted.labels.marker[:, 2:] == -1).all()
+    assert most < 500 * tracklet.size  # a table of frames by tracklets has a byte for each of 80 million cells

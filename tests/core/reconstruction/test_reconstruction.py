@@ -10,7 +10,7 @@ from addon.core.data.errors import JobError
 from addon.core.data.takes import Blobs
 from addon.core.geometry.views import split_views
 from addon.core.reconstruction.linking import Links
-from addon.core.reconstruction.matching import MATCHING, each_once
+from addon.core.reconstruction.matching import each_once
 from addon.core.reconstruction.trajectories import Reconstructor, reconstruct_take
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions, capture, joined
@@ -70,18 +70,6 @@ def test_few_false_points_among_ghosts_and_merged_blobs():
     assert false < 0.1 * 50
 
 
-def test_blobs_are_told_of_every_point():
-    xyz, cameras = dance(5), ring_rig(4)
-    seen = blobs_of(xyz, cameras)
-    [part] = reconstruct_take([seen.blobs], cameras, RATE)
-    used = part.rows[part.rows >= 0]
-    assert len(np.unique(used)) == len(used)
-    for frame, rows in zip(part.frame, part.rows, strict=True):
-        rows = rows[rows >= 0]
-        assert (seen.blobs.frame[rows] == frame).all()
-        assert len(set(seen.truth[rows].tolist())) == 1
-
-
 def test_chunks_make_no_difference_to_trajectories():
     xyz, cameras = dance(40), ring_rig(5)
     blobs = blobs_of(xyz, cameras).blobs
@@ -123,12 +111,6 @@ def test_a_gap_is_bridged_and_a_long_one_is_not():
             there = xyz[frame] if not 20 <= frame < 20 + gap else np.zeros((0, 3))
             numbers.update(links.link(there).tolist())
         assert len(numbers) == trajectories
-
-
-def test_two_points_never_share_a_trajectory():
-    links = Links.at(RATE)
-    for _ in range(4):
-        assert len(set(links.link(np.array([[0.0, 0, 1], [2 * MATCHING.min_distance_m, 0, 1]])).tolist())) == 2
 
 
 def test_memory_does_not_grow_with_the_take():

@@ -4,9 +4,10 @@
 import numpy as np
 import pytest
 
-from addon.core.data.takes import BY_EDIT, BY_LIKELIHOOD, Labels, Motion, PointRows, Suspect
+from addon.core.data.takes import BY_EDIT, BY_LIKELIHOOD, Labels, PointRows, Suspect
 from addon.core.edits.kinds import Accepted, Edits, Right
 from addon.core.review.doubtful import WHOLE_FRAME, doubtful_ranges, doubtful_samples
+from tests.core.scenes import motion_of
 
 FRAMES, NAMES = 50, ("LHEE", "RHEE", "LTOE")
 
@@ -17,14 +18,9 @@ def take():
     markers = np.tile(np.arange(9.0).reshape(3, 3), (FRAMES, 1, 1))
     expected = markers.copy()
     expected[20:25, 1] += 0.2
-    residual = np.full((FRAMES, 3), 0.001)
-    joints, turns = np.zeros((FRAMES, 1, 3)), np.tile(np.eye(3), (FRAMES, 1, 1, 1))
-    frames = np.arange(101, 101 + FRAMES)
-    per_frame = {"scale": np.ones((FRAMES, 3)), "confidence": np.ones(FRAMES)}
-    rest = {"residual_px": residual, "conflicts": residual.astype(int), "expected": expected}
-    motion = Motion(frames, markers, residual, joints=joints, rotations=turns, **rest, **per_frame)
+    motion = motion_of(markers, expected, 101)
     frame, trajectory = np.divmod(np.arange(3 * FRAMES), 3)
-    rows = PointRows(frames, frame, trajectory, markers[frame, trajectory], None)
+    rows = PointRows(motion.frames, frame, trajectory, markers[frame, trajectory], None)
     return rows, Labels(trajectory, np.full(len(frame), BY_LIKELIHOOD), np.ones(len(frame))), motion
 
 

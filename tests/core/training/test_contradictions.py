@@ -4,20 +4,18 @@
 import numpy as np
 import pytest
 
-from addon.core.body.bodies import BodyModel
-from addon.core.simulation.virtual import Act, draw_person, perform
+from addon.core.simulation.virtual import Act
 from addon.core.training.contradictions import contradictions, leads
 from addon.io.markersets import open_markerset
 from tests import recorded
+from tests.core.scenes import walker
 
 MARKERS = open_markerset("body26").markers
 
 
 def take(seed: int) -> np.ndarray:
     """(T, 26, 3) m: a virtual person who walks."""
-    markerset, chance = open_markerset("body26"), np.random.default_rng(seed)
-    model = BodyModel(markerset)
-    return model.pose(perform(model, draw_person(markerset, chance), [Act(1.5)], rate=60)).markers
+    return walker("body26", seed, [Act(1.5)], noise=0.0)
 
 
 @pytest.fixture(scope="module")

@@ -6,26 +6,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core.body.bodies import BodyModel
 from addon.core.data.progress import finished
 from addon.core.geometry import rotations
 from addon.core.points.likelihood import learn
 from addon.core.points.likelihood.frames import LikelihoodNamer
-from addon.core.training.imagining import IMAGINING, bent, imagined, moves, shows_poses, size_of, strangers
+from addon.core.training.imagining import IMAGINING
 from addon.core.training.laying import laid_body, marker_sides
 from addon.core.training.pipeline import TrainingOptions, train
-from addon.core.training.poses import known_poses, mirrored_poses, posed_bodies, poses_of
+from addon.core.training.poses import known_poses
 from addon.core.training.takes import LabelledTake
-from addon.core.training.transfer import transferred
 from addon.demo.take import make_performance
-from addon.io.markersets import builtin_markersets, open_markerset
+from addon.io.markersets import open_markerset
 
 FRAME = 40
-
-
-@pytest.fixture(scope="module")
-def known():
-    return [open_markerset(name) for name in builtin_markersets()]
 
 
 @pytest.fixture(scope="module")
@@ -87,27 +80,6 @@ def test_names_say_their_side():
     assert marker_sides(("A", "B", "C")).tolist() == [0, 0, 0]
 
 
-def test_made_up_frames_keep_what_the_frame_shows(known, take):
-    body = next(one for one in known if one.name == "body26")
-    laid = transferred(body, [take[FRAME : FRAME + 1]], body.markers, "ann")
-    made = imagined(laid, take[FRAME : FRAME + 1], known_poses(body, known))
-    assert [one.shape for one in made] == [(IMAGINING.frames, 26, 3)] * IMAGINING.people
-    assert all(map(shows_poses, made))
-    head = [body.markers.index(name) for name in ("LFHD", "RBHD")]
-    length = np.linalg.norm(take[FRAME, head[0]] - take[FRAME, head[1]])
-    found = np.linalg.norm(made[0][:, head[0]] - made[0][:, head[1]], axis=1)
-    assert abs(np.median(found) - length) < 0.01
-    again = imagined(laid, take[FRAME : FRAME + 1], known_poses(body, known))
-    np.testing.assert_array_equal(made[0], again[0])
-
-
-def test_strangers_move_as_the_subject_does_but_have_other_sizes(known, take):
-    body = next(one for one in known if one.name == "body26")
-    made = strangers(body, take[::6], 6)
-    assert all(one.shape == (IMAGINING.frames, 26, 3) and shows_poses(one) for one in made)
-    assert np.std([size_of(one) for one in made]) > 0.02 * size_of(take)
-
-
 def test_one_person_who_moves_learns_of_others_too(known, take, monkeypatch):
     monkeypatch.setattr(learn, "LEARN", replace(learn.LEARN, max_frames=40))
     names = open_markerset("body26").markers
@@ -117,31 +89,6 @@ def test_one_person_who_moves_learns_of_others_too(known, take, monkeypatch):
     assert found.model.markerset.source["others"].startswith(f"{IMAGINING.people} made up on the body of body26")
     assert found.model.likelihood.subjects == 1
     assert not any("made up" in doubt for doubt in found.doubts)
-
-
-def test_poses_are_read_off_a_take_and_mirrored(known):
-    body = next(one for one in known if one.name == "actor41")
-    model, poses = BodyModel(body), body.spread.poses[:12]
-    markers = model.pose(posed_bodies(model, poses, 1.7)).markers
-    found = model.pose(posed_bodies(model, poses_of(body, markers), 1.7)).markers
-    assert np.linalg.norm(found - markers, axis=2).mean() < 0.05
-    twice = mirrored_poses(mirrored_poses(poses, body.skeleton.segments), body.skeleton.segments)
-    np.testing.assert_allclose(twice, poses)
-
-
-def test_a_part_of_a_body_takes_the_poses_of_its_segments(known):
-    legs = next(one for one in known if one.name == "gait15")
-    poses = known_poses(legs, known)
-    assert poses.shape[1:] == (7, 3)
-    assert len(poses) >= 400
-    assert not len(known_poses(legs, [legs]))
-
-
-def test_who_stands_still_shows_no_poses(take):
-    still = take[FRAME] + np.random.default_rng(2).normal(0, 0.002, (100, 26, 3))
-    assert not shows_poses(still)
-    assert not shows_poses(take[:5])
-    assert shows_poses(take)
 
 
 def test_one_frame_of_what_is_no_person_names_it_bent(known, monkeypatch):
@@ -159,12 +106,3 @@ def test_one_frame_of_what_is_no_person_names_it_bent(known, monkeypatch):
     sure = np.concatenate([one.rate for one in labels]) >= 0.99
     assert right.mean() > 0.9
     assert (sure & ~right).mean() < 0.02
-
-
-def test_a_thing_that_moves_without_bending_is_rigid():
-    thing = np.random.default_rng(1).normal(0, 0.1, (6, 3))
-    turn = rotations.exponential(np.linspace(0, 2, 50)[:, None] * [0.0, 0.3, 1.0])[0]
-    assert moves(thing @ turn.swapaxes(1, 2))
-    assert not moves(thing + np.random.default_rng(2).normal(0, 1e-4, (50, 6, 3)))
-    links = np.linalg.norm(np.diff(bent(thing[None])[0], axis=1), axis=2)
-    assert links.std(axis=0).max() > 0.005

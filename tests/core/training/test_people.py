@@ -15,15 +15,13 @@ from addon.core.geometry import rotations
 from addon.core.points.likelihood import learn
 from addon.core.posing.posing import fit_points
 from addon.core.training import pipeline
-from addon.core.training.limbs import guide, has_limbs, readings, sites_of
 from addon.core.training.people import FoundPerson, person_in
 from addon.core.training.pipeline import TrainingOptions, train
 from addon.core.training.poses import known_poses, posed_bodies
-from addon.core.training.segments import find_segments, of_one_size
 from addon.core.training.takes import LabelledTake
 from addon.demo.take import make_performance
-from addon.io.likelihood import document_of
 from addon.io.markersets import open_markerset
+from addon.io.models import likelihood_document
 
 FRAMES = 100
 # A plate of four markers on each of these segments, heights off the middle of its bone.
@@ -89,20 +87,6 @@ def test_plates_of_unknown_names_are_read_as_limbs_of_their_side(plated, known):
     assert np.delete(away, bare).max() < 0.045
 
 
-def test_a_reading_names_the_tree_and_its_mirror_image(plated, known):
-    _, points, _ = plated
-    scaled, _, _ = of_one_size([points])
-    found = find_segments(scaled)
-    ways = readings(found)
-    assert {len(way) for way in ways} == {10}  # the head hardly moves against the trunk
-    assert all(len({limb.group for limb in way}) == 10 for way in ways)
-    sites = sites_of(found, scaled[0][:5], ways[0])
-    assert sites.shape == (5, 10 + 4, 3)
-    assert len(guide(known[0], ways[0], 0.02)) == sites.shape[1]
-    assert has_limbs(known[0])
-    assert not has_limbs(open_markerset("gait15"))
-
-
 def test_markers_in_usual_places_are_known_without_their_names(known):
     body = open_markerset("body26")
     points = make_performance(body).take.xyz[::4]
@@ -154,4 +138,4 @@ def test_points_are_named_the_same_however_the_subject_is_drawn(known, monkeypat
     assert whole.body == "the body of body26, by how the markers move"
     assert any(doubt.startswith("no person's body was found") for doubt in groups.doubts)
     assert not any(doubt.startswith("no person's body was found") for doubt in whole.doubts)
-    assert document_of(groups.model.likelihood) == document_of(whole.model.likelihood)
+    assert likelihood_document(groups.model.likelihood) == likelihood_document(whole.model.likelihood)

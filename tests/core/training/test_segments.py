@@ -6,7 +6,6 @@ import pytest
 
 from addon.core.body.bodies import BodyModel
 from addon.core.geometry import rotations
-from addon.core.geometry.rigid import centre_of_rotation, laid_on
 from addon.core.posing.posing import fit_points
 from addon.core.training.segments import find_segments, segment_markerset
 
@@ -89,22 +88,3 @@ def test_a_rigid_prop_is_one_segment(count):
 def test_nothing_to_see_is_said():
     with pytest.raises(ValueError, match="three or more"):
         segment_markerset([np.full((5, 4, 3), np.nan)], list("ABCD"), "none")
-
-
-def test_rigid_bodies_are_laid_on_their_points_and_meet_where_they_do():
-    chance = np.random.default_rng(2)
-    shape, centre = chance.normal(size=(5, 3)), np.array([0.3, -0.2, 0.5])
-    turns = turn_of(chance.normal(0, 0.5, (40, 2, 3)))
-    # Both bodies carry the centre, which wanders.
-    path = chance.normal(size=(40, 3))
-    places = path[:, None] - np.einsum("fkij,j->fki", turns, centre)
-    points = np.einsum("fij,mj->fmi", turns[:, 0], shape) + places[:, :1]
-    points[3, 1:4] = np.nan
-    turn, place = laid_on(shape, points)
-    assert np.isnan(turn[3]).all()
-    fine = np.arange(40) != 3
-    np.testing.assert_allclose(turn[fine], turns[fine, 0], atol=1e-9)
-    np.testing.assert_allclose(place[fine], places[fine, 0], atol=1e-9)
-    found, miss = centre_of_rotation(turns, places, np.zeros(3), 1e-6)
-    np.testing.assert_allclose(found, centre, atol=1e-4)
-    assert miss < 1e-4

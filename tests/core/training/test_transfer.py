@@ -1,19 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Known bodies with other markers: the right body is chosen, and new markers go where they move with it."""
+"""Known bodies with other markers, what of a take is not on the subject, and markers that are hardly there."""
 
 import numpy as np
 import pytest
 
 from addon.core.body.bodies import BodyModel
 from addon.core.posing.posing import fit_points
+from addon.core.training.looked_at import learnable
+from addon.core.training.takes import LabelledTake, standing_apart
 from addon.core.training.transfer import known_body, transferred
 from addon.demo.take import make_performance
-from addon.io.markersets import builtin_markersets, open_markerset
-
-
-@pytest.fixture(scope="module")
-def known():
-    return [open_markerset(name) for name in builtin_markersets()]
+from addon.io.markersets import open_markerset
 
 
 @pytest.fixture(scope="module")
@@ -57,3 +54,33 @@ def test_takes_without_the_known_markers_are_refused(known):
     body = known[0]
     with pytest.raises(ValueError, match="known markers"):
         transferred(body, [np.full((5, len(body), 3), np.nan)], body.markers, "none")
+
+
+def test_a_number_beside_two_zeros_is_no_marker():
+    rng = np.random.default_rng(3)
+    names = (*"ABCDEF", "height", "floor", "unseen")
+    body = rng.normal(size=(1, 6, 3)) * 0.3 + rng.normal(size=(50, 6, 3)) * 0.01
+    height = np.concatenate([np.zeros((50, 1, 2)), rng.normal(0.02, 0.01, (50, 1, 1))], axis=2)
+    floor, gone = np.zeros((50, 1, 3)), np.full((50, 1, 3), np.nan)
+    take = LabelledTake("sway", "she", names, np.concatenate([body, height, floor, gone], axis=1))
+    assert standing_apart([take], names) == ("height", "floor")
+    # Feet that stand as still as a file can say are markers, and so is what moves in another take.
+    still = LabelledTake("still", "she", names[:8], np.concatenate([body[:1].repeat(50, 0), height, floor], axis=1))
+    assert standing_apart([still], names[:8]) == ("height", "floor")
+    moved = LabelledTake("again", "she", names[:8], take.xyz[:, :8] + 0.1)
+    assert standing_apart([take, moved], names[:8]) == ()
+
+
+NAMES = ("LHEE", "RHEE", "LTOE", "RTOE")
+
+
+def test_markers_that_are_never_or_hardly_there_are_said():
+    xyz = np.ones((1000, 4, 3))
+    xyz[:, 0] = np.nan
+    xyz[5:, 1] = np.nan
+    doubtful = np.zeros((1000, 4), bool)
+    doubtful[:, 2] = True
+    told = learnable(xyz, doubtful, NAMES).doubts
+    assert told[0].startswith("LTOE: 1000 doubtful frames")
+    assert told[1] == "LHEE, LTOE: found in no frame that could be learned, so what was known before stays"
+    assert told[2] == "RHEE (5): found in hardly any frames that could be learned, so little is new of them"

@@ -26,13 +26,12 @@ from stage import (
     press_held,
     running,
     set_tool,
-    settings,
     window,
 )
 
 
 def walk(seen: dict) -> Iterator[float]:
-    """Install, import, label; pick in every way, name, swap, unlabel and relabel, place, play; two people."""
+    """Install, import, label; pick in every way, name, swap, unlabel and relabel, place, play."""
     bpy.data.batch_remove(list(bpy.data.objects))
     bpy.ops.mocap_autolabel.import_points(filepath=TASK["points"])
     bpy.context.scene.mocap_autolabel.subjects.markerset = TASK["markerset"]
@@ -48,7 +47,6 @@ def walk(seen: dict) -> Iterator[float]:
     yield from quick_labelling(seen)
     yield from placing(seen)
     yield from playing(seen)
-    yield from of_two(seen)
 
 
 def picking(seen: dict) -> Iterator[float]:
@@ -165,31 +163,6 @@ def playing(seen: dict) -> Iterator[float]:
     yield from window.press("SPACE", *place)
     seen["played"] = bpy.context.scene.frame_current != before
     seen["tool"] = bpy.context.workspace.tools.from_space_view3d_mode("OBJECT").idname
-
-
-def of_two(seen: dict) -> Iterator[float]:
-    """Two performers labelled beside the window, and a knee that is the other one's; taken back."""
-    bpy.ops.mocap_autolabel.import_points(filepath=TASK["pair"])
-    settings().subjects.performing = "SO_MANY"
-    bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
-    yield from window.until(lambda: take() is not None and "duet" in take().name)
-    bpy.context.scene.frame_set(bpy.context.scene.frame_start + 20)
-    look_at_the_person()
-    window.area().spaces.active.region_3d.view_distance = 5.0
-    bpy.ops.ed.undo_push(message="Labelled")
-    yield 1
-    seen["performers"] = [child.name for child in take().children]
-    seen["their knees"] = [trajectory("1:LKNE"), trajectory("2:LKNE")]
-    place = dot("1:LKNE")
-    yield from window.click(*place)
-    yield from press_held("E", place, shift=True)
-    yield from window.until(lambda: len(corrections()) == 2)
-    seen["the other one's"] = corrections()
-    seen["their knees then"] = [trajectory("1:LKNE"), trajectory("2:LKNE")]
-    yield from window.screenshot("6-performers")
-    yield from press_held("Z", place, ctrl=True)
-    yield from window.until(lambda: not corrections())
-    seen["their knees again"] = [trajectory("1:LKNE"), trajectory("2:LKNE")]
 
 
 def take() -> bpy.types.Collection:

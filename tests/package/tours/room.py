@@ -50,8 +50,11 @@ def walk(seen: dict) -> Iterator[float]:
 
     yield from window.click(*dot(LOST))
     yield from window.press("U", *dot(RIGHT))
-    yield from window.press("J", *dot(RIGHT))
+    view, here = window.area().spaces.active.region_3d, dot(RIGHT)
+    view.view_location, turn = (9, 9, 9), list(view.view_rotation)
+    yield from window.press("J", *here)
     yield 1
+    seen["view"] = [list(view.view_location), turn, list(view.view_rotation)]
     worst = bpy.context.window_manager.mocap_autolabel.trouble_index
     bpy.ops.mocap_autolabel.accept_trouble("INVOKE_DEFAULT", index=worst)
     bpy.ops.ed.undo_push(message="It Is Right")

@@ -9,13 +9,13 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from stage import OUT, TASK, play, running, settings, window
+from stage import TASK, play, running, settings, window
 
 LABEL, CLEAR, LOOK = "mocap_autolabel.label", "mocap_autolabel.clear", "mocap_autolabel.look_through"
 
 
 def walk(seen: dict) -> Iterator[float]:
-    """Install, import, label and stop, label, export, look through a camera, clear, undo, save a marker set."""
+    """Install, import, label and stop, label, look through a camera."""
     yield from window.open_tab("Mocap")
     yield from window.screenshot("1-empty")
     seen["at first"] = yield from window.all_buttons()
@@ -44,27 +44,11 @@ def walk(seen: dict) -> Iterator[float]:
     yield from window.screenshot("3-labelled")
     seen["to review"] = yield from window.scroll_to(CLEAR)
 
-    yield from window.scroll_sidebar()
-    seen["at the end"] = yield from window.all_buttons()
-    for kind, name in (("labels", "take.labels.csv"), ("c3d", "take.c3d"), ("trc", "take.trc")):
-        getattr(bpy.ops.mocap_autolabel, f"export_{kind}")(filepath=str(OUT / name))
-
     places = yield from window.scroll_to(LOOK)
     yield from window.click(*places[LOOK])
     yield 1
     seen["view"] = window.area().spaces.active.region_3d.view_perspective
     yield from window.screenshot("4-through-a-camera")
-    places = yield from window.scroll_to(CLEAR)
-    yield from window.click(*places[CLEAR])
-    yield 1
-    seen["cleared"] = settings().take is None
-    bpy.ops.ed.undo()
-    yield 1
-    seen["back after undo"] = settings().take is not None
-    bpy.ops.mocap_autolabel.edit_markerset()
-    bpy.ops.mocap_autolabel.save_markerset(filepath=str(OUT / "mine.markerset.json"))
-    seen["marker set"] = Path(settings().subjects.markerset_path).name
-    yield from window.screenshot("5-marker-set")
 
 
 play(walk)

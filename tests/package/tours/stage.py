@@ -61,13 +61,6 @@ def running() -> bool:
     return any(operator.bl_idname.startswith("MOCAP_AUTOLABEL") for operator in operators)
 
 
-def opened(panel: type):
-    """Lets a panel be open from the start."""
-    bpy.utils.unregister_class(panel)
-    panel.bl_options = set()
-    bpy.utils.register_class(panel)
-
-
 def now():
     """The take as it is, and the index of the current frame."""
     stored = module("scene.opened").opened.take(settings().take, bpy.context.scene)

@@ -11,7 +11,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from stage import EXTENSION, TASK, module, opened, play, settings, window
+from stage import EXTENSION, TASK, module, play, settings, window
 from timeline_take import make_take
 
 REDRAWS = 40
@@ -28,7 +28,7 @@ def walk(seen: dict) -> Iterator[float]:
     bpy.ops.mocap_autolabel.show_timeline()
     yield 1
     yield from window.grow("DOPESHEET_EDITOR", 330)
-    module("ops.framing").fit_timelines(bpy.context)
+    module("ops.viewing").fit_timelines(bpy.context)
     yield 1
     if TASK.get("timing"):
         seen["timing"] = yield from times()
@@ -97,7 +97,7 @@ def walk(seen: dict) -> Iterator[float]:
         "wanted": int(runs.trajectory[ghost]),
     }
 
-    module("ops.framing").fit_timelines(bpy.context)
+    module("ops.viewing").fit_timelines(bpy.context)
     state.timeline_scroll = 0.0
     seen["timing"] = yield from times()
     state.timeline_unfolded = True
@@ -106,39 +106,6 @@ def walk(seen: dict) -> Iterator[float]:
         seen["rows unfolded"] = len(timeline.shown_runs(bpy.context))
     settings().display.show_timeline = False
     yield from window.screenshot("timeline-off")
-    yield from fill(seen)
-
-
-def fill(seen: dict) -> Iterator[float]:
-    """Fill gaps by the sidebar's buttons: stop once, then let it finish by a quick method, and undo it."""
-    opened(module("ui.review").MOCAP_AUTOLABEL_PT_fill_gaps)
-    yield from window.grow("DOPESHEET_EDITOR", -330)
-    yield from window.open_tab("Mocap")
-    yield from window.scroll_sidebar()
-    state = bpy.context.window_manager.mocap_autolabel
-    found = yield from window.all_buttons()
-    seen["buttons"] = sorted(found)
-    sidebar = window.region("UI")
-    x, y = found["mocap_autolabel.fill_gaps"]
-    x = sidebar.x + sidebar.width * 4 // 5  # the last of the three is of the whole take
-    with window.held():
-        yield from window.click(x, y)
-        running = bpy.context.window_manager.windows[0].modal_operators
-        seen["filling"] = [operator.bl_idname for operator in running]
-        yield from window.press("ESC", x, y)
-        yield from window.until(lambda: not len(bpy.context.window_manager.windows[0].modal_operators))
-    seen["filling stopped"] = [len(bpy.context.window_manager.windows[0].modal_operators), len(state.fills)]
-    bpy.context.scene.mocap_autolabel.filling.method = "rigid"
-    yield from window.click(x, y)
-    yield from window.until(lambda: len(state.fills))
-    seen["filled"] = len(state.fills)
-    yield from window.screenshot("fill-gaps")
-    settings = bpy.context.scene.mocap_autolabel
-    settings.display.show_timeline = True
-    yield from window.screenshot("timeline-filled")
-    bpy.ops.ed.undo()
-    yield 1
-    seen["filled after undo"] = len(bpy.context.window_manager.mocap_autolabel.fills)
 
 
 def looked(at: int) -> dict:

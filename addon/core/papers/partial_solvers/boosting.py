@@ -13,6 +13,8 @@ from . import features
 from .features import Tables
 from .model import FUNCTIONS, Classifiers, Strong
 
+VALUES_ONCE = 4_000_000  # of features in memory at once
+
 
 @dataclass(frozen=True)
 class Boosting:
@@ -20,12 +22,10 @@ class Boosting:
 
     accuracy    paper, 3.3: share of the wrong labellings that the strong classifier must reject before it is done
     period      paper, 3.3: wrong labellings presented between two additions to it
-    max_values  memory: of features in memory at once
     """
 
     accuracy: float = 0.9999
     period: int = 16
-    max_values: int = 4_000_000
 
 
 BOOSTING = Boosting()
@@ -60,7 +60,7 @@ def learn_intervals(clouds: Tables, kind: np.ndarray, points: np.ndarray) -> Cla
     low, high = np.full(len(kind), np.inf), np.full(len(kind), -np.inf)
     for index in range(len(FUNCTIONS)):
         rows = np.flatnonzero(kind == index)
-        step = max(BOOSTING.max_values // max(len(rows), 1), 1)
+        step = max(VALUES_ONCE // max(len(rows), 1), 1)
         for first in range(0, len(clouds.present), step):
             frame = np.arange(first, min(first + step, len(clouds.present)))[:, None]
             seen = features.values(index, frame, points[rows][None], clouds)
@@ -93,7 +93,7 @@ def rejections(classifiers: Classifiers, frame: np.ndarray, labelling: np.ndarra
     rejected = np.zeros((len(classifiers), len(frame)), dtype=bool)
     for kind in range(len(FUNCTIONS)):
         rows = np.flatnonzero(classifiers.kind == kind)
-        step = max(BOOSTING.max_values // max(len(frame), 1), 1)
+        step = max(VALUES_ONCE // max(len(frame), 1), 1)
         for part in (rows[first : first + step] for first in range(0, len(rows), step)):
             points = labelling.T[classifiers.points[part]].transpose(0, 2, 1)
             seen = features.values(kind, frame, points, clouds)

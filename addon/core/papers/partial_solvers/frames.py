@@ -5,7 +5,6 @@ Frames are independent. They are worked on side by side for speed only; what one
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,36 +14,25 @@ from .masks import Masks
 from .model import PartialSolvers
 from .solver import TreeSearch
 
-
-@dataclass(frozen=True)
-class TableOptions:
-    """How many frames are worked on side by side.
-
-    max_pairs   memory: of points in look-up tables; about two numbers and a few dozen bit masks for each
-    max_frames  memory: whose points are counted at once
-    """
-
-    max_pairs: int = 400_000
-    max_frames: int = 256
-
-
-TABLES = TableOptions()
+# Worked on side by side, for memory: pairs of points in look-up tables, two numbers and a few dozen bit masks each; and
+# frames whose points are counted.
+MAX_PAIRS, MAX_FRAMES = 400_000, 256
 
 
 class SolversNamer:
     """Partial solvers made ready to name points, each frame on its own; see `naming.Namer`.
 
-    every_vote: solvers also vote for markers for which they miss their target; the paper does not say. They then
-    spoil right suggestions of better solvers, and give wrong ones where no better solver answers.
+    A solver does not vote for markers for which it misses its target, of which the paper does not speak: it would spoil
+    right suggestions of better solvers, and give wrong ones where no better solver answers.
     """
 
     step = BY_PARTIAL_SOLVERS
 
-    def __init__(self, partial_solvers: PartialSolvers, every_vote: bool = False):
+    def __init__(self, partial_solvers: PartialSolvers):
         self.markers = len(partial_solvers.markers)
         self._solvers = []
         for solver in partial_solvers.solvers:
-            voted = np.flatnonzero(solver.reached | every_vote)
+            voted = np.flatnonzero(solver.reached)
             record = solver.record
             # Laplace's rule of succession: a rate of one from few answers is not yet a certainty.
             sure = ((record.hits + 1) / (record.answers + 2))[voted]
@@ -56,11 +44,11 @@ class SolversNamer:
 
         The confidence of a label is the measured hit rate of the best solver that suggested the name.
         """
-        for start in range(0, max(len(points), 1), TABLES.max_frames):
-            chunk = points[start : start + TABLES.max_frames]
+        for start in range(0, max(len(points), 1), MAX_FRAMES):
+            chunk = points[start : start + MAX_FRAMES]
             there = np.isfinite(chunk).all(axis=-1)
             most = int(there.sum(axis=1).max(initial=0))
-            step = max(TABLES.max_pairs // max(most * most, 1), 1)
+            step = max(MAX_PAIRS // max(most * most, 1), 1)
             for first in range(0, max(len(chunk), 1), step):
                 part = slice(first, first + step)
                 yield self._part(chunk[part], there[part], most)
@@ -90,9 +78,9 @@ class SolversNamer:
         return suggested, confidence
 
 
-def label_frames(partial_solvers: PartialSolvers, points: np.ndarray, every_vote: bool = False) -> Labels:
+def label_frames(partial_solvers: PartialSolvers, points: np.ndarray) -> Labels:
     """The labels (T, P) of points (T, P, 3) m, as `SolversNamer` gives them."""
-    return Labels.join(SolversNamer(partial_solvers, every_vote).name(points))
+    return Labels.join(SolversNamer(partial_solvers).name(points))
 
 
 def resolve(suggested: np.ndarray) -> np.ndarray:

@@ -11,24 +11,7 @@ from .model import KIND_DISTANCE, KIND_HEIGHT, Classifiers
 WORD = 64  # bits
 
 
-@dataclass(frozen=True)
-class TreeOptions:
-    """How labellings are searched.
-
-    tolerance      format: of closed intervals, m, rad or a pure number; their ends must be accepted whichever way a
-                   value was rounded on the way
-    max_rows       memory: labellings that are followed side by side; what is beyond waits its turn
-    first_looked   memory: classifiers looked up in one go while many labellings are left,
-    growth         memory: and by how much more each time after
-    """
-
-    tolerance: float = 1e-9
-    max_rows: int = 100_000
-    first_looked: int = 4
-    growth: int = 4
-
-
-TREE = TreeOptions()
+TOLERANCE = 1e-9  # of closed intervals, m, rad or a pure number: their ends are in, whichever way a value was rounded
 
 
 @dataclass(frozen=True)
@@ -88,7 +71,7 @@ class Masks:
             with np.errstate(invalid="ignore"):
                 for table, interval in ((self.clouds.distance, bounds.distance), (self.clouds.height, bounds.height)):
                     if interval is not None:
-                        inside &= (table >= interval[0] - TREE.tolerance) & (table <= interval[1] + TREE.tolerance)
+                        inside &= (table >= interval[0] - TOLERANCE) & (table <= interval[1] + TOLERANCE)
             self._made[bounds] = self.packed(inside), float(inside.mean()) if inside.size else 0.0
         return self._made[bounds]
 

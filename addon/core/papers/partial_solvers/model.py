@@ -101,17 +101,9 @@ class Record:
         """(s,) the hit rates P(S, m_i): hits over answers; NaN where the solver never answered."""
         return np.divide(self.hits, self.answers, out=np.full(self.hits.shape, np.nan), where=self.answers > 0)
 
-    def reaches(self, targets: np.ndarray, ambiguous: float | None = None) -> np.ndarray:
-        """(s,) whether each hit rate reaches its target (s,).
-
-        ambiguous: where given, the target is asked of the answers that were not ambiguous, and at most this share of
-        all answers may have been. A marker with two answers gets no label: that costs labels and makes none wrong.
-        """
-        if ambiguous is None:
-            return (self.answers > 0) & (self.hits >= targets * self.answers)
-        clear = self.hits + self.failures
-        unclear = self.answers - clear
-        return (self.hits > 0) & (self.hits >= targets * clear) & (unclear <= ambiguous * self.answers)
+    def reaches(self, targets: np.ndarray) -> np.ndarray:
+        """(s,) whether each hit rate reaches its target (s,)."""
+        return (self.answers > 0) & (self.hits >= targets * self.answers)
 
 
 @dataclass(frozen=True, eq=False)

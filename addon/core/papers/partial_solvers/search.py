@@ -25,12 +25,12 @@ def subset_of(markers) -> int:
     return sum(1 << int(marker) for marker in set(markers))
 
 
-def bottom_up(markers: int, good: Good, own: int | None = None, minimal: bool = True) -> Iterator[tuple[int, set[int]]]:
+def bottom_up(markers: int, good: Good, own: int | None = None) -> Iterator[tuple[int, set[int]]]:
     """Algorithm 1. Yields the size reached and the solvers found so far, after every size.
 
-    own      start with this marker's solver only, instead of one a marker
-    minimal  leave out what contains a solver already found: by the paper's second property it answers less often and
-             nothing else. False: the algorithm to the letter, which finds it again through its other parents.
+    own: start with this marker's solver only, instead of one a marker. What contains a solver already found is left
+    out: by the paper's second property it answers less often and nothing else; the algorithm to the letter finds it
+    again through its other parents.
     """
     waiting = {1 << own} if own is not None else {1 << marker for marker in range(markers)}
     found: set[int] = set()
@@ -39,7 +39,7 @@ def bottom_up(markers: int, good: Good, own: int | None = None, minimal: bool = 
         found |= reached
         yield size, found
         grown = {solver | 1 << new for solver in waiting - reached for new in range(markers) if not solver >> new & 1}
-        waiting = {solver for solver in grown if not (minimal and _contains_any(solver, found))}
+        waiting = {solver for solver in grown if not _contains_any(solver, found)}
 
 
 def top_down(markers: int, good: Good, own: int | None = None) -> Iterator[tuple[int, set[int]]]:

@@ -11,8 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .masks import TREE, Bounds, Masks, pair_bounds
+from .masks import TOLERANCE, Bounds, Masks, pair_bounds
 from .model import KIND_ANGLE, KIND_RATIO, KIND_TURN, Classifiers
+
+MAX_ROWS = 100_000  # labellings that are followed side by side; what is beyond waits its turn, which saves memory
+FIRST_LOOKED, GROWTH = 4, 4  # classifiers looked up in one go while many labellings are left, and times as many after
 
 
 def newly_judged(classifiers: Classifiers, placed: list[int]) -> np.ndarray:
@@ -99,8 +102,8 @@ class TreeSearch:
         if depth == len(plan):
             yield rows
             return
-        for first in range(0, len(rows), TREE.max_rows):
-            part = rows if len(rows) <= TREE.max_rows else rows[first : first + TREE.max_rows]
+        for first in range(0, len(rows), MAX_ROWS):
+            part = rows if len(rows) <= MAX_ROWS else rows[first : first + MAX_ROWS]
             grown = judged(grow(part, allowed(part, plan[depth].pairs, masks), masks), plan[depth], masks)
             if len(grown):
                 yield from self._descend(grown, depth + 1, plan, masks)
@@ -138,11 +141,11 @@ def look_ups(classifiers: Classifiers, place: np.ndarray) -> tuple[np.ndarray, .
     pivot, near, far, _ = place[turns.points].T
     return (
         np.stack([_side(apex, one), _side(apex, other), _side(one, other)], axis=1),
-        np.stack([np.cos(angles.high) - TREE.tolerance, np.cos(angles.low) + TREE.tolerance]),
+        np.stack([np.cos(angles.high) - TOLERANCE, np.cos(angles.low) + TOLERANCE]),
         np.stack([_side(a, b), _side(c, d)], axis=1),
-        np.stack([ratios.low - TREE.tolerance, ratios.high + TREE.tolerance]),
+        np.stack([ratios.low - TOLERANCE, ratios.high + TOLERANCE]),
         np.stack([pivot, near, far, _side(pivot, near), _side(pivot, far)], axis=1),
-        np.stack([turns.low - TREE.tolerance, turns.high + TREE.tolerance]),
+        np.stack([turns.low - TOLERANCE, turns.high + TOLERANCE]),
     )
 
 
@@ -204,10 +207,10 @@ def _sifted(
     rows: PartialLabellings, fraction: Callable[[PartialLabellings, slice], tuple[np.ndarray, ...]], count: int
 ) -> PartialLabellings:
     """The rows for which numerator / denominator lies within low and high for all of `count` classifiers."""
-    first, size = 0, TREE.first_looked
+    first, size = 0, FIRST_LOOKED
     while first < count and len(rows):
         above, below, low, high = fraction(rows, slice(first, first + size))
         kept = ((above >= low * below) & (above <= high * below)).all(axis=0)
         rows = rows if kept.all() else rows[kept]
-        first, size = first + size, size * TREE.growth
+        first, size = first + size, GROWTH * size
     return rows

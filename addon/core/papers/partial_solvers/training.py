@@ -19,13 +19,18 @@ from .assess import Occlusions, assess, draw_occlusions
 from .boosting import Boosting, boost, learn_intervals, rejections, wrong_labellings
 from .features import all_features, tables
 from .masks import Masks
-from .model import KIND_DISTANCE, PAPER_FUNCTIONS, Classifiers, PartialSolvers, Record, Solver, Strong
+from .model import KIND_DISTANCE, PAPER_FUNCTIONS, PartialSolvers, Record, Solver, Strong
 from .search import Genetics
 from .solver import TreeSearch
 from .survey import Survey, survey
 
+EARLY_FRAMES = 192, 800  # of those on which solvers are measured, after which a hopeless one is given up
+# Of so many markers, as the paper's set has, all solvers are gone through; of more those of a marker within a group.
+MAX_SURVEYED, GROUP = 15, 12
+PATTERNS = 2000  # of occlusions that are thought through when solvers are chosen
+MIN_GAIN = 0.002  # share of them in which one more solver must answer first to be kept
 SEARCHES = ("bottom-up", "top-down", "genetic")
-GOALS = ("own", "any", "all")
+GOALS = ("own", "any")
 
 
 @dataclass(frozen=True)
@@ -34,38 +39,24 @@ class Training:
 
     search         "bottom-up", "top-down" or "genetic"
     goal           when a solver is good: "own", the search runs once for every marker and asks for that marker's
-                   target; "any", one run that asks for the target of any marker (algorithm 1 to the letter); "all"
-    ambiguous      as in `Record.reaches`; the paper's own words fit None as well as a share
+                   target; "any", one run that asks for the target of any marker (algorithm 1 to the letter)
     functions      the geometric functions; the paper's four, or "turn" with them
-    margin         paper: by how much each interval is widened at both ends, as a share of its width; the paper has none
     wrong          memory: wrong labellings drawn for the boosting
     survey_frames  memory: frames on which all subsets are tried
     check_frames   memory: frames on which good ones are measured
-    early_frames   memory: of those, after which a hopeless solver is given up
-    max_surveyed   paper: markers, as many as its set has; above, the solvers are too many to go through them all,
-    group          memory: and a marker's solvers are looked for among so many
-    patterns       memory: occlusions that are thought through when solvers are chosen
     max_features   memory: above that many, ratios are drawn by chance
     max_solvers    memory: kept of each run of the search: those that together answer in the most occlusions
-    min_gain       memory: share of the occlusions in which one more solver must answer first to be kept
     """
 
     search: str = "top-down"
     goal: str = "own"
     seed: int = 0  # format: of the generator, any will do
-    ambiguous: float | None = None
     functions: tuple[str, ...] = PAPER_FUNCTIONS
-    margin: float = 0.0
     wrong: int = 2048
     survey_frames: int = 128
     check_frames: int = 2500
-    early_frames: tuple[int, ...] = (192, 800)
-    max_surveyed: int = 15
-    group: int = 12
-    patterns: int = 2000
     max_features: int = 60_000
     max_solvers: int = 16
-    min_gain: float = 0.002
     boosting: Boosting = field(default_factory=Boosting)
     occlusions: Occlusions = field(default_factory=Occlusions)
     genetics: Genetics = field(default_factory=Genetics)
@@ -148,7 +139,6 @@ class SolverStudy:
         learned = learn_intervals(
             clouds, *all_features(self.markers, options.functions, options.max_features, options.seed)
         )
-        learned = _widened(learned, options.margin)
         wrong = wrong_labellings(np.arange(len(points)), self.markers, options.wrong, self._generator)
         rejected = rejections(learned, wrong.frame, wrong.labelling, clouds)
         telling = np.argsort(-rejected.sum(axis=1), kind="stable")
@@ -157,7 +147,7 @@ class SolverStudy:
         self._look = self._sample(points, order[: options.survey_frames])
         checked = order[options.survey_frames :] if len(order) > 2 * options.survey_frames else order
         checked = checked[: options.check_frames]
-        self._checks = [self._sample(points, part) for part in np.split(checked, options.early_frames) if len(part)]
+        self._checks = [self._sample(points, part) for part in np.split(checked, EARLY_FRAMES) if len(part)]
         self._memory: dict[int, Record] = {}
         self._checked: dict[int, np.ndarray] = {}
 
@@ -167,7 +157,7 @@ class SolverStudy:
 
     def survey(self) -> Iterator[float]:
         """Goes through all subsets, or through those of each marker's group; yields the share done."""
-        if self.markers <= self.options.max_surveyed:
+        if self.markers <= MAX_SURVEYED:
             for share, result in survey(self.pool, *self._look):
                 self.surveyed[None] = result
                 yield share
@@ -182,7 +172,7 @@ class SolverStudy:
         pairs = np.flatnonzero((self.pool.kind == KIND_DISTANCE) & (self.pool.points == own).any(axis=1))
         telling = self._rejected[pairs].sum(axis=1).argsort(kind="stable")[::-1]
         others = self.pool.points[pairs[telling], :2].sum(axis=1) - own
-        return [own, *(int(other) for other in others[: self.options.group - 1])]
+        return [own, *(int(other) for other in others[: GROUP - 1])]
 
     def partial_solvers(
         self, markers: tuple[str, ...], targets: float | np.ndarray
@@ -225,21 +215,21 @@ class SolverStudy:
             yield
         genetic = self.options.search == "genetic"
         heirs = (lambda _: ()) if genetic else _heirs(found, len(ground.group), good)
-        limits = (self.hidden(ground), self.options.max_solvers, self.options.min_gain)
+        limits = (self.hidden(ground), self.options.max_solvers, MIN_GAIN)
         for taken in searches.covering(sorted(found), partial(self._holds, ground), heirs, *limits):
             self.found = {ground.outside(subset) for subset in taken}
             yield
 
     def _holds(self, ground: "Ground", subset: int) -> bool:
         """Whether a solver is good on the frames for checking."""
-        return self._good(self._checked_flags(ground.outside(subset))[ground.group], subset, ground.own)
+        return _good(self._checked_flags(ground.outside(subset))[ground.group], ground.own)
 
     def _promising(self, ground: "Ground", known: Survey | None) -> searches.Good:
         """Whether a solver may be good, by the survey where there is one, so that few must be measured."""
         if known is None:
             return partial(self._holds, ground)
         seems = self._hopeful(known)
-        return lambda subset: self._good(seems[subset], subset, ground.own)
+        return lambda subset: _good(seems[subset], ground.own)
 
     def _fitness(self, ground: "Ground", known: Survey | None) -> Callable[[int], float]:
         """What the genetic algorithm makes the most of: the hit rate of the search's own marker, or of any."""
@@ -264,23 +254,18 @@ class SolverStudy:
         for _, found in run(markers, good, ground.own):
             yield found
 
-    def _good(self, reached: np.ndarray, subset: int, own: int | None) -> bool:
-        if own is not None:
-            return bool(reached[own])
-        return bool(reached.any() if self.options.goal == "any" else reached[searches.members(subset)].all())
-
     def _hopeful(self, known: Survey) -> np.ndarray:
         """(2^G, G) which targets may well be reached: a survey has few frames, and may have met the unlucky ones."""
         record, targets, frames = known.everything, self.targets[known.group], len(self._look[1])
         unlucky = 1.0 + 2.0 * np.sqrt((1.0 - targets) * frames)
         hits = np.minimum(record.hits + unlucky * record.answers / frames, record.answers)
-        return replace(record, hits=hits).reaches(targets, self.options.ambiguous)
+        return replace(record, hits=hits).reaches(targets)
 
     def hidden(self, ground: "Ground") -> np.ndarray:
         """(N,) random subsets of hidden markers, the search's own not among them."""
         generator = np.random.default_rng([self.options.seed, self.markers])
-        rank = generator.random((self.options.patterns, self.markers)).argsort(axis=1).argsort(axis=1)
-        hide = rank < generator.integers(0, self.options.occlusions.most + 1, self.options.patterns)[:, None]
+        rank = generator.random((PATTERNS, self.markers)).argsort(axis=1).argsort(axis=1)
+        hide = rank < generator.integers(0, self.options.occlusions.most + 1, PATTERNS)[:, None]
         hide = hide[:, ground.group]
         if ground.own is not None:
             hide[:, ground.own] = False
@@ -298,7 +283,7 @@ class SolverStudy:
 
     def _flags(self, markers, record: Record) -> np.ndarray:
         flags = np.zeros(self.markers, dtype=bool)
-        flags[markers] = record.reaches(self.targets[markers], self.options.ambiguous)
+        flags[markers] = record.reaches(self.targets[markers])
         return flags
 
     def solver(self, subset: int) -> Solver:
@@ -358,12 +343,12 @@ class SolverStudy:
         """Whether no target can be reached any more, even were all that is still to come hits."""
         to_come = sum(removed.shape[0] * removed.shape[1] for _, removed in self._checks) - record.samples
         hoped = replace(record, hits=record.hits + to_come, answers=record.answers + to_come)
-        return not hoped.reaches(self.targets[markers], self.options.ambiguous).any()
+        return not hoped.reaches(self.targets[markers]).any()
 
 
-def _widened(classifiers: Classifiers, margin: float) -> Classifiers:
-    room = margin * (classifiers.high - classifiers.low)
-    return replace(classifiers, low=classifiers.low - room, high=classifiers.high + room)
+def _good(reached: np.ndarray, own: int | None) -> bool:
+    """Whether a solver is, by the targets that it reaches (G,): that of the search's own marker, or any."""
+    return bool(reached.any() if own is None else reached[own])
 
 
 class Ground:

@@ -8,9 +8,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...data.physical import SIGMAS
 from ...geometry.rigid import pairwise_distances
-from ...geometry.triangulation import Rays
+from ...geometry.triangulation import Rays, passing
 from ...geometry.views import Sight, View
+
+# Of a camera, the nearest others whose rays it meets: they see the same side of a body, and what cameras farther apart
+# see is confirmed by them. With eight cameras all are partners.
+PARTNERS = 7
+# Of so few cameras all rays are met at once; of more those of neighbours first, and where so many agree is a point.
+FEW_CAMERAS, NEIGHBOURS, SURE_SUPPORT = 5, 2, 4
+MAX_CROSSINGS = 4000  # pairs of rays in a frame, the best first; more is a crowd, which would take minutes
+DISTANCES_ONCE = 100_000  # to blobs of a camera that are worked on at once, few enough for the processor's cache
 
 
 @dataclass(frozen=True)
@@ -19,28 +28,9 @@ class CloudOptions:
 
     max_gap_m        physical: between two rays of one marker at its depth, most of a marker's size; a point is off its
                      rays by twice that at most, root mean square, so that chains of near misses make none
-    max_gap_px       physical: what the pixels add to it, three standard deviations
-    min_depth_m      physical: nobody stands nearer to a camera
-    min_sine         physical: of the angle between two rays; below it, one degree, they fix no depth
-    partners         memory: of a camera, the nearest others whose rays it meets: they see the same side of a body, and
-                     what cameras farther apart see is confirmed by them. With eight cameras all are partners
-    few_cameras      memory: of so few cameras all rays are met at once; of more
-    neighbours       memory: of a camera are met first, and
-    sure_support     memory: cameras settle a point then
-    max_crossings    memory: pairs of rays in a frame, the best first; more is a crowd, which would take minutes
-    distances_once   memory: a camera that are worked on at once, few enough for the processor's cache
     """
 
     max_gap_m: float = 0.012
-    max_gap_px: float = 3.0
-    min_depth_m: float = 0.2
-    min_sine: float = 0.02
-    partners: int = 7
-    few_cameras: int = 5
-    neighbours: int = 2
-    sure_support: int = 4
-    max_crossings: int = 4000
-    distances_once: int = 100_000
 
 
 CLOUD = CloudOptions()
@@ -68,9 +58,9 @@ def build_cloud(view: View, sight: Sight) -> Cloud:
     """
     rays, claimed = Rays(view, sight), np.zeros(view.real.shape, bool)
     parts = []
-    if sight.count > CLOUD.few_cameras:
-        parts.append(_sets(view, sight, rays, claimed, CLOUD.neighbours, CLOUD.sure_support))
-    parts.append(_sets(view, sight, rays, claimed, CLOUD.partners, 2))
+    if sight.count > FEW_CAMERAS:
+        parts.append(_sets(view, sight, rays, claimed, NEIGHBOURS, SURE_SUPPORT))
+    parts.append(_sets(view, sight, rays, claimed, PARTNERS, 2))
     members, points = (np.concatenate(column) for column in zip(*parts, strict=True))
     support = (members >= 0).sum(axis=1)
     return Cloud(points, support, _weights(members, support, view.real.shape))
@@ -108,39 +98,33 @@ def _crossings(camera, direction, origin, sight, count: int):
     within = np.arange(len(pair)) - np.repeat(np.cumsum(mine * theirs) - mine * theirs, mine * theirs)
     first, second = start[one[pair]] + within // theirs[pair], start[other[pair]] + within % theirs[pair]
     first, second, middle, badness = _meetings(first, second, camera, direction, origin, sight)
-    if len(first) > CLOUD.max_crossings:
-        best = np.argsort(badness)[: CLOUD.max_crossings]
+    if len(first) > MAX_CROSSINGS:
+        best = np.argsort(badness)[:MAX_CROSSINGS]
         return first[best], second[best], middle[best]
     return first, second, middle
 
 
 def _meetings(first, second, camera, direction, origin, sight):
     """Of pairs of rays, those that meet: their indices, mid-points, and the gap as a share of what is allowed."""
-    between = origin[second] - origin[first]
-    cosine = np.einsum("ni,ni->n", direction[first], direction[second])
-    along_first = np.einsum("ni,ni->n", between, direction[first])
-    along_second = np.einsum("ni,ni->n", between, direction[second])
-    sine2 = np.maximum(1 - cosine**2, CLOUD.min_sine**2)
-    near, far = (along_first - cosine * along_second) / sine2, (cosine * along_first - along_second) / sine2
-    low, high = origin[first] + near[:, None] * direction[first], origin[second] + far[:, None] * direction[second]
+    near, far, between, fixed = passing(direction, origin, first, second)
     pixel = near / sight.focal[camera[first]] + far / sight.focal[camera[second]]
-    gap = np.linalg.norm(low - high, axis=1)
-    allowed = CLOUD.max_gap_m + CLOUD.max_gap_px * pixel / 2
-    kept = (near > CLOUD.min_depth_m) & (far > CLOUD.min_depth_m) & (gap < allowed)
-    kept &= 1 - cosine**2 > CLOUD.min_sine**2
-    return first[kept], second[kept], ((low + high) / 2)[kept], (gap / allowed)[kept]
+    gap, allowed = np.linalg.norm(between, axis=0), CLOUD.max_gap_m + SIGMAS * pixel / 2
+    kept = fixed & (gap < allowed)
+    first, second, middle = first[kept], second[kept], between.T[kept] / 2
+    middle += origin[first] + near[kept, None] * direction[first]
+    return first, second, middle, (gap / allowed)[kept]
 
 
 def _members(points: np.ndarray, view: View, sight: Sight) -> np.ndarray:
     """(Q, C) slot of the blob nearest to each point's image where it is near enough, else -1."""
     nearest, metres, depth = nearest_blobs(points, view, sight)
-    allowed = CLOUD.max_gap_m + CLOUD.max_gap_px * depth / sight.focal[:, None]
+    allowed = CLOUD.max_gap_m + SIGMAS * depth / sight.focal[:, None]
     return np.where(metres < allowed, nearest, -1).T
 
 
 def nearest_blobs(points: np.ndarray, view: View, sight: Sight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of points (Q, 3) m the nearest blob's slot in each camera (C, Q), how far off at its depth, and that depth, m."""
-    blocks = np.array_split(points, max(1, len(points) * view.image.shape[1] // CLOUD.distances_once))
+    blocks = np.array_split(points, max(1, len(points) * view.image.shape[1] // DISTANCES_ONCE))
     parts = zip(*(_nearest_of_block(block, view, sight) for block in blocks), strict=True)
     return tuple(np.concatenate(part, axis=1) for part in parts)
 

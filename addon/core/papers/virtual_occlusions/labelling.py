@@ -11,13 +11,13 @@ from functools import cached_property
 import numpy as np
 
 from ...data.takes import BY_EDIT, CONFLICT, EXCLUSIVE, REMAINING
-from ...geometry.triangulation import MEETING, RAY_RIDGE, Meeting, Rays, trimmed_deviation
+from ...geometry.triangulation import MAX_CONDITION, RAY_RIDGE, Meeting, Rays, trimmed_deviation
 from ...geometry.views import NOWHERE, VIEWING, Sight, View
 from ...kernels import frame_calls, in_use
 
 SPREAD_UNIT = 1e-8  # m⁴, the spread whose log is nought
 TOO_FAR = 1e9  # a cost that no blob and marker can have
-CONDITION = RAY_RIDGE, MEETING.max_condition  # as the compiled library takes them
+CONDITION = RAY_RIDGE, MAX_CONDITION  # as the compiled library takes them
 LABEL_STEPS = EXCLUSIVE, CONFLICT, REMAINING, BY_EDIT
 
 
@@ -242,23 +242,23 @@ class Frame:
 
 
 def name_markers(
-    view: View, sight: Sight, expected: Expectation, rules: Rules, fixed: np.ndarray | None = None
+    view: View,
+    sight: Sight,
+    expected: Expectation,
+    rules: Rules,
+    fixed: np.ndarray | None = None,
+    step1_only: bool = False,
 ) -> Naming:
-    """Algorithm 1 on one frame, of which some blobs may be named already: `fixed` (C, M), see `Frame`."""
-    named = named_by_library if in_use() else named_by_numpy
-    return named(view, sight, expected, rules, fixed, step1_only=False)
+    """Algorithm 1 on one frame, of which some blobs may be named already: `fixed` (C, M), see `Frame`.
 
-
-def name_exclusive(
-    view: View, sight: Sight, expected: Expectation, rules: Rules, fixed: np.ndarray | None = None
-) -> Naming:
-    """Step 1 alone: enough to bring a tracked body up to date before the frame is named in earnest."""
+    Its first step alone is enough to bring a tracked body up to date before the frame is named in earnest.
+    """
     named = named_by_library if in_use() else named_by_numpy
-    return named(view, sight, expected, rules, fixed, step1_only=True)
+    return named(view, sight, expected, rules, fixed, step1_only)
 
 
 def named_by_numpy(view, sight, expected, rules, fixed, step1_only: bool) -> Naming:
-    """Algorithm 1, or its first step alone."""
+    """The same by NumPy."""
     frame = Frame(view, sight, expected, rules, fixed)
     naming = Naming.empty(frame)
     claims = identify_visible(frame, naming)

@@ -18,6 +18,9 @@ from ...kernels import calls, stands_for
 MIN_DIVISOR_M2 = 1e-12  # what is divided by is never less
 
 
+RAYS_ONCE = 60_000  # rays against capsules that are worked on at once, few enough for the processor's cache
+
+
 @dataclass(frozen=True)
 class OcclusionOptions:
     """How a body hides markers.
@@ -28,13 +31,11 @@ class OcclusionOptions:
                     nobody knows on which side of the body a marker sits
     fitted_shrink   measured: of the radii of a body that is being fitted; 0.4 % of the markers seen are then believed
                     hidden, with whole radii 1.7 % (`gait15`)
-    rays_once       memory: rays against capsules that are worked on at once, few enough for the processor's cache
     """
 
     standoff: float = 0.005
     min_side_share: float = 0.25
     fitted_shrink: float = 0.9
-    rays_once: int = 60_000
 
 
 OCCLUDING = OcclusionOptions()
@@ -95,7 +96,7 @@ class CapsuleOcclusion:
         bodies, cameras, count = len(markers), len(centres), markers.shape[1]
         if not len(self.segment):  # as of a prop: nothing is in the way
             return np.zeros((bodies, cameras, count), dtype=bool)
-        block = max(1, OCCLUDING.rays_once // max(1, cameras * count * len(self.segment)))
+        block = max(1, RAYS_ONCE // max(1, cameras * count * len(self.segment)))
         found = np.empty((bodies, cameras, count), dtype=bool)
         for first in range(0, bodies, block):
             part = slice(first, first + block)

@@ -9,9 +9,8 @@ import numpy as np
 
 from ...geometry.rigid import pairwise_distances
 from .clustering import Cluster
-from .correspondences import CORRESPONDENCE, INDEPENDENT, MAX_COST
 from .model import linking_order
-from .structure import JOINT, Structure, find_joints
+from .structure import INDEPENDENT, JOINT, MAX_COST, STRUCTURE, Structure, find_joints
 from .volumes import MedianVolumes
 
 NO_CLUSTER = -1
@@ -98,7 +97,7 @@ def _form_fit(form: np.ndarray, cluster: np.ndarray) -> float:
     between = pairwise_distances(large)[chosen[:, :, None], chosen[:, None]]
     best = ((_sorted_lengths(between) - _sorted_lengths(pairwise_distances(small))) ** 2).mean(axis=1).min()
     odd = CLUSTER_MATCH.odd_marker_cost * (len(large) - len(small))
-    return -min(0.5 * best / CORRESPONDENCE.form_sd_m**2, MAX_COST) - odd
+    return -min(0.5 * best / STRUCTURE.form_sd_m**2, MAX_COST) - odd
 
 
 def _sorted_lengths(distance: np.ndarray) -> np.ndarray:

@@ -10,8 +10,19 @@ import numpy as np
 from ...data.takes import NO_POINT
 from .cluster_matching import NO_CLUSTER, Matched, mirror_odds
 from .clustering import Cluster
-from .correspondences import INDEPENDENT, MAX_COST, correspondences, spread_of
-from .structure import Inner, Joints, Structure, farther, find_joints, rigid_body_volumes, triples
+from .structure import (
+    INDEPENDENT,
+    MAX_COST,
+    MAX_MEMBERS,
+    Inner,
+    Joints,
+    Structure,
+    farther,
+    find_joints,
+    length_spread,
+    rigid_body_volumes,
+    triples,
+)
 
 
 @dataclass(frozen=True)
@@ -77,7 +88,7 @@ def _match_one(
 ) -> tuple[np.ndarray, np.ndarray]:
     """For each marker of the rigid body its point in the cluster, and the lead of that."""
     inner = structure.inner[rigid_body]
-    tried = correspondences(inner.form, cluster.form)
+    tried = correspondences(len(inner.form), cluster.form)
     points = cluster.markers
     others = np.arange(len(structure)) != rigid_body
     known = structure.linked[rigid_body] & joints.sure[rigid_body]
@@ -92,10 +103,24 @@ def _match_one(
     return chosen, np.where(chosen >= 0, score[best] - alternatives, 0.0)
 
 
+def correspondences(markers: int, points: np.ndarray) -> np.ndarray:
+    """(W, n) all ways in which points (p, 3) m may be n markers of a rigid body: indices, NO_POINT where one has none.
+
+    Of the points those nearest to their middle, as many as all ways can be tried of.
+    """
+    near = np.argsort(np.linalg.norm(points, axis=1), kind="stable")[:MAX_MEMBERS]
+    if len(near) >= markers:
+        return near[np.array(list(permutations(range(len(near)), markers)))]
+    taken = np.array(list(permutations(range(markers), len(near))))
+    tried = np.full((len(taken), markers), NO_POINT)
+    np.put_along_axis(tried, taken, near[None], axis=1)
+    return tried
+
+
 def _form_fit(inner: Inner, lengths: np.ndarray, tried: np.ndarray) -> np.ndarray:
     """(W,) how well the lengths (n, n) m between points fit the rigid body's own, and how much of it there is."""
     there = (tried[:, :, None] >= 0) & (tried[:, None] >= 0)
-    off = (lengths[tried[:, :, None], tried[:, None]] - inner.lengths) / spread_of(inner.lengths)
+    off = (lengths[tried[:, :, None], tried[:, None]] - inner.lengths) / length_spread(inner.lengths)
     cost = np.where(there, np.minimum(0.5 * off**2, MAX_COST), 0).sum(axis=(1, 2)) / 2
     pairs = (there.sum(axis=(1, 2)) - (tried >= 0).sum(axis=1)) / 2
     missing = MARKER_MATCH.missing_cost * (tried[:, : inner.core] < 0).sum(axis=1)

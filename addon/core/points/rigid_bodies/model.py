@@ -12,6 +12,7 @@ from itertools import combinations
 
 import numpy as np
 
+from ...data.physical import MARKER_LIMITS
 from ...geometry.rigid import MIN_POINTS, distance_ranges, mean_form, pairwise_distances
 
 
@@ -26,7 +27,6 @@ class RigidBodyOptions:
                      beside it; measured on the same takes
     min_sd_m         that any distance is taken to vary by; physical: how exact cameras are
     min_marker_part  of the markers that must be on rigid bodies for the set to be; measured on the same takes
-    max_prop_sd_m    that distances of a prop, on which all markers are one rigid body, vary by; physical: noise
     min_prop_move_m  standard deviation of where a prop is; physical: who stands still keeps their form too
     slack_range      of a distance's range that it may leave the range by: no take shows all poses
     slack_m          that it may leave it by besides; physical: plates are put on by hand
@@ -37,7 +37,6 @@ class RigidBodyOptions:
     max_separate_sd: float = 0.021
     min_sd_m: float = 0.001
     min_marker_part: float = 0.85
-    max_prop_sd_m: float = 0.003
     min_prop_move_m: float = 0.03
     slack_range: float = 0.25
     slack_m: float = 0.02
@@ -140,8 +139,8 @@ def _rigid_groups(tree: np.ndarray, limit: float) -> list[np.ndarray]:
 
 
 def _is_prop(tree: np.ndarray, points: np.ndarray) -> bool:
-    """Whether the markers, points (T, M, 3) m, are all one rigid thing that was moved about."""
-    return bool(tree[-1, 2] < RIGID_BODY.max_prop_sd_m and np.nanstd(points, axis=0).max() > RIGID_BODY.min_prop_move_m)
+    """Whether the markers, points (T, M, 3) m, are all one thing, rigid but for noise, that was moved about."""
+    return bool(tree[-1, 2] < MARKER_LIMITS.noise_m and np.nanstd(points, axis=0).max() > RIGID_BODY.min_prop_move_m)
 
 
 def _separate_part(tree: np.ndarray, markers: int, limit: float) -> float:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...data.physical import MARKER_LIMITS
 from ...data.takes import NO_POINT
 from ...geometry.rigid import MIN_POINTS
 from .cluster_matching import NO_CLUSTER, Matched, match_clusters
@@ -24,7 +25,6 @@ class RecognitionOptions:
     min_marker_lead  log odds by which a marker's point must lead within the rigid body; measured on the same
     min_most         part of the frames in which a distance must be seen to show its whole range, and of the sure rigid
                      bodies that must be the model's own for the take to be of a subject it knows
-    max_alike_m      root mean square, that lengths of a rigid body that is the model's own differ by; physical: noise
     min_other        sure rigid bodies that are enough to show that the subject is another, if none is the model's own:
                      of a few some may be mistaken, that all are is no chance
     range_m          that the range of a distance differs by between subjects; physical
@@ -34,7 +34,6 @@ class RecognitionOptions:
     min_body_lead: float = 3.0
     min_marker_lead: float = 5.0
     min_most: float = 0.8
-    max_alike_m: float = 0.003
     min_other: int = 3
     range_m: float = 0.03
     range_share: float = 0.06
@@ -206,8 +205,8 @@ def _with_single_markers(
 
 
 def _known(forms, count: int) -> bool | None:
-    """Whether the forms of the take, of `count` rigid bodies in all, are the very ones of the model."""
-    alike = [off < RECOGNITION.max_alike_m for *_, off in forms]
+    """Whether the forms of the take, of `count` rigid bodies in all, are those of the model but for noise."""
+    alike = [off < MARKER_LIMITS.noise_m for *_, off in forms]
     if 2 * len(alike) < count:
         return False if len(alike) >= RECOGNITION.min_other and not any(alike) else None
     return bool(np.mean(alike) >= RECOGNITION.min_most)

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .correspondences import INDEPENDENT, MAX_COST
+from .clustering import CLUSTERING
 from .model import RigidBodies
+from .structure import INDEPENDENT, MAX_COST
 
 
 @dataclass(frozen=True)
@@ -14,13 +15,11 @@ class SingleMarkerOptions:
     """When a tracklet is a marker on no rigid body, in log odds.
 
     min_log_odds   that a tracklet must have; measured on the raw take S09_KneeltoRun02
-    min_take_part  of the take that it must last
     min_lead       that it must lead by, over other tracklets at the same time and over other markers; measured on it
     room_m         over which a point that is no marker may be anywhere; physical: about a limb
     """
 
     min_log_odds: float = 0.5
-    min_take_part: float = 0.1
     min_lead: float = 2.0
     room_m: float = 0.5
 
@@ -45,7 +44,7 @@ def find_single_markers(
     together = (there.T @ there) > 0
     marker = np.full(points.shape[1], -1)
     for tracklet, row in enumerate(odds.T):
-        if not np.isfinite(row).any() or there[:, tracklet].mean() < SINGLE_MARKER.min_take_part:
+        if not np.isfinite(row).any() or there[:, tracklet].mean() < CLUSTERING.min_seen_part:
             continue
         leader = int(row.argmax())
         others = together[tracklet] & (np.arange(len(marker)) != tracklet)

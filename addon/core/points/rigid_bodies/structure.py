@@ -45,6 +45,8 @@ class StructureOptions:
     max_loose_m     that a rigid body's own markers may move against each other; physical: skin
     max_beside_m    that a marker on no rigid body may move against one, root mean square, to be looked for on it;
                     physical: across a joint it moves more
+    form_sd_m       measured: of a length within a rigid body, on the raw take S09_KneeltoRun02
+    form_share      measured: the same of the length, besides, on it
     """
 
     slack_m: float = 0.025
@@ -55,6 +57,8 @@ class StructureOptions:
     min_mirror_sds: float = 1.5
     max_loose_m: float = 0.004
     max_beside_m: float = 0.03
+    form_sd_m: float = 0.012
+    form_share: float = 0.15
 
 
 JOINT = JointOptions()
@@ -64,7 +68,9 @@ MIN_FRAMES = 20  # in which two rigid bodies must be seen to have a joint
 FRAMES_OF_JOINT = 0.9  # part of them that a joint is found from, those that agree best: some trajectories go astray
 MIDDLES_TAILS = [1.0, 99.0]  # per cent of a distance, between which its range is; beyond are outliers
 MAX_LOOSE_RATIO = 3.0  # times the usual, that a rigid body's own markers may move against each other
-MAX_MEMBERS = 7  # markers of a rigid body with those beside it: of more not all correspondences can be tried
+MAX_MEMBERS = 7  # markers of a rigid body with those beside it, of which all correspondences are tried: 8 have 40,320
+INDEPENDENT = 3  # distances that are all the evidence there is of a place; more are partly the same
+MAX_COST = 8.0  # the most that one fact counts against, log likelihood: four standard deviations
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,15 +193,24 @@ def _learn(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -> Structu
     )
 
 
+def length_spread(lengths: np.ndarray) -> np.ndarray:
+    """The standard deviation, m, of lengths, m, within a rigid body, from one subject's to another's."""
+    return np.hypot(STRUCTURE.form_sd_m, STRUCTURE.form_share * lengths)
+
+
 def _centred(form: np.ndarray) -> np.ndarray:
     return form - form.mean(axis=0)
 
 
 def _firm(group: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """The markers of a rigid body without those that move against the rest, such as one on the joint below."""
+    """The markers of a rigid body without those that move against the rest, such as one on the joint below.
+
+    The firmest of them, if they are many.
+    """
     loose = np.median(np.nanstd(pairwise_distances(frames[:, group]), axis=0), axis=0)
     firm = loose < max(STRUCTURE.max_loose_m, MAX_LOOSE_RATIO * np.median(loose))
-    return group[firm] if firm.sum() >= MIN_POINTS else group
+    firm |= firm.sum() < MIN_POINTS
+    return group[np.sort(np.where(firm, loose, np.inf).argsort(kind="stable")[: min(firm.sum(), MAX_MEMBERS)])]
 
 
 def triples(count: int) -> np.ndarray:

@@ -23,11 +23,10 @@ class AffinityOptions:
     loose          a distance varies by this part of it; physical: a bent limb shortens distances across it by a quarter
     known          frames that what was seen counts for at most where nothing moves; physical: who stands still for two
                    seconds shows no more by standing longer
-    moved_m        standard deviation of a marker's place from which on it counts for more, as its square grows;
-                   measured: with 0.02 one more of the takes of `holding` of tests/accuracy/actors.py was refused
+    moved_m        measured: standard deviation of a marker's place from which on it counts for more, as its square
+                   grows; with 0.02 one more of the takes of `holding` of tests/accuracy/actors.py was refused
     steady_m       that a distance on a body varies by; physical: skin moves so far over bone
     max_body_m     beyond which no two markers are on one body; physical: a tall person's reach
-    frames_at_once whose pairs are added up at a time; memory
     """
 
     sample_rate: float = 20.0
@@ -37,13 +36,13 @@ class AffinityOptions:
     moved_m: float = 0.01
     steady_m: float = 0.02
     max_body_m: float = 2.6
-    frames_at_once: int = 64
 
 
 AFFINITY = AffinityOptions()
 AFFINE_TRACKLETS = 6  # of a body, whose mean affinity to one is the body's; as many markers as a segment has at most
 MIN_SAMPLES = 4  # frames of a tracklet that are looked at, at least: with fewer a distance has no variance
-TRACKLETS_AT_ONCE = 1000  # whose pairs are added up at a time; by memory
+TRACKLETS_AT_ONCE = 1000  # whose pairs are added up at a time, in
+FRAMES_AT_ONCE = 64  # frames; by memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,8 +140,8 @@ def _pairs(
 def _counts_at_most(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray, every: int) -> np.ndarray:
     """(N,) how many frames what a tracklet shows counts for at most, by how far it gets about."""
     number, total, squares = np.zeros(every), np.zeros((every, 3)), np.zeros((every, 3))
-    for start in range(0, len(frames), AFFINITY.frames_at_once):
-        some = frames[start : start + AFFINITY.frames_at_once]
+    for start in range(0, len(frames), FRAMES_AT_ONCE):
+        some = frames[start : start + FRAMES_AT_ONCE]
         own, places = tracklet[some], points[some]
         there = own >= 0
         own, places = own[there], places[there].astype(float)
@@ -175,7 +174,7 @@ def _met(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray, every: in
     local = local[local >= 0].astype(np.int64)
     size = len(local)
     number, total, squares, longest = np.zeros((4, size * size))
-    for some in np.array_split(frames, -(-len(frames) // AFFINITY.frames_at_once)):
+    for some in np.array_split(frames, -(-len(frames) // FRAMES_AT_ONCE)):
         keys, offs = [], []
         for frame in some.tolist():
             own = np.searchsorted(local, tracklet[frame])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...data.takes import evenly_spread
-from ..refusals import far_groups
+from ..refusals import REFUSAL, far_groups
 from .affinity import Affinity
 from .wearers import MAX_SUBJECTS
 
@@ -16,7 +16,6 @@ class CountingOptions:
     """What a body shows of itself.
 
     firm        part of the usual affinity of a tracklet to others, below which it is a ghost
-    gap_m       between two bodies that are apart; physical: a hand is not farther from the next marker of its own arm
     often       part of the frames in which so many are apart
     spare       part of a set's markers that bodies together may lack for there to be one more
     whole       part of a set's markers that a body shows at most times; physical: whoever is parted in two has half of
@@ -24,7 +23,6 @@ class CountingOptions:
     """
 
     firm: float = 0.2
-    gap_m: float = 0.5
     often: float = 0.05
     spare: float = 0.4
     whole: float = 0.55
@@ -34,27 +32,22 @@ COUNTING = CountingOptions()
 FRAMES_COUNTED = 80  # that are looked at
 
 
-@dataclass(frozen=True)
-class Counted:
-    """How many bodies are `apart` at some time, and the `most` that there may be."""
+def count_bodies(points: np.ndarray, tracklet: np.ndarray, affinity: Affinity, markers: int) -> tuple[int, int]:
+    """How many bodies with so many markers are apart at some time, and the most that there may be.
 
-    apart: int
-    most: int
-
-
-def count_bodies(points: np.ndarray, tracklet: np.ndarray, affinity: Affinity, markers: int) -> Counted:
-    """How many bodies with so many markers are in points (T, L, 3) m of tracklets (T, L), -1 where there is none."""
+    In points (T, L, 3) m of tracklets (T, L), -1 where there is none.
+    """
     firm = np.append(firm_tracklets(affinity), False)[tracklet]
     frames = evenly_spread(len(points), FRAMES_COUNTED)
     groups, present = [], []
     for frame in frames.tolist():
         own = points[frame][firm[frame]]
         present.append(len(own))
-        groups.append(len(far_groups(own, COUNTING.gap_m, markers / 2)))
+        groups.append(len(far_groups(own, REFUSAL.gap_m, markers / 2)))
     groups = np.sort(groups)[::-1]
     apart = int(groups[int(COUNTING.often * len(groups))])
     most = int(np.quantile(present, 1 - COUNTING.often) / markers + COUNTING.spare)
-    return Counted(apart, min(max(most, 1), MAX_SUBJECTS))
+    return apart, min(max(most, 1), MAX_SUBJECTS)
 
 
 def firm_tracklets(affinity: Affinity) -> np.ndarray:

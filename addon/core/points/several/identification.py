@@ -21,14 +21,12 @@ class IdentificationOptions:
 
     lead        log odds by which who is who must be ahead of any other way; physical: 19 of 20 such are right
     put_on_m    by which a distance of the same person differs from take to take; physical: markers are put on again
-    in_take_m   by which its mean differs in one take; physical: markers stay, and noise and skin average out
     bend        part of a distance by which it differs in other motions; physical: skin moves over a bent joint
     max_square  standard deviations², beyond which a distance is no worse: one wrong name is in many distances
     """
 
     lead: float = 3.0
     put_on_m: float = 0.008
-    in_take_m: float = 0.003
     bend: float = 0.02
     max_square: float = 25.0
 

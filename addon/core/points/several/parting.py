@@ -13,7 +13,7 @@ from typing import Self
 import numpy as np
 
 from ...data.takes import evenly_spread
-from ..refusals import far_groups
+from ..refusals import REFUSAL, far_groups
 from .affinity import AFFINE_TRACKLETS, Affinity
 from .counting import COUNTING, firm_tracklets
 from .places import NO_BODY, PLACES_TRIED, bodies_by_place, grouped
@@ -130,7 +130,7 @@ def _coming(
         if best > -np.inf:
             return [some for some in found if len(some) >= COUNTING.whole * markers]
     own = np.flatnonzero(left[tracklet[frame]])
-    groups = far_groups(points[frame, own], COUNTING.gap_m, COUNTING.whole * markers)
+    groups = far_groups(points[frame, own], REFUSAL.gap_m, COUNTING.whole * markers)
     return [tracklet[frame, own[group]] for group in groups]
 
 

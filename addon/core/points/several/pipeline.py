@@ -14,6 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ...data.errors import JobError
+from ...data.physical import MARKER_LIMITS
 from ...data.progress import Progress, within
 from ...data.takes import Labels, Points, Suspect
 from ...edits.applying import refuse_unknown
@@ -195,11 +196,11 @@ class _Parties:
 
     def _counts(self, wanted: int) -> list[int]:
         """How many bodies to look for, the likeliest first."""
-        counted = count_bodies(self.crowd.take.xyz, self.crowd.tracklet, self.crowd.affinity, self._smallest)
+        apart, most = count_bodies(self.crowd.take.xyz, self.crowd.tracklet, self.crowd.affinity, self._smallest)
         if wanted == AUTO:
-            return list(range(max(counted.most, counted.apart, 1), 0, -1))
-        first = max(wanted, counted.apart)
-        return list(dict.fromkeys([first, *range(wanted, max(first, counted.most, wanted + 1) + 1)]))
+            return list(range(max(most, apart), 0, -1))
+        first = max(wanted, apart)
+        return list(dict.fromkeys([first, *range(wanted, max(first, most, wanted + 1) + 1)]))
 
     def _each(
         self, bodies: PartedBodies, wanted: int, count: int, recognise: Recognise
@@ -313,7 +314,7 @@ def _found(subject: Wearer, body: NamedBody, may: np.ndarray, target: float) -> 
 
 def _unlike(some: list[PersonBuild], others: list[PersonBuild]) -> float:
     """How badly those who are there in two presences go together, in the sets that go best."""
-    varies = np.sqrt(2) * IDENTIFICATION.in_take_m  # as either mean does
+    varies = np.sqrt(2) * MARKER_LIMITS.noise_m  # in one take a distance is the same but for the noise of either mean
     return min((one.cost(other, varies) for one in some for other in others), default=np.inf)
 
 

@@ -10,7 +10,7 @@ they are applied to what comes of it.
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -19,7 +19,7 @@ from ...data.background import in_background
 from ...data.made import Made
 from ...data.progress import Progress, Stage, in_stages
 from ...data.room import IN_MEMORY, MakeTable
-from ...data.takes import BY_FIT, LabelledChunk, Labels, Points, Suspect, Verdict
+from ...data.takes import LabelledChunk, Labels, Points, Suspect, Verdict
 from ...edits.applying import AppliedEdits, PointCells, apply_to_points
 from ...edits.kinds import NO_EDITS, Edits
 from ...review.answering import heard_in, unanswered, without_accepted
@@ -32,15 +32,12 @@ from ..naming import USUAL_TARGET, Namer, namer_of
 from ..possible import refuse_impossible
 from ..refusals import Sample, refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
 from ..tracklets import are_lasting, cut, renamed
-from ..unordered import UNORDERED, is_unordered, learn_subject
+from ..unordered import FRAMES_LEARNED_FROM, is_unordered, learn_subject
 from .asking import asked_frames
 from .deciding import BELIEVING, can_be_solved, solution_of, verdict_of
 from .rulings import Rulings
 from .solving import Solution
 from .tracklets import said_between
-
-if TYPE_CHECKING:  # only the fitted body takes hints, and it takes long to load
-    from ...blobs.pipeline import Options
 
 Result = TypeVar("Result")
 # What each stage takes, as measured: so many times as long as a frame is named in, and that again for each frame. The
@@ -67,7 +64,6 @@ class PointOptions:
 
     method  as `naming.chosen_method` gives it
     target  the part of the labels that must be right; what is less sure is left unnamed
-    hints   what the user may say about the take, for the fitted body; None for nothing
     edits   what a person said of the labels; those that `edits.applying.refuse_unknown` lets pass
     room    where large tables of what comes of a take are kept; with edits they are in memory
     force   name the points although the take cannot be as it says
@@ -75,7 +71,6 @@ class PointOptions:
 
     method: str
     target: float = USUAL_TARGET
-    hints: "Options | None" = None
     edits: Edits = NO_EDITS
     room: MakeTable = IN_MEMORY
     force: bool = False
@@ -98,18 +93,18 @@ def label_take(take: Points, model: Model, options: PointOptions) -> Generator[P
         refuse_impossible(take.xyz, take.rate, take.lanes, [model])
     tracklet = cut(take.xyz, take.rate, lanes=take.lanes)
     unordered = options.method == "likelihood" and is_unordered(model, tracklet)
-    shares = begins(len(take.xyz), options.method, unordered, bool(options.edits))
+    shares = begins(len(take.xyz), unordered, bool(options.edits))
     with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
         work = _labelled(take, tracklet, model, options, begin)
         del tracklet  # a long take's is large
         return (yield from in_stages(work, shares))
 
 
-def begins(frames: int, method: str, unordered: bool = False, edited: bool = False) -> dict[str, float]:
+def begins(frames: int, unordered: bool = False, edited: bool = False) -> dict[str, float]:
     """How far along the work is when each of its stages begins, for a take of so many frames."""
-    costs = COSTS | ({"others": (5, 0)} if method == "fit" else {})
+    costs = dict(COSTS)
     if unordered:
-        costs |= {"learn": (COST_OF_LEARNING * min(frames, UNORDERED.frames), 0), "name again": COSTS["name"]}
+        costs |= {"learn": (COST_OF_LEARNING * min(frames, FRAMES_LEARNED_FROM), 0), "name again": COSTS["name"]}
     if edited:
         costs |= {"vote again": COSTS["vote"]}
     done = np.cumsum([0, *(fixed + each * frames for fixed, each in costs.values())])
@@ -225,7 +220,7 @@ def name_frames(
     learned, room = options.method == "likelihood", IN_MEMORY if options.edits else options.room
     yield Stage("adapt", "look who wears the markers")
     adaptation = adapt(model, take.xyz, tracklet, take.rate) if learned else Adaptation(model)
-    namer = namer_of(adaptation.model, options.method, options.hints)
+    namer = namer_of(adaptation.model, options.method)
     yield Stage("others", "look whether the model is for this take")
     solvable = learned and can_be_solved(adaptation.model, tracklet)
     unordered = learned and is_unordered(adaptation.model, tracklet)
@@ -245,7 +240,7 @@ def name_frames(
         if likelihood is not trained:
             yield Stage("name again", f"frame {take.first_frame}")
             adaptation = replace(adaptation, model=replace(adaptation.model, likelihood=likelihood))
-            again = namer_of(adaptation.model, options.method, options.hints)
+            again = namer_of(adaptation.model, options.method)
             labels = yield from _asked(again, take, asked)
     sure = sample is None or sample.sure
     return NamedFrames(take, tracklet, adaptation, namer, labels, solvable, room, sure)
@@ -256,9 +251,6 @@ def _asked(namer: Namer, take: Points, asked: np.ndarray, sample: Sample | None 
 
     Frames that say something on their own are named in parts, so that nothing is made of all of them but labels.
     """
-    if namer.step == BY_FIT:  # which needs all frames in their order
-        some = take.in_order(asked)
-        return some.labels((yield from _named(namer, some.xyz, take.rate, take.frames[asked])))
     shape, rest = (len(asked), take.xyz.shape[1]), np.arange(len(asked))
     found = replace(Labels.none(*shape), rate=np.zeros(shape))
     if sample is not None:
@@ -352,7 +344,7 @@ def _with_edits(
 def without_deleted(frames: NamedFrames, deleted: np.ndarray) -> Steps[Labels]:
     """What frames say once the points that are no markers, deleted (T, P), are gone from them."""
     take, rows, said = frames.take, np.flatnonzero(deleted.any(axis=1)), frames.labels.whole()
-    if not len(rows) or frames.namer.step == BY_FIT:  # which needs all frames in their order
+    if not len(rows):
         return said
     some = take.in_order(rows)
     seen = np.where(some.of(deleted[rows])[..., None], np.nan, some.xyz)

@@ -8,7 +8,7 @@ import numpy as np
 
 from addon.core.papers.partial_solvers import features
 from addon.core.papers.partial_solvers.features import UP, Tables
-from addon.core.papers.partial_solvers.masks import TREE
+from addon.core.papers.partial_solvers.masks import TOLERANCE
 from addon.core.papers.partial_solvers.model import DOMAIN, Classifiers
 
 
@@ -68,7 +68,7 @@ def _rejects(classifiers: Classifiers, row: int, frame: int, labelling: np.ndarr
     if (points < 0).any():
         return False
     value = features.values(kind, np.array(frame), points, clouds)
-    return bool(value < classifiers.low[row] - TREE.tolerance or value > classifiers.high[row] + TREE.tolerance)
+    return bool(value < classifiers.low[row] - TOLERANCE or value > classifiers.high[row] + TOLERANCE)
 
 
 def exhaustive(markers: int, good: Callable[[int], bool], own: int | None = None) -> set[int]:

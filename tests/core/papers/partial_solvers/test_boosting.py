@@ -65,11 +65,6 @@ def test_a_rejected_labelling_is_passed_over():
     assert strong.chosen.tolist() == [0, 2]
 
 
-def test_what_nobody_rejects_ends_the_boosting():
-    strong = boost(np.zeros((3, 4), dtype=bool), np.full(4, 2), Boosting())
-    assert len(strong) == 0
-
-
 def test_boosting_reaches_its_accuracy_and_false_positives_fall():
     points = moving()
     pool, clouds = pool_of(points), tables(points)

@@ -7,15 +7,13 @@ import numpy as np
 import pytest
 
 from addon.core.evaluation.figures import Figures
-from addon.core.papers.partial_solvers.features import all_features
 from addon.core.papers.partial_solvers.frames import label_frames
 from addon.core.papers.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
 from addon.core.papers.partial_solvers.training import Training, train_partial_solvers
-from tests.accuracy.partial.clouds import Clouds, Trouble, drawn, spoilt
-from tests.accuracy.partial.report import BLOCKS
-from tests.accuracy.partial.results import Results, added
+from tests.accuracy.partial.clouds import Clouds, Trouble, spoilt
+from tests.accuracy.partial.measuring import TARGETS
+from tests.accuracy.partial.report import BLOCKS, Results, added
 from tests.accuracy.partial.scores import score
-from tests.accuracy.partial.solvers import growth
 from tests.core.papers.partial_solvers.toys import moving
 
 NAMES = ("MID", "LKNE", "RKNE", "LTOE", "RTOE")
@@ -47,19 +45,6 @@ def test_clouds_repeat_themselves_for_a_seed_and_have_ghosts_and_noise():
     real = clouds.truth >= 0
     off = (clouds.points - np.take_along_axis(frames, np.maximum(clouds.truth, 0)[..., None], axis=1))[real]
     assert off.std() == pytest.approx(0.01, rel=0.15)
-
-
-def test_a_missing_marker_is_nobodys_point():
-    frames = moving(5, 20)
-    frames[:, 2] = np.nan
-    assert (spoilt(frames, Trouble(), rng()).truth != 2).all()
-
-
-def test_frames_come_once_before_any_comes_twice():
-    frames = np.arange(10.0)[:, None, None] * np.ones((1, 2, 3))
-    once, more = drawn(frames, 10, rng()), drawn(frames, 25, rng())
-    assert sorted(once[:, 0, 0].tolist()) == list(range(10))
-    assert np.bincount(more[:, 0, 0].astype(int)).min() == 2
 
 
 def test_scores_by_hand():
@@ -115,28 +100,17 @@ def test_a_mirror_changes_nothing_for_the_papers_functions_and_much_for_turn():
             assert (turned == plain)[plain >= 0].mean() < 0.5
 
 
-@pytest.mark.parametrize("markers", [15, 26])
-def test_the_pool_of_features_is_small(markers):
-    kind, points = all_features(markers)
-    assert len(kind) == {15: 5670, 26: 53300}[markers]
-    assert kind.nbytes + points.nbytes < 4e6
-
-
-def test_growth_counts_rates_that_fall():
-    # Of two markers: marker 0 alone 0.5, marker 1 alone 0.9; together 0.7 and 0.6.
-    rates = np.array([[0, 0], [0.5, 0], [0, 0.9], [0.7, 0.6]])
-    compared, fallen, worst = growth(rates)
-    assert (compared, fallen) == (2, 1)
-    assert worst == pytest.approx(0.3)
-
-
-def test_results_add_up_wherever_they_stand():
-    one, other = {"a": [1, [2, 3]], "b": {"c": 4}}, {"a": [10, [20, 30]], "b": {"c": 40}}
-    assert added(one, other) == {"a": [11, [22, 33]], "b": {"c": 44}}
-
-
-@pytest.mark.parametrize("name", sorted(set(BLOCKS) - {"conditions"}))
-def test_blocks_can_be_printed_before_all_is_measured(name, tmp_path):
-    facts = {"facts": {"training": 7.0, "frames": 900}}
-    (tmp_path / "ours.ANN.json").write_text(json.dumps(facts), encoding="utf-8")
-    assert ("7 s" in BLOCKS[name](Results(tmp_path))) == (name == "training")
+def test_counts_of_people_are_put_together_in_blocks(tmp_path):
+    counts = [[4] * 15, [1] * 15, [5] * 15, [3] * 15, [2] * 15]
+    grid = {str(hide): {str(target): counts for target in TARGETS} for hide in range(6)}
+    for person in ("ANN", "BOB+CAT"):
+        (tmp_path / f"ours.{person}.json").write_text(json.dumps({"grid": grid}), encoding="utf-8")
+    assert added([{"a": [1, [2, 3]]}, {"a": [10, [20, 30]]}]) == {"a": [11, [22, 33]]}
+    results = Results(tmp_path)
+    blocks = {name: BLOCKS[name](results) for name in set(BLOCKS) - {"conditions"}}
+    assert "| 5 | ours, left out | 25.000 % |" in blocks["table4"]
+    assert "| 5 | ours, left out | 66.67 % |" in blocks["table5"]
+    assert "| 5 | ours, left out | 60.00 % |" in blocks["recall"]
+    assert "ours" not in blocks["cover"]
+    (column,) = [column for column, _ in results.with_study("grid")]
+    assert results.people(column) == "3 people left out, 2 trainings"

@@ -4,14 +4,13 @@
 from itertools import permutations
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from addon.core.papers.partial_solvers import solver as solver_module
 from addon.core.papers.partial_solvers.boosting import learn_intervals
 from addon.core.papers.partial_solvers.features import all_features, tables
-from addon.core.papers.partial_solvers.masks import Masks, TreeOptions
+from addon.core.papers.partial_solvers.masks import Masks
 from addon.core.papers.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, Classifiers
 from addon.core.papers.partial_solvers.solver import TreeSearch
 from tests.core.papers.partial_solvers.plain import accepts
@@ -37,7 +36,7 @@ def side_by_side(markers, classifiers, clouds):
 
 
 @settings(max_examples=12, deadline=None)
-@given(st.integers(0, 1000), st.integers(3, 6), st.sampled_from([PAPER_FUNCTIONS, FUNCTIONS]), st.booleans())
+@given(st.integers(0, 1000), st.integers(2, 6), st.sampled_from([PAPER_FUNCTIONS, FUNCTIONS]), st.booleans())
 def test_equals_trying_everything(seed, size, functions, boosted):
     generator = np.random.default_rng(seed)
     points = moving(7, 30, sway=0.1, seed=seed)
@@ -58,18 +57,6 @@ def test_seven_of_seven_against_all_5040():
     pool = pool_of(points)
     clouds = tables(points[:2])
     assert side_by_side(range(7), pool, clouds) == [by_trying(range(7), pool, frame, clouds) for frame in range(2)]
-
-
-def test_the_right_labelling_is_always_found_in_any_order_of_the_points():
-    points = moving(6, 80)
-    pool = pool_of(points)
-    generator = np.random.default_rng(4)
-    order = generator.random((80, 6)).argsort(axis=1)
-    shuffled = np.take_along_axis(points, order[..., None], axis=1)
-    place = order.argsort(axis=1)
-    cloud, chosen = TreeSearch(range(6), pool)(Masks(tables(shuffled)))
-    right = (chosen == place[cloud]).all(axis=1)
-    assert sorted(cloud[right].tolist()) == list(range(80))
 
 
 def test_none_one_and_several():
@@ -105,7 +92,7 @@ def test_parts_make_no_difference(monkeypatch):
     points = moving(6, 50, sway=0.2)
     pool = pool_of(points)
     whole = side_by_side(range(4), pool[pool.within(range(4))], tables(points))
-    monkeypatch.setattr(solver_module, "TREE", TreeOptions(max_rows=7))
+    monkeypatch.setattr(solver_module, "MAX_ROWS", 7)
     assert side_by_side(range(4), pool[pool.within(range(4))], tables(points)) == whole
 
 
@@ -124,15 +111,3 @@ def test_within_keeps_to_the_subset():
     assert set(inside.points.ravel().tolist()) == {-1, 0, 2, 5}
     assert len(inside) == 3 + 3 + 3 + 3
     assert isinstance(inside, Classifiers)
-
-
-@pytest.mark.parametrize("size", [1, 2])
-def test_the_smallest_solvers(size):
-    points = moving(4, 20)
-    pool = pool_of(points)
-    markers = list(range(size))
-    mine = pool[pool.within(markers)]
-    found = side_by_side(markers, mine, tables(points[:2]))
-    assert (0, 1)[:size] in found[0]
-    if size == 1:
-        assert found[0] == [(0,), (1,), (2,), (3,)]

@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Trained ensembles: what they promise of their solvers, and what they do with points."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
@@ -10,14 +8,13 @@ from addon.core.data.errors import InputError
 from addon.core.data.takes import BY_PARTIAL_SOLVERS, NO_STEP, Labels
 from addon.core.papers.partial_solvers import frames
 from addon.core.papers.partial_solvers.assess import Occlusions, assess, draw_occlusions
-from addon.core.papers.partial_solvers.boosting import rejections
 from addon.core.papers.partial_solvers.features import tables
 from addon.core.papers.partial_solvers.frames import SolversNamer, label_frames
 from addon.core.papers.partial_solvers.masks import Masks
 from addon.core.papers.partial_solvers.model import FUNCTIONS
 from addon.core.papers.partial_solvers.search import Genetics
 from addon.core.papers.partial_solvers.solver import TreeSearch
-from addon.core.papers.partial_solvers.training import SEARCHES, Training, train_partial_solvers, training
+from addon.core.papers.partial_solvers.training import SEARCHES, Training, train_partial_solvers
 from tests.core.papers.partial_solvers.toys import moving
 
 NAMES = tuple("ABCDEFG")
@@ -51,13 +48,6 @@ def test_it_covers_the_markers(partial_solvers):
     assert len({tuple(solver.markers) for solver in partial_solvers.solvers}) == len(partial_solvers)
 
 
-def test_solvers_only_use_classifiers_over_their_own_markers(partial_solvers):
-    for solver in partial_solvers.solvers:
-        mine = partial_solvers.classifiers[solver.strong.chosen]
-        assert mine.within(solver.markers).all()
-        assert (solver.strong.weights > 0).all()
-
-
 def test_each_solver_reaches_a_target_and_its_record_holds_on_new_samples(partial_solvers, points):
     masks = Masks(tables(points))
     removed = draw_occlusions(masks, Occlusions(5, 8), np.random.default_rng(77))
@@ -77,11 +67,6 @@ def test_a_hit_rate_outside_the_subset_is_undefined(partial_solvers):
     assert 0 <= solver.hit_rate(int(solver.markers[0])) <= 1
     with pytest.raises(KeyError):
         solver.hit_rate(outside)
-
-
-def test_strong_classifiers_accept_every_right_labelling(partial_solvers, points):
-    labelling = np.tile(np.arange(7), (len(points), 1))
-    assert not rejections(partial_solvers.classifiers, np.arange(len(points)), labelling, tables(points)).any()
 
 
 def test_the_same_seed_gives_the_same_ensemble(partial_solvers, points):
@@ -188,10 +173,3 @@ def test_frames_with_gaps_can_be_learned_from(points):
     given = named >= 0
     assert given.mean() > 0.6
     assert (named == np.arange(7))[given].mean() > 0.97
-
-
-def test_progress_ends_near_the_whole(points):
-    shares = list(training(points, NAMES, 0.99, OPTIONS))
-    assert shares[0][0] == 0.0
-    assert 0.9 < shares[-1][0] <= 1.0
-    assert all(after >= before for (before, _), (after, _) in pairwise(shares))

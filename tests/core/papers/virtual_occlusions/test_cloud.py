@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from addon.core.geometry.views import Sight, split_views
-from addon.core.papers.virtual_occlusions.cloud import build_cloud, partners
+from addon.core.papers.virtual_occlusions.cloud import build_cloud
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from tests.core.scenes import FLAWLESS, blobs_at, built_in, stand
 
@@ -36,11 +36,6 @@ def test_a_point_that_two_cameras_see_is_in_it():
     assert nearest.min() < 1e-6 and cloud.support[nearest.argmin()] == 2
 
 
-def test_a_point_that_one_camera_sees_is_not():
-    cloud = cloud_of(SPREAD[:1], drop={(1, 0), (2, 0), (3, 0)})
-    assert len(cloud.points) == 0 and len(cloud.weight) == 0
-
-
 def test_no_blobs_no_cloud():
     cloud = cloud_of(np.zeros((0, 3)))
     assert cloud.points.shape == (0, 3) and cloud.support.shape == (0,)
@@ -68,10 +63,3 @@ def test_of_many_cameras_the_neighbours_are_enough():
     distance = np.linalg.norm(cloud.points[:, None] - scene.points[0][None], axis=-1)
     assert (distance.min(axis=0)[seen >= 4] < 0.01).all()
     assert cloud.weight[distance.min(axis=1) > 0.03].sum() < 3
-
-
-def test_partners_are_the_nearest_cameras_either_way():
-    centres = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [10, 0, 0]])
-    expected = np.array([[0, 1, 0, 0], [1, 0, 1, 0], [0, 1, 0, 1], [0, 0, 1, 0]], bool)
-    assert (partners(centres, 1) == expected).all()
-    assert (partners(centres, 3) == ~np.eye(4, dtype=bool)).all()

@@ -5,13 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 
 from addon.core.body.bodies import BodyModel
-from addon.core.data.markersets import Capsules
 from addon.core.data.takes import Motion
 from addon.core.papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion, capsules_hide, hidden_by_any
+from tests.core.scenes import motion_of
 from tests.core.toybody import toy_markerset
 
 STANDOFF = 0.008
@@ -92,28 +90,6 @@ def test_a_marker_at_a_joint_is_not_hidden_by_the_segment_on_either_side_of_it()
     assert hide(knee, [marker], [outside, inside])[:, 0].tolist() == [False, True]
 
 
-coordinate = st.floats(-1.5, 1.5)
-point = st.tuples(coordinate, coordinate, coordinate)
-capsule = st.tuples(point, point, st.floats(0.02, 0.4))
-
-
-@settings(max_examples=150, deadline=None)
-@given(
-    st.lists(capsule, min_size=1, max_size=4),
-    st.lists(point, min_size=1, max_size=3),
-    st.lists(point, min_size=1, max_size=2),
-)
-def test_agrees_with_a_ray_marched_in_four_thousand_steps(capsules, markers, eyes):
-    found = hide(capsules, markers, eyes)
-    for camera, eye in enumerate(eyes):
-        for index, marker in enumerate(markers):
-            margins = marched(capsules, marker, eye)
-            margins = margins[~np.isnan(margins)]
-            # A march passes a surface by at most half a step; rays that graze it that closely prove nothing.
-            assume(np.all(np.abs(margins) > 2e-3) and np.linalg.norm(np.subtract(marker, eye)) > 1e-3)
-            assert found[camera, index] == bool((margins < 0).any())
-
-
 def test_random_bodies_agree_with_the_marched_ray_without_exception():
     markerset = toy_markerset()
     model, generator = BodyModel(markerset), np.random.default_rng(3)
@@ -172,49 +148,11 @@ def test_a_shrunk_body_hides_a_part_of_what_the_whole_body_hides():
     assert (thin & ~whole).mean() < 0.01
 
 
-def test_many_bodies_at_once_are_the_same_as_one_after_the_other():
-    markerset = toy_markerset()
-    model, generator = BodyModel(markerset), np.random.default_rng(1)
-    bodies = model.rest(60, 1.6)
-    bodies.bends[:, 1:] = generator.normal(0, 0.3, bodies.bends[:, 1:].shape)
-    posed, eyes = model.pose(bodies), generator.normal(0, 3, (5, 3))
-    occlusion = CapsuleOcclusion(markerset)
-    together = occlusion.hidden(posed.rotations, posed.joints, bodies.scale, posed.markers, eyes)
-    assert together.shape == (60, 5, len(markerset))
-    for index in (0, 17, 59):
-        one = slice(index, index + 1)
-        alone = occlusion.hidden(posed.rotations[one], posed.joints[one], bodies.scale[one], posed.markers[one], eyes)
-        assert np.array_equal(alone[0], together[index])
-
-
-def test_the_world_may_be_far_from_its_origin():
-    markerset, bodies, posed = standing()
-    eyes = np.random.default_rng(0).normal(0, 3, (8, 3))
-    occlusion, away = CapsuleOcclusion(markerset), np.array([2000.0, -3000.0, 50.0])
-    here = occlusion.hidden(posed.rotations, posed.joints, bodies.scale, posed.markers, eyes)
-    there = occlusion.hidden(posed.rotations, posed.joints + away, bodies.scale, posed.markers + away, eyes + away)
-    assert np.array_equal(here, there)
-
-
-def test_what_has_no_capsules_hides_nothing():
-    markerset = toy_markerset()
-    model, none = BodyModel(markerset), (np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-    prop = CapsuleOcclusion(replace(markerset, capsules=Capsules(*none)))
-    posed, centres = model.pose(model.rest(2, 1.0)), np.ones((3, 3))
-    found = prop.hidden(posed.rotations, posed.joints, np.ones((2, 3)), posed.markers, centres)
-    assert found.shape == (2, 3, len(markerset))
-    assert not found.any()
-
-
 def waiting(model: BodyModel, places: list[float]) -> Motion:
     """The body at rest at some places along x, frame after frame, m; NaN where it was not found."""
-    posed, frames = model.pose(model.rest(1, 1.0)), len(places)
-    shift = np.array(places)[:, None, None] * [1.0, 0.0, 0.0]
-    nothing, scale = np.full((frames, len(model.markerset)), np.nan), np.ones((frames, 3))
-    markers, joints = posed.markers + shift, posed.joints + shift
-    turns = np.repeat(posed.rotations, frames, axis=0)
-    still = nothing, nothing, np.zeros(nothing.shape, int), markers, joints, turns, scale, np.ones(frames)
-    return Motion(np.arange(frames), markers, *still)
+    posed, shift = model.pose(model.rest(1, 1.0)), np.array(places)[:, None, None] * [1.0, 0.0, 0.0]
+    markers, turns = posed.markers + shift, np.repeat(posed.rotations, len(places), axis=0)
+    return replace(motion_of(markers, markers), joints=posed.joints + shift, rotations=turns)
 
 
 def test_whoever_stands_between_hides_the_markers_of_others():

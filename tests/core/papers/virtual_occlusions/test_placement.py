@@ -12,7 +12,6 @@ from addon.core.data.errors import JobError
 from addon.core.geometry.views import Sight, split_views
 from addon.core.papers.virtual_occlusions.cloud import Cloud, build_cloud
 from addon.core.papers.virtual_occlusions.placement import (
-    blob_centre,
     blob_centroids,
     make_starts,
     principal_guess,
@@ -82,25 +81,6 @@ def test_one_camera_is_reported():
     with pytest.raises(JobError, match="do not fix a position") as caught:
         solve_translation(one.normalised(np.array([0.1, 0, 1])), one.extrinsics, np.zeros(3))
     assert caught.value.exit_status == 1 and "\n" not in str(caught.value)
-
-
-def test_two_cameras_that_look_along_one_line_are_reported():
-    """A5: the point lies on the line that joins the cameras."""
-    pair = ring_rig(8).select([0, 4])
-    middle = pair.centres.mean(axis=0)
-    with pytest.raises(JobError):
-        solve_translation(pair.normalised(middle), pair.extrinsics, np.zeros(3))
-
-
-def test_no_blobs_are_reported():
-    with pytest.raises(JobError):
-        blob_centre(split_views(blobs_at([np.zeros((0, 2))] * 4), RIG)[0], RIG.extrinsics)
-
-
-def test_the_blobs_centre_is_near_the_person():
-    scene = stand(built_in("body26"), RIG, seed=4, facing=2.0)
-    distance = blob_centre(scene.views()[0], RIG.extrinsics) - scene.points[0].mean(axis=0)
-    assert np.linalg.norm(distance) < 0.15
 
 
 def body_cloud(facing, height=1.7, ghosts=0, name="body26"):

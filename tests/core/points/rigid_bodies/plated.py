@@ -25,8 +25,6 @@ SEGMENTS = (
 CORNERS = ((0.04, 0.035), (-0.04, 0.03), (-0.035, -0.04), (0.045, -0.035))
 LONE = (("LHAND", "LUA", (0.02, 0.0, -0.32)), ("RHAND", "RUA", (0.02, 0.0, -0.32)))
 NAMES = (*(f"{part[0]}{corner}" for part in SEGMENTS for corner in "1234"), *(lone[0] for lone in LONE))
-# Which corner of a plate is where its mirror image has the first, second, third and fourth.
-ACROSS = {"PV": "2143", "BK": "2143", "HD": "4321", "FT": "4321"}
 
 
 @dataclass(frozen=True)
@@ -92,16 +90,3 @@ def walk(person: Body, seed: int = 0, frames: int = FRAMES, liveliness: float = 
         bend = 0.03 * np.sin(2 * np.pi * 0.7 * time[:, None] + np.arange(3)) * liveliness
         clouds.append((np.einsum("tij,tj->ti", turns[segment], at + bend) + joints[segment])[:, None])
     return np.concatenate(clouds, axis=1) + rng.normal(0, 0.0003, (frames, len(NAMES), 3))
-
-
-def mirror_image(points: np.ndarray) -> np.ndarray:
-    """The take as its mirror image, left and right named anew."""
-    return points[:, [NAMES.index(_other_side(name)) for name in NAMES]] * np.array([1.0, -1.0, 1.0])
-
-
-def _other_side(name: str) -> str:
-    whose, corner = ("", name) if name[0] not in "LR" else (name[0], name[1:])
-    swapped = {"L": "R", "R": "L", "": ""}[whose]
-    if corner[-1].isdigit() and corner[:-1] in ACROSS:
-        corner = corner[:-1] + ACROSS[corner[:-1]][int(corner[-1]) - 1]
-    return swapped + corner

@@ -72,18 +72,6 @@ def test_two_who_walk_side_by_side_are_followed():
     assert (found != NO_BODY).mean() > 0.8
 
 
-@pytest.mark.parametrize("apart_m", [0.4, 0.1])
-def test_two_who_come_near_are_followed_no_farther(monkeypatch, apart_m):
-    points, tracklet, truth = standing(1.2, 8.0)
-    way = np.zeros((len(points), 2, 2))
-    way[:, 1, 0] = np.clip(np.linspace(1, -2, len(points)), -1, 0)
-    monkeypatch.setattr(places, "BY_PLACE", PlacesOptions(apart_m=apart_m, gone_over=1.0))
-    found = bodies_by_place(walked(points, way), tracklet, np.arange(0, len(points), 3), len(truth), 2)
-    assert (found != NO_BODY).sum() > 2 * MARKERS
-    near = tracklet[360:][tracklet[360:] > tracklet[:330].max(axis=0)[None].repeat(len(points) - 360, axis=0)]
-    assert (found[near] != NO_BODY).any() == (apart_m == 0.1)
-
-
 def gone(points: np.ndarray, tracklet: np.ndarray, frames: slice) -> tuple[np.ndarray, np.ndarray]:
     """Points and tracklets without the second body in some frames, and with four of a thing 1.6 m from it in all."""
     thing = np.full((len(points), THING, 3), [2.9, 0.7, 0.5]) + np.linspace(0, 0.1, THING)[:, None]

@@ -6,7 +6,6 @@ import pytest
 
 from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
-from addon.core.data.takes import Points
 from addon.core.geometry.rotations import exponential
 from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.props import is_prop
@@ -15,7 +14,8 @@ from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.training.pipeline import TrainingOptions, train
 from addon.core.training.takes import LabelledTake
 from addon.io.models import open_model
-from tests.core.points.several.test_several import RATE, person
+from tests.core.points.several.test_several import person
+from tests.core.scenes import anonymous
 
 NAMES = ("GRIP", "NECK", "LEFT", "TOP", "RIGHT")
 FORM = np.array([[0.15, 0, 0], [0.35, 0, 0.02], [0.6, 0.11, 0], [0.68, 0, 0.01], [0.55, -0.13, 0.03]])
@@ -40,7 +40,7 @@ def test_a_prop_in_the_hand_and_who_holds_it_are_named(racket):
     held = swung(len(walker), 3, walker[:, 0] + [0.1, 0.3, 0.2])
     xyz = np.concatenate([walker, held], axis=1)
     order = np.random.default_rng(5).permutation(20)
-    take = Points(("",) * 20, xyz[:, order], np.full(xyz.shape[:2], 0.0005), RATE, 1)
+    take = anonymous(xyz[:, order])
     asked = SeveralOptions(subjects=(Wearer("racket", racket), Wearer("ann", model)))
     found = finished(label_several(take, asked, PointOptions("likelihood")))
     assert found.worn.markers[:6] == (*(f"racket:{name}" for name in NAMES), "ann:SACR")
@@ -51,7 +51,6 @@ def test_a_prop_in_the_hand_and_who_holds_it_are_named(racket):
 
 def test_a_prop_that_is_not_there_is_said(racket):
     walker = person(1, 1, 0.0)
-    take = Points(("",) * 15, walker, np.full(walker.shape[:2], 0.0005), RATE, 1)
     asked = SeveralOptions(subjects=(Wearer("ann", open_model("gait15")), Wearer("bat", racket)))
     with pytest.raises(JobError, match="shows no bat, or not often enough to know it by the form of racket; expected"):
-        finished(label_several(take, asked, PointOptions("likelihood")))
+        finished(label_several(anonymous(walker), asked, PointOptions("likelihood")))

@@ -92,7 +92,7 @@ def test_another_set_sits_elsewhere_and_is_refused(model, markers):
     elsewhere = markers + rng.normal(0, 0.08, (1, markers.shape[1], 3))
     other = usual_fit(model.likelihood, elsewhere)
     assert own.residual < REFUSAL.max_residual < other.residual
-    namer = namer_of(model, "likelihood", None)
+    namer = namer_of(model, "likelihood")
     refuse_unlike(model, namer, markers, own)
     with pytest.raises(JobError, match="does not look like a take of model body26"):
         refuse_unlike(model, namer, markers, other)

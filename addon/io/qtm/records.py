@@ -1,38 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The blobs of a `.qtm`, frame by frame over all cameras, as rows like those of a blob file."""
+"""The blobs of a `.qtm` as rows like those of a blob file, and its 3D points: which of them were measured."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from ...core.data.errors import InputError
 from ...core.geometry.cameras import Cameras
-from ..rig import SUBPIXELS
+from ..cameras import SUBPIXELS
 from ..rows import MAX_PIXEL, Rows
-from .capture import CAMERA_DATA, QtmCamera, QtmCapture
+from ..samples import PointFile, Samples
+from .capture import CAMERA_DATA, TRAJECTORY_DATA, QtmCamera, QtmCapture
 from .container import KIND
 
 BLOB_COUNT = np.dtype("<u4")  # of a frame's blobs, behind its head
 DISCARDED_BLOB = "Discarded by size test"
 
 
-@dataclass(frozen=True)
-class QtmBlobOptions:
-    """How the blobs are read, and what is no frame; memory, and what cameras send.
-
-    frames       of all cameras that are put together at a time
-    bytes        of blobs that are unpacked for that, of all cameras together, unless one frame has more
-    max_a_frame  blobs that one camera finds in a frame: the most that cameras send are some thousands
-    """
-
-    frames: int = 256
-    bytes: int = 1 << 24
-    max_a_frame: int = 20_000
-
-
-QTM_BLOBS = QtmBlobOptions()
+# How the blobs are read, and what is no frame; memory, and what cameras send.
+IMAGES_AT_ONCE = 256  # of all cameras that are put together at a time
+BYTES_AT_ONCE = 1 << 24  # of blobs that are unpacked for that, of all cameras together, unless one frame has more
+MAX_A_FRAME = 20_000  # blobs that one camera finds in a frame: the most that cameras send are some thousands
 
 
 def rows_of_qtm(path: Path, cameras: Cameras) -> Iterator[tuple[Rows, float, bool]]:
@@ -69,9 +59,9 @@ def _rows(
     streams: list["FrameStream"], cameras: list[int], ranges: np.ndarray, path: Path
 ) -> Iterator[tuple[Rows, float, bool]]:
     total, done = int((ranges[:, 1] - ranges[:, 0] + 1).sum()), 0
-    ahead = QTM_BLOBS.bytes // len(streams)
+    ahead = BYTES_AT_ONCE // len(streams)
     while done < total:
-        count = min(stream.ahead(min(QTM_BLOBS.frames, total - done), ahead) for stream in streams)
+        count = min(stream.ahead(min(IMAGES_AT_ONCE, total - done), ahead) for stream in streams)
         if not count:
             raise InputError(f"ends after {done} of {total} frames of blobs; expected all of them", path)
         frames = _numbers(ranges, done, count)
@@ -143,9 +133,9 @@ class FrameStream:
             if self._filled(begin) == at:
                 break
             blobs = int.from_bytes(self._bytes[begin - BLOB_COUNT.itemsize : begin], "little")
-            if blobs > QTM_BLOBS.max_a_frame:
+            if blobs > MAX_A_FRAME:
                 words = f"has a frame of {blobs} blobs of camera {self.name}"
-                raise InputError(f"{words}; expected at most {QTM_BLOBS.max_a_frame}", self.path)
+                raise InputError(f"{words}; expected at most {MAX_A_FRAME}", self.path)
             if self._filled(begin + blobs * self.cell.itemsize) < begin + blobs * self.cell.itemsize:
                 raise InputError(f"ends within a frame of camera {self.name}; expected {KIND}", self.path)
             self._frames.append((begin, blobs))
@@ -173,3 +163,77 @@ class FrameStream:
         self._bytes = self._bytes[end:]
         self._frames = [(begin - end, blobs) for begin, blobs in rest]
         return np.array([blobs for _, blobs in frames]), found
+
+
+COORDINATES, POINT_RESIDUAL, POINT_TYPE = ("X", "Y", "Z"), "Residual", "Point Type"
+# Kinds of samples that no camera measured, by their names in the file.
+FILLED_TYPES = ("Point Type Gap Filled", "Point Type Virtual", "Point Type Linear Gap Fill")
+
+
+# What is no take of points; physical, and memory.
+MAX_MM = 1e9  # mm: no room is a thousand kilometres wide
+MAX_POINT_FRAMES = 50_000_000  # of a take: a day at 500 Hz, and each takes memory
+
+
+def read_qtm_points(path: Path) -> PointFile:
+    """The 3D points of a file that were not discarded; InputError where it has none."""
+    with QtmCapture(path) as capture:
+        kept = capture.kept
+        if not kept:
+            raise InputError("has no 3D points; expected a take that was tracked in 3D, or its blobs", path)
+        chosen = [capture.trajectories[at] for at in kept]
+        first = min(int(one.ranges[0, 0]) for one in chosen)
+        frames = max(int(one.ranges[-1, 1]) for one in chosen) - first + 1
+        if frames > MAX_POINT_FRAMES:
+            raise InputError(f"has {frames} frames of 3D points; expected at most {MAX_POINT_FRAMES}", path)
+        if capture.point_rate is None:
+            raise InputError(f"has no rate of its 3D points; expected {KIND}", path)
+        labels, count = [one.label for one in chosen], len(capture.trajectories)
+        parts = partial(_point_parts, Path(path), kept, first)
+        return PointFile(labels, np.array(kept), count, frames, capture.point_rate, first, parts, unit="mm")
+
+
+def _point_parts(path: Path, columns: Sequence[int], first: int) -> Iterator[Samples]:
+    """All samples, part by part: mm; a residual of 0 says that a sample was filled, NaN that it is not known."""
+    with QtmCapture(path) as capture:
+        dtype, cell = capture.schema.record(TRAJECTORY_DATA)
+        named = dtype.names or ()
+        if cell is not None or any(name not in named for name in (*COORDINATES, POINT_RESIDUAL, POINT_TYPE)):
+            raise InputError(f"describes no points with X, Y, Z, residual and type; expected {KIND}", path)
+        bits = capture.schema.bits(TRAJECTORY_DATA, POINT_TYPE)
+        filled = sum(bits.get(name, 0) for name in FILLED_TYPES)
+        for column in columns:
+            yield from _point_samples(capture, column, dtype, filled, first)
+
+
+def _point_samples(capture: QtmCapture, column: int, dtype: np.dtype, filled: int, first: int) -> Iterator[Samples]:
+    """Those of one trajectory, block by block."""
+    one = capture.trajectories[column]
+    series, lengths = capture.series(one.number), one.ranges[:, 1] - one.ranges[:, 0] + 1
+    what = f"trajectory {column}" + (f" ({one.label[:40]})" if one.label else "")
+    if series.size != dtype.itemsize * int(lengths.sum()):
+        raise InputError(
+            f"has {series.size / dtype.itemsize:g} samples of {what} in {int(lengths.sum())} frames; expected one each",
+            capture.path,
+        )
+    done, rest = 0, b""
+    for block in series.blocks():
+        content = rest + block
+        whole = len(content) // dtype.itemsize
+        records, rest = np.frombuffer(content, dtype, whole), content[whole * dtype.itemsize :]
+        frame = _numbers(one.ranges, done, whole) - first
+        done += whole
+        yield _measured(records, frame, column, filled, what, capture.path)
+
+
+def _measured(records: np.ndarray, frame: np.ndarray, column: int, filled: int, what: str, path: Path) -> Samples:
+    """The samples that are there, and what each of them is worth."""
+    xyz = np.stack([records[name] for name in COORDINATES], axis=1).astype(float)
+    there = np.isfinite(xyz).all(axis=1)
+    if np.abs(xyz[there]).max(initial=0) > MAX_MM:
+        raise InputError(f"has a sample of {what} that is in no room; expected mm", path)
+    residual = records[POINT_RESIDUAL].astype(float)
+    residual[~((residual > 0) & (residual < MAX_MM))] = np.nan
+    residual[(records[POINT_TYPE] & filled) != 0] = 0.0
+    columns = np.full(int(there.sum()), column, np.int32)
+    return Samples(frame[there].astype(np.int32), columns, xyz[there], residual[there])

@@ -1,30 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`STEM.report.html`: what a person who gets a labelled take should see of it before using it."""
+"""`STEM.report.html` and `summary.report.html`: what a person should see of a take, or of a folder of takes."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-
-import numpy as np
+from urllib.parse import quote
 
 from ...core.data.wording import count_of
 from ...core.edits.wording import words_of
 from ...core.review.camera_words import cameras_in
 from ...core.review.overview import CELL_STATES, TakeOverview
-from .drawings import bar, moment_views, over_time, strip_legend, time_strips
-from .markup import (
-    GENERATOR,
-    Html,
-    element,
-    escaped,
-    joined_html,
-    length,
-    name_of,
-    percent,
-    section,
-    table,
-    write_page,
-)
+from ..batch import FAILING, TakeRow, worst_first
+from .drawings import bar, moment_views, strip_legend, time_strips
+from .markup import GENERATOR, Html, element, escaped, joined_html, length, name_of, percent, section, table, write_page
 
 # How labels came about, in the order of label files.
 STEP_WORDS = {
@@ -39,19 +27,9 @@ STEP_WORDS = {
 }
 
 
-@dataclass(frozen=True)
-class PageOptions:
-    """How many rows a page lists before it says how many more there are; what a person reads.
-
-    max_rows   of doubts, edits and notes, and
-    max_gaps   of gaps, the worst of which come first
-    """
-
-    max_rows: int = 250
-    max_gaps: int = 40
-
-
-PAGES = PageOptions()
+# How many rows a page lists before it says how many more there are; what a person reads.
+LISTED_ROWS = 250  # of doubts, edits and notes
+LISTED_GAPS = 40  # of gaps, the worst of which come first
 
 
 def write_take_page(path: Path, report: Mapping, overview: TakeOverview, source: str, written: str):
@@ -68,7 +46,6 @@ def write_take_page(path: Path, report: Mapping, overview: TakeOverview, source:
         _to_look_at(report),
         _found(report),
         _by_time(overview),
-        _lengths(overview),
         _cameras(report, overview),
         _by_whom(report, overview),
         _filled(report),
@@ -83,7 +60,8 @@ def write_take_page(path: Path, report: Mapping, overview: TakeOverview, source:
 
 def _head(report: Mapping, overview: TakeOverview) -> Html:
     seconds = overview.frames / report["rate"]
-    words = f"{count_of(overview.frames, 'frame')} ({_clock(seconds)}), marker set "
+    clock = f"{seconds:.1f} s" if seconds < 60 else f"{int(seconds // 60)} min {seconds % 60:.0f} s"
+    words = f"{count_of(overview.frames, 'frame')} ({clock}), marker set "
     return joined_html(
         [
             element("h1", name_of(report["take"])),
@@ -96,10 +74,6 @@ def _model_of(report: Mapping) -> Html:
     """The marker set, and which version of it where that is known."""
     version = f", version {report['model_version']}" if "model_version" in report else ""
     return joined_html([name_of(report["model"]), escaped(version)])
-
-
-def _clock(seconds: float) -> str:
-    return f"{seconds:.1f} s" if seconds < 60 else f"{int(seconds // 60)} min {seconds % 60:.0f} s"
 
 
 def _tiles(report: Mapping, overview: TakeOverview) -> Html:
@@ -150,7 +124,7 @@ def _notes(report: Mapping) -> Html | None:
     said += [f"{name} is {short} in the C3D file" for name, short in report.get("c3d_names", {}).items()]
     if not said:
         return None
-    lines = (element("li", _sentence(words)) for words in said[: PAGES.max_rows])
+    lines = (element("li", _sentence(words)) for words in said[:LISTED_ROWS])
     return element("div", element("ul", *lines), class_="notes", role="note", aria_label="Notes")
 
 
@@ -190,10 +164,10 @@ def _to_look_at(report: Mapping) -> Html | None:
         return section("To look at", element("p", "Nothing."))
     rows = [
         (_frames(one["first"], one["last"]), _sentence(one["reason"]), _sentence(one["advice"]))
-        for one in found[: PAGES.max_rows]
+        for one in found[:LISTED_ROWS]
     ]
     words = "The worst first: where most would be wrong or missing if it is as it looks"
-    return section("To look at", table(("Where", "What", "What to do"), rows, words), _more(found, PAGES.max_rows))
+    return section("To look at", table(("Where", "What", "What to do"), rows, words), _more(found, LISTED_ROWS))
 
 
 def _more(rows: Sequence, most: int, where: str = "the report as JSON") -> Html | None:
@@ -251,55 +225,28 @@ def _by_time(overview: TakeOverview) -> Html | None:
     return section("Over time", strip_legend(states), wide)
 
 
-def _lengths(overview: TakeOverview) -> Html | None:
-    parts = []
-    kinds = (
-        (overview.residual, "Residual", "How far the rays of a sample miss its point, or what its file says of that"),
-        (overview.off_body, "Distance from the body", "How far each marker is from where the fitted body has it"),
-    )
-    for log, title, words in kinds:
-        if not log.any:
-            continue
-        half, most = log.spread.quantile(0.5), log.spread.quantile(0.99)
-        said = f"{words}: half of them below {length(half)} mm, 99 of 100 below {length(most)} mm. "
-        said += "Over the take: the mean of all markers, and, in the thinner line, the largest."
-        plot = over_time(log, overview, f"{title} over the take")
-        parts.append(element("h3", title))
-        figure = element("figure", plot, element("figcaption", said), class_="plot")
-        parts.append(element("div", figure, class_="wide"))
-    return section("Residuals", *parts)
-
-
 def _cameras(report: Mapping, overview: TakeOverview) -> Html | None:
-    names = overview.cameras.names
-    if not names:
-        return None
-    doubts, said = report.get("camera_doubts", ()), report.get("cameras", {})
+    names, doubts = overview.cameras.names, report.get("camera_doubts", ())
     rows = []
-    shares = overview.blobs[:, 1] / np.maximum(overview.blobs[:, 0], 1)
-    for index in np.argsort(shares, kind="stable").tolist():
-        name, (blobs, named) = names[index], overview.blobs[index].tolist()
-        share = named / blobs if blobs else None
-        seen = said.get(name, {})
-        of_image = seen["named"] / seen["in_image"] if seen.get("in_image") else None
-        flags = [words for words in doubts if name in cameras_in(words, names)]
+    for name, seen in report.get("cameras", {}).items():
+        share = seen["named_blobs"] / seen["blobs"] if seen["blobs"] else None
+        flags = [element("div", _sentence(words)) for words in doubts if name in cameras_in(words, names)]
         rows.append(
             (
                 name_of(name),
-                f"{blobs:,}",
+                f"{seen['blobs']:,}",
                 bar(share, f"Named blobs of {name}"),
-                percent(of_image),
-                length(overview.pixels.quantile(0.5, index)),
-                length(overview.pixels.quantile(0.95, index)),
-                joined_html(element("div", _sentence(words)) for words in flags) if flags else "–",
+                percent(seen["named"] / seen["in_image"] if seen["in_image"] else None),
+                length(seen["reprojection_px"]),
+                joined_html(flags) or "–",
             )
         )
-    heads = ("Camera", "Blobs", "Named", "Of its markers", "Median, px", "95 of 100, px", "To look at")
+    heads = ("Camera", "Blobs", "Named", "Of its markers", "Median, px", "To look at")
     words = (
-        "Blobs and how many of them have a name, the fewest first; how many of the markers in its image have a blob; "
-        "how far named blobs are from where their marker is (reprojection error)"
+        "Blobs and how many of them have a name; how many of the markers in its image have a blob; how far named blobs "
+        "are from where their marker is (reprojection error)"
     )
-    return section("Cameras", table(heads, rows, words, (1, 3, 4, 5)))
+    return section("Cameras", table(heads, rows, words, (1, 3, 4))) if rows else None
 
 
 def _by_whom(report: Mapping, overview: TakeOverview) -> Html | None:
@@ -316,8 +263,8 @@ def _by_whom(report: Mapping, overview: TakeOverview) -> Html | None:
             for number, (edit, out) in enumerate(zip(overview.edits, outcomes, strict=True), 1)
         ]
         words = "What a person said, in the order in which it is applied, and how many labels or frames that is about"
-        parts.append(table(("Number", "Said", "About"), listed[: PAGES.max_rows], words))
-        parts.append(_more(listed, PAGES.max_rows, "the file of the edits"))
+        parts.append(table(("Number", "Said", "About"), listed[:LISTED_ROWS], words))
+        parts.append(_more(listed, LISTED_ROWS, "the file of the edits"))
     elif rows:
         parts.append(element("p", "Nothing was said by hand."))
     return section("Named by program and by hand", *parts)
@@ -334,41 +281,23 @@ def _filled(report: Mapping) -> Html | None:
         )
     ]
     if done:
-        kinds = [_of_method(method, rows) for method, rows in _grouped(done).items()]
-        heads = ("Method", "Gaps", "Frames", "Mean error to expect, mm")
-        parts.append(table(heads, kinds, "By method", (1, 2, 3)))
         worst = sorted(done, key=lambda row: -(row["expected_mm"] or 0.0))
         rows = [
             (name_of(row["marker"]), _frames(row["first"], row["last"]), row["method"], length(row["expected_mm"]))
-            for row in worst[: PAGES.max_gaps]
+            for row in worst[:LISTED_GAPS]
         ]
         words = "Gaps that were filled, those with the largest error to expect first"
         parts += [
             table(("Marker", "Where", "Method", "Error to expect, mm"), rows, words, (3,)),
-            _more(worst, PAGES.max_gaps),
+            _more(worst, LISTED_GAPS),
         ]
     if left:
         reasons = [
             (name_of(row["marker"]), _frames(row["first"], row["last"]), _sentence(f"it {row['reason']}"))
-            for row in left[: PAGES.max_gaps]
+            for row in left[:LISTED_GAPS]
         ]
-        parts += [table(("Marker", "Where", "Why"), reasons, "Gaps that were left"), _more(left, PAGES.max_gaps)]
+        parts += [table(("Marker", "Where", "Why"), reasons, "Gaps that were left"), _more(left, LISTED_GAPS)]
     return section("Filled gaps", *parts)
-
-
-def _grouped(rows: Iterable[Mapping]) -> dict[str, list[Mapping]]:
-    found: dict[str, list[Mapping]] = {}
-    for row in rows:
-        found.setdefault(row["method"], []).append(row)
-    return dict(sorted(found.items(), key=lambda item: -len(item[1])))
-
-
-def _of_method(method: str, rows: Sequence[Mapping]) -> tuple:
-    frames = np.array([row["last"] - row["first"] + 1 for row in rows])
-    known = np.array([row["expected_mm"] is not None for row in rows])
-    errors = np.array([row["expected_mm"] or 0.0 for row in rows])
-    mean = float((errors * frames)[known].sum() / frames[known].sum()) if known.any() else None
-    return method, f"{len(rows):,}", f"{int(frames.sum()):,}", length(mean)
 
 
 def _made(report: Mapping, overview: TakeOverview, source: str) -> Html | None:
@@ -392,3 +321,99 @@ def _made(report: Mapping, overview: TakeOverview, source: str) -> Html | None:
         joined_html([element("dt", name), element("dd", value)]) for name, value in facts.items() if value is not None
     ]
     return section("How it was made", element("dl", *said))
+
+
+def write_folder_page(path: Path, rows: Sequence[TakeRow], written: str):
+    """Writes the page over takes by their rows of the summary, and says of those that failed why.
+
+    The takes' own pages lie beside this one; written is the day, as text.
+    """
+    ordered = worst_first(rows)
+    labelled = [row for row in ordered if row.measured]
+    failed = [row for row in ordered if row.state == FAILING]
+    words = f"{count_of(len(labelled), 'take')} labelled" + (f", {len(failed)} failed" if failed else "")
+    to_come = len(ordered) - len(labelled) - len(failed)
+    words += f", {to_come} to come" if to_come else ""
+    version = f"{GENERATOR} {labelled[0].version}" if labelled else GENERATOR
+    parts = (
+        element("h1", "Labelled takes"),
+        element("p", f"{words}, {sum(row.frames for row in labelled):,} frames.", class_="soft"),
+        _failed(failed),
+        _takes(labelled),
+        _markers(labelled),
+        element("footer", f"Made by {version} on {written}. This page asks for nothing from elsewhere."),
+    )
+    write_page(path, "Labelled takes", (part for part in parts if part is not None))
+
+
+def _failed(failed: Sequence[TakeRow]) -> Html | None:
+    if not failed:
+        return None
+    rows = [(name_of(row.source), row.reason) for row in failed]
+    return section("Takes that failed", table(("Take", "Why"), rows, "They have no page"))
+
+
+def _takes(takes: Sequence[TakeRow]) -> Html | None:
+    if not takes:
+        return None
+    filled = any(row.gaps for row in takes)
+    heads = [
+        "Take",
+        "To look at",
+        "At stake",
+        "Named",
+        "On the body",
+        "Samples found",
+        "Frames whole",
+        "Frames",
+        "Time",
+    ]
+    heads += ["Gaps filled"] if filled else []
+    cells = [
+        _cells(row) + ([("–" if row.gaps is None else f"{row.gaps[0]:,} of {row.gaps[1]:,}")] if filled else [])
+        for row in takes
+    ]
+    words = (
+        "Those with the most at stake first: frames of a marker that are wrong or missing if what is to be looked at "
+        "is as it seems. On the body is what has no name there. A frame is whole where every marker of the take is "
+        "found"
+    )
+    return section("Takes", table(heads, cells, words, {1, 2, 3, 4, 7, 8, 9} & set(range(len(heads)))))
+
+
+def _cells(row: TakeRow) -> list:
+    return [
+        element("a", name_of(row.take), href=("./" + quote(os.fsencode(row.page)))) if row.page else name_of(row.take),
+        f"{row.trouble:,}",
+        f"{row.at_stake:,.0f}",
+        percent(row.named),
+        f"{row.on_body:,}",
+        bar(row.found, f"Samples found of {row.take}"),
+        bar(row.whole / max(row.frames, 1), f"Frames whole of {row.take}"),
+        f"{row.frames:,}",
+        f"{length(row.seconds)} s",
+    ]
+
+
+def _markers(takes: Sequence[TakeRow]) -> Html | None:
+    """How often each marker was found in all takes, and in which the least."""
+    names = dict.fromkeys(name for row in takes for name in row.markers or ())
+    rows = []
+    for name in names:
+        own = [row for row in takes if name in (row.markers or ())]
+        found = [(row.markers or {}).get(name, 0) / max(row.frames, 1) for row in own]
+        frames = [row.frames for row in own]
+        mean = sum(part * count for part, count in zip(found, frames, strict=True)) / max(sum(frames), 1)
+        least = min(range(len(own)), key=found.__getitem__)
+        rows.append((mean, name, found[least], own[least].take))
+    listed = [
+        (
+            name_of(name),
+            bar(mean, f"Frames with {name}"),
+            percent(least) if least < 1 else "–",
+            name_of(take) if least < 1 else "–",
+        )
+        for mean, name, least, take in sorted(rows, key=lambda row: (row[0], row[2]))
+    ]
+    heads = ("Marker", "Found", "Least", "In take")
+    return section("Markers", table(heads, listed, "In all takes, the least found first", (2,))) if listed else None
