@@ -120,7 +120,7 @@ PICTURE_WIDTH, PICTURE_HEIGHT, PANELS = (
     720,
     850,
 )  # px; the room has what is left of where the panels of the cameras begin
-PAPER, PANEL, GRID, BODY = (0.075, 0.088, 0.115), (0.045, 0.055, 0.075), (0.17, 0.2, 0.26), (0.24, 0.28, 0.36)
+PAPER, PANE, GRID, BODY = (0.075, 0.088, 0.115), (0.045, 0.055, 0.075), (0.17, 0.2, 0.26), (0.24, 0.28, 0.36)
 INK, DIM, CAMERA_COLOUR = (0.93, 0.95, 0.98), (0.56, 0.61, 0.7), (0.72, 0.78, 0.88)
 TRUNK_COLOUR = (0.98, 0.83, 0.42)
 ARM_COLOURS, LEG_COLOURS = ((1.0, 0.55, 0.66), (0.36, 0.8, 0.98)), ((1.0, 0.62, 0.36), (0.5, 0.66, 1.0))  # right, left
@@ -160,7 +160,9 @@ def draw(shot: Shot, title: str, subtitle: str, path: Path):
     colours = limb_colours(shot.markerset)
     draw_room(sheet, shot, colours)
     sheet.polygon(
-        [(PANELS - 14, 0), (PICTURE_WIDTH, 0), (PICTURE_WIDTH, PICTURE_HEIGHT), (PANELS - 14, PICTURE_HEIGHT)], PANEL, 4
+        [(PANELS - 14, 0), (PICTURE_WIDTH, 0), (PICTURE_WIDTH, PICTURE_HEIGHT), (PANELS - 14, PICTURE_HEIGHT)],
+        PANE,
+        4,
     )
     for row, index in enumerate(two_cameras(shot)):
         draw_panel(sheet, shot, index, colours, np.array([PANELS, 34.0 + 342 * row]), np.array([416.0, 304.0]))

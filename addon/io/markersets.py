@@ -15,7 +15,7 @@ from .text import EXPECTED, can_be_named, can_be_written, is_unicode, json_text,
 
 # What no marker set holds; physical.
 MAX_NUMBER = 1e3  # heights, metres and square radians of a body are all far below it
-MAX_ROWS = 1000  # of a table: a subject has a hundred markers at most and fewer joints
+MARKERSET_ROWS = 1000  # of a table: a subject has a hundred markers at most and fewer joints
 
 
 class Reader:
@@ -39,8 +39,8 @@ class Reader:
         value = top.get(key)
         if not isinstance(value, list) or not (value or empty):
             self.fail(f'"{key}" is missing or empty; expected a list')
-        if len(value) > MAX_ROWS:
-            self.fail(f'"{key}" has {len(value)} rows; expected at most {MAX_ROWS}')
+        if len(value) > MARKERSET_ROWS:
+            self.fail(f'"{key}" has {len(value)} rows; expected at most {MARKERSET_ROWS}')
         words = [f"{key}[{index}]" for index in range(len(value))]
         return [(where, self.mapping(row, where)) for where, row in zip(words, value, strict=True)]
 

@@ -26,7 +26,9 @@ KEPT, TAUGHT, FRAMES = "kept", "taught", "frames"
 
 # What a training on is checked by beside the takes that are kept for it; assumed, by the time that it takes.
 MAX_TAUGHT = 6  # takes that earlier trainings learned from, spread over them
-MAX_FRAMES = 60  # of each subject none of whose takes is there: of what the model itself keeps, each named on its own
+CHECKED_FRAMES = (
+    60  # of each subject none of whose takes is there: of what the model itself keeps, each named on its own
+)
 MAX_SUBJECTS_UNSEEN = 12  # subjects of whom such frames are taken
 
 
@@ -142,7 +144,7 @@ def _known_names(one: KeptFile, by_hand: bool) -> KnownNames:
 
 def _frames_of(subject: str, points: np.ndarray, names: tuple[str, ...]) -> KnownNames:
     """What a model keeps of a subject, (F, M, 3) m, as frames that have nothing to do with each other."""
-    xyz = points[evenly_spread(len(points), MAX_FRAMES)]
+    xyz = points[evenly_spread(len(points), CHECKED_FRAMES)]
     frames, markers = xyz.shape[:2]
     order = np.random.default_rng(frames).permuted(np.tile(np.arange(markers), (frames, 1)), axis=1)
     xyz = np.take_along_axis(xyz, order[..., None], axis=1)

@@ -14,7 +14,7 @@ from .gaps import Gap, KnownMarkers, find_gaps, find_strays
 from .kept import KeptFill
 from .rays import NO_RAYS, MarkerRays, held
 from .regression import MarkerModel, learned, neighbours_of, regress
-from .trials import TRIALS, Answer, Choice, Way, choose, graded, pace_of, paces
+from .trials import GAPPED, Answer, Choice, Way, choose, graded, pace_of, paces
 
 # In the order of the command line; "auto" picks among all but itself. Those carry a marker by what moves with it.
 FILL_METHODS = ("auto", "spline", "rigid", "pattern", "pca", "body", "regression")
@@ -301,7 +301,7 @@ class _Filler:
         """The choice for gaps like this one, tried once."""
         sides, summed = (gap.start == 0, gap.stop == len(own)), paces(self.take, neighbours, self.rate)
         pace = graded(pace_of(summed, gap.start, gap.stop))
-        key = (gap.marker, graded(len(gap)), pace, sides, *neighbours[: TRIALS.alike_by].tolist())
+        key = (gap.marker, graded(len(gap)), pace, sides, *neighbours[: GAPPED.alike_by].tolist())
         if key not in self.chosen:
             self.chosen[key] = choose(self.take, gap, neighbours, own, ways, summed, self.rate) or self._untried()
         return self.chosen[key]

@@ -23,7 +23,7 @@ class NeighbourOptions:
     help_ratio: int = 4
 
 
-NEIGHBOURS = NeighbourOptions()
+FILLING_NEIGHBOURS = NeighbourOptions()
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ class KnownMarkers:
     def helping(self, gap: Gap) -> np.ndarray:
         """The markers that are known all through a gap and its ends, those that move most like it first."""
         part = self.window(gap)
-        known = np.isfinite(self.xyz[part, :, 0]) & (NEIGHBOURS.help_ratio * self.length[part] <= len(gap))
+        known = np.isfinite(self.xyz[part, :, 0]) & (FILLING_NEIGHBOURS.help_ratio * self.length[part] <= len(gap))
         spread = np.where(known.all(axis=0), self.spread[gap.marker], np.inf)
         spread[gap.marker] = np.inf
         order = np.argsort(spread, kind="stable")
@@ -187,9 +187,9 @@ class KnownMarkers:
 
 
 def _spread(xyz: np.ndarray) -> np.ndarray:
-    distances = pairwise_distances(xyz[evenly_spread(len(xyz), NEIGHBOURS.spread_frames)])
+    distances = pairwise_distances(xyz[evenly_spread(len(xyz), FILLING_NEIGHBOURS.spread_frames)])
     known = np.isfinite(distances)
     count = np.maximum(known.sum(axis=0), 1)
     mean = np.where(known, distances, 0).sum(axis=0) / count
     square = (np.where(known, distances - mean, 0) ** 2).sum(axis=0) / count
-    return np.where(known.sum(axis=0) >= NEIGHBOURS.min_together, np.sqrt(square), np.inf)
+    return np.where(known.sum(axis=0) >= FILLING_NEIGHBOURS.min_together, np.sqrt(square), np.inf)

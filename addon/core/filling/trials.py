@@ -54,7 +54,7 @@ class GapTrialOptions:
     max_factor: float = 3.0
 
 
-TRIALS = GapTrialOptions()
+GAPPED = GapTrialOptions()
 AT_ONCE = "spline"  # takes a thousandth of the time of the favourite
 UNCARRIED = (AT_ONCE,)  # does not turn with the neighbours: right where all is calm, far off where it is not
 MEAN_OF_DISTANCE = np.sqrt(8 / np.pi)  # of a place whose three coordinates are off by one standard deviation
@@ -85,17 +85,17 @@ class Choice:
         if not self.sureness > 0:  # nothing was tried
             return MEAN_OF_DISTANCE * float(sure.mean())
         ratio = float(sure.mean()) / self.sureness
-        return self.error * float(np.clip(ratio, 1 / TRIALS.max_factor, TRIALS.max_factor))
+        return self.error * float(np.clip(ratio, 1 / GAPPED.max_factor, GAPPED.max_factor))
 
 
 def graded(amount: float) -> float:
     """The length, or speed, that stands for this one in trials."""
-    return float(TRIALS.grade ** np.round(np.log(amount) / np.log(TRIALS.grade)))
+    return float(GAPPED.grade ** np.round(np.log(amount) / np.log(GAPPED.grade)))
 
 
 def paces(take: KnownMarkers, neighbours: np.ndarray, rate: float) -> np.ndarray:
     """(T + 1,) m/s, summed up to each frame, how fast the middle of the first neighbours moves; 0 where not known."""
-    middle = take.xyz[:, neighbours[: TRIALS.carried_by]].mean(axis=1) if len(neighbours) else take.xyz[:, 0] * np.nan
+    middle = take.xyz[:, neighbours[: GAPPED.carried_by]].mean(axis=1) if len(neighbours) else take.xyz[:, 0] * np.nan
     speed = np.linalg.norm(np.diff(middle, axis=0), axis=1) * rate
     return np.r_[0, 0, np.cumsum(np.nan_to_num(speed))]
 
@@ -103,7 +103,7 @@ def paces(take: KnownMarkers, neighbours: np.ndarray, rate: float) -> np.ndarray
 def pace_of(summed: np.ndarray, start: np.ndarray | int, stop: np.ndarray | int) -> np.ndarray:
     """m/s, mean from the frame before `start` to the frame at `stop`, of `paces`; at least what noise looks like."""
     last = np.minimum(stop, len(summed) - 2)
-    return np.maximum((summed[last + 1] - summed[start]) / (last + 1 - start), TRIALS.still_m_s)
+    return np.maximum((summed[last + 1] - summed[start]) / (last + 1 - start), GAPPED.still_m_s)
 
 
 def cut_gaps(
@@ -117,24 +117,24 @@ def cut_gaps(
     there = own & np.isfinite(take.xyz[:, neighbours, 0]).all(axis=1)
     total = np.r_[0, np.cumsum(there)]
     pace = pace_of(summed, gap.start, gap.stop)
-    while length >= max(1, TRIALS.shortest * len(gap)):
+    while length >= max(1, GAPPED.shortest * len(gap)):
         width = length + 2
         starts = np.flatnonzero(total[width:] - total[:-width] == width) + 1
         if len(starts):
             other = np.abs(np.log(pace_of(summed, starts, starts + length) / pace))
-            nearest = np.sort(other)[min(max(TRIALS.gaps, int(TRIALS.least * len(starts))), len(starts)) - 1]
-            starts = starts[other <= max(nearest, np.log(TRIALS.alike))]
-            some = starts[evenly_spread(len(starts), TRIALS.gaps)]
+            nearest = np.sort(other)[min(max(GAPPED.gaps, int(GAPPED.least * len(starts))), len(starts)) - 1]
+            starts = starts[other <= max(nearest, np.log(GAPPED.alike))]
+            some = starts[evenly_spread(len(starts), GAPPED.gaps)]
             # Every second one first, so that the first of them are not neighbours.
             some = np.r_[some[1::2], some[::2]]
-            return [Gap(int(start), int(start) + length, gap.marker) for start in some], nearest <= np.log(TRIALS.alike)
-        length = int(length / TRIALS.grade)
+            return [Gap(int(start), int(start) + length, gap.marker) for start in some], nearest <= np.log(GAPPED.alike)
+        length = int(length / GAPPED.grade)
     return [], False
 
 
 def own_in_trial(own: np.ndarray, trial: Gap, gap: Gap, rate: float) -> np.ndarray:
     """The frames whose samples of the marker a trial may look at: outside, and at no end that the real gap lacks."""
-    hidden, beyond = own.copy(), int(TRIALS.open_s * rate)
+    hidden, beyond = own.copy(), int(GAPPED.open_s * rate)
     before = beyond if gap.start == 0 else 0
     after = beyond if gap.stop == len(own) else 0
     hidden[max(trial.start - before, 0) : trial.stop + after] = False
@@ -160,7 +160,7 @@ def choose(
         return quick
     errors, mixes, sure = {}, {}, []
     for number, trial in enumerate(trials):
-        if number == TRIALS.first:
+        if number == GAPPED.first:
             names = _hopeful(names, errors)
         hidden, truth = own_in_trial(own, trial, gap, rate), take.xyz[trial.start : trial.stop, gap.marker]
         answers = {name: ways[name](trial, hidden) for name in names}
@@ -188,7 +188,7 @@ def _quick_choice(
             return None
         truth = take.xyz[trial.start : trial.stop, gap.marker]
         errors.append(float(np.linalg.norm(answer[0] - truth, axis=1).mean()))
-        if errors[-1] > TRIALS.good_m:
+        if errors[-1] > GAPPED.good_m:
             return None
     return Choice((AT_ONCE,), float(np.mean(errors)), float("nan")) if errors else None
 
@@ -197,7 +197,7 @@ def _hopeful(names: list[str], errors: dict[str, list[float]]) -> list[str]:
     """The methods that may still be the best."""
     means = {name: float(np.mean(errors[name])) for name in names if name in errors}
     best = min(means.values(), default=0.0)
-    return [name for name in names if name in means and means[name] <= TRIALS.hopeless * best]
+    return [name for name in names if name in means and means[name] <= GAPPED.hopeless * best]
 
 
 def _mixes(found: tuple[str, ...], favourite: str) -> list[tuple[str, ...]]:
@@ -213,6 +213,6 @@ def _best(mixes: dict[tuple[str, ...], list[float]], favourite: str, sureness: f
         return None
     least = min(means, key=means.__getitem__)
     usual = (favourite,)
-    if usual in means and means[least] > (1 - TRIALS.lead) * means[usual]:
+    if usual in means and means[least] > (1 - GAPPED.lead) * means[usual]:
         least = usual
     return Choice(least, means[least], sureness)

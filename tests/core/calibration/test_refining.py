@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from addon.core.calibration import refining
-from addon.core.calibration.refining import PART_FRAMES, parts_of, refine_cameras
+from addon.core.calibration.refining import REFINED_AT_ONCE, parts_of, refine_cameras
 from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import NO_MARKER, Blobs, LabelledChunk, Labels
@@ -116,5 +116,5 @@ def test_parts_are_spread_over_the_take(count):
     assert parts[-1][1] == 10 + count
     assert all(first <= last for first, last in parts)
     assert all(last < following for (_, last), (following, _) in pairwise(parts))
-    assert all(last - first < PART_FRAMES for first, last in parts)
+    assert all(last - first < REFINED_AT_ONCE for first, last in parts)
     assert len(parts) == min(12, count)

@@ -27,7 +27,7 @@ LEVELS = 200  # rates whose least log odds are kept, in a model file
 MAX_MARGIN = 12.0  # margins beyond are taken for this: trials are too few to tell more
 MAX_LOG_ODDS = 30.0  # of a chance, beyond which numbers have no room
 RIDGE = 1e-2  # pull of the weights towards 0, so that trials without an error have a finite answer
-MAX_ROUNDS = 30  # Newton steps; a few are enough
+CALIBRATION_ROUNDS = 30  # Newton steps; a few are enough
 FEATURES = 6 + len(CALIBRATION.knees)
 FRAME_KINDS = len(CALIBRATION.kind_bounds) + 1
 UNNAMED_FEATURE = FEATURES - 2  # the feature that is the part of the markers without a name
@@ -142,7 +142,7 @@ def _least(odds: np.ndarray, right: np.ndarray, rates: np.ndarray, extra_wrong: 
 def _logistic(described: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Weights by Newton's method with a small ridge."""
     weights = np.zeros(described.shape[1])
-    for _ in range(MAX_ROUNDS):
+    for _ in range(CALIBRATION_ROUNDS):
         expected = chance(log_odds(weights, described))
         curve = (described * (expected * (1 - expected))[:, None]).T @ described
         slope = described.T @ (right - expected) - RIDGE * weights

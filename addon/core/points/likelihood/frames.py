@@ -31,7 +31,7 @@ class FrameOptions:
 
 
 FRAME_NAMING = FrameOptions()
-FRAMES_AT_ONCE = 4, 64  # at least and at most
+NAMED_AT_ONCE = 4, 64  # at least and at most
 GUESSES, MORE_GUESSES = 3, 6  # of a frame that are followed to the end: more of many points, or of a doubtful outcome
 
 
@@ -63,7 +63,7 @@ def label_frames(likelihood: Likelihood, points: np.ndarray) -> Iterator[Labels]
 def chunks(points: np.ndarray, rigid: bool = False) -> Iterator[slice]:
     """The frames of points (T, P, 3) that are best worked on at once; `rigid` for sets on rigid bodies."""
     most = max(int(np.isfinite(points[..., 0]).sum(axis=1).max(initial=0)), 1)
-    size = int(np.clip((FRAME_NAMING.max_rigid_pairs if rigid else FRAME_NAMING.max_pairs) // most**2, *FRAMES_AT_ONCE))
+    size = int(np.clip((FRAME_NAMING.max_rigid_pairs if rigid else FRAME_NAMING.max_pairs) // most**2, *NAMED_AT_ONCE))
     for first in range(0, len(points), size):
         yield slice(first, first + size)
 

@@ -63,7 +63,7 @@ class StructureOptions:
 
 JOINT = JointOptions()
 STRUCTURE = StructureOptions()
-SAMPLE_FRAMES = 300  # of a subject that are learned from, evenly spread
+STRUCTURE_FRAMES = 300  # of a subject that are learned from, evenly spread
 MIN_FRAMES = 20  # in which two rigid bodies must be seen to have a joint
 FRAMES_OF_JOINT = 0.9  # part of them that a joint is found from, those that agree best: some trajectories go astray
 MIDDLES_TAILS = [1.0, 99.0]  # per cent of a distance, between which its range is; beyond are outliers
@@ -164,7 +164,7 @@ def learn_structure(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -
 
 
 def _learn(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -> Structure:
-    frames = np.concatenate([points[evenly_spread(len(points), SAMPLE_FRAMES)] for points in subjects])
+    frames = np.concatenate([points[evenly_spread(len(points), STRUCTURE_FRAMES)] for points in subjects])
     groups = [_firm(group, frames) for group in rigid_bodies.members]
     poses = [laid_on(_centred(rigid_bodies.form[group]), frames[:, group]) for group in groups]
     turn, place = (np.stack(part, axis=1) for part in zip(*poses, strict=True))

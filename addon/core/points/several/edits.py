@@ -39,7 +39,11 @@ def with_edits(
     for one, place in zip(found.found, found.worn.firsts, strict=True):
         size = len(one.subject.model.markerset)
         own = edited_of(first.edited, place, size)
-        verdicts.append((yield from _heard(crowd, one.body, own, own_labels(before, place, size), one.may)))
+        # Whom an edit has left without a marker takes none that is another's.
+        others = (before.marker != NO_MARKER) & ((before.marker < place) | (before.marker >= place + size))
+        may = one.may.copy()
+        may[crowd.tracklet[others]] = False
+        verdicts.append((yield from _heard(crowd, one.body, own, own_labels(before, place, size), may)))
     again = joined(found.worn, verdicts)
     unedited = first.edited.below(before, again.labels)
     applied = replace(apply_to_points(unedited, edits, cells), outcomes=first.outcomes)
