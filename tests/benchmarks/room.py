@@ -15,28 +15,21 @@ import numpy as np
 from scripts import build, real_blender
 
 
-def seen_in_window(script: Path, task: dict, seconds: float) -> tuple[dict, str]:
-    """What a script in a real window wrote to seen.json, its task in task.json, and which Blender it was.
-
-    Ends the program with the reason where that cannot be.
-    """
+def main():
+    """Opens the window, and prints the figures; ends with the reason where that cannot be."""
     with tempfile.TemporaryDirectory(prefix="mocap-window-") as name:
         folder = Path(name)
         try:
             blender = real_blender.find()
             package = build.build("{}.{}".format(*blender.version), "linux-x64", folder)
-            (folder / "task.json").write_text(json.dumps({"zip": str(package), **task}))
-            done = blender.window(script, folder, home=folder / "home", seconds=seconds)
+            (folder / "task.json").write_text(json.dumps({"zip": str(package)}))
+            script = Path(__file__).with_name("window_room.py")
+            done = blender.window(script, folder, home=folder / "home", seconds=500)
         except LookupError as reason:
             sys.exit(f"tests.benchmarks: {reason}")
         if not (folder / "seen.json").exists():
             sys.exit(f"tests.benchmarks: the window closed early\n{done.stdout}{done.stderr}")
-        return json.loads((folder / "seen.json").read_text()), "{}.{}.{}".format(*blender.version)
-
-
-def main():
-    """Opens the window, and prints the figures."""
-    seen, version = seen_in_window(Path(__file__).with_name("window_room.py"), {}, 500)
+        seen, version = json.loads((folder / "seen.json").read_text()), "{}.{}.{}".format(*blender.version)
     print(f"Blender {version}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, drawn by software\n")
     print("| what | by the clock | least | of the processor | least |\n| --- | ---: | ---: | ---: | ---: |")
     for what, times in seen.items():

@@ -5,23 +5,11 @@ import numpy as np
 import pytest
 
 from addon.core.blobs.continuity import renamed
-from addon.core.blobs.known_subject import known_subject_of
-from addon.core.blobs.rereading import REREADING, Rereader
+from addon.core.blobs.rereading import Rereader
 from tests.core.blobs.followed import exchange, followed, take_name, wrong_names
 from tests.core.scenes import RATE
 
 FOOT = ("LANK", "LHEE", "LTOE")
-ENOUGH = REREADING.min_frames // 2
-
-
-def test_a_marker_that_is_hardly_seen_sits_where_it_did_before():
-    _, setup, _, results = followed()
-    before, few = known_subject_of(results, setup, None, ENOUGH), known_subject_of(results[:5], setup, None, ENOUGH)
-    assert before.known.all() and not few.known.any()
-    assert (few.subject.bodies.own == 0).all()
-    after = known_subject_of(results[:5], setup, before, ENOUGH)
-    assert after.known.all()
-    assert np.array_equal(after.subject.bodies.own, before.subject.bodies.own)
 
 
 @pytest.mark.parametrize("frames", [range(12), range(25, 50), range(60, 72)], ids=["begin", "middle", "end"])

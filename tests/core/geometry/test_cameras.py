@@ -162,3 +162,11 @@ def test_a_rig_of_both_lenses_is_undistorted_camera_by_camera():
 def test_a_camera_has_one_lens():
     with pytest.raises(InputError, match="two lenses"):
         Cameras(**parts(paper_rig(), distortion=np.full((4, 5), 0.01), inverse=np.full((4, 3), 0.01)))
+
+
+def test_points_far_aside_are_bent_too():
+    """Almost square to where a camera looks the radius has no end, and Newton's steps from there are many."""
+    straight = np.array([[1e3, 0.0], [0.0, 1e6], [1e-9, 0.0]])
+    lens = np.array([0.65, 0.8, 0.3])
+    seen = inverse_lens.bend(straight, lens)
+    assert inverse_lens.straighten(seen, lens) == pytest.approx(straight, rel=1e-9)

@@ -57,6 +57,13 @@ def both(function, *arguments):
     same(function.kernel(*arguments), function.reference(*arguments))
 
 
+def refused(*calls):
+    """Each call is refused, in words."""
+    for call in calls:
+        with pytest.raises(ValueError, match="expected"):
+            call()
+
+
 @FEW
 @given(SEEDS, st.sampled_from(MODELS), st.integers(0, 4))
 def test_posing_and_its_derivatives(seed, model, count):
@@ -188,7 +195,7 @@ def test_arrays_that_do_not_go_together_are_refused():
     bodies = people(model, generator, 2)
     wrong = replace(bodies, bends=bodies.bends[:, 1:])
     points = np.zeros((2, 3, 3))
-    refused = (
+    refused(
         lambda: posing.pose(model, wrong),
         lambda: posing.derivatives(model, wrong),
         lambda: cost.point_pull(points, points[:1], 0.01, 0.1),
@@ -200,9 +207,6 @@ def test_arrays_that_do_not_go_together_are_refused():
         lambda: fit.fit_body(model, wrong, cost.CloudPull(points[0], np.ones(3), 0.1, 0.3), 1, Prior(model)),
         lambda: occlusion.capsules_hide(points, points, np.ones((2, 2)), points, np.zeros((4, 3)), np.ones(2), 0.3),
     )
-    for call in refused:
-        with pytest.raises(ValueError, match="expected"):
-            call()
 
 
 @FEW

@@ -23,7 +23,7 @@ from tests.core.scenes import act, blobs_at, built_in
 from tests.core.toybody import toy_markerset
 
 from .conftest import numpy_everywhere
-from .test_bodies import both, same
+from .test_bodies import both, refused, same
 
 SEEDS = st.integers(0, 2**16)
 RULES = Rules(pixel=0.7)
@@ -97,7 +97,7 @@ def test_indices_and_shapes_beyond_are_refused():
     ends = *rays[1:], sight.centres, RAY_RIDGE, MAX_CONDITION
     far = np.full((3, 4), view.real.shape[1])
     many = SimpleNamespace(real=np.ones((frame_calls.MOST_CAMERAS + 1, 1), bool))
-    refused = (
+    refused(
         lambda: triangulation.meet(far, None, *ends),
         lambda: triangulation.meet(far - 99, None, *ends),
         lambda: triangulation.meet(np.full((2, 4), -1), None, *ends),
@@ -106,9 +106,6 @@ def test_indices_and_shapes_beyond_are_refused():
         lambda: named_by_library(view, sight, replace(expected, visible=expected.visible.T), RULES, None, False),
         lambda: named_by_library(many, sight, expected, RULES, None, False),
     )
-    for call in refused:
-        with pytest.raises(ValueError, match="expected"):
-            call()
 
 
 @pytest.mark.parametrize("name", ["toy", "gait15"])

@@ -8,7 +8,6 @@ import pytest
 
 from addon.core.data.errors import JobError
 from addon.core.data.takes import Blobs
-from addon.core.geometry.views import split_views
 from addon.core.reconstruction.linking import Links
 from addon.core.reconstruction.matching import each_once
 from addon.core.reconstruction.trajectories import Reconstructor, reconstruct_take
@@ -125,17 +124,6 @@ def test_memory_does_not_grow_with_the_take():
     left = tracemalloc.get_traced_memory()[0]
     tracemalloc.stop()
     assert left < 50_000
-
-
-def test_frames_that_nobody_saw_are_not_worked_on(monkeypatch):
-    cameras = ring_rig(4)
-    none = np.zeros(0, int)
-    nothing = Blobs(np.arange(5, 305), none, none, np.zeros((0, 2)), np.zeros(0))
-    views = split_views(nothing, cameras)
-    assert {id(view) for view in views} == {id(views[0])}
-    monkeypatch.setattr("addon.core.reconstruction.trajectories.FrameMatcher", None)
-    part = Reconstructor(cameras, RATE).reconstruct(nothing)
-    assert (len(part.frames), len(part.points), part.rows.shape) == (300, 0, (0, 4))
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from addon.core.simulation.simulate import disturbed
 from addon.io.blobs import read_blobs
 from addon.io.cameras import read_cameras
 from addon.io.points import read_points
+from tests.core.scenes import keep
 
 FRAMES, MARKERS = 60, 30
 OTHERS, FIT = "cameras seem to have the names of others: the blobs of", " fit the calibration of"
@@ -253,3 +254,11 @@ def test_a_calibration_of_some_age_is_this_takes_room(seen):
     blobs, marker, markers = captured(RIG, seen=seen)
     old = replace(blobs, xy=blobs.xy + np.array([-2.0, 1.0]))
     assert not [words for words in said(RIG, old, marker, markers) if words.startswith("the room")]
+
+
+def test_cameras_that_saw_nothing_make_no_other_room_and_are_told():
+    blobs, marker, markers = captured(RIG)
+    rows = blobs.camera < 3
+    told = said(RIG, keep(blobs, rows), marker[rows], markers)
+    assert len(told) == len(RIG) - 3
+    assert all("shows almost none of the markers in its image (0% have a blob" in words for words in told)

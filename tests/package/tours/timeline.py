@@ -30,9 +30,6 @@ def walk(seen: dict) -> Iterator[float]:
     yield from window.grow("DOPESHEET_EDITOR", 330)
     module("ops.viewing").fit_timelines(bpy.context)
     yield 1
-    if TASK.get("timing"):
-        seen["timing"] = yield from times()
-        return
     yield from window.screenshot("timeline-whole")
 
     main, names = window.region("WINDOW", "DOPESHEET_EDITOR"), window.region("CHANNELS", "DOPESHEET_EDITOR")

@@ -11,7 +11,7 @@ from addon.core.papers.partial_solvers.model import PAPER_FUNCTIONS, Record
 from addon.core.papers.partial_solvers.search import members
 from addon.core.papers.partial_solvers.solver import TreeSearch
 from addon.core.papers.partial_solvers.survey import survey
-from tests.core.papers.partial_solvers.toys import moving, pool_of
+from tests.core.papers.partial_solvers.plain import moving, pool_of
 
 
 def bits_to_flags(removed, points):

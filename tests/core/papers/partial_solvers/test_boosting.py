@@ -9,7 +9,7 @@ import pytest
 from addon.core.papers.partial_solvers.boosting import Boosting, boost, learn_intervals, rejections, wrong_labellings
 from addon.core.papers.partial_solvers.features import all_features, tables
 from addon.core.papers.partial_solvers.model import FUNCTIONS, Strong
-from tests.core.papers.partial_solvers.toys import moving, pool_of
+from tests.core.papers.partial_solvers.plain import moving, pool_of
 
 
 def test_weak_classifiers_accept_all_they_learned_from():

@@ -14,7 +14,7 @@ from tests.accuracy.partial.clouds import Clouds, Trouble, spoilt
 from tests.accuracy.partial.measuring import TARGETS
 from tests.accuracy.partial.report import BLOCKS, Results, added
 from tests.accuracy.partial.scores import score
-from tests.core.papers.partial_solvers.toys import moving
+from tests.core.papers.partial_solvers.plain import moving
 
 NAMES = ("MID", "LKNE", "RKNE", "LTOE", "RTOE")
 

@@ -13,8 +13,7 @@ from addon.core.papers.partial_solvers.features import all_features, tables
 from addon.core.papers.partial_solvers.masks import Masks
 from addon.core.papers.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS, Classifiers
 from addon.core.papers.partial_solvers.solver import TreeSearch
-from tests.core.papers.partial_solvers.plain import accepts
-from tests.core.papers.partial_solvers.toys import moving, pool_of
+from tests.core.papers.partial_solvers.plain import accepts, moving, pool_of
 
 
 def by_trying(markers, classifiers, frame, clouds):

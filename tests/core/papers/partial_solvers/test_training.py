@@ -1,21 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Trained ensembles: what they promise of their solvers, and what they do with points."""
+"""Trained ensembles: what they promise of their solvers, what they do with points, and the labelling matrix's rules."""
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis.extra.numpy import array_shapes, arrays
 
 from addon.core.data.errors import InputError
 from addon.core.data.takes import BY_PARTIAL_SOLVERS, NO_STEP, Labels
 from addon.core.papers.partial_solvers import frames
 from addon.core.papers.partial_solvers.assess import Occlusions, assess, draw_occlusions
 from addon.core.papers.partial_solvers.features import tables
-from addon.core.papers.partial_solvers.frames import SolversNamer, label_frames
+from addon.core.papers.partial_solvers.frames import SolversNamer, label_frames, resolve
 from addon.core.papers.partial_solvers.masks import Masks
 from addon.core.papers.partial_solvers.model import FUNCTIONS
 from addon.core.papers.partial_solvers.search import Genetics
 from addon.core.papers.partial_solvers.solver import TreeSearch
 from addon.core.papers.partial_solvers.training import SEARCHES, Training, train_partial_solvers
-from tests.core.papers.partial_solvers.toys import moving
+from tests.core.papers.partial_solvers.plain import moving
 
 NAMES = tuple("ABCDEFG")
 OPTIONS = Training(functions=FUNCTIONS, survey_frames=60, check_frames=200, genetics=Genetics(16, 10), wrong=400)
@@ -173,3 +175,34 @@ def test_frames_with_gaps_can_be_learned_from(points):
     given = named >= 0
     assert given.mean() > 0.6
     assert (named == np.arange(7))[given].mean() > 0.97
+
+
+# One row a point, one column a marker.
+CASES = {
+    "each alone": ([[1, 0, 0], [0, 0, 1], [0, 1, 0]], [0, 2, 1]),
+    "an empty column is an occluded marker": ([[0, 1, 0], [0, 0, 0], [1, 0, 0]], [1, -1, 0]),
+    "two points for one marker: neither": ([[1, 0, 0], [1, 0, 0], [0, 0, 1]], [-1, -1, 2]),
+    "two markers for one point: neither": ([[1, 1, 0], [0, 0, 1], [0, 0, 0]], [-1, 2, -1]),
+    "a chain of conflicts takes all with it": ([[1, 1, 0], [0, 1, 1], [0, 0, 0]], [-1, -1, -1]),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_by_hand(name):
+    matrix, expected = CASES[name]
+    assert resolve(np.array([matrix], dtype=bool))[0].tolist() == expected
+
+
+@given(arrays(bool, array_shapes(min_dims=3, max_dims=3, max_side=5)))
+def test_the_rules(suggested):
+    named = resolve(suggested)
+    for frame, row in enumerate(named):
+        given_names = row[row >= 0]
+        assert len(set(given_names.tolist())) == len(given_names)
+        for point, marker in np.ndindex(suggested.shape[1:]):
+            alone = suggested[frame, point].sum() == 1 and suggested[frame, :, marker].sum() == 1
+            assert (row[point] == marker) == (suggested[frame, point, marker] and alone)
+
+
+def test_no_points():
+    assert resolve(np.zeros((3, 0, 4), dtype=bool)).shape == (3, 0)

@@ -16,6 +16,7 @@ from addon.core.points.several import affinity, bodies, pipeline
 from addon.core.points.several.bodies import RecognisingOptions
 from addon.core.points.several.identification import PersonBuild
 from addon.core.points.several.pipeline import label_several
+from addon.core.points.several.presence import UnidentifiedPresence
 from addon.core.points.several.sharing import SHARING, share, shared_out
 from addon.core.points.several.together import joined
 from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer
@@ -235,3 +236,14 @@ def test_builds_of_other_sets_and_of_which_nothing_is_shown_do_not_go_together()
     assert own.cost(PersonBuild(markers, mean * 1.2, steady), 0.003) > 1
     assert own.cost(PersonBuild(markers[::-1], mean, steady), 0.003) == np.inf
     assert own.cost(PersonBuild(markers, np.full((15, 15), np.nan), steady), 0.003) == np.inf
+
+
+def test_a_presence_that_a_person_has_named_is_asked_no_more():
+    there, tracklet = np.arange(10) >= 4, np.zeros((10, 3), int)
+    tracklet[:, 1:], tracklet[:4, 2] = [1, 2], -1
+    presence, labels = UnidentifiedPresence(there, np.array([False, True, True])), Labels.none(10, 3)
+    assert presence.is_open(tracklet, labels)
+    labels.marker[:, 0] = 0
+    assert presence.is_open(tracklet, labels), "that is somebody else's"
+    labels.marker[:, 1] = 1
+    assert not presence.is_open(tracklet, labels)
