@@ -259,10 +259,11 @@ def told_of_capture(source: Path, points: bool, cameras: Cameras | None = None) 
     return said
 
 
-def facts_of_capture(source: Path, points: bool, cameras: Cameras | None = None) -> dict:
-    """The same as part of a report; nothing for other takes."""
-    said = told_of_capture(source, points, cameras)
-    return {"capture": said} if said else {}
+def facts_of_capture(source: Path, cameras: Cameras | None = None) -> dict:
+    """The same as part of a report, and what was decided about the `cameras` of a take of blobs; None for points."""
+    remarks = [] if cameras is None else list(cameras.remarks)
+    facts = {"capture": told_of_capture(source, cameras is None, cameras), "calibration": remarks}
+    return {name: said for name, said in facts.items() if said}
 
 
 # Fields of a job that make no difference to what its files hold, or are told by their content.

@@ -156,8 +156,7 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
         "blobs_explained": used,
         "residual_mm": float(f"{1000 * np.sqrt(squares / max(spool.count, 1)):.4g}"),
         "noise_px": float(f"{pixel:.4g}"),
-        **facts_of_capture(job.source, False, cameras),
-        **({"calibration": list(cameras.remarks)} if cameras.remarks else {}),
+        **facts_of_capture(job.source, cameras),
         **(renumbered(points) if write is write_c3d else {}),
         "seconds": round(perf_counter() - begin, 3),
     }

@@ -120,8 +120,7 @@ def _report(job: RefineJob, found: Refinement, rate: float, seconds: float) -> d
         "camera_doubts": list(found.doubts),
         "frames_labelled": found.frames,
         "rounds": found.rounds,
-        **facts_of_capture(job.source, False, found.cameras),
-        **({"calibration": list(found.cameras.remarks)} if found.cameras.remarks else {}),
+        **facts_of_capture(job.source, found.cameras),
         "seconds": round(seconds, 3),
     }
 
