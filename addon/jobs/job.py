@@ -10,7 +10,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from ..blendfile import Chunks, inside_blender
+from ..blendfile import Chunks, inside_blender, open_cameras
 from ..core.data.errors import ForceableError, InputError
 from ..core.data.markersets import Worn
 from ..core.edits.kinds import NO_EDITS, Edits
@@ -186,6 +186,29 @@ class LabelJob:
         """The file of the edits that are applied, None where they are of none."""
         edits = self.edits_applied
         return None if isinstance(edits, Edits) else edits
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoomJob:
+    """What jobs have in common that go from what the cameras of a room saw to a file.
+
+    cameras  the calibration, a file or what was read of one
+    out      the file to write
+    frames   first and last frame, both included, None for the source's own
+    up       the axis that points up in the calibration, None for what it says or tells
+    """
+
+    cameras: Path | Cameras
+    out: Path
+    frames: tuple[int | None, int | None] | None = None
+    up: str | None = None
+    overwrite: bool = False
+
+    def opened(self) -> tuple[Cameras, list[Path]]:
+        """The cameras, and the files that they are read from."""
+        if isinstance(self.cameras, Cameras):
+            return self.cameras, []
+        return open_cameras(self.cameras, self.up), calibration_files(self.cameras)
 
 
 def part_job(said: dict, cameras: Cameras | None, frames: tuple[int, int]) -> LabelJob:
