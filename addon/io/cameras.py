@@ -167,7 +167,7 @@ _TOML, _XCP, _QCA, _QTM, _MCAL, _YML, _SELFCAL = (
     ("toml_cameras", "read_toml"),
     ("xml_cameras", "read_xcp"),
     ("xml_cameras", "read_qca"),
-    ("qtm", "read_qtm_cameras"),
+    ("qtm.capture", "read_qtm_cameras"),
     ("xml_cameras", "read_mcal"),
     ("opencv", "read_yml"),
     ("selfcal", "read_selfcal"),

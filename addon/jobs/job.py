@@ -19,7 +19,7 @@ from ..core.points.naming import USUAL_TARGET, plain_method
 from ..io.cameras import calibration_files
 from ..io.edits import edits_beside
 from ..io.markersets import markerset_file
-from ..io.qtm import USE_BLOBS, USE_POINTS, held_in, is_qtm
+from ..io.qtm.capture import USE_BLOBS, USE_POINTS, held_in, is_qtm
 from ..io.report import REPORT, earlier_run
 from ..io.source import digest
 from ..io.text import written

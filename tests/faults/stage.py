@@ -23,7 +23,7 @@ from addon.core.data.takes import Points
 from addon.demo.take import MODEL, STAGE_RATE, TROUBLE, make_performance
 from addon.io.batch import read_table
 from addon.io.cameras import write_cameras
-from addon.io.html import is_page
+from addon.io.html.markup import is_page
 from addon.io.labels import LabelFile
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points, write_c3d
