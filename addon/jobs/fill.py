@@ -20,11 +20,11 @@ from ..core.filling.rays import NO_RAYS, MarkerRays, rays_of
 from ..core.posing.posing import POSING
 from ..core.review.overview import TakeOverview
 from ..core.review.take_trouble import TakeTrouble
+from ..io.filled import gap_rows, left_rows, write_filled
 from ..io.labels import read_blob_labels
 from ..io.markersets import markerset_file
 from ..io.models import open_model
 from ..io.points import columns_of_set, marker_columns, read_points, write_c3d
-from ..io.report import gap_rows, left_rows, write_filled
 from ..io.whole import whole_files
 from .labelling import renumbered
 

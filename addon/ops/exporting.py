@@ -12,9 +12,9 @@ from ..core.data.errors import InputError, JobError
 from ..core.data.takes import LabelledChunk, PointRows, Points
 from ..core.review.overview import OverviewSubject
 from ..io.blobs import read_blobs
+from ..io.filled import kept_rows, write_filled
 from ..io.labels import LabelWriter, write_point_labels
 from ..io.points import write_c3d, write_trc
-from ..io.report import kept_rows, write_filled
 from ..io.whole import whole_files
 from ..jobs.pages import KeptTake, write_kept_page
 from ..scene.performers import homes

@@ -17,7 +17,7 @@ from ..core.filling.kept import KeptFill, replaced_fills
 from ..core.filling.rays import NO_RAYS, MarkerRays, rays_of
 from ..core.filling.smoothing import smoothed
 from ..core.posing.posing import POSING
-from ..io.report import left_rows
+from ..io.filled import left_rows
 from ..io.text import written
 from ..props import chosen_markerset, list_rows, refresh_review, row_of
 from ..scene.fills import keep_cutoff, keep_fills, kept_cutoff, kept_fills

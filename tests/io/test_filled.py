@@ -9,8 +9,8 @@ import numpy as np
 from addon.core.data.takes import Points
 from addon.core.filling.filling import FilledGap
 from addon.core.filling.gaps import Gap
+from addon.io.filled import gap_rows, write_filled
 from addon.io.points import read_points, write_c3d
-from addon.io.report import gap_rows, write_filled
 
 
 def test_residuals_tell_filled_measured_and_missing_samples(tmp_path):

@@ -7,8 +7,8 @@ import pytest
 from addon.core.data.takes import Blobs, Labels, PointRows
 from addon.core.geometry.cameras import Cameras
 from addon.io.blobs import read_blobs, write_blobs
+from addon.io.filled import write_filled
 from addon.io.labels import LabelFile, TruthWriter, write_point_labels
-from addon.io.report import write_filled
 
 NAMES = ("=1+1", "@SUM", "+A", "-A", "'=A", "LASI")
 WRITTEN = ("'=1+1", "'@SUM", "'+A", "'-A", "''=A", "LASI")
