@@ -3,19 +3,21 @@
 
 import textwrap
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
-from ..core.evaluation.comparing import share
-from ..core.points.history import ModelVersion, TaughtTake
-from ..core.points.models import Model
 from ..io.markersets import builtin_markersets, open_markerset
 from .console import print_results
+
+if TYPE_CHECKING:  # whoever wants a list waits for none of it
+    from ..core.points.history import ModelVersion, TaughtTake
+    from ..core.points.models import Model
 
 SHOWN_DIGITS = 12  # of a fingerprint, which has 64: enough for people to know one by
 
 
-def history_of(model: Model) -> dict:
+def history_of(model: "Model") -> dict:
     """A model's history for JSON."""
     history = model.history
     return {
@@ -29,7 +31,7 @@ def history_of(model: Model) -> dict:
     }
 
 
-def history_lines(name: str, model: Model) -> list[str]:
+def history_lines(name: str, model: "Model") -> list[str]:
     """A model's history for people, the newest version first."""
     history, count = model.history, len(model.markerset)
     lines = [
@@ -44,7 +46,9 @@ def history_lines(name: str, model: Model) -> list[str]:
     return lines
 
 
-def _version_lines(one: ModelVersion) -> list[str]:
+def _version_lines(one: "ModelVersion") -> list[str]:
+    from ..core.evaluation.comparing import share
+
     words = [one.date, f"by {one.by}" if one.by else "", f"from {one.origin[:SHOWN_DIGITS]}" if one.origin else ""]
     lines = [f"  version {one.version:<5}{', '.join(filter(None, words))}"]
     if one.takes:
@@ -62,7 +66,7 @@ def _version_lines(one: ModelVersion) -> list[str]:
     return lines
 
 
-def _subjects(takes: tuple[TaughtTake, ...]) -> list[str]:
+def _subjects(takes: "tuple[TaughtTake, ...]") -> list[str]:
     """The takes by whose they are."""
     found: dict[str, list[TaughtTake]] = {}
     for take in takes:

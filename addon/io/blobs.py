@@ -12,7 +12,8 @@ from ..core.data.errors import InputError
 from ..core.data.takes import Blobs
 from ..core.data.wording import words_of_range
 from ..core.geometry.cameras import Cameras
-from .qtm import held_in, is_qtm, rows_of_qtm
+from .qtm.capture import held_in, is_qtm
+from .qtm.records import rows_of_qtm
 from .rows import Rows, parse_rows, read_header
 from .source import open_binary
 from .text import cell_of

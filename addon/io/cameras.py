@@ -10,6 +10,7 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.geometry.cameras import Cameras
+from ..core.geometry.rotations import exponential
 from .source import read_xml
 from .text import is_unicode
 
@@ -100,21 +101,11 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     return left @ right
 
 
-def rotation_from_vector(vector: np.ndarray) -> np.ndarray:
-    """The rotation (3, 3) of a Rodrigues vector (3,) rad; NaN for one that is none, which `rig` refuses."""
-    if not np.abs(vector).max() < MAX_CAMERA_NUMBER:
-        return np.full((3, 3), np.nan)
-    angle = float(np.linalg.norm(vector))
-    if angle == 0:
-        return np.eye(3)
-    x, y, z = np.asarray(vector) / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-
-
 def rotation_of(values: np.ndarray) -> np.ndarray:
-    """The rotation (3, 3) of nine numbers, or of the three of a Rodrigues vector."""
-    return rotation_from_vector(values) if values.size == 3 else values.reshape(3, 3)
+    """The rotation (3, 3) of nine numbers, or of the three of a Rodrigues vector; NaN for none, which `rig` refuses."""
+    if values.size == 9:
+        return values.reshape(3, 3)
+    return exponential(values)[0] if np.abs(values).max() < MAX_CAMERA_NUMBER else np.full((3, 3), np.nan)
 
 
 def numbers_in(parts: Mapping, keys: Sequence[str], name: str, path: Path, *counts: int) -> np.ndarray:
@@ -144,18 +135,6 @@ def lens(coefficients: np.ndarray, name: str, path: Path) -> np.ndarray:
     return coefficients[:5]
 
 
-def rotation_from_quaternion(quaternion: np.ndarray) -> np.ndarray:
-    """The rotation (3, 3) of a quaternion x, y, z, w of any length but zero."""
-    x, y, z, w = np.asarray(quaternion) / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
 EXPECTED = (
     "expected a camera calibration: .toml, Vicon .xcp, Qualisys .qca.txt, .xml or .qtm, Motive .mcal, OpenCV "
     ".yml, or a folder of *.Pmat.cal and .rad"
@@ -167,7 +146,7 @@ _TOML, _XCP, _QCA, _QTM, _MCAL, _YML, _SELFCAL = (
     ("toml_cameras", "read_toml"),
     ("xml_cameras", "read_xcp"),
     ("xml_cameras", "read_qca"),
-    ("qtm", "read_qtm_cameras"),
+    ("qtm.capture", "read_qtm_cameras"),
     ("xml_cameras", "read_mcal"),
     ("opencv", "read_yml"),
     ("selfcal", "read_selfcal"),

@@ -293,7 +293,7 @@ def _sound_partial_solvers(solvers: PartialSolvers) -> bool:
     """Whether every index has its place and every number is one, so that points can be named by it."""
     own, count, free = solvers.classifiers, len(solvers.markers), (-np.inf, np.inf)
     kinds = len(own.kind) if own.kind.ndim else -1
-    arrays = [
+    arrays: list[tuple[np.ndarray, str, tuple[int, ...], float, float]] = [
         (own.kind, INDICES, (kinds,), 0, len(FUNCTIONS) - 1),
         (own.points, INDICES, (kinds, max(DOMAIN)), NO_POINT, count - 1),
         *((bound, PLAIN_NUMBERS, (kinds,), *free) for bound in (own.low, own.high)),

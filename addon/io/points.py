@@ -17,8 +17,10 @@ from ..core.data.markersets import MarkerSet
 from ..core.data.room import IN_MEMORY, MakeTable
 from ..core.data.takes import Points
 from ..core.data.wording import words_of_range
-from .c3d import C3dHead, open_c3d, write_c3d_file
-from .qtm import USE_POINTS, held_in, is_qtm, read_qtm_points
+from .c3d.reading import C3dHead, open_c3d
+from .c3d.writing import write_c3d_file
+from .qtm.capture import USE_POINTS, held_in, is_qtm
+from .qtm.records import read_qtm_points
 from .samples import Parts, PointFile, packed
 from .textpoints import is_motive, read_motive, read_trc, write_trc_file
 from .world import UNITS, Upright, find_up, guess_unit, up_rotation

@@ -4,15 +4,18 @@
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..core.data.errors import InputError
 from ..core.data.takes import EditOutcome, Suspect
 from ..core.edits.applying import summary_of
-from ..core.review.odd_cameras import CameraCheck
 from ..core.review.summary import TakeSummary
 from ..core.review.take_trouble import TakeTrouble
 from ..core.review.trouble import summary_of_trouble
 from .source import digest, read_json
+
+if TYPE_CHECKING:  # it is looked at, and none is made
+    from ..core.review.odd_cameras import CameraCheck
 
 REPORT = ".report.json"  # the last of a take's files to appear: where it is the others are
 INSTEAD = "--overwrite to make it anew, or another folder for --out"
@@ -56,7 +59,7 @@ def facts_of_edits(file: Path | None, outcomes: Iterable[EditOutcome]) -> dict:
     return {"edits": {"file": None if file is None else file.name, **summary_of(outcomes)}}
 
 
-def facts_of_cameras(check: CameraCheck, trouble: TakeTrouble, doubts: Iterable[Suspect]) -> dict:
+def facts_of_cameras(check: "CameraCheck", trouble: TakeTrouble, doubts: Iterable[Suspect]) -> dict:
     """What a report says of each camera and its blobs, and what is doubtful about the room."""
     counts = {one.name: one.as_dict() for one in trouble.by_camera.figures()}
     return {

@@ -6,7 +6,8 @@ import hashlib
 import json
 import os
 import stat
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -46,7 +47,7 @@ def open_binary(path: Path) -> BufferedReader:
     Whatever is read goes through here, also what we wrote ourselves: anybody may have put something in its place.
     """
     path = Path(path)
-    try:
+    with _readable(path):
         kind = path.stat().st_mode
         if stat.S_ISDIR(kind):
             raise InputError("is a folder; expected a file", path)
@@ -54,10 +55,18 @@ def open_binary(path: Path) -> BufferedReader:
             # Opening a pipe waits for a writer that may never come, and two readings of one differ.
             raise InputError("is a pipe or a device; expected an ordinary file", path)
         return open(path, "rb", opener=open_at_once)
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Turns what the system says of reading a file into an InputError."""
+    try:
+        yield
     except FileNotFoundError:
         raise InputError("there is no such file; expected the path of an existing file", path) from None
     except (OSError, ValueError) as error:
-        raise InputError(f"cannot be read ({_reason(error)}); expected a readable file", path) from None
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"cannot be read ({reason}); expected a readable file", path) from None
 
 
 def open_at_once(path: str, flags: int) -> int:
@@ -91,11 +100,9 @@ class BytesOnDisk:
     def __getitem__(self, part: slice) -> bytes:
         """The bytes from start to stop; InputError where they cannot be read."""
         start, stop, _ = part.indices(self.size)
-        try:
+        with _readable(self.path):
             self.file.seek(start)
             content = self.file.read(max(stop - start, 0))
-        except OSError as error:
-            raise InputError(f"cannot be read ({_reason(error)}); expected a readable file", self.path) from None
         if len(content) < stop - start:
             raise InputError("became shorter while it was read; expected a whole file", self.path)
         return content
@@ -103,11 +110,8 @@ class BytesOnDisk:
 
 def read_bytes(path: Path, limit: int | None = None) -> bytes:
     """The whole content; InputError when it is missing, unreadable, empty or over `limit` bytes."""
-    with open_binary(path) as file:
-        try:
-            content = file.read() if limit is None else file.read(limit + 1)
-        except OSError as error:
-            raise InputError(f"cannot be read ({_reason(error)}); expected a readable file", path) from None
+    with open_binary(path) as file, _readable(path):
+        content = file.read() if limit is None else file.read(limit + 1)
     if not content:
         raise InputError("is empty; expected a file with content", path)
     if limit is not None and len(content) > limit:
@@ -174,10 +178,6 @@ def numbers(text: str | None, count: int, what: str, path: Path, line: int = 0) 
     if not np.isfinite(values).all() or np.abs(values).max(initial=0) > 1e12:
         raise InputError(f"{what} is {text.strip()[:60]!r}; expected finite numbers", path, line)
     return values
-
-
-def _reason(error: Exception) -> str:
-    return getattr(error, "strerror", None) or str(error)
 
 
 def digest(files: Iterable[Path]) -> str:

@@ -2,7 +2,7 @@
 """Calibrations as XML: Vicon's `.xcp`, Qualisys' `.qca.txt` and OptiTrack Motive's `.mcal`."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from xml.etree.ElementTree import Element
 
@@ -11,7 +11,8 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.geometry import inverse_lens
 from ..core.geometry.cameras import Cameras
-from .cameras import SUBPIXELS, RigCamera, refuse_crowd, rig, rotation_from_quaternion
+from ..core.geometry.rotations import quaternion_to_matrix
+from .cameras import SUBPIXELS, RigCamera, refuse_crowd, rig
 from .source import numbers, read_xml
 from .world import z_up
 
@@ -62,16 +63,17 @@ def _cameras(
     kind: str,
     tag: str,
     calibrated: str,
-    name: Callable[[Element], str],
+    keys: Sequence[str],
     make: Callable[[_Camera], RigCamera],
 ) -> Cameras:
-    """The cameras of a file that have a `calibrated` part, of those that are in use."""
+    """The cameras of a file that have a `calibrated` part, of those that are in use, each by the first of `keys`."""
     root = read_xml(path, kind)
     found = [one for one in root.iter(tag) if one.find(calibrated) is not None and one.get("active") != "0"]
     if not found or (kind == XCP and root.tag != "Cameras"):
         raise InputError(f"has no calibrated camera; expected {kind}", path)
     refuse_crowd(len(found), path)
-    names = [name(one) for one in found]
+    sources = [[one, *one.findall("Properties")] for one in found]
+    names = [next((part.get(key) for key in keys for part in own if part.get(key)), "") or "" for own in sources]
     shared = {one for one, count in Counter(names).items() if count > 1}
     # Vicon may give two cameras one name.
     names = [one.get("DEVICEID") or own if own in shared else own for one, own in zip(found, names, strict=True)]
@@ -84,11 +86,7 @@ def read_xcp(path: Path, up: str = "") -> Cameras:
     Orientation is a quaternion x, y, z, w that turns the world into the camera, position is in mm. The file does not
     say which axis is up: z unless the cameras tell of another, or `up` does.
     """
-    return z_up(_cameras(path, XCP, "Camera", "KeyFrames/KeyFrame", _vicon_name, _vicon), up)
-
-
-def _vicon_name(camera: Element) -> str:
-    return camera.get("NAME") or camera.get("USERID") or camera.get("DEVICEID") or ""
+    return z_up(_cameras(path, XCP, "Camera", "KeyFrames/KeyFrame", ("NAME", "USERID", "DEVICEID"), _vicon), up)
 
 
 def _vicon(camera: _Camera) -> RigCamera:
@@ -101,7 +99,7 @@ def _vicon(camera: _Camera) -> RigCamera:
     if min(focal, aspect) < LEAST or not quaternion.any() or not (size > 0).all():
         words = f"camera {camera.name} has no focal length, orientation or size"
         raise InputError(f"{words}; expected a calibrated camera", camera.path)
-    rotation = rotation_from_quaternion(quaternion)
+    rotation = quaternion_to_matrix(np.roll(quaternion / np.linalg.norm(quaternion), 1))
     position = read(frame, "POSITION", each=3) / 1000
     distortion, inverse = _vicon_lens(camera, frame, focal)
     # A lens that turns back before half of the sensor is none.
@@ -129,9 +127,7 @@ def _vicon_lens(camera: _Camera, frame: Element, focal: float) -> tuple[np.ndarr
 
 def read_qca(path: Path, up: str = "") -> Cameras:
     """The active cameras, named by serial number: positions in mm, z up, rows of the rotation the camera's own axes."""
-    return z_up(
-        _cameras(path, QCA, "camera", "transform", lambda one: one.get("serial") or one.get("id") or "", _qca), up
-    )
+    return z_up(_cameras(path, QCA, "camera", "transform", ("serial", "id"), _qca), up)
 
 
 def _qca(camera: _Camera) -> RigCamera:
@@ -158,12 +154,7 @@ def read_mcal(path: Path, up: str = "") -> Cameras:
 
     The lens is that of `IntrinsicStandardCameraModel`, which is OpenCV's; Motive's own model beside it is not public.
     """
-    return z_up(_cameras(path, MCAL, "Camera", "Extrinsic", _motive_name, _mcal), up or "y")
-
-
-def _motive_name(camera: Element) -> str:
-    properties = camera.find("Properties")
-    return camera.get("Serial") or (properties.get("CameraID") if properties is not None else None) or ""
+    return z_up(_cameras(path, MCAL, "Camera", "Extrinsic", ("Serial", "CameraID"), _mcal), up or "y")
 
 
 def _mcal(camera: _Camera) -> RigCamera:

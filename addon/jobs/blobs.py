@@ -117,9 +117,7 @@ class BlobTake(OpenTake):
         steps = steps_of(self.method, self.several is not None)
         words = [STEPS[step] for step in (*steps, *([BY_EDIT] if any(results.outcomes) else []))]
         facts["steps"] = {step: results.summary.steps[step] for step in words}
-        if self.cameras.remarks:
-            facts["calibration"] = list(self.cameras.remarks)
-        facts |= facts_of_capture(self.job.source, False, self.cameras)
+        facts |= facts_of_capture(self.job.source, self.cameras)
         return facts | facts_of_cameras(self.check, results.trouble, self.noticed)
 
     def points(self) -> Points:

@@ -10,7 +10,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
-from ..blendfile import Chunks, inside_blender
+from ..blendfile import Chunks, inside_blender, open_cameras
 from ..core.data.errors import ForceableError, InputError
 from ..core.data.markersets import Worn
 from ..core.edits.kinds import NO_EDITS, Edits
@@ -19,7 +19,7 @@ from ..core.points.naming import USUAL_TARGET, plain_method
 from ..io.cameras import calibration_files
 from ..io.edits import edits_beside
 from ..io.markersets import markerset_file
-from ..io.qtm import USE_BLOBS, USE_POINTS, held_in, is_qtm
+from ..io.qtm.capture import USE_BLOBS, USE_POINTS, held_in, is_qtm
 from ..io.report import REPORT, earlier_run
 from ..io.source import digest
 from ..io.text import written
@@ -188,6 +188,29 @@ class LabelJob:
         return None if isinstance(edits, Edits) else edits
 
 
+@dataclass(frozen=True, kw_only=True)
+class RoomJob:
+    """What jobs have in common that go from what the cameras of a room saw to a file.
+
+    cameras  the calibration, a file or what was read of one
+    out      the file to write
+    frames   first and last frame, both included, None for the source's own
+    up       the axis that points up in the calibration, None for what it says or tells
+    """
+
+    cameras: Path | Cameras
+    out: Path
+    frames: tuple[int | None, int | None] | None = None
+    up: str | None = None
+    overwrite: bool = False
+
+    def opened(self) -> tuple[Cameras, list[Path]]:
+        """The cameras, and the files that they are read from."""
+        if isinstance(self.cameras, Cameras):
+            return self.cameras, []
+        return open_cameras(self.cameras, self.up), calibration_files(self.cameras)
+
+
 def part_job(said: dict, cameras: Cameras | None, frames: tuple[int, int]) -> LabelJob:
     """The job that labels these frames of a take as `for_a_part` said; `cameras` where it holds blobs."""
     known = {name: said[name] for name in FOR_ANY_PART if name in said}
@@ -259,10 +282,11 @@ def told_of_capture(source: Path, points: bool, cameras: Cameras | None = None) 
     return said
 
 
-def facts_of_capture(source: Path, points: bool, cameras: Cameras | None = None) -> dict:
-    """The same as part of a report; nothing for other takes."""
-    said = told_of_capture(source, points, cameras)
-    return {"capture": said} if said else {}
+def facts_of_capture(source: Path, cameras: Cameras | None = None) -> dict:
+    """The same as part of a report, and what was decided about the `cameras` of a take of blobs; None for points."""
+    remarks = [] if cameras is None else list(cameras.remarks)
+    facts = {"capture": told_of_capture(source, cameras is None, cameras), "calibration": remarks}
+    return {name: said for name, said in facts.items() if said}
 
 
 # Fields of a job that make no difference to what its files hold, or are told by their content.

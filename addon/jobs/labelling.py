@@ -24,7 +24,7 @@ from ..core.review.doubtful import AskedNames, doubtful_of, doubtful_ranges
 from ..core.review.summary import TakeSummary
 from ..core.review.take_trouble import TakeTrouble
 from ..io.blobs import read_blobs
-from ..io.c3d import first_number, names_in_c3d
+from ..io.c3d.writing import first_number, names_in_c3d
 from ..io.edits import open_edits
 from ..io.labels import LabelWriter, facts_of_changes
 from ..io.points import write_c3d, write_trc
@@ -371,7 +371,7 @@ def _write(
         words = [f"{name} is not of this run, and stays as it is" for name in left]
         report["notes"] = [*report.get("notes", []), *words]
     if results.overview is not None:
-        from ..io.html import write_take_page
+        from ..io.html.pages import write_take_page
         from .pages import today
 
         results.overview.outcomes = outcomes

@@ -18,7 +18,8 @@ from ..core.review.summary import TakeSummary
 from ..core.review.take_trouble import TakeTrouble
 from ..io.batch import AT_WORK, FAILING, LABELLED, TABLE, WAITING, TakeRow, is_table, row_of, worst_first, write_table
 from ..io.filled import kept_rows
-from ..io.html import is_page, write_folder_page, write_take_page
+from ..io.html.markup import is_page
+from ..io.html.pages import write_folder_page, write_take_page
 from ..io.report import facts_of_cameras, facts_of_edits, facts_of_trouble, take_report
 from ..io.whole import check_targets, whole_files
 from ..version import version

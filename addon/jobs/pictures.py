@@ -9,15 +9,15 @@ from time import perf_counter
 
 import numpy as np
 
-from ..blendfile import open_cameras, opened_pictures
+from ..blendfile import opened_pictures
 from ..core.data.errors import InputError, JobError
 from ..core.data.progress import Progress
 from ..core.data.takes import Blobs, evenly_spread
 from ..core.geometry.cameras import Cameras
 from ..core.pictures.spots import Brightness, SpotOptions, brightness_of, find_spots
 from ..io.blobs import BlobWriter
-from ..io.cameras import calibration_files
 from ..io.whole import whole_file
+from .job import RoomJob
 
 # Where (0, 0) of a calibration's pixels is, and how far that is from the middle of the first pixel.
 CENTRE, CORNER = "centre", "corner"
@@ -33,25 +33,16 @@ MAX_MISSING = 100_000
 SAME_SIZE_PX = 0.6  # how far a picture's sides may be from the calibration's, px: some keep half pixels
 
 
-@dataclass(frozen=True)
-class PicturesJob:
-    """Which pictures to make blobs of.
+@dataclass(frozen=True, kw_only=True)
+class PicturesJob(RoomJob):
+    """Which pictures to make a file of blobs of.
 
     pictures     a movie, a folder of numbered pictures or one of these for each camera, by the camera's name
-    cameras      the calibration, a file or what was read of one
-    out          the blob file to write
-    frames       first and last frame, both included, None for the pictures' own
     first_pixel  where (0, 0) of the calibration's pixels is, CENTRE or CORNER of the first; None for what its kind says
-    up           the axis that points up in the calibration, None for what it says or tells
     """
 
     pictures: Mapping[str, Path]
-    cameras: Path | Cameras
-    out: Path
-    frames: tuple[int | None, int | None] | None = None
     first_pixel: str | None = None
-    up: str | None = None
-    overwrite: bool = False
     spots: SpotOptions = field(default_factory=SpotOptions)
 
 
@@ -62,8 +53,7 @@ def blobs_of_pictures(job: PicturesJob) -> Generator[Progress, None, dict]:
     be told.
     """
     begin = perf_counter()
-    cameras = job.cameras if isinstance(job.cameras, Cameras) else open_cameras(job.cameras, job.up)
-    files = calibration_files(job.cameras) if isinstance(job.cameras, Path) else []
+    cameras, files = job.opened()
     used = {name: index_of(name, cameras.names) for name in job.pictures}
     shift = FIRST_PIXEL[job.first_pixel or first_pixel_of(job.cameras)]
     read = [path for path in job.pictures.values() if path.is_file()]

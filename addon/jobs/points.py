@@ -86,7 +86,7 @@ class PointTake(OpenTake):
             "method": self.method,
             "target": self.job.target,
             "steps": {step: count for step, count in summary.steps.items() if count},
-            **facts_of_capture(self.job.source, True),
+            **facts_of_capture(self.job.source),
         }
 
     def points(self) -> Points:

@@ -11,7 +11,6 @@ from time import perf_counter
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..blendfile import open_cameras
 from ..core.data.errors import InputError, JobError
 from ..core.data.lanes import Lanes
 from ..core.data.made import Made, by_frames
@@ -19,11 +18,10 @@ from ..core.data.progress import Progress
 from ..core.data.takes import Blobs, Points
 from ..core.reconstruction.trajectories import Reconstructed, TrajectorySpans, reconstruct_take
 from ..io.blobs import BlobRows, read_blobs
-from ..io.cameras import calibration_files
 from ..io.points import write_c3d, write_trc
 from ..io.scratch import RowFile, scratch_folder
 from ..io.whole import whole_file
-from .job import USUAL_RATE, facts_of_capture
+from .job import USUAL_RATE, RoomJob, facts_of_capture
 from .labelling import renumbered
 
 # How trajectories become the columns of a file.
@@ -95,25 +93,12 @@ def _columns(rows: np.ndarray, starts: np.ndarray, column: np.ndarray, width: in
 WRITERS = {".c3d": write_c3d, ".trc": write_trc}
 
 
-@dataclass(frozen=True)
-class RebuildJob:
-    """What to reconstruct.
-
-    source   the blob file
-    cameras  the calibration
-    out      the file to write, `.c3d` or `.trc`
-    frames   first and last frame, both included, None for the take's own
-    rate     frames a second, None where nobody knows
-    up       the axis that points up in the calibration, None for what it says or tells
-    """
+@dataclass(frozen=True, kw_only=True)
+class RebuildJob(RoomJob):
+    """What to reconstruct: the blob file, and frames a second, None where nobody knows; `out` is `.c3d` or `.trc`."""
 
     source: Path
-    cameras: Path
-    out: Path
-    frames: tuple[int | None, int | None] | None = None
     rate: float | None = None
-    overwrite: bool = False
-    up: str | None = None
 
 
 def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
@@ -125,11 +110,11 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
     write = WRITERS.get(job.out.suffix.lower())
     if write is None:
         raise InputError("is no file of 3D points; expected a name that ends in .c3d or .trc", job.out)
-    cameras = open_cameras(job.cameras, job.up)
+    cameras, files = job.opened()
     rate = USUAL_RATE if job.rate is None else job.rate
     blobs, used, squares, pixel = 0, 0, 0.0, float("nan")
     with ExitStack() as stack:
-        target = stack.enter_context(whole_file(job.out, job.overwrite, [job.source, *calibration_files(job.cameras)]))
+        target = stack.enter_context(whole_file(job.out, job.overwrite, [job.source, *files]))
         spool = stack.enter_context(TrajectoryFile(stack.enter_context(scratch_folder()), rate))
         stack.enter_context(threadpool_limits(1, user_api="blas"))
         taken: deque[BlobRows] = deque()
@@ -156,8 +141,7 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
         "blobs_explained": used,
         "residual_mm": float(f"{1000 * np.sqrt(squares / max(spool.count, 1)):.4g}"),
         "noise_px": float(f"{pixel:.4g}"),
-        **facts_of_capture(job.source, False, cameras),
-        **({"calibration": list(cameras.remarks)} if cameras.remarks else {}),
+        **facts_of_capture(job.source, cameras),
         **(renumbered(points) if write is write_c3d else {}),
         "seconds": round(perf_counter() - begin, 3),
     }

@@ -8,7 +8,6 @@ from time import perf_counter
 
 import numpy as np
 
-from ..blendfile import open_cameras
 from ..core.calibration.refining import Refinement, parts_of, refine_cameras
 from ..core.data.errors import InputError, UserError
 from ..core.data.progress import Progress, within
@@ -16,37 +15,28 @@ from ..core.data.takes import Blobs
 from ..core.geometry.cameras import Cameras
 from ..core.pipelines.blobs import BlobOptions
 from ..io.blobs import frames_in, read_blobs
-from ..io.cameras import calibration_files, write_cameras
+from ..io.cameras import write_cameras
 from ..io.markersets import markerset_file
 from ..io.models import open_model
 from ..io.whole import whole_file
-from .job import USUAL_RATE, facts_of_capture
+from .job import USUAL_RATE, RoomJob, facts_of_capture
 
 READ = 0.1  # of the work, in its progress
 
 
-@dataclass(frozen=True)
-class RefineJob:
-    """What to refine.
+@dataclass(frozen=True, kw_only=True)
+class RefineJob(RoomJob):
+    """What to refine; `out` is the `.toml` to write, and `frames` are what to go by.
 
-    source   the blob file
-    cameras  the calibration, a file or what was read of one
-    model    a built-in model's name or the path of one
-    out      the `.toml` to write
-    frames   first and last frame to go by, both included, None for the take's own
-    rate     frames a second, None where nobody knows
-    up       the axis that points up in the calibration, None for what it says or shows
+    source      the blob file
+    model       a built-in model's name or the path of one
+    rate        frames a second, None where nobody knows
     if_refined  write nothing where there is nothing to refine; else the cameras are written as they were
     """
 
     source: Path
-    cameras: Path | Cameras
     model: str
-    out: Path
-    frames: tuple[int | None, int | None] | None = None
     rate: float | None = None
-    up: str | None = None
-    overwrite: bool = False
     if_refined: bool = False
 
 
@@ -66,10 +56,9 @@ def refine_file(job: RefineJob) -> Generator[Progress, None, Refined]:
     begin = perf_counter()
     if job.out.suffix.lower() != ".toml":
         raise InputError("is no file of a calibration that is written; expected a name that ends in .toml", job.out)
-    files = calibration_files(job.cameras) if isinstance(job.cameras, Path) else []
+    cameras, files = job.opened()
     with whole_file(job.out, job.overwrite, [job.source, markerset_file(job.model), *files]) as target:
         model = open_model(job.model)
-        cameras = job.cameras if isinstance(job.cameras, Cameras) else open_cameras(job.cameras, job.up)
         rate = USUAL_RATE if job.rate is None else job.rate
         parts = yield from _read_parts(job, cameras)
         try:
@@ -120,8 +109,7 @@ def _report(job: RefineJob, found: Refinement, rate: float, seconds: float) -> d
         "camera_doubts": list(found.doubts),
         "frames_labelled": found.frames,
         "rounds": found.rounds,
-        **facts_of_capture(job.source, False, found.cameras),
-        **({"calibration": list(found.cameras.remarks)} if found.cameras.remarks else {}),
+        **facts_of_capture(job.source, found.cameras),
         "seconds": round(seconds, 3),
     }
 

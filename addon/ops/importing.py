@@ -17,7 +17,7 @@ from ..io.blobs import read_blobs
 from ..io.cameras import read_cameras
 from ..io.edits import edits_beside
 from ..io.points import holds_points, read_points
-from ..io.qtm import USE_BLOBS, held_in, is_qtm
+from ..io.qtm.capture import USE_BLOBS, held_in, is_qtm
 from ..jobs.job import blob_rate, told_of_capture
 from ..props import refresh_review
 from ..scene import cameras as scene_cameras

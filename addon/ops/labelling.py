@@ -19,7 +19,7 @@ from ..core.points.refusals import HOW_TO_ASK
 from ..core.points.several.wearers import AUTO
 from ..core.review.changes import summary_of_changes
 from ..io.markersets import open_markerset
-from ..io.qtm import USE_BLOBS, USE_POINTS
+from ..io.qtm.capture import USE_BLOBS, USE_POINTS
 from ..io.scratch import scratch_folder
 from ..io.text import written
 from ..jobs import LabelJob, Labelled, label_file

@@ -92,9 +92,9 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, WorksInSteps, bpy.types.Operat
         cameras = scene_cameras.cameras_of(settings.source.cameras, scene)
         pictures = pictures_by_camera([(None, path) for path in self._chosen(cameras.names)], cameras.names)
         job = PicturesJob(
-            pictures,
-            cameras,
-            self.target(next(iter(pictures.values()))),
+            pictures=pictures,
+            cameras=cameras,
+            out=self.target(next(iter(pictures.values()))),
             first_pixel=self.first_of(settings.source.cameras),
             overwrite=bool(self.out),
             spots=SpotOptions(threshold=self.threshold or None, min_area=self.min_area, max_area=self.max_area),

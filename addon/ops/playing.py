@@ -12,7 +12,7 @@ from ..core.data.errors import InputError
 from ..core.review.changes import summary_of_changes
 from ..io.labels import changes_of_part
 from ..io.poses import check_cache
-from ..io.qtm import USE_POINTS
+from ..io.qtm.capture import USE_POINTS
 from ..jobs import LabelJob, Labelled, part_job
 from ..props import refresh_review
 from ..scene import cameras as scene_cameras

@@ -21,7 +21,7 @@ from addon.core.data.lanes import Lanes
 from addon.core.data.takes import BY_LIKELIHOOD, NO_STEP, Labels
 from addon.core.points.whole_take import pipeline
 from addon.demo.take import make_performance
-from addon.io.c3d import write_c3d_file
+from addon.io.c3d.writing import write_c3d_file
 from addon.io.markersets import open_markerset
 from addon.jobs import LabelJob, label_file
 

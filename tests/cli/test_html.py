@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from addon.core.data.wording import count_of
-from addon.io import html
+from addon.io.html import pages as take_pages
 from addon.jobs import pages
 from tests.io.pages import read
 
@@ -66,7 +66,7 @@ def test_a_page_that_cannot_be_written_costs_all_files(label, tmp_path, monkeypa
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(html, "write_take_page", full)
+    monkeypatch.setattr(take_pages, "write_take_page", full)
     answer = label(*FEW, "--html")
     assert "No space left on device" in answer.reason
     assert list((tmp_path / "out").iterdir()) == []

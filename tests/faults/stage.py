@@ -21,7 +21,7 @@ from addon.cli import workers
 from addon.core.data.takes import Points
 from addon.demo.take import MODEL, STAGE_RATE, make_performance
 from addon.io.batch import read_table
-from addon.io.html import is_page
+from addon.io.html.markup import is_page
 from addon.io.markersets import open_markerset
 from addon.io.points import write_c3d
 from addon.io.whole import LIST, PART

@@ -9,7 +9,7 @@ import pytest
 
 from addon.core.data.errors import InputError
 from addon.core.data.takes import Points
-from addon.io.c3d import first_number, write_c3d_file
+from addon.io.c3d.writing import first_number, write_c3d_file
 from addon.io.points import read_points, write_c3d
 from tests.io.c3d_layouts import BLOCK, DEC, INTEL, MIPS, SCALE, Layout
 from tests.io.whole_columns import read_c3d

@@ -228,7 +228,7 @@ GOOD = (
         ("600, 0, 320", "'600', 0, 320", "not made of numbers"),
         ("[0, 0, 1]", "[0, 0, 2]", "0 0 1"),
         ("rotation = [0, 0, 0]", "rotation = [[1, 0, 0], [0, 1, 0], [0, 0, -1]]", "not a rotation"),
-        ("rotation = [0, 0, 0]", "rotation = [1, 2]", "rotation of 2 numbers"),
+        ("rotation = [0, 0, 0]", "rotation = [1, 2]", "`rotation` of 2 numbers"),
         ("rotation = [0, 0, 0]\n", "", "no `rotation`"),
         ("distortions = [0.1]", "distortions = [0, 0, 0, 0, 0, 0.1]", "6 coefficients"),
         ("distortions = [0.1]", "distortions = [0.1]\nfisheye = true", "fisheye"),

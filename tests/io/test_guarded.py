@@ -11,7 +11,7 @@ import pytest
 from addon.core.data.errors import InputError
 from addon.io.batch import is_result, is_table, read_table
 from addon.io.edits import read_edits
-from addon.io.html import is_page
+from addon.io.html.markup import is_page
 from addon.io.models import read_model
 from addon.io.poses import cache_mark, check_cache
 from addon.io.report import earlier_run

@@ -14,7 +14,8 @@ from addon.core.review.overview import OverviewSubject, TakeOverview
 from addon.core.review.summary import TakeSummary
 from addon.core.review.take_trouble import TakeTrouble
 from addon.io.batch import TakeRow, row_of
-from addon.io.html import is_page, write_folder_page, write_take_page
+from addon.io.html.markup import is_page
+from addon.io.html.pages import write_folder_page, write_take_page
 from addon.io.report import facts_of_trouble, take_report
 from tests.io.pages import read
 from tests.io.test_batch import REPORT

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from addon.core.data.errors import InputError
 from addon.core.data.takes import Points
-from addon.io.c3d import write_c3d_file
+from addon.io.c3d.writing import write_c3d_file
 from addon.io.points import holds_points, marker_columns, read_points, write_c3d, write_trc
 from addon.io.textpoints import read_trc
 from addon.io.whole import whole_file

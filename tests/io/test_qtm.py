@@ -17,7 +17,8 @@ from addon.core.data.takes import Blobs
 from addon.io.blobs import frames_in, read_blobs, write_blobs
 from addon.io.cameras import read_cameras
 from addon.io.points import holds_points, read_points
-from addon.io.qtm import held_in, records
+from addon.io.qtm import records
+from addon.io.qtm.capture import held_in
 from addon.io.qtm.container import Container, Schema, read_items, read_schema
 
 from .qtm_file import (

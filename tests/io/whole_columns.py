@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from addon.io.c3d import C3dHead, open_c3d
+from addon.io.c3d.reading import C3dHead, open_c3d
 from addon.io.samples import Samples
 
 

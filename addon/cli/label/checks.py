@@ -11,7 +11,7 @@ from ...core.data.errors import InputError
 from ...core.data.wording import words_of_range
 from ...io.edits import edits_beside, open_edits
 from ...io.points import holds_points
-from ...io.qtm import is_qtm
+from ...io.qtm.capture import is_qtm
 from ...io.whole import keep_apart
 from ...jobs.job import calibration_for, told_by_capture
 from ..arguments import job_of

@@ -20,7 +20,7 @@ from ...core.points.several.wearers import (
     is_subject_name,
 )
 from ...io.models import open_model
-from ...io.qtm import USES
+from ...io.qtm.capture import USES
 from ..arguments import OWN_CAMERAS, add_options, number, whole
 
 

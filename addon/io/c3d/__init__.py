@@ -7,8 +7,3 @@ ezc3d cannot read MIPS files, takes the byte of the cameras for the residual, an
 platform. Both serve as second opinion in tests.
 The format: the C3D file format user guide, Motion Lab Systems, 2008.
 """
-
-from .reading import C3dHead, open_c3d
-from .writing import first_number, names_in_c3d, write_c3d_file
-
-__all__ = ["C3dHead", "first_number", "names_in_c3d", "open_c3d", "write_c3d_file"]

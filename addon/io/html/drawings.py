@@ -8,6 +8,7 @@ import numpy as np
 
 from ...core.review.moments import Moment
 from ...core.review.overview import CELL_STATES, GAP_CELL, TakeOverview
+from ...core.review.suspects import runs
 from .markup import Html, element, percent
 
 # How pictures are laid out; by looking at them.
@@ -59,7 +60,7 @@ def time_strips(overview: TakeOverview) -> list[Html]:
 def _strip(most: np.ndarray, also: np.ndarray, totals: np.ndarray, name: str) -> Html:
     paths = []
     for state, word in enumerate(CELL_STATES):
-        base, below = _runs(most == state), _runs(also == state)
+        base, below = runs(most == state), runs(also == state)
         if base and state != GAP_CELL:
             paths.append(element("path", class_=f"base {word}", d="".join(f"M{a} 5h{b - a}" for a, b in base)))
         if below:
@@ -70,12 +71,6 @@ def _strip(most: np.ndarray, also: np.ndarray, totals: np.ndarray, name: str) ->
     size = f"0 0 {len(most)} 10"
     label = f"{name}: {said}"
     return element("svg", *paths, class_="s", viewBox=size, preserveAspectRatio="none", role="img", aria_label=label)
-
-
-def _runs(where: np.ndarray) -> list[tuple[int, int]]:
-    """Begin and end of every run of True in (B,)."""
-    edges = np.flatnonzero(np.diff(np.r_[False, where, False].astype(np.int8)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def strip_legend(states: Sequence[str]) -> Html:

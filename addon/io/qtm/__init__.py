@@ -5,18 +5,3 @@ No description of the format is published. How the file is laid out was worked o
 points and calibration are known otherwise; most of it the file says itself (`layout`). Whatever is laid out in another
 way is refused, or left out, by name. The container: MS-CFB, read by olefile; the packing: LZO1X, by lzallright.
 """
-
-from .capture import USE_BLOBS, USE_POINTS, USES, CaptureHolds, held_in, is_qtm, read_qtm_cameras
-from .records import read_qtm_points, rows_of_qtm
-
-__all__ = [
-    "USES",
-    "USE_BLOBS",
-    "USE_POINTS",
-    "CaptureHolds",
-    "held_in",
-    "is_qtm",
-    "read_qtm_cameras",
-    "read_qtm_points",
-    "rows_of_qtm",
-]
