@@ -56,7 +56,8 @@ class PointMarks:
 
 def point_marks(stored: Stored, index: int) -> PointMarks:
     """What there is in frame `index`."""
-    states = states_of(stored, range(len(stored.names)), slice(index, index + 1))[0]
+    markers = range(len(stored.names))
+    states = states_of(stored, markers, slice(index, index + 1))[0] if markers else np.zeros(0, np.int8)
     unnamed, asked = np.empty((0, 3)), {}
     if isinstance(stored.rows, PointRows):
         here, frame = rows_in_frame(stored.rows, index), stored.rows.frames[index]

@@ -9,7 +9,7 @@ import bpy
 from ..scene.take import is_take
 
 LETTER = 6.6  # px of the interface that a letter of a panel is wide, on average
-PANEL = "MOCAP_AUTOLABEL_PT_"
+PANEL_NAME = "MOCAP_AUTOLABEL_PT_"
 MARGIN = 56  # px of the interface beside the words of a panel
 
 
@@ -40,11 +40,11 @@ def panel(
             "poll": classmethod(lambda _, context: bool(seen(context))),
             "draw": lambda self, context: draw(self.layout, context),
         }
-        words |= {"bl_parent_id": f"{PANEL}{under}"} if under else {}
+        words |= {"bl_parent_id": f"{PANEL_NAME}{under}"} if under else {}
         words |= {"bl_options": {"DEFAULT_CLOSED"}} if closed else {}
         words |= {"draw_header_preset": lambda self, context: header(self.layout, context)} if header else {}
         of = {"__module__": draw.__module__, "__doc__": draw.__doc__}
-        return type(f"{PANEL}{draw.__name__}", (bpy.types.Panel,), words | of)
+        return type(f"{PANEL_NAME}{draw.__name__}", (bpy.types.Panel,), words | of)
 
     return made
 

@@ -217,8 +217,10 @@ def test_doubtful_points_are_told_from_sure_ones(extension):
             np.arange(18.0).reshape(6, 3),
             None,
         ),
-        labels=SimpleNamespace(marker=np.array([0, 2, -1, -1, -1, -1]), confidence=np.array([1.0, 0.9, 0, 0, 0, 0])),
-        fitting=(),
+        labels=takes.Labels(np.array([0, 2, -1, -1, -1, -1]), np.zeros(6, int), np.array([1.0, 0.9, 0, 0, 0, 0])),
+        held=None,
+        edits=(),
+        filled_markers={},
     )
     first, second, third = (marks.point_marks(stored, index) for index in range(3))
     assert first.doubtful.tolist() == [False, False, True]
