@@ -24,8 +24,8 @@ from .sightings import Sightings
 
 # Of a take so many parts are labelled, spread over it, of so many frames at most: what a subject is known by after, and
 # little enough to do twice. A second of each says where cameras are within their noise.
-PARTS, PART_FRAMES = 12, 40
-MAX_ROUNDS = 3  # of labelling and adjusting: cameras that were moved get their names in the second
+REFINING_PARTS, PART_FRAMES = 12, 40
+REFINING_ROUNDS = 3  # of labelling and adjusting: cameras that were moved get their names in the second
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ class Refinement:
 def parts_of(first: int, last: int) -> list[tuple[int, int]]:
     """The frames of a take from `first` to `last` that are looked at: first and last frame of each part, ascending."""
     count = last - first + 1
-    parts = min(PARTS, count)
+    parts = min(REFINING_PARTS, count)
     length = min(PART_FRAMES, count // parts)
     starts = first + np.linspace(0, count - length, parts).round().astype(int)
     return [(int(start), int(start) + length - 1) for start in starts]
@@ -81,14 +81,14 @@ def refine_cameras(
     given, rounds = cameras, 0
     doubts: tuple[str, ...] = ()
     while True:
-        span = (rounds / MAX_ROUNDS, (rounds + 1) / MAX_ROUNDS)
+        span = (rounds / REFINING_ROUNDS, (rounds + 1) / REFINING_ROUNDS)
         labelled, check = yield from _labelled(parts, given, model, options, span)
         if not rounds:
             _refuse_room(check)
             _refuse_nobody(check, model.markerset.name)
             doubts = tuple(suspect.reason for suspect in check.suspects())
         rounds += 1
-        places, more = check.moved, rounds < MAX_ROUNDS
+        places, more = check.moved, rounds < REFINING_ROUNDS
         if places and more:
             given = _with_places(given, places)
             continue

@@ -12,7 +12,7 @@ from ..geometry.cameras import Cameras
 from ..geometry.triangulation import meet_rows
 from ..review.odd_cameras import MIN_RAYS
 
-MAX_POINTS = 2500  # of a part of the take, what a bundle adjustment carries in seconds
+SIGHTED_POINTS = 2500  # of a part of the take, what a bundle adjustment carries in seconds
 CELL_M = 0.2  # edge of the cubes over which points are spread: a step of somebody who stands about
 
 
@@ -70,7 +70,7 @@ class Sightings:
         return meet_rows(cameras, self.camera, self.image, self.point, self.count)
 
     def spread(self, cameras: Cameras) -> Self:
-        """At most MAX_POINTS of the points, as evenly over space as they allow."""
+        """At most SIGHTED_POINTS of the points, as evenly over space as they allow."""
         points = self.met(cameras)
         sound = np.isfinite(points).all(axis=1)
         cube = np.floor(np.where(sound[:, None], points, 0) / CELL_M).astype(np.int64)
@@ -83,7 +83,7 @@ class Sightings:
         rank[by_cell] = np.arange(self.count) - np.repeat(np.cumsum(sizes) - sizes, sizes)
         order = np.lexsort((np.arange(self.count)[np.argsort(shuffled)], rank, ~sound))
         chosen = np.zeros(self.count, bool)
-        chosen[order[:MAX_POINTS]] = True
+        chosen[order[:SIGHTED_POINTS]] = True
         return self.kept(chosen & sound)
 
     def misses(self, cameras: Cameras) -> np.ndarray:

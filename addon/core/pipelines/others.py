@@ -22,7 +22,7 @@ from ..reconstruction.matching import Circumstances, Expected, FrameMatcher
 from ..reconstruction.trajectories import RECONSTRUCTION
 
 FIRST = 4  # frames of a take's beginning, whose points are counted before any is named, in 0.1 s
-FRAMES = 12  # that are looked at, spread over the take
+MOST_FRAMES = 12  # that are looked at, spread over the take
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class OtherSubjects:
             self.kept.append(one)
             self.residual.append(np.atleast_1d(residual[index]))
         self.frames += count
-        while len(self.kept) > 2 * FRAMES:
+        while len(self.kept) > 2 * MOST_FRAMES:
             self.kept, self.residual, self.stride = self.kept[::2], self.residual[::2], 2 * self.stride
 
     def refuse(self):
@@ -84,7 +84,7 @@ class OtherSubjects:
             return
         namer = namer_of(self.model, chosen_method(self.model, "auto"), None)
         try:
-            refuse_others(self.model, namer, self.some_points(FRAMES))
+            refuse_others(self.model, namer, self.some_points(MOST_FRAMES))
         except SubjectsError:
             raise
         except UnsuitedError:

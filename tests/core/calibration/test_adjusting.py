@@ -107,7 +107,7 @@ def test_the_derivative_is_that_of_the_misses():
 
 def test_points_are_spread_over_space(monkeypatch):
     """A place where somebody stood for long does not crowd out where somebody passed."""
-    monkeypatch.setattr("addon.core.calibration.sightings.MAX_POINTS", 60)
+    monkeypatch.setattr("addon.core.calibration.sightings.SIGHTED_POINTS", 60)
     cameras = ring_rig(5, generator=np.random.default_rng(5))
     stood, passed = np.random.default_rng(6).uniform(-0.04, 0.04, (500, 3)), np.linspace([-0.9, 0, 1], [0.9, 0, 1], 40)
     middle = np.array([0.1, 0.1, 1.1])
