@@ -159,10 +159,8 @@ def _drawn(markerset: MarkerSet, seed: int) -> tuple[np.ndarray, np.ndarray]:
     clouds, rotations = [], []
     for _ in range(DRAWN_PEOPLE):
         person = draw_person(markerset, generator).pick(np.zeros(DRAWN_POSES, dtype=int))
-        bends = spread.pose_mean + (generator.standard_normal((DRAWN_POSES, 3 * joints)) @ root.T).reshape(
-            -1, joints, 3
-        )
-        posed = model.pose(replace(person, bends=bends))
+        drawn = (generator.standard_normal((DRAWN_POSES, 3 * joints)) @ root.T).reshape(-1, joints, 3)
+        posed = model.pose(replace(person, bends=spread.pose_mean + drawn))
         clouds.append(posed.markers)
         rotations.append(posed.rotations)
     return np.array(clouds), np.array(rotations)
