@@ -7,16 +7,10 @@ from ..data.markersets import MarkerSet
 from ..papers.virtual_occlusions.occlusion import CapsuleOcclusion
 
 PLACES_AROUND, PLACE_ROWS = 8, 3  # places around a marker or a capsule, and rows along it, that are tried
-
-
-CAMERA_RING_HEIGHTS, CAMERA_RING_RADIUS = (
-    (0.5, 1.2),
-    3.0,
-)  # heights, of two rings of cameras around the body, as they hang in a room
+# Heights, of two rings of cameras around the body, as they hang in a room.
+CAMERA_RING_HEIGHTS, CAMERA_RING_RADIUS = (0.5, 1.2), 3.0
 MIN_SEEN_SHARE = 0.45  # of the cameras that should see a marker; a convex body hides half
-CAPSULE_END = (
-    0.1  # of a capsule's length, by which places stay off its ends, and a marker may leave them: joints bend there
-)
+CAPSULE_END = 0.1  # of its length, by which places stay off its ends, and a marker may leave them: joints bend there
 MIN_RADIUS = 0.005  # heights, of a capsule that is walked around: a finger's
 
 
