@@ -33,7 +33,7 @@ from .subject import Setup
 from .swaps import exchange_loss, exchanged, swap_names
 from .tracking import Followed, FrameResult, Track, follow
 
-PARTS = 8  # of a chunk, in which a lost subject is looked for, one frame each
+PARTS_LOOKED_IN = 8  # of a chunk, in which a lost subject is looked for, one frame each
 
 
 @dataclass(frozen=True)
@@ -335,7 +335,7 @@ class _Chunk:
         """
         named = [index for index in range(first, end) if self.fixed[index] is not None]
         named = sorted(named, key=lambda index: -(self.fixed[index] >= 0).sum())[:MAX_FINALISTS]
-        parts = np.array_split(np.arange(first, end), min(PARTS, end - first))
+        parts = np.array_split(np.arange(first, end), min(PARTS_LOOKED_IN, end - first))
         best = [int(part[np.argmax([self.views[index].count for index in part])]) for part in parts]
         # Far from each other first: by their numbers with the binary digits in reverse.
         order = sorted(range(len(best)), key=lambda part: f"{part:08b}"[::-1])

@@ -24,7 +24,7 @@ from .sightings import Sightings
 
 # Of a take so many parts are labelled, spread over it, of so many frames at most: what a subject is known by after, and
 # little enough to do twice. A second of each says where cameras are within their noise.
-REFINED_PARTS, REFINED_AT_ONCE = 12, 40
+REFINING_PARTS, REFINED_AT_ONCE = 12, 40
 REFINING_ROUNDS = 3  # of labelling and adjusting: cameras that were moved get their names in the second
 
 
@@ -59,7 +59,7 @@ class Refinement:
 def parts_of(first: int, last: int) -> list[tuple[int, int]]:
     """The frames of a take from `first` to `last` that are looked at: first and last frame of each part, ascending."""
     count = last - first + 1
-    parts = min(REFINED_PARTS, count)
+    parts = min(REFINING_PARTS, count)
     length = min(REFINED_AT_ONCE, count // parts)
     starts = first + np.linspace(0, count - length, parts).round().astype(int)
     return [(int(start), int(start) + length - 1) for start in starts]

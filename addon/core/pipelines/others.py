@@ -22,7 +22,7 @@ from ..reconstruction.matching import Circumstances, Expected, FrameMatcher
 from ..reconstruction.trajectories import RECONSTRUCTION
 
 FIRST = 4  # frames of a take's beginning, whose points are counted before any is named, in 0.1 s
-CROWD_FRAMES = 12  # that are looked at, spread over the take
+MOST_FRAMES = 12  # that are looked at, spread over the take
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class OtherSubjects:
             self.kept.append(one)
             self.residual.append(np.atleast_1d(residual[index]))
         self.frames += count
-        while len(self.kept) > 2 * CROWD_FRAMES:
+        while len(self.kept) > 2 * MOST_FRAMES:
             self.kept, self.residual, self.stride = self.kept[::2], self.residual[::2], 2 * self.stride
 
     def refuse(self):
@@ -82,7 +82,7 @@ class OtherSubjects:
         crowded = sum(one is not None for one in self.kept)
         if not crowded or crowded < REFUSAL.min_half * len(self.kept):
             return
-        points = self.some_points(CROWD_FRAMES)
+        points = self.some_points(MOST_FRAMES)
         if not self.model.has_learned:
             refuse_two_groups(self.model, points)
             return

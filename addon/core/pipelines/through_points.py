@@ -23,7 +23,7 @@ from ..points.refusals import SubjectsError
 from ..points.whole_take.pipeline import PointOptions, label_take
 from .points_of_blobs import PointsOfBlobs, without_number
 
-WINDOW_FRAMES = 1024  # whose trajectories vote together, so that memory does not grow with the take
+VOTING_FRAMES = 1024  # whose trajectories vote together, so that memory does not grow with the take
 
 
 def label_through_points(
@@ -36,7 +36,7 @@ def label_through_points(
 ) -> Iterator[LabelledChunk]:
     """Names the blobs of a take as `blobs.pipeline.label_take` does: a `LabelledChunk` for each chunk, in their order.
 
-    About `WINDOW_FRAMES` frames are named as a take of points. Where `edits` name blobs, the points that these make
+    About `VOTING_FRAMES` frames are named as a take of points. Where `edits` name blobs, the points that these make
     have their names, and `unedited` is what was labelled without.
     Raises JobError when there are fewer than two cameras, a frame has more blobs than any capture, or two subjects are
     there.
@@ -44,7 +44,7 @@ def label_through_points(
     window: list[Blobs] = []
     for blobs in chunks:
         window.append(blobs)
-        if sum(len(part.frames) for part in window) >= WINDOW_FRAMES:
+        if sum(len(part.frames) for part in window) >= VOTING_FRAMES:
             yield from _labelled(window, cameras, model, rate, options, edits)
             window = []
     if window:

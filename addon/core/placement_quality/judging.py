@@ -16,7 +16,7 @@ from .layout import MarkerLayout
 from .overlap import covariance_of, pair_overlaps, renaming_overlap
 from .renamings import Renaming, renamings
 
-TRIALS = 7  # that overlaps are averaged over, all markers seen in the first
+JUDGING_TRIALS = 7  # that overlaps are averaged over, all markers seen in the first
 HIDDEN_SHARE = 0.25  # of the markers, hidden in each of the others: a body hides a quarter
 
 
@@ -95,8 +95,8 @@ def _trials(count: int) -> np.ndarray:
     """(trials, M) which markers are seen: all in the first trial, then each hidden as often as any other."""
     generator = np.random.default_rng(0)
     gone = min(max(round(HIDDEN_SHARE * count), 1), max(count - MIN_POINTS, 0))
-    order = np.concatenate([generator.permutation(count) for _ in range(TRIALS)])
-    masks = np.ones((TRIALS, count), dtype=bool)
+    order = np.concatenate([generator.permutation(count) for _ in range(JUDGING_TRIALS)])
+    masks = np.ones((JUDGING_TRIALS, count), dtype=bool)
     for row, mask in enumerate(masks[1:]):
         mask[order[row * gone : (row + 1) * gone]] = False
     return masks

@@ -18,7 +18,7 @@ from ..points.likelihood.model import Likelihood
 from ..points.likelihood.shape import Shape, learn_shape
 from ..simulation.virtual import draw_person
 
-LAID_OUT_PEOPLE, POSES = 16, 50  # drawn from a marker set's spread, and of each of them
+DRAWN_PEOPLE, DRAWN_POSES = 16, 50  # drawn from a marker set's spread, and of each of them
 TURN_RIDGE_M = 0.01  # no segment's turn is read off finer differences than this, as markers move on skin
 
 
@@ -157,10 +157,10 @@ def _drawn(markerset: MarkerSet, seed: int) -> tuple[np.ndarray, np.ndarray]:
     values, vectors = np.linalg.eigh(spread.pose_covariance)
     root = vectors * np.sqrt(np.maximum(values, 0))
     clouds, rotations = [], []
-    for _ in range(LAID_OUT_PEOPLE):
-        person = draw_person(markerset, generator).pick(np.zeros(POSES, dtype=int))
-        bends = spread.pose_mean + (generator.standard_normal((POSES, 3 * joints)) @ root.T).reshape(-1, joints, 3)
-        posed = model.pose(replace(person, bends=bends))
+    for _ in range(DRAWN_PEOPLE):
+        person = draw_person(markerset, generator).pick(np.zeros(DRAWN_POSES, dtype=int))
+        drawn = (generator.standard_normal((DRAWN_POSES, 3 * joints)) @ root.T).reshape(-1, joints, 3)
+        posed = model.pose(replace(person, bends=spread.pose_mean + drawn))
         clouds.append(posed.markers)
         rotations.append(posed.rotations)
     return np.array(clouds), np.array(rotations)

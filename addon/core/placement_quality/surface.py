@@ -7,18 +7,17 @@ from ..data.markersets import MarkerSet
 from ..papers.virtual_occlusions.occlusion import CapsuleOcclusion
 
 PLACES_AROUND, PLACE_ROWS = 8, 3  # places around a marker or a capsule, and rows along it, that are tried
-
-
-RING_HEIGHTS, SURFACE_RING = (0.5, 1.2), 3.0  # heights, of two rings of cameras around the body, as they hang in a room
+# Heights, of two rings of cameras around the body, as they hang in a room.
+CAMERA_RING_HEIGHTS, CAMERA_RING_RADIUS = (0.5, 1.2), 3.0
 MIN_SEEN_SHARE = 0.45  # of the cameras that should see a marker; a convex body hides half
-RIMS = 0.1  # of a capsule's length, by which places stay off its ends, and a marker may leave them: joints bend there
+CAPSULE_END = 0.1  # of its length, by which places stay off its ends, and a marker may leave them: joints bend there
 MIN_RADIUS = 0.005  # heights, of a capsule that is walked around: a finger's
 
 
 def in_view(markerset: MarkerSet, segment: int, places: np.ndarray) -> np.ndarray:
     """(N,) the part of a ring of cameras that sees places (N, 3) on a segment of the body at rest."""
-    ring = SURFACE_RING * _circle(2 * PLACES_AROUND)
-    eyes = np.concatenate([np.column_stack([ring, np.full(len(ring), height)]) for height in RING_HEIGHTS])
+    ring = CAMERA_RING_RADIUS * _circle(2 * PLACES_AROUND)
+    eyes = np.concatenate([np.column_stack([ring, np.full(len(ring), height)]) for height in CAMERA_RING_HEIGHTS])
     joints = markerset.skeleton.rest_joints
     turns = np.tile(np.eye(3), (1, len(joints), 1, 1))
     hidden = CapsuleOcclusion(markerset).hidden(
@@ -56,7 +55,7 @@ def _nearby(markerset: MarkerSet, marker: int, distance: float) -> np.ndarray:
     first, second = _across(along, out)
     up, aside = _circle(PLACES_AROUND).T
     heights, turns = height + distance * up, distance * aside / radius
-    low, high = min(height, -RIMS * length), max(height, (1 + RIMS) * length)
+    low, high = min(height, -CAPSULE_END * length), max(height, (1 + CAPSULE_END) * length)
     on = (heights >= low - 1e-9) & (heights <= high + 1e-9) & (np.abs(turns) <= np.pi)
     ring = np.cos(turns)[:, None] * first + np.sin(turns)[:, None] * second
     return (start + heights[:, None] * along + radius * ring)[on]
@@ -67,7 +66,7 @@ def all_over(markerset: MarkerSet, segment: int) -> np.ndarray:
     mine = np.flatnonzero(markerset.capsules.segment == segment)
     places = [np.zeros((0, 3))]
     along, across = _circle(PLACES_AROUND).T
-    shares = np.linspace(RIMS, 1 - RIMS, PLACE_ROWS)
+    shares = np.linspace(CAPSULE_END, 1 - CAPSULE_END, PLACE_ROWS)
     for start, axis, radius in zip(*_axes(markerset, mine), markerset.capsules.radius[mine], strict=True):
         length = np.linalg.norm(axis)
         first, second = _across(axis / length if length > 1e-6 else np.array([0.0, 0.0, 1.0]), np.zeros(3))

@@ -18,7 +18,7 @@ from ..data.errors import InputError
 FACING = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
 # Parts of the way at which bones begin that a body's segments have no joints for, as in people: from the back's joint
 # to the neck's, from there to the top of the head, from there to the shoulder's, and from the ankle to the toes' tips.
-WHOLE_BODY = 0.0, 1.0
+WHOLE_WAY = 0.0, 1.0
 CHEST, SKULL, SHOULDER, TOES = 0.5, 0.4, 0.15, 0.7
 UPWARDS, DOWNWARDS, FORWARDS = (0.0, 0, 1), (0.0, 0, -1), (0.0, -1, 0)
 
@@ -41,7 +41,7 @@ class BoneSite:
     segment: str
     towards: str | None
     direction: tuple[float, float, float] | None
-    part: tuple[float, float] = WHOLE_BODY
+    part: tuple[float, float] = WHOLE_WAY
     start: str | None = None
 
 

@@ -21,7 +21,7 @@ from ..kernels import calls
 from ..papers.virtual_occlusions.cost import PointPull
 from ..papers.virtual_occlusions.fit import fit_body, fit_until_still
 
-POSED_AT_ONCE = 20_000  # of one subject that are posed as a take of their own, so that memory does not grow
+POSING_FRAMES = 20_000  # of one subject that are posed as a take of their own, so that memory does not grow
 KEY_STRIDE = 8  # frames; those in between start from their neighbours' poses
 BATCH_FRAMES = 256  # posed at once, few enough for the processor's cache
 
@@ -106,8 +106,8 @@ def fit_in_steps(
         for part in blocks(len(points), int(np.prod(shape[1:]))):
             fields[name][part] = np.nan
     yield count(0)
-    for at in range(0, len(enough), POSED_AT_ONCE):
-        part = enough[at : at + POSED_AT_ONCE]
+    for at in range(0, len(enough), POSING_FRAMES):
+        part = enough[at : at + POSING_FRAMES]
         bodies = yield from _pose_in_steps(model, subject, points[part], prior, count)
         for name in poses:
             fields[name][part] = getattr(bodies, name)

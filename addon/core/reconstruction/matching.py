@@ -13,8 +13,8 @@ from ..geometry.triangulation import Rays, passing
 from ..geometry.views import VIEWING, Sight, View
 from ..papers.virtual_occlusions.labelling import Rules
 
-MATCHED_PAIRS = 20_000  # of rays in a frame; more is a room full of reflections, of which the closest pairs are tried
-MATCHING_ROUNDS = 40  # of choosing hypotheses; few are left after five
+MAX_RAY_PAIRS = 20_000  # of rays in a frame; more is a room full of reflections, of which the closest pairs are tried
+CHOOSING_ROUNDS = 40  # of choosing hypotheses; few are left after five
 
 
 @dataclass(frozen=True)
@@ -148,8 +148,8 @@ class FrameMatcher:
         focal = self.sight.focal[self.camera]
         allowed2 = Rules.max_square * self.pixel**2 * ((near / focal[first]) ** 2 + (far / focal[second]) ** 2)
         kept = np.flatnonzero(fixed & (gap2 < allowed2))
-        if len(kept) > MATCHED_PAIRS:
-            kept = kept[np.argsort(gap2[kept] / allowed2[kept])[:MATCHED_PAIRS]]
+        if len(kept) > MAX_RAY_PAIRS:
+            kept = kept[np.argsort(gap2[kept] / allowed2[kept])[:MAX_RAY_PAIRS]]
         middle = self.origin[first[kept]] + near[kept, None] * self.direction[first[kept]] + gap[:, kept].T / 2
         return first[kept], second[kept], middle
 
@@ -172,7 +172,7 @@ class FrameMatcher:
         left = _Hypotheses.of(self, self._completed(slots), expected)
         taken = [part.points for part in before]
         chosen = []
-        for _ in range(MATCHING_ROUNDS):
+        for _ in range(CHOOSING_ROUNDS):
             winners = left.winners(taken, self.options)
             if not winners.any():
                 break

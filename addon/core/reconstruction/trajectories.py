@@ -16,7 +16,7 @@ from ..papers.virtual_occlusions.labelling import Rules
 from .linking import Links
 from .matching import Circumstances, Expected, FrameMatcher, FramePoints
 
-SAMPLE_FRAMES = 12  # of the first chunk that the circumstances are learned from, twice
+LEARNING_FRAMES = 12  # of the first chunk that the circumstances are learned from, twice
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ class Reconstructor:
     def _learn_first(self, views: list[View]):
         """What the capture is like, from frames spread over the first chunk, each on its own."""
         full = [view for view in views if view.count]
-        sample = full[:: max(len(full) // SAMPLE_FRAMES, 1)][:SAMPLE_FRAMES]
+        sample = full[:: max(len(full) // LEARNING_FRAMES, 1)][:LEARNING_FRAMES]
         for _ in range(2 if sample else 0):
             matched = [self._match(view, Expected.nothing()) for view in sample]
             self.learned |= self._learn(sample, matched, 1.0)

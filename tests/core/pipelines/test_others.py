@@ -8,7 +8,7 @@ import pytest
 from addon.core.blobs.pipeline import label_take
 from addon.core.data.takes import Blobs
 from addon.core.geometry.cameras import Cameras
-from addon.core.pipelines.others import CROWD_FRAMES, OtherSubjects, refuse_two
+from addon.core.pipelines.others import MOST_FRAMES, OtherSubjects, refuse_two
 from addon.core.points.refusals import SubjectsError
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions
@@ -82,7 +82,7 @@ def test_as_much_is_kept_of_a_take_of_any_length(model, cameras):
     others = OtherSubjects(cameras, model)
     for count in range(1, 41):
         others.add(part, chunk)
-        assert len(others.kept) <= 2 * CROWD_FRAMES
+        assert len(others.kept) <= 2 * MOST_FRAMES
         assert others.frames == count * CHUNK
-    assert len(others.kept) > CROWD_FRAMES / 2
+    assert len(others.kept) > MOST_FRAMES / 2
     assert len(others.kept) == len(others.residual)

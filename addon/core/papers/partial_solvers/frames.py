@@ -16,7 +16,7 @@ from .solver import TreeSearch
 
 # Worked on side by side, for memory: pairs of points in look-up tables, two numbers and a few dozen bit masks each; and
 # frames whose points are counted.
-MAX_PAIRS, MAX_FRAMES = 400_000, 256
+TABLE_PAIRS, TABLE_FRAMES = 400_000, 256
 
 
 class SolversNamer:
@@ -44,11 +44,11 @@ class SolversNamer:
 
         The confidence of a label is the measured hit rate of the best solver that suggested the name.
         """
-        for start in range(0, max(len(points), 1), MAX_FRAMES):
-            chunk = points[start : start + MAX_FRAMES]
+        for start in range(0, max(len(points), 1), TABLE_FRAMES):
+            chunk = points[start : start + TABLE_FRAMES]
             there = np.isfinite(chunk).all(axis=-1)
             most = int(there.sum(axis=1).max(initial=0))
-            step = max(MAX_PAIRS // max(most * most, 1), 1)
+            step = max(TABLE_PAIRS // max(most * most, 1), 1)
             for first in range(0, max(len(chunk), 1), step):
                 part = slice(first, first + step)
                 yield self._part(chunk[part], there[part], most)

@@ -28,7 +28,7 @@ EARLY_FRAMES = 192, 800  # of those on which solvers are measured, after which a
 # Of so many markers, as the paper's set has, all solvers are gone through; of more those of a marker within a group.
 MAX_SURVEYED, GROUP = 15, 12
 PATTERNS = 2000  # of occlusions that are thought through when solvers are chosen
-TRAINING_GAIN = 0.002  # share of them in which one more solver must answer first to be kept
+MIN_COVER_GAIN = 0.002  # share of them in which one more solver must answer first to be kept
 SEARCHES = ("bottom-up", "top-down", "genetic")
 GOALS = ("own", "any")
 
@@ -215,7 +215,7 @@ class SolverStudy:
             yield
         genetic = self.options.search == "genetic"
         heirs = (lambda _: ()) if genetic else _heirs(found, len(ground.group), good)
-        limits = (self.hidden(ground), self.options.max_solvers, TRAINING_GAIN)
+        limits = (self.hidden(ground), self.options.max_solvers, MIN_COVER_GAIN)
         for taken in searches.covering(sorted(found), partial(self._holds, ground), heirs, *limits):
             self.found = {ground.outside(subset) for subset in taken}
             yield

@@ -17,7 +17,7 @@ from ...geometry.views import Sight, View
 # see is confirmed by them. With eight cameras all are partners.
 PARTNERS = 7
 # Of so few cameras all rays are met at once; of more those of neighbours first, and where so many agree is a point.
-FEW_CAMERAS, NEIGHBOURS, SURE_SUPPORT = 5, 2, 4
+FEW_CAMERAS, NEIGHBOUR_CAMERAS, SURE_SUPPORT = 5, 2, 4
 MAX_CROSSINGS = 4000  # pairs of rays in a frame, the best first; more is a crowd, which would take minutes
 DISTANCES_ONCE = 100_000  # to blobs of a camera that are worked on at once, few enough for the processor's cache
 
@@ -59,7 +59,7 @@ def build_cloud(view: View, sight: Sight) -> Cloud:
     rays, claimed = Rays(view, sight), np.zeros(view.real.shape, bool)
     parts = []
     if sight.count > FEW_CAMERAS:
-        parts.append(_sets(view, sight, rays, claimed, NEIGHBOURS, SURE_SUPPORT))
+        parts.append(_sets(view, sight, rays, claimed, NEIGHBOUR_CAMERAS, SURE_SUPPORT))
     parts.append(_sets(view, sight, rays, claimed, PARTNERS, 2))
     members, points = (np.concatenate(column) for column in zip(*parts, strict=True))
     support = (members >= 0).sum(axis=1)
