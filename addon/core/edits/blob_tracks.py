@@ -26,8 +26,8 @@ class BlobTrackOptions:
     frames is followed, and 0.16 % of their blobs are another marker's.
 
     reach_px  physical: px from where its velocity leads: a hand's change of speed in a frame at 60 to 200 Hz
-    apart     measured: times as far as the nearest blob the second one must be; 2 follows 1 % more, and twice as wrong
-    apart_px  measured: this far at least, as nearer ones merge and part again; half of it is wrong twice as often
+    apart     measured: times as far as the nearest blob the second one must be; 2 is wrong 1.7 times as often
+    apart_px  measured: this far at least, as nearer ones merge and part again; half of it is wrong thrice as often
     """
 
     reach_px: float = 20.0

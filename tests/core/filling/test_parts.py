@@ -58,7 +58,7 @@ def test_trials_are_cut_where_everything_is_known_and_neighbours_move_alike(gap)
         assert own[around].all()
         assert np.isfinite(xyz[around][:, neighbours]).all()
         ratio = pace_of(summed, trial.start, trial.stop) / pace_of(summed, gap.start, gap.stop)
-        assert 1 / TRIALS.alike <= ratio <= TRIALS.alike
+        assert 1 / TRIALS.grade <= ratio <= TRIALS.grade
         hidden = own_in_trial(own, trial, gap, RATE)
         assert not hidden[trial.start : trial.stop].any()
         assert hidden[trial.start - 1] == (gap.start > 0)
