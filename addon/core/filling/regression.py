@@ -22,7 +22,8 @@ class RegressionOptions:
     """How a marker is learned from its neighbours.
 
     features    measured: neighbours whose places count; 10 err as much, within 3 %
-    rows        measured: frames learned from, half of them the nearest to the gap; 200 and 900 err as much
+    rows        measured: frames learned from; 200 and 900 err as much
+    near        measured: of them, the nearest to the gap; 200 err by 5 % more
     keep_share  measured: of the marker's frames that must have all features; rarer ones are none; 0.7 errs as much
     sharpness   measured: power of how near a feature is, as its weight; 1 errs by 7 % more
     blocks      memory: of frames that scales are learned from, spread over the take
@@ -31,6 +32,7 @@ class RegressionOptions:
 
     features: int = 20
     rows: int = 400
+    near: int = 100
     keep_share: float = 0.3
     sharpness: float = 2.0
     blocks: int = 40
@@ -154,8 +156,8 @@ def _axes(form: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
 
 def _rows(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """Frames to learn from: half of them the nearest to the gap, and the rest spread over the take."""
+    """Frames to learn from: some the nearest to the gap, and the rest spread over the take."""
     rows = np.flatnonzero(own & np.isfinite(take.xyz[:, neighbours, 0]).all(axis=1))
     away = np.maximum(gap.start - 1 - rows, rows - gap.stop)
-    near = np.argsort(away, kind="stable")[: REGRESSION.rows // 2]
+    near = np.argsort(away, kind="stable")[: REGRESSION.near]
     return np.union1d(rows[near], rows[evenly_spread(len(rows), REGRESSION.rows - len(near))])
