@@ -13,12 +13,6 @@ CORE = Path(__file__).resolve().parents[1] / "addon" / "core"
 KINDS = re.compile(r"\b(physical|paper|measured|learned|memory|format)\b")
 # Numbers by file that rest on nothing yet: to be measured, or to go. Nothing is added here.
 OWED = {
-    "filling/gaps.py": 10,
-    "filling/kernels.py": 6,
-    "filling/plain.py": 6,
-    "filling/rays.py": 8,
-    "filling/regression.py": 18,
-    "filling/trials.py": 14,
     "pipelines/fitted_subjects.py": 1,
     "points/deciding.py": 2,
     "points/likelihood/assembling.py": 5,

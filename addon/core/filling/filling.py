@@ -10,11 +10,11 @@ from threadpoolctl import threadpool_limits
 from ..data.markersets import MarkerSet
 from . import plain
 from .fitted import FittedSubject
-from .gaps import Gap, KnownMarkers, find_gaps, find_strays
+from .gaps import FILLING_NEIGHBOURS, Gap, KnownMarkers, find_gaps, find_strays
 from .kept import KeptFill
-from .rays import NO_RAYS, MarkerRays, held
+from .rays import NO_RAYS, MarkerRays, constrained
 from .regression import MarkerModel, learned, neighbours_of, regress
-from .trials import GAPPED, Answer, Choice, Way, choose, graded, pace_of, paces
+from .trials import Answer, Choice, Way, choose, graded, pace_of, paces
 
 # In the order of the command line; "auto" picks among all but itself. Those carry a marker by what moves with it.
 FILL_METHODS = ("auto", "spline", "rigid", "pattern", "pca", "body", "regression")
@@ -33,7 +33,7 @@ class FillOptions:
     markers     indices of the markers to fill; None for all
     frame       index of a frame that is in every gap to fill; None for gaps anywhere
     max_off_m   physical: a gap is left where the error to expect is larger, m: the motion would not be the subject's
-    max_open_m  physical: the same at an end of the take, where nothing holds the far side
+    max_open_m  physical: the same at an end of the take, where nothing is measured on the far side
     """
 
     method: str = "auto"
@@ -96,7 +96,7 @@ def fill_take(
     """Fills the gaps of named markers (T, M, 3) m, NaN where missing; yields the share of the work that is done.
 
     With a `markerset` its body fills too; `columns` are the take's indices of its markers, -1 where it has none.
-    Without one the method "body" leaves all gaps. `rays` of cameras that see a marker alone hold what is filled.
+    Without one the method "body" leaves all gaps. `rays` of cameras that see a marker alone constrain what is filled.
     """
     filler = _Filler(xyz, rate, options, markerset, columns, rays)
     gaps = find_gaps(np.isfinite(xyz[..., 0]))
@@ -147,9 +147,9 @@ def fill_subjects(
     for number, one in enumerate(subjects):
         place = {int(marker): index for index, marker in enumerate(one.own)}
         asked = options.markers and tuple(place[marker] for marker in options.markers if marker in place)
-        held_by = rays.pick(np.isin(rays.marker, one.own))
-        held_by = replace(held_by, marker=np.array([place[marker] for marker in held_by.marker.tolist()], int))
-        given = rate, replace(options, markers=asked), one.markerset, one.columns, held_by
+        rays_used = rays.pick(np.isin(rays.marker, one.own))
+        rays_used = replace(rays_used, marker=np.array([place[marker] for marker in rays_used.marker.tolist()], int))
+        given = rate, replace(options, markers=asked), one.markerset, one.columns, rays_used
         found = yield from _share_of(fill_take(xyz[:, one.own], *given), number, len(subjects))
         whole[:, one.own], filled[:, one.own] = found.xyz, found.filled
         gaps += [replace(gap, gap=replace(gap.gap, marker=int(one.own[gap.gap.marker]))) for gap in found.gaps]
@@ -240,7 +240,7 @@ class _Filler:
             return
         sure = next((answer[1] for answer in answers.values() if answer[1] is not None), None)
         path = sum(answer[0] for answer in answers.values()) / len(answers)
-        path, expected, held_by = held(path, gap, choice.expected(sure), self.rays, own, self.rate)
+        path, expected, rays_used = constrained(path, gap, choice.expected(sure), self.rays, own, self.rate)
         open_ended = gap.start == 0 or gap.stop == len(own)
         limit = self.options.max_open_m if open_ended else self.options.max_off_m
         if expected > limit:
@@ -249,7 +249,7 @@ class _Filler:
             self.left.append(LeftGap(gap, reason))
             return
         self.take.put(gap, path)
-        method = "+".join([*answers, *(["ray"] if held_by else [])])
+        method = "+".join([*answers, *(["ray"] if rays_used else [])])
         self.done.append(FilledGap(gap, method, expected, (gap.start > 0, gap.stop < len(own))))
 
     def _beyond_reach(self, gap: Gap) -> str:
@@ -301,7 +301,7 @@ class _Filler:
         """The choice for gaps like this one, tried once."""
         sides, summed = (gap.start == 0, gap.stop == len(own)), paces(self.take, neighbours, self.rate)
         pace = graded(pace_of(summed, gap.start, gap.stop))
-        key = (gap.marker, graded(len(gap)), pace, sides, *neighbours[: GAPPED.alike_by].tolist())
+        key = (gap.marker, graded(len(gap)), pace, sides, *neighbours[: FILLING_NEIGHBOURS.of_axes].tolist())
         if key not in self.chosen:
             self.chosen[key] = choose(self.take, gap, neighbours, own, ways, summed, self.rate) or self._untried()
         return self.chosen[key]

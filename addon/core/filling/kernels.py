@@ -4,12 +4,14 @@
 A marker in the axes of its neighbours is the sum of what goes linearly with the pose around it, what goes otherwise
 with it, what comes and goes over time (skin, and what the pose does not tell), jitter, and noise. How large each is, is
 learned from the take by the marginal likelihood (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006,
-equations 5.8 and 5.9), held to what other takes have.
+equations 5.8 and 5.9), with a prior of what other takes have.
 """
 
 from dataclasses import dataclass, field
 
 import numpy as np
+
+from ..data.physical import SIGMAS
 
 
 @dataclass(frozen=True)
@@ -49,27 +51,9 @@ class KernelPrior:
 PRIOR_SCALES = KernelPrior()
 
 
-@dataclass(frozen=True)
-class CovarianceOptions:
-    """How covariances are kept sound; reckoned.
-
-    mean_share  of the marker's variance, by which its mean may be off
-    min_sd_m    of a marker in its neighbours' axes; a made-up take has none
-    max_folds   times the folds of the prior, that a scale may be from its median: no take needs more
-    nothing_left  lengths over which what falls off exponentially is gone: e to the -40 is less than rounding
-    unsolvable  what the search gets where a covariance is none in numbers of this precision
-    rounding    part of its diagonal that is added to a covariance, so that rounding leaves it one
-    """
-
-    mean_share: float = 0.3
-    min_sd_m: float = 1e-4
-    max_folds: float = 3.0
-    nothing_left: float = 40.0
-    unsolvable: float = 1e12
-    rounding: float = 1e-10
-
-
-COVARIANCE = CovarianceOptions()
+# Numbers of this precision: e to the -40 is less than rounding, which the diagonal is raised by, and what the search
+# gets where a covariance is none.
+NOTHING_LEFT, PRECISION, UNSOLVABLE = 40.0, 1e-10, 1e12
 AXES = 3
 
 
@@ -111,13 +95,12 @@ class Alikeness:
         fall *= slow**2
         lasting = (1 + way) * fall  # Matérn 3/2
         # Few frames are so near to each other that jitter lasts from one to the other: only these are worked out.
-        near = np.flatnonzero(self.lag.ravel() < COVARIANCE.nothing_left * jitter_s / np.sqrt(5))
+        near = np.flatnonzero(self.lag.ravel() < NOTHING_LEFT * jitter_s / np.sqrt(5))
         short = self.lag.ravel()[near] * (np.sqrt(5) / jitter_s)
         drop = jitter**2 * np.exp(-short)
         brief = (1 + short + short * short / 3) * drop  # Matérn 5/2
         total = alike + bent
         total += lasting
-        total += COVARIANCE.mean_share * self.variance
         total.ravel()[near] += brief
         if not wanted:
             return total, []
@@ -140,10 +123,10 @@ class LearnedScales:
     def __post_init__(self):
         from scipy.optimize import minimize
 
-        start, reach = self.prior.medians, COVARIANCE.max_folds * self.prior.folds
+        start, reach = self.prior.medians, SIGMAS * self.prior.folds
         bounds, options = list(zip(start - reach, start + reach, strict=True)), {"maxiter": self.steps}
         found = minimize(self._unlikely, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
-        self.scales = found.x if found.fun < COVARIANCE.unsolvable else start
+        self.scales = found.x if found.fun < UNSOLVABLE else start
 
     def _unlikely(self, scales: np.ndarray) -> tuple[float, np.ndarray]:
         """Minus the logarithm of the posterior, and its derivatives."""
@@ -153,11 +136,11 @@ class LearnedScales:
         covariance, slopes = self.alike.slopes(scales)
         noise = np.exp(2 * scales[7])
         size = len(covariance)
-        covariance[np.diag_indices(size)] += noise + COVARIANCE.rounding * np.trace(covariance) / size
+        covariance[np.diag_indices(size)] += noise + PRECISION * np.trace(covariance) / size
         try:
             factor = cho_factor(covariance, lower=True)
         except np.linalg.LinAlgError:  # the search went where rounding wins
-            return COVARIANCE.unsolvable, np.zeros(len(scales))
+            return UNSOLVABLE, np.zeros(len(scales))
         solved = cho_solve(factor, self.offsets)
         inner = AXES * cho_solve(factor, np.eye(size)) - solved @ solved.T
         fit = 0.5 * (self.offsets * solved).sum() + AXES * np.log(np.diag(factor[0])).sum()

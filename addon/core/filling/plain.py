@@ -12,30 +12,23 @@ import numpy as np
 
 from ..data.takes import evenly_spread
 from ..geometry.rigid import MIN_POINTS, laid_on
-from .gaps import Gap, KnownMarkers
+from .gaps import FILLING_NEIGHBOURS, Gap, KnownMarkers
 
 
 @dataclass(frozen=True)
 class PlainOptions:
-    """What the usual ways look at; reckoned, where nothing else is said.
+    """What the usual ways look at.
 
-    spline_side       frames at either side; farther ones change a cubic spline inside the gap no more
-    min_cubic         of them at either side; with fewer there is no slope, and a shape-preserving curve is drawn
-    rigid_neighbours  as programs for labs take them; a fifth moves the less like the marker
-    pca_frames        of a long take; more make the same components
-    min_pca_frames    with marker and neighbours; fewer know no components
-    pca_share         of the variance that components are kept for, as for the peers' PCA filling
+    spline_side  measured: frames at either side of a gap that a spline goes through; 4 err as much
+    pca_share    measured: of the variance that components are kept for; 0.999 errs as much
     """
 
     spline_side: int = 8
-    min_cubic: int = 2
-    rigid_neighbours: int = 4
-    pca_frames: int = 1500
-    min_pca_frames: int = 60
     pca_share: float = 0.9999
 
 
 PLAIN_FILLING = PlainOptions()
+SLOPE = 2  # frames at either side that a cubic spline has its slopes from; of fewer the shape is kept
 
 
 def spline(take: KnownMarkers, gap: Gap, _: np.ndarray, own: np.ndarray) -> np.ndarray | None:
@@ -47,7 +40,7 @@ def spline(take: KnownMarkers, gap: Gap, _: np.ndarray, own: np.ndarray) -> np.n
     if not len(before) or not len(after):
         return None
     at = np.r_[before, after]
-    cubic = min(len(before), len(after)) >= PLAIN_FILLING.min_cubic
+    cubic = min(len(before), len(after)) >= SLOPE
     curve = (CubicSpline if cubic else PchipInterpolator)(at, take.xyz[at, gap.marker])
     return curve(gap.frames)
 
@@ -61,7 +54,7 @@ def pattern(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarra
 
 def rigid(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -> np.ndarray | None:
     """Carried by the neighbours as by a rigid body (Kabsch), from either end; the two are blended."""
-    group = neighbours[: PLAIN_FILLING.rigid_neighbours]
+    group = neighbours[: FILLING_NEIGHBOURS.of_axes]
     if len(group) < MIN_POINTS:
         return None
     part = take.window(gap)
@@ -83,7 +76,7 @@ def pca(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -
     # In a trial there may be others missing than in the gap that it stands for.
     neighbours = neighbours[np.isfinite(take.xyz[part][:, neighbours, 0]).all(axis=0)]
     rows, group = _together(take, neighbours, own)
-    if len(rows) < PLAIN_FILLING.min_pca_frames or len(group) < MIN_POINTS:
+    if len(rows) < FILLING_NEIGHBOURS.min_frames or len(group) < MIN_POINTS:
         return None
     seen, middle = _about_middle(take.xyz[rows][:, group])
     whole = np.concatenate([seen, take.xyz[rows, gap.marker] - middle], axis=1)
@@ -100,14 +93,14 @@ def pca(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -
 def _together(take: KnownMarkers, neighbours: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Frames with the marker and neighbours, and which: the neighbours that are rarest go, until frames are many."""
     at = np.flatnonzero(own)
-    at = at[evenly_spread(len(at), 2 * PLAIN_FILLING.pca_frames)] if len(at) else at
+    at = at[evenly_spread(len(at), 2 * FILLING_NEIGHBOURS.frames)] if len(at) else at
     known = np.isfinite(take.xyz[at][:, neighbours, 0])
     group, whole = np.arange(len(neighbours)), known.all(axis=1)
-    while len(group) > MIN_POINTS and whole.sum() < max(PLAIN_FILLING.min_pca_frames, len(at) // 4):
+    while len(group) > MIN_POINTS and whole.sum() < max(FILLING_NEIGHBOURS.min_frames, len(at) // 4):
         group = np.delete(group, known[:, group].sum(axis=0).argmin())
         whole = known[:, group].all(axis=1)
     rows = at[whole]
-    return rows[evenly_spread(len(rows), PLAIN_FILLING.pca_frames)] if len(rows) else rows, neighbours[group]
+    return rows[evenly_spread(len(rows), FILLING_NEIGHBOURS.frames)] if len(rows) else rows, neighbours[group]
 
 
 def _about_middle(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

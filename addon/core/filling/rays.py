@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fills held by the ray of the one camera that still sees the marker.
+"""Fills constrained by the ray of the one camera that still sees the marker.
 
 Two cameras make a point, one a line: across it the marker is known to a millimetre or so, along it as before. What a
 method says of a gap is off by an error that comes and goes in some tenths of a second and is nothing at the gap's ends,
@@ -13,41 +13,30 @@ from typing import Self
 
 import numpy as np
 
+from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..data.takes import NO_MARKER, Blobs, Labels
 from ..geometry.cameras import Cameras
 from .gaps import Gap
-from .trials import MEAN_OF_DISTANCE
+from .trials import GAPPED, MEAN_OF_DISTANCE
 
 
 @dataclass(frozen=True)
 class RayOptions:
-    """How rays hold a fill.
+    """How rays constrain a fill, beside how exactly `MARKER_LIMITS` says that blobs and points are known.
 
-    lasts_s      seconds in which the error of a fill becomes another (chosen on virtual rooms with takes that are not
-                 among those of the table)
-    blob_px      that a blob is off, standard deviation, with what the calibration is off; reckoned
-    least_m      that a ray is taken to be off at least; reckoned
-    end_m        that the marker's measured places at the gap's ends are off; reckoned
-    usual_m      error of a fill of which nothing is known; reckoned
-    doubted      times what fill and ray may be off, by which a ray passes the fill and is not this marker's: nothing
-                 checks a blob that one camera alone named. Errors to expect are themselves off by two or three
-    near_m       a ray that passes nearer than this is believed all the same; reckoned
-    window       frames of a gap that are worked out together, and
-    margin_s     seconds on either side that are looked at as well
+    lasts_s  measured: s in which the error of a fill becomes another, on virtual rooms with takes that are not among
+             those of the table
+    usual_m  measured: m, error of a fill of which nothing is known, and what a ray may always pass it by: `auto` is off
+             by less over 2 s, however many are missing
+    window   memory: frames of a gap that are worked out together, at a cost of their number's cube
     """
 
     lasts_s: float = 0.15
-    blob_px: float = 0.5
-    least_m: float = 0.0005
-    end_m: float = 0.003
     usual_m: float = 0.02
-    doubted: float = 8.0
-    near_m: float = 0.015
     window: int = 300
-    margin_s: float = 1.0
 
 
-HOLDING = RayOptions()
+RAY_LIMITS = RayOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,15 +99,15 @@ def rays_of(blobs: Blobs, labels: Labels, cameras: Cameras, missing: np.ndarray)
         blobs.frame[rows],
         cameras.centres[camera],
         ahead,
-        HOLDING.blob_px / cameras.focal[camera],
+        MARKER_LIMITS.noise_px / cameras.focal[camera],
     )
     return MarkerRays.join([(0, found)])
 
 
-def held(
+def constrained(
     path: np.ndarray, gap: Gap, off: float, rays: MarkerRays, own: np.ndarray, rate: float
 ) -> tuple[np.ndarray, float, int]:
-    """A fill (L, 3) m of a gap as the take's rays hold it, what to expect that it is off then, and by how many rays.
+    """A fill (L, 3) m of a gap as rays constrain it, what to expect that it is off then, and by how many rays.
 
     off m is the mean error that was expected, NaN where it is not known; own (T,) where the marker was measured.
     """
@@ -126,12 +115,12 @@ def held(
     if not len(rays):
         return path, off, 0
     known = bool(np.isfinite(off) and off > 0)
-    deviation = (off if known else HOLDING.usual_m) / MEAN_OF_DISTANCE
+    deviation = (off if known else RAY_LIMITS.usual_m) / MEAN_OF_DISTANCE
     rays, passing, noise = _believed(path, gap, rays, deviation)
     if not len(rays):
         return path, off, 0
     after, left = path.copy(), np.empty(len(gap))
-    for part, around in _windows(len(gap), round(HOLDING.margin_s * rate)):
+    for part, around in _windows(len(gap), round(2 * SIGMAS * RAY_LIMITS.lasts_s * rate)):
         some = (rays.frame >= gap.start + around.start) & (rays.frame < gap.start + around.stop)
         prior = _prior(gap, around, own, rate, deviation)
         error, spread = _likeliest(
@@ -151,16 +140,17 @@ def _believed(
     arm = path[rays.frame - gap.start] - rays.origin
     along = np.einsum("ki,ki->k", arm, rays.direction)
     passing = along[:, None] * rays.direction - arm
-    noise = np.maximum(rays.spread * along, HOLDING.least_m)
-    limit = np.maximum(HOLDING.doubted * np.hypot(deviation, noise), HOLDING.near_m)
+    noise = rays.spread * np.maximum(along, 0.0)
+    # Nothing checks a blob that one camera alone named, and errors to expect are themselves off.
+    limit = np.maximum(SIGMAS * GAPPED.max_factor * np.hypot(deviation, noise), RAY_LIMITS.usual_m)
     kept = (along > 0) & (np.linalg.norm(passing, axis=1) <= limit)
     return rays.pick(kept), passing[kept], noise[kept]
 
 
 def _windows(length: int, margin: int) -> Iterator[tuple[slice, slice]]:
     """Parts of a gap, and what is looked at for each: long ones at once would take time by the cube of their length."""
-    for start in range(0, length, HOLDING.window):
-        stop = min(start + HOLDING.window, length)
+    for start in range(0, length, RAY_LIMITS.window):
+        stop = min(start + RAY_LIMITS.window, length)
         yield slice(start, stop), slice(max(start - margin, 0), min(stop + margin, length))
 
 
@@ -172,7 +162,7 @@ def _prior(gap: Gap, around: slice, own: np.ndarray, rate: float, deviation: flo
     alike = _matern(np.abs(whole[:, None] - whole))
     inner, beside = alike[: len(time), : len(time)], alike[: len(time), len(time) :]
     if len(ends):
-        at_ends = alike[len(time) :, len(time) :] + (HOLDING.end_m / deviation) ** 2 * np.eye(len(ends))
+        at_ends = alike[len(time) :, len(time) :] + (MARKER_LIMITS.noise_m / deviation) ** 2 * np.eye(len(ends))
         inner = inner - beside @ np.linalg.solve(at_ends, beside.T)
     # The error that is expected is the mean over the gap, ends and middle.
     return inner * (deviation**2 / np.diag(inner).mean())
@@ -180,7 +170,7 @@ def _prior(gap: Gap, around: slice, own: np.ndarray, rate: float, deviation: flo
 
 def _matern(apart: np.ndarray) -> np.ndarray:
     """How alike an error is at times that are so many seconds apart."""
-    scaled = np.sqrt(3) * apart / HOLDING.lasts_s
+    scaled = np.sqrt(3) * apart / RAY_LIMITS.lasts_s
     return (1 + scaled) * np.exp(-scaled)
 
 

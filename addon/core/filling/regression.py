@@ -10,49 +10,37 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..data.physical import MARKER_LIMITS
 from ..data.takes import evenly_spread
 from ..geometry.rigid import MIN_POINTS, in_axes, laid_on, mean_form
-from .gaps import Gap, KnownMarkers
-from .kernels import COVARIANCE, Alikeness, LearnedScales
+from .gaps import FILLING_NEIGHBOURS, Gap, KnownMarkers
+from .kernels import PRECISION, PRIOR_SCALES, Alikeness, LearnedScales
 
 
 @dataclass(frozen=True)
 class RegressionOptions:
-    """How a marker is learned from its neighbours; chosen on three takes (`s02`, `ball`, `p1` of the recorded people).
+    """How a marker is learned from its neighbours.
 
-    axes_of       neighbours that the axes are made of; six make them follow joints
-    features      neighbours whose places count; 14 do as well within a twentieth
-    rows          frames learned from; 500 and 900 err as much
-    near_s        seconds on either side of a gap from which more of them are taken
-    dense_s       seconds on either side from which all are
-    near_step     every so many frames within `near_s`
-    keep_share    of the marker's frames that must have all features; a neighbour that is rarer is no feature
-    nearness_m    added to the spread of distances in the weight of a feature, so that none is all that counts
-    sharpness     power of that weight
-    min_frames    frames to learn from
-    blocks        of frames that scales are learned from, spread over the take
-    block         frames of each, by their distance from its first
-    steps         of the search for scales; ten come as far as 25 do
-    form_frames   that the mean form of the neighbours is taken from
+    features    measured: neighbours whose places count; 10 err as much, within 3 %
+    rows        measured: frames learned from; 200 and 900 err as much
+    near        measured: of them, the nearest to the gap; 200 err by 5 % more
+    keep_share  measured: of the marker's frames that must have all features; rarer ones are none; 0.7 errs as much
+    sharpness   measured: power of how near a feature is, as its weight; 1 errs by 7 % more
+    blocks      memory: of frames that scales are learned from, spread over the take
+    doublings   measured: frames of each, by their distance from its first: 0, 1, 2, 4 and 8; with 16 errors grow by 5 %
     """
 
-    axes_of: int = 4
     features: int = 20
     rows: int = 400
-    near_s: float = 1.0
-    dense_s: float = 0.1
-    near_step: int = 2
+    near: int = 100
     keep_share: float = 0.3
-    nearness_m: float = 0.003
     sharpness: float = 2.0
-    min_frames: int = 40
     blocks: int = 40
-    block: tuple[int, ...] = (0, 1, 2, 4, 6, 8, 12)
-    steps: int = 10
-    form_frames: int = 200
+    doublings: int = 4
 
 
 REGRESSION = RegressionOptions()
+SEARCH_STEPS = 10  # of the search for scales: 5 and 25 come as far
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,16 +87,19 @@ def learned(
 ) -> MarkerModel | None:
     """The model of a marker; scales are learned where none are given. None where there is too little to learn from."""
     rows = np.flatnonzero(own & np.isfinite(take.xyz[:, neighbours, 0]).all(axis=1))
-    if len(rows) < REGRESSION.min_frames or len(neighbours) < MIN_POINTS:
+    if len(rows) < FILLING_NEIGHBOURS.min_frames or len(neighbours) < MIN_POINTS:
         return None
-    some = take.xyz[rows[evenly_spread(len(rows), REGRESSION.form_frames)]][:, neighbours[: REGRESSION.axes_of]]
+    some = take.xyz[rows[evenly_spread(len(rows), FILLING_NEIGHBOURS.frames)]][
+        :, neighbours[: FILLING_NEIGHBOURS.of_axes]
+    ]
     form = mean_form(some[len(some) // 2], some)
-    starts = evenly_spread(max(len(rows) - REGRESSION.block[-1], 1), REGRESSION.blocks)
-    learning = np.unique(np.minimum(starts[:, None] + np.array(REGRESSION.block), len(rows) - 1))
+    block = np.r_[0, 2 ** np.arange(REGRESSION.doublings)]
+    starts = evenly_spread(max(len(rows) - block[-1], 1), REGRESSION.blocks)
+    learning = np.unique(np.minimum(starts[:, None] + block, len(rows) - 1))
     rows = rows[learning]
     turn, place, inner = _axes(form, take.xyz[rows][:, neighbours])
     spread = take.spread[marker, neighbours]
-    near = (REGRESSION.nearness_m + spread.min()) / (REGRESSION.nearness_m + spread)
+    near = (MARKER_LIMITS.noise_m + spread.min()) / (MARKER_LIMITS.noise_m + spread)
     weight = np.repeat(near**REGRESSION.sharpness, 3)
     mean = inner.mean(axis=0)
     length = np.sqrt((((inner - mean) * weight) ** 2).sum(axis=1).mean())
@@ -116,12 +107,12 @@ def learned(
         length = 1.0
     own_places = in_axes(turn, place, take.xyz[rows, marker][:, None])[:, 0]
     middle = own_places.mean(axis=0)
-    variance = max(((own_places - middle) ** 2).sum(axis=1).mean() / 3, COVARIANCE.min_sd_m**2)
+    variance = max(((own_places - middle) ** 2).sum(axis=1).mean() / 3, PRIOR_SCALES.noise_m**2)
     weight = weight / length
     if scales is None:
         features, seconds = (inner - mean) * weight, rows / rate
         alike = Alikeness.of((features, features), (seconds, seconds), variance)
-        scales = LearnedScales(alike, own_places - middle, REGRESSION.steps).scales
+        scales = LearnedScales(alike, own_places - middle, SEARCH_STEPS).scales
     return MarkerModel(neighbours, form, mean, weight, middle, variance, scales)
 
 
@@ -131,8 +122,8 @@ def regress(
     """Positions (L, 3) m of the marker in a gap, and the standard deviation (L,) m of each of their coordinates."""
     from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-    rows = _rows(take, gap, model.neighbours, own, rate)
-    if len(rows) < REGRESSION.min_frames:
+    rows = _rows(take, gap, model.neighbours, own)
+    if len(rows) < FILLING_NEIGHBOURS.min_frames:
         return None
     count, frames = len(rows), np.r_[rows, gap.frames]
     features, turn, place = model.seen_from(take.xyz[frames])
@@ -140,7 +131,7 @@ def regress(
     alike = Alikeness.of((features, known), (seconds, seconds[:count]), model.variance)
     covariance = alike.covariance(model.scales)
     inner, across = covariance[:count].copy(), covariance[count:]
-    inner[np.diag_indices(count)] += np.exp(2 * model.scales[7]) + COVARIANCE.rounding * np.trace(inner) / count
+    inner[np.diag_indices(count)] += np.exp(2 * model.scales[7]) + PRECISION * np.trace(inner) / count
     try:
         factor = cho_factor(inner, lower=True)
     except np.linalg.LinAlgError:  # frames so much alike that rounding wins
@@ -166,12 +157,9 @@ def _axes(form: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray,
     return turn, place, in_axes(turn, place, points).reshape(len(points), -1)
 
 
-def _rows(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray, rate: float) -> np.ndarray:
-    """Frames to learn from: all right beside the gap, many near it, and the rest spread over the take."""
+def _rows(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Frames to learn from: some the nearest to the gap, and the rest spread over the take."""
     rows = np.flatnonzero(own & np.isfinite(take.xyz[:, neighbours, 0]).all(axis=1))
     away = np.maximum(gap.start - 1 - rows, rows - gap.stop)
-    near = away < REGRESSION.near_s * rate
-    close = (away < REGRESSION.dense_s * rate) | (near & (away % REGRESSION.near_step == 0))
-    rest = rows[~near]
-    rest = rest[evenly_spread(len(rest), max(REGRESSION.rows - int(close.sum()), 1))] if len(rest) else rest
-    return np.union1d(rows[close], rest)
+    near = np.argsort(away, kind="stable")[: REGRESSION.near]
+    return np.union1d(rows[near], rows[evenly_spread(len(rows), REGRESSION.rows - len(near))])

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data.errors import InputError
+from ..review.suspects import runs
 
 
 @dataclass(frozen=True)
@@ -44,10 +45,9 @@ def smoothed(xyz: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
     sections = butter(SMOOTHING.order, SMOOTHING.single(cutoff, rate), fs=rate, output="sos")
     calm, present = xyz.copy(), np.isfinite(xyz).all(axis=2)
     for marker in range(xyz.shape[1]):
-        edges = np.flatnonzero(np.diff(np.r_[False, present[:, marker], False].astype(np.int8))).reshape(-1, 2)
-        for start, stop in edges:
+        for start, stop in runs(present[:, marker]):
             if stop - start > 2 * SMOOTHING.order - 1:  # a shorter stretch says nothing of frequencies
                 # Mirrored at the ends for as long as the filter remembers.
-                pad = min(int(stop - start) - 1, int(np.ceil(2 * rate / cutoff)))
+                pad = min(stop - start - 1, int(np.ceil(2 * rate / cutoff)))
                 calm[start:stop, marker] = sosfiltfilt(sections, xyz[start:stop, marker], axis=0, padlen=pad)
     return calm

@@ -29,7 +29,7 @@ class UprightOptions:
 UPRIGHT_CAMERAS = UprightOptions()
 
 
-def guess_up(cameras: Cameras, options: UprightOptions = UPRIGHT_CAMERAS) -> str:
+def guess_up(cameras: Cameras) -> str:
     """The one of AXIS_NAMES that points up in the world of `cameras`; empty where they do not tell.
 
     Few cameras, or cameras on one side that are all turned by a quarter, tell nothing.
@@ -44,9 +44,9 @@ def guess_up(cameras: Cameras, options: UprightOptions = UPRIGHT_CAMERAS) -> str
     rise = ahead @ up
     about = ahead - rise[:, None] * up
     about /= np.maximum(np.linalg.norm(about, axis=1), 1e-9)[:, None]
-    clear = mean @ up > options.min_upright
-    around = (about @ about.T).min() < options.max_alike
-    highest = -options.max_rise if up[2] < 0 else options.max_rise
+    clear = mean @ up > UPRIGHT_CAMERAS.min_upright
+    around = (about @ about.T).min() < UPRIGHT_CAMERAS.max_alike
+    highest = -UPRIGHT_CAMERAS.max_rise if up[2] < 0 else UPRIGHT_CAMERAS.max_rise
     return ("-" if up[index] < 0 else "") + "xyz"[index] if clear and around and rise.mean() < highest else ""
 
 

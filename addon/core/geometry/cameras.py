@@ -181,17 +181,6 @@ def lens_reach(lens: np.ndarray) -> np.ndarray:
     return inverse_lens.turning_point(np.asarray(lens, dtype=float)[..., [0, 1, 4]])
 
 
-def undistort(image: np.ndarray, lens: np.ndarray, reach: np.ndarray | None = None) -> np.ndarray:
-    """The inverse of `distort` (..., 2), exact to rounding; NaN where no light within the lens' reach comes from.
-
-    `reach` (...) is `lens_reach(lens)`, for callers that know it already.
-    """
-    image, lens = np.asarray(image, dtype=float), np.asarray(lens, dtype=float)
-    reach = np.broadcast_to(lens_reach(lens) if reach is None else reach, image.shape[:-1])
-    lens = np.broadcast_to(lens, (*image.shape[:-1], lens.shape[-1])).reshape(-1, lens.shape[-1])
-    return straightened(image.reshape(-1, 2), lens, reach.ravel(), *LENS_NEWTON).reshape(image.shape)
-
-
 @stands_for(calls.straightened)
 def straightened(
     image: np.ndarray,
@@ -202,7 +191,10 @@ def straightened(
     max_error: float,
     first_share: float,
 ) -> np.ndarray:
-    """The same of image (N, 2), lens (N, 5) and reach (N,), in the steps of `LENS_NEWTON`."""
+    """The inverse of `distort`, exact to rounding: image (N, 2), lens (N, 5) and its reach (N,); NaN beyond that.
+
+    Newton's method, in the steps of `LENS_NEWTON`.
+    """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         # From a start below the turning point Newton's steps stay on the branch that light takes.
         radius = np.sqrt(np.einsum("ni,ni->n", image, image))

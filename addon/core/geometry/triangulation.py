@@ -126,13 +126,13 @@ def _nearest(across: np.ndarray, anchor: np.ndarray, weight: np.ndarray, ridge, 
     return points
 
 
-def trimmed_deviation(squares: np.ndarray, freedom: np.ndarray, options: MeetingOptions = MEETING) -> float:
+def trimmed_deviation(squares: np.ndarray, freedom: np.ndarray) -> float:
     """Standard deviation of what rays miss their points by, the worst of the points left out.
 
     squares (N,) are the sums of squares over the rays of each point, freedom (N,) how many of them are free.
     """
-    order = np.argsort(squares / freedom)[: int(np.ceil(options.kept_share * len(squares)))]
-    return float(np.sqrt(squares[order].sum() / freedom[order].sum()) * options.trimmed_scale)
+    order = np.argsort(squares / freedom)[: int(np.ceil(MEETING.kept_share * len(squares)))]
+    return float(np.sqrt(squares[order].sum() / freedom[order].sum()) * MEETING.trimmed_scale)
 
 
 def meet_rows(

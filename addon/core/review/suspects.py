@@ -43,34 +43,28 @@ FAR_OFF, JUMPS = "is far from where the body has it", "jumps"
 LISTING = ListOptions()
 
 
-def find_suspects(
-    motion: Motion, names: tuple[str, ...], rate: float, options: SuspectOptions = SUSPECTING
-) -> tuple[Suspect, ...]:
+def find_suspects(motion: Motion, names: tuple[str, ...], rate: float) -> tuple[Suspect, ...]:
     """Ranges of frames in which a marker is doubtful, marker by marker.
 
     `names` are the M markers' names and `rate` the frames a second of `motion`.
     """
-    return suspects_of(*doubtful_flags(motion, rate, options), motion.frames, names, options)
+    return suspects_of(*doubtful_flags(motion, rate), motion.frames, names)
 
 
-def doubtful_flags(motion: Motion, rate: float, options: SuspectOptions = SUSPECTING) -> tuple[np.ndarray, np.ndarray]:
+def doubtful_flags(motion: Motion, rate: float) -> tuple[np.ndarray, np.ndarray]:
     """(F, M) True where a marker is far from where the body has it, and (F, M) where it jumps."""
-    off_body = np.linalg.norm(motion.markers - motion.expected, axis=-1) > options.max_off_body_m
+    off_body = np.linalg.norm(motion.markers - motion.expected, axis=-1) > SUSPECTING.max_off_body_m
     return off_body, _jumps(motion.markers, rate, MARKER_LIMITS.max_impact_m_s2)
 
 
 def suspects_of(
-    off_body: np.ndarray,
-    jumps: np.ndarray,
-    frames: np.ndarray,
-    names: tuple[str, ...],
-    options: SuspectOptions = SUSPECTING,
+    off_body: np.ndarray, jumps: np.ndarray, frames: np.ndarray, names: tuple[str, ...]
 ) -> tuple[Suspect, ...]:
     """What `doubtful_flags` (F, M) say, as ranges of the frames (F,), by the source's numbers."""
     found = []
     for index, name in enumerate(names):
         for doubtful, what in ((off_body, FAR_OFF), (jumps, JUMPS)):
-            found += suspect_ranges(frames, doubtful[:, index], f"{name} {what}", options.max_break_frames, (name,))
+            found += suspect_ranges(frames, doubtful[:, index], f"{name} {what}", SUSPECTING.max_break_frames, (name,))
     return tuple(sorted(found, key=lambda suspect: suspect.first))
 
 
@@ -83,7 +77,7 @@ def _jumps(markers: np.ndarray, rate: float, limit: float) -> np.ndarray:
     return jumps
 
 
-def summarised(suspects: Sequence[Suspect], rate: float, options: ListOptions = LISTING) -> tuple[Suspect, ...]:
+def summarised(suspects: Sequence[Suspect], rate: float) -> tuple[Suspect, ...]:
     """The suspects as a list that a person can work through, those of the whole take first.
 
     Findings with one reason that are close in time, or many, become one; where there are still too many, so do
@@ -92,12 +86,8 @@ def summarised(suspects: Sequence[Suspect], rate: float, options: ListOptions = 
     reasons: dict[str, list[Suspect]] = {}
     for suspect in sorted(suspects, key=lambda one: one.first):
         reasons.setdefault(suspect.reason, []).append(suspect)
-    entries = [
-        entry
-        for found in reasons.values()
-        for entry in _of_one_reason(found, SUSPECTING.moment_s * rate, options.max_alike)
-    ]
-    while len(entries) > options.max_entries:
+    entries = [entry for found in reasons.values() for entry in _of_one_reason(found, SUSPECTING.moment_s * rate)]
+    while len(entries) > LISTING.max_entries:
         kinds: dict[str, list[Suspect]] = {}
         for entry in entries:
             kinds.setdefault(_kind(entry.reason), []).append(entry)
@@ -108,7 +98,7 @@ def summarised(suspects: Sequence[Suspect], rate: float, options: ListOptions = 
     return tuple(sorted(entries, key=lambda one: (one.first, -one.last)))
 
 
-def _of_one_reason(found: list[Suspect], max_break: float, max_alike: int) -> list[Suspect]:
+def _of_one_reason(found: list[Suspect], max_break: float) -> list[Suspect]:
     """Findings in the order of their first frames, joined where they are close, or all where they are many."""
     joined = [found[0]]
     for suspect in found[1:]:
@@ -117,7 +107,7 @@ def _of_one_reason(found: list[Suspect], max_break: float, max_alike: int) -> li
             joined[-1] = _as_one([last, suspect], suspect.words)
         else:
             joined.append(suspect)
-    if len(joined) <= max_alike:
+    if len(joined) <= LISTING.max_alike:
         return joined
     return [_as_one(joined, f"{joined[0].words}, in {len(joined)} places")]
 

@@ -27,12 +27,10 @@ class LimbOptions:
     """What of a tree of groups may be a person.
 
     max_spine    joints from the pelvis' group to the thorax'; physical: lumbar, thoracic and one between
-    min_leg      groups that a leg has at least; physical: with fewer nothing shows how it bends
     max_guesses  ways to read the tree that are tried, of those with most groups; memory: each is posed
     """
 
     max_spine: int = 3
-    min_leg: int = 2
     max_guesses: int = 48
 
 
@@ -86,7 +84,8 @@ def _read(near: dict[int, list[int]], spine: tuple[int, ...]) -> Iterator[tuple[
     if len(spine) < 2:
         return
     pelvis, thorax = spine[0], spine[-1]
-    legs = _limbs(near, pelvis, spine[1], LIMBS.min_leg, len(LEG))
+    # Feet may bear no markers; a leg without a shank does not show how it bends.
+    legs = _limbs(near, pelvis, spine[1], len(LEG) - 1, len(LEG))
     arms = _limbs(near, thorax, spine[-2], len(ARM), len(ARM))
     pairs = [(one, two) for one, two in permutations(legs, 2) if one[0] != two[0] and len(one) == len(two)]
     for pair, (left, right) in product(pairs, permutations(arms, 2)):

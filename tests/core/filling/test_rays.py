@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A ray holds a fill across it and leaves it along it, smoothly, and is not believed where it is another marker's."""
+"""A ray constrains a fill across it and not along it, smoothly, and is not believed where it is another marker's."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from addon.core.data.progress import finished
 from addon.core.data.takes import NO_MARKER, Blobs, Labels
 from addon.core.filling.filling import FillOptions, fill_take
 from addon.core.filling.gaps import Gap
-from addon.core.filling.rays import HOLDING, NO_RAYS, MarkerRays, held, rays_of
+from addon.core.filling.rays import NO_RAYS, RAY_LIMITS, MarkerRays, constrained, rays_of
 from addon.core.simulation.rigs import ring_rig
 
 FRAMES, RATE = 200, 100.0
@@ -58,7 +58,7 @@ def own() -> np.ndarray:
 
 def test_a_fill_lies_on_the_rays_and_is_as_deep_as_before(rays):
     before = off_by()
-    after, expected, count = held(before, GAP, 0.01, rays, own(), RATE)
+    after, expected, count = constrained(before, GAP, 0.01, rays, own(), RATE)
     assert count == len(GAP) == len(rays)
     (deep, aside), (still_deep, left) = parts(before, rays), parts(after, rays)
     assert left.max() < 0.1 * aside.max()
@@ -71,7 +71,7 @@ def test_a_fill_lies_on_the_rays_and_is_as_deep_as_before(rays):
 
 def test_rays_of_some_frames_draw_their_neighbours_along(rays):
     some = MarkerRays(*(getattr(rays, name)[20:40] for name in ("marker", "frame", "origin", "direction", "spread")))
-    after, _, count = held(off_by(), GAP, 0.01, some, own(), RATE)
+    after, _, count = constrained(off_by(), GAP, 0.01, some, own(), RATE)
     assert count == 20
     steps = np.linalg.norm(np.diff(after - off_by(), axis=0), axis=1)
     assert steps.max() < 0.003
@@ -84,7 +84,7 @@ def test_a_ray_that_passes_far_off_is_another_markers():
     missing[GAP.start : GAP.stop, 0] = True
     wrong = rays_of(*seen_by(1, path() + np.full(3, 0.2), GAP.frames), CAMERAS, missing)
     fill = off_by()
-    after, expected, count = held(fill, GAP, 0.01, wrong, own(), RATE)
+    after, expected, count = constrained(fill, GAP, 0.01, wrong, own(), RATE)
     assert (count, expected) == (0, 0.01)
     np.testing.assert_array_equal(after, fill)
 
@@ -112,9 +112,10 @@ def test_only_a_blob_that_is_alone_makes_a_ray():
 
 
 def test_a_long_gap_is_held_part_by_part(rays, monkeypatch):
-    whole = held(off_by(), GAP, 0.01, rays, own(), RATE)
-    monkeypatch.setattr("addon.core.filling.rays.HOLDING", type(HOLDING)(window=13, margin_s=0.3))
-    parted = held(off_by(), GAP, 0.01, rays, own(), RATE)
+    slow = 20.0  # so that what is looked at around a part is none of all
+    whole = constrained(off_by(), GAP, 0.01, rays, own(), slow)
+    monkeypatch.setattr("addon.core.filling.rays.RAY_LIMITS", type(RAY_LIMITS)(window=13))
+    parted = constrained(off_by(), GAP, 0.01, rays, own(), slow)
     np.testing.assert_allclose(parted[0], whole[0], atol=5e-4)
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from addon.core.data.errors import InputError
 from addon.core.geometry import inverse_lens
-from addon.core.geometry.cameras import Cameras, distort, lens_reach, undistort
+from addon.core.geometry.cameras import LENS_NEWTON, Cameras, distort, lens_reach, straightened
 from addon.core.simulation.rigs import paper_rig, ring_rig
 
 
@@ -23,6 +23,13 @@ def by_hand(cameras, camera, point):
     v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
     (fx, skew, cx), (_, fy, cy), _ = cameras.matrix[camera]
     return np.array([fx * u + skew * v + cx, fy * v + cy])
+
+
+def undistort(image, lens):
+    """Places (..., 2) without a lens (..., 5)."""
+    flat = image.reshape(-1, 2)
+    lens = np.broadcast_to(lens, (*image.shape[:-1], 5)).reshape(-1, 5)
+    return straightened(flat, lens, lens_reach(lens), *LENS_NEWTON).reshape(image.shape)
 
 
 def parts(cameras, **changes):
