@@ -50,11 +50,11 @@ class UnorderedOptions:
 UNORDERED = UnorderedOptions()
 FRAMES_LEARNED_FROM = 600  # of a take; by time
 MIN_CLOUDS = 20  # of them that have enough sure names, else there is nothing to learn from
-MAX_ROUNDS = 10  # of learning and naming; it settles before
+LEARNING_ROUNDS = 10  # of learning and naming; it settles before
 SETTLED = 0.9995  # part of the points that keep their names, when nothing changes any more,
 NEARLY_SETTLED = 0.995  # and when it is time to look for markers that are placed elsewhere
-TRIALS = 2  # in each frame; by time
-STEPS = MAX_ROUNDS + TRIALS
+KEEPING_TRIALS = 2  # in each frame; by time
+LEARNING_STEPS = LEARNING_ROUNDS + KEEPING_TRIALS
 
 
 def is_unordered(model: Model, tracklet: np.ndarray) -> bool:
@@ -75,19 +75,19 @@ def learn_subject(trained: Likelihood, points: np.ndarray, named: Labels) -> Gen
     present = np.isfinite(points).all(axis=2)
     crowded = np.median(present.sum(axis=1)) > len(trained)
     likelihood, sought = trained, np.zeros(len(trained), dtype=bool)
-    for done in range(MAX_ROUNDS):
+    for done in range(LEARNING_ROUNDS):
         clouds = sure_clouds(labels, points, len(trained))
         if len(clouds) < MIN_CLOUDS:
             return trained
         likelihood = of_subject(trained, clouds)
-        before, labels = labels, (yield from _named(likelihood, points, done / STEPS, 1 / STEPS))
+        before, labels = labels, (yield from _named(likelihood, points, done / LEARNING_STEPS, 1 / LEARNING_STEPS))
         same = (labels.marker == before.marker)[present].mean()
         rare = _rare(clouds) & ~sought
         # Among many more points than markers, what is left over is other markers.
         if same >= NEARLY_SETTLED and rare.any() and not crowded:
             sought |= rare
             loose = loosened(likelihood, rare, UNORDERED.loose_sd_radii)
-            wide = yield from _named(loose, points, done / STEPS, 1 / STEPS)
+            wide = yield from _named(loose, points, done / LEARNING_STEPS, 1 / LEARNING_STEPS)
             labels = _in_place(wide, points, rare, likelihood.shape, clouds)
         elif same >= SETTLED:
             break
@@ -152,10 +152,10 @@ def _tried(likelihood: Likelihood, points: np.ndarray, labels: Labels) -> Genera
     count = present.sum(axis=1, keepdims=True)
     gone = np.maximum(np.rint(UNORDERED.hidden_part * count), 1)
     odds, right = [], []
-    for trial in range(TRIALS):
+    for trial in range(KEEPING_TRIALS):
         rank = np.where(present, rng.random(present.shape), 2.0).argsort(axis=1).argsort(axis=1)
         seen = np.where((present & (rank >= gone))[..., None], points, np.nan)
-        again = yield from _named(likelihood, seen, (MAX_ROUNDS + trial) / STEPS, 1 / STEPS)
+        again = yield from _named(likelihood, seen, (LEARNING_ROUNDS + trial) / LEARNING_STEPS, 1 / LEARNING_STEPS)
         sure, before = _log_odds(again)[again.named], _log_odds(labels)[again.named]
         same = (again.marker == labels.marker)[again.named]
         usable = same | (sure - before < UNORDERED.max_lead)

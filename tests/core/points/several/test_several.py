@@ -112,7 +112,7 @@ def test_a_long_take_is_named_the_same_way(passing, monkeypatch):
     asked, options = SeveralOptions(open_model("gait15"), AUTO), PointOptions("likelihood")
     whole = finished(label_several(take, asked, options))
     monkeypatch.setattr(bodies, "PACKING", LaneOptions(whole_cells=0))
-    monkeypatch.setattr(affinity, "FRAMES_AT_ONCE", 3)
+    monkeypatch.setattr(affinity, "FRAMES_MET_AT_ONCE", 3)
     parts = finished(label_several(take, asked, options))
     for name in ("marker", "step", "confidence"):
         np.testing.assert_array_equal(getattr(parts.labels, name), getattr(whole.labels, name))
