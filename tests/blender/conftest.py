@@ -252,6 +252,7 @@ def extension(tmp_path_factory):
 def name_as(extension, monkeypatch) -> Callable[[np.ndarray], None]:
     """Lets the extension name the trajectories of points by a naming that knows: the marker of each, or NO_MARKER."""
     pipeline = importlib.import_module(f"{extension}.addon.core.points.whole_take.pipeline")
+    jobs = importlib.import_module(f"{extension}.addon.jobs.points")
     takes = importlib.import_module(f"{extension}.addon.core.data.takes")
 
     def know(truth: np.ndarray):
@@ -263,6 +264,7 @@ def name_as(extension, monkeypatch) -> Callable[[np.ndarray], None]:
 
         monkeypatch.setattr(pipeline, "namer_of", lambda *_: SimpleNamespace(step=takes.BY_FIT, name=name))
         monkeypatch.setattr(pipeline, "refuse_others", lambda *_: None)
+        monkeypatch.setattr(jobs, "chosen_method", lambda *_: "ensemble")  # the set has learned nothing
 
     return know
 

@@ -55,7 +55,7 @@ class PossibleOptions:
 POSSIBLE = PossibleOptions()
 FRAMES_LOOKED_AT = 200  # spread over the take, and
 COLUMNS_LOOKED_AT = 100  # which have the most points; by time
-POSSIBLE_FRAMES = 20  # of which a quarter is more than chance
+FRAMES_THAT_TELL = 20  # of which a quarter is more than chance
 
 
 def refuse_impossible(points: np.ndarray, rate: float, lanes: Lanes | None, models: Iterable[Model]):
@@ -129,7 +129,7 @@ def usual_acceleration(points: np.ndarray, rate: float) -> float:
     before, now, after = (points[middle + off].astype(float) for off in (-step, 0, step))
     found = np.linalg.norm(before - 2 * now + after, axis=2) * (rate / step) ** 2
     told = np.isfinite(found).sum(axis=1) >= MIN_POINTS
-    if told.sum() < POSSIBLE_FRAMES or np.median(_reach(now[told])) < POSSIBLE.min_reach_m:
+    if told.sum() < FRAMES_THAT_TELL or np.median(_reach(now[told])) < POSSIBLE.min_reach_m:
         return 0.0
     return float(np.quantile(np.nanmedian(found[told], axis=1), 1 - POSSIBLE.part))
 
@@ -147,7 +147,7 @@ def times_nearer(points: np.ndarray) -> float:
         nearest[one] = np.nanmin(_apart(others, frame), initial=np.inf)
     told = np.isfinite(beside) & np.isfinite(nearest)
     ratio = np.where(beside[told] > 0, beside[told] / np.maximum(nearest[told], np.finfo(float).tiny), 0.0)
-    return float(np.median(ratio)) if len(ratio) >= POSSIBLE_FRAMES else 0.0
+    return float(np.median(ratio)) if len(ratio) >= FRAMES_THAT_TELL else 0.0
 
 
 def _apart(one: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -37,13 +37,16 @@ class CutOptions:
 class VoteOptions:
     """How tracklets vote.
 
-    max_frame_log_odds   that one frame can say: beyond it a frame's calibration knows nothing
-    ghost_log_odds       that a frame without a name says for a ghost
-    frame_weight         part of an independent frame that a frame is worth: neighbours err together
-    swap_cost            log odds that a tracklet must speak for another name before it is believed to have swapped
-    max_overlap_frames   that two tracklets of one marker may share: trackers end one late and start the other early
-    window_frames        memory: frames that vote together, as labels of all frames of a long take are large
-    min_length_frames    of the usual tracklet; shorter ones have nothing to vote about
+    max_frame_log_odds  measured: that one frame can say, beyond which its calibration knows nothing; half or twice as
+                        much changes no label of plates
+    ghost_log_odds      measured: that a frame without a name says for a ghost; nor does this
+    frame_weight        measured: part of an independent frame that a frame is worth, as neighbours err together; nor
+                        does this
+    swap_cost           measured: log odds that a tracklet must speak for another name to have swapped; nor does this
+    max_overlap_frames  physical: that two tracklets of one marker may share: trackers end one late and start the other
+                        early
+    window_frames       memory: frames that vote together, as labels of all frames of a long take are large
+    min_length_frames   of the usual tracklet; shorter ones have nothing to vote about
     """
 
     max_frame_log_odds: float = 4.0

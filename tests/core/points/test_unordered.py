@@ -110,7 +110,7 @@ def test_ghosts_are_no_marker_that_nobody_wears(model, walk, monkeypatch):
     without[:, RTHI] = np.nan
     clouds = make_trial(without, (2, 2), (3, 3), generator)
     alone = Labels.join(label_frames(model.likelihood, clouds.points))
-    monkeypatch.setattr(unordered, "LEARNING_TRIALS", 1)
+    monkeypatch.setattr(unordered, "KEEPING_TRIALS", 1)
     learned = finished(learn_subject(model.likelihood, clouds.points, alone))
     marker = Labels.join(label_frames(learned, clouds.points)).sure(TARGET)
     assert (marker == RTHI).mean() < 0.005

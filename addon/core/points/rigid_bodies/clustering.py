@@ -19,8 +19,8 @@ class ClusteringOptions:
     max_deviation_m  that distances within a cluster vary by, in the mean; physical: skin under a plate
     prior_m          that a distance is taken to vary by; physical: as two limbs that hardly move do
     prior_frames     in which it is taken to have been seen so
-    max_off_m        that a tracklet may be off its place in the cluster, root mean square, and that places of tracklets
-                     are apart that are one marker's; physical: a marker's width
+    max_off_m        physical: a marker's width, which a tracklet may be off its place in the cluster, root mean square,
+                     and by which places of tracklets are apart that are one marker's
     min_seen_part    of a cluster's frames that a marker of it must be seen in, and of the take one on none
     max_still_m      that what stands about in the room moves by; physical: noise
     min_moving_m     that half of the clusters must move by before others are said to stand still; physical: a step

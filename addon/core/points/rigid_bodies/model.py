@@ -21,10 +21,10 @@ class RigidBodyOptions:
     """When markers are on rigid bodies, and how far their distances may leave what was seen.
 
     max_rigid_sd     radii, standard deviation of every distance within a rigid body; physical: 12 mm, as skin moves
-    min_separation   times as much as within must distances to markers off a rigid body vary: in a few steps a whole
-                     limb keeps its form too; measured on the Clouthier takes on plates and the McGill walks on the skin
-    max_separate_sd  radii that distances may vary by within what is separate so: a rigid body with what sits right
-                     beside it; measured on the same takes
+    min_separation   measured: times as much as within must distances to markers off a rigid body vary, on the Clouthier
+                     takes on plates and the McGill walks on the skin: in a few steps a whole limb keeps its form too
+    max_separate_sd  measured: radii that distances may vary by within what is separate so, on the same takes: a rigid
+                     body with what sits right beside it
     min_sd_m         that any distance is taken to vary by; physical: how exact cameras are
     min_marker_part  of the markers that must be on rigid bodies for the set to be; measured on the same takes
     min_prop_move_m  standard deviation of where a prop is; physical: who stands still keeps their form too

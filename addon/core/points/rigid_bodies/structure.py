@@ -24,12 +24,10 @@ class JointOptions:
 
     max_miss_m    that rigid bodies with a joint between them may be off it, root mean square; physical: flesh on bone
     min_turn_rad  about, that rigid bodies must turn against each other to show a joint; physical: 9°
-    pull          draws a joint to the middles of its rigid bodies along axes about which nothing turns
     """
 
     max_miss_m: float = 0.025
     min_turn_rad: float = 0.15
-    pull: float = 0.05
 
 
 @dataclass(frozen=True)
@@ -43,8 +41,8 @@ class StructureOptions:
     placement_sd_m  by which a marker put on elsewhere changes the volumes of its triples, in their sides; physical
     min_mirror_sds  standard deviations from 0 of a volume that distinguishes a body from its mirror image
     max_loose_m     that a rigid body's own markers may move against each other; physical: skin
-    max_beside_m    that a marker on no rigid body may move against one, root mean square, to be looked for on it;
-                    physical: across a joint it moves more
+    max_beside_m    physical: that a marker on no rigid body may move against one, root mean square, to be looked for on
+                    it; across a joint it moves more
     form_sd_m       measured: of a length within a rigid body, on the raw take S09_KneeltoRun02
     form_share      measured: the same of the length, besides, on it
     """
@@ -64,6 +62,7 @@ class StructureOptions:
 JOINT = JointOptions()
 STRUCTURE = StructureOptions()
 STRUCTURE_FRAMES = 300  # of a subject that are learned from, evenly spread
+JOINT_PULL = 0.05  # of a joint to the middles of its rigid bodies, along axes about which nothing turns
 MIN_FRAMES = 20  # in which two rigid bodies must be seen to have a joint
 FRAMES_OF_JOINT = 0.9  # part of them that a joint is found from, those that agree best: some trajectories go astray
 MIDDLES_TAILS = [1.0, 99.0]  # per cent of a distance, between which its range is; beyond are outliers
@@ -230,7 +229,7 @@ def find_joints(turn: np.ndarray, place: np.ndarray) -> Joints:
         both = np.ix_(seen, [one, two])
         middles = np.zeros((2, 3))
         (at[one, two], at[two, one]), off = centre_of_rotation(
-            turn[both], place[both], middles, JOINT.pull, FRAMES_OF_JOINT
+            turn[both], place[both], middles, JOINT_PULL, FRAMES_OF_JOINT
         )
         mean = (np.swapaxes(turn[seen, one], 1, 2) @ turn[seen, two]).mean(axis=0)
         miss[one, two] = miss[two, one] = off

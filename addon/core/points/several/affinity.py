@@ -42,7 +42,7 @@ AFFINITY = AffinityOptions()
 AFFINE_TRACKLETS = 6  # of a body, whose mean affinity to one is the body's; as many markers as a segment has at most
 MIN_SAMPLES = 4  # frames of a tracklet that are looked at, at least: with fewer a distance has no variance
 TRACKLETS_AT_ONCE = 1000  # whose pairs are added up at a time, in
-FRAMES_AT_ONCE = 64  # frames; by memory
+FRAMES_MET_AT_ONCE = 64  # frames; by memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,8 +140,8 @@ def _pairs(
 def _counts_at_most(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray, every: int) -> np.ndarray:
     """(N,) how many frames what a tracklet shows counts for at most, by how far it gets about."""
     number, total, squares = np.zeros(every), np.zeros((every, 3)), np.zeros((every, 3))
-    for start in range(0, len(frames), FRAMES_AT_ONCE):
-        some = frames[start : start + FRAMES_AT_ONCE]
+    for start in range(0, len(frames), FRAMES_MET_AT_ONCE):
+        some = frames[start : start + FRAMES_MET_AT_ONCE]
         own, places = tracklet[some], points[some]
         there = own >= 0
         own, places = own[there], places[there].astype(float)
@@ -174,7 +174,7 @@ def _met(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray, every: in
     local = local[local >= 0].astype(np.int64)
     size = len(local)
     number, total, squares, longest = np.zeros((4, size * size))
-    for some in np.array_split(frames, -(-len(frames) // FRAMES_AT_ONCE)):
+    for some in np.array_split(frames, -(-len(frames) // FRAMES_MET_AT_ONCE)):
         keys, offs = [], []
         for frame in some.tolist():
             own = np.searchsorted(local, tracklet[frame])

@@ -25,9 +25,8 @@ class PlacesOptions:
     missed     frames in a row without somebody, after which nobody is followed any more
     moved_m    that a body's middle moves at most between frames that are looked at; physical: 4 m/s
     agreed     part of the frames of a tracklet that show its body, in which it must be the same one
-    gone_over  part of the tracklets that were one body's, beyond which nobody is followed any more where they are
-               another's: who lies has feet where somebody else may stand; measured on `lying` of
-               tests/accuracy/actors.py
+    gone_over  measured: part of the tracklets that were one body's, beyond which nobody is followed any more where they
+               are another's, on `lying` of tests/accuracy/actors.py: who lies has feet where somebody else may stand
     """
 
     outer: float = 0.9

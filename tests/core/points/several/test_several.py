@@ -98,7 +98,7 @@ def test_a_long_take_is_named_the_same_way(passing, monkeypatch):
     take, _ = passing
     whole = labelled(take, AUTO)
     monkeypatch.setattr(bodies, "PACKING", LaneOptions(whole_cells=0))
-    monkeypatch.setattr(affinity, "FRAMES_AT_ONCE", 3)
+    monkeypatch.setattr(affinity, "FRAMES_MET_AT_ONCE", 3)
     parts = labelled(take, AUTO)
     for name in ("marker", "step", "confidence"):
         np.testing.assert_array_equal(getattr(parts.labels, name), getattr(whole.labels, name))
