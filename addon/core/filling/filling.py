@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from ..data.markersets import MarkerSet
 from . import plain
 from .fitted import FittedSubject
-from .gaps import NEAREST, Gap, KnownMarkers, find_gaps, find_strays
+from .gaps import LEARNED_BY, Gap, KnownMarkers, find_gaps, find_strays
 from .kept import KeptFill
 from .rays import NO_RAYS, MarkerRays, constrained
 from .regression import MarkerModel, learned, neighbours_of, regress
@@ -301,7 +301,7 @@ class _Filler:
         """The choice for gaps like this one, tried once."""
         sides, summed = (gap.start == 0, gap.stop == len(own)), paces(self.take, neighbours, self.rate)
         pace = graded(pace_of(summed, gap.start, gap.stop))
-        key = (gap.marker, graded(len(gap)), pace, sides, *neighbours[: NEAREST.of_axes].tolist())
+        key = (gap.marker, graded(len(gap)), pace, sides, *neighbours[: LEARNED_BY.of_axes].tolist())
         if key not in self.chosen:
             self.chosen[key] = choose(self.take, gap, neighbours, own, ways, summed, self.rate) or self._untried()
         return self.chosen[key]

@@ -29,7 +29,7 @@ class NeighbourOptions:
     of_axes: int = 4
 
 
-NEAREST = NeighbourOptions()
+LEARNED_BY = NeighbourOptions()
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ class KnownMarkers:
     def helping(self, gap: Gap) -> np.ndarray:
         """The markers that are known all through a gap and its ends, those that move most like it first."""
         part = self.window(gap)
-        known = np.isfinite(self.xyz[part, :, 0]) & (NEAREST.help_ratio * self.length[part] <= len(gap))
+        known = np.isfinite(self.xyz[part, :, 0]) & (LEARNED_BY.help_ratio * self.length[part] <= len(gap))
         spread = np.where(known.all(axis=0), self.spread[gap.marker], np.inf)
         spread[gap.marker] = np.inf
         order = np.argsort(spread, kind="stable")
@@ -183,9 +183,9 @@ class KnownMarkers:
 
 
 def _spread(xyz: np.ndarray) -> np.ndarray:
-    distances = pairwise_distances(xyz[evenly_spread(len(xyz), NEAREST.frames)])
+    distances = pairwise_distances(xyz[evenly_spread(len(xyz), LEARNED_BY.frames)])
     known = np.isfinite(distances)
     count = np.maximum(known.sum(axis=0), 1)
     mean = np.where(known, distances, 0).sum(axis=0) / count
     square = (np.where(known, distances - mean, 0) ** 2).sum(axis=0) / count
-    return np.where(known.sum(axis=0) >= NEAREST.min_frames, np.sqrt(square), np.inf)
+    return np.where(known.sum(axis=0) >= LEARNED_BY.min_frames, np.sqrt(square), np.inf)

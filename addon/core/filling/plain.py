@@ -12,7 +12,7 @@ import numpy as np
 
 from ..data.takes import evenly_spread
 from ..geometry.rigid import MIN_POINTS, laid_on
-from .gaps import NEAREST, Gap, KnownMarkers
+from .gaps import LEARNED_BY, Gap, KnownMarkers
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def pattern(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarra
 
 def rigid(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -> np.ndarray | None:
     """Carried by the neighbours as by a rigid body (Kabsch), from either end; the two are blended."""
-    group = neighbours[: NEAREST.of_axes]
+    group = neighbours[: LEARNED_BY.of_axes]
     if len(group) < MIN_POINTS:
         return None
     part = take.window(gap)
@@ -76,7 +76,7 @@ def pca(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -
     # In a trial there may be others missing than in the gap that it stands for.
     neighbours = neighbours[np.isfinite(take.xyz[part][:, neighbours, 0]).all(axis=0)]
     rows, group = _together(take, neighbours, own)
-    if len(rows) < NEAREST.min_frames or len(group) < MIN_POINTS:
+    if len(rows) < LEARNED_BY.min_frames or len(group) < MIN_POINTS:
         return None
     seen, middle = _about_middle(take.xyz[rows][:, group])
     whole = np.concatenate([seen, take.xyz[rows, gap.marker] - middle], axis=1)
@@ -93,14 +93,14 @@ def pca(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -
 def _together(take: KnownMarkers, neighbours: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Frames with the marker and neighbours, and which: the neighbours that are rarest go, until frames are many."""
     at = np.flatnonzero(own)
-    at = at[evenly_spread(len(at), 2 * NEAREST.frames)] if len(at) else at
+    at = at[evenly_spread(len(at), 2 * LEARNED_BY.frames)] if len(at) else at
     known = np.isfinite(take.xyz[at][:, neighbours, 0])
     group, whole = np.arange(len(neighbours)), known.all(axis=1)
-    while len(group) > MIN_POINTS and whole.sum() < max(NEAREST.min_frames, len(at) // 4):
+    while len(group) > MIN_POINTS and whole.sum() < max(LEARNED_BY.min_frames, len(at) // 4):
         group = np.delete(group, known[:, group].sum(axis=0).argmin())
         whole = known[:, group].all(axis=1)
     rows = at[whole]
-    return rows[evenly_spread(len(rows), NEAREST.frames)] if len(rows) else rows, neighbours[group]
+    return rows[evenly_spread(len(rows), LEARNED_BY.frames)] if len(rows) else rows, neighbours[group]
 
 
 def _about_middle(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

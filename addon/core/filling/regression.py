@@ -13,7 +13,7 @@ import numpy as np
 from ..data.physical import MARKER_LIMITS
 from ..data.takes import evenly_spread
 from ..geometry.rigid import MIN_POINTS, in_axes, laid_on, mean_form
-from .gaps import NEAREST, Gap, KnownMarkers
+from .gaps import LEARNED_BY, Gap, KnownMarkers
 from .kernels import PRECISION, PRIOR_SCALES, Alikeness, LearnedScales
 
 
@@ -87,9 +87,9 @@ def learned(
 ) -> MarkerModel | None:
     """The model of a marker; scales are learned where none are given. None where there is too little to learn from."""
     rows = np.flatnonzero(own & np.isfinite(take.xyz[:, neighbours, 0]).all(axis=1))
-    if len(rows) < NEAREST.min_frames or len(neighbours) < MIN_POINTS:
+    if len(rows) < LEARNED_BY.min_frames or len(neighbours) < MIN_POINTS:
         return None
-    some = take.xyz[rows[evenly_spread(len(rows), NEAREST.frames)]][:, neighbours[: NEAREST.of_axes]]
+    some = take.xyz[rows[evenly_spread(len(rows), LEARNED_BY.frames)]][:, neighbours[: LEARNED_BY.of_axes]]
     form = mean_form(some[len(some) // 2], some)
     block = np.r_[0, 2 ** np.arange(REGRESSION.doublings)]
     starts = evenly_spread(max(len(rows) - block[-1], 1), REGRESSION.blocks)
@@ -121,7 +121,7 @@ def regress(
     from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
     rows = _rows(take, gap, model.neighbours, own)
-    if len(rows) < NEAREST.min_frames:
+    if len(rows) < LEARNED_BY.min_frames:
         return None
     count, frames = len(rows), np.r_[rows, gap.frames]
     features, turn, place = model.seen_from(take.xyz[frames])

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..data.physical import SIGMAS
 from ..data.takes import evenly_spread
-from .gaps import NEAREST, Gap, KnownMarkers
+from .gaps import LEARNED_BY, Gap, KnownMarkers
 from .kernels import PRIOR_SCALES
 
 # Positions (L, 3) m of a gap by a method and, where it says so, how sure each is (L,) m; None where it cannot fill it.
@@ -75,7 +75,7 @@ def graded(amount: float) -> float:
 
 def paces(take: KnownMarkers, neighbours: np.ndarray, rate: float) -> np.ndarray:
     """(T + 1,) m/s, summed up to each frame, how fast the middle of the first neighbours moves; 0 where not known."""
-    middle = take.xyz[:, neighbours[: NEAREST.of_axes]].mean(axis=1) if len(neighbours) else take.xyz[:, 0] * np.nan
+    middle = take.xyz[:, neighbours[: LEARNED_BY.of_axes]].mean(axis=1) if len(neighbours) else take.xyz[:, 0] * np.nan
     speed = np.linalg.norm(np.diff(middle, axis=0), axis=1) * rate
     return np.r_[0, 0, np.cumsum(np.nan_to_num(speed))]
 
