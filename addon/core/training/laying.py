@@ -89,18 +89,18 @@ def _laid(frame: np.ndarray, body: MarkerSet, poses: np.ndarray, sides: np.ndarr
     if len(there) < MIN_POINTS:
         return None
     cloud, model, gate = frame[there], BodyModel(body), LAYING.gates[1]
+    apart = marker_sides(body.markers)[:, None] * sides[there] < 0  # what is left is nothing right
     height = float(np.ptp(cloud[:, 2]) / np.ptp(body.rest_markers[:, 2]))
     height = float(np.clip(height, *LAYING.heights_m))
-    bodies = _fitted(model, cloud, _starts(model, cloud, poses, height), height)
+    bodies = _fitted(model, cloud, apart, _starts(model, cloud, poses, height), height)
     markers = model.pose(bodies).markers
-    matched = _matched(markers, cloud, gate * height)
+    matched = _matched(markers, cloud, apart, gate * height)
     found = matched >= 0
     away = np.where(found, np.linalg.norm(markers - cloud[matched], axis=2) / height, gate)
     alone = len(cloud) - found.sum(axis=1)
     off = (away.sum(axis=1) + gate * alone) / (len(body) + len(cloud))
-    agree = (marker_sides(body.markers) * np.where(found, sides[there][matched], 0)).sum(axis=1) >= 0
     size, (least, most) = bodies.scale.mean(axis=1), LAYING.heights_m
-    fits = agree & (away.mean(axis=1) <= LAYING.max_off) & (size >= least) & (size <= most)
+    fits = (away.mean(axis=1) <= LAYING.max_off) & (size >= least) & (size <= most)
     if not fits.any():
         return None
     best = np.where(fits, off, np.inf).argmin()
@@ -110,11 +110,11 @@ def _laid(frame: np.ndarray, body: MarkerSet, poses: np.ndarray, sides: np.ndarr
     return LaidBody(body, place, float(off[best]))
 
 
-def _fitted(model: BodyModel, cloud: np.ndarray, bodies: Bodies, height: float) -> Bodies:
-    """Bodies fitted to a cloud (P, 3), matched ever more closely."""
+def _fitted(model: BodyModel, cloud: np.ndarray, apart: np.ndarray, bodies: Bodies, height: float) -> Bodies:
+    """Bodies fitted to a cloud (P, 3), matched ever more closely; none of N markers is a point `apart` (N, P)."""
     prior = Prior(model, height=height)
     for gate in np.geomspace(*LAYING.gates, MATCHINGS) * height:
-        matched = _matched(model.pose(bodies).markers, cloud, gate)
+        matched = _matched(model.pose(bodies).markers, cloud, apart, gate)
         goal = np.where((matched >= 0)[..., None], cloud[matched], np.nan)
         bodies = fit_body(model, bodies, labelled_pull(goal), FIT_STEPS, prior).bodies
     return bodies
@@ -157,13 +157,16 @@ def _far(markers: np.ndarray, cloud: np.ndarray, reach: float) -> np.ndarray:
     return sum(away.mean(axis=1) for away in nearest)
 
 
-def _matched(markers: np.ndarray, cloud: np.ndarray, gate: float) -> np.ndarray:
-    """(B, N) the point of a cloud (P, 3) that each of markers (B, N, 3) is, one to one, -1 beyond the gate."""
+def _matched(markers: np.ndarray, cloud: np.ndarray, apart: np.ndarray, gate: float) -> np.ndarray:
+    """(B, N) the point of a cloud (P, 3) that each of markers (B, N, 3) is, one to one, -1 beyond the gate.
+
+    No marker is a point that is `apart` (N, P).
+    """
     from scipy.optimize import linear_sum_assignment
 
     found = np.full(markers.shape[:2], -1)
     for row, own in zip(found, markers, strict=True):
-        away = np.minimum(np.linalg.norm(own[:, None] - cloud, axis=2), gate)
+        away = np.where(apart, gate, np.minimum(np.linalg.norm(own[:, None] - cloud, axis=2), gate))
         one, two = linear_sum_assignment(away**2)
         near = away[one, two] < gate
         row[one[near]] = two[near]
