@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Label Folder: the command line's batch in a process of its own, followed by its table while Blender is used."""
 
-import json
 import queue
 import time
 from contextlib import ExitStack
 from pathlib import Path
+from threading import Thread
 
 import bpy
 from bpy.props import IntProperty
@@ -36,24 +36,24 @@ class FolderBatch:
 
     def __init__(self, line: list[str], table: Path, cameras: Cameras | None):
         """Starts it with a command line, to which the `cameras` are added; JobError where there can be no process."""
-        from ..cli.workers import Command, start_process
+        from ..cli.workers import Command, Worker
 
         self.table, self.stopping = table, False
         self.rows: list[TakeRow] = []
         self.trouble: UserError | None = None
         self._seen: int | None = None
-        self._heard = queue.SimpleQueue()
+        self._heard: queue.SimpleQueue[dict | UserError] = queue.SimpleQueue()
         with ExitStack() as stack:
             scratch = stack.enter_context(scratch_folder())
             if cameras is not None:
                 with naming_scratch(scratch):
                     write_cameras(scratch / "cameras.toml", cameras)
                 line = [line[0], f"--cameras={scratch / 'cameras.toml'}", *line[1:]]
-            self._command = Command(0, line, scratch / "result.json")
-            self._worker = start_process(scratch, self._heard)
+            self._worker = Worker(scratch)
             stack.callback(self._worker.close)
             self._kept = stack.pop_all()
-        self._worker.begin(self._command)
+        command = Command(0, line, scratch / "result.json")
+        Thread(target=lambda: self._heard.put(self._worker.run(command)), daemon=True).start()
 
     def look(self) -> bool:
         """Takes in what is new; False once it has come to its end."""
@@ -65,7 +65,7 @@ class FolderBatch:
         except (OSError, UserError):  # not there yet
             pass
         if ended:
-            self._end(*self._heard.get())
+            self._end(self._heard.get())
         return not ended
 
     def stop(self):
@@ -78,14 +78,10 @@ class FolderBatch:
         self._worker.close()
         self._kept.close()
 
-    def _end(self, worker, said: bytes | None):
-        ending = json.loads(said) if said else worker.ending()
+    def _end(self, answer: dict | UserError):
         self._kept.close()
-        if self.stopping or (ending["status"] == 0 and said):
-            return
-        error = self._command.answer(**ending)
-        if isinstance(error, UserError) and not any(row.state == FAILING for row in self.rows):
-            self.trouble = error
+        if isinstance(answer, UserError) and not self.stopping and not any(row.state == FAILING for row in self.rows):
+            self.trouble = answer
 
 
 # The one that goes on, or the last one: what Blender opens meanwhile does not end it.

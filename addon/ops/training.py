@@ -78,8 +78,8 @@ class Trains(WorksInSteps):
 
     def steps(self, context):
         """The training beside the window, with who teaches the model for its history."""
+        from ..jobs.models import system_user
         from ..jobs.train import train_file  # with all that can be learned, which nobody who starts waits for
-        from ..jobs.versions import system_user
 
         job = replace(self.job(context, context.scene.mocap_autolabel), by=taught_by() or system_user())
         return beside(train_file(job))

@@ -266,7 +266,7 @@ def upside_down(files, tmp_path):
     return path
 
 
-def test_an_up_axis_and_a_rate_that_are_given_are_taken(extension, empty, files, upside_down):
+def test_an_up_axis_and_a_rate_that_are_given_are_taken(extension, empty, files, upside_down, naming_known):
     refused("has a rate of 0 frames a second; expected", "import_points", filepath=str(upside_down))
     for importer in (bpy.ops.mocap_autolabel.import_points, bpy.ops.mocap_autolabel.import_take):
         assert importer(filepath=str(upside_down), up="z", rate=60.0) == {"FINISHED"}

@@ -251,7 +251,7 @@ def test_until_then_viewport_panel_and_export_dialog_say_that_the_body_is_out_of
         ]
         monkeypatch.setattr(panels, "draw_text", lambda _context, _layout, text, icon: words.append(text))
         for name in ("review", "character"):
-            getattr(panels, f"MOCAP_AUTOLABEL_PT_{name}").draw(MagicMock(), bpy.context)
+            getattr(panels, name).draw(MagicMock(), bpy.context)
         return words
 
     assert said() == []

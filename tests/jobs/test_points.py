@@ -128,10 +128,10 @@ def test_a_strict_target_leaves_names_out_and_refuses_no_take(source, fairly_sur
     assert report["points"] - report["unlabelled"] == named
 
 
-def test_a_lax_target_makes_no_take_the_model_s(source, monkeypatch):
+def test_what_no_frame_is_sure_of_is_named_by_the_whole_take(source, monkeypatch):
     use(monkeypatch, Known(right, 0.6))
-    with pytest.raises(JobError, match="does not look like a take of model gait15"):
-        label(source, frames=(11, 25), target=0.5)
+    report = json.loads((label(source, frames=(11, 25)) / "walk.report.json").read_text())
+    assert report["points"] - report["unlabelled"] >= 10 * 15
 
 
 def test_only_the_number_of_a_trajectory_is_made_the_file_s(source, monkeypatch):

@@ -27,7 +27,7 @@ from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again, put_places
 from ..papers.virtual_occlusions.occlusion import Occlusion
 from ..points.models import Model
-from ..points.naming import plain_method
+from ..points.naming import chosen_method, plain_method
 from ..points.several.motion import with_bodies_of
 from ..points.whole_take.pipeline import USUAL_TARGET, PointOptions
 from ..review.answering import heard_in, unanswered_of_blobs, without_accepted
@@ -86,7 +86,8 @@ def _labelled(chunks: Iterable[Blobs], cameras: Cameras, model: Model, options: 
     if method == "fit":
         given = options.rate, options.hints, options.occlusion, options.edits
         return label_take(chunks, cameras, model.markerset, *given)
-    named = PointOptions(method, options.target, force=True)  # the cameras say what cannot be
+    # The cameras say what cannot be.
+    named = PointOptions(chosen_method(model, method), options.target, force=True)
     return label_through_points(chunks, cameras, model, options.rate, named, options.edits)
 
 

@@ -120,6 +120,7 @@ class Rulings:
             own = tracklets.table[edited.claim[:, marker] == NOBODY]
             part = np.bincount(own[own >= 0], minlength=len(tracklets)) / tracklets.count
             votes[part >= RULING.min_nobody, marker] = -RULING.odds
+        votes[rule >= markers] = -RULING.odds  # what has no name by an edit takes none from another
         some = np.flatnonzero(held != NO_MARKER)
         votes[some] = -RULING.odds
         votes[some, held[some]] = RULING.odds

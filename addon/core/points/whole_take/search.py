@@ -55,10 +55,16 @@ SEARCH = SearchOptions()
 
 
 class Search:
-    """A search that stands at `best`; `others` are the namings that were tried and are worth less."""
+    """A search that stands at `best`; `others` are the namings that were tried and are worth less.
 
-    def __init__(self, objective: Objective, start: np.ndarray, wide: Freedom):
+    Of a take that was solved, and is `edited` since, what a person named in a part of a trajectory may have that name in
+    more of it, in exchange for another; nothing else changes.
+    """
+
+    def __init__(self, objective: Objective, start: np.ndarray, wide: Freedom, edited: bool = False):
         self.objective, self._wide = objective, wide
+        self._edited, held = edited, objective.tracklets.held != NO_MARKER
+        self._given = self._called(objective.tracklets.held)[held]
         self.best = objective.of(start)
         self._tried = {start.tobytes()}
         self.others: list[Candidate] = []
@@ -93,10 +99,19 @@ class Search:
         self._tried.add(key)
         new = self.objective.of(marker)
         better = self.objective.gain(new, self.best) * self.objective.length > SEARCH.least
+        if better and self._edited:
+            changed = marker != self.best.marker
+            touched = np.setdiff1d([marker[changed], self.best.marker[changed]], NO_MARKER)
+            if len(touched) > 2 or not np.isin(self._called(marker)[changed], self._given).any():
+                return False
         self.others.append(self.best if better else new)
         if better:
             self.best = new
         return better
+
+    def _called(self, marker: np.ndarray) -> np.ndarray:
+        """(N,) a number for each name (N,) in its lane."""
+        return self.objective.tracklets.lane * (self.objective.markers + self.objective.extras + 1) + marker
 
     def _neighbourhoods(self) -> Iterator[np.ndarray]:
         """Each marker with those that are nearest to it, where one of them is in doubt; none twice."""

@@ -129,20 +129,25 @@ def solve_take(
     if rulings is not None:
         tracklets = rulings.of(tracklets)
         begun = rulings.begun(tracklets, with_held(tracklets, begun))
-    return _Solving(points, tracklets, model, rate, begun).solved(progress)
+    return _Solving(points, tracklets, model, rate, begun, rulings is not None).solved(progress)
 
 
 class _Solving:
     """A take on its way to a solution: `marker` (N,) is what is believed so far, extras after the model's own."""
 
-    def __init__(self, points: np.ndarray, tracklets: Tracklets, model: Model, rate: float, begun: np.ndarray):
+    def __init__(
+        self, points: np.ndarray, tracklets: Tracklets, model: Model, rate: float, begun: np.ndarray, edited: bool
+    ):
         self.points, self.tracklets, self.marker = points, tracklets, begun
-        self.markers = len(model.markerset)
+        self.markers, self._edited = len(model.markerset), edited
         self.crowd = is_crowd(tracklets, self.markers)
         self.objective = Objective(points, tracklets, model, rate, begun)
         self.best = self.margin = self.odds = np.zeros(0)
 
     def solved(self, progress: Callable[[float], None] | None) -> Solution:
+        if self._edited:  # what it was solved to is begun with
+            self._match(ROUNDS.freedoms[-1])
+            return self._searched(ROUNDS.freedoms[-1])
         questions: tuple[Question, ...] = ()
         last = len(ROUNDS.freedoms)
         # Once more at the end of a crowd: what nothing else could be may be in the place of a marker.
@@ -162,7 +167,11 @@ class _Solving:
             return self._solution(self._filled(), questions)
         if self._add_extras():
             self._spread(freedom, ROUNDS.margins)
-        search = Search(self.objective, self._filled(), freedom)
+        return self._searched(freedom)
+
+    def _searched(self, freedom: Freedom) -> Solution:
+        """What a search comes to from here."""
+        search = Search(self.objective, self._filled(), freedom, self._edited)
         search.climb()
         return self._solution(search.best.marker, (), search)
 

@@ -145,7 +145,7 @@ def test_a_take_in_pieces_and_in_chunks(partial_solvers, points, monkeypatch):
     named = label_frames(partial_solvers, sparse)
     assert (named.marker[:, columns] == whole.marker).all()
     assert named.named.sum() == whole.named.sum() > 0
-    monkeypatch.setattr(frames, "TABLES", frames.TableOptions(max_frames=7))
+    monkeypatch.setattr(frames, "TABLE_FRAMES", 7)
     parts = list(SolversNamer(partial_solvers).name(seen, 100.0))
     assert max(len(part.marker) for part in parts) <= 7
     joined = Labels.join(parts)
