@@ -57,8 +57,8 @@ SEARCH = SearchOptions()
 class Search:
     """A search that stands at `best`; `others` are the namings that were tried and are worth less.
 
-    Of a take that was solved, and is `edited` since, what a person named in a part of a trajectory may have that name in
-    more of it, in exchange for another; nothing else changes.
+    Of a take that was solved, and is `edited` since, what a person named in a part of a trajectory may have that name
+    in more of it, in exchange for another; nothing else changes.
     """
 
     def __init__(self, objective: Objective, start: np.ndarray, wide: Freedom, edited: bool = False):

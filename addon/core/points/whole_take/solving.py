@@ -129,7 +129,10 @@ def solve_take(
     if rulings is not None:
         tracklets = rulings.of(tracklets)
         begun = rulings.begun(tracklets, with_held(tracklets, begun))
-    return _Solving(points, tracklets, model, rate, begun, rulings is not None).solved(progress)
+    solution = _Solving(points, tracklets, model, rate, begun, rulings is not None).solved(progress)
+    if rulings is None:
+        return solution
+    return replace(solution, margin=rulings.sure(tracklets, solution.marker, solution.margin))
 
 
 class _Solving:
