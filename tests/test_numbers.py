@@ -43,15 +43,14 @@ OWED = {
     "points/whole_take/blocks.py": 6,
     "points/whole_take/deciding.py": 7,
     "points/whole_take/layout.py": 4,
-    "points/whole_take/likeness.py": 13,
+    "points/whole_take/likeness.py": 6,
     "points/whole_take/matching.py": 4,
-    "points/whole_take/objective.py": 5,
-    "points/whole_take/pairs.py": 12,
-    "points/whole_take/pipeline.py": 1,
+    "points/whole_take/objective.py": 1,
+    "points/whole_take/pairs.py": 5,
     "points/whole_take/rulings.py": 3,
-    "points/whole_take/search.py": 11,
-    "points/whole_take/solving.py": 15,
-    "points/whole_take/tracklets.py": 2,
+    "points/whole_take/search.py": 5,
+    "points/whole_take/solving.py": 13,
+    "points/whole_take/tracklets.py": 1,
 }
 
 

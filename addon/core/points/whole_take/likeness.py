@@ -15,21 +15,21 @@ from .tracklets import PlacedMarkers, Tracklets
 
 @dataclass(frozen=True)
 class LikenessOptions:
-    """How distances are weighed. All reckoned.
+    """How distances are weighed.
 
     neighbours        of a marker whose distances keep best, and are there, that are asked
     considered        of a marker, of which those are taken
-    min_neighbours    below which nothing is said
+    min_neighbours    physical: below which nothing is said: three distances fix a place
     independent       of the neighbours asked: their distances err together
     max_square        standard deviations², beyond which a distance is no worse
-    wide_m            that a marker's place is known to, whatever its neighbours say
-    ghost_density     points that are no marker in a cubic metre
+    wide_m            physical: m, that a marker's place is known to, whatever its neighbours say: half a person
+    ghost_density     physical: points that are no marker in a cubic metre: one or two where a person moves
     sample_s          that a tracklet must be longer to say as much again, and
     max_samples       what it can say at most, in such times
-    block             frames of tracklets at once
-    max_gap_s         over which a marker goes on as it did,
-    change_s          in which its distances become what they are at any time, and
-    link_sd_m         by which they change in no time
+    block             memory: frames of tracklets at once
+    max_gap_s         physical: s, over which a marker goes on as it did: half a stride,
+    change_s          physical: s, in which its distances become what they are at any time: less than a step, and
+    link_sd_m         physical: m, by which they change in no time: cameras and skin
     """
 
     neighbours: int = 12

@@ -54,14 +54,16 @@ class Freedom:
 class ObjectiveOptions:
     """What the objective looks at.
 
-    frames     whose shape is asked
-    fullest    so many times as many that show most of the markers, out of which they are taken evenly
+    frames     memory: whose shape is asked
+    fullest    memory: so many times as many that show most of the markers, out of which they are taken evenly
     min_frames fewer say nothing
-    min_seen   markers of a frame that is asked
+    min_seen   physical: markers of a frame that is asked: fewer have a place and a facing, and hardly a shape
     max_marker measured: log likelihood of a frame's shape that the point of one marker wins or loses; unclipped, it is
                for wrong names, by 8 to 228, in eight of ten takes of other labs
     shape      measured: L over the frames of the take; at 0.5 no exchange of two or of a limb is worth more than the
                truth in 26 takes of crowd, frame, lab-1, others and pieces: by 1.85 a frame less at least
+    lab_sd_m   measured: m, of a distance between labs; with 2 cm or limited squares plates of other people that are
+               turned round are worth more than the truth
     extra      measured: log odds that an unmodelled marker must bring; with 4 or 8 takes of other labs lose 3 to 5 %
     """
 

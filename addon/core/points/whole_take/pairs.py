@@ -20,20 +20,21 @@ from ..models import Model
 
 @dataclass(frozen=True)
 class PairOptions:
-    """How distances are learned. All reckoned.
+    """How distances are learned.
 
-    frames            of a subject, or of a take, that are looked at
+    frames            memory: of a subject, or of a take, that are looked at
     min_frames        of a subject that show how it moves
-    shapes            drawn from a likelihood of which few frames were kept
-    length_sd         of a distance of other subjects than those of the training, besides their size, in parts of it,
-    place_sd_m        and of where their markers sit
-    max_confused_m    between two markers that may be taken for each other
+    shapes            memory: drawn from a likelihood of which few frames were kept
+    length_sd         physical: of a distance of other subjects than those of the training, besides their size, in
+                      parts of it,
+    place_sd_m        physical: m, and of where their markers sit: a centimetre each
+    max_confused_m    physical: m, between two markers that may be taken for each other: a forearm or a shank's half
     motion_factor     times the variance of a distance seen in training: other motions bend more
     within_frames     frames that training's spread counts for when the take shows another
     unknown_frames    the same of a guess where training knows nothing
     independent       frames of a take that say as much as one independent one: neighbours show the same pose
-    min_sd_m          that a distance has at least
-    block             frames at once
+    min_sd_m          physical: m, that a distance has at least: cameras and skin
+    block             memory: frames at once
     """
 
     frames: int = 600

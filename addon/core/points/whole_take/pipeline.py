@@ -113,9 +113,9 @@ def begins(frames: int, unordered: bool = False, edited: bool = False) -> dict[s
 
 @dataclass(frozen=True)
 class NamingOptions:
-    """How the frames of a take are named; reckoned, by memory.
+    """How the frames of a take are named.
 
-    part_frames  whose points are put in order, and named, before the next
+    part_frames  memory: whose points are put in order, and named, before the next
     """
 
     part_frames: int = 4096

@@ -25,7 +25,7 @@ from .rulings import RULING
 class SearchOptions:
     """Which moves are tried.
 
-    sizes      of a neighbourhood, a marker and those nearest to it: a hand, a forearm, a foot with its shank
+    sizes      physical: of a neighbourhood, a marker and those nearest to it: a hand, a forearm, a foot with its shank
     least      nats in all of the take by which a naming must be worth more: less than one frame says
     promising  log likelihood of a frame's shape by which an exchange may be worse, and is tried
     seen       measured: of the frames of the usual marker, in less of which one is in doubt, and
@@ -35,6 +35,9 @@ class SearchOptions:
     rounds     of giving a group its names by shape, and again by those
     far        log odds of a point that is nowhere near
     sweeps     over all groups
+    chains     measured: that are tried; with 16 a turned plate of S02 is not found
+    links      physical: of a chain: a shoulder, an elbow and a hand's three
+    width      memory: chains that are gone on with
     """
 
     sizes: tuple[int, ...] = (5, 9, 14)

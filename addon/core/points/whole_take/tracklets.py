@@ -15,10 +15,10 @@ from ..tracklets import VOTE, frame_log_odds
 
 @dataclass(frozen=True)
 class VotingOptions:
-    """What of a tracklet's frames is looked at. Both reckoned.
+    """What of a tracklet's frames is looked at.
 
     max_votes  log odds that all frames that were named on their own can say
-    samples    frames whose distances are asked
+    samples    memory: frames whose distances are asked
     """
 
     max_votes: float = 8.0
