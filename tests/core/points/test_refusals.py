@@ -10,7 +10,15 @@ from addon.core.geometry import rotations
 from addon.core.points.likelihood.learn import learn_likelihood
 from addon.core.points.models import Model
 from addon.core.points.naming import Namer, namer_of
-from addon.core.points.refusals import refuse_floods, refuse_others, refuse_two_groups, refuse_unrecognised
+from addon.core.points.refusals import (
+    REFUSAL,
+    SetFit,
+    refuse_floods,
+    refuse_others,
+    refuse_two_groups,
+    refuse_unlike,
+    refuse_unrecognised,
+)
 from addon.core.simulation.virtual import Act
 from addon.core.training.segments import segment_markerset
 from addon.io.models import open_model
@@ -149,3 +157,15 @@ def test_recorded_takes_that_the_built_in_models_are_not_for(shared_data, take, 
 def test_recorded_takes_with_many_more_markers_pass(shared_data, take, model):
     known = open_model(model)
     refuse_others(known, by_likelihood(known), read_points(shared_data / "people" / take).xyz)
+
+
+def test_where_frames_are_not_sure_the_whole_take_must_be(model):
+    namer, points = by_likelihood(model), person(1)
+    likely, unlikely = (SetFit(0.0, REFUSAL.min_log_likelihood + more) for more in (0.1, -0.1))
+    refuse_unlike(model, namer, points, unlikely)
+    refuse_unlike(model, namer, points, likely, sure=False)
+    with pytest.raises(JobError, match="does not look like a take of model gait15"):
+        refuse_unlike(model, namer, points, unlikely, sure=False)
+    refuse_unrecognised(model, namer, points, first(12), sure=False)
+    with pytest.raises(JobError, match="73% of its markers"):
+        refuse_unrecognised(model, namer, points, first(11), sure=False)

@@ -68,6 +68,9 @@ def test_a_body_is_laid_into_a_frame_without_known_names(known, take):
     turn = rotations.quaternion_to_matrix(rotations.about_z(np.array([2.0])))[0]
     turned = laid_body(take[FRAME] @ turn.T + [3, -2, 0], [(body, poses)], marker_sides(body.markers))
     assert (turned.place == np.arange(26)).mean() > 0.9
+    other = marker_sides(body.markers)
+    other[body.markers.index("LKNE")] = -1  # a name that says right is no left knee, however near
+    assert laid_body(take[FRAME], [(body, poses)], other).place[body.markers.index("LKNE")] == -1
     faced_about = laid_body(take[FRAME], [(body, poses)], -marker_sides(body.markers))
     assert faced_about is None or faced_about.off > 1.3 * turned.off
     scattered = np.random.default_rng(1).uniform(0, 1.7, (26, 3))

@@ -72,7 +72,7 @@ class ExtraOptions:
 class MarginOptions:
     """How sure a name is, by what else was tried.
 
-    looks     measured: independent looks that a take is worth for a group of markers, as its layout is off in all frames
+    looks     measured: independent looks that a take is worth for a group of markers: its layout is off in all frames
               alike; with 1 known people lose 4 to 9 % of their labels, with 2.75 takes of other labs have wrong ones
     min_seen  physical: part of the take in which a marker is there that is known by its own distances: half of it
     """
