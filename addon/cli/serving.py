@@ -49,6 +49,8 @@ def try_libraries():
     limits = {resource.getrlimit(kind)[0] for kind in (resource.RLIMIT_AS, resource.RLIMIT_DATA)}
     if limits == {resource.RLIM_INFINITY}:
         return
+    # Each of its threads takes memory of its own, and where there is none it may wait for it for ever.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     command = [sys.executable, "-c", LIBRARIES]
     if subprocess.run(command, capture_output=True, check=False).returncode:  # noqa: S603 it is ourselves
         limit = min(limits - {resource.RLIM_INFINITY}) >> 20
