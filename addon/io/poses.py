@@ -18,8 +18,8 @@ import numpy as np
 from ..core.data.errors import InputError, JobError
 from ..core.data.markersets import Worn
 from ..core.data.takes import Motion
-from .scratch import RowFile
 from .source import open_binary
+from .tables import RowFile
 
 PC2_HEADER = struct.Struct("<12siiffi")  # mark, version, vertices, first frame, frames a sample, samples
 PC2_MARK, PC2_VERSION = b"POINTCACHE2\0", 1

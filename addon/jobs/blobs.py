@@ -27,7 +27,8 @@ from ..io.blobs import BlobRows, frames_in, read_blobs
 from ..io.labels import BLOB_KEYS
 from ..io.poses import refuse_keys
 from ..io.report import facts_of_cameras
-from ..io.scratch import Room, RowFile, scratch_folder
+from ..io.scratch import scratch_folder
+from ..io.tables import Room, RowFile
 from .job import facts_of_capture, timed
 from .labelling import OpenTake, Results, TakePart, subjects_in_blobs
 

@@ -30,8 +30,9 @@ from ..io.labels import LabelWriter, facts_of_changes
 from ..io.points import write_c3d, write_trc
 from ..io.poses import PoseFile, refuse_keys
 from ..io.report import REPORT, facts_of_edits, facts_of_trouble, take_report
-from ..io.scratch import Room, scratch_folder
+from ..io.scratch import scratch_folder
 from ..io.source import digest
+from ..io.tables import Room
 from ..io.text import write_json
 from ..version import version
 from .job import MOTION_FILE, PAGE, LabelJob, Labelled, leftovers, open_files, timed

@@ -15,7 +15,7 @@ from ..core.points.whole_take.pipeline import PointOptions, label_take
 from ..io.labels import POINT_KEYS, point_keys
 from ..io.points import read_points
 from ..io.poses import is_long, refuse_keys
-from ..io.scratch import Room
+from ..io.tables import Room
 from .job import facts_of_capture
 from .labelling import OpenTake, Results, TakePart, label_subjects
 

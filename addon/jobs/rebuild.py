@@ -19,7 +19,8 @@ from ..core.data.takes import Blobs, Points
 from ..core.reconstruction.trajectories import Reconstructed, TrajectorySpans, reconstruct_take
 from ..io.blobs import BlobRows, read_blobs
 from ..io.points import write_c3d, write_trc
-from ..io.scratch import RowFile, scratch_folder
+from ..io.scratch import scratch_folder
+from ..io.tables import RowFile
 from ..io.whole import whole_file
 from .job import USUAL_RATE, RoomJob, facts_of_capture
 from .labelling import renumbered

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from addon.core.data.errors import JobError
-from addon.io.scratch import FileTable, Room
+from addon.io.tables import FileTable, Room
 
 SHAPE = 7, 3, 2
 WANTED = st.one_of(

@@ -137,13 +137,12 @@ def choose(
     `summed` as `paces` gives it.
     """
     trials, alike = cut_gaps(take, gap, neighbours, own, summed)
-    names = [name for name in ways if alike or name not in UNCARRIED or len(ways) == 1]
-    if AT_ONCE in names and (quick := _quick_choice(take, gap, own, ways[AT_ONCE], trials, rate)) is not None:
+    if alike and AT_ONCE in ways and (quick := _quick_choice(take, gap, own, ways[AT_ONCE], trials, rate)) is not None:
         return quick
     mixes, sure = {}, []
     for trial in trials:
         hidden, truth = own_in_trial(own, trial, gap, rate), take.xyz[trial.start : trial.stop, gap.marker]
-        answers = {name: ways[name](trial, hidden) for name in names}
+        answers = {name: way(trial, hidden) for name, way in ways.items()}
         answer = answers.get(next(iter(ways)))
         if answer is not None and answer[1] is not None:
             sure.append(float(answer[1].mean()))
@@ -152,7 +151,9 @@ def choose(
             mean = sum(found[part] for part in parts) / len(parts)
             error = float(np.linalg.norm(mean - truth, axis=1).mean())
             mixes.setdefault(parts, []).append(error)
-    return _best(mixes, float(np.mean(sure)) if sure else np.nan)
+    # Where trials move at another pace, what is not carried along counts if nothing else answers.
+    carried = {parts: errors for parts, errors in mixes.items() if not set(parts) & set(UNCARRIED)}
+    return _best(mixes if alike or not carried else carried, float(np.mean(sure)) if sure else np.nan)
 
 
 def _quick_choice(
