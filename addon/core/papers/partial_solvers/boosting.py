@@ -28,9 +28,6 @@ class Boosting:
     period: int = 16
 
 
-BOOSTING = Boosting()
-
-
 @dataclass(frozen=True, eq=False)
 class WrongLabellings:
     """K labellings of whole frames with some markers exchanged.

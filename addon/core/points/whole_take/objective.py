@@ -3,13 +3,14 @@
 
 A naming gives each tracklet i of n_i frames a marker z_i, or none. It is worth
 
-    J(z) = sum_i n_i (d_i(z_i) + v_i(z_i) + l_i(z_i)) + L sum_f clip(s_f(z))
+    J(z) = sum_i n_i (d_i(z_i) + v_i(z_i) + l_i(z_i)) + L sum_f clip(s_f(z)) + T / K p(z)
 
     d  mean log odds, against a ghost, of the tracklet's points by their distances to what z names beside it; how far
        markers are from each other is what training knows, corrected by what z itself shows in this take
     v  what frames on their own say of the tracklet
     l  whether it goes on over a gap as its marker did before and does after
     s  log likelihood of a whole frame f under the shape of the training, of a few frames that show most of the markers
+    p  log odds of the mean distances under the training alone, of which all T frames are one of K looks
 
 Of each marker the odds given all others are added up, a pseudo-likelihood: the joint likelihood of all distances counts
 one odd pose as hundreds of odd distances. Two namings are only ever compared, so s is their difference, clipped by how
@@ -89,7 +90,7 @@ class Candidate:
     placed   (F, M + E, 3) m where each marker is in the frames that are looked at, NaN where it is not
     moments  of the distances between the markers
     odds     (N,) log odds of each name given the others, 0 of none
-    layout   what the names are worth by where training knows the markers to be
+    slots    what bears out where training knows the markers to be, and `layout` what the names are worth by it
     total    the first sum of the objective
     settled  the frames whose shape is asked; None where none shows enough
     """
@@ -98,6 +99,7 @@ class Candidate:
     placed: np.ndarray
     moments: Moments
     odds: np.ndarray
+    slots: "LayoutOdds"
     layout: float
     total: float
     settled: Settled | None
@@ -274,9 +276,10 @@ class Objective:
         odds[named] = every_one[np.arange(len(named)), own]
         worth = odds[named] * self.weight[named]
         worth -= np.where(own < self.markers, 0.0, OBJECTIVE.extra * self.tracklets.count[named])
-        layout = float(self.layout(marker, shown).worth(every[None])[0])
+        slots = self.layout(marker, shown)
         settled = settled_frames(self.model.likelihood, placed[self._shown])
-        return Candidate(marker, placed, shown, odds, layout, float(worth.sum()), settled)
+        layout = float(slots.worth(every[None])[0])
+        return Candidate(marker, placed, shown, odds, slots, layout, float(worth.sum()), settled)
 
     def layout(self, marker: np.ndarray, shown: Moments) -> LayoutOdds:
         """How well what has one name (N,) bears out the distances that training expects of others."""

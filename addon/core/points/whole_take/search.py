@@ -132,7 +132,7 @@ class Search:
         count, borne_out = objective.borne_out(self.best)
         doubted = (count < SEARCH.seen * np.median(count)) | (borne_out < SEARCH.borne_out * np.median(borne_out))
         every = np.arange(objective.markers + objective.extras)
-        doubted |= objective.layout(self.best.marker, self.best.moments).odds(every[None])[0] < 0
+        doubted |= self.best.slots.odds(every[None])[0] < 0
         doubted[marker[[one for one in self._unsure() if marker[one] < objective.markers]]] = True
         return doubted
 
@@ -181,7 +181,8 @@ class Search:
         asked = np.zeros((len(free), placed.shape[1]), bool)
         asked[:, group] = True
         if held.any():
-            placed, shown = objective.placed(tried), objective.moments(objective.placed(tried))
+            placed = objective.placed(tried)
+            shown = objective.moments(placed)
         for freedom in (USUAL_FREEDOM, self._wide, self._wide):
             odds = objective.odds(tried, placed, shown, freedom, free, asked, group)[:, group]
             odds *= objective.weight[free, None]
@@ -232,8 +233,7 @@ class Search:
         """(M + E,) chains of exchanges from markers in doubt, the likeliest by how far markers are from each other."""
         doubted = np.flatnonzero(self._doubted())
         if len(doubted):
-            layout = self.objective.layout(self.best.marker, self.best.moments)
-            for order in layout.chains(doubted, SEARCH.width, SEARCH.links)[: SEARCH.chains]:
+            for order in self.best.slots.chains(doubted, SEARCH.width, SEARCH.links)[: SEARCH.chains]:
                 called = np.empty_like(order)
                 called[order] = np.arange(len(order))
                 yield called

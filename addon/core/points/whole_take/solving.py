@@ -142,7 +142,7 @@ class _Solving:
     def __init__(
         self, points: np.ndarray, tracklets: Tracklets, model: Model, rate: float, begun: np.ndarray, edited: bool
     ):
-        self.points, self.tracklets, self.marker = points, tracklets, begun
+        self.tracklets, self.marker = tracklets, begun
         self.markers, self._edited = len(model.markerset), edited
         self.crowd = is_crowd(tracklets, self.markers)
         self.objective = Objective(points, tracklets, model, rate, begun)
