@@ -17,7 +17,7 @@ import pytest
 from addon import jobs
 from addon.cli import serving, workers
 from addon.demo.take import MODEL
-from addon.io import scratch
+from addon.io import scratch, tables
 from tests.faults.stage import at_work, wait_for
 
 from .conftest import lengthened
@@ -136,8 +136,8 @@ def test_a_full_temporary_folder_is_called_by_its_name(label, temporary, monkeyp
         self.file = SimpleNamespace(write=full, close=lambda: None)
         return self
 
-    begin = scratch.RowFile.__enter__
-    monkeypatch.setattr(scratch.RowFile, "__enter__", begun)
+    begin = tables.RowFile.__enter__
+    monkeypatch.setattr(tables.RowFile, "__enter__", begun)
     answer = label(*FEW)
     assert answer.status == 1
     assert answer.reason.startswith(f"{temporary}{os.sep}mocap-autolabel-")
