@@ -41,7 +41,7 @@ OWED = {
     "points/tracklets.py": 1,
     "points/unordered.py": 4,
     "points/whole_take/blocks.py": 6,
-    "points/whole_take/deciding.py": 7,
+    "points/whole_take/deciding.py": 5,
     "points/whole_take/layout.py": 4,
     "points/whole_take/likeness.py": 6,
     "points/whole_take/matching.py": 4,

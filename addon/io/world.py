@@ -40,6 +40,12 @@ def up_rotation(up: str) -> np.ndarray:
     return _ROTATIONS[up]
 
 
+def turns_from(up: str) -> dict[str, np.ndarray]:
+    """The rotations (3, 3) of points that were read with the axis `up`, such as "+Y", up, by the axis up after it."""
+    others = {axis: rotation @ up_rotation(up).T for axis, rotation in _ROTATIONS.items() if axis != up}
+    return {axis.lower().removeprefix("+"): rotation for axis, rotation in others.items()}
+
+
 def guess_unit(xyz: np.ndarray | Scaled) -> str:
     """mm, cm or m, whichever makes the points (T, P, 3) reach as far as people and rooms do."""
     extent = _extent(xyz)

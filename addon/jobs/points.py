@@ -7,15 +7,20 @@ from ..blendfile import refuse_long
 from ..core.data.errors import InputError
 from ..core.data.progress import Progress
 from ..core.data.takes import MAX_FRAME, LabelledChunk, Points, Suspect
+from ..core.pipelines.misfits import misfit_of
 from ..core.points.handedness import MEND_MIRRORED, MEND_POINTS
 from ..core.points.motion import labelled_points
 from ..core.points.naming import chosen_method
 from ..core.points.possible import slow_words
+from ..core.points.refusals import SubjectsError, UnsuitedError
 from ..core.points.whole_take.pipeline import PointOptions, label_take
 from ..io.labels import POINT_KEYS, point_keys
+from ..io.markersets import builtin_markersets
+from ..io.models import open_model
 from ..io.points import read_points
 from ..io.poses import is_long, refuse_keys
 from ..io.tables import Room
+from ..io.world import turns_from
 from .job import facts_of_capture
 from .labelling import OpenTake, Results, TakePart, label_subjects
 
@@ -49,7 +54,12 @@ class PointTake(OpenTake):
         """Names all of it."""
         options = PointOptions(self.method, self.job.target, self.edits, self.room, self.job.force)
         if self.several is None:
-            self.labelled = yield from label_take(self.take, self.model, options)
+            try:
+                self.labelled = yield from label_take(self.take, self.model, options)
+            except SubjectsError:
+                raise
+            except UnsuitedError as error:
+                raise (yield from self._misfit(error, options)) from None
             self.worn = self.model.markerset
         else:
             self.labelled = yield from label_subjects(self.job, self.take, self.several, options)
@@ -58,6 +68,11 @@ class PointTake(OpenTake):
                 refuse_keys(len(self.take.frames), self.worn)
         joints = sum(len(one.skeleton) for _, one in self.worn.worn)
         self.long = is_long(len(self.labelled.motion), len(self.worn.markers), joints)
+
+    def _misfit(self, error: UnsuitedError, options: PointOptions) -> Generator[Progress, None, UnsuitedError]:
+        """The error with its reason: another axis up, or another built-in marker set."""
+        others = [open_model(name) for name in builtin_markersets() if name != self.model.markerset.name]
+        return (yield from misfit_of(error, self.take, self.model, options, turns_from(self.take.up), others))
 
     def parts(self, kept: bool) -> Iterator[TakePart]:
         """The named parts; one where they are kept: then all of it is in memory anyhow."""

@@ -14,6 +14,7 @@ from ..core.data.takes import Blobs
 from ..core.data.wording import count_of
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS
+from ..core.pipelines.misfits import HOW_TO_TURN
 from ..core.points.handedness import HOW_TO_MIRROR
 from ..core.points.refusals import HOW_TO_ASK
 from ..core.points.several.wearers import AUTO
@@ -40,6 +41,7 @@ from .viewing import fit_timelines, show_take_whole
 
 ASK_HERE = "by Label All Performers, or under Performers"
 MIRROR_HERE = "by Mirror in the options of Import 3D Points"
+TURN_HERE = "by Up in the options of Import 3D Points, as"
 
 
 def job_of(context: bpy.types.Context) -> LabelJob:
@@ -138,6 +140,7 @@ def _label(
         return Take.of(*given, written(str(job.source)), doubts=doubts, edits=edits)
     except UserError as error:
         words = error.message.replace(HOW_TO_ASK, ASK_HERE).replace(HOW_TO_MIRROR, MIRROR_HERE)
+        words = words.replace(HOW_TO_TURN, TURN_HERE)
         raise type(error)(words, error.file or job.source, error.line) from error
 
 
@@ -212,10 +215,9 @@ def _remembering(state, job: LabelJob, work: Generator[float, None, Take]) -> Ge
     """The same work; where the take is refused and a button can help, the sidebar knows."""
     try:
         return (yield from work)
-    except ForceableError as error:
-        state.refused = error.message
-        raise
     except UserError as error:
+        if isinstance(error, ForceableError):
+            state.refused = error.message
         if ASK_HERE in error.message:
             state.crowded = written(str(job.source))
         raise

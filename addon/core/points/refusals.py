@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data.errors import JobError
+from ..data.errors import ForceableError, JobError
 from ..data.lanes import blocks
 from ..data.takes import Labels, evenly_spread
 from ..geometry.rigid import MIN_POINTS
@@ -239,7 +239,7 @@ def _possible(points: np.ndarray, markers: int) -> int:
 HOW_TO_ASK = "by --subjects 2 or auto"  # on the command line; Blender puts words of its sidebar there
 
 
-class UnsuitedError(JobError):
+class UnsuitedError(ForceableError):
     """A take that the model is not for."""
 
 

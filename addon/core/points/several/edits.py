@@ -57,7 +57,7 @@ def _heard(
     theirs = np.zeros(len(crowd) + 1, bool)
     theirs[crowd.tracklet[edited.named]] = True
     own = np.where(edited.deleted, -1, crowd.tracklets_of(may | theirs[:-1]))
-    rulings = Rulings(edited, before, own)
+    rulings = Rulings(edited, before, own, one.solution)
     frames = replace(one.frames, take=crowd.points_of(may | theirs[:-1]), tracklet=own)
     frames = replace(frames, labels=OnlyWhere(one.frames.labels, own))
     deleted = edited.deleted & (one.frames.tracklet >= 0)

@@ -14,6 +14,7 @@ from ..deciding import Said, decide, decided_markers, once
 from ..likelihood.calibration import chance
 from ..models import Model
 from ..tracklets import VOTE, are_lasting, gone_over
+from .layout import Question
 from .rulings import Rulings
 from .solving import ROUNDS, Solution, solve_take
 
@@ -26,9 +27,6 @@ class BelievingOptions:
     odds_of_target   of the log odds of a target, that a tracklet's name must be ahead of any other; and
     least            at least,
     max_target       beyond which nothing is promised of a take as a whole: frames must be as sure on their own
-    layout_of_target of the log odds of a target, below which neither of two markers is named that may have each
-                     other's names
-    max_question     log odds below which a person is asked
     doubted_beside   part of the markers beside one that are so, for it not to be named either
     """
 
@@ -36,8 +34,6 @@ class BelievingOptions:
     odds_of_target: float = 0.6
     least: float = 2.0
     max_target: float = 0.9999
-    layout_of_target: float = 0.362
-    max_question: float = 3.0
     doubted_beside: float = 0.75
 
 
@@ -116,21 +112,19 @@ def labels_of(
         labels.marker[part] = given
         labels.step[part] = np.where(there, np.where(alone, own.step, BY_TRAJECTORY), NO_STEP)
         labels.confidence[part] = np.where(there, np.where(alone, np.maximum(sure, own.confidence), sure), 0.0)
-    suspects = _gone_over(solution, believed, names, first_frame, lanes) + _unnamed(
-        solution, believed, names, first_frame
-    )
-    return Verdict(labels, _questions(solution, names, len(tracklets.table), first_frame) + suspects)
+    asked = _asked(solution, target)
+    suspects = _questions(solution, asked, names, first_frame)
+    suspects += _gone_over(solution, believed, names, first_frame, lanes)
+    about = {name for one in asked for name in (one.one, one.other)}
+    return Verdict(labels, suspects + _unnamed(solution, believed, names, first_frame, about))
 
 
 def _believed(solution: Solution, target: float, markers: int) -> np.ndarray:
     """(N,) the markers of the tracklets that are sure enough."""
-    asked = _log_odds(target)
     believed = np.where(solution.margin >= least_margin(target), solution.marker, NO_MARKER)
-    least = BELIEVING.layout_of_target * asked
     doubted = np.zeros(markers, dtype=bool)
-    for question in solution.questions:
-        if question.odds < least:
-            doubted[[name for name in (question.one, question.other) if name < markers]] = True
+    for question in _asked(solution, target):
+        doubted[[name for name in (question.one, question.other) if name < markers]] = True
     # What is known by its neighbours alone is known no better than they are.
     doubted |= doubted[solution.beside].mean(axis=1) >= BELIEVING.doubted_beside
     believed[np.append(doubted, False)[believed]] = NO_MARKER
@@ -146,24 +140,28 @@ def _log_odds(target: float) -> float:
     return float(np.log(target / (1 - target)))
 
 
-def _questions(solution: Solution, names: Sequence[str], frames: int, first_frame: int) -> tuple[Suspect, ...]:
-    """What holds for all of the take, and only a person can tell.
+def _asked(solution: Solution, target: float) -> list[Question]:
+    """What holds for all of the take, is not sure enough for the target, and only a person can tell.
 
     Limbs are exchanged whole, with markers that nothing is on either side: of two such there is nothing to ask.
     """
-    said = {}
-    for question in solution.questions:
-        if question.odds < BELIEVING.max_question:
-            one = names[question.one]
-            if question.other < len(names):
-                if not np.isin(solution.marker, (question.one, question.other)).any():
-                    continue
-                pair = one, names[question.other]
-                words = f"{one} and {pair[1]} may have each other's names in the whole take"
-            else:
-                pair = (one,)
-                words = f"another marker sits where {one} may be: look which of the two it is"
-            said[words] = Suspect(first_frame, first_frame + frames - 1, words, markers=pair)
+    there = np.isin([(one.one, one.other) for one in solution.questions], solution.marker).reshape(-1, 2).any(axis=1)
+    every = zip(solution.questions, there, strict=True)
+    return [one for one, seen in every if seen and one.odds < least_margin(target)]
+
+
+def _questions(solution: Solution, asked: list[Question], names: Sequence[str], first: int) -> tuple[Suspect, ...]:
+    """What is asked, once for all of the take from the frame `first` on; of a marker, on its longest trajectory."""
+    said, tracklets = {}, solution.tracklets
+    for question in asked:
+        pair = tuple(names[name] for name in (question.one, question.other) if name < len(names))
+        span, lane = (0, len(tracklets.table) - 1), None
+        words = " and ".join(pair) + " may have each other's names in the whole take"
+        if len(pair) == 1:
+            longest = np.where(solution.marker == question.one, tracklets.count, 0).argmax()
+            span, lane = (int(tracklets.first[longest]), int(tracklets.last[longest])), int(tracklets.lane[longest])
+            words = f"another marker sits where {pair[0]} may be: look which of the two it is"
+        said[pair] = Suspect(span[0] + first, span[1] + first, words, lane, pair)
     return tuple(said.values())
 
 
@@ -184,10 +182,15 @@ def _gone_over(
     return tuple(found)
 
 
-def _unnamed(solution: Solution, believed: np.ndarray, names: Sequence[str], first_frame: int) -> tuple[Suspect, ...]:
-    """Tracklets that are likely a marker, and not surely."""
+def _unnamed(
+    solution: Solution, believed: np.ndarray, names: Sequence[str], first_frame: int, asked: set[int]
+) -> tuple[Suspect, ...]:
+    """Tracklets that are likely a marker, and not surely, but one that is `asked` about in all of the take."""
     tracklets, found = solution.tracklets, []
-    for index in np.flatnonzero((believed == NO_MARKER) & (solution.likely != NO_MARKER)).tolist():
+    for index in np.flatnonzero((believed == NO_MARKER) & ~np.isin(solution.likely, [NO_MARKER, *asked])).tolist():
+        beside = (tracklets.first <= tracklets.last[index]) & (tracklets.last >= tracklets.first[index])
+        if (beside & (believed == solution.likely[index])).any():
+            continue  # that marker is another at the time
         name = names[solution.likely[index]]
         words = f"may be {name} and stays unnamed"
         first, last = int(tracklets.first[index]), int(tracklets.last[index])

@@ -66,7 +66,8 @@ class PointOptions:
     target  the part of the labels that must be right; what is less sure is left unnamed
     edits   what a person said of the labels; those that `edits.applying.refuse_unknown` lets pass
     room    where large tables of what comes of a take are kept; with edits they are in memory
-    force   name the points although the take cannot be as it says
+    force   name the points although the take cannot be as it says, or is not of the model's markers
+    traced  the points are where rays of blobs meet: their cameras say what cannot be
     """
 
     method: str
@@ -74,6 +75,7 @@ class PointOptions:
     edits: Edits = NO_EDITS
     room: MakeTable = IN_MEMORY
     force: bool = False
+    traced: bool = False
 
 
 def label_points(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, LabelledChunk]:
@@ -89,7 +91,7 @@ def label_take(take: Points, model: Model, options: PointOptions) -> Generator[P
     """
     begin = perf_counter()
     refuse_floods(take.xyz)
-    if not options.force:
+    if not (options.force or options.traced):
         refuse_impossible(take.xyz, take.rate, take.lanes, [model])
     tracklet = cut(take.xyz, take.rate, lanes=take.lanes)
     unordered = options.method == "likelihood" and is_unordered(model, tracklet)
@@ -163,11 +165,11 @@ def _labelled(
     """The take from stage to stage, with the tracklet of every point (T, P); `begin` is when that was begun, s."""
     frames = yield from name_frames(take, tracklet, model, options)
     model = frames.model
-    verdict = yield from _as_a_whole(frames, options.target)
+    solution, verdict = yield from _as_a_whole(frames, options)
     unedited = applied = None
     if options.edits:
-        unedited, applied, verdict = yield from _with_edits(frames, verdict, options)
-    del frames, tracklet  # a long take's are large
+        unedited, applied, verdict = yield from _with_edits(frames, solution, verdict, options)
+    del frames, tracklet, solution  # a long take's are large
     named = perf_counter()
     yield Stage("pose", "pose the body")
     places = dict(applied.places if applied else {})
@@ -215,7 +217,7 @@ def name_frames(
     """What every frame says on its own, once it is known whose take it is.
 
     Before its stage "name" begins `recognise`, or else `refuse_others`, raises JobError where the take is not of the
-    model's markers.
+    model's markers; of a take that is forced nobody asks.
     """
     learned, room = options.method == "likelihood", IN_MEMORY if options.edits else options.room
     yield Stage("adapt", "look who wears the markers")
@@ -228,7 +230,9 @@ def name_frames(
     few = learned and options.target <= BELIEVING.max_target and not unordered
     asked = asked_frames(tracklet, take.rate) if few else np.arange(len(take.xyz))
     points = take.ordered(asked)
-    sample = (recognise or refuse_others)(adaptation.model, namer, points, solvable)
+    if recognise is None and not options.force:
+        recognise = refuse_others
+    sample = None if recognise is None else recognise(adaptation.model, namer, points, solvable)
     yield Stage("name", f"frame {take.first_frame}")
     labels = yield from _asked(namer, take, asked, sample if few else None)
     if few:
@@ -280,18 +284,20 @@ def _named(
     return Labels.join(parts)
 
 
-def _as_a_whole(frames: NamedFrames, target: float) -> Steps[Verdict]:
+def _as_a_whole(frames: NamedFrames, options: PointOptions) -> Steps[tuple[Solution | None, Verdict]]:
     """The names that the take as a whole bears out; JobError where it is not of the model's markers."""
-    take, named, tracklet = frames.take, frames.labels, frames.tracklet
+    take, named, tracklet, target = frames.take, frames.labels, frames.tracklet, options.target
     yield Stage("vote", "solve the whole take" if frames.solvable else "let trajectories vote")
     solution = yield from solution_for(frames, named, tracklet)
-    if solution is not None:
+    if solution is not None and not options.force:
         refuse_unlike(frames.model, frames.namer, take.xyz, solution.fit, frames.sure)
     verdict = decided_of(frames, named, tracklet, solution, target)
+    if options.force:
+        return solution, verdict
     # Who asks for surer labels gets fewer, and the take is of the model's markers all the same.
     usual = verdict if target == USUAL_TARGET else decided_of(frames, named, tracklet, solution, USUAL_TARGET)
     refuse_unrecognised(frames.model, frames.namer, take.xyz, usual.labels, frames.sure)
-    return verdict
+    return solution, verdict
 
 
 def solution_for(
@@ -324,12 +330,12 @@ def decided_of(
 
 
 def _with_edits(
-    frames: NamedFrames, verdict: Verdict, options: PointOptions
+    frames: NamedFrames, solved: Solution | None, verdict: Verdict, options: PointOptions
 ) -> Steps[tuple[Labels, AppliedEdits, Verdict]]:
     """The labels (T, P) of which the edits give those in the end, what the edits say, and the verdict with them."""
     cells = PointCells.of(frames.take, frames.model.markerset)
     first = apply_to_points(verdict.labels, options.edits, cells)
-    rulings = Rulings(first.edited, verdict.labels, frames.tracklet)
+    rulings = Rulings(first.edited, verdict.labels, frames.tracklet, solved)
     yield Stage("hear", "hear what the edits say")
     heard = rulings.heard((yield from without_deleted(frames, first.edited.deleted)))
     tracklet = rulings.parted()

@@ -5,14 +5,19 @@ Edits are constraints. A tracklet that a person named keeps that name through al
 how far markers are from each other in this take, and which of two is which follow from it as from any other name.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ...data.takes import BY_EDIT, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels
 from ...edits.replay import ANYBODY, FREE, NOBODY, Edited
 from .tracklets import Tracklets
+
+if TYPE_CHECKING:
+    from .solving import Solution
 
 
 @dataclass(frozen=True)
@@ -38,11 +43,13 @@ class Rulings:
 
     before    its labels without them, and `edited` with them
     tracklet  (T, P) the number of each point's tracklet
+    solved    what the take came to without them, None where it was not solved
     """
 
     edited: Edited
     before: Labels
     tracklet: np.ndarray
+    solved: "Solution | None"
 
     @cached_property
     def carried(self) -> np.ndarray:
@@ -125,6 +132,35 @@ class Rulings:
         votes[some] = -RULING.odds
         votes[some, held[some]] = RULING.odds
         return replace(tracklets, votes=votes, held=held)
+
+    def solved_before(self, tracklets: Tracklets, marker: np.ndarray) -> np.ndarray:
+        """The markers (N,) that tracklets are begun with, and where they have none, what they were solved to, if free.
+
+        What was not sure enough to be named is so still, and what else it may be is tried again; but what is a marker
+        that a person has named, or was the one that turned out to be it, follows from there.
+        """
+        if self.solved is None:
+            return marker
+        at = tracklets.first, tracklets.lane
+        own = np.append(self.solved.every, NO_MARKER)[self.solved.tracklets.table[at]]
+        open_ones = (marker == NO_MARKER) & (self.edited.rule[at] == FREE) & (own != self.edited.refused[at])
+        named = tracklets.held != NO_MARKER
+        open_ones &= ~np.isin(own, [*tracklets.held[named], *own[named]])
+        return np.where(open_ones, own, marker)
+
+    @property
+    def extras(self) -> int:
+        """How many unmodelled markers the take was solved with."""
+        return 0 if self.solved is None else self.solved.extras
+
+    def rivals(self, tracklets: Tracklets, marker: np.ndarray) -> Iterator[np.ndarray]:
+        """What else the take may have been without the edits, as changes to names (N,) that it has now."""
+        if self.solved is not None:
+            at = self.solved.tracklets.table[tracklets.first, tracklets.lane]
+            before = np.append(self.solved.every, NO_MARKER)[at]
+            for rival in self.solved.rivals:
+                other = np.append(rival, NO_MARKER)[at]
+                yield np.where((other != before) & (marker == before), other, marker)
 
     def begun(self, tracklets: Tracklets, marker: np.ndarray) -> np.ndarray:
         """The markers (N,) that tracklets are begun with, where a person named one of two that may have been exchanged.

@@ -105,8 +105,7 @@ class Search:
         if better and self._edited:
             changed = marker != self.best.marker
             touched = np.setdiff1d([marker[changed], self.best.marker[changed]], NO_MARKER)
-            if len(touched) > 2 or not np.isin(self._called(marker)[changed], self._given).any():
-                return False
+            better = len(touched) <= 2 and np.isin(self._called(marker)[changed], self._given).any()
         self.others.append(self.best if better else new)
         if better:
             self.best = new

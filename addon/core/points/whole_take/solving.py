@@ -91,7 +91,9 @@ class Solution:
     """What a take as a whole says of its N tracklets.
 
     marker     (N,) of each, NO_MARKER for none
+    every      (N,) the same with the names of `extras` unmodelled markers, which follow on the set's
     margin     (N,) log odds by which that is ahead of any other name, or none
+    rivals     other names (N,), of which each tracklet's nearest rival is one
     likely     (N,) the name that is likeliest for each on its own, NO_MARKER where that is none
     questions  markers that may have another's name in most of the take
     beside     (M, Q) the markers from which each keeps its distance best
@@ -101,7 +103,10 @@ class Solution:
 
     tracklets: Tracklets
     marker: np.ndarray
+    every: np.ndarray
+    extras: int
     margin: np.ndarray
+    rivals: tuple[np.ndarray, ...]
     likely: np.ndarray
     questions: tuple[Question, ...]
     beside: np.ndarray
@@ -129,29 +134,26 @@ def solve_take(
     del tracklet, sure  # a long take's are large
     if rulings is not None:
         tracklets = rulings.of(tracklets)
-        begun = rulings.begun(tracklets, with_held(tracklets, begun))
-    solution = _Solving(points, tracklets, model, rate, begun, rulings is not None).solved(progress)
+        begun = rulings.begun(tracklets, with_held(tracklets, rulings.solved_before(tracklets, begun)))
+    solving = _Solving(points, tracklets, model, rate, begun)
     if rulings is None:
-        return solution
+        return solving.solved(progress)
+    solving.objective.extras = rulings.extras
+    solution = solving.solved_again(rulings)
     return replace(solution, margin=rulings.sure(tracklets, solution.marker, solution.margin))
 
 
 class _Solving:
     """A take on its way to a solution: `marker` (N,) is what is believed so far, extras after the model's own."""
 
-    def __init__(
-        self, points: np.ndarray, tracklets: Tracklets, model: Model, rate: float, begun: np.ndarray, edited: bool
-    ):
-        self.tracklets, self.marker = tracklets, begun
-        self.markers, self._edited = len(model.markerset), edited
+    def __init__(self, points: np.ndarray, tracklets: Tracklets, model: Model, rate: float, begun: np.ndarray):
+        self.tracklets, self.marker, self.markers = tracklets, begun, len(model.markerset)
         self.crowd = is_crowd(tracklets, self.markers)
         self.objective = Objective(points, tracklets, model, rate, begun)
         self.best = self.margin = self.odds = np.zeros(0)
 
     def solved(self, progress: Callable[[float], None] | None) -> Solution:
-        if self._edited:  # what it was solved to is begun with
-            self._match(ROUNDS.freedoms[-1])
-            return self._searched(ROUNDS.freedoms[-1])
+        """What frames came to spread over the take, and mended."""
         questions: tuple[Question, ...] = ()
         last = len(ROUNDS.freedoms)
         # Once more at the end of a crowd: what nothing else could be may be in the place of a marker.
@@ -171,12 +173,17 @@ class _Solving:
             return self._solution(self._filled(), questions)
         if self._add_extras():
             self._spread(freedom, ROUNDS.margins)
-        return self._searched(freedom)
-
-    def _searched(self, freedom: Freedom) -> Solution:
-        """What a search comes to from here."""
-        search = Search(self.objective, self._filled(), freedom, self._edited)
+        search = Search(self.objective, self._filled(), freedom)
         search.climb()
+        return self._solution(search.best.marker, (), search)
+
+    def solved_again(self, rulings: Rulings) -> Solution:
+        """What the take was solved to, changed as edits say."""
+        self._match(ROUNDS.freedoms[-1])
+        search = Search(self.objective, self._filled(), ROUNDS.freedoms[-1], edited=True)
+        search.climb()
+        for rival in rulings.rivals(self.tracklets, search.best.marker):
+            search.propose(rival)
         return self._solution(search.best.marker, (), search)
 
     def _put_in_place(self, absent: bool) -> tuple[Question, ...]:
@@ -192,7 +199,7 @@ class _Solving:
         held = np.unique(self.tracklets.held[self.tracklets.held != NO_MARKER])
         name, questions = named_by_layout(self.objective.model.likelihood, shown, held, absent)
         self.marker = with_held(self.tracklets, np.where(self.marker != NO_MARKER, name[self.marker], NO_MARKER))
-        return questions
+        return tuple(replace(question, odds=question.odds * MARGINS.looks) for question in questions)
 
     def _spread(self, freedom: Freedom, least: tuple[float, ...]):
         """Rounds until nothing changes."""
@@ -252,14 +259,18 @@ class _Solving:
         odds = objective.odds(marker, placed, objective.moments(placed), ROUNDS.freedoms[-1])
         own = np.where(marker < self.markers, marker, NO_MARKER)
         margin = margins(odds, marker, self.tracklets.first, self.tracklets.last)
+        rivals: tuple[np.ndarray, ...] = ()
         if search is not None:
-            margin = np.minimum(margin, np.minimum(self._of_seldom(own), self._of_others(search)))
+            of_others, questions, rivals = self._of_others(search)
+            margin = np.minimum(margin, np.minimum(self._of_seldom(own), of_others))
         likely = np.where(odds.max(axis=1) > 0, odds.argmax(axis=1), NO_MARKER)
         likely = np.where(likely < self.markers, likely, NO_MARKER)
         beside = steadiest(objective.known.variance)[:, : ROUNDS.beside]
         fit = usual_fit(objective.model.likelihood, placed[:, : self.markers])
         fit = fit if self.crowd else replace(fit, residual=0.0)
-        return Solution(self.tracklets, own, margin, likely, questions, beside, self.crowd, fit)
+        return Solution(
+            self.tracklets, own, marker, objective.extras, margin, rivals, likely, questions, beside, self.crowd, fit
+        )
 
     def _of_seldom(self, own: np.ndarray) -> np.ndarray:
         """(N,) what frames on their own say of markers that are seldom there, by names (N,); no limit for all others.
@@ -273,21 +284,38 @@ class _Solving:
         of_seldom = named & seldom[own] & (tracklets.held == NO_MARKER)
         return np.where(of_seldom, tracklets.votes[np.arange(len(own)), own], np.inf)
 
-    def _of_others(self, search: Search) -> np.ndarray:
+    def _of_others(self, search: Search) -> tuple[np.ndarray, tuple[Question, ...], tuple[np.ndarray, ...]]:
         """(N,) what it would lose to go over to another naming that the search tried, of what it changes.
 
-        Whether two have each other's names is no question where a person has named either of them at any time.
+        With questions and the nearest rivals. Whether two have each other's names is no question where a person has
+        named either of them at any time.
         """
+        questions: dict[tuple[int, int], Question] = {}
+        nearest = np.full(len(self.tracklets), -1)
         best, count, found = search.best.marker, self.tracklets.count, np.full(len(self.tracklets), np.inf)
         held = self.tracklets.held
         known = np.isin(best, held[held != NO_MARKER])
-        for other in search.others:
+        for number, other in enumerate(search.others):
             changed = np.flatnonzero((best != other.marker) & (best != NO_MARKER) & (best < self.markers))
             if len(changed) and not (known[changed].any() and len(np.unique(best[changed])) == 2):
                 frames = np.bincount(best[changed], count[changed]).max()
                 lost = -self.objective.gain(other, search.best) * self.objective.length / frames
-                found[changed] = np.minimum(found[changed], max(lost, 0.0) * MARGINS.looks)
-        return found
+                odds = max(lost, 0.0) * MARGINS.looks
+                nearer = changed[odds < found[changed]]
+                found[nearer], nearest[nearer] = odds, number
+                pair = self._exchange(best, other.marker, changed)
+                if pair is not None and odds < questions.get(pair, Question(*pair, np.inf)).odds:
+                    questions[pair] = Question(*pair, odds)
+        rivals = tuple(search.others[number].marker for number in np.unique(nearest[nearest >= 0]).tolist())
+        return found, tuple(questions.values()), rivals
+
+    def _exchange(self, best: np.ndarray, other: np.ndarray, changed: np.ndarray) -> tuple[int, int] | None:
+        """Which two have each other's names all the time in other names (N,), if that is what is `changed`."""
+        one, name = int(best[changed[0]]), int(other[changed[0]])
+        if name == NO_MARKER or not np.isin(best[changed], (one, name)).all():
+            return None
+        turned = np.where(best == one, name, np.where(best == name, one, best))
+        return (min(one, name), max(one, name)) if (turned == other).all() else None
 
 
 def is_crowd(tracklets: Tracklets, markers: int) -> bool:

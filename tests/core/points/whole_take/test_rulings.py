@@ -43,7 +43,7 @@ def everything(model, points):
 def rulings_of(model, points, labels: Labels, *edits) -> Rulings:
     present = np.isfinite(points[..., 0])
     cells = PointCells(model.markerset.by_name, len(model.markerset), 1, present, np.arange(points.shape[1]))
-    return Rulings(apply_to_points(labels, Edits(edits), cells).edited, labels, cut(points, RATE))
+    return Rulings(apply_to_points(labels, Edits(edits), cells).edited, labels, cut(points, RATE), None)
 
 
 def solved(model, points, labels: Labels, rulings: Rulings) -> np.ndarray:
