@@ -270,12 +270,13 @@ def margins(odds: np.ndarray, marker: np.ndarray, first: np.ndarray, last: np.nd
     # What has no name and could have none takes none over either; of most ghosts that is so.
     likely = np.flatnonzero((marker != NO_MARKER) | (odds.max(axis=1, initial=-np.inf) > 0))
     one, other = likely[_meeting(first[likely], _ends(first, last)[likely])]
-    named = marker[one] != NO_MARKER
+    named, beside = marker[one] != NO_MARKER, np.zeros(odds.shape)
+    np.add.at(beside, (other[named], marker[one[named]]), own[one[named]])
     one, other = one[named], other[named]
     instead = odds[other, marker[one]]
-    # Without its name, which another tracklet of the time may take over.
+    # Without its name, which another tracklet of the time may take over from all that have it while that is there.
     free = np.zeros(len(odds))
-    np.maximum.at(free, one, instead - own[other])
+    np.maximum.at(free, one, instead - own[other] - beside[other, marker[one]] + own[one])
     # With another name, for which whoever has it gives it up, or takes this one in exchange.
     rest = odds.copy()
     held = marker[other] != NO_MARKER

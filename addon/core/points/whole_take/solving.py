@@ -180,7 +180,8 @@ class _Solving:
     def solved_again(self, rulings: Rulings) -> Solution:
         """What the take was solved to, changed as edits say."""
         self._match(ROUNDS.freedoms[-1])
-        search = Search(self.objective, self._filled(), ROUNDS.freedoms[-1], edited=True)
+        begun = with_held(self.tracklets, np.where(self.marker == NO_MARKER, self.best, self.marker))
+        search = Search(self.objective, begun, ROUNDS.freedoms[-1], edited=True)
         search.climb()
         for rival in rulings.rivals(self.tracklets, search.best.marker):
             search.propose(rival)
