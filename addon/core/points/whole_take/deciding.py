@@ -13,6 +13,7 @@ from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Ve
 from ..deciding import Said, decide, decided_markers, once
 from ..likelihood.calibration import chance
 from ..models import Model
+from ..naming import USUAL_TARGET
 from ..tracklets import VOTE, are_lasting, gone_over
 from .layout import Question
 from .rulings import Rulings
@@ -21,18 +22,14 @@ from .solving import ROUNDS, Solution, solve_take
 
 @dataclass(frozen=True)
 class BelievingOptions:
-    """What of a solution is said. Reckoned, with an eye on people and motions left out of training.
+    """What of a solution is said.
 
-    sure_target      part of the frames' and their tracklets' labels that is right, of those that are begun with
-    odds_of_target   of the log odds of a target, that a tracklet's name must be ahead of any other; and
-    least            at least,
+    odds_of_target   of the log odds of a target, that a tracklet's name must be ahead of any other
     max_target       beyond which nothing is promised of a take as a whole: frames must be as sure on their own
     doubted_beside   part of the markers beside one that are so, for it not to be named either
     """
 
-    sure_target: float = 0.999
     odds_of_target: float = 0.6
-    least: float = 2.0
     max_target: float = 0.9999
     doubted_beside: float = 0.75
 
@@ -62,7 +59,7 @@ def solution_of(
     named is what frames say on their own, with their `rate`; `lanes` say which trajectory stands where. With `rulings`
     tracklets and names are as these have them, and what the take was solved to without them is begun with.
     """
-    said = decided_markers(named, tracklet, model, BELIEVING.sure_target, lanes)
+    said = decided_markers(named, tracklet, model, USUAL_TARGET, lanes)
     given = [said if rulings is None else rulings.start]
     del said  # a long take's tables are large, and solving it takes its time
     return solve_take(points, tracklet, named, given.pop(), model, rate, progress, rulings)
@@ -133,11 +130,7 @@ def _believed(solution: Solution, target: float, markers: int) -> np.ndarray:
 
 def least_margin(target: float) -> float:
     """Log odds by which a tracklet's name must be ahead of any other for the target."""
-    return max(BELIEVING.odds_of_target * _log_odds(target), BELIEVING.least)
-
-
-def _log_odds(target: float) -> float:
-    return float(np.log(target / (1 - target)))
+    return BELIEVING.odds_of_target * float(np.log(target / (1 - target)))
 
 
 def _asked(solution: Solution, target: float) -> list[Question]:

@@ -18,13 +18,14 @@ from ..tracklets import VOTE
 
 @dataclass(frozen=True)
 class TryingOptions:
-    """How what is open is decided; reckoned.
+    """How what is open is decided.
 
-    max_tried  names that hang together of which all choices are tried one by one: of more, the likeliest first
-    max_steps  of that; a solver then takes less time, but SciPy's takes long to load
-    least      log odds by which one naming is better than another: rounding must not choose between equals, of which
-               the first tracklets have the first markers
-    order      log odds that of more names the first of the tracklets loses by being the last of the markers
+    max_tried  memory and time: names that hang together of which all choices are tried one by one: of more, the
+               likeliest first
+    max_steps  memory and time: of that; a solver then takes less, but SciPy's takes long to load
+    least      format: log odds by which one naming is better than another: rounding must not choose between equals, of
+               which the first tracklets have the first markers
+    order      format: log odds that of more names the first of the tracklets loses by being the last of the markers
     """
 
     max_tried: int = 20

@@ -22,16 +22,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class RulingOptions:
-    """How much edits say. Both reckoned.
+    """How much edits say.
 
-    odds        log odds of what a person said: more than all frames and distances together
-    min_nobody  part of a tracklet's frames in which its marker is nobody's, by an edit, for it not to be that marker
-    carried     confidence in a frame that a trajectory which a person named elsewhere is still that marker
+    odds        format: log odds of what a person said: more than all frames and distances together
+    min_nobody  format: part of a tracklet's frames, in most of which its marker is nobody's, for it not to be that one
     """
 
     odds: float = 1000.0
     min_nobody: float = 0.5
-    carried: float = 0.99
 
 
 RULING = RulingOptions()
@@ -90,7 +88,7 @@ class Rulings:
         return Labels(
             np.where(said, np.where(given, edited.rule, self.carried), np.where(kept, named.marker, NO_MARKER)),
             np.where(said, np.where(given, BY_EDIT, BY_TRAJECTORY), np.where(kept, named.step, NO_STEP)),
-            np.where(said, np.where(given, 1.0, RULING.carried), np.where(kept, named.confidence, 0.0)),
+            np.where(said, 1.0, np.where(kept, named.confidence, 0.0)),
             np.where(said, 1.0, np.where(kept, named.rate, 0.0)),
         )
 

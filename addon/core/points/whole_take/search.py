@@ -16,7 +16,7 @@ from ..likelihood.naming import name_odds, score_of, settle
 from ..likelihood.swaps import alternatives, own_odds
 from ..tracklets import VOTE
 from .matching import margins, matched
-from .objective import USUAL_FREEDOM, Candidate, Freedom, Objective, clipped
+from .objective import OBJECTIVE, USUAL_FREEDOM, Candidate, Freedom, Objective, clipped
 from .pairs import without_markers
 from .rulings import RULING
 
@@ -33,7 +33,6 @@ class SearchOptions:
                where limbs are one place off some marker has less
     margin     measured: log odds a frame that a tracklet must be ahead; exchanged wrists are by 2.9 to 4.7
     rounds     of giving a group its names by shape, and again by those
-    far        log odds of a point that is nowhere near
     sweeps     over all groups
     chains     measured: that are tried; with 16 a turned plate of S02 is not found
     links      physical: of a chain: a shoulder, an elbow and a hand's three
@@ -47,7 +46,6 @@ class SearchOptions:
     borne_out: float = 0.6
     margin: float = 6.0
     rounds: int = 2
-    far: float = 100.0
     sweeps: int = 3
     chains: int = 48
     links: int = 5
@@ -219,7 +217,7 @@ class Search:
             rest = settle(known.fine, known.constraints, now.points, now.present, naming)
             odds = name_odds(known.fine, known.constraints, rest)[:, group][:, :, free]
             there = now.present[:, None, free]
-            usual = np.where(there, np.clip(odds, -SEARCH.far, None), 0.0).mean(axis=0)
+            usual = np.where(there, np.maximum(odds, -OBJECTIVE.max_marker), 0.0).mean(axis=0)
             column = free[linear_sum_assignment(usual, maximize=True)[1]]
             order = every.copy()
             order[column] = group
