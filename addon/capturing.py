@@ -57,26 +57,17 @@ def subjects_in(take: LabelledMarkers) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name.partition(":")[0] for name in take.names if ":" in name))
 
 
-def together(
-    parts: Sequence[tuple[str, LabelledMarkers, PosedBody | None]],
-) -> tuple[LabelledMarkers, BodiesTogether | None]:
-    """Several subjects by name as one take, NAME:LASI …, and all of their bodies; None where they have none."""
+def together(parts: Sequence[tuple[str, LabelledMarkers, PosedBody]]) -> tuple[LabelledMarkers, BodiesTogether]:
+    """Several subjects by name as one take, NAME:LASI …, and all of their bodies."""
     names = tuple(f"{subject}:{name}" for subject, one, _ in parts for name in one.names)
     xyz = np.concatenate([one.xyz for _, one, _ in parts], axis=1)
-    bodies = tuple(body for _, _, body in parts if body is not None)
-    sizes = tuple(len(one.names) for _, one, _ in parts)
     take = LabelledMarkers(names, xyz, parts[0][1].first_frame)
-    return take, BodiesTogether(bodies, sizes) if bodies else None
+    return take, BodiesTogether(tuple(body for *_, body in parts), tuple(len(one.names) for _, one, _ in parts))
 
 
 def of_subject(take: LabelledMarkers, subject: str) -> LabelledMarkers:
     """Only the markers of one of several subjects, those called `subject:LASI` and so on."""
     kept = [index for index, name in enumerate(take.names) if name.partition(":")[::2] == (subject, _bare(name))]
-    if not kept:
-        subjects = sorted(subjects_in(take))
-        raise InputError(
-            f"has no subject {subject}; expected one of {', '.join(subjects) or 'none, its names have none'}"
-        )
     return replace(take, names=tuple(_bare(take.names[index]) for index in kept), xyz=take.xyz[:, kept])
 
 
@@ -111,16 +102,16 @@ def fitting_markerset(take: LabelledMarkers, markersets: Sequence[MarkerSet]) ->
     best = max(markersets, key=fit)
     if not wears(take, best):
         raise JobError(
-            f"has too few markers of any model ({', '.join(take.names[:6])}, …); expected half of a model's markers, "
-            "or --no-body with --all-markers"
+            f"has too few markers of any model ({', '.join(take.names[:6])}, …); expected half of a model's markers"
         )
     return best
 
 
-def posed_body(take: LabelledMarkers, markerset: MarkerSet, chosen: Sequence[int]) -> PosedBody:
-    """The marker set's body on the take's markers, in the way of the markers `chosen` (indices into the take's)."""
+def worn_in(take: LabelledMarkers, markerset: MarkerSet) -> tuple[LabelledMarkers, PosedBody]:
+    """The marker set's markers that a take has, by the set's own names, and its body posed on them."""
     found = columns_of_set(take.names, markerset)
-    points = np.where((found >= 0)[:, None], take.xyz[:, found], np.nan)
+    there = found >= 0
+    points = np.where(there[:, None], take.xyz[:, found], np.nan)
     model = BodyModel(markerset)
     try:
         bodies = fit_points(model, points)
@@ -129,17 +120,10 @@ def posed_body(take: LabelledMarkers, markerset: MarkerSet, chosen: Sequence[int
             f"has no frame with {POSING.min_markers} markers of {markerset.name}; expected a take that wears it"
         ) from None
     posed = model.pose(bodies)
-    attachment = [_carrier(take.xyz[:, index], index, found, markerset, posed.joints) for index in chosen]
-    return PosedBody(CapsuleOcclusion(markerset), np.array(attachment), posed.rotations, posed.joints, bodies.scale)
-
-
-def _carrier(xyz: np.ndarray, index: int, found: np.ndarray, markerset: MarkerSet, joints: np.ndarray) -> int:
-    """The segment that carries a marker; one that the marker set lacks is carried by the nearest joint's."""
-    known = np.flatnonzero(found == index)
-    if len(known):
-        return int(markerset.attachment[known[0]])
-    distance = np.linalg.norm(joints - xyz[:, None], axis=2)
-    return int(np.nanargmin(np.nanmean(distance, axis=0))) if np.isfinite(distance).any() else 0
+    names = tuple(name for name, seen in zip(markerset.markers, there, strict=True) if seen)
+    attachment = np.asarray(markerset.attachment)[there]
+    body = PosedBody(CapsuleOcclusion(markerset), attachment, posed.rotations, posed.joints, bodies.scale)
+    return LabelledMarkers(names, points[:, there], take.first_frame), body
 
 
 def room_centre(cameras: Cameras) -> np.ndarray:
@@ -159,9 +143,9 @@ def to_centre(take: LabelledMarkers, cameras: Cameras) -> np.ndarray:
     return (room_centre(cameras) - middle) * [1.0, 1.0, 0.0]
 
 
-def moved(take: LabelledMarkers, body: Bodies | None, shift: np.ndarray) -> tuple[LabelledMarkers, Bodies | None]:
+def moved(take: LabelledMarkers, body: Bodies, shift: np.ndarray) -> tuple[LabelledMarkers, Bodies]:
     """The take and its body, or all of its bodies, moved by `shift` (3,) m."""
-    return replace(take, xyz=take.xyz + shift), body and body.moved(shift)
+    return replace(take, xyz=take.xyz + shift), body.moved(shift)
 
 
 def truth_path(blobs: Path) -> Path:
@@ -173,7 +157,7 @@ def write_capture(
     take: LabelledMarkers,
     cameras: Cameras,
     options: CaptureOptions,
-    body: Bodies | None,
+    body: Bodies,
     out: Path,
     overwrite: bool = False,
     read: Iterable[Path] = (),

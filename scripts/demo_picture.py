@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draws the README's picture: the demo's own, kept small, as docs/images/demo.jpg.
+"""Draws the README's picture: the demo's own, as docs/images/demo.svg.
 
     python scripts/demo_picture.py
 
-Run it in an environment with `bpy` and Pillow, which matplotlib brings (`.venv` of run.py after its tests). It prints
-the demo's figures, which are the picture's subtitle.
+It prints the demo's figures, which are the picture's subtitle.
 """
 
-import argparse
+import shutil
 import sys
 import tempfile
 from pathlib import Path
@@ -15,27 +14,16 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from PIL import Image
-
 from addon.cli import main as run_command
-
-QUALITY = 88
 
 
 def main() -> int:
     """Run the demo, and keep its picture."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images" / "demo.jpg", help="docs/images/demo.jpg")
-    out = parser.parse_args().out.resolve()
     with tempfile.TemporaryDirectory(prefix="mocap-picture-") as folder:
         status = run_command(["demo", "--out", folder])
-        if status:
-            return status
-        out.parent.mkdir(parents=True, exist_ok=True)
-        with Image.open(Path(folder, "walk.png")) as picture:
-            picture.convert("RGB").save(out, quality=QUALITY, optimize=True)
-    print(f"{out}: {out.stat().st_size // 1024} kB")
-    return 0
+        if not status:
+            shutil.copy(Path(folder, "walk.svg"), ROOT / "docs" / "images" / "demo.svg")
+    return status
 
 
 if __name__ == "__main__":

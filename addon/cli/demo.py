@@ -4,7 +4,7 @@
 from pathlib import Path
 
 from .. import capturing, jobs
-from ..blendfile import has_blender, silenced
+from ..blendfile import has_blender
 from ..core.evaluation.figures import Figures
 from ..demo import take as demo_take
 from ..demo.picture import best_shot, draw
@@ -21,7 +21,7 @@ DESCRIPTION = """Labels a take that the project makes by itself: a virtual perso
 with noise, occlusion, merged blobs and ghosts. Prints how right the labels are, and writes everything to DIR: the
 room, the blobs and their truth, the labels, the labelled take, its report, a Blender file and a picture."""
 NAME = "walk"
-NO_BLENDER = "Blender is not here, so there is no .blend and no picture; the bpy package or Blender itself makes both."
+NO_BLENDER = "Blender is not here, so there is no .blend; the bpy package or Blender itself makes it."
 
 
 def add_parser(verbs):
@@ -37,7 +37,7 @@ def add_parser(verbs):
 def run(arguments) -> int:
     """Makes, labels, scores and shows the take."""
     out, progress = arguments.out, ProgressLine(arguments.progress)
-    blobs, room, picture = out / f"{NAME}.csv", out / "room.toml", out / f"{NAME}.png"
+    blobs, room, picture = out / f"{NAME}.csv", out / "room.toml", out / f"{NAME}.svg"
     job = jobs.LabelJob(
         blobs,
         room,
@@ -50,7 +50,7 @@ def run(arguments) -> int:
         overwrite=arguments.overwrite,
         keep=True,
     )
-    targets = [room, blobs, capturing.truth_path(blobs), *job.written, *([picture] if has_blender() else [])]
+    targets = [room, blobs, capturing.truth_path(blobs), *job.written, picture]
     check_targets(targets, arguments.overwrite)
     markerset = open_markerset(demo_take.MODEL)
     performance = demo_take.make_performance(markerset)
@@ -71,12 +71,12 @@ def run(arguments) -> int:
         f"speed               {labelled.report['timing']['frames_per_second']:9.0f}   frames a second",
         f"report              {job.path(PAGE)}",
     ]
+    _draw(picture, performance, markerset, labelled, agreement, arguments.overwrite)
+    result["picture"] = str(picture)
+    lines.append(f"picture             {picture}")
     if has_blender():
-        progress.tell("picture", at_once=True)
-        _draw(picture, performance, markerset, labelled, agreement, arguments.overwrite)
-        progress.clear()
-        result["picture"], result["blend"] = str(picture), str(job.path(".blend"))
-        lines += [f"Blender file        {job.path('.blend')}", f"picture             {picture}"]
+        result["blend"] = str(job.path(".blend"))
+        lines.append(f"Blender file        {job.path('.blend')}")
     else:
         result["note"] = NO_BLENDER
         lines.append(NO_BLENDER)
@@ -93,5 +93,5 @@ def _draw(path: Path, performance, markerset, labelled: jobs.Labelled, agreement
         f"{markerset.name}, {len(performance.cameras)} cameras, frame {frame} of {figures['frames']}.   "
         f"In all frames: precision {percent(figures['precision']).strip()}, recall {percent(figures['recall']).strip()}"
     )
-    with whole_file(path, overwrite) as temporary, silenced():
+    with whole_file(path, overwrite) as temporary:
         draw(shot, title, subtitle, temporary)

@@ -31,14 +31,6 @@ def add_parser(verbs):
     )
     parser.add_argument("--markers", type=names, default=(), metavar="A,B,…", help="fill only these markers")
     add_options(parser, "--model", help="a model of these markers, whose body may fill gaps too")
-    parser.add_argument(
-        "--labels",
-        type=Path,
-        metavar="FILE.labels.csv",
-        help="the labels of the blobs that the take was made of, with --cameras: where one camera still sees a marker, "
-        "its ray holds the fill",
-    )
-    add_options(parser, "--cameras", required=False, help="the calibration of these blobs' cameras")
     add_options(parser, "--up", "--rate", "--overwrite")
     parser.set_defaults(run=run)
 
@@ -55,9 +47,6 @@ def _lines(result: dict) -> list[str]:
     often = f"{len(result['filled'])} of {len(result['filled']) + len(result['left'])} gaps filled"
     samples = f"{result['samples_filled']} of {result['samples_missing']} missing samples"
     off = f", expected error up to {max(expected):.1f} mm" if expected else ""
-    if "rays" in result:
-        by = sum(row["method"].endswith("+ray") for row in result["filled"])
-        off += f"; {by} held by {result['rays']} rays of single cameras" if by else "; no camera alone sees a marker"
     lines = [f"{result['out']}: {result['frames']} frames, {often}, {samples}{off}, {result['seconds']:.1f} s"]
     left = result["left"][:LEFT_SHOWN]
     lines += [f"left: {row['marker']}, frames {row['first']} to {row['last']}: the gap {row['reason']}" for row in left]

@@ -2,6 +2,7 @@
 """`models`: the built-in models and their markers, or who taught models what; and a doubted one adopted."""
 
 import textwrap
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,15 +20,12 @@ SHOWN_DIGITS = 12  # of a fingerprint, which has 64: enough for people to know o
 
 def history_of(model: "Model") -> dict:
     """A model's history for JSON."""
-    history = model.history
+    known = asdict(model.history)
     return {
-        "version": history.version,
+        "version": model.history.version,
         "fingerprint": model.fingerprint,
-        "history": [
-            {**vars(one), "takes": [vars(take) for take in one.takes], "checked": [vars(row) for row in one.checked]}
-            for one in history.versions
-        ],
-        "kept_takes": [vars(take) for take in history.kept_takes],
+        "history": known["versions"],
+        "kept_takes": known["kept_takes"],
     }
 
 

@@ -6,14 +6,14 @@ from pathlib import Path
 
 from .. import capturing
 from ..blendfile import open_cameras
-from ..core.data.errors import InputError, UserError
+from ..core.data.errors import UserError
 from ..core.geometry.camera_up import AXIS_NAMES
 from ..core.simulation.simulate import CaptureOptions
 from ..io.cameras import calibration_files
 from ..io.markersets import builtin_markersets, markerset_file, open_markerset
-from ..io.points import columns_of_set, marker_columns, read_points
+from ..io.points import read_points
 from ..io.whole import keep_apart
-from .arguments import add_options, job_of, names, number, whole
+from .arguments import add_options, job_of, number, whole
 from .console import ProgressLine, print_results
 
 DESCRIPTION = """A virtual capture of a labelled take (.c3d or .trc): what the cameras would see, with a body in the
@@ -29,15 +29,9 @@ def add_parser(verbs):
     parser.add_argument("take", metavar="TAKE", type=Path, help="a labelled take, .c3d or .trc")
     parser.add_argument("--out", required=True, type=Path, metavar="BLOBS", help="the blob file to write")
     add_options(parser, "--model", help="whose body is in the way; default: the built-in model whose markers are there")
-    chosen = parser.add_mutually_exclusive_group()
-    chosen.add_argument("--markers", type=names, metavar="A,B,…", help="only these markers; default: the model's")
-    chosen.add_argument("--all-markers", action="store_true", help="every named marker of the take")
-    alone = "of a take with several, only the one whose markers are NAME:LASI …"
-    parser.add_argument("--subject", metavar="NAME", help=alone)
     add_options(parser, "--cameras", "--frames", "--up", "--rate", "--overwrite")
     parser.add_argument("--cameras-up", choices=AXIS_NAMES, help="the same as --up of the calibration")
     parser.add_argument("--centre", action="store_true", help="move the take's path to the middle of the room")
-    parser.add_argument("--no-body", action="store_true", help="nothing hides anything")
     _add_trouble(parser)
     parser.set_defaults(run=run)
 
@@ -77,7 +71,6 @@ def run(arguments) -> int:
     try:
         points = read_points(arguments.take, up=arguments.up, rate=arguments.rate)
         take = capturing.cut(capturing.labelled_markers(points), arguments.frames)
-        take = capturing.of_subject(take, arguments.subject) if arguments.subject else take
         sets, markers, body = _who_is_captured(take, arguments)
         if arguments.centre:
             markers, body = capturing.moved(markers, body, capturing.to_centre(markers, cameras))
@@ -89,7 +82,7 @@ def run(arguments) -> int:
         raise error if error.file else type(error)(error.message, arguments.take) from None
     result = {
         "take": arguments.take.stem,
-        "model": ", ".join(dict.fromkeys(sets)) or None,
+        "model": ", ".join(dict.fromkeys(sets)),
         "markers": list(markers.names),
         "cameras": list(cameras.names),
         "first_frame": markers.first_frame,
@@ -100,8 +93,7 @@ def run(arguments) -> int:
     }
     if cameras.remarks:
         result["calibration"] = list(cameras.remarks)
-    worn = result["model"]
-    way = f", {f'{len(sets)} bodies' if len(sets) > 1 else 'the body'} of {worn} in the way" if body else ""
+    way = f", {f'{len(sets)} bodies' if len(sets) > 1 else 'the body'} of {result['model']} in the way"
     what = f"{captured.blobs} blobs of {len(markers.names)} markers in {captured.frames} frames, {len(cameras)} cameras"
     lines = [
         f"{arguments.out}: {what}{way}",
@@ -114,60 +106,16 @@ def run(arguments) -> int:
 
 
 def _who_is_captured(take: capturing.LabelledMarkers, arguments):
-    """Names of the marker sets, the take with only the markers to capture, and all bodies in their way."""
-    own = [(name, capturing.of_subject(take, name)) for name in capturing.subjects_in(take)]
+    """Names of the marker sets, the take with only their markers, and all bodies in the way."""
     sets = [open_markerset(name) for name in ([arguments.model] if arguments.model else builtin_markersets())]
+    own = [(name, capturing.of_subject(take, name)) for name in capturing.subjects_in(take)]
     own = [(name, one) for name, one in own if any(capturing.wears(one, markerset) for markerset in sets)]
-    if len(own) < 2 or arguments.markers:
-        markerset, markers, body = _what_is_captured(take, arguments)
-        return [] if markerset is None else [markerset.name], markers, body
-    parts = [(name, *_what_is_captured(one, arguments)) for name, one in own]
-    markers, body = capturing.together([(name, one, body) for name, _, one, body in parts])
-    return [markerset.name for _, markerset, _, _ in parts if markerset], markers, body
-
-
-def _what_is_captured(take: capturing.LabelledMarkers, arguments):
-    """The marker set, the take with only the markers to capture, and the body in their way."""
-    if arguments.model:
-        markerset = open_markerset(arguments.model)
-    elif arguments.no_body and (arguments.all_markers or arguments.markers):
-        markerset = None
-    else:
-        markerset = capturing.fitting_markerset(take, [open_markerset(name) for name in builtin_markersets()])
-    called, chosen = _choose(take, markerset, arguments)
-    body = None if arguments.no_body else capturing.posed_body(take, markerset, chosen)
-    return markerset, capturing.LabelledMarkers(tuple(called), take.xyz[:, chosen], take.first_frame), body
-
-
-def _choose(take: capturing.LabelledMarkers, markerset, arguments) -> tuple[list[str], list[int]]:
-    """Names and indices of the markers to capture; the marker set's own names where it has one."""
-    found = [] if markerset is None else columns_of_set(take.names, markerset)
-    own = {
-        int(index): name
-        for index, name in zip(found, markerset.markers if markerset else [], strict=True)
-        if index >= 0
-    }
-    if arguments.markers:
-        columns = [_column(own, name, take) for name in arguments.markers]
-        chosen = list(dict.fromkeys(columns))
-    else:
-        chosen = list(range(len(take.names))) if arguments.all_markers else [int(i) for i in found if i >= 0]
-    called = [own.get(index, take.names[index].rpartition(":")[2]) for index in chosen]
-    doubled = next((name for name in called if called.count(name) > 1), None)
-    if doubled:
-        raise InputError(f"has two markers called {doubled}; expected a take of one subject")
-    return called, chosen
-
-
-def _column(own: dict[int, str], name: str, take: capturing.LabelledMarkers) -> int:
-    """The index of the marker that the take or the model calls `name`."""
-    for index, called in own.items():
-        if called == name:
-            return index
-    column = int(marker_columns(take.names, [name])[0])
-    if column < 0:
-        raise InputError(f"has no marker {name}; expected some of {', '.join(take.names[:12])}, …")
-    return column
+    parts, worn = [], []
+    for name, one in own if len(own) > 1 else [("", take)]:
+        worn.append(sets[0] if arguments.model else capturing.fitting_markerset(one, sets))
+        parts.append((name, *capturing.worn_in(one, worn[-1])))
+    markers, body = capturing.together(parts) if len(parts) > 1 else parts[0][1:]
+    return [one.name for one in worn], markers, body
 
 
 def _options(arguments) -> CaptureOptions:

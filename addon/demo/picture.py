@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One frame of a labelled take as a picture that Blender renders: the room, the body, and what two cameras saw.
+"""One frame of a labelled take as an SVG picture: the room, the body, and what two cameras saw.
 
 Pixels count from the top left corner of the picture, x to the right and y down.
 """
@@ -10,120 +10,58 @@ from pathlib import Path
 
 import numpy as np
 
-from ..blendfile import Chunks, unbroken
+from ..blendfile import Chunks
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import EXCLUSIVE, NO_MARKER, Motion
 from ..core.geometry.cameras import Cameras
+from ..core.review.suspects import runs
+from ..io.html.markup import Html, element
 
-LETTER_WIDTH = 0.64  # of an average letter of Blender's built-in font, in units of its size
-_KINDS = ("objects", "meshes", "curves", "materials", "cameras", "worlds")  # of what a drawing is made of
-_TURN = np.linspace(0, 2 * np.pi, 24, endpoint=False)
-CIRCLE = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
+LETTER_WIDTH = 0.64  # of an average letter, in units of its size
+PICTURE_WIDTH, PICTURE_HEIGHT = 1280, 720  # px
+PANELS = 850  # px, where the panels of the cameras begin; what is left of it is the room's
+PAPER, PANE, GRID, BODY = "#13161d", "#0b0e13", "#2b3342", "#3d475c"
+INK, DIM, CAMERA_COLOUR = "#edf2fa", "#8f9cb3", "#b8c7e0"
+TRUNK_COLOUR = "#fad46b"
+ARM_COLOURS, LEG_COLOURS = ("#ff8ca8", "#5cccfa"), ("#ff9e5c", "#80a8ff")  # right, left
 
 
 class Sheet:
-    """Collects shapes and words; a higher layer is in front. A colour is (r, g, b), 0 to 1, as it looks on screen."""
+    """Collects shapes, what is drawn later in front, and words in front of them all."""
 
-    def __init__(self, width: int, height: int, paper: tuple):
-        self.width, self.height, self.paper = width, height, paper
-        self.shapes: dict[tuple, list[np.ndarray]] = {}
-        self.words: list[tuple] = []
+    def __init__(self):
+        self.shapes: list[Html] = []
+        self.words: list[Html] = []
 
-    def polygon(self, corners, colour: tuple, layer: int = 0):
-        """A filled convex polygon with corners (N, 2) px."""
-        self.shapes.setdefault((colour, layer), []).append(np.asarray(corners, dtype=float))
+    def rectangle(self, x: float, width: float, colour: str):
+        """A filled rectangle as high as the picture."""
+        self.shapes.append(element("rect", x=x, width=width, height=PICTURE_HEIGHT, fill=colour))
 
-    def disc(self, centre, radius: float, colour: tuple, layer: int = 0):
+    def disc(self, centre: np.ndarray, radius: float, colour: str):
         """A filled circle."""
-        self.polygon(np.asarray(centre) + radius * CIRCLE, colour, layer)
+        x, y = np.round(centre, 1).tolist()
+        self.shapes.append(element("circle", cx=x, cy=y, r=round(radius, 1), fill=colour))
 
-    def lines(self, points, colour: tuple, layer: int = 0, thickness: float = 1.2):
-        """Straight lines from each of the points (N, 2) px to the next."""
-        for start, end in pairwise(np.asarray(points, dtype=float)):
-            length = np.hypot(*(end - start))
-            if length > 0:
-                side = np.array([start[1] - end[1], end[0] - start[0]]) / length * thickness / 2
-                self.polygon([start + side, end + side, end - side, start - side], colour, layer)
+    def lines(self, points, colour: str, thickness: float = 1.2):
+        """Straight lines with round ends from each of the points (N, 2) px to the next."""
+        way = "L".join(f"{x:.1f} {y:.1f}" for x, y in np.asarray(points, dtype=float).tolist())
+        self.shapes.append(element("path", d=f"M{way}", stroke=colour, stroke_width=f"{thickness:.1f}"))
 
-    def text(self, x: float, y: float, words: str, size: float, colour: tuple, align: str = "LEFT"):
-        """Words on a baseline at y; `align` is LEFT, CENTER or RIGHT of x."""
-        self.words.append((x, y, words, size, colour, align))
+    def text(self, x: float, y: float, words: str, size: float, colour: str, anchor: str = "start"):
+        """Words on a baseline at y; `anchor` is start, middle or end, which of them is at x."""
+        place = {"x": round(float(x), 1), "y": round(float(y), 1), "font_size": size, "text_anchor": anchor}
+        self.words.append(element("text", words, fill=colour, **place))
 
-    def render(self, path: Path):
-        """Renders the drawing to `path`, a PNG. Needs bpy; leaves no data behind in it."""
-        import bpy
-
-        before = {kind: set(getattr(bpy.data, kind)) for kind in _KINDS}
-        scene = bpy.data.scenes.new("Picture")
-        try:
-            self._build(bpy, scene)
-            scene.render.filepath = str(Path(path).resolve())
-            with unbroken():
-                bpy.ops.render.render(write_still=True, scene=scene.name)
-        finally:
-            bpy.data.scenes.remove(scene)
-            for kind, kept in before.items():
-                bpy.data.batch_remove(set(getattr(bpy.data, kind)) - kept)
-
-    def _build(self, bpy, scene):
-        view = bpy.data.objects.new("View", bpy.data.cameras.new("View"))
-        view.data.type, view.data.ortho_scale = "ORTHO", self.width
-        view.location = (self.width / 2, -self.height / 2, 50.0)
-        scene.camera = view
-        scene.collection.objects.link(view)
-        render = scene.render
-        render.engine, render.image_settings.file_format = "CYCLES", "PNG"
-        render.resolution_x, render.resolution_y, render.resolution_percentage = self.width, self.height, 100
-        # Every ray meets a light at once: one bounce, and as many samples as smooth edges need.
-        scene.cycles.device, scene.cycles.samples, scene.cycles.use_denoising = "CPU", 16, False
-        scene.cycles.max_bounces = 0
-        scene.view_settings.view_transform = "Standard"
-        self.polygon([(0, 0), (self.width, 0), (self.width, self.height), (0, self.height)], self.paper, -1)
-        colours = {colour for colour, _ in self.shapes} | {words[4] for words in self.words}
-        materials = {colour: _light(bpy, colour) for colour in colours}
-
-        def add(data, colour: tuple):
-            data.materials.append(materials[colour])
-            thing = bpy.data.objects.new(data.name, data)
-            scene.collection.objects.link(thing)
-            return thing
-
-        for (colour, layer), polygons in self.shapes.items():
-            corners = np.concatenate(polygons) * [1, -1]
-            ends = np.cumsum([len(polygon) for polygon in polygons]).tolist()
-            faces = [list(range(end - len(one), end)) for end, one in zip(ends, polygons, strict=True)]
-            mesh = bpy.data.meshes.new("shape")
-            mesh.from_pydata([(x, y, layer) for x, y in corners.tolist()], [], faces)
-            add(mesh, colour)
-        for x, y, words, size, colour, align in self.words:
-            curve = bpy.data.curves.new("words", "FONT")
-            curve.body, curve.align_x, curve.size = words, align, size
-            add(curve, colour).location = (x, -y, 20.0)
-
-
-def _light(bpy, colour: tuple):
-    """A material that looks like `colour` on a screen (the sRGB curve)."""
-    material = bpy.data.materials.new("flat")
-    if not material.node_tree:
-        material.use_nodes = True
-    nodes = material.node_tree.nodes
-    nodes.clear()
-    glow = nodes.new("ShaderNodeEmission")
-    linear = [part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in colour]
-    glow.inputs["Color"].default_value = (*linear, 1)
-    material.node_tree.links.new(glow.outputs[0], nodes.new("ShaderNodeOutputMaterial").inputs["Surface"])
-    return material
-
-
-PICTURE_WIDTH, PICTURE_HEIGHT, PANELS = (
-    1280,
-    720,
-    850,
-)  # px; the room has what is left of where the panels of the cameras begin
-PAPER, PANE, GRID, BODY = (0.075, 0.088, 0.115), (0.045, 0.055, 0.075), (0.17, 0.2, 0.26), (0.24, 0.28, 0.36)
-INK, DIM, CAMERA_COLOUR = (0.93, 0.95, 0.98), (0.56, 0.61, 0.7), (0.72, 0.78, 0.88)
-TRUNK_COLOUR = (0.98, 0.83, 0.42)
-ARM_COLOURS, LEG_COLOURS = ((1.0, 0.55, 0.66), (0.36, 0.8, 0.98)), ((1.0, 0.62, 0.36), (0.5, 0.66, 1.0))  # right, left
+    def write(self, path: Path):
+        """Writes the drawing."""
+        whole = element(
+            "svg",
+            element("g", *self.shapes, fill="none", stroke_linecap="round", stroke_linejoin="round"),
+            element("g", *self.words, font_family="system-ui, sans-serif"),
+            xmlns="http://www.w3.org/2000/svg",
+            viewBox=f"0 0 {PICTURE_WIDTH} {PICTURE_HEIGHT}",
+        )
+        path.write_text(whole + "\n", encoding="utf-8", newline="\n")
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,23 +93,20 @@ class Shot:
 
 
 def draw(shot: Shot, title: str, subtitle: str, path: Path):
-    """Renders the picture of `shot` with its title to `path`, a PNG. Needs bpy; leaves no data behind in it."""
-    sheet = Sheet(PICTURE_WIDTH, PICTURE_HEIGHT, PAPER)
+    """Draws the picture of `shot` with its title to `path`."""
+    sheet = Sheet()
+    sheet.rectangle(0, PICTURE_WIDTH, PAPER)
     colours = limb_colours(shot.markerset)
     draw_room(sheet, shot, colours)
-    sheet.polygon(
-        [(PANELS - 14, 0), (PICTURE_WIDTH, 0), (PICTURE_WIDTH, PICTURE_HEIGHT), (PANELS - 14, PICTURE_HEIGHT)],
-        PANE,
-        4,
-    )
+    sheet.rectangle(PANELS - 14, PICTURE_WIDTH - PANELS + 14, PANE)
     for row, index in enumerate(two_cameras(shot)):
         draw_panel(sheet, shot, index, colours, np.array([PANELS, 34.0 + 342 * row]), np.array([416.0, 304.0]))
     sheet.text(26, 42, title, 25, INK)
     sheet.text(26, 66, subtitle, 14.5, DIM)
-    sheet.render(path)
+    sheet.write(path)
 
 
-def limb_colours(markerset: MarkerSet) -> list[tuple]:
+def limb_colours(markerset: MarkerSet) -> list[str]:
     """A colour for each marker by the limb that carries it: trunk and head, either arm, either leg."""
     joints, parents = markerset.skeleton.rest_joints, markerset.skeleton.parents
     central = np.abs(joints[:, 1]) < 0.02
@@ -202,7 +137,7 @@ def view_of(shot: Shot) -> Cameras:
     return Cameras(("view",), size, matrix[None], np.zeros((1, 5)), rotation[None], -(rotation @ eye)[None])
 
 
-def draw_room(sheet: Sheet, shot: Shot, colours: list[tuple]):
+def draw_room(sheet: Sheet, shot: Shot, colours: list[str]):
     """A floor with a grid of 1 m, the cameras as pyramids on stands, the body, and its markers with their names."""
     view = view_of(shot)
     x, y = np.round(shot.cameras.centres.mean(axis=0)[:2])
@@ -210,30 +145,30 @@ def draw_room(sheet: Sheet, shot: Shot, colours: list[tuple]):
     for step in range(-9, 10):
         flat, across = np.stack([x + along, np.full(73, y + step)]), np.stack([np.full(73, x + step), y + along])
         for line in (flat, across):
-            _lines(sheet, view, np.vstack([line, np.zeros(73)]).T, GRID, 0)
+            _lines(sheet, view, np.vstack([line, np.zeros(73)]).T, GRID)
     for index, name in enumerate(shot.cameras.names):
         corners = pyramid(shot.cameras, index, 0.28)
-        _lines(sheet, view, [corners[0], corners[0] * [1, 1, 0]], BODY, 1)
-        _lines(sheet, view, corners[[1, 2, 3, 4, 1, 0, 2, 0, 3, 0, 4]], CAMERA_COLOUR, 1)
+        _lines(sheet, view, [corners[0], corners[0] * [1, 1, 0]], BODY)
+        _lines(sheet, view, corners[[1, 2, 3, 4, 1, 0, 2, 0, 3, 0, 4]], CAMERA_COLOUR)
         [[(u, v)]] = view.project(corners[:1])
         if 30 < u < PANELS - 40 and 110 < v < PICTURE_HEIGHT - 10:
-            sheet.text(u, v - 21, name, 13, CAMERA_COLOUR, "CENTER")
-    draw_limbs(sheet, limbs(view, shot.body), 2)
+            sheet.text(u, v - 21, name, 13, CAMERA_COLOUR, "middle")
+    draw_limbs(sheet, limbs(view, shot.body))
     pixels = view.project(shot.markers)[0]
     seen = np.flatnonzero(np.isfinite(pixels).all(axis=1))
     for index in seen.tolist():
-        sheet.disc(pixels[index], 4.5, colours[index], 3)
+        sheet.disc(pixels[index], 4.5, colours[index])
     order = seen[np.argsort(pixels[seen, 0])]
     half = (len(order) + 1) // 2
     edges = pixels[seen, 0].min() - 74, pixels[seen, 0].max() + 74
-    for column, edge, align, way in ((order[:half], edges[0], "RIGHT", 1), (order[half:], edges[1], "LEFT", -1)):
+    for column, edge, anchor, way in ((order[:half], edges[0], "end", 1), (order[half:], edges[1], "start", -1)):
         column = column[np.argsort(pixels[column, 1])]
         for marker, height in zip(column, np.linspace(110, PICTURE_HEIGHT - 40, len(column)), strict=True):
-            sheet.text(edge - way * 6, height + 5, shot.markerset.markers[marker], 15, colours[marker], align)
-            sheet.lines([(edge, height), (edge + way * 20, height), pixels[marker]], colours[marker], 2, 0.7)
+            sheet.text(edge - way * 6, height + 5, shot.markerset.markers[marker], 15, colours[marker], anchor)
+            sheet.lines([(edge, height), (edge + way * 20, height), pixels[marker]], colours[marker], 0.7)
 
 
-def draw_panel(sheet: Sheet, shot: Shot, index: int, colours: list[tuple], corner: np.ndarray, size: np.ndarray):
+def draw_panel(sheet: Sheet, shot: Shot, index: int, colours: list[str], corner: np.ndarray, size: np.ndarray):
     """What one camera saw about the subject: the body's outline, the blobs in their markers' colours, and names."""
     mine = shot.camera == index
     named = mine & (shot.marker != NO_MARKER)
@@ -242,17 +177,17 @@ def draw_panel(sheet: Sheet, shot: Shot, index: int, colours: list[tuple], corne
     low, high = about.min(axis=0), about.max(axis=0)
     scale = (size / (high - low)).min() * 0.8
     shift = corner + size / 2 - scale * (low + high) / 2
-    draw_limbs(sheet, [(shift + scale * places, scale * radii) for places, radii in shapes], 6)
+    draw_limbs(sheet, [(shift + scale * places, scale * radii) for places, radii in shapes])
     spots = shift + scale * shot.xy
     for blob in np.flatnonzero(mine & ((spots > corner) & (spots < corner + size)).all(axis=1)).tolist():
         marker, right = shot.marker[blob], corner[0] + size[0]
-        sheet.disc(spots[blob], 3.2, DIM if marker == NO_MARKER else colours[marker], 8)
+        sheet.disc(spots[blob], 3.2, DIM if marker == NO_MARKER else colours[marker])
         name = "" if marker == NO_MARKER else shot.markerset.markers[marker]
         if name and spots[blob, 0] + LETTER_WIDTH * 10 * len(name) < right:
             sheet.text(spots[blob, 0] + 5, spots[blob, 1] + 4, name, 10, colours[marker])
     sheet.text(corner[0], corner[1] - 8, shot.cameras.names[index], 14.5, INK)
     counts = f"{np.count_nonzero(named)} of {np.count_nonzero(mine)} blobs named"
-    sheet.text(corner[0] + size[0], corner[1] - 8, counts, 13, DIM, "RIGHT")
+    sheet.text(corner[0] + size[0], corner[1] - 8, counts, 13, DIM, "end")
 
 
 def two_cameras(shot: Shot) -> list[int]:
@@ -280,13 +215,11 @@ def limbs(camera: Cameras, body: Body) -> list[tuple[np.ndarray, np.ndarray]]:
     return found
 
 
-def draw_limbs(sheet: Sheet, shapes: list[tuple[np.ndarray, np.ndarray]], layer: int):
+def draw_limbs(sheet: Sheet, shapes: list[tuple[np.ndarray, np.ndarray]]):
     """The body as thick lines with round ends."""
     for places, radii in shapes:
-        for spot, radius in zip(places, radii, strict=True):
-            sheet.disc(spot, radius, BODY, layer)
         for pair, radius in zip(pairwise(places), radii[1:], strict=True):
-            sheet.lines(pair, BODY, layer, 2 * radius)
+            sheet.lines(pair, BODY, 2 * radius)
 
 
 def pyramid(cameras: Cameras, index: int, depth: float) -> np.ndarray:
@@ -297,12 +230,11 @@ def pyramid(cameras: Cameras, index: int, depth: float) -> np.ndarray:
     return np.vstack([cameras.centres[index], (local - cameras.translation[index]) @ cameras.rotation[index]])
 
 
-def _lines(sheet: Sheet, view: Cameras, points, colour: tuple, layer: int):
-    """Lines between points (N, 3) m as the view shows them, those behind it left out."""
+def _lines(sheet: Sheet, view: Cameras, points, colour: str):
+    """Lines between points (N, 3) m as the view shows them, what is behind it left out."""
     pixels = view.project(np.asarray(points))[0]
-    for pair in pairwise(pixels):
-        if np.isfinite(pair).all() and np.max(np.abs(pair)) < 5 * PICTURE_WIDTH:
-            sheet.lines(pair, colour, layer)
+    for start, stop in runs((np.abs(pixels) < 5 * PICTURE_WIDTH).all(axis=1)):
+        sheet.lines(pixels[start:stop], colour)
 
 
 def best_shot(cameras: Cameras, markerset: MarkerSet, chunks: Chunks) -> tuple[int, Shot]:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The contract's blobs, `frame,camera,x,y[,area]`, and a `.qtm`'s, piece by piece: memory stays as it is."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -60,20 +60,23 @@ def read_blobs(
     Raises InputError with the file and line for whatever breaks that, and when there is no blob at all.
     """
     first, last = frames or (None, None)
-    pending, tally = _Pending(chunk_frames), _Tally(Path(path))
+    tally, outside = _Tally(Path(path)), False
     own: list[int] = []
-    blocks = rows_of_qtm if is_qtm(path) else _blocks
-    for rows, fraction, finished in blocks(Path(path), cameras):
-        outside = last is not None and len(rows) and rows.frame[-1] > last
-        own = [*own[:1], *rows.frame[[0, -1]].tolist()] if len(rows) else own
-        wanted_rows = rows.between(first, last)
-        tally.check(wanted_rows)
-        pending.add(wanted_rows, fraction)
-        finished = finished or bool(outside)
-        yield from pending.ready(finished)
-        if finished:
-            break
-    if not pending.begun:
+
+    def wanted() -> Iterator[tuple[Rows, float, bool]]:
+        nonlocal own, outside
+        for rows, fraction, finished in (rows_of_qtm if is_qtm(path) else _blocks)(Path(path), cameras):
+            if len(rows):
+                outside = last is not None and int(rows.frame[-1]) > last
+                own = [*own[:1], *rows.frame[[0, -1]].tolist()]
+            chosen = rows.between(first, last)
+            tally.check(chosen)
+            yield chosen, fraction, finished or outside
+            if outside:
+                return
+
+    yield from _chunks(wanted(), chunk_frames)
+    if tally.last is None:
         if not own:
             raise InputError("has no blobs; expected at least one row", path)
         there = f"{own[0]} and later" if outside else f"{own[0]} to {own[-1]}"
@@ -198,53 +201,28 @@ class _Tally:
         self.crowd = int(counts[-1])
 
 
-class _Pending:
-    """Rows that were read and not yet given out."""
-
-    def __init__(self, chunk_frames: int):
-        self.chunk_frames = chunk_frames
-        self.rows: list[Rows] = []
-        self.count = 0
-        self.next_frame = 0
-        self.last_frame = 0
-        self.fraction = 0.0
-        self.begun = False
-
-    def add(self, rows: Rows, fraction: float):
-        self.fraction = fraction
-        if not len(rows):
-            return
-        if not self.begun:
-            self.begun, self.next_frame = True, int(rows.frame[0])
-        self.rows.append(rows)
-        self.count += len(rows)
-        self.last_frame = int(rows.frame[-1])
-
-    def ready(self, finished: bool) -> Iterator[BlobRows]:
-        """Chunks that are complete; all that is left when the file is `finished`."""
-        if not self.begun:
-            return
-        end = self.last_frame + 1 if finished else self.last_frame
-        if end - self.next_frame < self.chunk_frames and self.count < CHUNK_ROWS and not finished:
-            return
-        rows = Rows.join(self.rows)
-        while self.next_frame < end:
-            stop = min(self.next_frame + self.chunk_frames, end)
-            if stop == end and not finished and end - self.next_frame < self.chunk_frames and len(rows) < CHUNK_ROWS:
+def _chunks(parts: Iterable[tuple[Rows, float, bool]], chunk_frames: int) -> Iterator[BlobRows]:
+    """Rows that come part by part as chunks of so many frames, or of as many as CHUNK_ROWS rows are in."""
+    left, begin = None, None
+    for part, fraction, finished in parts:
+        left = part if left is None or not len(left) else Rows.join([left, part])
+        if not len(left):
+            continue
+        begin = int(left.frame[0]) if begin is None else begin
+        end = int(left.frame[-1]) + finished  # the last frame may go on
+        while begin < end:
+            stop = min(begin + chunk_frames, end)
+            if stop == end < begin + chunk_frames and not finished and len(left) < CHUNK_ROWS:
                 break
-            count = int(np.searchsorted(rows.frame, stop))
+            count = int(np.searchsorted(left.frame, stop))
             if count > CHUNK_ROWS:
                 # Back to the end of the last frame that fits; one frame alone is never divided.
-                stop = max(int(rows.frame[CHUNK_ROWS]), self.next_frame + 1)
-                count = int(np.searchsorted(rows.frame, stop))
-            yield self._chunk(rows.cut(0, count), stop)
-            rows, self.next_frame = rows.cut(count, len(rows)), stop
-        self.rows, self.count = [rows], len(rows)
-
-    def _chunk(self, rows: Rows, stop: int) -> BlobRows:
-        frames = np.arange(self.next_frame, stop)
-        blobs = Blobs(frames, rows.frame - self.next_frame, rows.camera, rows.xy, rows.area)
-        return BlobRows(blobs, rows.keys, self.fraction)
+                stop = max(int(left.frame[CHUNK_ROWS]), begin + 1)
+                count = int(np.searchsorted(left.frame, stop))
+            rows, left = left.cut(0, count), left.cut(count, len(left))
+            blobs = Blobs(np.arange(begin, stop), rows.frame - begin, rows.camera, rows.xy, rows.area)
+            yield BlobRows(blobs, rows.keys, fraction)
+            begin = stop
 
 
 class RowWriter:

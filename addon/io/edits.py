@@ -48,7 +48,7 @@ def read_edits(path: Path) -> Edits:
         raise error if error.file else InputError(error.message, path) from None
 
 
-def write_edits(path: Path, edits: Edits, overwrite: bool = True):
+def write_edits(path: Path, edits: Edits):
     """Writes the edits, an edit a line, in the place of an older file; it appears whole or not at all."""
-    with whole_file(path, overwrite) as part:
+    with whole_file(path, overwrite=True) as part:
         write_json(part, document_of(edits))

@@ -13,7 +13,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from ..core.data.errors import InputError
-from ..core.data.takes import NO_MARKER, NO_STEP, STEPS, Blobs, Labels, PointRows
+from ..core.data.takes import NO_MARKER, STEPS, Labels, PointRows
 from ..core.review.changes import Change, changes, summary_of_changes
 from .blobs import MAX_LINE_BYTES, RowWriter, csv_field
 from .source import open_binary
@@ -214,32 +214,6 @@ class LabelFile:
 
     def _error(self, words: str) -> InputError:
         return InputError(words, self.path, self._line)
-
-
-def read_blob_labels(
-    path: Path, cameras: Sequence[str], markers: Sequence[str], frames: np.ndarray
-) -> tuple[Blobs, Labels]:
-    """The blobs of a labels file in some consecutive frames (F,), and the markers, by their indices, that they are.
-
-    A name that is none of the markers' is none here. Raises InputError as `LabelFile` does, where the file is of points
-    and where it has a camera that is not among `cameras`.
-    """
-    camera_of, marker_of = ({name: place for place, name in enumerate(names)} for names in (cameras, markers))
-    columns: list[tuple] = []
-    with LabelFile(path) as file:
-        if file.keys != BLOB_KEYS:
-            raise InputError("holds labels of 3D points; expected labels of blobs, frame,camera,x,y,marker", path)
-        for row in file.rows():
-            camera, x, y = row.key
-            if camera not in camera_of:
-                some = f"expected one of the calibration, such as {', '.join(list(camera_of)[:3])}"
-                raise InputError(f"has the camera {camera[:40]!r}; {some}", path, row.line)
-            if frames[0] <= row.frame <= frames[-1]:
-                columns.append((row.frame - frames[0], camera_of[camera], x, y, marker_of.get(row.marker, NO_MARKER)))
-    table = np.array(columns, float).reshape(-1, 5)
-    frame, camera, marker = (table[:, column].astype(int) for column in (0, 1, 4))
-    labels = Labels(marker, np.full(len(marker), NO_STEP), np.where(marker == NO_MARKER, 0.0, 1.0))
-    return Blobs(frames, frame, camera, table[:, 2:4], np.full(len(table), np.nan)), labels
 
 
 MAX_LISTED = 200  # changes that a report lists, the longest first: a list that a person reads

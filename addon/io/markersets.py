@@ -102,20 +102,21 @@ class Reader:
 
     def vector(self, row: dict, key: str, where: str) -> np.ndarray:
         """The three numbers under `key`."""
-        return self.row(row.get(key), 3, f'{where} "{key}"')
+        return self.array(row.get(key), (3,), f'{where} "{key}"')
 
-    def row(self, value: object, count: int | None, where: str, most: float = MAX_NUMBER) -> np.ndarray:
-        """(count,) the numbers of a list, of any length where that is None."""
-        count = len(value) if count is None and isinstance(value, list) else count
-        if not isinstance(value, list) or len(value) != count or not all(_is_number(one, most) for one in value):
-            self.fail(f"{where} is not {count or 'a list of'} finite numbers; expected a list of them")
-        return np.array(value, dtype=float)
-
-    def table(self, value: object, rows: int | None, columns: int, where: str, most: float = MAX_NUMBER) -> np.ndarray:
-        """(rows, columns) the numbers of a list of lists, of any length where `rows` is None."""
-        if not isinstance(value, list) or len(value) != (len(value) if rows is None else rows):
-            self.fail(f"{where} is missing or not {rows or 'a list of'} rows; expected {columns} numbers in each")
-        return np.array([self.row(row, columns, where, most) for row in value]).reshape(-1, columns)
+    def array(self, value: object, shape: tuple[int | None, ...], where: str, most: float = MAX_NUMBER) -> np.ndarray:
+        """The numbers of a list, or of a list of lists, of a shape in which None is any length."""
+        count, *rest = shape
+        if (
+            not isinstance(value, list)
+            or len(value) != (len(value) if count is None else count)
+            or not (rest or all(_is_number(one, most) for one in value))
+        ):
+            what = "rows of numbers" if rest else "finite numbers"
+            self.fail(f"{where} is not {count or 'a list of'} {what}; expected a list of them")
+        if rest:
+            value = [self.array(row, tuple(rest), where, most) for row in value]
+        return np.array(value, dtype=float).reshape(-1, *rest)
 
     def triangle(self, value: object, size: int, where: str, most: float = MAX_NUMBER) -> np.ndarray:
         """(size, size) the symmetric matrix whose lower triangle this is."""
@@ -123,7 +124,7 @@ class Reader:
             self.fail(f"{where} is missing or not {size} rows; expected the lower triangle of a matrix")
         matrix = np.zeros((size, size))
         for index, row in enumerate(value):
-            matrix[index, : index + 1] = self.row(row, index + 1, f"{where} row {index}", most)
+            matrix[index, : index + 1] = self.array(row, (index + 1,), f"{where} row {index}", most)
         return matrix + np.tril(matrix, -1).T
 
     def vectors(self, value: object, names: Sequence[str], where: str) -> np.ndarray:
@@ -132,7 +133,7 @@ class Reader:
         missing = next((name for name in names if name not in table), None)
         if missing is not None:
             self.fail(f"{where} has no {missing!r}; expected three numbers for each")
-        return np.array([self.row(table[name], 3, f"{where} {name!r}") for name in names]).reshape(-1, 3)
+        return np.array([self.array(table[name], (3,), f"{where} {name!r}") for name in names]).reshape(-1, 3)
 
     def covariance(self, value: object, size: int) -> np.ndarray:
         """(size, size) out of its lower triangle; it must be one of real motion, so never negative in any direction."""
@@ -291,7 +292,7 @@ def _poses(reader: Reader, pose: dict, joints: int) -> np.ndarray:
     rows = pose.get("recorded", [])
     if not isinstance(rows, list):
         reader.fail('pose "recorded" is no list; expected a list of poses')
-    named = [reader.row(row, 3 * joints, f"pose {number}") for number, row in enumerate(rows, 1)]
+    named = [reader.array(row, (3 * joints,), f"pose {number}") for number, row in enumerate(rows, 1)]
     return np.array(named).reshape(-1, joints, 3) if rows else np.zeros((0, 0, 3))
 
 

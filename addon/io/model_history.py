@@ -7,22 +7,20 @@ it no other.
 
 import hashlib
 import json
-import math
 import os
 import posixpath
 import re
-from dataclasses import MISSING, fields, is_dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, get_args, get_origin, get_type_hints
 
 from ..core.data.errors import InputError
 from ..core.points.history import NO_HISTORY, ModelHistory, TaughtTake
 from .markersets import SUFFIX
+from .packing import NOT_PACKED, from_json
 from .text import can_be_written
 
 HISTORY = "history"
-HISTORY_KEYS = {"name": "take", "origin": "from"}  # of fields that are called otherwise in the file
 # ours.v2.markerset.json was version 2 of ours, ours.v3-candidate.markerset.json may become version 3.
 _BESIDE = re.compile(r"(?P<name>.+)\.v\d+(?P<candidate>-candidate)?(-\d+)?")
 
@@ -39,51 +37,14 @@ def read_history(top: dict, path: Path) -> ModelHistory:
     if HISTORY not in top:
         return NO_HISTORY
     try:
-        history = _read(ModelHistory, top[HISTORY])
+        history = from_json(ModelHistory, top[HISTORY])
         numbers = [0, *(each.version for each in history.versions)]
         if "versions" not in top[HISTORY] or any(one <= before for before, one in pairwise(numbers)):
             raise ValueError
-    except (KeyError, TypeError, ValueError, AttributeError, OverflowError):
+    except NOT_PACKED:
         words = "has a damaged history; expected it as it was trained, or the file without it"
         raise InputError(words, path) from None
     return history
-
-
-def _read(kind: type, row: dict) -> Any:
-    """A dataclass out of an object, whose keys are the fields; those that have a default may be left out."""
-    hints, known = get_type_hints(kind), {}
-    for field in fields(kind):
-        value = row.get(HISTORY_KEYS.get(field.name, field.name))
-        if value is not None:
-            known[field.name] = _value(hints[field.name], value)
-    return kind(**known)
-
-
-def _value(kind: Any, value: Any) -> Any:
-    if get_origin(kind) is tuple:
-        part, *others = get_args(kind)
-        return tuple(_read(part, one) if others == [...] else _value(part, one) for one in _as_long(value, others))
-    number = kind in (int, float) and not isinstance(value, bool) and isinstance(value, int | kind)
-    text = kind is str and isinstance(value, str) and can_be_written(value)  # of one line
-    if not (kind is bool or text or (number and math.isfinite(value) and value >= 0)):
-        raise ValueError
-    return kind(value)
-
-
-def _as_long(value: list, others: list) -> list:
-    if not isinstance(value, list) or (others != [...] and len(value) != 1 + len(others)):
-        raise ValueError
-    return value
-
-
-def document_of(one: Any) -> Any:
-    """A history, or a part of one, as JSON has it; what is not known is left out."""
-    if isinstance(one, tuple):
-        return [document_of(part) for part in one]
-    if not is_dataclass(one):
-        return one
-    known = [(f, getattr(one, f.name)) for f in fields(one)]
-    return {HISTORY_KEYS.get(f.name, f.name): document_of(value) for f, value in known if value or f.default is MISSING}
 
 
 def seen_from(model: Path, file: Path) -> str:

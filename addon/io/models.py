@@ -1,19 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Models, `*.markerset.json`: a marker set as readable text, what names its markers, training takes, and history.
 
-Learned numbers are text too, or dataclasses of arrays, packed, exact to the bit; both come back as data alone.
+Learned numbers are text too, or dataclasses of arrays, packed; both come back as data alone.
 """
 
-import base64
-import binascii
-import hashlib
-import json
-import math
-import types
-import typing
-import zlib
-from dataclasses import fields, is_dataclass
-from functools import cache, lru_cache
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -26,10 +17,10 @@ from ..core.points.likelihood.model import Likelihood
 from ..core.points.likelihood.shape import Shape
 from ..core.points.models import Model, TrainingTake
 from ..core.points.rigid_bodies.model import RigidBodies
-from . import markersets, model_history
-from .markersets import Reader, markerset_file, markerset_in, open_document, open_markerset
+from .markersets import Reader, document_of, markerset_file, markerset_in, open_document, open_markerset
 from .model_history import HISTORY, fingerprint_of, read_history
-from .text import can_be_written, rounded, write_json
+from .packing import MAX_PACKED_BYTES, declared_bytes, pack, to_json, unpack
+from .text import rounded, write_json
 
 MAX_LEARNED = 1e9  # of a number that was learned; format
 
@@ -61,31 +52,28 @@ def read_likelihood(reader: Reader, value: object, markers: tuple[str, ...]) -> 
     """The likelihood of these markers, checked in every part; raises InputError naming what is not as expected."""
     part, count = reader.mapping(value, "evidence"), len(markers)
 
-    def row(key: str, length: int | None) -> np.ndarray:
-        return reader.row(part.get(key), length, f'evidence "{key}"', MAX_LEARNED)
+    def array(key: str, *shape: int | None) -> np.ndarray:
+        return reader.array(part.get(key), shape, f'evidence "{key}"', MAX_LEARNED)
 
-    def table(key: str, rows: int | None, columns: int) -> np.ndarray:
-        return reader.table(part.get(key), rows, columns, f'evidence "{key}"', MAX_LEARNED)
-
-    modes, constraints, rates = table("modes", None, 3 * count), table("ties", None, 4), row("rates", None)
+    modes, constraints, rates = array("modes", None, 3 * count), array("ties", None, 4), array("rates", None)
     if not len(rates) or (rates < 0).any() or (rates > 1).any():
         reader.fail('evidence "rates" are not parts from 0 to 1; expected one or more')
     if ((constraints[:, :2] < 0) | (constraints[:, :2] >= count)).any() or (constraints[:, 2:] <= 0).any():
         reader.fail('evidence "ties" name no marker or a length below 0; expected two indices, m and m')
-    noise = row("noise", count)
+    noise = array("noise", count)
     if (noise <= 0).any():
         reader.fail('evidence "noise" is not above 0; expected a variance for each marker')
     pair, size_sd = constraints[:, :2].astype(int), reader.number(part, "size_sd", "evidence", low=1e-6)
     bodies = None
     if "plates" in part:
-        form = table("form", count, 3)
+        form = array("form", count, 3)
         low, high = (reader.triangle(part.get(key), count, f'evidence "{key}"', MAX_LEARNED) for key in ("low", "high"))
         bodies = RigidBodies(_plates(reader, part["plates"], count), form, low, high)
     return Likelihood(
         markers=markers,
-        shape=Shape(table("mean", count, 3), np.moveaxis(modes.reshape(-1, count, 3), 0, 2), noise),
+        shape=Shape(array("mean", count, 3), np.moveaxis(modes.reshape(-1, count, 3), 0, 2), noise),
         constraints=DistanceConstraints(pair, constraints[:, 2], constraints[:, 3], size_sd),
-        calibration=Calibration(row("trust", FEATURES), rates, table("least", FRAME_KINDS, len(rates))),
+        calibration=Calibration(array("trust", FEATURES), rates, array("least", FRAME_KINDS, len(rates))),
         subjects=int(reader.number(part, "subjects", "evidence", low=1)),
         rigid_bodies=bodies,
     )
@@ -98,118 +86,6 @@ def _plates(reader: Reader, value: object, count: int) -> tuple[np.ndarray, ...]
     if any(type(index) is not int or not 0 <= index < count for index in flat) or len(set(flat)) != len(flat):
         reader.fail('evidence "plates" are not lists of different indices of markers; expected [[0, 1, 2], …]')
     return tuple(np.array(body, dtype=int) for body in bodies)
-
-
-ARRAY_KINDS = {f"{letter}{size}": f"<{letter}{size}" for letter in "iuf" for size in (1, 2, 4, 8)} | {"b1": "|b1"}
-MAX_PACKED_BYTES = 1 << 28  # bytes of all arrays of a file; no model comes near
-DIGEST = "digest"
-
-
-def pack(value: object) -> dict:
-    """A dataclass as a JSON object, with a digest that tells whether it came through unchanged."""
-    packed = _packed(value)
-    return {DIGEST: _digest(packed), **packed}
-
-
-def unpack(kind: type, packed: object, what: str, path: Path):
-    """The dataclass of type `kind` that `pack` made the object of; InputError naming `what` where it is not one."""
-    broken = InputError(f"has damaged {what}; expected it as it was trained, so train the model anew", path)
-    if not isinstance(packed, dict):
-        raise broken
-    # What is compressed can be a thousand times as large, so nothing is unpacked before it is known to have room.
-    if declared_bytes(packed) > MAX_PACKED_BYTES:
-        raise InputError(f"has over {MAX_PACKED_BYTES >> 20} MB of {what}; expected what was trained", path)
-    content = {key: value for key, value in packed.items() if key != DIGEST}
-    try:
-        if packed.get(DIGEST) != _digest(content):
-            raise broken
-        return _unpacked(kind, content)
-    except (KeyError, TypeError, ValueError, RecursionError, binascii.Error, zlib.error):
-        raise broken from None
-
-
-def declared_bytes(packed: object) -> int:
-    """The bytes that the arrays in a packed object, or in a list of them, say that they have."""
-    waiting, total = [packed], 0
-    while waiting:
-        value = waiting.pop()
-        if isinstance(value, list):
-            waiting += value
-        elif isinstance(value, dict):
-            waiting += value.values()
-            total += _declared_size(value) if "data" in value else 0
-    return total
-
-
-def _declared_size(packed: dict) -> int:
-    """The bytes that an array says that it has; none where it is no array, as unpacking it finds out."""
-    shape, kind = packed.get("shape"), packed.get("kind")
-    if (
-        not isinstance(kind, str)
-        or kind not in ARRAY_KINDS
-        or not isinstance(shape, list)
-        or not all(type(one) is int and one >= 0 for one in shape)
-    ):
-        return 0
-    return math.prod(shape) * np.dtype(ARRAY_KINDS[kind]).itemsize
-
-
-def _digest(packed: dict) -> str:
-    return hashlib.sha256(json.dumps(packed, sort_keys=True).encode()).hexdigest()[:16]
-
-
-def _packed(value: object):
-    if is_dataclass(value):
-        return {field.name: _packed(getattr(value, field.name)) for field in fields(value)}
-    if isinstance(value, np.ndarray):
-        kind = value.dtype.kind + str(value.dtype.itemsize)
-        content = zlib.compress(np.ascontiguousarray(value, ARRAY_KINDS[kind]).tobytes(), 9)
-        data = base64.b64encode(content).decode("ascii")
-        return {"kind": kind, "shape": list(value.shape), "data": data}
-    if isinstance(value, tuple):
-        return [_packed(part) for part in value]
-    if isinstance(value, np.generic):
-        return value.item()
-    if value is None or isinstance(value, (bool, int, float, str)):
-        return value
-    raise TypeError(f"{type(value).__name__} cannot be packed")
-
-
-_hints = cache(typing.get_type_hints)
-
-
-def _unpacked(kind, packed):
-    """`packed` as a value of the type that a dataclass' field is annotated with."""
-    if is_dataclass(kind):
-        hints = _hints(kind)
-        return kind(**{field.name: _unpacked(hints[field.name], packed[field.name]) for field in fields(kind)})
-    if kind is np.ndarray:
-        return _unpacked_array(packed)
-    origin, parts = typing.get_origin(kind), typing.get_args(kind)
-    if origin in (types.UnionType, typing.Union):
-        if packed is None and type(None) in parts:
-            return None
-        (kind,) = (part for part in parts if part is not type(None))
-        return _unpacked(kind, packed)
-    if origin is tuple:
-        each = parts[:1] * len(packed) if parts[-1] is Ellipsis else parts
-        return tuple(_unpacked(part, one) for part, one in zip(each, packed, strict=True))
-    if kind is float and isinstance(packed, int):
-        packed = float(packed)
-    if not isinstance(packed, kind):
-        raise TypeError
-    return packed
-
-
-def _unpacked_array(packed: dict) -> np.ndarray:
-    kind, size = ARRAY_KINDS[packed["kind"]], _declared_size(packed)
-    unzipped = zlib.decompressobj()
-    data = unzipped.decompress(base64.b64decode(packed["data"], validate=True), size + 1)
-    if len(data) != size:
-        raise ValueError
-    values = np.frombuffer(data, kind).reshape(packed["shape"]).copy()
-    # Of a byte that is neither nought nor one, nobody knows what NumPy makes.
-    return values.view("u1") > 0 if kind == ARRAY_KINDS["b1"] else values
 
 
 # What the parts are called in the file. The training takes had another name at first, and are read by it too.
@@ -276,7 +152,7 @@ def _training_takes(top: dict, markers: int, path: Path) -> tuple[TrainingTake, 
 
 def write_model(path: Path, model: Model):
     """Writes a model; partial solvers and training takes come back exactly, the rest with six significant digits."""
-    document = markersets.document_of(model.markerset)
+    document = document_of(model.markerset)
     if model.likelihood is not None:
         document[LIKELIHOOD] = likelihood_document(model.likelihood)
     if model.partial_solvers is not None:
@@ -285,7 +161,7 @@ def write_model(path: Path, model: Model):
         document[TRAINING_TAKES] = [pack(take) for take in model.training_takes]
     # Behind all else: who trained a model, and when, changes nothing before it.
     if model.history.versions or model.history.kept_takes:
-        document[HISTORY] = model_history.document_of(model.history)
+        document[HISTORY] = to_json(model.history)
     write_json(path, document)
 
 
@@ -312,8 +188,6 @@ def _sound_partial_solvers(solvers: PartialSolvers) -> bool:
         all(_is_sound(*row) for row in arrays)
         and _sound_points(own)
         and all(_sound_solver(one, own) for one in solvers.solvers)
-        and can_be_written(solvers.search)
-        and solvers.frames >= 0
     )
 
 
@@ -334,7 +208,7 @@ def _sound_solver(solver: Solver, classifiers: Classifiers) -> bool:
     """Whether a solver's markers ascend, its classifiers are of these, and it was tried as often as it answered."""
     own, record = solver.markers, solver.record
     within = (np.diff(own.astype(int)) > 0).all() and classifiers[solver.strong.chosen].within(own).all()
-    return bool(within and (record.hits + record.failures <= record.answers).all() and record.samples >= 0)
+    return bool(within and (record.hits + record.failures <= record.answers).all())
 
 
 def _sound_training_take(take: TrainingTake, markers: int) -> bool:
@@ -345,6 +219,4 @@ def _sound_training_take(take: TrainingTake, markers: int) -> bool:
         and points.dtype.kind == "f"
         and points.shape[1:] == (markers, 3)
         and not (np.abs(points) > MAX_MARKER_M).any()
-        and all(map(can_be_written, (take.subject, *take.takes)))
-        and take.frames >= 0
     )

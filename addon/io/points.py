@@ -17,19 +17,15 @@ from ..core.data.markersets import MarkerSet
 from ..core.data.room import IN_MEMORY, MakeTable
 from ..core.data.takes import Points
 from ..core.data.wording import words_of_range
-from .c3d.reading import C3dHead, open_c3d
+from .c3d.reading import open_c3d
 from .c3d.writing import write_c3d_file
 from .qtm.capture import USE_POINTS, held_in, is_qtm
 from .qtm.records import read_qtm_points
-from .samples import Parts, PointFile, packed
+from .samples import PointFile, packed
 from .textpoints import is_motive, read_motive, read_trc, write_trc_file
 from .world import UNITS, Upright, find_up, guess_unit, up_rotation
 
 EXPECTED = "expected a take of 3D points: .c3d, .trc, Motive .csv or Qualisys .qtm"
-
-# Groups of Vicon's model outputs; TYPE_GROUPS of a file may name more.
-OUTPUT_GROUPS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MARKERS", "REACTIONS")
-
 
 # How the points of a file are kept; memory.
 # of a table (T, L) beyond which they stay as narrow as in the file, and are lengths where they are asked
@@ -37,7 +33,6 @@ MAX_WIDE_CELLS = 2_000_000
 
 
 _UNLABELLED = re.compile(r"\*\d*|unlabell?ed[ _-]?\d*|u(?:name)?\*\d+|", re.IGNORECASE)
-_COMPUTED = re.compile(r"[LR]?[HKASEW]JC\w*|cent(?:re|er)ofmass\w*", re.IGNORECASE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +119,8 @@ def _of_frames(take: FilePoints, frames: tuple[int | None, int | None], path: Pa
 def _read(path: Path, everything: bool, up: str | None, rate: float | None, make_table: MakeTable) -> FilePoints:
     suffix = path.suffix.lower()
     if suffix == ".c3d":
-        with open_c3d(path, rate) as (head, parts):
-            return _file_points(_of_c3d(head, parts, path, everything), up, path, make_table)
+        with open_c3d(path, rate, everything) as content:
+            return _file_points(content, up, path, make_table)
     if is_qtm(path):
         return _file_points(read_qtm_points(path), up, path)
     if suffix not in (".trc", ".csv"):
@@ -133,25 +128,6 @@ def _read(path: Path, everything: bool, up: str | None, rate: float | None, make
             raise InputError("there is no such file; expected the path of a take", path)
         raise InputError(f"is of a kind that is not known ({suffix or 'no suffix'}); {EXPECTED}", path)
     return _file_points(read_trc(path) if suffix == ".trc" else read_motive(path), up, path)
-
-
-def _of_c3d(head: C3dHead, parts: Parts, path: Path, everything: bool) -> PointFile:
-    columns = np.arange(len(head.labels)) if everything else marker_indices(head)
-    if not len(columns):
-        raise InputError("has no markers among its points; expected a take with markers", path)
-    return PointFile(
-        [head.labels[index] for index in columns],
-        columns,
-        len(head.labels),
-        head.frames,
-        head.rate,
-        head.first_frame,
-        parts,
-        _text(head, "POINT:UNITS").lower(),
-        _text(head, "POINT:Y_SCREEN").upper(),
-        scale=head.scales,
-        notes=head.notes,
-    )
 
 
 def _file_points(content: PointFile, up: str | None, path: Path, make_table: MakeTable = IN_MEMORY) -> FilePoints:
@@ -190,39 +166,9 @@ def _file_points(content: PointFile, up: str | None, path: Path, make_table: Mak
     )
 
 
-def _text(take: C3dHead, key: str) -> str:
-    """The first text of a parameter, empty where there is none."""
-    return next(iter(take.texts.get(key, [])), "")
-
-
 def _named(labels: Sequence[str]) -> tuple[str, ...]:
     """Names as in the file; empty for what a file calls `*12` or `Unlabeled 1036`."""
     return tuple("" if _UNLABELLED.fullmatch(label) else label for label in labels)
-
-
-def marker_indices(take: C3dHead) -> np.ndarray:
-    """Which points of a C3D file are markers, by the file's own groups and by the names that Vicon's models use."""
-    groups = [*OUTPUT_GROUPS, *take.texts.get("POINT:TYPE_GROUPS", [])[::2]]
-    outputs = {name for group in groups for name in take.texts.get(f"POINT:{group.upper()}", [])}
-    labels = take.labels
-    computed = {label for label in labels if label in outputs or _COMPUTED.fullmatch(_bare(label))} | _axes(labels)
-    if outputs - {""}:
-        computed |= _variants(labels)
-    return np.array([index for index, label in enumerate(labels) if label not in computed], dtype=int)
-
-
-def _axes(labels: Sequence[str]) -> set[str]:
-    """The origin and the three axes of a segment: four names that differ in their last letter, O A L P."""
-    present = set(labels)
-    stems = {label[:-1] for label in labels if len(label) >= 4 and label.endswith("O")}
-    return {stem + end for stem in stems for end in "OALP" if all(stem + other in present for other in "OALP")}
-
-
-def _variants(labels: Sequence[str]) -> set[str]:
-    """Virtual points of a model, numbered after a marker or from zero: LTIB1 beside LTIB, LFOF0 to LFOF3."""
-    present = set(labels)
-    numbered = [(label, re.fullmatch(r"(.{3,}[A-Za-z])\d", label)) for label in labels]
-    return {label for label, match in numbered if match and (match[1] in present or match[1] + "0" in present)}
 
 
 def _bare(label: str) -> str:

@@ -2,6 +2,7 @@
 """Tables and rows too large for memory, in files of a scratch folder; what starts without them loads no NumPy."""
 
 from contextlib import ExitStack, suppress
+from itertools import repeat
 from pathlib import Path
 from typing import Any, Self
 
@@ -22,7 +23,7 @@ class Room:
 
     def __call__(self, shape: tuple[int, ...], dtype: Any = float) -> "np.ndarray | FileTable":
         """A table of zeros; JobError where the folder for temporary files has no room."""
-        if np.dtype(dtype).itemsize * int(np.prod(shape)) < self.min_bytes:
+        if np.dtype(dtype).itemsize * int(np.prod(shape)) <= self.min_bytes:
             return np.zeros(shape, dtype)
         if self.folder is None:
             self.folder = self.stack.enter_context(scratch_folder())
@@ -31,52 +32,33 @@ class Room:
 
 
 class FileTable:
-    """An array of which some frames in a row, or some frames of them, are read and written; it is in a file.
+    """An array in a file, which is open only while a part is read or written: a long take has thousands of them.
 
-    It is indexed as arrays are. Frames by an index are taken out of all those from the first to the last of them.
+    It is indexed as arrays are, and gives copies.
     """
 
     def __init__(self, path: Path, shape: tuple[int, ...], dtype: Any):
         self.path, self.shape, self.dtype, self.ndim = path, tuple(shape), np.dtype(dtype), len(shape)
         self.size = int(np.prod(shape))
-        self._row = self.dtype.itemsize * (self.size // shape[0])
+        row = bytes(self.dtype.itemsize * (self.size // shape[0]))
         with naming_scratch(path.parent), path.open("xb") as file:
-            file.truncate(self._row * shape[0])
+            file.writelines(repeat(row, shape[0]))  # where the disk is full, it shows here: mapped, it would kill
 
     def __len__(self) -> int:
         return self.shape[0]
 
     def __array__(self, dtype=None, copy=None) -> np.ndarray:
-        whole = self._read(0, len(self))
-        return whole if dtype is None else whole.astype(dtype)
+        return np.array(self._mapped(), dtype)
 
     def __getitem__(self, index) -> np.ndarray:
-        start, stop, rest = self._span(index)
-        return self._read(start, stop)[rest]
+        return np.array(self._mapped()[index])
 
     def __setitem__(self, index, values):
-        start, stop, rest = self._span(index)
-        part = self._read(start, stop)
-        part[rest] = values
-        with naming_scratch(self.path.parent), self.path.open("r+b") as file:
-            file.seek(start * self._row)
-            file.write(part.data)
+        self._mapped()[index] = values
 
-    def _span(self, index) -> tuple[int, int, tuple]:
-        """Which frames to read, from start to stop, and what of them is meant."""
-        frames, *rest = index if isinstance(index, tuple) else (index,)
-        if isinstance(frames, slice):
-            start, stop, step = frames.indices(len(self))
-            return start, max(stop, start), (slice(None, None, step), *rest)
-        frames = np.arange(len(self))[frames]
-        start = int(frames.min(initial=len(self)))
-        return start, max(int(frames.max(initial=-1)) + 1, start), (frames - start, *rest)
-
-    def _read(self, start: int, stop: int) -> np.ndarray:
-        count = (stop - start) * self._row // self.dtype.itemsize
+    def _mapped(self) -> np.memmap:
         with naming_scratch(self.path.parent):
-            found = np.fromfile(self.path, self.dtype, count, offset=start * self._row)
-        return found.reshape(stop - start, *self.shape[1:])
+            return np.memmap(self.path, self.dtype, "r+", shape=self.shape)
 
 
 class RowFile:

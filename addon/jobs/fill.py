@@ -8,7 +8,6 @@ from time import perf_counter
 
 import numpy as np
 
-from ..blendfile import open_cameras
 from ..core.data.columns import Columns, beside_of, markers_in
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet, Worn
@@ -16,12 +15,11 @@ from ..core.data.progress import Progress, within
 from ..core.data.takes import Points
 from ..core.filling.filling import FilledTake, FillOptions, SubjectMarkers, fill_subjects, kept_fills_of
 from ..core.filling.kept import KeptFill
-from ..core.filling.rays import NO_RAYS, MarkerRays, rays_of
+from ..core.filling.rays import NO_RAYS, MarkerRays
 from ..core.posing.posing import POSING
 from ..core.review.overview import TakeOverview
 from ..core.review.take_trouble import TakeTrouble
 from ..io.filled import gap_rows, left_rows, write_filled
-from ..io.labels import read_blob_labels
 from ..io.markersets import markerset_file
 from ..io.models import open_model
 from ..io.points import columns_of_set, marker_columns, read_points, write_c3d
@@ -41,8 +39,6 @@ class FillJob:
     model    a built-in model's name or the path of one, whose body may fill gaps; None for none
     up       the axis that points up in the file, None for what the file says or shows
     rate     frames a second, for a file that says none
-    labels   of the blobs that the take was made of, `.labels.csv`, and
-    cameras  that saw them: then the ray of a camera that still sees a marker holds the fill
     """
 
     source: Path
@@ -54,14 +50,6 @@ class FillJob:
     up: str | None = None
     rate: float | None = None
     overwrite: bool = False
-    labels: Path | None = None
-    cameras: Path | None = None
-
-
-# When labels of blobs are those of a take.
-# physical: that half of the blobs may be from where their cameras see the take's markers: a moved camera makes some px
-# of it, another take or another room hundreds
-MOST_OFF_PX = 20.0
 
 
 def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
@@ -74,10 +62,7 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
         raise InputError("is no file that can say which samples are filled; expected a name that ends in .c3d", job.out)
     if job.method == "body" and job.model is None:
         raise InputError("the method body needs a body to fit; expected --model with a model of these markers")
-    if (job.labels is None) != (job.cameras is None):
-        raise InputError("labels of blobs and their cameras go together; expected --labels and --cameras, or neither")
-    read = [job.source, *(path for path in (job.labels, job.cameras) if path is not None)]
-    read += [markerset_file(job.model)] if job.model else []
+    read = [job.source, *([markerset_file(job.model)] if job.model else [])]
     with whole_files([job.out, job.out.with_suffix(".filled.csv")], job.overwrite, read) as (target, table):
         take = read_points(job.source, up=job.up, rate=job.rate)
         named = np.array([index for index, name in enumerate(take.names) if name], dtype=int)
@@ -87,8 +72,7 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
         subjects = _subjects_of(job, names)
         options = FillOptions(job.method, job.max_gap, _wanted(job, names))
         shown = take.picked(named)
-        rays = _rays(job, shown.xyz, names, take.first_frame)
-        work = fill_subjects(shown.xyz, take.rate, options, subjects, rays)
+        work = fill_subjects(shown.xyz, take.rate, options, subjects)
         filled = yield from within(work, 0.0, 0.95, "fill gaps")
         points = put_into(take, filled, named)
         present = shown.present
@@ -108,7 +92,6 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
         "samples_filled": int(filled.filled.sum()),
         "filled": rows,
         "left": left_rows(filled.left, names, take.first_frame),
-        **({} if job.labels is None else {"rays": len(rays)}),
         "notes": list(take.notes),
         **({"unit_assumed": take.assumed} if take.assumed else {}),
         **renumbered(points),
@@ -161,30 +144,6 @@ def put_into(points: Points, filled: FilledTake, named: np.ndarray) -> Points:
     xyz[:, named] = filled.xyz
     residual[:, named] = np.where(filled.filled, 0.0, residual[:, named])
     return replace(points, xyz=xyz, residual=residual)
-
-
-def _rays(job: FillJob, xyz: np.ndarray, names: Sequence[str], first_frame: int) -> MarkerRays:
-    """The rays of markers that one camera alone sees, where the job says what the cameras saw."""
-    if job.labels is None:
-        return NO_RAYS
-    cameras = open_cameras(job.cameras)
-    blobs, labels = read_blob_labels(job.labels, cameras.names, names, first_frame + np.arange(len(xyz)))
-    rows = np.flatnonzero(labels.named)
-    marker, frame, camera = labels.marker[rows], blobs.frame[rows], blobs.camera[rows]
-    seen = np.isfinite(xyz[frame, marker]).all(axis=1)
-    expected = np.full((len(rows), 2), np.nan)
-    for index in range(len(cameras)):
-        own = np.flatnonzero(seen & (camera == index))
-        expected[own] = cameras.project(xyz[frame[own], marker[own]])[index]
-    off = np.hypot(*(expected[seen] - blobs.xy[rows[seen]]).T)
-    if not np.isfinite(off).any():
-        raise InputError(
-            "names no blob of a marker that the take has; expected the labels of its own blobs", job.labels
-        )
-    if (typical := float(np.nanmedian(off))) > MOST_OFF_PX:
-        words = f"has its blobs {typical:.0f} px from where the cameras see the markers of {job.source.name}"
-        raise InputError(f"{words}; expected the labels and the calibration that the take was made with", job.labels)
-    return rays_of(blobs, labels, cameras, ~np.isfinite(xyz).all(axis=2))
 
 
 def _wanted(job: FillJob, names: Sequence[str]) -> tuple[int, ...] | None:

@@ -84,14 +84,17 @@ EVERY_S = 1.0  # s at least between two writings: as soon as a person looks agai
 TIMES_SPENT = 10.0  # as long as the last writing took, at least, between two: one over thousands of takes costs a tenth
 
 
+SUMMARY_TABLE, SUMMARY_PAGE = f"summary{TABLE}", f"summary{PAGE}"
+
+
 class BatchSummary:
     """The takes of a batch and what became of each, by the files that they come from.
 
-    `table` and `page` are its files, None for one that is not wanted; where one is, they are written together.
+    `table` and `page` are its files in a folder, None for one that is not wanted; they are written together.
     """
 
-    def __init__(self, table: Path | None, page: Path | None):
-        self.table, self.page = table, page
+    def __init__(self, folder: Path, table: bool, page: bool):
+        self.table, self.page = folder / SUMMARY_TABLE if table else None, folder / SUMMARY_PAGE if page else None
         self.rows: dict[Path, TakeRow] = {}
         self._next, self._changed = 0.0, True
 
@@ -151,16 +154,6 @@ class BatchSummary:
     def lines(self) -> list[str]:
         """The table for people, a line a take."""
         return lines_of(worst_first(self.rows.values()))
-
-
-def summary_paths(out: Path, stems: Iterable[str], table: bool, page: bool) -> tuple[Path | None, Path | None]:
-    """The table and the page over the takes of a folder: `summary`, with a number where a take is called so."""
-    taken = {stem.casefold() for stem in stems}
-    name, number = "summary", 1
-    while name in taken:
-        number += 1
-        name = f"summary-{number}"
-    return out / (name + TABLE) if table else None, out / (name + PAGE) if page else None
 
 
 def lines_of(rows: Iterable[TakeRow]) -> list[str]:

@@ -17,7 +17,7 @@ from ..io.batch import FAILING, TakeRow, read_table
 from ..io.cameras import write_cameras
 from ..io.scratch import naming_scratch, scratch_folder
 from ..io.text import written
-from ..jobs.pages import summary_paths
+from ..jobs.pages import SUMMARY_TABLE
 from ..props import SceneSettings, list_rows, subjects_asked
 from ..scene import cameras as scene_cameras
 from ..scene.redrawing import redraw
@@ -100,7 +100,7 @@ def folder_line(settings: SceneSettings) -> tuple[list[str], Path, bool]:
     from ..cli.label.options import subject_words
 
     blobs = cameras_at_hand(bpy.context.scene)
-    [table] = summary_paths(out, (), True, False)[:1]
+    table = out / SUMMARY_TABLE
     labelling, folder = settings.labelling, settings.folder
     line = ["label", *subject_words(**subjects_asked(settings.subjects)), f"--out={out}"]
     line += ["--watch", "--resume", "--summary", "--html", "--blend", f"--method={labelling.method or 'auto'}"]

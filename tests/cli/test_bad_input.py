@@ -145,7 +145,7 @@ def test_a_path_that_is_empty_is_not_the_folder_one_is_in(run, room, tmp_path, m
         ["label", blobs, "--model", "body26", "--cameras", cameras, "--out", "out", "--edits", "edits.json"],
         ["reconstruct", blobs, "--cameras", cameras, "--out", "a.c3d"],
         ["simulate", "take.c3d", "--cameras", cameras, "--model", "body26", "--out", "a.csv"],
-        ["fill", "take.c3d", "--model", "body26", "--labels", "a.labels.csv", "--cameras", cameras, "--out", "a.c3d"],
+        ["fill", "take.c3d", "--model", "body26", "--out", "a.c3d"],
         ["refine", blobs, "--cameras", cameras, "--model", "body26", "--out", "a.toml"],
         ["train", "take.c3d", "--from", "gait15", "--out", "a.markerset.json", "--report", "a.json"],
         ["evaluate", "a.labels.csv", "truth.csv", "--model", "gait15"],

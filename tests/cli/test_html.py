@@ -74,20 +74,21 @@ def test_a_page_that_cannot_be_written_costs_all_files(label, tmp_path, monkeypa
 
 def test_several_takes_have_a_page_over_all_of_them(label, takes, tmp_path):
     out = tmp_path / "out"
-    inputs = takes("one", "summary", "broken")
+    inputs = takes("one", "two", "broken")
     inputs[2].write_text("no,blobs\n")
     answer = label(*FEWEST, "--html", "--jobs", "2", blobs=inputs)
     assert answer.status == 2
-    assert f"over all takes: {out / 'summary-2.report.html'}" in answer.out
-    text = (out / "summary-2.report.html").read_text(encoding="utf-8")
+    assert f"over all takes: {out / 'summary.report.html'}" in answer.out
+    text = (out / "summary.report.html").read_text(encoding="utf-8")
     links = [each["href"] for each in read(text).of("a")]
-    assert sorted(links) == ["./one.report.html", "./summary.report.html"]
+    assert sorted(links) == ["./one.report.html", "./two.report.html"]
     assert all((out / link).is_file() for link in links)
-    said = page(out / "summary-2.report.html")
+    said = page(out / "summary.report.html")
     assert "2 takes labelled, 1 failed" in said
     assert "broken" in said
     assert str(tmp_path) not in text
-    assert "summary.csv" in page(out / "summary.report.html")
+    named_so = label(*FEWEST, "--html", blobs=takes("summary", "three"))
+    assert "would be written twice" in named_so.reason
 
 
 def test_a_page_over_takes_that_cannot_be_written_costs_nothing_else(label, takes, tmp_path, monkeypatch):

@@ -57,7 +57,7 @@ def files(tmp_path, room, monkeypatch):
     for link, of in (("hard.c3d", "take.c3d"), ("hard.json", "take.c3d"), ("b.c3d", "sub/other.c3d")):
         (tmp_path / link).hardlink_to(tmp_path / of)
     (tmp_path / "soft.c3d").symlink_to("take.c3d")
-    (tmp_path / "walk.png").symlink_to("walk.c3d")
+    (tmp_path / "walk.svg").symlink_to("walk.c3d")
     return tmp_path
 
 

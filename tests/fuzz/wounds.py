@@ -11,7 +11,7 @@ import zlib
 from copy import deepcopy
 from functools import cache
 
-from addon.io.models import DIGEST, _digest
+from addon.io.packing import DIGEST, _digest
 from tests.io.qtm_file import compound_file, packed_series, streams, unpacked_series
 from tests.io.samples import capture
 

@@ -110,8 +110,6 @@ def test_an_edit_has_a_line_and_what_is_not_known_is_kept(path):
 def test_a_file_is_written_whole_or_not_at_all(path, monkeypatch):
     write_edits(path, Edits((Right("A"),)))
     before = path.read_text()
-    with pytest.raises(InputError, match="exists already"):
-        write_edits(path, Edits(), overwrite=False)
     monkeypatch.setattr("addon.io.text.compact", lambda _: (_ for _ in ()).throw(RuntimeError))
     with pytest.raises(RuntimeError):
         write_edits(path, Edits((Right("B"),)))

@@ -106,7 +106,7 @@ def test_whatever_is_no_sentence_is_a_fault(answer, said, tmp_path):
 
 
 PLANTED = """
-import os, signal, socket, subprocess, sys, time, warnings
+import os, signal, sys, time, warnings
 import tests.fuzz as fuzz, tests.fuzz.watched as watched
 def blocked():
     signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM, signal.SIGPROF})
@@ -133,11 +133,8 @@ MISCHIEF = [
     ("os._exit(9)", "the process ended with 9"),
     ("slow()", "TooSlowError: takes over 0.5 s"),
     ("bytes(3 << 30)", "takes over 1024 MB"),
-    ("open(path.parent / 'beside', 'w').close()", "writes"),
-    ("os.rename(path, path.parent / 'other')", "os.rename: writes"),
-    ("open('/etc/hosts').read()", "reads /etc/hosts"),
+    ("open(path.parent / 'beside', 'w').close()", "leaves something beside"),
     ("open(os.path.join(os.environ['TMPDIR'], 'rest'), 'w').close()", "leaves ['rest']"),
-    ("socket.create_connection(('127.0.0.1', 9))", "socket"),
     ("warnings.warn('odd')", "UserWarning: odd"),
     ("open(path)", "cannot be raised: ResourceWarning"),
     ("blocked()", "the process ended with 1"),

@@ -25,8 +25,7 @@ READERS = {"read_text", "read_bytes", "fromfile", "memmap", "loadtxt", "genfromt
 OWN = {
     ("io/source.py", "open_binary"): "the one way",
     ("io/source.py", "open_at_once"): "a part of it",
-    ("io/tables.py", "_read"): "a scratch file",
-    ("io/tables.py", "__setitem__"): "a scratch file",
+    ("io/tables.py", "_mapped"): "a scratch file",
     ("io/rows.py", "parse_plain"): "bytes in memory",
     ("io/poses.py", "write_cache"): "what is being written",
     ("io/scratch.py", "_take_away"): "a lock, which is opened to be locked",
@@ -67,6 +66,15 @@ def test_nothing_else_opens_a_file_to_read_it():
         for function, _ in openings(path)
     }
     assert found == OWN.keys()
+
+
+def test_what_reads_files_starts_no_process_and_asks_no_network():
+    never = ("socket", "subprocess", "multiprocessing", "pickle", "urllib.request", "http.client", "webbrowser")
+    for path in (ADDON / "io").rglob("*.py"):
+        imports = [one for one in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if hasattr(one, "names")]
+        named = [alias.name for one in imports if isinstance(one, ast.Import) for alias in one.names]
+        named += [one.module or "" for one in imports if isinstance(one, ast.ImportFrom)]
+        assert not [name for name in named if name.startswith(never)], path
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from addon.io.c3d.reading import C3dHead, open_c3d
-from addon.io.samples import Samples
+from addon.io.c3d.reading import open_c3d
+from addon.io.samples import PointFile, Samples
 
 
 def dense(frames: int, count: int, parts: Iterable[Samples]) -> tuple[np.ndarray, np.ndarray]:
@@ -19,9 +19,9 @@ def dense(frames: int, count: int, parts: Iterable[Samples]) -> tuple[np.ndarray
     return xyz, residual
 
 
-@dataclass(frozen=True, eq=False)
-class WholeC3d(C3dHead):
-    """What a C3D file's head says, `xyz` (T, P, 3) and `residual` (T, P) in the file's units."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WholeC3d(PointFile):
+    """What a C3D file says of its points, `xyz` (T, P, 3) and `residual` (T, P) in the file's units."""
 
     xyz: np.ndarray
     residual: np.ndarray
@@ -29,6 +29,6 @@ class WholeC3d(C3dHead):
 
 def read_c3d(path: Path, rate: float | None = None) -> WholeC3d:
     """A whole C3D file."""
-    with open_c3d(path, rate) as (head, parts):
-        xyz, residual = dense(head.frames, len(head.labels), parts())
-        return WholeC3d(**vars(head), xyz=xyz * head.scales[0], residual=residual * head.scales[1])
+    with open_c3d(path, rate, everything=True) as head:
+        xyz, residual = dense(head.frames, head.count, head.parts())
+        return WholeC3d(**vars(head), xyz=xyz * head.scale[0], residual=residual * head.scale[1])

@@ -9,13 +9,13 @@ from ... import jobs
 from ...blendfile import has_blender, open_cameras
 from ...core.data.errors import InputError
 from ...core.data.wording import words_of_range
-from ...io.edits import edits_beside, open_edits
+from ...io.edits import edits_beside
 from ...io.points import holds_points
 from ...io.qtm.capture import is_qtm
 from ...io.whole import keep_apart
 from ...jobs.job import calibration_for, told_by_capture
 from ..arguments import job_of
-from .options import check_models, subject_words, worn_in
+from .options import check_models, subject_words
 
 if TYPE_CHECKING:
     from ...jobs.pages import BatchSummary
@@ -51,10 +51,9 @@ def summary_of(arguments) -> "BatchSummary | None":
     page = arguments.summary or (arguments.html and (arguments.watch or len(arguments.inputs) > 1))
     if not page and not arguments.watch:
         return None
-    from ...jobs.pages import BatchSummary, summary_paths
+    from ...jobs.pages import BatchSummary
 
-    stems = [] if arguments.watch else [path.stem for path in arguments.inputs]
-    summary = BatchSummary(*summary_paths(arguments.out, stems, arguments.summary, page))
+    summary = BatchSummary(arguments.out, arguments.summary, page)
     if not arguments.watch:
         for path in arguments.inputs:
             summary.wait_for(path)
@@ -86,14 +85,9 @@ def check(arguments):
     keep_apart({path for take in takes for path in take.read}, written + pages)
     if summary is not None:
         summary.check(arguments.overwrite, arguments.resume)
-    model = check_models(arguments)
-    cameras = open_cameras(arguments.cameras, arguments.up) if blobs and arguments.cameras else None
-    if len(takes) == 1:  # of many each is told on its own, and the others are labelled
-        [take] = takes
-        if blobs and cameras is None:
-            cameras = open_cameras(take.cameras, arguments.up)
-        named = worn_in(take) if take.several else model.markerset
-        open_edits(take.edits_applied, take.source, named, cameras=cameras and cameras.names)
+    check_models(arguments)
+    if blobs and arguments.cameras:  # once, and not for each of the takes
+        open_cameras(arguments.cameras, arguments.up)
 
 
 def check_rest(arguments):

@@ -8,14 +8,10 @@ from pathlib import Path
 
 from ... import jobs
 from ...core.data.errors import InputError
-from ...core.points.models import Model
 from ...core.points.several.wearers import (
     AUTO,
     MAX_SUBJECTS,
     NAME_RULE,
-    SetsWorn,
-    SeveralOptions,
-    Wearer,
     as_compared,
     is_subject_name,
 )
@@ -78,26 +74,18 @@ def settle_subjects(arguments):
     arguments.subjects = 1 if arguments.subjects is None else arguments.subjects
 
 
-def check_models(arguments) -> Model:
-    """The model of whoever is first; InputError where one is not there, or is none for several subjects."""
+def check_models(arguments):
+    """Raises InputError where a model is not there, or is none for several subjects."""
     from ...core.points.naming import chosen_method, plain_method
 
-    model = open_model(arguments.model)
+    open_model(arguments.model)
     if arguments.subjects == 1 and not arguments.subject:
-        return model
+        return
     for name in dict.fromkeys([arguments.model, *(worn for _, worn in arguments.subject)]):
         if plain_method(arguments.method) == "fit" or chosen_method(open_model(name), arguments.method) != "likelihood":
             words = f"several subjects need a model that names by likelihood, and {name} is not asked to"
             way = "--method auto, which names blobs by their points"
             raise InputError(f"{words}; expected {way}, and a model made by train")
-    return model
-
-
-def worn_in(take: jobs.LabelJob) -> SetsWorn:
-    """The marker sets of all who may be in a take."""
-    if not take.wearers:
-        return SeveralOptions(open_model(take.model), take.subjects).possible
-    return SetsWorn(tuple(Wearer(name, open_model(model)) for name, model in take.wearers))
 
 
 def subject_words(model: str, subjects: int, wearers: Sequence[tuple[str, str]]) -> list[str]:

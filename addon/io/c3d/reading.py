@@ -5,8 +5,9 @@ Everything is said twice or more in a C3D file, and programs that write it err i
 file is the witness: the claim that fills it is right.
 """
 
+import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ import numpy as np
 from ...core.data.errors import InputError
 from ...core.data.lanes import blocks
 from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
-from ..samples import Parts, Samples
+from ..samples import PointFile, Samples
 from ..source import BytesOnDisk
 
 KIND = "a C3D file"
@@ -295,44 +296,41 @@ def _unfinished(file: C3dFile, start: int) -> FileLayout:
     return FileLayout(start, points, analog, frames, claims[0][1] if claims else 1, 0, (note,))
 
 
-@dataclass(frozen=True, eq=False)
-class C3dHead:
-    """What a C3D file says of its points.
-
-    labels      P names
-    frames      how many
-    rate        frames a second
-    first_frame number of the first frame
-    texts       text parameters, lists of texts by "GROUP:NAME"
-    notes       where the file contradicts itself and what was done about it, in sentences
-    scales      what the numbers of a sample are times, to be in the file's units: its place, and its residual
-    """
-
-    labels: list[str]
-    frames: int
-    rate: float
-    first_frame: int
-    texts: dict[str, list[str]]
-    notes: tuple[str, ...]
-    scales: tuple[float, float]
+# Groups of Vicon's model outputs; TYPE_GROUPS of a file may name more.
+OUTPUT_GROUPS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MARKERS", "REACTIONS")
+_COMPUTED = re.compile(r"[LR]?[HKASEW]JC\w*|cent(?:re|er)ofmass\w*", re.IGNORECASE)
 
 
 @contextmanager
-def open_c3d(path: Path, rate: float | None = None) -> Iterator[tuple[C3dHead, Parts]]:
-    """A file's head, and the numbers of its samples, which are read from disk part by part.
+def open_c3d(path: Path, rate: float | None = None, everything: bool = False) -> Iterator[PointFile]:
+    """What a file says of its points, the markers among them or `everything`; samples are read from disk part by part.
 
     `rate` is used where the file says none.
-    Raises InputError where the file is no C3D file, is damaged or cut off, has no points, or no rate is known.
+    Raises InputError where the file is no C3D file, is damaged or cut off, has no markers, or no rate is known.
     """
     with BytesOnDisk(path) as content:
         file = C3dFile(content, path)
         layout = find_layout(file)
         rate, notes = _rate(file, rate)
         texts = {key: file.texts(key) for key, parameter in file.parameters.items() if parameter.kind == -1}
-        labels, notes = _labels(texts, layout.points), layout.notes + notes
-        scales = (1.0 if file.scale < 0 else file.scale), abs(file.scale)
-        head = C3dHead(labels, layout.frames, rate, layout.first, texts, notes, scales)
-        yield head, lambda: _parts(file, layout)
+        labels = _labels(texts, layout.points)
+        columns = np.arange(len(labels)) if everything else marker_indices(labels, texts)
+        if not len(columns):
+            raise InputError("has no markers among its points; expected a take with markers", path)
+        unit, word = (next(iter(texts.get(f"POINT:{name}", [])), "") for name in ("UNITS", "Y_SCREEN"))
+        yield PointFile(
+            [labels[index] for index in columns],
+            columns,
+            len(labels),
+            layout.frames,
+            rate,
+            layout.first,
+            lambda: _parts(file, layout),
+            unit.lower(),
+            word.upper(),
+            scale=(1.0 if file.scale < 0 else file.scale, abs(file.scale)),
+            notes=layout.notes + notes,
+        )
 
 
 def _rate(file: C3dFile, given: float | None) -> tuple[float, tuple[str, ...]]:
@@ -393,3 +391,27 @@ def _labels(texts: dict[str, list[str]], count: int) -> list[str]:
         labels += texts[f"POINT:LABELS{number}"]
         number += 1
     return (labels + [""] * count)[:count]
+
+
+def marker_indices(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> np.ndarray:
+    """Which points are markers, by the file's own groups and by the names that Vicon's models use."""
+    groups = [*OUTPUT_GROUPS, *texts.get("POINT:TYPE_GROUPS", [])[::2]]
+    outputs = {name for group in groups for name in texts.get(f"POINT:{group.upper()}", [])}
+    computed = {one for one in labels if one in outputs or _COMPUTED.fullmatch(one.rpartition(":")[2])} | _axes(labels)
+    if outputs - {""}:
+        computed |= _variants(labels)
+    return np.array([index for index, label in enumerate(labels) if label not in computed], dtype=int)
+
+
+def _axes(labels: Sequence[str]) -> set[str]:
+    """The origin and the three axes of a segment: four names that differ in their last letter, O A L P."""
+    present = set(labels)
+    stems = {label[:-1] for label in labels if len(label) >= 4 and label.endswith("O")}
+    return {stem + end for stem in stems for end in "OALP" if all(stem + other in present for other in "OALP")}
+
+
+def _variants(labels: Sequence[str]) -> set[str]:
+    """Virtual points of a model, numbered after a marker or from zero: LTIB1 beside LTIB, LFOF0 to LFOF3."""
+    present = set(labels)
+    numbered = [(label, re.fullmatch(r"(.{3,}[A-Za-z])\d", label)) for label in labels]
+    return {label for label, match in numbered if match and (match[1] in present or match[1] + "0" in present)}

@@ -110,14 +110,14 @@ def _view(
     parts: list[Html | None] = [drawn.floor()]
     for joint, parent in enumerate(parents[: len(moment.joints)]):
         if parent >= 0:
-            parts.append(drawn.bone(moment.joints[parent], moment.joints[joint]))
+            parts.append(drawn.line(moment.joints[parent], moment.joints[joint], "bone"))
     parts += [drawn.cross(place) for place in moment.others]
     doubtful = list(moment.doubtful)
     plain = [index for index in range(len(names)) if index not in doubtful]
     parts += [drawn.circle(moment.markers[index], "dot", 3.2) for index in plain]
     taken: list[tuple[float, float, float]] = []
     for index in doubtful:
-        parts.append(drawn.between(moment.markers[index], moment.expected[index]))
+        parts.append(drawn.line(moment.markers[index], moment.expected[index], "body"))
         parts.append(drawn.circle(moment.expected[index], "body", 5))
         parts.append(drawn.circle(moment.markers[index], "doubt", 3.6))
         parts.append(drawn.circle(moment.markers[index], "ring", 9))
@@ -178,13 +178,7 @@ class _Canvas:
         y = round(VIEW_HEIGHT / 2 + float(self.middle[1]) * self.scale, 1)
         return element("path", class_="grid", d=f"M10 {y}H{VIEW - 10}") if 0 < y < VIEW_HEIGHT else None
 
-    def bone(self, one: np.ndarray, other: np.ndarray) -> Html | None:
-        return self._line(one, other, "bone")
-
-    def between(self, one: np.ndarray, other: np.ndarray) -> Html | None:
-        return self._line(one, other, "body")
-
-    def _line(self, one: np.ndarray, other: np.ndarray, kind: str) -> Html | None:
+    def line(self, one: np.ndarray, other: np.ndarray, kind: str) -> Html | None:
         a, b = self.at(one), self.at(other)
         return None if a is None or b is None else element("path", class_=kind, d=f"M{a[0]} {a[1]}L{b[0]} {b[1]}")
 

@@ -2,7 +2,7 @@
 """What a `.qtm` holds: cameras, each with blobs and calibration, trajectories, rate, and what of it is read."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from pathlib import Path
 from typing import Self
@@ -31,15 +31,25 @@ MAX_CAMERA_TURN = 1e-6  # by which a stored rotation may differ from one: they h
 
 
 @dataclass(frozen=True, eq=False)
-class CameraPart:
-    """What a file says of one camera: its name, and its calibration or the `trouble` with that, such as "is …"."""
+class QtmCamera:
+    """One camera of a capture.
+
+    name         its serial number, as calibrations name it
+    calibration  where it stands and how it sees; None where the file does not say, and the `trouble` with it, "is …"
+    number       of the data series of its blobs
+    ranges       (N, 2) first and last frames, both included, that these are of
+    seen         whether there are any: of video cameras there are none
+    """
 
     name: str
     calibration: RigCamera | None
     trouble: str = ""
+    number: int = -1
+    ranges: np.ndarray = field(default_factory=lambda: np.empty((0, 2), np.int64))
+    seen: bool = False
 
 
-def read_camera_part(container: Container, number: int) -> CameraPart:
+def read_camera(container: Container, number: int) -> QtmCamera:
     """The camera of that number, from 1; InputError where what is said of it is not laid out as it should be."""
     name = f"Measurement/Cameras/Camera - {number}"
     cursor = Cursor(container.stream(name).whole(MAX_CAMERA_BYTES), name, container.path)
@@ -51,64 +61,38 @@ def read_camera_part(container: Container, number: int) -> CameraPart:
         raise InputError(f"has no serial number of camera {number}; expected {KIND}", container.path)
     serial = str(int.from_bytes(said[SERIAL], "little"))
     if said.get(CALIBRATED) != b"\1":
-        return CameraPart(serial, None, "is not calibrated")
+        return QtmCamera(serial, None, "is not calibrated")
     return _calibrated(serial, said)
 
 
-def _calibrated(serial: str, said: dict[int, bytes]) -> CameraPart:
+def _calibrated(serial: str, said: dict[int, bytes]) -> QtmCamera:
     """A camera looks along its own -x, with y to the right and z up: turned to our z, x and -y."""
     wanted = dict.fromkeys((*CAMERA_POSITION, *CAMERA_ROTATION), 8) | {LAST_COLUMN: 4, LAST_ROW: 4}
     lens_bytes = LENS_START + 4 * (LENS_NUMBERS + LENS_REST)
     odd = any(len(said.get(what, b"")) != size for what, size in wanted.items())
     if odd or len(said.get(CAMERA_LENS, b"")) < lens_bytes:
-        return CameraPart(serial, None, "has a calibration that is laid out in a way that is not known")
+        return QtmCamera(serial, None, "has a calibration that is laid out in a way that is not known")
     lens = np.frombuffer(said[CAMERA_LENS], "<f4", LENS_NUMBERS + LENS_REST, LENS_START).astype(float)
     position = np.frombuffer(b"".join(said[what] for what in CAMERA_POSITION), "<f8") / 1000
     stored = np.frombuffer(b"".join(said[what] for what in CAMERA_ROTATION), "<f8").reshape(3, 3)
     size = np.array([int.from_bytes(said[what], "little") + 1 for what in (LAST_COLUMN, LAST_ROW)], float)
     numbers = np.concatenate([lens, position, stored.ravel(), size])
     if not (np.abs(numbers) < MAX_CAMERA_NUMBER).all() or not (lens[:2] > 0).all():
-        return CameraPart(serial, None, "has a calibration that is none of any camera")
+        return QtmCamera(serial, None, "has a calibration that is none of any camera")
     if lens[LENS_NUMBERS:].any():
-        return CameraPart(serial, None, "has a lens of a kind that is not known")
+        return QtmCamera(serial, None, "has a lens of a kind that is not known")
     if np.abs(stored @ stored.T - np.eye(3)).max() > MAX_CAMERA_TURN or np.linalg.det(stored) < 0:
-        return CameraPart(serial, None, "has a calibration that is none of any camera")
+        return QtmCamera(serial, None, "has a calibration that is none of any camera")
     rotation = np.stack([stored[1], -stored[2], -stored[0]])
     (fu, fv, cu, cv), distortion = lens[:4] / SUBPIXELS, lens[4:LENS_NUMBERS]
     matrix = np.array([[fu, 0.0, cu], [0.0, fv, cv], [0.0, 0.0, 1.0]])
-    return CameraPart(serial, RigCamera(serial, size, matrix, distortion, rotation, -rotation @ position))
+    return QtmCamera(serial, RigCamera(serial, size, matrix, distortion, rotation, -rotation @ position))
 
 
 BLOB_DATA, CAMERA_DATA = "2dData", "2dCameraData"
 POINT_DATA, TRAJECTORY_DATA = "Trajectories", "Trajectory"
 LZO1X = 1  # in the field "Series Compression"
 DISCARDED = 2  # in the field "Trajectory Type": what a person or the program threw away
-
-
-@dataclass(frozen=True, eq=False)
-class QtmCamera:
-    """One camera of a capture.
-
-    part    what the file says of it: its name, and its calibration or why there is none
-    number  of the data series of its blobs
-    ranges  (N, 2) first and last frames, both included, that these are of
-    seen    whether there are any: of video cameras there are none
-    """
-
-    part: CameraPart
-    number: int
-    ranges: np.ndarray
-    seen: bool
-
-    @property
-    def name(self) -> str:
-        """Its serial number, as calibrations name it."""
-        return self.part.name
-
-    @property
-    def calibration(self) -> RigCamera | None:
-        """Where it stands and how it sees; None where the file does not say."""
-        return self.part.calibration
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +147,7 @@ class QtmCapture:
         """The others, each with the reason: "15478 is not calibrated"."""
         usable = {id(camera) for camera in self.usable}
         return [
-            f"{camera.name} {camera.part.trouble or 'recorded no blobs (a video camera)'}"
+            f"{camera.name} {camera.trouble or 'recorded no blobs (a video camera)'}"
             for camera in self.cameras
             if id(camera) not in usable
         ]
@@ -192,19 +176,20 @@ class QtmCapture:
             raise InputError(
                 f"has {len(named)} cameras and the blobs of {len(items)}; expected as many of both", self.path
             )
-        parts = [read_camera_part(self.container, number) for number in sorted(named)]
-        return [self._camera(part, item) for part, item in zip_longest(parts, items)]
+        cameras = [read_camera(self.container, number) for number in sorted(named)]
+        return [self._recorded(camera, item) for camera, item in zip_longest(cameras, items)]
 
     def _camera_names(self) -> list[str]:
         names = self.container.names("Measurement/Cameras")
         return [name for name in names if name.startswith("Camera - ") and name[len("Camera - ") :].isdecimal()]
 
-    def _camera(self, part: CameraPart, item: Item | None) -> QtmCamera:
+    def _recorded(self, camera: QtmCamera, item: Item | None) -> QtmCamera:
+        """The camera with what is known of its blobs."""
         number = None if item is None else item.number("Series ID")
         if item is None or number is None:
-            return QtmCamera(part, -1, np.empty((0, 2), np.int64), seen=False)
-        ranges = self._ranges(item, f"camera {part.name}")
-        return QtmCamera(part, number, ranges, bool(len(ranges)) and self.series(number).size > 0)
+            return camera
+        ranges = self._ranges(item, f"camera {camera.name}")
+        return replace(camera, number=number, ranges=ranges, seen=bool(len(ranges)) and self.series(number).size > 0)
 
     def _trajectories(self, points: Item | None) -> list[QtmTrajectory]:
         found: list[QtmTrajectory] = []

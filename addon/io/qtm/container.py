@@ -403,38 +403,31 @@ def _limited(count: int, cursor: Cursor) -> int:
 
 def read_items(container: Container, schema: Schema) -> Item:
     """The root of the tree of items; InputError where it is not understood."""
-    cursor = Cursor(container.stream(ITEMS).whole(MAX_ITEM_BYTES), ITEMS, container.path)
-    tree = _Tree(cursor, schema)
-    root = tree.rest_of("", 0)
-    if cursor.at != len(cursor.content):
-        raise cursor.trouble("goes on behind its end")
-    return root
+    cursor, kinds, known = Cursor(container.stream(ITEMS).whole(MAX_ITEM_BYTES), ITEMS, container.path), schema.kinds, 0
 
+    def item(depth: int) -> Item:
+        nonlocal known
+        kind, _ = cursor.word(), cursor.word()
+        known += 1
+        if known > MAX_ITEMS or depth > MAX_DEPTH:
+            raise cursor.trouble("has too many items")
+        return rest_of(kinds[kind - 1][0] if 0 < kind <= len(kinds) else "", depth)
 
-class _Tree:
-    """Reads items within items."""
-
-    def __init__(self, cursor: Cursor, schema: Schema):
-        self.cursor, self.schema, self.count = cursor, schema, 0
-
-    def item(self, depth: int) -> Item:
-        kind, _ = self.cursor.word(), self.cursor.word()
-        self.count += 1
-        if self.count > MAX_ITEMS or depth > MAX_DEPTH:
-            raise self.cursor.trouble("has too many items")
-        kinds = self.schema.kinds
-        return self.rest_of(kinds[kind - 1][0] if 0 < kind <= len(kinds) else "", depth)
-
-    def rest_of(self, kind: str, depth: int) -> Item:
+    def rest_of(kind: str, depth: int) -> Item:
         """The item behind its kind and number: fields, ranges, items within, and in which order these are shown."""
-        cursor, fields = self.cursor, {}
+        fields = {}
         for _ in range(cursor.word()):
             number, size = cursor.word(), cursor.word()
-            known = 0 < number <= len(self.schema.fields)
-            fields[self.schema.fields[number - 1].name if known else str(number)] = cursor.bytes(size)
+            name = schema.fields[number - 1].name if 0 < number <= len(schema.fields) else str(number)
+            fields[name] = cursor.bytes(size)
         ranges = cursor.words(2 * cursor.word()).reshape(-1, 2)
-        within = [self.item(depth + 1) for _ in range(cursor.word())]
+        within = [item(depth + 1) for _ in range(cursor.word())]
         for _ in range(cursor.word()):
             cursor.word()
             cursor.words(cursor.word())
         return Item(kind, fields, ranges, within)
+
+    root = rest_of("", 0)
+    if cursor.at != len(cursor.content):
+        raise cursor.trouble("goes on behind its end")
+    return root

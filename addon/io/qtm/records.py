@@ -40,9 +40,8 @@ def rows_of_qtm(path: Path, cameras: Cameras) -> Iterator[tuple[Rows, float, boo
             names = ", ".join(camera.name for camera in recorded[:6]) or "none at all"
             few = ", ".join(cameras.names[:6])
             raise InputError(f"has blobs of the cameras {names}; expected some of the calibration's, {few}", path)
-        streams = [FrameStream(capture, camera) for camera in known]
         index = [cameras.names.index(camera.name) for camera in known]
-        yield from _rows(streams, index, frames_of(known, path), path)
+        yield from _rows(capture, known, index, frames_of(known, path))
 
 
 def frames_of(cameras: list[QtmCamera], path: Path) -> np.ndarray:
@@ -56,25 +55,32 @@ def frames_of(cameras: list[QtmCamera], path: Path) -> np.ndarray:
 
 
 def _rows(
-    streams: list["FrameStream"], cameras: list[int], ranges: np.ndarray, path: Path
+    capture: QtmCapture, cameras: Sequence[QtmCamera], index: Sequence[int], ranges: np.ndarray
 ) -> Iterator[tuple[Rows, float, bool]]:
+    unwanted = capture.schema.bits(CAMERA_DATA, "Flags", row=True).get(DISCARDED_BLOB, 0)
+    streams = [_frames(capture, camera) for camera in cameras]
     total, done = int((ranges[:, 1] - ranges[:, 0] + 1).sum()), 0
-    ahead = BYTES_AT_ONCE // len(streams)
     while done < total:
-        count = min(stream.ahead(min(IMAGES_AT_ONCE, total - done), ahead) for stream in streams)
-        if not count:
-            raise InputError(f"ends after {done} of {total} frames of blobs; expected all of them", path)
-        frames = _numbers(ranges, done, count)
-        taken = [(stream, camera, *stream.take(count)) for stream, camera in zip(streams, cameras, strict=True)]
-        rows = Rows.join([_part(stream, camera, counts, cells, frames) for stream, camera, counts, cells in taken])
-        done += count
+        taken: list[list[np.ndarray]] = []
+        size = 0
+        while len(taken) < min(IMAGES_AT_ONCE, total - done) and size < BYTES_AT_ONCE:
+            taken.append([one for stream in streams if (one := next(stream, None)) is not None])
+            if len(taken[-1]) < len(streams):
+                words = f"ends after {done + len(taken) - 1} of {total} frames of blobs"
+                raise InputError(f"{words}; expected all of them", capture.path)
+            size += sum(one.nbytes for one in taken[-1])
+        frames = _numbers(ranges, done, len(taken))
+        parts = zip(cameras, index, zip(*taken, strict=True), strict=True)
+        rows = Rows.join([_part(camera.name, at, own, frames, unwanted, capture.path) for camera, at, own in parts])
+        done += len(taken)
         order = np.argsort(rows.frame, kind="stable")
         keys = [rows.keys[at] for at in order.tolist()]
         rows = Rows(rows.frame[order], rows.camera[order], rows.xy[order], rows.area[order], keys, rows.lines)
         yield rows, done / total, done == total
-    for stream in streams:
-        if stream.ahead(1, 1):
-            raise InputError(f"has blobs of {stream.name} behind the last of {total} frames; expected {KIND}", path)
+    for camera, stream in zip(cameras, streams, strict=True):
+        if next(stream, None) is not None:
+            words = f"has blobs of {camera.name} behind the last of {total} frames"
+            raise InputError(f"{words}; expected {KIND}", capture.path)
 
 
 def _numbers(ranges: np.ndarray, start: int, count: int) -> np.ndarray:
@@ -86,83 +92,52 @@ def _numbers(ranges: np.ndarray, start: int, count: int) -> np.ndarray:
     return ranges[part, 0] + at - (ends - lengths)[part]
 
 
-def _part(stream: "FrameStream", camera: int, counts: np.ndarray, cells: np.ndarray, frames: np.ndarray) -> Rows:
-    """The rows of one camera: its blobs, so many in each of the frames."""
-    frame = np.repeat(frames, counts)
-    if stream.unwanted:
-        kept = (cells["Flags"] & stream.unwanted) == 0
+def _part(name: str, camera: int, blobs: Sequence[np.ndarray], frames: np.ndarray, unwanted: int, path: Path) -> Rows:
+    """The rows of one camera: its blobs in each of the frames but those with an unwanted flag."""
+    frame, cells = np.repeat(frames, [len(one) for one in blobs]), np.concatenate(blobs)
+    if unwanted:
+        kept = (cells["Flags"] & unwanted) == 0
         frame, cells = frame[kept], cells[kept]
     x, y = cells["X"] / SUBPIXELS, cells["Y"] / SUBPIXELS
     if max(np.abs(x).max(initial=0), np.abs(y).max(initial=0)) > MAX_PIXEL:
-        raise InputError(f"has a blob of camera {stream.name} that is on no image; expected pixels", stream.path)
+        raise InputError(f"has a blob of camera {name} that is on no image; expected pixels", path)
     # Of an ellipse of these diameters.
     area = np.pi / 4 * cells["Diameter X"].astype(float) * cells["Diameter Y"] / SUBPIXELS**2
     keys = [
-        f"{number},{stream.name},{u:.3f},{v:.3f}"
-        for number, u, v in zip(frame.tolist(), x.tolist(), y.tolist(), strict=True)
+        f"{number},{name},{u:.3f},{v:.3f}" for number, u, v in zip(frame.tolist(), x.tolist(), y.tolist(), strict=True)
     ]
     none = np.zeros(len(frame), np.int64)  # there are no lines
     return Rows(frame.astype(np.int64), np.full(len(frame), camera), np.column_stack([x, y]), area, keys, none)
 
 
-class FrameStream:
-    """The frames of one camera, one after the other.
+def _frames(capture: QtmCapture, camera: QtmCamera) -> Iterator[np.ndarray]:
+    """The blobs of one frame after the other; InputError where the series ends within a frame, or a frame is none.
 
     A record is a head, how many blobs there are, and these: where a frame begins is known when the one before is.
     """
+    head, cell = capture.schema.record(CAMERA_DATA)
+    if cell is None or any(name not in (cell.names or ()) for name in ("X", "Y", "Diameter X", "Diameter Y")):
+        raise InputError(f"describes no blobs with X, Y and diameters; expected {KIND}", capture.path)
+    blocks, content = capture.series(camera.number).blocks(), b""
 
-    def __init__(self, capture: QtmCapture, camera: QtmCamera):
-        self.name, self.path = camera.name, capture.path
-        head, cell = capture.schema.record(CAMERA_DATA)
-        if cell is None or any(name not in (cell.names or ()) for name in ("X", "Y", "Diameter X", "Diameter Y")):
-            raise InputError(f"describes no blobs with X, Y and diameters; expected {KIND}", self.path)
-        self.cell, self.skip = cell, head.itemsize
-        self.unwanted = capture.schema.bits(CAMERA_DATA, "Flags", row=True).get(DISCARDED_BLOB, 0)
-        self._blocks = capture.series(camera.number).blocks()
-        self._bytes = b""
-        self._frames: list[tuple[int, int]] = []  # of those that were looked at: where the blobs begin, and how many
+    def filled(size: int) -> int:
+        """How many bytes there are, once there are as many as `size` or no more."""
+        nonlocal content
+        while len(content) < size and (block := next(blocks, None)) is not None:
+            content += block
+        return len(content)
 
-    def ahead(self, count: int, size: int) -> int:
-        """How many frames are at hand, `count` at most and one at least unless there is none; up to so many bytes.
-
-        InputError where the series ends within a frame, or a frame is none.
-        """
-        while len(self._frames) < count and self._end < max(size, 1):
-            at = self._end
-            begin = at + self.skip + BLOB_COUNT.itemsize
-            if self._filled(begin) == at:
-                break
-            blobs = int.from_bytes(self._bytes[begin - BLOB_COUNT.itemsize : begin], "little")
-            if blobs > MAX_A_FRAME:
-                words = f"has a frame of {blobs} blobs of camera {self.name}"
-                raise InputError(f"{words}; expected at most {MAX_A_FRAME}", self.path)
-            if self._filled(begin + blobs * self.cell.itemsize) < begin + blobs * self.cell.itemsize:
-                raise InputError(f"ends within a frame of camera {self.name}; expected {KIND}", self.path)
-            self._frames.append((begin, blobs))
-        return min(len(self._frames), count)
-
-    @property
-    def _end(self) -> int:
-        """Where the last frame that was looked at ends."""
-        begin, blobs = self._frames[-1] if self._frames else (0, 0)
-        return begin + blobs * self.cell.itemsize
-
-    def _filled(self, end: int) -> int:
-        """How many bytes there are, once there are as many as `end` or no more."""
-        while len(self._bytes) < end and (block := next(self._blocks, None)) is not None:
-            self._bytes += block
-        return len(self._bytes)
-
-    def take(self, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """How many blobs each of the next frames has (count,), and the blobs of all of them; they are at hand."""
-        frames, rest = self._frames[:count], self._frames[count:]
-        found = np.concatenate([np.frombuffer(self._bytes, self.cell, blobs, begin) for begin, blobs in frames])
-        self._frames = frames
-        end = self._end
-        # What was taken goes, and what is at hand begins anew.
-        self._bytes = self._bytes[end:]
-        self._frames = [(begin - end, blobs) for begin, blobs in rest]
-        return np.array([blobs for _, blobs in frames]), found
+    begin = head.itemsize + BLOB_COUNT.itemsize
+    while filled(begin):
+        count = int.from_bytes(content[head.itemsize : begin], "little")
+        if count > MAX_A_FRAME:
+            words = f"has a frame of {count} blobs of camera {camera.name}"
+            raise InputError(f"{words}; expected at most {MAX_A_FRAME}", capture.path)
+        end = begin + count * cell.itemsize
+        if filled(end) < end:
+            raise InputError(f"ends within a frame of camera {camera.name}; expected {KIND}", capture.path)
+        yield np.frombuffer(content, cell, count, begin)
+        content = content[end:]
 
 
 COORDINATES, POINT_RESIDUAL, POINT_TYPE = ("X", "Y", "Z"), "Residual", "Point Type"
