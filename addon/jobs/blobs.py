@@ -14,13 +14,13 @@ from ..core.data.progress import Progress
 from ..core.data.takes import BY_EDIT, STEPS, Blobs, LabelledChunk, Points, Suspect
 from ..core.edits.applying import BLOB_EDITING
 from ..core.edits.blob_tracks import followed, wants_tracks
-from ..core.edits.kinds import Accepted, Edits
+from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import Cameras
 from ..core.papers.virtual_occlusions.occlusion import Occlusion
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of, with_edits
 from ..core.pipelines.others import OtherSubjects, refuse_two
 from ..core.points.handedness import MEND_BLOBS
-from ..core.review.answering import heard_in, without_accepted
+from ..core.review.answering import without_accepted
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.suspects import find_suspects
 from ..io.blobs import BlobRows, frames_in, read_blobs
@@ -103,14 +103,13 @@ class BlobTake(OpenTake):
         """What the motion of the chunk shows, and its suspects."""
         return find_suspects(chunk.motion, self.worn.markers, self.rate), chunk.suspects
 
-    def end(self) -> tuple[list[str], tuple[Suspect, ...], frozenset[Accepted]]:
+    def end(self) -> tuple[list[str], tuple[Suspect, ...]]:
         """What is wrong with the cameras; JobError where two subjects are there."""
         if self.others is not None:
             self.others.refuse()
-        noticed = self.check.suspects()
-        self.noticed = without_accepted(noticed, self.edits)
+        self.noticed = without_accepted(self.check.suspects(), self.edits)
         notes = self.job.doubted(self.check.refuse) if self.noticed else []
-        return notes, self.noticed, heard_in(self.edits, noticed)
+        return notes, self.noticed
 
     def facts(self, results: Results) -> dict:
         """What the report of blobs says beside what every report says."""

@@ -12,8 +12,8 @@ from ..core.data.errors import InputError
 from ..core.data.markersets import Worn
 from ..core.data.progress import Progress
 from ..core.data.takes import Blobs, EditOutcome, LabelledChunk, PointRows, Points, Suspect
-from ..core.edits.applying import joined, unless_heard
-from ..core.edits.kinds import Accepted, Edits
+from ..core.edits.applying import joined
+from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
 from ..core.points.handedness import Handedness
 from ..core.points.models import Model
@@ -178,8 +178,8 @@ class OpenTake:
         """What the motion of a part shows, and the suspects that are about it."""
         raise NotImplementedError
 
-    def end(self) -> tuple[list[str], tuple[Suspect, ...], frozenset]:
-        """What all of it shows: notes, suspects, and the edits that accept some; ForceableError where it cannot be."""
+    def end(self) -> tuple[list[str], tuple[Suspect, ...]]:
+        """What all of it shows: notes and suspects; ForceableError where it cannot be."""
         raise NotImplementedError
 
     def facts(self, results: "Results") -> dict:
@@ -239,7 +239,6 @@ class Results:
     chunks    the parts, where the job keeps them; of a take that is too long for keys only where the job is asked to
     notes     what a person should know of the whole take
     outcomes  what became of the edits in each part
-    heard     the edits that accept a doubt that there was
     """
 
     def __init__(self, job: LabelJob, take: OpenTake, labels: Path, stack: ExitStack):
@@ -255,7 +254,6 @@ class Results:
         self.chunks: Chunks = []
         self.notes: list[str] = []
         self.outcomes: list[tuple[EditOutcome, ...]] = []
-        self.heard: frozenset[Accepted] = frozenset()
         self._doubtful: dict[str, list[list[int]]] = {name: [] for name in worn.markers}
 
     def add(self, rows: Blobs | PointRows, chunk: LabelledChunk, read: float):
@@ -267,7 +265,6 @@ class Results:
         self.trouble.add(rows, chunk.labels, chunk.motion)
         self._add_doubtful(rows, chunk)
         self.outcomes.append(chunk.outcomes)
-        self.heard |= chunk.heard
         if self.poses is not None:
             self.poses.append(chunk.motion, 1.0 if self.job.frames else read)
             if self.poses.long and not self.job.keep:
@@ -288,11 +285,10 @@ class Results:
                 known[-1][1] = spans.pop(0)[1]
             known += spans
 
-    def end(self, notes: list[str], suspects: tuple[Suspect, ...], heard: frozenset[Accepted]):
+    def end(self, notes: list[str], suspects: tuple[Suspect, ...]):
         """Adds what shows at the end of the take; MirroredError where that is that it is mirrored."""
         self.notes = [*notes, *self.job.doubted(self.handedness.refuse)]
         self.summary.suspects += suspects
-        self.heard |= heard
         if self.chunks and suspects:
             rows, last = self.chunks[-1]
             self.chunks[-1] = (rows, replace(last, suspects=(*last.suspects, *suspects)))
@@ -313,13 +309,12 @@ class Results:
 
     def judged(self) -> dict:
         """What the report says that a person should look at; asked once gaps are filled, which are no trouble then."""
-        self.heard |= self.trouble.accepted(self.summary.suspects)
         doubtful = {name: spans for name, spans in self._doubtful.items() if spans}
         return facts_of_trouble(self.trouble, self.summary.suspects) | {"doubtful": doubtful}
 
     def edits_done(self) -> tuple[EditOutcome, ...]:
         """What became of each edit."""
-        return unless_heard(joined(filter(None, self.outcomes)), self.take.edits, self.heard)
+        return joined(filter(None, self.outcomes))
 
 
 def _overview_of(take: OpenTake) -> "TakeOverview":

@@ -85,9 +85,9 @@ class PointTake(OpenTake):
         """What the motion shows, and all suspects."""
         return self.labelled.doubts, self.labelled.suspects
 
-    def end(self) -> tuple[list[str], tuple[Suspect, ...], frozenset]:
-        """Nothing is left to be noticed; some edits accept what the naming noticed."""
-        return [], (), self.labelled.heard
+    def end(self) -> tuple[list[str], tuple[Suspect, ...]]:
+        """Nothing is left to be noticed."""
+        return [], ()
 
     def facts(self, results: Results) -> dict:
         """What the report of points says beside what every report says."""

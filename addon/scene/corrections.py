@@ -12,16 +12,14 @@ import bpy
 import numpy as np
 
 from ..core.data.copies import Copies
-from ..core.data.takes import Motion, PointRows, Suspect
+from ..core.data.takes import Motion, PointRows
 from ..core.edits.blob_tracks import BlobTracks
-from ..core.edits.following import FollowedEdits, Following, Held, moved_frames
+from ..core.edits.following import Following, Held, moved_frames
 from ..core.edits.following_blobs import BlobFollowing, BlobGroup
 from ..core.edits.kinds import Edits
-from ..core.edits.replay import FREE
 from ..core.edits.rows import document_of, edits_of
 from ..core.geometry.measuring import measured_at, put_places
-from ..core.review.answering import SAID, Answers, unanswered, unanswered_of_blobs, without_accepted
-from ..core.review.suspects import called_by
+from ..core.review.answering import unanswered, without_accepted
 from .stored import Stored
 
 
@@ -75,7 +73,7 @@ class BlobCorrecting:
 
 def _open(stored: Stored, edits: Edits) -> tuple:
     """The doubts that no edit answers."""
-    return without_accepted(unanswered_of_blobs(stored.suspects, edits, stored.words), edits)
+    return without_accepted(unanswered(stored.suspects, edits, stored.words), edits)
 
 
 EDITS = "mocap_edits"
@@ -126,7 +124,7 @@ class PointCorrecting:
             stored,
             labels=followed.labels,
             motion=replace(stored.motion, markers=xyz, residual=off),
-            suspects=without_accepted(_unanswered(stored, followed, self._following), edits),
+            suspects=_open(stored, edits),
             edits=edits,
             outcomes=followed.outcomes,
             placed=tuple(followed.held.places),
@@ -154,20 +152,3 @@ class PointCorrecting:
 def following_of(stored: Stored) -> PointCorrecting | BlobCorrecting:
     """What works the edits of a take out; stored has the labels that the program gave."""
     return PointCorrecting(stored) if isinstance(stored.rows, PointRows) else BlobCorrecting(stored)
-
-
-def _unanswered(stored: Stored, followed: FollowedEdits, following: Following) -> tuple[Suspect, ...]:
-    """The suspects that no edit answers, called by the trajectories' own numbers as before."""
-    columns = np.array(sorted({one.trajectory for one in stored.suspects if one.trajectory is not None}), int)
-    column = {int(number): place for place, number in enumerate(columns)}
-    rule = np.full((len(stored.motion.frames), len(columns)), FREE, np.int8)
-    present = np.zeros(rule.shape, bool)
-    for number, place in column.items():
-        rows = following.rows_of(number)
-        present[stored.rows.frame[rows], place] = True
-        rule[stored.rows.frame[rows], place] = np.where(followed.said[rows], SAID, FREE)
-    asked = [
-        one if one.trajectory is None else replace(one, trajectory=column[one.trajectory]) for one in stored.suspects
-    ]
-    answers = Answers(rule, followed.right)
-    return called_by(unanswered(asked, answers, stored.words, int(stored.motion.frames[0]), present), columns)

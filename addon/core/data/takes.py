@@ -250,7 +250,6 @@ class LabelledChunk:
     seconds   time by stage
     unedited  what the program itself says, of which the take's edits give the labels; None where there are no edits
     outcomes  what became of each edit
-    heard     the edits that accept a doubt that there was
     """
 
     labels: Labels
@@ -259,7 +258,6 @@ class LabelledChunk:
     seconds: dict[str, float] = field(default_factory=dict)
     unedited: Labels | None = None
     outcomes: tuple[EditOutcome, ...] = ()
-    heard: frozenset = frozenset()
 
 
 def summed(one: dict[str, float], other: dict[str, float]) -> dict[str, float]:

@@ -6,7 +6,7 @@ given is changed. When the take was labelled again, it keeps `LabelledChunk.uned
 new labels.
 """
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -17,7 +17,7 @@ from ..data.lanes import Lanes
 from ..data.markersets import Worn
 from ..data.takes import Blobs, EditOutcome, Labels, Points
 from ..data.wording import listed
-from .kinds import EDIT_KINDS, Accepted, BlobEdit, Edit, Edits, Place, PointEdit, Swap
+from .kinds import EDIT_KINDS, BlobEdit, Edit, Edits, Place, PointEdit, Swap
 from .replay import Edited, Replay
 
 
@@ -283,15 +283,6 @@ def apply_edit(replay: Replay, edit: Edit, cells: Cells) -> EditOutcome:
     else:
         count = change(replay, rows, *marker)
     return EditOutcome(edit.verb.kind, count, "" if count else why or f"{_missing(edit)} in {_when(edit)}")
-
-
-def unless_heard(outcomes: Sequence[EditOutcome], edits: Edits, heard: Collection[Accepted]) -> tuple[EditOutcome, ...]:
-    """The outcomes, where whoever accepts what no review says found nothing; `heard` are those that one says."""
-    told = list(outcomes)
-    for index, edit in enumerate(edits if told else ()):
-        if isinstance(edit, Accepted) and edit not in heard and told[index].labels:
-            told[index] = EditOutcome(edit.verb.kind, 0, _missing(edit))
-    return tuple(told)
 
 
 def found_outside(edit: Edit) -> EditOutcome:

@@ -14,7 +14,7 @@ from ..data.copies import Copies
 from ..data.takes import BY_EDIT, NO_MARKER, NO_POINT, NO_STEP, EditOutcome, Labels, PointRows
 from .applying import apply_edit
 from .kinds import BlobEdit, Edit, Edits, PointEdit
-from .replay import FREE, Change, Replay
+from .replay import Change, Replay
 
 
 @dataclass(frozen=True)
@@ -85,15 +85,11 @@ class FollowedEdits:
 
     labels    of the points (N,)
     held      which of them is each marker
-    said      (N,) True where the edits say something of a point
-    right     (F, M) True where a marker was looked at
     outcomes  of each edit
     """
 
     labels: Labels
     held: Held
-    said: np.ndarray
-    right: np.ndarray
     outcomes: tuple[EditOutcome, ...]
 
 
@@ -127,11 +123,10 @@ class Following:
         self._go_back(same)
         for edit in edits.items[same:]:
             self._go_on(edit)
-        replay = self._replay
         *columns, rows, by_edit = self._copies.copy()
-        held = Held(rows, self._own, by_edit, dict(replay.places))
+        held = Held(rows, self._own, by_edit, dict(self._replay.places))
         outcomes = tuple(outcome for _, outcome, _ in self._done)
-        return FollowedEdits(Labels(*columns), held, replay.rule != FREE, replay.right.copy().T, outcomes)
+        return FollowedEdits(Labels(*columns), held, outcomes)
 
     def _begin(self) -> None:
         """Makes everything as it is without edits."""

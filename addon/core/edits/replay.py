@@ -28,7 +28,6 @@ class Edited:
     rule     (T, P) FREE; a marker, which the cell then is; M, which is none whoever asks; M + 1, which has no name
     refused  (T, P) the marker that a cell certainly is not, NO_MARKER where nobody said so
     claim    (T, M) the column that is each marker by an edit, NOBODY, or ANYBODY
-    right    (T, M) True where the marker was looked at
     swaps    rows and the two markers of each exchange, in their order
     """
 
@@ -36,7 +35,6 @@ class Edited:
     rule: np.ndarray
     refused: np.ndarray
     claim: np.ndarray
-    right: np.ndarray
     swaps: tuple[tuple[slice, int, int], ...]
 
     @property
@@ -89,7 +87,6 @@ class Replay:
     claim    (M, T) the cell that is a marker by an edit, NOBODY or ANYBODY, and
     rule     (N,) what is said of a cell, as in `Edited`
     refused  (N,) likewise
-    right    (M, T) True where a marker was looked at
     images   rows of a frame: 1 of points; of blobs as many as there are cameras, and a place is beside their names
     places   where markers were placed, by frame and marker
     changes  former values of all that was changed, the last one last; nothing is noted where it is None
@@ -101,7 +98,6 @@ class Replay:
     def __init__(self, below: np.ndarray, own: np.ndarray, images: int = 1):
         self.below, self.own, self.images = below, own, images
         self.claim = np.full(own.shape, ANYBODY, np.int32)
-        self.right = np.zeros(own.shape, bool)
         self.rule = np.full(below.shape, FREE, np.int32)
         self.refused = np.full(below.shape, NO_MARKER, np.int32)
         self.places: dict[tuple[int, int], np.ndarray] = {}
@@ -167,7 +163,6 @@ class Replay:
         for marker in pair:
             own = self.own[marker, rows]
             self._set("below", own[own >= 0], marker)
-        self._set("right", (pair, rows), False)
         for holder, marker in zip(holders, pair[::-1], strict=True):
             held = holder >= 0
             self._claim(at[held], holder[held], marker)
@@ -181,7 +176,6 @@ class Replay:
         if self.images == 1:
             self._take_away(self._all(rows), marker)
             self._set("claim", (marker, rows), NOBODY)
-            self._set("right", (marker, rows), False)
         self._note_places()
         self.places[rows.start // self.images, marker] = np.array(xyz)
         return 1
@@ -193,7 +187,6 @@ class Replay:
         held = holder >= 0
         self._claim(at[held], holder[held], marker)
         self._set("claim", (marker, at[~held]), NOBODY)
-        self._set("right", (marker, rows), True)
         return len(at)
 
     def accept(self, rows: slice) -> int:
@@ -236,7 +229,6 @@ class Replay:
             self.rule.reshape(shape),
             self.refused.reshape(shape),
             np.where(self.claim >= 0, self.claim % max(width, 1), self.claim).T,
-            self.right.T,
             tuple(self.swaps),
         )
 
@@ -282,7 +274,6 @@ class Replay:
         given = (rule >= 0) & (rule < self.markers)
         if given.any():
             self._set("claim", (rule[given], at[given]), ANYBODY)
-            self._set("right", (rule[given], at[given]), False)
 
     def _take_away(self, at: np.ndarray, marker: int):
         """Whoever has a marker by an edit loses it; what a person named otherwise before has no name then."""
@@ -290,7 +281,6 @@ class Replay:
         held = holder >= 0
         row, cell = at[held], holder[held]
         self._set("rule", cell, np.where(self.own[marker, row] == cell, FREE, self.markers + 1))
-        self._set("right", (marker, at), False)
 
 
 def _exchanged(marker: np.ndarray, one: int, other: int) -> np.ndarray:

@@ -30,7 +30,7 @@ from ..points.models import Model
 from ..points.naming import chosen_method, plain_method
 from ..points.several.motion import with_bodies_of
 from ..points.whole_take.pipeline import USUAL_TARGET, PointOptions
-from ..review.answering import heard_in, unanswered_of_blobs, without_accepted
+from ..review.answering import unanswered, without_accepted
 from .through_points import label_through_points
 
 
@@ -114,8 +114,7 @@ def with_edits(
             chunk,
             labels=applied.labels,
             motion=motion,
-            suspects=without_accepted(unanswered_of_blobs(chunk.suspects, edits, names), edits),
+            suspects=without_accepted(unanswered(chunk.suspects, edits, names), edits),
             unedited=before,
             outcomes=(first or applied).outcomes,
-            heard=heard_in(edits, chunk.suspects),
         )

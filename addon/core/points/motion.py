@@ -190,8 +190,7 @@ class LabelledPoints:
     """What the labelling says of a take of points; `LabelledChunk` with the motion part by part.
 
     labels (T, L) and `unedited` are by lanes; suspects, seconds and outcomes are those of all of it. `doubts` are those
-    of the suspects that the motion alone shows, as `TakeMotion.suspects` has them, before they are put together;
-    `heard` the edits that accept a suspect that there was.
+    of the suspects that the motion alone shows, as `TakeMotion.suspects` has them, before they are put together.
     """
 
     labels: Labels
@@ -201,7 +200,6 @@ class LabelledPoints:
     unedited: Labels | None
     outcomes: tuple[EditOutcome, ...]
     doubts: tuple[Suspect, ...]
-    heard: frozenset
 
     def whole(self) -> LabelledChunk:
         """All of it at once."""

@@ -11,7 +11,7 @@ from ..data.takes import BY_EDIT, NO_MARKER, Blobs, EditOutcome, LabelledChunk, 
 from ..edits.applying import joined
 from ..edits.kinds import NO_EDITS, Edits, Place
 from ..geometry.cameras import NO_CAMERAS, Cameras
-from .answering import unanswered_of_blobs
+from .answering import unanswered
 from .moments import Moment, MomentKeeper
 from .suspects import find_suspects
 from .tallies import TimeBins
@@ -77,8 +77,7 @@ class TakeOverview:
         motion = chunk.motion
         if self.first is None:
             self.first = int(motion.frames[0])
-        found = find_suspects(motion, self.subject.markers, self.rate)
-        found = unanswered_of_blobs(found, self.edits, self.subject.words)
+        found = unanswered(find_suspects(motion, self.subject.markers, self.rate), self.edits, self.subject.words)
         doubts = [one for one in dict.fromkeys((*found, *chunk.suspects)) if one.markers and one.doubtful is None]
         cells = self._cells(rows, chunk, doubts)
         self.cells.add(cells[..., None] == np.arange(len(CELL_STATES)))

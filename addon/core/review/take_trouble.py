@@ -9,11 +9,11 @@ import numpy as np
 from ..data.takes import Blobs, Labels, Motion, PointRows, Suspect
 from ..edits.kinds import NO_EDITS, Accepted, Edits
 from ..geometry.cameras import NO_CAMERAS, Cameras
-from .answering import PAIR, accepted_in, is_accepted, right_in, settled_in
+from .answering import PAIR, accepted_in, right_in, settled_in
 from .camera_blobs import CameraBlobs
 from .camera_words import OF_ROOM, cameras_in
 from .leftovers import Leftover, find_leftovers, joined_leftovers
-from .suspects import FAR_OFF, JUMPS, SUSPECTING, runs
+from .suspects import FAR_OFF, SUSPECTING, runs
 from .trouble import Trouble, extras, in_doubt, left_over, missing, nobody, of_cameras, off_body
 
 
@@ -102,15 +102,6 @@ class TakeTrouble:
         found = [*self._of_nobody(), *self._of_missing(), *self._of_leftovers(), *self._of_body(), *doubts]
         found = [_answered(one) if self._is_accepted(one) else one for one in found]
         return tuple(sorted([*found, *map(_answered, over)], key=lambda one: (one.answered, -one.stake, one.first)))
-
-    def accepted(self, suspects: Iterable[Suspect] = ()) -> frozenset[Accepted]:
-        """The edits that accept some trouble, or what is said of a marker's doubtful frames."""
-        accepting = [edit for edit in self.edits if isinstance(edit, Accepted)]
-        if not accepting:
-            return frozenset()
-        said = [(one.topic, one.first, one.last) for one in self.found(suspects)]
-        said += [(f"{name} {what}", self.first, self.last) for name in self.names for what in (FAR_OFF, JUMPS)]
-        return frozenset(edit for edit in accepting if any(is_accepted(edit, *one) for one in said))
 
     def _is_accepted(self, one: Trouble) -> bool:
         """Whether a person accepted what it says in all of its frames."""

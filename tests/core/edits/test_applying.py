@@ -29,6 +29,7 @@ from addon.core.edits.kinds import (
     UnlabelMarker,
     UnlabelPoint,
 )
+from addon.core.edits.replay import ANYBODY
 from addon.io.markersets import open_markerset
 
 from .lists import COLUMNS, FIRST, FRAMES, INDEX, NAMES, POINTS, edit, edits, named, take
@@ -86,7 +87,7 @@ def test_the_last_edit_holds_whatever_was_said_before(seed, said, last):
         was = before.labels.marker[part] == INDEX[last.marker]
         assert ((after.marker[part] == INDEX[last.marker]) == was).all()
         assert (after.step[part][was] == BY_EDIT).all()
-        assert done.edited.right[part, INDEX[last.marker]].all()
+        assert (done.edited.claim[part, INDEX[last.marker]] != ANYBODY).all()
     else:
         one, other = (INDEX[name] for name in last.markers)
         was = before.labels.marker[part]

@@ -82,6 +82,5 @@ def edited_of(edited: Edited, first: int, size: int) -> Edited:
         again,
         refused,
         edited.claim[:, first:last],
-        edited.right[:, first:last],
         (),  # exchanges are told by the labels of all
     )

@@ -19,7 +19,7 @@ from ...data.progress import Progress, within
 from ...data.takes import Labels, Points, Suspect
 from ...edits.applying import refuse_unknown
 from ...edits.kinds import NO_EDITS, Edits
-from ...review.answering import heard_in, unanswered, without_accepted
+from ...review.answering import unanswered, without_accepted
 from ...review.suspects import SUSPECTING, summarised, suspect_ranges
 from ..possible import refuse_impossible
 from ..refusals import UnsuitedError, refuse_floods
@@ -84,13 +84,10 @@ def label_several(
         seconds["fit"] = perf_counter() - begin - seconds["label"]
         own = set(worn.asked.markers)
         doubts = tuple(one for one in motion.suspects(worn.markers, take.rate) if own.issuperset(one.markers))
-        suspects += doubts
-        if applied:
-            suspects = unanswered(suspects, applied.edited, worn.by_name, take.first_frame, take.present)
-        listed = summarised(as_in_file(suspects, take), take.rate)
-        suspects, heard = without_accepted(listed, options.edits), heard_in(options.edits, listed)
+        suspects = unanswered(as_in_file(suspects + doubts, take), options.edits, worn.by_name)
+        suspects = without_accepted(summarised(suspects, take.rate), options.edits)
         outcomes = applied.outcomes if applied else ()
-        return LabelledSubjects(labels, motion, suspects, seconds, unedited, outcomes, doubts, heard, worn)
+        return LabelledSubjects(labels, motion, suspects, seconds, unedited, outcomes, doubts, worn)
 
 
 def _questions(crowd: Crowd, found: Everybody, labels: Labels) -> tuple[Suspect, ...]:

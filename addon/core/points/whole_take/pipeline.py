@@ -22,7 +22,7 @@ from ...data.room import IN_MEMORY, MakeTable
 from ...data.takes import LabelledChunk, Labels, Points, Suspect, Verdict
 from ...edits.applying import AppliedEdits, PointCells, apply_to_points
 from ...edits.kinds import NO_EDITS, Edits
-from ...review.answering import heard_in, unanswered, without_accepted
+from ...review.answering import unanswered, without_accepted
 from ...review.suspects import called_by, summarised
 from ..adaptation import Adaptation, adapt, borne_out
 from ..deciding import Said
@@ -184,15 +184,10 @@ def _labelled(
     seconds = {"label": named - begin, "fit": perf_counter() - named}
     yield Stage("write", "write")
     doubts = motion.suspects(model.markerset.markers, take.rate)
-    suspects = verdict.suspects + doubts
-    if applied:
-        asked = applied.edited, model.markerset.by_name, take.first_frame, take.present
-        suspects = unanswered(suspects, *asked)
-    suspects = as_in_file(suspects, take)
+    suspects = unanswered(as_in_file(verdict.suspects + doubts, take), options.edits, model.markerset.by_name)
+    suspects = without_accepted(summarised(suspects, take.rate), options.edits)
     outcomes = applied.outcomes if applied else ()
-    listed = summarised(suspects, take.rate)
-    suspects, heard = without_accepted(listed, options.edits), heard_in(options.edits, listed)
-    return LabelledPoints(verdict.labels, motion, suspects, seconds, unedited, outcomes, doubts, heard)
+    return LabelledPoints(verdict.labels, motion, suspects, seconds, unedited, outcomes, doubts)
 
 
 def as_in_file(suspects: Iterable[Suspect], take: Points) -> tuple[Suspect, ...]:
