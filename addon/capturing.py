@@ -134,18 +134,13 @@ def room_centre(cameras: Cameras) -> np.ndarray:
     return np.linalg.lstsq(across.sum(axis=0), right, rcond=None)[0]
 
 
-def to_centre(take: LabelledMarkers, cameras: Cameras) -> np.ndarray:
-    """(3,) m: how to move the take over the floor so that the middle of its path is the middle of the room."""
+def centred(take: LabelledMarkers, cameras: Cameras) -> LabelledMarkers:
+    """The take moved over the floor so that the middle of its path is the middle of the room."""
     seen = take.xyz[np.isfinite(take.xyz).all(axis=2)]
     if not len(seen):
         raise JobError("has no marker in these frames; expected a labelled take")
     middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
-    return (room_centre(cameras) - middle) * [1.0, 1.0, 0.0]
-
-
-def moved(take: LabelledMarkers, body: Bodies, shift: np.ndarray) -> tuple[LabelledMarkers, Bodies]:
-    """The take and its body, or all of its bodies, moved by `shift` (3,) m."""
-    return replace(take, xyz=take.xyz + shift), body.moved(shift)
+    return replace(take, xyz=take.xyz + (room_centre(cameras) - middle) * [1.0, 1.0, 0.0])
 
 
 def truth_path(blobs: Path) -> Path:

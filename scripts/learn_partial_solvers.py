@@ -19,8 +19,9 @@ if str(ROOT) not in sys.path:
 from threadpoolctl import threadpool_limits
 
 from addon.core.body import anatomy
+from addon.core.data.progress import finished
 from addon.core.papers.partial_solvers.model import FUNCTIONS
-from addon.core.papers.partial_solvers.training import Training, train_partial_solvers
+from addon.core.papers.partial_solvers.training import Training, training
 from addon.io.markersets import SUFFIX
 from addon.io.models import read_model, write_model
 from scripts.learn_markersets import read_takes
@@ -44,7 +45,7 @@ def main(arguments: list[str] | None = None):
         points = np.concatenate([points for points, _ in read_takes(given.data, model.markerset.markers)])
         options = Training(functions=FUNCTIONS, **SMALLER if len(model.markerset) >= MANY else {})
         with threadpool_limits(1, user_api="blas"):
-            partial_solvers = train_partial_solvers(points, model.markerset.markers, HIT_RATE, options)
+            partial_solvers = finished(training(points, model.markerset.markers, HIT_RATE, options))
         write_model(path, replace(model, partial_solvers=partial_solvers))
         print(f"{name}: {len(partial_solvers)} partial solvers, {time.perf_counter() - began:.0f} s")
 

@@ -71,9 +71,8 @@ def run(arguments) -> int:
     try:
         points = read_points(arguments.take, up=arguments.up, rate=arguments.rate)
         take = capturing.cut(capturing.labelled_markers(points), arguments.frames)
+        take = capturing.centred(take, cameras) if arguments.centre else take
         sets, markers, body = _who_is_captured(take, arguments)
-        if arguments.centre:
-            markers, body = capturing.moved(markers, body, capturing.to_centre(markers, cameras))
         work = capturing.write_capture(
             markers, cameras, _options(arguments), body, arguments.out, arguments.overwrite, read
         )

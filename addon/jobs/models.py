@@ -51,10 +51,10 @@ def _solvers(model: Model, name: str) -> Generator[Progress, None, PartialSolver
     work = train_solvers(model, options, known_bodies())
     while True:
         try:
-            share, words = next(work)
+            step = next(work)
         except StopIteration as end:
             return end.value.partial_solvers
-        yield Progress(0.0, f"{words}, once for this model: {share:.0%}")
+        yield Progress(0.0, f"{step.note}, once for this model: {step.fraction:.0%}")
 
 
 def known_bodies() -> list[MarkerSet]:

@@ -17,7 +17,6 @@ from .surface import all_over, nearby
 
 MOVE, ADD = "move", "add"
 ADDED_NAME = "NEW"  # of a marker that is added, with a number
-FOLLOWED = 2  # directions, the most promising of all; all of them take four times as long
 AXIS_WORDS = (("forward", "back"), ("to the left", "to the right"), ("up", "down"))
 
 
@@ -160,25 +159,12 @@ class _Search:
         return bool(worse.any()) or found.found.total >= self.now.total
 
     def _moves(self, marker: int) -> Iterator[_Try]:
-        """A marker in all directions, and then at all distances in the directions that help most."""
-        old, size = self.layout.markerset.offsets[marker], self.layout.markerset.spread.height
-        first = [
-            self._moved(marker, place)
-            for distance in (ADVICE.max_move_m, ADVICE.max_move_m / 2)
-            for place in nearby(self.layout.markerset, marker, distance / size)
-        ]
-        yield from first
-        distances = np.arange(ADVICE.stride_m, ADVICE.max_move_m - ADVICE.stride_m / 2, ADVICE.stride_m)
-        for found in sorted(first, key=lambda found: -found.separation_of(self.pair))[:FOLLOWED]:
-            direction = found.layout.markerset.offsets[marker] - old
-            for distance in distances / size:
-                places = nearby(self.layout.markerset, marker, distance)
-                if len(places):
-                    yield self._moved(marker, places[((places - old) @ direction).argmax()])
-
-    def _moved(self, marker: int, place: np.ndarray) -> _Try:
-        changed = self.layout.moved(marker, place)
-        return _Try(MOVE, marker, changed, judge(changed, self.now.whole))
+        """A marker in all directions and at all distances along its segment's surface."""
+        old, stride = self.layout.markerset, ADVICE.stride_m
+        for distance in np.arange(stride, ADVICE.max_move_m + stride / 2, stride) / old.spread.height:
+            for place in nearby(old, marker, distance):
+                changed = self.layout.moved(marker, place)
+                yield _Try(MOVE, marker, changed, judge(changed, self.now.whole))
 
     def _additions(self) -> Iterator[_Try]:
         """One more marker anywhere on the segments of the pair."""

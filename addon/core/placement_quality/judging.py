@@ -3,6 +3,11 @@
 
 Three kinds of wrong names are looked at: two markers exchange their points; a marker is hidden and a
 neighbour's point passes for it; a whole limb, or the whole body turned round, passes for the other side's.
+
+They are judged as naming does it: by how much less likely they make a cloud of the shape. Where that is d²/2, two bell
+curves d standard deviations apart share exp(-d²/8): their Bhattacharyya coefficient (A. Bhattacharyya: On a measure of
+divergence between two multinomial populations, Sankhyā 7, 1946). It is 1 where the namings cannot be distinguished, and
+half of it bounds how often the better guess is wrong.
 """
 
 from collections.abc import Sequence
@@ -11,13 +16,20 @@ from dataclasses import dataclass
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ..data.takes import NO_POINT
 from ..geometry.rigid import MIN_POINTS
+from ..geometry.upright import turned
+from ..points.likelihood.distances import DistanceConstraints
+from ..points.likelihood.latent import Latent
+from ..points.likelihood.naming import score_of, settle
+from ..points.likelihood.shape import Shape
+from ..points.likelihood.swaps import alternatives
 from .layout import MarkerLayout
-from .overlap import covariance_of, pair_overlaps, renaming_overlap
 from .renamings import Renaming, renamings
 
-JUDGING_TRIALS = 7  # that overlaps are averaged over, all markers seen in the first
+JUDGING_TRIALS = 13  # that overlaps are averaged over, all markers seen in the first, and each hidden in three others
 HIDDEN_SHARE = 0.25  # of the markers, hidden in each of the others: a body hides a quarter
+JUDGED_CLOUDS = 16  # drawn from the shape, for each trial the same
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,30 +77,66 @@ def judge(layout: MarkerLayout, whole: Sequence[Renaming] | None = None) -> Ambi
 
 
 def _judged(layout: MarkerLayout, whole: Sequence[Renaming]) -> Ambiguity:
-    shape, count = layout.shape, len(layout.markerset)
-    covariance = covariance_of(shape)
-
-    def limbs(there: np.ndarray) -> np.ndarray:
-        found = (renaming_overlap(shape, covariance, r.order, there, r.yaw) for r in whole)
-        return np.fromiter(found, float, len(whole))
-
-    everyone = np.ones(count, dtype=bool)
-    overlaps = limbs(everyone)
-    seen = 1 - (1 - pair_overlaps(shape, covariance, everyone)[0]) * _left(whole, overlaps, count)
-    swapped, passed, met = np.zeros((3, count, count))
+    count, judge_ = len(layout.markerset), _Judge(layout.shape)
+    swapped, met, passed, apart = np.zeros((4, count, count))
     some = []
     for there in _trials(count):
-        for table, more in zip((swapped, passed), pair_overlaps(shape, covariance, there), strict=True):
-            table += more
+        swap, move = judge_.of_pairs(there)
+        swapped += swap
         met += there[:, None] & there
-        some.append(limbs(there))
+        passed += np.where(there[:, None] & ~there, move, 0)
+        apart += there[:, None] & ~there
+        some.append(judge_.of_renamings(whole, there))
+        if there.all():
+            seen = 1 - (1 - swap) * _left(whole, some[0], count)
     known = np.isfinite(some)
     part = np.where(known, some, 0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    passed /= np.maximum(apart, 1)
     # Any of the three will do for a wrong name, so what is left is what none of them takes.
-    hidden = 1 - (1 - swapped / met) * (1 - passed / met) * _left(whole, part, count)
+    hidden = 1 - (1 - swapped / met) * (1 - np.maximum(passed, passed.T)) * _left(whole, part, count)
     for table in (seen, hidden):
         np.fill_diagonal(table, 0)
-    return Ambiguity(layout.markerset.markers, seen, hidden, tuple(whole), overlaps)
+    return Ambiguity(layout.markerset.markers, seen, hidden, tuple(whole), some[0])
+
+
+class _Judge:
+    """Clouds of a shape, and how likely wrong namings of them are against the true one."""
+
+    def __init__(self, shape: Shape):
+        drawn = np.random.default_rng(0).standard_normal((JUDGED_CLOUDS, shape.modes.shape[2]))
+        self.model = Latent(shape)
+        self.clouds = shape.mean + np.einsum("mik,nk->nmi", shape.modes, drawn)
+        self.constraints = DistanceConstraints(np.zeros((0, 2), dtype=int), np.zeros(0), np.zeros(0), 0.0)
+
+    def of_pairs(self, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Overlaps (M, M), where the markers `there` (M,) are seen: both exchanged; one's point named the other."""
+        naming = np.where(there, np.arange(len(there)), NO_POINT)
+        shape = len(self.clouds), len(there)
+        settled = settle(
+            self.model, self.constraints, self.clouds, np.broadcast_to(there, shape), np.tile(naming, (shape[0], 1))
+        )
+        found = alternatives(self.model, self.constraints, settled)
+        swap = _overlap(found.swap)
+        return swap + swap.T, _overlap(found.move)
+
+    def of_renamings(self, whole: Sequence[Renaming], there: np.ndarray) -> np.ndarray:
+        """(R,) overlaps of renamings; NaN where nothing changes of markers that are seen in both namings."""
+        if not whole:
+            return np.zeros(0)
+        order = np.array([renaming.order for renaming in whole])
+        here = there & there[order]
+        true, count = np.where(here, np.arange(len(there)), NO_POINT), len(self.clouds)
+        namings = np.repeat(np.concatenate([true, np.where(here, order, NO_POINT)]), count, axis=0)
+        yaw = np.repeat([0.0] * len(whole) + [renaming.yaw for renaming in whole], count)
+        clouds = turned(np.tile(self.clouds, (2 * len(whole), 1, 1)), yaw)
+        score = score_of(self.model, self.constraints, clouds, np.zeros(len(yaw)), namings).reshape(2, -1, count)
+        changed = (here & (order != np.arange(len(there)))).any(axis=1)
+        return np.where(changed, _overlap((score[1] - score[0]).T), np.nan)
+
+
+def _overlap(gain: np.ndarray) -> np.ndarray:
+    """The mean overlap of namings that gain log likelihood (N, ...) in N clouds."""
+    return np.exp(np.minimum(gain, 0) / 4).mean(axis=0)
 
 
 def _trials(count: int) -> np.ndarray:

@@ -54,7 +54,15 @@ class MarkerLayout:
 
     def moved(self, marker: int, offset: np.ndarray) -> "MarkerLayout":
         """The same with a marker at another offset (3,) of its segment, heights."""
-        return self._with(marker, self._at(marker, offset), offset)
+        old, shape = self.markerset, self.shape
+        away = (offset - old.offsets[marker]) * old.spread.height
+        carried = self.turns.carry(int(old.attachment[marker]), away)
+        parts = shape.mean.copy(), shape.modes.copy(), shape.noise.copy()
+        for part, more in zip(parts, carried, strict=True):
+            part[marker] += more
+        offsets = old.offsets.copy()
+        offsets[marker] = offset
+        return replace(self, markerset=replace(old, offsets=offsets), shape=Shape(*parts))
 
     def added(self, name: str, segment: int, offset: np.ndarray) -> "MarkerLayout":
         """The same with one more marker on a segment that has one already; InputError where it has none."""
@@ -85,24 +93,6 @@ class MarkerLayout:
             name = self.markerset.skeleton.segments[segment]
             raise InputError(f"nothing is known of how {name} moves; expected a marker on it")
         return int(here[np.linalg.norm(self.markerset.offsets[here] - offset, axis=1).argmin()])
-
-    def _at(self, marker: int, offset: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        away = (offset - self.markerset.offsets[marker]) * self.markerset.spread.height
-        return self.turns.carry(int(self.markerset.attachment[marker]), away)
-
-    def _with(self, marker: int, carried, offset: np.ndarray) -> "MarkerLayout":
-        shape, (mean, modes, left) = self.shape, carried
-        means, all_modes, noise = shape.mean.copy(), shape.modes.copy(), shape.noise.copy()
-        means[marker] += mean
-        all_modes[marker] += modes
-        noise[marker] += left
-        offsets = self.markerset.offsets.copy()
-        offsets[marker] = offset
-        return replace(
-            self,
-            markerset=replace(self.markerset, offsets=offsets),
-            shape=Shape(means, all_modes, noise),
-        )
 
 
 def marker_layout(

@@ -7,7 +7,7 @@ the take's seed and the chunk's number: the same options give the same blobs.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol, Self
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -69,10 +69,6 @@ class BodyInTheWay(Protocol):
         """(F, M, 3) world directions of offsets (M, 3) m that are fixed to what carries each marker."""
         ...
 
-    def moved(self, shift: np.ndarray) -> Self:
-        """The same body elsewhere, by `shift` (3,) m."""
-        ...
-
 
 @dataclass(frozen=True, eq=False)
 class PosedBody:
@@ -93,10 +89,6 @@ class PosedBody:
         """See `BodyInTheWay.carry`."""
         return (self.rotations[frames][:, self.attachment] @ offsets[..., None])[..., 0]
 
-    def moved(self, shift: np.ndarray) -> Self:
-        """The same body elsewhere, by `shift` (3,) m."""
-        return replace(self, joints=self.joints + shift)
-
 
 @dataclass(frozen=True, eq=False)
 class BodiesTogether:
@@ -114,10 +106,6 @@ class BodiesTogether:
         own = np.split(offsets, np.cumsum(self.sizes)[:-1])
         carried = [body.carry(frames, part) for body, part in zip(self.bodies, own, strict=True)]
         return np.concatenate(carried, axis=1)
-
-    def moved(self, shift: np.ndarray) -> Self:
-        """The same bodies elsewhere, by `shift` (3,) m."""
-        return replace(self, bodies=tuple(body.moved(shift) for body in self.bodies))
 
 
 @dataclass(frozen=True, eq=False)

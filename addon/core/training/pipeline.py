@@ -263,11 +263,10 @@ def _residual(markerset: MarkerSet, everyone: dict[str, np.ndarray]) -> np.ndarr
 
 def train_solvers(
     model: Model, options: TrainingOptions, bodies: Sequence[MarkerSet] = ()
-) -> Generator[tuple[float, str], None, Model]:
+) -> Generator[Progress, None, Model]:
     """The model with partial solvers, found in what it keeps of its training takes; all else stays as it is.
 
-    `options` says how, as for `train`. Yields the share that is done, and words for it. Raises InputError where the
-    model keeps no takes.
+    `options` says how, as for `train`. Raises InputError where the model keeps no takes.
     """
     if not model.training_takes:
         raise InputError(
@@ -282,7 +281,7 @@ def train_solvers(
 
 def _partial_solvers(
     everyone: dict[str, np.ndarray], markers: Sequence[str], options: TrainingOptions
-) -> Generator[tuple[float, str], None, PartialSolvers]:
+) -> Generator[Progress, None, PartialSolvers]:
     each = max(options.solver_frames // len(everyone), 1)
     points = np.concatenate([own[:: max(-(-len(own) // each), 1)] for own in everyone.values()])
     how = Training(search=options.search, functions=options.functions)

@@ -11,8 +11,9 @@ from addon.core.data.errors import InputError
 from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from addon.core.placement_quality import advise, judge, marker_layout, separation
 from addon.core.placement_quality.layout import MarkerLayout
-from addon.core.placement_quality.overlap import covariance_of, pair_overlaps, renaming_overlap
+from addon.core.placement_quality.renamings import OTHER_SIDE, Renaming
 from addon.core.placement_quality.surface import all_over, in_view, nearby
+from addon.core.points.likelihood.latent import Latent
 from addon.core.points.likelihood.shape import Shape
 from tests.core.toybody import toy_markerset
 
@@ -65,23 +66,20 @@ def test_a_square_that_is_exact_is_the_same_from_four_sides():
     assert separation(exact.seen)[0, 1] == pytest.approx(0, abs=1e-3)
 
 
-def test_the_closed_form_of_pairs_is_that_of_whole_gaussians():
+def test_an_exchange_is_as_ambiguous_as_gaussians_with_it_made_overlap():
     shape = random_shape()
-    covariance, seen = covariance_of(shape), np.array([1, 1, 1, 0, 1, 1, 1], dtype=bool)
-    swap, move = pair_overlaps(shape, covariance, seen)
+    stiff = replace(shape, modes=np.zeros((7, 3, 1)))
     order = np.arange(7)
     order[[1, 4]] = 4, 1
-    assert swap[1, 4] == pytest.approx(renaming_overlap(shape, covariance, order, seen), rel=1e-6)
-    assert (swap[3] == 0).all()
-    # The points of the rest and one more, which is the one marker's or the other's.
-    rest = [0, 2, 5, 6]
-    cloud = covariance.reshape(7, 3, 7, 3)
-    covariances = [cloud[np.ix_([*rest, last], range(3), [*rest, last], range(3))].reshape(15, 15) for last in (1, 4)]
-    means = [shape.mean[[*rest, last]].ravel() for last in (1, 4)]
-    half, away = sum(covariances) / 2, means[1] - means[0]
-    logs = [np.linalg.slogdet(part)[1] for part in (*covariances, half)]
-    expected = np.exp(-away @ np.linalg.solve(half, away) / 8 + (logs[0] + logs[1]) / 4 - logs[2] / 2)
-    assert move[1, 4] == pytest.approx(expected, rel=1e-6)
+    flat = Latent(stiff).flat
+    covariance = flat @ flat.T + np.diag(np.repeat(stiff.noise, 3))
+    away = (stiff.mean[order] - stiff.mean).ravel()
+    expected = np.exp(-away @ np.linalg.solve(covariance, away) / 8)
+    for layout, overlap in ((layout_of(stiff), expected), (layout_of(shape), None)):
+        pair = judge(layout, []).seen[1, 4]
+        [whole] = judge(layout, [Renaming(OTHER_SIDE, order, 0.0)]).overlaps
+        assert pair == pytest.approx(whole, rel=0.05)
+        assert overlap is None or pair == pytest.approx(overlap, rel=0.05)
 
 
 def test_an_edited_set_keeps_what_was_learned_of_its_base():

@@ -25,11 +25,12 @@ def all_features(
     """
     pairs = np.array(list(combinations(range(markers), 2)), dtype=np.int32).reshape(-1, 2)
     triples = [(apex, b, c) for apex in range(markers) for b, c in pairs if apex not in (b, c)]
-    rows = {"angle": triples, "distance": pairs, "ratio": _ratios(markers), "height": pairs, "turn": triples}
-    rows = {name: rows[name] for name in FUNCTIONS if name in functions}
-    spare = len(rows.get("ratio", ())) - max(sum(len(part) for part in rows.values()) - most, 0) if most else None
-    if spare is not None and spare < len(rows.get("ratio", ())):
-        chosen = np.random.default_rng(seed).choice(len(rows["ratio"]), max(spare, 0), replace=False)
+    every = {"angle": triples, "distance": pairs, "ratio": _ratios(markers), "height": pairs, "turn": triples}
+    rows = {name: np.asarray(every[name], dtype=np.int32) for name in FUNCTIONS if name in functions}
+    beyond = sum(map(len, rows.values())) - most if most else 0
+    if beyond > 0 and "ratio" in rows:
+        count = len(rows["ratio"])
+        chosen = np.random.default_rng(seed).choice(count, max(count - beyond, 0), replace=False)
         rows["ratio"] = rows["ratio"][np.sort(chosen)]
     kinds = [np.full(len(part), FUNCTIONS.index(name), dtype=np.int32) for name, part in rows.items()]
     points = [_padded(part, DOMAIN[FUNCTIONS.index(name)]) for name, part in rows.items()]
@@ -42,9 +43,9 @@ def _ratios(markers: int) -> np.ndarray:
     return np.concatenate([fours, fours[:, [0, 2, 1, 3]], fours[:, [0, 3, 1, 2]]])
 
 
-def _padded(rows, domain: int) -> np.ndarray:
+def _padded(rows: np.ndarray, domain: int) -> np.ndarray:
     points = np.full((len(rows), 4), NO_POINT, dtype=np.int32)
-    points[:, :domain] = np.asarray(rows, dtype=np.int32).reshape(-1, domain)
+    points[:, :domain] = rows.reshape(-1, domain)
     return points
 
 

@@ -15,7 +15,7 @@ from .model import PartialSolvers
 from .solver import TreeSearch
 
 # Worked on side by side, for memory: pairs of points in look-up tables, two numbers and a few dozen bit masks each; and
-# frames whose points are counted.
+# frames.
 TABLE_PAIRS, TABLE_FRAMES = 400_000, 256
 
 
@@ -44,18 +44,15 @@ class SolversNamer:
 
         The confidence of a label is the measured hit rate of the best solver that suggested the name.
         """
-        for start in range(0, max(len(points), 1), TABLE_FRAMES):
-            chunk = points[start : start + TABLE_FRAMES]
-            there = np.isfinite(chunk).all(axis=-1)
-            most = int(there.sum(axis=1).max(initial=0))
-            step = max(TABLE_PAIRS // max(most * most, 1), 1)
-            for first in range(0, max(len(chunk), 1), step):
-                part = slice(first, first + step)
-                yield self._part(chunk[part], there[part], most)
+        there = np.isfinite(points).all(axis=-1)
+        most = max(int(there.sum(axis=1).max(initial=0)), 1)
+        step = int(np.clip(TABLE_PAIRS // most**2, 1, TABLE_FRAMES))
+        for first in range(0, max(len(points), 1), step):
+            yield self._part(points[first : first + step], there[first : first + step])
 
-    def _part(self, points: np.ndarray, there: np.ndarray, most: int) -> Labels:
+    def _part(self, points: np.ndarray, there: np.ndarray) -> Labels:
         # Trajectories are many and mostly missing when a take is in tracklets: only points that are there are tried.
-        front = np.argsort(~there, axis=1, kind="stable")[:, :most]
+        front = np.argsort(~there, axis=1, kind="stable")[:, : int(there.sum(axis=1).max(initial=0))]
         suggested, confidence = self._suggested(np.take_along_axis(points, front[..., None], axis=1))
         compact = resolve(suggested)
         sure = np.take_along_axis(confidence, np.maximum(compact, 0)[..., None], axis=2)[..., 0]
@@ -76,11 +73,6 @@ class SolversNamer:
                 suggested[at] = True
                 confidence[at] = np.maximum(confidence[at], sure)
         return suggested, confidence
-
-
-def label_frames(partial_solvers: PartialSolvers, points: np.ndarray) -> Labels:
-    """The labels (T, P) of points (T, P, 3) m, as `SolversNamer` gives them."""
-    return Labels.join(SolversNamer(partial_solvers).name(points))
 
 
 def resolve(suggested: np.ndarray) -> np.ndarray:

@@ -55,7 +55,7 @@ class Masks:
         self.words = max(-(-self.points // WORD), 1)
         self.everyone = self.packed(clouds.present)
         self.bit = self.packed(np.eye(self.points, dtype=bool))
-        self._made: dict[tuple, tuple[np.ndarray, float]] = {}
+        self._made: dict[Bounds, tuple[np.ndarray, float]] = {}
 
     def allowed(self, bounds: Bounds) -> np.ndarray:
         """(T, P, W) for each point as the first of a pair, the points that `bounds` allow as the second."""

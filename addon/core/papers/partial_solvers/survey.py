@@ -8,7 +8,7 @@ The weak classifiers of a subset are all of the pool's that its markers allow. O
 frames that the intervals were learned from, the right one is feasible by construction.
 """
 
-from collections.abc import Iterator
+from collections.abc import Generator
 
 import numpy as np
 
@@ -37,11 +37,6 @@ class Survey:
         self.failures[subset, places] = record.failures
         self.answers[subset, places] = record.answers
 
-    @property
-    def everything(self) -> Record:
-        """All records at once; arrays (2^G, G)."""
-        return Record(self.hits, self.failures, self.answers, self.samples)
-
     def record(self, places: list[int]) -> Record:
         """The record of one subset."""
         at = (sum(1 << place for place in places), places)
@@ -50,17 +45,16 @@ class Survey:
 
 def survey(
     pool: Classifiers, masks: Masks, removed: np.ndarray, group: list[int] | None = None, rooted: bool = False
-) -> Iterator[tuple[float, Survey]]:
+) -> Generator[float, None, Survey]:
     """Goes through all subsets of the P markers of labelled clouds (point m is marker m), or of a group of them.
 
     pool: most telling first; removed (T, D, W) occlusions; rooted: only subsets with the first of the group. Yields the
-    share done and the survey, which is whole with the last.
+    share done.
     """
     group = list(range(masks.points)) if group is None else group
     result = Survey(group, removed.shape[0] * removed.shape[1])
     levels = _Levels(pool, group)
     known = np.ones(len(removed), dtype=bool)
-    truth = _Truth(masks)
     starts = range(1 if rooted else len(group))
     stack: list[tuple[tuple[int, ...], PartialLabellings]] = []
     stack += [((place,), _singles(masks, group[place])) for place in reversed(starts)]
@@ -71,12 +65,12 @@ def survey(
         result.keep(list(places), tally(members, known, wrong.cloud, wrong.chosen.T, masks, removed))
         done += 1
         if done % 256 == 0:
-            yield done / all_of_them, result
+            yield done / all_of_them
         if places[-1] + 1 < len(group):
-            rows = truth.joined(members, wrong)
+            rows = _with_truth(members, wrong, masks)
             added = range(len(group) - 1, places[-1], -1)
             stack.extend(((*places, new), _step(rows, places, new, levels, masks)) for new in added)
-    yield 1.0, result
+    return result
 
 
 def _singles(masks: Masks, marker: int) -> PartialLabellings:
@@ -100,25 +94,17 @@ def _step(
     return grown[by_cloud]
 
 
-class _Truth:
-    """The right labellings as rows."""
-
-    def __init__(self, masks: Masks):
-        self._masks = masks
-        self._clouds = np.arange(len(masks.everyone))
-        self._distance = np.ascontiguousarray(masks.clouds.distance.transpose(1, 2, 0))
-
-    def joined(self, members: list[int], wrong: PartialLabellings) -> PartialLabellings:
-        """The right labelling of `members` in every cloud, then the wrong ones."""
-        at = np.array(members)
-        high, low = np.tril_indices(len(at), -1)
-        bits = np.bitwise_or.reduce(self._masks.bit[at], axis=0)
-        return PartialLabellings(
-            np.concatenate([self._clouds, wrong.cloud]),
-            np.concatenate([np.repeat(at[:, None], len(self._clouds), axis=1), wrong.chosen], axis=1),
-            np.concatenate([np.repeat(bits[None], len(self._clouds), axis=0), wrong.used]),
-            np.concatenate([self._distance[at[low], at[high]], wrong.sides], axis=1),
-        )
+def _with_truth(members: list[int], wrong: PartialLabellings, masks: Masks) -> PartialLabellings:
+    """The right labelling of `members` in every cloud, then the wrong ones."""
+    at, clouds = np.array(members), np.arange(len(masks.everyone))
+    high, low = np.tril_indices(len(at), -1)
+    bits = np.bitwise_or.reduce(masks.bit[at], axis=0)
+    return PartialLabellings(
+        np.concatenate([clouds, wrong.cloud]),
+        np.concatenate([np.repeat(at[:, None], len(clouds), axis=1), wrong.chosen], axis=1),
+        np.concatenate([np.repeat(bits[None], len(clouds), axis=0), wrong.used]),
+        np.concatenate([masks.clouds.distance[:, at[low], at[high]].T, wrong.sides], axis=1),
+    )
 
 
 class _Levels:

@@ -6,14 +6,13 @@ all weak classifiers of a subset together accept, so here the searches ask what 
 subsets at once, and only the solvers that are kept are boosted; what they then do is measured once more and recorded.
 """
 
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
 from ...data.errors import InputError
-from ...data.progress import finished
+from ...data.progress import Progress, within
 from . import search as searches
 from .assess import Occlusions, assess, draw_occlusions
 from .boosting import Boosting, boost, learn_intervals, rejections, wrong_labellings
@@ -30,16 +29,13 @@ MAX_SURVEYED, GROUP = 15, 12
 PATTERNS = 2000  # of occlusions that are thought through when solvers are chosen
 MIN_COVER_GAIN = 0.002  # share of them in which one more solver must answer first to be kept
 SEARCHES = ("bottom-up", "top-down", "genetic")
-GOALS = ("own", "any")
 
 
 @dataclass(frozen=True)
 class Training:
     """How an ensemble is trained.
 
-    search         "bottom-up", "top-down" or "genetic"
-    goal           when a solver is good: "own", the search runs once for every marker and asks for that marker's
-                   target; "any", one run that asks for the target of any marker (algorithm 1 to the letter)
+    search         "bottom-up", "top-down" or "genetic"; each runs once for every marker and asks for its target
     functions      the geometric functions; the paper's four, or "turn" with them
     wrong          memory: wrong labellings drawn for the boosting
     survey_frames  memory: frames on which all subsets are tried
@@ -49,7 +45,6 @@ class Training:
     """
 
     search: str = "top-down"
-    goal: str = "own"
     seed: int = 0  # format: of the generator, any will do
     functions: tuple[str, ...] = PAPER_FUNCTIONS
     wrong: int = 2048
@@ -62,43 +57,26 @@ class Training:
     genetics: Genetics = field(default_factory=Genetics)
 
 
-def train_partial_solvers(
-    points: np.ndarray,
-    markers,
-    targets: float | np.ndarray = 0.9999,
-    options: Training | None = None,
-) -> PartialSolvers:
+def training(
+    points: np.ndarray, markers, targets: float | np.ndarray = 0.9999, options: Training | None = None
+) -> Generator[Progress, None, PartialSolvers]:
     """The ensemble of labelled frames (T, M, 3) m, z up, NaN where missing, of one or many people.
 
     targets: τ, for all markers or (M,). Raises InputError when there are too few frames or markers to learn from.
     """
-    return finished(training(points, markers, targets, options))
-
-
-def training(
-    points: np.ndarray, markers, targets: float | np.ndarray = 0.9999, options: Training | None = None
-) -> Generator[tuple[float, str], None, PartialSolvers]:
-    """The same as a generator of (share done, what is being done); the ensemble is what it returns."""
     options = options or Training()
     points = np.asarray(points, dtype=float)
     points = points[np.isfinite(points).all(axis=-1).sum(axis=1) >= 2]
     _check(points, markers, options)
-    yield 0.0, "learning intervals"
+    yield Progress(0.0, "learning intervals")
     study = SolverStudy(points, options)
-    for share in study.survey():
-        yield 0.05 + 0.5 * share, "surveying partial solvers"
-    steps = study.partial_solvers(tuple(markers), targets)
-    while True:
-        try:
-            share, words = next(steps)
-        except StopIteration as end:
-            return end.value
-        yield 0.55 + 0.45 * share, words
+    yield from within(study.survey(), 0.05, 0.55)
+    return (yield from within(study.partial_solvers(tuple(markers), targets), 0.55, 1.0))
 
 
 def _check(points: np.ndarray, markers, options: Training):
-    if options.search not in SEARCHES or options.goal not in GOALS:
-        raise ValueError(f"search {options.search!r}, goal {options.goal!r}; expected one of {SEARCHES}, {GOALS}")
+    if options.search not in SEARCHES:
+        raise ValueError(f"search {options.search!r}; expected one of {SEARCHES}")
     if points.ndim != 3 or points.shape[1:] != (len(markers), 3):
         raise ValueError(f"points {points.shape}; expected (frames, {len(markers)}, 3)")
     if len(markers) < 3:
@@ -107,33 +85,21 @@ def _check(points: np.ndarray, markers, options: Training):
         raise InputError("fewer than two frames with labelled markers; expected takes that show the markers moving")
 
 
-def _heirs(found: Iterable[int], markers: int, good: searches.Good) -> Callable[[int], list[int]]:
-    """For a solver that does not hold, the good ones with one marker more that nobody has come by yet."""
-    seen = set(found)
-
-    def heirs(subset: int) -> list[int]:
-        larger = {subset | 1 << place for place in range(markers)} - seen
-        seen.update(larger)
-        return [other for other in sorted(larger) if good(other)]
-
-    return heirs
-
-
 class SolverStudy:
     """Labelled frames, the weak classifiers learned from them, and what solvers made of those can do.
 
     Ensembles for different targets can be made from one study.
 
     pool      all weak classifiers, those that reject the most wrong labellings first
-    surveyed  the records of all subsets when `survey` has been run through: one survey of all markers under None, or
-              where they are too many one under each marker, of the group that tells most about it
+    surveyed  the records of all subsets for each marker, when `survey` has been run through: one survey of all markers
+              for all, or where they are too many one of the group that tells most about each
     """
 
     def __init__(self, points: np.ndarray, options: Training):
         self.options, self.markers = options, points.shape[1]
         self.targets = np.ones(self.markers)
         self.frames = len(points)
-        self.surveyed: dict[int | None, Survey] = {}
+        self.surveyed: list[Survey] = []
         self._generator = np.random.default_rng(options.seed)
         clouds = tables(points)
         learned = learn_intervals(
@@ -148,24 +114,21 @@ class SolverStudy:
         checked = order[options.survey_frames :] if len(order) > 2 * options.survey_frames else order
         checked = checked[: options.check_frames]
         self._checks = [self._sample(points, part) for part in np.split(checked, EARLY_FRAMES) if len(part)]
-        self._memory: dict[int, Record] = {}
         self._checked: dict[int, np.ndarray] = {}
 
     def _sample(self, points: np.ndarray, frames: np.ndarray) -> tuple[Masks, np.ndarray]:
         masks = Masks(tables(points[frames]))
         return masks, draw_occlusions(masks, self.options.occlusions, self._generator)
 
-    def survey(self) -> Iterator[float]:
-        """Goes through all subsets, or through those of each marker's group; yields the share done."""
-        if self.markers <= MAX_SURVEYED:
-            for share, result in survey(self.pool, *self._look):
-                self.surveyed[None] = result
-                yield share
-        elif self.options.goal == "own":
-            for own in range(self.markers):
-                for share, result in survey(self.pool, *self._look, self._group(own), rooted=True):
-                    self.surveyed[own] = result
-                    yield (own + share) / self.markers
+    def survey(self) -> Iterator[Progress]:
+        """Goes through all subsets, or through those of each marker's group."""
+        whole = self.markers <= MAX_SURVEYED
+        groups = [None] if whole else [self._group(own) for own in range(self.markers)]
+        found: list[Survey] = []
+        for done, group in enumerate(groups):
+            work, span = survey(self.pool, *self._look, group, not whole), np.array([done, done + 1]) / len(groups)
+            found.append((yield from within(work, *span, "surveying partial solvers")))
+        self.surveyed = found * self.markers if whole else found
 
     def _group(self, own: int) -> list[int]:
         """A marker and those whose distance from it rejects the most wrong labellings."""
@@ -176,100 +139,82 @@ class SolverStudy:
 
     def partial_solvers(
         self, markers: tuple[str, ...], targets: float | np.ndarray
-    ) -> Generator[tuple[float, str], None, PartialSolvers]:
-        """Searches and boosts the solvers for these targets, one or (M,); yields the share done and words for it."""
+    ) -> Generator[Progress, None, PartialSolvers]:
+        """Searches and boosts the solvers for these targets, one or (M,)."""
         self.targets = np.broadcast_to(np.asarray(targets, dtype=float), self.markers).copy()
         self._checked = {}
         found: set[int] = set()
-        owners = range(self.markers) if self.options.goal == "own" else [None]
-        for place, own in enumerate(owners):
-            for _ in self.find(own):
-                yield 0.6 * place / len(owners), "searching partial solvers"
-            found |= self.found
+        for own in range(self.markers):
+            span = 0.6 * np.array([own, own + 1]) / self.markers
+            found |= yield from within(self.find(own), *span, "searching partial solvers")
         solvers = []
         for place, subset in enumerate(sorted(found, key=lambda subset: (subset.bit_count(), subset))):
             solvers.append(self.solver(subset))
-            yield 0.6 + 0.4 * place / len(found), "boosting partial solvers"
+            yield Progress(0.6 + 0.4 * place / len(found), "boosting partial solvers")
         return _joined(solvers, self, markers)
 
-    def record(self, subset: int) -> Record:
-        """What all weak classifiers of a subset together do: as surveyed where all markers were, else measured."""
-        if None in self.surveyed:
-            return self.surveyed[None].record(searches.members(subset))
-        if subset not in self._memory:
-            self._memory[subset] = self._judged(searches.members(subset))
-        return self._memory[subset]
-
-    def find(self, own: int | None) -> Iterator[None]:
-        """Runs the search; `found` has its solvers at the end. Yields after every step.
+    def find(self, own: int) -> Generator[float, None, set[int]]:
+        """The solvers that the search finds for a marker; yields about how much of it is done.
 
         What a survey of few frames took for good is measured on more. Where that fails, the greedy searches go on with
         one marker more, as they would have had they known.
         """
-        known = self.surveyed.get(None, self.surveyed.get(own))
-        ground = Ground(known.group if known else list(range(self.markers)), own)
-        good = self._promising(ground, known)
-        found: set[int] = set()
-        for step in self._run(ground, good, self._fitness(ground, known)):
-            found = step
-            yield
+        known = self.surveyed[own]
+        seems, place = self._promising(known, own), known.group.index(own)
+
+        def good(subset: int) -> bool:
+            return bool(seems[subset])
+
+        def holds(subset: int) -> bool:
+            return bool(self._checked_flags(_outside(known, subset))[own])
+
+        def heirs(subset: int) -> list[int]:
+            """The good ones with one marker more that nobody has come by yet."""
+            larger = {subset | 1 << new for new in range(len(known.group))} - seen
+            seen.update(larger)
+            return [other for other in sorted(larger) if good(other)]
+
+        *_, found = self._run(known, place, good)
+        seen = set(found)
+        limits = (self._hidden(known, place), self.options.max_solvers, MIN_COVER_GAIN)
         genetic = self.options.search == "genetic"
-        heirs = (lambda _: ()) if genetic else _heirs(found, len(ground.group), good)
-        limits = (self.hidden(ground), self.options.max_solvers, MIN_COVER_GAIN)
-        for taken in searches.covering(sorted(found), partial(self._holds, ground), heirs, *limits):
-            self.found = {ground.outside(subset) for subset in taken}
-            yield
+        for taken in searches.covering(sorted(found), holds, (lambda _: ()) if genetic else heirs, *limits):
+            yield len(taken) / self.options.max_solvers
+        return {_outside(known, subset) for subset in taken}
 
-    def _holds(self, ground: "Ground", subset: int) -> bool:
-        """Whether a solver is good on the frames for checking."""
-        return _good(self._checked_flags(ground.outside(subset))[ground.group], ground.own)
-
-    def _promising(self, ground: "Ground", known: Survey | None) -> searches.Good:
-        """Whether a solver may be good, by the survey where there is one, so that few must be measured."""
-        if known is None:
-            return partial(self._holds, ground)
-        seems = self._hopeful(known)
-        return lambda subset: _good(seems[subset], ground.own)
-
-    def _fitness(self, ground: "Ground", known: Survey | None) -> Callable[[int], float]:
-        """What the genetic algorithm makes the most of: the hit rate of the search's own marker, or of any."""
-
-        def fitness(subset: int) -> float:
-            places = searches.members(subset)
-            rates = np.nan_to_num((known.record(places) if known else self.record(subset)).rates)
-            return float(rates.max() if ground.own is None else rates[places.index(ground.own)])
-
-        return fitness
-
-    def _run(self, ground: "Ground", good: searches.Good, fitness: Callable[[int], float]) -> Iterator[set[int]]:
-        markers = len(ground.group)
+    def _run(self, known: Survey, place: int, good: searches.Good) -> Iterator[set[int]]:
+        """The search among the subsets of a survey's group, for the marker at a place in it."""
+        markers, own = len(known.group), known.group[place]
         if self.options.search == "genetic":
-            generator = np.random.default_rng(
-                [self.options.seed, 0 if ground.own is None else ground.group[ground.own] + 1]
-            )
-            for _, population in searches.genetic(markers, fitness, self.options.genetics, generator, ground.own):
+
+            def fitness(subset: int) -> float:
+                places = searches.members(subset)
+                return float(np.nan_to_num(known.record(places).rates)[places.index(place)])
+
+            generator = np.random.default_rng([self.options.seed, own + 1])
+            for _, population in searches.genetic(markers, fitness, self.options.genetics, generator, place):
                 yield {subset for subset in population if good(subset)}
             return
         run = searches.bottom_up if self.options.search == "bottom-up" else searches.top_down
-        for _, found in run(markers, good, ground.own):
+        for _, found in run(markers, good, place):
             yield found
 
-    def _hopeful(self, known: Survey) -> np.ndarray:
-        """(2^G, G) which targets may well be reached: a survey has few frames, and may have met the unlucky ones."""
-        record, targets, frames = known.everything, self.targets[known.group], len(self._look[1])
-        unlucky = 1.0 + 2.0 * np.sqrt((1.0 - targets) * frames)
-        hits = np.minimum(record.hits + unlucky * record.answers / frames, record.answers)
-        return replace(record, hits=hits).reaches(targets)
+    def _promising(self, known: Survey, own: int) -> np.ndarray:
+        """(2^G,) which solvers may well reach a marker's target: a survey has few frames, maybe the unlucky ones."""
+        target, frames, place = self.targets[own], len(self._look[1]), known.group.index(own)
+        unlucky = 1.0 + 2.0 * np.sqrt((1.0 - target) * frames)
+        hits, answers = known.hits[:, place], known.answers[:, place]
+        hits = np.minimum(hits + unlucky * answers / frames, answers)
+        return Record(hits, hits, answers, known.samples).reaches(target)
 
-    def hidden(self, ground: "Ground") -> np.ndarray:
+    def _hidden(self, known: Survey, place: int) -> np.ndarray:
         """(N,) random subsets of hidden markers, the search's own not among them."""
         generator = np.random.default_rng([self.options.seed, self.markers])
         rank = generator.random((PATTERNS, self.markers)).argsort(axis=1).argsort(axis=1)
         hide = rank < generator.integers(0, self.options.occlusions.most + 1, PATTERNS)[:, None]
-        hide = hide[:, ground.group]
-        if ground.own is not None:
-            hide[:, ground.own] = False
-        return hide @ (1 << np.arange(len(ground.group), dtype=np.int64))
+        hide = hide[:, known.group]
+        hide[:, place] = False
+        return hide @ (1 << np.arange(len(known.group), dtype=np.int64))
 
     def _checked_flags(self, subset: int) -> np.ndarray:
         """(M,) which markers' targets a solver reaches on the frames for checking."""
@@ -346,23 +291,9 @@ class SolverStudy:
         return not hoped.reaches(self.targets[markers]).any()
 
 
-def _good(reached: np.ndarray, own: int | None) -> bool:
-    """Whether a solver is, by the targets that it reaches (G,): that of the search's own marker, or any."""
-    return bool(reached.any() if own is None else reached[own])
-
-
-class Ground:
-    """Where a search moves: the subsets of a group of markers, by their places in it.
-
-    own  place of the marker that the search is for, or None
-    """
-
-    def __init__(self, group: list[int], own: int | None):
-        self.group, self.own = group, None if own is None else group.index(own)
-
-    def outside(self, subset: int) -> int:
-        """The same subset by the markers themselves."""
-        return searches.subset_of(self.group[place] for place in searches.members(subset))
+def _outside(known: Survey, subset: int) -> int:
+    """A subset of a survey's group, given by places in it, by the markers themselves."""
+    return searches.subset_of(known.group[place] for place in searches.members(subset))
 
 
 def _joined(solvers: list[Solver], study: SolverStudy, markers: tuple[str, ...]) -> PartialSolvers:

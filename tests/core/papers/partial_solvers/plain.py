@@ -6,11 +6,15 @@ from math import comb
 
 import numpy as np
 
+from addon.core.data.progress import finished
+from addon.core.data.takes import Labels
 from addon.core.papers.partial_solvers import features
 from addon.core.papers.partial_solvers.boosting import learn_intervals
 from addon.core.papers.partial_solvers.features import UP, Tables, all_features, tables
+from addon.core.papers.partial_solvers.frames import SolversNamer
 from addon.core.papers.partial_solvers.masks import TOLERANCE
-from addon.core.papers.partial_solvers.model import DOMAIN, FUNCTIONS, Classifiers
+from addon.core.papers.partial_solvers.model import DOMAIN, FUNCTIONS, Classifiers, PartialSolvers
+from addon.core.papers.partial_solvers.training import training
 
 
 def angle(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -107,3 +111,13 @@ def moving(markers: int = 6, frames: int = 200, sway: float = 0.04, seed: int = 
 def pool_of(points: np.ndarray, functions=FUNCTIONS):
     """All weak classifiers of labelled frames."""
     return learn_intervals(tables(points), *all_features(points.shape[1], functions))
+
+
+def trained(*given) -> PartialSolvers:
+    """The ensemble that `training` makes."""
+    return finished(training(*given))
+
+
+def named_by(partial_solvers: PartialSolvers, points: np.ndarray) -> Labels:
+    """The labels (T, P) of points (T, P, 3) m."""
+    return Labels.join(SolversNamer(partial_solvers).name(points))

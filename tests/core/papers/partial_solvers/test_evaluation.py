@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from addon.core.evaluation.figures import Figures
-from addon.core.papers.partial_solvers.frames import label_frames
 from addon.core.papers.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
-from addon.core.papers.partial_solvers.training import Training, train_partial_solvers
+from addon.core.papers.partial_solvers.training import Training
 from tests.accuracy.partial.clouds import Clouds, Trouble, spoilt
 from tests.accuracy.partial.measuring import TARGETS
 from tests.accuracy.partial.report import BLOCKS, Results, added
 from tests.accuracy.partial.scores import score
-from tests.core.papers.partial_solvers.plain import moving
+from tests.core.papers.partial_solvers.plain import moving, named_by, trained
 
 NAMES = ("MID", "LKNE", "RKNE", "LTOE", "RTOE")
 
@@ -89,10 +88,8 @@ def test_a_mirror_changes_nothing_for_the_papers_functions_and_much_for_turn():
     points = moving(6, 260, sway=0.05, seed=3)
     for functions in (PAPER_FUNCTIONS, FUNCTIONS):
         options = Training(functions=functions, survey_frames=40, check_frames=120, wrong=300)
-        partial_solvers = train_partial_solvers(points[:200], tuple("ABCDEF"), 0.95, options)
-        plain, turned = (
-            label_frames(partial_solvers, some).marker for some in (points[200:], points[200:] * [1, -1, 1])
-        )
+        partial_solvers = trained(points[:200], tuple("ABCDEF"), 0.95, options)
+        plain, turned = (named_by(partial_solvers, some).marker for some in (points[200:], points[200:] * [1, -1, 1]))
         assert (plain >= 0).mean() > 0.5
         if functions == PAPER_FUNCTIONS:
             assert np.array_equal(plain, turned)
