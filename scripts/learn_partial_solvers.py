@@ -18,11 +18,11 @@ if str(ROOT) not in sys.path:
 
 from threadpoolctl import threadpool_limits
 
-from addon.core.body import anatomy
 from addon.core.papers.partial_solvers.model import FUNCTIONS
 from addon.core.papers.partial_solvers.training import Training, train_partial_solvers
 from addon.io.markersets import SUFFIX
 from addon.io.models import read_model, write_model
+from scripts import anatomy
 from scripts.learn_markersets import read_takes
 
 HIT_RATE = 0.9999
