@@ -18,7 +18,6 @@ ROOT = Path(__file__).resolve().parents[1]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
-from addon.core.body import anatomy
 from addon.core.data.markersets import MarkerSet
 from addon.core.points.likelihood.learn import learn_likelihood
 from addon.core.points.models import Model
@@ -27,7 +26,7 @@ from addon.core.training.transfer import transferred
 from addon.io.markersets import SUFFIX, read_markerset
 from addon.io.models import write_model
 from addon.io.points import read_points
-from scripts import people_study
+from scripts import anatomy, people_study
 
 STANDING_FRAMES, MOVING_FRAMES = 12, 14
 EVERY = 2  # frames of a take for each that the likelihood of points is learned from

@@ -18,12 +18,12 @@ if str(ROOT) not in sys.path:
 
 from threadpoolctl import threadpool_limits
 
-from addon.core.body import anatomy
 from addon.core.data.progress import finished
 from addon.core.papers.partial_solvers.model import FUNCTIONS
 from addon.core.papers.partial_solvers.training import Training, training
 from addon.io.markersets import SUFFIX
 from addon.io.models import read_model, write_model
+from scripts import anatomy
 from scripts.learn_markersets import read_takes
 
 HIT_RATE = 0.9999

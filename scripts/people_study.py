@@ -10,22 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from addon.core.body.anatomy import (
-    LOWER_CAPSULES,
-    LOWER_SEGMENTS,
-    MARKERS,
-    SETS,
-    UNPAIRED,
-    WHOLE_CAPSULES,
-    WHOLE_SEGMENTS,
-    CapsuleSite,
-    MarkerSite,
-    SegmentSite,
-    is_right,
-    other_side,
-)
 from addon.core.body.bodies import Bodies, BodyModel
 from addon.core.body.prior import Prior
+from addon.core.body.sides import UNPAIRED, is_right, other_side
 from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from addon.core.geometry import rotations
 from addon.core.geometry.rigid import best_turns
@@ -35,6 +22,17 @@ from addon.core.posing.posing import aligned, baked, descend_subject, labelled_p
 from addon.core.training.poses import mirrored_poses, posed_bodies
 from addon.core.training.segments import distance_to_axis
 from addon.core.training.takes import most_different
+from scripts.anatomy import (
+    LOWER_CAPSULES,
+    LOWER_SEGMENTS,
+    MARKERS,
+    SETS,
+    WHOLE_CAPSULES,
+    WHOLE_SEGMENTS,
+    CapsuleSite,
+    MarkerSite,
+    SegmentSite,
+)
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core.body.anatomy import LOWER_SEGMENTS, SETS, other_side
 from addon.core.body.bodies import BodyModel
+from addon.core.body.sides import other_side
 from addon.core.geometry import rotations
 from addon.io.markersets import open_markerset
+from scripts.anatomy import LOWER_SEGMENTS, SETS
 from scripts.people_study import Person, learn, study
 
 JOINT_CENTRES = {site.name: site.landmarks[0] for site in LOWER_SEGMENTS if site.landmarks}

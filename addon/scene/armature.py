@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..core.body.anatomy import side_in
+from ..core.body.sides import side_in
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import Motion

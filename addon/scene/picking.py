@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..core.body.anatomy import side_in
+from ..core.body.sides import side_in
 from ..core.data.takes import NO_MARKER, NO_POINT, rows_in_frame
 from .stored import Stored
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import bpy
 import numpy as np
 
-from ..core.body.anatomy import side_in
+from ..core.body.sides import side_in
 from ..core.review.trouble import MISSING, Trouble
 from ..ops.picking import selected_markers
 from ..ops.reviewing import places_of

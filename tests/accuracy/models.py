@@ -18,7 +18,7 @@ from .people import Trial
 
 CACHE = Path(tempfile.gettempdir()) / "mocap-autolabel-accuracy"
 LEARNED_BY = (
-    "addon/core/body/anatomy.py",
+    "scripts/anatomy.py",
     "scripts/people_study.py",
     "addon/core/posing/posing.py",
     "scripts/learn_markersets.py",

@@ -2,7 +2,7 @@
 """Follows the subject from frame to frame: the paper's future tracker, starting each frame from the last one's body."""
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from ..geometry.triangulation import MEETING
 from ..geometry.views import NOWHERE, View
 from ..kernels import calls, in_use
 from ..kernels.frame_calls import Follower
-from ..kernels.structures import made_once
+from ..kernels.structures import once_each
 from ..papers.virtual_occlusions.fit import DAMPING
 from ..papers.virtual_occlusions.labelling import CONDITION, LABEL_STEPS, Expectation, Naming, Rules, naming_of
 from ..papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion
@@ -199,7 +199,7 @@ def followed_by_numpy(track: Track, view: View, setup: Setup, fixed: np.ndarray 
 
 def followed_by_library(track: Track, view: View, setup: Setup, fixed: np.ndarray | None) -> Followed | None:
     """The same by the compiled library; None where a fit cannot be solved."""
-    follower, subject, bodies = made_once(setup, lambda: _follower(setup)), track.subject, track.subject.bodies
+    follower, subject, bodies = follower_of(setup), track.subject, track.subject.bodies
     own, own_sd = bodies.own.ravel(), subject.own_sd
     parts = *_row_of(bodies), own, own_sd, track.velocity[0], track.lag.ravel()
     with setup.clock("fit"):
@@ -239,7 +239,8 @@ def _cut(numbers: np.ndarray, parts) -> list[np.ndarray]:
     return [numbers[start:stop].reshape(shape) for start, stop, shape in parts]
 
 
-def _follower(setup: Setup, options: TrackOptions = TRACKING) -> Follower:
+@once_each
+def follower_of(setup: Setup, options: TrackOptions = TRACKING) -> Follower:
     """What following takes that stays the same through a take, as the compiled library takes it."""
     model, body = setup.model, setup.occlusion
     capsules = (body.segment, body.start, body.axis, body.radius) if type(body) is CapsuleOcclusion else None
@@ -269,7 +270,7 @@ def _follower(setup: Setup, options: TrackOptions = TRACKING) -> Follower:
         "trimmed_scale": MEETING.trimmed_scale,
     }
     return Follower(
-        model, setup.sight, setup.prior, capsules, setup.marker_sd, anchor, setup.rules, astuple(DAMPING), CONDITION,
+        model, setup.sight, setup.prior, capsules, setup.marker_sd, anchor, setup.rules, DAMPING, CONDITION,
         LABEL_STEPS, numbers,
     )  # fmt: skip
 

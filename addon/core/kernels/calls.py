@@ -5,24 +5,14 @@ Each has the name and the arguments of the NumPy function that it stands for; se
 ValueError where an array has not the shape that the others ask for.
 """
 
+from ctypes import Structure
+from dataclasses import astuple
+from typing import NamedTuple
+
 import numpy as np
 
 from .library import compiled
-from .structures import (
-    FLAG,
-    BodyArrays,
-    DampingArrays,
-    ModelArrays,
-    PriorArrays,
-    PullArrays,
-    SightArrays,
-    address,
-    call,
-    given,
-    indices,
-    keeping,
-    made_once,
-)
+from .structures import FLAG, call, filled, given, indices, once_each
 
 
 def pose(model, bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -43,151 +33,133 @@ def derivatives(model, bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
     return *posed, columns
 
 
-def model_arrays(model) -> ModelArrays:
+@once_each
+def model_arrays(model) -> Structure:
     """A marker set as the library takes it, made once."""
-    return made_once(model, lambda: _model_arrays(model))
-
-
-def _model_arrays(model) -> ModelArrays:
     carries = np.zeros((model.marker_count, max(model.joint_count - 1, 0)), FLAG)
     carries[model.carried] = 1
     parts = model.joint_count + model.marker_count
-    kept = (
+    return filled(
+        "Model", model.joint_count, model.marker_count, len(model.modes),
         # The root's parent is not looked at; the others' come before them.
         indices(model.parents, (model.joint_count,), model.joint_count, lowest=-1),
         indices(model.attachment, (model.marker_count,), model.joint_count, lowest=0),
         given(model.offsets, (parts, 3)),
         given(model.modes, (len(model.modes), parts, 3)),
         carries,
-    )
-    return keeping(ModelArrays(model.joint_count, model.marker_count, len(model.modes), *map(address, kept)), kept)
+    )  # fmt: skip
 
 
-def body_arrays(model, bodies) -> BodyArrays:
+def body_arrays(model, bodies) -> Structure:
     """Bodies as the library takes them."""
     count = len(bodies)
-    kept = (
+    return filled(
+        "BodyArrays", count,
         given(bodies.translation, (count, 3)),
         given(bodies.quaternion, (count, 4)),
         given(bodies.scale, (count, 3)),
         given(bodies.bends, (count, model.joint_count, 3)),
         given(bodies.shape, (count, len(model.modes))),
         given(bodies.own, (count, model.marker_count, 3)),
-    )
-    return keeping(BodyArrays(count, *map(address, kept)), kept)
+    )  # fmt: skip
 
 
-def sight_arrays(sight) -> SightArrays:
+@once_each
+def sight_arrays(sight) -> Structure:
     """Cameras as the library takes them, made once."""
-    return made_once(sight, lambda: _sight_arrays(sight))
+    rotation, translation = given(sight.rotation, (sight.count, 3, 3)), given(sight.translation[:, 0], (sight.count, 3))
+    return filled("SightArrays", sight.count, rotation, translation, sight.min_depth)
 
 
-def _sight_arrays(sight) -> SightArrays:
-    kept = given(sight.rotation, (sight.count, 3, 3)), given(sight.translation[:, 0], (sight.count, 3))
-    return keeping(SightArrays(sight.count, *map(address, kept), sight.min_depth), kept)
+class PullOfData(NamedTuple):
+    """What data says to markers as the library takes it, and the cameras that it is seen by, None for none."""
+
+    arrays: Structure
+    sight: Structure | None
+
+
+def pull(markers, data: PullOfData) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stands for `cost.DataPull._by_numpy`."""
+    count = markers.shape[1]
+    markers = given(markers, (len(markers), count, 3))
+    cost, gradient, hessian = np.empty(len(markers)), np.empty(markers.shape), np.empty((*markers.shape, 3))
+    scratch = np.empty(_pull_scratch(count, data.arrays.size))
+    call(compiled.pull, *data, len(markers), count, markers, cost, gradient, hessian, scratch)
+    return cost, gradient, hessian
+
+
+def _pull_scratch(markers: int, size: int) -> int:
+    return (markers + 1) * (size + 1) + 9 * markers
 
 
 RAY_PULL, BLOB_PULL, CLOUD_PULL, POINT_PULL = range(4)
 
 
-def ray_pull(markers, image, deviation, sight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Stands for `cost.ray_pull`."""
-    return _pull(markers, sight, ray_arrays(len(markers), markers.shape[1], image, deviation, sight))
-
-
-def blob_pull(markers, visible, view, sight, softness, reach) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Stands for `cost.blob_pull`."""
-    return _pull(markers, sight, blob_arrays(len(markers), markers.shape[1], visible, view, sight, softness, reach))
-
-
-def cloud_pull(markers, points, weight, softness, reach) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Stands for `cost.cloud_pull`."""
-    return _pull(markers, None, cloud_arrays(points, weight, softness, reach))
-
-
-def point_pull(markers, points, noise, reach) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Stands for `cost.point_pull`."""
-    return _pull(markers, None, point_arrays(len(markers), markers.shape[1], points, noise, reach))
-
-
-def _pull(markers, sight, arrays) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    count = markers.shape[1]
-    markers = given(markers, (len(markers), count, 3))
-    cost, gradient, hessian = np.empty(len(markers)), np.empty(markers.shape), np.empty((*markers.shape, 3))
-    scratch = np.empty(_pull_scratch(count, arrays))
-    looking = sight and sight_arrays(sight)
-    call(compiled.pull, arrays, looking, len(markers), count, markers, cost, gradient, hessian, scratch)
-    return cost, gradient, hessian
-
-
-def _pull_scratch(markers: int, arrays: PullArrays) -> int:
-    return (markers + 1) * (arrays.size + 1) + 9 * markers
-
-
-def ray_arrays(bodies: int, markers: int, image, deviation, sight) -> PullArrays:
+def ray_arrays(bodies: int, markers: int, image, deviation, sight) -> PullOfData:
     """A `RayPull` as the library takes it."""
     sets = len(image)
     if sets not in (1, bodies):
         raise ValueError(f"{sets} sets of names for {bodies} bodies; expected one, or one each")
-    kept = given(image, (sets, sight.count, markers, 2)), given(deviation, (sets, sight.count, markers))
-    return keeping(PullArrays(RAY_PULL, sets, 0, address(kept[0]), address(kept[1]), None, None, 0, 0), kept)
+    image = given(image, (sets, sight.count, markers, 2))
+    deviation = given(deviation, (sets, sight.count, markers))
+    return PullOfData(filled("PullArrays", RAY_PULL, sets, 0, image, deviation), sight_arrays(sight))
 
 
-def blob_arrays(bodies: int, markers: int, visible, view, sight, softness, reach) -> PullArrays:
+def blob_arrays(bodies: int, markers: int, visible, view, sight, softness, reach) -> PullOfData:
     """A `BlobPull` as the library takes it."""
     shape = (sight.count, view.real.shape[1])
-    kept = (
-        given(view.image, (*shape, 2)),
-        given(view.real, shape, FLAG),
-        given(visible, (bodies, sight.count, markers), FLAG),
-    )
-    image, real, seen = map(address, kept)
-    return keeping(PullArrays(BLOB_PULL, 1, shape[1], image, None, real, seen, softness, reach), kept)
+    image, real = given(view.image, (*shape, 2)), given(view.real, shape, FLAG)
+    visible = given(visible, (bodies, sight.count, markers), FLAG)
+    arrays = filled("PullArrays", BLOB_PULL, 1, shape[1], image, None, real, visible, softness, reach)
+    return PullOfData(arrays, sight_arrays(sight))
 
 
-def cloud_arrays(points, weight, softness, reach) -> PullArrays:
+def cloud_arrays(points, weight, softness, reach) -> PullOfData:
     """A `CloudPull` as the library takes it."""
-    kept = given(points, (len(points), 3)), given(weight, (len(points),))
-    places, weights = map(address, kept)
-    return keeping(PullArrays(CLOUD_PULL, 1, len(points), places, weights, None, None, softness, reach), kept)
+    points, weight = given(points, (len(points), 3)), given(weight, (len(points),))
+    values = points, weight, None, None, softness, reach
+    return PullOfData(filled("PullArrays", CLOUD_PULL, 1, len(points), *values), None)
 
 
-def point_arrays(bodies: int, markers: int, points, noise, reach) -> PullArrays:
+def point_arrays(bodies: int, markers: int, points, noise, reach) -> PullOfData:
     """A `PointPull` as the library takes it."""
-    kept = (given(points, (bodies, markers, 3)),)
-    return keeping(PullArrays(POINT_PULL, bodies, 0, address(kept[0]), None, None, None, noise, reach), kept)
+    points = given(points, (bodies, markers, 3))
+    return PullOfData(filled("PullArrays", POINT_PULL, bodies, 0, points, softness=noise, reach=reach), None)
 
 
-def fit_body(model, start, pull, steps: int, prior, width: int, damping) -> tuple | None:
+def fit_body(model, start, data: PullOfData, steps: int, prior, width: int, damping) -> tuple | None:
     """Stands for `fit.descend`: rows of bodies and the arrays of `State`, the trace; None where NumPy has to do it."""
-    arrays = pull.compiled(len(start), model.marker_count)
     count, markers = len(start), model.marker_count
     rows, own = _rows_of(model, start)
     gradient, normal = np.empty((count, width)), np.empty((count, width, width))
     posed = _posed_outputs(model, count)
     columns, trace = np.empty((count, markers, 3, width)), np.empty((steps + 1, count))
-    scratch = np.empty(fit_scratch(model, width, arrays))
-    sight = getattr(pull, "sight", None)
+    scratch = np.empty(fit_scratch(model, width, data.arrays.size))
     fine = call(
-        compiled.fit_body, model_arrays(model), sight and sight_arrays(sight), arrays, prior.compiled(model),
-        DampingArrays(*damping), count, width, steps, rows, own, gradient, normal, *posed, columns, trace, scratch,
+        compiled.fit_body, model_arrays(model), data.sight, data.arrays, prior.compiled(model),
+        damping_arrays(damping), count, width, steps, rows, own, gradient, normal, *posed, columns, trace,
+        scratch,
     )  # fmt: skip
     return (rows, gradient, normal, *posed, columns, trace) if fine else None
 
 
 def fit_until_still(
-    model, start, pull, steps: int, at_once: int, still: float, prior, width: int, damping
+    model, start, data: PullOfData, steps: int, at_once: int, still: float, prior, width: int, damping
 ) -> np.ndarray | None:
     """Stands for `fit.fit_until_still`: rows of bodies; None where NumPy has to do it."""
-    arrays = pull.compiled(len(start), model.marker_count)
     rows, own = _rows_of(model, start)
-    scratch = np.empty(still_scratch(model, width, at_once, arrays))
-    sight = getattr(pull, "sight", None)
+    scratch = np.empty(fit_scratch(model, width, data.arrays.size) + at_once + 1 + _step_length(model, width))
     fine = call(
-        compiled.fit_until_still, model_arrays(model), sight and sight_arrays(sight), arrays, prior.compiled(model),
-        DampingArrays(*damping), len(rows), width, steps, at_once, still, rows, own, scratch,
+        compiled.fit_until_still, model_arrays(model), data.sight, data.arrays, prior.compiled(model),
+        damping_arrays(damping), len(rows), width, steps, at_once, still, rows, own, scratch,
     )  # fmt: skip
     return rows if fine else None
+
+
+@once_each
+def damping_arrays(options) -> Structure:
+    """How steps are damped, as the library takes it."""
+    return filled("DampingArrays", *astuple(options))
 
 
 def _rows_of(model, start) -> tuple[np.ndarray, np.ndarray]:
@@ -203,17 +175,12 @@ def row_length(model) -> int:
     return 10 + 3 * model.joint_count + len(model.modes)
 
 
-def fit_scratch(model, width: int, pull: PullArrays) -> int:
-    """How many numbers a fit takes to work in."""
+def fit_scratch(model, width: int, size: int = 0) -> int:
+    """How many numbers a fit takes to work in, to data of such a size."""
     joints, markers, modes = model.joint_count, model.marker_count, len(model.modes)
     body = width * (width + 1) + _step_length(model, width) + 12 * markers
     posing = 21 * joints + 3 * markers + 3 * (joints + 1) * (3 + modes)
-    return body + max(posing, _pull_scratch(markers, pull), 4 * width + 2, model.parameters)
-
-
-def still_scratch(model, width: int, at_once: int, pull: PullArrays) -> int:
-    """The same of a fit until bodies are still."""
-    return fit_scratch(model, width, pull) + at_once + 1 + _step_length(model, width)
+    return body + max(posing, _pull_scratch(markers, size), 4 * width + 2, model.parameters)
 
 
 def _step_length(model, width: int) -> int:
@@ -222,22 +189,21 @@ def _step_length(model, width: int) -> int:
     return row_length(model) + width * (width + 1) + 12 * joints + 3 * markers + 3 * markers * width
 
 
-def prior_arrays(prior, model, predicted=None, weight=None, hessian=None) -> PriorArrays:
+def prior_arrays(prior, model, predicted=None, weight=None, hessian=None) -> Structure:
     """A prior as the library takes it, with the row of the predicted body, if any, and what holds to it.
 
     `hessian` is another than its own.
     """
     bends = 3 * (model.joint_count - 1)
-    kept = [
+    return filled(
+        "PriorArrays", prior.strength, prior.height, prior.upright,
         given(prior.bend_mean, (bends,)),
         given(prior.bend_precision, (bends, bends)),
         given(prior.scale_precision, (3, 3)),
         given(prior.hessian if hessian is None else hessian, (model.parameters, model.parameters)),
-    ]
-    if predicted is not None:
-        kept += [given(predicted, (row_length(model),)), given(weight, (model.parameters,))]
-    addresses = [*map(address, kept)] + [None] * (6 - len(kept))
-    return keeping(PriorArrays(prior.strength, prior.height, prior.upright, *addresses), kept)
+        None if predicted is None else given(predicted, (row_length(model),)),
+        None if weight is None else given(weight, (model.parameters,)),
+    )  # fmt: skip
 
 
 def covariance(normal, columns, ridge) -> np.ndarray | None:

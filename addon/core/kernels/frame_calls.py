@@ -11,22 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .calls import fit_scratch, model_arrays, row_length, sight_arrays
+from .calls import damping_arrays, fit_scratch, model_arrays, row_length, sight_arrays
 from .library import compiled
-from .structures import (
-    COUNT,
-    FLAG,
-    INDEX,
-    DampingArrays,
-    FollowingArrays,
-    FrameArrays,
-    PullArrays,
-    RuleArrays,
-    address,
-    call,
-    given,
-    indices,
-)
+from .structures import COUNT, FLAG, INDEX, REAL, address, call, filled, given, indices
 
 MOST_CAMERAS = 1024  # as in rays.c
 
@@ -81,16 +68,15 @@ def _new_frame(cameras: int, markers: int, blobs: int) -> tuple[dict[str, np.nda
     return made, places
 
 
-def _new_room(cameras: int, markers: int, blobs: int) -> tuple[dict[str, np.ndarray], dict[str, int]]:
-    """Room to work on a frame in, and its addresses, by name."""
+def _new_room(cameras: int, markers: int, blobs: int) -> dict[str, np.ndarray]:
+    """Room to work on a frame in, by name."""
     images, every, pairs = cameras * blobs, cameras * markers * blobs, cameras * markers * markers
     numbers = {"direction": 3 * images, "across": 9 * images, "anchor": 3 * images, "reprojection": every}
     numbers |= {"given": (markers + 1) * blobs, "cost": every, "order": max(2 * every, 7 * pairs)}
-    room = {name: np.empty(count) for name, count in numbers.items()}
     flags = {"claims": every, "open": every, "stale": markers, "unclear": blobs}
-    room |= {name: np.empty(count, FLAG) for name, count in flags.items()}
-    room |= {name: np.empty(count, INDEX) for name, count in {"closest": blobs, "ray": cameras}.items()}
-    return room, {name: address(array) for name, array in room.items()}
+    whole = {"closest": blobs, "ray": cameras}
+    kinds = ((numbers, REAL), (flags, FLAG), (whole, INDEX))
+    return {name: np.empty(count, kind) for counts, kind in kinds for name, count in counts.items()}
 
 
 def name_markers(view, sight, expected, rules, fixed, condition: tuple, behind: float, steps, step1_only: bool) -> dict:
@@ -101,7 +87,7 @@ def name_markers(view, sight, expected, rules, fixed, condition: tuple, behind: 
     (cameras, blobs), count = view.real.shape, len(expected.points)
     _check_cameras(cameras)
     shape = (cameras, count)
-    kept = {
+    frame = {
         "centres": given(sight.centres, (cameras, 3)),
         "focal": given(sight.focal, (cameras,)),
         "blobs": given(view.image, (cameras, blobs, 2)),
@@ -112,14 +98,11 @@ def name_markers(view, sight, expected, rules, fixed, condition: tuple, behind: 
         "fixed": np.full(shape, -1) if fixed is None else indices(fixed, shape, blobs, lowest=-1),
     }
     made, outputs = _new_frame(cameras, count, blobs)
-    room, places = _new_room(cameras, count, blobs)
-    rule = rule_arrays(rules, condition)
-    arrays = FrameArrays(
-        cameras, count, blobs, cameras * count * count, ctypes.addressof(sight_arrays(sight)), ctypes.addressof(rule),
-        behind, (COUNT * 4)(*steps), **{name: address(array) for name, array in kept.items()}, **outputs, **places,
+    arrays = filled(
+        "Frame", cameras, count, blobs, cameras * count * count, sight_arrays(sight), rule_arrays(rules, condition),
+        behind, (COUNT * 4)(*steps), **frame, **outputs, **_new_room(cameras, count, blobs),
     )  # fmt: skip
-    compiled.name_markers(ctypes.addressof(arrays), step1_only)
-    del room
+    call(compiled.name_markers, arrays, step1_only)
     return made
 
 
@@ -133,7 +116,9 @@ def label_confidences(naming, options) -> np.ndarray:
     frame, met = naming.frame, naming.meeting
     (cameras, blobs), count = frame.view.real.shape, len(frame.expected.points)
     shape = (cameras, count)
-    given_parts = {
+    parts = {
+        "sight": sight_arrays(frame.sight),
+        "rules": rule_arrays(frame.rules, (0.0, 0.0)),
         "blobs": given(frame.view.image, (cameras, blobs, 2)),
         "covariance": given(frame.expected.covariance, (count, 3, 3)),
         "real": given(frame.view.real, (cameras, blobs), FLAG),
@@ -148,10 +133,7 @@ def label_confidences(naming, options) -> np.ndarray:
         "met": given(met.points, (count, 3)),
         "given": np.empty((count + 1, blobs)),
     }
-    rule = rule_arrays(frame.rules, (0.0, 0.0))
-    places = {name: address(array) for name, array in given_parts.items()}
-    heads = {"sight": ctypes.addressof(sight_arrays(frame.sight)), "rules": ctypes.addressof(rule)}
-    arrays = FrameArrays(cameras, count, blobs, behind=frame.sight.nowhere, **heads, **places)
+    arrays = filled("Frame", cameras, count, blobs, behind=frame.sight.nowhere, **parts)
     sure = np.empty(shape)
     call(compiled.label_confidences, arrays, options.hidden, options.shadowed, sure)
     return sure
@@ -173,11 +155,11 @@ def link_blobs(before, view, speed, depth, reaches, clear) -> tuple[np.ndarray, 
     return link, ahead
 
 
-def rule_arrays(rules, condition: tuple) -> RuleArrays:
+def rule_arrays(rules, condition: tuple) -> ctypes.Structure:
     """The rules of naming, and how rays meet, as the library takes them."""
-    return RuleArrays(
-        rules.pixel, rules.slack_m, rules.max_distance_m, rules.max_square, rules.min_lead, rules.max_miss,
-        rules.max_off_point, rules.max_on_point, rules.max_square, rules.merged_m, rules.merged_m,
+    return filled(
+        "RuleArrays", rules.pixel, rules.slack_m, rules.max_distance_m, rules.max_square, rules.min_lead,
+        rules.max_miss, rules.max_off_point, rules.max_on_point, rules.max_square, rules.merged_m, rules.merged_m,
         rules.min_behind_m, *condition,
     )  # fmt: skip
 
@@ -195,8 +177,8 @@ class Follower:
         segment, *body = capsules or (np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
         count, shapes = len(segment), ((-1, 3), (-1, 3), (-1,))
         self.sees = count > 0
-        known = prior.compiled(model)
-        kept = (
+        names = ("segment", "start", "axis", "radius", "low", "high", "centres", "focal", "marker_sd", "anchor")
+        arrays = (
             indices(segment, (count,), model.joint_count, lowest=0),
             *(given(part, (count, *shape[1:])) for part, shape in zip(body, shapes, strict=True)),
             *(given(part, (sight.count, 2)) for part in sight.corners),
@@ -205,13 +187,10 @@ class Follower:
             given(marker_sd, (model.marker_count,)),
             given(anchor, (model.parameters,)),
         )
-        damped, rule = DampingArrays(*damping), rule_arrays(rules, condition)
-        parts = model_arrays(model), sight_arrays(sight), known, damped, rule
-        names = ("segment", "start", "axis", "radius", "low", "high", "centres", "focal", "marker_sd", "anchor")
-        places = dict(zip(names, map(address, kept), strict=True))
-        heads = dict(zip(("model", "sight", "prior", "damping", "rules"), map(ctypes.addressof, parts), strict=True))
-        self.arrays = FollowingArrays(capsules=count, **heads, **places, **numbers)
-        self.kept = kept, parts  # as long as the library looks at them
+        known = model_arrays(model), sight_arrays(sight), prior.compiled(model)
+        rule = damping_arrays(damping), rule_arrays(rules, condition)
+        parts = dict(zip(names, arrays, strict=True))
+        self.arrays = filled("Following", *known, *rule, capsules=count, **parts, **numbers)
         self.nobody = np.full(self.shape, -1)
         self.steps = steps
         joints, markers, width, pairs = model.joint_count, model.marker_count, model.parameters, prod(self.shape)
@@ -220,7 +199,7 @@ class Follower:
         self.fitted_parts = _in_turn(row, (joints, 3, 3), (joints, 3), points, points, (markers, 3, 3))
         own = row[0] + 3 * pairs + width * (1 + width + 3 * markers) + numbers["fit_steps"] + 1
         room = max(
-            fit_scratch(model, width, PullArrays()),
+            fit_scratch(model, width),
             width * (width + 3 * markers),
             12 * joints + 3 * markers + 12 * joints + 3 * markers,
             7 * count,
@@ -237,17 +216,15 @@ class Follower:
     def _make_room(self, blobs: int):
         cameras, markers = self.shape
         self.blobs = blobs
-        room, places = _new_room(cameras, markers, blobs)
-        made, outputs = _new_frame(cameras, markers, blobs)
-        of, nobody = self.arrays, address(self.nobody)
+        of, room = self.arrays, _new_room(cameras, markers, blobs)
+        self.made, outputs = _new_frame(cameras, markers, blobs)
         self.first, self.last = (
-            FrameArrays(
-                cameras, markers, blobs, cameras * markers * markers, of.sight, of.rules, of.behind,
-                (COUNT * 4)(*self.steps), of.centres, of.focal, fixed=nobody, **outputs, **places,
+            filled(
+                "Frame", cameras, markers, blobs, cameras * markers * markers, of.sight, of.rules, of.behind,
+                (COUNT * 4)(*self.steps), of.centres, of.focal, **outputs, **room,
             )
             for _ in range(2)
         )  # fmt: skip
-        self.room = room, made
 
 
 class FollowedFrame:
@@ -264,10 +241,10 @@ class FollowedFrame:
         self.shape = cameras, follower.shape[1], blobs
         self.places = tuple(map(address, self.kept))
 
-    def _filled(self, arrays: FrameArrays) -> int:
+    def _filled(self, arrays: ctypes.Structure) -> ctypes.Structure:
         arrays.blobs_of_one = self.shape[2]
         arrays.blobs, arrays.real, arrays.fixed = self.places
-        return ctypes.addressof(arrays)
+        return arrays
 
     def fit(self, numbers, pixel: float, unseen, before) -> tuple[np.ndarray, np.ndarray] | None:
         """The first half of `tracking.followed_by_numpy`; None where a fit cannot be solved.
@@ -280,10 +257,9 @@ class FollowedFrame:
         self.unseen, self.pixel = given(unseen, (follower.shape[1],), INDEX), pixel
         before = given(before, follower.shape, FLAG)
         fitted, visible = np.empty(follower.fitted_parts[-1][1]), np.empty(follower.shape, bool)
-        done = compiled.follow_fit(
-            ctypes.addressof(follower.arrays), self._filled(follower.first), pixel, address(self.track),
-            address(self.unseen), address(before), address(fitted), address(visible),
-            address(follower.scratch),
+        done = call(
+            compiled.follow_fit, follower.arrays, self._filled(follower.first), pixel, self.track, self.unseen, before,
+            fitted, visible, follower.scratch,
         )  # fmt: skip
         self.fitted = fitted
         return (fitted, visible) if done else None
@@ -297,8 +273,8 @@ class FollowedFrame:
         for name, at in outputs.items():
             setattr(follower.last, name, at)
         follower.last.visible = address(visible)
-        poor = compiled.follow_name(
-            ctypes.addressof(follower.arrays), self._filled(follower.last), self.pixel, address(self.track),
-            address(self.unseen), address(self.fitted), address(numbers), address(unseen),
+        poor = call(
+            compiled.follow_name, follower.arrays, self._filled(follower.last), self.pixel, self.track, self.unseen,
+            self.fitted, numbers, unseen,
         )  # fmt: skip
         return made, numbers, unseen, bool(poor)

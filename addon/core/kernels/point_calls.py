@@ -2,24 +2,12 @@
 """The same of naming points by likelihood: see `calls`."""
 
 import math
+from ctypes import Structure
 
 import numpy as np
 
 from .library import compiled
-from .structures import (
-    FLAG,
-    INDEX,
-    SINGLE,
-    ConstraintArrays,
-    GaussianArrays,
-    LikenessArrays,
-    address,
-    call,
-    given,
-    indices,
-    keeping,
-    made_once,
-)
+from .structures import FLAG, INDEX, SINGLE, call, filled, given, indices, once_each
 
 
 def softly(model, points, present, ghost, latent, schedule) -> tuple[np.ndarray, ...]:
@@ -138,9 +126,9 @@ def of_ends(frame, then, gap, xyz, placed, own, near, within, rate: float, optio
     return odds
 
 
-def _likeness_arrays(near, mean, variance, options) -> LikenessArrays:
-    return LikenessArrays(
-        near.shape[1], options.neighbours, options.min_neighbours, *map(address, (near, mean, variance)),
+def _likeness_arrays(near, mean, variance, options) -> Structure:
+    return filled(
+        "Likeness", near.shape[1], options.neighbours, options.min_neighbours, near, mean, variance,
         options.independent, options.max_square, options.wide_m,
         1.5 * math.log(2 * math.pi) + math.log(options.ghost_density),
     )  # fmt: skip
@@ -164,46 +152,46 @@ def median_volumes(place, quads) -> np.ndarray:
     return medians
 
 
-def gaussian_arrays(model) -> GaussianArrays:
+@once_each
+def gaussian_arrays(model) -> Structure:
     """A shape's linear algebra as the library takes it, made once."""
-    return made_once(model, lambda: _gaussian_arrays(model))
-
-
-def _gaussian_arrays(model) -> GaussianArrays:
     markers, size = len(model), model.size
-    kept = (
+    return filled(
+        "Gaussian", markers, size,
         given(model.mean, (markers, 3)),
         given(model.noise, (markers,)),
         given(model.columns, (markers, 3, size)),
         given(np.moveaxis(model.columns, 2, 0), (size, markers, 3)),
         given(model.products, (markers, size * size)),
-    )
-    return keeping(GaussianArrays(markers, size, *map(address, kept), model.yaw_sd), kept)
+        model.yaw_sd,
+    )  # fmt: skip
 
 
-NO_CONSTRAINTS = ConstraintArrays(size_sd=1.0)
+NO_CONSTRAINTS = filled("Constraints", size_sd=1.0)
 
 
-def constraint_arrays(constraints, markers: int) -> ConstraintArrays:
+def constraint_arrays(constraints, markers: int) -> Structure:
     """Distance constraints between so many markers, always the same of them, as the library takes them, made once.
 
     None stands for none.
     """
     if constraints is None:
         return NO_CONSTRAINTS
-    arrays = made_once(constraints, lambda: _constraint_arrays(constraints, markers))
+    arrays = _constraint_arrays(constraints, markers)
     if arrays.markers != markers:
         raise ValueError(f"distance constraints of {arrays.markers} markers; expected those of {markers}")
     return arrays
 
 
-def _constraint_arrays(constraints, markers: int) -> ConstraintArrays:
+@once_each
+def _constraint_arrays(constraints, markers: int) -> Structure:
     count = len(constraints)
-    kept = (
+    arrays = filled(
+        "Constraints", count,
         indices(constraints.pair, (count, 2), markers, lowest=0),
         *(given(part, (count,)) for part in (constraints.length, constraints.sd, constraints.weight)),
         given(constraints.joined(markers), (markers, markers), INDEX),
-    )
-    arrays = ConstraintArrays(count, *map(address, kept), constraints.size_sd, *constraints.limits)
+        constraints.size_sd, *constraints.limits,
+    )  # fmt: skip
     arrays.markers = markers
-    return keeping(arrays, kept)
+    return arrays

@@ -3,7 +3,8 @@
 
 import ctypes
 from collections.abc import Callable
-from typing import Any, TypeVar, overload
+from functools import wraps
+from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -15,129 +16,64 @@ INDEX = np.dtype(np.int64)
 REAL = np.dtype(np.float64)
 FLAG = np.dtype(np.uint8)
 SINGLE = np.dtype(np.float32)
+Made = TypeVar("Made")
 
 
-class ModelArrays(ctypes.Structure):
-    """`Model` of kernels.h."""
-
-    _fields_ = [(name, COUNT) for name in ("joints", "markers", "modes")] + [
-        (name, ADDRESS) for name in ("parents", "attachment", "offsets", "shape_modes", "carries")
-    ]
-
-
-class BodyArrays(ctypes.Structure):
-    """`BodyArrays` of kernels.h."""
-
-    _fields_ = [("count", COUNT)] + [
-        (name, ADDRESS) for name in ("translation", "quaternion", "scale", "bends", "shape", "own")
-    ]
-
-
-class SightArrays(ctypes.Structure):
-    """`SightArrays` of kernels.h."""
-
-    _fields_ = [("count", COUNT), ("rotation", ADDRESS), ("translation", ADDRESS), ("min_depth", NUMBER)]
-
-
-class PriorArrays(ctypes.Structure):
-    """`PriorArrays` of kernels.h."""
-
-    _fields_ = [(name, NUMBER) for name in ("strength", "height", "upright")] + [
-        (name, ADDRESS) for name in ("bend_mean", "bend_precision", "scale_precision", "hessian", "predicted", "weight")
-    ]
-
-
-class PullArrays(ctypes.Structure):
-    """`PullArrays` of kernels.h."""
-
-    _fields_ = [
-        *((name, COUNT) for name in ("kind", "sets", "size")),
-        *((name, ADDRESS) for name in ("places", "weights", "real", "visible")),
-        *((name, NUMBER) for name in ("softness", "reach")),
-    ]
-
-
-class DampingArrays(ctypes.Structure):
-    """`DampingArrays` of kernels.h."""
-
-    _fields_ = [(name, NUMBER) for name in ("first", "smaller", "larger", "lowest", "highest", "ridge")]
-
-
-class RuleArrays(ctypes.Structure):
-    """`RuleArrays` of kernels.h."""
-
-    _fields_ = [
-        (name, NUMBER)
-        for name in (
-            *("pixel", "slack", "max_distance", "max_square", "min_lead", "max_miss", "max_off_point", "max_on_point"),
-            *("max_off_model", "overlap", "merged", "min_behind", "ridge", "max_condition"),
-        )
-    ]
-
-
-class GaussianArrays(ctypes.Structure):
-    """`Gaussian` of kernels.h."""
-
-    _fields_ = [
-        *((name, COUNT) for name in ("markers", "size")),
-        *((name, ADDRESS) for name in ("mean", "noise", "columns", "across", "products")),
-        ("yaw_sd", NUMBER),
-    ]
-
-
-class ConstraintArrays(ctypes.Structure):
-    """`Constraints` of kernels.h."""
-
-    _fields_ = [
-        ("count", COUNT),
-        *((name, ADDRESS) for name in ("pair", "length", "sd", "weight", "joined")),
-        *((name, NUMBER) for name in ("size_sd", "max_cost", "max_size_ratio")),
-    ]
-
-
-class LikenessArrays(ctypes.Structure):
-    """`Likeness` of kernels.h."""
-
-    _fields_ = [
-        *((name, COUNT) for name in ("near_count", "neighbours", "min_neighbours")),
-        *((name, ADDRESS) for name in ("near", "mean", "variance")),
-        *((name, NUMBER) for name in ("independent", "max_square", "wide", "constant")),
-    ]
-
-
-class FrameArrays(ctypes.Structure):
-    """`Frame` of kernels.h."""
-
-    _fields_ = [
-        *((name, COUNT) for name in ("cameras", "markers", "blobs_of_one", "pairs")),
-        *((name, ADDRESS) for name in ("sight", "rules")),
-        ("behind", NUMBER),
-        ("steps", COUNT * 4),
-        *((name, ADDRESS) for name in ("centres", "focal", "blobs", "points", "covariance")),
-        *((name, ADDRESS) for name in ("real", "visible", "fixed")),
-        *((name, ADDRESS) for name in ("image", "slope", "depth", "metres", "nll", "direction", "across", "anchor")),
-        *((name, ADDRESS) for name in ("slot", "step", "owner", "partner", "conflicts")),
-        *((name, ADDRESS) for name in ("met", "residual", "miss", "reprojection")),
-        *((name, ADDRESS) for name in ("given", "cost", "claims", "open", "stale", "unclear")),
-        *((name, ADDRESS) for name in ("closest", "ray", "order")),
-    ]
-
-
-class FollowingArrays(ctypes.Structure):
-    """`Following` of kernels.h."""
-
-    _fields_ = [
-        *((name, ADDRESS) for name in ("model", "sight", "prior", "damping", "rules")),
-        *((name, COUNT) for name in ("capsules", "fit_steps", "min_due", "min_meetings")),
-        *((name, ADDRESS) for name in ("segment", "start", "axis", "radius")),
-        *((name, ADDRESS) for name in ("low", "high", "centres", "focal", "marker_sd", "anchor")),
-        *((name, NUMBER) for name in ("behind", "ridge", "standoff", "min_side_share", "velocity_kept")),
-        *((name, NUMBER) for name in ("velocity_rate", "sd", "sd_growth", "max_sd", "lag_kept", "own_rate")),
-        *((name, NUMBER) for name in ("noise_rate", "min_named_share", "skin", "max_own", "min_noise", "max_noise")),
-        *((name, NUMBER) for name in ("kept_share", "trimmed_scale")),
-    ]
-
-
+# The structures of kernels.h: the names of their fields, kind after kind.
+STRUCTURES = {
+    name: type(name, (ctypes.Structure,), {"_fields_": [(one, kind) for kind, names in parts for one in names.split()]})
+    for name, parts in {
+        "Model": ((COUNT, "joints markers modes"), (ADDRESS, "parents attachment offsets shape_modes carries")),
+        "BodyArrays": ((COUNT, "count"), (ADDRESS, "translation quaternion scale bends shape own")),
+        "SightArrays": ((COUNT, "count"), (ADDRESS, "rotation translation"), (NUMBER, "min_depth")),
+        "PriorArrays": (
+            (NUMBER, "strength height upright"),
+            (ADDRESS, "bend_mean bend_precision scale_precision hessian predicted weight"),
+        ),
+        "PullArrays": (
+            (COUNT, "kind sets size"),
+            (ADDRESS, "places weights real visible"),
+            (NUMBER, "softness reach"),
+        ),
+        "DampingArrays": ((NUMBER, "first smaller larger lowest highest ridge"),),
+        "RuleArrays": (
+            (NUMBER, "pixel slack max_distance max_square min_lead max_miss max_off_point max_on_point max_off_model"),
+            (NUMBER, "overlap merged min_behind ridge max_condition"),
+        ),
+        "Gaussian": (
+            (COUNT, "markers size"),
+            (ADDRESS, "mean noise columns across products"),
+            (NUMBER, "yaw_sd"),
+        ),
+        "Constraints": (
+            (COUNT, "count"),
+            (ADDRESS, "pair length sd weight joined"),
+            (NUMBER, "size_sd max_cost max_size_ratio"),
+        ),
+        "Likeness": (
+            (COUNT, "near_count neighbours min_neighbours"),
+            (ADDRESS, "near mean variance"),
+            (NUMBER, "independent max_square wide constant"),
+        ),
+        "Frame": (
+            (COUNT, "cameras markers blobs_of_one pairs"),
+            (ADDRESS, "sight rules"),
+            (NUMBER, "behind"),
+            (COUNT * 4, "steps"),
+            (ADDRESS, "centres focal blobs points covariance real visible fixed"),
+            (ADDRESS, "image slope depth metres nll direction across anchor"),
+            (ADDRESS, "slot step owner partner conflicts met residual miss reprojection"),
+            (ADDRESS, "given cost claims open stale unclear closest ray order"),
+        ),
+        "Following": (
+            (ADDRESS, "model sight prior damping rules"),
+            (COUNT, "capsules fit_steps min_due min_meetings"),
+            (ADDRESS, "segment start axis radius low high centres focal marker_sd anchor"),
+            (NUMBER, "behind ridge standoff min_side_share velocity_kept velocity_rate sd sd_growth max_sd lag_kept"),
+            (NUMBER, "own_rate noise_rate min_named_share skin max_own min_noise max_noise kept_share trimmed_scale"),
+        ),
+    }.items()
+}
 # What says whether it could do it; of `follow_name` whether too little was named.
 ANSWERING = ("fit_body", "fit_until_still", "covariance", "settled", "softly", "follow_fit", "follow_name")
 SIGNATURES = {
@@ -170,21 +106,25 @@ if compiled is not None:
         getattr(compiled, _name).restype = ctypes.c_int if _name in ANSWERING else None
 
 
-Made = TypeVar("Made", bound=ctypes.Structure)
-_made: WeakKeyDictionary[object, Any] = WeakKeyDictionary()
+def once_each(make: Callable[..., Made]) -> Callable[..., Made]:
+    """Makes of an object what is asked for once, and keeps it as long as the object is there."""
+    made: WeakKeyDictionary[object, Made] = WeakKeyDictionary()
+
+    @wraps(make)
+    def made_once(owner: object, *more: object) -> Made:
+        found = made.get(owner)
+        if found is None:
+            found = made[owner] = make(owner, *more)
+        return found
+
+    return made_once
 
 
-def made_once(owner: object, make: Callable[[], Made]) -> Made:
-    """What the library takes an object as, made when it is first asked for and kept as long as the object is."""
-    structure = _made.get(owner)
-    if structure is None:
-        structure = _made[owner] = make()
-    return structure
-
-
-def keeping(structure: Made, kept: object) -> Made:
-    """The structure, which keeps the arrays that it has the addresses of for as long as it is there itself."""
-    structure.kept = kept
+def filled(name: str, *values: object, **named: object) -> ctypes.Structure:
+    """A structure of kernels.h of numbers and of the addresses of arrays and structures, which are kept with it."""
+    fields = {field: _as_given(value) for field, value in named.items()}
+    structure = STRUCTURES[name](*map(_as_given, values), **fields)
+    structure.kept = values, named
     return structure
 
 
@@ -215,21 +155,11 @@ def _as_given(argument: Any) -> Any:
     return ctypes.addressof(argument) if isinstance(argument, ctypes.Structure) else argument
 
 
-@overload
-def address(array: None) -> None: ...
-@overload
-def address(array: np.ndarray) -> int: ...
-@overload
-def address(array: np.ndarray | None) -> int | None: ...
-
-
-def address(array: np.ndarray | None) -> int | None:
+def address(array: np.ndarray) -> int:
     """Where an array begins; the caller keeps it as long as the library looks at it.
 
     An array says so itself (`ctypes.data`), but takes ten times as long.
     """
-    if array is None:
-        return None
     try:
         return ctypes.addressof(ctypes.c_char.from_buffer(array))
     except (TypeError, ValueError):  # it is not to be written to, or empty

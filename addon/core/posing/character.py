@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..body.anatomy import BODY_SIDES
+from ..body.sides import BODY_SIDES
 from ..data.errors import InputError
 
 # From the body's axes (x forward, y left) to a character's (-y forward, x left).

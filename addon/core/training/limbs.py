@@ -11,7 +11,7 @@ from itertools import permutations, product
 
 import numpy as np
 
-from ..body.anatomy import BODY_SIDES
+from ..body.sides import BODY_SIDES
 from ..data.markersets import MarkerSet
 from ..geometry.rigid import laid_on
 from .segments import Segments

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..body.anatomy import other_side
 from ..body.bodies import Bodies, BodyModel
+from ..body.sides import other_side
 from ..data.markersets import MarkerSet
 from ..geometry import rotations
 from ..posing.posing import fit_points

@@ -4,8 +4,9 @@
 import numpy as np
 import pytest
 
-from addon.core.body import anatomy
+from addon.core.body.sides import other_side
 from addon.io.markersets import builtin_markersets, open_markerset
+from scripts import anatomy
 
 GAIT15 = "SACR RASI LASI RTHI LTHI RKNE LKNE RTIB LTIB RANK LANK RHEE LHEE RTOE LTOE"
 BODY26 = (
@@ -33,9 +34,9 @@ def test_markers_are_the_contracts(name, markers):
 def test_left_is_left_and_toes_are_ahead(markerset):
     where = dict(zip(markerset.markers, markerset.rest_markers, strict=True))
     for name, place in where.items():
-        if anatomy.other_side(name) in where and anatomy.other_side(name) != name:
+        if other_side(name) in where and other_side(name) != name:
             assert place[1] * (-1 if name[0] == "R" else 1) > 0.01, name
-            np.testing.assert_allclose(where[anatomy.other_side(name)], place * [1, -1, 1], atol=1e-5)
+            np.testing.assert_allclose(where[other_side(name)], place * [1, -1, 1], atol=1e-5)
     assert where["LTOE"][0] > where["LHEE"][0] + 0.08
     assert where["LASI"][0] > where["LPSI" if "LPSI" in where else "SACR"][0] + 0.05
 

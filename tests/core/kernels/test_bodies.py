@@ -79,6 +79,11 @@ def seen_by(generator, markers, blobs=None):
     return split_views(blobs_at(pixels), RIG)[0]
 
 
+def pull_alike(pull: cost.DataPull, markers):
+    one, other = pull(markers), pull._by_numpy(markers)
+    same([one.cost, one.gradient, one.hessian], [other.cost, other.gradient, other.hessian])
+
+
 @FEW
 @given(SEEDS, st.integers(1, 3), st.sampled_from([1, 2, 15]), st.booleans())
 def test_what_data_say_to_markers(seed, count, markers, behind):
@@ -88,16 +93,16 @@ def test_what_data_say_to_markers(seed, count, markers, behind):
         at[0, 0] = [40, 40, 1]  # no camera is farther out
     view = seen_by(generator, at[0])
     visible = generator.random((count, len(RIG), markers)) < 0.7
-    both(cost.blob_pull, at, visible, view, SIGHT, 0.1, 0.3)
+    pull_alike(cost.BlobPull(visible, view, SIGHT, 0.1, 0.3), at)
     points = generator.normal(0, 0.5, (generator.integers(0, 9), 3))
-    both(cost.cloud_pull, at, points, generator.random(len(points)), 0.1, 0.3)
+    pull_alike(cost.CloudPull(points, generator.random(len(points)), 0.1, 0.3), at)
     named = generator.normal(0, 0.5, at.shape)
     named[generator.random(at.shape[:2]) < 0.3] = np.nan
-    both(cost.point_pull, at, named, 0.01, 0.1)
+    pull_alike(cost.PointPull(named, 0.01, 0.1), at)
     image = generator.normal(0, 0.1, (count, len(RIG), markers, 2))
     deviation = np.where(generator.random((count, len(RIG), markers)) < 0.3, np.inf, 0.002)
-    both(cost.ray_pull, at, image, deviation, SIGHT)
-    both(cost.ray_pull, at, image[:1], deviation[:1], SIGHT)
+    pull_alike(cost.RayPull(image, deviation, SIGHT), at)
+    pull_alike(cost.RayPull(image[:1], deviation[:1], SIGHT), at)
 
 
 def pulls_of(generator, model, start):
@@ -198,11 +203,11 @@ def test_arrays_that_do_not_go_together_are_refused():
     refused(
         lambda: posing.pose(model, wrong),
         lambda: posing.derivatives(model, wrong),
-        lambda: cost.point_pull(points, points[:1], 0.01, 0.1),
-        lambda: cost.cloud_pull(points, np.zeros((4, 3)), np.ones(3), 0.1, 0.3),
-        lambda: cost.ray_pull(points, np.zeros((2, len(RIG), 2, 2)), np.ones((2, len(RIG), 2)), SIGHT),
-        lambda: cost.ray_pull(points, np.zeros((3, len(RIG), 3, 2)), np.ones((3, len(RIG), 3)), SIGHT),
-        lambda: cost.blob_pull(points, np.ones((1, len(RIG), 3)), seen_by(generator, points[0]), SIGHT, 0.1, 0.3),
+        lambda: cost.PointPull(points[:1], 0.01, 0.1)(points),
+        lambda: cost.CloudPull(np.zeros((4, 3)), np.ones(3), 0.1, 0.3)(points),
+        lambda: cost.RayPull(np.zeros((2, len(RIG), 2, 2)), np.ones((2, len(RIG), 2)), SIGHT)(points),
+        lambda: cost.RayPull(np.zeros((3, len(RIG), 3, 2)), np.ones((3, len(RIG), 3)), SIGHT)(points),
+        lambda: cost.BlobPull(np.ones((1, len(RIG), 3)), seen_by(generator, points[0]), SIGHT, 0.1, 0.3)(points),
         lambda: fit.marker_covariance(np.eye(9)[None], np.zeros((1, 3, 3, 8)), 1e-9),
         lambda: fit.fit_body(model, wrong, cost.CloudPull(points[0], np.ones(3), 0.1, 0.3), 1, Prior(model)),
         lambda: occlusion.capsules_hide(points, points, np.ones((2, 2)), points, np.zeros((4, 3)), np.ones(2), 0.3),

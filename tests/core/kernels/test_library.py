@@ -9,26 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from addon.core.kernels import library, structures
-from addon.core.kernels.structures import ADDRESS, COUNT, NUMBER, SIGNATURES
+from addon.core.kernels import library
+from addon.core.kernels.structures import ADDRESS, COUNT, NUMBER, SIGNATURES, STRUCTURES
 
 ROOT = Path(__file__).resolve().parents[3]
 HEADER = (ROOT / "kernels" / "src" / "kernels.h").read_text(encoding="utf-8")
 SOURCES = "".join(path.read_text(encoding="utf-8") for path in sorted((ROOT / "kernels" / "src").glob("*.c")))
-STRUCTURES = {
-    "Model": structures.ModelArrays,
-    "BodyArrays": structures.BodyArrays,
-    "SightArrays": structures.SightArrays,
-    "PriorArrays": structures.PriorArrays,
-    "PullArrays": structures.PullArrays,
-    "DampingArrays": structures.DampingArrays,
-    "Gaussian": structures.GaussianArrays,
-    "Constraints": structures.ConstraintArrays,
-    "Likeness": structures.LikenessArrays,
-    "RuleArrays": structures.RuleArrays,
-    "Frame": structures.FrameArrays,
-    "Following": structures.FollowingArrays,
-}
 
 
 @pytest.fixture

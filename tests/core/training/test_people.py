@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from addon.core.body.anatomy import other_side
 from addon.core.body.bodies import BodyModel
+from addon.core.body.sides import other_side
 from addon.core.data.progress import finished
 from addon.core.data.takes import evenly_spread
 from addon.core.geometry import rotations

@@ -12,12 +12,13 @@ with d the distance in metres at the body's depth. ρ tends to min(d², r²) of 
 Squares, because Levenberg-Marquardt minimises squares.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...geometry.views import Sight, View
-from ...kernels import calls, stands_for
+from ...kernels import calls, in_use
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +35,24 @@ class Pull:
     hessian: np.ndarray
 
 
+class DataPull(ABC):
+    """What some data says to markers, by the compiled library where there is one."""
+
+    def __call__(self, markers: np.ndarray) -> Pull:
+        """Of markers (B, M, 3) m."""
+        return Pull(*calls.pull(markers, self.compiled(*markers.shape[:2]))) if in_use() else self._by_numpy(markers)
+
+    @abstractmethod
+    def _by_numpy(self, markers: np.ndarray) -> Pull:
+        """The same by NumPy."""
+
+    @abstractmethod
+    def compiled(self, bodies: int, markers: int) -> calls.PullOfData:
+        """As the compiled library takes it, for so many bodies of so many markers."""
+
+
 @dataclass(frozen=True, eq=False)
-class BlobPull:
+class BlobPull(DataPull):
     """F and its derivatives for markers that are visible (B, C, M) in a frame's view.
 
     `softness` is s and `reach` is r, m.
@@ -47,17 +64,26 @@ class BlobPull:
     softness: float
     reach: float
 
-    def __call__(self, markers: np.ndarray) -> Pull:
-        """Of markers (B, M, 3) m."""
-        return Pull(*blob_pull(markers, self.visible, self.view, self.sight, self.softness, self.reach))
+    def _by_numpy(self, markers: np.ndarray) -> Pull:
+        image, slope, depth = self.sight.looked_at(markers)
+        image, depth = image.swapaxes(1, 2), depth.mean(axis=1)
+        chance = _closeness(self.view, image, depth / self.softness, self.visible)
+        outside = np.exp(-0.5 * (self.reach / self.softness) ** 2)
+        of_marker, of_blob = chance.sum(axis=3) + outside, chance.sum(axis=2) + outside
+        cost = -np.log(of_marker).sum(axis=(1, 2)) - (np.log(of_blob) * self.view.real).sum(axis=(1, 2))
+        chance *= (1 / of_marker)[..., None] + (1 / of_blob)[:, :, None]
+        chance *= (0.5 * (depth / self.softness) ** 2)[:, :, None, None]
+        total = chance.sum(axis=3)
+        toward = chance @ self.view.image - image * total[..., None]
+        return Pull(cost, *_over_cameras(slope, toward.swapaxes(1, 2), total.swapaxes(1, 2)))
 
-    def compiled(self, bodies: int, markers: int):
-        """As the compiled fit takes it."""
+    def compiled(self, bodies: int, markers: int) -> calls.PullOfData:
+        """See `DataPull.compiled`."""
         return calls.blob_arrays(bodies, markers, self.visible, self.view, self.sight, self.softness, self.reach)
 
 
 @dataclass(frozen=True, eq=False)
-class CloudPull:
+class CloudPull(DataPull):
     """The same with points in space (Q, 3) m of weights (Q,) instead of blobs, blobs' side only.
 
     Every point wants a marker; a marker without a point costs nothing, because it may be hidden.
@@ -68,17 +94,23 @@ class CloudPull:
     softness: float
     reach: float
 
-    def __call__(self, markers: np.ndarray) -> Pull:
-        """Of markers (B, M, 3) m."""
-        return Pull(*cloud_pull(markers, self.points, self.weight, self.softness, self.reach))
+    def _by_numpy(self, markers: np.ndarray) -> Pull:
+        between = self.points[None, None] - markers[:, :, None]
+        square = np.einsum("bmqi,bmqi->bmq", between, between)
+        chance = np.exp(square / (-2 * self.softness**2))
+        of_point = chance.sum(axis=1) + np.exp(-0.5 * (self.reach / self.softness) ** 2)
+        share = chance / of_point[:, None] * self.weight / self.softness**2
+        total = share.sum(axis=2)
+        gradient = -np.einsum("bmq,bmqi->bmi", share, between)
+        return Pull(-2 * (np.log(of_point) * self.weight).sum(axis=1), gradient, total[..., None, None] * np.eye(3))
 
-    def compiled(self, bodies: int, markers: int):  # noqa: ARG002 - as the others have it
-        """As the compiled fit takes it."""
+    def compiled(self, bodies: int, markers: int) -> calls.PullOfData:  # noqa: ARG002 - as the others have it
+        """See `DataPull.compiled`."""
         return calls.cloud_arrays(self.points, self.weight, self.softness, self.reach)
 
 
 @dataclass(frozen=True, eq=False)
-class RayPull:
+class RayPull(DataPull):
     """Named blobs: normalised image points (B, C, M, 2) of standard deviation (B, C, M) m at the marker's depth.
 
     A deviation of infinity switches a pair off.
@@ -88,17 +120,20 @@ class RayPull:
     deviation: np.ndarray
     sight: Sight
 
-    def __call__(self, markers: np.ndarray) -> Pull:
-        """Of markers (B, M, 3) m."""
-        return Pull(*ray_pull(markers, self.image, self.deviation, self.sight))
+    def _by_numpy(self, markers: np.ndarray) -> Pull:
+        found, slope, depth = self.sight.looked_at(markers)
+        weight = (depth / self.deviation.swapaxes(1, 2)) ** 2
+        toward = np.where(weight[..., None] > 0, self.image.swapaxes(1, 2) - found, 0) * weight[..., None]
+        cost = np.einsum("bmci,bmci,bmc->b", toward, toward, 1 / np.where(weight > 0, weight, 1))
+        return Pull(cost, *_over_cameras(slope, toward, weight))
 
-    def compiled(self, bodies: int, markers: int):
-        """As the compiled fit takes it."""
+    def compiled(self, bodies: int, markers: int) -> calls.PullOfData:
+        """See `DataPull.compiled`."""
         return calls.ray_arrays(bodies, markers, self.image, self.deviation, self.sight)
 
 
 @dataclass(frozen=True, eq=False)
-class PointPull:
+class PointPull(DataPull):
     """Labelled points (B, M, 3) m, NaN where missing: Cauchy's loss of the distances.
 
     `noise` m is their standard deviation, and what is farther off than `reach` m counts less and less.
@@ -108,29 +143,17 @@ class PointPull:
     noise: float
     reach: float
 
-    def __call__(self, markers: np.ndarray) -> Pull:
-        """Of markers (B, M, 3) m."""
-        return Pull(*point_pull(markers, self.points, self.noise, self.reach))
+    def _by_numpy(self, markers: np.ndarray) -> Pull:
+        seen = np.isfinite(self.points).all(axis=2)
+        away = np.where(seen[..., None], markers - np.where(seen[..., None], self.points, 0.0), 0.0)
+        square = np.einsum("bmi,bmi->bm", away, away) / self.reach**2
+        weight = seen / (1 + square) / self.noise**2
+        cost = (self.reach / self.noise) ** 2 * np.log1p(square).sum(axis=1)
+        return Pull(cost, away * weight[..., None], weight[..., None, None] * np.eye(3))
 
-    def compiled(self, bodies: int, markers: int):
-        """As the compiled fit takes it."""
+    def compiled(self, bodies: int, markers: int) -> calls.PullOfData:
+        """See `DataPull.compiled`."""
         return calls.point_arrays(bodies, markers, self.points, self.noise, self.reach)
-
-
-@stands_for(calls.blob_pull)
-def blob_pull(markers, visible, view, sight, softness, reach) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cost, gradient and Hessian of `BlobPull`."""
-    image, slope, depth = sight.looked_at(markers)
-    image, depth = image.swapaxes(1, 2), depth.mean(axis=1)
-    chance = _closeness(view, image, depth / softness, visible)
-    outside = np.exp(-0.5 * (reach / softness) ** 2)
-    of_marker, of_blob = chance.sum(axis=3) + outside, chance.sum(axis=2) + outside
-    cost = -np.log(of_marker).sum(axis=(1, 2)) - (np.log(of_blob) * view.real).sum(axis=(1, 2))
-    chance *= (1 / of_marker)[..., None] + (1 / of_blob)[:, :, None]
-    chance *= (0.5 * (depth / softness) ** 2)[:, :, None, None]
-    total = chance.sum(axis=3)
-    toward = chance @ view.image - image * total[..., None]
-    return cost, *_over_cameras(slope, toward.swapaxes(1, 2), total.swapaxes(1, 2))
 
 
 def _closeness(view: View, image: np.ndarray, per_softness: np.ndarray, visible: np.ndarray) -> np.ndarray:
@@ -151,37 +174,3 @@ def _over_cameras(slope: np.ndarray, toward: np.ndarray, weight: np.ndarray) -> 
     gradient = -(toward.reshape(*shape[:2], 1, -1) @ rows)[..., 0, :]
     weighted = (slope * weight[..., None, None]).reshape(shape)
     return gradient, weighted.swapaxes(-1, -2) @ rows
-
-
-@stands_for(calls.cloud_pull)
-def cloud_pull(markers, points, weight, softness, reach) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cost, gradient and Hessian of `CloudPull`."""
-    between = points[None, None] - markers[:, :, None]
-    square = np.einsum("bmqi,bmqi->bmq", between, between)
-    chance = np.exp(square / (-2 * softness**2))
-    of_point = chance.sum(axis=1) + np.exp(-0.5 * (reach / softness) ** 2)
-    share = chance / of_point[:, None] * weight / softness**2
-    total = share.sum(axis=2)
-    gradient = -np.einsum("bmq,bmqi->bmi", share, between)
-    return -2 * (np.log(of_point) * weight).sum(axis=1), gradient, total[..., None, None] * np.eye(3)
-
-
-@stands_for(calls.ray_pull)
-def ray_pull(markers, image, deviation, sight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cost, gradient and Hessian of `RayPull`."""
-    found, slope, depth = sight.looked_at(markers)
-    weight = (depth / deviation.swapaxes(1, 2)) ** 2
-    toward = np.where(weight[..., None] > 0, image.swapaxes(1, 2) - found, 0) * weight[..., None]
-    cost = np.einsum("bmci,bmci,bmc->b", toward, toward, 1 / np.where(weight > 0, weight, 1))
-    return cost, *_over_cameras(slope, toward, weight)
-
-
-@stands_for(calls.point_pull)
-def point_pull(markers, points, noise, reach) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cost, gradient and Hessian of `PointPull`."""
-    seen = np.isfinite(points).all(axis=2)
-    away = np.where(seen[..., None], markers - np.where(seen[..., None], points, 0.0), 0.0)
-    square = np.einsum("bmi,bmi->bm", away, away) / reach**2
-    weight = seen / (1 + square) / noise**2
-    cost = (reach / noise) ** 2 * np.log1p(square).sum(axis=1)
-    return cost, away * weight[..., None], weight[..., None, None] * np.eye(3)

@@ -6,7 +6,7 @@ marker however many cameras there are.
 """
 
 from collections.abc import Callable
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -119,8 +119,8 @@ def fit_until_still(
     """
     pull = pull_on(np.arange(len(start)))
     if _knows(pull, prior):
-        given = model, start, pull, steps, at_once, still, prior, model.parameters, astuple(DAMPING)
-        rows = calls.fit_until_still(*given)
+        data = pull.compiled(len(start), model.marker_count)
+        rows = calls.fit_until_still(model, start, data, steps, at_once, still, prior, model.parameters, DAMPING)
         if rows is not None:
             return _bodies_of(model, rows, start.own)
     bodies, moving = Bodies.join([start]), np.arange(len(start))
@@ -145,7 +145,8 @@ def descend(model: BodyModel, start: Bodies, pull: PullOf, steps: int, prior, wi
     """The fit by the compiled library, where there is one that knows this pull and this prior."""
     if not _knows(pull, prior):
         return None
-    done = calls.fit_body(model, start, pull, steps, prior, width, astuple(DAMPING))
+    data = pull.compiled(len(start), model.marker_count)
+    done = calls.fit_body(model, start, data, steps, prior, width, DAMPING)
     if done is None:
         return None
     rows, gradient, normal, *posed, columns, trace = done
