@@ -17,7 +17,6 @@ from scripts.results import markdown
 
 from . import registry
 
-
 USUAL = (
     *(f"points {name}" for name in ("own", "others", "frame", "lab-1", "pieces-gait15", "pieces-body26")),
     *(f"short {name}" for name in ("own", "others")),

@@ -33,12 +33,12 @@ def adapt(model: Model, points: np.ndarray, tracklet: np.ndarray, rate: float) -
 
     Only a set on rigid bodies can be looked at so, and only a model that keeps what it was trained on.
     """
-    likelihood = model.likelihood
-    if likelihood is None or likelihood.rigid_bodies is None or not model.training_takes:
+    likelihood, structure = model.likelihood, model.structure
+    if likelihood is None or likelihood.rigid_bodies is None or structure is None:
         return Adaptation(model)
     from .rigid_bodies.recognition import recognise
 
-    recognition = recognise(model.structure, likelihood.rigid_bodies, points, tracklet, rate)
+    recognition = recognise(structure, likelihood.rigid_bodies, points, tracklet, rate)
     if recognition.known is not False:
         return Adaptation(model, recognition)
     own = replace(likelihood, rigid_bodies=recognition.rigid_bodies)
@@ -53,7 +53,7 @@ def borne_out(verdict: Verdict, adaptation: Adaptation, first_frame: int, lanes:
     from .rigid_bodies.recognition import MOTION_CONFIDENCE
 
     if not adaptation.other_layout:
-        return Verdict(labels, _of_take(adaptation, [], first_frame, lanes) + verdict.suspects)
+        return Verdict(labels, _of_take(seen, [], first_frame, lanes) + verdict.suspects)
     found = _found(seen)
     moving = seen.marker != NO_MARKER
     other = moving & labels.named & (seen.marker != labels.marker)
@@ -69,7 +69,7 @@ def borne_out(verdict: Verdict, adaptation: Adaptation, first_frame: int, lanes:
     found[seen.marker[moving]] = True
     missing = [names[marker] for marker in np.flatnonzero(~found)]
     contradicted = _of_contradictions(seen, np.where(other, labels.marker, NO_MARKER), names, first_frame, lanes)
-    return Verdict(checked, _of_take(adaptation, missing, first_frame, lanes) + contradicted + verdict.suspects)
+    return Verdict(checked, _of_take(seen, missing, first_frame, lanes) + contradicted + verdict.suspects)
 
 
 def _found(seen: "Recognition") -> np.ndarray:
@@ -84,11 +84,11 @@ def _found(seen: "Recognition") -> np.ndarray:
     return found
 
 
-def _of_take(adaptation: Adaptation, missing: list[str], first_frame: int, lanes: Lanes | None) -> tuple[Suspect, ...]:
+def _of_take(seen: "Recognition", missing: list[str], first_frame: int, lanes: Lanes | None) -> tuple[Suspect, ...]:
     """What is true of the whole take, where these markers are `missing` in it."""
-    seen, words = adaptation.recognition, []
+    words = []
     of_all = f"{int((seen.cluster >= 0).sum())} of {len(seen.cluster)}"
-    if adaptation.other_layout:
+    if seen.known is False:
         recognised = f"{of_all} were recognised by how they move, and their forms taken from this take"
         words.append(f"the rigid bodies are not those of the training, or sit elsewhere: {recognised}")
         if missing:

@@ -59,7 +59,8 @@ class Votes:
         if not are_lasting(tracklet):
             said = named.whole()
             return cls(said.marker, [(slice(0, len(tracklet)), None, said.confidence)], ())
-        found, suspects = cls(np.full(tracklet.shape, NO_MARKER, np.int16), [], ()), []
+        found = cls(np.full(tracklet.shape, NO_MARKER, np.int16), [], ())
+        suspects: list[Suspect] = []
         size = VOTE.window_frames
         edges = [*range(0, max(len(tracklet) - size // 2, 1), size), len(tracklet)]
         for first, after in pairwise(edges):
@@ -131,7 +132,7 @@ def _decided(
         alone = marker == own.marker
         np.maximum(chance, own.confidence, out=chance, where=alone)
         step = np.where(alone, own.step, BY_TRAJECTORY)
-        marker[~(enough | (alone & (own.rate >= target)))] = NO_MARKER
+        marker[~(enough | (alone & (own.sure(target) != NO_MARKER)))] = NO_MARKER
         marker = once(marker, chance, len(model.markerset), lanes, part.start)
         nothing = marker == NO_MARKER
         step[nothing], chance[nothing] = NO_STEP, 0.0
@@ -158,7 +159,7 @@ def _part_sure(marker: np.ndarray, named: Said, tracklet: np.ndarray, target: fl
     for part in blocks(*tracklet.shape):
         own, there, said = tracklet[part], tracklet[part] >= 0, named[part]
         frames += np.bincount(own[there], minlength=count)
-        there &= (marker[part] == said.marker) & (said.rate >= target)
+        there &= (marker[part] == said.sure(target)) & (marker[part] != NO_MARKER)
         sure += np.bincount(own[there], minlength=count)
     return sure / np.maximum(frames, 1)
 

@@ -104,7 +104,11 @@ class _Segment:
         known = (self.count > 0).all(axis=0)
         if known.sum() <= MIN_POINTS:  # three and their mirror image are one form
             return 0.0, 0.0
-        return tuple(self._misfit(self.total[way][known] / self.count[way][known, None], known) for way in (0, 1))
+        plain, image = (
+            self._misfit(total[known] / count[known, None], known)
+            for total, count in zip(self.total, self.count, strict=True)
+        )
+        return plain, image
 
     def _misfit(self, mean: np.ndarray, known: np.ndarray) -> float:
         form = self.form[known] - self.form[known].mean(axis=0)

@@ -64,8 +64,10 @@ class Model:
         return None if self.likelihood is None else self.likelihood.rigid_bodies
 
     @cached_property
-    def structure(self) -> "Structure":
-        """How the rigid bodies lie on the subjects that the model keeps, of a set that is on some."""
+    def structure(self) -> "Structure | None":
+        """How the rigid bodies lie on the subjects that the model keeps; None without either."""
+        if self.rigid_bodies is None or not self.training_takes:
+            return None
         from .rigid_bodies.structure import learn_structure
 
         return learn_structure(self.rigid_bodies, list(self.subjects.values()))

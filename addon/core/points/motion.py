@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From named points to a moving body."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 
@@ -48,24 +49,46 @@ def by_marker(values: Table, labels: Labels, markers: int, places: Mapping | Non
 
 
 @dataclass(frozen=True, eq=False)
-class TakeMotion:
-    """The named markers of a take and the body posed on them, of which parts are worked out when they are asked for.
+class MotionInParts(ABC):
+    """The named markers of a take and who is posed on them, of which parts are worked out when they are asked for.
 
     markers   (T, M, 3) m and
-    residual  (T, M) m, NaN where one is not; labels (T, L) are those of the points
+    residual  (T, M) m, NaN where one is not
     frames    (T,) the source's numbers
-    bodies    T of them, NaN where there is none
     """
 
     markers: Table
     residual: Table
-    labels: Labels
-    model: BodyModel
     frames: np.ndarray
-    bodies: Bodies
 
     def __len__(self) -> int:
         return len(self.frames)
+
+    @abstractmethod
+    def part(self, frames: slice) -> Motion:
+        """The motion in the frames from start to stop."""
+
+    @abstractmethod
+    def suspects(self, names: tuple[str, ...], rate: float) -> tuple[Suspect, ...]:
+        """Ranges of frames in which a marker is doubtful, as `review.suspects.find_suspects` finds them."""
+
+    def parts(self) -> Iterator[slice]:
+        """The take part by part."""
+        for start in range(0, len(self), PART_FRAMES):
+            yield slice(start, min(start + PART_FRAMES, len(self)))
+
+
+@dataclass(frozen=True, eq=False)
+class TakeMotion(MotionInParts):
+    """The motion of one subject.
+
+    labels  (T, L) of the points
+    bodies  T of them, NaN where there is none
+    """
+
+    labels: Labels
+    model: BodyModel
+    bodies: Bodies
 
     def part(self, frames: slice) -> Motion:
         """The motion in the frames from start to stop."""
@@ -80,19 +103,15 @@ class TakeMotion:
         return Motion(*own, nothing, conflicts, expected, joints, turns, scale, np.where(found, mean, 0.0))
 
     def suspects(self, names: tuple[str, ...], rate: float) -> tuple[Suspect, ...]:
-        """Ranges of frames in which a marker is doubtful, as `review.suspects.find_suspects` finds them."""
-        flags = []
+        """What is doubtful of it."""
+        flags: list[list[np.ndarray]] = []
         for part in self.parts():
             # A jump is seen by the frames before and after.
             wide = slice(max(part.start - 1, 0), min(part.stop + 1, len(self)))
             own = slice(part.start - wide.start, part.stop - wide.start)
             flags.append([one[own] for one in doubtful_flags(self.part(wide), rate)])
-        return suspects_of(*map(np.concatenate, zip(*flags, strict=True)), self.frames, names)
-
-    def parts(self) -> Iterator[slice]:
-        """The take part by part."""
-        for start in range(0, len(self), PART_FRAMES):
-            yield slice(start, min(start + PART_FRAMES, len(self)))
+        off_body, jumps = map(np.concatenate, zip(*flags, strict=True))
+        return suspects_of(off_body, jumps, self.frames, names)
 
 
 def take_motion(
@@ -117,7 +136,7 @@ def take_motion(
         bodies = fit_points(model, markers, subject_frames=SUBJECT_FRAMES, progress=progress, make_table=make_table)
     else:
         bodies = _nobody(model, len(markers))
-    return TakeMotion(markers, residual, labels, model, frames, bodies)
+    return TakeMotion(markers, residual, frames, labels, model, bodies)
 
 
 def motion_of(
@@ -190,11 +209,11 @@ class LabelledPoints:
     """What the labelling says of a take of points; `LabelledChunk` with the motion part by part.
 
     labels (T, L) and `unedited` are by lanes; suspects, seconds and outcomes are those of all of it. `doubts` are those
-    of the suspects that the motion alone shows, as `TakeMotion.suspects` has them, before they are put together.
+    of the suspects that the motion alone shows, as `MotionInParts.suspects` has them, before they are put together.
     """
 
     labels: Labels
-    motion: TakeMotion
+    motion: MotionInParts
     suspects: tuple[Suspect, ...]
     seconds: dict[str, float]
     unedited: Labels | None
@@ -227,8 +246,8 @@ def labelled_points(take: Points, labelled: LabelledPoints, markerset: MarkerSet
     """
     motion, standing = labelled.motion, take.standing
     left = take.present & ~labelled.labels.named
-    spans = [(number, np.flatnonzero(left[span, lane]) + span.start) for number, span, lane in standing.each_alone()]
-    spans = [(number, int(frames[0]), int(frames[-1])) for number, frames in spans if len(frames)]
+    there = [(number, np.flatnonzero(left[span, lane]) + span.start) for number, span, lane in standing.each_alone()]
+    spans = [(number, int(frames[0]), int(frames[-1])) for number, frames in there if len(frames)]
     number, first, last = np.array(spans, int).reshape(-1, 3).T
     place = np.arange(len(number))
     if len(number) > MAX_LEFTOVERS:

@@ -15,12 +15,7 @@ USUAL_TARGET = 0.999  # the part of the labels that must be right, unless anothe
 
 
 class Namer(Protocol):
-    """What names points.
-
-    step  index into STEPS of the labels that it gives
-    """
-
-    step: int
+    """What names points."""
 
     def name(self, points: np.ndarray, rate: float) -> Iterator[Labels]:
         """The labels of points (T, P, 3) m, z up, NaN where missing, `rate` frames a second; some frames at a time."""
@@ -42,16 +37,23 @@ def chosen_method(model: Model, wanted: str) -> str:
     if wanted == "ensemble" and model.partial_solvers is None:
         raise InputError(f"model {name} has no partial solvers; expected one that was trained by train")
     if (wanted == "likelihood" and model.likelihood is None) or not model.has_learned:
-        raise InputError(f"model {name} has learned nothing to name points by; expected one made by train")
+        raise _nothing_learned(model)
     return wanted if wanted != "auto" else "ensemble" if model.likelihood is None else "likelihood"
 
 
 def namer_of(model: Model, method: str) -> Namer:
     """What names points by a method that `chosen_method` gave."""
-    if method == "likelihood":
+    if method == "likelihood" and model.likelihood is not None:
         from .likelihood.frames import LikelihoodNamer
 
         return LikelihoodNamer(model.likelihood)
+    if model.partial_solvers is None:
+        raise _nothing_learned(model)
     from ..papers.partial_solvers.frames import SolversNamer
 
     return SolversNamer(model.partial_solvers)
+
+
+def _nothing_learned(model: Model) -> InputError:
+    name = model.markerset.name
+    return InputError(f"model {name} has learned nothing to name points by; expected one made by train")

@@ -175,7 +175,7 @@ def renamed(
 
     marker and tracklet are (T, L), `names` the M markers' and `first_frame` the source's number of the first frame.
     """
-    changes = []
+    changes: list[tuple[int, ...]] = []
     for some in blocks(marker.shape[1], len(marker)):
         lane, frame = np.nonzero((marker[:, some] != NO_MARKER).T)
         lane += some.start

@@ -130,7 +130,7 @@ def _in_place(labels: Labels, points: np.ndarray, rare: np.ndarray, shape: Shape
     placed = _placed(labels, points, len(rare))
     usual = np.median(np.isfinite(clouds[..., 0]).sum(axis=0))
     kept = labels.named
-    for marker in np.flatnonzero(rare):
+    for marker in np.flatnonzero(rare).tolist():
         off = off_expected(shape, placed, marker)
         there = np.isfinite(off).all(axis=1)
         near = np.zeros(len(off), dtype=bool)

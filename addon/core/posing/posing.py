@@ -12,6 +12,7 @@ import numpy as np
 from ..body.bodies import PLACEMENT, Bodies, BodyModel
 from ..body.prior import Prior
 from ..data.lanes import blocks
+from ..data.made import Table
 from ..data.markersets import MarkerSet
 from ..data.progress import finished
 from ..data.room import IN_MEMORY, MakeTable
@@ -66,7 +67,7 @@ POSING = PosingOptions()
 
 def fit_points(
     model: BodyModel,
-    points: np.ndarray,
+    points: Table,
     *,
     height: float | None = None,
     prior: Prior | None = None,
@@ -88,7 +89,7 @@ def fit_points(
 
 def fit_in_steps(
     model: BodyModel,
-    points: np.ndarray,
+    points: Table,
     prior: Prior,
     subject_frames: int = POSING.subject_frames,
     make_table: MakeTable = IN_MEMORY,
@@ -114,14 +115,14 @@ def fit_in_steps(
     return Bodies(**fields)
 
 
-def markers_there(points: np.ndarray) -> np.ndarray:
+def markers_there(points: Table) -> np.ndarray:
     """(T,) how many markers there are in each frame of points (T, M, 3)."""
     parts = blocks(*points.shape[:2])
     counts = [np.isfinite(points[part]).all(axis=2).sum(axis=1) for part in parts]
     return np.concatenate([np.zeros(0, int), *counts])
 
 
-def subject_of(model: BodyModel, points: np.ndarray, prior: Prior, frames: int = POSING.subject_frames) -> Bodies:
+def subject_of(model: BodyModel, points: Table, prior: Prior, frames: int = POSING.subject_frames) -> Bodies:
     """The size and shape of the subject of points (T, M, 3) m, as a body (a batch of 1), from so many of the frames.
 
     Raises ValueError when no frame has enough markers.

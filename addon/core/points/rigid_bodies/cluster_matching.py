@@ -11,7 +11,7 @@ from ...geometry.rigid import pairwise_distances
 from .clustering import Cluster
 from .model import linking_order
 from .structure import INDEPENDENT, JOINT, MAX_COST, STRUCTURE, Structure, find_joints
-from .volumes import MedianVolumes
+from .volumes import quad_volumes
 
 NO_CLUSTER = -1
 
@@ -42,6 +42,7 @@ class ClusterMatchOptions:
 
 CLUSTER_MATCH = ClusterMatchOptions()
 ASSIGNMENTS_KEPT = 2000  # assignments that are followed; by time
+MAX_CLUSTERS = 40  # that are looked at, those that are seen longest; by memory
 MAX_MARKERS = 12  # of a cluster that is looked at; by time
 PERCENTILES = (2, 14, 26, 38, 50, 62, 74, 86, 98)  # of a distance over the take that are compared with its range
 
@@ -62,22 +63,24 @@ class Matched:
 class _Likeness:
     """Log likelihoods of rigid bodies being clusters, `own` (K, G), and of two being two, `pair` (K, K, G, G).
 
-    `volumes` are those of every four clusters.
+    `volumes` are those of every four clusters, as `quad_volumes` has them.
     """
 
     own: np.ndarray
     pair: np.ndarray
-    volumes: MedianVolumes
+    volumes: np.ndarray
 
 
 def match_clusters(structure: Structure, clusters: Sequence[Cluster]) -> Matched:
     """The likeliest assignment of clusters to rigid bodies, found by a beam search, the best linked bodies first."""
     if not len(clusters):
         return Matched(np.full(len(structure), NO_CLUSTER), np.zeros(len(structure)))
-    states, score = _search(structure, _likeness(structure, clusters))
+    seen = [np.isfinite(cluster.place[:, 0]).sum() for cluster in clusters]
+    longest = np.argsort(seen, kind="stable")[::-1][:MAX_CLUSTERS]
+    states, score = _search(structure, _likeness(structure, [clusters[one] for one in longest]))
     best = states[0]
     alternatives = np.where(states != best, score[:, None], score.min()).max(axis=0)
-    return Matched(best, np.where(best == NO_CLUSTER, 0.0, score[0] - alternatives))
+    return Matched(np.append(longest, NO_CLUSTER)[best], np.where(best == NO_CLUSTER, 0.0, score[0] - alternatives))
 
 
 def _likeness(structure: Structure, clusters: Sequence[Cluster]) -> _Likeness:
@@ -85,7 +88,7 @@ def _likeness(structure: Structure, clusters: Sequence[Cluster]) -> _Likeness:
     forms = [inner.form[: inner.core] for inner in structure.inner]
     own = np.array([[_form_fit(form, cluster.form) for cluster in clusters] for form in forms])
     pair = _distance_fit(structure, place) + _joint_fit(structure, turn, place)
-    return _Likeness(own, pair, MedianVolumes(place))
+    return _Likeness(own, pair, quad_volumes(place))
 
 
 def _form_fit(form: np.ndarray, cluster: np.ndarray) -> float:
@@ -171,21 +174,16 @@ def _from_volumes(structure: Structure, likeness: _Likeness, states, rigid_body:
     clusters = likeness.own.shape[1]
     said, known = np.zeros((2, len(states), clusters))
     for row in rows:
-        quad = structure.quads[row]
-        others = states[:, quad[quad != rigid_body]]
+        quad = structure.quads[row].tolist()
+        others = states[:, [one for one in quad if one != rigid_body]]
         # Most states have the three that are named before in common.
-        _, first, same = np.unique(
-            (others + 1) @ (clusters + 1) ** np.arange(3), return_index=True, return_inverse=True
-        )
-        corners = np.empty((4, len(first), clusters), int)
-        corners[quad != rigid_body] = others[first].T[..., None]
-        corners[quad == rigid_body] = np.arange(clusters)
-        there = (corners >= 0).all(axis=0)
-        volume = likeness.volumes.of(*np.maximum(corners, 0))
-        there &= volume != 0
+        _, first, same = np.unique(others @ (clusters + 1) ** np.arange(3), return_index=True, return_inverse=True)
+        corners = list(others[first].T[..., None])
+        corners.insert(quad.index(rigid_body), np.arange(clusters)[None])
+        volume = likeness.volumes[tuple(corners)]
         odds = mirror_odds(volume, structure.volume[row], structure.volume_sd[row], MAX_COST)
-        said += np.where(there, np.maximum(odds, -CLUSTER_MATCH.max_mirror_cost), 0)[same]
-        known += there[same]
+        said += np.where(volume != 0, np.maximum(odds, -CLUSTER_MATCH.max_mirror_cost), 0)[same]
+        known += (volume != 0)[same]
     return said * INDEPENDENT / np.maximum(known, INDEPENDENT)
 
 

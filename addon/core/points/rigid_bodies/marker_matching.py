@@ -63,7 +63,7 @@ def place_markers(structure: Structure, clusters: Sequence[Cluster], matched: Ma
     """The markers of every rigid body that has a cluster, and those beside it."""
     markers = structure.markers
     placed = Placed(np.full(markers, NO_POINT), np.full(markers, NO_POINT), np.zeros(markers))
-    named = np.flatnonzero(matched.cluster != NO_CLUSTER)
+    named = np.flatnonzero(matched.cluster != NO_CLUSTER).tolist()
     frames = len(clusters[0].place) if clusters else 0
     middles = np.full((frames, len(structure), 3), np.nan)
     turns = np.full((frames, len(structure), 3, 3), np.nan)

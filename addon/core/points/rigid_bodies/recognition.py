@@ -167,7 +167,7 @@ def _own_rigid_bodies(
         form[own] = shape
     wider = RECOGNITION.range_m + RECOGNITION.range_share * (rigid_bodies.low + rigid_bodies.high) / 2
     low, high = np.maximum(rigid_bodies.low - wider, 0), rigid_bodies.high + wider
-    for marker in np.flatnonzero(sure):
+    for marker in np.flatnonzero(sure).tolist():
         others = np.flatnonzero(sure & (np.arange(len(sure)) > marker))
         rigid = placed.rigid_body[others] == placed.rigid_body[marker]
         often = np.where(rigid, 0, RECOGNITION.min_most * len(at))
@@ -196,7 +196,7 @@ def _with_single_markers(
     low, high = rigid_bodies.low.copy(), rigid_bodies.high.copy()
     sure = np.flatnonzero(np.isfinite(at[..., 0]).any(axis=0))
     often = np.full(len(sure), RECOGNITION.min_most * len(at))
-    for marker in np.unique(found[found >= 0]):
+    for marker in np.unique(found[found >= 0]).tolist():
         own = points[:, found == marker]
         place = np.where(np.isfinite(own), own, 0).sum(axis=1) / np.maximum(np.isfinite(own).sum(axis=1), 1)
         place[~np.isfinite(own[..., 0]).any(axis=1)] = np.nan

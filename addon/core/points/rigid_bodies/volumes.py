@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The volumes that four moving things span: on which side of three of them the fourth is."""
 
-from itertools import combinations
-from math import comb
+from itertools import combinations, permutations
 
 import numpy as np
 
@@ -24,34 +23,17 @@ def signed_volumes(one: np.ndarray, two: np.ndarray, three: np.ndarray, four: np
     return volume / np.sqrt(np.sqrt(np.maximum(sides, 1e-36)))
 
 
-class MedianVolumes:
-    """The median signed volume of any four of G things in F frames, each worked out when it is first asked for.
+def quad_volumes(place: np.ndarray) -> np.ndarray:
+    """(G + 1,) * 4 the median signed volumes of any four of G things at place (F, G, 3) m, NaN where not seen.
 
-    There are too many of all: with a hundred things four million in each frame.
+    0 where they were never seen together, where one of the four is there twice, and for -1, which is none.
     """
-
-    def __init__(self, place: np.ndarray):
-        """Of things at place (F, G, 3) m, NaN where not seen."""
-        self._place = np.ascontiguousarray(np.moveaxis(place, 0, 2))
-        self._known = np.full(comb(place.shape[1], 4), np.nan)
-
-    def of(self, *corners: np.ndarray) -> np.ndarray:
-        """(...) the volumes of four things each, whose numbers (...) are given; 0 where they were never seen together.
-
-        And where one of the four is there twice.
-        """
-        four = np.stack(np.broadcast_arrays(*corners), axis=-1)
-        order = np.argsort(four, axis=-1, kind="stable")
-        ascending = np.take_along_axis(four, order, axis=-1)
-        different = (np.diff(ascending, axis=-1) > 0).all(axis=-1)
-        quads = ascending[different]
-        number = _number(quads)
-        new, first = np.unique(number[np.isnan(self._known[number])], return_index=True)
-        if len(new):
-            self._known[new] = median_volumes(self._place, quads[np.isnan(self._known[number])][first])
-        volume = np.zeros(four.shape[:-1])
-        volume[different] = self._known[number] * _sign(order[different])
-        return volume
+    quads = np.array(list(combinations(range(place.shape[1]), 4)), int).reshape(-1, 4)
+    volume = median_volumes(np.ascontiguousarray(np.moveaxis(place, 0, 2)), quads)
+    table = np.zeros((place.shape[1] + 1,) * 4)
+    for order in permutations(range(4)):
+        table[tuple(quads[:, order].T)] = np.linalg.det(np.eye(4)[list(order)]) * volume
+    return table
 
 
 @stands_for(point_calls.median_volumes)
@@ -63,7 +45,7 @@ def median_volumes(place: np.ndarray, quads: np.ndarray) -> np.ndarray:
         _median(signed_volumes(*(corners[corner] for corner in quads[first : first + size].T)))
         for first in range(0, len(quads), size)
     ]
-    return np.concatenate(parts)
+    return np.concatenate([np.zeros(0), *parts])
 
 
 def _median(values: np.ndarray) -> np.ndarray:
@@ -73,15 +55,3 @@ def _median(values: np.ndarray) -> np.ndarray:
     middle = np.maximum(np.concatenate([count - 1, count], axis=1) // 2, 0)
     found = np.take_along_axis(ascending, np.minimum(middle, values.shape[1] - 1), axis=1).mean(axis=1)
     return np.where(count[:, 0] > 0, found, 0.0)
-
-
-def _number(quads: np.ndarray) -> np.ndarray:
-    """(Q,) the place of ascending quads (Q, 4) in a list of all of them: the combinatorial number system."""
-    a, b, c, d = quads.T
-    return a + b * (b - 1) // 2 + c * (c - 1) * (c - 2) // 6 + d * (d - 1) * (d - 2) * (d - 3) // 24
-
-
-def _sign(order: np.ndarray) -> np.ndarray:
-    """(Q,) 1 for even permutations (Q, 4) and -1 for odd ones."""
-    inversions = sum((order[:, one] > order[:, two]).astype(int) for one, two in combinations(range(4), 2))
-    return 1 - 2 * (inversions % 2)

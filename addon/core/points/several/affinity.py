@@ -11,6 +11,7 @@ from typing import Self
 
 import numpy as np
 
+from ...data.lanes import blocks
 from ...data.takes import evenly_spread
 
 
@@ -41,8 +42,7 @@ class AffinityOptions:
 AFFINITY = AffinityOptions()
 AFFINE_TRACKLETS = 6  # of a body, whose mean affinity to one is the body's; as many markers as a segment has at most
 MIN_SAMPLES = 4  # frames of a tracklet that are looked at, at least: with fewer a distance has no variance
-TRACKLETS_AT_ONCE = 1000  # whose pairs are added up at a time, in
-FRAMES_MET_AT_ONCE = 64  # frames; by memory
+TRACKLETS_AT_ONCE = 1000  # whose pairs are added up at a time; by memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,9 +140,8 @@ def _pairs(
 def _counts_at_most(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray, every: int) -> np.ndarray:
     """(N,) how many frames what a tracklet shows counts for at most, by how far it gets about."""
     number, total, squares = np.zeros(every), np.zeros((every, 3)), np.zeros((every, 3))
-    for start in range(0, len(frames), FRAMES_MET_AT_ONCE):
-        some = frames[start : start + FRAMES_MET_AT_ONCE]
-        own, places = tracklet[some], points[some]
+    for part in blocks(len(frames), tracklet.shape[1]):
+        own, places = tracklet[frames[part]], points[frames[part]]
         there = own >= 0
         own, places = own[there], places[there].astype(float)
         number += np.bincount(own, minlength=every)
@@ -156,7 +155,8 @@ def _counts_at_most(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray
 
 def _windows(tracklet: np.ndarray, frames: np.ndarray) -> Iterator[np.ndarray]:
     """The frames (F,) in parts that have not too many tracklets."""
-    begin, known = 0, set()
+    begin = 0
+    known: set[int] = set()
     for place, frame in enumerate(frames.tolist()):
         own = tracklet[frame]
         new = known.union(own[own >= 0].tolist())
@@ -174,22 +174,18 @@ def _met(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray, every: in
     local = local[local >= 0].astype(np.int64)
     size = len(local)
     number, total, squares, longest = np.zeros((4, size * size))
-    for some in np.array_split(frames, -(-len(frames) // FRAMES_MET_AT_ONCE)):
-        keys, offs = [], []
-        for frame in some.tolist():
-            own = np.searchsorted(local, tracklet[frame])
-            lane = np.flatnonzero(tracklet[frame] >= 0)
-            lane = lane[own[lane].argsort()]
-            one, other = _every_two(len(lane))
-            own, place = own[lane], points[frame][lane]
-            keys.append(own[one] * size + own[other])
-            offs.append(place[one] - place[other])
-        key, off = np.concatenate(keys), np.concatenate(offs)
+    for frame in frames.tolist():
+        own = np.searchsorted(local, tracklet[frame])
+        lane = np.flatnonzero(tracklet[frame] >= 0)
+        lane = lane[own[lane].argsort()]
+        one, other = _every_two(len(lane))
+        off = points[frame][lane][one] - points[frame][lane][other]
         square = off[:, 0] ** 2 + off[:, 1] ** 2 + off[:, 2] ** 2
-        number += np.bincount(key, minlength=size * size)
-        total += np.bincount(key, np.sqrt(square), size * size)
-        squares += np.bincount(key, square, size * size)
-        np.maximum.at(longest, key, square)
+        key = own[lane][one] * size + own[lane][other]
+        number[key] += 1
+        total[key] += np.sqrt(square)
+        squares[key] += square
+        longest[key] = np.maximum(longest[key], square)
     met = np.flatnonzero(number)
     one, other = np.divmod(met, size)
     return (local[one] * every + local[other], *(table[met] for table in (number, total, squares, longest)))

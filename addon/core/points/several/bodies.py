@@ -14,26 +14,12 @@ from ...data.takes import NO_MARKER, Labels, Points
 from ..deciding import Said
 from ..models import Model
 from ..naming import Namer
-from ..refusals import Sample, SubjectsError, UnsuitedError, refuse_others
+from ..refusals import REFUSAL, Sample, SubjectsError, UnsuitedError, refuse_others
 from ..whole_take.objective import usual_fit
-from ..whole_take.pipeline import NamedFrames, PointOptions, Recognise, name_frames, solution_for
+from ..whole_take.pipeline import NamedFrames, PointOptions, Recognise, Steps, name_frames, solution_for
 from ..whole_take.solving import Solution
 from .affinity import Affinity
 from .counting import firm_tracklets, is_whole
-
-
-@dataclass(frozen=True)
-class RecognisingOptions:
-    """When a body is of a model although single frames are not sure of it.
-
-    max_residual  mean square, over what training leaves, between its markers and where the set has them; measured on
-                  people in each other's reach (0.2 to 0.52) and on other sets (0.94 and more)
-    """
-
-    max_residual: float = 0.7
-
-
-RECOGNISING = RecognisingOptions()
 
 
 @dataclass(eq=False)
@@ -59,10 +45,11 @@ class NamedBody:
     @property
     def fits(self) -> bool:
         """Whether its markers sit as the set has them, however it lies, where frames alone were not sure of any."""
-        if self.sure or self.solution is None:
+        likelihood = self.model.likelihood
+        if self.sure or self.solution is None or likelihood is None:
             return self.sure
         placed = self.solution.tracklets.placed(self.frames.take.xyz, self.solution.marker, len(self.model.markerset))
-        return 0 < usual_fit(self.model.likelihood, placed, upright=False).residual <= RECOGNISING.max_residual
+        return 0 < usual_fit(likelihood, placed, upright=False).residual <= REFUSAL.max_residual
 
 
 def only_some(points: Table, tracklet: np.ndarray, may: np.ndarray) -> Made:
@@ -108,19 +95,19 @@ class BodyNaming:
             step = next(self._work)
             self._begun += [step] if isinstance(step, Stage) and step.name == "name" else []
 
-    def is_half(self) -> Generator[Stage | float | tuple[float, str], None, bool]:
+    def is_half(self) -> Steps[bool]:
         """Whether single frames that are sure of it name half of it only: solving what is no body takes long."""
         frames = yield from self._named_frames()
-        return self._sure and frames.solvable and not is_whole(frames.labels.named, len(self.model.markerset))
+        return self._sure and frames.solvable and not is_whole(frames.labels.whole().named, len(self.model.markerset))
 
-    def _named_frames(self) -> Generator[Stage | float | tuple[float, str], None, NamedFrames]:
+    def _named_frames(self) -> Steps[NamedFrames]:
         """What its frames say, once it has begun."""
         if self._frames is None:
             yield from self._begun
             self._frames = yield from self._work
         return self._frames
 
-    def named(self) -> Generator[Stage | float | tuple[float, str], None, NamedBody]:
+    def named(self) -> Steps[NamedBody]:
         """The rest of it."""
         frames = yield from self._named_frames()
         yield Stage("vote", "solve the take of each")

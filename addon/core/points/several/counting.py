@@ -39,12 +39,12 @@ def count_bodies(points: np.ndarray, tracklet: np.ndarray, affinity: Affinity, m
     """
     firm = np.append(firm_tracklets(affinity), False)[tracklet]
     frames = evenly_spread(len(points), FRAMES_COUNTED)
-    groups, present = [], []
+    sizes, present = [], []
     for frame in frames.tolist():
         own = points[frame][firm[frame]]
         present.append(len(own))
-        groups.append(len(far_groups(own, REFUSAL.gap_m, markers / 2)))
-    groups = np.sort(groups)[::-1]
+        sizes.append(len(far_groups(own, REFUSAL.gap_m, markers / 2)))
+    groups = np.sort(sizes)[::-1]
     apart = int(groups[int(COUNTING.often * len(groups))])
     most = int(np.quantile(present, 1 - COUNTING.often) / markers + COUNTING.spare)
     return apart, min(max(most, 1), MAX_SUBJECTS)

@@ -4,7 +4,6 @@
 What is somebody else's marker by an edit is to everyone else as what is no marker at all.
 """
 
-from collections.abc import Generator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +12,7 @@ from ...data.takes import NO_MARKER, Labels, Verdict
 from ...edits.applying import AppliedEdits, PointCells, apply_to_points
 from ...edits.kinds import Edits
 from ...edits.replay import FREE, Edited
-from ..whole_take.pipeline import decided_of, solution_for, without_deleted
+from ..whole_take.pipeline import Steps, decided_of, solution_for, without_deleted
 from ..whole_take.rulings import Rulings
 from .bodies import Crowd, NamedBody, OnlyWhere
 from .together import Everybody, joined, own_labels
@@ -28,9 +27,7 @@ class EditedSubjects:
     verdict: Verdict
 
 
-def with_edits(
-    crowd: Crowd, found: Everybody, edits: Edits
-) -> Generator[float | tuple[float, str], None, EditedSubjects]:
+def with_edits(crowd: Crowd, found: Everybody, edits: Edits) -> Steps[EditedSubjects]:
     """Everybody solved again with what the edits say."""
     cells = PointCells.of(crowd.take, found.worn)
     before = found.verdict.labels
@@ -50,9 +47,7 @@ def with_edits(
     return EditedSubjects(unedited, applied, Verdict(applied.labels, again.suspects))
 
 
-def _heard(
-    crowd: Crowd, one: NamedBody, edited: Edited, before: Labels, may: np.ndarray
-) -> Generator[float | tuple[float, str], None, Verdict]:
+def _heard(crowd: Crowd, one: NamedBody, edited: Edited, before: Labels, may: np.ndarray) -> Steps[Verdict]:
     """What is said of one body (N,) once it has heard what the edits say of it."""
     theirs = np.zeros(len(crowd) + 1, bool)
     theirs[crowd.tracklet[edited.named]] = True

@@ -1,42 +1,32 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The motion of several subjects side by side: the markers and joints of one after those of the other."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Self
 
 import numpy as np
 
 from ...data.made import Made, Table
 from ...data.markersets import MarkerSet, Worn
 from ...data.takes import Labels, Motion, Suspect
-from ..motion import LabelledPoints, TakeMotion
+from ..motion import LabelledPoints, MotionInParts, TakeMotion
 from .wearers import SetsWorn
 
 
 @dataclass(frozen=True, eq=False)
-class SubjectsMotion:
-    """The motion of each subject of a take, as `TakeMotion` has that of one."""
+class SubjectsMotion(MotionInParts):
+    """The motion of each subject of a take."""
 
     subjects: tuple[TakeMotion, ...]
 
-    def __len__(self) -> int:
-        return len(self.subjects[0])
-
-    @property
-    def frames(self) -> np.ndarray:
-        """(T,) the source's frame numbers."""
-        return self.subjects[0].frames
-
-    @property
-    def markers(self) -> Made:
-        """(T, M, 3) m, where all markers are."""
-        return _tables_beside([one.markers for one in self.subjects])
-
-    @property
-    def residual(self) -> Made:
-        """(T, M) m."""
-        return _tables_beside([one.residual for one in self.subjects])
+    @classmethod
+    def of(cls, subjects: Sequence[TakeMotion]) -> Self:
+        """That of subjects in the same frames."""
+        markers = _tables_beside([one.markers for one in subjects])
+        residual = _tables_beside([one.residual for one in subjects])
+        return cls(markers, residual, subjects[0].frames, tuple(subjects))
 
     def part(self, frames: slice) -> Motion:
         """The motion of all in the frames from start to stop: and where anybody is found at all."""
@@ -45,10 +35,6 @@ class SubjectsMotion:
     def each(self, frames: slice) -> list[Motion]:
         """The motion of each subject in the frames from start to stop."""
         return [one.part(frames) for one in self.subjects]
-
-    def parts(self) -> Iterator[slice]:
-        """The take part by part."""
-        return self.subjects[0].parts()
 
     def suspects(self, names: tuple[str, ...], rate: float) -> tuple[Suspect, ...]:
         """What each body shows that is doubtful, by the names of all markers in a row."""

@@ -68,25 +68,24 @@ def label_several(
         yield Progress(0.0, "look how many there are")
         crowd = Crowd(take, cut(take.xyz, take.rate, lanes=take.lanes), options)
         found = yield from _everybody(crowd, asked)
-        labels, suspects, applied, unedited = found.verdict.labels, found.verdict.suspects, None, None
+        verdict, edited = found.verdict, None
         refuse_unknown(said or options.edits, found.worn.asked.by_name)
         if options.edits:
             work = with_edits(crowd, found, options.edits)
             edited = yield from within(work, 0.9, 0.92, "solve the take again with the edits")
-            applied, unedited = edited.applied, edited.unedited
-            labels, suspects = edited.verdict.labels, edited.verdict.suspects
-        suspects += _questions(crowd, found, labels)
-        worn = found.worn
+            verdict = edited.verdict
+        labels, worn = verdict.labels, found.worn
+        suspects = verdict.suspects + _questions(crowd, found, labels)
         del crowd, found  # a long take's are large
         seconds = {"label": perf_counter() - begin}
         yield Progress(0.92, "pose the bodies")
-        motion = motion_of_all(take, labels, worn, options, applied and applied.places)
+        motion = motion_of_all(take, labels, worn, options, edited.applied.places if edited else {})
         seconds["fit"] = perf_counter() - begin - seconds["label"]
         own = set(worn.asked.markers)
         doubts = tuple(one for one in motion.suspects(worn.markers, take.rate) if own.issuperset(one.markers))
         suspects = unanswered(as_in_file(suspects + doubts, take), options.edits, worn.by_name)
         suspects = without_accepted(summarised(suspects, take.rate), options.edits)
-        outcomes = applied.outcomes if applied else ()
+        unedited, outcomes = (edited.unedited, edited.applied.outcomes) if edited else (None, ())
         return LabelledSubjects(labels, motion, suspects, seconds, unedited, outcomes, doubts, worn)
 
 
@@ -105,23 +104,18 @@ def _questions(crowd: Crowd, found: Everybody, labels: Labels) -> tuple[Suspect,
 
 def _everybody(crowd: Crowd, asked: SeveralOptions) -> Generator[Progress, None, Everybody]:
     """Everybody who is asked for, in their order: props first, people in what these leave."""
-    props, rest = [], crowd
+    found: list[FoundSubject] = []
+    unidentified: tuple[UnidentifiedPresence, ...] = ()
     for prop in (one for one in asked.subjects if is_prop(one.model)):
-        props.append((yield from within(found_prop(rest, prop), 0.0, 0.0, spans=_spans(0.0, 0.05))))
-        rest = rest.without(props[-1].may)
+        found.append((yield from within(found_prop(crowd, prop), 0.0, 0.0, spans=_spans(0.0, 0.05))))
+        crowd = crowd.without(found[-1].may)
     people = tuple(one for one in asked.subjects if not is_prop(one.model))
-    found, unidentified = props, ()
     if people or not asked.subjects:
-        persons, unidentified = yield from _Parties(rest, replace(asked, subjects=people)).named()
-        found = [*props, *persons]
-    if asked.subjects:
-        found.sort(key=lambda one: _place(one.subject, asked.subjects))
+        persons, unidentified = yield from _Parties(crowd, replace(asked, subjects=people)).named()
+        found += persons
+    place = {subject: at for at, subject in enumerate(asked.subjects)}
+    found.sort(key=lambda one: place.get(one.subject, len(place)))
     return Everybody.of(found, unidentified)
-
-
-def _place(one: Wearer, subjects: tuple[Wearer, ...]) -> int:
-    """Which of the subjects somebody is; their number for whoever is none of them."""
-    return subjects.index(one) if one in subjects else len(subjects)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,12 +155,13 @@ class _Parties:
 
         Stays of which it cannot be told whose they are are nobody's, and given, too.
         """
-        every, unidentified = presences.may.shape[1], ()
+        every = presences.may.shape[1]
         if every == count:
-            return presences, unidentified
+            return presences, ()
         there = spans_of(self.crowd.tracklet, presences.body, every)
         ways = ways_of(there, count)
         way, lead = (ways[0], np.inf) if len(ways) == 1 else ((), -np.inf)
+        unidentified: tuple[UnidentifiedPresence, ...] = ()
         if len(ways) > 1:
             builds = yield from self._builds(presences, recognise)
             first, further = builds[:count], builds[count:]
@@ -252,21 +247,16 @@ class _Parties:
         may = yield from within(work, 0.88, 0.9, "share out what lies between them")
         if not all(one.fits for one in people):
             return None
-        each = list(zip(people, may.T, strict=True))
-        found = [_found(one, *own, self.crowd.options.target) for one, own in zip(subjects, each, strict=False)]
-        if None in found:
-            return None
-        if self.asked.others:
-            found += self._strangers(each[len(subjects) :])
+        strangers = [Wearer(f"?{index}", named[body][0].model, asked=False) for index, body in enumerate(others)]
+        each = [*subjects, *(strangers if self.asked.others else ())]
+        found = []
+        for subject, own, theirs in zip(each, people, may.T, strict=False):
+            try:
+                found.append(FoundSubject(subject, own, theirs, verdict_on(own, self.crowd.options.target)))
+            except UnsuitedError:
+                if subject.asked:
+                    return None
         return found
-
-    def _strangers(self, people: list[tuple[NamedBody, np.ndarray]]) -> list[FoundSubject]:
-        """Whom nobody asked for, with the tracklets (N,) that each may have."""
-        each = [
-            _found(Wearer(f"?{index}", own[0].model, asked=False), *own, self.crowd.options.target)
-            for index, own in enumerate(people)
-        ]
-        return [one for one in each if one is not None]
 
     def _who(
         self, named: dict[int, list[NamedBody]], wanted: int
@@ -280,7 +270,7 @@ class _Parties:
             kept = sorted(order, key=lambda body: -lasting[body].sum())[: wanted or len(order)]
             chosen = [(body, named[body][0]) for body in order if body in kept]
             return self.asked.subjects or self.asked.numbered(len(kept)), chosen
-        place, lead = identified(np.array([costs_of(named[body], models) for body in order]), kind)
+        place, lead = identified(np.array([costs_of(named[body], tuple(models)) for body in order]), kind)
         if lead < IDENTIFICATION.lead:
             names = " and ".join(one.name for one in self.asked.subjects)
             raise JobError(
@@ -299,14 +289,6 @@ class _Parties:
         if wanted in (AUTO, 1):
             return JobError(f"shows nobody who wears {names}; expected a take of that marker set: choose its model")
         return JobError(f"shows fewer than {wanted} subjects who wear {names}; expected as many, so ask for fewer")
-
-
-def _found(subject: Wearer, body: NamedBody, may: np.ndarray, target: float) -> FoundSubject | None:
-    """Who was found, with what is said of them; None where the model is not for them after all."""
-    try:
-        return FoundSubject(subject, body, may, verdict_on(body, target))
-    except UnsuitedError:
-        return None
 
 
 def _unlike(some: list[PersonBuild], others: list[PersonBuild]) -> float:

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Props: what is one rigid body is known by its form, in anybody's hand, before people are parted."""
 
-from collections.abc import Generator
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,7 @@ from ...data.errors import JobError
 from ...data.progress import Stage
 from ..models import Model
 from ..refusals import UnsuitedError
-from ..whole_take.pipeline import name_frames
+from ..whole_take.pipeline import Steps, name_frames
 from .bodies import Crowd, NamedBody
 from .together import FoundSubject, verdict_on
 from .wearers import Wearer
@@ -22,7 +21,7 @@ def is_prop(model: Model) -> bool:
     return bodies is not None and len(bodies.members) == 1 and len(bodies.members[0]) == len(model.markerset)
 
 
-def found_prop(crowd: Crowd, prop: Wearer) -> Generator[Stage | float | tuple[float, str], None, FoundSubject]:
+def found_prop(crowd: Crowd, prop: Wearer) -> Steps[FoundSubject]:
     """A prop named among everything else, with its tracklets; JobError where it is not there."""
     # A body's parts are rigid, too: what a take shows of them must not be learned as the prop's form.
     model = replace(prop.model, training_takes=())

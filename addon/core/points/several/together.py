@@ -56,7 +56,8 @@ def verdict_on(one: NamedBody, target: float) -> Verdict:
 
 def joined(worn: SetsWorn, verdicts: Sequence[Verdict]) -> Verdict:
     """What is said of all of them; what two have is nobody's. Those whom nobody asked for have nothing to look at."""
-    whole, suspects = Labels.none(*verdicts[0].labels.marker.shape), ()
+    whole = Labels.none(*verdicts[0].labels.marker.shape)
+    suspects: list[Suspect] = []
     for part in blocks(*whole.marker.shape):
         taken = np.sum([verdict.labels.marker[part] != NO_MARKER for verdict in verdicts], axis=0)
         for first, verdict in zip(worn.firsts, verdicts, strict=True):
@@ -65,8 +66,8 @@ def joined(worn: SetsWorn, verdicts: Sequence[Verdict]) -> Verdict:
             whole.marker[part][at] = own.marker[at] + first
             whole.step[part][at], whole.confidence[part][at] = own.step[at], own.confidence[at]
     for subject, verdict in zip(worn.asked.subjects, verdicts, strict=False):
-        suspects += tuple(_of(suspect, subject) for suspect in verdict.suspects)
-    return Verdict(whole, suspects)
+        suspects += [_of(suspect, subject) for suspect in verdict.suspects]
+    return Verdict(whole, tuple(suspects))
 
 
 def _of(suspect: Suspect, subject: Wearer) -> Suspect:
@@ -82,19 +83,19 @@ def own_labels(labels: Labels, first: int, size: int) -> Labels:
 
 
 def motion_of_all(
-    take: Points, labels: Labels, worn: SetsWorn, options: PointOptions, places: Mapping | None = None
+    take: Points, labels: Labels, worn: SetsWorn, options: PointOptions, places: Mapping[tuple[int, int], np.ndarray]
 ) -> SubjectsMotion:
     """Everybody's markers and body, by the labels (T, L) of all; `places` are where a person placed markers of all."""
     parts = []
     for subject, first in zip(worn.subjects, worn.firsts, strict=True):
         size = len(subject.model.markerset)
         own = own_labels(labels, first, size)
-        put = {(frame, marker - first): xyz for (frame, marker), xyz in _of_range(places or {}, first, size)}
+        put = {(frame, marker - first): xyz for (frame, marker), xyz in _of_range(places, first, size)}
         markers = by_marker(take.xyz, own, size, put)
         residual = by_marker(take.residual, own, size, dict.fromkeys(put, 0.0))  # not measured
         given = markers, residual, own, subject.model.markerset, take.frames, None, options.room
         parts.append(take_motion(*given))
-    return SubjectsMotion(tuple(parts))
+    return SubjectsMotion.of(parts)
 
 
 def _of_range(places: Mapping, first: int, size: int) -> Iterable[tuple[tuple[int, int], np.ndarray]]:

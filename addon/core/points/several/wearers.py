@@ -61,13 +61,13 @@ class SeveralOptions:
     @cached_property
     def models(self) -> tuple[Model, ...]:
         """The models of those who are asked for, each once; of those without names, the one."""
-        if not self.subjects:
+        if self.model is not None:
             return (self.model,)
         return tuple(one.model for one, kind in zip(self.subjects, kinds(self.subjects), strict=True) if kind is one)
 
     def numbered(self, count: int) -> tuple[Wearer, ...]:
         """So many without names, who are called 1, 2 and so on."""
-        return tuple(Wearer(str(number), self.model) for number in range(1, count + 1))
+        return tuple(Wearer(str(number), self.models[0]) for number in range(1, count + 1))
 
     @property
     def at_least(self) -> "SetsWorn":

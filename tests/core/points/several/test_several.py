@@ -12,8 +12,8 @@ from addon.core.data.lanes import LaneOptions
 from addon.core.data.progress import finished
 from addon.core.data.takes import Labels, Points, Suspect, Verdict
 from addon.core.geometry.rotations import exponential
+from addon.core.points.refusals import RefusalOptions
 from addon.core.points.several import affinity, bodies, pipeline
-from addon.core.points.several.bodies import RecognisingOptions
 from addon.core.points.several.identification import PersonBuild
 from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.presence import UnidentifiedPresence
@@ -98,7 +98,7 @@ def test_a_long_take_is_named_the_same_way(passing, monkeypatch):
     take, _ = passing
     whole = labelled(take, AUTO)
     monkeypatch.setattr(bodies, "PACKING", LaneOptions(whole_cells=0))
-    monkeypatch.setattr(affinity, "FRAMES_MET_AT_ONCE", 3)
+    monkeypatch.setattr(affinity, "TRACKLETS_AT_ONCE", 40)
     parts = labelled(take, AUTO)
     for name in ("marker", "step", "confidence"):
         np.testing.assert_array_equal(getattr(parts.labels, name), getattr(whole.labels, name))
@@ -119,7 +119,7 @@ def test_whom_single_frames_are_not_sure_of_must_sit_as_the_set_has_them_once_al
     assert right > 0.95 * take.present.sum()
     shared = []
     monkeypatch.setattr(pipeline, "share", lambda *given: shared.append(given) or share(*given))
-    monkeypatch.setattr(bodies, "RECOGNISING", RecognisingOptions(max_residual=1e-3))
+    monkeypatch.setattr(bodies, "REFUSAL", RefusalOptions(max_residual=1e-3))
     with pytest.raises(JobError, match="fewer than 2 subjects"):
         labelled(take, 2)
     assert shared, "nobody is judged before"
