@@ -89,6 +89,8 @@ class Search:
                 self.propose(self._exchanged(order))
             for order in self._exchanges():
                 self.propose(self._exchanged(order))
+            for tracklet, name in self._alone():
+                self.propose(self._renamed(tracklet, name))
             if self.best is before:
                 break
 
@@ -234,6 +236,33 @@ class Search:
                 called = np.empty_like(order)
                 called[order] = np.arange(len(order))
                 yield called
+
+    def _alone(self) -> list[tuple[int, int]]:
+        """Tracklets and other names that each may have alone: those of markers that are not there at the time, or none.
+
+        What is an extra may be such a marker whatever its distances say: these are what is wrong where a marker has the
+        name for a part of the take only. What has a name that is seldom there may have none.
+        """
+        marker, tracklets, markers = self.best.marker, self.objective.tracklets, self.objective.markers
+        own = (marker != NO_MARKER) & (marker < markers)
+        likely = self._odds()[:, :markers] > -SEARCH.margin
+        likely |= (marker >= markers)[:, None] & self._doubted()
+        tracklet, name = np.nonzero(likely & ~own[:, None])
+        end = tracklets.last - VOTE.max_overlap_frames
+        there = (tracklets.first[:, None] <= end[tracklet]) & (end[:, None] >= tracklets.first[tracklet])
+        free = ~(there & (marker[:, None] == name)).any(axis=0)
+        count = np.bincount(marker[own], tracklets.count[own], markers)
+        seldom = np.flatnonzero(own)[count[marker[own]] < SEARCH.seen * np.median(count)]
+        one = np.concatenate([tracklet[free], seldom])
+        other = np.concatenate([name[free], np.full(len(seldom), NO_MARKER)])
+        some = np.argsort(-tracklets.count[one], kind="stable")[: SEARCH.chains]
+        return list(zip(one[some].tolist(), other[some].tolist(), strict=True))
+
+    def _renamed(self, tracklet: int, name: int) -> np.ndarray:
+        """(N,) the names with another one of a tracklet."""
+        marker = self.best.marker.copy()
+        marker[tracklet] = name
+        return marker
 
     def _exchanged(self, order: np.ndarray) -> np.ndarray:
         """(N,) the names with each marker called as `order` (M + E,) has it, but where a person has said otherwise."""
