@@ -53,7 +53,7 @@ def borne_out(verdict: Verdict, adaptation: Adaptation, first_frame: int, lanes:
     from .rigid_bodies.recognition import MOTION_CONFIDENCE
 
     if not adaptation.other_layout:
-        return Verdict(labels, _of_take(seen, [], first_frame, lanes) + verdict.suspects)
+        return Verdict(labels, _of_take(seen, [], first_frame) + verdict.suspects)
     found = _found(seen)
     moving = seen.marker != NO_MARKER
     other = moving & labels.named & (seen.marker != labels.marker)
@@ -69,7 +69,7 @@ def borne_out(verdict: Verdict, adaptation: Adaptation, first_frame: int, lanes:
     found[seen.marker[moving]] = True
     missing = [names[marker] for marker in np.flatnonzero(~found)]
     contradicted = _of_contradictions(seen, np.where(other, labels.marker, NO_MARKER), names, first_frame, lanes)
-    return Verdict(checked, _of_take(seen, missing, first_frame, lanes) + contradicted + verdict.suspects)
+    return Verdict(checked, _of_take(seen, missing, first_frame) + contradicted + verdict.suspects)
 
 
 def _found(seen: "Recognition") -> np.ndarray:
@@ -84,7 +84,7 @@ def _found(seen: "Recognition") -> np.ndarray:
     return found
 
 
-def _of_take(seen: "Recognition", missing: list[str], first_frame: int, lanes: Lanes | None) -> tuple[Suspect, ...]:
+def _of_take(seen: "Recognition", missing: list[str], first_frame: int) -> tuple[Suspect, ...]:
     """What is true of the whole take, where these markers are `missing` in it."""
     words = []
     of_all = f"{int((seen.cluster >= 0).sum())} of {len(seen.cluster)}"
@@ -98,11 +98,6 @@ def _of_take(seen: "Recognition", missing: list[str], first_frame: int, lanes: L
             f"how the rigid bodies move tells only {of_all}, so names rest on the rigid bodies' forms alone: "
             "look whether each is on its limb"
         )
-    prop = seen.prop
-    count = sum(bool(prop[span, lane].any()) for _, span, lane in standing_in(lanes, prop.shape).each_alone())
-    if count:
-        who = "1 trajectory stands" if count == 1 else f"{count} trajectories stand"
-        words.append(f"{who} still while the subject moves: no markers of the set")
     return tuple(Suspect(first_frame, first_frame + len(seen.part) - 1, one) for one in words)
 
 

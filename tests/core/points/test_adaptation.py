@@ -90,16 +90,6 @@ def test_what_only_motion_tells_is_named_by_it(other):
     assert (decided.labels.confidence[named] > 0.9).all()
 
 
-def test_things_that_stand_about_are_said_to(model):
-    points = walk(body(), 5)
-    table = np.array([[2.0, 2, 0.7], [2.3, 2, 0.7], [2.1, 2.2, 0.7]])
-    table = table + np.random.default_rng(0).normal(0, 0.0003, (len(points), 3, 3))
-    adaptation = adapted_to(model, np.concatenate([points, table], axis=1))
-    marker = np.concatenate([right_of(points), np.full((len(points), 3), NO_MARKER)], axis=1)
-    decided = borne_out(named_by(marker), adaptation, FIRST_FRAME)
-    assert [s.reason.split(" stand")[0] for s in decided.suspects] == ["3 trajectories"]
-
-
 def test_models_that_cannot_tell_are_left_as_they_are(model):
     points = walk(body(), 5)[:50]
     forgetful = replace(model, training_takes=())

@@ -19,11 +19,9 @@ class ClusteringOptions:
     max_deviation_m  that distances within a cluster vary by, in the mean; physical: skin under a plate
     prior_m          that a distance is taken to vary by; physical: as two limbs that hardly move do
     prior_frames     in which it is taken to have been seen so
-    max_off_m        physical: a marker's width, which a tracklet may be off its place in the cluster, root mean square,
-                     and by which places of tracklets are apart that are one marker's
+    max_off_m        physical: a marker's width, which a tracklet may be off its place in the cluster, root mean square;
+                     half of it in its distances from others, to go on as the marker of an earlier one
     min_seen_part    of a cluster's frames that a marker of it must be seen in, and of the take one on none
-    max_still_m      that what stands about in the room moves by; physical: noise
-    min_moving_m     that half of the clusters must move by before others are said to stand still; physical: a step
     """
 
     max_gap_s: float = 0.02
@@ -33,8 +31,6 @@ class ClusteringOptions:
     prior_frames: int = 10
     max_off_m: float = 0.01
     min_seen_part: float = 0.1
-    max_still_m: float = 0.02
-    min_moving_m: float = 0.1
 
 
 CLUSTERING = ClusteringOptions()
@@ -120,33 +116,12 @@ def sampled(points: np.ndarray, tracklet: np.ndarray, rate: float) -> Sampled:
     return Sampled(frames, number[long], xyz)
 
 
-def find_clusters(seen: Sampled) -> tuple[list[Cluster], list[Cluster]]:
-    """Clusters of three markers or more that move with the subject, and those that stand about in the room."""
+def find_clusters(seen: Sampled) -> list[Cluster]:
+    """Clusters of three markers or more that keep their distances."""
     spread, weight, mean = _deviations(seen.points)
     grown = [np.array(own) for own in rigid_clusters(spread, weight, CLUSTERING.max_deviation_m)]
     laid = [_laid(seen, own, mean) for own in grown if len(own) >= MIN_POINTS]
-    clusters = [cluster for cluster in laid if cluster is not None]
-    still = _stand_still(clusters)
-    return (
-        [cluster for cluster, stands in zip(clusters, still, strict=True) if not stands],
-        [cluster for cluster, stands in zip(clusters, still, strict=True) if stands],
-    )
-
-
-def _stand_still(clusters: list[Cluster]) -> list[bool]:
-    """Of each cluster, whether it stands still in frames in which most others move."""
-    still = []
-    for cluster in clusters:
-        seen = np.isfinite(cluster.place[:, 0])
-        moved = np.median([_extent(other.place[seen]) for other in clusters])
-        still.append(bool(_extent(cluster.place[seen]) < CLUSTERING.max_still_m and moved > CLUSTERING.min_moving_m))
-    return still
-
-
-def _extent(place: np.ndarray) -> float:
-    """How far, m, a place (F, 3) moves."""
-    known = place[np.isfinite(place[:, 0])]
-    return float(known.std(axis=0).max()) if len(known) else 0.0
+    return [cluster for cluster in laid if cluster is not None]
 
 
 def _deviations(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -221,31 +196,11 @@ def _laid(seen: Sampled, own: np.ndarray, distance: np.ndarray) -> Cluster | Non
         form = np.where((known.any(axis=0) & (off < CLUSTERING.max_off_m))[:, None], mean, np.nan)
         if np.isfinite(form[:, 0]).sum() < MIN_POINTS:
             return None
-    fine = np.flatnonzero(np.isfinite(form[:, 0]))
-    there = np.isfinite(points[:, fine, 0])
-    often = CLUSTERING.min_seen_part * np.isfinite(place[:, 0]).sum()
     # What is there only for moments may move with the cluster by chance, while nothing moves.
-    merged = [one for one in _merged(form[fine], there) if there[:, one].any(axis=1).sum() >= often]
-    if len(merged) < MIN_POINTS:
+    often = CLUSTERING.min_seen_part * np.isfinite(place[:, 0]).sum()
+    fine = np.flatnonzero(np.isfinite(form[:, 0]) & (np.isfinite(points[..., 0]).sum(axis=0) >= often))
+    if len(fine) < MIN_POINTS:
         return None
-    middle = np.array([form[fine[one]].mean(axis=0) for one in merged])
-    centre = middle.mean(axis=0)
-    tracklets = tuple(
-        tuple(int(seen.number[own[tracklet]]) for index in one for tracklet in strings[fine[index]]) for one in merged
-    )
-    return Cluster(middle - centre, tracklets, turn, place + turn @ centre)
-
-
-def _merged(form: np.ndarray, there: np.ndarray) -> list[list[int]]:
-    """Tracklets (n, 3) in one place at different times, (F, n) where each is there, are one marker's."""
-    made: list[list[int]] = []
-    frames = there.sum(axis=0)
-    for index in np.argsort(-frames):
-        for one in made:
-            near = np.linalg.norm(form[one].mean(axis=0) - form[index]) < CLUSTERING.max_off_m
-            if near and _shared(there, one, index) <= MAX_SHARED * frames[index]:
-                one.append(int(index))
-                break
-        else:
-            made.append([int(index)])
-    return made
+    centre = form[fine].mean(axis=0)
+    tracklets = tuple(tuple(int(seen.number[own[one]]) for one in strings[index]) for index in fine)
+    return Cluster(form[fine] - centre, tracklets, turn, place + turn @ centre)

@@ -51,7 +51,7 @@ class Recognition:
     margin    (K,) log odds of that
     placed    which point of the clusters each marker is
     sure      (M,) True where that is sure
-    clusters  those that move, and `props`, those that stand about in the room
+    clusters  of the take
     part      (T, P) the number of the unbroken tracklet of each point, -1 where there is none
     single    (N,) for each unbroken tracklet the marker on no rigid body that it surely is, -1 for most
     rigid_bodies  the model's with the forms and distances of this subject; those that are not sure are left out
@@ -63,7 +63,6 @@ class Recognition:
     placed: Placed
     sure: np.ndarray
     clusters: tuple[Cluster, ...]
-    props: tuple[Cluster, ...]
     part: np.ndarray
     single: np.ndarray
     rigid_bodies: RigidBodies
@@ -77,13 +76,6 @@ class Recognition:
             cluster = self.clusters[self.cluster[self.placed.rigid_body[marker]]]
             names[list(cluster.tracklets[self.placed.point[marker]])] = marker
         return np.append(names, -1)[self.part]
-
-    @property
-    def prop(self) -> np.ndarray:
-        """(T, P) True for points of things that stand about."""
-        stands = np.zeros(len(self.single) + 1, dtype=bool)
-        stands[[tracklet for cluster in self.props for tracklets in cluster.tracklets for tracklet in tracklets]] = True
-        return stands[self.part]
 
 
 def recognise(
@@ -105,7 +97,7 @@ def _recognise(
     structure: Structure, rigid_bodies: RigidBodies, points: np.ndarray, part: np.ndarray, rate: float
 ) -> Recognition:
     seen = sampled(points, part, rate)
-    clusters, props = find_clusters(seen)
+    clusters = find_clusters(seen)
     matched = match_clusters(structure, clusters)
     sure = (matched.cluster != NO_CLUSTER) & (matched.margin >= RECOGNITION.min_body_lead)
     cluster = np.where(sure, matched.cluster, NO_CLUSTER)
@@ -115,13 +107,13 @@ def _recognise(
     forms = _own_forms(structure, clusters, cluster, placed, named)
     own = _own_rigid_bodies(rigid_bodies, forms, placed, named, at)
     single = np.full(int(part.max(initial=-1)) + 1, -1)
-    free = _free(seen, [*clusters, *props])
+    free = _free(seen, clusters)
     if len(free) and named.any():
         found = find_single_markers(own, at, np.flatnonzero(placed.point == NO_POINT), seen.points[:, free])
         single[seen.number[free]] = found
         own = _with_single_markers(own, at, seen.points[:, free], found)
     known = _known(forms, len(structure))
-    return Recognition(cluster, matched.margin, placed, named, tuple(clusters), tuple(props), part, single, own, known)
+    return Recognition(cluster, matched.margin, placed, named, tuple(clusters), part, single, own, known)
 
 
 def _positions(clusters: list[Cluster], cluster: np.ndarray, placed: Placed, sure: np.ndarray) -> np.ndarray:
