@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from addon import capturing
+from addon.capturing import LabelledMarkers
 from addon.core.data.takes import Points
 from addon.demo.take import MODEL, TROUBLE, make_performance
 from addon.io.cameras import write_cameras
@@ -17,14 +18,17 @@ RATE, GHOSTS, GAP = 60.0, 3, 20
 BEHIND, TALLER, BESIDE, SKIN = 40, 1.08, (0.0, 1.2, 0.0), 0.006  # frames, times, m, m
 
 
-def write_virtual_take(folder: Path, frames: int) -> None:
-    """Write take.csv, its truth take.csv.truth.csv and cameras.toml to `folder`: the demo's first `frames` frames."""
-    made, first = make_performance(open_markerset(MODEL)), slice(0, frames)
-    body = replace(made.body, **{name: getattr(made.body, name)[first] for name in ("rotations", "joints", "scale")})
-    take = replace(made.take, xyz=made.take.xyz[first])
-    for _ in capturing.write_capture(take, made.cameras, TROUBLE, body, folder / "take.csv"):
+def write_virtual_take(
+    folder: Path, last: int, first: int = 1, blobs: str = "take.csv", cameras: str = "cameras.toml"
+) -> LabelledMarkers:
+    """Write blobs of some frames of the demo, their truth beside them, and the cameras; gives the markers."""
+    made, part = make_performance(open_markerset(MODEL)), slice(first - 1, last)
+    body = replace(made.body, **{name: getattr(made.body, name)[part] for name in ("rotations", "joints", "scale")})
+    take = capturing.cut(made.take, (first, last))
+    for _ in capturing.write_capture(take, made.cameras, TROUBLE, body, folder / blobs):
         pass
-    write_cameras(folder / "cameras.toml", made.cameras)
+    write_cameras(folder / cameras, made.cameras)
+    return take
 
 
 def write_virtual_points(folder: Path, frames: int) -> None:

@@ -7,16 +7,14 @@ import json
 import re
 import shlex
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from addon import capturing
 from addon.cli.parser import build_parser
-from addon.demo.take import MODEL, TROUBLE, make_performance
-from addon.io.cameras import read_cameras, write_cameras
-from addon.io.markersets import open_markerset, read_markerset
+from addon.io.cameras import read_cameras
+from addon.io.markersets import read_markerset
+from scripts.virtual_take import write_virtual_take
 
 ROOT = Path(__file__).resolve().parents[1]
 CORE = ROOT / "addon" / "core"
@@ -24,7 +22,6 @@ DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.rglob("*.md"))]
 WRITTEN = [page for page in PAGES if page.name != "CHANGELOG.md" and page.parent != DOCS / "results"]
 MOST_WORDS = 35_000
-FRAMES = (200, 219)
 BLENDERS = {"bpy", "mathutils", "gpu", "blf", "gpu_extras", "bpy_extras"}
 PACKAGE = "mocap_autolabel"
 
@@ -64,13 +61,7 @@ def package():
 def room(tmp_path_factory) -> Path:
     """A folder with the files that the snippets name: room.toml and walk.csv, of a virtual person."""
     folder = tmp_path_factory.mktemp("room")
-    made = make_performance(open_markerset(MODEL))
-    part = slice(FRAMES[0] - 1, FRAMES[1])
-    body = replace(made.body, **{name: getattr(made.body, name)[part] for name in ("rotations", "joints", "scale")})
-    write_cameras(folder / "room.toml", made.cameras)
-    take = capturing.cut(made.take, FRAMES)
-    for _ in capturing.write_capture(take, made.cameras, TROUBLE, body, folder / "walk.csv"):
-        pass
+    write_virtual_take(folder, 219, 200, "walk.csv", "room.toml")
     return folder
 
 
@@ -104,14 +95,9 @@ def options_of(verb: str) -> set[str]:
     return {flag for action in parser._actions for flag in action.option_strings if flag.startswith("--")} - {"--help"}
 
 
-def guide_pages() -> list[Path]:
-    """The pages that tell users what to do: a folder of them, or the one that it is made of."""
-    return sorted((DOCS / "guide").rglob("*.md"))
-
-
 @pytest.mark.parametrize("verb", sorted(verbs()))
 def test_the_guide_tells_every_option_that_people_see(verb):
-    guide = "\n".join(page.read_text(encoding="utf-8") for page in guide_pages())
+    guide = "\n".join(page.read_text(encoding="utf-8") for page in DOCS.glob("guide/*.md"))
     hidden = {"--result"}
     assert {flag for flag in options_of(verb) - hidden if not re.search(rf"`[^`\n]*{flag}\b", guide)} == set()
 
@@ -203,26 +189,27 @@ def documented_imports() -> dict[str, set[str]]:
     return {part: set(re.findall(r"`(\w+)`", others + besides)) for part, others, besides in rows}
 
 
-def imports_of(path: Path) -> set[str]:
-    """The parts of `addon` and the libraries that a file of it imports, anywhere."""
+def imports_of(path: Path) -> set[tuple[str, ...]]:
+    """What a file of `addon` imports, anywhere: modules of `addon` by their path from there, libraries by name."""
     package, found = path.relative_to(ROOT / "addon").parts[:-1], set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            found |= {name.name.split(".")[0] for name in node.names}
+            found |= {(name.name.split(".")[0],) for name in node.names}
         elif isinstance(node, ast.ImportFrom) and not node.level:
-            found.add(node.module.split(".")[0])
+            found.add((node.module.split(".")[0],))
         elif isinstance(node, ast.ImportFrom):
             above = package[: len(package) - node.level + 1]
             modules = [node.module.split(".")] if node.module else [[name.name] for name in node.names]
-            found |= {(*above, *module)[0] for module in modules}
-    return {"bpy" if name in BLENDERS else name for name in found}
+            found |= {(*above, *module) for module in modules}
+    return found
 
 
 def test_the_code_imports_what_the_architecture_allows():
     allowed, free = documented_imports(), set(sys.stdlib_module_names) | {"numpy"}
     for path in sorted((ROOT / "addon").rglob("*.py")):
         part = path.relative_to(ROOT / "addon").with_suffix("").parts[0]
-        assert imports_of(path) <= allowed.get(part, set()) | free | {part}, path
+        taken = {"bpy" if name in BLENDERS else name for name, *_ in imports_of(path)}
+        assert taken <= allowed.get(part, set()) | free | {part}, path
 
 
 def test_the_table_of_imports_names_parts_that_are_there():
@@ -254,12 +241,8 @@ def test_folders_of_core_import_only_those_above_them_in_the_architecture():
 
 def folders_imported(path: Path) -> set[str]:
     """The folders of core that a file of it imports from, as paths from core."""
-    package, found = path.relative_to(CORE).parts[:-1], set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.ImportFrom) and node.level:
-            target = CORE.joinpath(*package[: len(package) - node.level + 1], *(node.module or "").split("."))
-            found.add((target if target.is_dir() else target.parent).relative_to(CORE).as_posix())
-    return found
+    targets = [CORE.joinpath(*rest) for part, *rest in imports_of(path) if part == "core"]
+    return {(target if target.is_dir() else target.parent).relative_to(CORE).as_posix() for target in targets}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=named)

@@ -25,7 +25,7 @@ from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, captu
 from .actors import PASSING_M, Meeting, middle_of, passing, returning
 from .flesh import flesh
 from .people import BODY26
-from .walking import RATE, at_rate, room_middle, vicon12
+from .walking import RATE, at_rate, best_way, vicon12
 from .whole_takes import case_few
 
 CAMERAS = 8
@@ -71,7 +71,9 @@ def seen(meeting: Meeting, seed: int, one_side: bool = False) -> Seen:
         cameras = ONE_SIDE.select(np.sort(np.argsort(ONE_SIDE.centres[:, 1])[:CAMERAS]))
         placed = [one.xyz - centre for one in meeting.people]
     else:
-        cameras, placed = _in_room(meeting, centre, generator)
+        move, share = best_way(meeting.together().xyz, centre, CAMERAS, generator)
+        cameras = vicon12().select(np.sort(np.argsort(-share)[:CAMERAS]))
+        placed = [move(one.xyz) for one in meeting.people]
     bodies = tuple(flesh(one.markers, xyz) for one, xyz in zip(meeting.people, placed, strict=True))
     together = BodiesTogether(bodies, tuple(xyz.shape[1] for xyz in placed))
     names = meeting.together().markers
@@ -79,23 +81,6 @@ def seen(meeting: Meeting, seed: int, one_side: bool = False) -> Seen:
     xyz = np.concatenate(placed, axis=1)
     taken = joined(capture(xyz, names, cameras, options, together))
     return Seen(cameras, taken.blobs, taken.truth)
-
-
-def _in_room(meeting: Meeting, centre: np.ndarray, generator: np.random.Generator) -> tuple[Cameras, list[np.ndarray]]:
-    """The cameras and the people on the way on which eight cameras see most of it."""
-    room, middle = vicon12(), room_middle()
-    best = None
-    for yaw in generator.uniform(0, 2 * np.pi) + np.arange(0, 2 * np.pi, 0.3):
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        turn = np.array([[cos, -sin, 0], [sin, cos, 0], [0, 0, 1]])
-        placed = [(one.xyz - centre) @ turn.T + middle for one in meeting.people]
-        pixels = room.project(np.concatenate(placed, axis=1)[::5])
-        with np.errstate(invalid="ignore"):
-            inside = ((pixels >= 0) & (pixels < room.size[:, None, None])).all(axis=-1).mean(axis=(1, 2))
-        total = np.sort(inside)[-CAMERAS:].sum()
-        best = (total, placed, inside) if best is None or total > best[0] else best
-    _, placed, inside = best
-    return room.select(np.sort(np.argsort(-inside)[:CAMERAS])), placed
 
 
 def named(shot: Seen, asked: SeveralOptions) -> np.ndarray:

@@ -17,8 +17,10 @@ from addon.core.geometry.rotations import exponential
 from addon.io.models import open_model
 from addon.io.points import read_points
 
-from .people import BODY26, DATA, MCGILL
-from .whole_takes import Case, Pieces, Take, actors, case_few, cut_up, read
+from .flesh import Move
+from .people import BODY26, PEOPLE, Take, files_of, read
+from .walking import at_rate
+from .whole_takes import Case, Pieces, actors, case_few, cut_up
 
 GHOSTS = 60
 HIDDEN_EACH = 5  # markers hidden at a time, for each person
@@ -33,9 +35,9 @@ HOLDING_M = 0.25  # between two actors who overlap all the time
 NOISE_M = 0.0003
 STANDING, STOOD_S = 200, 60.0  # frames that were recorded of standing still, how long it goes on
 LYING_M, UPON_M, LIFTED_M = 0.15, 0.4, 1.4  # how high somebody lies, one who lies upon them, and one who is carried
-PLATES = DATA / "people" / "clouthier"
+PLATES = PEOPLE / "clouthier"
 PLATE = ("LBUL", "LBLL", "LBUR", "LBLR")  # of four markers on the back
-PLAYERS = DATA / "people" / "tennis" / "kinematics_tennis_serve_2players.c3d"
+PLAYERS = PEOPLE / "tennis" / "kinematics_tennis_serve_2players.c3d"
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +71,7 @@ def middle_of(xyz: np.ndarray) -> np.ndarray:
 
 def moved(take: Take, turn: float, pivot: np.ndarray, place: np.ndarray) -> Take:
     """The take turned about the vertical through `pivot` (2,) m, which goes to `place` (2,) m."""
-    cos, sin = np.cos(turn), np.sin(turn)
-    xyz = take.xyz.copy()
-    xyz[..., :2] = (xyz[..., :2] - pivot) @ np.array([[cos, sin], [-sin, cos]]) + place
-    return replace(take, xyz=xyz)
+    return replace(take, xyz=Move(turn, np.append(pivot, 0.0), np.append(place, 0.0))(take.xyz))
 
 
 def passing(takes: list[Take], lanes: list[float], ways: list[int]) -> tuple[Take, ...]:
@@ -206,7 +205,7 @@ def standing(apart_m: float) -> Iterator[Meeting]:
 
 def _stood(person: str) -> Take:
     """How somebody of McGill was recorded standing, which is the first file of each."""
-    return read(min((MCGILL / person).glob("*.c3d")), person)
+    return read(files_of(person)[0], person)
 
 
 def players() -> Iterator[Meeting]:
@@ -223,7 +222,7 @@ def players() -> Iterator[Meeting]:
 
 def own_turn(person: str) -> Case | None:
     """One person's turn, learned alone; None where it lacks a marker."""
-    turn = read(sorted((MCGILL / person).glob("*.c3d"))[2], person)
+    turn = read(files_of(person)[2], person)
     return Case(f"turn {person}", (turn.of(BODY26),), (), BODY26) if set(BODY26) <= set(turn.markers) else None
 
 
@@ -259,11 +258,8 @@ def racket() -> Iterator[Meeting]:
 def plate_of(take: str, rate: float) -> Take:
     """The plate that a recorded person wears on the back, as a prop, at a rate."""
     points = read_points(PLATES / take, everything=True, up="z")
-    xyz = points.xyz[:, [points.names.index(name) for name in PLATE]]
-    at = np.arange(int((len(xyz) - 1) * rate / points.rate)) * points.rate / rate
-    before = at.astype(int)
-    part = (at - before)[:, None, None]
-    return Take("plate", "plate", PLATE, xyz[before] * (1 - part) + xyz[before + 1] * part, rate)
+    whole = at_rate(Take("plate", "plate", points.names, points.xyz, points.rate).of(PLATE), rate)
+    return replace(whole, xyz=whole.xyz[:-1])
 
 
 def plate() -> Iterator[Meeting]:

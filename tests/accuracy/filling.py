@@ -12,10 +12,11 @@ import argparse
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from time import perf_counter, process_time
 
 import numpy as np
+from scipy.sparse import block_diag, csc_array, diags_array, kron
+from scipy.sparse.linalg import spsolve
 from threadpoolctl import threadpool_limits
 
 from addon.core.data.progress import finished
@@ -25,15 +26,9 @@ from addon.core.filling.gaps import Gap, KnownMarkers
 from addon.io.points import read_points
 from scripts.results import markdown
 
-PEOPLE = Path(__file__).resolve().parents[3] / "shared" / "data" / "people"
-TAKES = {
-    "s02": "cmu41/s02/02_05.c3d",
-    "ball": "cmu41/ball/basketball.c3d",
-    "s135": "cmu41/s135/135_02.c3d",
-    "bd": "cmu41/bd/HDM_bd_05-01_01_120.c3d",
-    "p1": "actors53/p1/freeform.c3d",
-    "p2": "actors53/p2/squat.c3d",
-}
+from .people import DATA, OTHERS, PEOPLE
+
+TAKES = ("s02", "ball", "s135", "bd", "p1", "p2")
 CHOSEN_ON = ("s02", "ball", "p1")
 GROUPS = {
     "CMU and HDM05 (`cmu41`)": ("s02", "ball", "s135", "bd"),
@@ -57,7 +52,7 @@ class Cut:
 
 def take_of(name: str) -> tuple[np.ndarray, float]:
     """Named markers (T, M, 3) m that are seen for a good part of a take, and its rate."""
-    take = read_points(PEOPLE / TAKES[name])
+    take = read_points(DATA / OTHERS[name])
     kept = np.array([bool(marker) for marker in take.names]) & (take.present.mean(axis=0) > LEAST_SEEN)
     return take.xyz[:, kept], take.rate
 
@@ -92,25 +87,18 @@ def kalman(take: KnownMarkers, gap: Gap) -> np.ndarray:
     values, axes = np.linalg.eigh((whole - mean).T @ (whole - mean) / len(whole))
     kept = max(1, int(np.searchsorted(np.cumsum(values[::-1]), 0.999 * values.sum()) + 1))
     axes, noise = axes[:, ::-1][:, :kept], max(values[::-1][kept:].sum() / len(mean), 1e-10)
-    walk = np.diag(np.diff((whole - mean) @ axes, axis=0).var(axis=0) + 1e-12)
+    walk = np.diff((whole - mean) @ axes, axis=0).var(axis=0) + 1e-12
     middle = around[:, others].mean(axis=1)
     seen = np.concatenate([around[:, others], around[:, gap.marker][:, None]], axis=1) - middle[:, None]
     seen = seen.reshape(len(seen), -1) - mean
-    state, spread = np.zeros(kept), np.diag(values[::-1][:kept])
-    forward = []
-    for frame in seen:
-        ahead = spread + walk if forward else spread
-        there = np.isfinite(frame)
-        share = axes[there].T / noise
-        spread = np.linalg.inv(np.linalg.inv(ahead) + share @ axes[there])
-        before = state
-        state = before + spread @ (share @ (frame[there] - axes[there] @ before))
-        forward.append((before, ahead, state, spread))
-    smooth, path = state, [state]
-    for (_, _, state, spread), (before, ahead, _, _) in zip(forward[-2::-1], forward[:0:-1], strict=True):
-        smooth = state + spread @ np.linalg.solve(ahead, smooth - before)
-        path.append(smooth)
-    told = np.array(path[::-1]) @ axes[-3:].T + mean[-3:] + middle
+    there, frames = np.isfinite(seen), len(seen)
+    # The smoothed weights are what is likeliest of all frames: one system, with the walk beside its diagonal.
+    steps = diags_array([np.ones(frames - 1), -np.ones(frames - 1)], offsets=[1, 0], shape=(frames - 1, frames))
+    begins = block_diag([np.diag(1 / values[::-1][:kept]), csc_array(((frames - 1) * kept,) * 2)])
+    looks = block_diag([axes[own].T @ axes[own] / noise for own in there])
+    system = kron(steps.T @ steps, np.diag(1 / walk)) + begins + looks
+    told = spsolve(csc_array(system), (np.where(there, seen, 0) @ axes / noise).ravel()).reshape(frames, kept)
+    told = told @ axes[-3:].T + mean[-3:] + middle
     return told[gap.start - part.start : gap.stop - part.start]
 
 
@@ -154,7 +142,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.accuracy.filling", description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=12, help="gaps a take and length")
     parser.add_argument("--at-once", type=int, nargs="*", choices=list(AT_ONCE), default=list(AT_ONCE))
-    parser.add_argument("--takes", nargs="*", choices=list(TAKES), default=list(TAKES))
+    parser.add_argument("--takes", nargs="*", choices=TAKES, default=TAKES)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     if not PEOPLE.exists():

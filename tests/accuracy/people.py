@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The recorded people beside the project: their takes as marker arrays, and who is left out of whose training."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -12,7 +13,8 @@ from addon.core.geometry.cameras import Cameras
 from scripts.learn_markersets import MISLABELLED, WALKERS
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
-MCGILL = DATA / "people" / "mcgill"
+PEOPLE = DATA / "people"
+MCGILL = PEOPLE / "mcgill"
 # Each person's three files in the order of their numbers.
 KINDS = ("standing", "walk", "turn")
 GAIT15 = tuple("SACR RASI LASI RTHI LTHI RKNE LKNE RTIB LTIB RANK LANK RHEE LHEE RTOE LTOE".split())  # noqa: SIM905
@@ -20,27 +22,43 @@ BODY26 = tuple(
     "LFHD RFHD LBHD RBHD C7 LSHO RSHO LELB RELB LWRA LWRB RWRA RWRB LFIN RFIN "  # noqa: SIM905
     "LASI RASI SACR LKNE RKNE LANK RANK LHEE RHEE LTOE RTOE".split()
 )
-# Tested as the markers were worn: these takes' labels contradict the same person's other takes, or everybody else's.
-EXCHANGED = dict(MISLABELLED)
+# One take each of others: of people whose markers and motions are not McGill's.
+OTHERS = {
+    "serve": "people/tennis/kinematics_tennis_serve.c3d",
+    "ball": "people/cmu41/ball/basketball.c3d",
+    "bd": "people/cmu41/bd/HDM_bd_05-01_01_120.c3d",
+    "s02": "people/cmu41/s02/02_05.c3d",
+    "s135": "people/cmu41/s135/135_02.c3d",
+    "p1": "people/actors53/p1/freeform.c3d",
+    "p2": "people/actors53/p2/squat.c3d",
+}
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
-    """One take of one person: labelled markers (T, P, 3) m, NaN where missing."""
+class Take:
+    """Labelled points (T, M, 3) m of one subject, NaN where missing."""
 
-    person: str
-    kind: str
-    path: Path
-    names: tuple[str, ...]
+    subject: str
+    name: str
+    markers: tuple[str, ...]
     xyz: np.ndarray
     rate: float
 
-    def pick(self, names) -> np.ndarray:
+    def part(self, first: int, after: int) -> "Take":
+        """Some of its frames."""
+        return replace(self, name=f"{self.name} {first}:{after}", xyz=self.xyz[first:after])
+
+    def of(self, markers: Sequence[str]) -> "Take":
+        """Some of its markers, in this order."""
+        place = [self.markers.index(name) for name in markers]
+        return replace(self, markers=tuple(markers), xyz=self.xyz[:, place])
+
+    def pick(self, names: Sequence[str]) -> np.ndarray:
         """(T, M, 3) m of the markers `names`; NaN for one that the take does not have."""
         picked = np.full((len(self.xyz), len(names), 3), np.nan)
         for index, name in enumerate(names):
-            if name in self.names:
-                picked[:, index] = self.xyz[:, self.names.index(name)]
+            if name in self.markers:
+                picked[:, index] = self.xyz[:, self.markers.index(name)]
         return picked
 
 
@@ -70,14 +88,16 @@ def everyone() -> tuple[str, ...]:
     return WALKERS
 
 
-def takes(people=None, kind: str | None = None) -> list[Recording]:
-    """The recordings of `people` (all when None), of one kind or of all."""
-    found = []
-    for person in people or everyone():
-        for name, path in zip(KINDS, sorted((MCGILL / person).glob("*.c3d")), strict=True):
-            if kind in (None, name):
-                found.append(_read(path, person, name))
-    return found
+def files_of(person: str) -> list[Path]:
+    """One person's files, in the order of `KINDS`."""
+    return sorted((MCGILL / person).glob("*.c3d"))
+
+
+def takes(people=None, *kinds: str) -> list[Take]:
+    """What was recorded of `people` (all when None), of some kinds or of all, in the markers of our sets."""
+    found = zip(people or everyone(), map(files_of, people or everyone()), strict=True)
+    parts = [(person, *pair) for person, files in found for pair in zip(KINDS, files, strict=True)]
+    return [_known_markers(path, person, kind) for person, kind, path in parts if not kinds or kind in kinds]
 
 
 def folds(count: int = 5) -> list[tuple[str, ...]]:
@@ -87,17 +107,28 @@ def folds(count: int = 5) -> list[tuple[str, ...]]:
 
 
 @cache
-def _read(path: Path, person: str, kind: str) -> Recording:
-    names, xyz, rate = _read_known(path)
-    renamed = EXCHANGED.get(path.stem, {})
-    return Recording(person, kind, path, tuple(renamed.get(name, name) for name in names), xyz, rate)
+def _known_markers(path: Path, person: str, kind: str) -> Take:
+    take = replace(read(path, person), name=f"{path.stem}, {kind}")
+    return take.of([name for name in take.markers if name in {*GAIT15, *BODY26}])
 
 
-def _read_known(path: Path) -> tuple[tuple[str, ...], np.ndarray, float]:
-    """Of a take, the markers that any of our marker sets has."""
+def read(path: Path, subject: str, markers: Sequence[str] | None = None) -> Take:
+    """A take of a file, markers as they were worn: the labels of some contradict the same person's other takes."""
     names, xyz, rate = read_c3d(path)
-    known = [index for index, name in enumerate(names) if name in {*GAIT15, *BODY26}]
-    return tuple(names[index] for index in known), xyz[:, known], rate
+    names = tuple(MISLABELLED.get(path.stem, {}).get(name, name) for name in names)
+    kept = [index for index, name in enumerate(names) if not name.startswith("*")]
+    take = Take(subject, path.name, tuple(names[index] for index in kept), xyz[:, kept], rate)
+    return take if markers is None else take.of(markers)
+
+
+def worn_as(file: str, markers: Sequence[str], theirs: Mapping[str, str]) -> Take:
+    """A take of another lab in our markers, z up: the middle of those of its own that `theirs` says stands for one."""
+    names, xyz, rate = read_c3d(DATA / file)
+    if "/actors53/" in file:
+        xyz = xyz[..., [0, 2, 1]] * [1.0, -1.0, 1.0]
+    own = [[names.index(one) for one in theirs.get(marker, marker).split()] for marker in markers]
+    xyz = np.stack([xyz[:, some].mean(axis=1) for some in own], axis=1)
+    return Take(Path(file).parent.name, Path(file).name, tuple(markers), xyz, rate)
 
 
 def read_c3d(path: Path) -> tuple[tuple[str, ...], np.ndarray, float]:

@@ -1,33 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Two takes of one person in 62 markers on plates; the one is learned from, the other cut to anonymous tracklets."""
 
-import tempfile
-from pathlib import Path
-
 import numpy as np
 
-from addon.core.points.models import Model
-from addon.io.models import open_model
+from .people import PEOPLE
 
-from .commands import command
-from .people import DATA
-
-TAKES = DATA / "people" / "clouthier"
-TRAINED, TESTED = (TAKES / f"{name}.c3d" for name in ("KneeltoProne01", "PronetoRun01"))
+TRAINED, TESTED = (PEOPLE / "clouthier" / f"{name}.c3d" for name in ("KneeltoProne01", "PronetoRun01"))
 # Tracklets that the take is cut into, markers hidden at once at most, and ghosts.
 CUTS = ((62, 0, 0), (278, 5, 30), (453, 10, 60))
 SEED = 1
 HIDDEN_FRAMES = (10, 60)  # that a marker is hidden for
 GHOST_FRAMES = 20  # that a ghost lasts at least
 MARGIN = 5  # frames at either end that no tracklet is cut in
-
-
-def trained(takes: list[Path]) -> Model:
-    """A model of labelled takes, trained as the command line does."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "plates.markerset.json"
-        command("train", *takes, "--out", path)
-        return open_model(str(path))
 
 
 def cut_up(

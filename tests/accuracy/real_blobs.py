@@ -6,13 +6,17 @@ the command line. The truth is the recorder's own labelling, projected: a blob w
 some blobs of the body have none.
 """
 
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
+from time import process_time
 
+from addon.cli import main
 from addon.core.data.takes import Points
 from addon.io.cameras import read_cameras, write_cameras
 from addon.io.points import read_points, write_c3d
 
-from .commands import Files, command
 from .people import DATA
 
 TAKE = DATA / "blobs" / "qualisys_run"
@@ -20,9 +24,28 @@ LEARNED, TESTED = (1, 500), (501, 1000)  # frames
 MOVED = ("15343", "15344")
 
 
+@dataclass(frozen=True)
+class Files:
+    """A take of blobs as files, the model that names it, and its rate in frames a second."""
+
+    blobs: Path
+    truth: Path
+    cameras: Path
+    model: Path | str
+    rate: float
+
+
 def available() -> bool:
     """Whether the recording is on this machine."""
     return TAKE.is_dir()
+
+
+def command(*words):
+    """Runs a command line; RuntimeError where it fails."""
+    with redirect_stdout(StringIO()) as said:
+        status = main([str(word) for word in words])
+    if status:
+        raise RuntimeError(f"{words} ended with status {status}: {said.getvalue()}")
 
 
 def learn(folder: Path) -> Path:
@@ -49,3 +72,14 @@ def recorded(folder: Path, model: Path, without: tuple[str, ...] = ()) -> Files:
         lines = whole.read_text(encoding="utf-8").splitlines(keepends=True)
         part.write_text("".join(line for line in lines if line.split(",")[1] not in without), encoding="utf-8")
     return fewer
+
+
+def labelled(take: Files, out: Path) -> tuple[Path, float]:
+    """The labels file that `label` writes of the second half without hints, and its seconds of one core.
+
+    They hold reading and writing too, and depend little on what else the machine does.
+    """
+    where = ("--cameras", take.cameras, "--model", take.model, "--rate", take.rate, "--out", out, "--overwrite")
+    begin = process_time()
+    command("label", take.blobs, *where, "--frames", "{}:{}".format(*TESTED), "--occlusion", "capsules")
+    return out / f"{take.blobs.stem}.labels.csv", process_time() - begin

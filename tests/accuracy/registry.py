@@ -19,6 +19,7 @@ import numpy as np
 from addon.core.data.errors import JobError, UserError
 from addon.core.data.progress import finished
 from addon.core.data.takes import Points
+from addon.core.evaluation.figures import Figures
 from addon.core.points.models import Model
 from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.wearers import AUTO, SeveralOptions, Wearer
@@ -27,10 +28,9 @@ from addon.core.simulation.simulate import CaptureOptions
 from addon.core.training.takes import LabelledTake
 from addon.io.models import open_model, write_model
 from addon.io.points import read_points
+from addon.scoring import compare
 
 from . import actor_blobs, actors, people, plates, real_blobs, strangers, whole_takes
-from .commands import labelled as labelled_files
-from .commands import rows_of, side_by_side
 from .models import labelled, left_out_model
 from .standing import standing
 from .walking import walking
@@ -103,18 +103,20 @@ def of_blobs(names, truth, frame, rate: float, seconds: float, refused: str = ""
     return Outcome(*by_second(given, right, there, second), refused, seconds)
 
 
-def named_points(points: Points, model: Model) -> tuple[np.ndarray, str, float]:
-    """The markers (T, P) that the product gives, why none, and the seconds of a core."""
-    begin = process_time()
+def timed(naming: Callable[[], np.ndarray], nothing: np.ndarray) -> tuple[np.ndarray, str, float]:
+    """What a naming gives, or nothing and why it refuses, and the seconds of a core."""
+    begin, refused = process_time(), ""
     try:
-        marker, refused = finished(label_points(points, model, PointOptions("likelihood"))).labels.marker, ""
+        given = naming()
     except JobError as error:
-        marker, refused = np.full(points.xyz.shape[:2], -1), str(error)
-    return marker, refused, process_time() - begin
+        given, refused = nothing, str(error)
+    return given, refused, process_time() - begin
 
 
 def labelled_points(points: Points, truth: np.ndarray, model: Model) -> Outcome:
-    marker, refused, seconds = named_points(points, model)
+    """The outcome of a take of one subject."""
+    work = label_points(points, model, PointOptions("likelihood"))
+    marker, refused, seconds = timed(lambda: finished(work).labels.marker, np.full(points.xyz.shape[:2], -1))
     return of_points(marker, truth, points.rate, refused, seconds)
 
 
@@ -131,13 +133,11 @@ def whole(name: str, keep: Path, parts: int | None = None) -> Iterator[Trial]:
 
 def on_plates(keep: Path) -> Iterator[Trial]:
     """Another take of who was learned from, in 62 markers on plates, cut in three ways."""
-    model = whole_takes.kept(keep / "plates.markerset.json", lambda: plates.trained([plates.TRAINED]))
+    model = whole_takes.kept(keep / "plates.markerset.json", lambda: taught([plates.TRAINED]))
     take = read_points(plates.TESTED)
     for tracklets, hidden, ghosts in plates.CUTS:
         xyz, column = plates.cut_up(take.xyz, tracklets, hidden, ghosts, np.random.default_rng(plates.SEED))
-        truth = np.where(np.isfinite(xyz[..., 0]), column, -1)
-        residual = np.where(np.isfinite(xyz[..., 0]), 0.0005, np.nan)
-        points = Points(("",) * xyz.shape[1], xyz, residual, take.rate, 1)
+        points, truth = whole_takes.without_names(xyz, take.rate), np.where(np.isfinite(xyz[..., 0]), column, -1)
         yield Trial("plates", f"{tracklets} pieces", partial(labelled_points, points, truth, model))
 
 
@@ -156,22 +156,18 @@ def together(kind: str, keep: Path, most: int, auto: bool = False) -> Iterator[T
 
 def _several(points: Points, truth: np.ndarray, asked: SeveralOptions, people_there: int) -> Outcome:
     """Which number is which person is settled once for the whole take, unless they are asked for by name."""
-    begin, refused = process_time(), ""
-    try:
-        given = finished(label_several(points, asked, PointOptions("likelihood"))).labels.marker
-    except JobError as error:
-        given, refused = np.full(points.xyz.shape[:2], -1), str(error)
-    seconds = process_time() - begin
+    work = label_several(points, asked, PointOptions("likelihood"))
+    given, refused, seconds = timed(lambda: finished(work).labels.marker, np.full(points.xyz.shape[:2], -1))
     if asked.subjects:
         return of_points(given, truth, points.rate, refused, seconds)
     markers = len(asked.model.markerset)
     found = max(people_there, int(given.max(initial=0)) // markers + 1)
-    best = None
-    for order in permutations(range(found)):
-        place = np.concatenate([np.arange(markers) + markers * index for index in order] + [[-1]])
-        own = of_points(np.where(given >= 0, place[given], -1), truth, points.rate, refused, seconds)
-        best = own if best is None or own.wrong.sum() < best.wrong.sum() else best
-    return best
+    places = (
+        np.concatenate([np.arange(markers) + markers * index for index in order] + [[-1]])
+        for order in permutations(range(found))
+    )
+    outcomes = (of_points(place[given], truth, points.rate, refused, seconds) for place in places)
+    return min(outcomes, key=lambda outcome: outcome.wrong.sum())
 
 
 def together_in_images(kind: str, keep: Path, most: int, first_alone: bool = False) -> Iterator[Trial]:
@@ -190,18 +186,13 @@ def together_in_images(kind: str, keep: Path, most: int, first_alone: bool = Fal
 
 
 def _several_in_images(shot: actor_blobs.Seen, asked: SeveralOptions, count: int) -> Outcome:
-    refused, begin = "", process_time()
-    try:
-        names = actor_blobs.named(shot, asked)
-    except JobError as error:
-        names, refused = np.full(len(shot.blobs), "", object), str(error)
-    seconds, best = process_time() - begin, None
+    names, refused, seconds = timed(lambda: actor_blobs.named(shot, asked), np.full(len(shot.blobs), "", object))
+    outcomes = []
     for order in permutations(range(1, count + 1)):
         called = {str(number): str(other) for number, other in enumerate(order, 1)}
         own = [called.get(n.partition(":")[0], "?") + ":" + n.partition(":")[2] if n else "" for n in names]
-        found = of_blobs(own, shot.truth, shot.blobs.frame, actor_blobs.RATE, seconds, refused)
-        best = found if best is None or found.wrong.sum() < best.wrong.sum() else best
-    return best
+        outcomes.append(of_blobs(own, shot.truth, shot.blobs.frame, actor_blobs.RATE, seconds, refused))
+    return min(outcomes, key=lambda outcome: outcome.wrong.sum())
 
 
 def in_images(case: str, trials: Callable, name: str, count: int | None, **more) -> Iterator[Trial]:
@@ -221,12 +212,8 @@ def of_strangers(name: str, count: int, chosen_on: bool = False) -> Iterator[Tri
 
 
 def _in_image(trial, markerset) -> Outcome:
-    begin, refused = process_time(), ""
-    try:
-        names = labelled(markerset, trial)
-    except JobError as error:
-        names, refused = np.full(len(trial.blobs), "", object), str(error)
-    return of_blobs(names, trial.truth, trial.blobs.frame, trial.rate, process_time() - begin, refused)
+    names, refused, seconds = timed(lambda: labelled(markerset, trial), np.full(len(trial.blobs), "", object))
+    return of_blobs(names, trial.truth, trial.blobs.frame, trial.rate, seconds, refused)
 
 
 def recorded(keep: Path) -> Iterator[Trial]:
@@ -242,12 +229,24 @@ def recorded(keep: Path) -> Iterator[Trial]:
 
 
 def _recorded(files, out: Path) -> Outcome:
-    first, last = real_blobs.TESTED
-    labels, seconds = labelled_files(files, out, "--frames", f"{first}:{last}", "--occlusion", "capsules")
-    pairs = list(side_by_side(rows_of(labels), rows_of(files.truth, (first, last))))
-    names, truth = ([pair[at]["marker"] for pair in pairs] for at in (0, 1))
-    frame = np.array([int(pair[0]["frame"]) for pair in pairs])
-    return of_blobs(names, truth, frame, files.rate, seconds)
+    labels, seconds = real_blobs.labelled(files, out)
+    rows = _Rows()
+    compare(labels, files.truth, rows, real_blobs.TESTED)
+    return of_blobs(rows.names, rows.truth, np.array(rows.frame), files.rate, seconds)
+
+
+class _Rows(Figures):
+    """The rows that a comparison finds."""
+
+    def __init__(self):
+        super().__init__()
+        self.frame, self.names, self.truth = [], [], []
+
+    def add(self, frame, camera, given, truth, step=None):
+        """See `Figures.add`."""
+        self.frame += frame
+        self.names += given
+        self.truth += truth
 
 
 def of_other_labs(kind: str, keep: Path) -> Iterator[Trial]:

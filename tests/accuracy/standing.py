@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from addon.core.geometry.cameras import Cameras
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions, capture, joined
 
 from . import people
-from .flesh import Move, flesh, moved_flesh
-from .people import Trial
+from .flesh import Flesh, Move, flesh, moved_flesh
+from .people import Take, Trial
 
 OFF_THE_MIDDLE = 0.3
 
@@ -29,20 +30,36 @@ def standing(
     cameras  that many in a ring instead of the paper's four
     """
     recordings = people.takes(persons, "standing")
-    whole = [flesh(take.names, take.xyz) for take in recordings]
-    options = options or CaptureOptions()
+    whole = [flesh(take.markers, take.xyz) for take in recordings]
     for number in range(count):
         generator = np.random.default_rng([seed, number])
-        which = number % len(recordings)
-        take, body = recordings[which], whole[which]
+        take, body = recordings[number % len(recordings)], whole[number % len(recordings)]
         frame = int(generator.integers(len(take.xyz)))
-        yaw, place = generator.uniform(0, 2 * np.pi), generator.uniform(-OFF_THE_MIDDLE, OFF_THE_MIDDLE, 2)
-        middle = np.nanmean(take.xyz[frame], axis=0) * [1, 1, 0]
-        move = Move(yaw, middle, np.append(place, 0.0))
-        part = slice(frame, frame + 1)
-        moved = moved_flesh(body, part, move)
+        move = moved_anywhere(np.nanmean(take.xyz[frame], axis=0) * [1, 1, 0], generator)
         rig = paper_rig(generator) if cameras is None else ring_rig(cameras, generator=generator)
-        xyz = move(take.pick(markers)[part])
-        seen = joined(capture(xyz, markers, rig, replace(options, seed=int(generator.integers(2**31))), moved))
-        title = f"{take.person} frame {frame} trial {number} of seed {seed}"
-        yield Trial(title, rig, seen.blobs, seen.truth, xyz, take.rate)
+        title = f"{take.subject} frame {frame} trial {number} of seed {seed}"
+        worn = replace(take, markers=markers, xyz=take.pick(markers))
+        yield captured(title, worn, body, frame, move, rig, generator, options or CaptureOptions())
+
+
+def moved_anywhere(middle: np.ndarray, generator: np.random.Generator) -> Move:
+    """A turn about a person's middle on the floor (3,) m, and a place near the room's."""
+    yaw, place = generator.uniform(0, 2 * np.pi), generator.uniform(-OFF_THE_MIDDLE, OFF_THE_MIDDLE, 2)
+    return Move(yaw, middle, np.append(place, 0.0))
+
+
+def captured(
+    title: str,
+    take: Take,
+    body: Flesh,
+    frame: int,
+    move: Move,
+    rig: Cameras,
+    generator: np.random.Generator,
+    options: CaptureOptions,
+) -> Trial:
+    """What cameras see of a take's frame."""
+    part = slice(frame, frame + 1)
+    xyz, options = move(take.xyz[part]), replace(options, seed=int(generator.integers(2**31)))
+    seen = joined(capture(xyz, take.markers, rig, options, moved_flesh(body, part, move)))
+    return Trial(title, rig, seen.blobs, seen.truth, xyz, take.rate)

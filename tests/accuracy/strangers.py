@@ -12,43 +12,29 @@ import numpy as np
 
 from addon.core.geometry.rotations import exponential
 from addon.core.simulation.rigs import paper_rig
-from addon.core.simulation.simulate import CaptureOptions, capture, joined
+from addon.core.simulation.simulate import CaptureOptions
 
 from . import people
-from .flesh import Move, flesh, moved_flesh
+from .flesh import Flesh, flesh
 from .people import Trial
-from .standing import OFF_THE_MIDDLE
+from .standing import captured, moved_anywhere
 
-DRAWS = 20
-PEOPLE = people.DATA / "people"
 _ACTOR = {"LASI": "LFWT", "RASI": "RFWT", "SACR": "LBWT RBWT"}
 _SERVE = {"SACR": "LPSI RPSI"}
-_BLADE = {
-    **_ACTOR,
-    **{
-        side + ours: " ".join(side + one for one in theirs.split())
-        for side in "LR"
-        for ours, theirs in {
-            "SHO": "FSH BSH",
-            "WRA": "IWR",
-            "WRB": "OWR",
-            "FIN": "IHAND OHAND",
-            "HEE": "HEL",
-        }.items()
-    },
-}
+_HAND = {"SHO": "FSH BSH", "WRA": "IWR", "WRB": "OWR", "FIN": "IHAND OHAND", "HEE": "HEL"}
+_BLADE = _ACTOR | {side + one: " ".join(side + t for t in _HAND[one].split()) for side in "LR" for one in _HAND}
 
 
 @dataclass(frozen=True)
 class Stranger:
-    """Where somebody's markers are: which of the file's, in the middle of which each of `body26` is taken to be.
+    """Where somebody's markers are: which of the take's, in the middle of which each of `body26` is taken to be.
 
     number     of the draws, which is theirs for ever
     whole      whether frames of the whole take are drawn, and not of its first second
     left_out   who must not have been learned from
     """
 
-    file: str
+    take: str
     names: dict[str, str]
     number: int
     whole: bool = False
@@ -56,20 +42,19 @@ class Stranger:
 
 
 JUDGED = {
-    "`ball`": Stranger("cmu41/ball/basketball.c3d", _ACTOR, 0),
-    "`bd`, T-pose": Stranger("cmu41/bd/HDM_bd_05-01_01_120.c3d", _ACTOR, 1),
-    "`s135`": Stranger("cmu41/s135/135_02.c3d", _ACTOR, 3),
-    "tennis": Stranger("tennis/kinematics_tennis_serve.c3d", _SERVE, 4, left_out=("Derrick",)),
+    "`ball`": Stranger("ball", _ACTOR, 0),
+    "`bd`, T-pose": Stranger("bd", _ACTOR, 1),
+    "`s135`": Stranger("s135", _ACTOR, 3),
+    "tennis": Stranger("serve", _SERVE, 4, left_out=("Derrick",)),
 }
 CHOSEN_ON = {
-    "`s02`, fists raised": Stranger("cmu41/s02/02_05.c3d", _ACTOR, 2),
-    "`s02`, whole take": Stranger("cmu41/s02/02_05.c3d", _ACTOR, 5, whole=True),
-    "`p1`, whole take": Stranger("actors53/p1/freeform.c3d", _BLADE, 6, whole=True),
-    "`p2`, whole take": Stranger("actors53/p2/squat.c3d", _BLADE, 7, whole=True),
+    "`s02`, fists raised": Stranger("s02", _ACTOR, 2),
+    "`s02`, whole take": Stranger("s02", _ACTOR, 5, whole=True),
+    "`p1`, whole take": Stranger("p1", _BLADE, 6, whole=True),
+    "`p2`, whole take": Stranger("p2", _BLADE, 7, whole=True),
 }
 UPRIGHT = 0.6  # m, how far apart the feet of somebody who stands are at most
 LOWEST_HEAD = 0.85  # of its greatest height, of somebody who stands
-Y_UP = ("p1", "p2")
 
 
 @dataclass(frozen=True)
@@ -93,20 +78,9 @@ class Difference:
 DIFFERENCE = Difference()
 
 
-def recording_of(stranger: Stranger) -> people.Recording:
-    """The stranger's take in the markers of `body26`."""
-    names, xyz, rate = people.read_c3d(PEOPLE / stranger.file)
-    person = stranger.file.split("/")[1]
-    if person in Y_UP:
-        xyz = xyz[..., [0, 2, 1]] * [1.0, -1.0, 1.0]
-    own = [[names.index(one) for one in stranger.names.get(marker, marker).split()] for marker in people.BODY26]
-    xyz = np.stack([xyz[:, some].mean(axis=1) for some in own], axis=1)
-    return people.Recording(person, "standing", PEOPLE / stranger.file, people.BODY26, xyz, rate)
-
-
-def frames_of(take: people.Recording, whole: bool) -> np.ndarray:
+def frames_of(take: people.Take, whole: bool) -> np.ndarray:
     """The frames of a take, or of its first second, in which somebody stands and every marker is there."""
-    at = {name: take.xyz[:, index] for index, name in enumerate(take.names)}
+    at = {name: take.xyz[:, index] for index, name in enumerate(take.markers)}
     stands = np.isfinite(take.xyz).all(axis=(1, 2))
     stands &= np.linalg.norm((at["LANK"] - at["RANK"])[:, :2], axis=1) < UPRIGHT
     if whole:
@@ -114,16 +88,14 @@ def frames_of(take: people.Recording, whole: bool) -> np.ndarray:
     return np.flatnonzero(stands[: int(take.rate)])
 
 
-def standing_strangers(stranger: Stranger, count: int = DRAWS) -> Iterator[Trial]:
+def standing_strangers(stranger: Stranger, count: int) -> Iterator[Trial]:
     """`count` captures of one frame each: place, facing, rig, ghosts and frame are drawn."""
-    take = recording_of(stranger)
+    take = people.worn_as(people.OTHERS[stranger.take], people.BODY26, stranger.names)
     frames = frames_of(take, stranger.whole)
-    body = flesh(take.names, take.xyz)
+    body = flesh(take.markers, take.xyz)
     for number in range(count):
         generator = np.random.default_rng([7, number, stranger.number])
-        frame = int(generator.choice(frames))
-        yaw, place = generator.uniform(0, 2 * np.pi), generator.uniform(-OFF_THE_MIDDLE, OFF_THE_MIDDLE, 2)
-        yield _captured(take, body, frame, yaw, place, generator, number)
+        yield _captured(take, body, int(generator.choice(frames)), generator, number)
 
 
 def posed_people(persons, count: int, seed: int = 11) -> Iterator[Trial]:
@@ -136,20 +108,15 @@ def posed_people(persons, count: int, seed: int = 11) -> Iterator[Trial]:
         frame = int(generator.choice(whole))
         xyz = take.pick(people.BODY26)[frame : frame + 1]
         xyz = _placed_elsewhere(_arms_set(xyz, generator), generator)
-        own = replace(take, names=people.BODY26, xyz=xyz)
-        yaw, place = generator.uniform(0, 2 * np.pi), generator.uniform(-OFF_THE_MIDDLE, OFF_THE_MIDDLE, 2)
-        yield _captured(own, flesh(own.names, own.xyz), 0, yaw, place, generator, number)
+        own = replace(take, markers=people.BODY26, xyz=xyz)
+        yield _captured(own, flesh(own.markers, own.xyz), 0, generator, number)
 
 
-def _captured(take, body, frame: int, yaw: float, place: np.ndarray, generator, number: int) -> Trial:
+def _captured(take: people.Take, body: Flesh, frame: int, generator: np.random.Generator, number: int) -> Trial:
     xyz = take.xyz[frame]
-    middle = np.nanmean(xyz, axis=0) * [1, 1, 0]
-    middle[2] = np.nanmin(xyz[:, 2]) - 0.03
-    move, part = Move(yaw, middle, np.append(place, 0.0)), slice(frame, frame + 1)
-    moved, rig, xyz = moved_flesh(body, part, move), paper_rig(generator), move(take.xyz[part])
-    options = replace(CaptureOptions(), seed=int(generator.integers(2**31)))
-    seen = joined(capture(xyz, people.BODY26, rig, options, moved))
-    return Trial(f"{take.person} frame {frame} trial {number}", rig, seen.blobs, seen.truth, xyz, take.rate)
+    middle = np.append(np.nanmean(xyz[:, :2], axis=0), np.nanmin(xyz[:, 2]) - 0.03)
+    move, title = moved_anywhere(middle, generator), f"{take.subject} frame {frame} trial {number}"
+    return captured(title, take, body, frame, move, paper_rig(generator), generator, CaptureOptions())
 
 
 def _arms_set(xyz: np.ndarray, generator, difference: Difference = DIFFERENCE) -> np.ndarray:
@@ -187,7 +154,7 @@ def _placed_elsewhere(xyz: np.ndarray, generator, difference: Difference = DIFFE
     return xyz
 
 
-def cases(chosen_on: bool, count: int = DRAWS) -> Iterator[tuple[str, tuple[str, ...], Iterator[Trial]]]:
+def cases(chosen_on: bool, count: int) -> Iterator[tuple[str, tuple[str, ...], Iterator[Trial]]]:
     """Title, who is left out of training, and captures of all that is judged by, or that numbers were chosen on."""
     for title, stranger in (CHOSEN_ON if chosen_on else JUDGED).items():
         yield title, stranger.left_out, standing_strangers(stranger, count)

@@ -4,13 +4,13 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
-from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from addon.core.geometry.cameras import Cameras
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions, capture, joined
+from addon.io.cameras import read_cameras
 
 from . import people
 from .flesh import Move, flesh, moved_flesh
@@ -22,28 +22,10 @@ RATE = 60.0
 
 @cache
 def vicon12() -> Cameras:
-    """The recorded room's twelve cameras, less their (small) lens terms; not by the project's own reader."""
-    cameras = sorted(ET.parse(ROOM / "walking_1.xcp").getroot().iter("Camera"), key=lambda c: int(c.get("USERID")))
-    names, size, matrix, rotation, translation = [], [], [], [], []
-    for camera in cameras:
-        frame = camera.find(".//KeyFrame")
-        focal, aspect = float(frame.get("FOCAL_LENGTH")), float(camera.get("PIXEL_ASPECT_RATIO", "1"))
-        x, y, z, w = (float(v) for v in frame.get("ORIENTATION").split())
-        turn = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
-        u, v = (float(value) for value in frame.get("PRINCIPAL_POINT").split())
-        names.append(f"cam{camera.get('USERID')}")
-        size.append([int(value) for value in camera.get("SENSOR_SIZE").split()])
-        matrix.append([[focal, 0, u], [0, focal / aspect, v], [0, 0, 1]])
-        rotation.append(turn)
-        translation.append(-turn @ (np.array([float(v) for v in frame.get("POSITION").split()]) / 1000))
-    lens = np.zeros((len(names), 5))
-    return Cameras(tuple(names), np.array(size), np.array(matrix), lens, np.array(rotation), np.array(translation))
+    """The recorded room's twelve cameras, less their (small) lens terms."""
+    found = read_cameras(ROOM / "walking_1.xcp")
+    found = found.select(np.argsort([int(name) for name in found.names]))
+    return Cameras(found.names, found.size, found.matrix, 0 * found.distortion, found.rotation, found.translation)
 
 
 def walking(
@@ -59,16 +41,16 @@ def walking(
 
     They are every walk and turn of `persons` in turn; None: each once.
     """
-    recordings = [take for take in people.takes(persons) if take.kind in ("walk", "turn")]
+    recordings = people.takes(persons, "walk", "turn")
     options = options or CaptureOptions()
     for number in range(len(recordings) if count is None else count):
         generator = np.random.default_rng([seed, number])
         take = at_rate(recordings[number % len(recordings)], RATE)
-        body = flesh(take.names, take.xyz)
+        body = flesh(take.markers, take.xyz)
         rig, xyz, move = _placed(take, markers, room, int(generator.integers(cameras[0], cameras[1] + 1)), generator)
         moved = moved_flesh(body, slice(None), move)
         seen = joined(capture(xyz, markers, rig, replace(options, seed=int(generator.integers(2**31))), moved))
-        yield Trial(f"{take.path.stem}, {take.kind}", rig, seen.blobs, seen.truth, xyz, RATE)
+        yield Trial(take.name, rig, seen.blobs, seen.truth, xyz, RATE)
 
 
 def at_rate(take, rate: float):
@@ -88,14 +70,20 @@ def _placed(take, markers, room: str, count: int, generator):
         half = np.nanmax(np.linalg.norm((xyz - middle)[..., :2], axis=-1))
         rig = ring_rig(count, (1280, 1024), half + 3.0, 2.6, half + 0.1, generator)
         return rig, xyz - middle, Move(0.0, middle, np.zeros(3))
-    cameras = vicon12()
+    move, seen = best_way(xyz, middle, count, generator)
+    chosen = np.sort(generator.permutation(np.argsort(-seen)[: count + 2])[:count])
+    return vicon12().select(chosen), move(xyz), move
+
+
+def best_way(xyz: np.ndarray, middle: np.ndarray, count: int, generator) -> tuple[Move, np.ndarray]:
+    """The way through the room on which the `count` cameras that serve see most, and what share each of all sees.
+
+    The recorded walks are longer than this room's middle.
+    """
     moves = [Move(yaw, middle, room_middle()) for yaw in generator.uniform(0, 2 * np.pi) + np.arange(0, 2 * np.pi, 0.3)]
-    sees = [_seen(cameras, move(xyz[::5])) for move in moves]
-    # The recorded walks are longer than this room's middle: walk the way on which the cameras that serve see most.
+    sees = [_seen(vicon12(), move(xyz[::5])) for move in moves]
     best = int(np.argmax([np.sort(share)[-count:].sum() for share in sees]))
-    good = np.argsort(-sees[best])[: count + 2]
-    chosen = np.sort(generator.permutation(good)[:count])
-    return cameras.select(chosen), moves[best](xyz), moves[best]
+    return moves[best], sees[best]
 
 
 def _seen(cameras: Cameras, xyz: np.ndarray) -> np.ndarray:

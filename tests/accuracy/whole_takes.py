@@ -8,6 +8,7 @@ another, with some markers hidden.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -21,14 +22,38 @@ from addon.io.markersets import builtin_markersets, open_markerset
 from addon.io.models import open_model, write_model
 
 from .. import recorded
-from .labs import OTHER_MOTIONS, WALKS, gait15_of
+from ..core.scenes import anonymous as without_names
 from .partial.clouds import Trouble, drawn, placed_differently, spoilt
-from .people import BODY26, DATA, EXCHANGED, GAIT15, MCGILL, everyone, read_c3d
+from .people import BODY26, DATA, GAIT15, OTHERS, Take, everyone, files_of, read, worn_as
 
 BURST_FRAMES = 20  # that a marker is hidden
 MIN_PIECE_FRAMES = 3
 CLOUDS = 600  # frames of a take, at most, that are tried in random order
-PEOPLE = DATA / "people"
+
+# Takes of other labs: each lab's own markers stand in for those of `gait15`, so that people, places of markers and
+# motions are all strangers: thigh and shank markers of clusters, the middle between two hip markers for SACR ….
+_LEG = ("ASI", "THI", "KNE", "TIB", "ANK", "HEE", "TOE")
+
+
+def _names_in(sacrum: str, leg: str) -> dict[str, str]:
+    """Of each marker of `gait15` the lab's markers whose middle stands in for it; those of a leg without R or L."""
+    pairs = list(zip(_LEG, leg.split(","), strict=True))
+    legs = {side + name: " ".join(side + one for one in own.split()) for side in "RL" for name, own in pairs}
+    return {"SACR": sacrum, **legs}
+
+
+PLUG_IN_GAIT = _names_in("RPSI LPSI", ",".join(_LEG))
+ACTORS41 = _names_in("RBWT LBWT", "FWT,THI,KNE,SHN,ANK,HEE,TOE")
+ACTORS53 = _names_in("RBWT LBWT", "FWT,HIP,KNE,SHN,ANK,HEL,TOE")
+VICON12 = _names_in("RPSI LPSI", "ASI,THL,FCL,TBC,MALL,CAL,MT1 MT5")
+OPENSIM = _names_in("RPSI LPSI", "ASI,TH3,LFC,TB2,LMAL,CAL,MT2")
+WALKS = {
+    "vicon12": ("rooms/vicon12/walking_1.c3d", VICON12),
+    "opensim walking5": ("people/gaps/walking5.c3d", OPENSIM),
+    "opensim test_walking": ("people/gaps/test_walking.c3d", OPENSIM),
+}
+THEIRS = {**dict.fromkeys(("ball", "bd", "s02", "s135"), ACTORS41), **dict.fromkeys(("p1", "p2"), ACTORS53)}
+OTHER_MOTIONS = {name: (file, THEIRS.get(name, PLUG_IN_GAIT)) for name, file in OTHERS.items()}
 
 
 @dataclass(frozen=True)
@@ -37,26 +62,6 @@ class Pieces:
 
     hidden: int = 5
     ghosts: int = 40
-
-
-@dataclass(frozen=True, eq=False)
-class Take:
-    """Labelled points (T, M, 3) m of one subject."""
-
-    subject: str
-    name: str
-    markers: tuple[str, ...]
-    xyz: np.ndarray
-    rate: float
-
-    def part(self, first: int, after: int) -> "Take":
-        """Some of its frames."""
-        return Take(self.subject, f"{self.name} {first}:{after}", self.markers, self.xyz[first:after], self.rate)
-
-    def of(self, markers: Sequence[str]) -> "Take":
-        """Some of its markers, in this order."""
-        place = [self.markers.index(name) for name in markers]
-        return Take(self.subject, self.name, tuple(markers), self.xyz[:, place], self.rate)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,8 +86,7 @@ def anonymous(take: Take, case: Case, seed: int) -> tuple[Points, np.ndarray]:
         return points, np.where(points.present, marker, -1)
     rng = np.random.default_rng(seed)
     clouds = spoilt(drawn(take.xyz, min(len(take.xyz), CLOUDS), rng), case.how, rng)
-    residual = np.where(np.isfinite(clouds.points[..., 0]), 0.0005, np.nan)
-    return Points(("",) * clouds.points.shape[1], clouds.points, residual, take.rate, 1), clouds.truth
+    return without_names(clouds.points, take.rate), clouds.truth
 
 
 def cut_up(take: Take, markers: Sequence[str], how: Pieces, seed: int = 0) -> tuple[Points, np.ndarray]:
@@ -111,19 +115,7 @@ def cut_up(take: Take, markers: Sequence[str], how: Pieces, seed: int = 0) -> tu
         tracks.append(track)
         truth.append(-1)
     order = rng.permutation(len(tracks))
-    points = np.stack(tracks, axis=1)[:, order]
-    names = ("",) * len(order)
-    residual = np.where(np.isfinite(points[..., 0]), 0.0005, np.nan)
-    return Points(names, points, residual, take.rate, 1), np.array(truth)[order]
-
-
-def read(path: Path, subject: str, markers: Sequence[str] | None = None) -> Take:
-    """A take of a file."""
-    names, xyz, rate = read_c3d(path)
-    names = tuple(EXCHANGED.get(path.stem, {}).get(name, name) for name in names)
-    kept = [index for index, name in enumerate(names) if not name.startswith("*")]
-    take = Take(subject, path.name, tuple(names[index] for index in kept), xyz[:, kept], rate)
-    return take if markers is None else take.of(markers)
+    return without_names(np.stack(tracks, axis=1)[:, order], take.rate), np.array(truth)[order]
 
 
 def actors(folder: str) -> dict[str, Take]:
@@ -135,22 +127,15 @@ def actors(folder: str) -> dict[str, Take]:
 
 def walks(persons: Sequence[str]) -> list[Take]:
     """Walks of McGill people, all physical markers that everybody wears."""
-    return [_walk(person) for person in persons]
+    return [read(files_of(person)[1], person, lab59()) for person in persons]
 
 
-def _walk(person: str) -> Take:
-    path = sorted((MCGILL / person).glob("*.c3d"))[1]
-    return read(path, person, lab59())
-
-
+@cache
 def lab59() -> tuple[str, ...]:
     """The physical markers that all walks show: Vicon writes a model's outputs in names that end otherwise."""
-    common = None
-    for person in everyone():
-        names, xyz, _ = read_c3d(sorted((MCGILL / person).glob("*.c3d"))[1])
-        seen = {name for index, name in enumerate(names) if np.isfinite(xyz[:, index, 0]).any()}
-        common = seen if common is None else common & seen
-    return tuple(sorted(name for name in common if name in PHYSICAL))
+    taken = [read(files_of(person)[1], person) for person in everyone()]
+    seen = [{name for name in take.markers if np.isfinite(take.of([name]).xyz).any()} for take in taken]
+    return tuple(sorted(PHYSICAL.intersection(*seen)))
 
 
 PHYSICAL = frozenset(
@@ -200,16 +185,22 @@ def case_few(name: str, markers: tuple[str, ...], crowd: bool) -> Iterator[Case]
         training = tuple(
             read(path, person).of(markers)
             for person in own
-            for path in sorted((MCGILL / person).glob("*.c3d"))[1:]
+            for path in files_of(person)[1:]
             if set(markers) <= set(read(path, person).markers)
         )
         takes = tuple(take if crowd else take.of(markers) for take in walks(tested))
         yield Case(f"{'crowd' if crowd else 'pieces'} {name} {first}", training, takes, markers)
 
 
+def in_gait15(name: str) -> Take:
+    """A take of `WALKS` or `OTHER_MOTIONS` in the markers of `gait15`."""
+    file, theirs = {**WALKS, **OTHER_MOTIONS}[name]
+    return replace(worn_as(file, GAIT15, theirs), subject=name, name=name)
+
+
 def case_clouds(name: str, files: Sequence[str], trouble: Trouble) -> Iterator[Case]:
     """The built-in `gait15`, and strangers of other labs in it, their frames in random order."""
-    takes = tuple(_cloudy(Take(file, file, GAIT15, *gait15_of(file))) for file in files)
+    takes = tuple(_cloudy(in_gait15(file)) for file in files)
     yield Case(f"clouds {name}", (), takes, GAIT15, trouble, "gait15")
 
 
@@ -225,7 +216,7 @@ def case_clouds_elsewhere(trouble: Trouble) -> Iterator[Case]:
 
 def case_clouds_of_actors(trouble: Trouble) -> Iterator[Case]:
     """`gait15` of four actors' lab, who do not walk, and ten strangers' walks, their frames in random order."""
-    training = tuple(Take(file, file, GAIT15, *gait15_of(file)) for file in ("ball", "bd", "s02", "s135"))
+    training = tuple(in_gait15(file) for file in ("ball", "bd", "s02", "s135"))
     tested = tuple(_cloudy(take.of(GAIT15)) for take in walks(everyone()))
     yield Case("clouds of actors", training, tested, GAIT15, trouble)
 

@@ -9,13 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from addon.capturing import cut, truth_path, write_capture
+from addon.capturing import truth_path
 from addon.cli import main
 from addon.core.data.takes import Points
-from addon.demo.take import MODEL, STAGE_RATE, TROUBLE, make_performance
-from addon.io.cameras import write_cameras
-from addon.io.markersets import open_markerset
+from addon.demo.take import MODEL, STAGE_RATE
 from addon.io.points import write_c3d
+from scripts.virtual_take import write_virtual_take
 
 FRAMES = (100, 119)
 
@@ -79,15 +78,9 @@ def lengthened(source: Path, target: Path, times: int) -> Path:
 @pytest.fixture(scope="session")
 def room(tmp_path_factory) -> Room:
     folder = tmp_path_factory.mktemp("room")
-    performance = make_performance(open_markerset(MODEL))
-    take, body = cut(performance.take, FRAMES), performance.body
-    part = slice(FRAMES[0] - 1, FRAMES[1])
-    body = type(body)(body.occlusion, body.attachment, body.rotations[part], body.joints[part], body.scale[part])
+    take = write_virtual_take(folder, FRAMES[1], FRAMES[0], "walk.csv", "room.toml")
     files = Room(folder, folder / "room.toml", folder / "walk.csv", folder / "walk.csv.truth.csv", folder / "take.c3d")
     assert truth_path(files.blobs) == files.truth
-    write_cameras(files.cameras, performance.cameras)
-    for _ in write_capture(take, performance.cameras, TROUBLE, body, files.blobs):
-        pass
     write_c3d(files.c3d, Points(take.names, take.xyz, np.zeros(take.xyz.shape[:2]), STAGE_RATE, take.first_frame))
     return files
 

@@ -4,18 +4,7 @@
 import pytest
 
 from tests.accuracy import real_blobs
-from tests.accuracy.commands import side_by_side
 from tests.accuracy.registry import recorded
-
-
-def row(x, y, marker) -> dict[str, str]:
-    return {"frame": "1", "camera": "1", "x": str(x), "y": str(y), "marker": marker}
-
-
-def test_labels_of_other_blobs_are_refused():
-    assert list(side_by_side([row(12, 10, "A")], [row("12.0", 10, "B")]))
-    with pytest.raises(ValueError, match="is not the blob"):
-        list(side_by_side([row(12, 10, "A")], [row(13, 10, "A")]))
 
 
 @pytest.mark.slow

@@ -4,9 +4,8 @@
 To be run when a version is released, in a Python with the older of the two Blenders (`.venv-3.11`), whose files both
 open. It writes to tests/earlier/NAME/: `takes.blend` with a scene of 3D points and one of blobs, both with corrections,
 fills, smoothing and other settings than the usual ones, edits, a report, a calibration, a small model, and in
-`expected.json` what the version itself read out of them. All is of a person who does not exist.
-
-With a folder of inputs behind NAME it runs on those, as the version in whose folder it is run: so the first were made.
+`expected.json` what the version itself read out of them. All is made of the blobs that the version before kept, which
+are of a person who does not exist.
 """
 
 import contextlib
@@ -22,47 +21,9 @@ import bpy
 import numpy as np
 
 MODULE = "bl_ext.mocap_earlier.mocap_autolabel"
-MODEL, FRAMES, RATE, GAP = "gait15", 16, 60.0, slice(8, 11)
+HERE = Path(__file__).resolve().parent
+MODEL, RATE = "gait15", 60.0
 FEW = ("SACR", "LASI", "RASI", "LKNE", "RKNE", "LANK", "RANK")
-
-
-def make_inputs(folder: Path) -> None:
-    """Writes walk.c3d without names, walk.csv, room.toml and two labelled takes."""
-    from addon import capturing
-    from addon.core.body.bodies import BodyModel
-    from addon.core.data.takes import Points
-    from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion
-    from addon.core.simulation.rigs import ring_rig
-    from addon.core.simulation.simulate import CaptureOptions, PosedBody
-    from addon.core.simulation.virtual import DEMO, draw_person, perform
-    from addon.io.cameras import write_cameras
-    from addon.io.markersets import open_markerset
-    from addon.io.points import write_c3d
-
-    markerset, rng = open_markerset(MODEL), np.random.default_rng(5)
-    model, person = BodyModel(markerset), draw_person(markerset, rng)
-    for name, seed in (("one", 1), ("two", 2)):
-        xyz = model.pose(perform(model, person, DEMO, RATE, seed)).markers[: 5 * FRAMES]
-        write_c3d(folder / f"{name}.c3d", Points(markerset.markers, xyz, np.full(xyz.shape[:2], 2e-4), RATE, 1))
-    bodies = perform(model, person, DEMO, RATE, 3)
-    posed, part = model.pose(bodies), slice(30, 30 + FRAMES)
-    xyz = posed.markers[part].copy()
-    body = PosedBody(
-        CapsuleOcclusion(markerset),
-        np.asarray(markerset.attachment),
-        posed.rotations[part],
-        posed.joints[part],
-        bodies.scale[part],
-    )
-    cameras = ring_rig(4, (640, 480), 3.2, volume_radius=1.0, generator=rng)
-    take = capturing.LabelledMarkers(markerset.markers, xyz, 1)
-    for _ in capturing.write_capture(take, cameras, CaptureOptions(seed=5, noise=0.2), body, folder / "walk.csv"):
-        pass
-    write_cameras(folder / "room.toml", cameras)
-    xyz[GAP, markerset.markers.index("LTIB")] = np.nan
-    xyz = xyz[:, rng.permutation(xyz.shape[1])]
-    residual = np.where(np.isfinite(xyz[..., 0]), 2e-4, np.nan)
-    write_c3d(folder / "walk.c3d", Points(("",) * xyz.shape[1], xyz, residual, RATE, 1))
 
 
 class Version:
@@ -94,6 +55,15 @@ class Version:
                 raise RuntimeError(f"{words[0]} failed, see above")
 
 
+def make_inputs(version: Version, folder: Path) -> None:
+    """Copies walk.csv and room.toml, and writes walk.c3d without names and named/walk.c3d with them."""
+    before = max(HERE.glob("*/walk.csv")).parent
+    blobs, room = (shutil.copy(before / name, folder / name) for name in ("walk.csv", "room.toml"))
+    version.command("reconstruct", blobs, "--cameras", room, "--rate", RATE, "--out", folder / "walk.c3d")
+    more = ("--model", MODEL, "--rate", RATE, "--out", folder / "named")
+    version.command("label", blobs, "--cameras", room, *more)
+
+
 def save(version: Version, inputs: Path, out: Path) -> None:
     """Writes everything to the folder `out`."""
     bpy.ops.wm.read_homefile(use_empty=True)
@@ -115,7 +85,7 @@ def save(version: Version, inputs: Path, out: Path) -> None:
         if kind == "points":
             version.call("save_corrections")
             shutil.move(inputs / "walk.edits.json", out / "walk.edits.json")
-    version.call("add_training_takes", filepath=str(inputs / "one.c3d"))
+    version.call("add_training_takes", filepath=str(inputs / "named" / "walk.c3d"))
     version.call("add_performer")
     for kind, read in expected.items():
         read["settings"] = _change(bpy.data.scenes[kind].mocap_autolabel)
@@ -125,8 +95,8 @@ def save(version: Version, inputs: Path, out: Path) -> None:
     version.command("label", inputs / "walk.c3d", "--model", MODEL, "--out", out / "made")
     shutil.move(out / "made" / "walk.report.json", out / "walk.report.json")
     shutil.rmtree(out / "made")
-    takes = [inputs / "one.c3d", inputs / "two.c3d"]
-    version.command("train", *takes, "--markers", ",".join(FEW), "--name", "few", "--out", out / "few.markerset.json")
+    few = ("--markers", ",".join(FEW), "--name", "few", "--out", out / "few.markerset.json")
+    version.command("train", inputs / "named" / "walk.c3d", *few)
     for name in ("room.toml", "walk.csv"):  # where the take of blobs was labelled from is gone by then
         shutil.copy(inputs / name, out / name)
     (out / "expected.json").write_text(json.dumps(expected) + "\n", encoding="utf-8", newline="\n")
@@ -197,21 +167,16 @@ def _read(version: Version) -> dict:
     }
 
 
-def main(name: str, inputs: str = "") -> None:
+def main(name: str) -> None:
     """Write the folder `name`."""
     with tempfile.TemporaryDirectory(prefix="mocap-earlier-") as folder:
-        (Path(folder) / "extension").mkdir()
-        version = Version(Path.cwd(), Path(folder) / "extension")
-        own = Path(folder) / "inputs"
-        if inputs:
-            shutil.copytree(inputs, own)
-        else:
-            own.mkdir()
-            make_inputs(own)
-        out = Path(folder) / "out"  # Blender files keep the path that they were saved to
-        out.mkdir()
-        save(version, own, out)
-        shutil.copytree(out, Path(__file__).resolve().parent / name)
+        extension, inputs, out = (Path(folder) / part for part in ("extension", "inputs", "out"))
+        for part in (extension, inputs, out):  # Blender files keep the path that they were saved to
+            part.mkdir()
+        version = Version(Path.cwd(), extension)
+        make_inputs(version, inputs)
+        save(version, inputs, out)
+        shutil.copytree(out, HERE / name)
         print(*(f"{path.name} {path.stat().st_size}" for path in sorted(out.iterdir())), sep="\n", flush=True)
         os._exit(0)  # Blender 4.5 as a module may wait for ever for itself when Python ends
 

@@ -7,13 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.capturing import cut, truth_path, write_capture
+from addon.capturing import truth_path
 from addon.core.data.progress import finished
 from addon.core.edits.applying import BlobCells, apply_to_blobs
 from addon.core.edits.kinds import AssignBlob, Edits
-from addon.demo.take import MODEL, TROUBLE, make_performance
+from addon.demo.take import MODEL
+from addon.io.cameras import read_cameras
 from addon.io.markersets import open_markerset
 from addon.jobs import LabelJob, label_file
+from scripts.virtual_take import write_virtual_take
 
 FRAMES = (100, 199)
 PART = (100, 140)
@@ -23,15 +25,11 @@ PART = (100, 140)
 def capture(tmp_path_factory):
     """Blobs of a virtual person, the cameras, and the truth of a part."""
     folder = tmp_path_factory.mktemp("walk")
-    made = make_performance(open_markerset(MODEL))
-    part = slice(FRAMES[0] - 1, FRAMES[1])
-    body = replace(made.body, **{name: getattr(made.body, name)[part] for name in ("rotations", "joints", "scale")})
+    write_virtual_take(folder, FRAMES[1], FRAMES[0], "walk.csv", "room.toml")
     blobs = folder / "walk.csv"
-    for _ in write_capture(cut(made.take, FRAMES), made.cameras, TROUBLE, body, blobs):
-        pass
     with truth_path(blobs).open(newline="") as file:
         truth = [row for row in csv.DictReader(file) if int(row["frame"]) <= PART[1]]
-    return blobs, made.cameras, truth
+    return blobs, read_cameras(folder / "room.toml"), truth
 
 
 def test_one_blob_named_holds_and_hardly_costs_others_their_names(capture, tmp_path):

@@ -107,7 +107,7 @@ def measure(results: Path, method: str, split: str, learned: list[str], tested: 
 
 def takes_of(persons: list[str]) -> Takes:
     """Frames and owner of every take of some people."""
-    return [(recording.pick(NAMES), recording.person) for recording in people.takes(persons)]
+    return [(take.pick(NAMES), take.subject) for take in people.takes(persons)]
 
 
 def _test(tested: list[str]) -> Test:

@@ -60,7 +60,7 @@ STARTS = StartOptions()
 
 @dataclass(frozen=True, eq=False)
 class Guesses:
-    """C soft solutions of each of F frames, the best first by their own reckoning.
+    """C soft solutions of each of F frames, the best first by their own likelihood.
 
     points  (F, C, P, 3) m, the frame's points turned and moved as the guess has it, 0 where there is none
     share   (F, C, M, P) how far each point is each marker

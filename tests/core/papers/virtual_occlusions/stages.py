@@ -17,12 +17,6 @@ from addon.core.papers.virtual_occlusions.placement import Guess, extent, statur
 PLACEMENT_STAGES = ((0.20, 0.60, 5), (0.10, 0.30, 5))
 
 
-def stages(iterations: int) -> tuple[tuple[float, float, int], ...]:
-    """`PLACEMENT_STAGES` with another number of iterations, half of them, rounded up, in the first stage."""
-    half = -(-iterations // 2)
-    return tuple((*stage[:2], steps) for stage, steps in zip(PLACEMENT_STAGES, (half, iterations - half), strict=True))
-
-
 def fit_from(view: View, start: Bodies, setup: Setup) -> Fit:
     """The paper's whole fit from a given start of B bodies: nine parameters first, then joints and shape as well.
 
@@ -32,10 +26,10 @@ def fit_from(view: View, start: Bodies, setup: Setup) -> Fit:
     return fit_blobs(fit_nine(view, start, setup).bodies, view, setup, prior)
 
 
-def fit_nine(view: View, start: Bodies, setup: Setup, stages=PLACEMENT_STAGES) -> State:
+def fit_nine(view: View, start: Bodies, setup: Setup) -> State:
     """Ten iterations of the nine-parameter fit, visible markers only, visibility renewed in between."""
     bodies, posed = start, setup.model.pose(start)
-    for softness, reach, steps in stages:
+    for softness, reach, steps in PLACEMENT_STAGES:
         pull = visible_pull(bodies, posed, view, setup, softness, reach)
         state = fit_placement(setup.model, bodies, pull, steps, setup.prior).state
         bodies, posed = state.bodies, state.posed
