@@ -12,8 +12,11 @@ from pathlib import Path
 import pytest
 
 from addon.cli.parser import build_parser
+from addon.core.training.described import described
 from addon.io.cameras import read_cameras
+from addon.io.layouts import read_layout
 from addon.io.markersets import read_markerset
+from addon.jobs.models import known_bodies
 from scripts.virtual_take import write_virtual_take
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -110,10 +113,13 @@ def test_the_example_marker_set_is_one(text, tmp_path):
 
 
 @pytest.mark.parametrize("text", cases("toml"))
-def test_the_example_calibration_is_one(text, tmp_path):
-    path = tmp_path / "room.toml"
+def test_the_example_toml_is_a_calibration_or_a_marker_set_in_words(text, tmp_path):
+    path = tmp_path / "example.toml"
     path.write_text(text, encoding="utf-8")
-    assert read_cameras(path).names == ("cam1",)
+    if "[markers]" in text:
+        assert len(described(read_layout(path), known_bodies())) == 6
+    else:
+        assert read_cameras(path).names == ("cam1",)
 
 
 def anchors(page: Path) -> set[str]:

@@ -2,12 +2,14 @@
 """`models`: the built-in models and their markers, or who taught models what; and a doubted one adopted."""
 
 import textwrap
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
+from ..io.layouts import open_layout, shipped_layouts
 from ..io.markersets import builtin_markersets, open_markerset
 from .console import print_results
 
@@ -79,9 +81,9 @@ def _wrapped(head: str, parts: list[str]) -> list[str]:
     return textwrap.wrap("; ".join(parts), 100, initial_indent=head, subsequent_indent=" " * len(head))
 
 
-DESCRIPTION = """Lists the built-in models and their markers; of models that are named, their version, their fingerprint
-and who taught them what. With --adopt, a model that was trained on and is waiting because known takes are named worse
-by it takes its place, and the version that was there is kept beside it."""
+DESCRIPTION = """Lists the built-in models, the published marker sets in words, and their markers; of models that are
+named, their version, their fingerprint and who taught them what. With --adopt, a model that was trained on and is
+waiting because known takes are named worse by it takes its place, and the version that was there is kept beside it."""
 
 
 def add_parser(verbs):
@@ -100,9 +102,15 @@ def run(arguments) -> int:
         raise InputError("--adopt is of one model; expected no other models with it")
     if arguments.adopt is None and not arguments.models:
         sets = [open_markerset(name) for name in builtin_markersets()]
-        print_results(
-            [line for one in sets for line in _set_lines(one)], {"models": list(map(_row, sets))}, arguments.json
-        )
+        layouts = {name: open_layout(name) for name in shipped_layouts()}
+        lines = [line for one in sets for line in _set_lines(one.name, one.description, one.markers)]
+        lines += ["", "In words, for train --set NAME --out MODEL:"]
+        lines += [line for name, one in layouts.items() for line in _set_lines(name, one.description, one.sites)]
+        rows = [
+            {"name": name, "description": one.description, "markers": list(one.sites), "source": one.source}
+            for name, one in layouts.items()
+        ]
+        print_results(lines, {"models": list(map(_row, sets)), "layouts": rows}, arguments.json)
         return 0
     # With all that models are named by, which nobody waits for who wants a list.
     from ..io.models import open_model
@@ -116,10 +124,10 @@ def run(arguments) -> int:
     return 0
 
 
-def _set_lines(markerset: MarkerSet) -> list[str]:
-    """A built-in model and its markers, for people."""
-    markers = textwrap.wrap(" ".join(markerset.markers), 100, initial_indent="  ", subsequent_indent="  ")
-    return [f"{markerset.name}: {markerset.description}", *markers]
+def _set_lines(name: str, description: str, markers: Iterable[str]) -> list[str]:
+    """A marker set and its markers, for people."""
+    rows = textwrap.wrap(" ".join(markers), 100, initial_indent="  ", subsequent_indent="  ")
+    return [f"{name}: {description}", *rows]
 
 
 def _row(markerset: MarkerSet) -> dict:

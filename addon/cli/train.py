@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`train TAKE… --out MODEL`: a model from labelled takes; trials are made side by side, in processes."""
+"""`train TAKE… --out MODEL`: a model from labelled takes, or from words; trials are made side by side, in processes."""
 
 import argparse
 import json
@@ -92,6 +92,8 @@ SUBJECT_HELP = """whose takes are whose, such as ann='*/ann_*.c3d'; of a take wh
 bob:LASI it says which of them is learned; default: a subject is a folder, by its name"""
 SEARCH_HELP = """find partial solvers at once, and how; default: top-down once --method ensemble asks for them, at once
 with --lean; with --from MODEL and no take MODEL is given them, and all else stays as it is"""
+SET_HELP = """make the model of this marker set in words, without a take: a file, or a published one that `models`
+lists"""
 CHECK_HELP = """labelled takes to keep out of training, whose names were looked at: whenever the model is trained on,
 they are labelled again by it as it was and as it is then"""
 
@@ -103,6 +105,7 @@ def add_parser(verbs):
     add("takes", metavar="TAKE", nargs="*", type=Path, help="a labelled take")
     add("--out", required=True, type=Path, metavar="MODEL", help=f"the file to write, NAME{SUFFIX}")
     add("--from", type=a_model, dest="base", metavar="MODEL", help="train this model on, with what it keeps")
+    add("--set", dest="layout", metavar="LAYOUT", help=SET_HELP)
     add("--markers", type=names, metavar="A,B,…", help="default: those of --from, or that all takes have")
     add("--name", help="the model's name; default: that of --from, or the file's")
     several: dict = {"action": "extend", "nargs": "+", "default": []}
@@ -139,11 +142,15 @@ def subject_or_take(text: str) -> tuple[str, str] | Path:
 def run(arguments) -> int:
     """Trains one model."""
     takes = [*arguments.takes, *(given for given in arguments.subjects if isinstance(given, Path))]
+    if arguments.layout is not None:
+        _refuse_beside_words(arguments, takes)
     asked = arguments.search not in (None, "none") or arguments.hit_rate is not None or arguments.paper
-    if not takes and not (asked and arguments.base):
+    if not takes and not (asked and arguments.base) and arguments.layout is None:
         raise InputError("no take was given; expected one labelled take or more: train TAKE… --out MODEL")
-    if not takes and (
-        arguments.markers or arguments.name or arguments.subjects or not arguments.keep or arguments.kept
+    if (
+        not takes
+        and arguments.layout is None
+        and (arguments.markers or arguments.name or arguments.subjects or not arguments.keep or arguments.kept)
     ):
         raise InputError(
             "no take was given, so only partial solvers are found; expected a take, or no --markers, --name, "
@@ -173,6 +180,18 @@ def run(arguments) -> int:
             arguments.out,
         )
     return 0
+
+
+def _refuse_beside_words(arguments, takes: Sequence[Path]):
+    """InputError where something is asked that a marker set in words has not: it learns from no take."""
+    beside = {
+        "take": takes, "--from": arguments.base, "--markers": arguments.markers, "--check": arguments.kept,
+        "--subject": arguments.subjects, "--search": arguments.search, "--hit-rate": arguments.hit_rate,
+        "--paper": arguments.paper, "--lean": not arguments.keep,
+    }  # fmt: skip
+    given = [name for name, value in beside.items() if value]
+    if given:
+        raise InputError(f"--set makes a model from words alone; expected no {' and no '.join(given)} with it")
 
 
 def as_lines(report: dict) -> list[str]:

@@ -77,6 +77,14 @@ class Reader:
             self.fail(f"{where} are not a list of names; expected texts")
         return [self._writable(name, where) for name in value]
 
+    def marker(self, name: str):
+        """Checks that label files can hold a marker's name."""
+        if not can_be_named(name):
+            self.fail(
+                f'marker {name!r} has a sign that label files need; expected a name without | , " or a '
+                "leading *, and without blanks around it"
+            )
+
     def unique(self, names: Sequence[str], key: str):
         """Checks that no name is there twice."""
         doubled = next((name for name, count in Counter(names).items() if count > 1), None)
@@ -156,6 +164,7 @@ VERSION = 1
 POSE_DECIMALS = 3  # of a recorded pose, rad: half a millimetre at the end of a limb
 
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
+LAYOUTS = ASSETS / "layouts"  # published sets in words
 
 
 def builtin_markersets() -> dict[str, Path]:
@@ -172,6 +181,9 @@ def open_markerset(name: str | Path) -> MarkerSet:
     """A built-in marker set by name, or any by the path of its file; InputError where it is neither."""
     builtin, path = builtin_markersets(), markerset_file(name)
     if not path.suffix and not path.exists():
+        if (LAYOUTS / f"{name}.toml").exists():
+            made = f"train --set {name} --out {name}{SUFFIX}"
+            raise InputError(f"{name} is a marker set in words; expected the model that {made} makes of it")
         raise InputError(f"there is no marker set {name}; expected {', '.join(builtin)} or the path of a {SUFFIX} file")
     return read_markerset(path)
 
@@ -241,11 +253,7 @@ def _markers(reader: Reader, top: dict, skeleton: Skeleton) -> tuple:
     names = [reader.text(row, "name", where) for where, row in rows]
     reader.unique(names, "markers")
     for name in names:
-        if not can_be_named(name):
-            reader.fail(
-                f'marker {name!r} has a sign that label files need; expected a name without | , " or a '
-                "leading *, and without blanks around it"
-            )
+        reader.marker(name)
     taken, aliases = set(names), {}
     for (where, row), name in zip(rows, names, strict=True):
         for alias in reader.names(row.get("aliases", []), f"{where} aliases"):

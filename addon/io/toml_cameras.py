@@ -2,8 +2,6 @@
 """Cameras in the `.toml` that anipose, Pose2Sim and caliscope share; what this project writes itself."""
 
 import json
-import re
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,19 +12,11 @@ from ..core.geometry import inverse_lens
 from ..core.geometry.camera_up import AXIS_NAMES, guess_up
 from ..core.geometry.cameras import Cameras
 from .cameras import RigCamera, lens, numbers_in, refuse_crowd, rig, rotation_of
-from .source import MAX_CALIBRATION_BYTES, read_text
+from .toml_source import toml_document
 from .world import z_up
 
 # Ours beside the shared keys: a lens of Vicon's kind, exact, where `distortions` can only come near it.
 INVERSE = "vicon_radial"
-
-# A camera's key is `matrix` or `cameras.0.matrix`. Every dot nests a table, and the parser goes through all of them.
-MAX_KEY_PARTS = 8
-_WORDS = re.compile(
-    r'''"""(?:[^"\\]|\\.|"(?!""))*(?:""")?|"(?:[^"\\\n]|\\.)*"?|'''
-    r"""'''(?:[^']|'(?!''))*(?:''')?|'[^'\n]*'?|#[^\n]*""",
-    re.DOTALL,
-)
 
 
 def read_toml(path: Path, up: str = "") -> Cameras:
@@ -34,32 +24,13 @@ def read_toml(path: Path, up: str = "") -> Cameras:
 
     `up` is the axis that points up where it is known better than from the file or its cameras.
     """
-    text = read_text(path, "a .toml camera calibration", MAX_CALIBRATION_BYTES)
-    _refuse_depth(text, path)
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        line = re.search(r"at line (\d+)", str(error))
-        where = int(line.group(1)) if line else text.count("\n") + 1
-        raise InputError("is not valid TOML; expected a camera calibration", path, where) from None
-    except (RecursionError, ValueError):
-        raise InputError("is not TOML that can be read; expected a camera calibration", path) from None
+    document = toml_document(path, "a camera calibration")
     tables = [(key, table) for key, table in _tables(document) if table.get("ignore") is not True]
     if not tables:
         raise InputError("has no table with a `matrix`; expected one table a camera", path)
     refuse_crowd(len(tables), path)
     said = next((str(table["up"]) for _, table in tables if table.get("up") in AXIS_NAMES), "")
     return z_up(rig([_camera(key, table, path) for key, table in tables], path), up or said)
-
-
-def _refuse_depth(text: str, path: Path):
-    """InputError with the line of a key of more parts than any calibration has; texts and comments have none."""
-    plain = _WORDS.sub(lambda found: "s" + "\n" * found.group().count("\n"), text)
-    line = 1
-    for piece in re.split(r"([=,\[\]{}\n])", plain):
-        if piece.count(".") >= MAX_KEY_PARTS:
-            raise InputError(f"has a key of more than {MAX_KEY_PARTS} parts; expected a camera calibration", path, line)
-        line += piece == "\n"
 
 
 def _tables(document: dict) -> Iterator[tuple[str, dict]]:

@@ -15,6 +15,8 @@ from ..core.papers.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
 from ..core.points.history import NO_HISTORY, ModelHistory, ModelVersion
 from ..core.points.likelihood.trying import Trying, in_turn
 from ..core.points.models import Model, TrainingTake
+from ..core.training.described import described
+from ..core.training.described import learned as learned_from_words
 from ..core.training.pipeline import (
     TRAINING_SHARES,
     Trained,
@@ -24,6 +26,7 @@ from ..core.training.pipeline import (
     train_solvers,
 )
 from ..core.training.takes import standing_apart, subject_rows
+from ..io.layouts import open_layout
 from ..io.markersets import SUFFIX, markerset_file, open_markerset
 from ..io.model_history import file_of, moved, seen_from
 from ..io.models import open_model, read_model, write_model
@@ -45,6 +48,7 @@ class TrainJob:
     """What to train.
 
     takes     files of labelled points; none to give `base` its partial solvers and leave all else as it is
+    layout    a marker set in words, or the name of a published one, to learn from instead of takes; None for takes
     out       the model's file
     markers   their names, None for those that all takes have
     name      the model's, None for that of `base`, or of the file
@@ -67,6 +71,7 @@ class TrainJob:
 
     takes: tuple[Path, ...]
     out: Path
+    layout: str | None = None
     markers: tuple[str, ...] | None = None
     name: str | None = None
     hit_rate: float | None = None
@@ -117,7 +122,8 @@ def train_file(job: TrainJob, try_all: Trying = in_turn) -> Generator[Progress, 
     places = VersionPlaces.of(job.out, base.history.version + 1 if base else 1)
     former = places.former if base else None
     targets = [path for path in (former, job.out, places.candidate if base else None, job.report) if path]
-    with whole_files(targets, job.overwrite, [*job.takes, *job.kept]) as files:
+    words = [Path(job.layout)] if job.layout else []
+    with whole_files(targets, job.overwrite, [*job.takes, *job.kept, *words]) as files:
         parts = dict(zip(targets, files, strict=True))
         yield Progress(0.0, "read the takes")
         kept = _kept(job, base)
@@ -187,6 +193,8 @@ def _made(
     job: TrainJob, base: Model | None, kept: Sequence[KeptFile], clock: dict[str, float], try_all: Trying
 ) -> Generator[Progress, None, _Taught]:
     """What the job makes; where a model is taught more, how it names takes that are known."""
+    if job.layout is not None:
+        return (yield from _from_words(job, clock, try_all))
     if not (job.takes or job.shown):
         return (yield from _given_solvers(job, base, clock))
     end = TRAINING_SHARES["end"] if base is None else CHECK_FROM
@@ -224,6 +232,23 @@ def _learned(
     report["doubts"] += _not_shown(new, set(lost) - set(markers), apart)
     taught = tuple(zip(takes, [*digests, *[""] * len(job.shown)], strict=True))
     return _Taught(_with_source(trained.model), base, taught, report), trained.replaced
+
+
+def _from_words(job: TrainJob, clock: dict[str, float], try_all: Trying) -> Generator[Progress, None, _Taught]:
+    """The model of a marker set that words alone describe."""
+    layout, bodies = open_layout(job.layout), known_bodies()
+    try:
+        markerset = described(layout, bodies)
+    except InputError as error:
+        raise InputError(error.message, job.layout) from None
+    markerset = replace(markerset, name=written(job.name or layout.name).strip() or "model")
+    work = learned_from_words(markerset, bodies, try_all)
+    model, seconds = yield from within(work, 0.0, TRAINING_SHARES["end"])
+    doubt = "learned from words alone: how its wearers differ and move is taken from recorded people"
+    unidentified = np.full(len(markerset), np.nan)
+    how = f"the body of {markerset.source['body']}, markers by their description"
+    trained = Trained(model, (), (), how, unidentified, (doubt,), {})
+    return _Taught(_with_source(model), None, (), _report(job, (), trained, 0.0, clock | seconds))
 
 
 def _given_solvers(job: TrainJob, base: Model, clock: dict[str, float]) -> Generator[Progress, None, _Taught]:

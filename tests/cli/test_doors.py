@@ -21,6 +21,13 @@ def test_models_lists_the_built_in_ones(run):
     assert "LASI" in run("models").out
 
 
+def test_models_lists_published_sets_in_words(run):
+    layouts = {layout["name"]: layout for layout in json.loads(run("models", "--json").out)["layouts"]}
+    assert {"helen_hayes", "frontwaist53", "baseline41", "core50", "qualisys_sports", "cast", "ior"} <= set(layouts)
+    assert "WaistLFront" in layouts["baseline41"]["markers"]
+    assert "ForefootOut" in run("models").out
+
+
 def test_help_and_version_are_results(run):
     for words in (["--help"], ["--version"], ["label", "--help"]):
         answer = run(*words)

@@ -10,9 +10,14 @@ import pytest
 
 from addon.core.data.takes import Points
 from addon.core.geometry import rotations
+from addon.core.training.imagining import anybody
+from addon.core.training.poses import known_poses
 from addon.io.labels import POINT_KEYS, TruthWriter
+from addon.io.layouts import shipped_layouts
 from addon.io.models import read_model, write_model
 from addon.io.points import read_points, write_c3d
+from addon.io.source import read_bytes
+from addon.jobs.models import known_bodies
 
 NAMES = tuple(f"{part}{number}" for part in ("BODY", "HEAD") for number in range(1, 6))
 
@@ -282,6 +287,43 @@ def test_what_cannot_be_trained_is_said_and_leaves_nothing(takes, run, tmp_path)
     missing = write(tmp_path / "missing.c3d", np.full((20, 10, 3), np.nan))
     assert "no point that is present in any frame" in run("train", missing, "--out", out).reason
     assert not out.exists()
+
+
+def test_words_alone_make_a_model_that_names_somebody(run, tmp_path):
+    layout, model = tmp_path / "ours.toml", tmp_path / "ours.markerset.json"
+    layout.write_text(read_bytes(shipped_layouts()["helen_hayes"]).decode().replace("helen_hayes", "ours"), "utf-8")
+    report = json.loads(run("train", "--set", str(layout), "--out", str(model), "--json").out)
+    assert report["model"] == "ours" and report["body"]["how"].startswith("the body of gait15")
+    assert "learned from words alone" in report["doubts"][0]
+    markerset = read_model(model).markerset
+    somebody = anybody(markerset, known_poses(markerset, known_bodies()), 1)[0][:60]
+    order = np.random.default_rng(3).permutation(len(markerset))
+    cloud = tmp_path / "cloud.c3d"
+    write(cloud, somebody[:, order], [f"*{number}" for number in range(len(order))])
+    assert run("label", str(cloud), "--model", str(model), "--out", str(tmp_path / "out")).status == 0
+    named = read_points(tmp_path / "out" / "cloud.c3d")
+    given = np.isfinite(named.xyz[:, : len(order), 0])
+    off = np.linalg.norm(named.xyz[:, : len(order)] - somebody, axis=2)
+    assert given.mean() > 0.9 and (off[given] < 1e-3).mean() > 0.99
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (("take.c3d",), "--set makes a model from words alone; expected no take with it"),
+        (("--from", "gait15"), "expected no --from with it"),
+        (("--lean", "--search", "genetic"), "expected no --search and no --lean with it"),
+    ],
+)
+def test_beside_words_nothing_else_teaches(run, tmp_path, more, words):
+    answer = run("train", *more, "--set", "helen_hayes", "--out", str(tmp_path / "a.markerset.json"))
+    assert answer.status == 2 and words in answer.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_marker_set_in_words_is_no_model(run, tmp_path):
+    answer = run("label", str(tmp_path / "x.c3d"), "--model", "helen_hayes", "--out", str(tmp_path / "out"))
+    assert answer.status == 2 and "train --set helen_hayes --out helen_hayes.markerset.json" in answer.err
 
 
 def test_a_take_of_one_labelled_frame_is_enough_of_a_person(tmp_path, monkeypatch):

@@ -79,6 +79,16 @@ def imagined(markerset: MarkerSet, points: np.ndarray, poses: np.ndarray) -> lis
     return [_moved(_guess(subject, rng), both, rng) for _ in range(IMAGINING.people)]
 
 
+def anybody(markerset: MarkerSet, poses: np.ndarray, count: int) -> list[np.ndarray]:
+    """Labelled frames (F, M, 3) m of so many made-up people, with size, limbs and marker places as people have them.
+
+    They take the `poses` (P, J, 3), as `Spread.poses` has them, and their mirror images.
+    """
+    rng, model = np.random.default_rng(0), BodyModel(markerset)
+    both = np.concatenate([poses, mirrored_poses(poses, markerset.skeleton.segments)])
+    return [_moved(_stranger(model, rng), both, rng) for _ in range(count)]
+
+
 def bent(points: np.ndarray) -> list[np.ndarray]:
     """Labelled frames (F, M, 3) m of made-up subjects of whose body nothing is known but points (T, M, 3) m of a pose.
 

@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A marker set in words: which marker sits where on which segment."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Site:
+    """Where a marker sits.
+
+    segment  of the body, such as thigh.L
+    place    a landmark of the segment; or one or two sides of the segment with a space between, and `along`
+    along    from the segment's own joint, 0, to the next, 1; None at a landmark
+    side     L or R of a landmark that a segment in the middle has on both sides; empty for none
+    off_m    m, from the skin to the marker, as on a wand
+    """
+
+    segment: str
+    place: str
+    along: float | None = None
+    side: str = ""
+    off_m: float = 0.0  # format: most markers are on the skin
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """A marker set in words.
+
+    name, description  for people to read
+    source             who has published it, for people to read
+    sites              where each marker sits, in the order of everything that is written
+    """
+
+    name: str
+    description: str
+    source: str
+    sites: Mapping[str, Site]
