@@ -13,7 +13,8 @@ from ..core.review.changes import summary_of_changes
 from ..io.labels import changes_of_part
 from ..io.poses import check_cache
 from ..io.qtm.capture import USE_POINTS
-from ..jobs import LabelJob, Labelled, part_job
+from ..jobs import LabelJob, Labelled
+from ..jobs.job import part_job
 from ..props import refresh_review
 from ..scene import cameras as scene_cameras
 from ..scene.playing import (
