@@ -178,7 +178,7 @@ def save_played(
     poses: "PoseFile",
     suspects: Sequence[Suspect],
     cameras: Cameras,
-    for_a_part: dict | None = None,
+    for_a_part: dict,
 ):
     """Saves a Blender file that plays a long take from the file `cache` beside it, both of any length.
 

@@ -88,9 +88,8 @@ def _plates(reader: Reader, value: object, count: int) -> tuple[np.ndarray, ...]
     return tuple(np.array(body, dtype=int) for body in bodies)
 
 
-# What the parts are called in the file. The training takes had another name at first, and are read by it too.
+# What the parts are called in the file.
 LIKELIHOOD, PARTIAL_SOLVERS, TRAINING_TAKES = "evidence", "ensemble", "training_takes"
-FORMER_TRAINING_TAKES = "lessons"
 INDICES, PLAIN_NUMBERS = "iu", "fiu"  # kinds of arrays
 MAX_MARKER_M = 1e3  # m; no marker of a training take is farther away
 
@@ -138,7 +137,7 @@ def _partial_solvers(packed: object, markers: tuple[str, ...], path: Path) -> Pa
 
 def _training_takes(top: dict, markers: int, path: Path) -> tuple[TrainingTake, ...]:
     """What the model keeps of its training, checked in every part."""
-    rows = top.get(TRAINING_TAKES, top.get(FORMER_TRAINING_TAKES, []))
+    rows = top.get(TRAINING_TAKES, [])
     if not isinstance(rows, list):
         raise InputError("has damaged training takes; expected a list", path)
     if declared_bytes(rows) > MAX_PACKED_BYTES:

@@ -62,7 +62,7 @@ def job_of(context: bpy.types.Context) -> LabelJob:
         **asked,
         out=Path(),
         frames=frames_wanted(labelling),
-        method=labelling.method or "auto",  # none of an older version's that is gone
+        method=labelling.method,
         target=labelling.target,
         up=given.up or None if points else None,
         mirror=points and given.mirror,

@@ -15,7 +15,6 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Collection
 from pathlib import Path
 
 import bpy
@@ -90,7 +89,7 @@ def save(version: Version, inputs: Path, out: Path) -> None:
     version.call("add_training_takes", filepath=str(inputs / "named" / "one.c3d"))
     version.call("add_performer")
     for kind, read in expected.items():
-        read["settings"] = _change(bpy.data.scenes[kind].mocap_autolabel, version.part("props").FORMER)
+        read["settings"] = _change(bpy.data.scenes[kind].mocap_autolabel)
     bpy.ops.wm.save_as_mainfile(filepath=str(out / "takes.blend"), compress=True, relative_remap=False)
     for extra in out.glob("*.blend?"):
         extra.unlink()
@@ -120,18 +119,15 @@ def _correct(version: Version, kind: str) -> None:
         version.call("smooth")
 
 
-def _change(settings: bpy.types.PropertyGroup, former: Collection[str] = (), path: str = "") -> dict:
-    """Changes all settings that are numbers, words or choices, and gives their values by their names.
-
-    What only files of versions before have, by its `former` name, stays as it is.
-    """
+def _change(settings: bpy.types.PropertyGroup, path: str = "") -> dict:
+    """Changes all settings that are numbers, words or choices, and gives their values by their names."""
     changed = {}
     for name, rule in settings.bl_rna.properties.items():
-        if name in NOT_CHANGED or name in former:
+        if name in NOT_CHANGED:
             continue
         value, place = getattr(settings, name), f"{path}{name}"
         if isinstance(value, bpy.types.PropertyGroup):
-            changed |= _change(value, path=f"{place}.")
+            changed |= _change(value, f"{place}.")
             continue
         if rule.type not in CHANGES or rule.subtype == "FILE_PATH":
             continue
