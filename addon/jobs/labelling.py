@@ -50,7 +50,6 @@ if TYPE_CHECKING:
     from ..core.filling.kept import KeptFill
     from ..core.filling.rays import MarkerRays
     from ..core.pipelines.several_through_points import SubjectsInImages
-    from ..core.points.several.motion import LabelledSubjects
     from ..core.review.overview import TakeOverview
 
 
@@ -67,19 +66,6 @@ def several_asked(job: LabelJob, model: Model) -> Generator[Progress, None, Seve
     for name, worn in job.wearers:
         subjects.append(Wearer(name, (yield from model_for(worn, job.method))))
     return SeveralOptions(subjects=tuple(subjects))
-
-
-def label_subjects(
-    job: LabelJob, take: Points, asked: SeveralOptions, options: PointOptions
-) -> "Generator[Progress, None, LabelledSubjects]":
-    """What `core.points.several.pipeline.label_several` gives, which is loaded where it is needed.
-
-    Raises InputError with the file of edits that are of somebody who is not there.
-    """
-    from ..core.points.several.pipeline import label_several
-
-    with _edits_named(job):
-        return (yield from label_several(take, asked, options))
 
 
 def subjects_in_blobs(
@@ -99,12 +85,12 @@ def subjects_in_blobs(
 
     options = PointOptions(chosen_method(asked.models[0], job.method), job.target, room=room, force=job.force)
     body_of = mesh_occlusion if job.casts == "bvh" else None
-    with _edits_named(job):
+    with edits_named(job):
         return (yield from label_several_blobs(read, cameras, asked, options, job.frame_rate, body_of, edits))
 
 
 @contextmanager
-def _edits_named(job: LabelJob) -> Iterator[None]:
+def edits_named(job: LabelJob) -> Iterator[None]:
     """Names the file of edits in an InputError that names none."""
     try:
         yield
@@ -219,7 +205,10 @@ class PointTake(OpenTake):
                 raise (yield from self._misfit(error, options)) from None
             self.worn = self.model.markerset
         else:
-            self.labelled = yield from label_subjects(self.job, self.take, self.several, options)
+            from ..core.points.several.pipeline import label_several
+
+            with edits_named(self.job):
+                self.labelled = yield from label_several(self.take, self.several, options)
             self.worn = self.labelled.worn
             if self.job.shown:
                 refuse_keys(len(self.take.frames), self.worn)
@@ -318,7 +307,13 @@ class Results:
         self.labels = stack.enter_context(LabelWriter(labels, worn.markers, take.keys))
         self.summary, self.handedness = TakeSummary(worn.markers), Handedness(worn, take.mend)
         self.trouble = TakeTrouble(worn.markers, take.rate, take.edits, take.cameras, worn.by_name)
-        self.overview = _overview_of(take) if job.html else None
+        self.overview: TakeOverview | None = None
+        if job.html:  # what the take's page is drawn from
+            from ..core.review import overview
+
+            self.overview = overview.TakeOverview(
+                overview.OverviewSubject.of(worn), take.rate, take.cameras, take.edits
+            )
         played = job.blend and take.long is not False
         self.poses = stack.enter_context(PoseFile(stack.enter_context(scratch_folder()))) if played else None
         self.kept = job.keep or (job.blend and not take.long)
@@ -386,13 +381,6 @@ class Results:
     def edits_done(self) -> tuple[EditOutcome, ...]:
         """What became of each edit."""
         return joined(filter(None, self.outcomes))
-
-
-def _overview_of(take: OpenTake) -> "TakeOverview":
-    """What the take's page is drawn from."""
-    from ..core.review.overview import OverviewSubject, TakeOverview
-
-    return TakeOverview(OverviewSubject.of(take.worn), take.rate, take.cameras, take.edits)
 
 
 def _write(

@@ -52,7 +52,7 @@ class FolderBatch:
             self._worker = Worker(scratch)
             stack.callback(self._worker.close)
             self._kept = stack.pop_all()
-        command = Command(0, line, scratch / "result.json")
+        command = Command(line, scratch / "result.json")
         Thread(target=lambda: self._heard.put(self._worker.run(command)), daemon=True).start()
 
     def look(self) -> bool:
