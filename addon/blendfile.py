@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
+from contextlib import ExitStack, closing, contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -137,7 +137,7 @@ def opened_pictures(paths: Iterable[Path]) -> "Iterator[list[Movie | PictureSequ
 
     with ExitStack() as stack:
         stack.enter_context(small_cache())
-        yield [stack.enter_context(open_pictures(path)) for path in paths]
+        yield [stack.enter_context(closing(open_pictures(path))) for path in paths]
 
 
 def save_blend(
@@ -178,7 +178,7 @@ def save_played(
     poses: "PoseFile",
     suspects: Sequence[Suspect],
     cameras: Cameras,
-    for_a_part: dict | None = None,
+    for_a_part: dict,
 ):
     """Saves a Blender file that plays a long take from the file `cache` beside it, both of any length.
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from .core.body.bodies import BodyModel
-from .core.data.errors import InputError, JobError
+from .core.data.errors import JobError
 from .core.data.markersets import MarkerSet
 from .core.data.progress import Progress
 from .core.data.takes import Points
@@ -25,15 +25,6 @@ Bodies = PosedBody | BodiesTogether
 MIN_MARKER_SHARE = 0.5  # of a model's markers that a take must have for the model to fit it
 
 
-@dataclass(frozen=True, eq=False)
-class LabelledMarkers:
-    """The labelled markers of a take: names M, xyz (T, M, 3) m, and the source's number of the first frame."""
-
-    names: tuple[str, ...]
-    xyz: np.ndarray
-    first_frame: int
-
-
 @dataclass(frozen=True)
 class Captured:
     """What a virtual capture wrote: frames, blobs, and how many of the blobs are ghosts and how many merged."""
@@ -44,54 +35,41 @@ class Captured:
     merged: int
 
 
-def labelled_markers(points: Points) -> LabelledMarkers:
+def labelled_markers(points: Points) -> Points:
     """The trajectories of a take that have a name."""
     kept = [index for index, name in enumerate(points.names) if name]
     if not kept:
         raise JobError("has no named markers; expected a labelled take")
-    return LabelledMarkers(tuple(points.names[index] for index in kept), points.picked(kept).xyz, points.first_frame)
+    return points.picked(kept)
 
 
-def subjects_in(take: LabelledMarkers) -> tuple[str, ...]:
+def subjects_in(take: Points) -> tuple[str, ...]:
     """Who is in a take whose markers are called NAME:LASI, in the order of the file."""
     return tuple(dict.fromkeys(name.partition(":")[0] for name in take.names if ":" in name))
 
 
-def together(parts: Sequence[tuple[str, LabelledMarkers, PosedBody]]) -> tuple[LabelledMarkers, BodiesTogether]:
+def together(parts: Sequence[tuple[str, Points, PosedBody]]) -> tuple[Points, BodiesTogether]:
     """Several subjects by name as one take, NAME:LASI …, and all of their bodies."""
+    takes = [one for _, one, _ in parts]
     names = tuple(f"{subject}:{name}" for subject, one, _ in parts for name in one.names)
-    xyz = np.concatenate([one.xyz for _, one, _ in parts], axis=1)
-    take = LabelledMarkers(names, xyz, parts[0][1].first_frame)
-    return take, BodiesTogether(tuple(body for *_, body in parts), tuple(len(one.names) for _, one, _ in parts))
+    xyz, residual = (np.concatenate([getattr(one, name) for one in takes], axis=1) for name in ("xyz", "residual"))
+    bodies = BodiesTogether(tuple(body for *_, body in parts), tuple(len(one.names) for one in takes))
+    return replace(takes[0], names=names, xyz=xyz, residual=residual), bodies
 
 
-def of_subject(take: LabelledMarkers, subject: str) -> LabelledMarkers:
+def of_subject(take: Points, subject: str) -> Points:
     """Only the markers of one of several subjects, those called `subject:LASI` and so on."""
-    kept = [index for index, name in enumerate(take.names) if name.partition(":")[::2] == (subject, _bare(name))]
-    return replace(take, names=tuple(_bare(take.names[index]) for index in kept), xyz=take.xyz[:, kept])
+    own = {index: name.removeprefix(f"{subject}:") for index, name in enumerate(take.names)}
+    kept = [index for index, name in own.items() if name != take.names[index] and ":" not in name]
+    return replace(take.picked(kept), names=tuple(own[index] for index in kept))
 
 
-def _bare(name: str) -> str:
-    return name.rpartition(":")[2]
-
-
-def cut(take: LabelledMarkers, frames: tuple[int | None, int | None] | None) -> LabelledMarkers:
-    """The take's frames from A to B, both included, by its own numbers."""
-    first, last = frames or (None, None)
-    start = 0 if first is None else max(first - take.first_frame, 0)
-    stop = len(take.xyz) if last is None else max(last - take.first_frame + 1, 0)
-    if start >= min(stop, len(take.xyz)):
-        end = take.first_frame + len(take.xyz) - 1
-        raise InputError(f"has frames {take.first_frame} to {end} and none of those asked for; expected a range within")
-    return replace(take, xyz=take.xyz[start:stop], first_frame=take.first_frame + start)
-
-
-def wears(take: LabelledMarkers, markerset: MarkerSet) -> bool:
+def wears(take: Points, markerset: MarkerSet) -> bool:
     """Whether a take has enough of a marker set's markers for its body to be posed."""
     return bool((columns_of_set(take.names, markerset) >= 0).mean() >= MIN_MARKER_SHARE)
 
 
-def fitting_markerset(take: LabelledMarkers, markersets: Sequence[MarkerSet]) -> MarkerSet:
+def fitting_markerset(take: Points, markersets: Sequence[MarkerSet]) -> MarkerSet:
     """The marker set of the take: the largest that is there whole, or else the one that is there most."""
 
     def fit(markerset: MarkerSet) -> tuple[bool, float, int]:
@@ -107,14 +85,13 @@ def fitting_markerset(take: LabelledMarkers, markersets: Sequence[MarkerSet]) ->
     return best
 
 
-def worn_in(take: LabelledMarkers, markerset: MarkerSet) -> tuple[LabelledMarkers, PosedBody]:
+def worn_in(take: Points, markerset: MarkerSet) -> tuple[Points, PosedBody]:
     """The marker set's markers that a take has, by the set's own names, and its body posed on them."""
     found = columns_of_set(take.names, markerset)
     there = found >= 0
-    points = np.where(there[:, None], take.xyz[:, found], np.nan)
     model = BodyModel(markerset)
     try:
-        bodies = fit_points(model, points)
+        bodies = fit_points(model, take.picked(found).xyz)
     except ValueError:
         raise JobError(
             f"has no frame with {POSING.min_markers} markers of {markerset.name}; expected a take that wears it"
@@ -123,7 +100,7 @@ def worn_in(take: LabelledMarkers, markerset: MarkerSet) -> tuple[LabelledMarker
     names = tuple(name for name, seen in zip(markerset.markers, there, strict=True) if seen)
     attachment = np.asarray(markerset.attachment)[there]
     body = PosedBody(CapsuleOcclusion(markerset), attachment, posed.rotations, posed.joints, bodies.scale)
-    return LabelledMarkers(names, points[:, there], take.first_frame), body
+    return replace(take.picked(found[there]), names=names), body
 
 
 def room_centre(cameras: Cameras) -> np.ndarray:
@@ -134,7 +111,7 @@ def room_centre(cameras: Cameras) -> np.ndarray:
     return np.linalg.lstsq(across.sum(axis=0), right, rcond=None)[0]
 
 
-def centred(take: LabelledMarkers, cameras: Cameras) -> LabelledMarkers:
+def centred(take: Points, cameras: Cameras) -> Points:
     """The take moved over the floor so that the middle of its path is the middle of the room."""
     seen = take.xyz[np.isfinite(take.xyz).all(axis=2)]
     if not len(seen):
@@ -149,7 +126,7 @@ def truth_path(blobs: Path) -> Path:
 
 
 def write_capture(
-    take: LabelledMarkers,
+    take: Points,
     cameras: Cameras,
     options: CaptureOptions,
     body: Bodies,

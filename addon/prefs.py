@@ -30,17 +30,20 @@ class MocapPreferences(bpy.types.AddonPreferences):
         self.layout.prop(self, "taught_by")
 
 
+def _chosen(name: str) -> str:
+    """What a user set; empty without the extension."""
+    addon = bpy.context.preferences.addons.get(PACKAGE)
+    return getattr(addon.preferences, name) if addon and addon.preferences else ""
+
+
 def taught_by() -> str:
     """The name of who teaches marker sets; empty where nobody gave one."""
-    addon = bpy.context.preferences.addons.get(PACKAGE)
-    return addon.preferences.taught_by if addon and addon.preferences else ""
+    return _chosen("taught_by")
 
 
 def markerset_folder(create: bool = False) -> Path:
     """The folder of the user's own marker sets; made when `create` is set."""
-    addon = bpy.context.preferences.addons.get(PACKAGE)
-    chosen = addon.preferences.markerset_folder if addon and addon.preferences else ""
-    if chosen:
+    if chosen := _chosen("markerset_folder"):
         folder = Path(bpy.path.abspath(chosen))
         if create:
             folder.mkdir(parents=True, exist_ok=True)

@@ -345,6 +345,13 @@ class DisplaySettings(bpy.types.PropertyGroup):
 class SceneSettings(bpy.types.PropertyGroup):
     """The choices of one scene, by panel: `Scene.mocap_autolabel`."""
 
+    source: PointerProperty(type=SourceSettings)
+    subjects: PointerProperty(type=SubjectSettings)
+    training: PointerProperty(type=TrainingSettings)
+    labelling: PointerProperty(type=LabellingSettings)
+    folder: PointerProperty(type=FolderSettings)
+    filling: PointerProperty(type=FillingSettings)
+    display: PointerProperty(type=DisplaySettings)
     take: PointerProperty(
         name="Take",
         description="The labelled take to review and export",
@@ -364,60 +371,6 @@ class SceneSettings(bpy.types.PropertyGroup):
             ("RIGIFY", "Rigify", "spine, upper_arm.L, thigh.L: as the human that comes with Blender has them"),
         ),
     )
-
-
-GROUPS = {
-    "source": SourceSettings,
-    "subjects": SubjectSettings,
-    "training": TrainingSettings,
-    "labelling": LabellingSettings,
-    "folder": FolderSettings,
-    "filling": FillingSettings,
-    "display": DisplaySettings,
-}
-SceneSettings.__annotations__ |= {name: PointerProperty(type=group) for name, group in GROUPS.items()}
-
-# Files that were saved before there were groups have all in `SceneSettings` itself, some of it by another name.
-RENAMED = {
-    ("source", "up"): "points_up",
-    ("source", "mirror"): "points_mirror",
-    ("training", "takes"): "training_takes",
-    ("training", "take_index"): "training_take_index",
-    ("folder", "path"): "folder_path",
-    ("folder", "out"): "folder_out",
-    ("folder", "watch"): "folder_watch",
-    ("folder", "overwrite"): "folder_anew",
-    ("folder", "jobs"): "folder_jobs",
-    ("filling", "method"): "fill_method",
-    ("filling", "use_longest"): "use_fill_longest",
-    ("filling", "longest"): "fill_longest",
-}
-FORMER = {
-    RENAMED.get((group, name), name): (group, name) for group, kind in GROUPS.items() for name in kind.__annotations__
-}
-SceneSettings.__annotations__ |= {
-    former: GROUPS[group].__annotations__[name] for former, (group, name) in FORMER.items()
-}
-
-
-def adopt_settings(settings: SceneSettings):
-    """Puts what a file of an earlier version says into the groups."""
-    for former, (group, name) in FORMER.items():
-        if not settings.is_property_set(former):
-            continue
-        into, value = getattr(settings, group), getattr(settings, former)
-        if isinstance(value, bpy.types.bpy_prop_collection):
-            for row in value:
-                _copy(row, getattr(into, name).add())
-        else:
-            # A choice that is no longer there is empty.
-            setattr(into, name, OWN_FILE if name == "markerset" and not value else value)
-        settings.property_unset(former)
-
-
-def _copy(row: bpy.types.PropertyGroup, into: bpy.types.PropertyGroup):
-    for name in ("name", *type(row).__annotations__):
-        setattr(into, name, getattr(row, name))
 
 
 class MarkerRow(bpy.types.PropertyGroup):

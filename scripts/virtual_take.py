@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from addon import capturing
-from addon.capturing import LabelledMarkers
 from addon.core.data.takes import Points
 from addon.demo.take import MODEL, TROUBLE, make_performance
 from addon.io.cameras import write_cameras
 from addon.io.markersets import open_markerset
-from addon.io.points import write_c3d
+from addon.io.points import of_frames, write_c3d
 
 RATE, GHOSTS, GAP = 60.0, 3, 20
 BEHIND, TALLER, BESIDE, SKIN = 40, 1.08, (0.0, 1.2, 0.0), 0.006  # frames, times, m, m
@@ -20,11 +19,11 @@ BEHIND, TALLER, BESIDE, SKIN = 40, 1.08, (0.0, 1.2, 0.0), 0.006  # frames, times
 
 def write_virtual_take(
     folder: Path, last: int, first: int = 1, blobs: str = "take.csv", cameras: str = "cameras.toml"
-) -> LabelledMarkers:
+) -> Points:
     """Write blobs of some frames of the demo, their truth beside them, and the cameras; gives the markers."""
     made, part = make_performance(open_markerset(MODEL)), slice(first - 1, last)
     body = replace(made.body, **{name: getattr(made.body, name)[part] for name in ("rotations", "joints", "scale")})
-    take = capturing.cut(made.take, (first, last))
+    take = of_frames(made.take, (first, last))
     for _ in capturing.write_capture(take, made.cameras, TROUBLE, body, folder / blobs):
         pass
     write_cameras(folder / cameras, made.cameras)

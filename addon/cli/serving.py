@@ -72,7 +72,7 @@ def uncollected() -> Iterator[None]:
 def load_labelling():
     """Loads what labels takes, before the first of them is there."""
     with uncollected():
-        for module in (".label", "..jobs.points"):
+        for module in (".label", "..jobs.labelling"):
             import_module(module, __package__)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from .. import capturing
 from ..blendfile import open_cameras
 from ..core.data.errors import UserError
+from ..core.data.takes import Points
 from ..core.geometry.camera_up import AXIS_NAMES
 from ..core.simulation.simulate import CaptureOptions
 from ..io.cameras import calibration_files
@@ -69,8 +70,8 @@ def run(arguments) -> int:
     cameras = open_cameras(arguments.cameras, arguments.cameras_up)
     progress = ProgressLine(arguments.progress)
     try:
-        points = read_points(arguments.take, up=arguments.up, rate=arguments.rate)
-        take = capturing.cut(capturing.labelled_markers(points), arguments.frames)
+        points = read_points(arguments.take, frames=arguments.frames, up=arguments.up, rate=arguments.rate)
+        take = capturing.labelled_markers(points)
         take = capturing.centred(take, cameras) if arguments.centre else take
         sets, markers, body = _who_is_captured(take, arguments)
         work = capturing.write_capture(
@@ -104,7 +105,7 @@ def run(arguments) -> int:
     return 0
 
 
-def _who_is_captured(take: capturing.LabelledMarkers, arguments):
+def _who_is_captured(take: Points, arguments):
     """Names of the marker sets, the take with only their markers, and all bodies in the way."""
     sets = [open_markerset(name) for name in ([arguments.model] if arguments.model else builtin_markersets())]
     own = [(name, capturing.of_subject(take, name)) for name in capturing.subjects_in(take)]

@@ -46,7 +46,6 @@ sys.exit(main(sys.argv[3:]))
 class Command:
     """A command line, the last word of which is its take, and the file that it leaves its result in."""
 
-    number: int
     line: list[str]
     result: Path
 
@@ -150,7 +149,7 @@ class Crew:
                 if not isinstance(line, list):
                     break
                 number = next(numbers)
-                command = Command(number, line, self.scratch / f"{number}.json")
+                command = Command(line, self.scratch / f"{number}.json")
                 at_work[pool.submit(self._do, command)] = number
             if not at_work and more:
                 time.sleep(POLL)

@@ -4,6 +4,7 @@
 Pixels count from the top left corner of the picture, x to the right and y down.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 
 from ..blendfile import Chunks
 from ..core.data.markersets import MarkerSet
-from ..core.data.takes import EXCLUSIVE, NO_MARKER, Motion
+from ..core.data.takes import EXCLUSIVE, NO_MARKER, Labels, Motion
 from ..core.geometry.cameras import Cameras
 from ..core.review.suspects import runs
 from ..io.html.markup import Html, element
@@ -65,31 +66,32 @@ class Sheet:
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
-    """The capsules of one frame in the world: start, end (K, 3) m and radius (K,) m."""
-
-    start: np.ndarray
-    end: np.ndarray
-    radius: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
 class Shot:
-    """What the picture shows of one frame.
+    """What the picture shows: a frame of a motion, by its index, and the labelled blobs of it.
 
-    markers (M, 3) m, NaN where not seen; facing (rad) where the subject looks; camera (N,), xy (N, 2) px, marker (N,)
-    and step (N,) are the frame's labelled blobs as in `core.takes`
+    camera (N,) index of the camera of each blob, xy (N, 2) px
     """
 
     cameras: Cameras
     markerset: MarkerSet
-    body: Body
-    markers: np.ndarray
-    facing: float
+    motion: Motion
+    index: int
     camera: np.ndarray
     xy: np.ndarray
-    marker: np.ndarray
-    step: np.ndarray
+    labels: Labels
+
+    @property
+    def ahead(self) -> np.ndarray:
+        """(3,) where the subject looks."""
+        return self.motion.rotations[self.index, 0, :, 0]
+
+    @property
+    def capsules(self) -> Iterable[tuple[np.ndarray, np.ndarray, float]]:
+        """The body's in the world: start and end (3,) m, and radius m."""
+        capsules, scale = self.markerset.capsules, self.motion.scale[self.index]
+        turn, joints = (part[self.index, capsules.segment] for part in (self.motion.rotations, self.motion.joints))
+        ends = (joints + (turn @ (end * scale)[..., None])[..., 0] for end in (capsules.start, capsules.end))
+        return zip(*ends, capsules.radius * scale.mean(), strict=True)
 
 
 def draw(shot: Shot, title: str, subtitle: str, path: Path):
@@ -122,8 +124,8 @@ def limb_colours(markerset: MarkerSet) -> list[str]:
 
 def view_of(shot: Shot) -> Cameras:
     """A camera that looks at the subject from in front and a little to the side, from the gap between two cameras."""
-    middle = np.nanmean(shot.markers, axis=0)
-    ahead = shot.facing + np.radians(np.array([-58, -50, -42, -34, 34, 42, 50, 58]))
+    middle = np.nanmean(shot.motion.markers[shot.index], axis=0)
+    ahead = np.arctan2(shot.ahead[1], shot.ahead[0]) + np.radians(np.array([-58, -50, -42, -34, 34, 42, 50, 58]))
     bearing = np.arctan2(*(shot.cameras.centres - middle)[:, 1::-1].T)
     angle = ahead[np.abs((ahead[:, None] - bearing + np.pi) % (2 * np.pi) - np.pi).min(axis=1).argmax()]
     away = np.array([4.5 * np.cos(angle), 4.5 * np.sin(angle), 0.9])
@@ -153,8 +155,8 @@ def draw_room(sheet: Sheet, shot: Shot, colours: list[str]):
         [[(u, v)]] = view.project(corners[:1])
         if 30 < u < PANELS - 40 and 110 < v < PICTURE_HEIGHT - 10:
             sheet.text(u, v - 21, name, 13, CAMERA_COLOUR, "middle")
-    draw_limbs(sheet, limbs(view, shot.body))
-    pixels = view.project(shot.markers)[0]
+    draw_limbs(sheet, limbs(view, shot))
+    pixels = view.project(shot.motion.markers[shot.index])[0]
     seen = np.flatnonzero(np.isfinite(pixels).all(axis=1))
     for index in seen.tolist():
         sheet.disc(pixels[index], 4.5, colours[index])
@@ -171,8 +173,8 @@ def draw_room(sheet: Sheet, shot: Shot, colours: list[str]):
 def draw_panel(sheet: Sheet, shot: Shot, index: int, colours: list[str], corner: np.ndarray, size: np.ndarray):
     """What one camera saw about the subject: the body's outline, the blobs in their markers' colours, and names."""
     mine = shot.camera == index
-    named = mine & (shot.marker != NO_MARKER)
-    shapes = limbs(shot.cameras.select([index]), shot.body)
+    named = mine & shot.labels.named
+    shapes = limbs(shot.cameras.select([index]), shot)
     about = np.vstack([*(places for places, _ in shapes), shot.xy[named]])
     low, high = about.min(axis=0), about.max(axis=0)
     scale = (size / (high - low)).min() * 0.8
@@ -180,7 +182,7 @@ def draw_panel(sheet: Sheet, shot: Shot, index: int, colours: list[str], corner:
     draw_limbs(sheet, [(shift + scale * places, scale * radii) for places, radii in shapes])
     spots = shift + scale * shot.xy
     for blob in np.flatnonzero(mine & ((spots > corner) & (spots < corner + size)).all(axis=1)).tolist():
-        marker, right = shot.marker[blob], corner[0] + size[0]
+        marker, right = shot.labels.marker[blob], corner[0] + size[0]
         sheet.disc(spots[blob], 3.2, DIM if marker == NO_MARKER else colours[marker])
         name = "" if marker == NO_MARKER else shot.markerset.markers[marker]
         if name and spots[blob, 0] + LETTER_WIDTH * 10 * len(name) < right:
@@ -195,7 +197,7 @@ def two_cameras(shot: Shot) -> list[int]:
 
     A blob that was in conflict or remained shows more than one that was clear.
     """
-    worth = np.where(shot.marker == NO_MARKER, 0.0, np.where(shot.step == EXCLUSIVE, 1.0, 5.0))
+    worth = np.where(shot.labels.named, np.where(shot.labels.step == EXCLUSIVE, 1.0, 5.0), 0.0)
     worth = np.bincount(shot.camera, worth, minlength=len(shot.cameras))
     first = int(np.argmax(worth))
     look = shot.cameras.rotation[:, 2]
@@ -203,10 +205,10 @@ def two_cameras(shot: Shot) -> list[int]:
     return [first, int(np.argmax(worth))]
 
 
-def limbs(camera: Cameras, body: Body) -> list[tuple[np.ndarray, np.ndarray]]:
+def limbs(camera: Cameras, shot: Shot) -> list[tuple[np.ndarray, np.ndarray]]:
     """Places (6, 2) px along every capsule as one camera sees it, and its radius (6,) px there."""
     found = []
-    for start, end, radius in zip(body.start, body.end, body.radius, strict=True):
+    for start, end, radius in shot.capsules:
         steps = np.linspace(start, end, 6)
         depth = steps @ camera.rotation[0, 2] + camera.translation[0, 2]
         pixels = camera.project(steps)[0]
@@ -251,20 +253,8 @@ def best_shot(cameras: Cameras, markerset: MarkerSet, chunks: Chunks) -> tuple[i
         raise ValueError("nobody was found in any frame")
     blobs, chunk, index = best
     rows = np.flatnonzero(blobs.frame == index)
-    motion, labels = chunk.motion, chunk.labels
-    ahead = motion.rotations[index, 0, :, 0]
-    shot = Shot(
-        cameras,
-        markerset,
-        posed_capsules(markerset, motion, index),
-        motion.markers[index],
-        float(np.arctan2(ahead[1], ahead[0])),
-        blobs.camera[rows],
-        blobs.xy[rows],
-        labels.marker[rows],
-        labels.step[rows],
-    )
-    return int(blobs.frames[index]), shot
+    of_frame = blobs.camera[rows], blobs.xy[rows], chunk.labels[rows]
+    return int(blobs.frames[index]), Shot(cameras, markerset, chunk.motion, index, *of_frame)
 
 
 def _scores(motion: Motion) -> np.ndarray:
@@ -273,15 +263,3 @@ def _scores(motion: Motion) -> np.ndarray:
     away = motion.expected - motion.expected.mean(axis=1, keepdims=True)
     reach = np.abs(np.einsum("fmi,fi->fm", away, motion.rotations[:, 0, :, 0])).mean(axis=1)
     return np.where(motion.confidence > 0, seen.sum(axis=1) + np.minimum(np.nan_to_num(reach), 0.99), -1.0)
-
-
-def posed_capsules(markerset: MarkerSet, motion: Motion, index: int) -> Body:
-    """The body's capsules in one frame, in the world."""
-    capsules = markerset.capsules
-    turn, joints = motion.rotations[index, capsules.segment], motion.joints[index, capsules.segment]
-    scale = motion.scale[index]
-
-    def placed(points: np.ndarray) -> np.ndarray:
-        return joints + (turn @ (points * scale)[..., None])[..., 0]
-
-    return Body(placed(capsules.start), placed(capsules.end), capsules.radius * scale.mean())

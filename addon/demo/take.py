@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..capturing import LabelledMarkers
 from ..core.body.bodies import BodyModel
 from ..core.data.markersets import MarkerSet
+from ..core.data.takes import Points
 from ..core.geometry.cameras import Cameras
 from ..core.papers.virtual_occlusions.occlusion import CapsuleOcclusion
 from ..core.simulation.rigs import ring_rig
@@ -31,7 +31,7 @@ class Performance:
     """The virtual take before any camera sees it: the room's cameras, the true markers and the body."""
 
     cameras: Cameras
-    take: LabelledMarkers
+    take: Points
     body: PosedBody
 
 
@@ -45,4 +45,5 @@ def make_performance(markerset: MarkerSet) -> Performance:
     body = PosedBody(
         CapsuleOcclusion(markerset), np.asarray(markerset.attachment), posed.rotations, posed.joints, bodies.scale
     )
-    return Performance(cameras, LabelledMarkers(markerset.markers, posed.markers, 1), body)
+    residual = np.zeros(posed.markers.shape[:2])
+    return Performance(cameras, Points(markerset.markers, posed.markers, residual, STAGE_RATE, 1), body)

@@ -19,9 +19,14 @@ if TYPE_CHECKING:  # it is looked at, and none is made
 EDITS_ENDING = ".edits.json"
 
 
+def edits_path(take: Path) -> Path:
+    """Where the edits of a take lie beside it."""
+    return Path(take).with_name(Path(take).stem + EDITS_ENDING)
+
+
 def edits_beside(take: Path) -> Path | None:
     """The file of edits beside a take, None where there is none."""
-    path = Path(take).with_name(Path(take).stem + EDITS_ENDING)
+    path = edits_path(take)
     return path if os.path.exists(path) else None  # noqa: PTH110 beside a name that is too long there is none
 
 

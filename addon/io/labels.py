@@ -5,8 +5,9 @@ import csv
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import dropwhile, takewhile, zip_longest
+from itertools import dropwhile, groupby, takewhile, zip_longest
 from math import isfinite
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple, Self
 
@@ -270,20 +271,16 @@ def _frame_by_frame(
     old: LabelFile, new: LabelFile, frames: tuple[int, int] | None
 ) -> Iterator[tuple[int, list[tuple[UnreadRow, UnreadRow]]]]:
     """Each frame, and its rows in pairs; InputError where the frames have other rows."""
-    pairs: list[tuple[UnreadRow, UnreadRow]] = []
-    before = old.unread_rows()
+    before, of_frame = old.unread_rows(), attrgetter("frame")
     if frames is not None:
         begun = dropwhile(lambda row: row.frame < frames[0], before)
         before = takewhile(lambda row: row.frame <= frames[1], begun)
-    for one, other in zip_longest(before, new.unread_rows()):
-        if one is None or other is None or one.frame != other.frame:
+    both = (groupby(rows, of_frame) for rows in (before, new.unread_rows()))
+    for (frame, rows), (other, news) in zip_longest(*both, fillvalue=(None, ())):
+        pairs = list(zip_longest(rows, news))
+        if frame != other or None in pairs[-1]:
             raise _others(old)
-        if pairs and one.frame != pairs[0][0].frame:
-            yield pairs[0][0].frame, pairs
-            pairs = []
-        pairs.append((one, other))
-    if pairs:
-        yield pairs[0][0].frame, pairs
+        yield frame, pairs
 
 
 def _others(old: LabelFile) -> InputError:

@@ -88,9 +88,8 @@ def _plates(reader: Reader, value: object, count: int) -> tuple[np.ndarray, ...]
     return tuple(np.array(body, dtype=int) for body in bodies)
 
 
-# What the parts are called in the file. The training takes had another name at first, and are read by it too.
+# What the parts are called in the file.
 LIKELIHOOD, PARTIAL_SOLVERS, TRAINING_TAKES = "evidence", "ensemble", "training_takes"
-FORMER_TRAINING_TAKES = "lessons"
 INDICES, PLAIN_NUMBERS = "iu", "fiu"  # kinds of arrays
 MAX_MARKER_M = 1e3  # m; no marker of a training take is farther away
 
@@ -138,13 +137,15 @@ def _partial_solvers(packed: object, markers: tuple[str, ...], path: Path) -> Pa
 
 def _training_takes(top: dict, markers: int, path: Path) -> tuple[TrainingTake, ...]:
     """What the model keeps of its training, checked in every part."""
-    rows = top.get(TRAINING_TAKES, top.get(FORMER_TRAINING_TAKES, []))
+    rows = top.get(TRAINING_TAKES, [])
     if not isinstance(rows, list):
         raise InputError("has damaged training takes; expected a list", path)
     if declared_bytes(rows) > MAX_PACKED_BYTES:
         raise InputError(f"has over {MAX_PACKED_BYTES >> 20} MB of training takes; expected what was trained", path)
     takes = tuple(unpack(TrainingTake, row, TRAINING_TAKES, path) for row in rows)
-    if not all(_sound_training_take(take, markers) for take in takes):
+    arrays = [take.points for take in takes]
+    alike = all((one.ndim, one.dtype.kind, one.shape[1:]) == (3, "f", (markers, 3)) for one in arrays)
+    if not alike or any((np.abs(one) > MAX_MARKER_M).any() for one in arrays):
         words = "has training takes that are not about its markers in metres"
         raise InputError(f"{words}; expected them as they were trained", path)
     return takes
@@ -209,14 +210,3 @@ def _sound_solver(solver: Solver, classifiers: Classifiers) -> bool:
     own, record = solver.markers, solver.record
     within = (np.diff(own.astype(int)) > 0).all() and classifiers[solver.strong.chosen].within(own).all()
     return bool(within and (record.hits + record.failures <= record.answers).all())
-
-
-def _sound_training_take(take: TrainingTake, markers: int) -> bool:
-    """Whether a training take is about that many markers, so that it can be trained on with others."""
-    points = take.points
-    return (
-        points.ndim == 3
-        and points.dtype.kind == "f"
-        and points.shape[1:] == (markers, 3)
-        and not (np.abs(points) > MAX_MARKER_M).any()
-    )

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import cast
+from typing import TypeVar, cast
 
 import numpy as np
 
@@ -66,6 +66,7 @@ def holds_points(path: Path, use: str | None = None) -> bool:
     return points
 
 
+Taken = TypeVar("Taken", bound=Points)
 Frames = tuple[int | None, int | None] | None  # first and last, both included; None for the take's own
 
 
@@ -94,11 +95,11 @@ def read_points(
         for part in blocks(*take.xyz.shape[:2]):
             numbers[part, :, 1] *= -1
         take = replace(take, notes=(*take.notes, "its points are mirrored, as was asked for"))
-    return _of_frames(take, frames or (None, None), path)
+    return of_frames(take, frames or (None, None), path)
 
 
-def _of_frames(take: FilePoints, frames: tuple[int | None, int | None], path: Path) -> FilePoints:
-    """The take's frames from A to B, both included."""
+def of_frames(take: Taken, frames: tuple[int | None, int | None], path: Path | str = "") -> Taken:
+    """The take's frames from A to B, both included; InputError where it has no point in them."""
     first, last = frames
     start = 0 if first is None else max(first - take.first_frame, 0)
     stop = len(take.xyz) if last is None else max(last - take.first_frame + 1, 0)

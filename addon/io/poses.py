@@ -11,7 +11,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
-from typing import BinaryIO, Self
+from typing import Self
 
 import numpy as np
 
@@ -40,44 +40,28 @@ def write_cache(path: Path, parts: Iterator[np.ndarray], absent: np.ndarray):
             frames += len(part)
         file.seek(0)
         file.write(PC2_HEADER.pack(PC2_MARK, PC2_VERSION, len(absent), 0.0, 1.0, frames))
-        _bridge(_Parts(file, frames, absent.size), absent.ravel())
+    if frames and absent.size:
+        _bridge(np.memmap(path, "<f4", "r+", PC2_HEADER.size, (frames, absent.size)), absent.ravel())
 
 
-class _Parts:
-    """The frames of an open cache as parts (n, C), read and written back by their number."""
-
-    def __init__(self, file: BinaryIO, frames: int, columns: int):
-        self.file, self.frames, self.columns = file, frames, columns
-        self.size = max(PART_BYTES // (4 * max(columns, 1)), 1)
-        self.starts = range(0, frames, self.size)
-
-    def read(self, start: int) -> np.ndarray:
-        count = min(self.size, self.frames - start)
-        self.file.seek(PC2_HEADER.size + 4 * self.columns * start)
-        block = self.file.read(4 * self.columns * count)
-        return np.frombuffer(bytearray(block), "<f4").reshape(count, self.columns)
-
-    def write(self, start: int, values: np.ndarray):
-        self.file.seek(PC2_HEADER.size + 4 * self.columns * start)
-        self.file.write(values.data)
-
-
-def _bridge(parts: _Parts, absent: np.ndarray):
+def _bridge(table: np.memmap, absent: np.ndarray):
     """Puts straight lines through what is not known: once backwards for what comes after each part, once forwards."""
-    later, after = [], (np.full(parts.columns, np.inf), absent.astype(float))
-    for start in reversed(parts.starts):
+    columns = table.shape[1]
+    size = max(PART_BYTES // (4 * columns), 1)
+    starts = range(0, len(table), size)
+    later, after = [], (np.full(columns, np.inf), absent.astype(float))
+    for start in reversed(starts):
         later.append(after)
-        after = _first_known(parts.read(start), start, after)
+        after = _first_known(table[start : start + size], start, after)
     # Before the first that is known there is nothing to go from, and where nothing ever is, nothing to go to.
-    before = (np.full(parts.columns, -np.inf), after[1])
-    for start, after in zip(parts.starts, reversed(later), strict=True):
-        values = parts.read(start)
-        known = _first_known(values[::-1], 0, (np.full(parts.columns, np.inf), before[1]))
+    before = (np.full(columns, -np.inf), after[1])
+    for start, after in zip(starts, reversed(later), strict=True):
+        values = table[start : start + size]
+        known = _first_known(values[::-1], 0, (np.full(columns, np.inf), before[1]))
         last = np.where(np.isfinite(known[0]), start + len(values) - 1 - known[0], before[0]), known[1]
         for column in np.flatnonzero(~np.isfinite(values).all(axis=0)):
             ends = [(side[0][column], side[1][column]) for side in (before, after)]
             values[:, column] = _bridged(values[:, column], start, *ends)
-        parts.write(start, values)
         before = last
 
 

@@ -4,9 +4,8 @@
 from collections.abc import Generator
 
 from ..core.data.progress import Progress
-from ..core.points.naming import METHODS, USUAL_TARGET
 from ..io.points import holds_points
-from .job import OCCLUSIONS, USUAL_RATE, LabelJob, Labelled, occlusion_here, part_job
+from .job import LabelJob, Labelled
 
 
 def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
@@ -15,26 +14,13 @@ def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     Raises UserError with the file where it can be told.
     """
     points = holds_points(job.source, job.use)
-    from .labelling import label_take
+    from .labelling import PointTake, label_take
 
-    # Naming blobs takes long to load, and takes of points need none of it.
     if points:
-        from .points import PointTake
-
         return label_take(job, PointTake)
-    from .blobs import BlobTake
+    from .blobs import BlobTake  # which takes long to load, and takes of points need none of it
 
     return label_take(job, BlobTake)
 
 
-__all__ = [
-    "METHODS",
-    "OCCLUSIONS",
-    "USUAL_RATE",
-    "USUAL_TARGET",
-    "LabelJob",
-    "Labelled",
-    "label_file",
-    "occlusion_here",
-    "part_job",
-]
+__all__ = ["LabelJob", "Labelled", "label_file"]

@@ -1,48 +1,55 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take from file to files, of blobs as of 3D points: named part by part, and written as a whole."""
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..blendfile import Chunks, mesh_occlusion, save_blend, save_played
+from ..blendfile import Chunks, mesh_occlusion, refuse_long, save_blend, save_played
 from ..core.data.errors import InputError
 from ..core.data.markersets import Worn
 from ..core.data.progress import Progress
-from ..core.data.takes import Blobs, EditOutcome, LabelledChunk, PointRows, Points, Suspect
+from ..core.data.takes import MAX_FRAME, Blobs, EditOutcome, LabelledChunk, PointRows, Points, Suspect
 from ..core.edits.applying import joined
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
-from ..core.points.handedness import Handedness
+from ..core.pipelines.misfits import misfit_of
+from ..core.points.handedness import MEND_MIRRORED, MEND_POINTS, Handedness
 from ..core.points.models import Model
+from ..core.points.motion import labelled_points
 from ..core.points.naming import chosen_method
+from ..core.points.possible import slow_words
+from ..core.points.refusals import SubjectsError, UnsuitedError
 from ..core.points.several.wearers import SetsWorn, SeveralOptions, Wearer, kinds
 from ..core.points.whole_take.pipeline import PointOptions
+from ..core.points.whole_take.pipeline import label_take as name_points
 from ..core.review.doubtful import AskedNames, doubtful_of, doubtful_ranges
 from ..core.review.summary import TakeSummary
 from ..core.review.take_trouble import TakeTrouble
 from ..io.blobs import read_blobs
 from ..io.c3d.writing import first_number, names_in_c3d
 from ..io.edits import open_edits
-from ..io.labels import LabelWriter, facts_of_changes
-from ..io.points import write_c3d, write_trc
-from ..io.poses import PoseFile, refuse_keys
+from ..io.labels import POINT_KEYS, LabelWriter, facts_of_changes, point_keys
+from ..io.markersets import builtin_markersets
+from ..io.models import open_model
+from ..io.points import read_points, write_c3d, write_trc
+from ..io.poses import PoseFile, is_long, refuse_keys
 from ..io.report import REPORT, facts_of_edits, facts_of_trouble, take_report
 from ..io.scratch import scratch_folder
 from ..io.source import digest
 from ..io.tables import Room
 from ..io.text import write_json
+from ..io.world import turns_from
 from ..version import version
-from .job import MOTION_FILE, PAGE, LabelJob, Labelled, leftovers, open_files, timed
+from .job import MOTION_FILE, PAGE, LabelJob, Labelled, facts_of_capture, leftovers, open_files, timed
 from .models import model_for
 
 if TYPE_CHECKING:
     from ..core.filling.kept import KeptFill
     from ..core.filling.rays import MarkerRays
     from ..core.pipelines.several_through_points import SubjectsInImages
-    from ..core.points.several.motion import LabelledSubjects
     from ..core.review.overview import TakeOverview
 
 
@@ -59,19 +66,6 @@ def several_asked(job: LabelJob, model: Model) -> Generator[Progress, None, Seve
     for name, worn in job.wearers:
         subjects.append(Wearer(name, (yield from model_for(worn, job.method))))
     return SeveralOptions(subjects=tuple(subjects))
-
-
-def label_subjects(
-    job: LabelJob, take: Points, asked: SeveralOptions, options: PointOptions
-) -> "Generator[Progress, None, LabelledSubjects]":
-    """What `core.points.several.pipeline.label_several` gives, which is loaded where it is needed.
-
-    Raises InputError with the file of edits that are of somebody who is not there.
-    """
-    from ..core.points.several.pipeline import label_several
-
-    with _edits_named(job):
-        return (yield from label_several(take, asked, options))
 
 
 def subjects_in_blobs(
@@ -91,12 +85,12 @@ def subjects_in_blobs(
 
     options = PointOptions(chosen_method(asked.models[0], job.method), job.target, room=room, force=job.force)
     body_of = mesh_occlusion if job.casts == "bvh" else None
-    with _edits_named(job):
+    with edits_named(job):
         return (yield from label_several_blobs(read, cameras, asked, options, job.frame_rate, body_of, edits))
 
 
 @contextmanager
-def _edits_named(job: LabelJob) -> Iterator[None]:
+def edits_named(job: LabelJob) -> Iterator[None]:
     """Names the file of edits in an InputError that names none."""
     try:
         yield
@@ -137,6 +131,13 @@ TakePart = tuple[Blobs | PointRows, list[str], LabelledChunk, float]  # with the
 class OpenTake:
     """A take while it is labelled; `PointTake` and `BlobTake` say what is different.
 
+    read      opens the take, and gives what edits are checked by; InputError for what cannot be labelled
+    name      names what is named of the whole take at once, and refuses what cannot be named
+    parts     the named parts, in their order; they may be long where all of them are kept
+    doubts    what the motion of a part shows, and the suspects that are about it
+    end       what all of it shows: notes and suspects; ForceableError where it cannot be
+    facts     what the report says beside what every report says
+    points    the markers in space, then what stays unnamed of points
     keys      the columns that tell one row of its labels from another
     mend      what is expected of a take that is mirrored
     in_parts  whether it is named part by part, so that progress is told of the parts
@@ -162,37 +163,96 @@ class OpenTake:
         named = several.possible if several else model.markerset
         self.edits = open_edits(job.edits_applied, job.source, named, **known)
 
-    def read(self) -> dict:
-        """Opens the take, and gives what edits are checked by; InputError for what cannot be labelled."""
-        raise NotImplementedError
-
-    def name(self) -> Generator[Progress, None, None]:
-        """Names what is named of the whole take at once, and refuses what cannot be named."""
-        raise NotImplementedError
-
-    def parts(self, kept: bool) -> Iterator[TakePart]:
-        """The named parts, in their order; they may be long where all of them are `kept`."""
-        raise NotImplementedError
-
-    def doubts(self, chunk: LabelledChunk) -> tuple[Sequence[Suspect], Sequence[Suspect]]:
-        """What the motion of a part shows, and the suspects that are about it."""
-        raise NotImplementedError
-
-    def end(self) -> tuple[list[str], tuple[Suspect, ...]]:
-        """What all of it shows: notes and suspects; ForceableError where it cannot be."""
-        raise NotImplementedError
-
-    def facts(self, results: "Results") -> dict:
-        """What the report says beside what every report says."""
-        raise NotImplementedError
-
-    def points(self) -> Points:
-        """The markers in space, then what stays unnamed of points."""
-        raise NotImplementedError
-
     def rays(self) -> "MarkerRays | None":
         """Those of the markers that one camera alone sees; None where no camera is known."""
         return None
+
+
+class PointTake(OpenTake):
+    """A take of 3D points."""
+
+    keys = POINT_KEYS
+
+    def read(self) -> dict:
+        """Reads all of it, and gives its trajectories and frames."""
+        job, model, several = self.job, self.model, self.several
+        self.room = Room(self.stack)
+        self.take = take = read_points(
+            job.source, frames=job.frames, up=job.up, rate=job.rate, make_table=self.room, mirror=job.mirror
+        )
+        last = int(take.frames[-1])
+        if last > MAX_FRAME:
+            words = f"goes on to frame {last}; expected frame numbers up to {MAX_FRAME}"
+            raise InputError(words, job.source)
+        if job.blend:
+            refuse_long(take.first_frame, last)
+        if job.shown:
+            refuse_keys(len(take.frames), several.at_least if several else model.markerset)
+        self.rate, self.mend = take.rate, MEND_MIRRORED if job.mirror else MEND_POINTS
+        self.method = chosen_method(model, job.method)
+        # Of a part of a take nobody knows how long it is.
+        return {"points": take.columns.tolist(), "frames": None if job.frames else (take.first_frame, last)}
+
+    def name(self) -> Generator[Progress, None, None]:
+        """Names all of it."""
+        options = PointOptions(self.method, self.job.target, self.edits, self.room, self.job.force)
+        if self.several is None:
+            try:
+                self.labelled = yield from name_points(self.take, self.model, options)
+            except SubjectsError:
+                raise
+            except UnsuitedError as error:
+                raise (yield from self._misfit(error, options)) from None
+            self.worn = self.model.markerset
+        else:
+            from ..core.points.several.pipeline import label_several
+
+            with edits_named(self.job):
+                self.labelled = yield from label_several(self.take, self.several, options)
+            self.worn = self.labelled.worn
+            if self.job.shown:
+                refuse_keys(len(self.take.frames), self.worn)
+        joints = sum(len(one.skeleton) for _, one in self.worn.worn)
+        self.long = is_long(len(self.labelled.motion), len(self.worn.markers), joints)
+
+    def _misfit(self, error: UnsuitedError, options: PointOptions) -> Generator[Progress, None, UnsuitedError]:
+        """The error with its reason: another axis up, or another built-in marker set."""
+        others = [open_model(name) for name in builtin_markersets() if name != self.model.markerset.name]
+        return (yield from misfit_of(error, self.take, self.model, options, turns_from(self.take.up), others))
+
+    def parts(self, kept: bool) -> Iterator[TakePart]:
+        """The named parts; one where they are kept: then all of it is in memory anyhow."""
+        motion = self.labelled.motion
+        for part in [slice(0, len(motion))] if kept else motion.parts():
+            rows, chunk = self.labelled.part(self.take, part)
+            yield rows, point_keys(rows), chunk, 1.0
+
+    def doubts(self, _chunk: LabelledChunk) -> tuple[tuple[Suspect, ...], tuple[Suspect, ...]]:
+        """What the motion shows, and all suspects."""
+        return self.labelled.doubts, self.labelled.suspects
+
+    def end(self) -> tuple[list[str], tuple[Suspect, ...]]:
+        """Nothing is left to be noticed."""
+        return [], ()
+
+    def facts(self, results: "Results") -> dict:
+        """What the report of points says beside what every report says."""
+        take, summary = self.take, results.summary
+        facts = {"unit_assumed": take.assumed} if take.assumed else {}
+        return facts | {
+            "up_axis": take.up,
+            "notes": [*take.notes, *filter(None, [slow_words(take.xyz, take.rate)])],
+            "points": summary.rows,
+            "trajectories": len(take.names),
+            "method": self.method,
+            "target": self.job.target,
+            "steps": {step: count for step, count in summary.steps.items() if count},
+            **facts_of_capture(self.job.source),
+        }
+
+    def points(self) -> Points:
+        """The markers, then what stays unnamed."""
+        return labelled_points(self.take, self.labelled, self.worn)
 
 
 def label_take(job: LabelJob, kind: type[OpenTake]) -> Generator[Progress, None, Labelled]:
@@ -247,7 +307,13 @@ class Results:
         self.labels = stack.enter_context(LabelWriter(labels, worn.markers, take.keys))
         self.summary, self.handedness = TakeSummary(worn.markers), Handedness(worn, take.mend)
         self.trouble = TakeTrouble(worn.markers, take.rate, take.edits, take.cameras, worn.by_name)
-        self.overview = _overview_of(take) if job.html else None
+        self.overview: TakeOverview | None = None
+        if job.html:  # what the take's page is drawn from
+            from ..core.review import overview
+
+            self.overview = overview.TakeOverview(
+                overview.OverviewSubject.of(worn), take.rate, take.cameras, take.edits
+            )
         played = job.blend and take.long is not False
         self.poses = stack.enter_context(PoseFile(stack.enter_context(scratch_folder()))) if played else None
         self.kept = job.keep or (job.blend and not take.long)
@@ -317,13 +383,6 @@ class Results:
         return joined(filter(None, self.outcomes))
 
 
-def _overview_of(take: OpenTake) -> "TakeOverview":
-    """What the take's page is drawn from."""
-    from ..core.review.overview import OverviewSubject, TakeOverview
-
-    return TakeOverview(OverviewSubject.of(take.worn), take.rate, take.cameras, take.edits)
-
-
 def _write(
     results: Results,
     files: dict[str, Path],
@@ -370,7 +429,6 @@ def _write(
         from ..io.html.pages import write_take_page
         from .pages import today
 
-        results.overview.outcomes = outcomes
         write_take_page(files[PAGE], report, results.overview, job.source.name, today())
         digests[PAGE] = digest([files[PAGE]])
     write_json(files[REPORT], report)

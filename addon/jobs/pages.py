@@ -3,17 +3,14 @@
 
 import time
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 from ..core.data.errors import UserError
 from ..core.data.takes import Blobs, LabelledChunk, PointRows
-from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.filling.kept import KeptFill
-from ..core.geometry.cameras import Cameras
 from ..core.review.odd_cameras import CameraCheck
-from ..core.review.overview import OverviewSubject, TakeOverview
+from ..core.review.overview import TakeOverview
 from ..core.review.summary import TakeSummary
 from ..core.review.take_trouble import TakeTrouble
 from ..io.batch import AT_WORK, FAILING, LABELLED, TABLE, WAITING, TakeRow, is_table, row_of, worst_first, write_table
@@ -26,52 +23,42 @@ from ..version import version
 from .job import PAGE
 
 
-@dataclass(frozen=True, eq=False)
-class KeptTake:
-    """A labelled take as a Blender file keeps it, for its page.
+def write_kept_page(
+    path: Path,
+    name: str,
+    source: str,
+    model: str,
+    overview: TakeOverview,
+    rows: Blobs | PointRows,
+    chunk: LabelledChunk,
+    fills: Iterable[KeptFill],
+):
+    """Writes the page of a take that was labelled before, as a Blender file keeps it, and that `overview` is to show.
 
-    name, source  of the take and of its file, the latter empty where there is none
-    model         the marker set's name
-    rows, chunk   all of it
-    edits         those that the labels follow
-    fills         the gaps that were filled, which are not in the chunk
+    `source` is its file, empty where there is none, `model` the marker set's name; rows and chunk are all of it, and
+    the `fills` are not in the chunk.
     """
-
-    name: str
-    source: str
-    model: str
-    rate: float
-    subject: OverviewSubject
-    cameras: Cameras
-    rows: Blobs | PointRows
-    chunk: LabelledChunk
-    edits: Edits = NO_EDITS
-    fills: tuple[KeptFill, ...] = ()
-
-
-def write_kept_page(path: Path, take: KeptTake):
-    """Writes the page of a take that was labelled before."""
-    overview = TakeOverview(take.subject, take.rate, take.cameras, take.edits)
-    overview.add(take.rows, take.chunk)
-    summary = TakeSummary(take.subject.markers)
-    summary.add(take.chunk)
-    report = take_report(summary, take.name, take.model, take.rate, version(), {})
-    report |= facts_of_edits(None, take.chunk.outcomes)
-    trouble = TakeTrouble(take.subject.markers, take.rate, take.edits, take.cameras, take.subject.words)
-    trouble.add(take.rows, take.chunk.labels, take.chunk.motion)
-    for fill in take.fills:
+    cameras, markers = overview.cameras, overview.subject.markers
+    overview.add(rows, chunk)
+    summary = TakeSummary(markers)
+    summary.add(chunk)
+    report = take_report(summary, name, model, overview.rate, version(), {})
+    report |= facts_of_edits(None, chunk.outcomes)
+    trouble = TakeTrouble(markers, overview.rate, overview.edits, cameras, overview.subject.words)
+    trouble.add(rows, chunk.labels, chunk.motion)
+    for fill in fills:
         overview.fill(fill.marker, fill.first, fill.last)
         trouble.fill(fill.marker, fill.first, fill.last)
-    report |= facts_of_trouble(trouble, take.chunk.suspects)
-    if take.fills:
-        report |= {"filled": kept_rows(take.fills), "left": []}
-    if isinstance(take.rows, Blobs):
-        check = CameraCheck(take.cameras)
-        check.add(take.rows, take.chunk)
+    report |= facts_of_trouble(trouble, chunk.suspects)
+    if filled := kept_rows(fills):
+        report |= {"filled": filled, "left": []}
+    if isinstance(rows, Blobs):
+        check = CameraCheck(cameras)
+        check.add(rows, chunk)
         report |= facts_of_cameras(check, trouble, check.suspects())
     else:
         report["points"] = report.pop("blobs")
-    write_take_page(path, report, overview, Path(take.source).name, today())
+    write_take_page(path, report, overview, Path(source).name, today())
 
 
 def today() -> str:

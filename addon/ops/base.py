@@ -3,7 +3,6 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import wraps
-from pathlib import Path
 from typing import Any
 
 import bpy
@@ -109,7 +108,7 @@ class OfTake(Ours):
 
 
 class ToldWhere(ExportHelper):
-    """Operators that ask for the file to write, which is called as `proposed` says where nobody chose one."""
+    """Operators that ask for the file to write, which is the one that `proposed` gives where nobody chose one."""
 
     bl_options = {"REGISTER"}
 
@@ -123,10 +122,6 @@ class ToldWhere(ExportHelper):
         if not self.filepath:
             self.filepath = str(self.proposed(context))
         return ExportHelper.invoke(self, context, event)
-
-    def proposed(self, context: bpy.types.Context) -> Path:
-        """The file to write."""
-        raise NotImplementedError
 
 
 def taken(context: bpy.types.Context) -> Stored:

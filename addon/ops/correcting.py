@@ -27,7 +27,7 @@ from ..core.edits.kinds import (
     UnlabelPoint,
 )
 from ..core.edits.wording import counted_on
-from ..io.edits import EDITS_ENDING, write_edits
+from ..io.edits import edits_path, write_edits
 from ..props import SCOPES, refresh_review
 from ..scene.blob_dots import blob_edit, likely_of_blob
 from ..scene.corrections import keep_edits
@@ -309,19 +309,13 @@ class MOCAP_AUTOLABEL_OT_save_corrections(OfTake, bpy.types.Operator):
 
     def invoke(self, context, event):
         source = taken(context).source
-        asks = bool(source) and _file_beside(source).exists()
+        asks = bool(source) and edits_path(Path(bpy.path.abspath(source))).exists()
         return context.window_manager.invoke_confirm(self, event) if asks else self.execute(context)
 
     def work(self, context):
         stored = taken(context)
         if not stored.source:
             raise InputError(f"take {stored.name} names no file; expected the file that it was labelled from")
-        path = _file_beside(stored.source)
+        path = edits_path(Path(bpy.path.abspath(stored.source)))
         write_edits(path, stored.edits)
         self.report({"INFO"}, f"Saved {path}")
-
-
-def _file_beside(source: str) -> Path:
-    """The file of the edits of a take beside its own, `source`."""
-    path = Path(bpy.path.abspath(source))
-    return path.with_name(path.stem + EDITS_ENDING)

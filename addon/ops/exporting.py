@@ -12,13 +12,13 @@ from bpy.props import BoolProperty, EnumProperty
 from ..core.data.columns import Columns
 from ..core.data.errors import InputError, JobError
 from ..core.data.takes import LabelledChunk, PointRows, Points
-from ..core.review.overview import OverviewSubject
+from ..core.review.overview import OverviewSubject, TakeOverview
 from ..io.blobs import read_blobs
 from ..io.filled import kept_rows, write_filled
 from ..io.labels import LabelWriter, write_point_labels
 from ..io.points import write_c3d, write_trc
 from ..io.whole import whole_files
-from ..jobs.pages import KeptTake, write_kept_page
+from ..jobs.pages import write_kept_page
 from ..scene.character import BLENDER_AXES, BVH_AXES, add_character
 from ..scene.opened import opened
 from ..scene.performers import homes
@@ -224,11 +224,12 @@ class MOCAP_AUTOLABEL_OT_export_report(ExportsTake, bpy.types.Operator):
 
     def write(self, paths: list[Path], stored: Stored):
         """Writes the page."""
-        [path], source = paths, bpy.path.abspath(stored.source) if stored.source else ""
-        whose = stored.model, stored.rate, OverviewSubject(stored.names, stored.words, stored.parents), stored.cameras
+        source = bpy.path.abspath(stored.source) if stored.source else ""
+        subject = OverviewSubject(stored.names, stored.words, stored.parents)
+        overview = TakeOverview(subject, stored.rate, stored.cameras, stored.edits)
         labelled = LabelledChunk(stored.labels, stored.unfilled, stored.suspects, outcomes=stored.outcomes)
-        said = stored.rows, labelled, stored.edits, stored.fitting
-        write_kept_page(path, KeptTake(stored.name, source, *whose, *said))
+        of_take = stored.name, source, stored.model
+        write_kept_page(paths[0], *of_take, overview, stored.rows, labelled, stored.fitting)
 
 
 BVH_UNITS = 100.0  # to a metre: BVH has no unit, and what reads it takes centimetres

@@ -52,7 +52,7 @@ class FolderBatch:
             self._worker = Worker(scratch)
             stack.callback(self._worker.close)
             self._kept = stack.pop_all()
-        command = Command(0, line, scratch / "result.json")
+        command = Command(line, scratch / "result.json")
         Thread(target=lambda: self._heard.put(self._worker.run(command)), daemon=True).start()
 
     def look(self) -> bool:
@@ -103,7 +103,7 @@ def folder_line(settings: SceneSettings) -> tuple[list[str], Path, bool]:
     table = out / SUMMARY_TABLE
     labelling, folder = settings.labelling, settings.folder
     line = ["label", *subject_words(**subjects_asked(settings.subjects)), f"--out={out}"]
-    line += ["--watch", "--resume", "--summary", "--html", "--blend", f"--method={labelling.method or 'auto'}"]
+    line += ["--watch", "--resume", "--summary", "--html", "--blend", f"--method={labelling.method}"]
     line += [f"--target={labelling.target}", f"--jobs={folder.jobs}"]
     line += [] if folder.watch else ["--idle=0"]
     line += ["--overwrite"] if folder.overwrite else []

@@ -62,7 +62,7 @@ def job_of(context: bpy.types.Context) -> LabelJob:
         **asked,
         out=Path(),
         frames=frames_wanted(labelling),
-        method=labelling.method or "auto",  # none of an older version's that is gone
+        method=labelling.method,
         target=labelling.target,
         up=given.up or None if points else None,
         mirror=points and given.mirror,
@@ -167,9 +167,10 @@ class LabelsTake(WorksInSteps):
         settings.take = show_again(context, take, whole=not settings.labelling.use_range)
         follow_soon()  # frames around those that were labelled may have been corrected a moment before
         refresh_review(context.window_manager, context.scene)
-        fit_timelines(context)
         if isinstance(take.rows, Blobs):
             show_take_whole(context, take.motion.markers.reshape(-1, 3))
+        else:
+            fit_timelines(context)
         for words in take.doubts or ():
             self.report({"WARNING"}, words)
         things = "blobs" if isinstance(take.rows, Blobs) else "points"

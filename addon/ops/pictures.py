@@ -8,6 +8,7 @@ import bpy
 from bpy.props import CollectionProperty, EnumProperty, FloatProperty, StringProperty
 
 from ..core.data.errors import InputError, UserError
+from ..core.data.progress import Progress
 from ..core.data.wording import count_of
 from ..core.pictures.spots import SpotOptions
 from ..io.blobs import write_blobs
@@ -86,7 +87,7 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, WorksInSteps, bpy.types.Operat
     def invoke(self, context, event):
         return super().invoke(context, event) if self.directory else self.ask_for_file(context)
 
-    def steps(self, context) -> Generator[float, None, dict]:
+    def steps(self, context) -> Generator[Progress, None, dict]:
         """The finding."""
         scene, settings = context.scene, context.scene.mocap_autolabel
         cameras = scene_cameras.cameras_of(settings.source.cameras, scene)
@@ -99,7 +100,7 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, WorksInSteps, bpy.types.Operat
             overwrite=bool(self.out),
             spots=SpotOptions(threshold=self.threshold or None, min_area=self.min_area, max_area=self.max_area),
         )
-        return _shares(blobs_of_pictures(job))
+        return blobs_of_pictures(job)
 
     def _chosen(self, names: tuple[str, ...]) -> list[Path]:
         """The files that were chosen, or all in the folder that have a camera's name."""
@@ -194,12 +195,3 @@ def _use(context: bpy.types.Context, path: Path, rate: float | None):
     settings = context.scene.mocap_autolabel
     settings.source.rate = rate or settings.source.rate
     take_blobs(context, path)
-
-
-def _shares(work: Generator) -> Generator[float, None, dict]:
-    """Work that tells the share of it that is done."""
-    while True:
-        try:
-            yield next(work).fraction
-        except StopIteration as end:
-            return end.value

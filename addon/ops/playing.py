@@ -13,7 +13,8 @@ from ..core.review.changes import summary_of_changes
 from ..io.labels import changes_of_part
 from ..io.poses import check_cache
 from ..io.qtm.capture import USE_POINTS
-from ..jobs import LabelJob, Labelled, part_job
+from ..jobs import LabelJob, Labelled
+from ..jobs.job import part_job
 from ..props import refresh_review
 from ..scene import cameras as scene_cameras
 from ..scene.playing import (
@@ -84,10 +85,10 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
     def invoke(self, context, event):
         """Asks for the file of the take where it was moved."""
         take = self.meant(context)
-        said = None if take is None else for_a_part(take)
-        if said is None or self.filepath or Path(said["source"]).exists() or bpy.app.background:
+        source = "" if take is None else for_a_part(take)["source"]
+        if self.filepath or bpy.app.background or not source or Path(source).exists():
             return super().invoke(context, event)
-        self.filepath = said["source"]
+        self.filepath = source
         return self.ask_for_file(context)
 
     def steps(self, context):
@@ -105,8 +106,6 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
     def _asked(self, context: bpy.types.Context, take: bpy.types.Collection) -> tuple[LabelJob, tuple[int, int]]:
         """What labels the part, and the first and last frame of all of the take."""
         said, scene = for_a_part(take), context.scene
-        if said is None:
-            raise InputError("this take does not say how it was labelled; expected one that was saved by this version")
         ends, shift = tuple(said["ends"]), int(take[SHIFT])
         chosen = self.properties.is_property_set("first") and self.properties.is_property_set("last")
         first, last = (self.first, self.last) if chosen else part_here(take, scene)

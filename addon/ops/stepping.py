@@ -13,7 +13,7 @@ import bpy
 
 from ..core.data.background import drained, in_background
 from ..core.data.errors import InputError
-from ..core.data.progress import finished
+from ..core.data.progress import Progress, finished
 from ..scene.redrawing import redraw
 from .base import Ours, reports_trouble, unless
 from .gestures import is_over
@@ -34,19 +34,13 @@ nothing_goes_on = unless(
 class WorksInSteps(Ours):
     """An operator whose `steps` yields how much is done (0 to 1) and returns what `_show` puts into the scene.
 
+    Either raises UserError where something is missing. What is done may also be told as `Progress`.
     Nothing of Blender is touched before `_show`, so that cancelling leaves nothing behind and undo is one step.
     """
 
     doing = "Working"
     _timer, _asked_for_it = None, False
     _told = float("-inf")
-
-    def steps(self, context: bpy.types.Context) -> Generator[float, None, Any]:
-        """The work; UserError when something is missing."""
-        raise NotImplementedError
-
-    def _show(self, context: bpy.types.Context, result: Any) -> set[str]:
-        raise NotImplementedError
 
     def work(self, context):
         return self._show(context, finished(self.steps(context)))
@@ -109,7 +103,7 @@ class WorksInSteps(Ours):
         finally:
             if not running:
                 self._end(context)
-        self._tell(context, fraction)
+        self._tell(context, fraction.fraction if isinstance(fraction, Progress) else fraction)
         return {"RUNNING_MODAL"}
 
     def cancel(self, context):

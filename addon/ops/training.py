@@ -71,7 +71,7 @@ class MOCAP_AUTOLABEL_OT_remove_training_take(Ours, bpy.types.Operator):
 class Trains(WorksInSteps):
     """What the trainings share: the marker set is chosen, and what is doubted of its takes is said.
 
-    They differ in `job`, which says what to learn; UserError where nothing can be.
+    They differ in `job`, which says what to learn, and where to; UserError where nothing can be.
     """
 
     doing = "Training"
@@ -83,10 +83,6 @@ class Trains(WorksInSteps):
 
         job = replace(self.job(context, context.scene.mocap_autolabel), by=taught_by() or system_user())
         return beside(train_file(job))
-
-    def job(self, context: bpy.types.Context, settings: SceneSettings) -> "TrainJob":
-        """What to learn, and where to."""
-        raise NotImplementedError
 
     def _show(self, context, result: dict):
         settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel

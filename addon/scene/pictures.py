@@ -11,7 +11,6 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Self
 
 import bpy
 import numpy as np
@@ -60,7 +59,7 @@ class Movie:
         try:
             return self._decoded(frame - self.first + 1)
         except ReferenceError:  # somebody undid something meanwhile, which takes new data away
-            self._close()
+            self.close()
             self._open()
             return self._decoded(frame - self.first + 1)
 
@@ -69,13 +68,8 @@ class Movie:
         self._texture.evaluate((0.0, 0.0, 0.0))
         return _grey(self._image)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object):
-        self._close()
-
-    def _close(self):
+    def close(self):
+        """Lets go of the file."""
         for kind, item in ((bpy.data.textures, self._texture), (bpy.data.images, self._image)):
             with suppress(ReferenceError):  # it is gone already
                 kind.remove(item)
@@ -115,11 +109,8 @@ class Sequence:
         finally:
             bpy.data.images.remove(image)
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object):
-        pass
+    def close(self):
+        """Nothing is held."""
 
 
 @contextmanager
@@ -137,7 +128,7 @@ def small_cache() -> Iterator[None]:
 
 
 def open_pictures(path: Path) -> Movie | Sequence:
-    """A movie or an image sequence, to be used as a context manager; InputError for what Blender cannot read."""
+    """A movie or an image sequence, which is to be closed; InputError for what Blender cannot read."""
     path = Path(path)
     if path.is_dir():
         return Sequence(path, _numbered(path))

@@ -50,7 +50,7 @@ class Playing:
     poses     the poses of all frames, as `io.poses.PoseFile` has them
     suspects  ranges of frames to look at
     source    the file of the take, empty if there is none
-    for_a_part what labels a part of it as all of it was labelled, as a job says it; None where nobody knows
+    for_a_part what labels a part of it as all of it was labelled, as a job says it
     """
 
     name: str
@@ -58,9 +58,9 @@ class Playing:
     worn: Worn
     markers: Callable[[slice], np.ndarray]
     poses: "PoseFile"
-    suspects: Sequence[Suspect] = ()
-    source: str = ""
-    for_a_part: dict | None = None
+    suspects: Sequence[Suspect]
+    source: str
+    for_a_part: dict
 
 
 class _Bones:
@@ -191,9 +191,8 @@ def _keep(collection: bpy.types.Collection, carrier: bpy.types.Object, take: Pla
     collection[PLAYED], collection[SOURCE], collection[naming.MARKERSET] = take.name, take.source, take.worn.name
     collection[MOTION_MARK], collection[CARRIER] = cache_mark(cache), carrier
     collection[SUSPECTS], collection[SHIFT] = json.dumps(rows), float(shift)
-    if take.for_a_part is not None:
-        ends = take.poses.first_frame, take.poses.first_frame + take.poses.frames - 1
-        collection[FOR_A_PART] = json.dumps({**take.for_a_part, "ends": [int(end) for end in ends]})
+    ends = take.poses.first_frame, take.poses.first_frame + take.poses.frames - 1
+    collection[FOR_A_PART] = json.dumps({**take.for_a_part, "ends": [int(end) for end in ends]})
 
 
 def _child(parent: bpy.types.Collection, name: str) -> bpy.types.Collection:
@@ -251,10 +250,9 @@ def find_motion(collection: bpy.types.Collection, path: Path):
     modifier_of(collection).filepath = bpy.path.relpath(str(path)) if bpy.data.filepath else str(path)
 
 
-def for_a_part(collection: bpy.types.Collection) -> dict | None:
-    """What labels a part of a take, with its first and last frame, `ends`; None where the file is older than that."""
-    said = collection.get(FOR_A_PART)
-    return None if said is None else json.loads(said)
+def for_a_part(collection: bpy.types.Collection) -> dict:
+    """What labels a part of a take, with its first and last frame, `ends`."""
+    return json.loads(collection[FOR_A_PART])
 
 
 def part_here(collection: bpy.types.Collection, scene: bpy.types.Scene) -> tuple[int, int]:

@@ -10,7 +10,7 @@ from ..ops.correcting import review_now
 from ..ops.label_folder import follow, leave_batch, show_batch
 from ..ops.picking import picked_points, restore_picked
 from ..ops.reposing import follow_soon, forget_reposing
-from ..props import adopt_settings, list_trouble, refresh_review
+from ..props import list_trouble, refresh_review
 from ..scene import naming
 from ..scene.opened import opened
 from ..scene.take import takes_of
@@ -82,7 +82,6 @@ def adopt_takes():
     """Makes a take that the command line put into a scene the active one, and fills the review of the current scene."""
     for scene in bpy.data.scenes:
         settings, takes = scene.mocap_autolabel, takes_of(scene)
-        adopt_settings(settings)
         if settings.take is None and settings.source.preview is None and takes:
             settings.take = takes[-1]
             settings.source.rate = scene.render.fps / scene.render.fps_base

@@ -11,7 +11,7 @@ from ..ops.reviewing import is_listed, words_for
 from ..scene.fills import kept_cutoff
 from ..scene.opened import opened
 from ..scene.performers import body_material, homes
-from ..scene.playing import PLAYED, for_a_part, part_here, played_takes, suspects_of, what_is_wrong
+from ..scene.playing import PLAYED, part_here, played_takes, suspects_of, what_is_wrong
 from ..scene.trouble import known_cameras, known_trouble
 from .parts import (
     DrawsRows,
@@ -231,9 +231,6 @@ def playing(layout, context):
             draw_text(context, box, wrong, "ERROR")
             box.operator("mocap_autolabel.find_motion", icon="FILE_FOLDER").take = take.name
         _draw_suspects(context, box, take)
-        if for_a_part(take) is None:
-            draw_text(context, box, NO_KEYS, "INFO")
-            continue
         box.operator("mocap_autolabel.open_part", icon="ZOOM_SELECTED").take = take.name
         first, last = part_here(take, context.scene)
         words = f"Open Part labels frames {first} to {last} again with keys, to correct them. {SAVE_THEM}"

@@ -252,7 +252,7 @@ def extension(tmp_path_factory):
 def name_as(extension, monkeypatch) -> Callable[[np.ndarray], None]:
     """Lets the extension name the trajectories of points by a naming that knows: the marker of each, or NO_MARKER."""
     pipeline = importlib.import_module(f"{extension}.addon.core.points.whole_take.pipeline")
-    jobs = importlib.import_module(f"{extension}.addon.jobs.points")
+    jobs = importlib.import_module(f"{extension}.addon.jobs.labelling")
     takes = importlib.import_module(f"{extension}.addon.core.data.takes")
 
     def know(truth: np.ndarray):

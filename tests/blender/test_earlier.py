@@ -23,7 +23,6 @@ from tests.earlier.keep import FEW, MODEL
 from .hands import reopen
 
 EARLIER = Path(__file__).resolve().parents[1] / "earlier"
-GONE = {"keep_unnamed"}  # settings that there are no more
 VERSIONS = sorted(path.parent.name for path in EARLIER.glob("*/expected.json"))
 
 
@@ -66,34 +65,14 @@ def test_a_take_is_as_the_version_that_saved_it_read_it(take, stored):
     assert settings.take is not None
 
 
-def test_its_settings_are_kept(take, extension):
-    former = importlib.import_module(f"{extension}.addon.props").FORMER
+def test_its_settings_are_kept(take):
     assert len(take["settings"]) > 40
     for name, value in take["settings"].items():
-        if name in GONE:
-            continue
-        group, _, own = ".".join(former.get(name, (name,))).rpartition(".")
-        settings = bpy.context.scene.mocap_autolabel
-        now = getattr(getattr(settings, group) if group else settings, own)
+        now = bpy.context.scene.mocap_autolabel.path_resolve(name)
         assert (pytest.approx(value, abs=1e-4) if isinstance(value, float) else value) == now, name
     lists = [scene.mocap_autolabel for scene in bpy.data.scenes]
     assert sorted([row.name for row in one.training.takes] for one in lists) == [[], ["one.c3d"]]
     assert sorted([row.name for row in one.subjects.performers] for one in lists) == [[], ["performer1"]]
-
-
-def test_settings_before_there_were_groups_are_kept_in_any_blender(extension, empty, tmp_path):
-    """As saved by this Blender, whose files keep properties elsewhere than those of the older one."""
-    settings = empty.scene.mocap_autolabel
-    settings.rate, settings.folder_path, settings.use_fill_longest, settings.method = 50.0, "/takes", True, "fit"
-    row = settings.training_takes.add()
-    row.name, row.path, row.rate, row.kept = "one.c3d", "/one.c3d", 60.0, True
-    reopen(tmp_path / "flat.blend")
-    settings = bpy.context.scene.mocap_autolabel
-    assert (settings.source.rate, settings.folder.path, settings.filling.use_longest) == (50.0, "/takes", True)
-    assert (settings.labelling.method, settings.filling.method) == ("fit", "auto")
-    [row] = settings.training.takes
-    assert (row.name, row.path, row.rate, row.kept) == ("one.c3d", "/one.c3d", 60.0, True)
-    assert not settings.is_property_set("rate") and not len(settings.training_takes), "once"
 
 
 def test_a_take_is_corrected_filled_smoothed_exported_and_saved_again(take, stored, tmp_path):
@@ -140,9 +119,10 @@ def test_its_report_has_a_row_in_a_batchs_table(kept):
 def test_its_calibration_and_its_model_are_used(kept, tmp_path):
     assert len(read_cameras(kept / "room.toml")) == 4
     model = open_model(kept / "few.markerset.json")
-    assert set(model.markerset.markers) == set(FEW)
+    assert len(model.markerset.markers) == len(FEW)
+    assert set(model.markerset.markers) <= set(open_model(MODEL).markerset.markers)
     assert model.likelihood is not None
-    assert len(model.training_takes) == 2
+    assert model.training_takes
     assert all(one.points.shape[1:] == (len(FEW), 3) for one in model.training_takes), "it can be trained on"
     write_model(tmp_path / "again.markerset.json", model)
     assert open_model(tmp_path / "again.markerset.json").markerset.markers == model.markerset.markers

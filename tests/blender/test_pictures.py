@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Blobs from pictures and from tracks of movie clips, with the extension's own operators."""
 
+from contextlib import closing
 from pathlib import Path
 
 import bpy
@@ -64,7 +65,7 @@ def test_chosen_movies_are_written_beside_them(extension, empty, studio):
 def test_what_was_undone_meanwhile_is_opened_again(empty, studio):
     from addon.scene.pictures import open_pictures
 
-    with open_pictures(studio[0] / "movies" / "left.mp4") as movie:
+    with closing(open_pictures(studio[0] / "movies" / "left.mp4")) as movie:
         before = movie.grey(3)
         bpy.data.textures.remove(movie._texture)
         assert np.array_equal(movie.grey(3), before)

@@ -46,9 +46,9 @@ def saved(context, take, folder, size=3):
         for start in range(0, len(motion.frames), size):
             part = slice(start, start + size)
             poses.append(Motion(*(getattr(motion, field.name)[part] for field in fields(Motion))))
-        asked = playing.Playing(
-            "walk", take.rate, take.markerset, lambda part: motion.markers[part], poses, take.suspects, "walk.csv"
-        )
+        markers, file = (lambda part: motion.markers[part]), {"source": "walk.csv"}
+        of_take = take.rate, take.markerset, markers, poses, take.suspects
+        asked = playing.Playing("walk", *of_take, file["source"], file)
         playing.show_playing(context, asked, folder / "walk.motion.pc2")
     bpy.ops.wm.save_as_mainfile(filepath=str(folder / "walk.blend"))
     return folder / "walk.blend"
@@ -281,5 +281,3 @@ def test_what_cannot_be_opened_is_told_and_nothing_changes(long, tmp_path):
     found = str(tmp_path / "elsewhere.c3d")
     assert bpy.ops.mocap_autolabel.open_part(first=FIRST, last=FIRST + 9, filepath=found) == {"FINISHED"}
     assert scene.mocap_autolabel.source.points_path == found
-    del collection[playing.FOR_A_PART]
-    refused("does not say how it was labelled", "open_part")

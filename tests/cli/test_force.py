@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.capturing import cut
 from addon.core.data.takes import Points
 from addon.core.points.handedness import MEND_BLOBS, Handedness, MirroredError
 from addon.core.points.likelihood.sides import mirror_order
-from addon.demo.take import STAGE_RATE, make_performance
+from addon.demo.take import make_performance
 from addon.io.labels import POINT_KEYS, TruthWriter
 from addon.io.markersets import open_markerset
-from addon.io.points import read_points, write_c3d
+from addon.io.points import of_frames, read_points, write_c3d
 from addon.jobs.train import known_bodies
 from addon.jobs.training_takes import read_takes, refuse_mirrored
 
@@ -26,12 +25,11 @@ LOPSIDED = "body39"  # by RBAK
 def walks(tmp_path_factory):
     """Somebody in `body39` who walks, as recorded and mirrored, with the truth of both; names are in the files."""
     folder = tmp_path_factory.mktemp("walks")
-    take = cut(make_performance(open_markerset(LOPSIDED)).take, (100, 160))
-    points = Points(take.names, take.xyz, np.zeros(take.xyz.shape[:2]), STAGE_RATE, take.first_frame)
-    write_c3d(folder / "plain.c3d", points)
-    write_c3d(folder / "mirrored.c3d", replace(points, xyz=points.xyz * [-1.0, 1.0, 1.0]))
+    take = of_frames(make_performance(open_markerset(LOPSIDED)).take, (100, 160))
+    write_c3d(folder / "plain.c3d", take)
+    write_c3d(folder / "mirrored.c3d", replace(take, xyz=take.xyz * [-1.0, 1.0, 1.0]))
     with TruthWriter(folder / "truth.csv", POINT_KEYS) as writer:
-        frame, point = np.nonzero(np.isfinite(points.xyz[..., 0]))
+        frame, point = np.nonzero(np.isfinite(take.xyz[..., 0]))
         writer.write(
             [f"{take.first_frame + f},{p}" for f, p in zip(frame, point, strict=True)], [take.names[p] for p in point]
         )

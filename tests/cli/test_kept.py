@@ -4,7 +4,7 @@
 import pytest
 
 from addon.cli import demo
-from addon.cli.label import checks
+from addon.cli.label import options
 from addon.io.markersets import markerset_file
 
 # The command, and what is said of it. `hard` and `soft` are links to `take.c3d`, `b.c3d` is one to `sub/other.c3d`.
@@ -43,7 +43,7 @@ OVER_LINKS = "simulate, blobs over a link", "demo, picture and take in one"
 def files(tmp_path, room, monkeypatch):
     """A folder with a file of every name that the commands have."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(checks, "has_blender", lambda: True)
+    monkeypatch.setattr(options, "has_blender", lambda: True)
     monkeypatch.setattr(demo, "has_blender", lambda: True)
     for name in ("b.csv", "b.csv.truth.csv", "b.markerset.json", "b.blend", "b.trc", "intri.yml", "extri.yml"):
         (tmp_path / name).write_text(name)

@@ -134,5 +134,5 @@ def test_blend_holds_the_take(label, tmp_path):
 
 
 def test_without_blender_no_blend(label, monkeypatch):
-    monkeypatch.setattr("addon.cli.label.checks.has_blender", lambda: False)
+    monkeypatch.setattr("addon.cli.label.options.has_blender", lambda: False)
     assert "--blend needs Blender" in label("--blend").reason

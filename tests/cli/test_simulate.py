@@ -58,7 +58,7 @@ def test_markers_that_no_model_has_and_subjects_names(simulate, room, tmp_path):
 @pytest.mark.parametrize(
     ("words", "status", "reason"),
     [
-        (("--frames", "900:"), 2, "has frames 100 to 119"),
+        (("--frames", "900:"), 2, "of its own 100 to 119"),
         (("--noise", "loud"), 2, "--noise"),
         (("--model", "nobody"), 2, "nobody"),
     ],

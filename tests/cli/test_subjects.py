@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from addon.cli.label import add_parser
-from addon.cli.label.checks import as_job, command_for
 from addon.cli.label.farm import _for_elsewhere
-from addon.cli.label.options import settle_subjects
+from addon.cli.label.options import as_job, command_for, settle_subjects
 from addon.core.data.takes import Points
 from addon.core.points.several.wearers import is_subject_name
 from addon.io.markersets import markerset_file, open_markerset

@@ -23,7 +23,7 @@ import numpy as np
 MODULE = "bl_ext.mocap_earlier.mocap_autolabel"
 HERE = Path(__file__).resolve().parent
 MODEL, RATE = "gait15", 60.0
-FEW = ("SACR", "LASI", "RASI", "LKNE", "RKNE", "LANK", "RANK")
+FEW = ("LASI", "RASI", "LKNE", "RKNE", "LANK", "RANK", "RHEE")
 
 
 class Version:
@@ -56,12 +56,13 @@ class Version:
 
 
 def make_inputs(version: Version, folder: Path) -> None:
-    """Copies walk.csv and room.toml, and writes walk.c3d without names and named/walk.c3d with them."""
+    """Copies walk.csv and room.toml, and writes walk.c3d without names and named/one.c3d with them."""
     before = max(HERE.glob("*/walk.csv")).parent
     blobs, room = (shutil.copy(before / name, folder / name) for name in ("walk.csv", "room.toml"))
     version.command("reconstruct", blobs, "--cameras", room, "--rate", RATE, "--out", folder / "walk.c3d")
     more = ("--model", MODEL, "--rate", RATE, "--out", folder / "named")
     version.command("label", blobs, "--cameras", room, *more)
+    (folder / "named" / "walk.c3d").rename(folder / "named" / "one.c3d")
 
 
 def save(version: Version, inputs: Path, out: Path) -> None:
@@ -85,7 +86,7 @@ def save(version: Version, inputs: Path, out: Path) -> None:
         if kind == "points":
             version.call("save_corrections")
             shutil.move(inputs / "walk.edits.json", out / "walk.edits.json")
-    version.call("add_training_takes", filepath=str(inputs / "named" / "walk.c3d"))
+    version.call("add_training_takes", filepath=str(inputs / "named" / "one.c3d"))
     version.call("add_performer")
     for kind, read in expected.items():
         read["settings"] = _change(bpy.data.scenes[kind].mocap_autolabel)
@@ -96,7 +97,7 @@ def save(version: Version, inputs: Path, out: Path) -> None:
     shutil.move(out / "made" / "walk.report.json", out / "walk.report.json")
     shutil.rmtree(out / "made")
     few = ("--markers", ",".join(FEW), "--name", "few", "--out", out / "few.markerset.json")
-    version.command("train", inputs / "named" / "walk.c3d", *few)
+    version.command("train", inputs / "named" / "one.c3d", *few)
     for name in ("room.toml", "walk.csv"):  # where the take of blobs was labelled from is gone by then
         shutil.copy(inputs / name, out / name)
     (out / "expected.json").write_text(json.dumps(expected) + "\n", encoding="utf-8", newline="\n")

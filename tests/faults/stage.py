@@ -14,16 +14,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from random import Random
 
-import numpy as np
-
-from addon.capturing import cut
 from addon.cli import workers
-from addon.core.data.takes import Points
-from addon.demo.take import MODEL, STAGE_RATE, make_performance
+from addon.demo.take import MODEL, make_performance
 from addon.io.batch import read_table
 from addon.io.html.markup import is_page
 from addon.io.markersets import open_markerset
-from addon.io.points import write_c3d
+from addon.io.points import of_frames, write_c3d
 from addon.io.whole import LIST, PART
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -90,9 +86,7 @@ class Stage:
         self.inputs.mkdir(parents=True)
         performance = make_performance(open_markerset(MODEL))
         for name, frames in TAKES.items():
-            take = cut(performance.take, frames)
-            points = Points(take.names, take.xyz, np.zeros(take.xyz.shape[:2]), STAGE_RATE, take.first_frame)
-            write_c3d(self.inputs / f"{name}.c3d", points)
+            write_c3d(self.inputs / f"{name}.c3d", of_frames(performance.take, frames))
         begin, out = time.monotonic(), folder / "made"
         said = self.start(self.words(tuple(TAKES), out), folder / "temporary").said()
         self.seconds = time.monotonic() - begin

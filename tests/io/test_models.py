@@ -39,14 +39,6 @@ def test_models_come_back(tmp_path):
     assert (tmp_path / "again.markerset.json").read_bytes() == path.read_bytes()
 
 
-def test_training_takes_are_read_from_files_of_the_first_versions_too(tmp_path):
-    path = tmp_path / "toy.markerset.json"
-    write_model(path, toy_model())
-    path.write_text(path.read_text().replace('"training_takes"', '"lessons"'))
-    [take] = read_model(path).training_takes
-    np.testing.assert_array_equal(take.points, toy_model().training_takes[0].points)
-
-
 def test_a_marker_set_is_a_model_without_them():
     model = open_model("gait15")
     assert len(model.markerset) == 15

@@ -15,11 +15,20 @@ from ...io.batch import DONE_BEFORE, FAILING, LABELLED, row_of
 from ...io.report import INSTEAD, REPORT
 from ...io.scratch import naming_scratch, take_away_scratch
 from ...io.whole import finish_renaming
-from ...jobs.job import results_of
+from ...jobs.job import occlusion_here, results_of
 from ..console import ProgressLine, complain, of_take, print_results
 from ..serving import load_labelling
-from .checks import as_job, check, check_rest, command_for, edited_beside, summary_of, unused
-from .options import check_models, settle_subjects
+from .options import (
+    as_job,
+    check,
+    check_models,
+    check_rest,
+    command_for,
+    edited_beside,
+    settle_subjects,
+    summary_of,
+    unused,
+)
 
 
 def as_line(report: dict) -> str:
@@ -146,7 +155,7 @@ def run(arguments) -> int:
         raise InputError("--idle is for folders that are watched; expected --watch with it")
     with _runner(arguments) as runner:
         # Once for all takes and processes: the first may bring Blender in.
-        arguments.occlusion = jobs.occlusion_here(arguments.occlusion)
+        arguments.occlusion = occlusion_here(arguments.occlusion)
         check(arguments)
         if not arguments.result:  # whoever started this process side by side with others has done so already
             take_away_scratch()
@@ -221,7 +230,7 @@ def _watch(arguments) -> int:
 
     if arguments.engine != "local" or arguments.scheduler is not None:
         raise InputError("a folder is watched by this machine; expected --watch without --engine dask and --scheduler")
-    arguments.occlusion = jobs.occlusion_here(arguments.occlusion)
+    arguments.occlusion = occlusion_here(arguments.occlusion)
     check_rest(arguments)
     if arguments.edits is not None:
         raise InputError("--edits is of one take; expected none with --watch, or files such as walk.edits.json there")

@@ -12,7 +12,7 @@ from ...io.batch import AT_WORK, DONE_BEFORE, FAILING, LABELLED, MEASURED, WAITI
 from ...io.scratch import take_away_own
 from ..console import complain, print_results
 from ..workers import crew
-from .checks import command_for
+from .options import command_for
 from .running import Answer, Batch
 
 
