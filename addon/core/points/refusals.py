@@ -24,12 +24,14 @@ class RefusalOptions:
     """When a take is refused; shares are of what could be given.
 
     max_points      memory: of a frame; more are no marker system's
-    min_confidence  of a label that counts, or a rate of USUAL_TARGET: who was trained on little may never promise it
+    min_confidence  measured: of a label that counts, or a rate of USUAL_TARGET, as who was trained on little may never
+                    promise it; with half of it two crowds of ten are refused
     min_sure        measured: share of the markers whose labels count: 0.13 at least in takes of the model's, 0 of
                     plates by other sets, 0.05 at most of people by a set on plates
     min_sure_rest   measured: the same of the points that one subject leaves over, if they are another; of spare
                     markers it is 0.05 at most
-    min_named       share of the markers that such a take is given in the end
+    min_named       measured: share of the markers that such a take is given in the end; with twice of it a person in
+                    two sets at once is refused
     min_all         measured: the same where single frames are not sure: 0.97 at least in takes of other labs, 0.92 at
                     most of other sets
     gap_m           physical: between two bodies; a hand is not farther from the next marker of its own arm

@@ -21,11 +21,14 @@ from .solving import Solved
 class AssemblyOptions:
     """What distances between rigid bodies are worth in a frame, log likelihood.
 
-    breach_weight    of the mean breach between two rigid bodies
-    max_breach_cost  the most that one breach costs
-    full_link_m      that distances between rigid bodies vary by, up to which a link counts fully
-    min_link_weight  that any link counts
-    single_cost      log odds a single marker must have beside the number of points that it may be
+    breach_weight    of the mean breach between two rigid bodies; measured: of 133,000 labels on plates half loses none,
+                     twice 80
+    max_breach_cost  the most that one breach costs; measured: half or twice changes 7 of those labels
+    full_link_m      that distances between rigid bodies vary by, up to which a link counts fully; measured: half or
+                     twice names all of them alike
+    min_link_weight  that any link counts; measured: half or twice names all of them alike
+    single_cost      log odds a single marker must have beside the number of points that it may be; measured: twice
+                     loses 1,411 of them, half none
     """
 
     breach_weight: float = 8.0

@@ -18,8 +18,10 @@ class PlacingOptions:
     noise_share    of a length, between takes; physical: plates bend, and calibrations differ
     min_gate_m     that a side of a triangle may be off in any case; physical: seven times that noise
     max_marker_m   that a further marker may be from where the first three put it; physical: a marker's own width
-    point_gain     log likelihood of one more point that fits
-    max_bend_cost  the most that a bent rigid body costs, for every number that fixes it
+    point_gain     log likelihood of one more point that fits; measured: half of it names 2,257 of 133,000 points on
+                   plates wrongly, twice none
+    max_bend_cost  the most that a bent rigid body costs, for every number that fixes it; measured: half or twice
+                   changes 13 of them
     """
 
     noise_m: float = 0.0007

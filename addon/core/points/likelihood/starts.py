@@ -24,10 +24,13 @@ class StartOptions:
 
     softness          radii², of the first step and of the last, which fall by even ratios; physical: from half a limb
                       to as far as a marker may sit elsewhere
-    loose             part of the modes' spread that counts as noise, of the first step and of the last but two, by even
-                      ratios, too; none at the end
-    max_same_yaw_rad  solutions that face less far from each other are taken for one
-    ghost_density     points that are no marker, 1/radius³: more than there are, as no marker is in its place yet
+    loose             measured: part of the modes' spread that counts as noise, of the first step and of the last but
+                      two, by even ratios, too; none at the end; half or twice names people of other labs, and
+                      crowds, alike
+    max_same_yaw_rad  solutions that face less far from each other are one; measured: half or twice names people of
+                      other labs, and crowds, alike
+    ghost_density     measured: points that are no marker, 1/radius³, more than there are, as no marker is in its place
+                      yet; half or twice names them alike
     """
 
     softness: tuple[float, float] = (0.08, 0.001)

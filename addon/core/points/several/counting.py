@@ -15,8 +15,9 @@ from .wearers import MAX_SUBJECTS
 class CountingOptions:
     """What a body shows of itself.
 
-    firm        part of the usual affinity of a tracklet to others, below which it is a ghost
-    often       part of the frames in which so many are apart
+    firm        part of the usual affinity of a tracklet to others, below which it is a ghost; measured: half or twice
+                names eight meetings alike
+    often       part of the frames in which so many are apart; measured: as firm
     spare       part of a set's markers that bodies together may lack for there to be one more
     whole       part of a set's markers that a body shows at most times; physical: whoever is parted in two has half of
                 them at most on one side
