@@ -141,44 +141,44 @@ def learned(
     return Model(markerset, likelihood), {"body": made - begin, "evidence": perf_counter() - made}
 
 
-def _placed(
-    name: str, site: Site, body: MarkerSet, bodies: Sequence[MarkerSet]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where a marker sits on its segment (3,), how that goes with the body's modes (K, 3), and its sd; heights."""
+# Where a marker sits on its segment (3,), how that goes with the body's modes (K, 3), and how far it strays; heights.
+Place = tuple[np.ndarray, np.ndarray, float]
+
+
+def _placed(name: str, site: Site, body: MarkerSet, bodies: Sequence[MarkerSet]) -> Place:
+    """Where the marker of a site sits."""
     kind, _, own = site.segment.partition(".")
-    side = site.side or own
-    landmark = LANDMARKS.get(kind, {}).get(site.place)
-    modes = np.zeros((len(body.spread.modes), 3))
-    if landmark is not None and site.along is None:
-        if not side and any("*" in marker for marker in landmark):
+    side, landmarks, axis = site.side or own, LANDMARKS.get(kind, {}), _axis(body, site.segment)
+    if site.along is None and site.place in landmarks:
+        shares = landmarks[site.place]
+        if not side and any("*" in marker for marker in shares):
             raise InputError(f"{name} is at {site.place!r}, which is on both sides; expected left or right before it")
-        places = [_known(marker.replace("*", side), site.segment, body, bodies) for marker in landmark]
-        shares = np.array(list(landmark.values()), float)
-        offset = shares @ np.array([place for place, _, _ in places])
-        modes = np.einsum("l,lkm->km", shares, np.stack([mode for _, mode, _ in places]))
-        sd = max(DESCRIBING.landmark_sd, *(one for _, _, one in places))
-        axis = _axis(body, site.segment)
+        parts = [_known(marker.replace("*", side), site.segment, body, bodies) for marker in shares]
+        offset, modes = (np.tensordot(list(shares.values()), [part[of] for part in parts], 1) for of in range(2))
+        sd = max(DESCRIBING.landmark_sd, *(part[2] for part in parts))
         way = _across(offset - _nearest(offset, axis), axis)
     elif site.along is not None and all(word in OFF_AXIS for word in site.place.split()):
-        axis, sd = _axis(body, site.segment), DESCRIBING.anywhere_sd
-        turn = np.array([1, -1 if side == "R" else 1, 1])
-        way = sum(np.array(OFF_AXIS[word]) * (turn if word in ("outer", "inner") else 1) for word in site.place.split())
-        way = _across(way, axis)
+        way = _across(_direction(site.place, side), axis)
         middle = axis[0] + site.along * (axis[1] - axis[0])
         offset = middle + _skin(body, site.segment, middle, way) * way
+        modes, sd = np.zeros((len(body.spread.modes), 3)), DESCRIBING.anywhere_sd
     else:
-        words = ", ".join(LANDMARKS.get(kind, {}))
         raise InputError(
-            f"{name} is at {site.place!r}, which is no place of {site.segment}; expected one of {words}, or with along "
-            f"one or two of {', '.join(OFF_AXIS)}"
+            f"{name} is at {site.place!r}, which is no place of {site.segment}; expected one of "
+            f"{', '.join(landmarks)}, or with along one or two of {', '.join(OFF_AXIS)}"
         )
-    return offset + site.off_m / body.spread.height * way, modes, np.array(sd)
+    return offset + site.off_m / body.spread.height * way, modes, sd
 
 
-def _known(
-    marker: str, segment: str, body: MarkerSet, bodies: Sequence[MarkerSet]
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Where on a segment people have a marker of the built-in sets, in heights: as `_placed` gives it.
+def _direction(words: str, side: str) -> np.ndarray:
+    """(3,) the way that words of `OFF_AXIS` say together; outer is to the right on the right side."""
+    turned = np.array([1, -1 if side == "R" else 1, 1])
+    ways = [np.array(OFF_AXIS[word]) * (turned if word in ("outer", "inner") else 1) for word in words.split()]
+    return np.sum(ways, axis=0)
+
+
+def _known(marker: str, segment: str, body: MarkerSet, bodies: Sequence[MarkerSet]) -> Place:
+    """Where on a segment people have a marker of the built-in sets.
 
     The body's own where it has it; else that of the first set that does, both sides alike.
     """
@@ -191,7 +191,8 @@ def _known(
         place = 2 * _nearest(place, _axis(body, segment)) - place if inside else place
         modes = np.zeros((len(body.spread.modes), 3))
         if one is body and not inside:
-            modes = body.spread.modes[:, len(body.skeleton) + found[0][0]]
+            index, mirror = found[0]
+            modes = body.spread.modes[:, len(body.skeleton) + index] * [1, mirror, 1]
         return place, modes, float(max(one.spread.marker_sd[index] for index, _ in found))
     raise KeyError(marker)
 
@@ -213,7 +214,7 @@ def _axis(body: MarkerSet, segment: str) -> np.ndarray:
     child = np.flatnonzero(skeleton.parents == index)
     if len(child) and segment != "pelvis":
         return np.stack([np.zeros(3), skeleton.offsets[child[0]]])
-    if segment == "pelvis":
+    if segment == "pelvis":  # its next joints are the hips: it goes up from between them
         return np.array([[0, 0, 0], [0, 0, 0.1]])
     ends = body.capsules.end[body.capsules.segment == index]
     return np.stack([np.zeros(3), ends[np.linalg.norm(ends, axis=1).argmax()]])
