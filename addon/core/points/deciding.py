@@ -19,8 +19,9 @@ from .tracklets import VOTE, are_lasting, gone_over_between, vote
 class WitnessOptions:
     """Where a vote needs frames that are sure on their own, as its frames may err together.
 
-    min_sure_crowd         of a tracklet's frames must be sure of its name on their own in a crowd,
-    min_sure_one_subject   and so many where one subject is all that the model has seen
+    min_sure_crowd         measured: of a tracklet's frames that must be sure of its name alone in a crowd; without it
+                           a prop that is not there is named, half or twice names strangers and crowds alike
+    min_sure_one_subject   measured: the same where one subject is all that the model has seen; half or twice likewise
     """
 
     min_sure_crowd: float = 0.5
