@@ -38,6 +38,17 @@ class Skeleton:
         return joints
 
     @cached_property
+    def limbs(self) -> np.ndarray:
+        """(J,) the segment nearest to the trunk of the limb that each belongs to; -1 for trunk and head."""
+        limb = np.full(len(self), -1)
+        for index, (name, parent) in enumerate(zip(self.segments, self.parents, strict=True)):
+            if parent >= 0 and limb[parent] >= 0:
+                limb[index] = limb[parent]
+            elif name.endswith((".L", ".R")):
+                limb[index] = index
+        return limb
+
+    @cached_property
     def carries(self) -> np.ndarray:
         """(J, J) True where turning joint j moves segment i: carries[i, j], j an ancestor of i or i itself."""
         chain = np.eye(len(self), dtype=bool)

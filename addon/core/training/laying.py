@@ -20,7 +20,7 @@ from ..papers.virtual_occlusions.fit import fit_body
 from ..points.likelihood.sides import mirror_order
 from ..posing.posing import labelled_pull
 from .poses import known_poses, posed_bodies
-from .spread import some_of
+from .spread import MAJORITY, some_of
 
 HEADINGS = 12  # in which a body is tried: every 30 degrees, less than half of how far the fit turns it
 MATCHINGS, FIT_STEPS = 10, 4  # of matching, from the first gate to the last, and of the fit's iterations after each
@@ -104,10 +104,20 @@ def _laid(frame: np.ndarray, body: MarkerSet, poses: np.ndarray, sides: np.ndarr
     if not fits.any():
         return None
     best = np.where(fits, off, np.inf).argmin()
-    mine = np.flatnonzero(found[best])
+    mine = np.flatnonzero(found[best] & _on_worn_limbs(body, found[best]))
     place = np.full(len(frame), -1)
     place[there[matched[best, mine]]] = mine
     return LaidBody(body, place, float(off[best]))
+
+
+def _on_worn_limbs(body: MarkerSet, found: np.ndarray) -> np.ndarray:
+    """(N,) whether a marker of the body is on trunk, head, or a limb most of whose markers were found (N,).
+
+    Arms that hang beside the hips have a few markers of whoever wears none on the arms.
+    """
+    limb = body.skeleton.limbs[body.attachment]
+    worn = np.array([found[limb == one].mean() >= MAJORITY for one in limb])
+    return (limb < 0) | worn
 
 
 def _fitted(model: BodyModel, cloud: np.ndarray, apart: np.ndarray, bodies: Bodies, height: float) -> Bodies:

@@ -113,7 +113,8 @@ def _hung(
     away = np.array([_off_surface(body, mean) for mean in means])
     seen = np.flatnonzero(np.isfinite(spreads).any(axis=(0, 2)))
     carrier, offsets, sd = carrier.copy(), offsets.copy(), np.where(carrier < 0, SPREAD.marker_sd, sd)
-    nearest = np.nanmean((spreads + TRANSFER.surface_cost * away)[:, seen], axis=0).argmin(axis=1)
+    cost = np.nanmean((spreads + TRANSFER.surface_cost * away)[:, seen], axis=0)
+    nearest = np.where(_posed(body), cost, np.inf).argmin(axis=1)
     carrier[seen] = np.where(carrier[seen] < 0, nearest, carrier[seen])
     own = means[:, seen, carrier[seen]]
     offsets[seen] = np.nanmean(own, axis=0)
@@ -121,6 +122,12 @@ def _hung(
     squares = np.nanmean(np.square(own - offsets[seen]), axis=(0, 2)) * count / np.maximum(count - 1, 1)
     sd[seen] = np.maximum(sd[seen], np.sqrt(squares))
     return carrier, offsets, sd
+
+
+def _posed(body: MarkerSet) -> np.ndarray:
+    """(J,) whether a segment is where a body with these markers says: not on a limb that has none of them."""
+    limbs = body.skeleton.limbs
+    return (limbs < 0) | np.isin(limbs, limbs[body.attachment])
 
 
 def known_places(markerset: MarkerSet, markers: Sequence[str]) -> np.ndarray:

@@ -10,6 +10,7 @@ from addon.core.data.progress import finished
 from addon.core.geometry import rotations
 from addon.core.points.likelihood import learn
 from addon.core.points.likelihood.frames import LikelihoodNamer
+from addon.core.training import laying
 from addon.core.training.imagining import IMAGINING
 from addon.core.training.laying import laid_body, marker_sides
 from addon.core.training.pipeline import TrainingOptions, train
@@ -75,6 +76,17 @@ def test_a_body_is_laid_into_a_frame_without_known_names(known, take):
     assert faced_about is None or faced_about.off > 1.3 * turned.off
     scattered = np.random.default_rng(1).uniform(0, 1.7, (26, 3))
     assert laid_body(scattered, [(body, poses)], np.zeros(26, dtype=int)) is None
+
+
+def test_a_few_markers_found_on_a_limb_are_not_that_limb(known):
+    body = next(one for one in known if one.name == "body39")
+    found = np.ones(len(body), bool)
+    for name in ("LUPA", "LELB", "LFRM", "LWRA"):
+        found[body.index(name)] = False
+    kept = laying._on_worn_limbs(body, found)
+    assert [name for name, on in zip(body.markers, kept, strict=True) if not on] == [
+        "LUPA", "LELB", "LFRM", "LWRA", "LWRB", "LFIN",
+    ]  # fmt: skip
 
 
 def test_names_say_their_side():

@@ -50,6 +50,31 @@ def test_a_new_marker_goes_to_the_segment_that_carries_it(known, take):
     assert np.nanmedian(away[:, -1]) < 0.012
 
 
+def test_nothing_hangs_on_a_limb_that_nobody_marks(known, take):
+    """Of who wears no marker on the arms a hand that hangs at the hip is nearer to a hip's marker than the thigh is."""
+    names, points = take
+    body = open_markerset("body26")
+    posed = BodyModel(body).pose(fit_points(BodyModel(body), points[:1, [names.index(name) for name in body.markers]]))
+    hand = body.skeleton.segments.index("hand.L")
+    armless = [name for name in names if name[1:] not in ("ELB", "WRA", "WRB", "FIN")]
+    shown = np.concatenate([points[:1, [names.index(name) for name in armless]], posed.joints[:, [hand]]], axis=1)
+    on = {}
+    for worn, cloud in ((armless, shown), (names, np.concatenate([points[:1], posed.joints[:, [hand]]], axis=1))):
+        found = transferred(body, [cloud], [*worn, "LXTRA"], "mine")
+        on[len(worn)] = found.skeleton.segments[found.attachment[-1]]
+    assert on[len(names)] in ("hand.L", "forearm.L")
+    assert on[len(armless)] in ("pelvis", "thigh.L")
+
+
+def test_limbs_hang_from_the_trunk():
+    skeleton = open_markerset("body39").skeleton
+    limb = dict(
+        zip(skeleton.segments, (skeleton.segments[at] if at >= 0 else "" for at in skeleton.limbs), strict=True)
+    )
+    assert limb["hand.L"] == limb["upper_arm.L"] == "upper_arm.L" and limb["foot.R"] == "thigh.R"
+    assert not (limb["pelvis"] or limb["thorax"] or limb["head"])
+
+
 def test_takes_without_the_known_markers_are_refused(known):
     body = known[0]
     with pytest.raises(ValueError, match="known markers"):
