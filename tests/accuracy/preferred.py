@@ -73,7 +73,8 @@ def main():
         solved = [(take, one) for take, one in found if one is not None]
         missed = [(take, gain) for take, (_, gain) in solved if gain * 1000 > SEARCH.least]
         worst = max(missed, key=lambda one: one[1], default=("", 0.0))
-        rows.append([name, len(found), len(solved), sum(other > 0 for _, (other, _) in solved), len(missed), *worst])
+        other = sum(other > 0 for _, (other, _) in solved)
+        rows.append([name, len(found), len(solved), other, len(missed), worst[0], round(worst[1], 2)])
         every += [name for _ in missed]
         print(name, rows[-1], flush=True)
     head = ["case", "takes", "searched", "other than the truth", "truth worth more", "most in", "nats a frame"]
