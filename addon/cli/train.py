@@ -144,18 +144,8 @@ def run(arguments) -> int:
     takes = [*arguments.takes, *(given for given in arguments.subjects if isinstance(given, Path))]
     if arguments.layout is not None:
         _refuse_beside_words(arguments, takes)
-    asked = arguments.search not in (None, "none") or arguments.hit_rate is not None or arguments.paper
-    if not takes and not (asked and arguments.base) and arguments.layout is None:
-        raise InputError("no take was given; expected one labelled take or more: train TAKE… --out MODEL")
-    if (
-        not takes
-        and arguments.layout is None
-        and (arguments.markers or arguments.name or arguments.subjects or not arguments.keep or arguments.kept)
-    ):
-        raise InputError(
-            "no take was given, so only partial solvers are found; expected a take, or no --markers, --name, "
-            "--subject, --lean or --check"
-        )
+    elif not takes:
+        _refuse_without_takes(arguments)
     if arguments.adopt and not arguments.base:
         raise InputError("--adopt is for training on; expected --from MODEL with it, or no --adopt")
     if not arguments.out.name.endswith(SUFFIX):
@@ -180,6 +170,18 @@ def run(arguments) -> int:
             arguments.out,
         )
     return 0
+
+
+def _refuse_without_takes(arguments):
+    """InputError where nothing is given to learn from, and more is asked than partial solvers for a model."""
+    asked = arguments.search not in (None, "none") or arguments.hit_rate is not None or arguments.paper
+    if not (asked and arguments.base):
+        raise InputError("no take was given; expected one labelled take or more: train TAKE… --out MODEL")
+    if arguments.markers or arguments.name or arguments.subjects or not arguments.keep or arguments.kept:
+        raise InputError(
+            "no take was given, so only partial solvers are found; expected a take, or no --markers, --name, "
+            "--subject, --lean or --check"
+        )
 
 
 def _refuse_beside_words(arguments, takes: Sequence[Path]):
