@@ -21,7 +21,7 @@ from ..points.likelihood.learn import learning
 from ..points.likelihood.trying import Trying, in_turn
 from ..points.models import Model
 from .imagining import anybody
-from .poses import known_poses
+from .poses import known_poses, with_mirrored
 from .segments import distance_to_axis
 
 # Landmarks by segment, and the built-in sets' markers that sit there, each with its share; `*` is the side, and a
@@ -134,7 +134,8 @@ def learned(
     begin = perf_counter()
     with threadpool_limits(1, user_api="blas"):
         yield Progress(0.0, "make up people")
-        people = anybody(markerset, known_poses(markerset, bodies), DESCRIBING.people)
+        poses = with_mirrored(markerset, known_poses(markerset, bodies))
+        people = anybody(markerset, poses, DESCRIBING.people)
         shown = [(points, f"made up {number}") for number, points in enumerate(people, 1)]
         made = perf_counter()
         likelihood = yield from within(learning(shown, markerset.markers, try_all=try_all), 0.1, 1.0)
@@ -156,7 +157,7 @@ def _placed(name: str, site: Site, body: MarkerSet, bodies: Sequence[MarkerSet])
         parts = [_known(marker.replace("*", side), site.segment, body, bodies) for marker in shares]
         offset, modes = (np.tensordot(list(shares.values()), [part[of] for part in parts], 1) for of in range(2))
         sd = max(DESCRIBING.landmark_sd, *(part[2] for part in parts))
-        way = _across(offset - _nearest(offset, axis), axis)
+        way = _across(offset - axis[0], axis)
     elif site.along is not None and all(word in OFF_AXIS for word in site.place.split()):
         way = _across(_direction(site.place, side), axis)
         middle = axis[0] + site.along * (axis[1] - axis[0])

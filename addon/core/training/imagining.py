@@ -19,7 +19,7 @@ from ..points.likelihood.learn import LEARN
 from ..points.likelihood.shape import cloud_radius
 from ..posing.posing import fit_points
 from .laying import LAYING
-from .poses import mirrored_poses, posed_bodies, poses_of
+from .poses import posed_bodies, poses_of, with_mirrored
 from .spread import SPREAD, TAILS, some_of
 
 
@@ -73,20 +73,18 @@ def imagined(markerset: MarkerSet, points: np.ndarray, poses: np.ndarray) -> lis
     `poses` (P, J, 3) are those that people take, as `Spread.poses` has them, of the marker set's segments.
     Raises ValueError when no frame shows markers enough.
     """
-    rng, model = np.random.default_rng(0), BodyModel(markerset)
+    rng, model, both = np.random.default_rng(0), BodyModel(markerset), with_mirrored(markerset, poses)
     subject = _body_in(model, points[np.isfinite(points[..., 0]).sum(axis=1).argmax()])
-    both = np.concatenate([poses, mirrored_poses(poses, markerset.skeleton.segments)])
     return [_moved(_guess(subject, rng), both, rng) for _ in range(IMAGINING.people)]
 
 
-def anybody(markerset: MarkerSet, poses: np.ndarray, count: int) -> list[np.ndarray]:
+def anybody(markerset: MarkerSet, poses: np.ndarray, count: int, seed: int = 0) -> list[np.ndarray]:
     """Labelled frames (F, M, 3) m of so many made-up people, with size, limbs and marker places as people have them.
 
-    They take the `poses` (P, J, 3), as `Spread.poses` has them, and their mirror images.
+    They take the `poses` (P, J, 3), as `Spread.poses` has them.
     """
-    rng, model = np.random.default_rng(0), BodyModel(markerset)
-    both = np.concatenate([poses, mirrored_poses(poses, markerset.skeleton.segments)])
-    return [_moved(_stranger(model, rng), both, rng) for _ in range(count)]
+    rng, model = np.random.default_rng(seed), BodyModel(markerset)
+    return [_moved(_stranger(model, rng), poses, rng) for _ in range(count)]
 
 
 def bent(points: np.ndarray) -> list[np.ndarray]:
@@ -124,9 +122,8 @@ def strangers(markerset: MarkerSet, points: np.ndarray, count: int, seed: int = 
 
     Their size, limbs and marker places are as people have them. Raises ValueError when no frame shows markers enough.
     """
-    rng, model = np.random.default_rng(seed), BodyModel(markerset)
     poses = poses_of(markerset, points[evenly_spread(len(points), IMAGINING.frames)])
-    return [_moved(_stranger(model, rng), poses, rng) for _ in range(count)]
+    return anybody(markerset, poses, count, seed)
 
 
 @dataclass(frozen=True, eq=False)

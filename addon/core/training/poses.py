@@ -54,6 +54,11 @@ def mirrored_poses(poses: np.ndarray, segments: Sequence[str]) -> np.ndarray:
     return poses[:, order] * MIRRORED_TURN
 
 
+def with_mirrored(markerset: MarkerSet, poses: np.ndarray) -> np.ndarray:
+    """(2 P, J, 3) poses (P, J, 3) of the marker set's segments, and their mirror images."""
+    return np.concatenate([poses, mirrored_poses(poses, markerset.skeleton.segments)])
+
+
 def posed_bodies(model: BodyModel, poses: np.ndarray, size: float) -> Bodies:
     """A body of some size, m, in poses (P, J, 3), upright at the world's origin."""
     bends = poses.copy()
