@@ -15,10 +15,9 @@ from pathlib import Path
 
 from ..core.data.errors import InputError
 from ..core.data.layouts import Layout, Site
-from .markersets import LAYOUTS, Reader
+from .markersets import LAYOUT_SUFFIX, LAYOUTS, Reader
 from .toml_source import toml_document
 
-LAYOUT_SUFFIX = ".toml"
 SIDE_WORDS = {"L": "left ", "R": "right "}
 MAX_OFF_MM = 300  # physical: no wand is longer
 SITE_KEYS = {"segment", "at", "along", "off_mm"}

@@ -164,7 +164,7 @@ VERSION = 1
 POSE_DECIMALS = 3  # of a recorded pose, rad: half a millimetre at the end of a limb
 
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
-LAYOUTS = ASSETS / "layouts"  # published sets in words
+LAYOUTS, LAYOUT_SUFFIX = ASSETS / "layouts", ".toml"  # published sets in words
 
 
 def builtin_markersets() -> dict[str, Path]:
@@ -181,7 +181,7 @@ def open_markerset(name: str | Path) -> MarkerSet:
     """A built-in marker set by name, or any by the path of its file; InputError where it is neither."""
     builtin, path = builtin_markersets(), markerset_file(name)
     if not path.suffix and not path.exists():
-        if (LAYOUTS / f"{name}.toml").exists():
+        if (LAYOUTS / f"{name}{LAYOUT_SUFFIX}").exists():
             made = f"train --set {name} --out {name}{SUFFIX}"
             raise InputError(f"{name} is a marker set in words; expected the model that {made} makes of it")
         raise InputError(f"there is no marker set {name}; expected {', '.join(builtin)} or the path of a {SUFFIX} file")

@@ -22,10 +22,10 @@ from addon.jobs.models import known_bodies
 from scripts.results import markdown
 
 from . import people, whole_takes
+from .one_frame import STRANGERS, counts_of, shares
 from .registry import labelled_points
 
 FRAMES = 1500
-STRANGERS = people.DATA.parent / "strangers"
 IN_PLUGIN_GAIT = ("nick", "pete", "jack_bat", "player1", "pigsimple_normal1", "btk_walk")
 # What else labs call a marker of a layout.
 AS_SPORTS = {
@@ -97,9 +97,7 @@ def main() -> int:
         case = whole_takes.Case(name, (), (shown,), model.markerset.markers)
         with threadpool_limits(1, user_api="blas"):
             outcome = labelled_points(*whole_takes.anonymous(shown, case, 0), model)
-        right, wrong, there = (int(part.sum()) for part in (outcome.right, outcome.wrong, outcome.there))
-        shares = f"{100 * right / max(there, 1):.1f} %", f"{100 * wrong / max(right + wrong, 1):.2f} %"
-        rows.append([name, take.subject, f"{len(worn)} of {len(model.markerset)}", str(there), *shares])
+        rows.append([name, take.subject, f"{len(worn)} of {len(model.markerset)}", *shares(counts_of(outcome))])
         print(*rows[-1], outcome.refused, file=sys.stderr, flush=True)
     print(markdown(["layout", "take", "markers worn", "labels", "right", "wrong"], rows))
     return 0

@@ -18,7 +18,7 @@ from addon.io.points import read_points
 from scripts.results import markdown
 
 from . import people, whole_takes
-from .registry import labelled_points
+from .registry import Outcome, labelled_points
 
 STRANGERS = people.DATA.parent / "strangers"
 FRAMES = 3000  # that are labelled, at most
@@ -77,13 +77,18 @@ def main() -> int:
                 rows.append([name, str(len(markers)), "", "not learned", str(error)])
                 continue
             outcome = labelled_points(*whole_takes.anonymous(shown, case, 0), model)
-        counts = np.array([part.sum() for part in (outcome.right, outcome.wrong, outcome.there)])
+        counts = counts_of(outcome)
         total += counts
         rows.append([name, str(len(markers)), *shares(counts)])
         print(*rows[-1], outcome.refused, file=sys.stderr, flush=True)
     rows.append(["all", "", *shares(total)])
     print(markdown(["take", "markers", "labels", "right", "wrong"], rows))
     return 0
+
+
+def counts_of(outcome: Outcome) -> np.ndarray:
+    """How many labels are right, wrong and there."""
+    return np.array([part.sum() for part in (outcome.right, outcome.wrong, outcome.there)])
 
 
 def shares(counts: np.ndarray) -> tuple[str, str, str]:
