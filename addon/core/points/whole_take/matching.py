@@ -3,12 +3,10 @@
 
 A linear programme: a variable for each name that a tracklet may have; a tracklet has one at most, and of the tracklets
 that are there at a time one at most has each name. Hardly any of it is ever open: a name that is worth more than all
-that it stands in the way of is given, and what is left falls apart into a few tracklets each.
+that it stands in the way of is given, and SciPy's solver has the rest.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from heapq import heappop, heappush
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,24 +15,19 @@ from ..tracklets import VOTE
 
 
 @dataclass(frozen=True)
-class TryingOptions:
-    """How what is open is decided.
+class MatchingOptions:
+    """How equals are told apart.
 
-    max_tried  memory and time: names that hang together of which all choices are tried one by one: of more, the
-               likeliest first
-    max_steps  memory and time: of that; a solver then takes less, but SciPy's takes long to load
     least      format: log odds by which one naming is better than another: rounding must not choose between equals, of
                which the first tracklets have the first markers
     order      format: log odds that of more names the first of the tracklets loses by being the last of the markers
     """
 
-    max_tried: int = 20
-    max_steps: int = 100
     least: float = 1e-6
     order: float = 0.01
 
 
-TRYING = TryingOptions()
+MATCHING = MatchingOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,20 +47,6 @@ class Names:
     rivals: np.ndarray
     clashes: np.ndarray
 
-    @property
-    def choices(self) -> list[range]:
-        """The names of each tracklet."""
-        begin = np.flatnonzero(np.diff(self.tracklet, prepend=-1))
-        return [range(start, after) for start, after in zip(begin, [*begin[1:], len(self.tracklet)], strict=True)]
-
-    @property
-    def barred(self) -> list[set[int]]:
-        """Those that each clashes with."""
-        barred: list[set[int]] = [set() for _ in self.worth]
-        for one, other in self.clashes.T.tolist():
-            barred[one].add(other)
-        return barred
-
     def part(self, open_ones: np.ndarray) -> "Names":
         """Some of them (K,)."""
         number = np.cumsum(open_ones) - 1
@@ -78,8 +57,8 @@ class Names:
 def matched(odds: np.ndarray, first: np.ndarray, last: np.ndarray, exact: bool = True) -> np.ndarray:
     """(N,) the marker of every tracklet, NO_MARKER for none, of the highest total log odds (N, M).
 
-    first, last (N,) are the tracklets' frames, both included. If it need not be `exact`, what many names that hang
-    together come to is what the likeliest of them leave, one after the other.
+    first, last (N,) are the tracklets' frames, both included. If it need not be `exact`, what is not clear goes to the
+    likeliest names, one after the other.
     """
     found = np.full(len(odds), NO_MARKER)
     tracklet, marker = np.nonzero(odds > 0)
@@ -88,27 +67,9 @@ def matched(odds: np.ndarray, first: np.ndarray, last: np.ndarray, exact: bool =
     clashes = _meeting(begin + long * marker, end + long * marker)
     names = Names(tracklet, marker, odds[tracklet, marker], _meeting(tracklet, tracklet), clashes)
     names = _given_what_is_clear(names, found)
-    part = _hanging_together(names)
-    large = np.bincount(part)[part] > TRYING.max_tried if len(part) else np.zeros(0, bool)
-    small = names.part(~large)
-    for one in np.unique(part[~large]):
-        own = small.part(part[~large] == one)
-        chosen = _best_tried(own)
-        found[own.tracklet[chosen]] = own.marker[chosen]
-    # The first tracklet loses most by having the last marker.
-    lost = (1 - names.tracklet / len(odds)) * names.marker / odds.shape[1]
-    many, hard = replace(names, worth=names.worth - TRYING.order * lost), np.zeros(len(part), bool)
-    for one in np.unique(part[large]):
-        own = many.part(part == one)
-        chosen = _likeliest_first(own) if exact else _one_after_another(own)
-        if chosen is None:
-            hard |= part == one
-        else:
-            found[own.tracklet[chosen]] = own.marker[chosen]
-    if hard.any():
-        own = many.part(hard)
-        chosen = _solved(own, first, _ends(first, last))
-        found[own.tracklet[chosen]] = own.marker[chosen]
+    if len(names.worth):
+        chosen = _solved(names, first, _ends(first, last)) if exact else _one_after_another(names)
+        found[names.tracklet[chosen]] = names.marker[chosen]
     return found
 
 
@@ -137,9 +98,9 @@ def _given_what_is_clear(names: Names, found: np.ndarray) -> Names:
         best, brings = np.zeros(count), np.full(count, -np.inf)
         np.maximum.at(best, one, worth[other])
         np.maximum.at(brings, one, (worth - lost)[other])
-        clear = worth > lost + best + TRYING.least
+        clear = worth > lost + best + MATCHING.least
         found[names.tracklet[clear]] = names.marker[clear]
-        shut = clear | (brings > worth + TRYING.least)
+        shut = clear | (brings > worth + MATCHING.least)
         for pairs in (names.rivals, names.clashes):
             shut[pairs[0, clear[pairs[1]]]] = True
         if not shut.any():
@@ -147,78 +108,13 @@ def _given_what_is_clear(names: Names, found: np.ndarray) -> Names:
         names = names.part(~shut)
 
 
-def _hanging_together(names: Names) -> np.ndarray:
-    """(K,) the number of the part of each name, which nothing in other parts stands in the way of."""
-    part = np.arange(len(names.worth))
-    one, other = np.concatenate([names.rivals, names.clashes], axis=1)
-    while True:
-        before = part.copy()
-        np.minimum.at(part, one, before[other])
-        part = part[part]
-        if (part == before).all():
-            return part
-
-
-def _best_tried(names: Names) -> list[int]:
-    """Which of a few names are chosen: tracklet after tracklet, all choices that may yet be the best."""
-    worth, choices, barred = names.worth.tolist(), names.choices, names.barred
-    # What the tracklets from each on bring at most.
-    most = np.append(np.cumsum([max(worth[one] for one in each) for each in choices][::-1])[::-1], 0.0).tolist()
-    best: tuple[float, list[int]] = (0.0, [])
-
-    def go_on(place: int, total: float, chosen: list[int]):
-        nonlocal best
-        if total > best[0] + TRYING.least:
-            best = total, chosen
-        if place == len(choices) or total + most[place] <= best[0] + TRYING.least:
-            return
-        for one in choices[place]:
-            if barred[one].isdisjoint(chosen):
-                go_on(place + 1, total + worth[one], [*chosen, one])
-        go_on(place + 1, total, chosen)
-
-    go_on(0, 0.0, [])
-    return best[1]
-
-
-def _likeliest_first(names: Names) -> list[int] | None:
-    """Which of many names are chosen; None where the likeliest choices of each tracklet clash time and again.
-
-    Branch and bound: of all that is open, what would bring most if nothing clashed is looked at first. Where it does,
-    it parts into what comes of giving the name that is most in the way, and of not giving it.
-    """
-    worth, barred = names.worth.tolist(), names.barred
-    choices = [sorted((one for one in each if worth[one] > 0), key=lambda one: -worth[one]) for each in names.choices]
-    others = {one: {*each} - {one} for each in choices for one in each}
-
-    def best_without(shut: frozenset[int]) -> Iterator[tuple[int, float]]:
-        """The best name of each tracklet that is left, and what the next best would lose."""
-        for each in choices:
-            left = [one for one in each if one not in shut]
-            if left:
-                yield left[0], worth[left[0]] - (worth[left[1]] if len(left) > 1 else 0.0)
-
-    waiting, count = [(0.0, 0, frozenset())], 1
-    for _ in range(TRYING.max_steps):
-        shut = heappop(waiting)[-1]
-        lost = dict(best_without(shut))
-        clashing = {one: barred[one] & lost.keys() for one in lost}
-        if not any(clashing.values()):
-            return list(lost)
-        worst = max(lost, key=lambda one: min(lost[one], sum(lost[other] for other in clashing[one])))
-        for more in ({worst}, barred[worst] | others[worst]):
-            closed = shut | more
-            heappush(waiting, (-sum(worth[one] for one, _ in best_without(closed)), count, closed))
-            count += 1
-    return None
-
-
 def _one_after_another(names: Names) -> list[int]:
-    """Which of many names are chosen, each the likeliest that those before it leave."""
-    barred, chosen = names.barred, []
-    for one, other in names.rivals.T.tolist():
-        barred[one].add(other)
+    """Which names are chosen, each the likeliest that those before it leave."""
+    chosen: list[int] = []
     shut: set[int] = set()
+    barred: list[set[int]] = [set() for _ in names.worth]
+    for one, other in np.concatenate([names.rivals, names.clashes], axis=1).T.tolist():
+        barred[one].add(other)
     for one in np.argsort(-names.worth, kind="stable").tolist():
         if one not in shut:
             chosen.append(one)
@@ -227,7 +123,7 @@ def _one_after_another(names: Names) -> list[int]:
 
 
 def _solved(names: Names, first: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """(K,) which of many names are chosen, of tracklets from `first` to `end` (N,)."""
+    """(K,) which names are chosen, of tracklets from `first` to `end` (N,): a whole-number programme."""
     from scipy.optimize import LinearConstraint, milp
     from scipy.sparse import csr_array
 
@@ -238,8 +134,10 @@ def _solved(names: Names, first: np.ndarray, end: np.ndarray) -> np.ndarray:
         groups += [own[clique] for clique in cliques(first[names.tracklet[own]], end[names.tracklet[own]])]
     row = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
     once = csr_array((np.ones(len(row)), (row, np.concatenate(groups))), shape=(len(groups), len(every)))
+    # Of equals the first tracklets have the first markers: the first loses most by having the last marker.
+    lost = names.tracklet / (names.tracklet.max() + 1) - 1
     solved = milp(
-        -names.worth,
+        -names.worth - MATCHING.order * lost * names.marker / (names.marker.max() + 1),
         integrality=np.ones(len(every)),
         bounds=(0, 1),
         constraints=LinearConstraint(once, ub=1),

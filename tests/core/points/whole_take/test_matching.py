@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Tracklets and markers matched at once: against all namings tried one by one."""
 
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -11,7 +10,7 @@ from hypothesis import strategies as st
 
 from addon.core.data.takes import NO_MARKER
 from addon.core.points.tracklets import VOTE
-from addon.core.points.whole_take.matching import TRYING, cliques, margins, matched
+from addon.core.points.whole_take.matching import cliques, margins, matched
 
 
 def allowed(marker, first, last) -> bool:
@@ -48,23 +47,7 @@ def test_the_matching_is_the_best_of_all(seed):
     assert total(odds, marker) == pytest.approx(best_by_trying(odds, first, last), abs=1e-6)
 
 
-@pytest.mark.parametrize("ways", [{"max_tried": 0}, {"max_tried": 0, "max_steps": 0}])
-@settings(deadline=None, max_examples=20)
-@given(seed=st.integers(0, 10**6))
-def test_the_likeliest_first_and_a_solver_find_what_is_found_by_trying(ways, seed):
-    rng = np.random.default_rng(seed)
-    odds = rng.normal(1, 4, (12, 4))
-    first = rng.integers(0, 60, 12)
-    last = first + rng.integers(0, 40, 12)
-    tried = matched(odds, first, last)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("addon.core.points.whole_take.matching.TRYING", replace(TRYING, **ways))
-        assert total(odds, matched(odds, first, last)) == pytest.approx(total(odds, tried), abs=2 * TRYING.order)
-
-
-@pytest.mark.parametrize("ways", [{}, {"max_tried": 0}, {"max_tried": 0, "max_steps": 0}])
-def test_of_equals_the_first_tracklet_has_the_first_marker(ways, monkeypatch):
-    monkeypatch.setattr("addon.core.points.whole_take.matching.TRYING", replace(TRYING, **ways))
+def test_of_equals_the_first_tracklet_has_the_first_marker():
     odds = np.array([[3.0, 3.0, 5.0], [3.0, 3.0 + 1e-12, 5.0], [3.0 + 1e-12, 3.0, 5.0]])
     assert matched(odds, np.zeros(3, int), np.full(3, 9)).tolist() == [0, 1, 2]
 
