@@ -8,6 +8,7 @@ import math
 import types
 import typing
 import zlib
+from collections.abc import Callable
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -98,7 +99,7 @@ def to_json(value: object):
     raise TypeError(f"{type(value).__name__} cannot be packed")
 
 
-_hints = cache(typing.get_type_hints)
+_hints: Callable[[typing.Any], dict[str, typing.Any]] = cache(typing.get_type_hints)
 
 
 def from_json(kind: typing.Any, packed: typing.Any) -> typing.Any:
@@ -106,7 +107,7 @@ def from_json(kind: typing.Any, packed: typing.Any) -> typing.Any:
 
     Texts have one line, and numbers are finite and not below zero.
     """
-    if is_dataclass(kind):
+    if isinstance(kind, type) and is_dataclass(kind):
         given = {f.name: packed.get(FILE_KEYS.get(f.name, f.name)) for f in fields(kind)}
         there = [f.name for f in fields(kind) if f.default is MISSING or given[f.name] is not None]
         return kind(**{name: from_json(_hints(kind)[name], given[name]) for name in there})

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.lanes import blocks
+from ..core.data.made import Table
 from ..core.data.takes import MAX_FRAME, MAX_RATE_HZ, MIN_RATE_HZ
 from .samples import PointFile, Samples
 from .source import decode, open_binary, read_bytes
@@ -190,7 +191,7 @@ def _trc_number(text: str | None, what: str, path: Path) -> float:
         raise InputError(f"has no number under {what}; expected {TRC}", path, 3) from None
 
 
-def write_trc_file(path: Path, labels: list[str], xyz: np.ndarray, rate: float, first_frame: int):
+def write_trc_file(path: Path, labels: list[str], xyz: Table, rate: float, first_frame: int):
     """Writes points (T, P, 3) m as mm; missing samples are empty fields."""
     frames, count = xyz.shape[:2]
     head = [

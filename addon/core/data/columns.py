@@ -39,7 +39,7 @@ class Columns(Made):
         return Columns(markers, self.own, self.shape[1], self.beside)
 
 
-def beside_of(take: Points, values: np.ndarray, column: np.ndarray, left: np.ndarray | None = None) -> Beside:
+def beside_of(take: Points, values: Table, column: np.ndarray, left: np.ndarray | None = None) -> Beside:
     """What trajectories of a take have of `values` (T, L, …), each in its column (P,), -1 for those left out.
 
     `left` (T, L) is True for the points that are meant; all that are there unless said.

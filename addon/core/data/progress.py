@@ -6,7 +6,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import TypeVar
 
 Result = TypeVar("Result")
 Item = TypeVar("Item")
@@ -29,8 +29,12 @@ class Stage:
     note: str
 
 
+# Work that tells how far it is: as a share, with what it is doing, or the stage that begins.
+Steps = Generator[Progress | Stage | float | tuple[float, str], None, Result]
+
+
 def within(
-    work: Generator[Progress | Stage | float | tuple[float, str], None, Result],
+    work: Steps[Result],
     first: float,
     last: float,
     note: str = "",
@@ -54,7 +58,7 @@ def within(
         yield Progress(first + (last - first) * share, doing)
 
 
-def in_stages(work: Generator, begins: Mapping[str, float]) -> Generator[Progress, None, Any]:
+def in_stages(work: Steps[Result], begins: Mapping[str, float]) -> Generator[Progress, None, Result]:
     """All of the work, by how far along it is when each of its stages begins, in their order; gives its result."""
     return within(work, 0.0, 0.0, spans=dict(zip(begins, pairwise((*begins.values(), 1.0)), strict=True)))
 

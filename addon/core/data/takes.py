@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from .lanes import Lanes, blocks, standing_in, trajectories_at
-from .made import Made
+from .made import Made, Table
 
 MEDIAN_SD = 1.4826  # a normal distribution's standard deviation is so many medians of its absolute deviations
 # How a blob or a point came by its name, in the words of label files: the three steps of the first paper's algorithm 1,
@@ -83,6 +83,11 @@ class Labels:
     step: np.ndarray
     confidence: np.ndarray
     rate: np.ndarray | None = None
+
+    @property
+    def measured_rate(self) -> np.ndarray:
+        """The rate; 0 where it was not measured."""
+        return np.zeros(self.marker.shape) if self.rate is None else self.rate
 
     @classmethod
     def none(cls, *shape: int) -> Self:
@@ -284,8 +289,8 @@ class Points:
     """
 
     names: tuple[str, ...]
-    xyz: np.ndarray
-    residual: np.ndarray
+    xyz: Table
+    residual: Table
     rate: float
     first_frame: int
     columns: np.ndarray | None = None

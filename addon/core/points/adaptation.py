@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..data.lanes import Lanes, standing_in
+from ..data.made import Table
 from ..data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
 from .deciding import once
 from .models import Model
@@ -28,7 +29,7 @@ class Adaptation:
         return self.recognition is not None and self.recognition.known is False
 
 
-def adapt(model: Model, points: np.ndarray, tracklet: np.ndarray, rate: float) -> Adaptation:
+def adapt(model: Model, points: Table, tracklet: np.ndarray, rate: float) -> Adaptation:
     """Looks at how the points (T, P, 3) m of a take move together, with the tracklet (T, P) of each.
 
     Only a set on rigid bodies can be looked at so, and only a model that keeps what it was trained on.

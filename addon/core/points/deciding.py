@@ -102,26 +102,6 @@ def decide(
     """
     votes = Votes.of(named, tracklet, model.markerset.markers, first_frame)
     decided = Labels.none(*tracklet.shape)
-    for part, own in _decided(votes, named, tracklet, model, target, lanes):
-        decided.marker[part], decided.step[part], decided.confidence[part] = own.marker, own.step, own.confidence
-    return Verdict(decided, votes.suspects)
-
-
-def decided_markers(
-    named: Said, tracklet: np.ndarray, model: Model, target: float, lanes: Lanes | None = None
-) -> np.ndarray:
-    """(T, P) the markers alone of what `decide` gives: a long take's labels are large."""
-    votes = Votes.of(named, tracklet, model.markerset.markers, 0)
-    decided = np.empty(tracklet.shape, np.int16)
-    for part, own in _decided(votes, named, tracklet, model, target, lanes):
-        decided[part] = own.marker
-    return decided
-
-
-def _decided(
-    votes: Votes, named: Said, tracklet: np.ndarray, model: Model, target: float, lanes: Lanes | None
-) -> Iterator[tuple[slice, Labels]]:
-    """What is decided of some frames at a time."""
     needed = _needed(model, tracklet)
     count = int(tracklet.max(initial=-1)) + 1
     backed = np.ones(count + 1, bool)
@@ -137,7 +117,8 @@ def _decided(
         marker = once(marker, chance, len(model.markerset), lanes, part.start)
         nothing = marker == NO_MARKER
         step[nothing], chance[nothing] = NO_STEP, 0.0
-        yield part, Labels(marker, step, chance)
+        decided.marker[part], decided.step[part], decided.confidence[part] = marker, step, chance
+    return Verdict(decided, votes.suspects)
 
 
 def _needed(model: Model, tracklet: np.ndarray) -> float:

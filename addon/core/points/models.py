@@ -59,6 +59,13 @@ class Model:
         return self.likelihood is not None or self.partial_solvers is not None
 
     @property
+    def learned_likelihood(self) -> Likelihood:
+        """What was learned to name points by; ValueError where nothing was."""
+        if self.likelihood is None:
+            raise ValueError(f"model {self.markerset.name} has no likelihood")
+        return self.likelihood
+
+    @property
     def rigid_bodies(self) -> RigidBodies | None:
         """The rigid bodies that most of the markers are on; None for other sets."""
         return None if self.likelihood is None else self.likelihood.rigid_bodies

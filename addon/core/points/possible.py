@@ -12,6 +12,7 @@ import numpy as np
 
 from ..data.errors import ForceableError, JobError
 from ..data.lanes import Lanes
+from ..data.made import Table
 from ..data.takes import evenly_spread
 from ..geometry.rigid import MIN_POINTS
 from .models import Model
@@ -58,7 +59,7 @@ COLUMNS_LOOKED_AT = 100  # which have the most points; by time
 FRAMES_THAT_TELL = 20  # of which a quarter is more than chance
 
 
-def refuse_impossible(points: np.ndarray, rate: float, lanes: Lanes | None, models: Iterable[Model]):
+def refuse_impossible(points: Table, rate: float, lanes: Lanes | None, models: Iterable[Model]):
     """Raises ForceableError where points (T, L, 3) m, NaN where missing, move at `rate` frames a second as nobody can.
 
     It says what is wrong: the unit, by the size of what the models are of, the order of the frames, or the rate.
@@ -122,7 +123,7 @@ def mistaken_unit(
     return None
 
 
-def usual_acceleration(points: np.ndarray, rate: float) -> float:
+def usual_acceleration(points: Table, rate: float) -> float:
     """m/s², beyond which half of points (T, L, 3) m accelerate in `part` of the frames; 0 where too few tell."""
     step = max(round(POSSIBLE.step_s * rate), 1)
     middle = step + evenly_spread(max(len(points) - 2 * step, 0), FRAMES_LOOKED_AT)
@@ -134,7 +135,7 @@ def usual_acceleration(points: np.ndarray, rate: float) -> float:
     return float(np.quantile(np.nanmedian(found[told], axis=1), 1 - POSSIBLE.part))
 
 
-def times_nearer(points: np.ndarray) -> float:
+def times_nearer(points: Table) -> float:
     """How many times nearer to the usual frame of points (T, L, 3) m another is than the nearest of those beside it."""
     chosen = 1 + evenly_spread(max(len(points) - 2, 0), FRAMES_LOOKED_AT)
     there = np.isfinite(points[chosen]).all(axis=2).sum(axis=0)

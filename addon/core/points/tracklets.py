@@ -14,6 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..data.lanes import PACKING, Lanes, blocks, standing_in, trajectories_at
+from ..data.made import Table
 from ..data.takes import BY_TRAJECTORY, NO_MARKER, Labels, Suspect, Verdict, evenly_spread
 
 
@@ -66,7 +67,7 @@ MIN_STEPS = 100  # from one point of a column to the next, of which a share is k
 POINTS_AT_ONCE = 200_000  # that are cut at once; by memory
 
 
-def cut(points: np.ndarray, rate: float, lanes: Lanes | None = None) -> np.ndarray:
+def cut(points: Table, rate: float, lanes: Lanes | None = None) -> np.ndarray:
     """(T, L) the number of the tracklet that each point (T, L, 3) m belongs to, -1 where there is none.
 
     No tracklet is of two trajectories, which stand as `lanes` say; by their order tracklets are numbered. Where columns
@@ -93,7 +94,7 @@ def cut(points: np.ndarray, rate: float, lanes: Lanes | None = None) -> np.ndarr
     return tracklet.astype(np.int16) if narrow else tracklet
 
 
-def _cut_some(tracklet: np.ndarray, points: np.ndarray, some: list, count: int, rate: float) -> int:
+def _cut_some(tracklet: np.ndarray, points: Table, some: list, count: int, rate: float) -> int:
     """Numbers the tracklets of some trajectories, by frames and lanes (K,) of each, from `count` on; the next one."""
     frames, lane = (np.concatenate(parts) for parts in zip(*some, strict=True))
     if not len(frames):
@@ -107,7 +108,7 @@ def _cut_some(tracklet: np.ndarray, points: np.ndarray, some: list, count: int, 
     return int(number[-1]) + 1
 
 
-def are_trajectories(points: np.ndarray, lanes: Lanes | None = None, least: float = CUTTING.min_nearest) -> bool:
+def are_trajectories(points: Table, lanes: Lanes | None = None, least: float = CUTTING.min_nearest) -> bool:
     """Whether the trajectories of points (T, L, 3) m follow anything, as far as can be known.
 
     `least` is the part of them whose next point must be the nearest.

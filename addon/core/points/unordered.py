@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..data.made import Table
 from ..data.takes import NO_MARKER, Labels, evenly_spread
 from .likelihood.calibration import raised
 from .likelihood.frames import label_frames
@@ -66,7 +67,7 @@ def is_unordered(model: Model, tracklet: np.ndarray) -> bool:
     return model.likelihood is not None and model.rigid_bodies is None and not are_lasting(tracklet)
 
 
-def learn_subject(trained: Likelihood, points: np.ndarray, named: Labels) -> Generator[float, None, Likelihood]:
+def learn_subject(trained: Likelihood, points: Table, named: Labels) -> Generator[float, None, Likelihood]:
     """The likelihood of the subject of frames of points (T, P, 3) m, which `trained` named with their `rate`.
 
     Yields the share of the work that is done. Where too little is sure it is the training's own.

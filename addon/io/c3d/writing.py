@@ -10,6 +10,7 @@ import numpy as np
 
 from ...core.data.errors import InputError
 from ...core.data.lanes import blocks
+from ...core.data.made import Table
 from .reading import BLOCK, INTEL, MASK_KEY
 
 # 255 steps of this many mm are what the residual of a sample has room for: 0 to 12.75 mm.
@@ -48,7 +49,7 @@ def _cut(text: str, width: int) -> str:
     return text.encode("utf-8")[:width].decode("utf-8", "ignore")
 
 
-def write_c3d_file(path: Path, labels: list[str], xyz: np.ndarray, residual: np.ndarray, rate: float, first_frame: int):
+def write_c3d_file(path: Path, labels: list[str], xyz: Table, residual: Table, rate: float, first_frame: int):
     """Writes points in mm as Intel reals, z up; missing samples are NaN with residual -1.
 
     xyz (T, P, 3) m; residual (T, P) m, 0 where a sample was filled, NaN where unknown. They may be on disk (np.memmap),

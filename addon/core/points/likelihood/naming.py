@@ -6,8 +6,7 @@ integrated out; every unnamed point is a ghost, of a density that the number of 
 marker is hidden at a constant price.
 """
 
-from dataclasses import dataclass, fields
-from functools import cache
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -247,26 +246,11 @@ def names_of_points(naming: np.ndarray, count: int) -> np.ndarray:
 
 
 def rows_of(data, rows: np.ndarray):
-    """The same dataclass with these rows only."""
-    parts = ((getattr(data, name), by_rows) for name, by_rows in _parts(type(data)))
-    return type(data)(*(_cut(part, rows) if by_rows else part for part, by_rows in parts))
-
-
-def _cut(part, rows: np.ndarray):
-    return part[rows] if isinstance(part, np.ndarray) else rows_of(part, rows)
+    """The same dataclass of arrays with these rows only."""
+    return type(data)(*(getattr(data, name)[rows] for name in data.__dataclass_fields__))
 
 
 def put_rows(data, other, rows: np.ndarray):
     """Writes the rows of `other` over these rows of `data`, in place."""
-    for name, by_rows in _parts(type(data)):
-        part, new = getattr(data, name), getattr(other, name)
-        if not isinstance(part, np.ndarray):
-            put_rows(part, new, rows)
-        elif by_rows:
-            part[rows] = new
-
-
-@cache
-def _parts(kind: type) -> tuple[tuple[str, bool], ...]:
-    """The fields of a dataclass and whether each has rows; `fields` takes long, and there are many calls."""
-    return tuple((field.name, field.metadata.get("rows", True)) for field in fields(kind))
+    for name in data.__dataclass_fields__:
+        getattr(data, name)[rows] = getattr(other, name)

@@ -31,13 +31,13 @@ class PlacingOptions:
     point_gain: float = 7.0
     max_bend_cost: float = 4.0
 
-    def spread(self, lengths: np.ndarray) -> np.ndarray:
+    def spread(self, lengths: np.ndarray | float) -> np.ndarray:
         """The standard deviation, m, of measured lengths, m."""
         return np.hypot(self.noise_m, self.noise_share * lengths)
 
     def gate(self, length: float) -> float:
         """How far, m, a side of a triangle may be off its length, m."""
-        return max(MAX_LENGTH_SDS * self.spread(length), self.min_gate_m)
+        return max(MAX_LENGTH_SDS * float(self.spread(length)), self.min_gate_m)
 
 
 PLACING = PlacingOptions()

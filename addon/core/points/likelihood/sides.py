@@ -68,8 +68,8 @@ def limb_exchanges(markers: Sequence[str], mean: np.ndarray) -> np.ndarray:
     """
     order = mirror_order(markers)
     same = np.arange(len(markers))
-    side = np.flatnonzero(order > same) if order is not None else same[:0]
-    if len(side) < MIN_LIMB_MARKERS:
+    side = same[:0] if order is None else np.flatnonzero(order > same)
+    if order is None or len(side) < MIN_LIMB_MARKERS:
         return np.zeros((0, len(markers)), dtype=int)
     both = 0.5 * (mean[side] + mean[order[side]] * MIRROR)
     limbs = _grown_together(both)

@@ -69,15 +69,15 @@ def make_trial(
     frames, markers = labelled.shape[:2]
     seen = np.isfinite(labelled[..., 0])
     radius = cloud_radius(labelled)
-    gone = rng.integers(hidden[0], hidden[1] + 1, frames)
+    gone = rng.integers(hidden[0], hidden[1] + 1, (frames, 1))
     order = np.argsort(np.where(seen, rng.random((frames, markers)), 2), axis=1)
-    kept = seen & (np.argsort(order, axis=1) >= gone[:, None])
-    extra = rng.integers(ghosts[0], ghosts[1] + 1, frames)
+    kept = seen & (np.argsort(order, axis=1) >= gone)
+    extra = rng.integers(ghosts[0], ghosts[1] + 1, (frames, 1))
     room = TRIAL.around_radii * radius
     low, high = np.nanmin(labelled, axis=1) - room, np.nanmax(labelled, axis=1) + room
     low[:, 2] = np.maximum(low[:, 2], min(0.0, np.nanmin(labelled[..., 2])))
     spread = low[:, None] + (high - low)[:, None] * rng.random((frames, ghosts[1], 3))
-    spread[np.arange(ghosts[1]) >= extra[:, None]] = np.nan
+    spread[np.arange(ghosts[1]) >= extra] = np.nan
     cloud = np.concatenate([np.where(kept[..., None], labelled, np.nan), spread], axis=1)
     truth = np.concatenate([np.where(kept, np.arange(markers), -1), np.full((frames, ghosts[1]), -1)], axis=1)
     # Shuffled, with the places that hold no point last.

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...data.made import Table
 from ...data.physical import MARKER_LIMITS
 from ...data.takes import NO_POINT
 from ...geometry.rigid import MIN_POINTS
@@ -81,7 +82,7 @@ class Recognition:
 def recognise(
     structure: Structure,
     rigid_bodies: RigidBodies,
-    points: np.ndarray,
+    points: Table,
     tracklet: np.ndarray,
     rate: float,
 ) -> Recognition:

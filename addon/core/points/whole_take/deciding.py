@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From the solution of a whole take to the labels of its points, and what a person should look at."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -10,14 +10,12 @@ import numpy as np
 from ...data.lanes import Lanes, blocks, trajectories_at
 from ...data.room import IN_MEMORY, MakeTable
 from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
-from ..deciding import Said, decide, decided_markers, once
+from ..deciding import Said, decide, once
 from ..likelihood.calibration import chance
 from ..models import Model
-from ..naming import USUAL_TARGET
 from ..tracklets import VOTE, are_lasting, gone_over
 from .layout import Question
-from .rulings import Rulings
-from .solving import ROUNDS, Solution, solve_take
+from .solving import ROUNDS, Solution
 
 
 @dataclass(frozen=True)
@@ -26,12 +24,10 @@ class BelievingOptions:
 
     odds_of_target   of the log odds of a target, that a tracklet's name must be ahead of any other
     max_target       beyond which nothing is promised of a take as a whole: frames must be as sure on their own
-    doubted_beside   part of the markers beside one that are so, for it not to be named either
     """
 
     odds_of_target: float = 0.6
     max_target: float = 0.9999
-    doubted_beside: float = 0.75
 
 
 BELIEVING = BelievingOptions()
@@ -42,27 +38,6 @@ def can_be_solved(model: Model, tracklet: np.ndarray) -> bool:
     if model.likelihood is None or model.rigid_bodies is not None or len(model.markerset) < ROUNDS.min_markers:
         return False
     return are_lasting(tracklet)
-
-
-def solution_of(
-    named: Said,
-    tracklet: np.ndarray,
-    points: np.ndarray,
-    model: Model,
-    rate: float,
-    progress: Callable[[float], None] | None = None,
-    rulings: Rulings | None = None,
-    lanes: Lanes | None = None,
-) -> Solution:
-    """A take of points (T, L, 3) m solved as a whole, from what its tracklets (T, L) and frames are usually sure of.
-
-    named is what frames say on their own, with their `rate`; `lanes` say which trajectory stands where. With `rulings`
-    tracklets and names are as these have them, and what the take was solved to without them is begun with.
-    """
-    said = decided_markers(named, tracklet, model, USUAL_TARGET, lanes)
-    given = [said if rulings is None else rulings.start]
-    del said  # a long take's tables are large, and solving it takes its time
-    return solve_take(points, tracklet, named, given.pop(), model, rate, progress, rulings)
 
 
 def verdict_of(
@@ -104,7 +79,7 @@ def labels_of(
         given, sure = tracklets.spread(believed, NO_MARKER, part), tracklets.spread(of_tracklet, 0.0, part)
         given, own = once(given, sure, len(names), lanes, part.start), named[part]
         if target > BELIEVING.max_target:
-            given[(given != own.marker) | (own.rate < target)] = NO_MARKER
+            given[(given != own.marker) | (own.measured_rate < target)] = NO_MARKER
         there, alone = given != NO_MARKER, (given == own.marker) & (given != NO_MARKER)
         labels.marker[part] = given
         labels.step[part] = np.where(there, np.where(alone, own.step, BY_TRAJECTORY), NO_STEP)
@@ -122,8 +97,6 @@ def _believed(solution: Solution, target: float, markers: int) -> np.ndarray:
     doubted = np.zeros(markers, dtype=bool)
     for question in _asked(solution, target):
         doubted[[name for name in (question.one, question.other) if name < markers]] = True
-    # What is known by its neighbours alone is known no better than they are.
-    doubted |= doubted[solution.beside].mean(axis=1) >= BELIEVING.doubted_beside
     believed[np.append(doubted, False)[believed]] = NO_MARKER
     return believed
 

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...data.made import Table
 from ...data.takes import NO_MARKER, NO_POINT, evenly_spread
 from ...geometry.rigid import in_axes, laid_on
 from ...geometry.upright import upright_aligned
@@ -165,9 +166,9 @@ class LayoutOdds:
             tried, end = tried[used], other[used]
             tried, first = np.unique(tried, axis=0, return_index=True)
             end, worth = end[first], self.worth(tried, LIKENESS.max_square)
-            best = np.argsort(-worth, kind="stable")[:width]
-            found += [(float(worth[k]), tried[k]) for k in best]
-            going = best[end[best] < self.markers]
+            likely = np.argsort(-worth, kind="stable")[:width]
+            found += [(float(worth[k]), tried[k]) for k in likely]
+            going = likely[end[likely] < self.markers]
             orders, ends = tried[going], end[going]
             if not len(going):
                 break
@@ -190,7 +191,7 @@ class Objective:
     model's there are.
     """
 
-    def __init__(self, points: np.ndarray, tracklets: Tracklets, model: Model, rate: float, start: np.ndarray):
+    def __init__(self, points: Table, tracklets: Tracklets, model: Model, rate: float, start: np.ndarray):
         self.model, self.rate, self.extras = model, rate, 0
         self.known, self.markers = trained_pairs(model), len(model.markerset)
         # Odds grow less than a tracklet does: its parts would say more than all of it where they are only added up.
@@ -277,7 +278,7 @@ class Objective:
         worth = odds[named] * self.weight[named]
         worth -= np.where(own < self.markers, 0.0, OBJECTIVE.extra * self.tracklets.count[named])
         slots = self.layout(marker, shown)
-        settled = settled_frames(self.model.likelihood, placed[self._shown])
+        settled = settled_frames(self.model.learned_likelihood, placed[self._shown])
         layout = float(slots.worth(every[None])[0])
         return Candidate(marker, placed, shown, odds, slots, layout, float(worth.sum()), settled)
 

@@ -73,10 +73,13 @@ class PairDistances:
 
 @lru_cache(maxsize=1)  # asked twice of each take, and takes often follow each other with one model
 def trained_pairs(model: Model) -> PairDistances:
-    """What training knows: of the frames that the model keeps or, where it keeps few, of its likelihood."""
+    """What training knows: of the frames that the model keeps or, where it keeps few, of its likelihood.
+
+    ValueError where it has neither.
+    """
     everyone = [points for points in model.subjects.values() if len(points) >= PAIRING.min_frames]
     if not everyone:
-        return _of_shape(model.likelihood)
+        return _of_shape(model.learned_likelihood)
     own = [moments(points) for points in everyone]
     means, within, counts = (np.stack([getattr(one, name) for one in own]) for name in ("mean", "variance", "count"))
     seen = counts > 1
@@ -178,8 +181,8 @@ def corrected(trained: PairDistances, shown: Moments) -> PairDistances:
 def sized(trained: PairDistances, shown: Moments) -> float:
     """The size of a subject whose distances a take shows, 1 for that of the training."""
     some = shown.count[: len(trained.mean), : len(trained.mean)]
-    given = (part[: len(some), : len(some)] for part in (shown.mean, shown.variance))
-    return _size(trained, *(np.where(some > 0, part, 0) for part in given), some / PAIRING.independent)[0]
+    mean, within = (np.where(some > 0, part[: len(some), : len(some)], 0) for part in (shown.mean, shown.variance))
+    return _size(trained, mean, within, some / PAIRING.independent)[0]
 
 
 def _size(trained: PairDistances, mean: np.ndarray, within: np.ndarray, count: np.ndarray) -> tuple[float, float]:

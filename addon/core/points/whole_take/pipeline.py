@@ -10,14 +10,13 @@ they are applied to what comes of it.
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import TypeVar
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ...data.background import in_background
 from ...data.made import Made
-from ...data.progress import Progress, Stage, in_stages
+from ...data.progress import Progress, Stage, Steps, in_stages
 from ...data.room import IN_MEMORY, MakeTable
 from ...data.takes import LabelledChunk, Labels, Points, Suspect, Verdict
 from ...edits.applying import AppliedEdits, PointCells, apply_to_points
@@ -34,12 +33,11 @@ from ..refusals import Sample, refuse_floods, refuse_others, refuse_unlike, refu
 from ..tracklets import are_lasting, cut, renamed
 from ..unordered import FRAMES_LEARNED_FROM, is_unordered, learn_subject
 from .asking import asked_frames
-from .deciding import BELIEVING, can_be_solved, solution_of, verdict_of
+from .deciding import BELIEVING, can_be_solved, verdict_of
 from .rulings import Rulings
-from .solving import Solution
+from .solving import Solution, solve_take
 from .tracklets import said_between
 
-Result = TypeVar("Result")
 # What each stage takes, as measured: so many times as long as a frame is named in, and that again for each frame. The
 # last is what whoever called does with the outcome. Where frames are in no order their subject is learned from some of
 # them, and all are named again; with edits the take is solved again.
@@ -104,7 +102,7 @@ def label_take(take: Points, model: Model, options: PointOptions) -> Generator[P
 
 def begins(frames: int, unordered: bool = False, edited: bool = False) -> dict[str, float]:
     """How far along the work is when each of its stages begins, for a take of so many frames."""
-    costs = dict(COSTS)
+    costs: dict[str, tuple[float, float]] = dict(COSTS)
     if unordered:
         costs |= {"learn": (COST_OF_LEARNING * min(frames, FRAMES_LEARNED_FROM), 0), "name again": COSTS["name"]}
     if edited:
@@ -127,8 +125,6 @@ NAMING = NamingOptions()
 
 # What `refuse_others` does.
 Recognise = Callable[[Model, Namer, Made, bool], Sample | None]
-# Stages as they begin, and how far they are.
-Steps = Generator[Stage | float | tuple[float, str], None, Result]
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,11 +189,10 @@ def _labelled(
 def as_in_file(suspects: Iterable[Suspect], take: Points) -> tuple[Suspect, ...]:
     """The suspects with trajectories, which they call by their lane, called as label files call points."""
     if take.lanes is not None:
+        every = [(one, np.array([one.first - take.first_frame]), one.trajectory) for one in suspects]
         suspects = [
-            one
-            if one.trajectory is None
-            else replace(one, trajectory=int(take.lanes.at(one.first - take.first_frame, one.trajectory)))
-            for one in suspects
+            one if lane is None else replace(one, trajectory=int(take.lanes.at(frame, np.array([lane]))[0]))
+            for one, frame, lane in every
         ]
     return tuple(suspects) if take.columns is None else called_by(suspects, take.columns)
 
@@ -230,19 +225,18 @@ def name_frames(
     sample = None if recognise is None else recognise(adaptation.model, namer, points, solvable)
     yield Stage("name", f"frame {take.first_frame}")
     labels = yield from _asked(namer, take, asked, sample if few else None)
-    if few:
-        labels = said_between(labels, asked, tracklet)
+    said: Said = said_between(labels, asked, tracklet) if few else labels
     if unordered:
         yield Stage("learn", "learn the subject from sure frames")
-        trained = adaptation.model.likelihood
+        trained = adaptation.model.learned_likelihood
         likelihood = yield from learn_subject(trained, take.xyz, labels)
         if likelihood is not trained:
             yield Stage("name again", f"frame {take.first_frame}")
             adaptation = replace(adaptation, model=replace(adaptation.model, likelihood=likelihood))
             again = namer_of(adaptation.model, options.method)
-            labels = yield from _asked(again, take, asked)
+            said = yield from _asked(again, take, asked)
     sure = sample is None or sample.sure
-    return NamedFrames(take, tracklet, adaptation, namer, labels, solvable, room, sure)
+    return NamedFrames(take, tracklet, adaptation, namer, said, solvable, room, sure)
 
 
 def _asked(namer: Namer, take: Points, asked: np.ndarray, sample: Sample | None = None) -> Steps[Labels]:
@@ -301,9 +295,8 @@ def solution_for(
     """What the take as a whole says of tracklets (T, P) whose frames say `named`; None where it cannot be solved."""
     if not frames.solvable:
         return None
-    given = named, tracklet, frames.take.xyz, frames.model, frames.take.rate
-    lanes = frames.take.lanes
-    return (yield from in_background(lambda tell: solution_of(*given, progress=tell, rulings=rulings, lanes=lanes)))
+    given = frames.take.xyz, tracklet, named, frames.model, frames.take.rate
+    return (yield from in_background(lambda tell: solve_take(*given, progress=tell, rulings=rulings)))
 
 
 def decided_of(

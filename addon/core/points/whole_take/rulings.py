@@ -89,7 +89,7 @@ class Rulings:
             np.where(said, np.where(given, edited.rule, self.carried), np.where(kept, named.marker, NO_MARKER)),
             np.where(said, np.where(given, BY_EDIT, BY_TRAJECTORY), np.where(kept, named.step, NO_STEP)),
             np.where(said, 1.0, np.where(kept, named.confidence, 0.0)),
-            np.where(said, 1.0, np.where(kept, named.rate, 0.0)),
+            np.where(said, 1.0, np.where(kept, named.measured_rate, 0.0)),
         )
 
     def parted(self) -> np.ndarray:
@@ -131,7 +131,7 @@ class Rulings:
         votes[some, held[some]] = RULING.odds
         return replace(tracklets, votes=votes, held=held)
 
-    def solved_before(self, tracklets: Tracklets, marker: np.ndarray) -> np.ndarray:
+    def _solved_before(self, tracklets: Tracklets, marker: np.ndarray) -> np.ndarray:
         """The markers (N,) that tracklets are begun with, and where they have none, what they were solved to, if free.
 
         What was not sure enough to be named is so still, and what else it may be is tried again; but what is a marker
@@ -160,14 +160,15 @@ class Rulings:
                 other = np.append(rival, NO_MARKER)[at]
                 yield np.where((other != before) & (marker == before), other, marker)
 
-    def begun(self, tracklets: Tracklets, marker: np.ndarray) -> np.ndarray:
+    def begun(self, tracklets: Tracklets) -> np.ndarray:
         """The markers (N,) that tracklets are begun with, where a person named one of two that may have been exchanged.
 
         What had the name until then is tried with the name that the other had.
         """
         first, last, held = tracklets.first, tracklets.last, tracklets.held
         at = tracklets.first, tracklets.lane
-        was, refused, marker = self.before.marker[at], self.edited.refused[at], marker.copy()
+        marker = tracklets.with_held(self._solved_before(tracklets, self.start[at]))
+        was, refused = self.before.marker[at], self.edited.refused[at]
         for index in np.flatnonzero((held != NO_MARKER) & (was != NO_MARKER) & (was != held)).tolist():
             beside = (first <= last[index]) & (last >= first[index])
             robbed = beside & (refused == held[index]) & (marker == NO_MARKER)

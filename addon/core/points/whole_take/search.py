@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...data.takes import NO_MARKER, NO_POINT
-from ..likelihood.naming import name_odds, score_of, settle
+from ..likelihood.naming import Settled, name_odds, score_of, settle
 from ..likelihood.swaps import alternatives, own_odds
 from ..tracklets import VOTE
 from .matching import margins, matched
@@ -32,7 +32,6 @@ class SearchOptions:
     borne_out  measured: of the odds a frame of the usual marker; in takes that are right 0.71 and 0.68 at least, and
                where limbs are one place off some marker has less
     margin     measured: log odds a frame that a tracklet must be ahead; exchanged wrists are by 2.9 to 4.7
-    rounds     of giving a group its names by shape, and again by those
     sweeps     over all groups
     chains     measured: that are tried; with 16 a turned plate of S02 is not found
     links      physical: of a chain: a shoulder, an elbow and a hand's three
@@ -45,7 +44,6 @@ class SearchOptions:
     seen: float = 0.5
     borne_out: float = 0.6
     margin: float = 6.0
-    rounds: int = 2
     sweeps: int = 3
     chains: int = 48
     links: int = 5
@@ -80,8 +78,7 @@ class Search:
             before = self.best
             for group in self._neighbourhoods():
                 self.propose(self._opened(group))
-                for order in self._by_shape(group):
-                    self.propose(self._exchanged(order))
+                self.propose(self._exchanged(self._by_shape(group)))
             for tracklet in self._unsure():
                 if self.best.marker[tracklet] != NO_MARKER:
                     self.propose(self._turned(tracklet))
@@ -101,11 +98,11 @@ class Search:
             return False
         self._tried.add(key)
         new = self.objective.of(marker)
-        better = self.objective.gain(new, self.best) * self.objective.length > SEARCH.least
+        better = bool(self.objective.gain(new, self.best) * self.objective.length > SEARCH.least)
         if better and self._edited:
             changed = marker != self.best.marker
             touched = np.setdiff1d([marker[changed], self.best.marker[changed]], NO_MARKER)
-            better = len(touched) <= 2 and np.isin(self._called(marker)[changed], self._given).any()
+            better = len(touched) <= 2 and bool(np.isin(self._called(marker)[changed], self._given).any())
         self.others.append(self.best if better else new)
         if better:
             self.best = new
@@ -204,29 +201,25 @@ class Search:
                 tried = np.where((marker == name) & (tried == NO_MARKER), np.bincount(taken).argmax(), tried)
         return tried
 
-    def _by_shape(self, group: np.ndarray) -> Iterator[np.ndarray]:
+    def _by_shape(self, group: np.ndarray) -> np.ndarray:
         """(M + E,) a group's names given anew by where the shape of frames has them, among their points and extras."""
         from scipy.optimize import linear_sum_assignment
 
-        now, known = self.best.settled, self.objective.model.likelihood.known
-        if now is None:
-            return
+        now, known = self.best.settled, self.objective.model.learned_likelihood.known
         every = np.arange(self.objective.markers + self.objective.extras)
+        if now is None:
+            return every
         free = np.append(group, every[self.objective.markers :])
         naming = now.naming.copy()
         naming[:, group] = NO_POINT
-        for _ in range(SEARCH.rounds):
-            rest = settle(known.fine, known.constraints, now.points, now.present, naming)
-            odds = name_odds(known.fine, known.constraints, rest)[:, group][:, :, free]
-            there = now.present[:, None, free]
-            usual = np.where(there, np.maximum(odds, -OBJECTIVE.max_marker), 0.0).mean(axis=0)
-            column = free[linear_sum_assignment(usual, maximize=True)[1]]
-            order = every.copy()
-            order[column] = group
-            order[np.setdiff1d(group, column)] = np.setdiff1d(column, group)
-            yield order
-            naming = naming.copy()
-            naming[:, group] = np.where(now.present[:, column], column, NO_POINT)
+        rest = settle(known.fine, known.constraints, now.points, now.present, naming)
+        odds = name_odds(known.fine, known.constraints, rest)[:, group][:, :, free]
+        usual = np.where(now.present[:, None, free], np.maximum(odds, -OBJECTIVE.max_marker), 0.0).mean(axis=0)
+        column = free[linear_sum_assignment(usual, maximize=True)[1]]
+        order = every.copy()
+        order[column] = group
+        order[np.setdiff1d(group, column)] = np.setdiff1d(column, group)
+        return order
 
     def _chains(self) -> Iterator[np.ndarray]:
         """(M + E,) chains of exchanges from markers in doubt, the likeliest by how far markers are from each other."""
@@ -275,7 +268,7 @@ class Search:
 
     def _exchanges(self) -> Iterator[np.ndarray]:
         """(M + E,) exchanges of limbs, two markers, and one with an extra, that the shape of frames allows."""
-        now, known = self.best.settled, self.objective.model.likelihood.known
+        now, known = self.best.settled, self.objective.model.learned_likelihood.known
         if now is None:
             return
         markers, every = self.objective.markers, self.objective.markers + self.objective.extras
@@ -284,15 +277,15 @@ class Search:
             score = score_of(known.fine, known.constraints, now.points, now.worth, naming)
             if clipped(score - now.score, 2) > SEARCH.promising:
                 yield np.append(limb, np.arange(markers, every))
-        one, other = np.nonzero(self._of_two() > SEARCH.promising)
+        one, other = np.nonzero(self._of_two(now) > SEARCH.promising)
         for pair in zip(one.tolist(), other.tolist(), strict=True):
             order = np.arange(every)
             order[list(pair)] = pair[::-1]
             yield order
 
-    def _of_two(self) -> np.ndarray:
-        """(M, M + E) what frames win if two exchange names; each two once, minus infinity elsewhere."""
-        now, known, markers = self.best.settled, self.objective.model.likelihood.known, self.objective.markers
+    def _of_two(self, now: Settled) -> np.ndarray:
+        """(M, M + E) what frames `now` win if two exchange names; each two once, minus infinity elsewhere."""
+        known, markers = self.objective.model.learned_likelihood.known, self.objective.markers
         found = alternatives(known.fine, known.constraints, now)
         there, rest = now.named[:, :, None] & now.named[:, None], now.named[:, :, None] | now.named[:, None]
         moved = np.where(now.named[:, :, None], found.move, found.move.swapaxes(1, 2))

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take of points solved as a whole: names spread from what is sure, and a search mends what they came to.
 
-Round after round, what is believed shows how far the subject's markers are from each other; that says how likely each
-tracklet is each marker; all tracklets are matched with the markers at once; what is far enough ahead is believed in the
-next round, with more and more freedom of motion. From there the `search` climbs the `objective`, in which what is
-always there beside the markers competes with them.
+What frames say most of each tracklet is begun with. Round after round, what is believed shows how far the subject's
+markers are from each other; that says how likely each tracklet is each marker; all tracklets are matched with the
+markers at once; what is far enough ahead is believed in the next round, with more and more freedom of motion. From
+there the `search` climbs the `objective`, in which what is always there beside the markers competes with them.
 """
 
 from collections.abc import Callable
@@ -12,13 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...data.lanes import blocks
+from ...data.made import Table
 from ...data.takes import NO_MARKER
 from ..deciding import Said
 from ..models import Model
 from ..refusals import NO_FIT, SetFit
 from .layout import Question, named_by_layout
-from .likeness import steadiest
 from .matching import margins, matched
 from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, usual_fit
 from .rulings import RULING, Rulings
@@ -30,28 +29,18 @@ from .tracklets import Tracklets, tracklets_of
 class RoundOptions:
     """How names spread.
 
-    first_margins  log odds that a tracklet's name must be ahead of any other, round after round, to be believed in the
-                   next; the last is gone on with until nothing changes
-    margins        the same with more freedom
-    freedoms       that follow each other
-    max_rounds     of each
-    max_layouts    times that names are put right with one freedom
-    min_markers    that a set must have to be known by distances
-    beside         markers by which one is known before all others
+    margin       log odds that a tracklet's name must be ahead of any other to be believed in the next; measured: twice
+                 loses 4 % of takes of other labs, half nothing
+    freedoms     that follow each other; with the last alone takes of other labs lose 1 %, without the first a crowd of
+                 which frames know the trunk only loses a third
+    max_rounds   memory and time: of each; with half a plate of others is named as another
+    min_markers  physical: that a set must have to be known by distances: a fifth is in one place by those to four
     """
 
-    first_margins: tuple[float, ...] = (12.0, 8.0, 6.0, 4.0)
-    margins: tuple[float, ...] = (8.0, 4.0)
-    freedoms: tuple[Freedom, ...] = (
-        Freedom(0.0, 0.0, 0.0, 0.0),
-        USUAL_FREEDOM,
-        Freedom(0.25, 0.02, 0.02, 12.0),
-        Freedom(0.25, 0.05, 0.05, 12.0),
-    )
+    margin: float = 4.0
+    freedoms: tuple[Freedom, ...] = (Freedom(0.0, 0.0, 0.0, 0.0), USUAL_FREEDOM, Freedom(0.25, 0.05, 0.05, 12.0))
     max_rounds: int = 8
-    max_layouts: int = 3
     min_markers: int = 5
-    beside: int = 4
 
 
 @dataclass(frozen=True)
@@ -96,7 +85,6 @@ class Solution:
     rivals     other names (N,), of which each tracklet's nearest rival is one
     likely     (N,) the name that is likeliest for each on its own, NO_MARKER where that is none
     questions  markers that may have another's name in most of the take
-    beside     (M, Q) the markers from which each keeps its distance best
     crowd      whether more is on the subject than the set's markers
     fit        how the markers sit as their set has them; the residual in a crowd alone
     """
@@ -109,16 +97,14 @@ class Solution:
     rivals: tuple[np.ndarray, ...]
     likely: np.ndarray
     questions: tuple[Question, ...]
-    beside: np.ndarray
     crowd: bool = False
     fit: SetFit = NO_FIT
 
 
 def solve_take(
-    points: np.ndarray,
+    points: Table,
     tracklet: np.ndarray,
     named: Said,
-    sure: np.ndarray,
     model: Model,
     rate: float,
     progress: Callable[[float], None] | None = None,
@@ -126,15 +112,16 @@ def solve_take(
 ) -> Solution:
     """Names the tracklets (T, P), -1 where there is none, of points (T, P, 3) m at `rate` frames a second.
 
-    named is what frames say on their own, sure (T, P) the markers that are believed of it. The model has a likelihood.
-    `progress` hears the share that is done; `rulings` is what a person said, whose tracklets these are.
+    named is what frames say on their own, of which the likeliest names are begun with. The model has a likelihood.
+    `progress` hears the share that is done; `rulings` is what a person said, whose tracklets these are: it begins with
+    what the take was solved to without them.
     """
     tracklets = tracklets_of(points, tracklet, named, len(model.markerset))
-    begun = _majority(tracklets, sure, len(model.markerset))
-    del tracklet, sure  # a long take's are large
+    del tracklet  # a long take's is large
+    begun = _likeliest(tracklets)
     if rulings is not None:
         tracklets = rulings.of(tracklets)
-        begun = rulings.begun(tracklets, with_held(tracklets, rulings.solved_before(tracklets, begun)))
+        begun = rulings.begun(tracklets)
     solving = _Solving(points, tracklets, model, rate, begun)
     if rulings is None:
         return solving.solved(progress)
@@ -146,7 +133,7 @@ def solve_take(
 class _Solving:
     """A take on its way to a solution: `marker` (N,) is what is believed so far, extras after the model's own."""
 
-    def __init__(self, points: np.ndarray, tracklets: Tracklets, model: Model, rate: float, begun: np.ndarray):
+    def __init__(self, points: Table, tracklets: Tracklets, model: Model, rate: float, begun: np.ndarray):
         self.tracklets, self.marker, self.markers = tracklets, begun, len(model.markerset)
         self.crowd = is_crowd(tracklets, self.markers)
         self.objective = Objective(points, tracklets, model, rate, begun)
@@ -162,17 +149,15 @@ class _Solving:
                 progress(number / (last + 1))
             if number and self.crowd and not self._add_extras() and number == last:
                 break
-            self._spread(freedom, ROUNDS.margins if number else ROUNDS.first_margins)
-            for _ in range(ROUNDS.max_layouts if self.crowd else 0):
-                before = self.marker
-                questions = self._put_in_place(absent=number > 0)
-                if (before == self.marker).all():
-                    break
-                self._spread(freedom, ROUNDS.margins)
+            self._spread(freedom)
+            if self.crowd:
+                before, questions = self.marker, self._put_in_place(absent=number > 0)
+                if (before != self.marker).any():
+                    self._spread(freedom)
         if self.crowd:
             return self._solution(self._filled(), questions)
         if self._add_extras():
-            self._spread(freedom, ROUNDS.margins)
+            self._spread(freedom)
         search = Search(self.objective, self._filled(), freedom)
         search.climb()
         return self._solution(search.best.marker, (), search)
@@ -180,7 +165,7 @@ class _Solving:
     def solved_again(self, rulings: Rulings) -> Solution:
         """What the take was solved to, changed as edits say."""
         self._match(ROUNDS.freedoms[-1])
-        begun = with_held(self.tracklets, np.where(self.marker == NO_MARKER, self.best, self.marker))
+        begun = self.tracklets.with_held(np.where(self.marker == NO_MARKER, self.best, self.marker))
         search = Search(self.objective, begun, ROUNDS.freedoms[-1], edited=True)
         search.climb()
         for rival in rulings.rivals(self.tracklets, search.best.marker):
@@ -198,22 +183,16 @@ class _Solving:
         placed = self.objective.every_placed(self.marker)
         shown = placed[fullest_frames(np.isfinite(placed[:, : self.markers, 0]))]
         held = np.unique(self.tracklets.held[self.tracklets.held != NO_MARKER])
-        name, questions = named_by_layout(self.objective.model.likelihood, shown, held, absent)
-        self.marker = with_held(self.tracklets, np.where(self.marker != NO_MARKER, name[self.marker], NO_MARKER))
+        name, questions = named_by_layout(self.objective.model.learned_likelihood, shown, held, absent)
+        self.marker = self.tracklets.with_held(np.where(self.marker != NO_MARKER, name[self.marker], NO_MARKER))
         return tuple(replace(question, odds=question.odds * MARGINS.looks) for question in questions)
 
-    def _spread(self, freedom: Freedom, least: tuple[float, ...]):
+    def _spread(self, freedom: Freedom):
         """Rounds until nothing changes."""
-        same = False
-        for number in range(ROUNDS.max_rounds):
-            if not same:
-                self._match(freedom)
-            # What is believed already needs not be surer than in the end.
-            needed = np.where(self.best == self.marker, least[-1], least[min(number, len(least) - 1)])
-            after = np.where(self.margin >= needed, self.best, NO_MARKER)
-            same = (after == self.marker).all()
-            self.marker = after
-            if same and number >= len(least) - 1:
+        for _ in range(ROUNDS.max_rounds):
+            self._match(freedom)
+            before, self.marker = self.marker, np.where(self.margin >= ROUNDS.margin, self.best, NO_MARKER)
+            if (before == self.marker).all():
                 break
 
     def _match(self, freedom: Freedom):
@@ -227,7 +206,7 @@ class _Solving:
     def _filled(self) -> np.ndarray:
         """(N,) the names, with the best of what has none that is believed."""
         best = np.where(self.best < self.markers, self.best, NO_MARKER)
-        return with_held(self.tracklets, np.where(self.marker == NO_MARKER, best, self.marker))
+        return self.tracklets.with_held(np.where(self.marker == NO_MARKER, best, self.marker))
 
     def _add_extras(self) -> bool:
         """Has what is there beside the markers compete with them; extras that nothing is any more leave.
@@ -266,11 +245,10 @@ class _Solving:
             margin = np.minimum(margin, np.minimum(self._of_seldom(own), of_others))
         likely = np.where(odds.max(axis=1) > 0, odds.argmax(axis=1), NO_MARKER)
         likely = np.where(likely < self.markers, likely, NO_MARKER)
-        beside = steadiest(objective.known.variance)[:, : ROUNDS.beside]
-        fit = usual_fit(objective.model.likelihood, placed[:, : self.markers])
+        fit = usual_fit(objective.model.learned_likelihood, placed[:, : self.markers])
         fit = fit if self.crowd else replace(fit, residual=0.0)
         return Solution(
-            self.tracklets, own, marker, objective.extras, margin, rivals, likely, questions, beside, self.crowd, fit
+            self.tracklets, own, marker, objective.extras, margin, rivals, likely, questions, self.crowd, fit
         )
 
     def _of_seldom(self, own: np.ndarray) -> np.ndarray:
@@ -328,20 +306,8 @@ def is_crowd(tracklets: Tracklets, markers: int) -> bool:
     return float(np.median(begun - ended)) >= EXTRAS.crowd * markers
 
 
-def with_held(tracklets: Tracklets, marker: np.ndarray) -> np.ndarray:
-    """The markers (N,) with what a person said of some, whose names nothing else has at the time."""
-    held, marker = tracklets.held, marker.copy()
-    for index in np.flatnonzero(held != NO_MARKER).tolist():
-        beside = (tracklets.first <= tracklets.last[index]) & (tracklets.last >= tracklets.first[index])
-        marker[beside & (held == NO_MARKER) & (marker == held[index])] = NO_MARKER
-        marker[index] = held[index]
-    return marker
-
-
-def _majority(tracklets: Tracklets, sure: np.ndarray, markers: int) -> np.ndarray:
-    """(N,) what most of the sure frames (T, P) of each tracklet say."""
-    count = np.zeros((len(tracklets), markers), int)
-    for part in blocks(*sure.shape):
-        row, lane = np.nonzero((sure[part] != NO_MARKER) & (tracklets.table[part] >= 0))
-        np.add.at(count, (tracklets.table[part][row, lane], sure[part][row, lane]), 1)
-    return np.where(count.max(axis=1, initial=0) > 0, count.argmax(axis=1), NO_MARKER)
+def _likeliest(tracklets: Tracklets) -> np.ndarray:
+    """(N,) what frames on their own say of each tracklet, NO_MARKER where that is not more than all else they say."""
+    votes, best = tracklets.votes, tracklets.votes.argmax(axis=1)
+    most = votes[np.arange(len(votes)), best]
+    return np.where(2 * most > votes.sum(axis=1), best, NO_MARKER)

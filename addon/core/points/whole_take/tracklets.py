@@ -64,8 +64,17 @@ class Tracklets:
         """(F, L) the value (N,) of each tracklet at its points in some frames, `nothing` where there is none."""
         return np.append(values, np.array(nothing, values.dtype))[self.table[frames]]
 
+    def with_held(self, marker: np.ndarray) -> np.ndarray:
+        """The markers (N,) with what a person said of some, whose names nothing else has at the time."""
+        held, marker = self.held, marker.copy()
+        for index in np.flatnonzero(held != NO_MARKER).tolist():
+            beside = (self.first <= self.last[index]) & (self.last >= self.first[index])
+            marker[beside & (held == NO_MARKER) & (marker == held[index])] = NO_MARKER
+            marker[index] = held[index]
+        return marker
+
     def placed(
-        self, points: np.ndarray, marker: np.ndarray, markers: int, options: LaneOptions = PACKING
+        self, points: Table, marker: np.ndarray, markers: int, options: LaneOptions = PACKING
     ) -> "np.ndarray | PlacedMarkers":
         """(T, M, 3) m, where each marker is when the tracklets are so named (N,); NaN where it is not.
 
@@ -73,7 +82,7 @@ class Tracklets:
         """
         found = PlacedMarkers(points, np.full((len(points), markers), -1, np.int16))
         names = np.append(marker, NO_MARKER)
-        for part in blocks(*self.table.shape):
+        for part in blocks(len(self.table), self.table.shape[1]):
             own = names[self.table[part]]
             row, column = np.nonzero(own != NO_MARKER)
             # Of two that share a frame at their ends the later tracklet has the marker.
@@ -97,7 +106,7 @@ class PlacedMarkers(Made):
     def _placed(self, frames: slice | np.ndarray) -> np.ndarray:
         frames = np.arange(len(self))[frames]
         found = np.full((len(frames), *self.shape[1:]), np.nan, np.float32)
-        for part in blocks(*found.shape[:2]):
+        for part in blocks(len(found), found.shape[1]):
             lane = self.lane[frames[part]]
             row, name = np.nonzero(lane >= 0)
             found[part][row, name] = self.points[frames[part][row], lane[row, name]]
@@ -109,7 +118,7 @@ def seen_in(placed: "np.ndarray | PlacedMarkers") -> np.ndarray:
     return placed.lane >= 0 if isinstance(placed, PlacedMarkers) else np.isfinite(placed[..., 0])
 
 
-def tracklets_of(points: np.ndarray, tracklet: np.ndarray, named: Said, markers: int) -> Tracklets:
+def tracklets_of(points: Table, tracklet: np.ndarray, named: Said, markers: int) -> Tracklets:
     """The tracklets (T, L), -1 where there is none, of points (T, L, 3) m, with what frames on their own say.
 
     A tracklet stands in one lane, and no other in the same lane between its ends.
@@ -128,9 +137,9 @@ def tracklets_of(points: np.ndarray, tracklet: np.ndarray, named: Said, markers:
     xyz = np.where(again[..., None], np.nan, points[frame, lane[:, None]]).astype(np.float32)
     votes = np.zeros((len(count), markers))
     for part in blocks(*table.shape):
-        own = named[part]
-        row, column = np.nonzero((own.marker != NO_MARKER) & (table[part] >= 0))
-        said, sure = own.marker[row, column], own.confidence[row, column]
+        alone = named[part]
+        row, column = np.nonzero((alone.marker != NO_MARKER) & (table[part] >= 0))
+        said, sure = alone.marker[row, column], alone.confidence[row, column]
         np.add.at(votes, (table[part][row, column], said), frame_log_odds(sure) * VOTE.frame_weight)
     votes = np.minimum(votes, VOTING.max_votes)
     held = np.full(len(count), NO_MARKER)

@@ -59,7 +59,7 @@ def test_a_crowd_is_told_from_the_set_where_frames_know_the_trunk_only(model, ma
     points, whose = shuffled(np.concatenate([markers, beside(markers)], axis=1), markers.shape[1])
     trunk = [model.markerset.markers.index(name) for name in ("LASI", "RASI", "SACR", "LSHO", "RSHO", "LELB", "RELB")]
     named = said(points, np.broadcast_to(np.where(np.isin(whose, trunk), whose, NO_MARKER), points.shape[:2]))
-    solution = solve_take(points, cut(points, RATE), named, named.marker, model, RATE)
+    solution = solve_take(points, cut(points, RATE), named, model, RATE)
     given = labels_of(solution, named, 0.999, model.markerset.markers).labels.marker
     truth = np.where(np.isfinite(points[..., 0]), whose, NO_MARKER)
     assert solution.crowd

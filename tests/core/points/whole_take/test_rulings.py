@@ -8,8 +8,9 @@ from addon.core.data.takes import BY_EDIT, NO_MARKER, Labels
 from addon.core.edits.applying import PointCells, apply_to_points
 from addon.core.edits.kinds import AssignPoint, Delete, Edits, Right, UnlabelMarker, UnlabelPoint
 from addon.core.points.tracklets import cut
-from addon.core.points.whole_take.deciding import labels_of, solution_of
+from addon.core.points.whole_take.deciding import labels_of
 from addon.core.points.whole_take.rulings import Rulings
+from addon.core.points.whole_take.solving import solve_take
 from addon.core.points.whole_take.tracklets import tracklets_of
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
@@ -50,7 +51,7 @@ def solved(model, points, labels: Labels, rulings: Rulings) -> np.ndarray:
     """(T, P) the markers of the take once it is solved with the rulings."""
     pieces = rulings.parted()
     heard = rulings.heard(labels)
-    solution = solution_of(heard, pieces, points, model, RATE, rulings=rulings)
+    solution = solve_take(points, pieces, heard, model, RATE, rulings=rulings)
     return labels_of(solution, heard, 0.999, model.markerset.markers).labels.marker
 
 
@@ -149,7 +150,7 @@ def test_what_lost_its_name_to_a_person_is_begun_with_as_the_other_of_the_two(mo
     rulings = rulings_of(model, points, everything, AssignPoint(one, PAIR[0], frames=(100, 100)))
     pieces = rulings.of(tracklets_of(points, rulings.parted(), rulings.heard(everything), len(model.markerset)))
     row, column = pieces.first, pieces.lane
-    begun = rulings.begun(pieces, rulings.start[row, column])
+    begun = rulings.begun(pieces)
     (robbed,) = np.flatnonzero((column == other) & (row == 99))
     assert rulings.start[99, other] == NO_MARKER
     assert begun[robbed] == other
