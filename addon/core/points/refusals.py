@@ -76,11 +76,11 @@ class SetFit:
     log_likelihood  nats a marker of the usual frame, by the shape of the training; minus infinity where no frame does
     """
 
-    residual: float = 0.0
-    log_likelihood: float = -np.inf
+    residual: float
+    log_likelihood: float
 
 
-NO_FIT = SetFit()
+NO_FIT = SetFit(0.0, -np.inf)
 
 
 @dataclass(frozen=True, eq=False)

@@ -47,7 +47,7 @@ class VoteOptions:
     max_overlap_frames  physical: that two tracklets of one marker may share: trackers end one late and start the other
                         early
     window_frames       memory: frames that vote together, as labels of all frames of a long take are large
-    min_length_frames   of the usual tracklet; shorter ones have nothing to vote about
+    min_length_frames   physical: of the usual tracklet; shorter ones are shorter than any motion
     """
 
     max_frame_log_odds: float = 4.0

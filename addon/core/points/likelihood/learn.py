@@ -23,9 +23,9 @@ class LearnOptions:
     """What is learned from, and how a calibration is measured.
 
     min_markers  to learn from; physical: fewer are the same from all sides
-    min_frames   to learn from; fewer show no poses
-    max_frames   of each fold that are named; by time
-    max_labels   that are enough of them; by time
+    min_frames   to learn from; physical: a tenth of a second at 100 Hz, fewer show no motion
+    max_frames   memory and time: of each fold that are named
+    max_labels   memory and time: that are enough of them
     max_hidden   part of the markers that is hidden in a trial; paper: 4 of 15 (partial solvers, table 3), and one more
     """
 

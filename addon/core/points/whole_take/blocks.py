@@ -20,7 +20,7 @@ from .pairs import PAIRING
 
 @dataclass(frozen=True)
 class BlockOptions:
-    """What is named anew together. All reckoned.
+    """What is named anew together.
 
     sizes       markers at a time: one and those that sit next to it
     points      that each may be, the likeliest on its own

@@ -29,7 +29,7 @@ from ...geometry.upright import upright_aligned
 from ..likelihood.model import Likelihood
 from ..likelihood.naming import Settled, settle
 from ..models import Model
-from ..refusals import SetFit
+from ..refusals import NO_FIT, SetFit
 from .likeness import LIKENESS, likeness, links, steadiest, worth_of_each, worth_of_length
 from .pairs import PAIRING, Moments, PairDistances, corrected, moments, sized, trained_pairs, widened, with_unknown
 from .rulings import RULING
@@ -346,7 +346,7 @@ def usual_fit(likelihood: Likelihood, placed: np.ndarray | PlacedMarkers, uprigh
         some = in_axes(*laid_on(likelihood.shape.mean, some[:, : len(likelihood)]), some)
     now = settled_frames(likelihood, some)
     if now is None:
-        return SetFit()
+        return NO_FIT
     count = now.named.sum(axis=1)
     square = (now.left**2).sum(axis=2) / likelihood.known.fine.noise
     return SetFit(float(np.median(square.sum(axis=1) / (3 * count))), float(np.median(now.score / count)))

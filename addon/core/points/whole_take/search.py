@@ -32,7 +32,7 @@ class SearchOptions:
     borne_out  measured: of the odds a frame of the usual marker; in takes that are right 0.71 and 0.68 at least, and
                where limbs are one place off some marker has less
     margin     measured: log odds a frame that a tracklet must be ahead; exchanged wrists are by 2.9 to 4.7
-    sweeps     over all groups
+    sweeps     measured: over all groups; with one 2 % of plates and of people of other labs are lost
     chains     measured: that are tried; with 16 a turned plate of S02 is not found
     links      physical: of a chain: a shoulder, an elbow and a hand's three
     width      memory: chains that are gone on with
