@@ -18,12 +18,12 @@ from addon.core.points.likelihood.trials import make_trial
 from addon.core.points.likelihood.trying import TrialWork, in_turn
 from addon.core.training.imagining import anybody
 from addon.core.training.poses import known_poses
-from addon.io.labels import POINT_KEYS, TruthWriter
 from addon.io.layouts import shipped_layouts
 from addon.io.models import open_model, read_model, write_model
 from addon.io.points import read_points, write_c3d
 from addon.io.source import read_bytes
 from addon.jobs.models import known_bodies
+from tests.inputs.walkers import write_truth
 
 NAMES = tuple(f"{part}{number}" for part in ("BODY", "HEAD") for number in range(1, 6))
 
@@ -95,11 +95,7 @@ def anonymous(tmp_path):
         xyz[frame : frame + 30, chance.permutation(10)[: chance.integers(0, 3)]] = np.nan
     order = chance.permutation(11)
     xyz = np.concatenate([xyz, np.broadcast_to([0.5, 0.5, 1.0], (150, 1, 3))], axis=1)[:, order]
-    with TruthWriter(tmp_path / "truth.csv", POINT_KEYS) as writer:
-        frame, point = np.nonzero(np.isfinite(xyz[..., 0]))
-        names = [*NAMES, ""]
-        keys = [f"{f + 1},{p}" for f, p in zip(frame, point, strict=True)]
-        writer.write(keys, [names[order[p]] for p in point])
+    write_truth(tmp_path / "truth.csv", xyz, [[*NAMES, ""][index] for index in order], 1)
     return write(tmp_path / "anon.c3d", xyz, [""] * 11)
 
 

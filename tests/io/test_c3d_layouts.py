@@ -102,7 +102,8 @@ def test_header_and_groups_that_differ_are_judged_by_what_fills_the_file(tmp_pat
 def test_a_word_about_points_in_the_groups_alone_changes_nothing(tmp_path):
     layout = Layout(frames=90, points=5)
     take = read_c3d(written(tmp_path, layout, said_points=7))
-    is_read(replace(take, labels=take.labels[: layout.points]), layout)
+    del take.labels[layout.points :]
+    is_read(take, layout)
 
 
 def test_a_file_that_ends_with_a_frame_has_the_frames_that_are_there(tmp_path):
