@@ -8,7 +8,6 @@ import pytest
 
 from addon.core.data.errors import InputError, JobError
 from addon.core.data.takes import Motion
-from addon.io import poses
 from addon.io import poses as pose_files
 from addon.io.markersets import open_markerset
 from addon.io.poses import PC2_HEADER, PoseFile, cache_mark, check_cache, is_long, refuse_keys, write_cache
@@ -101,7 +100,7 @@ def expected(known, absent):
 
 @pytest.mark.parametrize("part", [1, 3, 7, 64])
 def test_gaps_are_straight_lines_whatever_the_parts(tmp_path, monkeypatch, known, part):
-    monkeypatch.setattr(poses, "PART_BYTES", part * 12 * VERTICES)
+    monkeypatch.setattr(pose_files, "PART_BYTES", part * 12 * VERTICES)
     path, absent = tmp_path / "walk.pc2", np.arange(9.0).reshape(3, 3)
     write_cache(path, (known[start : start + 11] for start in range(0, FRAMES, 11)), absent)
     data = path.read_bytes()
