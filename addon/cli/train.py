@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from ..core.data.errors import InputError, JobError, UserError
 from ..core.evaluation.comparing import difference_lines
 from ..core.papers.partial_solvers.training import SEARCHES
-from ..core.points.likelihood.trying import TrialOutcome, TrialWork, Trying, in_turn, tried
+from ..core.points.likelihood.trying import TrialOutcome, TrialWork, in_turn, tried
 from ..io.markersets import SUFFIX
 from ..io.models import pack, unpack
 from ..io.scratch import naming_scratch, scratch_folder
@@ -33,11 +33,6 @@ MAX_JOBS = 4  # a core each; assumed: what goes before the trials is soon longer
 WORTH_POINTS = 40_000
 
 
-def trying(jobs: int | None) -> Trying:
-    """What tries the trials in so many processes; None for as many as are worth it."""
-    return partial(_tried, jobs)
-
-
 def run_trial(argv: Sequence[str]) -> int:
     """Tries the trial of a scratch file, as it would be tried in the process that wrote it; writes what comes of it."""
     result, path = map(Path, argv[1:])  # behind the word itself
@@ -53,7 +48,8 @@ def _write(path: Path, what: TrialWork | TrialOutcome):
         path.write_text(json.dumps(pack(what)), encoding="utf-8", newline="\n")
 
 
-def _tried(jobs: int | None, works: Sequence[TrialWork]) -> Iterator[TrialOutcome]:
+def try_in(jobs: int | None, works: Sequence[TrialWork]) -> Iterator[TrialOutcome]:
+    """Tries the trials in so many processes; None for as many as are worth it."""
     if jobs is None:
         points = sum(int((work.trial.truth >= 0).sum()) for work in works)
         jobs = min(os.cpu_count() or 1, MAX_JOBS) if points >= WORTH_POINTS else 1
@@ -159,7 +155,8 @@ def run(arguments) -> int:
         kept=tuple(dict.fromkeys(arguments.kept)),
         by=system_user() if arguments.by is None else arguments.by,
     )
-    report = ProgressLine(arguments.progress).drain(train_file(job, trying(arguments.jobs)), arguments.out.name)
+    work = train_file(job, partial(try_in, arguments.jobs))
+    report = ProgressLine(arguments.progress).drain(work, arguments.out.name)
     print_results(as_lines(report), report, arguments.json)
     if report["not_adopted_for"]:
         first, *others = report["not_adopted_for"]

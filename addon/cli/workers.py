@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -42,47 +41,6 @@ sys.exit(main(sys.argv[3:]))
 """
 
 
-@dataclass(frozen=True)
-class Command:
-    """A command line, the last word of which is its take, and the file that it leaves its result in."""
-
-    line: list[str]
-    result: Path
-
-    @property
-    def take(self) -> str:
-        """What it labels."""
-        return self.line[-1]
-
-    def sent(self) -> bytes:
-        """It as one line for a process to read."""
-        return json.dumps([self.line[0], "--result", str(self.result), *self.line[1:]]).encode() + b"\n"
-
-    def answer(self, status: int, said: str) -> dict | UserError:
-        """What came of it, or why nothing did, by its exit status and what it said on standard error."""
-        if status == 0 and self.result.is_file():
-            return json.loads(read_bytes(self.result))
-        lines = said.strip().splitlines()
-        reason = next((line for line in reversed(lines) if line.startswith("mocap-autolabel: ")), "")
-        error = InputError if status == InputError.exit_status else JobError
-        return error(reason.partition(": ")[2]) if reason else self._without_a_word(status)
-
-    def _without_a_word(self, status: int) -> JobError:
-        """How a process ended that had no last word."""
-        if status >= 0:
-            return JobError(
-                f"its process ended with status {status} and said nothing; expected it to finish", self.take
-            )
-        try:
-            killed = signal.Signals(-status).name
-        except ValueError:
-            killed = str(status)
-        return JobError(
-            f"its process was killed ({killed}), as systems do when memory is full; expected it to finish, see --jobs",
-            self.take,
-        )
-
-
 class Worker:
     """A process that takes one command after the other; `begun` once it had any."""
 
@@ -105,16 +63,17 @@ class Worker:
                 raise JobError(f"no process can be started for it ({reason}); expected fewer --jobs") from None
         self.pipe = cast("IO[bytes]", self.process.stdin)
 
-    def run(self, command: Command) -> dict | UserError:
-        """What comes of a command; how the process ended where it does before it answers."""
+    def run(self, line: list[str], result: Path) -> dict | UserError:
+        """What comes of a command line, which leaves that in a file; how the process ended where that is all."""
         self.begun = True
         with suppress(OSError):  # that it is gone shows where it would have answered
-            self.pipe.write(command.sent())
+            self.pipe.write(json.dumps([line[0], "--result", str(result), *line[1:]]).encode() + b"\n")
             self.pipe.flush()
-        for line in cast("IO[bytes]", self.process.stdout):
-            if line.startswith(ANSWER.encode()):
-                return command.answer(**json.loads(line[len(ANSWER) :]))
-        return command.answer(self.process.wait(), self.errors.read_bytes().decode("utf-8", "replace"))
+        for told in cast("IO[bytes]", self.process.stdout):
+            if told.startswith(ANSWER.encode()):
+                return _answer(line[-1], result, **json.loads(told[len(ANSWER) :]))
+        said = self.errors.read_bytes().decode("utf-8", "replace")
+        return _answer(line[-1], result, self.process.wait(), said)
 
     def close(self):
         """Lets go of the pipe to the process, which ends itself then; at once where it is still starting up."""
@@ -122,6 +81,25 @@ class Worker:
             self.process.kill()
         with suppress(OSError):
             self.pipe.close()
+
+
+def _answer(take: str, result: Path, status: int, said: str) -> dict | UserError:
+    """What came of a command line, or why nothing did, by its exit status and what it said on standard error."""
+    if status == 0 and result.is_file():
+        return json.loads(read_bytes(result))
+    lines = said.strip().splitlines()
+    reason = next((line for line in reversed(lines) if line.startswith("mocap-autolabel: ")), "")
+    if reason:
+        return (InputError if status == InputError.exit_status else JobError)(reason.partition(": ")[2])
+    if status >= 0:
+        return JobError(f"its process ended with status {status} and said nothing; expected it to finish", take)
+    try:
+        killed = signal.Signals(-status).name
+    except ValueError:
+        killed = str(status)
+    return JobError(
+        f"its process was killed ({killed}), as systems do when memory is full; expected it to finish, see --jobs", take
+    )
 
 
 class Crew:
@@ -149,19 +127,18 @@ class Crew:
                 if not isinstance(line, list):
                     break
                 number = next(numbers)
-                command = Command(line, self.scratch / f"{number}.json")
-                at_work[pool.submit(self._do, command)] = number
+                at_work[pool.submit(self._do, line, self.scratch / f"{number}.json")] = number
             if not at_work and more:
                 time.sleep(POLL)
             for future in wait(at_work, POLL, FIRST_COMPLETED).done:
                 yield at_work.pop(future), future.result()
 
-    def _do(self, command: Command) -> dict | UserError:
+    def _do(self, line: list[str], result: Path) -> dict | UserError:
         try:
             worker = self._free()
         except JobError as error:
-            return JobError(error.message, error.file or command.take)
-        answer = worker.run(command)
+            return JobError(error.message, error.file or line[-1])
+        answer = worker.run(line, result)
         if worker.process.poll() is None:
             self.idle.put(worker)
         else:

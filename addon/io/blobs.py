@@ -150,7 +150,7 @@ def _check_order(rows: Rows, previous: int | None, path: Path) -> int | None:
         raise InputError(
             f"goes back from frame {before} to {rows.frame[at]}; expected rows in ascending order of frames",
             path,
-            rows.line_of(at),
+            int(rows.lines[at]),
         )
     return int(rows.frame[-1])
 
@@ -182,7 +182,7 @@ class _Tally:
                 f"without blobs and {seen[at]} with some; expected at most {MAX_UNSEEN} without, and "
                 f"{UNSEEN_FOR_SEEN} more for each with some (is the column frame a time?)",
                 self.path,
-                rows.line_of(at),
+                int(rows.lines[at]),
             )
         self.last, self.seen, self.unseen = int(rows.frame[-1]), int(seen[-1]), int(unseen[-1])
 
@@ -196,7 +196,7 @@ class _Tally:
                 f"has over {MAX_FRAME_ROWS} blobs in frame {rows.frame[at]}; expected one frame of a capture "
                 "and then the next",
                 self.path,
-                rows.line_of(at),
+                int(rows.lines[at]),
             )
         self.crowd = int(counts[-1])
 

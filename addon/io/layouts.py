@@ -16,7 +16,7 @@ from pathlib import Path
 from ..core.data.errors import InputError
 from ..core.data.layouts import Layout, Site
 from .markersets import LAYOUT_SUFFIX, LAYOUTS, Reader
-from .toml_source import toml_document
+from .source import toml_document
 
 SIDE_WORDS = {"L": "left ", "R": "right "}
 MAX_OFF_MM = 300  # physical: no wand is longer

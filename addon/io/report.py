@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..core.data.errors import InputError
-from ..core.data.takes import EditOutcome, Suspect
+from ..core.data.takes import EditOutcome, Points, Suspect
 from ..core.edits.applying import summary_of
 from ..core.review.summary import TakeSummary
 from ..core.review.take_trouble import TakeTrouble
 from ..core.review.trouble import summary_of_trouble
+from .c3d.writing import first_number, names_in_c3d
 from .source import digest, read_json
 
 if TYPE_CHECKING:  # it is looked at, and none is made
@@ -72,6 +73,18 @@ def facts_of_trouble(trouble: TakeTrouble, suspects: Iterable[Suspect]) -> dict:
     """What a report says is the matter with a take, the worst first, and the same in half a sentence."""
     found = trouble.found(suspects)
     return {"trouble": [one.as_dict() for one in found], "to_look_at": summary_of_trouble(found)}
+
+
+def renumbered(points: Points) -> dict:
+    """What a report says where a C3D file cannot say what the take does: of frame numbers, and of long names."""
+    said: dict = {}
+    first = first_number(points.first_frame, points.xyz.shape[0])
+    if first != points.first_frame:
+        said["c3d_first_frame"] = first
+    names = zip(points.names, names_in_c3d(points.names), strict=True)
+    if other := {name: fitted for name, fitted in names if name != fitted}:
+        said["c3d_names"] = other
+    return said
 
 
 def earlier_run(path: Path, now: dict) -> tuple[dict | None, bool]:

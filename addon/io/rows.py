@@ -51,10 +51,6 @@ class Rows:
     def __len__(self) -> int:
         return len(self.frame)
 
-    def line_of(self, index: int) -> int:
-        """The line of the file that a row stands in."""
-        return int(self.lines[index])
-
     def cut(self, start: int, stop: int) -> "Rows":
         """Rows `start` to `stop`, the last not included."""
         return Rows(**{field.name: getattr(self, field.name)[start:stop] for field in fields(self)})

@@ -12,7 +12,7 @@ from ..core.geometry import inverse_lens
 from ..core.geometry.camera_up import AXIS_NAMES, guess_up
 from ..core.geometry.cameras import Cameras
 from .cameras import RigCamera, lens, numbers_in, refuse_crowd, rig, rotation_of
-from .toml_source import toml_document
+from .source import toml_document
 from .world import z_up
 
 # Ours beside the shared keys: a lens of Vicon's kind, exact, where `distortions` can only come near it.

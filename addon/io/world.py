@@ -110,11 +110,7 @@ class Upright:
 
 
 def find_up(
-    word: str,
-    xyz: np.ndarray | Scaled,
-    names: Sequence[str],
-    usual: str = "+Z",
-    lanes: Lanes | None = None,
+    word: str, xyz: np.ndarray | Scaled, names: Sequence[str], usual: str = "+Z", lanes: Lanes | None = None
 ) -> Upright:
     """The axis that points up in points (T, L, 3) m with `names`.
 

@@ -59,12 +59,7 @@ class _Camera:
 
 
 def _cameras(
-    path: Path,
-    kind: str,
-    tag: str,
-    calibrated: str,
-    keys: Sequence[str],
-    make: Callable[[_Camera], RigCamera],
+    path: Path, kind: str, tag: str, calibrated: str, keys: Sequence[str], make: Callable[[_Camera], RigCamera]
 ) -> Cameras:
     """The cameras of a file that have a `calibrated` part, of those that are in use, each by the first of `keys`."""
     root = read_xml(path, kind)

@@ -20,6 +20,8 @@ from ..core.papers.virtual_occlusions.occlusion import Occlusion
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of, with_edits
 from ..core.pipelines.others import OtherSubjects, refuse_two
 from ..core.points.handedness import MEND_BLOBS
+from ..core.points.naming import chosen_method
+from ..core.points.whole_take.pipeline import PointOptions
 from ..core.review.answering import without_accepted
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.suspects import find_suspects
@@ -30,10 +32,11 @@ from ..io.report import facts_of_cameras
 from ..io.scratch import scratch_folder
 from ..io.tables import Room, RowFile
 from .job import facts_of_capture, timed
-from .labelling import OpenTake, Results, TakePart, subjects_in_blobs
+from .labelling import OpenTake, Results, TakePart, edits_named
 
 if TYPE_CHECKING:  # only who fills gaps needs it
     from ..core.filling.rays import MarkerRays
+    from ..core.pipelines.several_through_points import SubjectsInImages
 
 
 class BlobTake(OpenTake):
@@ -68,8 +71,7 @@ class BlobTake(OpenTake):
             self.method, self.worn = blob_method(settings), model.markerset
             self.check = CameraCheck(cameras, self.worn)
         else:
-            room = Room(self.stack, 0)  # no table is held: those of chunks are small, and a long take has many
-            seen = yield from subjects_in_blobs(job, cameras, self.several, self.edits, room)
+            seen = yield from self._subjects()
             self.method, self.worn = "likelihood", seen.worn
             own, read = tee(self._blobs())
             self.work = seen.chunks(read)
@@ -141,6 +143,28 @@ class BlobTake(OpenTake):
                 return
             self.taken.append(rows)
             yield rows.blobs
+
+    def _subjects(self) -> "Generator[Progress, None, SubjectsInImages]":
+        """Who is there, by the points that the blobs make; InputError where edits are of somebody who is not."""
+        from ..core.pipelines.several_through_points import label_several_blobs
+
+        job, asked = self.job, self.several
+
+        def read() -> Iterator[tuple[Blobs, float]]:
+            first = None
+            for rows in read_blobs(job.source, self.cameras, job.frames):
+                first = int(rows.blobs.frames[0]) if first is None else first
+                if job.shown:
+                    frames = int(rows.blobs.frames[-1]) - first + 1
+                    refuse_keys(frames, asked.at_least, 0.0 if job.frames else rows.fraction)
+                yield rows.blobs, rows.fraction
+
+        room = Room(self.stack, 0)  # no table is held: those of chunks are small, and a long take has many
+        options = PointOptions(chosen_method(asked.models[0], job.method), job.target, room=room, force=job.force)
+        body_of = mesh_occlusion if job.casts == "bvh" else None
+        with edits_named(job):
+            work = label_several_blobs(read, self.cameras, asked, options, self.rate, body_of, self.edits)
+            return (yield from work)
 
     def _keep(self, blobs: Blobs, chunk: LabelledChunk):
         """Keeps of a chunk what the end needs."""

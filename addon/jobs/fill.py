@@ -23,8 +23,8 @@ from ..io.filled import gap_rows, left_rows, write_filled
 from ..io.markersets import markerset_file
 from ..io.models import open_model
 from ..io.points import columns_of_set, marker_columns, read_points, write_c3d
+from ..io.report import renumbered
 from ..io.whole import whole_files
-from .labelling import renumbered
 
 
 @dataclass(frozen=True)
@@ -100,10 +100,7 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
 
 
 def fill_labelled(
-    points: Points,
-    markerset: Worn,
-    listeners: Iterable[TakeOverview | TakeTrouble | None],
-    rays: MarkerRays = NO_RAYS,
+    points: Points, markerset: Worn, listeners: Iterable[TakeOverview | TakeTrouble | None], rays: MarkerRays = NO_RAYS
 ) -> Generator[Progress, None, tuple[Points, dict, tuple[KeptFill, ...]]]:
     """A take whose first columns are the markers of a model, or of several subjects, with their gaps filled.
 

@@ -1,19 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A take from file to files, of blobs as of 3D points: named part by part, and written as a whole."""
 
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..blendfile import Chunks, mesh_occlusion, refuse_long, save_blend, save_played
+from ..blendfile import Chunks, refuse_long, save_blend, save_played
 from ..core.data.errors import InputError
 from ..core.data.markersets import Worn
 from ..core.data.progress import Progress
 from ..core.data.takes import MAX_FRAME, Blobs, EditOutcome, LabelledChunk, PointRows, Points, Suspect
 from ..core.edits.applying import joined
-from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
 from ..core.pipelines.misfits import misfit_of
 from ..core.points.handedness import MEND_MIRRORED, MEND_POINTS, Handedness
@@ -28,15 +27,13 @@ from ..core.points.whole_take.pipeline import label_take as name_points
 from ..core.review.doubtful import AskedNames, doubtful_of, doubtful_ranges
 from ..core.review.summary import TakeSummary
 from ..core.review.take_trouble import TakeTrouble
-from ..io.blobs import read_blobs
-from ..io.c3d.writing import first_number, names_in_c3d
 from ..io.edits import open_edits
 from ..io.labels import POINT_KEYS, LabelWriter, facts_of_changes, point_keys
 from ..io.markersets import builtin_markersets
 from ..io.models import open_model
 from ..io.points import read_points, write_c3d, write_trc
 from ..io.poses import PoseFile, is_long, refuse_keys
-from ..io.report import REPORT, facts_of_edits, facts_of_trouble, take_report
+from ..io.report import REPORT, facts_of_edits, facts_of_trouble, renumbered, take_report
 from ..io.scratch import scratch_folder
 from ..io.source import digest
 from ..io.tables import Room
@@ -49,44 +46,7 @@ from .models import model_for
 if TYPE_CHECKING:
     from ..core.filling.kept import KeptFill
     from ..core.filling.rays import MarkerRays
-    from ..core.pipelines.several_through_points import SubjectsInImages
     from ..core.review.overview import TakeOverview
-
-
-def several_asked(job: LabelJob, model: Model) -> Generator[Progress, None, SeveralOptions]:
-    """Who is asked for; `model` is what those without names wear.
-
-    Raises InputError where a body is given, which is one subject's.
-    """
-    if job.body is not None:
-        raise InputError("a body of your own is one subject's; expected the bodies of the models", job.source)
-    if not job.wearers:
-        return SeveralOptions(model, job.subjects)
-    subjects = []
-    for name, worn in job.wearers:
-        subjects.append(Wearer(name, (yield from model_for(worn, job.method))))
-    return SeveralOptions(subjects=tuple(subjects))
-
-
-def subjects_in_blobs(
-    job: LabelJob, cameras: Cameras, asked: SeveralOptions, edits: Edits, room: Room
-) -> "Generator[Progress, None, SubjectsInImages]":
-    """Who is in a take of blobs, by the points that they make; InputError where edits are of somebody who is not."""
-    from ..core.pipelines.several_through_points import label_several_blobs
-
-    def read() -> Iterator[tuple[Blobs, float]]:
-        first = None
-        for rows in read_blobs(job.source, cameras, job.frames):
-            first = int(rows.blobs.frames[0]) if first is None else first
-            if job.shown:
-                frames = int(rows.blobs.frames[-1]) - first + 1
-                refuse_keys(frames, asked.at_least, 0.0 if job.frames else rows.fraction)
-            yield rows.blobs, rows.fraction
-
-    options = PointOptions(chosen_method(asked.models[0], job.method), job.target, room=room, force=job.force)
-    body_of = mesh_occlusion if job.casts == "bvh" else None
-    with edits_named(job):
-        return (yield from label_several_blobs(read, cameras, asked, options, job.frame_rate, body_of, edits))
 
 
 @contextmanager
@@ -154,13 +114,17 @@ class OpenTake:
     cameras: Cameras = NO_CAMERAS
     worn: Worn
 
-    def __init__(
-        self, job: LabelJob, model: Model, several: SeveralOptions | None, stack: ExitStack, clock: dict[str, float]
-    ):
-        self.job, self.model, self.several, self.stack, self.clock = job, model, several, stack, clock
+    def __init__(self, job: LabelJob, models: dict[str, Model], stack: ExitStack, clock: dict[str, float]):
+        self.job, self.stack, self.clock = job, stack, clock
+        self.model, self.several = models[job.models[0]], None
+        if job.several:
+            if job.body is not None:
+                raise InputError("a body of your own is one subject's; expected the bodies of the models", job.source)
+            subjects = tuple(Wearer(name, models[worn]) for name, worn in job.wearers)
+            self.several = SeveralOptions(subjects=subjects) if subjects else SeveralOptions(self.model, job.subjects)
         self.rate = job.frame_rate
         known = self.read()
-        named = several.possible if several else model.markerset
+        named = self.several.possible if self.several else self.model.markerset
         self.edits = open_edits(job.edits_applied, job.source, named, **known)
 
     def rays(self) -> "MarkerRays | None":
@@ -255,8 +219,8 @@ class PointTake(OpenTake):
         return labelled_points(self.take, self.labelled, self.worn)
 
 
-def label_take(job: LabelJob, kind: type[OpenTake]) -> Generator[Progress, None, Labelled]:
-    """Labels the take and writes its files, which appear together or not at all.
+def label_take(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> Generator[Progress, None, Labelled]:
+    """Labels the take, of whichever kind, and writes its files, which appear together or not at all.
 
     Memory does not grow with a take of blobs, unless its gaps are to be filled: that takes all frames.
     Raises UserError with the file where it can be told.
@@ -265,9 +229,10 @@ def label_take(job: LabelJob, kind: type[OpenTake]) -> Generator[Progress, None,
     with ExitStack() as stack:
         inputs, files = open_files(job, stack)  # before they are read
         with timed(clock, "load"):
-            model = yield from model_for(job.model, job.method)
-            several = (yield from several_asked(job, model)) if job.several else None
-            take = kind(job, model, several, stack, clock)
+            models = {}
+            for name in job.models:
+                models[name] = yield from model_for(name, job.method)
+            take = kind_of(job)(job, models, stack, clock)
         yield from take.name()
         results = Results(job, take, files[".labels.csv"], stack)
         for rows, keys, chunk, read in take.parts(results.kept):
@@ -279,7 +244,7 @@ def label_take(job: LabelJob, kind: type[OpenTake]) -> Generator[Progress, None,
         with timed(clock, "label"):
             results.end(*take.end())
         results.labels.file.flush()
-        points, facts, fills = take.points(), results.facts(), ()
+        points, of_gaps, fills = take.points(), {}, ()
         if job.fill:
             from .fill import fill_labelled
 
@@ -287,9 +252,7 @@ def label_take(job: LabelJob, kind: type[OpenTake]) -> Generator[Progress, None,
                 listeners, rays = (results.overview, results.trouble), take.rays()
                 given = points, take.worn, listeners, *(() if rays is None else (rays,))
                 points, of_gaps, fills = yield from fill_labelled(*given)
-            facts |= of_gaps
-        facts |= results.judged()
-        report = _write(results, files, model, points, facts, inputs, fills, clock)
+        report = results.write(files, points, of_gaps, fills, inputs, clock)
     return Labelled(report, take.worn, results.chunks if job.keep else [], take.edits)
 
 
@@ -364,7 +327,7 @@ class Results:
         """The poses of a take that is too long for keys, where a Blender file is wanted."""
         return self.poses if self.poses is not None and self.poses.long else None
 
-    def facts(self) -> dict:
+    def _facts(self) -> dict:
         """What the report says of the take and of who is in it, beside what every report says."""
         facts = self.take.facts(self)
         if self.notes:
@@ -373,75 +336,55 @@ class Results:
             facts |= facts_of_subjects(self.job, self.take.worn, facts.get("notes", []))
         return facts
 
-    def judged(self) -> dict:
-        """What the report says that a person should look at; asked once gaps are filled, which are no trouble then."""
-        doubtful = {name: spans for name, spans in self._doubtful.items() if spans}
-        return facts_of_trouble(self.trouble, self.summary.suspects) | {"doubtful": doubtful}
+    def write(
+        self,
+        files: dict[str, Path],
+        points: Points,
+        of_gaps: dict,
+        fills: "tuple[KeptFill, ...]",
+        made_of: dict,
+        clock: dict[str, float],
+    ) -> dict:
+        """Writes all files of a take but its labels, which are written part by part; gives the report.
 
-    def edits_done(self) -> tuple[EditOutcome, ...]:
-        """What became of each edit."""
-        return joined(filter(None, self.outcomes))
+        `points` are its markers once gaps are filled, and `of_gaps` what the report says of that.
+        """
+        job, take, rate, facts = self.job, self.take, points.rate, self._facts() | of_gaps
+        with timed(clock, "write"):
+            if self.played is not None:
+                of_take = points, self.played, self.summary.suspects, take.cameras
+                part = job.for_a_part(not len(take.cameras))
+                save_played(files[".blend"], files[MOTION_FILE], job.source, take.worn, *of_take, part)
+            elif job.blend:
+                shown = self.chunks, take.cameras, take.edits, fills
+                save_blend(files[".blend"], job.source, rate, take.worn, *shown)
+            changed = facts_of_changes(job.path(".labels.csv"), files[".labels.csv"], take.worn.markers)
+            write_c3d(files[".c3d"], points)
+            if job.trc:
+                write_trc(files[".trc"], points)
+            written = {ending: path for ending, path in files.items() if ending not in (PAGE, REPORT)}
+            digests = {ending: digest([path]) for ending, path in written.items() if path.exists()}
+        report = take_report(self.summary, job.source.stem, take.worn.name, rate, version(), clock)
+        report |= (
+            {"model_version": take.model.history.version, "model_fingerprint": take.model.fingerprint}
+            | renumbered(points)
+            | facts_of_edits(job.edits_file, joined(filter(None, self.outcomes)))
+            | facts
+            | facts_of_trouble(self.trouble, self.summary.suspects)  # in which gaps that were filled are no trouble
+            | {"doubtful": {name: spans for name, spans in self._doubtful.items() if spans}}
+            | changed
+            | {"made_of": {**made_of, "results": digests}}
+        )
+        if "points" in report:
+            del report["blobs"]
+        if left := [path.name for path in leftovers(job)]:
+            words = [f"{name} is not of this run, and stays as it is" for name in left]
+            report["notes"] = [*report.get("notes", []), *words]
+        if self.overview is not None:
+            from ..io.html.pages import write_take_page
+            from .pages import today
 
-
-def _write(
-    results: Results,
-    files: dict[str, Path],
-    model: Model,
-    points: Points,
-    facts: dict,
-    made_of: dict,
-    fills: "tuple[KeptFill, ...]",
-    clock: dict[str, float],
-) -> dict:
-    """Writes all files of a take but its labels, which are written part by part; gives the report."""
-    job, take, rate = results.job, results.take, points.rate
-    with timed(clock, "write"):
-        if results.played is not None:
-            of_take = points, results.played, results.summary.suspects, take.cameras
-            part = job.for_a_part(not len(take.cameras))
-            save_played(files[".blend"], files[MOTION_FILE], job.source, take.worn, *of_take, part)
-        elif job.blend:
-            shown = results.chunks, take.cameras, take.edits, fills
-            save_blend(files[".blend"], job.source, rate, take.worn, *shown)
-        changed = facts_of_changes(job.path(".labels.csv"), files[".labels.csv"], take.worn.markers)
-        write_c3d(files[".c3d"], points)
-        if job.trc:
-            write_trc(files[".trc"], points)
-        digests = {
-            ending: digest([path]) for ending, path in files.items() if ending not in (PAGE, REPORT) and path.exists()
-        }
-    report = take_report(results.summary, job.source.stem, take.worn.name, rate, version(), clock)
-    outcomes = results.edits_done()
-    report |= (
-        {"model_version": model.history.version, "model_fingerprint": model.fingerprint}
-        | renumbered(points)
-        | facts_of_edits(job.edits_file, outcomes)
-        | facts
-        | changed
-        | {"made_of": {**made_of, "results": digests}}
-    )
-    if "points" in report:
-        del report["blobs"]
-    if left := [path.name for path in leftovers(job)]:
-        words = [f"{name} is not of this run, and stays as it is" for name in left]
-        report["notes"] = [*report.get("notes", []), *words]
-    if results.overview is not None:
-        from ..io.html.pages import write_take_page
-        from .pages import today
-
-        write_take_page(files[PAGE], report, results.overview, job.source.name, today())
-        digests[PAGE] = digest([files[PAGE]])
-    write_json(files[REPORT], report)
-    return report
-
-
-def renumbered(points: Points) -> dict:
-    """What a report says where a C3D file cannot say what the take does: of frame numbers, and of long names."""
-    said: dict = {}
-    first = first_number(points.first_frame, points.xyz.shape[0])
-    if first != points.first_frame:
-        said["c3d_first_frame"] = first
-    names = zip(points.names, names_in_c3d(points.names), strict=True)
-    if other := {name: fitted for name, fitted in names if name != fitted}:
-        said["c3d_names"] = other
-    return said
+            write_take_page(files[PAGE], report, self.overview, job.source.name, today())
+            digests[PAGE] = digest([files[PAGE]])
+        write_json(files[REPORT], report)
+        return report

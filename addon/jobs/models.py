@@ -33,28 +33,25 @@ def model_for(name: str, method: str) -> Generator[Progress, None, Model]:
     if method != "ensemble" or model.partial_solvers is not None or not model.training_takes:
         return model
     if model not in _found:
-        _found[model] = yield from _solvers(model, name)
+        from ..core.training.pipeline import TrainingOptions, train_solvers
+
+        options = TrainingOptions(model.markerset.name, search=USUAL_SEARCH)
+        count = len(model.markerset)
+        if count > options.max_markers:
+            raise InputError(
+                f"has no partial solvers, and for {count} markers finding them takes long; expected a model that has "
+                f"them: train --from {name} --search {options.search} --out MODEL makes one",
+                name,
+            )
+        work = train_solvers(model, options, known_bodies())
+        while model not in _found:
+            try:
+                step = next(work)
+            except StopIteration as end:
+                _found[model] = end.value.partial_solvers
+            else:
+                yield Progress(0.0, f"{step.note}, once for this model: {step.fraction:.0%}")
     return replace(model, partial_solvers=_found[model])
-
-
-def _solvers(model: Model, name: str) -> Generator[Progress, None, PartialSolvers]:
-    from ..core.training.pipeline import TrainingOptions, train_solvers
-
-    options = TrainingOptions(model.markerset.name, search=USUAL_SEARCH)
-    count = len(model.markerset)
-    if count > options.max_markers:
-        raise InputError(
-            f"has no partial solvers, and for {count} markers finding them takes long; expected a model that has them: "
-            f"train --from {name} --search {options.search} --out MODEL makes one",
-            name,
-        )
-    work = train_solvers(model, options, known_bodies())
-    while True:
-        try:
-            step = next(work)
-        except StopIteration as end:
-            return end.value.partial_solvers
-        yield Progress(0.0, f"{step.note}, once for this model: {step.fraction:.0%}")
 
 
 def known_bodies() -> list[MarkerSet]:

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Unnamed 3D points from a file of unnamed blobs, as a `.c3d` or `.trc`; memory does not grow with the take."""
 
-from collections import deque
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import tee
 from pathlib import Path
 from time import perf_counter
 
@@ -15,15 +15,15 @@ from ..core.data.errors import InputError, JobError
 from ..core.data.lanes import Lanes
 from ..core.data.made import Made, by_frames
 from ..core.data.progress import Progress
-from ..core.data.takes import Blobs, Points
+from ..core.data.takes import Points
 from ..core.reconstruction.trajectories import Reconstructed, TrajectorySpans, reconstruct_take
-from ..io.blobs import BlobRows, read_blobs
+from ..io.blobs import read_blobs
 from ..io.points import write_c3d, write_trc
+from ..io.report import renumbered
 from ..io.scratch import scratch_folder
 from ..io.tables import RowFile
 from ..io.whole import whole_file
 from .job import USUAL_RATE, RoomJob, facts_of_capture
-from .labelling import renumbered
 
 # How trajectories become the columns of a file.
 # format: as many as one list of names in a C3D file holds; of more, those share one that are far apart
@@ -118,9 +118,9 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
         target = stack.enter_context(whole_file(job.out, job.overwrite, [job.source, *files]))
         spool = stack.enter_context(TrajectoryFile(stack.enter_context(scratch_folder()), rate))
         stack.enter_context(threadpool_limits(1, user_api="blas"))
-        taken: deque[BlobRows] = deque()
-        for part in reconstruct_take(_noted(read_blobs(job.source, cameras, job.frames), taken), cameras, rate):
-            rows = taken.popleft()
+        chunks, read = tee(read_blobs(job.source, cameras, job.frames))
+        parts = reconstruct_take((rows.blobs for rows in read), cameras, rate)
+        for rows, part in zip(chunks, parts, strict=True):
             spool.add(part)
             blobs, used, pixel = blobs + len(rows.blobs), used + int(part.support.sum()), part.pixel
             squares += float((part.residual**2).sum())
@@ -146,9 +146,3 @@ def rebuild_file(job: RebuildJob) -> Generator[Progress, None, dict]:
         **(renumbered(points) if write is write_c3d else {}),
         "seconds": round(perf_counter() - begin, 3),
     }
-
-
-def _noted(chunks: Iterator[BlobRows], taken: deque[BlobRows]) -> Iterator[Blobs]:
-    for rows in chunks:
-        taken.append(rows)
-        yield rows.blobs

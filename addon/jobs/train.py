@@ -17,14 +17,7 @@ from ..core.points.likelihood.trying import Trying, in_turn
 from ..core.points.models import Model, TrainingTake
 from ..core.training.described import described
 from ..core.training.described import learned as learned_from_words
-from ..core.training.pipeline import (
-    TRAINING_SHARES,
-    Trained,
-    TrainingOptions,
-    never_named,
-    train,
-    train_solvers,
-)
+from ..core.training.pipeline import TRAINING_SHARES, Trained, TrainingOptions, never_named, train, train_solvers
 from ..core.training.takes import standing_apart, subject_rows
 from ..io.layouts import open_layout
 from ..io.markersets import SUFFIX, markerset_file, open_markerset
@@ -339,10 +332,7 @@ def _report(
             for name, value in zip(markerset.markers, trained.residual, strict=True)
         },
         "doubts": list(trained.doubts),
-        "evidence": {
-            "subjects": likelihood.subjects,
-            "plates": likelihood.rigid_bodies is not None,
-        },
+        "evidence": {"subjects": likelihood.subjects, "plates": likelihood.rigid_bodies is not None},
         "ensemble": solvers,
         "seconds": {part: round(seconds, 2) for part, seconds in clock.items()},
         "replaced": [{"take": " ".join(gone.takes), "subject": gone.subject} for gone in trained.replaced],

@@ -212,10 +212,7 @@ def unseen_markers(takes: Sequence[TakeFile], bodies: Sequence[MarkerSet]) -> tu
 
 
 def chosen_markers(
-    takes: Sequence[TakeFile],
-    wanted: Sequence[str] | None,
-    base: Sequence[str] = (),
-    known: Sequence[str] = (),
+    takes: Sequence[TakeFile], wanted: Sequence[str] | None, base: Sequence[str] = (), known: Sequence[str] = ()
 ) -> tuple[str, ...]:
     """The markers to learn: `wanted`, or those of the model that is trained on, or those that all takes have.
 

@@ -36,7 +36,7 @@ class FolderBatch:
 
     def __init__(self, line: list[str], table: Path, cameras: Cameras | None):
         """Starts it with a command line, to which the `cameras` are added; JobError where there can be no process."""
-        from ..cli.workers import Command, Worker
+        from ..cli.workers import Worker
 
         self.table, self.stopping = table, False
         self.rows: list[TakeRow] = []
@@ -52,8 +52,7 @@ class FolderBatch:
             self._worker = Worker(scratch)
             stack.callback(self._worker.close)
             self._kept = stack.pop_all()
-        command = Command(line, scratch / "result.json")
-        Thread(target=lambda: self._heard.put(self._worker.run(command)), daemon=True).start()
+        Thread(target=lambda: self._heard.put(self._worker.run(line, scratch / "result.json")), daemon=True).start()
 
     def look(self) -> bool:
         """Takes in what is new; False once it has come to its end."""

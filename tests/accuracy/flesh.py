@@ -85,11 +85,7 @@ class Move:
 def moved_flesh(body: Flesh, frames: slice, move: Move) -> Flesh:
     """The flesh of some frames, moved along with the person."""
     return Flesh(
-        move(body.start[frames]),
-        move(body.end[frames]),
-        body.radius,
-        move.turn @ body.pelvis[frames],
-        body.stature,
+        move(body.start[frames]), move(body.end[frames]), body.radius, move.turn @ body.pelvis[frames], body.stature
     )
 
 

@@ -18,12 +18,7 @@ OFF_THE_MIDDLE = 0.3
 
 
 def standing(
-    markers,
-    persons,
-    count: int,
-    seed: int = 0,
-    options: CaptureOptions | None = None,
-    cameras: int | None = None,
+    markers, persons, count: int, seed: int = 0, options: CaptureOptions | None = None, cameras: int | None = None
 ) -> Iterator[Trial]:
     """`count` captures of one frame each of `persons` wearing `markers`, everything about them drawn from `seed`.
 

@@ -93,9 +93,7 @@ STAGES: dict[str, dict[str, Callable]] = {
     "points: layout of a crowd": {"points.whole_take.solving.named_by_layout": _no_layout},
     "points: blocks": {"points.whole_take.layout.block_exchanges": _nothing_tried},
     "points: unmodelled markers": {"points.whole_take.solving._Solving._add_extras": lambda self: False},
-    "points: links over gaps": {
-        "points.whole_take.objective.links": lambda *given: np.zeros(given[-1].shape),
-    },
+    "points: links over gaps": {"points.whole_take.objective.links": lambda *given: np.zeros(given[-1].shape)},
     "points: seldom there": {
         "points.whole_take.solving._Solving._of_seldom": lambda self, own: np.full(len(own), np.inf)
     },
@@ -113,9 +111,7 @@ if has_blender():
     # Rays are cast at the capsules' meshes instead.
     STAGES["blobs: closed form"] = {"blobs.subject.CapsuleOcclusion": lambda markerset, _: mesh_occlusion(markerset)}
 LOOK_AGAIN = ("rereading", "review of swaps", "continuity", "image tracklets")
-TOGETHER = {
-    "blobs: all that look again": [f"blobs: {name}" for name in LOOK_AGAIN],
-}
+TOGETHER = {"blobs: all that look again": [f"blobs: {name}" for name in LOOK_AGAIN]}
 
 
 @contextmanager

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A small person, four cameras around her, and a take that is known to the last digit, inside a fresh Blender."""
 
-import importlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -39,10 +38,9 @@ from addon.io.markersets import write_markerset  # noqa: E402
 from addon.io.points import write_c3d  # noqa: E402
 from addon.scene.take import Take  # noqa: E402
 
-from .hands import FRAMES, GHOST  # noqa: E402
+from .hands import FRAMES, GHOST, MODULE, ours, stored_take  # noqa: E402
 
 REPOSITORY = Path(__file__).resolve().parents[2]
-MODULE = "bl_ext.mocap_tests.mocap_autolabel"
 
 # segment: (parent, joint in the parent's axes, capsule end in its own axes, capsule radius), heights
 SEGMENTS = {
@@ -251,9 +249,9 @@ def extension(tmp_path_factory):
 @pytest.fixture
 def name_as(extension, monkeypatch) -> Callable[[np.ndarray], None]:
     """Lets the extension name the trajectories of points by a naming that knows: the marker of each, or NO_MARKER."""
-    pipeline = importlib.import_module(f"{extension}.addon.core.points.whole_take.pipeline")
-    jobs = importlib.import_module(f"{extension}.addon.jobs.labelling")
-    takes = importlib.import_module(f"{extension}.addon.core.data.takes")
+    pipeline = ours("core.points.whole_take.pipeline")
+    jobs = ours("jobs.labelling")
+    takes = ours("core.data.takes")
 
     def know(truth: np.ndarray):
         def name(points, rate):
@@ -272,11 +270,9 @@ def name_as(extension, monkeypatch) -> Callable[[np.ndarray], None]:
 @pytest.fixture
 def suspects(extension) -> Callable[[], list[tuple[int, int, str]]]:
     """What is doubted of the active take now: first and last of Blender's frames, and why."""
-    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
 
     def of_active_take() -> list[tuple[int, int, str]]:
-        scene = bpy.context.scene
-        stored = opened.take(scene.mocap_autolabel.take, scene)
+        stored = stored_take()
         return [(one.first + stored.shift, one.last + stored.shift, one.reason) for one in stored.suspects]
 
     return of_active_take

@@ -1,16 +1,38 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a hand does to the take of points of the fixture `labelled`, and what is seen then."""
 
+import importlib
 from pathlib import Path
+from types import ModuleType
 
 import bpy
 import numpy as np
 import pytest
 
+from addon.core.data.progress import finished
 from addon.scene import naming
 
+MODULE = "bl_ext.mocap_tests.mocap_autolabel"
 FRAMES = 30
 GHOST = 13  # the trajectory that nobody wears; before it each is the marker of its number
+
+
+def ours(name: str) -> ModuleType:
+    """A module of the extension as the fixture `extension` has enabled it, such as "scene.opened"."""
+    return importlib.import_module(f"{MODULE}.addon.{name}")
+
+
+def stored_take():
+    """The active take as the sidebar has it."""
+    scene = bpy.context.scene
+    return ours("scene.opened").opened.take(scene.mocap_autolabel.take, scene)
+
+
+def labelled_by_job(files, out: Path, **more) -> Path:
+    """The folder in which the job of the command line has labelled the take of points."""
+    jobs = ours("jobs")
+    finished(jobs.label_file(jobs.LabelJob(files.take, None, str(files.folder / "small.markerset.json"), out, **more)))
+    return out
 
 
 def shown() -> dict[str, bpy.types.Object]:

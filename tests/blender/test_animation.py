@@ -81,10 +81,3 @@ def test_keys_that_a_hand_took_away_or_that_all_go_are_not_moved(bag):
     before = keys_of(bag)
     assert not animation.move(bag, "location", FRAMES, (BEFORE, None), (path(2), None))
     assert keys_of(bag) == before
-
-
-def test_the_keys_of_a_take_go_into_few_actions(empty, monkeypatch):
-    monkeypatch.setattr(animation, "KEYING", KeyOptions(most_keys=100))
-    actions = animation.TakeActions("Mocap: walk")
-    names = [actions.for_keys(keys).name for keys in (250, 60, 40, 1, 90, 0)]
-    assert names == ["Mocap: walk", "Mocap: walk 2", "Mocap: walk 2", *["Mocap: walk 3"] * 3]

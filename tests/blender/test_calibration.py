@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Refine Calibration in Blender: the new file is written and chosen, errors are told, what is good stays."""
 
-import importlib
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,7 +15,7 @@ from addon.scene.cameras import kept_health, kept_refinement
 from tests.blender.conftest import open_room, write_room
 from tests.core.calibration.test_adjusting import image_error, moved
 
-from .hands import refused
+from .hands import ours, refused
 
 MOVED = 2
 
@@ -68,7 +67,7 @@ def test_a_moved_camera_is_refined_and_the_new_file_chosen(scene, files):
 def test_cameras_that_were_changed_meanwhile_stay(extension, scene, files, monkeypatch):
     made = scene("moved.toml")
     settings = made.mocap_autolabel
-    module = importlib.import_module(f"{extension}.addon.ops.calibration")
+    module = ours("ops.calibration")
     other = scene_cameras.add_cameras(made, files.room)
 
     def changed_meanwhile(_):
@@ -85,7 +84,7 @@ def test_cameras_that_were_changed_meanwhile_stay(extension, scene, files, monke
 
 def test_the_panel_tells_errors_and_offers_to_label_again(extension, scene, files):
     made = scene("room.toml")
-    panel = importlib.import_module(f"{extension}.addon.ui.panels")
+    panel = ours("ui.panels")
     settings = made.mocap_autolabel
     row = {"before_px": 2.19, "after_px": 0.41}
     settings.source.cameras["mocap_refined"] = json.dumps({"cameras": {"cam 0": row, "cam 1": dict.fromkeys(row)}})
@@ -116,7 +115,7 @@ def test_what_is_odd_about_cameras_stays_with_the_take(scene, files):
 
 
 def test_without_cameras_or_blobs_the_button_says_why(extension, empty, files):
-    module = importlib.import_module(f"{extension}.addon.ops.calibration")
+    module = ours("ops.calibration")
     operator, said = module.MOCAP_AUTOLABEL_OT_refine_calibration, []
     cls = SimpleNamespace(poll_message_set=said.append, lacks=operator.lacks)
     assert not operator.poll.__func__(cls, empty)
@@ -132,7 +131,7 @@ def test_without_cameras_or_blobs_the_button_says_why(extension, empty, files):
 
 
 def test_a_free_name_is_found(extension, tmp_path):
-    module = importlib.import_module(f"{extension}.addon.ops.calibration")
+    module = ours("ops.calibration")
     assert module.free_path(tmp_path / "walk.csv").name == "walk.refined.toml"
     (tmp_path / "walk.refined.toml").touch()
     assert module.free_path(tmp_path / "walk.csv").name == "walk-2.refined.toml"

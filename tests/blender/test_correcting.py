@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Labels of 3D points corrected in Blender: all that is shown and written follows, and what was said is kept."""
 
-import importlib
 import json
-from functools import partial
 
 import bpy
 import numpy as np
@@ -14,7 +12,20 @@ from addon.io.edits import read_edits, write_edits
 from addon.io.points import read_points
 from tests.io.pages import read as read_page
 
-from .hands import FRAMES, GHOST, choose, follows, keys_of, picked, refused, reopen, rows_of_export, shown
+from .hands import (
+    FRAMES,
+    GHOST,
+    choose,
+    follows,
+    keys_of,
+    labelled_by_job,
+    ours,
+    picked,
+    refused,
+    reopen,
+    rows_of_export,
+    shown,
+)
 
 
 def test_two_names_are_swapped_everywhere(labelled, files):
@@ -41,7 +52,7 @@ def test_two_names_are_swapped_everywhere(labelled, files):
 
 @pytest.mark.parametrize("scope", ["FRAME", "RANGE", "WHOLE"])
 def test_markers_in_actions_of_their_own_follow_too(extension, monkeypatch, request, files, scope):
-    animation = importlib.import_module(f"{extension}.addon.scene.animation")
+    animation = ours("scene.animation")
     monkeypatch.setattr(animation, "KEYING", animation.KeyOptions(most_keys=100, most_single=4))
     labelled = request.getfixturevalue("labelled")
     assert len({item.animation_data.action for item in shown().values()}) == GHOST
@@ -98,7 +109,7 @@ def test_what_is_right_is_no_longer_asked(extension, labelled, suspects):
     take["mocap_suspects"] = json.dumps(
         [[110, 115, "LKNE jumps", None, ["LKNE"]], [112, 113, "may be LKNE", GHOST, []], [120, 121, "of old", None, []]]
     )
-    importlib.import_module(f"{extension}.addon.scene.opened").opened.forget()
+    ours("scene.opened").opened.forget()
     choose("LKNE")
     labelled.scene.frame_set(112)
     bpy.ops.mocap_autolabel.is_right(scope="ON")
@@ -150,7 +161,6 @@ def test_a_saved_file_keeps_them(labelled, files):
 
 
 def test_labelling_again_keeps_them_and_is_what_the_command_line_makes(labelled, files, extension, tmp_path):
-    jobs = importlib.import_module(f"{extension}.addon.jobs")
     choose("LKNE", "RKNE")
     bpy.ops.mocap_autolabel.swap_markers(scope="WHOLE")
     bpy.ops.mocap_autolabel.pick(point=GHOST)
@@ -158,11 +168,7 @@ def test_labelling_again_keeps_them_and_is_what_the_command_line_makes(labelled,
     bpy.ops.mocap_autolabel.save_corrections()
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 2
-    out = tmp_path / "out"
-    out.mkdir()
-    model = str(files.folder / "small.markerset.json")
-    for _ in jobs.label_file(jobs.LabelJob(files.take, None, model, out)):
-        pass
+    out = labelled_by_job(files, tmp_path / "out")
     rows_of_export(tmp_path / "ours.labels.csv")
     assert (tmp_path / "ours.labels.csv").read_text() == (out / "walk.labels.csv").read_text()
     bpy.ops.mocap_autolabel.export_c3d(filepath=str(tmp_path / "ours.c3d"))
@@ -190,13 +196,8 @@ def test_what_lies_beside_the_take_is_taken_up(labelled, files):
 
 
 def test_a_file_of_the_command_line_can_be_corrected_on(labelled, files, extension, tmp_path):
-    jobs = importlib.import_module(f"{extension}.addon.jobs")
     write_edits(files.edits, Edits((Swap(("LKNE", "RKNE")),)))
-    out = tmp_path / "out"
-    out.mkdir()
-    model = str(files.folder / "small.markerset.json")
-    for _ in jobs.label_file(jobs.LabelJob(files.take, None, model, out, blend=True)):
-        pass
+    out = labelled_by_job(files, tmp_path / "out", blend=True)
     bpy.ops.wm.open_mainfile(filepath=str(out / "walk.blend"))
     follows(files, "LKNE", files.names.index("RKNE"))
     assert rows_of_export(tmp_path / "ours.labels.csv") == [
@@ -209,15 +210,11 @@ def test_a_file_of_the_command_line_can_be_corrected_on(labelled, files, extensi
 def test_what_cannot_be_done_is_one_sentence_and_changes_nothing(labelled, files):
     scene, collection = labelled.scene, labelled.scene.mocap_autolabel.take
     choose()
-    for work, words in (
-        (bpy.ops.mocap_autolabel.unlabel, "nothing is selected; expected"),
-        (bpy.ops.mocap_autolabel.swap_markers, "the selection has 0 markers; expected"),
-        (bpy.ops.mocap_autolabel.is_right, "no marker is selected; expected"),
-        (partial(bpy.ops.mocap_autolabel.pick, point=99), "trajectory 99 has no point in frame 120; expected"),
-        (bpy.ops.mocap_autolabel.clear_corrections, "Nothing was corrected"),
-    ):
-        with pytest.raises(RuntimeError, match=words):
-            work()
+    refused("nothing is selected; expected", "unlabel")
+    refused("the selection has 0 markers; expected", "swap_markers")
+    refused("no marker is selected; expected", "is_right")
+    refused("trajectory 99 has no point in frame 120; expected", "pick", point=99)
+    refused("Nothing was corrected", "clear_corrections")
     choose("LKNE")
     refused("the selection has 1 marker; expected the two", "swap_markers")
     refused("no range is selected; expected", "unlabel", scope="RANGE")

@@ -4,7 +4,6 @@
 The files were made by those versions themselves, see `tests/earlier/keep.py`.
 """
 
-import importlib
 import json
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from addon.io.models import open_model, write_model
 from addon.io.points import read_points
 from tests.earlier.keep import FEW, MODEL
 
-from .hands import reopen
+from .hands import choose, reopen, stored_take
 
 EARLIER = Path(__file__).resolve().parents[1] / "earlier"
 VERSIONS = sorted(path.parent.name for path in EARLIER.glob("*/expected.json"))
@@ -41,15 +40,8 @@ def take(request, kept, extension, empty):
     return json.loads((kept / "expected.json").read_text(encoding="utf-8"))[request.param]
 
 
-@pytest.fixture
-def stored(extension):
-    """Reads the active take as the sidebar does."""
-    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
-    return lambda: opened.take(bpy.context.scene.mocap_autolabel.take, bpy.context.scene)
-
-
-def test_a_take_is_as_the_version_that_saved_it_read_it(take, stored):
-    now = stored()
+def test_a_take_is_as_the_version_that_saved_it_read_it(take):
+    now = stored_take()
     assert list(now.names) == take["markers"]
     assert np.bincount(now.labels.marker[now.labels.named], minlength=len(now.names)).tolist() == take["rows"]
     assert now.motion.frames[[0, -1]].tolist() == take["frames"]
@@ -75,34 +67,26 @@ def test_its_settings_are_kept(take):
     assert sorted([row.name for row in one.subjects.performers] for one in lists) == [[], ["performer1"]]
 
 
-def test_a_take_is_corrected_filled_smoothed_exported_and_saved_again(take, stored, tmp_path):
-    before = stored()
-    items = {
-        item["mocap_marker"]: item
-        for item in bpy.context.scene.mocap_autolabel.take.all_objects
-        if "mocap_marker" in item
-    }
+def test_a_take_is_corrected_filled_smoothed_exported_and_saved_again(take, tmp_path):
+    before = stored_take()
     bpy.context.scene.frame_set(3)
-    for item in bpy.context.selected_objects:
-        item.select_set(False)
-    items["LASI"].select_set(True)
-    bpy.context.view_layer.objects.active = items["LASI"]
+    choose("LASI")
     assert bpy.ops.mocap_autolabel.unlabel(scope="FRAME") == {"FINISHED"}
-    assert len(stored().edits) == take["edits"] + 1
-    assert np.isnan(stored().unfilled.markers[2, before.names.index("LASI")]).all()
+    assert len(stored_take().edits) == take["edits"] + 1
+    assert np.isnan(stored_take().unfilled.markers[2, before.names.index("LASI")]).all()
     filling = bpy.context.scene.mocap_autolabel.filling
     filling.method, filling.use_longest = "auto", False
     assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
-    assert ["LASI", 3, 3] in [[fill.marker, fill.first, fill.last] for fill in stored().fitting]
+    assert ["LASI", 3, 3] in [[fill.marker, fill.first, fill.last] for fill in stored_take().fitting]
     assert bpy.ops.mocap_autolabel.smooth() == {"FINISHED"}
     for ending, export in (("labels.csv", "labels"), ("c3d", "c3d"), ("trc", "trc"), ("html", "report")):
         operator = getattr(bpy.ops.mocap_autolabel, f"export_{export}")
         assert operator(filepath=str(tmp_path / f"walk.{ending}")) == {"FINISHED"}
     written = read_points(tmp_path / "walk.c3d")
     assert set(take["markers"]) <= set(written.names)
-    places = stored().motion.markers
+    places = stored_take().motion.markers
     reopen(tmp_path / "again.blend")
-    np.testing.assert_allclose(stored().motion.markers, places, atol=1e-5)
+    np.testing.assert_allclose(stored_take().motion.markers, places, atol=1e-5)
 
 
 def test_its_edits_are_read(kept):

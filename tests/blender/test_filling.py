@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Gaps filled in the scene: marked, exported and told as filled, taken back, and kept through all that happens."""
 
-import importlib
-
 import bpy
 import numpy as np
 import pytest
@@ -10,7 +8,7 @@ import pytest
 from addon.io.points import read_points
 from addon.scene.take import show_take
 
-from .hands import FRAMES, GHOST, choose, keys_of, refused, reopen, shown
+from .hands import FRAMES, GHOST, choose, keys_of, labelled_by_job, ours, refused, reopen, shown, stored_take
 
 GAP = slice(FRAMES // 3, FRAMES // 2)  # of RASI, and all are lost in two frames before
 HERE = 101 + GAP.start + 2
@@ -119,8 +117,7 @@ def test_labelling_a_part_again_leaves_fills_and_smoothing_beside_what_was_measu
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert rows() == [("RASI", 101 + GAP.start, 100 + GAP.stop, "")]
     np.testing.assert_allclose(keys_of("RASI"), keys, atol=1e-5)
-    stored = importlib.import_module(f"{extension}.addon.scene.opened").opened.take(settings.take, filled.scene)
-    measured = stored.unfilled.markers[:, files.names.index("RASI")]
+    measured = stored_take().unfilled.markers[:, files.names.index("RASI")]
     np.testing.assert_allclose(measured, files.xyz[:, files.names.index("RASI")], atol=1e-5)
 
 
@@ -138,9 +135,8 @@ def test_a_fill_that_a_correction_contradicts_is_left_out_with_a_word_and_comes_
 
 
 def test_filled_ones_stand_out_in_the_overlay_and_are_no_labels(filled, files, extension):
-    marks = importlib.import_module(f"{extension}.addon.ui.marks")
-    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
-    stored = opened.take(filled.scene.mocap_autolabel.take, filled.scene)
+    marks = ours("ui.marks")
+    stored = stored_take()
     seen = marks.point_marks(stored, GAP.start)
     assert [stored.names[index] for index in np.flatnonzero(seen.filled)] == ["RASI"]
     assert np.isfinite(seen.named[seen.filled]).all()
@@ -150,7 +146,7 @@ def test_filled_ones_stand_out_in_the_overlay_and_are_no_labels(filled, files, e
 
 
 def test_what_was_filled_goes_into_no_other_take(labelled, made, monkeypatch, extension):
-    filling = importlib.import_module(f"{extension}.addon.ops.filling")
+    filling = ours("ops.filling")
     settings = labelled.scene.mocap_autolabel
     after = show_take(labelled, made.take(40))
 
@@ -196,12 +192,7 @@ def test_what_cannot_be_filled_is_one_sentence(labelled):
 
 
 def test_the_command_lines_fills_are_marked_in_its_blender_file(labelled, files, extension, tmp_path):
-    jobs = importlib.import_module(f"{extension}.addon.jobs")
-    out = tmp_path / "out"
-    out.mkdir()
-    job = jobs.LabelJob(files.take, None, str(files.folder / "small.markerset.json"), out, blend=True, fill=True)
-    for _ in jobs.label_file(job):
-        pass
+    out = labelled_by_job(files, tmp_path / "out", blend=True, fill=True)
     bpy.ops.wm.open_mainfile(filepath=str(out / "walk.blend"))
     assert "RASI" in {row[0] for row in rows()}
     assert all(row[3] == "" for row in rows())
@@ -214,19 +205,19 @@ def test_the_command_lines_fills_are_marked_in_its_blender_file(labelled, files,
 
 
 def test_what_is_made_ready_for_corrections_leaves_the_take_as_it_is(filled, extension):
-    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
+    opened = ours("scene.opened").opened
     take = filled.scene.mocap_autolabel.take
     opened.forget()
-    before = opened.take(take, filled.scene)
+    before = stored_take()
     opened.make_ready(take, filled.scene)
-    assert opened.take(take, filled.scene) is before
+    assert stored_take() is before
     assert take["mocap_blobs"].session_uid in opened.following
     choose("RASI", "LASI")
     assert bpy.ops.mocap_autolabel.swap_markers(scope="FRAME") == {"FINISHED"}
-    after = opened.take(take, filled.scene)
+    after = stored_take()
     assert after is not before
     opened.forget()
-    again = opened.take(take, filled.scene)
+    again = stored_take()
     np.testing.assert_array_equal(after.motion.markers, again.motion.markers)
     np.testing.assert_array_equal(after.motion.residual, again.motion.residual)
     np.testing.assert_array_equal(after.labels.marker, again.labels.marker)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Blobs named through cameras in Blender: what is named in two is in space at once, and stays so from then on."""
 
-import importlib
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -10,12 +9,12 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import BY_EDIT, NO_MARKER, NO_STEP
-from addon.core.edits.kinds import AssignBlob, DeleteBlob, Place, Right, UnlabelBlob
+from addon.core.edits.kinds import DeleteBlob, UnlabelBlob
 from addon.io.edits import read_edits
 from addon.io.points import read_points
 
 from .conftest import open_room, write_room
-from .hands import choose, keys_of, picked, refused, reopen, rows_of_export, shown
+from .hands import choose, keys_of, ours, picked, refused, reopen, rows_of_export, shown, stored_take
 
 FRAMES, LOST = 30, "RKNE"
 
@@ -28,8 +27,8 @@ def files(tmp_path_factory):
 @pytest.fixture
 def labelled(extension, empty, files, made, monkeypatch):
     """The take in a scene, labelled by a naming that knows all markers but one."""
-    pipeline = importlib.import_module(f"{extension}.addon.core.pipelines.blobs")
-    takes = importlib.import_module(f"{extension}.addon.core.data.takes")
+    pipeline = ours("core.pipelines.blobs")
+    takes = ours("core.data.takes")
     lost = files.names.index(LOST)
 
     def label_take(chunks, cameras, markerset, rate, options, occlusion=None, edits=()):
@@ -71,18 +70,12 @@ def name_in_two(files, scope: str = "FRAME"):
         assert bpy.ops.mocap_autolabel.name_point(marker=LOST, scope=scope) == {"FINISHED"}
 
 
-def take_now(labelled):
-    return (
-        importlib.import_module("addon.scene.opened").Opened().take(labelled.scene.mocap_autolabel.take, labelled.scene)
-    )
-
-
 @pytest.mark.parametrize(("most", "foreseen"), [(29, 1e9), (59, 1)])
 def test_a_take_whose_keys_would_fill_the_memory_is_refused_as_soon_as_that_is_known(
     labelled, files, extension, monkeypatch, most, foreseen
 ):
     """Once it has so many frames, or half of the file has shown twice as many."""
-    poses, jobs = (importlib.import_module(f"{extension}.addon.{name}") for name in ("io.poses", "jobs.blobs"))
+    poses, jobs = map(ours, ("io.poses", "jobs.blobs"))
     keys = 3 * len(files.names) + 7 * files.motion.joints.shape[1]
     for name, value in (("MOST_SHOWN", most * keys), ("FORESEEN_FROM", 30), ("FORESEEN", foreseen)):
         monkeypatch.setattr(poses, name, value)
@@ -108,7 +101,7 @@ def test_a_marker_that_is_named_in_two_cameras_is_in_space_at_once(labelled, fil
     np.testing.assert_allclose(shown()[LOST].matrix_world.translation, truth, atol=1e-4)
     words = [row.name for row in bpy.context.window_manager.mocap_autolabel.corrections]
     assert len(words) == 2 and all("RKNE is the blob at" in one and one.endswith("frame 115") for one in words)
-    stored = take_now(labelled)
+    stored = stored_take()
     assert (stored.labels.step == BY_EDIT).sum() == 2
     bpy.ops.mocap_autolabel.export_c3d(filepath=str(files.folder / "ours.c3d"))
     take = read_points(files.folder / "ours.c3d")
@@ -124,7 +117,7 @@ def test_a_name_holds_along_the_track_of_the_blob(labelled, files):
     assert len(keys) > 10
     truth = files.motion.expected[keys[:, 0].astype(int) - 101, files.names.index(LOST)]
     np.testing.assert_allclose(keys[:, 1:], truth, atol=1e-3)
-    stored = take_now(labelled)
+    stored = stored_take()
     by_hand = stored.labels.step == BY_EDIT
     assert (files.truth.marker[by_hand] == files.names.index(LOST)).all()
     for scope, wanted in (("ON", slice(14, None)), ("BACK", slice(None, 15))):
@@ -139,14 +132,11 @@ def test_what_is_said_of_blobs_is_kept_over_save_undo_and_relabelling(labelled, 
     name_in_two(files)
     place = keys_of(LOST)[0]
     reopen(tmp_path / "take.blend")
-    np.testing.assert_allclose(take_now(bpy.context).motion.markers[14, files.names.index(LOST)], place[1:], atol=1e-5)
     # What the sidebar and the exports go by was read while the file was being opened.
-    opened, scene = importlib.import_module(f"{extension}.addon.scene.opened").opened, bpy.context.scene
-    markers = opened.take(scene.mocap_autolabel.take, scene).motion.markers
-    np.testing.assert_allclose(markers[14, files.names.index(LOST)], place[1:], atol=1e-5)
+    np.testing.assert_allclose(stored_take().motion.markers[14, files.names.index(LOST)], place[1:], atol=1e-5)
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     np.testing.assert_allclose(keys_of(LOST), [place], atol=1e-4)
-    assert len(take_now(bpy.context).edits) == 2
+    assert len(stored_take().edits) == 2
     bpy.ops.mocap_autolabel.remove_correction(index=1)
     assert len(keys_of(LOST)) == 0, "without it the marker is gone, also from a take that was labelled with it"
     bpy.context.scene.frame_set(115)
@@ -165,14 +155,14 @@ def test_blobs_lose_their_names_swap_and_are_none(labelled, files):
     assert picked() == [row, other]
     refused("2 blobs of cam 1 are picked; expected one of each camera", "name_point", marker="C7", scope="FRAME")
     bpy.ops.mocap_autolabel.swap_markers(scope="FRAME")
-    labels = take_now(labelled).labels.marker
+    labels = stored_take().labels.marker
     assert (files.names[labels[row]], files.names[labels[other]]) == ("LKNE", "LANK")
     bpy.ops.mocap_autolabel.clear_corrections()
     bpy.ops.mocap_autolabel.pick(point=row)
     bpy.ops.mocap_autolabel.unlabel(scope="FRAME")
     bpy.ops.mocap_autolabel.pick(point=other)
     bpy.ops.mocap_autolabel.no_marker(scope="FRAME")
-    labels = take_now(labelled).labels.marker
+    labels = stored_take().labels.marker
     assert (labels[[row, other]] == NO_MARKER).all()
     bpy.ops.mocap_autolabel.save_corrections()
     kinds = [type(edit) for edit in read_edits(files.folder / "walk.edits.json")]
@@ -180,7 +170,7 @@ def test_blobs_lose_their_names_swap_and_are_none(labelled, files):
 
 
 def test_a_picked_blob_is_picked_along_its_track(labelled, files, extension):
-    module = importlib.import_module(f"{extension}.addon.ops.picking")
+    module = ours("ops.picking")
     row = row_of(files, "LANK", 1)
     bpy.ops.mocap_autolabel.pick(point=row)
     for frame in (116, 114):
@@ -195,10 +185,10 @@ def test_a_picked_blob_is_picked_along_its_track(labelled, files, extension):
 
 
 def test_the_lost_marker_is_the_likeliest_for_its_blob(labelled, files, extension):
-    dots = importlib.import_module(f"{extension}.addon.scene.blob_dots")
-    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
+    dots = ours("scene.blob_dots")
+    opened = ours("scene.opened").opened
     scene = labelled.scene
-    stored, tracks = (work(scene.mocap_autolabel.take, scene) for work in (opened.take, opened.tracks))
+    stored, tracks = stored_take(), opened.tracks(scene.mocap_autolabel.take, scene)
     row = row_of(files, LOST, cameras_that_see(files, LOST)[0])
     assert stored.names[dots.likely_of_blob(stored, tracks, row)[0]] == LOST
     camera = int(files.seen.camera[row])
@@ -211,8 +201,7 @@ def test_the_lost_marker_is_the_likeliest_for_its_blob(labelled, files, extensio
 
 def test_who_looks_through_a_camera_points_at_its_blobs(labelled, files, extension):
     """Each of them lies where the picture has it, the lens taken out, and is what a pointer beside it means."""
-    module = importlib.import_module(f"{extension}.addon.ops.picking")
-    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
+    module = ours("ops.picking")
     scene, size = labelled.scene, (656, 491)
     camera = scene.mocap_autolabel.source.cameras.objects[1]
     assert bpy.ops.mocap_autolabel.look_through(camera=camera.name) == {"FINISHED"}
@@ -224,7 +213,7 @@ def test_who_looks_through_a_camera_points_at_its_blobs(labelled, files, extensi
     space = SimpleNamespace(region_3d=view, use_local_camera=False, camera=camera)
     region = SimpleNamespace(type="WINDOW", width=size[0], height=size[1])
     area = SimpleNamespace(regions=[region], spaces=SimpleNamespace(active=space))
-    stored = opened.take(scene.mocap_autolabel.take, scene)
+    stored = stored_take()
     dots, places = module.dots_in_view(labelled, stored, area)
     assert dots.trajectory.tolist() == np.flatnonzero((files.seen.frame == 14) & (files.seen.camera == 1)).tolist()
     x, y = files.room.select([1]).matrix[0, :2] @ np.vstack(
@@ -249,17 +238,17 @@ def test_markers_of_blobs_are_placed_and_answered(labelled, files):
     choose("LANK")
     bpy.ops.mocap_autolabel.unlabel(scope="FRAME")
     assert 115 not in keys_of("LANK")[:, 0]
-    edits = take_now(labelled).edits
-    assert [type(edit) for edit in edits.items[:2]] == [Place, Right]
+    edits = stored_take().edits
+    assert [type(edit).__name__ for edit in edits.items[:2]] == ["Place", "Right"]
     name_in_two(files)
     np.testing.assert_allclose(keys_of(LOST)[0, 1:], files.motion.expected[14, files.names.index(LOST)], atol=1e-4)
-    assert isinstance(take_now(labelled).edits[-1], AssignBlob)
+    assert type(stored_take().edits[-1]).__name__ == "AssignBlob"
 
 
 def test_the_timeline_shows_what_a_person_named(labelled, files, extension):
     name_in_two(files)
-    rows = importlib.import_module("addon.scene.trajectories")
-    states = rows.states_of(take_now(labelled), [files.names.index(LOST)], slice(0, FRAMES))[:, 0]
+    rows = ours("scene.trajectories")
+    states = rows.states_of(stored_take(), [files.names.index(LOST)], slice(0, FRAMES))[:, 0]
     assert states[14] == rows.CORRECTED
     assert (np.delete(states, 14) == rows.GAP).all()
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Label Folder: a folder of takes labelled in the background by the command line, and its takes in the sidebar."""
 
-import importlib
 import shutil
 import time
 from types import SimpleNamespace
@@ -13,7 +12,7 @@ from addon.io.batch import read_table
 from addon.scene.take import is_take
 
 from .conftest import write_room
-from .hands import refused
+from .hands import ours, refused
 
 PATIENCE = 120.0  # s; a busy machine labels slowly
 
@@ -36,7 +35,7 @@ def ready(extension, empty, files, tmp_path):
     bpy.ops.mocap_autolabel.open_markerset(filepath=str(files / "small.markerset.json"))
     settings.folder.path, settings.folder.out = str(files / "in"), str(tmp_path / "out")
     settings.source.rate = 60.0
-    module = importlib.import_module(f"{extension}.addon.ops.label_folder")
+    module = ours("ops.label_folder")
     yield SimpleNamespace(context=empty, settings=settings, module=module, out=tmp_path / "out")
     module.leave_batch()
 

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The tool Label: which dots a hand means, what they are called most likely, and what its keys say of them."""
 
-import importlib
 from dataclasses import replace
 
 import bpy
@@ -19,7 +18,7 @@ from addon.scene import picking
 from addon.scene.picking import NEAREST, likely_markers, on_ray, predicted, ranked
 from addon.scene.stored import Stored
 
-from .hands import GHOST, choose, follows, keys_of, picked
+from .hands import GHOST, choose, follows, keys_of, ours, picked
 
 
 @pytest.fixture
@@ -189,7 +188,7 @@ def test_a_marker_that_is_placed_is_there_and_can_be_taken_back(labelled, files)
 
 
 def test_every_key_of_the_tool_does_something_of_ours(extension):
-    tool = importlib.import_module(f"{extension}.addon.ui.label_tool")
+    tool = ours("ui.label_tool")
     for operator, _, more in tool.KEYMAP:
         module, name = operator.split(".")
         known = getattr(getattr(bpy.ops, module), name).get_rna_type().properties
@@ -199,7 +198,7 @@ def test_every_key_of_the_tool_does_something_of_ours(extension):
 
 
 def test_the_keys_of_the_tool_are_free_in_blender_but_for_the_one_that_deletes(extension):
-    tool = importlib.import_module(f"{extension}.addon.ui.label_tool")
+    tool = ours("ui.label_tool")
     alone = [event["type"] for _, event, _ in tool.KEYMAP if set(event) == {"type", "value"}]
     letters = {key for key in alone if len(key) == 1} - {"X"}
     assert not letters & set("ABCDGHIKMNOQRSTWZ"), "object mode has these"

@@ -19,7 +19,7 @@ from addon.scene import naming
 from tests.faults.stage import SECONDS, wait_for
 
 from .conftest import open_room, write_room
-from .hands import refused, reopen
+from .hands import ours, refused, reopen, stored_take
 
 KINDS = ["objects", "meshes", "armatures", "actions", "collections", "cameras", "materials", "texts", "libraries"]
 
@@ -48,9 +48,9 @@ def labelling(extension, monkeypatch, made, tmp_path_factory):
 
     The job's files go into `folder`. While `gate` is closed, the labelling waits behind its first chunk.
     """
-    module = importlib.import_module(f"{extension}.addon.ops.labelling")
-    pipeline = importlib.import_module(f"{extension}.addon.core.pipelines.blobs")
-    takes = importlib.import_module(f"{extension}.addon.core.data.takes")
+    module = ours("ops.labelling")
+    pipeline = ours("core.pipelines.blobs")
+    takes = ours("core.data.takes")
     given, gate = [], threading.Event()
     gate.set()
     folder = tmp_path_factory.mktemp("files-of-the-job")
@@ -66,7 +66,7 @@ def labelling(extension, monkeypatch, made, tmp_path_factory):
 
     monkeypatch.setattr(pipeline, "label_take", label_take)
     # Names by row number meet in no room, which real labelling would be refused for.
-    check = importlib.import_module(f"{extension}.addon.core.review.odd_cameras").CameraCheck
+    check = ours("core.review.odd_cameras").CameraCheck
     monkeypatch.setattr(check, "names_apart", "")
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
     return SimpleNamespace(module=module, pipeline=pipeline, given=given, gate=gate, folder=folder)
@@ -75,9 +75,9 @@ def labelling(extension, monkeypatch, made, tmp_path_factory):
 @pytest.fixture
 def in_fives(extension, labelling, monkeypatch):
     """The job's blobs come five frames at a time, and a look at the keyboard after every step."""
-    job = importlib.import_module(f"{extension}.addon.jobs.blobs")
+    job = ours("jobs.blobs")
     monkeypatch.setattr(job, "read_blobs", partial(job.read_blobs, chunk_frames=5))
-    monkeypatch.setattr(importlib.import_module(f"{extension}.addon.ops.stepping"), "BUDGET", 0.0)
+    monkeypatch.setattr(ours("ops.stepping"), "BUDGET", 0.0)
 
 
 def test_files_become_named_markers(ready, files):
@@ -99,8 +99,7 @@ def test_files_become_named_markers(ready, files):
 
 def test_the_real_labelling_casts_rays_unless_the_closed_form_is_chosen(extension, ready, monkeypatch):
     """And names the same blobs alike, but for one in a hundred."""
-    occlusion = importlib.import_module(f"{extension}.addon.scene.occlusion")
-    opened = importlib.import_module(f"{extension}.addon.scene.opened")
+    occlusion = ours("scene.occlusion")
     asked, hidden = [], occlusion.MeshOcclusion.hidden
     monkeypatch.setattr(occlusion.MeshOcclusion, "hidden", lambda self, *of: asked.append(self) or hidden(self, *of))
     settings, named, rays = ready.scene.mocap_autolabel, {}, {}
@@ -108,7 +107,7 @@ def test_the_real_labelling_casts_rays_unless_the_closed_form_is_chosen(extensio
     for way in ("bvh", "capsules"):
         settings.labelling.occlusion = way
         assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
-        named[way] = opened.Opened().take(settings.take, ready.scene).labels.marker
+        named[way] = stored_take().labels.marker
         rays[way] = len(asked)
         asked.clear()
     assert rays["bvh"] > 0
@@ -170,7 +169,7 @@ def test_the_import_turns_a_calibration_as_it_is_told(extension, empty, files):
 def test_dropped_files_are_read_at_once(extension, empty, files):
     assert bpy.ops.mocap_autolabel.import_cameras("INVOKE_DEFAULT", filepath=files.cameras) == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.import_blobs("INVOKE_DEFAULT", filepath=files.blobs) == {"FINISHED"}
-    importing = importlib.import_module(f"{extension}.addon.ops.importing")
+    importing = ours("ops.importing")
     for handler in (importing.MOCAP_AUTOLABEL_FH_cameras, importing.MOCAP_AUTOLABEL_FH_take):
         assert handler.is_registered
         assert handler.poll_drop(SimpleNamespace(area=SimpleNamespace(type="VIEW_3D")))
@@ -366,12 +365,12 @@ def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, in_fives, wi
     assert shares == sorted(shares)
 
 
-@pytest.mark.parametrize("ours", [True, False])
-def test_trouble_on_the_way_gives_everything_back(extension, files, labelling, window, monkeypatch, ours):
-    errors = importlib.import_module(f"{extension}.addon.core.data.errors")
+@pytest.mark.parametrize("fault", [True, False])
+def test_trouble_on_the_way_gives_everything_back(extension, files, labelling, window, monkeypatch, fault):
+    errors = ours("core.data.errors")
 
     def label_take(*_, **__):
-        raise RuntimeError("a fault of ours") if ours else errors.JobError("nobody is here; expected a person")
+        raise RuntimeError("a fault of ours") if fault else errors.JobError("nobody is here; expected a person")
         yield
 
     monkeypatch.setattr(labelling.pipeline, "label_take", label_take)
@@ -385,7 +384,7 @@ def test_trouble_on_the_way_gives_everything_back(extension, files, labelling, w
             answer = operator.modal(context, SimpleNamespace(type="TIMER"))
         return answer
 
-    if ours:
+    if fault:
         with pytest.raises(RuntimeError, match="a fault of ours"):
             work()
     else:
@@ -447,17 +446,6 @@ def test_labelling_is_one_undo_step(ready, labelling):
     assert len(bpy.context.window_manager.mocap_autolabel.markers) == 13
 
 
-def test_a_saved_file_opens_with_its_review(ready, labelling, tmp_path):
-    bpy.ops.mocap_autolabel.label()
-    path = str(tmp_path / "walk.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    bpy.ops.wm.read_homefile(use_empty=True)
-    assert len(bpy.context.window_manager.mocap_autolabel.markers) == 0
-    bpy.ops.wm.open_mainfile(filepath=path)
-    assert bpy.context.scene.mocap_autolabel.take.name == "Mocap: walk"
-    assert len(bpy.context.window_manager.mocap_autolabel.markers) == 13
-
-
 def test_a_marker_set_of_ones_own(ready, files, tmp_path):
     assert bpy.ops.mocap_autolabel.edit_markerset() == {"FINISHED"}
     item = next(item for item in ready.scene.objects if item.get(naming.MARKER) == "LKNE")
@@ -473,8 +461,8 @@ def test_a_marker_set_of_ones_own(ready, files, tmp_path):
 
 
 def test_own_marker_sets_are_found_in_the_extensions_folder(extension, empty, made):
-    prefs = importlib.import_module(f"{extension}.addon.prefs")
-    props = importlib.import_module(f"{extension}.addon.props")
+    prefs = ours("prefs")
+    props = ours("props")
     folder = prefs.markerset_folder(create=True)
     assert folder == type(folder)(bpy.utils.extension_path_user(extension, path="markersets"))
     write_markerset(folder / "house.markerset.json", made.markerset())
@@ -486,7 +474,7 @@ def test_own_marker_sets_are_found_in_the_extensions_folder(extension, empty, ma
     assert settings.subjects.markerset == str(folder / "house.markerset.json")
     (folder / "annex.markerset.json").unlink()
     (folder / "house.markerset.json").unlink()
-    with pytest.raises(importlib.import_module(f"{extension}.addon.core.data.errors").InputError, match="is gone"):
+    with pytest.raises(ours("core.data.errors").InputError, match="is gone"):
         props.chosen_markerset(settings.subjects)
 
 
@@ -502,7 +490,7 @@ def test_exports_are_what_was_labelled(ready, labelling, files, tmp_path):
         ["LASI", "exclusive", "0.8"],
         ["RASI", "conflict", "0.8"],
     ]
-    stored = importlib.import_module("addon.scene.opened").Opened().take(ready.scene.mocap_autolabel.take, ready.scene)
+    stored = stored_take()
     for suffix in ("c3d", "trc"):
         path = tmp_path / f"walk.{suffix}"
         assert getattr(bpy.ops.mocap_autolabel, f"export_{suffix}")(filepath=str(path)) == {"FINISHED"}

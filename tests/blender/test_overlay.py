@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What the overlay draws, and that it draws: through a camera everything lies where Blender itself puts it."""
 
-import importlib
-
 import bpy
 import numpy as np
 import pytest
@@ -12,15 +10,17 @@ from mathutils import Matrix, Vector
 from addon.core.data.takes import NO_MARKER
 from addon.scene import take as takes
 from addon.scene.blob_dots import blob_dots
-from addon.scene.cameras import cameras_of, look_through
+from addon.scene.cameras import look_through
 from addon.scene.opened import Opened
 from addon.scene.preview import read_preview, store_preview
+
+from .hands import ours
 
 
 @pytest.fixture
 def marks(extension):
     """The module that works out what to draw."""
-    return importlib.import_module(f"{extension}.addon.ui.marks")
+    return ours("ui.marks")
 
 
 @pytest.fixture
@@ -110,7 +110,7 @@ def test_words_keep_off_what_covers_the_view(marks):
 
 
 def test_a_trail_is_broken_where_the_marker_was_not_seen(extension):
-    figure = importlib.import_module(f"{extension}.addon.ui.figure")
+    figure = ours("ui.figure")
     path = np.column_stack([np.arange(20.0), np.zeros(20), np.zeros(20)])
     path[8:11] = np.nan
     ends, faded, dashes = figure.trail(path, 9, 5)
@@ -121,7 +121,7 @@ def test_a_trail_is_broken_where_the_marker_was_not_seen(extension):
 
 
 def test_sides_are_told_apart_by_people_who_see_few_colours(extension):
-    sides = importlib.import_module(f"{extension}.addon.scene.armature")
+    sides = ours("scene.armature")
     colours = np.array([sides.SIDE_COLOURS[side] for side in ("L", "R", "")])
     linear = np.where(colours <= 0.04045, colours / 12.92, ((colours + 0.055) / 1.055) ** 2.4)
     # Machado, Oliveira and Fernandes 2009, without the cones for long, middle and short waves.
@@ -156,7 +156,7 @@ def test_it_draws(extension, empty, made, monkeypatch):
     import gpu
 
     gpu.init()
-    overlay = importlib.import_module(f"{extension}.addon.ui.overlay")
+    overlay = ours("ui.overlay")
     take = made.take()
     takes.show_take(empty, take)
     settings = empty.scene.mocap_autolabel
@@ -215,13 +215,3 @@ def test_it_draws(extension, empty, made, monkeypatch):
     outside = picture.copy()
     outside[185:220, 90:320], outside[290:311, 190:211] = 0.2, 0.2
     np.testing.assert_allclose(outside[..., :3], 0.2, atol=0.01)
-
-
-def test_cameras_that_were_moved_are_read_anew(empty, shown):
-    _, stored = shown
-    camera_of(stored, 0).location.z += 1
-    empty.view_layer.update()
-    collection = takes.takes_of(empty.scene)[0]["mocap_cameras"]
-    assert cameras_of(collection, empty.scene).centres[0, 2] == pytest.approx(
-        stored.cameras.centres[0, 2] + 1, abs=1e-5
-    )

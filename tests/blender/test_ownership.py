@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Labelling again and Remove Take take what was made for the take, and nothing that a person made or changed."""
 
-import importlib
 import shutil
 from dataclasses import replace
 from types import SimpleNamespace
@@ -20,7 +19,7 @@ from addon.scene.relabelled import show_again
 from addon.scene.stored import alone
 
 from .conftest import label_walk, write_walk
-from .hands import reopen
+from .hands import reopen, stored_take
 
 KINDS = ("objects", "meshes", "armatures", "actions", "collections", "materials", "node_groups")
 
@@ -439,12 +438,11 @@ def labelled(extension, empty, made, name_as, tmp_path):
 
 @pytest.mark.parametrize("button", ["label", "clear"])
 def test_the_buttons_say_what_stays_and_undo_takes_them_back(labelled, extension, capfd, button):
-    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
     own_mesh("stage", labelled.take)
     knee = next(item for item in labelled.take.all_objects if item.get(naming.MARKER) == "LKNE")
     knee.name = "my knee"
     before = counts()
-    opened.take(labelled.take, bpy.context.scene)
+    stored_take()
     bpy.ops.ed.undo_push(message="Before")
     capfd.readouterr()
     assert getattr(bpy.ops.mocap_autolabel, button)() == {"FINISHED"}
@@ -455,23 +453,19 @@ def test_the_buttons_say_what_stays_and_undo_takes_them_back(labelled, extension
     bpy.ops.ed.undo_push(message="After")
     bpy.ops.ed.undo()
     assert counts() == before
-    settings = bpy.context.scene.mocap_autolabel
-    stored = opened.take(settings.take, bpy.context.scene)
+    stored = stored_take()
     assert np.isfinite(stored.motion.markers[:, stored.names.index("LKNE")]).any()
     assert bpy.data.objects["my knee"][naming.MARKER] == "LKNE"
 
 
 def test_after_labelling_again_and_its_undo_the_take_at_hand_is_the_one_that_is_there(labelled, extension, name_as):
-    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
-    count = len(opened.take(labelled.take, bpy.context.scene).labels.marker)
-    opened.take(labelled.take, bpy.context.scene)
+    count = len(stored_take().labels.marker)
     bpy.ops.ed.undo_push(message="Before")
     name_as(np.r_[1, 0, 2:13])
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
-    again = opened.take(labelled.take, bpy.context.scene).labels.marker[:2]
+    again = stored_take().labels.marker[:2]
     bpy.ops.ed.undo_push(message="Again")
     bpy.ops.ed.undo()
-    settings = bpy.context.scene.mocap_autolabel
-    undone = opened.take(settings.take, bpy.context.scene).labels.marker
+    undone = stored_take().labels.marker
     assert len(undone) == count
     assert again.tolist() == undone[:2].tolist()[::-1]

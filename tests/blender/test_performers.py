@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Several performers in a scene: each with a collection, an armature, a body, markers and a colour of their own."""
 
-import importlib
 import shutil
 
 import bpy
@@ -20,7 +19,7 @@ from addon.scene.opened import Opened
 from addon.scene.relabelled import show_again
 from tests.inputs.walkers import FRAMES, RATE, WORN, write_pair, write_seen
 
-from .hands import refused, reopen
+from .hands import ours, refused, reopen, stored_take
 
 
 def kinds(collection: bpy.types.Collection, kind: str) -> list[bpy.types.Object]:
@@ -69,7 +68,7 @@ def test_two_where_one_is_asked_for_are_labelled_by_the_button_that_is_offered(e
     else:
         bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "pair.c3d"))
     settings.subjects.markerset, settings.subjects.performing, settings.source.rate = WORN, "ONE", RATE
-    panels = importlib.import_module(f"{extension}.addon.ui.panels")
+    panels = ours("ui.panels")
     assert not panels.crowded_here(state, settings)
     with pytest.raises(
         RuntimeError, match=r"two subjects or more.*by Label All Performers, or under Performers"
@@ -186,10 +185,10 @@ def test_as_many_are_named_as_are_asked_for(imported, performing, tmp_path):
 
 
 def test_the_list_says_who_wears_what(imported, extension, monkeypatch, tmp_path):
-    pipeline = importlib.import_module(f"{extension}.addon.core.points.several.pipeline")
+    pipeline = ours("core.points.several.pipeline")
     # Whose body is whose a model says that was learned from the person's own take, which this set was not.
     monkeypatch.setattr(pipeline, "identified", lambda cost, _: (list(range(cost.shape[1])), np.inf))
-    asked = importlib.import_module(f"{extension}.addon.props").subjects_asked
+    asked = ours("props").subjects_asked
     imported.subjects.performing = "LISTED"
     refused("nobody is in the list", "label")
     own = tmp_path / "ann.markerset.json"
@@ -229,9 +228,7 @@ def test_keys_of_two_that_would_fill_the_memory_are_refused_before_anybody_is_na
         bpy.ops.mocap_autolabel.import_cameras(filepath=str(tmp_path / "room.toml"))
         bpy.ops.mocap_autolabel.import_blobs(filepath=str(tmp_path / "seen.csv"))
     settings.subjects.markerset, settings.subjects.performing = WORN, "SO_MANY"
-    poses, pipeline = (
-        importlib.import_module(f"{extension}.addon.{name}") for name in ("io.poses", "core.points.several.pipeline")
-    )
+    poses, pipeline = map(ours, ("io.poses", "core.points.several.pipeline"))
     most = FRAMES * (3 * len(worn) + 7 * len(worn.skeleton)) * 3 // 2
     monkeypatch.setattr(poses, "MOST_SHOWN", most)
     monkeypatch.setattr(pipeline, "cut", lambda *_, **__: pytest.fail("it was begun"))
@@ -248,14 +245,7 @@ def duet(extension, empty, made):
     return settings
 
 
-@pytest.fixture
-def stored(extension, duet):
-    """What the scene has of that take now."""
-    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
-    return lambda: opened.take(duet.take, bpy.context.scene)
-
-
-def test_gaps_are_filled_by_each_ones_own_markers(duet, stored, made, tmp_path):
+def test_gaps_are_filled_by_each_ones_own_markers(duet, made, tmp_path):
     """The marker set of each is the one that stands for the name in the list."""
     write_markerset(tmp_path / "small.markerset.json", made.markerset())
     duet.subjects.performing = "LISTED"
@@ -264,12 +254,12 @@ def test_gaps_are_filled_by_each_ones_own_markers(duet, stored, made, tmp_path):
         row = duet.subjects.performers[-1]
         row.name, row.markerset, row.markerset_path = name, "FILE", str(tmp_path / "small.markerset.json")
     gap = slice(20 // 3, 20 // 2)
-    there = np.isfinite(stored().motion.markers[gap, :, 0]).all(axis=0)
-    missing = [stored().names[place] for place in np.flatnonzero(~there)]
+    there = np.isfinite(stored_take().motion.markers[gap, :, 0]).all(axis=0)
+    missing = [stored_take().names[place] for place in np.flatnonzero(~there)]
     assert missing == ["ann:RASI", "bob:RASI"]
     duet.filling.method = "body"
     assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
-    filled = stored()
+    filled = stored_take()
     assert {fill.marker for fill in filled.fitting} >= set(missing)
     for name in missing:
         place = filled.names.index(name)
@@ -277,8 +267,8 @@ def test_gaps_are_filled_by_each_ones_own_markers(duet, stored, made, tmp_path):
         assert np.linalg.norm(off, axis=1).max() < 0.01
 
 
-def test_they_are_written_together_and_each_alone(duet, stored, made, tmp_path):
-    markers, take = made.markerset().markers, stored()
+def test_they_are_written_together_and_each_alone(duet, made, tmp_path):
+    markers, take = made.markerset().markers, stored_take()
     assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(tmp_path / "duet.c3d")) == {"FINISHED"}
     assert read_points(tmp_path / "duet.c3d").names[:26] == take.names
     words = {"filepath": str(tmp_path / "duet.trc"), "performer": ":APART"}
@@ -297,7 +287,7 @@ def test_they_are_written_together_and_each_alone(duet, stored, made, tmp_path):
 
 
 def test_nothing_is_learned_from_several_at_once(duet, extension):
-    training = importlib.import_module(f"{extension}.addon.ops.training")
+    training = ours("ops.training")
     for operator in (training.MOCAP_AUTOLABEL_OT_learn_take, training.MOCAP_AUTOLABEL_OT_learn_frame):
         assert "several performers" in operator.lacks(bpy.context)
 
@@ -328,9 +318,9 @@ def choose(take: bpy.types.Collection, *names: str):
         item.select_set(item.get(naming.MARKER) in names)
 
 
-def follows(duet, stored, name: str, trajectory: int):
+def follows(duet, name: str, trajectory: int):
     """Asserts that a marker is that trajectory in all frames, in the take and in the view."""
-    take = stored()
+    take = stored_take()
     rows = np.flatnonzero(take.labels.marker == take.names.index(name))
     assert set(take.rows.trajectory[rows].tolist()) == {trajectory}
     [item] = [one for one in duet.take.all_objects if one.get(naming.MARKER) == name]
@@ -338,30 +328,30 @@ def follows(duet, stored, name: str, trajectory: int):
     np.testing.assert_allclose(item.matrix_world.translation, take.rows.xyz[here[0]], atol=1e-5)
 
 
-def test_a_trajectory_is_named_as_a_marker_of_whoever_it_is(duet, stored):
+def test_a_trajectory_is_named_as_a_marker_of_whoever_it_is(duet):
     assert bpy.ops.mocap_autolabel.pick(point=26) == {"FINISHED"}  # the ghost
     assert bpy.ops.mocap_autolabel.name_point(marker="bob:LASI", scope="WHOLE") == {"FINISHED"}
-    follows(duet, stored, "bob:LASI", 26)
-    follows(duet, stored, "ann:LASI", 1)
+    follows(duet, "bob:LASI", 26)
+    follows(duet, "ann:LASI", 1)
     bpy.ops.mocap_autolabel.remove_correction(index=0)
-    follows(duet, stored, "bob:LASI", 14)
+    follows(duet, "bob:LASI", 14)
 
 
-def test_a_trajectory_is_the_other_ones_and_what_was_that_is_given_back(duet, stored):
+def test_a_trajectory_is_the_other_ones_and_what_was_that_is_given_back(duet):
     assert bpy.ops.mocap_autolabel.pick(point=1) == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.other_performer(scope="WHOLE") == {"FINISHED"}
-    follows(duet, stored, "bob:LASI", 1)
-    follows(duet, stored, "ann:LASI", 14)
-    assert len(stored().edits) == 2
+    follows(duet, "bob:LASI", 1)
+    follows(duet, "ann:LASI", 14)
+    assert len(stored_take().edits) == 2
     bpy.ops.mocap_autolabel.clear_corrections()
-    follows(duet, stored, "ann:LASI", 1)
+    follows(duet, "ann:LASI", 1)
 
 
-def test_selected_markers_are_exchanged_in_a_range(duet, stored):
+def test_selected_markers_are_exchanged_in_a_range(duet):
     choose(duet.take, "ann:LASI", "bob:LASI", "ann:SACR")
     assert bpy.ops.mocap_autolabel.other_performer(scope="ON") == {"FINISHED"}
-    assert [edit.markers for edit in stored().edits] == [("ann:SACR", "bob:SACR"), ("ann:LASI", "bob:LASI")]
-    rows, marker = stored().rows, stored().labels.marker
+    assert [edit.markers for edit in stored_take().edits] == [("ann:SACR", "bob:SACR"), ("ann:LASI", "bob:LASI")]
+    rows, marker = stored_take().rows, stored_take().labels.marker
     for point, before, after in ((1, 1, 14), (14, 14, 1), (0, 0, 13), (2, 2, 2)):
         mine = rows.trajectory == point
         late = rows.frames[rows.frame[mine]] >= 115
@@ -369,15 +359,15 @@ def test_selected_markers_are_exchanged_in_a_range(duet, stored):
         assert set(marker[mine][~late]) == {before}
 
 
-def test_performers_are_exchanged_whole(duet, stored):
+def test_performers_are_exchanged_whole(duet):
     assert bpy.ops.mocap_autolabel.exchange_performers(one="ann", other="bob", scope="WHOLE") == {"FINISHED"}
     for marker in range(13):
-        name = stored().names[marker].split(":")[1]
-        follows(duet, stored, f"ann:{name}", 13 + marker)
-        follows(duet, stored, f"bob:{name}", marker)
+        name = stored_take().names[marker].split(":")[1]
+        follows(duet, f"ann:{name}", 13 + marker)
+        follows(duet, f"bob:{name}", marker)
 
 
-def test_what_cannot_be_said_of_whose_it_is(duet, stored, extension, made):
+def test_what_cannot_be_said_of_whose_it_is(duet, extension, made):
     bpy.ops.mocap_autolabel.pick(point=26)
     refused("has no name", "other_performer")
     bpy.ops.mocap_autolabel.pick_none()
@@ -385,7 +375,7 @@ def test_what_cannot_be_said_of_whose_it_is(duet, stored, extension, made):
     choose(duet.take, "ann:LASI")
     refused("is ann's already", "other_performer", performer="ann")
     refused("expected two performers", "exchange_performers", one="ann", other="ann")
-    assert not len(stored().edits)
+    assert not len(stored_take().edits)
     duet.take = takes.show_take(bpy.context, made.take())
     assert not bpy.ops.mocap_autolabel.other_performer.poll()
     assert not bpy.ops.mocap_autolabel.exchange_performers.poll()

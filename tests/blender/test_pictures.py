@@ -12,8 +12,7 @@ from addon.core.geometry.cameras import Cameras
 from addon.io.blobs import read_blobs
 from addon.io.cameras import write_cameras
 from addon.scene import cameras as scene_cameras
-from scripts.movies import encode
-from tests.inputs.pictures import NAMES, SIZE, places, save_pictures, two_cameras
+from tests.inputs.pictures import NAMES, SIZE, assert_at, places, write_studio
 
 from .hands import refused
 
@@ -24,14 +23,7 @@ FRAMES = range(1, 9)
 def studio(tmp_path_factory):
     """Pictures, movies and the calibration of two cameras."""
     folder = tmp_path_factory.mktemp("studio")
-    cameras = two_cameras()
-    write_cameras(folder / "room.toml", cameras)
-    for number, name in enumerate(NAMES):
-        save_pictures(folder / name, FRAMES, number)
-    (folder / "movies").mkdir()
-    for name in NAMES:
-        encode(folder / name, FRAMES, folder / "movies" / f"{name}.mp4", SIZE)
-    return folder, cameras
+    return folder, write_studio(folder, FRAMES)
 
 
 def blobs_in(path: str, cameras: Cameras):
@@ -48,9 +40,7 @@ def test_a_folder_of_movies_becomes_the_take(extension, empty, studio, tmp_path)
     assert (settings.source.first_frame, settings.source.last_frame, settings.source.blob_count) == (1, 8, 48)
     blobs = blobs_in(out, cameras)
     for frame in FRAMES:
-        own = blobs.xy[(blobs.frames[blobs.frame] == frame) & (blobs.camera == 1)]
-        drawn = places(frame, 1)
-        assert own[np.argsort(own[:, 0])] == pytest.approx(drawn[np.argsort(drawn[:, 0])], abs=0.1)
+        assert_at(blobs, frame, 1, places(frame, 1))
     assert not len(bpy.data.textures)
 
 
@@ -115,9 +105,7 @@ def test_tracks_of_the_scenes_cameras_become_the_take(extension, empty, studio, 
     blobs = blobs_in(out, cameras)
     for number in range(2):
         for frame in FRAMES:
-            own = blobs.xy[(blobs.frames[blobs.frame] == frame + 10) & (blobs.camera == number)]
-            drawn = places(frame, number)[: 3 if frame <= 4 else 2] + 0.5
-            assert own[np.argsort(own[:, 0])] == pytest.approx(drawn[np.argsort(drawn[:, 0])], abs=1e-2)
+            assert_at(blobs, frame + 10, number, places(frame, number)[: 3 if frame <= 4 else 2] + 0.5, 1e-2)
 
 
 def test_of_a_calibration_pixels_begin_at_a_centre_and_its_lens_stays(extension, empty, studio, tmp_path):

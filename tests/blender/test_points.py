@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """From anonymous 3D points to named markers with the extension's own operators: seen, labelled, reviewed, written."""
 
-import importlib
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -18,7 +17,7 @@ from addon.scene import naming
 from addon.scene.cameras import camera_name
 from tests.io.qtm_file import Recording, Trajectory, write_qtm
 
-from .hands import refused
+from .hands import labelled_by_job, ours, refused
 
 GHOSTS = 2
 MOTIVE = """Format Version,1.23,Take Name,walk,Export Frame Rate,100.000000,Length Units,Meters
@@ -86,8 +85,7 @@ def test_points_are_seen_before_they_are_labelled(imported, files):
         imported.scene.frame_set(frame)
         expected = int(np.isfinite(files.take.xyz[frame - 101, :, 0]).sum())
         assert visible_points() == expected
-        overlay = importlib.import_module("bl_ext.mocap_tests.mocap_autolabel.addon.ui.overlay")
-        marks = importlib.import_module("bl_ext.mocap_tests.mocap_autolabel.addon.ui.marks")
+        overlay, marks = ours("ui.overlay"), ours("ui.marks")
         stored = overlay.shown(imported.scene)
         seen = marks.point_marks(stored, stored.index_of(frame))
         assert len(seen.unnamed) == expected
@@ -135,14 +133,14 @@ def test_a_capture_brings_its_cameras_and_its_rate(extension, empty, qtm):
     chosen = settings.source.cameras
     assert bpy.ops.mocap_autolabel.import_blobs(filepath=str(path)) == {"FINISHED"}
     assert settings.source.cameras == chosen, "the scene's own are the file's"
-    labelling = importlib.import_module(f"{extension}.addon.ops.labelling")
+    labelling = ours("ops.labelling")
     assert labelling.job_of(bpy.context).use == "blobs"
     assert bpy.ops.mocap_autolabel.import_points(filepath=str(path)) == {"FINISHED"}
     assert (settings.source.points_path, settings.source.trajectories) == (str(path), 4)
     assert labelling.job_of(bpy.context).use == "points"
     assert bpy.ops.mocap_autolabel.import_take(filepath=str(path), use="points") == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.import_cameras(filepath=str(path)) == {"FINISHED"}
-    importing = importlib.import_module(f"{extension}.addon.ops.importing")
+    importing = ours("ops.importing")
     assert ".qtm" in importing.MOCAP_AUTOLABEL_FH_take.bl_file_extensions.split(";")
     for glob in (importing.BLOBS, importing.POINTS):
         assert "*.qtm" in glob.split(";")
@@ -178,10 +176,7 @@ def test_what_stays_unnamed_is_one_object(imported, naming_known):
 
 
 def test_the_exports_are_what_the_command_line_writes(imported, files, naming_known, extension, tmp_path):
-    jobs = importlib.import_module(f"{extension}.addon.jobs")
-    source = files.folder / "walk.c3d"
-    for _ in jobs.label_file(jobs.LabelJob(source, None, files.markerset, tmp_path)):
-        pass
+    labelled_by_job(SimpleNamespace(take=files.folder / "walk.c3d", folder=files.folder), tmp_path)
     bpy.ops.mocap_autolabel.label()
     bpy.ops.mocap_autolabel.export_labels(filepath=str(tmp_path / "ours.labels.csv"))
     bpy.ops.mocap_autolabel.export_c3d(filepath=str(tmp_path / "ours.c3d"))
@@ -197,8 +192,8 @@ def test_the_exports_are_what_the_command_line_writes(imported, files, naming_kn
 
 
 def test_doubtful_points_are_told_from_sure_ones(extension):
-    marks = importlib.import_module(f"{extension}.addon.ui.marks")
-    takes = importlib.import_module(f"{extension}.addon.core.data.takes")
+    marks = ours("ui.marks")
+    takes = ours("core.data.takes")
     motion = SimpleNamespace(frames=np.array([5, 6, 7]), markers=np.zeros((3, 3, 3)))
     stored = SimpleNamespace(
         names=("A", "B", "C"),
@@ -247,7 +242,7 @@ def test_trouble_is_one_sentence_and_leaves_nothing(extension, empty, files, tmp
 def test_a_take_whose_keys_would_fill_the_memory_is_refused_and_a_part_of_it_is_not(
     imported, naming_known, files, extension, monkeypatch
 ):
-    poses = importlib.import_module(f"{extension}.addon.io.poses")
+    poses = ours("io.poses")
     settings = imported.scene.mocap_autolabel
     keys = 3 * len(open_markerset(files.markerset)) + 7 * 9
     monkeypatch.setattr(poses, "MOST_SHOWN", 20 * keys)
@@ -283,7 +278,7 @@ def test_an_up_axis_and_a_rate_that_are_given_are_taken(extension, empty, files,
 
 
 def test_what_is_refused_can_be_labelled_regardless(extension, imported, files, naming_known, monkeypatch):
-    handedness = importlib.import_module(f"{extension}.addon.core.points.handedness")
+    handedness = ours("core.points.handedness")
 
     def refuse(check):
         raise handedness.mirrored_error("A would be on the other side of the body")
@@ -307,5 +302,5 @@ def test_what_is_refused_can_be_labelled_regardless(extension, imported, files, 
         assert importer(filepath=path, mirror=True) == {"FINISHED"}
         seen = [tuple(vertex.co) for vertex in settings.source.preview.vertices]
         assert seen == [(x, -y, z) for x, y, z in plain]
-    labelling = importlib.import_module(f"{extension}.addon.ops.labelling")
+    labelling = ours("ops.labelling")
     assert labelling.job_of(bpy.context).mirror

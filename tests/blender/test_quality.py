@@ -10,7 +10,7 @@ import pytest
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model
 
-from .hands import refused
+from .hands import ours, refused
 
 
 @pytest.fixture
@@ -19,9 +19,8 @@ def laid(extension, empty):
     empty.scene.mocap_autolabel.subjects.markerset = "gait15"
     assert bpy.ops.mocap_autolabel.edit_markerset() == {"FINISHED"}
     empty.view_layer.update()
-    quality = importlib.import_module(f"{extension}.addon.scene.markerset_edit")
-    edit = importlib.import_module(f"{extension}.addon.scene.markerset_edit")
-    return quality, edit, edit.edited_collection(empty.scene)
+    module = ours("scene.markerset_edit")
+    return module, module.edited_collection(empty.scene)
 
 
 @pytest.fixture
@@ -35,7 +34,7 @@ def test_nothing_is_judged_before_something_is_laid_out(extension, empty):
 
 
 def test_the_set_that_is_laid_out_is_judged_as_it_was_learned(judged):
-    quality, _, collection = judged
+    quality, collection = judged
     report = quality.kept_report(collection)
     core = importlib.import_module("addon.core.placement_quality")
     known = open_model("gait15")
@@ -47,7 +46,7 @@ def test_the_set_that_is_laid_out_is_judged_as_it_was_learned(judged):
 
 
 def test_advice_is_shown_where_it_goes_and_taken(judged, empty):
-    quality, edit, collection = judged
+    quality, collection = judged
     report = quality.kept_report(collection)
     shown = quality.targets(collection)
     assert [target.number for target in shown] == list(range(1, len(report["advice"]) + 1))
@@ -60,12 +59,12 @@ def test_advice_is_shown_where_it_goes_and_taken(judged, empty):
     assert quality.changed_since(collection)
     assert 1 not in [target.number for target in quality.targets(collection)]
     base = open_markerset("gait15")
-    read = edit.read_markerset(collection, base, "mine")
+    read = quality.read_markerset(collection, base, "mine")
     np.testing.assert_allclose(read.offsets[read.markers.index(row["marker"])], row["offset"], atol=1e-5)
 
 
 def test_a_locked_marker_stays(laid):
-    quality, _, collection = laid
+    quality, collection = laid
     for name, item in quality.marker_items(collection).items():
         item.lock_location = (name.endswith(("ANK", "HEE")),) * 3
     bpy.ops.mocap_autolabel.judge_markers()
@@ -74,7 +73,7 @@ def test_a_locked_marker_stays(laid):
 
 
 def test_an_added_marker_is_a_marker_of_its_own(judged, empty):
-    quality, edit, collection = judged
+    quality, collection = judged
     report = quality.kept_report(collection)
     segment = collection.all_objects["LTHI"].parent_bone
     report["advice"][:] = [{**report["advice"][0], "do": "add", "marker": "NEW1", "anchor": "LTHI", "segment": segment}]
@@ -83,14 +82,14 @@ def test_an_added_marker_is_a_marker_of_its_own(judged, empty):
     empty.view_layer.update()
     item = quality.marker_items(collection)["NEW1"]
     np.testing.assert_allclose(item.matrix_world.translation, target.end, atol=1e-5)
-    assert len(edit.read_markerset(collection, open_markerset("gait15"), "mine")) == 16
+    assert len(quality.read_markerset(collection, open_markerset("gait15"), "mine")) == 16
     refused("NEW1 was added already", "take_advice", number=1)
     refused("no advice 9", "take_advice", number=9)
 
 
 def test_colours_go_from_red_over_orange_to_green(extension):
-    drawn = importlib.import_module(f"{extension}.addon.ui.quality")
-    marks = importlib.import_module(f"{extension}.addon.ui.marks")
+    drawn = ours("ui.quality")
+    marks = ours("ui.marks")
     np.testing.assert_allclose(drawn.clearness(0, 3), marks.RED)
     np.testing.assert_allclose(drawn.clearness(3, 3), marks.ORANGE)
     np.testing.assert_allclose(drawn.clearness(60, 3), marks.GREEN)

@@ -20,7 +20,7 @@ from addon.scene.opened import Opened
 from addon.scene.stored import digests_of
 
 from .conftest import write_walk
-from .hands import choose, refused, reopen
+from .hands import choose, ours, refused, reopen
 from .test_performers import kinds
 
 FRAMES, FIRST = 30, 101
@@ -49,7 +49,7 @@ def labelled(extension, empty, files, name_as):
 @pytest.fixture
 def reposing(extension):
     """What lets the body follow."""
-    return importlib.import_module(f"{extension}.addon.ops.reposing")
+    return ours("ops.reposing")
 
 
 @pytest.fixture
@@ -232,9 +232,7 @@ def test_what_was_begun_of_other_labels_is_left(labelled, reposing, later, monke
 def test_until_then_viewport_panel_and_export_dialog_say_that_the_body_is_out_of_date(
     labelled, files, extension, reposing, later, monkeypatch
 ):
-    overlay, panels, exporting = (
-        importlib.import_module(f"{extension}.addon.{name}") for name in ("ui.overlay", "ui.panels", "ops.exporting")
-    )
+    overlay, panels, exporting = map(ours, ("ui.overlay", "ui.panels", "ops.exporting"))
 
     def said() -> list[str]:
         canvas, layout = MagicMock(foot=20.0, scale=1.0), MagicMock()
@@ -266,8 +264,7 @@ def test_without_its_marker_set_the_body_says_what_it_needs_and_is_not_written(l
     """The labels are corrected all the same."""
     take = bpy.context.scene.mocap_autolabel.take
     take[takes.PERFORMERS] = take[takes.PERFORMERS].replace("body26", "mine")
-    opened = importlib.import_module(reposing.__name__.replace("ops.reposing", "scene.opened")).opened
-    opened.forget()
+    ours("scene.opened").opened.forget()
     write_markerset(files.folder / "small.markerset.json", made.markerset())
     bpy.ops.mocap_autolabel.open_markerset(filepath=str(files.folder / "small.markerset.json"))
     swap()

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The list of what is the matter with a take, in Blender: true, worst first, gone to, mended and answered for good."""
 
-import importlib
 import json
 from dataclasses import replace
 from types import SimpleNamespace
@@ -17,7 +16,7 @@ from addon.scene import naming
 from addon.scene.take import show_take
 
 from .conftest import label_walk, write_walk
-from .hands import refused
+from .hands import choose, ours, refused, stored_take
 
 FRAMES, FIRST, LOST, GHOST = 60, 101, "LKNE", 13
 
@@ -33,7 +32,7 @@ def state(extension, empty, made, tmp_path, name_as):
     label_walk(tmp_path)
     state = bpy.context.window_manager.mocap_autolabel
     state.trouble_kind, state.trouble_done, state.trouble_marker, state.trouble_index = "ALL", "OPEN", "", 0
-    return SimpleNamespace(review=state, knee=knee, folder=tmp_path, extension=extension)
+    return SimpleNamespace(review=state, knee=knee, folder=tmp_path)
 
 
 def rows(state, **wanted):
@@ -83,19 +82,18 @@ def test_what_is_right_is_done_and_does_not_come_back(state):
 
 
 def test_rings_are_only_around_what_the_list_asks_about(state):
-    figure = importlib.import_module(f"{state.extension}.addon.ui.figure")
-    handles = importlib.import_module(f"{state.extension}.addon.scene.opened").opened
-    known = importlib.import_module(f"{state.extension}.addon.scene.trouble").known_trouble
+    figure = ours("ui.figure")
+    known = ours("scene.trouble").known_trouble
     scene = bpy.context.scene
     collection, state.review.trouble_shown = scene.mocap_autolabel.take, ""
-    stored = handles.take(collection, scene)
+    stored = stored_take()
     scene.frame_set(FIRST + stored.shift)
     assert figure.meant(bpy.context, collection, stored) is None, "nobody went there"
     bpy.ops.mocap_autolabel.show_trouble(index=0)
     assert figure.meant(bpy.context, collection, stored).reason == state.review.trouble_shown
 
     def rings() -> list:
-        stored = handles.take(collection, scene)
+        stored = stored_take()
         return figure.missing(stored, 0, known(collection, scene)).tolist()
 
     assert rings() == [stored.motion.expected[0, state.knee].tolist()]
@@ -105,7 +103,7 @@ def test_rings_are_only_around_what_the_list_asks_about(state):
 
 
 def test_the_next_is_the_next_that_is_listed_and_open(state):
-    reviewing = importlib.import_module(f"{state.extension}.addon.ops.reviewing")
+    reviewing = ours("ops.reviewing")
     listed = [number for number, row in enumerate(state.review.troubles) if reviewing.is_listed(state.review, row)]
     assert listed == list(range(len(state.review.troubles)))
     assert len(listed) > 1
@@ -165,7 +163,7 @@ def test_a_take_of_blobs_has_its_cameras_and_can_be_answered(extension, empty, m
 
 def test_a_range_labelled_again_is_put_into_the_take(state, monkeypatch):
     scene, settings = bpy.context.scene, bpy.context.scene.mocap_autolabel
-    pipeline = importlib.import_module(f"{state.extension}.addon.core.points.whole_take.pipeline")
+    pipeline = ours("core.points.whole_take.pipeline")
     before = pipeline.namer_of().name
 
     def name(points, rate):
@@ -183,7 +181,7 @@ def test_a_range_labelled_again_is_put_into_the_take(state, monkeypatch):
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert [one.name for one in scene.collection.children if naming.TAKE in one] == [settings.take.name]
     assert (scene.frame_start, scene.frame_end, scene.frame_current) == (101, 160, 140)
-    stored = importlib.import_module(f"{state.extension}.addon.scene.opened").opened.take(settings.take, scene)
+    stored = stored_take()
     assert stored.motion.frames.tolist() == list(range(101, 161))
     found = np.isfinite(stored.motion.markers[:, state.knee, 0])
     assert stored.motion.frames[found].tolist() == list(range(121, 131))
@@ -201,7 +199,7 @@ def test_a_range_labelled_again_is_put_into_the_take(state, monkeypatch):
 def test_a_set_of_the_same_name_with_other_markers_is_put_into_no_take(state):
     settings, before = bpy.context.scene.mocap_autolabel, bpy.context.scene.mocap_autolabel.take
     before["mocap_names"] = json.dumps(json.loads(before["mocap_names"])[::-1])
-    importlib.import_module(f"{state.extension}.addon.scene.opened").opened.forget()
+    ours("scene.opened").opened.forget()
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert settings.take != before
     assert before.hide_viewport
@@ -216,19 +214,18 @@ def test_a_range_labelled_first_leaves_the_scene_its_frames(state):
     assert (scene.frame_start, scene.frame_end) == (101, 160)
     settings.labelling.range_first, settings.labelling.range_last = 141, 150
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
-    stored = importlib.import_module(f"{state.extension}.addon.scene.opened").opened.take(settings.take, scene)
+    stored = stored_take()
     assert stored.motion.frames.tolist() == list(range(121, 151))
     named = np.bincount(stored.rows.frame[stored.labels.named], minlength=30) > 0
     assert named.tolist() == [True] * 10 + [False] * 10 + [True] * 10
 
 
 def test_what_is_said_while_labelling_goes_on_is_not_lost(state):
-    labelling = importlib.import_module(f"{state.extension}.addon.ops.labelling")
+    labelling = ours("ops.labelling")
     context, again = bpy.context, SimpleNamespace(report=lambda *_: None)
     steps = labelling.label_steps(labelling.job_of(context), "walk")
     next(steps)
-    for item in context.scene.mocap_autolabel.take.all_objects:
-        item.select_set(item.get(naming.MARKER) == "RKNE")
+    choose("RKNE")
     assert bpy.ops.mocap_autolabel.unlabel(scope="WHOLE") == {"FINISHED"}
     labelling.MOCAP_AUTOLABEL_OT_label._show(again, context, finished(steps))
     assert len(state.review.corrections) == 1

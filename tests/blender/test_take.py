@@ -141,14 +141,6 @@ def test_the_file_keeps_the_take(empty, made, tmp_path):
             np.testing.assert_allclose(left, right, rtol=1e-6, atol=tolerance, err_msg=f"{part}.{field.name}")
 
 
-def test_removing_a_take_leaves_only_its_cameras(empty, made):
-    takes.show_take(empty, made.take(name="kept"))
-    kinds = ("objects", "meshes", "armatures", "actions", "collections", "cameras", "materials", "texts")
-    before = {kind: sorted(block.name for block in getattr(bpy.data, kind)) for kind in kinds}
-    takes.remove_take(takes.show_take(empty, made.take(name="gone")))
-    assert {kind: sorted(block.name for block in getattr(bpy.data, kind)) for kind in kinds} == before
-
-
 def test_two_takes_share_their_cameras_and_keep_their_markers_names(empty, made):
     first, second = (takes.show_take(empty, made.take(name=name)) for name in ("one", "two"))
     assert first[naming.CAMERAS] == second[naming.CAMERAS]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The trajectory timeline: what its rows are, where they lie, what a click or drag does; drawn in windows only."""
 
-import importlib
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -9,16 +9,14 @@ import pytest
 
 from addon.core.data.takes import BY_EDIT, NO_MARKER
 
-from .hands import FRAMES, GHOST, choose, picked, refused, shown
+from .hands import FRAMES, GHOST, choose, ours, picked, refused, shown, stored_take
 
 
 @pytest.fixture
 def rows(extension, labelled):
     """The module of the rows, and what gives those of the active take."""
-    module = importlib.import_module(f"{extension}.addon.scene.trajectories")
-    opened = importlib.import_module(f"{extension}.addon.scene.opened").opened
-    scene = labelled.scene
-    module.now = lambda unfolded=False: module.KeptRows().runs(opened.take(scene.mocap_autolabel.take, scene), unfolded)
+    module = ours("scene.trajectories")
+    module.now = lambda unfolded=False: module.KeptRows().runs(stored_take(), unfolded)
     return module
 
 
@@ -55,27 +53,23 @@ def test_doubts_corrections_and_fills_are_told_apart(rows, labelled, files):
     assert (120, 130, "edited") in stretches(rows, rows.now(), "LKNE")
     take = labelled.scene.mocap_autolabel.take
     take["mocap_suspects"] = '[[110, 115, "LANK jumps", null, ["LANK"]], [121, 122, "odd: LWRA, RWRA", null, []]]'
-    importlib.import_module(rows.__name__.replace("trajectories", "opened")).opened.forget()
+    ours("scene.opened").opened.forget()
     assert (110, 115, "doubtful") in stretches(rows, rows.now(), "LANK")
     assert all((121, 122, "doubtful") in stretches(rows, rows.now(), name) for name in ("LWRA", "RWRA"))
 
 
 def test_rows_that_follow_edits_are_those_made_anew(rows, labelled):
-    kept, opened = rows.KeptRows(), importlib.import_module(rows.__name__.replace("trajectories", "opened")).opened
-    scene = labelled.scene
+    kept, scene = rows.KeptRows(), labelled.scene
     scene.frame_set(120)
-    choose = {item.get("mocap_marker"): item for item in scene.mocap_autolabel.take.all_objects}
-    for item in labelled.selected_objects:
-        item.select_set(False)
-    choose["LKNE"].select_set(True)
+    choose("LKNE")
     for operator in ("unlabel", "no_marker", "is_right", "clear_corrections"):
-        before = kept.runs(opened.take(scene.mocap_autolabel.take, scene), False)
+        before = kept.runs(stored_take(), False)
         if operator != "clear_corrections":
             getattr(bpy.ops.mocap_autolabel, operator)(scope="ON" if operator == "is_right" else "FRAME")
             scene.frame_set(scene.frame_current + 3)
         else:
             bpy.ops.mocap_autolabel.clear_corrections()
-        stored = opened.take(scene.mocap_autolabel.take, scene)
+        stored = stored_take()
         after, anew = kept.runs(stored, False), rows.KeptRows().runs(stored, False)
         assert after is not before and kept.runs(stored, False) is after
         assert (after.names, after.span) == (anew.names, anew.span)
@@ -83,33 +77,15 @@ def test_rows_that_follow_edits_are_those_made_anew(rows, labelled):
             np.testing.assert_array_equal(one, other)
 
 
-def test_stretches_are_the_table_again(rows):
-    rng = np.random.default_rng(2)
-    states = rng.integers(0, 6, (200, 7)).astype(np.int8)
-    states[:, 3] = 2
-    again = np.full(states.shape, -1)
-    for row, first, last, state in np.concatenate([rows._runs_of_states(row, states[:, row]) for row in range(7)]):
-        assert (again[first : last + 1, row] == -1).all()
-        again[first : last + 1, row] = state
-    np.testing.assert_array_equal(again, states)
-
-
 def test_long_trajectories_come_first_and_short_ones_share_a_row(rows, extension, labelled):
-    takes = importlib.import_module(f"{extension}.addon.core.data.takes")
-    stored = importlib.import_module(f"{extension}.addon.scene.opened").opened.take(
-        labelled.scene.mocap_autolabel.take, labelled.scene
-    )
+    takes, stored = ours("core.data.takes"), stored_take()
     lengths = {50: 80, 51: 5, 52: 100, 53: 30}  # trajectory and its frames, at 60 a second
     frame = np.concatenate([np.arange(length) for length in lengths.values()])
     number = np.repeat(list(lengths), list(lengths.values()))
     order = np.lexsort((number, frame))
     points = takes.PointRows(np.arange(200), frame[order], number[order], np.zeros((len(frame), 3)), None)
-    motion = importlib.import_module("dataclasses").replace(
-        stored.motion, frames=np.arange(200), markers=np.full((200, 13, 3), np.nan)
-    )
-    take = importlib.import_module("dataclasses").replace(
-        stored, rows=points, labels=takes.Labels.none(len(frame)), motion=motion, suspects=(), shift=0
-    )
+    motion = replace(stored.motion, frames=np.arange(200), markers=np.full((200, 13, 3), np.nan))
+    take = replace(stored, rows=points, labels=takes.Labels.none(len(frame)), motion=motion, suspects=(), shift=0)
     runs = rows.KeptRows().runs(take, False)
     assert runs.names[13:] == ("trajectory 52", "trajectory 50", f"2 {rows.FOLDED}")
     assert stretches(rows, runs, runs.names[15]) == [(0, 29, "unnamed")]
@@ -119,7 +95,7 @@ def test_long_trajectories_come_first_and_short_ones_share_a_row(rows, extension
 
 
 def test_a_place_is_the_row_that_is_seen_there(extension, empty):
-    timeline = importlib.import_module(f"{extension}.addon.ops.timeline")
+    timeline = ours("ops.timeline")
     places = timeline.RowPlaces(600.0, 1.5, 7.25)
     for row in (8, 12, 20):
         assert places.at(places.upper(row) - 1) == places.at(places.upper(row + 1) + 1) == row
@@ -155,7 +131,7 @@ def test_a_drag_selects_the_range_that_corrections_take(labelled, files):
     assert bpy.ops.mocap_autolabel.unlabel(scope="RANGE") == {"FINISHED"}
     [row] = labelled.window_manager.mocap_autolabel.corrections
     assert row.name.endswith("frames 116–125")
-    stored = importlib.import_module("addon.scene.opened").Opened().take(scene.mocap_autolabel.take, scene)
+    stored = stored_take()
     assert (stored.labels.step != BY_EDIT).all(), "a point without a name has no step"
     assert np.isnan(stored.motion.markers[15:25, files.names.index("LKNE")]).all()
     assert len(stored.motion.frames) == FRAMES

@@ -23,8 +23,7 @@ from addon.io.models import open_model, write_model
 from addon.io.points import write_c3d
 from addon.scene.take import Take, show_take
 
-from .conftest import MODULE
-from .hands import refused
+from .hands import choose, ours, refused, stored_take
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +68,7 @@ def jobs_given(extension, monkeypatch):
         adopted = {"check": None, "not_adopted_for": [], "written": "", "replaced": [], "body": {"segments": {}}}
         return {**known, **adopted, **given.said}
 
-    monkeypatch.setattr(importlib.import_module(f"{extension}.addon.jobs.train"), "train_file", train_file)
+    monkeypatch.setattr(ours("jobs.train"), "train_file", train_file)
     return given
 
 
@@ -102,7 +101,7 @@ def test_what_was_learned_is_saved_chosen_and_names_points(listed, files, own_fo
 
     bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "raw.c3d"))
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
-    take = importlib.import_module("addon.scene.opened").Opened().take(settings.take, listed.scene)
+    take = stored_take()
     named = take.labels.marker >= 0
     assert named.mean() > 0.8
     assert (take.labels.marker[named] == take.rows.trajectory[named]).all()
@@ -116,7 +115,7 @@ def test_a_job_is_what_the_list_says(listed, files, own_folder, extension, jobs_
     [job] = jobs_given.jobs
     assert [path.name for path in job.takes] == ["one.c3d", "two.c3d"]
     assert (job.name, job.base, job.overwrite, job.kept) == ("mine", None, False, ())
-    assert job.by == importlib.import_module(f"{extension}.addon.jobs.models").system_user() != ""
+    assert job.by == ours("jobs.models").system_user() != ""
     assert [name for name, _ in job.subjects] == ["ann [2]", files.folder.name]
     assert [row.name for row in listed.window_manager.mocap_autolabel.doubts] == ["one subject"]
     settings.training.train_on = True
@@ -161,7 +160,7 @@ def test_what_is_worse_is_shown_before_a_button_adopts_it(listed, own_folder, ex
     assert open_model(own_folder / "ours.v1.markerset.json").fingerprint == fingerprint
     assert (state.candidate, len(state.differences), candidate.exists()) == ("", 0, False)
     assert Path(settings.subjects.markerset) == own
-    items = importlib.import_module(f"{extension}.addon.props")._markerset_items(settings, listed)
+    items = ours("props")._markerset_items(settings, listed)
     assert [name for name, *_ in items if name.endswith("json")] == [str(own)], "former versions are not in the list"
     settings.training.takes[0].kept = True
     refused("Add labelled takes first", "train")
@@ -221,7 +220,7 @@ def unsure(standing, marker: str, frame: int):
     of, at = ([one.value for one in table.attributes[name].data] for name in ("marker", "frame"))
     [row] = [i for i, pair in enumerate(zip(of, at, strict=True)) if pair == (standing.names.index(marker), frame)]
     table.attributes["confidence"].data[row].value = 0.5
-    importlib.import_module(f"{MODULE}.addon.scene.opened").opened.forget()
+    ours("scene.opened").opened.forget()
 
 
 def test_a_whole_take_is_learned_from_but_what_is_doubtful_and_nobody_looked_at(standing, own_folder, jobs_given):
@@ -243,9 +242,7 @@ def test_a_whole_take_is_learned_from_but_what_is_doubtful_and_nobody_looked_at(
 
 def test_what_was_answered_is_learned_and_an_own_set_goes_on(standing, own_folder, jobs_given):
     unsure(standing, "RHEE", 1)
-    item = next(one for one in standing.settings.take.all_objects if one.get("mocap_marker") == "RHEE")
-    bpy.context.view_layer.objects.active = item
-    item.select_set(True)
+    choose("RHEE")
     bpy.ops.mocap_autolabel.is_right(scope="WHOLE")
     own = own_folder / "ours.markerset.json"
     shutil.copy(Path(__file__).parents[2] / "assets" / "body26.markerset.json", own)

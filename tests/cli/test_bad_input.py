@@ -14,19 +14,9 @@ def blob_file(folder, text: str):
     return path
 
 
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        (
-            HEADER + "1,cam1,3,4\n1,cam99,3,4\n",
-            r"bad\.csv:3: camera 'cam99' is not in the calibration; expected one of ",
-        ),
-        ("1,cam1,3,4\n1,cam2,3,4\n", r"bad\.csv:1: holds neither blobs nor 3D points, .*; expected .*frame,camera,x,y"),
-        ("<xml/>", r"bad\.csv:1: holds neither blobs nor 3D points, for it has no header; expected .*Motive"),
-    ],
-)
-def test_blobs(label, tmp_path, text, reason):
-    assert re.search(reason, label(blobs=[blob_file(tmp_path, text)]).refusal(2))
+def test_blobs(label, tmp_path):
+    said = label(blobs=[blob_file(tmp_path, HEADER + "1,cam1,3,4\n1,cam99,3,4\n")]).refusal(2)
+    assert "bad.csv:3: camera 'cam99' is not in the calibration; expected one of " in said
     assert not list(tmp_path.glob("out/*"))
 
 
@@ -34,7 +24,7 @@ def test_blobs(label, tmp_path, text, reason):
     ("text", "reason"),
     [
         ("", r"bad\.csv: is empty; expected a blob file .*, or a take of 3D points"),
-        ("hello,world\n1,2\n", r"bad\.csv:1: holds neither blobs nor 3D points, .*; expected"),
+        ("<xml/>", r"bad\.csv:1: holds neither blobs nor 3D points, for it has no header; expected .*Motive"),
         ("frame,camera,x\n1,cam1,2\n", r"bad\.csv:1: has no column y; expected"),
         (HEADER + "1,cam1,3,4\n", r"bad\.csv: holds blobs, and there is no calibration .*; expected --cameras"),
     ],
@@ -49,11 +39,6 @@ def test_calibrations(label, room, tmp_path):
     path = tmp_path / "bad.toml"
     path.write_text(re.sub(r"^rotation = .*\n", "", room.cameras.read_text(), flags=re.MULTILINE))
     assert re.search(r"bad\.toml.*rotation", label(cameras=path).refusal(2))
-
-
-def test_a_calibration_of_another_kind(label, room):
-    assert label(cameras=room.c3d).status == 2
-    assert label(cameras=room.folder / "nothing.toml").status == 2
 
 
 def test_one_camera_is_read_but_cannot_do_the_job(label, room, tmp_path):

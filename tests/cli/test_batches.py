@@ -97,10 +97,10 @@ def test_what_was_sent_by_one_who_is_gone_is_not_begun(room, takes, tmp_path):
 def test_a_process_that_is_killed_names_its_take(label, takes, monkeypatch):
     run = workers.Worker.run
 
-    def killed(self, command):
-        if command.take.endswith("two.csv"):
+    def killed(self, line, result):
+        if line[-1].endswith("two.csv"):
             self.process.kill()
-        return run(self, command)
+        return run(self, line, result)
 
     monkeypatch.setattr(workers.Worker, "run", killed)
     answer = label(*FEW, "--jobs", "2", "--json", blobs=takes)

@@ -3,13 +3,10 @@
 
 import json
 
-import numpy as np
 import pytest
 
 from addon.io.blobs import read_blobs
-from addon.io.cameras import write_cameras
-from scripts.movies import encode
-from tests.inputs.pictures import NAMES, SIZE, places, save_pictures, two_cameras
+from tests.inputs.pictures import NAMES, SIZE, assert_at, places, save_pictures, write_studio
 
 bpy = pytest.importorskip("bpy", reason="pictures are read by Blender")
 FRAMES = range(7, 19)
@@ -19,12 +16,7 @@ FRAMES = range(7, 19)
 def studio(tmp_path_factory):
     """A calibration of two cameras, a folder of pictures for each, and a movie of each."""
     folder = tmp_path_factory.mktemp("studio")
-    cameras = two_cameras()
-    write_cameras(folder / "room.toml", cameras)
-    for number, name in enumerate(NAMES):
-        save_pictures(folder / name, FRAMES, number)
-        encode(folder / name, FRAMES, folder / f"take_{name}.mp4", SIZE)
-    return folder, cameras
+    return folder, write_studio(folder, FRAMES)
 
 
 @pytest.fixture
@@ -39,11 +31,9 @@ def assert_places(path, cameras, frames, shift=0.0, offset=0):
     """Every blob of the file where it was drawn, frame by frame, in each camera."""
     blobs = next(iter(read_blobs(path, cameras))).blobs
     assert blobs.frames.tolist() == list(frames)
-    for index, frame in enumerate(blobs.frames):
+    for frame in frames:
         for number in range(2):
-            drawn = places(int(frame) + offset, number) + shift
-            own = blobs.xy[(blobs.frame == index) & (blobs.camera == number)]
-            assert own[np.argsort(own[:, 0])] == pytest.approx(drawn[np.argsort(drawn[:, 0])], abs=0.1)
+            assert_at(blobs, frame, number, places(frame + offset, number) + shift)
 
 
 def test_pictures_of_two_cameras_become_blobs(find, studio, tmp_path):
@@ -58,7 +48,7 @@ def test_pictures_of_two_cameras_become_blobs(find, studio, tmp_path):
 
 def test_movies_are_read_frame_by_frame(find, studio, tmp_path):
     folder, cameras = studio
-    movies = [folder / f"take_{name}.mp4" for name in NAMES]
+    movies = [folder / "movies" / f"{name}.mp4" for name in NAMES]
     answer = find(*movies, "--frames", "3:10", "--first-pixel", "corner")
     assert answer.status == 0, answer.err
     assert "30 frames a second" in answer.out
@@ -78,7 +68,7 @@ def test_missing_pictures_are_told(find, studio, tmp_path):
 def test_nothing_of_blender_stays_behind(find, studio):
     before = [len(kind) for kind in (bpy.data.images, bpy.data.textures, bpy.data.movieclips)]
     limit = bpy.context.preferences.system.memory_cache_limit
-    assert find(studio[0] / "take_left.mp4").status == 0
+    assert find(studio[0] / "movies" / "left.mp4").status == 0
     assert [len(kind) for kind in (bpy.data.images, bpy.data.textures, bpy.data.movieclips)] == before
     assert bpy.context.preferences.system.memory_cache_limit == limit
 
@@ -89,7 +79,7 @@ def test_what_cannot_be_done(find, run, studio, tmp_path):
     cases = {
         "no camera's name in its own": [folder],
         "the calibration has no camera top": [f"top={left}"],
-        "each camera once": [left, f"left={folder / 'take_left.mp4'}"],
+        "each camera once": [left, f"left={folder / 'movies' / 'left.mp4'}"],
         "no such file": [f"left={folder / 'nothing.mp4'}"],
         "neither a movie nor a picture": [f"left={folder / 'room.toml'}"],
         "expected --frames among these": [left, "--frames", "50:60"],

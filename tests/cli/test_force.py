@@ -12,11 +12,11 @@ from addon.core.data.takes import Points
 from addon.core.points.handedness import MEND_BLOBS, Handedness, MirroredError
 from addon.core.points.likelihood.sides import mirror_order
 from addon.demo.take import make_performance
-from addon.io.labels import POINT_KEYS, TruthWriter
 from addon.io.markersets import open_markerset
 from addon.io.points import of_frames, read_points, write_c3d
 from addon.jobs.train import known_bodies
 from addon.jobs.training_takes import read_takes, refuse_mirrored
+from tests.inputs.walkers import write_truth
 
 LOPSIDED = "body39"  # by RBAK
 
@@ -28,11 +28,7 @@ def walks(tmp_path_factory):
     take = of_frames(make_performance(open_markerset(LOPSIDED)).take, (100, 160))
     write_c3d(folder / "plain.c3d", take)
     write_c3d(folder / "mirrored.c3d", replace(take, xyz=take.xyz * [-1.0, 1.0, 1.0]))
-    with TruthWriter(folder / "truth.csv", POINT_KEYS) as writer:
-        frame, point = np.nonzero(np.isfinite(take.xyz[..., 0]))
-        writer.write(
-            [f"{take.first_frame + f},{p}" for f, p in zip(frame, point, strict=True)], [take.names[p] for p in point]
-        )
+    write_truth(folder / "truth.csv", take.xyz, take.names, take.first_frame)
     return folder
 
 

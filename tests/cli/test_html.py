@@ -29,6 +29,11 @@ def takes(room, tmp_path):
     return copies
 
 
+def full(*_):
+    """Writes to a full disk."""
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
 def page(path) -> str:
     """All that a page says."""
     return " ".join(" ".join(read(path.read_text(encoding="utf-8")).said).split())
@@ -63,9 +68,6 @@ def test_a_take_of_blobs_has_a_page_beside_its_other_files(label, tmp_path):
 
 
 def test_a_page_that_cannot_be_written_costs_all_files(label, tmp_path, monkeypatch):
-    def full(*_):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
     monkeypatch.setattr(take_pages, "write_take_page", full)
     answer = label(*FEW, "--html")
     assert "No space left on device" in answer.reason
@@ -92,9 +94,6 @@ def test_several_takes_have_a_page_over_all_of_them(label, takes, tmp_path):
 
 
 def test_a_page_over_takes_that_cannot_be_written_costs_nothing_else(label, takes, tmp_path, monkeypatch):
-    def full(*_):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
     monkeypatch.setattr(pages, "write_folder_page", full)
     answer = label(*FEWEST, "--html", "--json", blobs=takes("one", "two"))
     assert "No space left on device" in answer.reason

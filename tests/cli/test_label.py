@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`label`: the files, the options, and several takes."""
+"""`label`: the files, the options, several takes, and takes that a model is not for."""
 
 import csv
 import json
@@ -12,6 +12,7 @@ import ezc3d
 import numpy as np
 import pytest
 
+from addon import blendfile
 from addon.cli import main
 from addon.demo.take import MODEL
 from addon.io.markersets import open_markerset
@@ -136,3 +137,47 @@ def test_blend_holds_the_take(label, tmp_path):
 def test_without_blender_no_blend(label, monkeypatch):
     monkeypatch.setattr("addon.cli.label.options.has_blender", lambda: False)
     assert "--blend needs Blender" in label("--blend").reason
+
+
+@pytest.mark.parametrize("axis", ["x", "-y"])
+def test_a_take_with_another_axis_up_says_which(run, room, tmp_path, axis):
+    answer = run("label", room.c3d, "--model", MODEL, "--up", axis, "--out", tmp_path / "out")
+    assert answer.refusal(1).endswith(
+        f"stands with z up, as which it looks like a take of model {MODEL}; expected that axis to be given, by --up z; "
+        "--force goes on regardless"
+    )
+
+
+def test_a_take_of_another_marker_set_says_which_and_is_named_where_it_is_forced(run, room, tmp_path):
+    words = "label", room.c3d, "--model", "actor41", "--out", tmp_path / "out"
+    reason = run(*words).refusal(1)
+    assert "does not look like a take of model actor41" in reason
+    assert reason.endswith(f"it looks like a take of {MODEL} or body39; --force goes on regardless")
+    assert run(*words, "--force").status == 0
+    assert report_of(tmp_path / "out" / f"{room.c3d.stem}.labels.csv")["model"] == "actor41"
+
+
+@pytest.mark.blender
+def test_rays_are_cast_where_nobody_chose_inside_blender(label, tmp_path, monkeypatch):
+    """And they are what the labelling asks: without them nothing is looked up in a mesh."""
+    from addon.scene.occlusion import MeshOcclusion  # and with it bpy: from here on this is Blender
+
+    asked = []
+    hidden = MeshOcclusion.hidden
+    monkeypatch.setattr(MeshOcclusion, "hidden", lambda self, *given: asked.append(self) or hidden(self, *given))
+    assert label("--occlusion", "capsules", "--frames", "100:101").status == 0
+    assert not asked
+    assert label("--overwrite", "--frames", "100:101").status == 0
+    assert asked
+    assert json.loads((tmp_path / "out" / "walk.report.json").read_text())["occlusion"] == "bvh"
+
+
+def test_without_blender_rays_are_refused_and_the_closed_form_is_the_default(label, tmp_path, monkeypatch):
+    monkeypatch.setattr(blendfile, "has_blender", lambda: False)
+    monkeypatch.setattr("addon.jobs.job.inside_blender", lambda: False)
+    answer = label("--occlusion", "bvh", "--frames", "100:101")
+    assert answer.status == 2
+    assert "--occlusion bvh needs Blender or the bpy package" in answer.reason
+    assert not (tmp_path / "out" / "walk.labels.csv").exists()
+    assert label("--frames", "100:101").status == 0
+    assert json.loads((tmp_path / "out" / "walk.report.json").read_text())["occlusion"] == "capsules"

@@ -12,9 +12,9 @@ from addon.core.body.bodies import BodyModel
 from addon.core.data.takes import Points
 from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.demo.take import MODEL
-from addon.io.labels import POINT_KEYS, TruthWriter
 from addon.io.markersets import SUFFIX, open_markerset, write_markerset
 from addon.io.points import read_points, write_c3d, write_trc
+from tests.inputs.walkers import write_truth
 
 from .conftest import FRAMES, report_of, rows_of
 
@@ -35,10 +35,7 @@ def anonymous(room, tmp_path_factory):
     points = Points(("",) * len(order), xyz, np.full(xyz.shape[:2], 0.0005), take.rate, take.first_frame)
     write_c3d(folder / "anon.c3d", points)
     write_trc(folder / "anon.trc", points)
-    with TruthWriter(folder / "truth.csv", POINT_KEYS) as writer:
-        frame, point = np.nonzero(np.isfinite(xyz[..., 0]))
-        keys = [f"{take.first_frame + f},{p}" for f, p in zip(frame, point, strict=True)]
-        writer.write(keys, [names[order[p]] for p in point])
+    write_truth(folder / "truth.csv", xyz, [names[index] for index in order], take.first_frame)
     return folder
 
 

@@ -1,23 +1,29 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`train`: a model of a made-up creature from its labelled takes, which then names takes without names."""
+"""`train`: a model of a made-up creature from its labelled takes, which then names takes; trials side by side."""
 
 import json
+from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from addon.cli import train
+from addon.core.data.errors import JobError
 from addon.core.data.takes import Points
 from addon.core.geometry import rotations
+from addon.core.points.likelihood.trials import make_trial
+from addon.core.points.likelihood.trying import TrialWork, in_turn
 from addon.core.training.imagining import anybody
 from addon.core.training.poses import known_poses
-from addon.io.labels import POINT_KEYS, TruthWriter
 from addon.io.layouts import shipped_layouts
-from addon.io.models import read_model, write_model
+from addon.io.models import open_model, read_model, write_model
 from addon.io.points import read_points, write_c3d
 from addon.io.source import read_bytes
 from addon.jobs.models import known_bodies
+from tests.inputs.walkers import write_truth
 
 NAMES = tuple(f"{part}{number}" for part in ("BODY", "HEAD") for number in range(1, 6))
 
@@ -89,11 +95,7 @@ def anonymous(tmp_path):
         xyz[frame : frame + 30, chance.permutation(10)[: chance.integers(0, 3)]] = np.nan
     order = chance.permutation(11)
     xyz = np.concatenate([xyz, np.broadcast_to([0.5, 0.5, 1.0], (150, 1, 3))], axis=1)[:, order]
-    with TruthWriter(tmp_path / "truth.csv", POINT_KEYS) as writer:
-        frame, point = np.nonzero(np.isfinite(xyz[..., 0]))
-        names = [*NAMES, ""]
-        keys = [f"{f + 1},{p}" for f, p in zip(frame, point, strict=True)]
-        writer.write(keys, [names[order[p]] for p in point])
+    write_truth(tmp_path / "truth.csv", xyz, [[*NAMES, ""][index] for index in order], 1)
     return write(tmp_path / "anon.c3d", xyz, [""] * 11)
 
 
@@ -357,3 +359,36 @@ def test_several_subjects_may_follow_one_option_and_takes_may_follow_them(takes)
 
     given = build_parser().parse_args(["train", "--out", "a", "--subject", "ann=a*", "bob=b*", str(takes[0]), "--lean"])
     assert given.subjects == [("ann", "a*"), ("bob", "b*"), Path(takes[0])]
+
+
+@pytest.fixture(scope="module")
+def works():
+    """Three trials of a few made-up frames of a built-in set."""
+    known, rng = open_model("gait15").likelihood, np.random.default_rng(5)
+    found = []
+    for _ in range(3):
+        modes = rng.standard_normal((6, known.shape.modes.shape[2]))
+        clouds = known.shape.mean + np.einsum("mck,fk->fmc", known.shape.modes, modes) + [0.0, 0.0, 0.8]
+        trial = make_trial(clouds, (0, 4), (0, 3), rng)
+        found.append(TrialWork(known.markers, known.shape, known.constraints, known.rigid_bodies, trial, True))
+    return found
+
+
+def test_in_two_processes_they_are_the_same_to_the_bit(works):
+    alone, beside = (list(way(works)) for way in (in_turn, partial(train.try_in, 2)))
+    assert sum(len(outcome.right) for outcome in alone) > 100
+    for one, other in zip(alone, beside, strict=True):
+        assert one.described.tobytes() == other.described.tobytes()
+        assert one.right.tobytes() == other.right.tobytes()
+
+
+def test_few_are_not_worth_a_process(works, monkeypatch):
+    monkeypatch.setattr(train, "crew", None)
+    assert len(list(train.try_in(None, works))) == len(list(train.try_in(1, works))) == 3
+
+
+def test_one_that_cannot_be_made_is_said(works, monkeypatch):
+    killed = JobError("its process was killed; expected it to finish", "1.trial")
+    monkeypatch.setattr(train, "crew", lambda _: nullcontext(lambda _: iter([(1, killed)])))
+    with pytest.raises(JobError, match=r"^a trial could not be made: its process was killed; expected it to finish$"):
+        list(train.try_in(2, works))

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from addon.core.data.takes import Blobs
 from addon.core.geometry.cameras import Cameras
-from scripts.movies import save_picture
+from addon.io.cameras import write_cameras
+from scripts.movies import encode, save_picture
 
 NAMES = ("left", "right")  # of the cameras
 SIZE = (160, 120)  # width and height, px
@@ -42,3 +44,20 @@ def save_pictures(folder: Path, frames: Sequence[int], camera: int, size: tuple[
     folder.mkdir(parents=True, exist_ok=True)
     for frame in frames:
         save_picture(folder / f"{frame:04}.png", picture(frame, camera, size))
+
+
+def write_studio(folder: Path, frames: Sequence[int]) -> Cameras:
+    """Writes room.toml, a folder of pictures for each camera, and movies of them; gives the cameras."""
+    cameras = two_cameras()
+    write_cameras(folder / "room.toml", cameras)
+    (folder / "movies").mkdir()
+    for number, name in enumerate(NAMES):
+        save_pictures(folder / name, frames, number)
+        encode(folder / name, frames, folder / "movies" / f"{name}.mp4", SIZE)
+    return cameras
+
+
+def assert_at(blobs: Blobs, frame: int, camera: int, drawn: np.ndarray, within: float = 0.1):
+    """Asserts that the blobs of a camera in a frame are where discs were drawn."""
+    own = blobs.xy[(blobs.frames[blobs.frame] == frame) & (blobs.camera == camera)]
+    np.testing.assert_allclose(own[np.argsort(own[:, 0])], drawn[np.argsort(drawn[:, 0])], rtol=0, atol=within)

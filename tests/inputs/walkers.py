@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Two virtual people who walk side by side, 1 m apart: their points without names, the truth, and what cameras see."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -35,9 +36,14 @@ def write_pair(folder: Path):
     residual = np.full((FRAMES, len(names)), 0.0005)
     write_c3d(folder / "pair.c3d", Points(("",) * len(names), xyz[:, order], residual, RATE, FIRST))
     write_c3d(folder / "named.c3d", Points(tuple(names), xyz, residual, RATE, FIRST))
-    with TruthWriter(folder / "truth.csv", POINT_KEYS) as writer:
-        keys = [(frame, point) for frame in range(FRAMES) for point in range(len(names))]
-        writer.write([f"{FIRST + frame},{point}" for frame, point in keys], [names[order[point]] for _, point in keys])
+    write_truth(folder / "truth.csv", xyz[:, order], [names[marker] for marker in order], FIRST)
+
+
+def write_truth(path: Path, xyz: np.ndarray, names: Sequence[str], first: int):
+    """Writes which markers the points (T, P, 3) m are that are there, as `evaluate` compares labels with."""
+    frame, point = np.nonzero(np.isfinite(xyz[..., 0]))
+    with TruthWriter(path, POINT_KEYS) as writer:
+        writer.write([f"{first + f},{p}" for f, p in zip(frame, point, strict=True)], [names[p] for p in point])
 
 
 def write_seen(folder: Path):

@@ -35,12 +35,12 @@ def test_a_file_whose_residuals_are_all_zero_tells_none(tmp_path):
 
 def test_the_table_has_a_row_a_gap_by_the_sources_frames(tmp_path):
     gaps = [FilledGap(Gap(4, 9, 1), "regression", 0.00213), FilledGap(Gap(0, 1, 0), "rigid", np.nan, (False, True))]
-    write_filled(tmp_path / "a.filled.csv", gap_rows(gaps, ["A", 'B,"x"'], 101))
+    write_filled(tmp_path / "a.filled.csv", gap_rows(gaps, ["=A", 'B,"x"'], 101))
     assert [row["rests_on"] for row in gap_rows(gaps, ["A", "B"], 101)] == ["both ends", "its end"]
     with (tmp_path / "a.filled.csv").open(newline="") as file:
         rows = list(csv.reader(file))
     assert rows == [
         ["marker", "first", "last", "method", "expected_mm"],
         ['B,"x"', "105", "109", "regression", "2.13"],
-        ["A", "101", "101", "rigid", ""],
+        ["'=A", "101", "101", "rigid", ""],
     ]

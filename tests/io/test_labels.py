@@ -12,7 +12,7 @@ from addon.io.blobs import read_blobs
 from addon.io.labels import BLOB_KEYS, POINT_KEYS, LabelFile, LabelWriter, TruthWriter
 from tests.io.samples import BLOBS, ring
 
-MARKERS = ("LASI", "RASI", 'odd "name", really')
+MARKERS = ("LASI", "=1+1", 'odd "name", really')
 
 
 def read(path):
@@ -30,7 +30,8 @@ def test_rows_are_as_the_contract_says(tmp_path):
         writer.write(["1,cam_1,2.50,3", "1,cam_2,2,3"], labels([1, NO_MARKER], [CONFLICT, NO_STEP], [0.98765, 0]))
         writer.write(['2,"a,b",1,1'], labels([0], [EXCLUSIVE], [1.0]))
     assert path.read_text(encoding="utf-8") == (
-        'frame,camera,x,y,marker,step,confidence\n1,cam_1,2.50,3,RASI,conflict,0.988\n1,cam_2,2,3,,,0\n2,"a,b",1,1,LASI,exclusive,1\n'
+        "frame,camera,x,y,marker,step,confidence\n1,cam_1,2.50,3,'=1+1,conflict,0.988\n1,cam_2,2,3,,,0\n"
+        '2,"a,b",1,1,LASI,exclusive,1\n'
     )
 
 
@@ -77,9 +78,10 @@ def test_labels_come_back(tmp_path_factory, rows):
 
 def test_truth_of_blobs_and_of_points_keeps_merged_names(tmp_path):
     with TruthWriter(tmp_path / "a.csv") as writer:
-        writer.write(["1,c,2,3", "1,c,2,4"], ["LASI|RASI", ""])
+        writer.write(["1,c,2,3", "1,c,2,4", "1,c,2,5"], ["LASI|RASI", "", "=1+1"])
     _, rows = read(tmp_path / "a.csv")
-    assert [row.marker for row in rows] == ["LASI|RASI", ""]
+    assert [row.marker for row in rows] == ["LASI|RASI", "", "=1+1"]
+    assert (tmp_path / "a.csv").read_text().endswith(",'=1+1\n")
     assert np.isnan([row.confidence for row in rows]).all()
     with TruthWriter(tmp_path / "b.csv", POINT_KEYS) as writer:
         writer.write(["1,0", "1,7"], ["LASI", "RASI"])

@@ -8,6 +8,7 @@ import pytest
 
 from addon.core.data.columns import Columns, beside_of
 from addon.core.data.lanes import Lanes
+from addon.core.data.progress import finished
 from addon.core.data.takes import Points
 from addon.io.points import read_points, write_c3d, write_trc
 from addon.io.textpoints import read_trc
@@ -94,13 +95,7 @@ def test_texts_are_packed_too(take, tmp_path):
 
 
 def test_gaps_of_a_marker_among_thousands_of_trajectories_are_filled(take, path, tmp_path):
-    work = fill_file(FillJob(path, tmp_path / "whole.c3d", up="z"))
-    while True:
-        try:
-            next(work)
-        except StopIteration as end:
-            said = end.value
-            break
+    said = finished(fill_file(FillJob(path, tmp_path / "whole.c3d", up="z")))
     assert said["samples_filled"] == said["samples_missing"] == 5
     before, after = read_points(path, up="z"), read_points(tmp_path / "whole.c3d", up="z")
     assert after.names == before.names

@@ -2,13 +2,13 @@
 """Files of points as whole tables, every column with all of its frames: what lanes are compared with."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 
 from addon.io.c3d.reading import open_c3d
-from addon.io.samples import PointFile, Samples
+from addon.io.samples import Samples
 
 
 def dense(frames: int, count: int, parts: Iterable[Samples]) -> tuple[np.ndarray, np.ndarray]:
@@ -19,16 +19,8 @@ def dense(frames: int, count: int, parts: Iterable[Samples]) -> tuple[np.ndarray
     return xyz, residual
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class WholeC3d(PointFile):
-    """What a C3D file says of its points, `xyz` (T, P, 3) and `residual` (T, P) in the file's units."""
-
-    xyz: np.ndarray
-    residual: np.ndarray
-
-
-def read_c3d(path: Path, rate: float | None = None) -> WholeC3d:
-    """A whole C3D file."""
+def read_c3d(path: Path, rate: float | None = None) -> SimpleNamespace:
+    """What a C3D file says of its points, with `xyz` (T, P, 3) and `residual` (T, P) in the file's units."""
     with open_c3d(path, rate, everything=True) as head:
         xyz, residual = dense(head.frames, head.count, head.parts())
-        return WholeC3d(**vars(head), xyz=xyz * head.scale[0], residual=residual * head.scale[1])
+        return SimpleNamespace(**vars(head), xyz=xyz * head.scale[0], residual=residual * head.scale[1])

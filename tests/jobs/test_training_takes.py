@@ -13,14 +13,7 @@ from addon.core.data.errors import InputError
 from addon.core.data.takes import Points
 from addon.core.edits.kinds import Edits, Right
 from addon.core.points.models import TrainingTake, by_subject
-from addon.core.training.takes import (
-    KEEPING,
-    gathered,
-    most_different,
-    of_markers,
-    training_takes_of,
-    without_replaced,
-)
+from addon.core.training.takes import KEEPING, gathered, most_different, of_markers, training_takes_of, without_replaced
 from addon.io.edits import write_edits
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points, write_c3d
@@ -207,9 +200,7 @@ def test_another_take_of_the_same_name_is_added_and_said(tmp_path):
     other = read_takes([write(tmp_path / "monday" / "1.c3d", seed=9)], [("ann", "*")])
     left, gone, doubts = without_replaced(before, other)
     assert (left, gone) == (before, [])
-    assert doubts == [
-        "1.c3d of ann is another take than the one that the model knows by that name, so both are kept",
-    ]
+    assert doubts == ["1.c3d of ann is another take than the one that the model knows by that name, so both are kept"]
     assert without_replaced(before, read_takes([write(tmp_path / "bob" / "1.c3d", seed=1)], ())) == (before, [], [])
 
 

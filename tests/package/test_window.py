@@ -1,7 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A person's way through the sidebar of a real Blender's window; `tours/sidebar.py` walks it, this file judges it."""
+"""A person's way through a real Blender's window; the scripts in `tours` walk it, this file judges it."""
 
+from pathlib import Path
+
+import numpy as np
 import pytest
+from matplotlib.image import imread
+
+from scripts.virtual_take import write_virtual_points
 
 pytestmark = [pytest.mark.real_blender, pytest.mark.window, pytest.mark.slow]
 
@@ -9,12 +15,8 @@ pytestmark = [pytest.mark.real_blender, pytest.mark.window, pytest.mark.slow]
 @pytest.fixture(scope="module")
 def tour(watch, virtual_take, tmp_path_factory):
     folder = tmp_path_factory.mktemp("tour")
-    task = {
-        "cameras": str(virtual_take / "cameras.toml"),
-        "blobs": str(virtual_take / "take.csv"),
-        "markerset": "body26",
-    }
-    return watch("sidebar", folder, **task)
+    files = {"cameras": str(virtual_take / "cameras.toml"), "blobs": str(virtual_take / "take.csv")}
+    return watch("sidebar", folder, **files, markerset="body26")
 
 
 def test_the_steps_stand_in_order_from_the_start(tour):
@@ -35,3 +37,161 @@ def test_a_click_labels_the_take_and_offers_the_review(tour):
 
 def test_a_click_looks_through_a_camera(tour):
     assert tour["view"] == "CAMERA"
+
+
+KEPT = ("range", "edits", "fills", "answered")
+
+
+def walked(watch, script: str, folder: Path) -> dict:
+    """What is seen on a way through the window with a take of points."""
+    write_virtual_points(folder, 120)
+    return watch(script, folder, points=str(folder / "walk.c3d"), markerset="body26", frame=40)
+
+
+@pytest.fixture(scope="module")
+def room(watch, tmp_path_factory):
+    return walked(watch, "room", tmp_path_factory.mktemp("room"))
+
+
+def test_a_key_shows_what_is_meant_from_where_one_looks(room):
+    place, before, after = room["view"]
+    assert max(map(abs, place)) < 8, "it was looked at 9 9 9, where nobody is"
+    assert after == pytest.approx(before, abs=1e-5)
+
+
+def test_keys_correct_and_answer(room):
+    assert room["labelled"]["edits"] == []
+    unlabelled, *answers = room["corrected"]["edits"]
+    assert "has no name" in unlabelled
+    assert answers
+    assert len(room["corrected"]["answered"]) == 1
+    assert room["corrected"]["lost"] < room["labelled"]["lost"]
+
+
+def test_what_is_said_filled_and_cut_reaches_the_file(room):
+    labelled, corrected, filled = (room[step] for step in ("labelled", "corrected", "filled"))
+    assert filled["fills"]
+    assert len({labelled["file"], corrected["file"], filled["file"]}) == 3
+    assert filled["edits"] == corrected["edits"]
+
+
+@pytest.mark.parametrize("step", ["labelled again", "undone", "redone", "reopened"])
+def test_nothing_is_lost(room, step):
+    assert {what: room[step][what] for what in KEPT} == {what: room["filled"][what] for what in KEPT}
+
+
+def test_undo_brings_the_labels_and_the_file_back_that_were_before(room):
+    assert (room["undone"]["labels"], room["undone"]["file"]) == (room["filled"]["labels"], room["filled"]["file"])
+
+
+def test_a_reopened_file_is_what_was_saved(room):
+    assert room["reopened"] == room["redone"]
+
+
+@pytest.fixture(scope="module")
+def tool(watch, tmp_path_factory):
+    return walked(watch, "label", tmp_path_factory.mktemp("label"))
+
+
+def test_the_dot_under_the_pointer_is_picked_and_not_the_body_before_it(tool):
+    left, right = tool["knees"]
+    assert (tool["clicked"], tool["selected"]) == ([left], ["LKNE"])
+    assert tool["with Shift"] == [left, right]
+    assert tool["with Shift again"] == [right]
+    assert tool["beside"] == []
+
+
+def test_a_box_and_a_lasso_pick_what_is_inside(tool):
+    assert set(tool["knees"]) <= set(tool["in a box"])
+    assert tool["in a lasso"] == [tool["knees"][1]]
+
+
+def test_keys_swap_and_undo_takes_it_back(tool):
+    assert tool["swapped"] == ["LKNE and RKNE swapped, all frames"]
+    assert tool["undone"] == []
+    assert tool["picked after undo"] == tool["knees"]
+
+
+def test_the_pie_offers_the_missing_marker_first(tool):
+    [unlabelled] = tool["unlabelled"]
+    assert tool["named by the pie"] == [unlabelled, f"LANK is {unlabelled.split(' has ')[0].lower()}, all frames"]
+    assert tool["after Esc"] == tool["named by the pie"]
+
+
+def test_quick_label_goes_from_marker_to_marker(tool):
+    first, after, back, skipped, second = tool["asked"]
+    assert {first, second} < set(tool["truth"])
+    assert first == back != after, "what was taken back is asked for again"
+    assert skipped == after, "what was passed over is not asked for again"
+    assert tool["given"] == [f"{second} is trajectory {tool['truth'][second]}, all frames"]
+    assert not tool["quick label runs"]
+
+
+def test_a_marker_is_put_where_nothing_was_seen(tool):
+    words, place = tool["placed"]
+    assert words.startswith(f"{tool['gap']} is placed by hand, frame")
+    assert np.isfinite(place).all()
+
+
+def test_playback_goes_on_with_the_tool(tool):
+    assert tool["played"]
+    assert tool["tool"] == "mocap_autolabel.label_tool"
+
+
+MARKERS, LONG_GHOSTS, FLICKERS = 62, 20, 600
+A_PIXEL = 3  # frames, about
+
+
+@pytest.fixture(scope="module")
+def timeline(watch, tmp_path_factory):
+    return watch("timeline", tmp_path_factory.mktemp("timeline"), frames=2000)
+
+
+def test_markers_and_what_has_no_name_have_rows(timeline):
+    assert timeline["rows"][0] == MARKERS + LONG_GHOSTS + 1, "the short ones share one"
+    assert timeline["rows unfolded"] == MARKERS + LONG_GHOSTS + FLICKERS
+
+
+def test_a_click_on_a_row_goes_there_and_picks(timeline):
+    assert abs(timeline["click"]["frame"] - timeline["click"]["asked"]) <= A_PIXEL
+    assert timeline["click"]["selected"] == ["RFHD"]
+    assert timeline["ghost"]["picked"] == timeline["ghost"]["wanted"]
+
+
+def test_a_drag_selects_a_range_and_undo_takes_it_back(timeline):
+    used, *ends = timeline["drag"]["range"]
+    assert used
+    assert all(abs(one - other) <= A_PIXEL for one, other in zip(ends, timeline["drag"]["wanted"], strict=True))
+    assert timeline["drag"]["selected"] == [timeline["drag"]["row"]]
+    for after in ("undone", "stopped"):
+        assert timeline[after]["range"][0] is False
+        assert timeline[after]["selected"] == ["RFHD"]
+
+
+def test_a_name_is_clicked_and_shift_adds(timeline):
+    assert timeline["name clicked"]["selected"] == [timeline["name clicked"]["row"]]
+    assert timeline["name clicked"]["frame"] == timeline["undone"]["frame"], "a name is no time"
+    assert len(timeline["added"]) == 2
+
+
+def test_the_wheel_scrolls_and_zooms_as_usual(timeline):
+    assert timeline["scrolled"] == 8 * 3
+    assert timeline["scrolled by names"] == 9 * 3
+    assert timeline["panned"] == pytest.approx(9 * 3 - 4, abs=0.5)
+    assert timeline["zoomed"] < 0.95
+
+
+def test_keys_that_are_not_seen_are_left_alone(timeline):
+    assert timeline["keys left"]
+
+
+@pytest.mark.parametrize("name", ["timeline-whole", "timeline-range", "timeline-ghosts", "timeline-unfolded"])
+def test_the_rows_are_coloured(timeline, name):
+    picture = imread(timeline["folder"] / f"{name}.png")[..., :3]
+    grey = picture.max(axis=2) - picture.min(axis=2) < 0.1
+    assert (~grey[len(grey) // 2 :]).mean() > 0.02
+
+
+def test_switched_off_it_leaves_blenders_own(timeline):
+    on, off = (imread(timeline["folder"] / f"timeline-{name}.png")[..., :3] for name in ("unfolded", "off"))
+    assert abs(on - off).mean() > 0.02

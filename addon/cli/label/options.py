@@ -12,13 +12,7 @@ from ...blendfile import has_blender, open_cameras
 from ...core.data.errors import InputError
 from ...core.data.wording import words_of_range
 from ...core.points.naming import METHODS, USUAL_TARGET, chosen_method, plain_method
-from ...core.points.several.wearers import (
-    AUTO,
-    MAX_SUBJECTS,
-    NAME_RULE,
-    as_compared,
-    is_subject_name,
-)
+from ...core.points.several.wearers import AUTO, MAX_SUBJECTS, NAME_RULE, as_compared, is_subject_name
 from ...io.edits import edits_beside
 from ...io.models import open_model
 from ...io.points import holds_points
@@ -30,24 +24,6 @@ from ..arguments import OWN_CAMERAS, add_options, job_of, number, whole
 
 if TYPE_CHECKING:
     from ...jobs.pages import BatchSummary
-
-
-def add_subjects(parser: argparse.ArgumentParser):
-    """`--subjects N|auto` and `--subject NAME=MODEL`."""
-    parser.add_argument(
-        "--subjects",
-        type=_count,
-        metavar="N|auto",
-        help="how many wear the model, auto for as many as there are (default 1); markers are then "
-        "called 1:LASI, 2:LASI",
-    )
-    parser.add_argument(
-        "--subject",
-        type=_wearer,
-        action="append",
-        metavar="NAME=MODEL",
-        help="who wears what, once for each subject and instead of --model; markers are then called NAME:LASI",
-    )
 
 
 def _count(text: str) -> int:
@@ -139,7 +115,10 @@ def add_label_options(verbs) -> argparse.ArgumentParser:
     add("--out", required=True, type=Path, metavar="DIR", help="the folder for the results")
     add_options(parser, "--model", "--rate", "--frames", "--up", "--overwrite")
     add_options(parser, "--cameras", **OWN_CAMERAS)
-    add_subjects(parser)
+    many = "how many wear the model, auto for as many as there are (default 1); markers are then called 1:LASI, 2:LASI"
+    add("--subjects", type=_count, metavar="N|auto", help=many)
+    who = "who wears what, once for each subject and instead of --model; markers are then called NAME:LASI"
+    add("--subject", type=_wearer, action="append", metavar="NAME=MODEL", help=who)
     add("--use", choices=USES, help="what to label of a .qtm that holds both (default: blobs whose cameras are known)")
     add("--method", choices=METHODS, default="auto", help=METHODS_HELP)
     add("--occlusion", choices=OCCLUSIONS, default="auto", help=OCCLUSION_HELP)

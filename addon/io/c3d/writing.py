@@ -137,10 +137,7 @@ def _section(labels: list[str], frames: int, rate: float, first: int, last: int,
         _record("ACTUAL_START_FIELD", 2, 2, (2,), struct.pack("<I", first)),
         _record("ACTUAL_END_FIELD", 2, 2, (2,), struct.pack("<I", last)),
     ]
-    analog = [
-        _record("USED", 3, 2, (), struct.pack("<H", 0)),
-        _record("GEN_SCALE", 3, 4, (), struct.pack("<f", 1)),
-    ]
+    analog = [_record("USED", 3, 2, (), struct.pack("<H", 0)), _record("GEN_SCALE", 3, 4, (), struct.pack("<f", 1))]
     groups = [_group("POINT", 1), *point, _group("TRIAL", 2), *trial, _group("ANALOG", 3), *analog]
     return bytes(4) + b"".join(groups) + bytes(2)
 

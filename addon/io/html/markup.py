@@ -150,10 +150,7 @@ def table(heads: Sequence[object], rows: Iterable[Sequence[object]], caption: st
         for row in rows
     ]
     whole = element(
-        "table",
-        element("caption", caption),
-        element("thead", element("tr", *top)),
-        element("tbody", *body),
+        "table", element("caption", caption), element("thead", element("tr", *top)), element("tbody", *body)
     )
     return element("div", whole, class_="wide", tabindex="0", role="region", aria_label=caption)
 

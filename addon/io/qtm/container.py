@@ -42,6 +42,7 @@ class Container:
         try:
             _check_head(self.file, self.path)
             self._ole = _opened(self.file, self.path)
+            self.sector_size = self._ole.sectorsize  # bytes
         except BaseException:
             self.file.file.close()
             raise
@@ -82,7 +83,7 @@ class Container:
 
     def sectors(self, entry: "OleDirectoryEntry") -> np.ndarray:
         """(N,) where in the file each sector of a large stream begins."""
-        size, table = self._ole.sectorsize, self._ole.fat
+        size, table = self.sector_size, self._ole.fat
         found = np.empty(-(-entry.size // size), np.int64)
         sector = entry.isectStart
         for at in range(len(found)):
@@ -90,11 +91,6 @@ class Container:
                 raise InputError(f"has a part {entry.name!r} that is cut off; expected {KIND}", self.path)
             found[at], sector = sector, table[sector]
         return (found + 1) * size
-
-    @property
-    def sector_size(self) -> int:
-        """Bytes of a sector."""
-        return self._ole.sectorsize
 
 
 class Stream:

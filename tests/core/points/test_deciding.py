@@ -4,11 +4,9 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, Labels
 from addon.core.points.deciding import decide
-from addon.io.models import open_model
 
 NAMED = 3
 TARGET = 0.999
@@ -25,11 +23,6 @@ def votes(points: int, confidence: float, sure: np.ndarray | None = None) -> tup
         rate[:, :NAMED] = sure
     step = np.where(marker == NO_MARKER, 0, BY_LIKELIHOOD)
     return Labels(marker, step, chance, rate), np.broadcast_to(np.arange(points), marker.shape)
-
-
-@pytest.fixture(scope="module")
-def model():
-    return open_model("gait15")
 
 
 def test_a_trajectory_is_named_by_frames_none_of_which_is_sure(model):

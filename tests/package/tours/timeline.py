@@ -1,28 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The trajectory timeline in a real Blender's window: clicked, dragged along, scrolled and timed."""
+"""The trajectory timeline in a real Blender's window: clicked, dragged along and scrolled."""
 
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import bpy
-import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from stage import EXTENSION, TASK, module, play, settings, window
 from timeline_take import make_take
 
-REDRAWS = 40
-
 
 def walk(seen: dict) -> Iterator[float]:
-    """Show a take, open the timeline, click, drag, undo, scroll, unfold, and time redraws."""
+    """Show a take, open the timeline, click, drag, undo, scroll and unfold."""
     take = make_take(EXTENSION, TASK["frames"])
-    begin = time.perf_counter()
     settings().take = module("scene.take").show_take(bpy.context, take)
-    seen["s to show the take"] = time.perf_counter() - begin
     bpy.ops.ed.undo_push(message="Shown")
     yield 1
     bpy.ops.mocap_autolabel.show_timeline()
@@ -96,7 +90,6 @@ def walk(seen: dict) -> Iterator[float]:
 
     module("ops.viewing").fit_timelines(bpy.context)
     state.timeline_scroll = 0.0
-    seen["timing"] = yield from times()
     state.timeline_unfolded = True
     yield from window.screenshot("timeline-unfolded")
     with bpy.context.temp_override(area=window.area("DOPESHEET_EDITOR"), region=main):
@@ -114,56 +107,6 @@ def looked(at: int) -> dict:
         "selected": [item.name for item in bpy.context.selected_objects],
         "range": [scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end],
     }
-
-
-def times() -> Iterator[float]:
-    """Milliseconds of a redraw of rows and names while time is panned and rows scrolled, and of making them anew.
-
-    Of each redraw: what the code takes by the clock and of its own core, and with the GPU, which is waited for.
-    """
-    drawing, clock, core, whole = module("ui.timeline"), [], [], []
-
-    def timed(draw):
-        import gpu
-
-        if not drawing.timeline_shown(bpy.context):
-            return
-        pixel = gpu.state.active_framebuffer_get()
-        pixel.read_color(0, 0, 1, 1, 4, 0, "UBYTE")
-        begin, begin_core = time.perf_counter(), time.thread_time()
-        draw()
-        clock[-1] += 1000 * (time.perf_counter() - begin)
-        core[-1] += 1000 * (time.thread_time() - begin_core)
-        pixel.read_color(0, 0, 1, 1, 4, 0, "UBYTE")
-        whole[-1] += 1000 * (time.perf_counter() - begin)
-
-    kind, handlers = bpy.types.SpaceDopeSheetEditor, []
-    for draw, part, when in (
-        (drawing.draw_rows, "WINDOW", "POST_VIEW"),
-        (drawing.draw_names_beside, "CHANNELS", "POST_PIXEL"),
-    ):
-        handlers.append((kind.draw_handler_add(timed, (draw,), part, when), part))
-    area, main = window.area("DOPESHEET_EDITOR"), window.region("WINDOW", "DOPESHEET_EDITOR")
-    for step in range(REDRAWS):
-        for table in (clock, core, whole):
-            table.append(0.0)
-        with bpy.context.temp_override(area=area, region=main):
-            bpy.ops.view2d.pan("EXEC_DEFAULT", deltax=7 if step % 2 else -5, deltay=0)
-        bpy.context.window_manager.mocap_autolabel.timeline_scroll = step % 9
-        area.tag_redraw()
-        yield 0.05
-    for handler, part in handlers:
-        kind.draw_handler_remove(handler, part)
-    stored, made = module("scene.opened").opened.take(bpy.context.scene.mocap_autolabel.take, bpy.context.scene), []
-    for _ in range(3):
-        begin = time.perf_counter()
-        runs = module("scene.trajectories").KeptRows().runs(stored, False)
-        made.append(1000 * (time.perf_counter() - begin))
-    figures = {"redraws": sum(spent > 0 for spent in clock), "making the rows": min(made), "runs": len(runs.runs)}
-    for name, table in (("by the clock", clock), ("of its core", core), ("with the GPU", whole)):
-        spent = [value for value in table if value > 0]
-        figures[name] = [float(np.median(spent)), float(np.min(spent)), float(np.max(spent))]
-    return figures
 
 
 play(walk)
