@@ -13,7 +13,6 @@ from ..core.data.errors import JobError
 from ..core.data.markersets import Worn
 from ..core.data.merging import LabelledRange, joined
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Labels, Motion, PointRows, Suspect
-from ..core.edits.following import moved_frames
 from ..core.edits.kinds import Edits
 from ..core.filling.kept import KeptFill, filled_samples, put_fills
 from ..core.filling.smoothing import smoothed
@@ -207,7 +206,7 @@ def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored):
 
 def _changed(before: Stored, after: Stored) -> list[int]:
     """The markers that are elsewhere after other edits, fills or smoothing, or whose filled samples are others."""
-    moved = changed_between(before, after, moved_frames)
+    moved = changed_between(before, after, said=False)
     if moved is not None:
         return sorted(moved)
     filled, was_filled, nowhere = after.filled_markers, before.filled_markers, np.zeros(len(after.motion.frames), bool)

@@ -7,9 +7,8 @@ import numpy as np
 
 from ..data.markersets import Worn
 from ..data.takes import NO_POINT, Blobs, Labels
-from .applying import BlobCells, apply_edit
+from .applying import apply_edit, cells_of_blobs
 from .kinds import AssignBlob, AssignPoint, Edits
-from .replay import Replay
 
 
 def named_points(
@@ -24,23 +23,22 @@ def named_points(
     spans = [edit.span for edit in edits if isinstance(edit, AssignBlob)]
     if not any(first <= blobs.frames[-1] and last >= blobs.frames[0] for first, last in spans):
         return {}
-    cells = BlobCells.named(blobs, cameras, names, count)
-    nothing = Labels.none(*cells.present.shape)
-    replay = Replay.of_table(nothing, cells.count, len(cells.cameras))
-    when = np.full(replay.rule.shape, -1)
+    cells = cells_of_blobs(blobs, cameras, names, count)
+    replay = cells.replay(Labels.none(len(blobs)))
+    when = np.full(len(blobs), -1)
     for number, edit in enumerate(edits):
         before = replay.rule.copy()
         apply_edit(replay, edit, cells)
         when[replay.rule != before] = number
-    point_of = np.full(len(cells.blobs), NO_POINT)
+    point_of = np.full(len(blobs), NO_POINT)
     point, camera = np.nonzero(rows >= 0)
     point_of[rows[point, camera]] = point
-    rule = replay.rule[cells.cell]
-    named = np.flatnonzero((rule >= 0) & (rule < cells.count) & (point_of != NO_POINT))
+    rule = replay.rule
+    named = np.flatnonzero((rule >= 0) & (rule < count) & (point_of != NO_POINT))
     markers: dict[int, int] = {}
     points: dict[tuple[int, int], int] = {}
-    for blob in named[np.argsort(when[cells.cell[named]], kind="stable")].tolist():
-        frame, marker, of = int(cells.blobs.frame[blob]), int(rule[blob]), int(point_of[blob])
+    for blob in named[np.argsort(when[named], kind="stable")].tolist():
+        frame, marker, of = int(blobs.frame[blob]), int(rule[blob]), int(point_of[blob])
         if of in markers:
             points.pop((frame, markers[of]), None)
         markers.pop(points.get((frame, marker), NO_POINT), None)

@@ -5,8 +5,8 @@ An edit is a verb of a target in some frames. All that it means is here: its fil
 how it reads and what it does to labels, as a method of `Replay`. Those who apply, write or show edits know no kinds.
 
 A take is its recording, what the program named, and a list of edits. Undo is a shorter list, redo the longer one
-again: an editor keeps an `Edits` and shows `applying.apply_to_points` of it, which touches nothing it was given. Frames
-are the source's own numbers, both included, None for the whole take.
+again: an editor keeps an `Edits` and shows `applying.apply_edits` of it, which touches nothing it was given. Frames are
+the source's own numbers, both included, None for the whole take.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -16,6 +16,8 @@ from typing import ClassVar, Self
 import numpy as np
 
 from .replay import Replay
+
+BLOB_RADIUS_PX = 2.0  # format: px from where an edit says that its blob is, the contract's
 
 
 @dataclass(frozen=True)

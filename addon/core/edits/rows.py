@@ -4,7 +4,7 @@
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from typing import Any, TypeGuard
 
 from ..data.errors import InputError
@@ -14,21 +14,9 @@ from .kinds import EDIT_KINDS, BlobEdit, Edit, Edits, Place
 EDITS_VERSION = 1
 
 
-@dataclass(frozen=True)
-class EditLimits:
-    """What an edit may say.
-
-    max_edits  memory: some 100 MB of them; a person makes hundreds
-    max_m      physical, m from the origin that a marker may be placed: beyond any room
-    max_px     physical, px that a blob may be looked for at: a thousand times the width of a camera's image
-    """
-
-    max_edits: int = 100_000
-    max_m: float = 10_000.0
-    max_px: float = 1e7
-
-
-EDIT_LIMITS = EditLimits()
+MAX_EDITS = 100_000  # memory: some 100 MB of them; a person makes hundreds
+MAX_PLACE_M = 10_000.0  # physical: m from the origin that a marker may be placed: beyond any room
+MAX_PX = 1e7  # physical: px that a blob may be looked for at: a thousand times the width of a camera's image
 MAX_POINT = 2**31 - 1  # format: indices of trajectories are whole numbers of 32 bits
 
 
@@ -59,8 +47,8 @@ def edits_of(document: object) -> Edits:
         raise InputError(f"is of version {_shown(version)}; expected edits of version {EDITS_VERSION}")
     if not isinstance(rows, list):
         raise InputError('has no list "edits"; expected {"version": 1, "edits": [...]}')
-    if len(rows) > EDIT_LIMITS.max_edits:
-        raise InputError(f"has {len(rows)} edits; expected at most {EDIT_LIMITS.max_edits}")
+    if len(rows) > MAX_EDITS:
+        raise InputError(f"has {len(rows)} edits; expected at most {MAX_EDITS}")
     more = {key: value for key, value in document.items() if key not in ("version", "edits")}
     if not _can_be_kept(more):
         raise InputError("holds beside its edits what JSON cannot hold; expected finite numbers and letters of Unicode")
@@ -166,15 +154,15 @@ def _markers(value: Any, number: int) -> tuple[str, str]:
 
 
 def _pixel(value: Any, number: int) -> float:
-    fine = _is_number(value) and abs(value) <= EDIT_LIMITS.max_px
-    expected = f"x and y in px, up to {EDIT_LIMITS.max_px:,.0f}"
+    fine = _is_number(value) and abs(value) <= MAX_PX
+    expected = f"x and y in px, up to {MAX_PX:,.0f}"
     return float(_checked(fine, value, f"edit {number} looks for a blob at", expected))
 
 
 def _xyz(value: Any, number: int) -> tuple[float, float, float]:
     fine = isinstance(value, list) and len(value) == 3 and all(map(_is_number, value))
-    fine = fine and max(map(abs, value)) <= EDIT_LIMITS.max_m
-    expected = f"x, y and z in m, finite and up to {EDIT_LIMITS.max_m:,.0f} either way"
+    fine = fine and max(map(abs, value)) <= MAX_PLACE_M
+    expected = f"x, y and z in m, finite and up to {MAX_PLACE_M:,.0f} either way"
     x, y, z = map(float, _checked(fine, value, f"edit {number} has the place", expected))
     return x, y, z
 
