@@ -168,8 +168,5 @@ class MOCAP_AUTOLABEL_OT_mend_trouble(OfTrouble, bpy.types.Operator):
 
 
 def is_listed(state: bpy.types.PropertyGroup, row: bpy.types.PropertyGroup) -> bool:
-    """Whether the choices above the list let a line of it be seen."""
-    of_kind = state.trouble_kind in ("ALL", row.kind)
-    done = state.trouble_done == "ALL" or row.answered == (state.trouble_done == "DONE")
-    # A name may hold blanks itself.
-    return of_kind and done and (not state.trouble_marker or f" {state.trouble_marker} " in f" {row.name} ")
+    """Whether the choice above the list lets a line of it be seen."""
+    return state.trouble_done == "ALL" or row.answered == (state.trouble_done == "DONE")

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..data.takes import NO_MARKER
 from ..data.wording import words_of_frames
-from .suspects import SUSPECTING, runs
+from .suspects import MAX_BREAK_FRAMES, runs
 
 GAINED, LOST, OTHER = "gained", "lost", "other"
 
@@ -74,5 +74,5 @@ def summary_of_changes(found: Sequence[Change]) -> str:
 def _ranges(name: str, what: str, flags: np.ndarray, frames: np.ndarray) -> list[Change]:
     return [
         Change(name, what, int(frames[start]), int(frames[stop - 1]), int(flags[start:stop].sum()))
-        for start, stop in runs(flags, SUSPECTING.max_break_frames)
+        for start, stop in runs(flags, MAX_BREAK_FRAMES)
     ]

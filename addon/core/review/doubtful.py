@@ -16,17 +16,7 @@ from .suspects import FAR_OFF, JUMPS, find_suspects, suspect_ranges
 WHOLE_FRAME = "the placement is only"  # what begins the doubts that are about all markers of their frames
 
 
-@dataclass(frozen=True)
-class DoubtfulOptions:
-    """Which names are doubtful.
-
-    min_confidence  learned: of the name of a point, a share of right names as training counts it; 1 % are wrong below
-    """
-
-    min_confidence: float = 0.99
-
-
-DOUBTFUL_NAMES = DoubtfulOptions()
+MIN_SURE = 0.99  # learned: of a point's name, a share of right ones as training counts it; 1 % are wrong below
 
 
 def doubtful_samples(
@@ -101,7 +91,7 @@ def unsure_names(rows: Blobs | PointRows, labels: Labels, shape: tuple[int, int]
     """(F, M) True where the name of a marker's point is not sure; of blobs every camera has its own say."""
     found = np.zeros(shape, bool)
     if isinstance(rows, PointRows):
-        at = np.flatnonzero((labels.marker != NO_MARKER) & (labels.confidence < DOUBTFUL_NAMES.min_confidence))
+        at = np.flatnonzero((labels.marker != NO_MARKER) & (labels.confidence < MIN_SURE))
         found[rows.frame[at], labels.marker[at]] = True
     return found
 

@@ -8,22 +8,11 @@ from functools import cache
 import numpy as np
 
 from ..data.takes import Blobs, LabelledChunk, Motion, PointRows, Suspect, rows_in_frame
-from .suspects import SUSPECTING
+from .suspects import MAX_OFF_BODY_M
 
-
-@dataclass(frozen=True)
-class MomentOptions:
-    """Which moments are kept.
-
-    most       format: pictures on a page, and kept of one kind of doubt, each of other markers
-    around_m   physical: m, from the middle of the markers to unnamed points that are kept; a body with arms held out
-    """
-
-    most: int = 6
-    around_m: float = 1.5
-
-
-MOMENTS = MomentOptions()
+MOST_MOMENTS = 6  # format: pictures on a page, and kept of one kind of doubt, each of other markers
+# physical: m, from the middle of the markers to unnamed points that are kept; a body with arms held out
+AROUND_M = 1.5  # physical
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +68,7 @@ class MomentKeeper:
         """Adds the doubts about markers of a chunk."""
         off = np.linalg.norm(chunk.motion.markers - chunk.motion.expected, axis=-1)
         # Where the body has no such marker, or nothing is named, it counts like one that is just too far away.
-        summed = np.cumsum(np.nan_to_num(off, nan=SUSPECTING.max_off_body_m), axis=0)
+        summed = np.cumsum(np.nan_to_num(off, nan=MAX_OFF_BODY_M), axis=0)
         summed = np.concatenate([np.zeros((1, off.shape[1])), summed]) / self.rate
         first, kind_of = int(chunk.motion.frames[0]), cache(_kind_of)
         worst: dict[tuple, _Found] = {}
@@ -95,10 +84,10 @@ class MomentKeeper:
         for (kind, _), found in sorted(worst.items(), key=lambda item: -item[1].badness):
             self._keep(kind, found, off, rows, chunk)
 
-    def worst(self, most: int = MOMENTS.most) -> tuple[Moment, ...]:
+    def worst(self, most: int = MOST_MOMENTS) -> tuple[Moment, ...]:
         """The worst of each kind first, then the next of each."""
         kinds = sorted(self.kinds.values(), key=lambda kept: -kept[0].badness)
-        turns = [kept[turn] for turn in range(MOMENTS.most) for kept in kinds if turn < len(kept)]
+        turns = [kept[turn] for turn in range(MOST_MOMENTS) for kept in kinds if turn < len(kept)]
         return tuple(turns[:most])
 
     def _keep(self, kind: str, found: _Found, off: np.ndarray, rows: Blobs | PointRows, chunk: LabelledChunk):
@@ -107,10 +96,10 @@ class MomentKeeper:
         if same is not None and same.badness >= found.badness:
             return
         kept = [one for one in kept if one is not same]
-        if len(kept) == MOMENTS.most and kept[-1].badness >= found.badness:
+        if len(kept) == MOST_MOMENTS and kept[-1].badness >= found.badness:
             return
         kept = sorted([*kept, _moment(found, found.most_seen(off), rows, chunk)], key=lambda one: -one.badness)
-        self.kinds[kind] = kept[: MOMENTS.most]
+        self.kinds[kind] = kept[:MOST_MOMENTS]
 
 
 def _kind_of(words: str, markers: tuple[str, ...]) -> str:
@@ -126,7 +115,7 @@ def _moment(found: _Found, index: int, rows: Blobs | PointRows, chunk: LabelledC
         part = rows_in_frame(rows, index)
         xyz, named = rows.xyz[part], chunk.labels.named[part]
         middle = np.nanmedian(np.concatenate([markers, xyz]), axis=0)
-        near = np.linalg.norm(xyz - middle, axis=1) < MOMENTS.around_m
+        near = np.linalg.norm(xyz - middle, axis=1) < AROUND_M
         others = xyz[~named & near]
         own = rows.trajectory[part] == found.suspect.trajectory
         asked = xyz[own][0] if own.any() else asked

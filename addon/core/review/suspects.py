@@ -2,7 +2,7 @@
 """Points a person to the frames that are worth a look: markers that leave the body, or move as no marker moves."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,37 +10,14 @@ from ..data.physical import MARKER_LIMITS
 from ..data.takes import Motion, Suspect
 from ..data.wording import listed
 
-
-@dataclass(frozen=True)
-class SuspectOptions:
-    """What makes a marker doubtful, beside how hard `MARKER_LIMITS` says that it may be accelerated.
-
-    max_off_body_m    physical: m, between a marker and where the fitted body has it: soft tissue moves skin by up to
-                      40 mm (Leardini and others 2005), and clothes move on it
-    moment_s          physical: s, about as long as it takes a person to see something; shorter is no finding of its own
-    max_break_frames  format: between two findings that a list shows as one range
-    """
-
-    max_off_body_m: float = 0.07
-    moment_s: float = 0.25
-    max_break_frames: int = 5
-
-
-@dataclass(frozen=True)
-class ListOptions:
-    """How long a list of doubtful ranges may be.
-
-    max_alike    format: findings with one reason that have entries of their own; more are one entry
-    max_entries  format: in the list, as many as a person works through
-    """
-
-    max_alike: int = 2
-    max_entries: int = 40
-
-
-SUSPECTING = SuspectOptions()
+# physical: m, between a marker and where the fitted body has it: soft tissue moves skin by up to 40 mm (Leardini and
+# others 2005), and clothes move on it.
+MAX_OFF_BODY_M = 0.07  # physical
+MOMENT_S = 0.25  # physical: s, about as long as it takes a person to see something; shorter is no finding of its own
+MAX_BREAK_FRAMES = 5  # format: between two findings that a list shows as one range
+MAX_ALIKE = 2  # format: findings with one reason that have entries of their own; more are one entry
+MAX_ENTRIES = 40  # format: in a list of doubtful ranges, as many as a person works through
 FAR_OFF, JUMPS = "is far from where the body has it", "jumps"
-LISTING = ListOptions()
 
 
 def find_suspects(motion: Motion, names: tuple[str, ...], rate: float) -> tuple[Suspect, ...]:
@@ -53,7 +30,7 @@ def find_suspects(motion: Motion, names: tuple[str, ...], rate: float) -> tuple[
 
 def doubtful_flags(motion: Motion, rate: float) -> tuple[np.ndarray, np.ndarray]:
     """(F, M) True where a marker is far from where the body has it, and (F, M) where it jumps."""
-    off_body = np.linalg.norm(motion.markers - motion.expected, axis=-1) > SUSPECTING.max_off_body_m
+    off_body = np.linalg.norm(motion.markers - motion.expected, axis=-1) > MAX_OFF_BODY_M
     return off_body, _jumps(motion.markers, rate, MARKER_LIMITS.max_impact_m_s2)
 
 
@@ -64,7 +41,7 @@ def suspects_of(
     found = []
     for index, name in enumerate(names):
         for doubtful, what in ((off_body, FAR_OFF), (jumps, JUMPS)):
-            found += suspect_ranges(frames, doubtful[:, index], f"{name} {what}", SUSPECTING.max_break_frames, (name,))
+            found += suspect_ranges(frames, doubtful[:, index], f"{name} {what}", MAX_BREAK_FRAMES, (name,))
     return tuple(sorted(found, key=lambda suspect: suspect.first))
 
 
@@ -86,8 +63,8 @@ def summarised(suspects: Sequence[Suspect], rate: float) -> tuple[Suspect, ...]:
     reasons: dict[str, list[Suspect]] = {}
     for suspect in sorted(suspects, key=lambda one: one.first):
         reasons.setdefault(suspect.reason, []).append(suspect)
-    entries = [entry for found in reasons.values() for entry in _of_one_reason(found, SUSPECTING.moment_s * rate)]
-    while len(entries) > LISTING.max_entries:
+    entries = [entry for found in reasons.values() for entry in _of_one_reason(found, MOMENT_S * rate)]
+    while len(entries) > MAX_ENTRIES:
         kinds: dict[str, list[Suspect]] = {}
         for entry in entries:
             kinds.setdefault(_kind(entry.reason), []).append(entry)
@@ -107,7 +84,7 @@ def _of_one_reason(found: list[Suspect], max_break: float) -> list[Suspect]:
             joined[-1] = _as_one([last, suspect], suspect.words)
         else:
             joined.append(suspect)
-    if len(joined) <= LISTING.max_alike:
+    if len(joined) <= MAX_ALIKE:
         return joined
     return [_as_one(joined, f"{joined[0].words}, in {len(joined)} places")]
 

@@ -25,7 +25,6 @@ MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA, NOBODY_THERE = (
     "camera",
     "nobody",
 )
-TROUBLE_KINDS = (NOBODY_THERE, MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA)
 # What helps.
 NAME_IT, FILL, UNLABEL, RIGHT, SWAP = "name", "fill", "unlabel", "right", "swap"
 REFINE, LABEL, DELETE = "refine", "label", "delete"
@@ -39,7 +38,7 @@ Spans = tuple[tuple[int, int], ...]
 class Trouble:
     """One thing that is the matter with a take.
 
-    kind          one of TROUBLE_KINDS
+    kind          what is the matter: MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA or NOBODY_THERE
     first, last   the frames to look at, the source's numbers, both included
     reason        what it is, in full
     advice        what to do, in words
