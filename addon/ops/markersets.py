@@ -112,7 +112,6 @@ class MOCAP_AUTOLABEL_OT_save_markerset(ToldWhere, Laid, bpy.types.Operator):
     filename_ext = SUFFIX
 
     def proposed(self, context) -> Path:
-        """In the folder of own marker sets, called after the one that it was made from."""
         base = Path(edited_collection(context.scene)[naming.EDITED]).name.removesuffix(SUFFIX)
         return markerset_folder(create=True) / f"my_{base.removeprefix('my_')}{SUFFIX}"
 
@@ -144,7 +143,6 @@ class MOCAP_AUTOLABEL_OT_judge_markers(Laid, WorksInSteps, bpy.types.Operator):
     doing = "Judging the markers"
 
     def steps(self, context):
-        """The judging, and the search for better places."""
         collection = edited_collection(context.scene)
         model = open_model(bpy.path.abspath(collection[naming.EDITED]))
         # Those whose location is locked stay where they are.

@@ -215,7 +215,6 @@ class MOCAP_AUTOLABEL_OT_pick_region(Drags, Picks, bpy.types.Operator):
         self._area.tag_redraw()
 
     def drag(self, context, event):
-        """The outline up to where the pointer is now."""
         mouse = place_in(self._region, event)
         if self.shape == "BOX":
             (left, lower), (right, upper) = self._begin, mouse
@@ -226,7 +225,6 @@ class MOCAP_AUTOLABEL_OT_pick_region(Drags, Picks, bpy.types.Operator):
 
     @reports_trouble
     def let_go(self, context, event):
-        """Picks what is inside."""
         self.drag(context, event)
         outline = np.array(gesture.outline, dtype=float)
         self.cancel(context)

@@ -143,7 +143,6 @@ class MOCAP_AUTOLABEL_OT_train(Trains, bpy.types.Operator):
     )
 
     def job(self, context, settings) -> "TrainJob":
-        """The takes in the list, learned or kept for checking."""
         from ..jobs.training_takes import KnownBetter
 
         rows = {Path(bpy.path.abspath(row.path)): row for row in settings.training.takes}
@@ -171,7 +170,6 @@ class MOCAP_AUTOLABEL_OT_learn_frame(Trains, bpy.types.Operator):
     needs = _needs_take("put the names of one frame right")
 
     def job(self, context, settings) -> "TrainJob":
-        """The markers that are named in the current frame; InputError where there are none."""
         stored, frame = taken(context), context.scene.frame_current
         index = stored.index_here(frame)
         named = np.flatnonzero(np.isfinite(stored.motion.markers[index, :, 0]))

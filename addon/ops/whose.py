@@ -159,7 +159,6 @@ class MOCAP_AUTOLABEL_OT_exchange_performers(ToldApart, bpy.types.Operator):
         return context.window_manager.invoke_props_dialog(self)
 
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
-        """Every marker that both wear is exchanged, where either has points."""
         chosen = [next(who for who in stored.performers if who.name == name) for name in (self.one, self.other)]
         if chosen[0] is chosen[1]:
             raise InputError(f"{self.one} cannot be exchanged with {self.other}; expected two performers")

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core.data.takes import PointRows
 from ..core.edits.blob_tracks import BlobTracks
-from ..core.edits.kinds import NO_EDITS, Edits
+from ..core.edits.kinds import Edits
 from ..core.filling.smoothing import smoothed
 from . import cameras as scene_cameras
 from .corrections import Correcting, kept_edits, kept_text, text_of
@@ -57,20 +57,6 @@ class Opened:
                 kept = self.edited[key] = text, stored, after
             stored = kept[2]
         return self._final(collection, stored)
-
-    def make_ready(self, collection: bpy.types.Collection, scene: bpy.types.Scene):
-        """Makes what the first corrections of a take would wait for, which of a long one is some 100 MB of memory."""
-        key, before = _number_of(collection), self.unedited(collection, scene)
-        if key in self.following:
-            return
-        following = self._correcting(key, before)
-        edits, shown = kept_edits(collection) or NO_EDITS, self.final.get(key)
-        # Two, as the take before an edit and after it are there at once.
-        both = [self._final(collection, following.apply(before, edits)) for _ in range(2)]
-        both.clear()
-        self.final.pop(key, None)
-        if shown is not None:  # what is drawn knows its take by what it is
-            self.final[key] = shown
 
     def _final(self, collection: bpy.types.Collection, stored: Stored) -> Stored:
         """A take with its edits as it is with its fills, and then smoothed; InputError for a rate too low for that."""

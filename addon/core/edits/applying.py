@@ -142,28 +142,22 @@ def refuse_unknown(
                 raise InputError(f"{words}; expected a marker of the model, such as {listed(names)}")
         if isinstance(edit, Swap) and len({names[name] for name in edit.names}) == 1:
             raise InputError(f"edit {number} swaps a marker with itself; expected two markers")
-        if trajectories is not None:
-            _refuse_point(edit, number, trajectories)
-        if views is not None:
-            _refuse_camera(edit, number, views)
+        _refuse_target(edit, number, trajectories, views)
         for frame in edit.span or ():
             if frames is not None and not frames[0] <= frame <= frames[1]:
                 words = f"edit {number} is about frame {frame}"
                 raise InputError(f"{words}; expected frames of the take, {frames[0]} to {frames[1]}")
 
 
-def _refuse_point(edit: Edit, number: int, points: set[int]):
-    if isinstance(edit, BlobEdit):
+def _refuse_target(edit: Edit, number: int, points: set[int] | None, cameras: set[str] | None):
+    if points is not None and isinstance(edit, BlobEdit):
         raise InputError(f"edit {number} is of a blob in a take of points; expected one with a point")
-    if isinstance(edit, PointEdit) and edit.point not in points:
+    if points is not None and isinstance(edit, PointEdit) and edit.point not in points:
         words = f"edit {number} is of trajectory {edit.point}, which the take does not have"
         raise InputError(f"{words}; expected one of its {len(points)}, up to {max(points, default=0)}")
-
-
-def _refuse_camera(edit: Edit, number: int, cameras: set[str]):
-    if isinstance(edit, PointEdit):
+    if cameras is not None and isinstance(edit, PointEdit):
         raise InputError(f"edit {number} is of a point in a take of blobs; expected one with camera, frame, x and y")
-    if isinstance(edit, BlobEdit) and edit.camera not in cameras:
+    if cameras is not None and isinstance(edit, BlobEdit) and edit.camera not in cameras:
         raise InputError(f"edit {number} is of the camera {edit.camera!r}; expected one of {listed(sorted(cameras))}")
 
 

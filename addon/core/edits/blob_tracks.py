@@ -167,10 +167,10 @@ def followed(edits: Edits, chunks: Iterable[Blobs], cameras: tuple[str, ...]) ->
         return edits
     some = [index for index, name in enumerate(cameras) if name in wanted]
     first, last = min(span[0] for span in wanted.values()), max(span[1] for span in wanted.values())
-    parts = [_of_cameras(chunk.between(first, last), some) for chunk in chunks]
-    return BlobTracks(Blobs.join(part for part in parts if len(part.frames)), cameras).followed(edits)
-
-
-def _of_cameras(blobs: Blobs, cameras: list[int]) -> Blobs:
-    kept = np.isin(blobs.camera, cameras)
-    return replace(blobs, **{name: getattr(blobs, name)[kept] for name in ("frame", "camera", "xy", "area")})
+    parts = []
+    for chunk in chunks:
+        part = chunk.between(first, last)
+        kept = np.isin(part.camera, some)
+        columns = {name: getattr(part, name)[kept] for name in ("frame", "camera", "xy", "area")}
+        parts += [replace(part, **columns)] if len(part.frames) else []
+    return BlobTracks(Blobs.join(parts), cameras).followed(edits)

@@ -52,7 +52,11 @@ class AskedNames:
         """Those of rows and their labels."""
         by_hand, at = np.zeros(shape, bool), np.flatnonzero((labels.step == BY_EDIT) & (labels.marker != NO_MARKER))
         by_hand[rows.frame[at], labels.marker[at]] = True
-        return cls(unsure_names(rows, labels, shape), by_hand)
+        unsure = np.zeros(shape, bool)
+        if isinstance(rows, PointRows):  # of blobs every camera has its own say
+            at = np.flatnonzero((labels.marker != NO_MARKER) & (labels.confidence < MIN_SURE))
+            unsure[rows.frame[at], labels.marker[at]] = True
+        return cls(unsure, by_hand)
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
@@ -85,15 +89,6 @@ def doubtful_of(
             for said in (f"{name} {FAR_OFF}", f"{name} {JUMPS}", f"{name} is off the body at times"):
                 doubtful[:, index] &= ~accepted_in(edits, said, frames)
     return doubtful & ~asked.by_hand
-
-
-def unsure_names(rows: Blobs | PointRows, labels: Labels, shape: tuple[int, int]) -> np.ndarray:
-    """(F, M) True where the name of a marker's point is not sure; of blobs every camera has its own say."""
-    found = np.zeros(shape, bool)
-    if isinstance(rows, PointRows):
-        at = np.flatnonzero((labels.marker != NO_MARKER) & (labels.confidence < MIN_SURE))
-        found[rows.frame[at], labels.marker[at]] = True
-    return found
 
 
 def markers_meant(suspect: Suspect, of_word: Mapping[str, int]) -> list[int]:

@@ -20,8 +20,8 @@ from ..geometry.cameras import Cameras
 from ..geometry.triangulation import meet_rows
 from .camera_order import CAMERA_HEALTH, CameraAgreement, best_order, cycles_of, same_names_meet
 from .camera_places import CameraPlace, find_again
-from .camera_words import OF_ROOM
 from .room_size import times_too_large
+from .suspects import OF_ROOM
 
 MIN_RAYS = 3  # that make a point which one of them can be measured against
 OF_THIS_TAKE = "; expected the calibration that the take was recorded with, in metres"

@@ -18,6 +18,7 @@ MAX_BREAK_FRAMES = 5  # format: between two findings that a list shows as one ra
 MAX_ALIKE = 2  # format: findings with one reason that have entries of their own; more are one entry
 MAX_ENTRIES = 40  # format: in a list of doubtful ranges, as many as a person works through
 FAR_OFF, JUMPS = "is far from where the body has it", "jumps"
+OF_ROOM = "the room seems"  # how sentences about a room as a whole begin
 
 
 def find_suspects(motion: Motion, names: tuple[str, ...], rate: float) -> tuple[Suspect, ...]:
@@ -140,3 +141,14 @@ def runs(flags: np.ndarray, max_break: int = 1) -> list[tuple[int, int]]:
     ends = np.flatnonzero(np.diff(at) > max_break)
     starts, stops = at[np.append(0, ends + 1)[: len(at)]], at[np.append(ends, -1)[: len(at)]] + 1
     return list(zip(starts.tolist(), stops.tolist(), strict=True))
+
+
+def cameras_in(words: str, names: Sequence[str]) -> tuple[str, ...]:
+    """The cameras, of these names, that a sentence of `CameraCheck` is about; none where it is about something else."""
+    return tuple(name for name in names if _is_about(words, name))
+
+
+def _is_about(words: str, name: str) -> bool:
+    # By what stands around a name, as cameras may be called 1, 2 and 12, and the sentences hold figures.
+    single = words.startswith((f"camera {name} seems ", f"camera {name} shows ", f"cameras {name} and "))
+    return single or f" and {name} seem to have " in words or f" of {name} fit the calibration " in words

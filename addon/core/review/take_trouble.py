@@ -11,9 +11,8 @@ from ..edits.kinds import NO_EDITS, Accepted, Edits
 from ..geometry.cameras import NO_CAMERAS, Cameras
 from .answering import PAIR, accepted_in, right_in, settled_in
 from .camera_blobs import CameraBlobs
-from .camera_words import OF_ROOM, cameras_in
 from .leftovers import Leftover, find_leftovers, joined_leftovers
-from .suspects import FAR_OFF, MAX_BREAK_FRAMES, MAX_OFF_BODY_M, MOMENT_S, runs
+from .suspects import FAR_OFF, MAX_BREAK_FRAMES, MAX_OFF_BODY_M, MOMENT_S, OF_ROOM, cameras_in, runs
 from .trouble import Trouble, extras, in_doubt, left_over, missing, nobody, of_cameras, off_body
 
 
@@ -72,7 +71,8 @@ class TakeTrouble:
     def found(self, suspects: Iterable[Suspect] = (), answered: Iterable[Suspect] = ()) -> tuple[Trouble, ...]:
         """All trouble, the worst first and what is answered last; suspects are the doubts, open and answered."""
         doubts, over = ([self._doubt(one) for one in some if FAR_OFF not in one.words] for some in (suspects, answered))
-        found = [*self._of_nobody(), *self._of_missing(), *self._of_leftovers(), *self._of_body(), *doubts]
+        found = [nobody(first, last, len(self.names)) for first, last, _, _ in self._nobody.of[0]]
+        found += [*self._of_missing(), *self._of_leftovers(), *self._of_body(), *doubts]
         found = [_answered(one) if self._is_accepted(one) else one for one in found]
         return tuple(sorted([*found, *map(_answered, over)], key=lambda one: (one.answered, -one.stake, one.first)))
 
@@ -81,10 +81,6 @@ class TakeTrouble:
         if not any(isinstance(edit, Accepted) for edit in self.edits):
             return False
         return all(accepted_in(self.edits, one.topic, np.arange(a, b + 1)).all() for a, b in one.spans)
-
-    def _of_nobody(self) -> Iterator[Trouble]:
-        for first, last, _, _ in self._nobody.of[0]:
-            yield nobody(first, last, len(self.names))
 
     def _of_missing(self) -> Iterator[Trouble]:
         for index, name in enumerate(self.names):

@@ -12,9 +12,9 @@ from ..data.takes import Suspect
 from ..data.wording import LISTED, words_of_frames
 from ..edits.kinds import Accepted, Delete, Edit, Right
 from .answering import PAIR
-from .camera_words import OF_ROOM
 from .leftovers import Leftover
 from .summary import MM_PER_M
+from .suspects import OF_ROOM
 
 # What is the matter, in the words of the list and of reports.
 MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA, NOBODY_THERE = (

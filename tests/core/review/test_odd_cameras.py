@@ -12,8 +12,8 @@ import pytest
 from addon.core.data.takes import NO_MARKER, Blobs
 from addon.core.geometry.cameras import Cameras
 from addon.core.geometry.rotations import exponential
-from addon.core.review.camera_words import cameras_in
 from addon.core.review.odd_cameras import CameraCheck, _renamed
+from addon.core.review.suspects import cameras_in
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import disturbed
 from addon.io.blobs import read_blobs
