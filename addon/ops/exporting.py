@@ -53,7 +53,6 @@ class ExportsTake(ToldWhere, WithTake):
             self.layout.label(text=words, icon="ERROR")
 
     def beside(self, path: Path) -> list[Path]:
-        """The files that may appear beside `path`."""
         return []
 
     def work(self, context):
@@ -115,20 +114,17 @@ class ExportsPerformers(ExportsTake):
     performer: performer_property(together=True)
 
     def draw(self, context):
-        """Asks whose motion is written where the take is of several."""
         super().draw(context)
         if homes(context.scene.mocap_autolabel.take):
             self.layout.prop(self, "performer")
 
     def parts(self, stored: Stored) -> list[tuple[str, Stored]]:
-        """All in one file, each in a file of their own, or one alone."""
         if self.performer == TOGETHER[0] or not stored.performers[0].name:
             return [("", stored)]
         chosen = [one for one in stored.performers if self.performer in (one.name, APART[0])]
         return [(one.name, alone(stored, one)) for one in chosen]
 
     def path_of(self, name: str) -> Path:
-        """`walk ann.c3d` beside `walk.c3d`."""
         path = Path(self.filepath)
         if not name or self.performer != APART[0]:
             return path

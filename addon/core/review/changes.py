@@ -2,7 +2,7 @@
 """What labelling a take again changed: which markers got another name's blobs or points, gained some, or lost them."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -32,10 +32,6 @@ class Change:
         """What changed, for a person to read."""
         said = {GAINED: "is named now", LOST: "is named no more", OTHER: "is another point or blob now"}[self.what]
         return f"{self.marker} {said} in {words_of_frames(self.first, self.last)}"
-
-    def as_dict(self) -> dict:
-        """What a report says of it."""
-        return asdict(self)
 
 
 def changes(
