@@ -2,8 +2,9 @@
 """What the sidebar remembers: the choices of a scene, saved with it, and the tables of a review, worked out again."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import wraps
 from pathlib import Path
 from zlib import crc32
 
@@ -49,17 +50,25 @@ SCOPES = (
 )
 
 
-# Blender keeps no reference to the texts of a dynamic enumeration; they must outlive the drawing.
-_kept_items: list[tuple[str, str, str, str, int]] = []
+def keeps_items(items: Callable[..., Iterable[tuple]]) -> Callable[..., list[tuple]]:
+    """Wraps the items of an enumeration: Blender keeps no reference to their texts, which must outlive the drawing."""
+    kept: list[tuple] = []
+
+    @wraps(items)
+    def run(self, context) -> list[tuple]:
+        kept[:] = items(self, context or bpy.context)  # a menu that sets the value of a button brings no context
+        return kept
+
+    return run
 
 
+@keeps_items
 def _markerset_items(_self, _context) -> list[tuple[str, str, str, str, int]]:
     own = sorted(path for path in markerset_folder().glob(f"*{SUFFIX}") if not is_beside(path))
     items = [(name, name, f"Built-in marker set {name}") for name in builtin_markersets()]
     items += [(str(path), path.name.removesuffix(SUFFIX), f"Your own marker set, {path}") for path in own]
     items.append((OWN_FILE, "From a File…", "A marker set file that you choose"))
-    _kept_items[:] = [(*item, "NONE", _item_number(item[0])) for item in items]
-    return _kept_items
+    return [(*item, "NONE", _item_number(item[0])) for item in items]
 
 
 def _item_number(name: str) -> int:

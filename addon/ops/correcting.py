@@ -28,7 +28,7 @@ from ..core.edits.kinds import (
     counted_on,
 )
 from ..io.edits import edits_path, write_edits
-from ..props import SCOPES, refresh_review
+from ..props import SCOPES, keeps_items, refresh_review
 from ..scene.blob_dots import blob_edit, likely_of_blob
 from ..scene.corrections import keep_edits
 from ..scene.opened import opened
@@ -36,7 +36,7 @@ from ..scene.picking import dots_of, likely_markers
 from ..scene.redrawing import redraw
 from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
-from .base import OfTake, keeps_items, once, taken, unless
+from .base import OfTake, once, taken, unless
 from .picking import picked_points, selected_markers, show_picked
 from .reposing import follow_soon
 

@@ -11,11 +11,11 @@ from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_
 from ..core.data.errors import InputError, UserError
 from ..core.data.takes import NO_MARKER, NO_POINT, PointRows
 from ..core.edits.kinds import AssignBlob, AssignPoint, Edit, Place
-from ..props import SCOPES
+from ..props import SCOPES, keeps_items
 from ..scene.blob_dots import asked_in_image, ray_of
 from ..scene.picking import missing, on_ray, predicted
 from ..scene.stored import Stored
-from .base import OfTake, keeps_items, reports_trouble, taken
+from .base import OfTake, reports_trouble, taken
 from .correcting import correct, edit_of, frames_in_scope, marker_items
 from .gestures import gesture, is_over_view, place_in, window_region
 from .picking import InView, dot_at, image_in, selected_markers, show_picked

@@ -15,7 +15,7 @@ from ..io.text import json_text
 from ..io.whole import whole_file
 from ..jobs.quality import judge_placement
 from ..prefs import markerset_folder
-from ..props import OWN_FILE, chosen_markerset
+from ..props import OWN_FILE, chosen_markerset, keeps_items
 from ..scene import naming
 from ..scene.armature import armature_of
 from ..scene.markerset_edit import (
@@ -28,7 +28,7 @@ from ..scene.markerset_edit import (
     show_markerset,
     take_advice,
 )
-from .base import Ours, ToldWhere, keeps_items, lacks_object_mode, unless
+from .base import Ours, ToldWhere, lacks_object_mode, unless
 from .stepping import WorksInSteps, beside
 
 

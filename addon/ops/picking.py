@@ -58,9 +58,7 @@ def picked_points(context: bpy.types.Context) -> list[int]:
 
 
 def show_picked(context: bpy.types.Context, stored: Stored, points: Sequence[int], markers: Iterable[int] = ()):
-    """Picks trajectories, or rows of blobs, and selects the empties of what they are in the current frame.
-
-    Those of `markers` as well.
+    """Picks trajectories, or rows of blobs, and selects the empties of what they are here and now, and of `markers`.
 
     The last one becomes the active object.
     """

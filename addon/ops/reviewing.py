@@ -28,14 +28,13 @@ BUTTONS = {
 
 def mending(trouble: Trouble) -> list[Edit]:
     """The edits that do what is advised, where edits can."""
-    ranges = trouble.ranges or ((trouble.first, trouble.last),)
     if trouble.action == NAME_IT and trouble.markers and trouble.trajectories:
-        where = trouble.named_in or ranges
+        where = trouble.named_in or trouble.spans
         return [AssignPoint(trouble.trajectories[0], trouble.markers[0], frames=span) for span in where]
     if trouble.action == SWAP:
-        return [Swap((trouble.markers[0], trouble.markers[1]), frames=span) for span in ranges]
+        return [Swap((trouble.markers[0], trouble.markers[1]), frames=span) for span in trouble.spans]
     if trouble.action == UNLABEL:
-        return [UnlabelMarker(trouble.markers[0], frames=span) for span in ranges]
+        return [UnlabelMarker(trouble.markers[0], frames=span) for span in trouble.spans]
     if trouble.action == DELETE:
         return trouble.answers()
     return []

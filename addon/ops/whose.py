@@ -13,11 +13,11 @@ from ..core.data.takes import NO_MARKER
 from ..core.edits.kinds import AssignPoint, Edit, Swap
 from ..core.points.several.wearers import MAX_SUBJECTS, as_compared, is_subject_name
 from ..io.markersets import SUFFIX
-from ..props import OWN_FILE
+from ..props import OWN_FILE, keeps_items
 from ..scene.opened import opened
 from ..scene.performers import homes, usual_colour
 from ..scene.stored import Stored
-from .base import Ours, keeps_items, once, remove_chosen, unless
+from .base import Ours, once, remove_chosen, unless
 from .correcting import Corrects
 from .picking import picked_points, selected_markers
 

@@ -16,7 +16,7 @@ def add_markers(
     names: tuple[str, ...],
     motion: Motion,
     frames: np.ndarray,
-    filled: np.ndarray | None = None,
+    filled: np.ndarray,
 ) -> list[bpy.types.Object]:
     """Adds one empty for each of the M `names` to `collection`, keyed in `actions` at Blender's `frames` (F,).
 
@@ -27,7 +27,7 @@ def add_markers(
     for index, name in enumerate(names):
         empty = add_marker(collection, name)
         action = actions.for_keys(int(np.isfinite(motion.markers[:, index]).sum()))
-        show_marker(empty, action, motion, index, frames, None if filled is None else filled[:, index])
+        show_marker(empty, action, motion, index, frames, filled[:, index])
         empties.append(empty)
     return empties
 

@@ -135,10 +135,7 @@ def predicted(stored: Stored, index: int) -> np.ndarray:
 
 
 def likely_markers(stored: Stored, index: int, rows: np.ndarray, xyz: np.ndarray) -> list[int]:
-    """All markers, the likeliest for the dot of a trajectory, whose rows are given, at xyz (3,) m in a frame first.
-
-    They are `ranked` by how far they are or should be.
-    """
+    """All markers, the likeliest for the dot of a trajectory with these rows, at xyz (3,) m in a frame, first."""
     free = missing(stored, index)
     off = np.linalg.norm(predicted(stored, index) - xyz, axis=1)
     names = stored.labels.marker[rows]

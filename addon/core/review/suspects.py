@@ -30,9 +30,16 @@ def find_suspects(motion: Motion, names: tuple[str, ...], rate: float) -> tuple[
 
 
 def doubtful_flags(motion: Motion, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """(F, M) True where a marker is far from where the body has it, and (F, M) where it jumps."""
+    """(F, M) True where a marker is far from where the body has it, and (F, M) where it jumps.
+
+    It does where it is accelerated as no marker is: in the middle one of three frames in a row.
+    """
     off_body = np.linalg.norm(motion.markers - motion.expected, axis=-1) > MAX_OFF_BODY_M
-    return off_body, _jumps(motion.markers, rate, MARKER_LIMITS.max_impact_m_s2)
+    jumps = np.zeros(off_body.shape, dtype=bool)
+    if len(jumps) > 2:
+        change = np.linalg.norm(np.diff(motion.markers, 2, axis=0), axis=-1) * rate**2
+        jumps[1:-1] = change > MARKER_LIMITS.max_impact_m_s2
+    return off_body, jumps
 
 
 def suspects_of(
@@ -44,15 +51,6 @@ def suspects_of(
         for doubtful, what in ((off_body, FAR_OFF), (jumps, JUMPS)):
             found += suspect_ranges(frames, doubtful[:, index], f"{name} {what}", MAX_BREAK_FRAMES, (name,))
     return tuple(sorted(found, key=lambda suspect: suspect.first))
-
-
-def _jumps(markers: np.ndarray, rate: float, limit: float) -> np.ndarray:
-    """(F, M) True where a marker is accelerated beyond `limit` m/s²: the middle one of three frames in a row."""
-    jumps = np.zeros(markers.shape[:2], dtype=bool)
-    if len(markers) > 2:
-        change = np.linalg.norm(np.diff(markers, 2, axis=0), axis=-1) * rate**2
-        jumps[1:-1] = change > limit
-    return jumps
 
 
 def summarised(suspects: Sequence[Suspect], rate: float) -> tuple[Suspect, ...]:
