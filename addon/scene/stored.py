@@ -72,10 +72,6 @@ class Stored:
         """The fills that are in the motion."""
         return tuple(fill for fill, reason in zip(self.fills, self.unfit, strict=True) if not reason)
 
-    def filled(self) -> np.ndarray:
-        """(F, M) True where a sample was filled."""
-        return filled_samples(self.motion.frames, self.names, self.fitting)
-
     @cached_property
     def filled_markers(self) -> dict[int, np.ndarray]:
         """(F,) True where a sample was filled, of each marker that was filled at all, by its index."""

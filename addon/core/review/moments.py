@@ -77,11 +77,10 @@ class MomentKeeper:
             kept.append(_moment(doubt, badness, doubtful, part.start + most, rows, chunk))
             self.kinds[kind] = sorted(kept, key=lambda one: -one.badness)[:MOST_MOMENTS]
 
-    def worst(self, most: int = MOST_MOMENTS) -> tuple[Moment, ...]:
+    def worst(self) -> list[Moment]:
         """The worst of each kind first, then the next of each."""
         kinds = sorted(self.kinds.values(), key=lambda kept: -kept[0].badness)
-        turns = [kept[turn] for turn in range(MOST_MOMENTS) for kept in kinds if turn < len(kept)]
-        return tuple(turns[:most])
+        return [kept[turn] for turn in range(MOST_MOMENTS) for kept in kinds if turn < len(kept)][:MOST_MOMENTS]
 
 
 def _kind_of(words: str, markers: tuple[str, ...]) -> str:

@@ -12,7 +12,7 @@ from ..edits.applying import joined
 from ..edits.kinds import NO_EDITS, Edits, Place
 from ..geometry.cameras import NO_CAMERAS, Cameras
 from .answering import unanswered
-from .moments import Moment, MomentKeeper
+from .moments import MomentKeeper
 from .suspects import find_suspects
 
 if TYPE_CHECKING:  # it is looked at, and none is made
@@ -127,10 +127,6 @@ class TakeOverview:
         count = np.minimum(count, self.cells.values[columns, index, GAP_CELL])
         self.cells.values[columns, index, GAP_CELL] -= count
         self.cells.values[columns, index, FILLED_CELL] += count
-
-    def moments(self) -> tuple[Moment, ...]:
-        """The worst moments, those of other kinds before more of one kind."""
-        return self.keeper.worst()
 
     def _cells(self, rows: Blobs | PointRows, chunk: LabelledChunk, doubts: list) -> np.ndarray:
         """(F, M) the state of every marker in every frame."""

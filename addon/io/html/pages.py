@@ -134,7 +134,7 @@ def _sentence(words: str) -> str:
 
 def _worst(overview: TakeOverview) -> Html | None:
     figures = []
-    for moment in overview.moments():
+    for moment in overview.keeper.worst():
         suspect = moment.suspect
         names = overview.subject.markers
         figures.append(
