@@ -2,8 +2,9 @@
 """What the sidebar remembers: the choices of a scene, saved with it, and the tables of a review, worked out again."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
+from functools import wraps
 from pathlib import Path
 from zlib import crc32
 
@@ -20,10 +21,9 @@ from bpy.props import (
 )
 
 from .core.data.errors import InputError
-from .core.edits.wording import counted_on, words_of
+from .core.edits.kinds import counted_on, words_of
 from .core.filling.kept import resting_on
 from .core.points.several.wearers import AUTO, MAX_SUBJECTS, NAME_RULE, as_compared, is_subject_name
-from .core.review.trouble import TROUBLE_KINDS
 from .io.markersets import SUFFIX, builtin_markersets, open_markerset
 from .io.model_history import is_beside
 from .io.text import written
@@ -36,7 +36,7 @@ from .scene.preview import hide_preview
 from .scene.redrawing import redraw
 from .scene.relabelled import kept_changes
 from .scene.take import is_take
-from .scene.trouble import is_quick, marker_reviews, trouble_of
+from .scene.trouble import is_quick, marker_rows, trouble_of
 
 OWN_FILE = "FILE"
 USUAL_MARKERSET = "body26"
@@ -50,34 +50,30 @@ SCOPES = (
 )
 
 
-# Blender keeps no reference to the texts of a dynamic enumeration; they must outlive the drawing.
-_kept_items: list[tuple[str, str, str, str, int]] = []
+def keeps_items(items: Callable[..., Iterable[tuple]]) -> Callable[..., list[tuple]]:
+    """Wraps the items of an enumeration: Blender keeps no reference to their texts, which must outlive the drawing."""
+    kept: list[tuple] = []
+
+    @wraps(items)
+    def run(self, context) -> list[tuple]:
+        kept[:] = items(self, context or bpy.context)  # a menu that sets the value of a button brings no context
+        return kept
+
+    return run
 
 
+@keeps_items
 def _markerset_items(_self, _context) -> list[tuple[str, str, str, str, int]]:
     own = sorted(path for path in markerset_folder().glob(f"*{SUFFIX}") if not is_beside(path))
     items = [(name, name, f"Built-in marker set {name}") for name in builtin_markersets()]
     items += [(str(path), path.name.removesuffix(SUFFIX), f"Your own marker set, {path}") for path in own]
     items.append((OWN_FILE, "From a File…", "A marker set file that you choose"))
-    _kept_items[:] = [(*item, "NONE", _item_number(item[0])) for item in items]
-    return _kept_items
+    return [(*item, "NONE", _item_number(item[0])) for item in items]
 
 
 def _item_number(name: str) -> int:
     """What a file keeps of a choice: of the name, not of its place in a list that gets longer."""
     return crc32(name.encode("utf-8", "surrogateescape")) >> 1
-
-
-def _holds_take(_self, collection) -> bool:
-    return is_take(collection)
-
-
-def _holds_cameras(_self, collection) -> bool:
-    return CAMERAS in collection
-
-
-def _is_skeleton(_self, item) -> bool:
-    return item.type == "ARMATURE" and SCALE in item
 
 
 def _take_changed(self, context):
@@ -116,16 +112,21 @@ class TrainingTakeRow(bpy.types.PropertyGroup):
     )
 
 
-class PerformerRow(bpy.types.PropertyGroup):
-    """Somebody who is asked for by `name`, which their markers are called by."""
+class WearsMarkers:
+    """Who wears markers of a set."""
 
     markerset: EnumProperty(
         name="Marker Set",
-        description="Which markers the performer wears; a set learned from their own take tells them from others",
+        description="Which markers are worn; a set learned from somebody's own take tells them from others",
         items=_markerset_items,
         default=_item_number(USUAL_MARKERSET),
     )
     markerset_path: StringProperty(name="File", description="A *.markerset.json file", subtype="FILE_PATH")
+
+
+class PerformerRow(WearsMarkers, bpy.types.PropertyGroup):
+    """Somebody who is asked for by `name`, which their markers are called by."""
+
     colour: FloatVectorProperty(
         name="Colour",
         description="What the performer's body, figure and dots are drawn in",
@@ -145,7 +146,7 @@ class SourceSettings(bpy.types.PropertyGroup):
         name="Cameras",
         description="The calibrated cameras that recorded the take",
         type=bpy.types.Collection,
-        poll=_holds_cameras,
+        poll=lambda _, collection: CAMERAS in collection,
     )
     blobs_path: StringProperty(name="Blobs", description="The file of the blobs", subtype="FILE_PATH")
     points_path: StringProperty(
@@ -168,16 +169,9 @@ class SourceSettings(bpy.types.PropertyGroup):
     )
 
 
-class SubjectSettings(bpy.types.PropertyGroup):
+class SubjectSettings(WearsMarkers, bpy.types.PropertyGroup):
     """Who is in the take, and what they wear."""
 
-    markerset: EnumProperty(
-        name="Marker Set",
-        description="Which markers the subject wears",
-        items=_markerset_items,
-        default=_item_number(USUAL_MARKERSET),
-    )
-    markerset_path: StringProperty(name="File", description="A *.markerset.json file", subtype="FILE_PATH")
     performing: EnumProperty(
         name="How Many",
         description="How many performers a take is of",
@@ -264,7 +258,7 @@ class LabellingSettings(bpy.types.PropertyGroup):
         description="Let the meshes on this skeleton be the body in the way, such as your own character's; "
         "empty for those of the marker set's capsules",
         type=bpy.types.Object,
-        poll=_is_skeleton,
+        poll=lambda _, item: item.type == "ARMATURE" and SCALE in item,
     )
 
 
@@ -356,7 +350,7 @@ class SceneSettings(bpy.types.PropertyGroup):
         name="Take",
         description="The labelled take to review and export",
         type=bpy.types.Collection,
-        poll=_holds_take,
+        poll=lambda _, collection: is_take(collection),
         update=_take_changed,
     )
     scope: EnumProperty(
@@ -374,71 +368,69 @@ class SceneSettings(bpy.types.PropertyGroup):
 
 
 class MarkerRow(bpy.types.PropertyGroup):
-    """One marker in the review."""
+    """One marker in the review: the part of the frames in which it was found, its gaps, its mean residual in mm."""
 
-    labelled: FloatProperty(
-        name="Labelled", description="Part of the frames in which the marker was found", subtype="FACTOR"
-    )
-    gaps: IntProperty(name="Gaps", description="Runs of frames without the marker")
-    longest_gap: IntProperty(name="Longest Gap", description="Frames of the longest gap")
-    first_gap: IntProperty(name="First Gap", description="Frame where the first gap begins")
-    residual: FloatProperty(name="Residual", description="Mean distance between the marker's rays and its place, mm")
+    labelled: FloatProperty()
+    gaps: IntProperty()
+    longest_gap: IntProperty()
+    first_gap: IntProperty()
+    residual: FloatProperty()
 
 
 class TroubleRow(bpy.types.PropertyGroup):
-    """One thing that is the matter with the take; `name` is what it is about."""
+    """One thing that is the matter with the take, as `core.review.trouble.Trouble`; `name` is what it is about."""
 
-    kind: StringProperty(name="Kind", description="What kind of trouble it is")
-    first: IntProperty(name="First", description="First frame to look at")
-    last: IntProperty(name="Last", description="Last frame to look at")
-    reason: StringProperty(name="Reason", description="What is the matter")
-    advice: StringProperty(name="Advice", description="What to do about it")
-    action: StringProperty(name="Action", description="What does it")
-    stake: FloatProperty(name="At Stake", description="Frames of a marker that are wrong or missing if it is so")
-    answered: BoolProperty(name="Done", description="Whether a person has answered it")
+    kind: StringProperty()
+    first: IntProperty()
+    last: IntProperty()
+    reason: StringProperty()
+    advice: StringProperty()
+    action: StringProperty()
+    stake: FloatProperty()
+    answered: BoolProperty()
 
 
 class ChangeRow(bpy.types.PropertyGroup):
     """One change that labelling again made; `name` is the marker."""
 
-    first: IntProperty(name="First", description="First frame")
-    words: StringProperty(name="Change", description="What changed")
+    first: IntProperty()
+    words: StringProperty()
 
 
 class CorrectionRow(bpy.types.PropertyGroup):
-    """One edit of the take's, called by what it says."""
+    """One edit, called by what it says; `idle` is why it changes nothing, if so."""
 
-    idle: StringProperty(name="Idle", description="Why the edit changes nothing; empty where it does")
+    idle: StringProperty()
 
 
 class GapRow(bpy.types.PropertyGroup):
-    """A gap of a marker, called by that: one that was filled, or one that was left."""
+    """A gap of a marker, called by that: filled, with the error to expect in mm, -1 if not known; or why it is not."""
 
-    first: IntProperty(name="First", description="First frame")
-    last: IntProperty(name="Last", description="Last frame")
-    method: StringProperty(name="Method", description="What filled it")
-    expected: FloatProperty(name="Expected Error", description="Mean error to expect, mm; -1 where it is not known")
-    rests_on: StringProperty(name="Rests on", description="Which of its ends the marker was measured at")
-    reason: StringProperty(name="Reason", description="Why it is not filled; empty where it is")
+    first: IntProperty()
+    last: IntProperty()
+    method: StringProperty()
+    expected: FloatProperty()
+    rests_on: StringProperty()
+    reason: StringProperty()
 
 
 class FolderTakeRow(bpy.types.PropertyGroup):
-    """A take of the folder that is labelled in the background; `name` is the take's."""
+    """A take of a folder that is labelled in the background, as `io.batch.TakeRow`; `named` is -1 without any rows."""
 
-    state: StringProperty(name="State", description="What has become of it")
-    reason: StringProperty(name="Reason", description="Why it failed, or what is to be looked at first")
-    measured: BoolProperty(name="Labelled", description="Whether it is labelled")
-    trouble: IntProperty(name="To Look at", description="Troubles that nobody has answered")
-    stake: IntProperty(name="At Stake", description="Frames of a marker that are wrong or missing if it is so")
-    named: FloatProperty(name="Named", description="Part of its blobs or points that has a name; -1 without any")
-    on_body: IntProperty(name="On the Body", description="What has no name beside the body")
-    found: FloatProperty(name="Found", description="Part of all samples that was found")
+    state: StringProperty()
+    reason: StringProperty()
+    measured: BoolProperty()
+    trouble: IntProperty()
+    stake: IntProperty()
+    named: FloatProperty()
+    on_body: IntProperty()
+    found: FloatProperty()
 
 
 class PickedPoint(bpy.types.PropertyGroup):
-    """A trajectory, or a blob of a camera, that is picked in the 3D view."""
+    """What is picked in the 3D view: the number of a trajectory, or a blob's row."""
 
-    point: IntProperty(name="Number", description="Of a trajectory that in the file, of a blob its row in the take")
+    point: IntProperty()
 
 
 class ReviewState(bpy.types.PropertyGroup):
@@ -480,15 +472,6 @@ class ReviewState(bpy.types.PropertyGroup):
     troubles: CollectionProperty(type=TroubleRow)
     trouble_index: IntProperty()
     trouble_shown: StringProperty()
-    trouble_kind: EnumProperty(
-        name="Reason",
-        description="What kind of trouble is listed",
-        items=(
-            ("ALL", "All", "All that is the matter"),
-            *((kind, kind.capitalize(), f"Only trouble of the kind {kind!r}") for kind in TROUBLE_KINDS),
-        ),
-    )
-    trouble_marker: StringProperty(name="Marker", description="List what is about this marker only")
     trouble_done: EnumProperty(
         name="Answered",
         description="Whether what is answered is listed",
@@ -593,15 +576,8 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
             rows.clear()
         return
     stored = opened.take(collection, scene)
-    frames, shift = stored.motion.frames + stored.shift, stored.shift
-    reviews = sorted(marker_reviews(stored), key=lambda one: (one.labelled, -one.gaps))
-    found = [one.labelled / max(len(frames), 1) for one in reviews]
-    first = [int(frames[one.first_gap]) if one.first_gap >= 0 else -1 for one in reviews]
-    rows = [
-        (one.name, share, one.gaps, one.longest_gap, gap, one.residual * 1000)
-        for one, share, gap in zip(reviews, found, first, strict=True)
-    ]
-    list_rows(state, "markers", "name labelled gaps longest_gap first_gap residual", rows)
+    shift = stored.shift
+    list_rows(state, "markers", "name labelled gaps longest_gap first_gap residual", marker_rows(stored))
     if bpy.app.background or is_quick(stored):
         list_trouble()
     elif not bpy.app.timers.is_registered(list_trouble):
@@ -620,15 +596,11 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
             fill.method,
             why,
             resting_on(fill.ends),
-            _mm(fill.expected),
+            1000 * fill.expected if math.isfinite(fill.expected) else -1,
         )
         for fill, why in zip(stored.fills, stored.unfit, strict=True)
     ]
     list_rows(state, "fills", "name first last method reason rests_on expected", rows)
-
-
-def _mm(expected: float) -> float:
-    return 1000 * expected if math.isfinite(expected) else -1
 
 
 def list_rows(state: "ReviewState", listed: str, names: str, values: Iterable[Sequence]):
@@ -656,5 +628,3 @@ def list_trouble():
     rows = [(*one, *other) for one, other in zip(when, what, strict=True)]
     list_rows(state, "troubles", "reason first last name kind advice action stake answered", rows)
     redraw("VIEW_3D")
-    if not bpy.app.background:
-        opened.make_ready(collection, scene)

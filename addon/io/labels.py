@@ -4,7 +4,7 @@
 import csv
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import dropwhile, groupby, takewhile, zip_longest
 from math import isfinite
 from operator import attrgetter
@@ -229,7 +229,7 @@ def facts_of_changes(before: Path, after: Path, markers: Sequence[str]) -> dict:
             found = _changes(old, new, markers)
     except (InputError, OSError):  # whatever lies there, it is about to be replaced
         return {}
-    return {"changed": [one.as_dict() for one in found[:MAX_LISTED]], "changed_in_all": summary_of_changes(found)}
+    return {"changed": [asdict(one) for one in found[:MAX_LISTED]], "changed_in_all": summary_of_changes(found)}
 
 
 def changes_of_part(

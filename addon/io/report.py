@@ -62,7 +62,7 @@ def facts_of_edits(file: Path | None, outcomes: Iterable[EditOutcome]) -> dict:
 
 def facts_of_cameras(check: "CameraCheck", trouble: TakeTrouble, doubts: Iterable[Suspect]) -> dict:
     """What a report says of each camera and its blobs, and what is doubtful about the room."""
-    counts = {one.name: one.as_dict() for one in trouble.by_camera.figures()}
+    counts = trouble.by_camera.figures()
     return {
         "cameras": {name: row | counts[name] for name, row in check.of_cameras().items()},
         "camera_doubts": [doubt.reason for doubt in doubts],

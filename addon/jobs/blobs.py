@@ -12,7 +12,6 @@ from ..blendfile import mesh_occlusion, open_cameras, refuse_long
 from ..core.data.errors import InputError
 from ..core.data.progress import Progress
 from ..core.data.takes import BY_EDIT, STEPS, Blobs, LabelledChunk, Points, Suspect
-from ..core.edits.applying import BLOB_EDITING
 from ..core.edits.blob_tracks import followed, wants_tracks
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import Cameras
@@ -96,7 +95,7 @@ class BlobTake(OpenTake):
                 refuse_long(first, int(frames[-1]))
             if self.job.shown:
                 refuse_keys(int(frames[-1]) - first + 1, self.worn, 0.0 if self.job.frames else rows.fraction)
-            self.check.add(rows.blobs, chunk)
+            self.check.add(rows.blobs, chunk.labels.marker, chunk.motion.expected)
             if self.others is not None:
                 self.others.add(rows.blobs, chunk)
             yield rows.blobs, rows.keys, chunk, rows.fraction
@@ -186,7 +185,7 @@ class BlobTake(OpenTake):
         frames = min(span[0] for span in wanted), max(span[1] for span in wanted)
         chunks = (rows.blobs for rows in read_blobs(self.job.source, self.cameras, frames))
         try:
-            return followed(self.edits, chunks, self.cameras.names, BLOB_EDITING.max_distance_px)
+            return followed(self.edits, chunks, self.cameras.names)
         except InputError:  # nothing is there in these frames; whatever else is wrong with the file, reading it tells
             return self.edits
 

@@ -24,7 +24,7 @@ from ..core.points.refusals import SubjectsError, UnsuitedError
 from ..core.points.several.wearers import SetsWorn, SeveralOptions, Wearer, kinds
 from ..core.points.whole_take.pipeline import PointOptions
 from ..core.points.whole_take.pipeline import label_take as name_points
-from ..core.review.doubtful import AskedNames, doubtful_of, doubtful_ranges
+from ..core.review.doubtful import doubtful_ranges, doubtful_samples
 from ..core.review.summary import TakeSummary
 from ..core.review.take_trouble import TakeTrouble
 from ..io.edits import open_edits
@@ -305,9 +305,8 @@ class Results:
     def _add_doubtful(self, rows: Blobs | PointRows, chunk: LabelledChunk):
         """Notes which samples are doubtful; what goes on from one part to the next is one range."""
         markers, frames = self.take.worn.markers, chunk.motion.frames
-        asked = AskedNames.of(rows, chunk.labels, chunk.motion.residual.shape)
         edits, words = self.take.edits, self.take.worn.by_name
-        doubtful = doubtful_of(asked, frames, *self.take.doubts(chunk), markers, edits, words)
+        doubtful = doubtful_samples(rows, chunk.labels, frames, *self.take.doubts(chunk), markers, edits, words)
         for name, spans in doubtful_ranges(doubtful, frames, markers).items():
             known = self._doubtful[name]
             if known and known[-1][1] + 1 == spans[0][0]:

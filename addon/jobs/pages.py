@@ -54,7 +54,7 @@ def write_kept_page(
         report |= {"filled": filled, "left": []}
     if isinstance(rows, Blobs):
         check = CameraCheck(cameras)
-        check.add(rows, chunk)
+        check.add(rows, chunk.labels.marker, chunk.motion.expected)
         report |= facts_of_cameras(check, trouble, check.suspects())
     else:
         report["points"] = report.pop("blobs")

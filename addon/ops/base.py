@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What all operators share: what they are called, when they can be used, and how trouble is reported."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from functools import wraps
 from typing import Any
 
@@ -153,15 +153,3 @@ def remove_chosen(group: bpy.types.PropertyGroup, name: str):
     last = len(rows) - 1
     rows.remove(min(getattr(group, index), last))
     setattr(group, index, max(min(getattr(group, index), last - 1), 0))
-
-
-def keeps_items(items: Callable[..., Iterable[tuple]]) -> Callable[..., list[tuple]]:
-    """Wraps the items of an enumeration: Blender keeps no reference to their texts, which must outlive the drawing."""
-    kept: list[tuple] = []
-
-    @wraps(items)
-    def run(self, context) -> list[tuple]:
-        kept[:] = items(self, context or bpy.context)  # a menu that sets the value of a button brings no context
-        return kept
-
-    return run

@@ -35,7 +35,6 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
     )
 
     def steps(self, context):
-        """The refining."""
         settings, path = context.scene.mocap_autolabel, self.filepath
         self._of = settings.source.cameras.session_uid
         source = Path(bpy.path.abspath(settings.source.blobs_path))

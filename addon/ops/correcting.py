@@ -25,10 +25,10 @@ from ..core.edits.kinds import (
     UnlabelBlob,
     UnlabelMarker,
     UnlabelPoint,
+    counted_on,
 )
-from ..core.edits.wording import counted_on
 from ..io.edits import edits_path, write_edits
-from ..props import SCOPES, refresh_review
+from ..props import SCOPES, keeps_items, refresh_review
 from ..scene.blob_dots import blob_edit, likely_of_blob
 from ..scene.corrections import keep_edits
 from ..scene.opened import opened
@@ -36,7 +36,7 @@ from ..scene.picking import dots_of, likely_markers
 from ..scene.redrawing import redraw
 from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
-from .base import OfTake, keeps_items, once, taken, unless
+from .base import OfTake, once, taken, unless
 from .picking import picked_points, selected_markers, show_picked
 from .reposing import follow_soon
 
@@ -208,7 +208,6 @@ class MOCAP_AUTOLABEL_OT_name_point(Corrects, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
-        """The trajectory is the marker, and so are others that go on where it ends."""
         chosen = chosen_trajectories(context, stored)
         refuse_beside_each_other(stored, chosen, frames)
         return [edit_of((AssignPoint, AssignBlob), stored, one, frames, self.marker) for one in chosen]
@@ -230,7 +229,6 @@ class MOCAP_AUTOLABEL_OT_no_marker(Corrects, bpy.types.Operator):
     """Say that the picked points are no markers: another person's, a thing's, or nothing; they get no name any more."""
 
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
-        """The trajectories are no markers."""
         chosen = chosen_trajectories(context, stored)
         return [edit_of((Delete, DeleteBlob), stored, one, frames) for one in chosen]
 
@@ -262,7 +260,6 @@ class MOCAP_AUTOLABEL_OT_is_right(Corrects, bpy.types.Operator):
     bl_label = "It Is Right"
 
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
-        """The markers are right."""
         names = selected_markers(context)
         if not names:
             raise InputError("no marker is selected; expected those that are right")

@@ -19,12 +19,13 @@ from ..io.labels import LabelWriter, write_point_labels
 from ..io.points import write_c3d, write_trc
 from ..io.whole import whole_files
 from ..jobs.pages import write_kept_page
+from ..props import keeps_items
 from ..scene.character import BLENDER_AXES, BVH_AXES, add_character
 from ..scene.opened import opened
 from ..scene.performers import homes
 from ..scene.stored import Stored, alone
 from ..scene.take import is_take, set_time
-from .base import OfTake, ToldWhere, WithTake, keeps_items, taken
+from .base import OfTake, ToldWhere, WithTake, taken
 from .reposing import follow_now, words_behind
 
 # No performer is called so.
@@ -42,7 +43,6 @@ class ExportsTake(ToldWhere, WithTake):
     of_body = False
 
     def proposed(self, context) -> Path:
-        """Beside the take, and called as it is."""
         stored = taken(context)
         folder = Path(bpy.path.abspath(stored.source)).parent if stored.source else Path()
         return folder / (stored.name + self.filename_ext)
@@ -53,7 +53,6 @@ class ExportsTake(ToldWhere, WithTake):
             self.layout.label(text=words, icon="ERROR")
 
     def beside(self, path: Path) -> list[Path]:
-        """The files that may appear beside `path`."""
         return []
 
     def work(self, context):
@@ -115,20 +114,17 @@ class ExportsPerformers(ExportsTake):
     performer: performer_property(together=True)
 
     def draw(self, context):
-        """Asks whose motion is written where the take is of several."""
         super().draw(context)
         if homes(context.scene.mocap_autolabel.take):
             self.layout.prop(self, "performer")
 
     def parts(self, stored: Stored) -> list[tuple[str, Stored]]:
-        """All in one file, each in a file of their own, or one alone."""
         if self.performer == TOGETHER[0] or not stored.performers[0].name:
             return [("", stored)]
         chosen = [one for one in stored.performers if self.performer in (one.name, APART[0])]
         return [(one.name, alone(stored, one)) for one in chosen]
 
     def path_of(self, name: str) -> Path:
-        """`walk ann.c3d` beside `walk.c3d`."""
         path = Path(self.filepath)
         if not name or self.performer != APART[0]:
             return path
@@ -140,11 +136,9 @@ class ExportsPoints(ExportsPerformers):
     """The exports of the points of the take; they differ in `write_points`, which writes those to a path."""
 
     def beside(self, path: Path) -> list[Path]:
-        """The list of what is filled."""
         return [path.with_suffix(".filled.csv")]
 
     def write(self, paths: list[Path], stored: Stored):
-        """Writes the points of the take, and where something is filled, what, by which method and how far off."""
         self.write_points(paths[0], points_of(stored))
         # An older list beside the file would speak of fills that are none any more.
         if stored.fitting or self.beside(self.path)[0].exists():
@@ -216,14 +210,12 @@ class MOCAP_AUTOLABEL_OT_export_report(ExportsTake, bpy.types.Operator):
     open_after: BoolProperty(name="Open It", description="Show the page in the browser once it is saved", default=True)
 
     def execute(self, context):
-        """Saves the page, and opens it where that is wanted and there is a window."""
         done = super().execute(context)
         if done == {"FINISHED"} and self.open_after and not bpy.app.background:
             bpy.ops.wm.path_open(filepath=self.filepath)
         return done
 
     def write(self, paths: list[Path], stored: Stored):
-        """Writes the page."""
         source = bpy.path.abspath(stored.source) if stored.source else ""
         subject = OverviewSubject(stored.names, stored.words, stored.parents)
         overview = TakeOverview(subject, stored.rate, stored.cameras, stored.edits)
@@ -258,7 +250,6 @@ class ExportsCharacter(OfTake, ExportsPerformers):
     performer: performer_property(together=False)
 
     def write(self, paths: list[Path], stored: Stored):
-        """Writes an armature that is there for the export only."""
         context = bpy.context
         settings = context.scene.mocap_autolabel
         home = homes(settings.take).get(self.performer_name, settings.take)
@@ -274,7 +265,6 @@ class MOCAP_AUTOLABEL_OT_export_bvh(ExportsCharacter, bpy.types.Operator):
     filename_ext, axes = ".bvh", BVH_AXES
 
     def export(self, path: Path, stored: Stored):
-        """Writes the active armature."""
         frames = stored.motion.frames + stored.shift
         _exporter("export_anim", "bvh", "BVH")(
             filepath=str(path),
@@ -294,7 +284,6 @@ class MOCAP_AUTOLABEL_OT_export_fbx(ExportsCharacter, bpy.types.Operator):
     filename_ext, axes = ".fbx", BLENDER_AXES
 
     def export(self, path: Path, stored: Stored):
-        """Writes the selected armature."""
         _exporter("export_scene", "fbx", "FBX")(
             filepath=str(path),
             check_existing=False,
@@ -324,23 +313,16 @@ def _exporter(family: str, name: str, called: str) -> Callable[..., set[str]]:
 def _alone(context: bpy.types.Context, item: bpy.types.Object, stored: Stored) -> Iterator[None]:
     """While a thing is the only one that is selected, in a scene that plays the take as it was recorded.
 
-    Afterwards the thing is gone, and scene and selection are as they were.
+    Afterwards the thing is gone, and the scene is as it was.
     """
-    scene, layer = context.scene, context.view_layer
-    render, played = scene.render, (scene.frame_start, scene.frame_end, scene.frame_current)
-    rate, active, selected = (render.fps, render.fps_base), layer.objects.active, list(context.selected_objects)
+    scene, render = context.scene, context.scene.render
+    played, rate = (scene.frame_start, scene.frame_end, scene.frame_current), (render.fps, render.fps_base)
     try:
         set_time(scene, stored.rate, stored.motion.frames + stored.shift)
-        for other in selected:
-            other.select_set(False)
-        item.select_set(True)
-        layer.objects.active = item
-        yield
+        with context.temp_override(object=item, active_object=item, selected_objects=[item]):
+            yield
     finally:
         bpy.data.batch_remove([item, item.data, item.animation_data.action])
-        for other in selected:
-            other.select_set(True)
-        layer.objects.active = active
         render.fps, render.fps_base = rate
         scene.frame_start, scene.frame_end = played[:2]
         scene.frame_set(played[2])

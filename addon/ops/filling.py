@@ -81,7 +81,6 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
     doing = "Filling gaps"
 
     def steps(self, context) -> Generator[float, None, FilledTake]:
-        """The filling, beside the window."""
         settings, stored = context.scene.mocap_autolabel, taken(context)
         frame = stored.index_here(context.scene.frame_current) if self.extent == "GAP" else None
         longest = settings.filling.longest if settings.filling.use_longest else None

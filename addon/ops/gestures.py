@@ -26,11 +26,9 @@ class Gesture:
     place: tuple[float, float, float] | None = None
 
     def clear(self):
-        """Nothing is done any more."""
         self.region, self.outline, self.words, self.marker, self.place = 0, [], "", None, None
 
     def is_in(self, region: bpy.types.Region) -> bool:
-        """Whether it is this region in which something is done."""
         return self.region == region.as_pointer()
 
 

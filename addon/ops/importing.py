@@ -69,7 +69,6 @@ class MOCAP_AUTOLABEL_OT_import_cameras(ImportsFile, bpy.types.Operator):
     up: once(EnumProperty, "Up", "The axis that points up in the calibration", items=UP_ITEMS)
 
     def take_in(self, context, path: Path) -> str:
-        """Adds the cameras, or finds those that are there."""
         up = None if self.up == "AUTO" else self.up
         cameras = read_cameras(path, read_blend=scene_cameras.cameras_of_blend, up=up)
         collection = scene_cameras.find_or_add_cameras(context.scene, cameras)
@@ -96,7 +95,6 @@ class MOCAP_AUTOLABEL_OT_import_blobs(ImportsFile, bpy.types.Operator):
     filter_glob: StringProperty(default=BLOBS, options={"HIDDEN"})
 
     def take_in(self, context, path: Path) -> str:
-        """Takes blobs only."""
         if holds_points(path, USE_BLOBS if is_qtm(path) else None):
             raise InputError("holds 3D points; expected blobs, or Import 3D Points", path)
         return take_blobs(context, path)
@@ -133,7 +131,6 @@ class MOCAP_AUTOLABEL_OT_import_points(ReadsPoints, ImportsFile, bpy.types.Opera
     filter_glob: StringProperty(default=POINTS, options={"HIDDEN"})
 
     def take_in(self, context, path: Path) -> str:
-        """Takes points only."""
         return take_points(context, path, self.known_up, self.rate, self.mirror)
 
 
@@ -144,7 +141,6 @@ class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operato
     use: once(EnumProperty, "Use", "What to label of a .qtm that holds both", items=USE_ITEMS)
 
     def take_in(self, context, path: Path) -> str:
-        """Takes either, as the file holds it."""
         if holds_points(path, self.use if is_qtm(path) and self.use != USE_ITEMS[0][0] else None):
             return take_points(context, path, self.known_up, self.rate, self.mirror)
         return take_blobs(context, path)

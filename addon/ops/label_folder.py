@@ -202,7 +202,6 @@ class OfFolderTake(Ours):
     ending = ""
 
     def found(self, context) -> Path:
-        """The file; InputError where it is not there."""
         state = context.window_manager.mocap_autolabel
         if not 0 <= self.index < len(state.folder_takes):
             raise InputError("no take is chosen; expected one of the list")

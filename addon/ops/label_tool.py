@@ -11,11 +11,11 @@ from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_
 from ..core.data.errors import InputError, UserError
 from ..core.data.takes import NO_MARKER, NO_POINT, PointRows
 from ..core.edits.kinds import AssignBlob, AssignPoint, Edit, Place
-from ..props import SCOPES
+from ..props import SCOPES, keeps_items
 from ..scene.blob_dots import asked_in_image, ray_of
 from ..scene.picking import missing, on_ray, predicted
 from ..scene.stored import Stored
-from .base import OfTake, keeps_items, reports_trouble, taken
+from .base import OfTake, reports_trouble, taken
 from .correcting import correct, edit_of, frames_in_scope, marker_items
 from .gestures import gesture, is_over_view, place_in, window_region
 from .picking import InView, dot_at, image_in, selected_markers, show_picked
@@ -36,7 +36,6 @@ class WorksInView:
     """A modal operator in a 3D view that asks something beside the pointer, and lets one look around meanwhile."""
 
     def begin(self, context: bpy.types.Context, event: bpy.types.Event):
-        """Takes the view for its own."""
         self._area, self._region = context.area, window_region(context.area)
         gesture.clear()
         gesture.region, gesture.mouse = self._region.as_pointer(), place_in(self._region, event)
@@ -44,7 +43,6 @@ class WorksInView:
         context.window_manager.modal_handler_add(self)
 
     def tell(self, context: bpy.types.Context, beside: str, below: str):
-        """Words beside the pointer, and in the status bar."""
         gesture.words = beside
         context.workspace.status_text_set(below)
         self._area.tag_redraw()
@@ -148,7 +146,6 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
         return asked_in_image(stored, index, camera_of(context, stored, self._area))
 
     def click(self, context) -> set[str]:
-        """The dot at the pointer is the marker that is asked for."""
         stored = taken(context)
         dots, found = dot_at(context, stored, self._area, gesture.mouse)
         if found is None or dots.trajectory[found] == NO_POINT:
@@ -164,7 +161,6 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
         return self._ask(context)
 
     def skip(self, context) -> set[str]:
-        """The marker is not there."""
         self._skipped.add(gesture.marker)
         self._last = gesture.marker
         return self._ask(context)
@@ -246,14 +242,12 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
         return origin + direction * float((near - origin) @ direction)
 
     def click(self, context) -> set[str]:
-        """The marker is put under the pointer."""
         self._at = self._under_pointer()
         gesture.place = tuple(self._at)
         self.tell(context, f"{self.marker}: Enter, or click again", self._help)
         return {"RUNNING_MODAL"}
 
     def confirm(self, context) -> set[str]:
-        """It stays there."""
         if self._at is None:
             raise InputError("nothing was clicked; expected a click where the marker is, then Enter")
         self.location = self._at
@@ -269,7 +263,6 @@ class MOCAP_AUTOLABEL_OT_place_which(InView, bpy.types.Operator):
 
     @keeps_items
     def _missing(self, context) -> list[tuple[str, str, str, str, int]]:
-        """The markers that are missing in this frame, for an enumeration."""
         stored = taken(context)
         lacking = np.flatnonzero(missing(stored, stored.index_here(context.scene.frame_current)))
         names = {stored.names[at] for at in lacking}

@@ -121,27 +121,25 @@ def label_steps(
     The job goes on beside the window, with its files in a folder that goes; `look` looks at them before. Raises
     UserError with the file where it can be told.
     """
-    return in_background(lambda tell: _label(job, name, tell, look))
 
+    def label(tell: Callable[[float], None]) -> Take:
+        try:
+            with scratch_folder() as folder:
+                there = replace(job, out=folder)
+                labelled = drained(label_file(there), tell)
+                if look is not None:
+                    look(there, labelled)
+            doubts = tuple(labelled.report.get("camera_doubts", ()))
+            # An empty list that was given stays one: what lies beside the take was taken back in the scene.
+            edits = labelled.edits if labelled.edits or job.edits is not None else None
+            given = name, labelled.report["rate"], job.cameras or NO_CAMERAS, labelled.worn, labelled.chunks
+            return Take.of(*given, written(str(job.source)), doubts=doubts, edits=edits)
+        except UserError as error:
+            words = error.message.replace(HOW_TO_ASK, ASK_HERE).replace(HOW_TO_MIRROR, MIRROR_HERE)
+            words = words.replace(HOW_TO_TURN, TURN_HERE)
+            raise type(error)(words, error.file or job.source, error.line) from error
 
-def _label(
-    job: LabelJob, name: str, tell: Callable[[float], None], look: Callable[[LabelJob, Labelled], None] | None
-) -> Take:
-    try:
-        with scratch_folder() as folder:
-            there = replace(job, out=folder)
-            labelled = drained(label_file(there), tell)
-            if look is not None:
-                look(there, labelled)
-        doubts = tuple(labelled.report.get("camera_doubts", ()))
-        # An empty list that was given stays one: what lies beside the take was taken back in the scene.
-        edits = labelled.edits if labelled.edits or job.edits is not None else None
-        given = name, labelled.report["rate"], job.cameras or NO_CAMERAS, labelled.worn, labelled.chunks
-        return Take.of(*given, written(str(job.source)), doubts=doubts, edits=edits)
-    except UserError as error:
-        words = error.message.replace(HOW_TO_ASK, ASK_HERE).replace(HOW_TO_MIRROR, MIRROR_HERE)
-        words = words.replace(HOW_TO_TURN, TURN_HERE)
-        raise type(error)(words, error.file or job.source, error.line) from error
+    return in_background(label)
 
 
 def lacks_input(context: bpy.types.Context) -> str:

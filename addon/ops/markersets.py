@@ -15,7 +15,7 @@ from ..io.text import json_text
 from ..io.whole import whole_file
 from ..jobs.quality import judge_placement
 from ..prefs import markerset_folder
-from ..props import OWN_FILE, chosen_markerset
+from ..props import OWN_FILE, chosen_markerset, keeps_items
 from ..scene import naming
 from ..scene.armature import armature_of
 from ..scene.markerset_edit import (
@@ -28,7 +28,7 @@ from ..scene.markerset_edit import (
     show_markerset,
     take_advice,
 )
-from .base import Ours, ToldWhere, keeps_items, lacks_object_mode, unless
+from .base import Ours, ToldWhere, lacks_object_mode, unless
 from .stepping import WorksInSteps, beside
 
 
@@ -112,7 +112,6 @@ class MOCAP_AUTOLABEL_OT_save_markerset(ToldWhere, Laid, bpy.types.Operator):
     filename_ext = SUFFIX
 
     def proposed(self, context) -> Path:
-        """In the folder of own marker sets, called after the one that it was made from."""
         base = Path(edited_collection(context.scene)[naming.EDITED]).name.removesuffix(SUFFIX)
         return markerset_folder(create=True) / f"my_{base.removeprefix('my_')}{SUFFIX}"
 
@@ -144,7 +143,6 @@ class MOCAP_AUTOLABEL_OT_judge_markers(Laid, WorksInSteps, bpy.types.Operator):
     doing = "Judging the markers"
 
     def steps(self, context):
-        """The judging, and the search for better places."""
         collection = edited_collection(context.scene)
         model = open_model(bpy.path.abspath(collection[naming.EDITED]))
         # Those whose location is locked stay where they are.

@@ -58,9 +58,7 @@ def picked_points(context: bpy.types.Context) -> list[int]:
 
 
 def show_picked(context: bpy.types.Context, stored: Stored, points: Sequence[int], markers: Iterable[int] = ()):
-    """Picks trajectories, or rows of blobs, and selects the empties of what they are in the current frame.
-
-    Those of `markers` as well.
+    """Picks trajectories, or rows of blobs, and selects the empties of what they are here and now, and of `markers`.
 
     The last one becomes the active object.
     """
@@ -215,7 +213,6 @@ class MOCAP_AUTOLABEL_OT_pick_region(Drags, Picks, bpy.types.Operator):
         self._area.tag_redraw()
 
     def drag(self, context, event):
-        """The outline up to where the pointer is now."""
         mouse = place_in(self._region, event)
         if self.shape == "BOX":
             (left, lower), (right, upper) = self._begin, mouse
@@ -226,7 +223,6 @@ class MOCAP_AUTOLABEL_OT_pick_region(Drags, Picks, bpy.types.Operator):
 
     @reports_trouble
     def let_go(self, context, event):
-        """Picks what is inside."""
         self.drag(context, event)
         outline = np.array(gesture.outline, dtype=float)
         self.cancel(context)

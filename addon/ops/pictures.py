@@ -50,13 +50,11 @@ class CountsPixels:
     )
 
     def first_of(self, cameras: bpy.types.Collection) -> str:
-        """CENTRE or CORNER."""
         if self.first_pixel != FIRST_PIXEL_ITEMS[0][0]:
             return self.first_pixel
         return CORNER if scene_cameras.is_adopted(cameras) else CENTRE
 
     def target(self, beside: Path) -> Path:
-        """The file to write."""
         return Path(bpy.path.abspath(self.out)) if self.out else free_path(beside, BLOBS_ENDING)
 
 
@@ -88,7 +86,6 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, WorksInSteps, bpy.types.Operat
         return super().invoke(context, event) if self.directory else self.ask_for_file(context)
 
     def steps(self, context) -> Generator[Progress, None, dict]:
-        """The finding."""
         scene, settings = context.scene, context.scene.mocap_autolabel
         cameras = scene_cameras.cameras_of(settings.source.cameras, scene)
         pictures = pictures_by_camera([(None, path) for path in self._chosen(cameras.names)], cameras.names)

@@ -83,7 +83,6 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
     needs = (*OfPlayed.needs, *LabelsTake.needs)
 
     def invoke(self, context, event):
-        """Asks for the file of the take where it was moved."""
         take = self.meant(context)
         source = "" if take is None else for_a_part(take)["source"]
         if self.filepath or bpy.app.background or not source or Path(source).exists():
@@ -92,7 +91,6 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
         return self.ask_for_file(context)
 
     def steps(self, context):
-        """The labelling."""
         take = self.played(context)
         self._job, self._ends = self._asked(context, take)
         whole = motion_path(take).with_name(Path(for_a_part(take)["source"]).stem + ".labels.csv")
@@ -141,7 +139,6 @@ class MOCAP_AUTOLABEL_OT_find_motion(OfPlayed, bpy.types.Operator):
     filter_glob: StringProperty(default="*.pc2", options={"HIDDEN"})
 
     def invoke(self, context, _event):
-        """Looks beside the Blender file first."""
         beside = self._beside(context)
         if beside is not None:
             self.filepath = str(beside)

@@ -28,14 +28,13 @@ BUTTONS = {
 
 def mending(trouble: Trouble) -> list[Edit]:
     """The edits that do what is advised, where edits can."""
-    ranges = trouble.ranges or ((trouble.first, trouble.last),)
     if trouble.action == NAME_IT and trouble.markers and trouble.trajectories:
-        where = trouble.named_in or ranges
+        where = trouble.named_in or trouble.spans
         return [AssignPoint(trouble.trajectories[0], trouble.markers[0], frames=span) for span in where]
     if trouble.action == SWAP:
-        return [Swap((trouble.markers[0], trouble.markers[1]), frames=span) for span in ranges]
+        return [Swap((trouble.markers[0], trouble.markers[1]), frames=span) for span in trouble.spans]
     if trouble.action == UNLABEL:
-        return [UnlabelMarker(trouble.markers[0], frames=span) for span in ranges]
+        return [UnlabelMarker(trouble.markers[0], frames=span) for span in trouble.spans]
     if trouble.action == DELETE:
         return trouble.answers()
     return []
@@ -168,8 +167,5 @@ class MOCAP_AUTOLABEL_OT_mend_trouble(OfTrouble, bpy.types.Operator):
 
 
 def is_listed(state: bpy.types.PropertyGroup, row: bpy.types.PropertyGroup) -> bool:
-    """Whether the choices above the list let a line of it be seen."""
-    of_kind = state.trouble_kind in ("ALL", row.kind)
-    done = state.trouble_done == "ALL" or row.answered == (state.trouble_done == "DONE")
-    # A name may hold blanks itself.
-    return of_kind and done and (not state.trouble_marker or f" {state.trouble_marker} " in f" {row.name} ")
+    """Whether the choice above the list lets a line of it be seen."""
+    return state.trouble_done == "ALL" or row.answered == (state.trouble_done == "DONE")

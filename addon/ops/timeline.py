@@ -51,7 +51,6 @@ class RowPlaces:
 
     @classmethod
     def of(cls, context: bpy.types.Context, region: bpy.types.Region, rows: int) -> "RowPlaces":
-        """Those of so many rows in a region of the context's editor."""
         scroll = context.window_manager.mocap_autolabel.timeline_scroll
         asked = cls(region.height, context.preferences.system.ui_scale, scroll)
         # The rows were more, or the editor lower, when it was scrolled.
@@ -69,11 +68,9 @@ class RowPlaces:
 
     @property
     def row(self) -> float:
-        """How high a row is."""
         return ROW_HEIGHT * self.scale
 
     def upper(self, row: float) -> float:
-        """The upper end of a row."""
         return self.top + (self.scroll - row) * self.row
 
     def at(self, y: float) -> int:
@@ -81,7 +78,6 @@ class RowPlaces:
         return int((self.top - y) / self.row + self.scroll) if self.bottom < y < self.top else -1
 
     def most_scroll(self, rows: int) -> float:
-        """The scroll that shows the last row at the bottom."""
         return max(rows - (self.top - self.bottom) / self.row, 0.0)
 
 
@@ -158,7 +154,6 @@ class MOCAP_AUTOLABEL_OT_timeline_click(Drags, OnTimeline, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def drag(self, context, event):
-        """Shows the range that is dragged over, so far."""
         off = abs(event.mouse_region_x - self._x)
         if self._along and (self._dragged or off > DRAG * context.preferences.system.ui_scale):
             self._dragged = True
@@ -171,7 +166,6 @@ class MOCAP_AUTOLABEL_OT_timeline_click(Drags, OnTimeline, bpy.types.Operator):
         return min(max(ends[0], first), last), max(min(ends[1], last), first)
 
     def let_go(self, context, event) -> set[str]:
-        """Picks the row, or selects the range, where the button is let go."""
         runs, state = shown_runs(context), context.window_manager.mocap_autolabel
         if self._row >= len(runs):
             return {"CANCELLED"}  # something else made the rows fewer meanwhile
@@ -199,7 +193,6 @@ class MOCAP_AUTOLABEL_OT_timeline_click(Drags, OnTimeline, bpy.types.Operator):
         )
 
     def cancel(self, context):
-        """Gives the scene the preview range that it had."""
         if self._dragged:
             used, first, last = self._before
             select_range(context.scene, first, last)

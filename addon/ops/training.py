@@ -15,6 +15,7 @@ from bpy_extras.io_utils import ImportHelper
 from ..core.data.errors import InputError
 from ..core.data.wording import count_of
 from ..core.review.doubtful import doubtful_samples
+from ..core.review.suspects import find_suspects
 from ..core.training.looked_at import learnable
 from ..io.markersets import SUFFIX
 from ..io.points import read_points
@@ -143,7 +144,6 @@ class MOCAP_AUTOLABEL_OT_train(Trains, bpy.types.Operator):
     )
 
     def job(self, context, settings) -> "TrainJob":
-        """The takes in the list, learned or kept for checking."""
         from ..jobs.training_takes import KnownBetter
 
         rows = {Path(bpy.path.abspath(row.path)): row for row in settings.training.takes}
@@ -171,7 +171,6 @@ class MOCAP_AUTOLABEL_OT_learn_frame(Trains, bpy.types.Operator):
     needs = _needs_take("put the names of one frame right")
 
     def job(self, context, settings) -> "TrainJob":
-        """The markers that are named in the current frame; InputError where there are none."""
         stored, frame = taken(context), context.scene.frame_current
         index = stored.index_here(frame)
         named = np.flatnonzero(np.isfinite(stored.motion.markers[index, :, 0]))
@@ -199,9 +198,8 @@ class MOCAP_AUTOLABEL_OT_learn_take(Trains, bpy.types.Operator):
         stored = taken(context)
         motion, names, base = stored.unfilled, stored.names, own_model(settings.subjects)
         measured = np.where((motion.residual == 0)[..., None], np.nan, motion.markers)
-        asked = doubtful_samples(
-            stored.rows, stored.labels, motion, stored.suspects, names, stored.rate, stored.edits, stored.words
-        )
+        doubts, words = (find_suspects(motion, names, stored.rate), stored.suspects), stored.words
+        asked = doubtful_samples(stored.rows, stored.labels, motion.frames, *doubts, names, stored.edits, words)
         learned = learnable(measured, asked, names)
         refuse_doubtful(learned.xyz)
         if set(names) != set(chosen_markerset(settings.subjects).markers):

@@ -13,11 +13,11 @@ from ..core.data.takes import NO_MARKER
 from ..core.edits.kinds import AssignPoint, Edit, Swap
 from ..core.points.several.wearers import MAX_SUBJECTS, as_compared, is_subject_name
 from ..io.markersets import SUFFIX
-from ..props import OWN_FILE
+from ..props import OWN_FILE, keeps_items
 from ..scene.opened import opened
 from ..scene.performers import homes, usual_colour
 from ..scene.stored import Stored
-from .base import Ours, keeps_items, once, remove_chosen, unless
+from .base import Ours, once, remove_chosen, unless
 from .correcting import Corrects
 from .picking import picked_points, selected_markers
 
@@ -159,7 +159,6 @@ class MOCAP_AUTOLABEL_OT_exchange_performers(ToldApart, bpy.types.Operator):
         return context.window_manager.invoke_props_dialog(self)
 
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
-        """Every marker that both wear is exchanged, where either has points."""
         chosen = [next(who for who in stored.performers if who.name == name) for name in (self.one, self.other)]
         if chosen[0] is chosen[1]:
             raise InputError(f"{self.one} cannot be exchanged with {self.other}; expected two performers")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The dots of a take of blobs: through a camera its blobs, from anywhere else the markers; and what a blob may be.
 
-The counterpart of `picking` and `likely` for blobs. A blob goes by its row in the take, as a point does by its
+The counterpart of `picking` for blobs. A blob goes by its row in the take, as a point does by its
 trajectory; what it is in other frames is told by its track in the camera.
 """
 
@@ -67,10 +67,7 @@ def asked_in_image(stored: Stored, index: int, camera: int) -> np.ndarray:
 
 
 def likely_of_blob(stored: Stored, tracks: BlobTracks, row: int) -> list[int]:
-    """All markers, the likeliest for a blob first.
-
-    They are `likely.ranked` by how far they are seen, or should be seen, from it in the image.
-    """
+    """All markers, the likeliest for a blob first: `ranked` by how far from it in the image they are or should be."""
     index, camera = int(stored.rows.frame[row]), int(stored.rows.camera[row])
     seen = stored.unfilled.markers[index]
     place = np.where(np.isfinite(seen), seen, predicted(stored, index))

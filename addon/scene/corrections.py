@@ -1,79 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a person said of a take of 3D points: kept with it as text, and the take as it follows from that.
+"""What a person said of a take: kept with it as text, and the take as it follows from that.
 
 The file keeps the program's own labels and the edits, never what comes of the two: so undo, save and another version
 of the extension need to know of nothing else.
 """
 
 import json
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import bpy
 import numpy as np
 
 from ..core.data.copies import Copies
-from ..core.data.takes import Motion, PointRows
+from ..core.data.takes import Labels, PointRows
+from ..core.edits.applying import cells_of_blobs, cells_of_points
 from ..core.edits.blob_tracks import BlobTracks
-from ..core.edits.following import Following, Held, moved_frames
-from ..core.edits.following_blobs import BlobFollowing, BlobGroup
+from ..core.edits.following import Following, Held, changed_frames
 from ..core.edits.kinds import Edits
 from ..core.edits.rows import document_of, edits_of
-from ..core.geometry.measuring import measured_at, put_places
+from ..core.geometry.measuring import measured_points
 from ..core.review.answering import unanswered, without_accepted
 from .stored import Stored
 
-
-class BlobCorrecting:
-    """What works the edits of a take of blobs out; what no changed edit is about is not worked out again."""
-
-    def __init__(self, stored: Stored):
-        """Stored has the labels that the program gave."""
-        self.following = BlobFollowing(
-            stored.rows, stored.labels, stored.words, len(stored.names), stored.cameras.names
-        )
-        self._measured: dict[BlobGroup, Motion] = {}
-
-    @property
-    def tracks(self) -> BlobTracks:
-        """The tracks of the take's blobs."""
-        return self.following.tracks
-
-    def apply(self, stored: Stored, edits: Edits) -> Stored:
-        """The take with its edits applied; stored is as it was first given."""
-        followed = self.following.apply(edits)
-        known, self._measured = self._measured, {}
-        motion = replace(
-            stored.motion,
-            **{name: getattr(stored.motion, name).copy() for name in ("markers", "residual", "residual_px")},
-        )
-        for group in followed.groups:
-            part = self._measured[group] = known.get(group) or self._measure(stored, group)
-            for name in ("markers", "residual", "residual_px"):
-                getattr(motion, name)[group.frames][group.touched] = getattr(part, name)[group.touched]
-        return replace(
-            stored,
-            labels=followed.labels,
-            motion=motion,
-            suspects=_open(stored, edits),
-            edits=edits,
-            outcomes=followed.outcomes,
-            placed=tuple(followed.places),
-        )
-
-    def _measure(self, stored: Stored, group: BlobGroup) -> Motion:
-        """The frames of a group, with the markers that it is about where their blobs meet, or were placed."""
-        part = Motion(*(getattr(stored.motion, one.name)[group.frames] for one in fields(Motion)))
-        if not group.touched.any():
-            return part
-        blobs = stored.rows.part(group.frames, group.rows)
-        part = measured_at(part, blobs, group.labels, stored.cameras, group.touched)
-        put_places(part, {(frame - group.frames.start, marker): xyz for (frame, marker), xyz in group.places.items()})
-        return part
-
-
-def _open(stored: Stored, edits: Edits) -> tuple:
-    """The doubts that no edit answers."""
-    return without_accepted(unanswered(stored.suspects, edits, stored.words), edits)
+FOLLOWING_LABELS = ("markers", "residual", "residual_px")  # what of a motion follows the labels
 
 
 EDITS = "mocap_edits"
@@ -104,51 +53,79 @@ def kept_edits(collection: bpy.types.Collection) -> Edits | None:
     return None if text is None else edits_of(json.loads(text))
 
 
-class PointCorrecting:
-    """What works the edits of a take of points out, each from what the last ones made of it."""
+class Correcting:
+    """What works the edits of a take out, each from what the last ones made of it."""
 
     def __init__(self, stored: Stored):
         """Stored has the labels that the program gave."""
-        self._following = Following(stored.rows, stored.labels, stored.words, len(stored.names))
+        rows, names = stored.rows, (stored.words, len(stored.names))
+        self.tracks: BlobTracks | None = None
+        if isinstance(rows, PointRows):
+            cells = cells_of_points(rows, *names)
+        else:
+            cells = cells_of_blobs(rows, stored.cameras.names, *names)
+            self.tracks = BlobTracks(rows, stored.cameras.names)
+        self._following = Following(stored.labels, cells)
         self._held: Held | None = None
         # Marker by marker: the scene's motions lie so in memory.
-        of_marker = (values.swapaxes(0, 1) for values in (stored.motion.markers, stored.motion.residual))
+        of_marker = (getattr(stored.motion, name).swapaxes(0, 1) for name in FOLLOWING_LABELS)
         self._copies = Copies(*(np.array(values, order="C") for values in of_marker))
 
     def apply(self, stored: Stored, edits: Edits) -> Stored:
         """The take with its edits applied; stored is as it was first given."""
-        followed = self._following.apply(edits)
-        self._move(stored.rows, followed.held)
-        xyz, off = (values.swapaxes(0, 1) for values in self._copies.copy())
+        followed = self._following.apply(edits if self.tracks is None else self.tracks.followed(edits))
+        held = followed.held
+        self._move(stored, followed.labels, held)
+        of_frame = (values.swapaxes(0, 1) for values in self._copies.copy())
         return replace(
             stored,
             labels=followed.labels,
-            motion=replace(stored.motion, markers=xyz, residual=off),
-            suspects=_open(stored, edits),
+            motion=replace(stored.motion, **dict(zip(FOLLOWING_LABELS, of_frame, strict=True))),
+            suspects=without_accepted(unanswered(stored.suspects, edits, stored.words), edits),
             edits=edits,
             outcomes=followed.outcomes,
-            placed=tuple(followed.held.places),
-            held=followed.held,
+            placed=tuple(held.places),
+            held=held,
         )
 
-    def _move(self, rows: PointRows, held: Held):
+    def _move(self, stored: Stored, labels: Labels, held: Held):
         """Puts the markers that are elsewhere than after the last edits where they are."""
-        xyz, off = self._copies.arrays
+        moved = changed_frames(self._held, held, said=False)
+        if moved:
+            put = self._put_points if isinstance(stored.rows, PointRows) else self._put_blobs
+            put(stored, labels, held, moved)
+        for (frame, marker), place in held.places.items():
+            for values, value in zip(self._copies.arrays, (place, 0.0, np.nan), strict=True):
+                values[marker, frame] = value
+        for which in range(len(FOLLOWING_LABELS)):
+            for at in moved.items():
+                self._copies.note(which, at)
+        self._held = held
+
+    def _put_points(self, stored: Stored, _labels: Labels, held: Held, moved: dict[int, slice]):
+        """Puts markers where their points are."""
+        rows, (xyz, off, _) = stored.rows, self._copies.arrays
         known = rows.residual is not None and len(rows)
-        for marker, frames in moved_frames(self._held, held).items():
-            of = held.rows[marker, frames]
+        for marker, frames in moved.items():
+            of = held.cells[marker, frames]
             there = of >= 0
             xyz[marker, frames] = np.where(there[:, None], rows.xyz[of], np.nan) if len(rows) else np.nan
             off[marker, frames] = np.where(there, rows.residual[of], np.nan) if known else np.nan
-            for which in (0, 1):
-                self._copies.note(which, (marker, frames))
-        for (frame, marker), place in held.places.items():
-            xyz[marker, frame], off[marker, frame] = place, 0.0
-            for which in (0, 1):
-                self._copies.note(which, (marker, frame))
-        self._held = held
 
-
-def following_of(stored: Stored) -> PointCorrecting | BlobCorrecting:
-    """What works the edits of a take out; stored has the labels that the program gave."""
-    return PointCorrecting(stored) if isinstance(stored.rows, PointRows) else BlobCorrecting(stored)
+    def _put_blobs(self, stored: Stored, labels: Labels, held: Held, moved: dict[int, slice]):
+        """Puts markers where their blobs meet, and where these are the program's, where that had them."""
+        span = slice(min(frames.start for frames in moved.values()), max(frames.stop for frames in moved.values()))
+        rows = slice(*np.searchsorted(stored.rows.frame, [span.start, span.stop]).tolist())
+        again = np.zeros((span.stop - span.start, len(held.cells)), bool)
+        for marker, frames in moved.items():
+            again[frames.start - span.start : frames.stop - span.start, marker] = True
+        images = slice(span.start * held.images, span.stop * held.images)
+        others = held.cells[:, images] != held.program[:, images]
+        others = others.reshape(len(others), -1, held.images).any(axis=2).T
+        of_frame = [values.swapaxes(0, 1)[span] for values in self._copies.arrays]
+        for name, own in zip(FOLLOWING_LABELS, of_frame, strict=True):
+            own[again] = getattr(stored.motion, name)[span][again]
+        if (again & others).any():
+            found = measured_points(stored.rows.part(span, rows), labels[rows], stored.cameras, again & others)
+            for own, measured in zip(of_frame, found, strict=True):
+                own[again & others] = measured

@@ -14,7 +14,6 @@ import numpy as np
 
 from ..core.data.copies import Copies
 from ..core.data.errors import InputError
-from ..core.edits.following import moved_frames
 from ..core.filling.kept import KeptFill, fills_by_marker, put_in_marker
 from . import storage
 from .naming import title
@@ -79,7 +78,7 @@ class FillsInTake:
         """A take without fills as it is with these."""
         if not self._fills:
             return stored
-        moved = None if self._base is None else changed_between(self._base, stored, moved_frames)
+        moved = None if self._base is None else changed_between(self._base, stored, said=False)
         if moved is None:
             # Marker by marker, as the scene's motions lie in memory.
             of_marker = (values.swapaxes(0, 1) for values in (stored.motion.markers, stored.motion.residual))

@@ -10,28 +10,6 @@ from . import animation, naming
 DISPLAY_SIZE = 0.012
 
 
-def add_markers(
-    collection: bpy.types.Collection,
-    actions: animation.TakeActions,
-    names: tuple[str, ...],
-    motion: Motion,
-    frames: np.ndarray,
-    filled: np.ndarray | None = None,
-) -> list[bpy.types.Object]:
-    """Adds one empty for each of the M `names` to `collection`, keyed in `actions` at Blender's `frames` (F,).
-
-    A marker that was never seen has no keys, stands where the body would carry it at first, and is hidden: standing
-    still in the moving body it would look like a wrong name. `filled` (F, M) says which samples were filled.
-    """
-    empties = []
-    for index, name in enumerate(names):
-        empty = add_marker(collection, name)
-        action = actions.for_keys(int(np.isfinite(motion.markers[:, index]).sum()))
-        show_marker(empty, action, motion, index, frames, None if filled is None else filled[:, index])
-        empties.append(empty)
-    return empties
-
-
 def add_marker(collection: bpy.types.Collection, name: str, size: float = DISPLAY_SIZE) -> bpy.types.Object:
     """Adds the empty of one marker, `size` m, at the world's origin."""
     empty = bpy.data.objects.new(name, None)
@@ -52,6 +30,8 @@ def show_marker(
 ):
     """Keys the empty of marker `index` where it was seen, at Blender's `frames` (F,), in the place of former keys.
 
+    One that was never seen has no keys, stands where the body would carry it at first, and is hidden: standing still in
+    the moving body it would look like a wrong name.
     Keys of samples that were filled, `filled` (F,), are of Blender's type for what a tool made up.
     `action` is where an empty without keys gets them; None for one of its own. It is quicker to tell where the empty is
     keyed `before` (F, 3), and which of that was filled (F,).

@@ -9,10 +9,10 @@ import numpy as np
 
 from ..core.data.takes import PointRows
 from ..core.edits.blob_tracks import BlobTracks
-from ..core.edits.kinds import NO_EDITS, Edits
+from ..core.edits.kinds import Edits
 from ..core.filling.smoothing import smoothed
 from . import cameras as scene_cameras
-from .corrections import BlobCorrecting, PointCorrecting, following_of, kept_edits, kept_text, text_of
+from .corrections import Correcting, kept_edits, kept_text, text_of
 from .fills import FillsInTake, fills_text, kept_cutoff, kept_fills
 from .preview import holds_points, read_points_preview, read_preview
 from .stored import Stored
@@ -39,7 +39,7 @@ class Opened:
     edited: dict[int, tuple[str, Stored, Stored]] = field(default_factory=dict)
     final: dict[int, tuple[tuple[str | None, float | None], Stored, Stored]] = field(default_factory=dict)
     filling: dict[int, tuple[str | None, FillsInTake]] = field(default_factory=dict)
-    following: dict[int, PointCorrecting | BlobCorrecting] = field(default_factory=dict)
+    following: dict[int, Correcting] = field(default_factory=dict)
     trajectories: dict[int, tuple[PointRows, np.ndarray]] = field(default_factory=dict)
     looked_at: dict[str, tuple[Stored | None, Any]] = field(default_factory=dict)
 
@@ -53,26 +53,10 @@ class Opened:
         if text is not None:
             kept = self.edited.get(key)
             if kept is None or kept[0] != text or kept[1] is not stored:
-                if key not in self.following:
-                    self.following[key] = following_of(stored)
-                after = self.following[key].apply(stored, kept_edits(collection) if edits is None else edits)
+                after = self._correcting(key, stored).apply(stored, kept_edits(collection) if edits is None else edits)
                 kept = self.edited[key] = text, stored, after
             stored = kept[2]
         return self._final(collection, stored)
-
-    def make_ready(self, collection: bpy.types.Collection, scene: bpy.types.Scene):
-        """Makes what the first corrections of a take would wait for, which of a long one is some 100 MB of memory."""
-        key, before = _number_of(collection), self.unedited(collection, scene)
-        if key in self.following:
-            return
-        following = self.following[key] = following_of(before)
-        edits, shown = kept_edits(collection) or NO_EDITS, self.final.get(key)
-        # Two, as the take before an edit and after it are there at once.
-        both = [self._final(collection, following.apply(before, edits)) for _ in range(2)]
-        both.clear()
-        self.final.pop(key, None)
-        if shown is not None:  # what is drawn knows its take by what it is
-            self.final[key] = shown
 
     def _final(self, collection: bpy.types.Collection, stored: Stored) -> Stored:
         """A take with its edits as it is with its fills, and then smoothed; InputError for a rate too low for that."""
@@ -109,10 +93,13 @@ class Opened:
 
     def tracks(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> BlobTracks:
         """The tracks of the blobs of a take of blobs."""
-        key = _number_of(collection)
-        if not isinstance(self.following.get(key), BlobCorrecting):
-            self.following[key] = BlobCorrecting(self.unedited(collection, scene))
-        return self.following[key].tracks
+        return self._correcting(_number_of(collection), self.unedited(collection, scene)).tracks
+
+    def _correcting(self, key: int, stored: Stored) -> Correcting:
+        """What works the edits of a take out; stored has the labels that the program gave."""
+        if key not in self.following:
+            self.following[key] = Correcting(stored)
+        return self.following[key]
 
     def preview(self, mesh: bpy.types.Mesh, cameras: bpy.types.Collection | None, scene: bpy.types.Scene) -> Stored:
         """The unlabelled points that `mesh` holds, or its blobs as seen by `cameras`."""

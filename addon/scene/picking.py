@@ -126,27 +126,16 @@ def predicted(stored: Stored, index: int) -> np.ndarray:
     seen, carried = stored.motion.markers[near], stored.motion.expected[near]
     body = bool(np.isfinite(carried[here]).any())
     values = seen - carried if body else seen
+    between = np.full(values.shape[1:], 0.0 if body else np.nan)
     known = np.isfinite(values[..., 0])
-    number = np.arange(len(known))[:, None]
-    before = np.where(known[: here + 1], number[: here + 1], -1).max(axis=0)
-    after = np.where(known[here:], number[here:], len(known)).min(axis=0)
-    only_after, only_before = before < 0, after >= len(known)
-    begin, end = np.where(only_after, after, before), np.where(only_before, before, after)
-    never = only_after & only_before
-    begin, end = np.where(never, 0, begin), np.where(never, 0, end)
-    share = ((here - begin) / np.maximum(end - begin, 1))[:, None]
-    markers = np.arange(values.shape[1])
-    one, other = values[begin, markers], values[end, markers]
-    between = np.where((begin == end)[:, None], one, one + share * (other - one))
-    between[never] = 0.0 if body else np.nan
+    for marker in np.flatnonzero(known.any(axis=0)):
+        at = np.flatnonzero(known[:, marker])
+        between[marker] = [np.interp(here, at, axis) for axis in values[at, marker].T]
     return carried[here] + between if body else between
 
 
 def likely_markers(stored: Stored, index: int, rows: np.ndarray, xyz: np.ndarray) -> list[int]:
-    """All markers, the likeliest for the dot of a trajectory, whose rows are given, at xyz (3,) m in a frame first.
-
-    They are `ranked` by how far they are or should be.
-    """
+    """All markers, the likeliest for the dot of a trajectory with these rows, at xyz (3,) m in a frame, first."""
     free = missing(stored, index)
     off = np.linalg.norm(predicted(stored, index) - xyz, axis=1)
     names = stored.labels.marker[rows]

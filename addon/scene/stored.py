@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A labelled take as the file keeps it, read back as plain arrays."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from zlib import crc32
@@ -36,7 +36,7 @@ class Stored:
     measured  the motion without fills and not smoothed; None where that is `motion`
     cutoff    Hz, by which `motion` is smoothed; None where it is not
     placed    index of the frame and marker of each that a person placed
-    held      which rows are the markers of a take of points by its edits, for telling what one more of them changes
+    held      which rows are the markers by the edits, for telling what one more of them changes
     posed_on  (F,) the digests of the labels that the body was posed on; None where there is no body
     """
 
@@ -71,10 +71,6 @@ class Stored:
     def fitting(self) -> tuple[KeptFill, ...]:
         """The fills that are in the motion."""
         return tuple(fill for fill, reason in zip(self.fills, self.unfit, strict=True) if not reason)
-
-    def filled(self) -> np.ndarray:
-        """(F, M) True where a sample was filled."""
-        return filled_samples(self.motion.frames, self.names, self.fitting)
 
     @cached_property
     def filled_markers(self) -> dict[int, np.ndarray]:
@@ -188,21 +184,16 @@ def alone(stored: Stored, performer: Performer) -> Stored:
     )
 
 
-def changed_between(
-    before: Stored,
-    after: Stored,
-    frames_of: Callable[[Held | None, Held | None], dict[int, slice]] = changed_frames,
-) -> dict[int, slice] | None:
-    """The markers that are elsewhere, or of which edits say something else, and the frames, by index, where they may.
+def changed_between(before: Stored, after: Stored, said: bool = True) -> dict[int, slice] | None:
+    """The markers that are elsewhere, or, with `said`, of which edits say something else, and in which frames they may.
 
-    By `moved_frames` only those that are elsewhere. None where two takes differ by more than edits and fills that go
-    with the one but not with the other: of blobs nothing says what an edit changes.
+    By their indices. None where two takes differ by more than edits and fills that go with the one but not with the
+    other.
     """
-    same = isinstance(before.rows, PointRows) and before.rows is after.rows
-    same = same and before.fills is after.fills
+    same = before.rows is after.rows and before.fills is after.fills
     if not same or before.cutoff is not None or after.cutoff is not None:
         return None
-    found = frames_of(before.held, after.held)
+    found = changed_frames(before.held, after.held, said)
     if before.unfit == after.unfit:
         return found
     for marker, own in fills_by_marker(after.motion.frames, after.names, after.fills).items():

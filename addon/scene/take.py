@@ -13,7 +13,6 @@ from ..core.data.errors import JobError
 from ..core.data.markersets import Worn
 from ..core.data.merging import LabelledRange, joined
 from ..core.data.takes import STEPS, Blobs, LabelledChunk, Labels, Motion, PointRows, Suspect
-from ..core.edits.following import moved_frames
 from ..core.edits.kinds import Edits
 from ..core.filling.kept import KeptFill, filled_samples, put_fills
 from ..core.filling.smoothing import smoothed
@@ -160,8 +159,11 @@ def show_take(
             ownership.sign(item, f"{performer.name} capsule {number}", collection)
         mine = performer.marker_rows
         place = ownership.made_collection(collection, home, f"{home.name} markers", f"{performer.name} markers")
-        for item in scene_markers.add_markers(place, actions, names[mine], own, frames, filled[:, mine]):
-            ownership.sign(item, f"marker {item[naming.MARKER]}", collection)
+        for index, name in enumerate(names[mine]):
+            item = scene_markers.add_marker(place, name)
+            action = actions.for_keys(int(np.isfinite(own.markers[:, index]).sum()))
+            scene_markers.show_marker(item, action, own, index, frames, filled[:, mine.start + index])
+            ownership.sign(item, f"marker {name}", collection)
     if isinstance(take.rows, PointRows):
         show_unnamed(collection, f"{take.name} unnamed", take.rows, take.labels, shift)
     _store(collection, take, camera_collection, shift)
@@ -207,7 +209,7 @@ def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored):
 
 def _changed(before: Stored, after: Stored) -> list[int]:
     """The markers that are elsewhere after other edits, fills or smoothing, or whose filled samples are others."""
-    moved = changed_between(before, after, moved_frames)
+    moved = changed_between(before, after, said=False)
     if moved is not None:
         return sorted(moved)
     filled, was_filled, nowhere = after.filled_markers, before.filled_markers, np.zeros(len(after.motion.frames), bool)
@@ -285,7 +287,15 @@ def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> S
         rows: Blobs | PointRows = PointRows(frames["number"], *known, table.get(RESIDUAL))
     else:
         rows = Blobs(frames["number"], *(table[field.name] for field in fields(Blobs)[1:]))
-    motion = _read_motion(collection, frames, len(names), len(performers))
+    kept, shape = storage.read_table(collection[MOTION]), (len(frames["number"]), len(names))
+    motion = Motion(
+        frames=frames["number"],
+        markers=_by_marker(kept["markers"].reshape(*shape, 3)),
+        residual=_by_marker(kept["residual"].reshape(shape)),
+        residual_px=_by_marker(kept["residual_px"].reshape(shape)),
+        conflicts=kept["conflicts"].reshape(shape),
+        **_read_body(collection, frames, len(names), len(performers)),
+    )
     # How the labels came about, as an index into STEPS.
     step = np.array([STEPS.index(step) for step in json.loads(collection[STEP_NAMES])])[table["step"]]
     labels = Labels(table["marker"], step, table["confidence"])
@@ -390,20 +400,6 @@ def keep_body(collection: bpy.types.Collection, motion: Motion, performers: Sequ
 def _size_of(number: int) -> str:
     """The column of the sizes of a performer by how many are before."""
     return f"scale{number}" if number else "scale"
-
-
-def _read_motion(
-    collection: bpy.types.Collection, frames: dict[str, np.ndarray], markers: int, performers: int
-) -> Motion:
-    motion, count = storage.read_table(collection[MOTION]), len(frames["number"])
-    return Motion(
-        frames=frames["number"],
-        markers=_by_marker(motion["markers"].reshape(count, markers, 3)),
-        residual=_by_marker(motion["residual"].reshape(count, markers)),
-        residual_px=_by_marker(motion["residual_px"].reshape(count, markers)),
-        conflicts=motion["conflicts"].reshape(count, markers),
-        **_read_body(collection, frames, markers, performers),
-    )
 
 
 def _read_body(

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.data.takes import BY_EDIT, NO_MARKER, PointRows
 from ..core.edits.kinds import Place
-from ..core.review.doubtful import DOUBTFUL_NAMES, markers_meant
+from ..core.review.doubtful import MIN_SURE, markers_meant
 from .stored import Stored, changed_between
 
 # What a stretch is, in the order in which stretches are drawn: what is rare and short lies on top.
@@ -197,17 +197,17 @@ def _unlike_others(stored: Stored, markers: list[int], frames: slice) -> tuple[t
     Of markers of frames by their index.
     """
     labels, points = stored.labels, isinstance(stored.rows, PointRows)
-    if stored.held is not None:
-        row = stored.held.rows[markers, frames]
+    if points and stored.held is not None:  # quicker
+        row = stored.held.cells[markers, frames]
         unsure = row >= 0
-        unsure[unsure] = labels.confidence[row[unsure]] < DOUBTFUL_NAMES.min_confidence
+        unsure[unsure] = labels.confidence[row[unsure]] < MIN_SURE
         return np.nonzero(unsure.T), np.nonzero(stored.held.by_edit[markers, frames].T)
     column_of = np.full(len(stored.names) + 1, -1)  # the last is that of NO_MARKER, -1
     column_of[markers] = np.arange(len(markers))
     rows = slice(*np.searchsorted(stored.rows.frame, [frames.start, frames.stop]).tolist())
     frame, column = stored.rows.frame[rows] - frames.start, column_of[labels.marker[rows]]
     # Of blobs every camera has its own say.
-    unsure = (labels.confidence[rows] < DOUBTFUL_NAMES.min_confidence) & points
+    unsure = (labels.confidence[rows] < MIN_SURE) & points
     both = [np.flatnonzero(flags & (column >= 0)) for flags in (unsure, labels.step[rows] == BY_EDIT)]
     return tuple((frame[which], column[which]) for which in both)
 

@@ -93,5 +93,4 @@ class Discs:
         box_batch(self.shader, **of_corners).draw(self.shader)
 
     def forget(self):
-        """Lets go of what the GPU has."""
         self.shader = None

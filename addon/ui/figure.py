@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Drawn over the 3D view: a stick figure in the colours of its sides, trails of what is selected, and what is meant.
 
-A trail is broken where its marker was not seen: a dashed line leads over the gap. Where a marker is missing in this
-frame, and the list asks about that, a thin ring is drawn in the place that the body has for it.
+A trail is broken where its marker was not seen. Where a marker is missing in this frame, and the list asks about that,
+a thin ring is drawn in the place that the body has for it.
 """
 
 import json
@@ -29,8 +29,6 @@ FAR_BONE = 0.62  # of a colour's brightness that every other segment along a lim
 MISSING_COLOUR = (0.75, 0.75, 0.75, 0.55)
 MEANT_COLOUR = (1.0, 1.0, 1.0, 1.0)
 MISSING_RADIUS, MEANT_RADIUS = 5.0, 11.0
-DASH = 0.02  # m of a dash that leads over a gap, and of the space behind it
-MAX_DASHES = 60
 JOINED = 0.005  # m; a bone that begins nearer than this to an end of the one above hangs on it
 # By the session's own number of an armature: what the bones that were drawn last are called by, and their colours with
 # the bones above them.
@@ -125,33 +123,23 @@ def draw_trails(canvas: Canvas, stored: Stored, index: int, markers: list[int], 
     if colours is None:  # by their sides
         known = set(stored.names)
         colours = {one: SIDE_COLOURS[side_in(stored.names[one], known)] for one in markers}
-    trails = [trail(stored.motion.markers[:, one], index, max(round(stored.rate), 2)) for one in markers]
-    for marker, (ends, faded, _) in zip(markers, trails, strict=True):
+    for marker in markers:
+        ends, faded = trail(stored.motion.markers[:, marker], index, max(round(stored.rate), 2))
         tints = np.concatenate([np.tile(colours[marker], (*faded.shape, 1)), faded[..., None]], axis=2)
         canvas.lines(canvas.place(ends), tints, TRAIL_WIDTH)
-    gaps = np.concatenate([np.empty((0, 2, 3)), *(gap for _, _, gap in trails)])
-    canvas.lines(canvas.place(gaps), np.tile(MISSING_COLOUR, (len(gaps), 2, 1)), 1.2)
 
 
-def trail(path: np.ndarray, index: int, reach: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def trail(path: np.ndarray, index: int, reach: int) -> tuple[np.ndarray, np.ndarray]:
     """The trail of a marker (F, 3) about frame `index`, `reach` frames either way.
 
-    Lines (L, 2, 3) between frames that follow each other with how opaque their ends are (L, 2), and dashes (D, 2, 3)
-    that lead over gaps.
+    Lines (L, 2, 3) between frames that follow each other, and how opaque their ends are (L, 2).
     """
     first = max(index - reach, 0)
     part = path[first : index + reach + 1]
-    at = np.flatnonzero(np.isfinite(part).all(axis=1))
-    begin, end = at[:-1], at[1:]
-    follows = end - begin == 1
-    ends = np.stack([part[begin], part[end]], axis=1)
-    far = np.abs(np.stack([begin, end], axis=1) + first - index) / reach
-    dashes = [np.empty((0, 2, 3))]
-    for one, other in ends[~follows]:
-        count = int(np.clip(np.linalg.norm(other - one) / (2 * DASH), 1, MAX_DASHES))
-        share = (np.arange(count)[:, None] + np.array([0.25, 0.75])) / count
-        dashes.append(one + share[..., None] * (other - one))
-    return ends[follows], 1 - 0.85 * far[follows], np.concatenate(dashes)
+    there = np.isfinite(part).all(axis=1)
+    begin = np.flatnonzero(there[:-1] & there[1:])
+    far = np.abs(np.stack([begin, begin + 1], axis=1) + first - index) / reach
+    return np.stack([part[begin], part[begin + 1]], axis=1), 1 - 0.85 * far
 
 
 def meant(context: bpy.types.Context, collection: bpy.types.Collection, stored: Stored) -> Trouble | None:

@@ -79,7 +79,6 @@ class LabelTool(bpy.types.WorkSpaceTool):
 
     @staticmethod
     def draw_settings(context, layout, _tool):
-        """The header's settings of the tool."""
         if words := lacks_take(context):
             layout.label(text=words, icon="INFO")
             return

@@ -57,7 +57,6 @@ class Letters:
     shader: gpu.types.GPUShader | None = None
 
     def width(self, words: str, size: float) -> float:
-        """How wide words are, px."""
         return self._laid_out(words, size)[2]
 
     def draw(self, words: Iterable[Word], size: float, shadow: bool = False):
@@ -81,7 +80,6 @@ class Letters:
         self._draw_boxes(boxes, places, colours)
 
     def forget(self):
-        """Lets go of what the GPU has."""
         self._drop_picture()
         self.shader = None
 

@@ -143,7 +143,6 @@ class Canvas:
         self._waiting[-1][1].append(columns)
 
     def done(self):
-        """Draws what waits for it, in its order."""
         for width, parts in self._waiting:
             columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
             if width is None:
@@ -170,7 +169,6 @@ class Canvas:
         self.texts(zip((words[at] for at in there.tolist()), starts[there].tolist(), strict=True))
 
     def text(self, words: str, x: float, y: float, colour: tuple[float, ...] = WHITE):
-        """Words that begin at x, y px."""
         self.texts([(words, (x, y))], colour)
 
     def texts(self, words: Iterable[tuple[str, tuple[float, float]]], colour: tuple[float, ...] = WHITE):

@@ -168,7 +168,6 @@ class MOCAP_AUTOLABEL_UL_takes(DrawsRows, bpy.types.UIList):
     """Labelled takes, each with its subject."""
 
     def draw_row(self, context, layout, item, index):
-        """A take to learn from."""
         row = layout.row(align=True)
         row.label(text=item.name)
         row.prop(item, "subject", text="", emboss=False, icon="USER")
@@ -267,7 +266,6 @@ class MOCAP_AUTOLABEL_UL_performers(DrawsRows, bpy.types.UIList):
     """Those who are asked for."""
 
     def draw_row(self, context, layout, item, index):
-        """A performer: colour, name and marker set."""
         row = layout.split(factor=0.5, align=True)
         named = row.row(align=True)
         colour = named.row()
@@ -333,7 +331,6 @@ class MOCAP_AUTOLABEL_UL_folder_takes(DrawsRows, bpy.types.UIList):
     """Takes, the worst first: how much there is to look at, and how many frames of a marker are at stake."""
 
     def draw_row(self, context, layout, item, index):
-        """A take of the folder."""
         split = layout.split(factor=0.5, align=True)
         split.label(text=item.name, icon=STATE_ICONS.get(item.state, "CHECKMARK"))
         if not item.measured:

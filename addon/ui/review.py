@@ -12,7 +12,7 @@ from ..scene.fills import kept_cutoff
 from ..scene.opened import opened
 from ..scene.performers import body_material, homes
 from ..scene.playing import PLAYED, part_here, played_takes, suspects_of, what_is_wrong
-from ..scene.trouble import known_cameras, known_trouble
+from ..scene.trouble import known_trouble
 from .parts import (
     DrawsRows,
     draw_choice,
@@ -51,9 +51,6 @@ def trouble(layout, context):
         layout.label(text="Nothing", icon="CHECKMARK")
         return
     layout.row(align=True).prop(state, "trouble_done", expand=True)
-    row = layout.row(align=True)
-    row.prop(state, "trouble_kind", text="")
-    row.prop_search(state, "trouble_marker", state, "markers", text="", icon="EMPTY_AXIS")
     draw_list(layout, state, "troubles", rows=5)
     row = layout.row(align=True)
     row.operator("mocap_autolabel.next_trouble", text="Previous", icon="TRIA_LEFT").back = True
@@ -80,7 +77,6 @@ class MOCAP_AUTOLABEL_UL_troubles(DrawsRows, bpy.types.UIList):
     """Troubles, the worst first: where, what about, and how many frames of a marker are at stake."""
 
     def draw_row(self, context, layout, item, index):
-        """A trouble; its frames are a button that goes there."""
         split = layout.split(factor=0.46, align=True)
         frames = frames_in_short(item.first, item.last)
         split.operator("mocap_autolabel.show_trouble", text=frames, icon=ICONS[item.kind]).index = index
@@ -92,24 +88,6 @@ class MOCAP_AUTOLABEL_UL_troubles(DrawsRows, bpy.types.UIList):
         """Which rows the choices above let be seen; their order stays."""
         rows = getattr(data, property_name)
         return [self.bitflag_filter_item if is_listed(data, row) else 0 for row in rows], []
-
-
-@panel(
-    "Cameras",
-    under="review",
-    closed=True,
-    seen=lambda context: has_take(context) and known_cameras(context.scene.mocap_autolabel.take, context.scene),
-)
-def camera_blobs(layout, context):
-    """How well each camera's blobs are named, and how far they are off."""
-    grid = layout.grid_flow(row_major=True, columns=4, even_columns=False, align=True)
-    for words in ("Camera", "Named", "Beside", "px"):
-        grid.label(text=words)
-    for one in known_cameras(context.scene.mocap_autolabel.take, context.scene):
-        named = f"{one.named / one.blobs:.0%}" if one.blobs else "–"
-        error = f"{one.error_px:.2f}" if one.error_px == one.error_px else "–"
-        for words in (one.name, named, str(one.unnamed_beside), error):
-            grid.label(text=words)
 
 
 @panel(
@@ -129,7 +107,6 @@ class MOCAP_AUTOLABEL_UL_changes(DrawsRows, bpy.types.UIList):
     """Changes, the longest first."""
 
     def draw_row(self, context, layout, item, index):
-        """A change; its frame is a button that goes there."""
         row = layout.row(align=True)
         draw_jump(row, str(item.first), item.first, item.name, icon="TIME")
         row.label(text=item.words)
@@ -168,7 +145,6 @@ class MOCAP_AUTOLABEL_UL_markers(DrawsRows, bpy.types.UIList):
     """Markers."""
 
     def draw_row(self, context, layout, item, index):
-        """A marker; its gaps are a button that goes to the first."""
         name, found, gaps, *residual = cells(layout, has_residuals(context))
         name.label(text=item.name)
         found.label(text=f"{item.labelled:.1%}")
@@ -215,7 +191,6 @@ class MOCAP_AUTOLABEL_UL_corrections(DrawsRows, bpy.types.UIList):
     """Edits in the order in which they are applied."""
 
     def draw_row(self, context, layout, item, index):
-        """An edit, with a warning where it changes nothing."""
         layout.label(text=item.name, icon="ERROR" if item.idle else "NONE")
 
 
@@ -331,7 +306,6 @@ class MOCAP_AUTOLABEL_UL_gaps(DrawsRows, bpy.types.UIList):
     """Gaps that were filled, or that were left."""
 
     def draw_row(self, context, layout, item, index):
-        """A gap, with the error to expect where it was filled."""
         row = layout.row(align=True)
         row.label(text=item.name, icon="ERROR" if item.method and item.reason else "NONE")
         draw_jump(row, frames_in_short(item.first, item.last), item.first, item.name, emboss=False)

@@ -93,7 +93,6 @@ class DrawnRuns:
     legend: list[gpu.types.GPUBatch] | None = None
 
     def ready(self, runs: Runs):
-        """Makes what there is not yet, for these rows."""
         if self.shader is None:
             corners, between = "VEC4 run, VEC2 corner", "@FLOAT state, FLOAT across"
             self.shader = made_shader("run", VERTEX, FRAGMENT, corners, between, "VEC4 view")
@@ -105,7 +104,6 @@ class DrawnRuns:
             self.of, self.batch = weakref.ref(runs), buffer_of(self.shader, table)
 
     def forget(self):
-        """Lets go of what the GPU has."""
         self.of = self.batch = self.shader = self.legend = None
 
 
@@ -178,7 +176,6 @@ class Pixels:
         gpu.matrix.pop()
 
     def box(self, left: float, lower: float, right: float, upper: float, colour: tuple[float, ...]):
-        """A filled box."""
         self.boxes(np.array([[left, lower, right, upper]]), colour)
 
     def boxes(self, ends: np.ndarray, colour: tuple[float, ...]):

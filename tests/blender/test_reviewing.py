@@ -31,7 +31,7 @@ def state(extension, empty, made, tmp_path, name_as):
     name_as(np.where(np.isin(np.arange(GHOST + 1), [knee, GHOST]), NO_MARKER, np.arange(GHOST + 1)))
     label_walk(tmp_path)
     state = bpy.context.window_manager.mocap_autolabel
-    state.trouble_kind, state.trouble_done, state.trouble_marker, state.trouble_index = "ALL", "OPEN", "", 0
+    state.trouble_done, state.trouble_index = "OPEN", 0
     return SimpleNamespace(review=state, knee=knee, folder=tmp_path)
 
 
@@ -114,13 +114,6 @@ def test_the_next_is_the_next_that_is_listed_and_open(state):
     assert state.review.trouble_index == 1
     bpy.ops.mocap_autolabel.next_trouble(back=True)
     assert state.review.trouble_index == 0
-    state.review.trouble_kind = "left over"
-    bpy.ops.mocap_autolabel.next_trouble()
-    assert state.review.troubles[state.review.trouble_index].kind == "left over"
-    state.review.trouble_kind, state.review.trouble_marker = "ALL", LOST
-    seen = [row.name for row in state.review.troubles if reviewing.is_listed(state.review, row)]
-    assert seen
-    assert all(LOST in name for name in seen)
     state.review.trouble_done = "DONE"
     assert bpy.ops.mocap_autolabel.next_trouble() == {"CANCELLED"}
 

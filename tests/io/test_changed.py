@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What labelling again changed, told from files of which only the frames that differ are read."""
 
+from dataclasses import asdict
 from itertools import zip_longest
 
 import numpy as np
@@ -30,7 +31,7 @@ def all_rows_read(before, after) -> dict:
     frame, was, now = np.array(table, dtype=np.int64).reshape(-1, 3).T
     frames, at = np.unique(frame, return_inverse=True)
     found = changes(at.ravel(), was, now, MARKERS, frames)
-    return {"changed": [one.as_dict() for one in found[:MAX_LISTED]], "changed_in_all": summary_of_changes(found)}
+    return {"changed": [asdict(one) for one in found[:MAX_LISTED]], "changed_in_all": summary_of_changes(found)}
 
 
 def labels(rng, blobs: bool) -> tuple[str, list[list[str]]]:

@@ -23,7 +23,7 @@ from addon.core.edits.kinds import (
     UnlabelMarker,
     UnlabelPoint,
 )
-from addon.core.edits.rows import EDIT_LIMITS
+from addon.core.edits.rows import MAX_EDITS
 from addon.io.edits import edits_beside, read_edits, write_edits
 
 CONTRACT = """{"version": 1, "edits": [
@@ -216,6 +216,6 @@ def test_edits_that_are_none_are_refused_by_their_number(path, row, said):
 
 def test_a_list_of_more_than_anybody_makes_is_refused(path):
     row = '{"kind": "right", "marker": "A"}'
-    path.write_text(f'{{"version": 1, "edits": [{",".join([row] * (EDIT_LIMITS.max_edits + 1))}]}}')
-    with pytest.raises(InputError, match=f"has {EDIT_LIMITS.max_edits + 1} edits; expected at most"):
+    path.write_text(f'{{"version": 1, "edits": [{",".join([row] * (MAX_EDITS + 1))}]}}')
+    with pytest.raises(InputError, match=f"has {MAX_EDITS + 1} edits; expected at most"):
         read_edits(path)

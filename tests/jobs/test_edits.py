@@ -9,7 +9,7 @@ import pytest
 
 from addon.capturing import truth_path
 from addon.core.data.progress import finished
-from addon.core.edits.applying import BlobCells, apply_to_blobs
+from addon.core.edits.applying import apply_edits, cells_of_blobs
 from addon.core.edits.kinds import AssignBlob, Edits
 from addon.demo.take import MODEL
 from addon.io.cameras import read_cameras
@@ -46,7 +46,7 @@ def test_one_blob_named_holds_and_hardly_costs_others_their_names(capture, tmp_p
     one = truth.index(chosen)
     assert chunk.labels.marker[one] == markerset.index("RTOE")
     assert chunk.labels.confidence[one] == 1
-    again = apply_to_blobs(chunk.unedited, edits, BlobCells.of(blobs, cameras.names, markerset))
+    again = apply_edits(chunk.unedited, edits, cells_of_blobs(blobs, cameras.names, markerset.by_name, len(markerset)))
     assert (again.labels.marker == chunk.labels.marker).all()
     counts = []
     for labels in (first.chunks[0][1].labels, chunk.labels):

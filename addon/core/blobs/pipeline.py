@@ -16,7 +16,7 @@ from ..body.bodies import Bodies
 from ..data.errors import JobError
 from ..data.markersets import MarkerSet
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect, summed
-from ..edits.applying import BlobCells, apply_to_blobs
+from ..edits.applying import apply_edits, cells_of_blobs
 from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.views import VIEWING, View, split_views
@@ -28,7 +28,7 @@ from .continuity import renamed
 from .image_tracklets import name_by_tracklets
 from .rereading import REREADING, Rereader
 from .search import CROWDING, FINDING, MAX_FINALISTS, Found, Hints, find_subject
-from .seeding import contradicted, fixed_in, seeds_of
+from .seeding import contradicted, fixed_in
 from .subject import Setup
 from .swaps import exchange_loss, exchanged, swap_names
 from .tracking import Followed, FrameResult, Track, follow
@@ -97,8 +97,9 @@ def label_take(
             before = labeller.kept() if edits and seeded is None else None
             labelled = labeller.label(blobs)
             if edits:
-                cells = BlobCells.of(blobs, cameras.names, markerset)
-                seeds = seeds_of(apply_to_blobs(labelled.labels, edits, cells), cells)
+                cells = cells_of_blobs(blobs, cameras.names, markerset.by_name, len(markerset))
+                edited = apply_edits(labelled.labels, edits, cells).edited
+                seeds = np.where(edited.named, edited.labels.marker, NO_MARKER)
                 if seeded is None and (seeds != NO_MARKER).any():
                     seeded = before
                 if seeded is not None:

@@ -4,15 +4,8 @@
 import numpy as np
 
 from ..data.takes import NO_MARKER
-from ..edits.applying import AppliedEdits, BlobCells
 from ..geometry.views import View
 from ..papers.virtual_occlusions.labelling import Naming
-
-
-def seeds_of(applied: AppliedEdits, cells: BlobCells) -> np.ndarray:
-    """(N,) the marker that a person says each blob is, NO_MARKER where nobody does."""
-    given = applied.edited.named[cells.image, cells.slot]
-    return np.where(given, applied.labels.marker, NO_MARKER)
 
 
 def fixed_in(view: View, seeds: np.ndarray | None, markers: int) -> np.ndarray | None:

@@ -13,7 +13,7 @@ import numpy as np
 from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..geometry.cameras import Cameras
 from ..geometry.rotations import cross_matrix, exponential
-from ..review.camera_places import MOVED
+from ..review.camera_places import SHIFT_SD_M, TURN_SD_RAD
 from .sightings import Sightings
 
 TURN_AND_SHIFT = 6  # unknowns of a camera
@@ -37,7 +37,7 @@ class _Bundle:
         self.column = column[self.seen.camera]
         self.focal = cameras.focal[self.seen.camera]
         # Only what the blobs do not say is kept from running away.
-        sds = np.repeat([MOVED.turn_sd_rad, MOVED.shift_sd_m], 3)
+        sds = np.repeat([TURN_SD_RAD, SHIFT_SD_M], 3)
         self.held = np.tile(MARKER_LIMITS.noise_px / sds, len(free))
         self.places = self._places()
 

@@ -113,7 +113,7 @@ def _labelled(
     for number, part in enumerate(parts):
         yield span[0] + (span[1] - span[0]) * number / len(parts), f"label frames from {part.frames[0]}"
         [chunk] = label_blobs([part], cameras, model, options)
-        check.add(part, chunk)
+        check.add(part, chunk.labels.marker, chunk.motion.expected)
         labelled.append(chunk)
     return labelled, check
 
@@ -123,7 +123,7 @@ def _unlabelled(parts: Sequence[Blobs], cameras: Cameras, model: Model) -> Camer
     check = CameraCheck(cameras, model.markerset)
     for part in parts:
         nowhere = np.full((len(part.frames), len(model.markerset), 3), np.nan)
-        check.add_named(part, np.full(len(part), NO_MARKER), nowhere)
+        check.add(part, np.full(len(part), NO_MARKER), nowhere)
     return check
 
 
@@ -137,7 +137,7 @@ def _refuse_room(check: CameraCheck):
 
 def _refuse_nobody(check: CameraCheck, name: str):
     """JobError where nobody was labelled to go by."""
-    seen = check.figures.seen.max()
+    seen = check.counts[0].max()
     if 0 < seen < CAMERA_HEALTH.enough:
         return  # somebody, in too few frames: what is named in them is counted next
     if not check.usual > 1 - CAMERA_HEALTH.max_lacking:

@@ -135,13 +135,6 @@ class Labels:
         """The labels of `other` where `where` is True, and these elsewhere; without rates."""
         return type(self)(*(np.where(where, getattr(other, name), getattr(self, name)) for name in LABEL_COLUMNS))
 
-    def spread(self, at: tuple[np.ndarray, ...], *shape: int) -> Self:
-        """A table of this shape with these labels (N,) at the indices `at`, and none elsewhere; without rates."""
-        table = type(self).none(*shape)
-        for name in LABEL_COLUMNS:
-            getattr(table, name)[at] = getattr(self, name)
-        return table
-
     def placed(self, points: np.ndarray, markers: int) -> np.ndarray:
         """(T, M, …), what each of M markers has of points (T, P, …) with these labels (T, P); NaN where none is."""
         return placed(self.marker, points, markers)

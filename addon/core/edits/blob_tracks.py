@@ -15,27 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..data.takes import Blobs
-from .kinds import BlobEdit, Edits
+from .kinds import BLOB_RADIUS_PX, BlobEdit, Edits
 
-
-@dataclass(frozen=True)
-class BlobTrackOptions:
-    """When two blobs of frames that follow each other are plainly one.
-
-    Measured on the second half of a recording of real blobs, 11 cameras of 4096 px: of 400 tracks a mean of 327 of 500
-    frames is followed, and 0.16 % of their blobs are another marker's.
-
-    reach_px  physical: px from where its velocity leads: a hand's change of speed in a frame at 60 to 200 Hz
-    apart     measured: times as far as the nearest blob the second one must be; 2 is wrong 1.7 times as often
-    apart_px  measured: this far at least, as nearer ones merge and part again; half of it is wrong thrice as often
-    """
-
-    reach_px: float = 20.0
-    apart: float = 3.0
-    apart_px: float = 8.0
-
-
-BLOB_TRACKS = BlobTrackOptions()
+# When two blobs of frames that follow each other are plainly one. Measured on the second half of a recording of real
+# blobs, 11 cameras of 4096 px: of 400 tracks a mean of 327 of 500 frames is followed, and 0.16 % of their blobs are
+# another marker's.
+TRACK_REACH_PX = 20.0  # physical: px from where its velocity leads: a hand's change of speed in a frame at 60 to 200 Hz
+TRACK_APART = 3.0  # measured: times as far as the nearest blob the second must be; 2 is wrong 1.7 times as often
+TRACK_APART_PX = 8.0  # measured: this far at least, as nearer ones merge and part; half of it is wrong thrice as often
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,11 +47,11 @@ class BlobsOfCamera:
         starts = np.searchsorted(blobs.frame[rows], np.arange(len(blobs.frames) + 1))
         return cls(int(blobs.frames[0]) if len(blobs.frames) else 0, rows, starts, blobs.xy[rows])
 
-    def at(self, frame: int, x: float, y: float, radius: float) -> int | None:
+    def at(self, frame: int, x: float, y: float) -> int | None:
         """The blob nearest to a place in a frame by its number, as an index into these; None without one so near."""
         part = self._in(frame - self.first)
         off = np.hypot(*(self.xy[part] - (x, y)).T)
-        return part.start + int(off.argmin()) if len(off) and off.min() <= radius else None
+        return part.start + int(off.argmin()) if len(off) and off.min() <= BLOB_RADIUS_PX else None
 
     def track(self, frame: int, found: int, frames: tuple[int, int]) -> np.ndarray:
         """(K,) the blobs, as indices into these, of the track of `found` in `frame` through frames around it."""
@@ -101,23 +88,22 @@ def _same(here: np.ndarray, found: int, after: np.ndarray, velocity: np.ndarray 
     led = here[found] if velocity is None else here[found] + velocity
     off = np.hypot(*(after - led).T)
     nearest = int(off.argmin())
-    if off[nearest] > BLOB_TRACKS.reach_px:
+    if off[nearest] > TRACK_REACH_PX:
         return None
-    clear = max(BLOB_TRACKS.apart * off[nearest], BLOB_TRACKS.apart_px)
+    clear = max(TRACK_APART * off[nearest], TRACK_APART_PX)
     if len(after) > 1 and np.partition(off, 1)[1] < clear:
         return None
     # Another blob may be nearer to it, whose it is then: this one is not seen any more.
     others = np.hypot(*(here - after[nearest]).T)
     others[found] = np.inf
-    return None if others.min() < max(off[nearest], BLOB_TRACKS.apart_px) else nearest
+    return None if others.min() < max(off[nearest], TRACK_APART_PX) else nearest
 
 
 class BlobTracks:
     """The tracks of a take's blobs, each followed once."""
 
-    def __init__(self, blobs: Blobs, cameras: tuple[str, ...], radius: float):
-        """`radius` px is how far from its place the blob of an edit may be."""
-        self.blobs, self.cameras, self.radius = blobs, cameras, radius
+    def __init__(self, blobs: Blobs, cameras: tuple[str, ...]):
+        self.blobs, self.cameras = blobs, cameras
         self._of: dict[int, BlobsOfCamera] = {}
         self._trails: dict[tuple, np.ndarray] = {}
 
@@ -153,7 +139,7 @@ class BlobTracks:
     def _trail(self, edit: BlobEdit) -> np.ndarray:
         """(K, 3) frame, x and y px of the track of an edit's blob; none where it finds no blob."""
         own = self.camera(self.cameras.index(edit.camera))
-        found = own.at(edit.frame, edit.x, edit.y, self.radius)
+        found = own.at(edit.frame, edit.x, edit.y)
         if found is None:
             return np.empty((0, 3))
         track = own.track(edit.frame, found, edit.span)
@@ -171,7 +157,7 @@ def wants_tracks(edits: Edits) -> Mapping[str, tuple[int, int]]:
     return wanted
 
 
-def followed(edits: Edits, chunks: Iterable[Blobs], cameras: tuple[str, ...], radius: float) -> Edits:
+def followed(edits: Edits, chunks: Iterable[Blobs], cameras: tuple[str, ...]) -> Edits:
     """The edits of a take that is read chunk by chunk, of which those of tracks know the blobs of these.
 
     Keeps the blobs of the cameras that tracks are of and nothing else; reads nothing where there are none.
@@ -181,10 +167,10 @@ def followed(edits: Edits, chunks: Iterable[Blobs], cameras: tuple[str, ...], ra
         return edits
     some = [index for index, name in enumerate(cameras) if name in wanted]
     first, last = min(span[0] for span in wanted.values()), max(span[1] for span in wanted.values())
-    parts = [_of_cameras(chunk.between(first, last), some) for chunk in chunks]
-    return BlobTracks(Blobs.join(part for part in parts if len(part.frames)), cameras, radius).followed(edits)
-
-
-def _of_cameras(blobs: Blobs, cameras: list[int]) -> Blobs:
-    kept = np.isin(blobs.camera, cameras)
-    return replace(blobs, **{name: getattr(blobs, name)[kept] for name in ("frame", "camera", "xy", "area")})
+    parts = []
+    for chunk in chunks:
+        part = chunk.between(first, last)
+        kept = np.isin(part.camera, some)
+        columns = {name: getattr(part, name)[kept] for name in ("frame", "camera", "xy", "area")}
+        parts += [replace(part, **columns)] if len(part.frames) else []
+    return BlobTracks(Blobs.join(parts), cameras).followed(edits)

@@ -1,51 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What edits of blobs say of the points that these make, for a naming by points."""
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from ..data.markersets import Worn
 from ..data.takes import NO_POINT, Blobs, Labels
-from .applying import BlobCells, apply_edit
+from .applying import apply_edit, cells_of_blobs
 from .kinds import AssignBlob, AssignPoint, Edits
-from .replay import Replay
-
-
-def named_points(
-    edits: Edits, blobs: Blobs, cameras: tuple[str, ...], names: Mapping[str, int], count: int, rows: np.ndarray
-) -> dict[int, int]:
-    """The marker of each of the Q points of a chunk that a person named by naming a blob of it.
-
-    The points are made of the blobs `rows` (Q, C), -1 where a camera has none; `names` are the indices of the `count`
-    markers. What is said last of a point, or of a marker in a frame, is meant. That a blob is not what it is called
-    says nothing of its point, which other cameras may name, too.
-    """
-    spans = [edit.span for edit in edits if isinstance(edit, AssignBlob)]
-    if not any(first <= blobs.frames[-1] and last >= blobs.frames[0] for first, last in spans):
-        return {}
-    cells = BlobCells.named(blobs, cameras, names, count)
-    nothing = Labels.none(*cells.present.shape)
-    replay = Replay.of_table(nothing, cells.count, len(cells.cameras))
-    when = np.full(replay.rule.shape, -1)
-    for number, edit in enumerate(edits):
-        before = replay.rule.copy()
-        apply_edit(replay, edit, cells)
-        when[replay.rule != before] = number
-    point_of = np.full(len(cells.blobs), NO_POINT)
-    point, camera = np.nonzero(rows >= 0)
-    point_of[rows[point, camera]] = point
-    rule = replay.rule[cells.cell]
-    named = np.flatnonzero((rule >= 0) & (rule < cells.count) & (point_of != NO_POINT))
-    markers: dict[int, int] = {}
-    points: dict[tuple[int, int], int] = {}
-    for blob in named[np.argsort(when[cells.cell[named]], kind="stable")].tolist():
-        frame, marker, of = int(cells.blobs.frame[blob]), int(rule[blob]), int(point_of[blob])
-        if of in markers:
-            points.pop((frame, markers[of]), None)
-        markers.pop(points.get((frame, marker), NO_POINT), None)
-        markers[of], points[frame, marker] = marker, of
-    return markers
 
 
 class NamedThroughBlobs:
@@ -63,11 +24,41 @@ class NamedThroughBlobs:
 
         trajectory (Q,) is the one of each.
         """
-        named = named_points(self.edits, blobs, self.cameras, self.names, self.count, rows)
-        for point, marker in named.items():
+        for point, marker in self._named_in(blobs, rows).items():
             frame = blobs.frame[rows[point].max()]
             if marker < len(self.worn):
                 self.named[int(trajectory[point]), int(blobs.frames[frame])] = marker
+
+    def _named_in(self, blobs: Blobs, rows: np.ndarray) -> dict[int, int]:
+        """The marker of each of the Q points of a chunk that a person named.
+
+        What is said last of a point, or of a marker in a frame, is meant. That a blob is not what it is called says
+        nothing of its point, which other cameras may name, too.
+        """
+        spans = [edit.span for edit in self.edits if isinstance(edit, AssignBlob)]
+        if not any(first <= blobs.frames[-1] and last >= blobs.frames[0] for first, last in spans):
+            return {}
+        cells = cells_of_blobs(blobs, self.cameras, self.names, self.count)
+        replay = cells.replay(Labels.none(len(blobs)))
+        when = np.full(len(blobs), -1)
+        for number, edit in enumerate(self.edits):
+            before = replay.rule.copy()
+            apply_edit(replay, edit, cells)
+            when[replay.rule != before] = number
+        point_of = np.full(len(blobs), NO_POINT)
+        point, camera = np.nonzero(rows >= 0)
+        point_of[rows[point, camera]] = point
+        rule = replay.rule
+        named = np.flatnonzero((rule >= 0) & (rule < self.count) & (point_of != NO_POINT))
+        markers: dict[int, int] = {}
+        points: dict[tuple[int, int], int] = {}
+        for blob in named[np.argsort(when[named], kind="stable")].tolist():
+            frame, marker, of = int(blobs.frame[blob]), int(rule[blob]), int(point_of[blob])
+            if of in markers:
+                points.pop((frame, markers[of]), None)
+            markers.pop(points.get((frame, marker), NO_POINT), None)
+            markers[of], points[frame, marker] = marker, of
+        return markers
 
     def edits_of(self, place: np.ndarray) -> Edits:
         """The same as edits of points, where each trajectory (N,) has a place among those of the take, -1 for none."""

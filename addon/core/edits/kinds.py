@@ -5,17 +5,21 @@ An edit is a verb of a target in some frames. All that it means is here: its fil
 how it reads and what it does to labels, as a method of `Replay`. Those who apply, write or show edits know no kinds.
 
 A take is its recording, what the program named, and a list of edits. Undo is a shorter list, redo the longer one
-again: an editor keeps an `Edits` and shows `applying.apply_to_points` of it, which touches nothing it was given. Frames
-are the source's own numbers, both included, None for the whole take.
+again: an editor keeps an `Edits` and shows `applying.apply_edits` of it, which touches nothing it was given. Frames are
+the source's own numbers, both included, None for the whole take.
 """
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Self
 
 import numpy as np
 
+from ..data.wording import words_of_frames
 from .replay import Replay
+
+BLOB_RADIUS_PX = 2.0  # format: px from where an edit says that its blob is, the contract's
 
 
 @dataclass(frozen=True)
@@ -231,10 +235,11 @@ class Edits:
         """The list with more edits behind the others."""
         return replace(self, items=(*self.items, *edits))
 
-    def without(self, *indices: int) -> Self:
-        """The list without those at some indices, such as the last, -1, for undo."""
-        gone = {range(len(self.items))[index] for index in indices}
-        return self.of(edit for index, edit in enumerate(self.items) if index not in gone)
+    def without(self, index: int) -> Self:
+        """The list without the one at an index, such as the last, -1, for undo."""
+        items = list(self.items)
+        del items[index]
+        return self.of(items)
 
     def of(self, edits: Iterable[Edit]) -> Self:
         """The same list with other edits in it."""
@@ -247,3 +252,24 @@ EDIT_KINDS: tuple[type[Edit], ...] = (
     *(AssignPoint, AssignBlob, UnlabelMarker, UnlabelPoint, UnlabelBlob, Swap),
     *(Delete, DeleteBlob, Place, Right, Accepted),
 )
+# Frames in a sentence: one, or the first and last of some. How many there are is said before the word.
+FRAMES_SAID = re.compile(r"\bframes? -?\d+(?:(?:–| to )-?\d+)?")
+
+
+def words_of(edit: Edit, shift: int = 0) -> str:
+    """What an edit says, and of which frames, such as "LKNE is trajectory 12, frame 7"; `shift` is added to these."""
+    target = edit.target
+    said = edit.verb.words.format(target=target, Target=target[:1].upper() + target[1:], marker="".join(edit.names[:1]))
+    if edit.span is None:
+        return f"{said}, all frames"
+    first, last = (number + shift for number in edit.span)
+    return f"{said}, {words_of_frames(first, last)}"
+
+
+def counted_on(words: str, shift: int) -> str:
+    """A sentence with `shift` added to the frames that it names: for who counts them otherwise than the source."""
+
+    def moved(found: re.Match) -> str:
+        return re.sub(r"-?\d+", lambda number: str(int(number[0]) + shift), found[0])
+
+    return FRAMES_SAID.sub(moved, words) if shift else words

@@ -3,8 +3,8 @@
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Sequence
+from dataclasses import fields
 from typing import Any, TypeGuard
 
 from ..data.errors import InputError
@@ -14,21 +14,9 @@ from .kinds import EDIT_KINDS, BlobEdit, Edit, Edits, Place
 EDITS_VERSION = 1
 
 
-@dataclass(frozen=True)
-class EditLimits:
-    """What an edit may say.
-
-    max_edits  memory: some 100 MB of them; a person makes hundreds
-    max_m      physical, m from the origin that a marker may be placed: beyond any room
-    max_px     physical, px that a blob may be looked for at: a thousand times the width of a camera's image
-    """
-
-    max_edits: int = 100_000
-    max_m: float = 10_000.0
-    max_px: float = 1e7
-
-
-EDIT_LIMITS = EditLimits()
+MAX_EDITS = 100_000  # memory: some 100 MB of them; a person makes hundreds
+MAX_PLACE_M = 10_000.0  # physical: m from the origin that a marker may be placed: beyond any room
+MAX_PX = 1e7  # physical: px that a blob may be looked for at: a thousand times the width of a camera's image
 MAX_POINT = 2**31 - 1  # format: indices of trajectories are whole numbers of 32 bits
 
 
@@ -59,8 +47,8 @@ def edits_of(document: object) -> Edits:
         raise InputError(f"is of version {_shown(version)}; expected edits of version {EDITS_VERSION}")
     if not isinstance(rows, list):
         raise InputError('has no list "edits"; expected {"version": 1, "edits": [...]}')
-    if len(rows) > EDIT_LIMITS.max_edits:
-        raise InputError(f"has {len(rows)} edits; expected at most {EDIT_LIMITS.max_edits}")
+    if len(rows) > MAX_EDITS:
+        raise InputError(f"has {len(rows)} edits; expected at most {MAX_EDITS}")
     more = {key: value for key, value in document.items() if key not in ("version", "edits")}
     if not _can_be_kept(more):
         raise InputError("holds beside its edits what JSON cannot hold; expected finite numbers and letters of Unicode")
@@ -93,7 +81,7 @@ def edit_of(row: object, number: int) -> Edit:
     if foreign:
         words = f"edit {number} has {foreign[0]!r} beside {' '.join(keys)}"
         raise InputError(f"{words}; expected {_shape(whole, keys)}")
-    values = {key: CHECKS[key](row[key], number) for key in keys}
+    values = {key: _value(key, row[key], number) for key in keys}
     if ranged and row.get("frames") is not None:
         values["frames"] = _frames(row["frames"], number)
         first, last = values["frames"]
@@ -121,76 +109,26 @@ def _shape(whole: type[Edit], keys: Sequence[str]) -> str:
     return f"{whole.verb.kind} with {' '.join(keys)}" + ("" if whole is Place else " and, if wanted, frames")
 
 
-def _checked(fine: bool, value: Any, what: str, expected: str) -> Any:
-    """The value, where it is fine; InputError that shows it where it is not."""
-    if not fine:
-        raise InputError(f"{what} {_shown(value)}; expected {expected}")
-    return value
-
-
-def _point(value: Any, number: int) -> int:
-    fine = _is_whole(value) and 0 <= value <= MAX_POINT
-    expected = f"the number of a trajectory, from 0 to {MAX_POINT:,}"
-    return _checked(fine, value, f"edit {number} has the point", expected)
-
-
-def _frame(value: Any, number: int) -> int:
-    fine = _is_whole(value) and abs(value) <= MAX_FRAME
-    expected = f"a whole number as in the source, up to {MAX_FRAME:,}"
-    return _checked(fine, value, f"edit {number} has the frame", expected)
-
-
 def _frames(value: Any, number: int) -> tuple[int, int]:
-    fine = isinstance(value, list) and len(value) == 2
-    _checked(fine, value, f"edit {number} has the frames", "the first and the last, such as [1, 9]")
-    first, last = (_frame(one, number) for one in value)
+    first, last = (_value("frame", one, number) for one in _value("frames", value, number))
     if first > last:
         raise InputError(f"edit {number} has the frames {first} to {last}; expected the first before the last")
     return first, last
 
 
-def _name(what: str) -> Callable[[Any, int], str]:
-    def name(value: Any, number: int) -> str:
-        fine = isinstance(value, str) and bool(value.strip()) and _can_be_kept(value)
-        return _checked(fine, value, f"edit {number} has the {what}", "its name")
-
-    return name
-
-
-def _markers(value: Any, number: int) -> tuple[str, str]:
-    _checked(isinstance(value, list) and len(value) == 2, value, f"edit {number} has the markers", "two names")
-    one, other = (_name("marker")(name, number) for name in value)
-    if one == other:
-        raise InputError(f"edit {number} swaps {one!r} with itself; expected two names")
-    return one, other
-
-
-def _pixel(value: Any, number: int) -> float:
-    fine = _is_number(value) and abs(value) <= EDIT_LIMITS.max_px
-    expected = f"x and y in px, up to {EDIT_LIMITS.max_px:,.0f}"
-    return float(_checked(fine, value, f"edit {number} looks for a blob at", expected))
-
-
-def _xyz(value: Any, number: int) -> tuple[float, float, float]:
-    fine = isinstance(value, list) and len(value) == 3 and all(map(_is_number, value))
-    fine = fine and max(map(abs, value)) <= EDIT_LIMITS.max_m
-    expected = f"x, y and z in m, finite and up to {EDIT_LIMITS.max_m:,.0f} either way"
-    x, y, z = map(float, _checked(fine, value, f"edit {number} has the place", expected))
-    return x, y, z
-
-
-CHECKS: Mapping[str, Callable] = {
-    "point": _point,
-    "marker": _name("marker"),
-    "camera": _name("camera"),
-    "doubt": _name("doubt"),
-    "frame": _frame,
-    "x": _pixel,
-    "y": _pixel,
-    "markers": _markers,
-    "xyz": _xyz,
-}
-ALL_KEYS = {"kind", "frames", *CHECKS}
+def _value(key: str, value: Any, number: int) -> Any:
+    """What a row has for a key, as an edit has it; InputError that shows it where it is none."""
+    fine, has, expected = CHECKS[key]
+    if not fine(value):
+        raise InputError(f"edit {number} {has} {_shown(value)}; expected {expected}")
+    if key == "markers":
+        one, other = (_value("marker", name, number) for name in value)
+        if one == other:
+            raise InputError(f"edit {number} swaps {one!r} with itself; expected two names")
+        return one, other
+    if key == "xyz":
+        return tuple(map(float, value))
+    return float(value) if key in ("x", "y") else value
 
 
 def _is_whole(value: object) -> TypeGuard[int]:
@@ -218,3 +156,40 @@ def _shown(value: object) -> str:
         some = ["a list" if isinstance(one, list) else _shown(one) for one in value[:4]]
         return f"[{', '.join(some)}{', …' if len(value) > len(some) else ''}]"
     return "of too many digits" if _is_whole(value) and abs(value) >= 2**63 else ascii(value)[:40]
+
+
+def _is_pixel(value: object) -> bool:
+    return _is_number(value) and abs(value) <= MAX_PX
+
+
+def _is_place(value: object) -> bool:
+    return _is_list(value, 3) and all(_is_number(one) and abs(one) <= MAX_PLACE_M for one in value)
+
+
+def _is_list(value: object, length: int) -> bool:
+    return isinstance(value, list) and len(value) == length
+
+
+def _is_name(value: object) -> bool:
+    return isinstance(value, str) and bool(value.strip()) and _can_be_kept(value)
+
+
+# Of each key whether a value is one for it, and the words for an edit that has another.
+CHECKS: dict[str, tuple[Callable[[Any], bool], str, str]] = {
+    "point": (
+        lambda value: _is_whole(value) and 0 <= value <= MAX_POINT,
+        "has the point",
+        f"the number of a trajectory, from 0 to {MAX_POINT:,}",
+    ),
+    "frame": (
+        lambda value: _is_whole(value) and abs(value) <= MAX_FRAME,
+        "has the frame",
+        f"a whole number as in the source, up to {MAX_FRAME:,}",
+    ),
+    "frames": (lambda value: _is_list(value, 2), "has the frames", "the first and the last, such as [1, 9]"),
+    "markers": (lambda value: _is_list(value, 2), "has the markers", "two names"),
+    "xyz": (_is_place, "has the place", f"x, y and z in m, finite and up to {MAX_PLACE_M:,.0f} either way"),
+    **dict.fromkeys(("x", "y"), (_is_pixel, "looks for a blob at", f"x and y in px, up to {MAX_PX:,.0f}")),
+    **{what: (_is_name, f"has the {what}", "its name") for what in ("marker", "camera", "doubt")},
+}
+ALL_KEYS = {"kind", *CHECKS}

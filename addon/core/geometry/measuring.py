@@ -24,15 +24,11 @@ def measured_again(
 
     `also` (T, M) are samples to measure again whatever their blobs; the body stays.
     """
-    touched = touched_samples(blobs, before, after, motion.residual.shape)
-    return measured_at(motion, blobs, after, cameras, touched if also is None else touched | also)
-
-
-def measured_at(motion: Motion, blobs: Blobs, labels: Labels, cameras: Cameras, where: np.ndarray) -> Motion:
-    """The motion with the markers of some samples, `where` (T, M), where the rays of their blobs meet."""
+    where = touched_samples(blobs, before, after, motion.residual.shape)
+    where = where if also is None else where | also
     markers, residual, pixels = (getattr(motion, name).copy() for name in ("markers", "residual", "residual_px"))
     if where.any():
-        found = measured_points(blobs, labels, cameras, where)
+        found = measured_points(blobs, after, cameras, where)
         for own, again in zip((markers, residual, pixels), found, strict=True):
             own[where] = again
     return replace(motion, markers=markers, residual=residual, residual_px=pixels)

@@ -21,7 +21,7 @@ from ..data.takes import (
     Blobs,
     LabelledChunk,
 )
-from ..edits.applying import BlobCells, apply_to_blobs
+from ..edits.applying import apply_edits, cells_of_blobs
 from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again, put_places
@@ -100,13 +100,13 @@ def with_edits(
     """
     names = markerset.by_name
     for blobs, chunk in zip(chunks, labelled, strict=True):
-        cells = BlobCells.of(blobs, cameras.names, markerset)
+        cells = cells_of_blobs(blobs, cameras.names, names, len(markerset))
         before, first = chunk.labels, None
         if chunk.unedited is not None:
             before = chunk.unedited
-            first = apply_to_blobs(before, edits, cells)
-            before = cells.rows(first.edited.below(cells.table(before), cells.table(chunk.labels)))
-        applied = apply_to_blobs(before, edits, cells)
+            first = apply_edits(before, edits, cells)
+            before = first.edited.below(before, chunk.labels)
+        applied = apply_edits(before, edits, cells)
         motion = with_bodies_of(chunk.motion, blobs.frame, chunk.labels, applied.labels, markerset)
         motion = measured_again(motion, blobs, chunk.labels, applied.labels, cameras)
         put_places(motion, applied.places)

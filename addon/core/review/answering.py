@@ -30,7 +30,8 @@ def unanswered(suspects: Iterable[Suspect], edits: Edits, names: Mapping[str, in
             left.append(suspect)
             continue
         frames = np.arange(suspect.first, suspect.last + 1)
-        answered = _enough(right_in(about, own, frames)[:, sorted(markers)])
+        right = right_in(about, own, frames)[:, sorted(markers)]
+        answered = right.all(axis=1) if len(markers) > PAIR else right.any(axis=1)
         if suspect.trajectory is not None:
             for edit in about:
                 if isinstance(edit, Swap) or _is_of_trajectory(edit, suspect):
@@ -96,11 +97,6 @@ def _is_of_trajectory(edit: object, suspect: Suspect) -> bool:
 def _within(frames: np.ndarray, span: tuple[int, int] | None) -> np.ndarray:
     """(F,) True for the frames of an edit, which are all where it names none."""
     return np.full(len(frames), True) if span is None else (frames >= span[0]) & (frames <= span[1])
-
-
-def _enough(right: np.ndarray) -> np.ndarray:
-    """(T,) whether what is asked about N markers, right in some frames (T, N), is answered: of two, one says it."""
-    return right.all(axis=1) if right.shape[1] > PAIR else right.any(axis=1)
 
 
 def _rest(suspect: Suspect, answered: np.ndarray) -> list[Suspect]:

@@ -14,28 +14,12 @@ from ..geometry.cameras import Cameras
 from ..geometry.rotations import exponential
 from .camera_order import CAMERA_HEALTH, near_image
 
-
-@dataclass(frozen=True)
-class MovedOptions:
-    """How a camera may have been moved since its calibration.
-
-    turn_sd_rad  physical: rad, standard deviation of its turn about an axis by somebody who knocks against it; 3°
-    shift_sd_m   physical: m, of how far it is shifted
-    bin_rad      measured: width of a bin of the votes, of which three side by side count together; as wide as a body's
-                 own image is blurred by the turns that are tried
-    """
-
-    turn_sd_rad: float = 0.05
-    shift_sd_m: float = 0.05
-    bin_rad: float = 0.004
-
-    @property
-    def reach_rad(self) -> float:
-        """How far it is looked for, rad: beyond two standard deviations it was put elsewhere."""
-        return 2 * self.turn_sd_rad
-
-
-MOVED = MovedOptions()
+TURN_SD_RAD = 0.05  # physical: rad, of a camera's turn about an axis by somebody who knocks against it; 3°
+SHIFT_SD_M = 0.05  # physical: m, of how far it is shifted
+TURN_REACH_RAD = 2 * TURN_SD_RAD  # how far it is looked for: beyond two standard deviations it was put elsewhere
+# measured: rad, width of a bin of the votes, of which three side by side count together; as wide as a body's own image
+# is blurred by the turns that are tried.
+TURN_BIN_RAD = 0.004  # measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +63,7 @@ def find_again(camera: Cameras, points: np.ndarray, blobs: list[np.ndarray], lea
 def _inside(camera: Cameras, points: np.ndarray) -> np.ndarray:
     """(F, M) True where a point may be in the image, also of a camera that was turned a little."""
     pixels = camera.project(points)[0]
-    margin = MOVED.reach_rad * camera.focal[0] / 2
+    margin = TURN_REACH_RAD * camera.focal[0] / 2
     ideal = camera.normalised(points)[0]
     with np.errstate(invalid="ignore"):
         inside = ((pixels > -margin) & (pixels < camera.size[0] + margin)).all(axis=-1)
@@ -99,10 +83,10 @@ def _voted_turn(seen: np.ndarray, image: np.ndarray) -> np.ndarray:
     from scipy.ndimage import uniform_filter
 
     best, turn = -1.0, np.eye(3)
-    edges = np.arange(-MOVED.reach_rad, MOVED.reach_rad + MOVED.bin_rad, MOVED.bin_rad)
+    edges = np.arange(-TURN_REACH_RAD, TURN_REACH_RAD + TURN_BIN_RAD, TURN_BIN_RAD)
     # About its own axis in steps that move the edge of what it sees by a bin.
-    step = MOVED.bin_rad / np.abs(seen[:, :2] / seen[:, 2:]).max()
-    for roll in np.arange(-MOVED.reach_rad, MOVED.reach_rad, step):
+    step = TURN_BIN_RAD / np.abs(seen[:, :2] / seen[:, 2:]).max()
+    for roll in np.arange(-TURN_REACH_RAD, TURN_REACH_RAD, step):
         rolled = exponential(np.array([0.0, 0.0, roll]))[0]
         turned = seen @ rolled.T
         away = image - (turned[:, :2] / turned[:, 2:])[:, None]
@@ -112,7 +96,7 @@ def _voted_turn(seen: np.ndarray, image: np.ndarray) -> np.ndarray:
         at = np.unravel_index(np.argmax(total), total.shape)
         if total[at] > best:
             best = float(total[at])
-            x, y = edges[list(at)] + MOVED.bin_rad / 2
+            x, y = edges[list(at)] + TURN_BIN_RAD / 2
             turn = exponential(np.array([-y, x, 0.0]))[0] @ rolled
     return turn
 
@@ -122,14 +106,14 @@ def _refined(seen: np.ndarray, image: np.ndarray, turn: np.ndarray, near: float)
     from scipy.optimize import least_squares
 
     unknown = np.zeros(6)
-    sd = np.repeat([MOVED.turn_sd_rad, MOVED.shift_sd_m], 3)
+    sd = np.repeat([TURN_SD_RAD, SHIFT_SD_M], 3)
     seen = seen @ turn.T
 
     def placed(unknown: np.ndarray) -> np.ndarray:
         return seen @ exponential(unknown[:3])[0].T + unknown[3:]
 
     # Blobs are looked for near and nearer, each time from where the last ones left the camera.
-    for reach in np.geomspace(max(4 * MOVED.bin_rad, near), near, 8):
+    for reach in np.geomspace(max(4 * TURN_BIN_RAD, near), near, 8):
         off, found = _nearest_blobs(placed(unknown), image)
         close = found < reach
         if close.sum() < len(unknown):

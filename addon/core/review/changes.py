@@ -2,13 +2,13 @@
 """What labelling a take again changed: which markers got another name's blobs or points, gained some, or lost them."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..data.takes import NO_MARKER
 from ..data.wording import words_of_frames
-from .suspects import SUSPECTING, runs
+from .suspects import MAX_BREAK_FRAMES, runs
 
 GAINED, LOST, OTHER = "gained", "lost", "other"
 
@@ -32,10 +32,6 @@ class Change:
         """What changed, for a person to read."""
         said = {GAINED: "is named now", LOST: "is named no more", OTHER: "is another point or blob now"}[self.what]
         return f"{self.marker} {said} in {words_of_frames(self.first, self.last)}"
-
-    def as_dict(self) -> dict:
-        """What a report says of it."""
-        return asdict(self)
 
 
 def changes(
@@ -74,5 +70,5 @@ def summary_of_changes(found: Sequence[Change]) -> str:
 def _ranges(name: str, what: str, flags: np.ndarray, frames: np.ndarray) -> list[Change]:
     return [
         Change(name, what, int(frames[start]), int(frames[stop - 1]), int(flags[start:stop].sum()))
-        for start, stop in runs(flags, SUSPECTING.max_break_frames)
+        for start, stop in runs(flags, MAX_BREAK_FRAMES)
     ]

@@ -3,75 +3,21 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
-from ..data.takes import BY_EDIT, NO_MARKER, Blobs, Labels, Motion, PointRows, Suspect
+from ..data.takes import BY_EDIT, NO_MARKER, Blobs, Labels, PointRows, Suspect
 from ..edits.kinds import NO_EDITS, Edits
 from .answering import accepted_in, right_in
-from .suspects import FAR_OFF, JUMPS, find_suspects, suspect_ranges
+from .suspects import FAR_OFF, JUMPS, suspect_ranges
 
 WHOLE_FRAME = "the placement is only"  # what begins the doubts that are about all markers of their frames
-
-
-@dataclass(frozen=True)
-class DoubtfulOptions:
-    """Which names are doubtful.
-
-    min_confidence  learned: of the name of a point, a share of right names as training counts it; 1 % are wrong below
-    """
-
-    min_confidence: float = 0.99
-
-
-DOUBTFUL_NAMES = DoubtfulOptions()
+MIN_SURE = 0.99  # learned: of a point's name, a share of right ones as training counts it; 1 % are wrong below
 
 
 def doubtful_samples(
     rows: Blobs | PointRows,
     labels: Labels,
-    motion: Motion,
-    suspects: Iterable[Suspect],
-    names: Sequence[str],
-    rate: float,
-    edits: Edits = NO_EDITS,
-    words: Mapping[str, int] | None = None,
-) -> np.ndarray:
-    """(F, M) True for markers that are doubtful in a frame, and that no person named there or said to be right.
-
-    suspects are what no edit answers; words the index of each marker by all that edits may call it. What a list of
-    suspects sums up over many frames, the motion tells frame by frame.
-    """
-    names_asked = AskedNames.of(rows, labels, motion.residual.shape)
-    return doubtful_of(
-        names_asked, motion.frames, find_suspects(motion, tuple(names), rate), suspects, names, edits, words
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class AskedNames:
-    """What is said of the names of markers in frames, each (F, M): `unsure` ones, and those given `by_hand`."""
-
-    unsure: np.ndarray
-    by_hand: np.ndarray
-
-    @classmethod
-    def of(cls, rows: Blobs | PointRows, labels: Labels, shape: tuple[int, int]) -> Self:
-        """Those of rows and their labels."""
-        by_hand, at = np.zeros(shape, bool), np.flatnonzero((labels.step == BY_EDIT) & (labels.marker != NO_MARKER))
-        by_hand[rows.frame[at], labels.marker[at]] = True
-        return cls(unsure_names(rows, labels, shape), by_hand)
-
-    @classmethod
-    def join(cls, parts: Sequence[Self]) -> Self:
-        """Those of several parts, one after the other."""
-        return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in ("unsure", "by_hand")))
-
-
-def doubtful_of(
-    asked: AskedNames,
     frames: np.ndarray,
     exact: Iterable[Suspect],
     suspects: Iterable[Suspect],
@@ -79,8 +25,18 @@ def doubtful_of(
     edits: Edits = NO_EDITS,
     words: Mapping[str, int] | None = None,
 ) -> np.ndarray:
-    """The same by what is said of the names, of frames (F,) by the source's numbers, and what the motion tells."""
-    words, doubtful = words or {name: index for index, name in enumerate(names)}, asked.unsure.copy()
+    """(F, M) True for markers that are doubtful in a frame, and that no person named there or said to be right.
+
+    Rows and labels are those of frames (F,), by the source's numbers. `suspects` are what no edit answers; what they
+    sum up over many frames, `exact` tells frame by frame, as `find_suspects` of the motion does. words are the index of
+    each marker by all that edits may call it.
+    """
+    words = words or {name: index for index, name in enumerate(names)}
+    doubtful = np.zeros((len(frames), len(names)), bool)
+    named = np.flatnonzero(labels.marker != NO_MARKER)
+    if isinstance(rows, PointRows):  # of blobs every camera has its own say
+        unsure = named[labels.confidence[named] < MIN_SURE]
+        doubtful[rows.frame[unsure], labels.marker[unsure]] = True
     listed = [one for one in suspects if FAR_OFF not in one.words and JUMPS not in one.words]
     for suspect in (*exact, *listed):
         part = slice(*np.searchsorted(frames, [suspect.first, suspect.last + 1]).tolist())
@@ -94,16 +50,9 @@ def doubtful_of(
         for index, name in enumerate(names):
             for said in (f"{name} {FAR_OFF}", f"{name} {JUMPS}", f"{name} is off the body at times"):
                 doubtful[:, index] &= ~accepted_in(edits, said, frames)
-    return doubtful & ~asked.by_hand
-
-
-def unsure_names(rows: Blobs | PointRows, labels: Labels, shape: tuple[int, int]) -> np.ndarray:
-    """(F, M) True where the name of a marker's point is not sure; of blobs every camera has its own say."""
-    found = np.zeros(shape, bool)
-    if isinstance(rows, PointRows):
-        at = np.flatnonzero((labels.marker != NO_MARKER) & (labels.confidence < DOUBTFUL_NAMES.min_confidence))
-        found[rows.frame[at], labels.marker[at]] = True
-    return found
+    given = named[labels.step[named] == BY_EDIT]
+    doubtful[rows.frame[given], labels.marker[given]] = False
+    return doubtful
 
 
 def markers_meant(suspect: Suspect, of_word: Mapping[str, int]) -> list[int]:

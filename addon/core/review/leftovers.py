@@ -6,22 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..data.takes import Labels, Motion, PointRows, evenly_spread
-from .suspects import SUSPECTING
+from .suspects import MOMENT_S
 
-
-@dataclass(frozen=True)
-class LeaveOptions:
-    """When a point is left over on the body.
-
-    beside_m  physical: m, from the body's nearest part, or where a missing marker should be; half a limb's length
-    samples   measured: frames of each point that are looked at, spread evenly; most of them must say the same
-    """
-
-    beside_m: float = 0.15
-    samples: int = 7
-
-
-LEAVING = LeaveOptions()
+# physical: m, from the body's nearest part, or where a missing marker should be; half a limb's length
+BESIDE_BODY_M = 0.15  # physical
+# measured: frames of each point that are looked at, spread evenly; most of them must say the same
+LEFT_SAMPLES = 7  # measured
 
 
 @dataclass(frozen=True)
@@ -47,7 +37,7 @@ def find_leftovers(rows: PointRows, labels: Labels, motion: Motion, rate: float)
 
     labels (N,) are row for row, and rate is in frames a second.
     """
-    moment = SUSPECTING.moment_s * rate
+    moment = MOMENT_S * rate
     left = np.flatnonzero(~labels.named)
     # Rows are in the order of frames, which a stable sort keeps within each trajectory.
     left = left[np.argsort(rows.trajectory[left].astype(np.int32), kind="stable")]
@@ -73,16 +63,16 @@ def joined_leftovers(before: tuple[Leftover, ...], after: tuple[Leftover, ...]) 
 
 def _leftover(part: np.ndarray, rows: PointRows, motion: Motion) -> Leftover | None:
     """A part of a trajectory as what is left over; None where it is not on the body."""
-    some = part[evenly_spread(len(part), LEAVING.samples)]
+    some = part[evenly_spread(len(part), LEFT_SAMPLES)]
     own = rows.frame[some]
     expected, found = motion.expected[own], motion.markers[own]
     body = np.concatenate([expected, found, motion.joints[own]], axis=1)
     off = _distances(rows.xyz[some], body).min(axis=1, initial=np.inf)
-    if 2 * (off <= LEAVING.beside_m).sum() <= len(some):
+    if 2 * (off <= BESIDE_BODY_M).sum() <= len(some):
         return None
     away = _distances(rows.xyz[some], expected)
     away[np.isfinite(found).all(axis=2)] = np.inf
-    near = (away <= LEAVING.beside_m) & (away == away.min(axis=1, keepdims=True, initial=np.inf))
+    near = (away <= BESIDE_BODY_M) & (away == away.min(axis=1, keepdims=True, initial=np.inf))
     often = near.sum(axis=0)
     who, distance = None, float("nan")
     if 2 * often.max(initial=0) > len(some):

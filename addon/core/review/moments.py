@@ -8,22 +8,11 @@ from functools import cache
 import numpy as np
 
 from ..data.takes import Blobs, LabelledChunk, Motion, PointRows, Suspect, rows_in_frame
-from .suspects import SUSPECTING
+from .suspects import MAX_OFF_BODY_M
 
-
-@dataclass(frozen=True)
-class MomentOptions:
-    """Which moments are kept.
-
-    most       format: pictures on a page, and kept of one kind of doubt, each of other markers
-    around_m   physical: m, from the middle of the markers to unnamed points that are kept; a body with arms held out
-    """
-
-    most: int = 6
-    around_m: float = 1.5
-
-
-MOMENTS = MomentOptions()
+MOST_MOMENTS = 6  # format: pictures on a page, and kept of one kind of doubt, each of other markers
+# physical: m, from the middle of the markers to unnamed points that are kept; a body with arms held out
+AROUND_M = 1.5  # physical
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,23 +40,6 @@ class Moment:
     asked: np.ndarray
 
 
-@dataclass(frozen=True)
-class _Found:
-    """A doubt with the frames of its chunk that it is about, from `start` up to, not including, `stop`."""
-
-    suspect: Suspect
-    badness: float
-    start: int
-    stop: int
-    doubtful: tuple[int, ...]
-
-    def most_seen(self, off: np.ndarray) -> int:
-        """The frame in which most of its markers are there and, of these, they are farthest off (F, M) the body."""
-        far = off[self.start : self.stop][:, self.doubtful]
-        seen = np.isfinite(far).sum(axis=1)
-        return self.start + int(np.where(seen == seen.max(), np.nan_to_num(far).sum(axis=1), -1.0).argmax())
-
-
 class MomentKeeper:
     """Keeps the worst moments of a take while its chunks come; `rate` is in frames a second."""
 
@@ -79,38 +51,36 @@ class MomentKeeper:
         """Adds the doubts about markers of a chunk."""
         off = np.linalg.norm(chunk.motion.markers - chunk.motion.expected, axis=-1)
         # Where the body has no such marker, or nothing is named, it counts like one that is just too far away.
-        summed = np.cumsum(np.nan_to_num(off, nan=SUSPECTING.max_off_body_m), axis=0)
+        summed = np.cumsum(np.nan_to_num(off, nan=MAX_OFF_BODY_M), axis=0)
         summed = np.concatenate([np.zeros((1, off.shape[1])), summed]) / self.rate
         first, kind_of = int(chunk.motion.frames[0]), cache(_kind_of)
-        worst: dict[tuple, _Found] = {}
+        worst: dict[tuple, tuple[float, slice, Suspect]] = {}
         for doubt in doubts:
             doubtful = tuple(words[name] for name in doubt.markers if name in words)
-            start, stop = max(doubt.first - first, 0), min(doubt.last - first + 1, len(off))
-            if start >= stop or not doubtful:
+            part = slice(max(doubt.first - first, 0), min(doubt.last - first + 1, len(off)))
+            if part.start >= part.stop or not doubtful:
                 continue
-            badness = sum(float(summed[stop, index] - summed[start, index]) for index in doubtful)
+            badness = sum(float(summed[part.stop, index] - summed[part.start, index]) for index in doubtful)
             key = kind_of(doubt.words, doubt.markers), doubtful
-            if key not in worst or worst[key].badness < badness:
-                worst[key] = _Found(doubt, badness, start, stop, doubtful)
-        for (kind, _), found in sorted(worst.items(), key=lambda item: -item[1].badness):
-            self._keep(kind, found, off, rows, chunk)
+            if key not in worst or worst[key][0] < badness:
+                worst[key] = badness, part, doubt
+        for (kind, doubtful), (badness, part, doubt) in sorted(worst.items(), key=lambda item: -item[1][0]):
+            kept = self.kinds.get(kind, [])
+            same = [one for one in kept if one.doubtful == doubtful]
+            kept = [one for one in kept if one.doubtful != doubtful]
+            if any(one.badness >= badness for one in (*same, *kept[MOST_MOMENTS - 1 :])):
+                continue
+            # The frame in which most of its markers are there and, of these, they are farthest off the body.
+            far = off[part][:, doubtful]
+            seen = np.isfinite(far).sum(axis=1)
+            most = int(np.where(seen == seen.max(), np.nan_to_num(far).sum(axis=1), -1.0).argmax())
+            kept.append(_moment(doubt, badness, doubtful, part.start + most, rows, chunk))
+            self.kinds[kind] = sorted(kept, key=lambda one: -one.badness)[:MOST_MOMENTS]
 
-    def worst(self, most: int = MOMENTS.most) -> tuple[Moment, ...]:
+    def worst(self) -> list[Moment]:
         """The worst of each kind first, then the next of each."""
         kinds = sorted(self.kinds.values(), key=lambda kept: -kept[0].badness)
-        turns = [kept[turn] for turn in range(MOMENTS.most) for kept in kinds if turn < len(kept)]
-        return tuple(turns[:most])
-
-    def _keep(self, kind: str, found: _Found, off: np.ndarray, rows: Blobs | PointRows, chunk: LabelledChunk):
-        kept = self.kinds.get(kind, [])
-        same = next((one for one in kept if one.doubtful == found.doubtful), None)
-        if same is not None and same.badness >= found.badness:
-            return
-        kept = [one for one in kept if one is not same]
-        if len(kept) == MOMENTS.most and kept[-1].badness >= found.badness:
-            return
-        kept = sorted([*kept, _moment(found, found.most_seen(off), rows, chunk)], key=lambda one: -one.badness)
-        self.kinds[kind] = kept[: MOMENTS.most]
+        return [kept[turn] for turn in range(MOST_MOMENTS) for kept in kinds if turn < len(kept)][:MOST_MOMENTS]
 
 
 def _kind_of(words: str, markers: tuple[str, ...]) -> str:
@@ -118,7 +88,9 @@ def _kind_of(words: str, markers: tuple[str, ...]) -> str:
     return " ".join(word for word in words.split() if word.rstrip(",:") not in markers)
 
 
-def _moment(found: _Found, index: int, rows: Blobs | PointRows, chunk: LabelledChunk) -> Moment:
+def _moment(
+    doubt: Suspect, badness: float, doubtful: tuple[int, ...], index: int, rows: Blobs | PointRows, chunk: LabelledChunk
+) -> Moment:
     motion = chunk.motion
     markers = motion.markers[index]
     others, asked = np.zeros((0, 3)), np.full(3, np.nan)
@@ -126,15 +98,15 @@ def _moment(found: _Found, index: int, rows: Blobs | PointRows, chunk: LabelledC
         part = rows_in_frame(rows, index)
         xyz, named = rows.xyz[part], chunk.labels.named[part]
         middle = np.nanmedian(np.concatenate([markers, xyz]), axis=0)
-        near = np.linalg.norm(xyz - middle, axis=1) < MOMENTS.around_m
+        near = np.linalg.norm(xyz - middle, axis=1) < AROUND_M
         others = xyz[~named & near]
-        own = rows.trajectory[part] == found.suspect.trajectory
+        own = rows.trajectory[part] == doubt.trajectory
         asked = xyz[own][0] if own.any() else asked
     return Moment(
-        found.suspect,
+        doubt,
         int(motion.frames[index]),
-        found.badness,
-        found.doubtful,
+        badness,
+        doubtful,
         markers.copy(),  # a view would keep the whole chunk
         motion.expected[index].copy(),
         motion.joints[index].copy(),

@@ -8,7 +8,6 @@ blobs meet at all, and how large what they show is.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -16,117 +15,81 @@ import numpy as np
 from ..data.errors import ForceableError
 from ..data.markersets import MarkerSet
 from ..data.physical import MARKER_LIMITS, SIGMAS
-from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Suspect
+from ..data.takes import NO_MARKER, Blobs, Suspect
 from ..geometry.cameras import Cameras
 from ..geometry.triangulation import meet_rows
 from .camera_order import CAMERA_HEALTH, CameraAgreement, best_order, cycles_of, same_names_meet
 from .camera_places import CameraPlace, find_again
-from .camera_words import OF_ROOM
 from .room_size import times_too_large
+from .suspects import OF_ROOM
 
 MIN_RAYS = 3  # that make a point which one of them can be measured against
 OF_THIS_TAKE = "; expected the calibration that the take was recorded with, in metres"
 
 
-@dataclass(frozen=True, eq=False)
-class CameraFigures:
-    """What the named blobs of a take say of C cameras.
-
-    seen    (C,) markers of the fitted body that were in the image, hidden or not, in the frames that are looked at
-    named   (C,) those that have a blob with their name
-    offset  (C,) px by which all blobs of a camera are off together from the points of the others; NaN where unknown
-    """
-
-    seen: np.ndarray
-    named: np.ndarray
-    offset: np.ndarray
-
-    @property
-    def share(self) -> np.ndarray:
-        """(C,) named / seen; NaN where nothing was in the image."""
-        return self.named / np.where(self.seen > 0, self.seen, np.nan)
-
-
-@dataclass(frozen=True, eq=False)
-class _Frame:
-    """One frame: the blobs' camera, place (px) and marker, and the markers (M, 3) m as the body carries them."""
-
-    camera: np.ndarray
-    xy: np.ndarray
-    marker: np.ndarray
-    expected: np.ndarray
-
-
-@dataclass(frozen=True, eq=False)
-class _NamedBlobs:
-    """N blobs: frame, camera and marker (N,), place (N, 2) px and without the lens, `image` (N, 2)."""
-
-    frame: np.ndarray
-    camera: np.ndarray
-    xy: np.ndarray
-    image: np.ndarray
-    marker: np.ndarray
-
-    def rows(self, chosen: np.ndarray) -> "_NamedBlobs":
-        """Some of them."""
-        return _NamedBlobs(*(column[chosen] for column in vars(self).values()))
-
-
 class CameraCheck:
-    """Keeps a few frames of a take while it is labelled; says at its end which cameras do not go with the others.
+    """Keeps a few frames of a take while it is labelled; says at its end which of C cameras do not go with the others.
 
     `markerset` is what was looked for, which says how large it should be; None where nobody knows.
+
+    frames  of each the blobs' cameras (N,), places (N, 2) px and markers (N,), and the markers (M, 3) m as the body
+            carries them
     """
 
     def __init__(self, cameras: Cameras, markerset: MarkerSet | None = None):
         self.cameras, self.markerset = cameras, markerset
-        self.frames: list[_Frame] = []
+        self.frames: list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]] = []
         self._first = self._last = self._count = 0
         self._stride = 1
 
-    def add(self, blobs: Blobs, chunk: LabelledChunk):
-        """Adds a chunk, which follows the last."""
-        self.add_named(blobs, chunk.labels.marker, chunk.motion.expected)
-
-    def add_named(self, blobs: Blobs, marker: np.ndarray, expected: np.ndarray):
-        """The same of F frames whose N blobs are of markers (N,), which the body carries at (F, M, 3) m."""
+    def add(self, blobs: Blobs, marker: np.ndarray, expected: np.ndarray):
+        """Adds F frames, which follow the last, whose blobs are of markers (N,), which the body has at (F, M, 3) m."""
         self._first = self._first if self._count else int(blobs.frames[0])
         self._last = int(blobs.frames[-1])
         for index in range(len(blobs.frames)):
             if self._count % self._stride == 0:
                 rows = blobs.frame == index
-                kept = (blobs.camera[rows], blobs.xy[rows], marker[rows])
-                self.frames.append(_Frame(*kept, expected[index]))
+                self.frames.append((blobs.camera[rows], blobs.xy[rows], marker[rows], expected[index]))
             self._count += 1
         while len(self.frames) > 2 * CAMERA_HEALTH.frames:
             self.frames, self._stride = self.frames[::2], self._stride * 2
 
     @cached_property
-    def figures(self) -> CameraFigures:
-        """What the named blobs say of each camera; asked for when the take is at its end."""
+    def counts(self) -> tuple[np.ndarray, np.ndarray]:
+        """(C,) markers of the fitted body that were in the image, hidden or not, and (C,) those that have a blob."""
         if not self.frames:
-            count = len(self.cameras)
-            return CameraFigures(np.zeros(count, int), np.zeros(count, int), np.full(count, np.nan))
-        expected = np.array([frame.expected for frame in self.frames])
+            return np.zeros(len(self.cameras), int), np.zeros(len(self.cameras), int)
+        expected = np.array([expected for *_, expected in self.frames])
         pixels, ideal = self.cameras.project(expected), self.cameras.normalised(expected)
         with np.errstate(invalid="ignore"):
             inside = ((pixels >= 0) & (pixels < self.cameras.size[:, None, None])).all(axis=3)
             inside &= np.einsum("cfmi,cfmi->cfm", ideal, ideal) < self.cameras.reach[:, None, None] ** 2
         given = np.zeros(inside.shape, dtype=bool)
-        given[self._named.camera, self._named.frame, self._named.marker] = True
-        seen, named = inside.sum(axis=(1, 2)), (inside & given).sum(axis=(1, 2))
-        return CameraFigures(seen, named, self._offsets())
+        frame, camera, _, _, marker = self._named
+        given[camera, frame, marker] = True
+        return inside.sum(axis=(1, 2)), (inside & given).sum(axis=(1, 2))
+
+    @property
+    def _share(self) -> np.ndarray:
+        """(C,) the part of the markers in the image that have a blob; NaN where nothing was in the image."""
+        seen, named = self.counts
+        return named / np.where(seen > 0, seen, np.nan)
+
+    @cached_property
+    def offset(self) -> np.ndarray:
+        """(C,) px by which all blobs of a camera are off together from the points of the others; NaN where unknown."""
+        return self._offsets(np.zeros(len(self.cameras), bool))
 
     def of_cameras(self) -> dict[str, dict]:
         """For each camera: markers in its image, those with a blob, and by how many px its blobs are off together."""
-        figures = self.figures
+        figures = zip(self.cameras.names, *self.counts, self.offset, strict=True)
         return {
             name: {
-                "in_image": int(figures.seen[index]),
-                "named": int(figures.named[index]),
-                "offset_px": float(f"{figures.offset[index]:.3g}") if np.isfinite(figures.offset[index]) else None,
+                "in_image": int(seen),
+                "named": int(named),
+                "offset_px": float(f"{offset:.3g}") if np.isfinite(offset) else None,
             }
-            for index, name in enumerate(self.cameras.names)
+            for name, seen, named, offset in figures
         }
 
     def suspects(self) -> tuple[Suspect, ...]:
@@ -148,8 +111,8 @@ class CameraCheck:
     @cached_property
     def agreement(self) -> CameraAgreement:
         """Which blobs of the frames with the most of them meet."""
-        richest = sorted(self.frames, key=lambda frame: len(frame.camera), reverse=True)[: CAMERA_HEALTH.frames // 4]
-        return CameraAgreement(self.cameras, [(frame.camera, frame.xy) for frame in richest])
+        richest = sorted(self.frames, key=lambda frame: len(frame[0]), reverse=True)[: CAMERA_HEALTH.frames // 4]
+        return CameraAgreement(self.cameras, [(camera, xy) for camera, xy, _, _ in richest])
 
     @cached_property
     def order(self) -> np.ndarray | None:
@@ -187,12 +150,12 @@ class CameraCheck:
         """
         if self._nothing_meets or self.wrong_room or self.order is not None:
             return ""
-        named = self._named
-        image = np.full((len(self.cameras), len(self.frames), len(self.frames[0].expected), 2), np.nan)
-        image[named.camera, named.frame, named.marker] = named.image
-        shares = same_names_meet(self.cameras, image.reshape(len(image), -1, 2))
+        frame, camera, _, image, marker = self._named
+        table = np.full((len(self.cameras), len(self.frames), len(self.frames[0][3]), 2), np.nan)
+        table[camera, frame, marker] = image
+        shares = same_names_meet(self.cameras, table.reshape(len(table), -1, 2))
         shares = shares[np.isfinite(shares)]
-        if 2 * len(shares) < len(image) or np.median(shares) >= CAMERA_HEALTH.min_same_name:
+        if 2 * len(shares) < len(table) or np.median(shares) >= CAMERA_HEALTH.min_same_name:
             return ""
         return (
             f"{OF_ROOM} not to be this take's: by this calibration few blobs of one name meet in two cameras "
@@ -208,38 +171,41 @@ class CameraCheck:
         points = self._points_of_others(lacking)
         least, places = CAMERA_HEALTH.max_lacking * self.usual, {}
         for index in np.flatnonzero(lacking).tolist():
-            blobs = [frame.xy[frame.camera == index] for frame in self.frames]
+            blobs = [xy[camera == index] for camera, xy, _, _ in self.frames]
             place = find_again(self.cameras.select([index]), points, blobs, least)
             places.update({} if place is None else {index: place})
         return places
 
     @cached_property
     def off(self) -> dict[int, float]:
-        """Cameras whose blobs are all off together from the points of the others, px."""
-        return dict(self._moved())
+        """Cameras whose blobs are all off together from the points of the others, px, the farthest first.
 
-    @property
-    def _known(self) -> np.ndarray:
-        return self.figures.seen >= CAMERA_HEALTH.enough
+        Each is left out before the next is looked at, as it pulls them.
+        """
+        found, offset, without = {}, self.offset, np.zeros(len(self.cameras), bool)
+        while np.isfinite(offset).sum() > MIN_RAYS:
+            worst = int(np.nanargmax(offset))
+            without[worst] = True
+            others = self._offsets(without)
+            known = others[np.isfinite(others)]
+            if not len(known) or offset[worst] < max(MARKER_LIMITS.noise_px, SIGMAS * np.median(known)):
+                break
+            found[worst], offset = float(offset[worst]), others
+        return found
 
     @property
     def _lacking(self) -> np.ndarray:
         """(C,) cameras under their own names that have clearly fewer names than usual."""
         with np.errstate(invalid="ignore"):
-            few = self._known & (self.figures.share < CAMERA_HEALTH.max_lacking * self.usual)
+            few = (self.counts[0] >= CAMERA_HEALTH.enough) & (self._share < CAMERA_HEALTH.max_lacking * self.usual)
         return few & (np.arange(len(self.cameras)) == self._order_or_own)
 
     @property
-    def _saw_something(self) -> np.ndarray:
-        """(C,) whether a camera has any blobs: one that was off during the take is not what is usual."""
-        cameras = np.concatenate([frame.camera for frame in self.frames]) if self.frames else np.zeros(0, int)
-        return np.bincount(cameras, minlength=len(self.cameras)) > 0
-
-    @property
     def usual(self) -> float:
-        """The share of markers that have a blob in the usual camera."""
-        judged = self._known & self._saw_something
-        return float(np.median(self.figures.share[judged])) if judged.any() else 0.0
+        """The share of markers that have a blob in the usual camera; one that was off during the take is none."""
+        cameras = np.concatenate([camera for camera, *_ in self.frames]) if self.frames else np.zeros(0, int)
+        judged = (self.counts[0] >= CAMERA_HEALTH.enough) & (np.bincount(cameras, minlength=len(self.cameras)) > 0)
+        return float(np.median(self._share[judged])) if judged.any() else 0.0
 
     @property
     def _order_or_own(self) -> np.ndarray:
@@ -253,41 +219,32 @@ class CameraCheck:
         return bool(measured.sum() >= 2 and np.median(meeting[measured]) < CAMERA_HEALTH.min_meeting)
 
     @cached_property
-    def _named(self) -> "_NamedBlobs":
-        """The blobs of all frames that have a name."""
-        count = [len(frame.camera) for frame in self.frames]
-        parts = ([getattr(frame, name) for frame in self.frames] for name in ("camera", "xy", "marker"))
-        camera, xy, marker = (np.concatenate(part) for part in parts)
+    def _named(self) -> tuple[np.ndarray, ...]:
+        """Of the N blobs that have a name: frame and camera (N,), place (N, 2) px and without the lens, marker (N,)."""
+        camera, xy, marker = (np.concatenate(part) for part in list(zip(*self.frames, strict=True))[:3])
+        frame = np.repeat(np.arange(len(self.frames)), [len(camera) for camera, *_ in self.frames])
         rows = marker != NO_MARKER
         image = self.cameras.undistort(xy[rows], camera[rows])
-        frame = np.repeat(np.arange(len(count)), count)[rows]
-        return _NamedBlobs(frame, camera[rows], xy[rows], image, marker[rows])
+        return frame[rows], camera[rows], xy[rows], image, marker[rows]
 
-    def _moved(self) -> Iterator[tuple[int, float]]:
-        """Cameras that are off, the farthest first; each is left out before the next is looked at, as it pulls them."""
-        offsets, without = self.figures.offset, np.zeros(len(self.cameras), bool)
-        while np.isfinite(offsets).sum() > MIN_RAYS:
-            worst = int(np.nanargmax(offsets))
-            without[worst] = True
-            others = self._offsets(without)
-            known = others[np.isfinite(others)]
-            if not len(known) or offsets[worst] < max(MARKER_LIMITS.noise_px, SIGMAS * np.median(known)):
-                return
-            yield worst, float(offsets[worst])
-            offsets = others
+    def _named_without(self, cameras: np.ndarray) -> tuple[np.ndarray, ...]:
+        """The same but for the blobs of some cameras (C,)."""
+        rows = ~cameras[self._named[1]]
+        return tuple(column[rows] for column in self._named)
 
-    def _offsets(self, without: np.ndarray | None = None) -> np.ndarray:
+    def _offsets(self, without: np.ndarray) -> np.ndarray:
         """(C,) px: the median way from where the others of some cameras have a marker to its blob; NaN if too few."""
-        named = self._named if without is None else self._named.rows(~without[self._named.camera])
-        sample = np.stack([named.frame, named.marker])
-        _, point, count = np.unique(sample, axis=1, return_inverse=True, return_counts=True)
-        point = point.ravel()
-        points = meet_rows(self.cameras, named.camera, named.image, point, len(count), others=True)
-        points[count[point] < MIN_RAYS] = np.nan
         offsets = np.full(len(self.cameras), np.nan)
-        for index in np.unique(named.camera):
-            mine = named.camera == index
-            off = named.xy[mine] - self.cameras.select([index]).project(points[mine])[0]
+        if not self.frames:
+            return offsets
+        frame, camera, xy, image, marker = self._named_without(without)
+        _, point, count = np.unique(np.stack([frame, marker]), axis=1, return_inverse=True, return_counts=True)
+        point = point.ravel()
+        points = meet_rows(self.cameras, camera, image, point, len(count), others=True)
+        points[count[point] < MIN_RAYS] = np.nan
+        for index in np.unique(camera):
+            mine = camera == index
+            off = xy[mine] - self.cameras.select([index]).project(points[mine])[0]
             off = off[np.isfinite(off).all(axis=1)]
             if len(off) >= CAMERA_HEALTH.enough:
                 offsets[index] = np.linalg.norm(np.median(off, axis=0))
@@ -295,11 +252,10 @@ class CameraCheck:
 
     def _points_of_others(self, without: np.ndarray) -> np.ndarray:
         """(F, M, 3) m: the markers by their blobs in all cameras but some (C,); NaN with fewer than two."""
-        named = self._named.rows(~without[self._named.camera])
-        frames, markers = len(self.frames), len(self.frames[0].expected)
-        sample = named.frame * markers + named.marker
-        points = meet_rows(self.cameras, named.camera, named.image, sample, frames * markers)
-        return points.reshape(frames, markers, 3)
+        frame, camera, _, image, marker = self._named_without(without)
+        shape = len(self.frames), len(self.frames[0][3])
+        points = meet_rows(self.cameras, camera, image, frame * shape[1] + marker, shape[0] * shape[1])
+        return points.reshape(*shape, 3)
 
     def _sentences(self) -> Iterator[str]:
         if self.wrong_room:
@@ -309,7 +265,7 @@ class CameraCheck:
             yield self.names_apart + OF_THIS_TAKE
         if len(self.cameras) < 3:
             return
-        figures, names = self.figures, self.cameras.names
+        names = self.cameras.names
         fixed = np.arange(len(names)) == self._order_or_own
         if self.order is not None:
             yield from (_renamed([names[index] for index in cycle]) for cycle in cycles_of(np.argsort(self.order)))
@@ -323,7 +279,7 @@ class CameraCheck:
         for index in np.flatnonzero(self._lacking & alone).tolist():
             if index not in self.moved:
                 yield (
-                    f"camera {names[index]} shows almost none of the markers in its image ({figures.share[index]:.0%} "
+                    f"camera {names[index]} shows almost none of the markers in its image ({self._share[index]:.0%} "
                     f"have a blob, with the others {self.usual:.0%}): look at its name, place and threshold"
                 )
         for index, offset in self.off.items():

@@ -12,9 +12,8 @@ from ..edits.applying import joined
 from ..edits.kinds import NO_EDITS, Edits, Place
 from ..geometry.cameras import NO_CAMERAS, Cameras
 from .answering import unanswered
-from .moments import Moment, MomentKeeper
+from .moments import MomentKeeper
 from .suspects import find_suspects
-from .tallies import TimeBins
 
 if TYPE_CHECKING:  # it is looked at, and none is made
     from ..data.markersets import Worn
@@ -46,6 +45,40 @@ class OverviewSubject:
             first = len(parents)
             parents += [first + parent if parent >= 0 else parent for parent in own.skeleton.parents.tolist()]
         return cls(markerset.markers, markerset.by_name, tuple(parents))
+
+
+# format: spans of time at most that a page shows, an even number; they get longer as the take does
+OVERVIEW_COLUMNS = 1000  # format
+
+
+class TimeBins:
+    """Values (F, …) of frames one after the other, added up in so many columns of equal length at most.
+
+    values  (columns, …), of which `used` hold something; width is how many frames a column is of
+    """
+
+    def __init__(self, *shape: int):
+        self.width, self.frames = 1, 0
+        self.values = np.zeros((OVERVIEW_COLUMNS, *shape))
+
+    @property
+    def used(self) -> int:
+        """How many columns hold a frame."""
+        return -(-self.frames // self.width)
+
+    def add(self, values: np.ndarray):
+        """Adds the next frames."""
+        if not len(values):
+            return
+        while self.frames + len(values) > self.width * len(self.values):
+            half = self.values[::2] + self.values[1::2]
+            self.values[: len(half)], self.values[len(half) :] = half, 0
+            self.width *= 2
+        column = (self.frames + np.arange(len(values))) // self.width
+        starts = np.flatnonzero(np.diff(column, prepend=-1))
+        at = column[starts]
+        self.values[at] += np.add.reduceat(values, starts, axis=0, dtype=float)
+        self.frames += len(values)
 
 
 class TakeOverview:
@@ -94,10 +127,6 @@ class TakeOverview:
         count = np.minimum(count, self.cells.values[columns, index, GAP_CELL])
         self.cells.values[columns, index, GAP_CELL] -= count
         self.cells.values[columns, index, FILLED_CELL] += count
-
-    def moments(self) -> tuple[Moment, ...]:
-        """The worst moments, those of other kinds before more of one kind."""
-        return self.keeper.worst()
 
     def _cells(self, rows: Blobs | PointRows, chunk: LabelledChunk, doubts: list) -> np.ndarray:
         """(F, M) the state of every marker in every frame."""

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How large what the cameras see is, by blobs without names: a room in the wrong unit is a thousand times too large."""
 
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -10,18 +9,8 @@ from ..data.markersets import MarkerSet
 from ..geometry.triangulation import meet_rows
 from .camera_order import CameraAgreement
 
-
-@dataclass(frozen=True)
-class SizeOptions:
-    """When a size is taken.
-
-    min_part  measured: of the set's markers that must be seen in a frame; a lamp or two in the room have no size
-    """
-
-    min_part: float = 0.3
-
-
-SIZING = SizeOptions()
+# measured: of the set's markers that must be seen in a frame; a lamp or two in the room have no size
+MIN_SIZED = 0.3  # measured
 
 
 def times_too_large(agreement: CameraAgreement, markerset: MarkerSet) -> tuple[float, float]:
@@ -30,7 +19,7 @@ def times_too_large(agreement: CameraAgreement, markerset: MarkerSet) -> tuple[f
     Units differ by powers of ten, people by less than two, whether they stand or crouch.
     """
     rest = _extents(markerset.rest_markers * markerset.spread.height).max()
-    seen = [_extents(points) for points in sure_points(agreement) if len(points) >= SIZING.min_part * len(markerset)]
+    seen = [_extents(points) for points in sure_points(agreement) if len(points) >= MIN_SIZED * len(markerset)]
     if not seen:
         return 1.0, np.nan
     along = np.median(seen, axis=0)

@@ -67,11 +67,6 @@ class TakeSummary:
 
     def _add_gaps(self, present: np.ndarray):
         """Adds frames (F, M) of who was there; a gap that is open at the end may go on in the next chunk."""
-        if not present.any():
-            self._gaps += self._open == 0
-            self._open += len(present)
-            np.maximum(self._longest, self._open, out=self._longest)
-            return
         self._present += present.sum(axis=0)
         for here in present:
             self._gaps += ~here & (self._open == 0)

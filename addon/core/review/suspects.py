@@ -2,7 +2,7 @@
 """Points a person to the frames that are worth a look: markers that leave the body, or move as no marker moves."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,37 +10,15 @@ from ..data.physical import MARKER_LIMITS
 from ..data.takes import Motion, Suspect
 from ..data.wording import listed
 
-
-@dataclass(frozen=True)
-class SuspectOptions:
-    """What makes a marker doubtful, beside how hard `MARKER_LIMITS` says that it may be accelerated.
-
-    max_off_body_m    physical: m, between a marker and where the fitted body has it: soft tissue moves skin by up to
-                      40 mm (Leardini and others 2005), and clothes move on it
-    moment_s          physical: s, about as long as it takes a person to see something; shorter is no finding of its own
-    max_break_frames  format: between two findings that a list shows as one range
-    """
-
-    max_off_body_m: float = 0.07
-    moment_s: float = 0.25
-    max_break_frames: int = 5
-
-
-@dataclass(frozen=True)
-class ListOptions:
-    """How long a list of doubtful ranges may be.
-
-    max_alike    format: findings with one reason that have entries of their own; more are one entry
-    max_entries  format: in the list, as many as a person works through
-    """
-
-    max_alike: int = 2
-    max_entries: int = 40
-
-
-SUSPECTING = SuspectOptions()
+# physical: m, between a marker and where the fitted body has it: soft tissue moves skin by up to 40 mm (Leardini and
+# others 2005), and clothes move on it.
+MAX_OFF_BODY_M = 0.07  # physical
+MOMENT_S = 0.25  # physical: s, about as long as it takes a person to see something; shorter is no finding of its own
+MAX_BREAK_FRAMES = 5  # format: between two findings that a list shows as one range
+MAX_ALIKE = 2  # format: findings with one reason that have entries of their own; more are one entry
+MAX_ENTRIES = 40  # format: in a list of doubtful ranges, as many as a person works through
 FAR_OFF, JUMPS = "is far from where the body has it", "jumps"
-LISTING = ListOptions()
+OF_ROOM = "the room seems"  # how sentences about a room as a whole begin
 
 
 def find_suspects(motion: Motion, names: tuple[str, ...], rate: float) -> tuple[Suspect, ...]:
@@ -52,9 +30,16 @@ def find_suspects(motion: Motion, names: tuple[str, ...], rate: float) -> tuple[
 
 
 def doubtful_flags(motion: Motion, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """(F, M) True where a marker is far from where the body has it, and (F, M) where it jumps."""
-    off_body = np.linalg.norm(motion.markers - motion.expected, axis=-1) > SUSPECTING.max_off_body_m
-    return off_body, _jumps(motion.markers, rate, MARKER_LIMITS.max_impact_m_s2)
+    """(F, M) True where a marker is far from where the body has it, and (F, M) where it jumps.
+
+    It does where it is accelerated as no marker is: in the middle one of three frames in a row.
+    """
+    off_body = np.linalg.norm(motion.markers - motion.expected, axis=-1) > MAX_OFF_BODY_M
+    jumps = np.zeros(off_body.shape, dtype=bool)
+    if len(jumps) > 2:
+        change = np.linalg.norm(np.diff(motion.markers, 2, axis=0), axis=-1) * rate**2
+        jumps[1:-1] = change > MARKER_LIMITS.max_impact_m_s2
+    return off_body, jumps
 
 
 def suspects_of(
@@ -64,17 +49,8 @@ def suspects_of(
     found = []
     for index, name in enumerate(names):
         for doubtful, what in ((off_body, FAR_OFF), (jumps, JUMPS)):
-            found += suspect_ranges(frames, doubtful[:, index], f"{name} {what}", SUSPECTING.max_break_frames, (name,))
+            found += suspect_ranges(frames, doubtful[:, index], f"{name} {what}", MAX_BREAK_FRAMES, (name,))
     return tuple(sorted(found, key=lambda suspect: suspect.first))
-
-
-def _jumps(markers: np.ndarray, rate: float, limit: float) -> np.ndarray:
-    """(F, M) True where a marker is accelerated beyond `limit` m/s²: the middle one of three frames in a row."""
-    jumps = np.zeros(markers.shape[:2], dtype=bool)
-    if len(markers) > 2:
-        change = np.linalg.norm(np.diff(markers, 2, axis=0), axis=-1) * rate**2
-        jumps[1:-1] = change > limit
-    return jumps
 
 
 def summarised(suspects: Sequence[Suspect], rate: float) -> tuple[Suspect, ...]:
@@ -86,8 +62,8 @@ def summarised(suspects: Sequence[Suspect], rate: float) -> tuple[Suspect, ...]:
     reasons: dict[str, list[Suspect]] = {}
     for suspect in sorted(suspects, key=lambda one: one.first):
         reasons.setdefault(suspect.reason, []).append(suspect)
-    entries = [entry for found in reasons.values() for entry in _of_one_reason(found, SUSPECTING.moment_s * rate)]
-    while len(entries) > LISTING.max_entries:
+    entries = [entry for found in reasons.values() for entry in _of_one_reason(found, MOMENT_S * rate)]
+    while len(entries) > MAX_ENTRIES:
         kinds: dict[str, list[Suspect]] = {}
         for entry in entries:
             kinds.setdefault(_kind(entry.reason), []).append(entry)
@@ -107,7 +83,7 @@ def _of_one_reason(found: list[Suspect], max_break: float) -> list[Suspect]:
             joined[-1] = _as_one([last, suspect], suspect.words)
         else:
             joined.append(suspect)
-    if len(joined) <= LISTING.max_alike:
+    if len(joined) <= MAX_ALIKE:
         return joined
     return [_as_one(joined, f"{joined[0].words}, in {len(joined)} places")]
 
@@ -163,3 +139,14 @@ def runs(flags: np.ndarray, max_break: int = 1) -> list[tuple[int, int]]:
     ends = np.flatnonzero(np.diff(at) > max_break)
     starts, stops = at[np.append(0, ends + 1)[: len(at)]], at[np.append(ends, -1)[: len(at)]] + 1
     return list(zip(starts.tolist(), stops.tolist(), strict=True))
+
+
+def cameras_in(words: str, names: Sequence[str]) -> tuple[str, ...]:
+    """The cameras, of these names, that a sentence of `CameraCheck` is about; none where it is about something else."""
+    return tuple(name for name in names if _is_about(words, name))
+
+
+def _is_about(words: str, name: str) -> bool:
+    # By what stands around a name, as cameras may be called 1, 2 and 12, and the sentences hold figures.
+    single = words.startswith((f"camera {name} seems ", f"camera {name} shows ", f"cameras {name} and "))
+    return single or f" and {name} seem to have " in words or f" of {name} fit the calibration " in words

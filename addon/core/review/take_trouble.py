@@ -2,7 +2,7 @@
 """Finds what is the matter with a labelled take, the worst first: while it is labelled, or of all of it at once."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,38 +11,9 @@ from ..edits.kinds import NO_EDITS, Accepted, Edits
 from ..geometry.cameras import NO_CAMERAS, Cameras
 from .answering import PAIR, accepted_in, right_in, settled_in
 from .camera_blobs import CameraBlobs
-from .camera_words import OF_ROOM, cameras_in
 from .leftovers import Leftover, find_leftovers, joined_leftovers
-from .suspects import FAR_OFF, SUSPECTING, runs
+from .suspects import FAR_OFF, MAX_BREAK_FRAMES, MAX_OFF_BODY_M, MOMENT_S, OF_ROOM, cameras_in, runs
 from .trouble import Trouble, extras, in_doubt, left_over, missing, nobody, of_cameras, off_body
-
-
-@dataclass(frozen=True, eq=False)
-class MarkerSight:
-    """Where the M markers of a motion of F frames are seen.
-
-    present  (M, F) True where a marker is there
-    off      (M, F) m from where the body has it; NaN without one of the two
-    """
-
-    present: np.ndarray
-    off: np.ndarray
-
-    @classmethod
-    def of(cls, motion: Motion) -> "MarkerSight":
-        """That of a motion."""
-        frames, markers = motion.markers.shape[:2]
-        sight = cls(np.empty((markers, frames), bool), np.empty((markers, frames)))
-        sight.look_again(motion, dict.fromkeys(range(markers), slice(None)))
-        return sight
-
-    def look_again(self, motion: Motion, changed: Mapping[int, slice]):
-        """Makes it that of a motion which is another in some frames of some markers only; quicker than all of them."""
-        for marker, frames in changed.items():
-            places = motion.markers[frames, marker]
-            self.present[marker, frames] = np.isfinite(places).all(axis=1)
-            away = places - motion.expected[frames, marker]
-            self.off[marker, frames] = np.sqrt(np.einsum("fx,fx->f", away, away))
 
 
 class TakeTrouble:
@@ -70,27 +41,28 @@ class TakeTrouble:
         self._filled: dict[str, list[tuple[int, int]]] = {}
         self._left: tuple[Leftover, ...] = ()
 
-    def add(self, rows: Blobs | PointRows, labels: Labels, motion: Motion, sight: MarkerSight | None = None):
-        """Adds a chunk, which follows the last. `sight` is the motion's, where it is known."""
-        sight = MarkerSight.of(motion) if sight is None else sight
+    def add(self, rows: Blobs | PointRows, labels: Labels, motion: Motion):
+        """Adds a chunk, which follows the last."""
         frames = motion.frames
+        present = np.isfinite(motion.markers).all(axis=2).T
+        off = np.linalg.norm(motion.markers - motion.expected, axis=2).T
         self.first = self.first if self.frames else int(frames[0])
         self.frames, self.last = self.frames + len(frames), int(frames[-1])
-        here = (motion.confidence > 0) | sight.present.any(axis=0)
+        here = (motion.confidence > 0) | present.any(axis=0)
         self.subject_frames += int(here.sum())
         if isinstance(rows, PointRows):
             self._left = joined_leftovers(self._left, find_leftovers(rows, labels, motion, self.rate))
         else:
             self.by_camera.add(rows, labels, motion)
-        lacking = here & ~sight.present
+        lacking = here & ~present
         with np.errstate(invalid="ignore"):
-            far = sight.off > SUSPECTING.max_off_body_m
+            far = off > MAX_OFF_BODY_M
         right = right_in(self.edits, self.words, frames).T
         self._nobody.add(frames, ~here[None])
         self._excused.add(frames, lacking & right)
-        self._accepted.add(frames, far & right, sight.off)
+        self._accepted.add(frames, far & right, off)
         self._missing.add(frames, lacking & ~right)
-        self._off.add(frames, far & ~right, sight.off)
+        self._off.add(frames, far & ~right, off)
 
     def fill(self, marker: str, first: int, last: int):
         """Notes that a marker's gap from frame `first` to `last`, by the source's numbers, was filled: no trouble."""
@@ -99,7 +71,8 @@ class TakeTrouble:
     def found(self, suspects: Iterable[Suspect] = (), answered: Iterable[Suspect] = ()) -> tuple[Trouble, ...]:
         """All trouble, the worst first and what is answered last; suspects are the doubts, open and answered."""
         doubts, over = ([self._doubt(one) for one in some if FAR_OFF not in one.words] for some in (suspects, answered))
-        found = [*self._of_nobody(), *self._of_missing(), *self._of_leftovers(), *self._of_body(), *doubts]
+        found = [nobody(first, last, len(self.names)) for first, last, _, _ in self._nobody.of[0]]
+        found += [*self._of_missing(), *self._of_leftovers(), *self._of_body(), *doubts]
         found = [_answered(one) if self._is_accepted(one) else one for one in found]
         return tuple(sorted([*found, *map(_answered, over)], key=lambda one: (one.answered, -one.stake, one.first)))
 
@@ -109,17 +82,13 @@ class TakeTrouble:
             return False
         return all(accepted_in(self.edits, one.topic, np.arange(a, b + 1)).all() for a, b in one.spans)
 
-    def _of_nobody(self) -> Iterator[Trouble]:
-        for first, last, _, _ in self._nobody.of[0]:
-            yield nobody(first, last, len(self.names))
-
     def _of_missing(self) -> Iterator[Trouble]:
         for index, name in enumerate(self.names):
             beside = [one for one in self._left if one.beside == index]
             filled = self._filled.get(name, ())
             gaps = [one[:2] for one in self._missing.of[index]]
             gaps = [one for one in gaps if not any(a <= one[0] and one[1] <= b for a, b in filled)]
-            if sum(last - first + 1 for first, last in gaps) > SUSPECTING.max_break_frames:
+            if sum(last - first + 1 for first, last in gaps) > MAX_BREAK_FRAMES:
                 yield missing(name, tuple(gaps), self.subject_frames, beside)
             if excused := self._excused.of[index]:
                 yield _answered(missing(name, tuple(one[:2] for one in excused), self.subject_frames, beside))
@@ -153,7 +122,7 @@ class TakeTrouble:
             return of_cameras(one, cameras, blobs / max(len(self.by_camera.names), 1))
         frames = float(one.frames)
         if one.trajectory is not None and len(one.markers) == PAIR:  # a change of names; in the gap there is none
-            frames = min(frames, SUSPECTING.moment_s * self.rate)
+            frames = min(frames, MOMENT_S * self.rate)
         on_body = any(
             left.trajectory == one.trajectory and left.first <= one.last and one.first <= left.last
             for left in self._left

@@ -12,9 +12,9 @@ from ..data.takes import Suspect
 from ..data.wording import LISTED, words_of_frames
 from ..edits.kinds import Accepted, Delete, Edit, Right
 from .answering import PAIR
-from .camera_words import OF_ROOM
 from .leftovers import Leftover
 from .summary import MM_PER_M
+from .suspects import OF_ROOM
 
 # What is the matter, in the words of the list and of reports.
 MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA, NOBODY_THERE = (
@@ -25,7 +25,6 @@ MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA, NOBODY_THERE = (
     "camera",
     "nobody",
 )
-TROUBLE_KINDS = (NOBODY_THERE, MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA)
 # What helps.
 NAME_IT, FILL, UNLABEL, RIGHT, SWAP = "name", "fill", "unlabel", "right", "swap"
 REFINE, LABEL, DELETE = "refine", "label", "delete"
@@ -39,7 +38,7 @@ Spans = tuple[tuple[int, int], ...]
 class Trouble:
     """One thing that is the matter with a take.
 
-    kind          one of TROUBLE_KINDS
+    kind          what is the matter: MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA or NOBODY_THERE
     first, last   the frames to look at, the source's numbers, both included
     reason        what it is, in full
     advice        what to do, in words

@@ -7,9 +7,9 @@ from pathlib import Path
 from urllib.parse import quote
 
 from ...core.data.wording import count_of
-from ...core.edits.wording import words_of
-from ...core.review.camera_words import cameras_in
+from ...core.edits.kinds import words_of
 from ...core.review.overview import CELL_STATES, TakeOverview
+from ...core.review.suspects import cameras_in
 from ..batch import FAILING, TakeRow, worst_first
 from .drawings import bar, moment_views, strip_legend, time_strips
 from .markup import GENERATOR, Html, element, escaped, joined_html, length, name_of, percent, section, table, write_page
@@ -134,7 +134,7 @@ def _sentence(words: str) -> str:
 
 def _worst(overview: TakeOverview) -> Html | None:
     figures = []
-    for moment in overview.moments():
+    for moment in overview.keeper.worst():
         suspect = moment.suspect
         names = overview.subject.markers
         figures.append(

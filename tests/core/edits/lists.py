@@ -4,8 +4,8 @@
 import numpy as np
 from hypothesis import strategies as st
 
-from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels
-from addon.core.edits.applying import PointCells
+from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, Points
+from addon.core.edits.applying import Cells, cells_of_take
 from addon.core.edits.kinds import AssignPoint, Delete, Edits, Place, Right, Swap, UnlabelMarker, UnlabelPoint
 
 FRAMES, POINTS, FIRST = 6, 5, 10
@@ -31,13 +31,20 @@ edit = st.one_of(
 edits = st.lists(edit, max_size=6).map(lambda items: Edits(tuple(items)))
 
 
-def take(seed: int) -> tuple[Labels, PointCells]:
-    """Labels that have each marker once a frame at most, of points that are there four times in five."""
+def take(seed: int) -> tuple[Labels, np.ndarray]:
+    """Labels that have each marker once a frame at most, of points (T, P) that are there four times in five."""
     rng = np.random.default_rng(seed)
     present = rng.random((FRAMES, POINTS)) < 0.8
     names = [*range(len(NAMES)), NO_MARKER, NO_MARKER]
     given = np.array([rng.permutation(names)[:POINTS] for _ in range(FRAMES)])
-    return named(np.where(present, given, NO_MARKER)), PointCells(INDEX, len(NAMES), FIRST, present, COLUMNS)
+    return named(np.where(present, given, NO_MARKER)), present
+
+
+def cells_of(present: np.ndarray) -> Cells:
+    """What edits of these points (T, P) go by."""
+    xyz = np.where(present[..., None], np.zeros(3), np.nan)
+    points = Points(("",) * POINTS, xyz, xyz[..., 0], 100.0, FIRST, columns=COLUMNS)
+    return cells_of_take(points, INDEX, len(NAMES))
 
 
 def named(marker: np.ndarray) -> Labels:

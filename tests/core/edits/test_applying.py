@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Edits applied to labels: what they say holds, later ones win, and no frame has a marker twice."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,10 +9,8 @@ from hypothesis import strategies as st
 from addon.core.data.errors import InputError
 from addon.core.data.takes import BY_EDIT, BY_LIKELIHOOD, NO_MARKER, Blobs, Labels
 from addon.core.edits.applying import (
-    BlobCells,
-    PointCells,
-    apply_to_blobs,
-    apply_to_points,
+    apply_edits,
+    cells_of_blobs,
     refuse_unknown,
     summary_of,
 )
@@ -32,7 +28,7 @@ from addon.core.edits.kinds import (
 from addon.core.edits.replay import ANYBODY
 from addon.io.markersets import open_markerset
 
-from .lists import COLUMNS, FIRST, FRAMES, INDEX, NAMES, POINTS, edit, edits, named, take
+from .lists import COLUMNS, FIRST, FRAMES, INDEX, POINTS, cells_of, edit, edits, named, take
 
 A, B, C = range(3)
 seeds = st.integers(0, 10_000)
@@ -50,14 +46,15 @@ def rows(one) -> slice:
 @settings(max_examples=50, deadline=None)
 @given(seeds, edits)
 def test_no_frame_has_a_marker_twice_and_only_points_have_names(seed, said):
-    labels, cells = take(seed)
-    after = apply_to_points(labels, said, cells)
+    labels, present = take(seed)
+    cells = cells_of(present)
+    after = apply_edits(labels, said, cells)
     for row in range(FRAMES):
         own = after.labels.marker[row]
         assert len(set(own[own >= 0])) == (own >= 0).sum()
         placed = [marker for frame, marker in after.places if frame == row]
         assert not set(placed) & set(own)
-    assert not (after.labels.named & ~cells.present).any()
+    assert not (after.labels.named & ~present).any()
     assert ((after.labels.step == BY_EDIT) <= (after.labels.confidence == 1)).all()
     assert (after.labels.named == (after.labels.step > 0)).all()
     assert (after.labels.named == (after.labels.confidence > 0)).all()
@@ -66,13 +63,14 @@ def test_no_frame_has_a_marker_twice_and_only_points_have_names(seed, said):
 @settings(max_examples=50, deadline=None)
 @given(seeds, edits, edit)
 def test_the_last_edit_holds_whatever_was_said_before(seed, said, last):
-    labels, cells = take(seed)
-    before = apply_to_points(labels, said, cells)
-    done = apply_to_points(labels, said.added(last), cells)
+    labels, present = take(seed)
+    cells = cells_of(present)
+    before = apply_edits(labels, said, cells)
+    done = apply_edits(labels, said.added(last), cells)
     after, part = done.labels, rows(last)
     if isinstance(last, AssignPoint):
         own = after[part, column(last.point)]
-        there = cells.present[part, column(last.point)]
+        there = present[part, column(last.point)]
         assert (own.marker[there] == INDEX[last.marker]).all()
         assert (own.step[there] == BY_EDIT).all()
         assert (own.confidence[there] == 1).all()
@@ -98,8 +96,9 @@ def test_the_last_edit_holds_whatever_was_said_before(seed, said, last):
 @settings(max_examples=50, deadline=None)
 @given(seeds, edits, edit)
 def test_what_an_edit_is_not_about_stays(seed, said, last):
-    labels, cells = take(seed)
-    before, after = (apply_to_points(labels, one, cells).labels.marker for one in (said, said.added(last)))
+    labels, present = take(seed)
+    cells = cells_of(present)
+    before, after = (apply_edits(labels, one, cells).labels.marker for one in (said, said.added(last)))
     outside = np.ones(FRAMES, bool)
     outside[rows(last)] = False
     assert (before[outside] == after[outside]).all()
@@ -111,14 +110,15 @@ def test_what_an_edit_is_not_about_stays(seed, said, last):
 @settings(max_examples=50, deadline=None)
 @given(seeds, edits)
 def test_nothing_that_is_given_is_changed_and_undo_is_a_shorter_list(seed, said):
-    labels, cells = take(seed)
-    kept = [column.copy() for column in (labels.marker, labels.step, labels.confidence, cells.present)]
-    steps = [apply_to_points(labels, Edits(said.items[:count]), cells).labels.marker for count in range(len(said) + 1)]
-    assert all((one == other).all() for one, other in zip(kept, (*_columns(labels), cells.present), strict=True))
+    labels, present = take(seed)
+    cells = cells_of(present)
+    kept = [column.copy() for column in (labels.marker, labels.step, labels.confidence, present)]
+    steps = [apply_edits(labels, Edits(said.items[:count]), cells).labels.marker for count in range(len(said) + 1)]
+    assert all((one == other).all() for one, other in zip(kept, (*_columns(labels), present), strict=True))
     shorter = said
     for before in reversed(steps[:-1]):
         shorter = shorter.without(-1)
-        assert (apply_to_points(labels, shorter, cells).labels.marker == before).all()
+        assert (apply_edits(labels, shorter, cells).labels.marker == before).all()
     assert (steps[0] == labels.marker).all()
 
 
@@ -130,14 +130,15 @@ def _columns(labels: Labels):
 @given(seeds, seeds, edits)
 def test_labelled_again_the_same_edits_of_what_lies_below_say_the_same(seed, other, said):
     """`below` gives labels of which the edits make what they make of the old ones, and the new ones elsewhere."""
-    labels, cells = take(seed)
-    first = apply_to_points(labels, said, cells)
-    again = named(np.where(cells.present, take(other)[0].marker, NO_MARKER))
+    labels, present = take(seed)
+    cells = cells_of(present)
+    first = apply_edits(labels, said, cells)
+    again = named(np.where(present, take(other)[0].marker, NO_MARKER))
     below = first.edited.below(labels, again)
     for row in range(FRAMES):
         own = below.marker[row]
         assert len(set(own[own >= 0])) == (own >= 0).sum()
-    after = apply_to_points(below, said, cells)
+    after = apply_edits(below, said, cells)
     held = first.edited.named
     assert (after.labels.marker[held] == first.labels.marker[held]).all()
     assert not after.labels.named[first.edited.deleted].any()
@@ -146,19 +147,19 @@ def test_labelled_again_the_same_edits_of_what_lies_below_say_the_same(seed, oth
     open_ = first.edited.claim[row, again.marker[row, place]] == -1
     row, place = row[open_], place[open_]
     assert (after.labels.marker[row, place] == again.marker[row, place]).all()
-    round_trip = apply_to_points(first.edited.below(labels, first.labels), said, cells)
+    round_trip = apply_edits(first.edited.below(labels, first.labels), said, cells)
     assert (round_trip.labels.marker == first.labels.marker).all()
 
 
 def test_what_a_later_edit_overrides_leaves_nothing_behind():
     """A name taken by mistake, and given up again, is its old owner's."""
     labels = named(np.array([[A, B, NO_MARKER, NO_MARKER, NO_MARKER]] * FRAMES))
-    cells = PointCells(INDEX, len(NAMES), FIRST, np.ones((FRAMES, POINTS), bool), COLUMNS)
+    cells = cells_of(np.ones((FRAMES, POINTS), bool))
     wrong = Edits().added(AssignPoint(5, "A"))
-    assert apply_to_points(labels, wrong, cells).labels.marker[0].tolist() == [-1, B, A, -1, -1]
+    assert apply_edits(labels, wrong, cells).labels.marker[0].tolist() == [-1, B, A, -1, -1]
     right = wrong.added(AssignPoint(5, "C"))
-    assert apply_to_points(labels, right, cells).labels.marker[0].tolist() == [A, B, C, -1, -1]
-    assert apply_to_points(labels, right, cells).labels.step[0].tolist() == [
+    assert apply_edits(labels, right, cells).labels.marker[0].tolist() == [A, B, C, -1, -1]
+    assert apply_edits(labels, right, cells).labels.step[0].tolist() == [
         BY_LIKELIHOOD,
         BY_LIKELIHOOD,
         BY_EDIT,
@@ -168,11 +169,10 @@ def test_what_a_later_edit_overrides_leaves_nothing_behind():
 
 
 def test_edits_that_find_nothing_say_why():
-    labels, cells = named(np.full((FRAMES, POINTS), NO_MARKER)), take(0)[1]
-    cells = replace(cells, present=np.zeros((FRAMES, POINTS), bool))
+    labels, cells = named(np.full((FRAMES, POINTS), NO_MARKER)), cells_of(np.zeros((FRAMES, POINTS), bool))
     said = Edits((AssignPoint(2, "A", frames=(11, 12)), UnlabelMarker("B"), Swap(("A", "B")), UnlabelPoint(3)))
     said = said.added(Delete(5, frames=(11, 11)), Right("A", frames=(400, 500)), Right("A"))
-    outcomes = apply_to_points(labels, said, cells).outcomes
+    outcomes = apply_edits(labels, said, cells).outcomes
     assert [one.reason for one in outcomes] == [
         "trajectory 2 is not seen in frames 11 to 12",
         "B is not named in the take",
@@ -221,14 +221,14 @@ def cells(markerset):
     blobs = Blobs(
         np.array([20, 21]), np.array([0, 0, 0, 0, 1, 1]), np.array([0, 0, 1, 1, 0, 0]), xy, np.full(6, np.nan)
     )
-    return BlobCells.of(blobs, ("cam1", "cam2"), markerset)
+    return cells_of_blobs(blobs, ("cam1", "cam2"), markerset.by_name, len(markerset))
 
 
 def test_a_blob_is_found_again_within_two_pixels(cells, markerset):
     sacrum, hip = markerset.markers[:2]
     labels = named(np.array([0, 1, 0, 1, 0, 1]))
     said = Edits((AssignBlob("cam1", 20, 18.5, 20.0, sacrum), AssignBlob("cam2", 20, 13.0, 10.0, hip)))
-    done = apply_to_blobs(labels, said.added(AssignBlob("cam2", 21, 0, 0, hip)), cells)
+    done = apply_edits(labels, said.added(AssignBlob("cam2", 21, 0, 0, hip)), cells)
     assert done.labels.marker.tolist() == [-1, 0, 0, 1, 0, 1]
     assert done.labels.step.tolist() == [0, BY_EDIT, *[BY_LIKELIHOOD] * 4]
     assert [one.reason for one in done.outcomes] == [
@@ -241,12 +241,12 @@ def test_a_blob_is_found_again_within_two_pixels(cells, markerset):
 def test_edits_of_markers_are_of_all_images_of_their_frames(cells, markerset):
     one, other = markerset.markers[:2]
     labels = named(np.array([0, 1, 0, 1, 0, 1]))
-    done = apply_to_blobs(labels, Edits((Swap((one, other), frames=(20, 20)),)), cells)
+    done = apply_edits(labels, Edits((Swap((one, other), frames=(20, 20)),)), cells)
     assert done.labels.marker.tolist() == [1, 0, 1, 0, 0, 1]
-    done = apply_to_blobs(labels, Edits((UnlabelMarker(one, frames=(21, 21)),)), cells)
+    done = apply_edits(labels, Edits((UnlabelMarker(one, frames=(21, 21)),)), cells)
     assert done.labels.marker.tolist() == [0, 1, 0, 1, -1, 1]
-    done = apply_to_blobs(labels, Edits((Place(one, 21, (1.0, 2.0, 3.0)),)), cells)
+    done = apply_edits(labels, Edits((Place(one, 21, (1.0, 2.0, 3.0)),)), cells)
     assert (done.labels.marker == labels.marker).all()
     assert {key: place.tolist() for key, place in done.places.items()} == {(1, 0): [1.0, 2.0, 3.0]}
-    moved = apply_to_blobs(labels, Edits((Place(one, 21, (1.0, 2.0, 3.0)), Swap((one, other)))), cells)
+    moved = apply_edits(labels, Edits((Place(one, 21, (1.0, 2.0, 3.0)), Swap((one, other)))), cells)
     assert list(moved.places) == [(1, 1)]

@@ -1,15 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The track of a blob goes on while it is plain, ends before it could be another's, and edits hold along it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from addon.core.data.takes import BY_EDIT, NO_MARKER, Blobs, Labels
-from addon.core.edits.applying import BLOB_EDITING, BlobCells, apply_to_blobs
+from addon.core.edits.applying import Cells, apply_edits, cells_of_blobs
 from addon.core.edits.blob_tracks import BlobTracks, followed
-from addon.core.edits.following_blobs import BLOB_FOLLOWING, BlobFollowing
+from addon.core.edits.following import Following, changed_frames
 from addon.core.edits.kinds import AssignBlob, DeleteBlob, Edits, Place, Right, Swap, UnlabelBlob, UnlabelMarker
 
 FRAMES, FIRST = 40, 11
@@ -52,7 +50,7 @@ def row_of(blobs: Blobs, truth: np.ndarray, name: str, frame: int, camera: int =
 
 def test_a_track_ends_where_two_cross_and_where_a_blob_is_not_seen(take):
     blobs, truth = take
-    tracks = BlobTracks(blobs, CAMERAS, 2.0)
+    tracks = BlobTracks(blobs, CAMERAS)
     for name, frame, last in (("A", 3, 19), ("A", 39, 21), ("C", 2, 14), ("C", 30, 18)):
         rows = tracks.rows(row_of(blobs, truth, name, frame))
         assert set(truth[rows]) == {NAMES[name]}
@@ -69,7 +67,7 @@ def test_a_blob_that_goes_is_not_followed_to_its_neighbour():
     near = {"A": paths()["A"].copy(), "B": paths()["A"] + [14, 3]}
     near["A"][10:] = np.nan
     blobs, truth = take_of({0: near})
-    rows = BlobTracks(blobs, CAMERAS, 2.0).rows(row_of(blobs, truth, "A", 2))
+    rows = BlobTracks(blobs, CAMERAS).rows(row_of(blobs, truth, "A", 2))
     assert set(truth[rows]) == {NAMES["A"]}
     assert blobs.frame[rows].max() == 9
 
@@ -79,19 +77,19 @@ def test_an_edit_of_a_track_holds_in_its_frames_and_in_its_camera(take):
     x, y = blobs.xy[row_of(blobs, truth, "B", 5, camera=1)]
     said = Edits((AssignBlob("cam2", FIRST + 5, float(x), float(y), "C", frames=(FIRST + 2, FIRST + 9)),))
     chunks = [blobs.between(FIRST, FIRST + 6), blobs.between(FIRST + 7, FIRST + FRAMES)]
-    known = followed(said, chunks, CAMERAS, BLOB_EDITING.max_distance_px)
+    known = followed(said, chunks, CAMERAS)
     assert known.items == said.items, "the track is no part of what was said"
-    done = [apply_to_blobs(Labels.none(len(part)), known, cells_of(part)) for part in chunks]
+    done = [apply_edits(Labels.none(len(part)), known, cells_of(part)) for part in chunks]
     named = np.concatenate([one.labels.marker for one in done]) == NAMES["C"]
     meant = (blobs.camera == 1) & (truth == NAMES["B"]) & (blobs.frame >= 2) & (blobs.frame <= 9)
     np.testing.assert_array_equal(named, meant)
     assert [one.outcomes[0].labels for one in done] == [5, 3]
-    alone = apply_to_blobs(Labels.none(len(blobs)), said, cells_of(blobs))
+    alone = apply_edits(Labels.none(len(blobs)), said, cells_of(blobs))
     assert (alone.labels.step == BY_EDIT).sum() == 1, "without its track it is of its own frame"
 
 
-def cells_of(blobs: Blobs) -> BlobCells:
-    return BlobCells.named(blobs, CAMERAS, NAMES, len(NAMES))
+def cells_of(blobs: Blobs) -> Cells:
+    return cells_of_blobs(blobs, CAMERAS, NAMES, len(NAMES))
 
 
 def test_names_are_taken_from_blobs_and_given_to_none(take):
@@ -100,19 +98,18 @@ def test_names_are_taken_from_blobs_and_given_to_none(take):
     row = row_of(blobs, truth, "A", 5)
     x, y = map(float, blobs.xy[row])
     for kind, deleted in ((UnlabelBlob, False), (DeleteBlob, True)):
-        done = apply_to_blobs(labels, Edits((kind("cam1", FIRST + 5, x, y),)), cells_of(blobs))
+        done = apply_edits(labels, Edits((kind("cam1", FIRST + 5, x, y),)), cells_of(blobs))
         assert np.flatnonzero(done.labels.marker != truth).tolist() == [row]
         assert done.labels.marker[row] == NO_MARKER
         assert done.edited.deleted.any() == deleted
-    nothing = apply_to_blobs(Labels.none(len(blobs)), Edits((UnlabelBlob("cam1", FIRST + 5, x, y),)), cells_of(blobs))
+    nothing = apply_edits(Labels.none(len(blobs)), Edits((UnlabelBlob("cam1", FIRST + 5, x, y),)), cells_of(blobs))
     assert "has no name" in nothing.outcomes[0].reason
 
 
-def test_followed_edits_are_those_of_the_whole_take(take, monkeypatch):
-    monkeypatch.setattr("addon.core.edits.following_blobs.BLOB_FOLLOWING", replace(BLOB_FOLLOWING, block_frames=7))
+def test_followed_edits_are_those_of_the_whole_take(take):
     blobs, truth = take
     labels = Labels(truth, np.ones(len(truth), int), np.ones(len(truth)))
-    following = BlobFollowing(blobs, labels, NAMES, len(NAMES), CAMERAS)
+    following, tracks = Following(labels, cells_of(blobs)), BlobTracks(blobs, CAMERAS)
     x, y = map(float, blobs.xy[row_of(blobs, truth, "A", 25)])
     said = Edits(
         (
@@ -125,16 +122,15 @@ def test_followed_edits_are_those_of_the_whole_take(take, monkeypatch):
         )
     )
     for count in range(len(said) + 1):
-        some = said.of(said.items[:count])
+        some = tracks.followed(said.of(said.items[:count]))
         stepwise = following.apply(some)
-        whole = apply_to_blobs(labels, following.tracks.followed(some), cells_of(blobs))
+        whole = apply_edits(labels, some, cells_of(blobs))
         np.testing.assert_array_equal(stepwise.labels.marker, whole.labels.marker)
         np.testing.assert_array_equal(stepwise.labels.step, whole.labels.step)
         assert stepwise.outcomes == whole.outcomes
-        assert {key: xyz.tolist() for key, xyz in stepwise.places.items()} == {
+        assert {key: xyz.tolist() for key, xyz in stepwise.held.places.items()} == {
             key: xyz.tolist() for key, xyz in whole.places.items()
         }
-    before = following.apply(said).groups
-    after = following.apply(said.without(-3)).groups
-    kept = {id(one) for one in before} & {id(one) for one in after}
-    assert kept, "blocks that nothing changed are kept"
+    before = following.apply(tracks.followed(said))
+    after = following.apply(tracks.followed(said.without(2)))
+    assert changed_frames(before.held, after.held, said=False) == {1: slice(30, 32)}

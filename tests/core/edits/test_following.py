@@ -1,36 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Labels that follow edits group by group are those of all edits at once, whatever was asked before."""
+"""Labels that follow edits one by one are those of all edits at once, whatever was asked before."""
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from addon.core.data.takes import BY_EDIT, Labels, PointRows
-from addon.core.edits import following
-from addon.core.edits.applying import apply_to_points
-from addon.core.edits.following import Following, changed_frames, moved_frames
+from addon.core.edits.applying import apply_edits, cells_of_points
+from addon.core.edits.following import Following, changed_frames
 from addon.core.edits.kinds import NO_EDITS, AssignPoint, Edits, Place, Swap
 
-from .lists import COLUMNS, FIRST, FRAMES, NAMES, edit, edits, take
+from .lists import COLUMNS, FIRST, FRAMES, INDEX, NAMES, cells_of, edit, edits, take
 
 seeds = st.integers(0, 10_000)
 
 
-@pytest.fixture(autouse=True, scope="module", params=[40, 10_000_000])
-def kept(request):
-    """Few former values, so that all is applied again now and then, and many."""
-    before, following.FOLLOWING = following.FOLLOWING, following.FollowingOptions(request.param)
-    yield
-    following.FOLLOWING = before
-
-
-def rows_of(labels: Labels, cells) -> tuple[PointRows, Labels, tuple[np.ndarray, np.ndarray]]:
-    """The points of a table one after the other, their labels, and where in the table each is."""
-    at = np.nonzero(cells.present)
+def followed(labels: Labels, present: np.ndarray) -> tuple[Following, PointRows, tuple[np.ndarray, np.ndarray]]:
+    """What follows the points of a table, one after the other, these points, and where in the table each is."""
+    at = np.nonzero(present)
     xyz = np.random.default_rng(1).normal(size=(len(at[0]), 3))
     rows = PointRows(FIRST + np.arange(FRAMES), at[0], COLUMNS[at[1]], xyz, np.full(len(xyz), 0.001))
-    return rows, labels[at], at
+    return Following(labels[at], cells_of_points(rows, INDEX, len(NAMES))), rows, at
 
 
 def same(one: Labels, other: Labels):
@@ -41,11 +31,11 @@ def same(one: Labels, other: Labels):
 @settings(max_examples=80, deadline=None)
 @given(seeds, st.lists(edits, min_size=1, max_size=3))
 def test_they_are_those_of_all_edits_at_once(seed, lists):
-    labels, cells = take(seed)
-    rows, program, at = rows_of(labels, cells)
-    take_of = Following(rows, program, cells.names, cells.count)
+    labels, present = take(seed)
+    take_of, _, at = followed(labels, present)
+    cells = cells_of(present)
     for said in lists:
-        after, wanted = take_of.apply(said), apply_to_points(labels, said, cells)
+        after, wanted = take_of.apply(said), apply_edits(labels, said, cells)
         same(after.labels, wanted.labels[at])
         assert after.outcomes == wanted.outcomes
         assert {key: tuple(xyz) for key, xyz in after.held.places.items()} == {
@@ -56,13 +46,12 @@ def test_they_are_those_of_all_edits_at_once(seed, lists):
 @settings(max_examples=40, deadline=None)
 @given(seeds, edits)
 def test_it_knows_which_row_each_marker_is(seed, said):
-    labels, cells = take(seed)
-    rows, program, _ = rows_of(labels, cells)
-    after = Following(rows, program, cells.names, cells.count).apply(said)
-    held = np.full((cells.count, FRAMES), -1)
+    take_of, rows, _ = followed(*take(seed))
+    after = take_of.apply(said)
+    held = np.full((len(NAMES), FRAMES), -1)
     named = np.flatnonzero(after.labels.named)
     held[after.labels.marker[named], rows.frame[named]] = named
-    np.testing.assert_array_equal(after.held.rows, held)
+    np.testing.assert_array_equal(after.held.cells, held)
     by_edit = np.zeros(held.shape, bool)
     named = named[after.labels.step[named] == BY_EDIT]
     by_edit[after.labels.marker[named], rows.frame[named]] = True
@@ -72,14 +61,12 @@ def test_it_knows_which_row_each_marker_is(seed, said):
 @settings(max_examples=40, deadline=None)
 @given(seeds, edits, edit)
 def test_what_one_more_edit_changes_is_known_by_its_markers(seed, said, one):
-    labels, cells = take(seed)
-    rows, program, _ = rows_of(labels, cells)
-    take_of = Following(rows, program, cells.names, cells.count)
+    take_of, rows, _ = followed(*take(seed))
     before = take_of.apply(said)
     after = take_of.apply(said.added(one))
     differs = before.labels.marker != after.labels.marker
     touched = {*before.labels.marker[differs].tolist(), *after.labels.marker[differs].tolist()} - {-1}
-    spans, moved = changed_frames(before.held, after.held), moved_frames(before.held, after.held)
+    spans, moved = changed_frames(before.held, after.held), changed_frames(before.held, after.held, said=False)
     placed = {key[1] for key in {**before.held.places, **after.held.places}}
     assert set(moved) <= set(spans) and set(moved) - placed <= touched
     assert changed_frames(None, before.held) == changed_frames(before.held, None)
@@ -91,20 +78,17 @@ def test_what_one_more_edit_changes_is_known_by_its_markers(seed, said, one):
 
 
 def test_a_place_that_is_moved_is_a_marker_that_moved():
-    labels, cells = take(3)
-    rows, program, _ = rows_of(labels, cells)
-    take_of = Following(rows, program, cells.names, cells.count)
+    take_of, _, _ = followed(*take(3))
     one, other = (take_of.apply(Edits((Place(NAMES[1], FIRST + 2, (0.0, 0.0, z)),))) for z in (1.0, 2.0))
-    assert moved_frames(one.held, other.held) == {1: slice(2, 3)}
-    assert moved_frames(one.held, one.held) == moved_frames(None, None) == {}
-    assert not moved_frames(None, take_of.apply(NO_EDITS).held)
+    assert changed_frames(one.held, other.held, said=False) == {1: slice(2, 3)}
+    assert changed_frames(one.held, one.held) == changed_frames(None, None) == {}
+    assert not changed_frames(None, take_of.apply(NO_EDITS).held)
 
 
 def test_a_take_in_which_nothing_was_seen_can_be_edited():
-    _, cells = take(3)
     nothing = PointRows(FIRST + np.arange(FRAMES), np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)), None)
     placed = Place(NAMES[0], FIRST + 1, (0.0, 0.0, 1.0))
     said = Edits((AssignPoint(int(COLUMNS[0]), NAMES[1]), Swap((NAMES[0], NAMES[1])), placed))
-    after = Following(nothing, Labels.none(0), cells.names, cells.count).apply(said)
+    after = Following(Labels.none(0), cells_of_points(nothing, INDEX, len(NAMES))).apply(said)
     assert [outcome.labels for outcome in after.outcomes] == [0, 0, 1]
-    assert list(after.held.places) == [(1, cells.names[NAMES[0]])]
+    assert list(after.held.places) == [(1, 0)]

@@ -16,8 +16,9 @@ from addon.core.edits.kinds import (
     UnlabelBlob,
     UnlabelMarker,
     UnlabelPoint,
+    counted_on,
+    words_of,
 )
-from addon.core.edits.wording import counted_on, words_of
 
 WORDS = {
     AssignPoint(12, "LKNE", frames=(100, 250)): "LKNE is trajectory 12, frames 100–250",

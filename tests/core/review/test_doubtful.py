@@ -7,6 +7,7 @@ import pytest
 from addon.core.data.takes import BY_EDIT, BY_LIKELIHOOD, Labels, PointRows, Suspect
 from addon.core.edits.kinds import Accepted, Edits, Right
 from addon.core.review.doubtful import WHOLE_FRAME, doubtful_ranges, doubtful_samples
+from addon.core.review.suspects import find_suspects
 from tests.core.scenes import motion_of
 
 FRAMES, NAMES = 50, ("LHEE", "RHEE", "LTOE")
@@ -25,8 +26,10 @@ def take():
 
 
 def asked(take, suspects=(), edits=()) -> dict[str, list[list[int]]]:
-    found = doubtful_samples(*take, suspects, NAMES, 100.0, Edits(tuple(edits)))
-    return doubtful_ranges(found, take[2].frames, NAMES)
+    rows, labels, motion = take
+    exact = find_suspects(motion, NAMES, 100.0)
+    found = doubtful_samples(rows, labels, motion.frames, exact, suspects, NAMES, Edits(tuple(edits)))
+    return doubtful_ranges(found, motion.frames, NAMES)
 
 
 def test_what_a_list_sums_up_is_told_frame_by_frame(take):

@@ -9,11 +9,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from addon.core.data.takes import NO_MARKER, Blobs, Labels
+from addon.core.data.takes import NO_MARKER, Blobs
 from addon.core.geometry.cameras import Cameras
 from addon.core.geometry.rotations import exponential
-from addon.core.review.camera_words import cameras_in
 from addon.core.review.odd_cameras import CameraCheck, _renamed
+from addon.core.review.suspects import cameras_in
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import disturbed
 from addon.io.blobs import read_blobs
@@ -53,8 +53,7 @@ def said(cameras: Cameras, blobs: Blobs, marker: np.ndarray, expected: np.ndarra
     for first in range(0, FRAMES, 10):
         rows = (blobs.frame >= first) & (blobs.frame < first + 10)
         part = blobs.between(first + 11, first + 20)
-        labels = Labels(marker[rows], 0 * marker[rows], 0.0 * marker[rows])
-        check.add(part, SimpleNamespace(labels=labels, motion=SimpleNamespace(expected=expected[first : first + 10])))
+        check.add(part, marker[rows], expected[first : first + 10])
     suspects = check.suspects()
     assert all((suspect.first, suspect.last) == (11, 10 + FRAMES) for suspect in suspects)
     return [suspect.reason for suspect in suspects]
@@ -187,8 +186,7 @@ def test_a_room_in_the_wrong_unit_is_told_with_how_much(count, times, words):
     blobs, marker, markers = captured(rig)
     room = replace(rig, translation=times * rig.translation)
     check = CameraCheck(room, ListedMarkers([None] * MARKERS))
-    unknown = Labels(np.full_like(marker, NO_MARKER), 0 * marker, 0.0 * marker)
-    check.add(blobs, SimpleNamespace(labels=unknown, motion=SimpleNamespace(expected=np.full_like(markers, np.nan))))
+    check.add(blobs, np.full_like(marker, NO_MARKER), np.full_like(markers, np.nan))
     told = [suspect.reason for suspect in check.suspects()]
     assert len(told) == bool(words)
     for sentence in told:
@@ -207,19 +205,17 @@ def test_the_cameras_that_were_really_moved(shared_data):
     for part in read_blobs(folder / "run.csv", cameras, (1, 400)):
         marker = truth[at : at + len(part.blobs)]
         at += len(marker)
-        motion = SimpleNamespace(expected=take.xyz[part.blobs.frames - take.first_frame])
-        check.add(part.blobs, SimpleNamespace(labels=Labels(marker, 0 * marker, 0.0 * marker), motion=motion))
+        check.add(part.blobs, marker, take.xyz[part.blobs.frames - take.first_frame])
     words = [suspect.reason for suspect in check.suspects()]
     assert [sentence.split(" seems")[0] for sentence in words] == ["camera 15343", "camera 15344"]
-    assert 1.5 < check.figures.offset[cameras.names.index("15343")] < 3
+    assert 1.5 < check.offset[cameras.names.index("15343")] < 3
 
 
 def test_a_long_take_keeps_few_frames():
     blobs, marker, markers = captured(RIG)
     check = CameraCheck(RIG)
-    labels = Labels(marker, 0 * marker, 0.0 * marker)
     for _ in range(40):
-        check.add(blobs, SimpleNamespace(labels=labels, motion=SimpleNamespace(expected=markers)))
+        check.add(blobs, marker, markers)
     assert 40 <= len(check.frames) <= 80
 
 

@@ -4,7 +4,7 @@
 import numpy as np
 
 from addon.core.data.takes import Suspect
-from addon.core.review.suspects import LISTING, find_suspects, summarised
+from addon.core.review.suspects import MAX_ENTRIES, find_suspects, summarised
 from tests.core.scenes import motion_of
 
 RATE = 100.0
@@ -51,7 +51,7 @@ def test_a_list_stays_short_and_names_those_it_is_about_and_what_is_of_the_whole
     many = [Suspect(index, index, f"M{index:03} jumps") for index in range(200)]
     few = [Suspect(5, 9, "trajectory 3 goes over from A to B"), Suspect(0, 999, "10 trajectories stand still")]
     found = summarised(many + few, RATE)
-    assert len(found) == 3 <= LISTING.max_entries
+    assert len(found) == 3 <= MAX_ENTRIES
     assert found[0].reason == "10 trajectories stand still"
     assert found[1] == Suspect(0, 199, "M000 M001 M002 M003 M004 M005 M006 M007 and 192 more: jumps")
     assert found[2] in few

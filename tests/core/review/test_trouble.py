@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A review that tells the truth: what is missing, left over or off the body is said, worst first."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from addon.core.data.takes import BY_FIT, NO_MARKER, NO_STEP, Labels, Motion, PointRows, Suspect
 from addon.core.edits.kinds import Accepted, Delete, Edits, Right, Swap
-from addon.core.review.take_trouble import MarkerSight, TakeTrouble
+from addon.core.review.take_trouble import TakeTrouble
 from addon.core.review.trouble import (
     IN_DOUBT,
     LEFT_OVER,
@@ -217,18 +215,3 @@ def test_many_gaps_are_answered_by_one_edit_that_locks_nothing_between_them():
     assert [one.answered for one in trouble(markers, edits=[answer])] == [True]
     markers[195:, 1] = np.nan
     assert [one.answered for one in trouble(markers, edits=[answer])] == [False]
-
-
-def test_what_an_edit_changed_is_looked_at_again_as_if_all_were():
-    rng = np.random.default_rng(3)
-    markers, expected = rng.normal(size=(2, 40, 5, 3))
-    markers[rng.random((40, 5)) < 0.2] = np.nan
-    motion = replace(take(even()[:40])[2], markers=markers, expected=expected)
-    sight = MarkerSight.of(motion)
-    moved = markers.copy()
-    moved[3:9, 1], moved[20:, 4] = markers[3:9, 2], np.nan
-    after = replace(motion, markers=moved)
-    sight.look_again(after, {1: slice(2, 10), 4: slice(20, 40)})
-    whole = MarkerSight.of(after)
-    np.testing.assert_array_equal(sight.present, whole.present)
-    np.testing.assert_array_equal(sight.off, whole.off)

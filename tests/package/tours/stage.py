@@ -70,7 +70,7 @@ def now():
 def corrections() -> list[str]:
     """What was said so far; the sidebar's list comes a moment later."""
     stored, _ = now()
-    words_of = module("core.edits.wording").words_of
+    words_of = module("core.edits.kinds").words_of
     return [words_of(edit, stored.shift) for edit in stored.edits]
 
 

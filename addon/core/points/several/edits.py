@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...data.takes import NO_MARKER, Labels, Verdict
-from ...edits.applying import AppliedEdits, PointCells, apply_to_points
+from ...edits.applying import AppliedEdits, apply_edits, cells_of_take
 from ...edits.kinds import Edits
 from ...edits.replay import FREE, Edited
 from ..whole_take.pipeline import Steps, decided_of, solution_for, without_deleted
@@ -29,9 +29,9 @@ class EditedSubjects:
 
 def with_edits(crowd: Crowd, found: Everybody, edits: Edits) -> Steps[EditedSubjects]:
     """Everybody solved again with what the edits say."""
-    cells = PointCells.of(crowd.take, found.worn)
+    cells = cells_of_take(crowd.take, found.worn.by_name, len(found.worn))
     before = found.verdict.labels
-    first = apply_to_points(before, edits, cells)
+    first = apply_edits(before, edits, cells)
     verdicts = []
     for one, place in zip(found.found, found.worn.firsts, strict=True):
         size = len(one.subject.model.markerset)
@@ -43,7 +43,7 @@ def with_edits(crowd: Crowd, found: Everybody, edits: Edits) -> Steps[EditedSubj
         verdicts.append((yield from _heard(crowd, one.body, own, own_labels(before, place, size), may)))
     again = joined(found.worn, verdicts)
     unedited = first.edited.below(before, again.labels)
-    applied = replace(apply_to_points(unedited, edits, cells), outcomes=first.outcomes)
+    applied = replace(apply_edits(unedited, edits, cells), outcomes=first.outcomes)
     return EditedSubjects(unedited, applied, Verdict(applied.labels, again.suspects))
 
 
@@ -74,6 +74,7 @@ def edited_of(edited: Edited, first: int, size: int) -> Edited:
     refused = np.where((refused >= first) & (refused < last), refused - first, NO_MARKER)
     return Edited(
         own_labels(edited.labels, first, size),
+        edited.row,
         again,
         refused,
         edited.claim[:, first:last],

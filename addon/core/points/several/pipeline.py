@@ -20,7 +20,7 @@ from ...data.takes import Labels, Points, Suspect
 from ...edits.applying import refuse_unknown
 from ...edits.kinds import NO_EDITS, Edits
 from ...review.answering import unanswered, without_accepted
-from ...review.suspects import SUSPECTING, summarised, suspect_ranges
+from ...review.suspects import MOMENT_S, summarised, suspect_ranges
 from ..possible import refuse_impossible
 from ..refusals import UnsuitedError, refuse_floods
 from ..tracklets import cut
@@ -98,7 +98,7 @@ def _questions(crowd: Crowd, found: Everybody, labels: Labels) -> tuple[Suspect,
     if len(found.worn.asked.subjects) < len(found.worn.subjects):
         people.append("somebody else")
     words = f"somebody here is left without names, who may be {' or '.join(people)}"
-    most = round(SUSPECTING.moment_s * crowd.take.rate)
+    most = round(MOMENT_S * crowd.take.rate)
     return tuple(suspect_ranges(crowd.take.frames, np.any(presences, axis=0), words, most))
 
 

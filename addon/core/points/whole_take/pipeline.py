@@ -19,7 +19,7 @@ from ...data.made import Made
 from ...data.progress import Progress, Stage, Steps, in_stages
 from ...data.room import IN_MEMORY, MakeTable
 from ...data.takes import LabelledChunk, Labels, Points, Suspect, Verdict
-from ...edits.applying import AppliedEdits, PointCells, apply_to_points
+from ...edits.applying import AppliedEdits, apply_edits, cells_of_take
 from ...edits.kinds import NO_EDITS, Edits
 from ...review.answering import unanswered, without_accepted
 from ...review.suspects import called_by, summarised
@@ -321,8 +321,9 @@ def _with_edits(
     frames: NamedFrames, solved: Solution | None, verdict: Verdict, options: PointOptions
 ) -> Steps[tuple[Labels, AppliedEdits, Verdict]]:
     """The labels (T, P) of which the edits give those in the end, what the edits say, and the verdict with them."""
-    cells = PointCells.of(frames.take, frames.model.markerset)
-    first = apply_to_points(verdict.labels, options.edits, cells)
+    markerset = frames.model.markerset
+    cells = cells_of_take(frames.take, markerset.by_name, len(markerset))
+    first = apply_edits(verdict.labels, options.edits, cells)
     rulings = Rulings(first.edited, verdict.labels, frames.tracklet, solved)
     yield Stage("hear", "hear what the edits say")
     heard = rulings.heard((yield from without_deleted(frames, first.edited.deleted)))
@@ -331,7 +332,7 @@ def _with_edits(
     solution = yield from solution_for(frames, heard, tracklet, rulings)
     again = decided_of(frames, heard, tracklet, solution, options.target)
     unedited = first.edited.below(verdict.labels, again.labels)
-    applied = replace(apply_to_points(unedited, options.edits, cells), outcomes=first.outcomes)
+    applied = replace(apply_edits(unedited, options.edits, cells), outcomes=first.outcomes)
     return unedited, applied, Verdict(applied.labels, again.suspects)
 
 

@@ -4,8 +4,8 @@
 import numpy as np
 import pytest
 
-from addon.core.data.takes import BY_EDIT, NO_MARKER, Labels
-from addon.core.edits.applying import PointCells, apply_to_points
+from addon.core.data.takes import BY_EDIT, NO_MARKER, Labels, Points
+from addon.core.edits.applying import apply_edits, cells_of_take
 from addon.core.edits.kinds import AssignPoint, Delete, Edits, Right, UnlabelMarker, UnlabelPoint
 from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.deciding import labels_of
@@ -42,9 +42,9 @@ def everything(model, points):
 
 
 def rulings_of(model, points, labels: Labels, *edits) -> Rulings:
-    present = np.isfinite(points[..., 0])
-    cells = PointCells(model.markerset.by_name, len(model.markerset), 1, present, np.arange(points.shape[1]))
-    return Rulings(apply_to_points(labels, Edits(edits), cells).edited, labels, cut(points, RATE), None)
+    take = Points(("",) * points.shape[1], points, points[..., 0], RATE, 1)
+    cells = cells_of_take(take, model.markerset.by_name, len(model.markerset))
+    return Rulings(apply_edits(labels, Edits(edits), cells).edited, labels, cut(points, RATE), None)
 
 
 def solved(model, points, labels: Labels, rulings: Rulings) -> np.ndarray:
