@@ -15,7 +15,7 @@ from ..tracklets import VOTE
 
 
 @dataclass(frozen=True)
-class MatchingOptions:
+class TieOptions:
     """How equals are told apart.
 
     least      format: log odds by which one naming is better than another: rounding must not choose between equals, of
@@ -27,7 +27,7 @@ class MatchingOptions:
     order: float = 0.01
 
 
-MATCHING = MatchingOptions()
+TIES = TieOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +98,9 @@ def _given_what_is_clear(names: Names, found: np.ndarray) -> Names:
         best, brings = np.zeros(count), np.full(count, -np.inf)
         np.maximum.at(best, one, worth[other])
         np.maximum.at(brings, one, (worth - lost)[other])
-        clear = worth > lost + best + MATCHING.least
+        clear = worth > lost + best + TIES.least
         found[names.tracklet[clear]] = names.marker[clear]
-        shut = clear | (brings > worth + MATCHING.least)
+        shut = clear | (brings > worth + TIES.least)
         for pairs in (names.rivals, names.clashes):
             shut[pairs[0, clear[pairs[1]]]] = True
         if not shut.any():
@@ -137,7 +137,7 @@ def _solved(names: Names, first: np.ndarray, end: np.ndarray) -> np.ndarray:
     # Of equals the first tracklets have the first markers: the first loses most by having the last marker.
     lost = names.tracklet / (names.tracklet.max() + 1) - 1
     solved = milp(
-        -names.worth - MATCHING.order * lost * names.marker / (names.marker.max() + 1),
+        -names.worth - TIES.order * lost * names.marker / (names.marker.max() + 1),
         integrality=np.ones(len(every)),
         bounds=(0, 1),
         constraints=LinearConstraint(once, ub=1),
