@@ -40,6 +40,7 @@ class RegressionOptions:
 
 
 REGRESSION = RegressionOptions()
+MEAN_OF_DISTANCE = np.sqrt(8 / np.pi)  # of a place whose three coordinates are off by one standard deviation
 SEARCH_STEPS = 10  # of the search for scales: 5 and 25 come as far
 
 
