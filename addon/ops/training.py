@@ -15,7 +15,7 @@ from bpy_extras.io_utils import ImportHelper
 from ..core.data.errors import InputError
 from ..core.data.wording import count_of
 from ..core.review.doubtful import doubtful_samples
-from ..core.training.looked_at import learnable
+from ..core.training.takes import learnable
 from ..io.markersets import SUFFIX
 from ..io.points import read_points
 from ..io.text import written
@@ -202,11 +202,11 @@ class MOCAP_AUTOLABEL_OT_learn_take(Trains, bpy.types.Operator):
         asked = doubtful_samples(
             stored.rows, stored.labels, motion, stored.suspects, names, stored.rate, stored.edits, stored.words
         )
-        learned = learnable(measured, asked, names)
-        refuse_doubtful(learned.xyz)
+        learned, doubts = learnable(measured, asked, names)
+        refuse_doubtful(learned)
         if set(names) != set(chosen_markerset(settings.subjects).markers):
             raise InputError("the chosen marker set is not the take's; expected the one that it was labelled by")
-        shown, body = _take_file(stored, names, learned.xyz, learned.doubts), chosen_model(settings.subjects)
+        shown, body = _take_file(stored, names, learned, doubts), chosen_model(settings.subjects)
         return replace(_new_job(settings, base), markers=names, shown=(shown,), body=body)
 
 

@@ -62,7 +62,7 @@ class MarkerRays:
         return len(self.marker)
 
     @classmethod
-    def join(cls, parts: Iterable[tuple[int, Self]]) -> Self:
+    def join(cls, parts: Iterable[tuple[int, "MarkerRays"]]) -> Self:
         """Those of several parts of a take, each with the index of its first frame."""
         parts = [(0, NO_RAYS), *parts]
         names = ("marker", "origin", "direction", "spread")

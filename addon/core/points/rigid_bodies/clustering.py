@@ -18,10 +18,11 @@ class ClusteringOptions:
     max_size_m       the widest that a rigid body is; physical: a pelvis or a chest
     max_deviation_m  that distances within a cluster vary by, in the mean; physical: skin under a plate
     prior_m          that a distance is taken to vary by; physical: as two limbs that hardly move do
-    prior_frames     in which it is taken to have been seen so
+    prior_frames     in which it is taken to have been seen so; measured: half and twice of it name plates alike
     max_off_m        physical: a marker's width, which a tracklet may be off its place in the cluster, root mean square;
                      half of it in its distances from others, to go on as the marker of an earlier one
-    min_seen_part    of a cluster's frames that a marker of it must be seen in, and of the take one on none
+    min_seen_part    of a cluster's frames that a marker of it must be seen in, and of the take one on none; measured as
+                     prior_frames
     """
 
     max_gap_s: float = 0.02

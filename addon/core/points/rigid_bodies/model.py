@@ -28,7 +28,8 @@ class RigidBodyOptions:
     min_sd_m         that any distance is taken to vary by; physical: how exact cameras are
     min_marker_part  of the markers that must be on rigid bodies for the set to be; measured on the same takes
     min_prop_move_m  standard deviation of where a prop is; physical: who stands still keeps their form too
-    slack_range      of a distance's range that it may leave the range by: no take shows all poses
+    slack_range      of a distance's range that it may leave the range by: no take shows all poses; measured: half and
+                     twice of it name plates and meetings alike
     slack_m          that it may leave it by besides; physical: plates are put on by hand
     """
 

@@ -13,7 +13,7 @@ from .clustering import Cluster, Sampled, find_clusters, sampled, unbroken
 from .marker_matching import Placed, place_markers
 from .model import RANGE_TAILS, RigidBodies
 from .single_markers import find_single_markers
-from .structure import Structure, unseen_is_nan
+from .structure import STRUCTURE, Structure, unseen_is_nan
 
 
 @dataclass(frozen=True)
@@ -24,19 +24,16 @@ class RecognitionOptions:
                      Clouthier takes, with other limbs and rigid bodies of other forms elsewhere on them
     min_marker_lead  log odds by which a marker's point must lead within the rigid body; measured on the same
     min_most         part of the frames in which a distance must be seen to show its whole range, and of the sure rigid
-                     bodies that must be the model's own for the take to be of a subject it knows
+                     bodies that must be the model's own for the take to be of a subject it knows; measured: half and
+                     twice of it name plates alike
     min_other        sure rigid bodies that are enough to show that the subject is another, if none is the model's own:
-                     of a few some may be mistaken, that all are is no chance
-    range_m          that the range of a distance differs by between subjects; physical
-    range_share      the same of the distance, besides; physical: people's proportions
+                     of a few some may be mistaken, that all are is no chance; measured as min_most
     """
 
     min_body_lead: float = 3.0
     min_marker_lead: float = 5.0
     min_most: float = 0.8
     min_other: int = 3
-    range_m: float = 0.03
-    range_share: float = 0.06
 
 
 RECOGNITION = RecognitionOptions()
@@ -79,41 +76,32 @@ class Recognition:
 
 
 def recognise(
-    structure: Structure,
-    rigid_bodies: RigidBodies,
-    points: np.ndarray,
-    tracklet: np.ndarray,
-    rate: float,
+    structure: Structure, rigid_bodies: RigidBodies, points: np.ndarray, tracklet: np.ndarray, rate: float
 ) -> Recognition:
     """Which marker is where in a take of points (T, P, 3) m, with the number of the tracklet of each (T, P).
 
     `structure` and `rigid_bodies` are the model's.
     """
     with unseen_is_nan():
-        return _recognise(structure, rigid_bodies, points, unbroken(tracklet, rate), rate)
-
-
-def _recognise(
-    structure: Structure, rigid_bodies: RigidBodies, points: np.ndarray, part: np.ndarray, rate: float
-) -> Recognition:
-    seen = sampled(points, part, rate)
-    clusters = find_clusters(seen)
-    matched = match_clusters(structure, clusters)
-    sure = (matched.cluster != NO_CLUSTER) & (matched.margin >= RECOGNITION.min_body_lead)
-    cluster = np.where(sure, matched.cluster, NO_CLUSTER)
-    placed = place_markers(structure, clusters, Matched(cluster, matched.margin))
-    named = (placed.point != NO_POINT) & (placed.margin >= RECOGNITION.min_marker_lead)
-    at = _positions(clusters, cluster, placed, named)
-    forms = _own_forms(structure, clusters, cluster, placed, named)
-    own = _own_rigid_bodies(rigid_bodies, forms, placed, named, at)
-    single = np.full(int(part.max(initial=-1)) + 1, -1)
-    free = _free(seen, clusters)
-    if len(free) and named.any():
-        found = find_single_markers(own, at, np.flatnonzero(placed.point == NO_POINT), seen.points[:, free])
-        single[seen.number[free]] = found
-        own = _with_single_markers(own, at, seen.points[:, free], found)
-    known = _known(forms, len(structure))
-    return Recognition(cluster, matched.margin, placed, named, tuple(clusters), part, single, own, known)
+        part = unbroken(tracklet, rate)
+        seen = sampled(points, part, rate)
+        clusters = find_clusters(seen)
+        matched = match_clusters(structure, clusters)
+        sure = (matched.cluster != NO_CLUSTER) & (matched.margin >= RECOGNITION.min_body_lead)
+        cluster = np.where(sure, matched.cluster, NO_CLUSTER)
+        placed = place_markers(structure, clusters, Matched(cluster, matched.margin))
+        named = (placed.point != NO_POINT) & (placed.margin >= RECOGNITION.min_marker_lead)
+        at = _positions(clusters, cluster, placed, named)
+        forms = _own_forms(structure, clusters, cluster, placed, named)
+        own = _own_rigid_bodies(rigid_bodies, forms, placed, named, at)
+        single = np.full(int(part.max(initial=-1)) + 1, -1)
+        free = _free(seen, clusters)
+        if len(free) and named.any():
+            found = find_single_markers(own, at, np.flatnonzero(placed.point == NO_POINT), seen.points[:, free])
+            single[seen.number[free]] = found
+            own = _with_single_markers(own, at, seen.points[:, free], found)
+        known = _known(forms, len(structure))
+        return Recognition(cluster, matched.margin, placed, named, tuple(clusters), part, single, own, known)
 
 
 def _positions(clusters: list[Cluster], cluster: np.ndarray, placed: Placed, sure: np.ndarray) -> np.ndarray:
@@ -157,7 +145,7 @@ def _own_rigid_bodies(
     form = np.zeros_like(rigid_bodies.form)
     for own, shape, _ in forms:
         form[own] = shape
-    wider = RECOGNITION.range_m + RECOGNITION.range_share * (rigid_bodies.low + rigid_bodies.high) / 2
+    wider = STRUCTURE.between_subjects((rigid_bodies.low + rigid_bodies.high) / 2)
     low, high = np.maximum(rigid_bodies.low - wider, 0), rigid_bodies.high + wider
     for marker in np.flatnonzero(sure).tolist():
         others = np.flatnonzero(sure & (np.arange(len(sure)) > marker))

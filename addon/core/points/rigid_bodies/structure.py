@@ -14,7 +14,7 @@ import numpy as np
 
 from ...data.takes import evenly_spread
 from ...geometry.rigid import MIN_POINTS, centre_of_rotation, in_axes, laid_on, pairwise_distances
-from .model import RigidBodies
+from .model import RIGID_BODY, RigidBodies
 from .volumes import signed_volumes
 
 
@@ -36,10 +36,9 @@ class StructureOptions:
 
     slack_m         in a distance; physical: plates are put on by hand
     slack_share     in parts of the distance, besides; physical: people's proportions
-    slack_range     in parts of its range, besides: no take shows all poses
-    min_volume_sd   that a signed volume is taken to vary by, in units of its sides
+    min_volume_sd   that a signed volume is taken to vary by, in units of its sides; measured: half and twice of it name
+                    people in other plates alike
     placement_sd_m  by which a marker put on elsewhere changes the volumes of its triples, in their sides; physical
-    min_mirror_sds  standard deviations from 0 of a volume that distinguishes a body from its mirror image
     max_loose_m     that a rigid body's own markers may move against each other; physical: skin
     max_beside_m    physical: that a marker on no rigid body may move against one, root mean square, to be looked for on
                     it; across a joint it moves more
@@ -49,14 +48,16 @@ class StructureOptions:
 
     slack_m: float = 0.025
     slack_share: float = 0.08
-    slack_range: float = 0.2
     min_volume_sd: float = 0.05
     placement_sd_m: float = 0.004
-    min_mirror_sds: float = 1.5
     max_loose_m: float = 0.004
     max_beside_m: float = 0.03
     form_sd_m: float = 0.012
     form_share: float = 0.15
+
+    def between_subjects(self, distance: np.ndarray) -> np.ndarray:
+        """m, how much a distance, m, differs from one subject's to another's."""
+        return self.slack_m + self.slack_share * distance
 
 
 JOINT = JointOptions()
@@ -159,37 +160,33 @@ def unseen_is_nan() -> warnings.catch_warnings:
 def learn_structure(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -> Structure:
     """The structure of labelled frames of each subject, (F, M, 3) m, NaN where missing."""
     with unseen_is_nan():
-        return _learn(rigid_bodies, subjects)
-
-
-def _learn(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -> Structure:
-    frames = np.concatenate([points[evenly_spread(len(points), STRUCTURE_FRAMES)] for points in subjects])
-    groups = [_firm(group, frames) for group in rigid_bodies.members]
-    poses = [laid_on(_centred(rigid_bodies.form[group]), frames[:, group]) for group in groups]
-    turn, place = (np.stack(part, axis=1) for part in zip(*poses, strict=True))
-    low, high = np.nanpercentile(pairwise_distances(place), MIDDLES_TAILS, axis=0)
-    quads = np.array(list(combinations(range(len(poses)), 4)), int).reshape(-1, 4)
-    volumes = signed_volumes(*(place[:, quads[:, corner]] for corner in range(4)))
-    mean, spread = np.nanmean(volumes, axis=0), np.hypot(np.nanstd(volumes, axis=0), STRUCTURE.min_volume_sd)
-    telling = np.abs(mean) > STRUCTURE.min_mirror_sds * spread
-    single = np.setdiff1d(np.arange(frames.shape[1]), np.concatenate(groups))
-    inner = [
-        _learn_inner(rigid_bodies, group, single, frames, turn[:, index], place[:, index], place)
-        for index, group in enumerate(groups)
-    ]
-    joints = find_joints(turn, place)
-    return Structure(
-        low,
-        high,
-        STRUCTURE.slack_m + STRUCTURE.slack_share * (low + high) / 2 + STRUCTURE.slack_range * (high - low),
-        quads[telling],
-        mean[telling],
-        spread[telling],
-        joints,
-        joints.sure,
-        tuple(inner),
-        frames.shape[1],
-    )
+        frames = np.concatenate([points[evenly_spread(len(points), STRUCTURE_FRAMES)] for points in subjects])
+        groups = [_firm(group, frames) for group in rigid_bodies.members]
+        poses = [laid_on(_centred(rigid_bodies.form[group]), frames[:, group]) for group in groups]
+        turn, place = (np.stack(part, axis=1) for part in zip(*poses, strict=True))
+        low, high = np.nanpercentile(pairwise_distances(place), MIDDLES_TAILS, axis=0)
+        quads = np.array(list(combinations(range(len(poses)), 4)), int).reshape(-1, 4)
+        volumes = signed_volumes(*(place[:, quads[:, corner]] for corner in range(4)))
+        mean, spread = np.nanmean(volumes, axis=0), np.hypot(np.nanstd(volumes, axis=0), STRUCTURE.min_volume_sd)
+        telling = np.abs(mean) > spread
+        single = np.setdiff1d(np.arange(frames.shape[1]), np.concatenate(groups))
+        inner = [
+            _learn_inner(rigid_bodies, group, single, frames, turn[:, index], place[:, index], place)
+            for index, group in enumerate(groups)
+        ]
+        joints = find_joints(turn, place)
+        return Structure(
+            low,
+            high,
+            STRUCTURE.between_subjects((low + high) / 2) + RIGID_BODY.slack_range * (high - low),
+            quads[telling],
+            mean[telling],
+            spread[telling],
+            joints,
+            joints.sure,
+            tuple(inner),
+            frames.shape[1],
+        )
 
 
 def length_spread(lengths: np.ndarray) -> np.ndarray:

@@ -4,6 +4,7 @@
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -176,7 +177,7 @@ class Crowd:
 
     def points_of(self, may: np.ndarray) -> Points:
         """The take without the points of tracklets that are not a body's (N,); a long one's as they are looked at."""
-        xyz = only_some(self.take.xyz, self.tracklet, may)
+        xyz: Any = only_some(self.take.xyz, self.tracklet, may)
         return replace(self.take, xyz=xyz if self.tracklet.size > PACKING.whole_cells else xyz[...])
 
     def recognised(

@@ -3,6 +3,7 @@
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -74,7 +75,7 @@ def _could_be(crowd: Crowd, one: NamedBody, some: np.ndarray) -> np.ndarray:
     if one.solution is None or not some.any():
         return some
     solution, size = one.solution, len(one.model.markerset)
-    placed = solution.tracklets.placed(crowd.take.xyz, solution.marker, size)
+    placed: Any = solution.tracklets.placed(crowd.take.xyz, solution.marker, size)
     freedom = ROUNDS.freedoms[-1]
     wide = widened(trained_pairs(one.model), freedom.bend, freedom.motion_m, freedom.layout_m)
     own = crowd.tracklets_of(some)
