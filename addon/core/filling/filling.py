@@ -252,8 +252,7 @@ class _Filler:
 
     def _paths(self, gap: Gap, own: np.ndarray) -> Iterator[tuple[str, np.ndarray, float]]:
         """What each method says in its turn: its name, the path (L, 3) m, and the mean error to expect of it, m."""
-        helping, asked = self.take.helping(gap), self.options.method
-        neighbours = neighbours_of(self.take, helping, own)
+        neighbours, asked = neighbours_of(self.take, gap, own), self.options.method
         for method in IN_TURN if asked == "auto" else (asked,):
             if method == "regression":
                 model = self._model(gap.marker, neighbours)
@@ -261,32 +260,31 @@ class _Filler:
                 if answer is not None:
                     yield method, answer[0], MEAN_OF_DISTANCE * float(answer[1].mean())
                 continue
-            group = helping if method == "pca" else neighbours
-            path = self._carried(method, gap, group, own)
-            expected = np.nan if path is None else self._error_of(method, gap, group, own)
+            path = self._carried(method, gap, neighbours, own)
+            expected = np.nan if path is None else self._error_of(method, gap, neighbours, own)
             if path is not None and (np.isfinite(expected) or asked == method):
                 yield method, path, expected
 
-    def _carried(self, method: str, gap: Gap, group: np.ndarray, own: np.ndarray) -> np.ndarray | None:
+    def _carried(self, method: str, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -> np.ndarray | None:
         """The path (L, 3) m by a method that does not say how sure it is; None where a part of it is no number."""
         if method == "body":
             path = None if self.fitted_subject is None else self.fitted_subject.fill(self.take, gap, own)
         else:
-            path = PLAIN[method](self.take, gap, group, own)
+            path = PLAIN[method](self.take, gap, neighbours, own)
         return path if path is not None and np.isfinite(path).all() else None
 
-    def _error_of(self, method: str, gap: Gap, group: np.ndarray, own: np.ndarray) -> float:
-        """m, mean error of a method on gaps cut where marker and group are known; NaN where there is room for none."""
-        there = own & np.isfinite(self.take.xyz[:, group, 0]).all(axis=1)
+    def _error_of(self, method: str, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -> float:
+        """m, mean error of a method on gaps cut where it and neighbours are known; NaN where there is room for none."""
+        there = own & np.isfinite(self.take.xyz[:, neighbours, 0]).all(axis=1)
         total = np.r_[0, np.cumsum(there)]
         for length in (len(gap), max(len(gap) // 2, 1)):
             starts = np.flatnonzero(total[length + 2 :] - total[: -length - 2] == length + 2) + 1
             errors = []
-            for start in starts[evenly_spread(len(starts), TRIALS)].tolist() if len(starts) else ():
+            for start in starts[evenly_spread(len(starts), TRIALS)].tolist():
                 trial, hidden = Gap(start, start + length, gap.marker), own.copy()
                 # At no end that the real gap lacks is anything known in the trial.
                 hidden[start - (gap.start == 0) : start + length + (gap.stop == len(own))] = False
-                path = self._carried(method, trial, group, hidden)
+                path = self._carried(method, trial, neighbours, hidden)
                 if path is not None:
                     truth = self.take.xyz[trial.start : trial.stop, gap.marker]
                     errors.append(float(np.linalg.norm(path - truth, axis=1).mean()))

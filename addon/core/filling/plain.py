@@ -15,7 +15,7 @@ from ..body.prior import Prior
 from ..data.markersets import MarkerSet
 from ..data.takes import evenly_spread
 from ..geometry.rigid import MIN_POINTS, laid_on
-from ..posing.posing import POSING, fit_subject, pose_subject
+from ..posing.posing import POSING, pose_subject, subject_of
 from .gaps import LEARNED_BY, Gap, KnownMarkers
 
 
@@ -71,7 +71,7 @@ def rigid(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray)
 
 
 def pca(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -> np.ndarray | None:
-    """The principal components of the take, found in each frame by the markers that are there; ends joined.
+    """The principal components of the marker and its neighbours, found in each frame by these; ends joined.
 
     (Federolf, A novel approach to solve the "missing marker problem" in marker-based motion analysis that exploits the
     segment coordination patterns, 2013; Gløersen and Federolf 2016.)
@@ -79,32 +79,20 @@ def pca(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -
     part = take.window(gap)
     # In a trial there may be others missing than in the gap that it stands for.
     neighbours = neighbours[np.isfinite(take.xyz[part][:, neighbours, 0]).all(axis=0)]
-    rows, group = _together(take, neighbours, own)
-    if len(rows) < LEARNED_BY.min_frames or len(group) < MIN_POINTS:
+    rows = np.flatnonzero(own & np.isfinite(take.xyz[:, neighbours, 0]).all(axis=1))
+    if len(rows) < LEARNED_BY.min_frames or len(neighbours) < MIN_POINTS:
         return None
-    seen, middle = _about_middle(take.xyz[rows][:, group])
+    rows = rows[evenly_spread(len(rows), LEARNED_BY.frames)]
+    seen, middle = _about_middle(take.xyz[rows][:, neighbours])
     whole = np.concatenate([seen, take.xyz[rows, gap.marker] - middle], axis=1)
     mean = whole.mean(axis=0)
     values, axes = np.linalg.eigh((whole - mean).T @ (whole - mean))
     values = np.maximum(values[::-1], 0)
     kept = 1 + int(np.searchsorted(np.cumsum(values), PLAIN_FILLING.pca_share * values.sum()))
     axes = axes[:, ::-1][:, :kept]
-    around, middle = _about_middle(take.xyz[part][:, group])
+    around, middle = _about_middle(take.xyz[part][:, neighbours])
     weights = np.linalg.lstsq(axes[:-3], (around - mean[:-3]).T, rcond=None)[0]
     return _joined((axes[-3:] @ weights).T + mean[-3:] + middle, take, gap, own)
-
-
-def _together(take: KnownMarkers, neighbours: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Frames with the marker and neighbours, and which: the neighbours that are rarest go, until frames are many."""
-    at = np.flatnonzero(own)
-    at = at[evenly_spread(len(at), 2 * LEARNED_BY.frames)] if len(at) else at
-    known = np.isfinite(take.xyz[at][:, neighbours, 0])
-    group, whole = np.arange(len(neighbours)), known.all(axis=1)
-    while len(group) > MIN_POINTS and whole.sum() < max(LEARNED_BY.min_frames, len(at) // 4):
-        group = np.delete(group, known[:, group].sum(axis=0).argmin())
-        whole = known[:, group].all(axis=1)
-    rows = at[whole]
-    return rows[evenly_spread(len(rows), LEARNED_BY.frames)] if len(rows) else rows, neighbours[group]
 
 
 def _about_middle(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -138,14 +126,11 @@ class FittedSubject:
     def of(cls, markerset: MarkerSet, columns: np.ndarray, take: KnownMarkers) -> "FittedSubject | None":
         """The body that fits a take best; None where no frame has enough of the model's markers."""
         model = BodyModel(markerset)
-        points = _of_model(take.xyz, columns)
-        count = np.isfinite(points[..., 0]).sum(axis=1)
-        enough = np.flatnonzero(count >= max(POSING.min_markers, count.max() // 2))
-        if not len(enough):
-            return None
         prior = Prior(model)
-        subject = fit_subject(model, points[enough[evenly_spread(len(enough), POSING.subject_frames)]], prior)
-        return cls(model, subject.pick(slice(0, 1)), prior, columns)
+        try:
+            return cls(model, subject_of(model, _of_model(take.xyz, columns), prior), prior, columns)
+        except ValueError:
+            return None
 
     def fill(self, take: KnownMarkers, gap: Gap, own: np.ndarray) -> np.ndarray | None:
         """Positions (L, 3) m where the body carries the marker, led to the ends in the axes of its segment.

@@ -167,10 +167,10 @@ class MarkerModel:
         return (inner - self.mean) * self.weight, turn, place
 
 
-def neighbours_of(take: KnownMarkers, helping: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """(N,) the markers that tell of a gap: of those `helping` in it, the first that are also known in enough frames."""
+def neighbours_of(take: KnownMarkers, gap: Gap, own: np.ndarray) -> np.ndarray:
+    """(N,) the markers that tell of a gap: of those helping in it, the first that are also known in enough frames."""
     rows, chosen, total = own, [], own.sum()
-    for marker in helping:
+    for marker in take.helping(gap):
         both = rows & np.isfinite(take.xyz[:, marker, 0])
         if both.sum() >= REGRESSION.keep_share * total:
             chosen.append(marker)

@@ -127,11 +127,11 @@ def subject_of(model: BodyModel, points: Table, prior: Prior, frames: int = POSI
     return fit_subject(model, points[_fullest(there, enough, frames)], prior).pick(slice(0, 1))
 
 
-def fit_subject(model: BodyModel, points: np.ndarray, prior: Prior, steps: int = SUBJECT_STEPS) -> Bodies:
+def fit_subject(model: BodyModel, points: np.ndarray, prior: Prior) -> Bodies:
     """Bodies (T) that share scale, shape and own offsets, on a few frames (T, M, 3) m that all have a pose."""
     free = _until_still(model, aligned(model, points, prior), points, FAR_STEPS, prior)
     bodies = replace(free, scale=_shared(free.scale), shape=_shared(free.shape))
-    bodies = descend_subject(model, bodies, points, prior, steps)
+    bodies = descend_subject(model, bodies, points, prior, SUBJECT_STEPS)
     for _ in range(OWN_ROUNDS):
         bodies = _with_own(model, bodies, points)
         bodies = descend_subject(model, bodies, points, prior, OWN_STEPS)

@@ -89,7 +89,7 @@ def _match_one(
     tried = correspondences(len(inner.form), cluster.form)
     points = cluster.markers
     others = np.arange(len(structure)) != rigid_body
-    known = structure.linked[rigid_body] & joints.sure[rigid_body]
+    known = structure.joints.sure[rigid_body] & joints.sure[rigid_body]
     meet = structure.joints.at[rigid_body, known], joints.at[rigid_body, known]
     away = _away_fit(inner, points, middles, others, tried)
     joint = _joint_fit(inner.form, cluster.form, *meet, tried)

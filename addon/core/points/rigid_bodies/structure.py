@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from ...data.takes import evenly_spread
-from ...geometry.rigid import MIN_POINTS, centre_of_rotation, in_axes, laid_on, pairwise_distances
+from ...geometry.rigid import centre_of_rotation, in_axes, laid_on, pairwise_distances
 from .model import RIGID_BODY, RigidBodies
 from .volumes import signed_volumes
 
@@ -39,7 +39,6 @@ class StructureOptions:
     min_volume_sd   that a signed volume is taken to vary by, in units of its sides; measured: half and twice of it name
                     people in other plates alike
     placement_sd_m  by which a marker put on elsewhere changes the volumes of its triples, in their sides; physical
-    max_loose_m     that a rigid body's own markers may move against each other; physical: skin
     max_beside_m    physical: that a marker on no rigid body may move against one, root mean square, to be looked for on
                     it; across a joint it moves more
     form_sd_m       measured: of a length within a rigid body, on the raw take S09_KneeltoRun02
@@ -50,7 +49,6 @@ class StructureOptions:
     slack_share: float = 0.08
     min_volume_sd: float = 0.05
     placement_sd_m: float = 0.004
-    max_loose_m: float = 0.004
     max_beside_m: float = 0.03
     form_sd_m: float = 0.012
     form_share: float = 0.15
@@ -67,7 +65,6 @@ JOINT_PULL = 0.05  # of a joint to the middles of its rigid bodies, along axes a
 MIN_FRAMES = 20  # in which two rigid bodies must be seen to have a joint
 FRAMES_OF_JOINT = 0.9  # part of them that a joint is found from, those that agree best: some trajectories go astray
 MIDDLES_TAILS = [1.0, 99.0]  # per cent of a distance, between which its range is; beyond are outliers
-MAX_LOOSE_RATIO = 3.0  # times the usual, that a rigid body's own markers may move against each other
 MAX_MEMBERS = 7  # markers of a rigid body with those beside it, of which all correspondences are tried: 8 have 40,320
 INDEPENDENT = 3  # distances that are all the evidence there is of a place; more are partly the same
 MAX_COST = 8.0  # the most that one fact counts against, log likelihood: four standard deviations
@@ -92,14 +89,9 @@ class Joints:
         return np.linalg.norm(self.at, axis=2)
 
     @property
-    def telling(self) -> np.ndarray:
-        """(K, K) whether the two were seen together and turn enough against each other to tell a joint."""
-        return np.isfinite(self.miss) & (self.turn > JOINT.min_turn_rad)
-
-    @property
     def sure(self) -> np.ndarray:
-        """(K, K) whether there is a joint."""
-        return (self.miss < JOINT.max_miss_m) & self.telling
+        """(K, K) whether there is a joint: the two were seen together, turn enough to show it, and keep to it."""
+        return (self.miss < JOINT.max_miss_m) & (self.turn > JOINT.min_turn_rad)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +124,7 @@ class Structure:
 
     low, high    (K, K) m, the range of the distance between the middles of two rigid bodies, and slack (K, K) m beyond
     quads        (Q, 4) rigid bodies whose middles tell left from right, with mean and sd (Q,) of their signed volume
-    joints       between the rigid bodies; `linked` (K, K) is True where there is one
+    joints       between the rigid bodies
     inner        what is known within each rigid body
     markers      M, of the set
     """
@@ -144,7 +136,6 @@ class Structure:
     volume: np.ndarray
     volume_sd: np.ndarray
     joints: Joints
-    linked: np.ndarray
     inner: tuple[Inner, ...]
     markers: int
 
@@ -161,7 +152,7 @@ def learn_structure(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -
     """The structure of labelled frames of each subject, (F, M, 3) m, NaN where missing."""
     with unseen_is_nan():
         frames = np.concatenate([points[evenly_spread(len(points), STRUCTURE_FRAMES)] for points in subjects])
-        groups = [_firm(group, frames) for group in rigid_bodies.members]
+        groups = [group[:MAX_MEMBERS] for group in rigid_bodies.members]
         poses = [laid_on(_centred(rigid_bodies.form[group]), frames[:, group]) for group in groups]
         turn, place = (np.stack(part, axis=1) for part in zip(*poses, strict=True))
         low, high = np.nanpercentile(pairwise_distances(place), MIDDLES_TAILS, axis=0)
@@ -174,7 +165,6 @@ def learn_structure(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -
             _learn_inner(rigid_bodies, group, single, frames, turn[:, index], place[:, index], place)
             for index, group in enumerate(groups)
         ]
-        joints = find_joints(turn, place)
         return Structure(
             low,
             high,
@@ -182,8 +172,7 @@ def learn_structure(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -
             quads[telling],
             mean[telling],
             spread[telling],
-            joints,
-            joints.sure,
+            find_joints(turn, place),
             tuple(inner),
             frames.shape[1],
         )
@@ -196,17 +185,6 @@ def length_spread(lengths: np.ndarray) -> np.ndarray:
 
 def _centred(form: np.ndarray) -> np.ndarray:
     return form - form.mean(axis=0)
-
-
-def _firm(group: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """The markers of a rigid body without those that move against the rest, such as one on the joint below.
-
-    The firmest of them, if they are many.
-    """
-    loose = np.median(np.nanstd(pairwise_distances(frames[:, group]), axis=0), axis=0)
-    firm = loose < max(STRUCTURE.max_loose_m, MAX_LOOSE_RATIO * np.median(loose))
-    firm |= firm.sum() < MIN_POINTS
-    return group[np.sort(np.where(firm, loose, np.inf).argsort(kind="stable")[: min(firm.sum(), MAX_MEMBERS)])]
 
 
 def triples(count: int) -> np.ndarray:

@@ -22,9 +22,9 @@ from .places import NO_BODY, PLACES_TRIED, bodies_by_place, grouped
 class PartingPeopleOptions:
     """How tracklets are parted into bodies.
 
-    clear    times the affinity to any other body that a tracklet's affinity to one must be, to be that one's alone;
-             measured on 20 kinds of meetings: with 1.3 a tenth more of the points are on the wrong body alone, with
-             2.2 twice as many are on several
+    clear    measured: times the affinity to any other body that a tracklet's affinity to one must be, to be that one's
+             alone; in 20 kinds of meetings 1.3 has a tenth more points on the wrong body alone, 2.2 twice as many on
+             several
     on_body  part of a tracklet's strongest affinity, below which it is not on a body; measured of 0.3 to 0.8 on
              `returning` and `returning-acting` of tests/accuracy/actors.py
     """
