@@ -34,8 +34,7 @@ class JointOptions:
 class StructureOptions:
     """What subjects are taken to differ by.
 
-    slack_m         in a distance; physical: plates are put on by hand
-    slack_share     in parts of the distance, besides; physical: people's proportions
+    slack_share     in parts of a distance, beside what plates put on by hand do; physical: people's proportions
     min_volume_sd   that a signed volume is taken to vary by, in units of its sides; measured: half and twice of it name
                     people in other plates alike
     placement_sd_m  by which a marker put on elsewhere changes the volumes of its triples, in their sides; physical
@@ -45,7 +44,6 @@ class StructureOptions:
     form_share      measured: the same of the length, besides, on it
     """
 
-    slack_m: float = 0.025
     slack_share: float = 0.08
     min_volume_sd: float = 0.05
     placement_sd_m: float = 0.004
@@ -55,7 +53,7 @@ class StructureOptions:
 
     def between_subjects(self, distance: np.ndarray) -> np.ndarray:
         """m, how much a distance, m, differs from one subject's to another's."""
-        return self.slack_m + self.slack_share * distance
+        return RIGID_BODY.slack_m + self.slack_share * distance
 
 
 JOINT = JointOptions()
