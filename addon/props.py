@@ -288,7 +288,7 @@ class FillingSettings(bpy.types.PropertyGroup):
         name="Method",
         description="What gaps are filled by",
         items=(
-            ("auto", "Automatic", "What errs least on gaps cut into this take where the truth is known"),
+            ("auto", "Automatic", "Learned, or the first of the others that is sure enough where it does not do"),
             ("regression", "Learned", "A regression on the neighbours, learned from the take"),
             ("rigid", "Rigid", "The body that the nearest markers make"),
             ("pattern", "Pattern", "The path of the neighbour that moves most alike"),

@@ -24,7 +24,7 @@ def add_parser(verbs):
         default="auto",
         help="spline; rigid: the body that the nearest markers make; pattern: the path of one neighbour; pca: the "
         "principal components of the take; body: the body of --model, fitted; regression: learned from the take's own "
-        "frames; auto (default): what errs least on gaps cut into this take where the truth is known",
+        "frames; auto (default): regression, or else the first of pca, body and spline that is sure enough",
     )
     parser.add_argument(
         "--max-gap", type=whole(1, 10**9, "number of frames"), metavar="FRAMES", help="leave longer gaps"

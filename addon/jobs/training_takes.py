@@ -14,8 +14,7 @@ from ..core.data.markersets import MarkerSet
 from ..core.points.handedness import MirroredError, refuse_labelled
 from ..core.points.likelihood.learn import LEARN
 from ..core.review.answering import right_in
-from ..core.training.looked_at import learnable
-from ..core.training.takes import LabelledTake, odd_size
+from ..core.training.takes import LabelledTake, learnable, odd_size
 from ..core.training.transfer import known_body, known_places
 from ..io.edits import edits_beside, read_edits
 from ..io.points import FilePoints, read_points
@@ -129,9 +128,9 @@ def looked_at(
     if edits is not None:
         of_name = {name: at for at, name in enumerate(names)}
         asked &= ~right_in(read_edits(edits), of_name, first_frame + np.arange(len(xyz)))
-    learned = learnable(np.where(filled[..., None], np.nan, xyz), asked, names)
-    refuse_doubtful(learned.xyz)
-    return learned.xyz, learned.doubts
+    learned, doubts = learnable(np.where(filled[..., None], np.nan, xyz), asked, names)
+    refuse_doubtful(learned)
+    return learned, doubts
 
 
 def _spans(report: dict, path: Path) -> tuple[list[tuple[str, int, int]], list[tuple[str, int, int]]]:

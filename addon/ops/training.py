@@ -16,7 +16,7 @@ from ..core.data.errors import InputError
 from ..core.data.wording import count_of
 from ..core.review.doubtful import doubtful_samples
 from ..core.review.suspects import find_suspects
-from ..core.training.looked_at import learnable
+from ..core.training.takes import learnable
 from ..io.markersets import SUFFIX
 from ..io.points import read_points
 from ..io.text import written
@@ -200,11 +200,11 @@ class MOCAP_AUTOLABEL_OT_learn_take(Trains, bpy.types.Operator):
         measured = np.where((motion.residual == 0)[..., None], np.nan, motion.markers)
         doubts, words = (find_suspects(motion, names, stored.rate), stored.suspects), stored.words
         asked = doubtful_samples(stored.rows, stored.labels, motion.frames, *doubts, names, stored.edits, words)
-        learned = learnable(measured, asked, names)
-        refuse_doubtful(learned.xyz)
+        learned, unsure = learnable(measured, asked, names)
+        refuse_doubtful(learned)
         if set(names) != set(chosen_markerset(settings.subjects).markers):
             raise InputError("the chosen marker set is not the take's; expected the one that it was labelled by")
-        shown, body = _take_file(stored, names, learned.xyz, learned.doubts), chosen_model(settings.subjects)
+        shown, body = _take_file(stored, names, learned, unsure), chosen_model(settings.subjects)
         return replace(_new_job(settings, base), markers=names, shown=(shown,), body=body)
 
 

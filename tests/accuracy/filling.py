@@ -23,6 +23,7 @@ from addon.core.data.progress import finished
 from addon.core.filling import plain
 from addon.core.filling.filling import FillOptions, fill_take
 from addon.core.filling.gaps import Gap, KnownMarkers
+from addon.core.filling.regression import neighbours_of
 from addon.io.points import read_points
 from scripts.results import markdown
 
@@ -104,9 +105,9 @@ def kalman(take: KnownMarkers, gap: Gap) -> np.ndarray:
 
 def peer(name: str, take: KnownMarkers, gap: Gap) -> np.ndarray | None:
     """What a usual method makes of a gap, (L, 3) m."""
-    own, helping = take.known[:, gap.marker], take.helping(gap)
+    own = take.known[:, gap.marker]
     ways = {"cubic spline": plain.spline, "rigid, 4 neighbours": plain.rigid, "PCA, joined ends": plain.pca}
-    return kalman(take, gap) if name == "low-rank Kalman" else ways[name](take, gap, helping, own)
+    return kalman(take, gap) if name == "low-rank Kalman" else ways[name](take, gap, neighbours_of(take, gap, own), own)
 
 
 PEERS = ("cubic spline", "rigid, 4 neighbours", "PCA, joined ends", "low-rank Kalman")

@@ -4,7 +4,6 @@
 import queue
 import threading
 from collections.abc import Callable, Generator
-from dataclasses import dataclass
 from typing import Any
 
 from .progress import Progress, finished
@@ -12,17 +11,7 @@ from .progress import Progress, finished
 WORK_DONE = object()
 
 
-@dataclass(frozen=True)
-class BackgroundOptions:
-    """How work in a thread is watched.
-
-    max_wait_s  physical: that a step waits for news of it, s: as long as a person does not mind a window that stands
-    """
-
-    max_wait_s: float = 0.2
-
-
-BACKGROUND = BackgroundOptions()
+MAX_WAIT_S = 0.2  # that a step waits for news of the work: as long as a person does not mind a window that stands
 
 
 def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[float, None, Any]:
@@ -52,7 +41,7 @@ def in_background(work: Callable[[Callable[[float], None]], Any]) -> Generator[f
     try:
         while True:
             try:
-                item = news.get(timeout=BACKGROUND.max_wait_s)
+                item = news.get(timeout=MAX_WAIT_S)
             except queue.Empty:
                 yield share
                 continue

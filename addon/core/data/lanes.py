@@ -134,8 +134,8 @@ def trajectories_at(lanes: Lanes | None, frame: np.ndarray, lane: np.ndarray) ->
     return lane if lanes is None else lanes.at(frame, lane)
 
 
-def blocks(frames: int, width: int, options: LaneOptions = PACKING) -> Iterator[slice]:
+def blocks(frames: int, width: int) -> Iterator[slice]:
     """The frames of a table (T, L) block by block, so that what is made of each is small."""
-    size = min(max(options.block_cells // max(width, 1), 1), options.block_frames)
+    size = min(max(PACKING.block_cells // max(width, 1), 1), PACKING.block_frames)
     for start in range(0, frames, size):
         yield slice(start, min(start + size, frames))

@@ -1,27 +1,27 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A take's gaps filled, the shortest first, each by the method that errs least on gaps like it cut into the take."""
+"""A take's gaps filled, the shortest first, with the mean error to expect of each."""
 
-from collections.abc import Generator, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..data.markersets import MarkerSet
+from ..data.takes import evenly_spread
 from . import plain
-from .fitted import FittedSubject
-from .gaps import LEARNED_BY, Gap, KnownMarkers, find_gaps, find_strays
+from .gaps import Gap, KnownMarkers, find_gaps, find_strays
 from .kept import KeptFill
+from .plain import FittedSubject
 from .rays import NO_RAYS, MarkerRays, constrained
-from .regression import MarkerModel, learned, neighbours_of, regress
-from .trials import Answer, Choice, Way, choose, graded, pace_of, paces
+from .regression import MEAN_OF_DISTANCE, MarkerModel, learned, neighbours_of, regress
 
-# In the order of the command line; "auto" picks among all but itself. Those carry a marker by what moves with it.
+# In the order of the command line; "auto" takes the first of IN_TURN whose error to expect is allowed. Measured: to try
+# all of them on gaps cut into the take, and take the best, errs as much on six takes.
 FILL_METHODS = ("auto", "spline", "rigid", "pattern", "pca", "body", "regression")
+IN_TURN = ("regression", "pca", "body", "spline")
 PLAIN = {"rigid": plain.rigid, "pca": plain.pca, "spline": plain.spline, "pattern": plain.pattern}
-FAVOURITE = "regression"  # what errs least by far, where no trial says otherwise
-# Measured: with rigid and pattern among them gaps of six takes are filled as well (0.01 mm of 5.1), and slower.
-TRIED = (FAVOURITE, "pca", "spline", "body")
+TRIALS = 4  # gaps cut into the take to see how a method errs that does not say it itself
 
 
 @dataclass(frozen=True)
@@ -140,9 +140,6 @@ def fill_subjects(
     rays: MarkerRays = NO_RAYS,
 ) -> Generator[float, None, FilledTake]:
     """The same of the markers (T, M, 3) m of several subjects, each by itself: no body moves as another."""
-    if len(subjects) == 1:
-        [one] = subjects
-        return (yield from fill_take(xyz, rate, options, one.markerset, one.columns, rays))
     whole, filled, gaps, left = xyz.copy(), np.zeros(xyz.shape[:2], bool), [], []
     for number, one in enumerate(subjects):
         place = {int(marker): index for index, marker in enumerate(one.own)}
@@ -154,12 +151,7 @@ def fill_subjects(
         whole[:, one.own], filled[:, one.own] = found.xyz, found.filled
         gaps += [replace(gap, gap=replace(gap.gap, marker=int(one.own[gap.gap.marker]))) for gap in found.gaps]
         left += [replace(gap, gap=replace(gap.gap, marker=int(one.own[gap.gap.marker]))) for gap in found.left]
-    return FilledTake(whole, filled, _in_order(gaps), _in_order(left))
-
-
-def _in_order(gaps: Sequence) -> tuple:
-    """Gaps that were filled, or left, by their markers and in time."""
-    return tuple(sorted(gaps, key=lambda one: (one.gap.marker, one.gap.start)))
+    return FilledTake(whole, filled, tuple(sorted(gaps, key=_place)), tuple(sorted(left, key=_place)))
 
 
 def _share_of(work: Generator[float, None, FilledTake], place: int, count: int) -> Generator[float, None, FilledTake]:
@@ -187,70 +179,61 @@ def _cost(gap: Gap) -> int:
     return 200 + len(gap)
 
 
-@dataclass(eq=False)
 class _Filler:
     """What is kept from gap to gap."""
 
-    xyz: np.ndarray
-    rate: float
-    options: FillOptions
-    markerset: MarkerSet | None
-    columns: np.ndarray | None
-    rays: MarkerRays
-    take: KnownMarkers = field(init=False)
-    measured: np.ndarray = field(init=False)
-    strays: np.ndarray = field(init=False)
-    jumps: np.ndarray = field(init=False)
-    fitted_subject: FittedSubject | None = field(init=False, default=None)
-    done: list[FilledGap] = field(init=False, default_factory=list)
-    left: list[LeftGap] = field(init=False, default_factory=list)
-    chosen: dict[tuple, Choice | None] = field(init=False, default_factory=dict)
-    models: dict[tuple, MarkerModel | None] = field(init=False, default_factory=dict)
-    scales: dict[int, np.ndarray] = field(init=False, default_factory=dict)
-
-    def __post_init__(self):
-        self.strays, self.jumps = find_strays(np.asarray(self.xyz, dtype=float), self.rate)
-        self.take = KnownMarkers(np.where(self.strays[..., None], np.nan, self.xyz))
+    def __init__(
+        self,
+        xyz: np.ndarray,
+        rate: float,
+        options: FillOptions,
+        markerset: MarkerSet | None,
+        columns: np.ndarray | None,
+        rays: MarkerRays,
+    ):
+        self.xyz, self.rate, self.options, self.rays = xyz, rate, options, rays
+        self.strays, self.jumps = find_strays(np.asarray(xyz, dtype=float), rate)
+        self.take = KnownMarkers(np.where(self.strays[..., None], np.nan, xyz))
         self.measured = self.take.known
-        if self.markerset is not None:
-            self.fitted_subject = FittedSubject.of(self.markerset, self.columns, self.take)
+        known = None if markerset is None or columns is None else (markerset, columns)
+        self.fitted_subject = None if known is None else FittedSubject.of(*known, self.take)
+        self.done: list[FilledGap] = []
+        self.left: list[LeftGap] = []
+        self.models: dict[tuple[int, ...], MarkerModel | None] = {}
+        self.scales: dict[int, np.ndarray] = {}
 
     def outcome(self) -> FilledTake:
         """What became of the take."""
-        gaps, left = (tuple(sorted(some, key=_place)) for some in (self.done, self.left))
         xyz = np.where(self.strays[..., None], self.xyz, self.take.xyz)
+        gaps, left = tuple(sorted(self.done, key=_place)), tuple(sorted(self.left, key=_place))
         return FilledTake(xyz, self.take.length > 0, gaps, left)
 
     def fill(self, gap: Gap):
         """Fills a gap, or notes why it is left."""
         if self.options.max_gap is not None and len(gap) > self.options.max_gap:
-            self.left.append(LeftGap(gap, f"is longer than {self.options.max_gap} frames"))
-            return
-        if reason := self._beyond_reach(gap):
+            reason = f"is longer than {self.options.max_gap} frames"
+        else:
+            reason = self._beyond_reach(gap) or self._fill_in_turn(gap)
+        if reason:
             self.left.append(LeftGap(gap, reason))
-            return
-        own, helping = self.measured[:, gap.marker], self.take.helping(gap)
-        neighbours = neighbours_of(self.take, helping, own)
-        ways = self._ways(neighbours, helping)
-        choice = self._chosen(gap, neighbours, own, ways)
-        answers = {} if choice is None else {part: ways[part](gap, own) for part in choice.parts}
-        answers = {part: answer for part, answer in answers.items() if answer is not None}
-        if not answers:
-            self.left.append(LeftGap(gap, self._why_not(gap, own)))
-            return
-        sure = next((answer[1] for answer in answers.values() if answer[1] is not None), None)
-        path = sum(answer[0] for answer in answers.values()) / len(answers)
-        path, expected, rays_used = constrained(path, gap, choice.expected(sure), self.rays, own, self.rate)
+
+    def _fill_in_turn(self, gap: Gap) -> str:
+        """Fills a gap by the first method whose error to expect is allowed; gives why there is none."""
+        own, least = self.measured[:, gap.marker], np.inf
         open_ended = gap.start == 0 or gap.stop == len(own)
         limit = self.options.max_open_m if open_ended else self.options.max_off_m
-        if expected > limit:
-            where = " at an end of the take" if open_ended else ""
-            reason = f"would be off by {1000 * expected:.0f} mm, where {1000 * limit:.0f} mm are allowed{where}"
-            self.left.append(LeftGap(gap, reason))
-            return
-        self.take.put(gap, path)
-        method = "+".join([*answers, *(["ray"] if rays_used else [])])
-        self.done.append(FilledGap(gap, method, expected, (gap.start > 0, gap.stop < len(own))))
+        for method, path, expected in self._paths(gap, own):
+            path, expected, rays_used = constrained(path, gap, expected, self.rays, own, self.rate)
+            if not expected > limit:
+                self.take.put(gap, path)
+                ends = gap.start > 0, gap.stop < len(own)
+                self.done.append(FilledGap(gap, f"{method}+ray" if rays_used else method, expected, ends))
+                return ""
+            least = min(least, expected)
+        if np.isinf(least):
+            return self._why_not(gap, own)
+        where = " at an end of the take" if open_ended else ""
+        return f"would be off by {1000 * least:.0f} mm, where {1000 * limit:.0f} mm are allowed{where}"
 
     def _beyond_reach(self, gap: Gap) -> str:
         """Why nothing is drawn between the ends of a gap: one is no sample of the marker, by how far away it is."""
@@ -267,24 +250,47 @@ class _Filler:
             return f"has ends {off:.2f} m apart, too far for its {len(gap)} frames: one of them is named wrongly"
         return ""
 
-    def _ways(self, neighbours: np.ndarray, helping: np.ndarray) -> dict[str, Way]:
-        """The methods that are asked for, the favourite first, for a gap with these neighbours."""
+    def _paths(self, gap: Gap, own: np.ndarray) -> Iterator[tuple[str, np.ndarray, float]]:
+        """What each method says in its turn: its name, the path (L, 3) m, and the mean error to expect of it, m."""
+        neighbours, asked = neighbours_of(self.take, gap, own), self.options.method
+        for method in IN_TURN if asked == "auto" else (asked,):
+            if method == "regression":
+                model = self._model(gap.marker, neighbours)
+                answer = None if model is None else regress(self.take, gap, model, own, self.rate)
+                if answer is not None:
+                    yield method, answer[0], MEAN_OF_DISTANCE * float(answer[1].mean())
+                continue
+            path = self._carried(method, gap, neighbours, own)
+            expected = np.nan if path is None else self._error_of(method, gap, neighbours, own)
+            if path is not None and (np.isfinite(expected) or asked == method):
+                yield method, path, expected
 
-        def by_regression(gap: Gap, own: np.ndarray) -> Answer:
-            model = self._model(gap.marker, neighbours)
-            return None if model is None else regress(self.take, gap, model, own, self.rate)
+    def _carried(self, method: str, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -> np.ndarray | None:
+        """The path (L, 3) m by a method that does not say how sure it is; None where a part of it is no number."""
+        if method == "body":
+            path = None if self.fitted_subject is None else self.fitted_subject.fill(self.take, gap, own)
+        else:
+            path = PLAIN[method](self.take, gap, neighbours, own)
+        return path if path is not None and np.isfinite(path).all() else None
 
-        def by_body(gap: Gap, own: np.ndarray) -> Answer:
-            return _plainly(None if self.fitted_subject is None else self.fitted_subject.fill(self.take, gap, own))
-
-        def by(method: str) -> Way:
-            group = helping if method == "pca" else neighbours
-            return lambda gap, own: _plainly(PLAIN[method](self.take, gap, group, own))
-
-        ways = {FAVOURITE: by_regression, **{name: by(name) for name in PLAIN}, "body": by_body}
-        asked = TRIED if self.options.method == "auto" else (self.options.method,)
-        no_body = self.fitted_subject is None and self.options.method == "auto"
-        return {name: _sound(ways[name]) for name in asked if not (no_body and name == "body")}
+    def _error_of(self, method: str, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -> float:
+        """m, mean error of a method on gaps cut where it and neighbours are known; NaN where there is room for none."""
+        there = own & np.isfinite(self.take.xyz[:, neighbours, 0]).all(axis=1)
+        total = np.r_[0, np.cumsum(there)]
+        for length in (len(gap), max(len(gap) // 2, 1)):
+            starts = np.flatnonzero(total[length + 2 :] - total[: -length - 2] == length + 2) + 1
+            errors = []
+            for start in starts[evenly_spread(len(starts), TRIALS)].tolist():
+                trial, hidden = Gap(start, start + length, gap.marker), own.copy()
+                # At no end that the real gap lacks is anything known in the trial.
+                hidden[start - (gap.start == 0) : start + length + (gap.stop == len(own))] = False
+                path = self._carried(method, trial, neighbours, hidden)
+                if path is not None:
+                    truth = self.take.xyz[trial.start : trial.stop, gap.marker]
+                    errors.append(float(np.linalg.norm(path - truth, axis=1).mean()))
+            if errors:
+                return float(np.mean(errors))
+        return np.nan
 
     def _model(self, marker: int, neighbours: np.ndarray) -> MarkerModel | None:
         """The regression of a marker on these neighbours, learned once."""
@@ -297,20 +303,6 @@ class _Filler:
                 self.scales.setdefault(marker, model.scales)
         return self.models[key]
 
-    def _chosen(self, gap: Gap, neighbours: np.ndarray, own: np.ndarray, ways: dict[str, Way]) -> Choice | None:
-        """The choice for gaps like this one, tried once."""
-        sides, summed = (gap.start == 0, gap.stop == len(own)), paces(self.take, neighbours, self.rate)
-        pace = graded(pace_of(summed, gap.start, gap.stop))
-        key = (gap.marker, graded(len(gap)), pace, sides, *neighbours[: LEARNED_BY.of_axes].tolist())
-        if key not in self.chosen:
-            self.chosen[key] = choose(self.take, gap, neighbours, own, ways, summed, self.rate) or self._untried()
-        return self.chosen[key]
-
-    def _untried(self) -> Choice | None:
-        """Where the take has no room for a trial: what was asked for, or what says itself how sure it is."""
-        method = FAVOURITE if self.options.method == "auto" else self.options.method
-        return Choice((method,), np.nan, np.nan)
-
     def _why_not(self, gap: Gap, own: np.ndarray) -> str:
         if self.options.method == "body" and self.fitted_subject is None:
             return "has no body to be filled by: that needs a model of these markers"
@@ -321,17 +313,3 @@ class _Filler:
 
 def _place(one: FilledGap | LeftGap) -> tuple[int, int]:
     return one.gap.marker, one.gap.start
-
-
-def _sound(way: Way) -> Way:
-    """The same, with no answer where a part of it is no number: it would be the best of all trials."""
-
-    def answer(gap: Gap, own: np.ndarray) -> Answer:
-        answer = way(gap, own)
-        return None if answer is None or not np.isfinite(answer[0]).all() else answer
-
-    return answer
-
-
-def _plainly(positions: np.ndarray | None) -> Answer:
-    return None if positions is None else (positions, None)

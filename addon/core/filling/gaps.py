@@ -39,16 +39,12 @@ LEARNED_BY = NeighbourOptions()
 class StrayOptions:
     """Which samples cannot be the marker's, by how it would have to get there.
 
-    limb_m_s   physical: m/s, of any marker for a moment: a hand goes 10 where it strikes and 15 where it throws
-    limb_m     physical: m, how far it goes so fast: as a limb swings
-    body_m_s   physical: m/s, beyond that, when the whole body has to go: as people run
-    longest_s  measured: s that strays last at most, then it is the marker's own path or another's; half and twice of it
-               find the same in 43 recorded takes
+    fastest_m_s  physical: m/s, of any marker: a hand goes 10 where it strikes and 15 where it throws
+    longest_s    measured: s that strays last at most, then it is the marker's own path or another's; half and twice of
+                 it find the same in 43 recorded takes
     """
 
-    limb_m_s: float = 15.0
-    limb_m: float = 1.5
-    body_m_s: float = 5.0
+    fastest_m_s: float = 15.0
     longest_s: float = 0.2
 
 
@@ -100,47 +96,39 @@ def find_strays(xyz: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
     for marker in range(xyz.shape[1]):
         at = np.flatnonzero(np.isfinite(xyz[:, marker, 0]))
         if len(at) > 1:
-            path = _Path(xyz[:, marker], at, rate)
-            stray, jump = path.beyond_reach()
+            stray, jump = _beyond_reach(xyz[:, marker], at, rate)
             strays[stray, marker], jumps[jump, marker] = True, True
     return strays, jumps
 
 
-class _Path:
-    """A marker's path (T, 3) m, seen in some frames (N,), and how fast it may be."""
+def _beyond_reach(path: np.ndarray, at: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """The frames of strays of a marker's path (T, 3) m, seen in frames (N,), and those of jumps.
 
-    def __init__(self, xyz: np.ndarray, at: np.ndarray, rate: float):
-        self.xyz, self.at, self.rate = xyz, at, rate
+    Strays are short pieces that are too far from a long one beside them.
+    """
 
-    def too_far(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """Whether it would have to go faster than it can from some frames (K,) to others (K,)."""
-        seconds = np.abs(other - one) / self.rate
-        swung = STRAYS.limb_m_s * seconds
-        gone = np.minimum(
-            swung, STRAYS.limb_m + STRAYS.body_m_s * np.maximum(seconds - STRAYS.limb_m / STRAYS.limb_m_s, 0)
-        )
-        return np.linalg.norm(self.xyz[other] - self.xyz[one], axis=1) > MARKER_LIMITS.max_noise_m + gone
+    def too_far(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        reach = MARKER_LIMITS.max_noise_m + STRAYS.fastest_m_s * np.abs(other - one) / rate
+        return np.linalg.norm(path[other] - path[one], axis=1) > reach
 
-    def beyond_reach(self) -> tuple[np.ndarray, np.ndarray]:
-        """The frames of strays: of short pieces that are too far from a long one beside them. And those of jumps."""
-        if not self.too_far(self.at[:-1], self.at[1:]).any():
-            return self.at[:0], self.at[:0]
-        parted = (np.diff(self.at) > 1) | self.too_far(self.at[:-1], self.at[1:])
-        pieces = np.split(self.at, np.flatnonzero(parted) + 1)
-        most = max(len(piece) for piece in pieces)
-        long = [min(most, STRAYS.longest_s * self.rate) <= len(piece) for piece in pieces]
-        strays, jumps, before = [self.at[:0]], [], None
-        behind = np.append(np.flatnonzero(long), len(pieces))
-        for index, piece in enumerate(pieces):
-            away = before is not None and self.too_far(before[-1:], piece[:1])[0]
-            if long[index]:
-                jumps += [int(piece[0])] * bool(away)
-                before = piece
-                continue
-            after = pieces[behind[np.searchsorted(behind, index)]] if index < behind[-2] else None
-            if away or (after is not None and self.too_far(piece[-1:], after[:1])[0]):
-                strays.append(piece)
-        return np.concatenate(strays), np.array(jumps, int)
+    leaps = too_far(at[:-1], at[1:])
+    if not leaps.any():
+        return at[:0], at[:0]
+    pieces = np.split(at, np.flatnonzero((np.diff(at) > 1) | leaps) + 1)
+    most = max(len(piece) for piece in pieces)
+    long = [min(most, STRAYS.longest_s * rate) <= len(piece) for piece in pieces]
+    strays, jumps, before = [at[:0]], [], None
+    behind = np.append(np.flatnonzero(long), len(pieces))
+    for index, piece in enumerate(pieces):
+        away = before is not None and too_far(before[-1:], piece[:1])[0]
+        if long[index]:
+            jumps += [int(piece[0])] * bool(away)
+            before = piece
+            continue
+        after = pieces[behind[np.searchsorted(behind, index)]] if index < behind[-2] else None
+        if away or (after is not None and too_far(piece[-1:], after[:1])[0]):
+            strays.append(piece)
+    return np.concatenate(strays), np.array(jumps, int)
 
 
 @dataclass(eq=False)

@@ -9,19 +9,9 @@ import numpy as np
 
 from ..data.takes import Motion
 
-
-@dataclass(frozen=True)
-class FillKeepingOptions:
-    """When a fill still goes with a take.
-
-    same_place_m  format: how far samples beside a fill may be from those that it was made between: files keep single
-                  precision, 1e-6 m at 10 m, and another trajectory in the marker's place is hardly ever as near
-    """
-
-    same_place_m: float = 1e-4
-
-
-FILL_KEEPING = FillKeepingOptions()
+# How far samples beside a fill may be from those that it was made between: files keep single precision, 1e-6 m at 10 m,
+# and another trajectory in the marker's place is hardly ever as near.
+SAME_PLACE_M = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,4 +129,4 @@ def _why_not(own: np.ndarray, rows: slice, fill: KeptFill) -> str:
 
 def _is_place(one: float, other: float) -> bool:
     """Whether two coordinates are of one place, or of none."""
-    return abs(one - other) <= FILL_KEEPING.same_place_m or (math.isnan(one) and math.isnan(other))
+    return abs(one - other) <= SAME_PLACE_M or (math.isnan(one) and math.isnan(other))

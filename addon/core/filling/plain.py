@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The usual ways to fill a gap: spline, pattern of a neighbour, rigid body of the segment, PCA of the take.
+"""The usual ways to fill a gap: spline, pattern of a neighbour, rigid body of the segment, PCA of the take, the body.
 
-Each is a function of the markers, the gap, the neighbours (markers known all through it, those that move most like it
-first) and `own`, the frames (T,) whose samples of the marker may be looked at. It gives positions (L, 3) m, or None
-where it cannot say any. A gap at the start or end of the take has one end only.
+Each but the last is a function of the markers, the gap, the neighbours (markers known all through it, those that move
+most like it first) and `own`, the frames (T,) whose samples of the marker may be looked at. It gives positions (L, 3),
+m, or None where it cannot say any. A gap at the start or end of the take has one end only.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from ..body.bodies import Bodies, BodyModel
+from ..body.prior import Prior
+from ..data.markersets import MarkerSet
 from ..data.takes import evenly_spread
 from ..geometry.rigid import MIN_POINTS, laid_on
+from ..posing.posing import POSING, pose_subject, subject_of
 from .gaps import LEARNED_BY, Gap, KnownMarkers
 
 
@@ -67,7 +71,7 @@ def rigid(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray)
 
 
 def pca(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -> np.ndarray | None:
-    """The principal components of the take, found in each frame by the markers that are there; ends joined.
+    """The principal components of the marker and its neighbours, found in each frame by these; ends joined.
 
     (Federolf, A novel approach to solve the "missing marker problem" in marker-based motion analysis that exploits the
     segment coordination patterns, 2013; Gløersen and Federolf 2016.)
@@ -75,32 +79,20 @@ def pca(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -
     part = take.window(gap)
     # In a trial there may be others missing than in the gap that it stands for.
     neighbours = neighbours[np.isfinite(take.xyz[part][:, neighbours, 0]).all(axis=0)]
-    rows, group = _together(take, neighbours, own)
-    if len(rows) < LEARNED_BY.min_frames or len(group) < MIN_POINTS:
+    rows = np.flatnonzero(own & np.isfinite(take.xyz[:, neighbours, 0]).all(axis=1))
+    if len(rows) < LEARNED_BY.min_frames or len(neighbours) < MIN_POINTS:
         return None
-    seen, middle = _about_middle(take.xyz[rows][:, group])
+    rows = rows[evenly_spread(len(rows), LEARNED_BY.frames)]
+    seen, middle = _about_middle(take.xyz[rows][:, neighbours])
     whole = np.concatenate([seen, take.xyz[rows, gap.marker] - middle], axis=1)
     mean = whole.mean(axis=0)
     values, axes = np.linalg.eigh((whole - mean).T @ (whole - mean))
     values = np.maximum(values[::-1], 0)
     kept = 1 + int(np.searchsorted(np.cumsum(values), PLAIN_FILLING.pca_share * values.sum()))
     axes = axes[:, ::-1][:, :kept]
-    around, middle = _about_middle(take.xyz[part][:, group])
+    around, middle = _about_middle(take.xyz[part][:, neighbours])
     weights = np.linalg.lstsq(axes[:-3], (around - mean[:-3]).T, rcond=None)[0]
     return _joined((axes[-3:] @ weights).T + mean[-3:] + middle, take, gap, own)
-
-
-def _together(take: KnownMarkers, neighbours: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Frames with the marker and neighbours, and which: the neighbours that are rarest go, until frames are many."""
-    at = np.flatnonzero(own)
-    at = at[evenly_spread(len(at), 2 * LEARNED_BY.frames)] if len(at) else at
-    known = np.isfinite(take.xyz[at][:, neighbours, 0])
-    group, whole = np.arange(len(neighbours)), known.all(axis=1)
-    while len(group) > MIN_POINTS and whole.sum() < max(LEARNED_BY.min_frames, len(at) // 4):
-        group = np.delete(group, known[:, group].sum(axis=0).argmin())
-        whole = known[:, group].all(axis=1)
-    rows = at[whole]
-    return rows[evenly_spread(len(rows), LEARNED_BY.frames)] if len(rows) else rows, neighbours[group]
 
 
 def _about_middle(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -116,3 +108,53 @@ def _joined(path: np.ndarray, take: KnownMarkers, gap: Gap, own: np.ndarray) -> 
         return None
     off = [take.xyz[end, gap.marker] - path[end - part.start] for end in ends]
     return path[gap.start - part.start : gap.stop - part.start] + gap.led(off)
+
+
+@dataclass(frozen=True, eq=False)
+class FittedSubject:
+    """The subject of a take as a body of the model.
+
+    columns (M of the model,) the take's index of each of the model's markers, -1 where it has none
+    """
+
+    model: BodyModel
+    subject: Bodies
+    prior: Prior
+    columns: np.ndarray
+
+    @classmethod
+    def of(cls, markerset: MarkerSet, columns: np.ndarray, take: KnownMarkers) -> "FittedSubject | None":
+        """The body that fits a take best; None where no frame has enough of the model's markers."""
+        model = BodyModel(markerset)
+        prior = Prior(model)
+        try:
+            return cls(model, subject_of(model, _of_model(take.xyz, columns), prior), prior, columns)
+        except ValueError:
+            return None
+
+    def fill(self, take: KnownMarkers, gap: Gap, own: np.ndarray) -> np.ndarray | None:
+        """Positions (L, 3) m where the body carries the marker, led to the ends in the axes of its segment.
+
+        The body is posed without the marker in all of the gap and its ends. None where the model has no such marker, a
+        frame too few others, or the gap no end.
+        """
+        found = np.flatnonzero(self.columns == gap.marker)
+        part = take.window(gap)
+        ends = gap.ends(own)
+        if not len(found) or not ends:
+            return None
+        points = _of_model(take.xyz[part], self.columns)
+        points[:, found[0]] = np.nan
+        if np.isfinite(points[..., 0]).sum(axis=1).min() < POSING.min_markers:
+            return None
+        posed = self.model.pose(pose_subject(self.model, self.subject, points, self.prior))
+        path, turn = posed.markers[:, found[0]], posed.rotations[:, self.model.attachment[found[0]]]
+        off = [turn[end - part.start].T @ (take.xyz[end, gap.marker] - path[end - part.start]) for end in ends]
+        inner = slice(gap.start - part.start, gap.stop - part.start)
+        carried = np.broadcast_to(gap.led(off), (len(gap), 3))
+        return path[inner] + np.einsum("fij,fj->fi", turn[inner], carried)
+
+
+def _of_model(xyz: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Markers (T, M of the model, 3) in the model's order; NaN where the take has none."""
+    return np.where((columns >= 0)[:, None], xyz[:, columns], np.nan)

@@ -17,22 +17,24 @@ from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..data.takes import NO_MARKER, Blobs, Labels
 from ..geometry.cameras import Cameras
 from .gaps import Gap
-from .trials import GAPPED, MEAN_OF_DISTANCE
+from .regression import MEAN_OF_DISTANCE
 
 
 @dataclass(frozen=True)
 class RayOptions:
     """How rays constrain a fill, beside how exactly `MARKER_LIMITS` says that blobs and points are known.
 
-    lasts_s  measured: s in which the error of a fill becomes another, on virtual rooms with takes that are not among
+    lasts_s   measured: s in which the error of a fill becomes another, on virtual rooms with takes that are not among
              those of the table
     usual_m  measured: m, error of a fill of which nothing is known, and what a ray may always pass it by: `auto` is off
              by less over 2 s, however many are missing
+    wrong_by measured: factor by which errors to expect are themselves off at most; 10 says the same
     window   memory: frames of a gap that are worked out together, at a cost of their number's cube
     """
 
     lasts_s: float = 0.15
     usual_m: float = 0.02
+    wrong_by: float = 3.0
     window: int = 300
 
 
@@ -60,7 +62,7 @@ class MarkerRays:
         return len(self.marker)
 
     @classmethod
-    def join(cls, parts: Iterable[tuple[int, Self]]) -> Self:
+    def join(cls, parts: Iterable[tuple[int, "MarkerRays"]]) -> Self:
         """Those of several parts of a take, each with the index of its first frame."""
         parts = [(0, NO_RAYS), *parts]
         names = ("marker", "origin", "direction", "spread")
@@ -142,7 +144,7 @@ def _believed(
     passing = along[:, None] * rays.direction - arm
     noise = rays.spread * np.maximum(along, 0.0)
     # Nothing checks a blob that one camera alone named, and errors to expect are themselves off.
-    limit = np.maximum(SIGMAS * GAPPED.max_factor * np.hypot(deviation, noise), RAY_LIMITS.usual_m)
+    limit = np.maximum(SIGMAS * RAY_LIMITS.wrong_by * np.hypot(deviation, noise), RAY_LIMITS.usual_m)
     kept = (along > 0) & (np.linalg.norm(passing, axis=1) <= limit)
     return rays.pick(kept), passing[kept], noise[kept]
 

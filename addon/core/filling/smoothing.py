@@ -5,31 +5,19 @@ Source: D. A. Winter, Biomechanics and Motor Control of Human Movement, chapter 
 correcting its cut-off.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from ..data.errors import InputError
 from ..review.suspects import runs
 
-
-@dataclass(frozen=True)
-class SmoothingOptions:
-    """How trajectories are smoothed.
-
-    order  paper (the source above): of the filter, which runs twice: once forth, once back, so that nothing lags
-    """
-
-    order: int = 2
-
-    def single(self, cutoff: float, rate: float) -> float:
-        """Hz; the cut-off of one run, so that after both the amplitude at `cutoff` is down by 3 dB."""
-        # The filter made of samples bends frequencies by a tangent, and is exact where it was asked to be.
-        bent = np.tan(np.pi * cutoff / rate) / (np.sqrt(2) - 1) ** (1 / (2 * self.order))
-        return float(rate / np.pi * np.arctan(bent))
+FILTER_ORDER = 2  # of the source above; it runs twice, once forth, once back, so that nothing lags
 
 
-SMOOTHING = SmoothingOptions()
+def cutoff_of_one_run(cutoff: float, rate: float) -> float:
+    """Hz, so that after both runs the amplitude at `cutoff` is down by 3 dB."""
+    # The filter made of samples bends frequencies by a tangent, and is exact where it was asked to be.
+    bent = np.tan(np.pi * cutoff / rate) / (np.sqrt(2) - 1) ** (1 / (2 * FILTER_ORDER))
+    return float(rate / np.pi * np.arctan(bent))
 
 
 def smoothed(xyz: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
@@ -42,11 +30,11 @@ def smoothed(xyz: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
     if not 0 < cutoff < rate / 2:
         words = f"the cut-off of the smoothing is {cutoff:g} Hz at {rate:g} frames a second"
         raise InputError(f"{words}; expected one above 0 and below {rate / 2:g} Hz, half of that")
-    sections = butter(SMOOTHING.order, SMOOTHING.single(cutoff, rate), fs=rate, output="sos")
+    sections = butter(FILTER_ORDER, cutoff_of_one_run(cutoff, rate), fs=rate, output="sos")
     calm, present = xyz.copy(), np.isfinite(xyz).all(axis=2)
     for marker in range(xyz.shape[1]):
         for start, stop in runs(present[:, marker]):
-            if stop - start > 2 * SMOOTHING.order - 1:  # a shorter stretch says nothing of frequencies
+            if stop - start > 2 * FILTER_ORDER - 1:  # a shorter stretch says nothing of frequencies
                 # Mirrored at the ends for as long as the filter remembers.
                 pad = min(stop - start - 1, int(np.ceil(2 * rate / cutoff)))
                 calm[start:stop, marker] = sosfiltfilt(sections, xyz[start:stop, marker], axis=0, padlen=pad)

@@ -19,7 +19,7 @@ from ..data.takes import NO_MARKER, Blobs, Labels, Motion
 from ..geometry.cameras import Cameras
 from ..papers.virtual_occlusions.labelling import Rules
 from ..papers.virtual_occlusions.occlusion import Occlusion
-from ..points.several.props import is_prop
+from ..points.several.pipeline import is_prop
 from ..points.several.wearers import SetsWorn
 
 

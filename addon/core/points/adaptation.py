@@ -99,7 +99,7 @@ def _of_take(seen: "Recognition", missing: list[str], first_frame: int) -> tuple
             f"how the rigid bodies move tells only {of_all}, so names rest on the rigid bodies' forms alone: "
             "look whether each is on its limb"
         )
-    return tuple(Suspect(first_frame, first_frame + len(seen.part) - 1, one) for one in words)
+    return tuple(Suspect(first_frame, first_frame + len(seen.tracklet) - 1, one) for one in words)
 
 
 def _of_contradictions(

@@ -33,7 +33,6 @@ class PosingOptions:
 
     marker_sd_m      physical: how far a marker sits from where a well fitted body carries it, as skin moves
     reach_m          physical: farther off than this a point pulls less and less, it may be labelled wrongly
-    height_sd_m      physical: of a height that was measured
     own_sd           physical: heights, how far a subject's own markers stray from where the shape puts them
     min_markers      physical: a frame with fewer has no pose; three points fix one, a fourth tells it from its mirror
     subject_frames   memory: which one subject's size and shape are taken from
@@ -45,7 +44,6 @@ class PosingOptions:
 
     marker_sd_m: float = 0.01
     reach_m: float = 0.2
-    height_sd_m: float = 0.03
     own_sd: float = 0.02
     min_markers: int = 4
     subject_frames: int = 40
@@ -68,23 +66,18 @@ POSING = PosingOptions()
 def fit_points(
     model: BodyModel,
     points: Table,
-    *,
-    height: float | None = None,
-    prior: Prior | None = None,
     subject_frames: int = POSING.subject_frames,
     progress: Callable[[float], None] | None = None,
     make_table: MakeTable = IN_MEMORY,
 ) -> Bodies:
     """T bodies of one subject posed on its markers.
 
-    points (T, M, 3) m, NaN where missing, in the marker set's order; `height` m, if it was measured. Scale, shape and
-    own offsets are the same in every body. A frame with too few markers gets NaN translation, quaternion and
-    bends. Size and shape are taken from so many `subject_frames`. `progress` hears the share that is done; `make_table`
-    says where the poses are kept. Raises ValueError when no frame has more.
+    points (T, M, 3) m, NaN where missing, in the marker set's order. Scale, shape and own offsets are the same in every
+    body. A frame with too few markers gets NaN translation, quaternion and bends. Size and shape are taken from so many
+    `subject_frames`. `progress` hears the share that is done; `make_table` says where the poses are kept. Raises
+    ValueError when no frame has more.
     """
-    if prior is None:
-        prior = Prior(model, height=height, height_sd=None if height is None else POSING.height_sd_m)
-    return finished(fit_in_steps(model, points, prior, subject_frames, make_table), progress)
+    return finished(fit_in_steps(model, points, Prior(model), subject_frames, make_table), progress)
 
 
 def fit_in_steps(
@@ -104,8 +97,8 @@ def fit_in_steps(
     fields = {name: _each(getattr(subject, name), len(points)) for name in ("scale", "shape", "own")}
     for name, shape in poses.items():
         fields[name] = make_table(shape, float)
-        for part in blocks(len(points), int(np.prod(shape[1:]))):
-            fields[name][part] = np.nan
+        for rows in blocks(len(points), int(np.prod(shape[1:]))):
+            fields[name][rows] = np.nan
     yield count(0)
     for at in range(0, len(enough), POSING_FRAMES):
         part = enough[at : at + POSING_FRAMES]
@@ -134,11 +127,11 @@ def subject_of(model: BodyModel, points: Table, prior: Prior, frames: int = POSI
     return fit_subject(model, points[_fullest(there, enough, frames)], prior).pick(slice(0, 1))
 
 
-def fit_subject(model: BodyModel, points: np.ndarray, prior: Prior, steps: int = SUBJECT_STEPS) -> Bodies:
+def fit_subject(model: BodyModel, points: np.ndarray, prior: Prior) -> Bodies:
     """Bodies (T) that share scale, shape and own offsets, on a few frames (T, M, 3) m that all have a pose."""
     free = _until_still(model, aligned(model, points, prior), points, FAR_STEPS, prior)
     bodies = replace(free, scale=_shared(free.scale), shape=_shared(free.shape))
-    bodies = descend_subject(model, bodies, points, prior, steps)
+    bodies = descend_subject(model, bodies, points, prior, SUBJECT_STEPS)
     for _ in range(OWN_ROUNDS):
         bodies = _with_own(model, bodies, points)
         bodies = descend_subject(model, bodies, points, prior, OWN_STEPS)

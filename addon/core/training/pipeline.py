@@ -129,8 +129,7 @@ def train(
         notes += [doubt for take in takes for doubt in take.doubts] + contradicted(takes, markers, before)
         marks.append(perf_counter())
         yield Progress(TRAINING_SHARES["body"], "find the body")
-        finding = _body(everyone, markers, options.name, bodies)
-        found = yield from within(finding, TRAINING_SHARES["body"], TRAINING_SHARES["likelihood"], "find the body")
+        found = _body(everyone, markers, options.name, bodies)
         how, residual = found.how, _residual(found.markerset, everyone)
         subjects, doubts = _subjects(everyone, found.learned_on, bodies)
         others = _others(everyone, found.learned_on)
@@ -167,9 +166,7 @@ def _everyone(
     return everyone
 
 
-def _body(
-    everyone: dict[str, np.ndarray], markers: Sequence[str], name: str, bodies: Sequence[MarkerSet]
-) -> Generator[float, None, _Body]:
+def _body(everyone: dict[str, np.ndarray], markers: Sequence[str], name: str, bodies: Sequence[MarkerSet]) -> _Body:
     """Skeleton and body, and how they were found.
 
     By the markers' names where a known body has them; where no pose but one is shown by how they lie in it; else by how
@@ -186,11 +183,12 @@ def _body(
             return _Body(markerset, markerset, f"the body of {laid.body.name}, laid into a frame")
         shown = [made for points in subjects for made in ([points] if moves(points) else bent(points))]
         groups = segment_markerset(shown, markers, name)
-        person = (yield from person_in(subjects, markers, name, bodies)) if moving else None
+        person = person_in(subjects, markers, name, bodies) if moving else None
     except ValueError as error:
         raise InputError(f"{error}; expected takes that show the markers together") from None
     if person is not None:
-        return _Body(person.markerset, groups, f"the body of {person.known}, by how the markers move")
+        markerset, known_name = person
+        return _Body(markerset, groups, f"the body of {known_name}, by how the markers move")
     doubt = f"no person's body was found in how the markers move: the figure is {len(groups.skeleton)} groups of them"
     return _Body(groups, groups, "found from how the markers move", (doubt,))
 

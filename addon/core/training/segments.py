@@ -12,8 +12,9 @@ import numpy as np
 
 from ..data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from ..geometry import rotations
-from ..geometry.rigid import MIN_POINTS, centre_of_rotation, distance_ranges, in_axes, laid_on, mean_form
+from ..geometry.rigid import MIN_POINTS, centre_of_rotation, in_axes, laid_on, mean_form
 from ..points.likelihood.learn import LEARN
+from ..points.rigid_bodies.model import distance_tables
 from .spread import SPREAD, TAIL_SDS, TAILS, full_frames, some_of
 
 
@@ -141,16 +142,9 @@ def _height(points: np.ndarray) -> float:
 
 def _variation(points: np.ndarray) -> np.ndarray:
     """(M, M) m, standard deviation of the distance of each two markers over frames; inf where never seen together."""
-    count, markers = points.shape[:2]
-    table = np.full((markers, markers), np.inf)
     tails = [100 * TAILS, 100 * (1 - TAILS)]
-    columns = np.ascontiguousarray(points.transpose(1, 2, 0))
-    fewest = max(min(LEARN.min_frames, count), 1)
-    for index in range(markers):
-        distance = np.sqrt(np.square(columns[index:] - columns[index]).sum(axis=1))
-        _, low, high = distance_ranges(distance, tails, fewest)
-        varies = (high - low) / TAIL_SDS
-        table[index, index:] = table[index:, index] = np.where(np.isnan(varies), np.inf, varies)
+    _, low, high = distance_tables(points, tails, max(min(LEARN.min_frames, len(points)), 1))
+    table = np.nan_to_num((high - low) / TAIL_SDS, nan=np.inf)
     np.fill_diagonal(table, 0)
     return table
 

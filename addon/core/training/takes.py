@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Labelled takes to learn from: whether they go together, what a model keeps of them, and what of that they replace."""
+"""Labelled takes to learn from: what of each is worth it, whether they go together, what a model keeps and replaces."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,6 +8,8 @@ import numpy as np
 
 from ..data.physical import MARKER_LIMITS
 from ..data.takes import evenly_spread
+from ..data.wording import listed
+from ..points.likelihood.learn import LEARN
 from ..points.models import TrainingTake, by_subject
 from .contradictions import contradictions, leads
 from .spread import MAJORITY
@@ -48,6 +50,32 @@ class LabelledTake:
     names: tuple[str, ...]
     xyz: np.ndarray
     doubts: tuple[str, ...] = ()
+
+
+def learnable(xyz: np.ndarray, doubtful: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, tuple[str, ...]]:
+    """What is worth learning of markers (T, M, 3) m that were measured, NaN elsewhere, and what to say of the rest.
+
+    A program that learns its own mistakes makes them again, surer than before. So what is `doubtful` (T, M) and nobody
+    looked at is left out, and reported; what a person named, or confirmed, is to be no doubt any more. A marker with
+    fewer samples than any model is learned from is reported, too, and stays in the set as it was known before.
+    """
+    seen = np.isfinite(xyz).all(axis=2)
+    left_out, doubts = (seen & doubtful).sum(axis=0), []
+    if left_out.any():
+        who = listed([names[index] for index in np.argsort(-left_out, kind="stable") if left_out[index]])
+        many = "frame that nobody looked at was" if left_out.sum() == 1 else "frames that nobody looked at were"
+        doubts.append(
+            f"{who}: {left_out.sum()} doubtful {many} not learned; correct them or say It Is Right, and learn again"
+        )
+    counts = (seen & ~doubtful).sum(axis=0)
+    few = counts < min(LEARN.min_frames, max(len(xyz), 1))
+    never = [name for name, one in zip(names, counts == 0, strict=True) if one]
+    hardly = [f"{name} ({count})" for name, count, one in zip(names, counts, few, strict=True) if one and count]
+    if never:
+        doubts.append(f"{listed(never)}: found in no frame that could be learned, so what was known before stays")
+    if hardly:
+        doubts.append(f"{listed(hardly)}: found in hardly any frames that could be learned, so little is new of them")
+    return np.where((seen & doubtful)[..., None], np.nan, xyz), tuple(doubts)
 
 
 def odd_size(takes: Sequence[np.ndarray]) -> tuple[int, float] | None:

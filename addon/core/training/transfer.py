@@ -5,7 +5,7 @@ The known markers pose the body; every other marker goes to the segment in whose
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,18 +18,9 @@ from .spread import MAJORITY, SPREAD, full_frames, some_of
 SETTLING = 2  # times that a body is posed on all markers, and they are put where they are on it: then nothing moves
 
 
-@dataclass(frozen=True)
-class TransferOptions:
-    """How markers are hung on a known body.
-
-    surface_cost  heights of movement that a height off a segment's surface counts as; measured: all of the plates on a
-                  whole body go to their segments. In a single frame a marker sits on what it is nearest to
-    """
-
-    surface_cost: float = 0.1
-
-
-TRANSFER = TransferOptions()
+# Heights of movement that a height off a segment's surface counts as: so all of the plates on a whole body go to their
+# segments. In a single frame a marker sits on what it is nearest to.
+SURFACE_COST = 0.1
 
 
 def known_body(markers: Sequence[str], known: Sequence[MarkerSet]) -> MarkerSet | None:
@@ -113,7 +104,7 @@ def _hung(
     away = np.array([_off_surface(body, mean) for mean in means])
     seen = np.flatnonzero(np.isfinite(spreads).any(axis=(0, 2)))
     carrier, offsets, sd = carrier.copy(), offsets.copy(), np.where(carrier < 0, SPREAD.marker_sd, sd)
-    cost = np.nanmean((spreads + TRANSFER.surface_cost * away)[:, seen], axis=0)
+    cost = np.nanmean((spreads + SURFACE_COST * away)[:, seen], axis=0)
     nearest = np.where(_posed(body), cost, np.inf).argmin(axis=1)
     carrier[seen] = np.where(carrier[seen] < 0, nearest, carrier[seen])
     own = means[:, seen, carrier[seen]]

@@ -6,8 +6,7 @@ import pytest
 
 from addon.core.body.bodies import BodyModel
 from addon.core.posing.posing import fit_points
-from addon.core.training.looked_at import learnable
-from addon.core.training.takes import LabelledTake, standing_apart
+from addon.core.training.takes import LabelledTake, learnable, standing_apart
 from addon.core.training.transfer import known_body, transferred
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
@@ -105,7 +104,7 @@ def test_markers_that_are_never_or_hardly_there_are_said():
     xyz[5:, 1] = np.nan
     doubtful = np.zeros((1000, 4), bool)
     doubtful[:, 2] = True
-    told = learnable(xyz, doubtful, NAMES).doubts
+    _, told = learnable(xyz, doubtful, NAMES)
     assert told[0].startswith("LTOE: 1000 doubtful frames")
     assert told[1] == "LHEE, LTOE: found in no frame that could be learned, so what was known before stays"
     assert told[2] == "RHEE (5): found in hardly any frames that could be learned, so little is new of them"

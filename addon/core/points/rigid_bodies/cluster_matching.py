@@ -124,20 +124,22 @@ def _joint_fit(structure: Structure, turn: np.ndarray, place: np.ndarray) -> np.
     seen = find_joints(turn, place)
     fit = np.zeros((len(structure), len(structure), *seen.miss.shape))
     spread = np.hypot(CLUSTER_MATCH.arm_sd_m, CLUSTER_MATCH.arm_turn_sd_m / np.maximum(seen.turn, JOINT.min_turn_rad))
-    for one, two in np.argwhere(structure.linked):
+    for one, two in np.argwhere(structure.joints.sure):
         off = seen.miss - CLUSTER_MATCH.miss_ratio * np.maximum(
             structure.joints.miss[one, two], CLUSTER_MATCH.miss_sd_m
         )
         cost = np.minimum(0.5 * (np.maximum(off, 0) / CLUSTER_MATCH.miss_sd_m) ** 2, MAX_COST)
         for arm, usual in ((seen.arm, structure.joints.arm[one, two]), (seen.arm.T, structure.joints.arm[two, one])):
             cost = cost + np.minimum(0.5 * ((arm - usual) / spread) ** 2, MAX_COST / 2)
-        fit[one, two] = np.where(seen.telling, CLUSTER_MATCH.joint_gain - cost, 0)
+        fit[one, two] = np.where(
+            np.isfinite(seen.miss) & (seen.turn > JOINT.min_turn_rad), CLUSTER_MATCH.joint_gain - cost, 0
+        )
     return fit
 
 
 def _search(structure: Structure, likeness: _Likeness) -> tuple[np.ndarray, np.ndarray]:
     """Assignments (B, K) and their log likelihoods (B,), the best first."""
-    order = linking_order(structure.high - structure.low + np.where(structure.linked, 0, 1.0))
+    order = linking_order(structure.high - structure.low + np.where(structure.joints.sure, 0, 1.0))
     place = np.argsort(order)
     latest = place[structure.quads].max(axis=1) if len(structure.quads) else np.zeros(0, int)
     states, score = np.full((1, len(order)), NO_CLUSTER), np.zeros(1)

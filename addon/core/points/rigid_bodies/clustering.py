@@ -14,17 +14,16 @@ from ...geometry.rigid import MIN_POINTS, in_axes, laid_on, pairwise_distances, 
 class ClusteringOptions:
     """What tracklets must do to be taken for one rigid thing.
 
-    max_gap_s        without a point; physical: behind a longer one a trajectory may go on with another marker
     max_size_m       the widest that a rigid body is; physical: a pelvis or a chest
     max_deviation_m  that distances within a cluster vary by, in the mean; physical: skin under a plate
     prior_m          that a distance is taken to vary by; physical: as two limbs that hardly move do
-    prior_frames     in which it is taken to have been seen so
+    prior_frames     in which it is taken to have been seen so; measured: half and twice of it name plates alike
     max_off_m        physical: a marker's width, which a tracklet may be off its place in the cluster, root mean square;
                      half of it in its distances from others, to go on as the marker of an earlier one
-    min_seen_part    of a cluster's frames that a marker of it must be seen in, and of the take one on none
+    min_seen_part    of a cluster's frames that a marker of it must be seen in, and of the take one on none; measured as
+                     prior_frames
     """
 
-    max_gap_s: float = 0.02
     max_size_m: float = 0.4
     max_deviation_m: float = 0.006
     prior_m: float = 0.02
@@ -77,28 +76,6 @@ class Sampled:
     frames: np.ndarray
     number: np.ndarray
     points: np.ndarray
-
-
-def unbroken(tracklet: np.ndarray, rate: float) -> np.ndarray:
-    """(T, L) tracklets (T, L), -1 where there is no point, cut again at every gap."""
-    parts = np.full(tracklet.shape, -1, np.int32)
-    ends = [_ends_in(tracklet[:, lane], lane, max(CLUSTERING.max_gap_s * rate, 1)) for lane in range(tracklet.shape[1])]
-    # Numbered as tracklets are, whatever lanes they stand in.
-    spans = np.concatenate([*ends, np.zeros((0, 4), int)])
-    for count, (_, first, last, lane) in enumerate(spans[np.lexsort((spans[:, 1], spans[:, 0]))].tolist()):
-        own = slice(first, last + 1)
-        parts[own, lane] = np.where(tracklet[own, lane] >= 0, count, -1)
-    return parts
-
-
-def _ends_in(tracklet: np.ndarray, lane: int, max_gap: float) -> np.ndarray:
-    """(K, 4) tracklet, first and last frame and lane of every unbroken part of the tracklets (T,) of a lane."""
-    frames = np.flatnonzero(tracklet >= 0)
-    if not len(frames):
-        return np.zeros((0, 4), int)
-    at = np.flatnonzero((np.diff(frames) > max_gap) | (np.diff(tracklet[frames]) != 0))
-    first, last = frames[np.append(0, at + 1)], frames[np.append(at, len(frames) - 1)]
-    return np.stack([tracklet[first], first, last, np.full(len(first), lane)], axis=1)
 
 
 def sampled(points: np.ndarray, tracklet: np.ndarray, rate: float) -> Sampled:

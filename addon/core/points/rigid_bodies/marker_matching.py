@@ -33,13 +33,11 @@ class MarkerMatchOptions:
                     put on by hand
     swing_rad       that a rigid body may be turned further than in training, in the mean over a take; physical: 23°
     missing_cost    what a marker of the rigid body costs that no point is; measured on the raw take S09_KneeltoRun02
-    min_mirror_sds  standard deviations of a volume's mean from 0 that make it worth asking
     """
 
     distance_sd_m: float = 0.015
     swing_rad: float = 0.4
     missing_cost: float = 6.0
-    min_mirror_sds: float = 1.0
 
 
 MARKER_MATCH = MarkerMatchOptions()
@@ -91,7 +89,7 @@ def _match_one(
     tried = correspondences(len(inner.form), cluster.form)
     points = cluster.markers
     others = np.arange(len(structure)) != rigid_body
-    known = structure.linked[rigid_body] & joints.sure[rigid_body]
+    known = structure.joints.sure[rigid_body] & joints.sure[rigid_body]
     meet = structure.joints.at[rigid_body, known], joints.at[rigid_body, known]
     away = _away_fit(inner, points, middles, others, tried)
     joint = _joint_fit(inner.form, cluster.form, *meet, tried)
@@ -166,7 +164,7 @@ def _side_fit(
     chosen = triples(len(inner.members))
     score, said = np.zeros(len(tried)), np.zeros(len(tried))
     volume = _all_volumes(points, middles)
-    for row, other in np.argwhere(others & (np.abs(inner.side) > MARKER_MATCH.min_mirror_sds * inner.side_sd)):
+    for row, other in np.argwhere(others & (np.abs(inner.side) > inner.side_sd)):
         corners = tried[:, chosen[row]]
         found = volume[(*np.maximum(corners, 0).T, other)]
         there = (corners >= 0).all(axis=1) & np.isfinite(found)

@@ -28,7 +28,8 @@ class RigidBodyOptions:
     min_sd_m         that any distance is taken to vary by; physical: how exact cameras are
     min_marker_part  of the markers that must be on rigid bodies for the set to be; measured on the same takes
     min_prop_move_m  standard deviation of where a prop is; physical: who stands still keeps their form too
-    slack_range      of a distance's range that it may leave the range by: no take shows all poses
+    slack_range      of a distance's range that it may leave the range by: no take shows all poses; measured: half and
+                     twice of it name plates and meetings alike
     slack_m          that it may leave it by besides; physical: plates are put on by hand
     """
 
@@ -100,14 +101,7 @@ def learn_rigid_bodies(subjects: Sequence[np.ndarray], radius: float) -> RigidBo
     """
     markers = subjects[0].shape[1]
     everyone = np.concatenate(subjects)
-    spread, low, high = np.full((3, markers, markers), np.nan)
-    columns = np.ascontiguousarray(everyone.transpose(1, 2, 0))
-    for one in range(markers):
-        distance = np.sqrt(np.square(columns[one:] - columns[one]).sum(axis=1))
-        spread[one, one:], low[one, one:], high[one, one:] = distance_ranges(distance, RANGE_TAILS, fewest=2)
-    lower = np.tril_indices(markers, -1)
-    for table in (spread, low, high):
-        table[lower] = table.T[lower]
+    spread, low, high = distance_tables(everyone, RANGE_TAILS, fewest=2)
     never = ~np.isfinite(low)
     spread[never] = np.inf
     low[never], high[never] = 0, UNSEEN_M
@@ -120,6 +114,16 @@ def learn_rigid_bodies(subjects: Sequence[np.ndarray], radius: float) -> RigidBo
     for group in groups:
         form[group] = _form(everyone[:, group])
     return RigidBodies(tuple(groups), form, low, high)
+
+
+def distance_tables(points: np.ndarray, tails: list[float], fewest: int) -> np.ndarray:
+    """(3, M, M) m, what `distance_ranges` says of all distances of points (T, M, 3), tails in per cent."""
+    tables = np.full((3, *points.shape[1:2] * 2), np.nan)
+    columns = np.ascontiguousarray(points.transpose(1, 2, 0))
+    for one in range(len(columns)):
+        distance = np.sqrt(np.square(columns[one:] - columns[one]).sum(axis=1))
+        tables[:, one, one:] = tables[:, one:, one] = distance_ranges(distance, tails, fewest)
+    return tables
 
 
 def _tree(spread: np.ndarray) -> np.ndarray:

@@ -10,11 +10,11 @@ from ...data.physical import MARKER_LIMITS
 from ...data.takes import NO_POINT
 from ...geometry.rigid import MIN_POINTS
 from .cluster_matching import NO_CLUSTER, Matched, match_clusters
-from .clustering import Cluster, Sampled, find_clusters, sampled, unbroken
+from .clustering import Cluster, Sampled, find_clusters, sampled
 from .marker_matching import Placed, place_markers
-from .model import RANGE_TAILS, RigidBodies
+from .model import RigidBodies
 from .single_markers import find_single_markers
-from .structure import Structure, unseen_is_nan
+from .structure import STRUCTURE, Structure, unseen_is_nan
 
 
 @dataclass(frozen=True)
@@ -24,20 +24,16 @@ class RecognitionOptions:
     min_body_lead    log odds by which a rigid body's cluster must lead; measured on subjects made of the labelled
                      Clouthier takes, with other limbs and rigid bodies of other forms elsewhere on them
     min_marker_lead  log odds by which a marker's point must lead within the rigid body; measured on the same
-    min_most         part of the frames in which a distance must be seen to show its whole range, and of the sure rigid
-                     bodies that must be the model's own for the take to be of a subject it knows
-    min_other        sure rigid bodies that are enough to show that the subject is another, if none is the model's own:
-                     of a few some may be mistaken, that all are is no chance
-    range_m          that the range of a distance differs by between subjects; physical
-    range_share      the same of the distance, besides; physical: people's proportions
+    min_most         measured: part of the sure rigid bodies that must be the model's own for the take to be of somebody
+                     it knows; half and twice of it name plates alike
+    min_other        measured: sure rigid bodies that are enough to show that the subject is another, if none is the
+                     model's own: of a few some may be mistaken, that all are is no chance; as min_most
     """
 
     min_body_lead: float = 3.0
     min_marker_lead: float = 5.0
     min_most: float = 0.8
     min_other: int = 3
-    range_m: float = 0.03
-    range_share: float = 0.06
 
 
 RECOGNITION = RecognitionOptions()
@@ -49,22 +45,20 @@ class Recognition:
     """What a take itself tells of the rigid bodies in it.
 
     cluster   (K,) which of its clusters each rigid body surely is, NO_CLUSTER where none or not sure
-    margin    (K,) log odds of that
     placed    which point of the clusters each marker is
     sure      (M,) True where that is sure
     clusters  of the take
-    part      (T, P) the number of the unbroken tracklet of each point, -1 where there is none
-    single    (N,) for each unbroken tracklet the marker on no rigid body that it surely is, -1 for most
+    tracklet  (T, P) the number of the tracklet of each point, -1 where there is none
+    single    (N,) for each tracklet the marker on no rigid body that it surely is, -1 for most
     rigid_bodies  the model's with the forms and distances of this subject; those that are not sure are left out
     known     True where the rigid bodies are the model's own, False where they are others, None where nothing says
     """
 
     cluster: np.ndarray
-    margin: np.ndarray
     placed: Placed
     sure: np.ndarray
     clusters: tuple[Cluster, ...]
-    part: np.ndarray
+    tracklet: np.ndarray
     single: np.ndarray
     rigid_bodies: RigidBodies
     known: bool | None
@@ -76,45 +70,34 @@ class Recognition:
         for marker in np.flatnonzero(self.sure):
             cluster = self.clusters[self.cluster[self.placed.rigid_body[marker]]]
             names[list(cluster.tracklets[self.placed.point[marker]])] = marker
-        return np.append(names, -1)[self.part]
+        return np.append(names, -1)[self.tracklet]
 
 
 def recognise(
-    structure: Structure,
-    rigid_bodies: RigidBodies,
-    points: Table,
-    tracklet: np.ndarray,
-    rate: float,
+    structure: Structure, rigid_bodies: RigidBodies, points: Table, tracklet: np.ndarray, rate: float
 ) -> Recognition:
     """Which marker is where in a take of points (T, P, 3) m, with the number of the tracklet of each (T, P).
 
     `structure` and `rigid_bodies` are the model's.
     """
     with unseen_is_nan():
-        return _recognise(structure, rigid_bodies, points, unbroken(tracklet, rate), rate)
-
-
-def _recognise(
-    structure: Structure, rigid_bodies: RigidBodies, points: np.ndarray, part: np.ndarray, rate: float
-) -> Recognition:
-    seen = sampled(points, part, rate)
-    clusters = find_clusters(seen)
-    matched = match_clusters(structure, clusters)
-    sure = (matched.cluster != NO_CLUSTER) & (matched.margin >= RECOGNITION.min_body_lead)
-    cluster = np.where(sure, matched.cluster, NO_CLUSTER)
-    placed = place_markers(structure, clusters, Matched(cluster, matched.margin))
-    named = (placed.point != NO_POINT) & (placed.margin >= RECOGNITION.min_marker_lead)
-    at = _positions(clusters, cluster, placed, named)
-    forms = _own_forms(structure, clusters, cluster, placed, named)
-    own = _own_rigid_bodies(rigid_bodies, forms, placed, named, at)
-    single = np.full(int(part.max(initial=-1)) + 1, -1)
-    free = _free(seen, clusters)
-    if len(free) and named.any():
-        found = find_single_markers(own, at, np.flatnonzero(placed.point == NO_POINT), seen.points[:, free])
-        single[seen.number[free]] = found
-        own = _with_single_markers(own, at, seen.points[:, free], found)
-    known = _known(forms, len(structure))
-    return Recognition(cluster, matched.margin, placed, named, tuple(clusters), part, single, own, known)
+        seen = sampled(points, tracklet, rate)
+        clusters = find_clusters(seen)
+        matched = match_clusters(structure, clusters)
+        sure = (matched.cluster != NO_CLUSTER) & (matched.margin >= RECOGNITION.min_body_lead)
+        cluster = np.where(sure, matched.cluster, NO_CLUSTER)
+        placed = place_markers(structure, clusters, Matched(cluster, matched.margin))
+        named = (placed.point != NO_POINT) & (placed.margin >= RECOGNITION.min_marker_lead)
+        at = _positions(clusters, cluster, placed, named)
+        forms = _own_forms(structure, clusters, cluster, placed, named)
+        own = _own_rigid_bodies(rigid_bodies, forms)
+        single = np.full(int(tracklet.max(initial=-1)) + 1, -1)
+        free = _free(seen, clusters)
+        if len(free) and named.any():
+            missing = np.flatnonzero(placed.point == NO_POINT)
+            single[seen.number[free]] = find_single_markers(own, at, missing, seen.points[:, free])
+        known = _known(forms, len(structure))
+        return Recognition(cluster, placed, named, tuple(clusters), tracklet, single, own, known)
 
 
 def _positions(clusters: list[Cluster], cluster: np.ndarray, placed: Placed, sure: np.ndarray) -> np.ndarray:
@@ -151,50 +134,14 @@ def _own_forms(
     return forms
 
 
-def _own_rigid_bodies(
-    rigid_bodies: RigidBodies, forms, placed: Placed, sure: np.ndarray, at: np.ndarray
-) -> RigidBodies:
-    """The rigid bodies with the subject's own forms and, where `at` (F, M, 3) m shows them, distances."""
+def _own_rigid_bodies(rigid_bodies: RigidBodies, forms) -> RigidBodies:
+    """The rigid bodies with the subject's own forms, and distances within what subjects differ by."""
     form = np.zeros_like(rigid_bodies.form)
     for own, shape, _ in forms:
         form[own] = shape
-    wider = RECOGNITION.range_m + RECOGNITION.range_share * (rigid_bodies.low + rigid_bodies.high) / 2
+    wider = STRUCTURE.between_subjects((rigid_bodies.low + rigid_bodies.high) / 2)
     low, high = np.maximum(rigid_bodies.low - wider, 0), rigid_bodies.high + wider
-    for marker in np.flatnonzero(sure).tolist():
-        others = np.flatnonzero(sure & (np.arange(len(sure)) > marker))
-        rigid = placed.rigid_body[others] == placed.rigid_body[marker]
-        often = np.where(rigid, 0, RECOGNITION.min_most * len(at))
-        _set_ranges(low, high, marker, others, at[:, marker], at[:, others], often)
     return RigidBodies(tuple(own for own, *_ in forms), form, low, high)
-
-
-def _set_ranges(low, high, marker: int, others: np.ndarray, at: np.ndarray, there: np.ndarray, often: np.ndarray):
-    """Writes ranges of distances into `low` and `high`: wider than seen where that is less `often` than needed."""
-    distance = np.linalg.norm(there - at[:, None], axis=2)
-    for index, other in enumerate(others):
-        known = distance[np.isfinite(distance[:, index]), index]
-        if not len(known):
-            continue
-        ends = np.percentile(known, RANGE_TAILS)
-        if len(known) < often[index]:
-            ends = min(ends[0], low[marker, other]), max(ends[1], high[marker, other])
-        low[marker, other], high[marker, other] = ends
-        low[other, marker], high[other, marker] = ends
-
-
-def _with_single_markers(
-    rigid_bodies: RigidBodies, at: np.ndarray, points: np.ndarray, found: np.ndarray
-) -> RigidBodies:
-    """The rigid bodies with the ranges of the markers on none of them, as their tracklets (F, N, 3) show them."""
-    low, high = rigid_bodies.low.copy(), rigid_bodies.high.copy()
-    sure = np.flatnonzero(np.isfinite(at[..., 0]).any(axis=0))
-    often = np.full(len(sure), RECOGNITION.min_most * len(at))
-    for marker in np.unique(found[found >= 0]).tolist():
-        own = points[:, found == marker]
-        place = np.where(np.isfinite(own), own, 0).sum(axis=1) / np.maximum(np.isfinite(own).sum(axis=1), 1)
-        place[~np.isfinite(own[..., 0]).any(axis=1)] = np.nan
-        _set_ranges(low, high, marker, sure, place, at[:, sure], often)
-    return RigidBodies(rigid_bodies.members, rigid_bodies.form, low, high)
 
 
 def _known(forms, count: int) -> bool | None:

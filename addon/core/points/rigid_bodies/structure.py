@@ -13,8 +13,8 @@ from itertools import combinations
 import numpy as np
 
 from ...data.takes import evenly_spread
-from ...geometry.rigid import MIN_POINTS, centre_of_rotation, in_axes, laid_on, pairwise_distances
-from .model import RigidBodies
+from ...geometry.rigid import centre_of_rotation, in_axes, laid_on, pairwise_distances
+from .model import RIGID_BODY, RigidBodies
 from .volumes import signed_volumes
 
 
@@ -34,29 +34,26 @@ class JointOptions:
 class StructureOptions:
     """What subjects are taken to differ by.
 
-    slack_m         in a distance; physical: plates are put on by hand
-    slack_share     in parts of the distance, besides; physical: people's proportions
-    slack_range     in parts of its range, besides: no take shows all poses
-    min_volume_sd   that a signed volume is taken to vary by, in units of its sides
+    slack_share     in parts of a distance, beside what plates put on by hand do; physical: people's proportions
+    min_volume_sd   that a signed volume is taken to vary by, in units of its sides; measured: half and twice of it name
+                    people in other plates alike
     placement_sd_m  by which a marker put on elsewhere changes the volumes of its triples, in their sides; physical
-    min_mirror_sds  standard deviations from 0 of a volume that distinguishes a body from its mirror image
-    max_loose_m     that a rigid body's own markers may move against each other; physical: skin
     max_beside_m    physical: that a marker on no rigid body may move against one, root mean square, to be looked for on
                     it; across a joint it moves more
     form_sd_m       measured: of a length within a rigid body, on the raw take S09_KneeltoRun02
     form_share      measured: the same of the length, besides, on it
     """
 
-    slack_m: float = 0.025
     slack_share: float = 0.08
-    slack_range: float = 0.2
     min_volume_sd: float = 0.05
     placement_sd_m: float = 0.004
-    min_mirror_sds: float = 1.5
-    max_loose_m: float = 0.004
     max_beside_m: float = 0.03
     form_sd_m: float = 0.012
     form_share: float = 0.15
+
+    def between_subjects(self, distance: np.ndarray) -> np.ndarray:
+        """m, how much a distance, m, differs from one subject's to another's."""
+        return RIGID_BODY.slack_m + self.slack_share * distance
 
 
 JOINT = JointOptions()
@@ -66,7 +63,6 @@ JOINT_PULL = 0.05  # of a joint to the middles of its rigid bodies, along axes a
 MIN_FRAMES = 20  # in which two rigid bodies must be seen to have a joint
 FRAMES_OF_JOINT = 0.9  # part of them that a joint is found from, those that agree best: some trajectories go astray
 MIDDLES_TAILS = [1.0, 99.0]  # per cent of a distance, between which its range is; beyond are outliers
-MAX_LOOSE_RATIO = 3.0  # times the usual, that a rigid body's own markers may move against each other
 MAX_MEMBERS = 7  # markers of a rigid body with those beside it, of which all correspondences are tried: 8 have 40,320
 INDEPENDENT = 3  # distances that are all the evidence there is of a place; more are partly the same
 MAX_COST = 8.0  # the most that one fact counts against, log likelihood: four standard deviations
@@ -91,14 +87,9 @@ class Joints:
         return np.linalg.norm(self.at, axis=2)
 
     @property
-    def telling(self) -> np.ndarray:
-        """(K, K) whether the two were seen together and turn enough against each other to tell a joint."""
-        return np.isfinite(self.miss) & (self.turn > JOINT.min_turn_rad)
-
-    @property
     def sure(self) -> np.ndarray:
-        """(K, K) whether there is a joint."""
-        return (self.miss < JOINT.max_miss_m) & self.telling
+        """(K, K) whether there is a joint: the two were seen together, turn enough to show it, and keep to it."""
+        return (self.miss < JOINT.max_miss_m) & (self.turn > JOINT.min_turn_rad)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +122,7 @@ class Structure:
 
     low, high    (K, K) m, the range of the distance between the middles of two rigid bodies, and slack (K, K) m beyond
     quads        (Q, 4) rigid bodies whose middles tell left from right, with mean and sd (Q,) of their signed volume
-    joints       between the rigid bodies; `linked` (K, K) is True where there is one
+    joints       between the rigid bodies
     inner        what is known within each rigid body
     markers      M, of the set
     """
@@ -143,7 +134,6 @@ class Structure:
     volume: np.ndarray
     volume_sd: np.ndarray
     joints: Joints
-    linked: np.ndarray
     inner: tuple[Inner, ...]
     markers: int
 
@@ -159,37 +149,31 @@ def unseen_is_nan() -> warnings.catch_warnings:
 def learn_structure(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -> Structure:
     """The structure of labelled frames of each subject, (F, M, 3) m, NaN where missing."""
     with unseen_is_nan():
-        return _learn(rigid_bodies, subjects)
-
-
-def _learn(rigid_bodies: RigidBodies, subjects: Sequence[np.ndarray]) -> Structure:
-    frames = np.concatenate([points[evenly_spread(len(points), STRUCTURE_FRAMES)] for points in subjects])
-    groups = [_firm(group, frames) for group in rigid_bodies.members]
-    poses = [laid_on(_centred(rigid_bodies.form[group]), frames[:, group]) for group in groups]
-    turn, place = (np.stack(part, axis=1) for part in zip(*poses, strict=True))
-    low, high = np.nanpercentile(pairwise_distances(place), MIDDLES_TAILS, axis=0)
-    quads = np.array(list(combinations(range(len(poses)), 4)), int).reshape(-1, 4)
-    volumes = signed_volumes(*(place[:, quads[:, corner]] for corner in range(4)))
-    mean, spread = np.nanmean(volumes, axis=0), np.hypot(np.nanstd(volumes, axis=0), STRUCTURE.min_volume_sd)
-    telling = np.abs(mean) > STRUCTURE.min_mirror_sds * spread
-    single = np.setdiff1d(np.arange(frames.shape[1]), np.concatenate(groups))
-    inner = [
-        _learn_inner(rigid_bodies, group, single, frames, turn[:, index], place[:, index], place)
-        for index, group in enumerate(groups)
-    ]
-    joints = find_joints(turn, place)
-    return Structure(
-        low,
-        high,
-        STRUCTURE.slack_m + STRUCTURE.slack_share * (low + high) / 2 + STRUCTURE.slack_range * (high - low),
-        quads[telling],
-        mean[telling],
-        spread[telling],
-        joints,
-        joints.sure,
-        tuple(inner),
-        frames.shape[1],
-    )
+        frames = np.concatenate([points[evenly_spread(len(points), STRUCTURE_FRAMES)] for points in subjects])
+        groups = [group[:MAX_MEMBERS] for group in rigid_bodies.members]
+        poses = [laid_on(_centred(rigid_bodies.form[group]), frames[:, group]) for group in groups]
+        turn, place = (np.stack(part, axis=1) for part in zip(*poses, strict=True))
+        low, high = np.nanpercentile(pairwise_distances(place), MIDDLES_TAILS, axis=0)
+        quads = np.array(list(combinations(range(len(poses)), 4)), int).reshape(-1, 4)
+        volumes = signed_volumes(*(place[:, quads[:, corner]] for corner in range(4)))
+        mean, spread = np.nanmean(volumes, axis=0), np.hypot(np.nanstd(volumes, axis=0), STRUCTURE.min_volume_sd)
+        telling = np.abs(mean) > spread
+        single = np.setdiff1d(np.arange(frames.shape[1]), np.concatenate(groups))
+        inner = [
+            _learn_inner(rigid_bodies, group, single, frames, turn[:, index], place[:, index], place)
+            for index, group in enumerate(groups)
+        ]
+        return Structure(
+            low,
+            high,
+            STRUCTURE.between_subjects((low + high) / 2) + RIGID_BODY.slack_range * (high - low),
+            quads[telling],
+            mean[telling],
+            spread[telling],
+            find_joints(turn, place),
+            tuple(inner),
+            frames.shape[1],
+        )
 
 
 def length_spread(lengths: np.ndarray) -> np.ndarray:
@@ -199,17 +183,6 @@ def length_spread(lengths: np.ndarray) -> np.ndarray:
 
 def _centred(form: np.ndarray) -> np.ndarray:
     return form - form.mean(axis=0)
-
-
-def _firm(group: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """The markers of a rigid body without those that move against the rest, such as one on the joint below.
-
-    The firmest of them, if they are many.
-    """
-    loose = np.median(np.nanstd(pairwise_distances(frames[:, group]), axis=0), axis=0)
-    firm = loose < max(STRUCTURE.max_loose_m, MAX_LOOSE_RATIO * np.median(loose))
-    firm |= firm.sum() < MIN_POINTS
-    return group[np.sort(np.where(firm, loose, np.inf).argsort(kind="stable")[: min(firm.sum(), MAX_MEMBERS)])]
 
 
 def triples(count: int) -> np.ndarray:

@@ -4,11 +4,12 @@
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from ...data.lanes import PACKING, blocks
-from ...data.made import Made, Table
+from ...data.made import Made
 from ...data.progress import Stage
 from ...data.takes import NO_MARKER, Labels, Points
 from ..deciding import Said
@@ -50,15 +51,6 @@ class NamedBody:
             return self.sure
         placed = self.solution.tracklets.placed(self.frames.take.xyz, self.solution.marker, len(self.model.markerset))
         return 0 < usual_fit(likelihood, placed, upright=False).residual <= REFUSAL.max_residual
-
-
-def only_some(points: Table, tracklet: np.ndarray, may: np.ndarray) -> Made:
-    """A table (T, L, 3) of points without those of others, made of the frames that are looked at.
-
-    tracklet (T, L) is that of each point, -1 where there is none; may (N,) True for those that are kept.
-    """
-    kept, own = np.append(may, False), np.broadcast_to(tracklet[..., None], points.shape)
-    return Made(points.shape, lambda index: np.where(kept[own[index]], points[index], np.nan))
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +168,9 @@ class Crowd:
 
     def points_of(self, may: np.ndarray) -> Points:
         """The take without the points of tracklets that are not a body's (N,); a long one's as they are looked at."""
-        xyz = only_some(self.take.xyz, self.tracklet, may)
+        points, kept = self.take.xyz, np.append(may, False)
+        own = np.broadcast_to(self.tracklet[..., None], points.shape)
+        xyz: Any = Made(points.shape, lambda index: np.where(kept[own[index]], points[index], np.nan))
         return replace(self.take, xyz=xyz if self.tracklet.size > PACKING.whole_cells else xyz[...])
 
     def recognised(

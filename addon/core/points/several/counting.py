@@ -18,14 +18,12 @@ class CountingOptions:
     firm        part of the usual affinity of a tracklet to others, below which it is a ghost; measured: half or twice
                 names eight meetings alike
     often       part of the frames in which so many are apart; measured: as firm
-    spare       part of a set's markers that bodies together may lack for there to be one more
     whole       part of a set's markers that a body shows at most times; physical: whoever is parted in two has half of
                 them at most on one side
     """
 
     firm: float = 0.2
     often: float = 0.05
-    spare: float = 0.4
     whole: float = 0.55
 
 
@@ -47,7 +45,7 @@ def count_bodies(points: np.ndarray, tracklet: np.ndarray, affinity: Affinity, m
         sizes.append(len(far_groups(own, REFUSAL.gap_m, markers / 2)))
     groups = np.sort(sizes)[::-1]
     apart = int(groups[int(COUNTING.often * len(groups))])
-    most = int(np.quantile(present, 1 - COUNTING.often) / markers + COUNTING.spare)
+    most = round(float(np.quantile(present, 1 - COUNTING.often)) / markers)
     return apart, min(max(most, 1), MAX_SUBJECTS)
 
 

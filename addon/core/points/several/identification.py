@@ -1,18 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Who is who, by how far the markers of a body are from each other: against a subject's model, or another presence."""
+"""Who is who, by how far the markers of a body are from each other: against a subject's model, or another presence.
+
+Nor does a tracklet last over an absence of everybody: whose a presence is, is said by who else is there, as two who are
+there at a time are two; where that leaves more ways than one, each presence is named on its own, and the distances on
+it are compared with those of the first presences.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations, permutations
-from typing import Protocol, Self
+from itertools import combinations, permutations, product
+from typing import Self
 
 import numpy as np
 
-from ...data.takes import evenly_spread
+from ...data.physical import SIGMAS
+from ...data.takes import Labels, evenly_spread
 from ..models import Model
 from ..whole_take.pairs import trained_pairs
-from ..whole_take.pipeline import NamedFrames
-from ..whole_take.solving import Solution
+from .bodies import NamedBody
+from .counting import usual_count
+from .places import NO_BODY
 
 
 @dataclass(frozen=True)
@@ -22,26 +29,18 @@ class IdentificationOptions:
     lead        log odds by which who is who must be ahead of any other way; physical: 19 of 20 such are right
     put_on_m    by which a distance of the same person differs from take to take; physical: markers are put on again
     bend        part of a distance by which it differs in other motions; physical: skin moves over a bent joint
-    max_square  standard deviations², beyond which a distance is no worse: one wrong name is in many distances
     """
 
     lead: float = 3.0
     put_on_m: float = 0.008
     bend: float = 0.02
-    max_square: float = 25.0
 
 
 IDENTIFICATION = IdentificationOptions()
 FRAMES_COMPARED = 300  # that are looked at, of all with two markers of somebody
 MIN_MET = 10  # frames in which two markers must be there for their distance to say anything
-
-
-class OnBody(Protocol):
-    """What was named on a body."""
-
-    model: Model
-    frames: NamedFrames
-    solution: Solution | None
+MAX_OVERLAP = 0.1  # part of the shorter of two presences that may be one's: bodies are parted some frames off
+MAX_WAYS = 10_000  # that are tried; by time
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +52,7 @@ class PersonBuild:
     variance: np.ndarray
 
     @classmethod
-    def of(cls, one: OnBody) -> Self:
+    def of(cls, one: NamedBody) -> Self:
         """That of what was named on a body; nothing where it was not solved."""
         markers = one.model.markerset.markers
         size = len(markers)
@@ -83,7 +82,8 @@ class PersonBuild:
         known = np.triu(np.isfinite(variance + other.mean), 1)
         if not known.any():
             return np.inf
-        square = np.minimum((self.mean - other.mean)[known] ** 2 / variance[known], IDENTIFICATION.max_square)
+        # Beyond chance a distance is no worse: one wrong name is in many.
+        square = np.minimum((self.mean - other.mean)[known] ** 2 / variance[known], SIGMAS**2)
         # A marker is in many pairs, so these are not as many measurements as they look.
         return float(square.mean() * len(self.markers) / 2)
 
@@ -127,3 +127,38 @@ def identified(cost: np.ndarray, kind: Sequence[int]) -> tuple[list[int], float]
         return list(range(subjects)), -np.inf
     way, lead = likeliest(ways, cost.T)
     return list(way), lead
+
+
+def spans_of(tracklet: np.ndarray, body: np.ndarray, count: int) -> np.ndarray:
+    """(T, K) when each of so many presences is there, by the bodies (N,) of tracklets (T, L)."""
+    own = np.append(body, NO_BODY)[tracklet]
+    there = np.stack([(own == one).sum(axis=1) for one in range(count)], axis=1)
+    return 2 * there >= np.maximum([usual_count(column) for column in there.T], 1)
+
+
+def ways_of(there: np.ndarray, count: int) -> list[tuple[int, ...]]:
+    """All ways in which presences (T, K) after the first `count`, which are somebody each, can be theirs.
+
+    Those of one are not there at the same time. None at all where there are too many.
+    """
+    both = there.T.astype(int) @ there
+    length = np.maximum(np.diag(both), 1)
+    apart = both <= MAX_OVERLAP * np.minimum(length[:, None], length)
+    may = [np.flatnonzero(apart[one, :count]).tolist() for one in range(count, len(apart))]
+    if np.prod([float(len(some)) for some in may]) > MAX_WAYS:
+        return []
+    pairs = [(one, other) for other in range(count, len(apart)) for one in range(count, other) if not apart[one, other]]
+    return [way for way in product(*may) if all(way[one - count] != way[other - count] for one, other in pairs)]
+
+
+@dataclass(frozen=True, eq=False)
+class UnidentifiedPresence:
+    """A presence that may be several people's: the frames (T,) in which it is there, its tracklets (N,)."""
+
+    there: np.ndarray
+    tracklets: np.ndarray
+
+    def is_open(self, tracklet: np.ndarray, labels: Labels) -> bool:
+        """Whether most of it has no name, by the tracklet and label (T, L) of every point of the take."""
+        own = np.append(self.tracklets, False)[tracklet]
+        return 2 * (~labels.named & own).sum() > own.sum()

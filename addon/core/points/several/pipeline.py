@@ -15,25 +15,33 @@ from threadpoolctl import threadpool_limits
 
 from ...data.errors import JobError
 from ...data.physical import MARKER_LIMITS
-from ...data.progress import Progress, within
+from ...data.progress import Progress, Stage, within
 from ...data.takes import Labels, Points, Suspect
 from ...edits.applying import refuse_unknown
 from ...edits.kinds import NO_EDITS, Edits
 from ...review.answering import unanswered, without_accepted
 from ...review.suspects import MOMENT_S, summarised, suspect_ranges
+from ..models import Model
 from ..possible import refuse_impossible
 from ..refusals import UnsuitedError, refuse_floods
 from ..tracklets import cut
-from ..whole_take.pipeline import PointOptions, Recognise, as_in_file
+from ..whole_take.pipeline import PointOptions, Recognise, Steps, as_in_file, name_frames
 from .bodies import BodyNaming, Crowd, NamedBody, frames_are_sure, recognised_before, take_will_say
 from .counting import count_bodies
 from .edits import with_edits
-from .identification import IDENTIFICATION, PersonBuild, costs_of, identified, likeliest
+from .identification import (
+    IDENTIFICATION,
+    PersonBuild,
+    UnidentifiedPresence,
+    costs_of,
+    identified,
+    likeliest,
+    spans_of,
+    ways_of,
+)
 from .motion import LabelledSubjects
 from .parting import PartedBodies, parted
 from .places import NO_BODY
-from .presence import UnidentifiedPresence, spans_of, ways_of
-from .props import found_prop, is_prop
 from .sharing import share
 from .together import Everybody, FoundSubject, motion_of_all, verdict_on
 from .wearers import AUTO, SeveralOptions, Wearer, is_same, kinds
@@ -107,7 +115,7 @@ def _everybody(crowd: Crowd, asked: SeveralOptions) -> Generator[Progress, None,
     found: list[FoundSubject] = []
     unidentified: tuple[UnidentifiedPresence, ...] = ()
     for prop in (one for one in asked.subjects if is_prop(one.model)):
-        found.append((yield from within(found_prop(crowd, prop), 0.0, 0.0, spans=_spans(0.0, 0.05))))
+        found.append((yield from within(_found_prop(crowd, prop), 0.0, 0.0, spans=_spans(0.0, 0.05))))
         crowd = crowd.without(found[-1].may)
     people = tuple(one for one in asked.subjects if not is_prop(one.model))
     if people or not asked.subjects:
@@ -116,6 +124,29 @@ def _everybody(crowd: Crowd, asked: SeveralOptions) -> Generator[Progress, None,
     place = {subject: at for at, subject in enumerate(asked.subjects)}
     found.sort(key=lambda one: place.get(one.subject, len(place)))
     return Everybody.of(found, unidentified)
+
+
+def is_prop(model: Model) -> bool:
+    """Whether all markers of a set are on one rigid body."""
+    bodies = model.rigid_bodies
+    return bodies is not None and len(bodies.members) == 1 and len(bodies.members[0]) == len(model.markerset)
+
+
+def _found_prop(crowd: Crowd, prop: Wearer) -> Steps[FoundSubject]:
+    """A prop named among everything else, by its form, with its tracklets; JobError where it is not there."""
+    # A body's parts are rigid, too: what a take shows of them must not be learned as the prop's form.
+    model = replace(prop.model, training_takes=())
+    try:
+        frames = yield from name_frames(crowd.take, crowd.tracklet, model, crowd.options)
+        yield Stage("vote", f"look where {prop.name} is")
+        body = NamedBody(prop.model, frames, None)
+        verdict = verdict_on(body, crowd.options.target)
+    except UnsuitedError:
+        words = f"shows no {prop.name}, or not often enough to know it by the form of {prop.model.markerset.name}"
+        raise JobError(f"{words}; expected a take with that prop, so leave it out") from None
+    own = 2 * crowd.count(verdict.labels.named) > np.maximum(crowd.size, 1)
+    labels = verdict.labels.kept(crowd.tracklets_of(own) >= 0)
+    return FoundSubject(prop, body, own, replace(verdict, labels=labels))
 
 
 @dataclass(frozen=True, eq=False)

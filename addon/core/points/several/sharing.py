@@ -3,6 +3,7 @@
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -20,13 +21,13 @@ from .places import NO_BODY
 class SharingOptions:
     """How tracklets are shared out.
 
-    wide    times less than to its own body that a tracklet's affinity to another may be, for it to be offered that one
-    fitting log odds, at best, that a tracklet is a marker which the body lacks at the time, for it to be offered: what
-            comes before and after may be stronger evidence
-    lead    log odds by which one must be surer than any other to keep a tracklet; else nobody has it
+    fitting  measured: log odds, at best, that a tracklet is a marker which the body lacks at the time, for it to be
+             offered: what comes before and after may be stronger evidence; to offer all names two who touch alike, in
+             twice the time
+    lead     measured: log odds by which one must be surer than any other to keep a tracklet; else nobody has it; 1 and
+             4 name two who touch alike
     """
 
-    wide: float = 6.0
     fitting: float = -4.0
     lead: float = 2.0
 
@@ -59,8 +60,7 @@ def _offered(crowd: Crowd, people: Sequence[NamedBody], may: np.ndarray) -> np.n
     named = np.array([crowd.named_points(one) for one in people])
     left = crowd.firm & (2 * named.sum(axis=0) < crowd.size)
     body = np.where(named.any(axis=0), named.argmax(axis=0), NO_BODY)
-    affinity = crowd.affinity.on(body, len(people))
-    new = left[:, None] & ~may & (affinity * SHARING.wide >= affinity.max(axis=1, keepdims=True)) & (affinity > 0)
+    new = left[:, None] & ~may & (crowd.affinity.on(body, len(people)) > 0)
     for index, one in enumerate(people):
         new[:, index] &= _could_be(crowd, one, new[:, index])
     return may | new
@@ -74,7 +74,7 @@ def _could_be(crowd: Crowd, one: NamedBody, some: np.ndarray) -> np.ndarray:
     if one.solution is None or not some.any():
         return some
     solution, size = one.solution, len(one.model.markerset)
-    placed = solution.tracklets.placed(crowd.take.xyz, solution.marker, size)
+    placed: Any = solution.tracklets.placed(crowd.take.xyz, solution.marker, size)
     freedom = ROUNDS.freedoms[-1]
     wide = widened(trained_pairs(one.model), freedom.bend, freedom.motion_m, freedom.layout_m)
     own = crowd.tracklets_of(some)

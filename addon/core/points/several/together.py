@@ -13,8 +13,8 @@ from ..motion import by_marker, take_motion
 from ..refusals import refuse_unlike, refuse_unrecognised
 from ..whole_take.pipeline import PointOptions, decided_of
 from .bodies import NamedBody
+from .identification import UnidentifiedPresence
 from .motion import SubjectsMotion
-from .presence import UnidentifiedPresence
 from .wearers import SetsWorn, Wearer
 
 

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from addon.core.data.takes import NO_MARKER, NO_POINT
 from addon.core.points.rigid_bodies.cluster_matching import NO_CLUSTER
-from addon.core.points.rigid_bodies.clustering import find_clusters, sampled, unbroken
+from addon.core.points.rigid_bodies.clustering import find_clusters, sampled
 from addon.core.points.rigid_bodies.marker_matching import correspondences
 from addon.core.points.rigid_bodies.model import learn_rigid_bodies
 from addon.core.points.rigid_bodies.recognition import recognise
@@ -41,7 +41,7 @@ def plates_right(person, columns: np.ndarray) -> list[bool | None]:
             found.append(None)
             continue
         tracklets = [tracklet for own in person.clusters[group].tracklets for tracklet in own]
-        markers = columns[np.unique(np.nonzero(np.isin(person.part, tracklets))[1])]
+        markers = columns[np.unique(np.nonzero(np.isin(person.tracklet, tracklets))[1])]
         found.append(len({NAMES[marker][:-1] for marker in markers if marker >= 0}) == 1 and (markers >= 0).all())
     return found
 
@@ -53,10 +53,12 @@ def wrong(person, columns: np.ndarray) -> int:
 
 def test_what_moves_as_one_is_a_group_whatever_trajectories_it_is_cut_into():
     points = walk(body())
-    points[150:170, ::3] = np.nan
-    groups = find_clusters(sampled(points, unbroken(cut(points, RATE), RATE), RATE))
+    behind = points[:, ::3].copy()
+    behind[:170] = points[150:, ::3] = np.nan
+    points = np.concatenate([points, behind], axis=1)
+    groups = find_clusters(sampled(points, cut(points, RATE), RATE))
     assert sorted(len(group.form) for group in groups) == [4] * len(SEGMENTS)
-    # The tracklets before and behind the gap are one marker's.
+    # The tracklets before and behind a gap are one marker's.
     assert sum(len(tracklets) == 2 for group in groups for tracklets in group.tracklets) == sum(ALL[:44] % 3 == 0)
 
 
@@ -184,7 +186,7 @@ def test_how_loose_a_marker_may_be_does_not_depend_on_where_the_plate_faces(wobb
     points = np.tile(flat, (200, 1, 1))
     points[:, 5, 2] += wobble * np.sin(np.arange(200))
     points = points @ Rotation.from_euler("zyx", turn, degrees=True).as_matrix().T
-    groups = find_clusters(sampled(points, unbroken(cut(points, RATE), RATE), RATE))
+    groups = find_clusters(sampled(points, cut(points, RATE), RATE))
     assert [len(group.form) for group in groups] == [markers]
 
 

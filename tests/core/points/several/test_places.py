@@ -52,7 +52,7 @@ def wrong(body: np.ndarray, truth: np.ndarray) -> int:
 
 def test_who_stands_still_beside_another_is_parted_by_the_place():
     points, tracklet, truth = standing(1.0, 60.0)
-    found = parted(points, tracklet, Affinity.of(points, tracklet, RATE), 2)
+    found = parted(points, tracklet, Affinity.of(points, tracklet, RATE), 2, MARKERS)
     assert wrong(found.body, truth) < 0.1 * len(truth)
 
 
@@ -82,13 +82,11 @@ def gone(points: np.ndarray, tracklet: np.ndarray, frames: slice) -> tuple[np.nd
     return points, tracklet
 
 
-@pytest.mark.parametrize("moved_m", [0.2, 9.0])
-def test_what_is_left_where_somebody_went_away_does_not_become_them(monkeypatch, moved_m):
+def test_what_is_left_where_somebody_went_away_does_not_become_them():
     points, tracklet, truth = standing(1.5, 12.0)
     way = np.zeros((len(points), 2, 2))
     way[480:, 1, 0] = -0.9  # is nearer to the first when it is back
     points, tracklet = gone(walked(points, way), tracklet, slice(240, 480))
-    monkeypatch.setattr(places, "BY_PLACE", PlacesOptions(moved_m=moved_m))
     found = bodies_by_place(points, tracklet, np.arange(0, len(points), 3), len(truth) + THING, 2)
     assert (found[: len(truth)] != NO_BODY).sum() > 2 * MARKERS
     assert wrong(found[: len(truth)], truth) <= MARKERS

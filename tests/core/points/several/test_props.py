@@ -7,8 +7,7 @@ import pytest
 from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
 from addon.core.geometry.rotations import exponential
-from addon.core.points.several.pipeline import label_several
-from addon.core.points.several.props import is_prop
+from addon.core.points.several.pipeline import is_prop, label_several
 from addon.core.points.several.wearers import SeveralOptions, Wearer
 from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.training.pipeline import TrainingOptions, train

@@ -14,9 +14,8 @@ from addon.core.data.takes import Labels, Points, Suspect, Verdict
 from addon.core.geometry.rotations import exponential
 from addon.core.points.refusals import RefusalOptions
 from addon.core.points.several import affinity, bodies, pipeline
-from addon.core.points.several.identification import PersonBuild
+from addon.core.points.several.identification import PersonBuild, UnidentifiedPresence
 from addon.core.points.several.pipeline import label_several
-from addon.core.points.several.presence import UnidentifiedPresence
 from addon.core.points.several.sharing import SHARING, share, shared_out
 from addon.core.points.several.together import joined
 from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer
