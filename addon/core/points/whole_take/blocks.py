@@ -22,17 +22,15 @@ from .pairs import PAIRING
 class BlockOptions:
     """What is named anew together.
 
-    sizes       markers at a time: one and those that sit next to it
-    points      that each may be, the likeliest on its own
-    proposed    choices of each block that are weighed exactly,
-    max_behind  log likelihood that such a choice may be behind by what is quickly known
-    min_seen    part of the frames in which a point must be there
+    size        physical: markers at a time: a heel, an ankle and a toe
+    points      memory and time: that each may be, the likeliest on its own; half names crowds alike
+    proposed    memory and time: choices of each block that are weighed exactly; half or twice names crowds alike
+    min_seen    physical: part of the frames in which a point must be there: half
     """
 
-    sizes: tuple[int, ...] = (3, 4)
+    size: int = 3
     points: int = 6
     proposed: int = 4
-    max_behind: float = 20.0
     min_seen: float = 0.5
 
 
@@ -44,21 +42,19 @@ def block_exchanges(known: Known, now: Settled, place: np.ndarray) -> np.ndarray
 
     now are the settled frames, place (M + E,) the point that each marker has in them, extras after the set's own.
     """
-    of_sizes = _blocks(known.fine.mean)
+    blocks = _blocks(known.fine.mean)
     if len(place) == now.naming.shape[1]:
-        found = [_turned_about(known, now, place, blocks) for blocks in of_sizes]
-    else:
-        found = [_choices(known, now, place, block) for blocks in of_sizes for block in blocks]
+        return _turned_about(known, now, place, blocks)
+    found = [_choices(known, now, place, block) for block in blocks]
     return np.concatenate(found) if found else np.zeros((0, len(place)), int)
 
 
-def _blocks(mean: np.ndarray) -> list[np.ndarray]:
-    """(K, B) markers, of a mean shape (M, 3) m, that sit side by side, of each size B."""
+def _blocks(mean: np.ndarray) -> np.ndarray:
+    """(K, B) markers, of a mean shape (M, 3) m, that sit side by side."""
     apart = pairwise_distances(mean)
+    near = (apart < PAIRING.max_confused_m).sum(axis=1) >= BLOCKS.size
     order = np.argsort(apart, axis=1, kind="stable")
-    near = (apart < PAIRING.max_confused_m).sum(axis=1)
-    sizes = [size for size in BLOCKS.sizes if (near >= size).any()]
-    return [np.unique(np.sort(order[near >= size, :size], axis=1), axis=0) for size in sizes]
+    return np.unique(np.sort(order[near, : BLOCKS.size], axis=1), axis=0)
 
 
 def _turned_about(known: Known, now: Settled, place: np.ndarray, blocks: np.ndarray) -> np.ndarray:
@@ -79,7 +75,7 @@ def _turned_about(known: Known, now: Settled, place: np.ndarray, blocks: np.ndar
     there = now.present[:, place[blocks]].all(axis=2).T
     usual = middle_of_known(np.where(there[:, None], square.swapaxes(1, 2), np.nan))
     best = np.argsort(usual, axis=1, kind="stable")[:, : BLOCKS.proposed - 1]  # as they are is proposed, too
-    block, turn = np.nonzero(np.take_along_axis(usual, best, axis=1) < 2 * BLOCKS.max_behind)
+    block, turn = np.nonzero(np.isfinite(np.take_along_axis(usual, best, axis=1)))
     rows = np.tile(np.arange(len(place)), (len(block), 1))
     taken = np.take_along_axis(blocks[block], turns[best[block, turn]], axis=1)
     np.put_along_axis(rows, blocks[block], taken, axis=1)
