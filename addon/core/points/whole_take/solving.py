@@ -47,9 +47,10 @@ class RoundOptions:
 class ExtraOptions:
     """What is taken for an unmodelled marker.
 
-    min_frames  of a tracklet from which one is started
+    min_frames  physical: of a tracklet from which one is started: a third of a second, in which things move
     crowd       times as many tracklets as markers, in the usual frame, where there are some: fewer are ghosts, but
-    min_rest    where tracklets without a name fill this part of the take
+    min_rest    measured: where tracklets without a name fill this part of the take; with all of it people of other labs
+                lose 3 %
     """
 
     min_frames: int = 30
