@@ -12,9 +12,9 @@ from ..body.prior import Prior
 from ..data.markersets import MarkerSet
 from ..geometry.cameras import Cameras
 from ..geometry.views import Sight, View
-from ..papers.virtual_occlusions import cost
+from ..papers.virtual_occlusions.cost import RayPull
 from ..papers.virtual_occlusions.fit import State, fit_body
-from ..papers.virtual_occlusions.labelling import Expectation, Naming, Rules, name_markers, pixel_noise
+from ..papers.virtual_occlusions.labelling import Expectation, Frame, Naming, Rules, name_markers, pixel_noise
 from ..papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion, Occlusion
 from .exchanges import standing_exchanges
 
@@ -146,28 +146,26 @@ class Subject:
     pixel: float
 
 
-def slots_pull(view: View, slots: np.ndarray, noise: np.ndarray, own_sd: np.ndarray, setup: Setup):
-    """The data term of named blobs: a function markers → cost.Pull for B sets of names.
+def slots_pull(frame: Frame, slots: np.ndarray, subject: Subject, setup: Setup) -> RayPull:
+    """The data term of B sets of names of a frame's blobs: slots (B, C, M), -1 where none.
 
-    slots (B, C, M) are the named blobs, -1 where none; noise (C, M) m and own_sd (M,) m their standard deviations.
     Several cameras of one marker share the uncertainty of its offset, so each counts for its part of it.
     """
     seen = slots >= 0
-    image = view.image[np.arange(len(view.image))[:, None], np.maximum(slots, 0)]
+    image = frame.view.image[frame.cameras[:, None], np.maximum(slots, 0)]
     count = np.maximum(seen.sum(axis=1), 1)
-    deviation = np.sqrt(noise**2 + (count * own_sd**2)[:, None])
-    deviation = np.where(seen, deviation, np.inf)
-    return cost.RayPull(image, deviation, setup.sight)
+    deviation = np.sqrt(frame.metres**2 + (count * subject.own_sd**2)[:, None])
+    return RayPull(image, np.where(seen, deviation, np.inf), setup.sight)
 
 
-def named_pull(view: View, naming: Naming, subject: Subject, setup: Setup):
-    """The data term of a frame's names for its subject: a function markers → cost.Pull."""
-    return slots_pull(view, naming.rays[None], naming.frame.metres, subject.own_sd, setup)
+def named_pull(naming: Naming, subject: Subject, setup: Setup) -> RayPull:
+    """The data term of a frame's names for its subject."""
+    return slots_pull(naming.frame, naming.rays[None], subject, setup)
 
 
-def refit(view: View, naming: Naming, subject: Subject, setup: Setup, steps: int, prior) -> tuple[Subject, State]:
+def refit(naming: Naming, subject: Subject, setup: Setup, steps: int, prior) -> tuple[Subject, State]:
     """Joints, shape and placement once more, now with names instead of nearest blobs; also the state it ended in."""
-    fit = fit_body(setup.model, subject.bodies, named_pull(view, naming, subject, setup), steps, prior)
+    fit = fit_body(setup.model, subject.bodies, named_pull(naming, subject, setup), steps, prior)
     return replace(subject, bodies=fit.bodies), fit.state
 
 

@@ -164,10 +164,8 @@ def damping_arrays(options) -> Structure:
 
 def _rows_of(model, start) -> tuple[np.ndarray, np.ndarray]:
     """Bodies as rows, which the library changes in place, and their own offsets."""
-    count = len(start)
-    parts = start.translation, start.quaternion, start.scale, start.bends.reshape(count, -1), start.shape
-    rows = given(np.concatenate(parts, axis=1), (count, row_length(model)))
-    return rows, given(start.own, (count, model.marker_count, 3))
+    rows = given(start.rows, (len(start), row_length(model)))
+    return rows, given(start.own, (len(start), model.marker_count, 3))
 
 
 def row_length(model) -> int:

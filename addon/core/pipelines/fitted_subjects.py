@@ -13,7 +13,7 @@ from typing import Self
 
 import numpy as np
 
-from ..blobs.pipeline import Options, TakeLabeller
+from ..blobs.pipeline import TakeLabeller
 from ..blobs.subject import Setup
 from ..data.takes import NO_MARKER, Blobs, Labels, Motion
 from ..geometry.cameras import Cameras
@@ -56,7 +56,7 @@ class FollowedSubject:
 
     def __init__(self, first: int, setup: Setup):
         self.first, self.size, self.setup = first, setup.model.marker_count, setup
-        self.free, self.held = (TakeLabeller(setup, Options()) for _ in range(2))
+        self.free, self.held = (TakeLabeller(setup) for _ in range(2))
         self.heard = True
 
     def owns(self, labels: Labels) -> np.ndarray:
@@ -83,7 +83,7 @@ class FollowedSubject:
         It is looked for anew in every chunk, as few have such blobs.
         """
         among = self.owns(labels) | ~labels.named | others
-        return self._heard(self._said(TakeLabeller(self.setup, Options()), blobs, labels, among, True))
+        return self._heard(self._said(TakeLabeller(self.setup), blobs, labels, among, True))
 
     def reading(self, blobs: Blobs, labels: Labels) -> _Said:
         """What its body says of its own blobs and nobody's, held by its names; nothing where it is not heard."""

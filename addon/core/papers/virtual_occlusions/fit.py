@@ -122,7 +122,7 @@ def fit_until_still(
         data = pull.compiled(len(start), model.marker_count)
         rows = calls.fit_until_still(model, start, data, steps, at_once, still, prior, model.parameters, DAMPING)
         if rows is not None:
-            return _bodies_of(model, rows, start.own)
+            return model.of_rows(rows, start.own)
     bodies, moving = Bodies.join([start]), np.arange(len(start))
     for done in range(0, steps, at_once):
         fit = fit_body(model, bodies.pick(moving), pull_on(moving), min(at_once, steps - done), prior)
@@ -150,14 +150,7 @@ def descend(model: BodyModel, start: Bodies, pull: PullOf, steps: int, prior, wi
     if done is None:
         return None
     rows, gradient, normal, *posed, columns, trace = done
-    return Fit(State(_bodies_of(model, rows, start.own), trace[-1], gradient, normal, Posed(*posed), columns), trace)
-
-
-def _bodies_of(model: BodyModel, rows: np.ndarray, own: np.ndarray) -> Bodies:
-    """Bodies as the library takes them and gives them."""
-    bends_end = 10 + 3 * model.joint_count
-    bends = rows[:, 10:bends_end].reshape(len(rows), -1, 3)
-    return Bodies(rows[:, :3], rows[:, 3:7], rows[:, 7:10], bends, rows[:, bends_end:], own)
+    return Fit(State(model.of_rows(rows, start.own), trace[-1], gradient, normal, Posed(*posed), columns), trace)
 
 
 def placement_state(model: BodyModel, bodies: Bodies, pull: PullOf, prior=None) -> State:

@@ -122,7 +122,7 @@ class Naming:
         """(C, M) the slots whose rays may be met: all named blobs but the merged ones."""
         return np.where(self.partner >= 0, -1, self.slot)
 
-    def give(self, camera, marker, slot, step: int):
+    def give(self, camera, marker, slot, step):
         """Names blobs; arrays of equal length."""
         self.slot[camera, marker] = slot
         self.step[camera, marker] = step
