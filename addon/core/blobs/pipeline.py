@@ -316,10 +316,8 @@ class _Chunk:
 
         Before them those of which a person named the most blobs.
         """
-        many = {
-            index: int((self.fixed[index] >= 0).sum()) for index in range(first, end) if self.fixed[index] is not None
-        }
-        named = sorted(many, key=lambda index: -many[index])[:MAX_FINALISTS]
+        fixed = [(index, fixed) for index, fixed in enumerate(self.fixed[first:end], first) if fixed is not None]
+        named = [index for index, _ in sorted(fixed, key=lambda one: -(one[1] >= 0).sum())[:MAX_FINALISTS]]
         parts = np.array_split(np.arange(first, end), min(PARTS_LOOKED_IN, end - first))
         best = [int(part[np.argmax([self.views[index].count for index in part])]) for part in parts]
         # Far from each other first: by their numbers with the binary digits in reverse.

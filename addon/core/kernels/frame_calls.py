@@ -41,7 +41,8 @@ def _new_frame(cameras: int, markers: int, blobs: int) -> tuple[dict[str, np.nda
     kind = frame_kind(cameras, markers, blobs)
     room = np.empty(kind.itemsize, FLAG)
     begin, block = address(room), room.view(kind)[0]
-    return {name: block[name] for name in kind.names}, {name: begin + kind.fields[name][1] for name in kind.names}
+    fields = dict(kind.fields or {})
+    return {name: block[name] for name in fields}, {name: begin + at[1] for name, at in fields.items()}
 
 
 def _new_room(cameras: int, markers: int, blobs: int) -> dict[str, np.ndarray]:
@@ -234,7 +235,8 @@ class Follower:
     def name(self, visible) -> tuple[dict[str, np.ndarray], np.void, np.ndarray, bool]:
         """The other half: the arrays of a naming by name, the track after, which markers are unseen, whether poor."""
         visible = given(visible, self.shape, FLAG)
-        made, outputs = _new_frame(*self.shape, self.last.blobs_of_one)
+        cameras, markers = self.shape
+        made, outputs = _new_frame(cameras, markers, self.last.blobs_of_one)
         numbers, unseen = np.empty(len(self.track)), np.empty(self.shape[1], INDEX)
         for name, at in outputs.items():
             setattr(self.last, name, at)

@@ -108,8 +108,8 @@ def _next(
         if found is not None:
             marker, moved, after = found
             segment = int(layout.markerset.attachment[marker])
-            places = (each.markerset.offsets[marker] for each in (layout, moved))
-            return Advice(names[marker], segment, *places, pair, before, after), moved
+            old, new = (each.markerset.offsets[marker] for each in (layout, moved))
+            return Advice(names[marker], segment, old, new, pair, before, after), moved
     return None
 
 

@@ -72,7 +72,7 @@ def test_every_marker_and_every_blob_is_used_once():
         used = slots[slots >= 0]
         assert len(np.unique(used)) == len(used)
         assert (naming.owner[camera, used] == np.flatnonzero(slots >= 0)).all()
-    found = hypotheses_of(frame, frame.expected)
+    found = hypotheses_of(frame)
     assert (found.gain > 0).all() and ((found.slot >= 0).sum(axis=1) >= 1).all()
 
 

@@ -125,8 +125,9 @@ def _members(points: np.ndarray, view: View, sight: Sight) -> np.ndarray:
 def nearest_blobs(points: np.ndarray, view: View, sight: Sight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of points (Q, 3) m the nearest blob's slot in each camera (C, Q), how far off at its depth, and that depth, m."""
     blocks = np.array_split(points, max(1, len(points) * view.image.shape[1] // DISTANCES_ONCE))
-    parts = zip(*(_nearest_of_block(block, view, sight) for block in blocks), strict=True)
-    return tuple(np.concatenate(part, axis=1) for part in parts)
+    parts = [_nearest_of_block(block, view, sight) for block in blocks]
+    nearest, metres, depth = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
+    return nearest, metres, depth
 
 
 def _nearest_of_block(points, view, sight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -143,9 +144,9 @@ def _nearest_of_block(points, view, sight) -> tuple[np.ndarray, np.ndarray, np.n
 
 def _chosen(members: np.ndarray, rays: Rays, claimed: np.ndarray, least: int) -> tuple[np.ndarray, np.ndarray]:
     """The best-supported sets of blobs, and their points; a set that only repeats the blobs of better ones goes."""
+    members = members[(members >= 0).sum(axis=1) >= least]
     seen = members >= 0
     support = seen.sum(axis=1)
-    members, seen, support = (part[support >= least] for part in (members, seen, support))
     met = rays.meet(members.T)
     fine = np.isfinite(met.residual) & (met.residual < 2 * CLOUD.max_gap_m)
     order = np.lexsort((met.residual, -support))

@@ -284,9 +284,8 @@ def named_by_library(view, sight, expected, rules, fixed, step1_only: bool) -> N
 def naming_of(view, sight, expected, rules, fixed, made: dict[str, np.ndarray]) -> Naming:
     """The naming of a frame whose arrays, by name, the compiled library has made."""
     frame = Frame.measured(view, sight, expected, rules, fixed, made)
-    naming = Naming(frame, *(made[name] for name in ("slot", "step", "owner", "partner", "conflicts")))
-    naming._meeting = Meeting(made["met"], made["residual"], made["miss"])
-    return naming
+    named = {name: made[name] for name in ("slot", "step", "owner", "partner", "conflicts")}
+    return Naming(frame, **named, _meeting=Meeting(made["met"], made["residual"], made["miss"]))
 
 
 def identify_visible(frame: Frame, naming: Naming) -> np.ndarray:
