@@ -15,10 +15,11 @@ from ..body.bodies import Bodies
 from ..data.errors import JobError
 from ..data.markersets import MarkerSet
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect, summed
-from ..edits.applying import BlobCells, apply_to_blobs
+from ..edits.applying import AppliedEdits, BlobCells, apply_to_blobs
 from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.views import VIEWING, View, split_views
+from ..papers.virtual_occlusions.labelling import Naming
 from ..papers.virtual_occlusions.occlusion import Occlusion
 from ..review.doubtful import WHOLE_FRAME
 from ..review.suspects import find_suspects
@@ -27,7 +28,6 @@ from .continuity import renamed
 from .image_tracklets import name_by_tracklets
 from .rereading import REREADING, Rereader
 from .search import FINDING, MAX_FINALISTS, NO_HINTS, Found, Hints, find_subject
-from .seeding import contradicted, fixed_in, seeds_of
 from .subject import Setup
 from .swaps import exchange_loss, exchanged, swap_names
 from .tracking import Followed, FrameResult, Track, follow
@@ -390,3 +390,37 @@ def _pixels_per_metre(results: Sequence[FrameResult], setup: Setup) -> np.ndarra
     depth = np.maximum(setup.sight.local(expected)[..., 2], VIEWING.min_depth_m)
     seen = np.array([one.naming.slot >= 0 for one in results])
     return (setup.sight.focal[:, None] / depth * seen).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
+
+
+def seeds_of(applied: AppliedEdits, cells: BlobCells) -> np.ndarray:
+    """(N,) the marker that a person says each blob is, NO_MARKER where nobody does."""
+    given = applied.edited.named[cells.image, cells.slot]
+    return np.where(given, applied.labels.marker, NO_MARKER)
+
+
+def fixed_in(view: View, seeds: np.ndarray | None, markers: int) -> np.ndarray | None:
+    """(C, M) the blob of a view that is each marker by the `seeds` (N,) of its chunk; None where none is."""
+    if seeds is None:
+        return None
+    camera, slot = np.nonzero(view.real)
+    marker = seeds[view.row[camera, slot]]
+    known = marker != NO_MARKER
+    if not known.any():
+        return None
+    fixed = np.full((len(view.real), markers), -1)
+    fixed[camera[known], marker[known]] = slot[known]
+    return fixed
+
+
+def contradicted(naming: Naming, fixed: np.ndarray) -> np.ndarray | None:
+    """(M,) the exchange of names that a person's names (C, M) ask of a frame that is named otherwise; None for none.
+
+    Of two markers each, whose names one blob has: the program's and the person's.
+    """
+    order = np.arange(fixed.shape[1])
+    camera, marker = np.nonzero(fixed >= 0)
+    owner = naming.owner[camera, fixed[camera, marker]]
+    for mine, other in zip(marker.tolist(), owner.tolist(), strict=True):
+        if other not in (-1, mine) and order[mine] == mine and order[other] == other:
+            order[[mine, other]] = other, mine
+    return None if (order == np.arange(len(order))).all() else order

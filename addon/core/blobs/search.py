@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..body.bodies import Bodies, Posed
+from ..body.bodies import Bodies, BodyModel, Posed
 from ..body.prior import Prior
 from ..data.errors import JobError
 from ..geometry import rotations
@@ -16,7 +16,6 @@ from ..papers.virtual_occlusions.fit import Fit, State, body_state, fit_body, fi
 from ..papers.virtual_occlusions.labelling import Expectation, Frame, Naming, give_nearer, name_merged
 from ..papers.virtual_occlusions.placement import blob_centre, make_starts, principal_guess
 from ..posing.posing import POSING
-from .arms import with_arms_held
 from .jointly import JOINTLY, name_jointly
 from .subject import Setup, Subject, expect, learn_noise, learn_own, name, named_pull, refit
 from .swaps import MAX_EXCHANGES, SWAPS, Swaps, swap_names, try_swaps, withdraw_unexpected, without_own
@@ -75,6 +74,19 @@ STAGE_STEPS = 3  # iterations of each stage, and of a fit to names: the first on
 SETTLED_STEPS = 2  # iterations once exchanges of names are settled
 NAMING_ROUNDS = 2  # of naming: names show how the markers sit on this subject, which sharpens the next round
 JOINT_ROUNDS = 3  # of naming a frame that is alone all at once; names hardly ever change in a fourth
+# Turns of the left upper arm and forearm about the model's axes (ahead, left, up), rad; the right arm is the mirror
+# image. At rest arms hang at 40° from the body, so an arm is raised to the side, overhead or ahead, and an elbow is
+# bent or folded.
+HELD = 1.1 * np.array(
+    [
+        [[1, 0, 0], [0, 0, 0]],
+        [[2, 0, 0], [0, 0, 0]],
+        [[0, -1, 0], [0, 0, 0]],
+        [[0, 0, 0], [0, -1, 0]],
+        [[0, 0, 0], [0, -2, 0]],
+    ]
+)
+MIRRORED_TURN = np.array([-1.0, 1.0, -1.0])
 
 
 @dataclass(frozen=True)
@@ -237,6 +249,22 @@ def fit_cloud(starts: Bodies, cloud: Cloud, setup: Setup, prior, arms: bool = Fa
         fit = fit_body(setup.model, bodies, pull, STAGE_STEPS, prior)
         bodies = fit.bodies
     return bodies, fit.cost
+
+
+def with_arms_held(bodies: Bodies, model: BodyModel) -> Bodies:
+    """The bodies as they are, and each once more for every way to hold the arms; only as they are without arms."""
+    names = model.markerset.skeleton.segments
+    arms = [(f"upper_arm.{side}", f"forearm.{side}") for side in "LR"]
+    if not all(part in names for arm in arms for part in arm):
+        return bodies
+    parts = [bodies]
+    for held in HELD:
+        bends = bodies.bends.copy()
+        for arm, mirrored in zip(arms, (np.ones(3), MIRRORED_TURN), strict=True):
+            for part, turn in zip(arm, held, strict=True):
+                bends[:, names.index(part)] = turn * mirrored
+        parts.append(replace(bodies, bends=bends))
+    return Bodies.join(parts)
 
 
 def fit_blobs(bodies: Bodies, view: View, setup: Setup, prior) -> Fit:

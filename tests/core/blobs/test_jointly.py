@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core.blobs.arms import HELD, with_arms_held
 from addon.core.blobs.jointly import hypotheses_of, name_jointly
-from addon.core.blobs.search import Hints, find_subject
+from addon.core.blobs.search import HELD, Hints, find_subject, with_arms_held
 from addon.core.blobs.subject import Setup
 from addon.core.body.bodies import BodyModel
 from addon.core.geometry.views import Sight
