@@ -86,7 +86,7 @@ HELD = 1.1 * np.array(
         [[0, 0, 0], [0, -2, 0]],
     ]
 )
-MIRRORED_TURN = np.array([-1.0, 1.0, -1.0])
+OTHER_ARM = np.array([-1.0, 1.0, -1.0])  # a rotation vector, mirrored
 
 
 @dataclass(frozen=True)
@@ -260,7 +260,7 @@ def with_arms_held(bodies: Bodies, model: BodyModel) -> Bodies:
     parts = [bodies]
     for held in HELD:
         bends = bodies.bends.copy()
-        for arm, mirrored in zip(arms, (np.ones(3), MIRRORED_TURN), strict=True):
+        for arm, mirrored in zip(arms, (np.ones(3), OTHER_ARM), strict=True):
             for part, turn in zip(arm, held, strict=True):
                 bends[:, names.index(part)] = turn * mirrored
         parts.append(replace(bodies, bends=bends))

@@ -224,11 +224,9 @@ class SolverStudy:
         """(M,) which markers' targets a solver reaches on the frames for checking."""
         if subset not in self._checked:
             markers = searches.members(subset)
-            self._checked[subset] = self._flags(markers, self._judged(markers))
+            search = TreeSearch(markers, self.pool[self.pool.within(markers)])
+            self._checked[subset] = self._flags(markers, self._measured(search))
         return self._checked[subset]
-
-    def _judged(self, markers: list[int]) -> Record:
-        return self._measured(TreeSearch(markers, self.pool[self.pool.within(markers)]))
 
     def _flags(self, markers, record: Record) -> np.ndarray:
         flags = np.zeros(self.markers, dtype=bool)
