@@ -18,8 +18,8 @@ MOST_CAMERAS = 1024  # as in rays.c
 
 
 @lru_cache(maxsize=1024)
-def frame_kind(cameras: int, markers: int, blobs: int) -> np.dtype:
-    """What is measured and named of a frame, as it lies in memory."""
+def frame_parts(cameras: int, markers: int, blobs: int) -> tuple[list[tuple], int]:
+    """What is measured and named of a frame: name, kind, shape and start in memory, in bytes; and the end."""
     pairs, images = (cameras, markers), (cameras, blobs)
     measured = {
         "image": (*pairs, 2),
@@ -32,17 +32,19 @@ def frame_kind(cameras: int, markers: int, blobs: int) -> np.dtype:
         "miss": pairs,
     }
     named = {"slot": pairs, "step": pairs, "owner": images, "partner": pairs, "conflicts": (markers,)}
-    numbers = [(name, REAL, shape) for name, shape in measured.items()]
-    return np.dtype(numbers + [(name, INDEX, shape) for name, shape in named.items()])
+    parts = [(name, REAL, shape) for name, shape in measured.items()]
+    parts += [(name, INDEX, shape) for name, shape in named.items()]
+    ends = np.cumsum([0, *(kind.itemsize * prod(shape) for _, kind, shape in parts)]).tolist()
+    return [(*part, start) for part, start in zip(parts, ends, strict=False)], ends[-1]
 
 
 def _new_frame(cameras: int, markers: int, blobs: int) -> tuple[dict[str, np.ndarray], dict[str, int]]:
     """Arrays for what is measured and named of a frame, and their addresses, by name."""
-    kind = frame_kind(cameras, markers, blobs)
-    room = np.empty(kind.itemsize, FLAG)
-    begin, block = address(room), room.view(kind)[0]
-    fields = dict(kind.fields or {})
-    return {name: block[name] for name in fields}, {name: begin + at[1] for name, at in fields.items()}
+    parts, size = frame_parts(cameras, markers, blobs)
+    room = np.empty(size, FLAG)
+    begin = address(room)
+    made = {name: np.ndarray(shape, kind, room, start) for name, kind, shape, start in parts}
+    return made, {name: begin + start for name, _, _, start in parts}
 
 
 def _new_room(cameras: int, markers: int, blobs: int) -> dict[str, np.ndarray]:
