@@ -32,7 +32,7 @@ def frame_parts(cameras: int, markers: int, blobs: int) -> tuple[list[tuple], in
         "miss": pairs,
     }
     named = {"slot": pairs, "step": pairs, "owner": images, "partner": pairs, "conflicts": (markers,)}
-    parts = [(name, REAL, shape) for name, shape in measured.items()]
+    parts: list[tuple[str, np.dtype, tuple[int, ...]]] = [(name, REAL, shape) for name, shape in measured.items()]
     parts += [(name, INDEX, shape) for name, shape in named.items()]
     ends = np.cumsum([0, *(kind.itemsize * prod(shape) for _, kind, shape in parts)]).tolist()
     return [(*part, start) for part, start in zip(parts, ends, strict=False)], ends[-1]

@@ -134,6 +134,7 @@ def look_ups(classifiers: Classifiers, place: np.ndarray) -> dict[int, tuple[np.
         some = classifiers[classifiers.kind == kind]
         a, b, c, d = place[some.points].T
         low, high = some.low, some.high
+        looked: tuple[np.ndarray, ...]
         if kind == KIND_TURN:
             looked = (a, b, c, _side(a, b), _side(a, c))
         elif kind == KIND_ANGLE:
