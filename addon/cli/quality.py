@@ -17,7 +17,7 @@ from .console import ProgressLine, print_results
 
 DESCRIPTION = """Judges where the markers of a model sit, before anybody wears them. How far two names are separated is
 given in standard deviations, with a quarter of the markers hidden: at 2 the likelier of the two is wrong in up to 16 %
-of the frames, at 4 in 2.3 %, at 6 in 0.1 %. For the worst pairs it says which marker to move, or where to add one."""
+of the frames, at 4 in 2.3 %, at 6 in 0.1 %. For the worst pairs it says which marker to move where."""
 MOST = 10  # changes that can be asked for
 SHOWN = 8  # pairs
 

@@ -65,7 +65,7 @@ class BlobTake(OpenTake):
                 refuse_two(self._blobs, cameras, model)
             self.taken.clear()
         if self.several is None:
-            settings = BlobOptions(self.rate, job.method, job.target, job.options, self._occlusion(), self.edits)
+            settings = BlobOptions(self.rate, job.method, job.target, job.hints, self._occlusion(), self.edits)
             self.work = label_blobs(self._blobs(), cameras, model, settings)
             self.method, self.worn = blob_method(settings), model.markerset
             self.check = CameraCheck(cameras, self.worn)

@@ -27,7 +27,7 @@ from ..io.whole import is_read, whole_files
 from ..version import version
 
 if TYPE_CHECKING:
-    from ..core.blobs.pipeline import Options
+    from ..core.blobs.search import Hints
     from ..core.papers.virtual_occlusions.occlusion import Occlusion
 
 
@@ -146,12 +146,11 @@ class LabelJob:
         return {"source": written(str(self.source.absolute())), **found}
 
     @property
-    def options(self) -> "Options":
-        """The user's hints as the labelling takes them."""
-        from ..core.blobs.pipeline import Options
+    def hints(self) -> "Hints":
+        """What the user says of the subject."""
         from ..core.blobs.search import Hints
 
-        return Options(hints=Hints(self.height, self.facing))
+        return Hints(self.height, self.facing)
 
     def path(self, ending: str) -> Path:
         """The file of this take with an ending such as `.c3d`."""

@@ -53,9 +53,7 @@ def quality_report(layout: MarkerLayout, found: Ambiguity, advice: Sequence[Advi
 
 def _advice(advice: Advice, markerset: MarkerSet) -> dict:
     return {
-        "do": advice.kind,
         "marker": advice.marker,
-        "anchor": advice.anchor,
         "segment": markerset.skeleton.segments[advice.segment],
         "shift_mm": [round(float(value), 1) for value in 1000 * advice.shift(markerset)],
         "offset": [round(float(value), 6) for value in advice.new],

@@ -214,31 +214,25 @@ def targets(collection: bpy.types.Collection) -> list[Target]:
     """Where the report's advice wants markers that are not there yet."""
     report, items, found = kept_report(collection), marker_items(collection), []
     for number, row in enumerate(report["advice"] if report else (), 1):
-        anchor = items.get(row["anchor"])
-        if anchor is None or (row["do"] == "add" and row["marker"] in items):
+        item = items.get(row["marker"])
+        if item is None:
             continue
         end = _target(collection, row)
-        begin = np.array(anchor.matrix_world.translation)
+        begin = np.array(item.matrix_world.translation)
         if end is not None and np.linalg.norm(end - begin) > MOVED_MARKER:
             found.append(Target(number, row["marker"], begin, end))
     return found
 
 
 def take_advice(collection: bpy.types.Collection, number: int):
-    """Moves or adds the marker of one piece of advice, counted from 1; InputError where that cannot be done."""
+    """Moves the marker of one piece of advice, counted from 1; InputError where that cannot be done."""
     report = kept_report(collection)
     if report is None or not 1 <= number <= len(report["advice"]):
         raise InputError(f"there is no advice {number}; expected the marker set to be judged first")
     row, items = report["advice"][number - 1], marker_items(collection)
-    armature, item = armatures.armature_of(collection), items.get(row["anchor"])
+    armature, item = armatures.armature_of(collection), items.get(row["marker"])
     if item is None or row["segment"] not in armature.data.bones:
-        raise InputError(f"{row['anchor']} or {row['segment']} is gone; expected them where they were judged")
-    if row["do"] == "add":
-        if row["marker"] in items:
-            raise InputError(f"{row['marker']} was added already; expected it once")
-        item = item.copy()
-        item.name = item[naming.MARKER] = row["marker"]
-        collection.objects.link(item)
+        raise InputError(f"{row['marker']} or {row['segment']} is gone; expected them where they were judged")
     place = np.eye(4)
     place[:3, 3] = np.array(row["offset"]) * np.array(armature[armatures.SCALE])
     item.matrix_parent_inverse.identity()

@@ -25,16 +25,9 @@ class ConfidenceOptions:
 CONFIDENCE = ConfidenceOptions()
 
 
-def label_confidences(
-    naming: Naming, camera: np.ndarray, marker: np.ndarray, options: ConfidenceOptions = CONFIDENCE
-) -> np.ndarray:
-    """(N,) chance that the blobs named by `camera` and `marker` (N,) are rightly named, given the placement."""
-    return named_confidences(naming, options)[camera, marker]
-
-
 @stands_for(frame_calls.label_confidences)
 def named_confidences(naming: Naming, options: ConfidenceOptions) -> np.ndarray:
-    """(C, M) the same of every name, NaN where there is none.
+    """(C, M) chance that the blob of each name is rightly named, given the placement; NaN where there is none.
 
     Each blob is shared out among the markers that could have made it in the proportions of their likelihoods. A marker
     that has a blob in that camera claims no other, and a merged blob is rightly named after either of its markers. Two

@@ -6,7 +6,7 @@ neighbour's path does not break there, it only goes on under another name. Most 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +15,7 @@ from ..data.physical import MARKER_LIMITS
 from ..papers.virtual_occlusions.labelling import Naming
 from .image_tracklets import IMAGE_TRACKLETS
 from .swaps import swap_names
-from .tracking import FrameResult, met_points
+from .tracking import FrameResult
 
 
 @dataclass(frozen=True)
@@ -40,33 +40,24 @@ MIN_LENGTH = 3  # frames of a tracklet that show where it goes
 CONTINUITY = ContinuityOptions()
 
 
-@dataclass(frozen=True, eq=False)
-class NamedTracklets:
-    """N tracklets, each smooth and under one name.
-
-    marker       (N,) the name
-    first, last  (N,) frames, both included
-    count        (N,) frames with a point
-    begin, end   (N, 3) m, where they are in these frames
-    early, late  (N, 3) m a frame, the velocity there; NaN for those too short to show one
-    """
-
-    marker: np.ndarray
-    first: np.ndarray
-    last: np.ndarray
-    count: np.ndarray
-    begin: np.ndarray
-    end: np.ndarray
-    early: np.ndarray
-    late: np.ndarray
+# Tracklets, each smooth and under one name: the name; first and last frame, both included, and how many have a point;
+# where they begin and end, m, and the velocity there, m a frame, NaN for those too short to show one.
+NAMED_TRACKLETS = np.dtype(
+    [(name, int) for name in ("marker", "first", "last", "count")]
+    + [(name, float, 3) for name in ("begin", "end", "early", "late")]
+)
 
 
-def renamed(results: Sequence[FrameResult | None], rate: float) -> list[tuple[int, int, np.ndarray]]:
-    """Gives paths that changed their name the one that they mostly had.
+def renamed(results: Mapping[int, FrameResult], rate: float) -> list[tuple[int, int, np.ndarray]]:
+    """Gives paths that changed their name in labelled frames, by index, the one that they mostly had.
 
     Returns the first and last of frames that were changed alike, both included, and the markers (K,) concerned.
     """
-    points = met_points(results)
+    if not results:
+        return []
+    met = np.array([result.naming.meeting.points for result in results.values()])
+    points = np.full((max(results) + 1, *met.shape[1:]), np.nan)
+    points[list(results)] = met
     markers = points.shape[1]
     tracklets = _tracklets(points, rate)
     target = _targets(tracklets, _joined(tracklets, rate), markers)
@@ -88,28 +79,19 @@ def renamed(results: Sequence[FrameResult | None], rate: float) -> list[tuple[in
     return changed
 
 
-def _tracklets(points: np.ndarray, rate: float) -> NamedTracklets:
+def _tracklets(points: np.ndarray, rate: float) -> np.recarray:
     """The paths of all names (F, M, 3) m, cut where they are gone for long or do not go on smoothly."""
-    found = [tracklet for marker in range(points.shape[1]) for tracklet in _tracklets_of(points, marker, rate)]
-    nowhere = np.full(3, np.nan)
-    long = [len(at) >= MIN_LENGTH for _, at, _ in found]
-    early = [_speed(at[:3], place[:3]) if ok else nowhere for ok, (_, at, place) in zip(long, found, strict=True)]
-    late = [_speed(at[-3:], place[-3:]) if ok else nowhere for ok, (_, at, place) in zip(long, found, strict=True)]
-    whole = [(marker, at[0], at[-1], len(at)) for marker, at, _ in found]
-    marker, first, last, count = np.array(whole, dtype=int).reshape(-1, 4).T
-    ends = [np.array([place[end] for _, _, place in found]).reshape(-1, 3) for end in (0, -1)]
-    return NamedTracklets(marker, first, last, count, *ends, *(np.array(part).reshape(-1, 3) for part in (early, late)))
-
-
-def _tracklets_of(points: np.ndarray, marker: int, rate: float):
-    """The tracklets of one name: marker, frames (N,) and places (N, 3) m of each."""
-    at = np.flatnonzero(np.isfinite(points[:, marker, 0]))
-    breaks = np.flatnonzero(_cuts(points, marker, at, rate)) + 1
-    return [(marker, part, points[part, marker]) for part in np.split(at, breaks) if len(part)]
-
-
-def _speed(at: np.ndarray, place: np.ndarray) -> np.ndarray:
-    return (place[-1] - place[0]) / (at[-1] - at[0])
+    found = []
+    for marker in range(points.shape[1]):
+        at = np.flatnonzero(np.isfinite(points[:, marker, 0]))
+        for part in np.split(at, np.flatnonzero(_cuts(points, marker, at, rate)) + 1):
+            if len(part):
+                place = points[part, marker]
+                early = late = np.full(3, np.nan)
+                if len(part) >= MIN_LENGTH:
+                    early, late = ((place[b] - place[a]) / (part[b] - part[a]) for a, b in ((0, 2), (-3, -1)))
+                found.append((marker, part[0], part[-1], len(part), place[0], place[-1], early, late))
+    return np.array(found, NAMED_TRACKLETS).view(np.recarray)
 
 
 def _cuts(points: np.ndarray, marker: int, at: np.ndarray, rate: float) -> np.ndarray:
@@ -150,7 +132,7 @@ def _reach(gap: np.ndarray, rate: float) -> np.ndarray:
     return np.minimum(MARKER_LIMITS.reach_m(gap / rate), CONTINUITY.max_reach_m)
 
 
-def _joined(tracklets: NamedTracklets, rate: float) -> np.ndarray:
+def _joined(tracklets: np.recarray, rate: float) -> np.ndarray:
     """(N,) the path of each tracklet: it goes on in one that begins soon, where it would be, and moves alike."""
     gap = tracklets.first[None] - tracklets.last[:, None]
     soon = (gap > 0) & (gap <= CONTINUITY.max_gap_s * rate + 1)
@@ -172,7 +154,7 @@ def _joined(tracklets: NamedTracklets, rate: float) -> np.ndarray:
     return path
 
 
-def _targets(tracklets: NamedTracklets, path: np.ndarray, markers: int) -> np.ndarray:
+def _targets(tracklets: np.recarray, path: np.ndarray, markers: int) -> np.ndarray:
     """(N,) the name that each tracklet should have."""
     target = tracklets.marker.copy()
     for own in np.unique(path):
@@ -193,14 +175,12 @@ def _order(wanted: np.ndarray) -> np.ndarray | None:
         return None
     order = np.arange(len(wanted))
     order[target] = source
-    bare = np.setdiff1d(source, target)
-    order[bare] = np.setdiff1d(target, source)
+    order[np.setdiff1d(source, target)] = np.setdiff1d(target, source)
     return order
 
 
 def _rename(naming: Naming, order: np.ndarray):
     """Makes the exchange; the blobs of markers that had no point lose their names in it."""
-    moved = order != np.arange(len(order))
-    pointless = np.isnan(naming.meeting.points[:, 0]) & moved
+    pointless = np.isnan(naming.meeting.points[:, 0]) & (order != np.arange(len(order)))
     naming.withdraw(*np.nonzero((naming.slot >= 0) & pointless))
     swap_names(naming, order)

@@ -5,7 +5,7 @@ A marker that is partly hidden draws its blob aside, two rays may meet where no 
 name or has a neighbour's for some frames. But in the image it moves on as it did, and before and after it is named.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,57 +41,42 @@ class ImageTrackletOptions:
 IMAGE_TRACKLETS = ImageTrackletOptions()
 
 
-def name_by_tracklets(
-    views: Sequence[View],
-    results: Sequence[FrameResult | None],
-    rate: float,
-    options: ImageTrackletOptions = IMAGE_TRACKLETS,
-) -> dict[int, list[int]]:
-    """Gives blobs the names of their tracklets where these meet in space; returns the markers changed, by frame."""
-    markers = next((len(result.naming.slot[0]) for result in results if result is not None), 0)
-    if not markers:
+def name_by_tracklets(views: Sequence[View], results: Mapping[int, FrameResult], rate: float) -> dict[int, list[int]]:
+    """Gives blobs the names of their tracklets where these meet in space; returns the markers changed, by frame.
+
+    `results` are those of the views that are labelled, by index.
+    """
+    if not results:
         return {}
-    tracklet, count = tracklets_of(views, _depths(results), rate, options)
-    claims = _claims(tracklet, count, results, markers, options)
-    changed = {
-        index: _settle(result.naming, claims[index])
-        for index, result in enumerate(results)
-        if result and index in claims
-    }
-    return {index: moved for index, moved in changed.items() if moved}
+    tracklet, count = _tracklets_of(views, results, rate)
+    claims = _claims([tracklet[index] for index in results], count, [one.naming for one in results.values()])
+    changed = {}
+    for (index, result), claim in zip(results.items(), claims, strict=True):
+        if claim is not None and (moved := _settle(result.naming, claim)):
+            changed[index] = moved
+    return changed
 
 
-def _depths(results: Sequence[FrameResult | None]) -> list[np.ndarray | None]:
-    """By frame, (C,) m, how far from each camera the subject is; None where nobody is."""
-    depths: list[np.ndarray | None] = [None] * len(results)
-    for index, result in enumerate(results):
-        if result is not None:
-            depths[index] = np.median(result.naming.frame.depth, axis=1)
-    return depths
-
-
-def tracklets_of(
-    views: Sequence[View],
-    depths: Sequence[np.ndarray | None],
-    rate: float,
-    options: ImageTrackletOptions = IMAGE_TRACKLETS,
+def _tracklets_of(
+    views: Sequence[View], results: Mapping[int, FrameResult], rate: float
 ) -> tuple[list[np.ndarray], int]:
     """By frame, (C, K) the number of each blob's tracklet, -1 where there is no blob; and how many there are.
 
-    `depths` (C,) m are how far from each camera the subject is, by frame: there a blob's way is measured.
+    A blob's way is measured as far from each camera as the subject is, so tracklets end where nobody is.
     """
     numbers: list[np.ndarray] = []
     speed, count = np.zeros(0), 0
-    reaches = options.noise_m + options.push_m_s2 / rate**2, options.speed_m_s / rate
-    clear = options.other_ratio, options.noise_m
+    reaches = IMAGE_TRACKLETS.noise_m + IMAGE_TRACKLETS.push_m_s2 / rate**2, IMAGE_TRACKLETS.speed_m_s / rate
+    clear = IMAGE_TRACKLETS.other_ratio, IMAGE_TRACKLETS.noise_m
     for index, view in enumerate(views):
         own = np.full(view.real.shape, -1)
         ahead = np.full(view.image.shape, np.nan)
-        if index and depths[index] is not None and depths[index - 1] is not None:
-            link, ahead = link_blobs(views[index - 1], view, speed, depths[index], reaches, clear)
+        if index in results and index - 1 in results:
+            depth = np.median(results[index].naming.frame.depth, axis=1)
+            link, ahead = link_blobs(views[index - 1], view, speed, depth, reaches, clear)
             own = np.where(link >= 0, np.take_along_axis(numbers[-1], link, axis=1), -1)
         fresh = view.real & (own < 0)
-        many = np.count_nonzero(fresh)
+        many = int(fresh.sum())
         own[fresh] = np.arange(count, count + many)
         count += many
         numbers.append(own)
@@ -133,37 +118,33 @@ def link_blobs(
     return link, ahead
 
 
-def _claims(
-    tracklet: list[np.ndarray], count: int, results, markers: int, options: ImageTrackletOptions
-) -> dict[int, np.ndarray]:
-    """By frame, (C, K) the marker that each blob's tracklet mostly is, -1 where none; of frames that say otherwise."""
-    there = [index for index, result in enumerate(results) if result is not None]
-    own = np.concatenate([tracklet[index].ravel() for index in there])
-    owner = np.concatenate([results[index].naming.owner.ravel() for index in there])
-    claim = _mostly(own, owner, count, markers, options)[own]
-    ends = np.cumsum([0, *(tracklet[index].size for index in there)])
-    otherwise = np.flatnonzero((claim >= 0) & (claim != owner))
-    asked = np.unique(np.searchsorted(ends, otherwise, side="right") - 1)
-    return {there[at]: claim[ends[at] : ends[at + 1]].reshape(tracklet[there[at]].shape) for at in asked.tolist()}
+def _claims(tracklet: Sequence[np.ndarray], count: int, namings: Sequence[Naming]) -> list[np.ndarray | None]:
+    """By frame, (C, K) the marker that each blob's tracklet mostly is, -1 where none; None where the frame agrees."""
+    own = np.concatenate([one.ravel() for one in tracklet])
+    owner = np.concatenate([naming.owner.ravel() for naming in namings])
+    claim = _mostly(own, owner, count, namings[0].slot.shape[1])[own]
+    ends = np.cumsum([one.size for one in tracklet])[:-1]
+    otherwise = [part.any() for part in np.split((claim >= 0) & (claim != owner), ends)]
+    claims = zip(tracklet, np.split(claim, ends), otherwise, strict=True)
+    return [mostly.reshape(one.shape) if differs else None for one, mostly, differs in claims]
 
 
-def _mostly(own: np.ndarray, owner: np.ndarray, count: int, markers: int, options: ImageTrackletOptions) -> np.ndarray:
+def _mostly(own: np.ndarray, owner: np.ndarray, count: int, markers: int) -> np.ndarray:
     """(count + 1,) the marker that each tracklet mostly is, -1 where none, by the markers `owner` (N,) of blobs `own`.
 
     The last is of where no blob is.
     """
     named = np.flatnonzero(owner >= 0)
-    long = np.flatnonzero(np.bincount(own[named], minlength=count) >= options.min_frames)
+    long = np.flatnonzero(np.bincount(own[named], minlength=count) >= IMAGE_TRACKLETS.min_frames)
     row = np.full(count, -1)
     row[long] = np.arange(len(long))
     named = named[row[own[named]] >= 0]
     cells = row[own[named]] * markers + owner[named]
     frames = np.bincount(cells, minlength=len(long) * markers).reshape(len(long), markers)
-    best = frames.argmax(axis=1)
-    most = frames[np.arange(len(long)), best]
+    best, most = frames.argmax(axis=1), frames.max(axis=1, initial=0)
     frames[np.arange(len(long)), best] = 0
     rest = frames.max(axis=1)
-    sure = most >= np.maximum(options.min_frames, options.min_ratio * rest)
+    sure = most >= np.maximum(IMAGE_TRACKLETS.min_frames, IMAGE_TRACKLETS.min_ratio * rest)
     mostly = np.full(count + 1, -1)
     mostly[long[sure]] = best[sure]
     return mostly
@@ -234,16 +215,12 @@ def _suits_its_marker(naming: Naming, slot: np.ndarray) -> np.ndarray:
 def _give(naming: Naming, marker: int, slot: np.ndarray, part: np.ndarray):
     """Names the blobs in slots (C,) after a marker, and none else; `part` (C,) where they show a part of it only."""
     old = naming.slot[:, marker].copy()
-    for camera in np.flatnonzero(slot != old):
-        if old[camera] >= 0:
-            _take(naming, camera, marker)
+    for camera in np.flatnonzero(slot != old).tolist():
+        owner = naming.owner[camera, slot[camera]] if slot[camera] >= 0 else -1
+        for before in (marker if old[camera] >= 0 else -1, owner):
+            if before >= 0:
+                naming.withdraw(camera, before)
+                naming.partner[camera, before] = -1
         if slot[camera] >= 0:
-            if naming.owner[camera, slot[camera]] >= 0:
-                _take(naming, camera, naming.owner[camera, slot[camera]])
             naming.give(camera, marker, slot[camera], REMAINING)
             naming.partner[camera, marker] = marker if part[camera] else -1
-
-
-def _take(naming: Naming, camera: int, marker: int):
-    naming.withdraw(np.array([camera]), np.array([marker]))
-    naming.partner[camera, marker] = -1

@@ -68,25 +68,24 @@ class Hypotheses:
     elsewhere: np.ndarray
 
 
-def name_jointly(frame: Frame, options: AtOnceOptions = JOINTLY) -> tuple[Naming, np.ndarray]:
+def name_jointly(frame: Frame) -> tuple[Naming, np.ndarray]:
     """The likeliest names of a frame's blobs, and which markers (M,) are placed elsewhere by them."""
-    expected = frame.expected
-    found = hypotheses_of(frame, expected, options)
-    chosen = _shaded(found, _best(found, frame.view), frame, options)
+    found = hypotheses_of(frame)
+    chosen = _shaded(found, _best(found, frame.view), frame)
     naming = Naming.empty(frame)
     for index in chosen:
         camera = np.flatnonzero(found.slot[index] >= 0)
         marker = np.full(len(camera), found.marker[index])
         naming.give(camera, marker, found.slot[index, camera], REMAINING)
-    elsewhere = np.zeros(len(expected.points), bool)
+    elsewhere = np.zeros(len(frame.markers), bool)
     elsewhere[found.marker[chosen]] = found.elsewhere[chosen]
     return naming, elsewhere
 
 
-def hypotheses_of(frame: Frame, expected: Expectation, options: AtOnceOptions = JOINTLY) -> Hypotheses:
+def hypotheses_of(frame: Frame) -> Hypotheses:
     """Everything that may be worth a name."""
-    sight = frame.sight
-    sets = _sets(frame, options)
+    sight, expected = frame.sight, frame.expected
+    sets = _sets(frame)
     met = frame.rays.meet(sets.T)
     fine = np.isfinite(met.points[:, 0])
     sets, points, miss = sets[fine], met.points[fine], met.miss.T[fine]
@@ -96,7 +95,7 @@ def hypotheses_of(frame: Frame, expected: Expectation, options: AtOnceOptions = 
     noise = frame.rules.pixel / sight.focal * depth + frame.rules.slack_m
     meets = (miss < frame.rules.max_miss * noise).all(axis=1)
     sets, points, miss, seen, depth, noise = (part[meets] for part in (sets, points, miss, seen, depth, noise))
-    near = np.linalg.norm(points[:, None] - expected.points, axis=2) < options.max_distance_m
+    near = np.linalg.norm(points[:, None] - expected.points, axis=2) < JOINTLY.max_distance_m
     which, marker = np.nonzero(near)
     ghost = _ghost_density(frame)
     across = frame.rays.across[np.arange(len(sight.centres)), np.maximum(sets, 0)]
@@ -107,17 +106,17 @@ def hypotheses_of(frame: Frame, expected: Expectation, options: AtOnceOptions = 
     rays -= (seen * 2 * (np.log(ghost) + 2 * np.log(sight.focal / depth))).sum(axis=1)
     rays += np.linalg.slogdet(2 * np.pi * spread)[1]
     off = points[which] - expected.points[marker]
-    place, elsewhere = _placed(off, expected.covariance[marker] + spread[which], options)
-    gain = rays[which] + place + _detections(expected, seen[which], marker, options)
+    place, elsewhere = _placed(off, expected.covariance[marker] + spread[which])
+    gain = rays[which] + place + _detections(expected, seen[which], marker)
     many = Hypotheses(marker, sets[which], gain, elsewhere)
-    return _pruned(many, _singles(frame, expected, ghost, options), frame)
+    return _pruned(many, _singles(frame, expected, ghost), frame)
 
 
-def _placed(off: np.ndarray, spread: np.ndarray, options: AtOnceOptions) -> tuple[np.ndarray, np.ndarray]:
+def _placed(off: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(H,) twice the log density of offsets (H, D) of spread (H, D, D), placed as in the set or elsewhere."""
-    usual = _normal(off, spread) + 2 * np.log(1 - options.elsewhere)
-    wide = spread + options.elsewhere_m**2 * np.eye(off.shape[1])
-    other = _normal(off, wide) + 2 * np.log(options.elsewhere)
+    usual = _normal(off, spread) + 2 * np.log(1 - JOINTLY.elsewhere)
+    wide = spread + JOINTLY.elsewhere_m**2 * np.eye(off.shape[1])
+    other = _normal(off, wide) + 2 * np.log(JOINTLY.elsewhere)
     return np.maximum(usual, other), other > usual
 
 
@@ -126,9 +125,9 @@ def _normal(off: np.ndarray, spread: np.ndarray) -> np.ndarray:
     return -square - np.linalg.slogdet(2 * np.pi * spread)[1]
 
 
-def _detections(expected: Expectation, seen: np.ndarray, marker: np.ndarray, options: AtOnceOptions) -> np.ndarray:
+def _detections(expected: Expectation, seen: np.ndarray, marker: np.ndarray) -> np.ndarray:
     """(H,) what it says that the cameras `seen` (H, C) have a blob of the marker, and the others do not."""
-    chance = np.where(expected.visible, options.seen, options.seen_hidden)
+    chance = np.where(expected.visible, JOINTLY.seen, JOINTLY.seen_hidden)
     odds = 2 * (np.log(chance) - np.log(1 - chance)).T[marker]
     return (seen * odds).sum(axis=1)
 
@@ -141,28 +140,28 @@ def _ghost_density(frame: Frame) -> np.ndarray:
     return (1 + more) / area
 
 
-def _singles(frame: Frame, expected: Expectation, ghost: np.ndarray, options: AtOnceOptions) -> Hypotheses:
+def _singles(frame: Frame, expected: Expectation, ghost: np.ndarray) -> Hypotheses:
     """Single blobs as markers that no other camera sees."""
     off = frame.view.image[:, None] - frame.image[:, :, None]
-    near = np.linalg.norm(off, axis=3) * frame.depth[..., None] < options.max_distance_m
+    near = np.linalg.norm(off, axis=3) * frame.depth[..., None] < JOINTLY.max_distance_m
     camera, marker, blob = np.nonzero(near & frame.view.real[:, None])
     depth, noise = frame.depth[camera, marker], frame.metres[camera, marker]
     slope = frame.slope[camera, marker] * depth[:, None, None]
     spread = slope @ expected.covariance[marker] @ slope.swapaxes(1, 2) + noise[:, None, None] ** 2 * np.eye(2)
     off = off[camera, marker, blob] * depth[:, None]
-    place, elsewhere = _placed(off, spread, options)
+    place, elsewhere = _placed(off, spread)
     gain = place - 2 * (np.log(ghost[camera]) + 2 * np.log(frame.sight.focal[camera] / depth))
     slot = np.full((len(camera), len(frame.cameras)), -1)
     slot[np.arange(len(camera)), camera] = blob
-    gain = gain + _detections(expected, slot >= 0, marker, options)
+    gain = gain + _detections(expected, slot >= 0, marker)
     return Hypotheses(marker, slot, gain, elsewhere)
 
 
-def _sets(frame: Frame, options: AtOnceOptions) -> np.ndarray:
+def _sets(frame: Frame) -> np.ndarray:
     """(Q, C) slots of blobs whose rays meet near a marker: pairs, what other cameras add to them, and subsets."""
     view, sight, rules = frame.view, frame.sight, frame.rules
     off = view.image[:, None] - frame.image[:, :, None]
-    near = (np.linalg.norm(off, axis=3) * frame.depth[..., None] < options.max_distance_m).any(axis=1) & view.real
+    near = (np.linalg.norm(off, axis=3) * frame.depth[..., None] < JOINTLY.max_distance_m).any(axis=1) & view.real
     camera, slot = np.nonzero(near)
     direction, origin = frame.rays.direction[camera, slot], sight.centres[camera]
     first, second = np.triu_indices(len(camera), 1)
@@ -176,7 +175,7 @@ def _sets(frame: Frame, options: AtOnceOptions) -> np.ndarray:
     meets = fixed & (np.linalg.norm(between, axis=0) < rules.max_miss * noise)
     first, second, here = first[meets], second[meets], here[meets]
     middle = origin[first] + here[:, None] * direction[first]
-    closest = (np.linalg.norm(middle[:, None] - frame.expected.points, axis=2) < options.max_distance_m).any(axis=1)
+    closest = (np.linalg.norm(middle[:, None] - frame.expected.points, axis=2) < JOINTLY.max_distance_m).any(axis=1)
     first, second, middle = first[closest], second[closest], middle[closest]
     members = np.full((len(first), sight.count), -1)
     each = np.arange(len(first))
@@ -191,13 +190,13 @@ def _sets(frame: Frame, options: AtOnceOptions) -> np.ndarray:
     parts = [members, whole]
     cameras = np.arange(sight.count)
     count = (whole >= 0).sum(axis=1)
-    for without in cameras:
+    for one in cameras:
         fewer = whole.copy()
-        fewer[:, without] = -1
+        fewer[:, one] = -1
         parts.append(fewer[count > 2])
-    for without in combinations(cameras, 2) if sight.count <= FEW_CAMERAS else ():
+    for two in combinations(range(sight.count), 2) if sight.count <= FEW_CAMERAS else ():
         fewer = whole.copy()
-        fewer[:, list(without)] = -1
+        fewer[:, list(two)] = -1
         parts.append(fewer[(fewer >= 0).sum(axis=1) >= 2])
     sets = np.unique(np.concatenate(parts), axis=0)
     return sets[(sets >= 0).sum(axis=1) >= 2]
@@ -245,16 +244,16 @@ def _best(found: Hypotheses, view: View) -> np.ndarray:
     return np.flatnonzero(answer.x > 0.5) if answer.x is not None else np.zeros(0, int)
 
 
-def _shaded(found: Hypotheses, chosen: np.ndarray, frame: Frame, options: AtOnceOptions) -> np.ndarray:
+def _shaded(found: Hypotheses, chosen: np.ndarray, frame: Frame) -> np.ndarray:
     """The choice with blobs given to the nearer of two markers on one line where that is likelier.
 
     Each name on its own takes it for odd that a camera which should see its marker has no blob of it. Behind a nearer
     marker it is not: the blob is then the nearer one's. The best such change is made, and so on.
     """
     chosen = chosen.copy()
-    chance = np.where(frame.expected.visible, options.seen, options.seen_hidden)
-    behind = 2 * (np.log(1 - options.seen_behind) - np.log(1 - chance))
-    before = 2 * (np.log(1 - chance) - np.log(1 - options.seen_before))
+    chance = np.where(frame.expected.visible, JOINTLY.seen, JOINTLY.seen_hidden)
+    behind = 2 * (np.log(1 - JOINTLY.seen_behind) - np.log(1 - chance))
+    before = 2 * (np.log(1 - chance) - np.log(1 - JOINTLY.seen_before))
     for _ in range(len(chosen)):
         less, more, camera = _handed_over(found, chosen)
         at = np.full(len(frame.markers), -1)

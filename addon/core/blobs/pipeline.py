@@ -6,8 +6,7 @@ Memory does not grow with the take: one chunk of frames is held, and of the past
 
 from collections.abc import Iterable, Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
-from typing import cast
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -20,6 +19,7 @@ from ..edits.applying import apply_edits, cells_of_blobs
 from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.views import VIEWING, View, split_views
+from ..papers.virtual_occlusions.labelling import Naming
 from ..papers.virtual_occlusions.occlusion import Occlusion
 from ..review.doubtful import WHOLE_FRAME
 from ..review.suspects import find_suspects
@@ -27,8 +27,7 @@ from .confidence import CONFIDENCE, named_confidences, swap_doubts
 from .continuity import renamed
 from .image_tracklets import name_by_tracklets
 from .rereading import REREADING, Rereader
-from .search import CROWDING, FINDING, MAX_FINALISTS, Found, Hints, find_subject
-from .seeding import contradicted, fixed_in
+from .search import FINDING, MAX_FINALISTS, NO_HINTS, Found, Hints, find_subject
 from .subject import Setup
 from .swaps import exchange_loss, exchanged, swap_names
 from .tracking import Followed, FrameResult, Track, follow
@@ -60,36 +59,26 @@ class TakeOptions:
 TAKES = TakeOptions()
 
 
-@dataclass(frozen=True)
-class Options:
-    """What the user may say about a take.
-
-    hints  height and facing, never needed
-    """
-
-    hints: Hints = field(default_factory=Hints)
-
-
 def label_take(
     chunks: Iterable[Blobs],
     cameras: Cameras,
     markerset: MarkerSet,
     rate: float = 100.0,
-    options: Options | None = None,
+    hints: Hints = NO_HINTS,
     occlusion: Occlusion | None = None,
     edits: Edits = NO_EDITS,
 ) -> Iterator[LabelledChunk]:
     """Names the blobs of a take, chunk by chunk: one `LabelledChunk` for each of `chunks`, in their order.
 
-    `rate` is frames a second, `occlusion` the body in the way (the marker set's capsules by default). From the first
-    blob on that `edits` name, directly or by what they say of the program's names, the take is labelled once more
-    with these as seeds; the chunks are of that, and `unedited` is what was labelled without. To apply the edits is for
-    the caller.
+    `rate` is frames a second, `hints` what the user says of the subject, never needed, and `occlusion` the body in the
+    way (the marker set's capsules by default). From the first blob on that `edits` name, directly or by what they say
+    of the program's names, the take is labelled once more with these as seeds; the chunks are of that, and `unedited`
+    is what was labelled without. To apply the edits is for the caller.
     Raises JobError when there are fewer than two cameras, or a frame has more blobs than any capture.
     """
     if len(cameras) < 2:
         raise JobError(f"{len(cameras)} camera cannot fix a position in space; expected two or more")
-    labeller = TakeLabeller(Setup.of(cameras, markerset, occlusion, rate=rate), options or Options())
+    labeller = TakeLabeller(Setup.of(cameras, markerset, occlusion, rate=rate), hints)
     seeded: TakeLabeller | None = None
     for blobs in chunks:
         with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
@@ -111,8 +100,8 @@ def label_take(
 class TakeLabeller:
     """Labels the chunks of one take in their order; between them it keeps the track, and nothing that is changed."""
 
-    def __init__(self, setup: Setup, options: Options):
-        self.setup, self.hints = setup, options.hints
+    def __init__(self, setup: Setup, hints: Hints = NO_HINTS):
+        self.setup, self.hints = setup, hints
         self.track: Track | None = None
         self.last: FrameResult | None = None
         self.rereader = Rereader(setup)
@@ -141,20 +130,21 @@ class TakeLabeller:
 
     def _look_again(self, chunk: "_Chunk"):
         """Judges the chunk by the subject that all of it shows, and puts right what does not suit it."""
+        chunk.results = results = dict(sorted(chunk.results.items()))
+        end = len(chunk.views) - 1
         with self.setup.clock("fit"):
-            for stretch in self.rereader.read_again(chunk.views, chunk.results, self.last):
-                if stretch.last == len(chunk.views) - 1 and stretch.track is not None and self.track is not None:
+            for stretch in self.rereader.read_again(results, self.last):
+                if stretch.last == end and stretch.track is not None and self.track is not None:
                     self.track = stretch.track
                 chunk.suspect(stretch.first, stretch.last, "names did not suit the rest of the take and are new")
-            self._rename(chunk)
-            name_by_tracklets(chunk.views, chunk.results, self.setup.rate)
-        self.last = chunk.results[-1] if chunk.results else self.last
+            for first, last, moved in renamed(results, self.setup.rate):
+                self._say_exchanged(chunk, first, last, moved)
+            name_by_tracklets(chunk.views, results, self.setup.rate)
+        self.last = results.get(end) if chunk.views else self.last
 
-    def _rename(self, chunk: "_Chunk"):
-        """Gives names back that jumped to a neighbour."""
-        for first, last, moved in renamed(chunk.results, self.setup.rate):
-            names = ", ".join(self.setup.model.markerset.markers[marker] for marker in moved)
-            chunk.suspect(first, last, f"{names} had changed names and got them back")
+    def _say_exchanged(self, chunk: "_Chunk", first: int, last: int, moved: np.ndarray):
+        names = ", ".join(self.setup.model.markerset.markers[marker] for marker in moved)
+        chunk.suspect(first, last, f"{names} had changed names and got them back")
 
     def _follow(self, track: Track, chunk: "_Chunk", first: int, end: int) -> int:
         """Follows the track through frames `first` … until it is lost or at `end`; returns the frame to go on with."""
@@ -198,7 +188,7 @@ class TakeLabeller:
         last = self._exchanged_to(track, chunk, tuple(order.tolist()), at, step)
         for index in range(at + step, last + step, step):
             if not chunk.is_fixed(index, moved):
-                swap_names(chunk.result(index).naming, order)
+                swap_names(chunk.results[index].naming, order)
         return last
 
     def _find(self, chunk: "_Chunk", at: int, end: int) -> int:
@@ -248,7 +238,7 @@ class TakeLabeller:
                 found = find_subject(chunk.views[index], self.setup, self.hints, chunk.fixed[index], alone)
             if found is None or found.by_chance:
                 continue
-            if found.confidence < TAKES.min_confidence or found.named < CROWDING.min_named:
+            if found.confidence < TAKES.min_confidence or found.named < FINDING.min_named:
                 continue
             if best is None or found.marker_cost < best.marker_cost:
                 best, best_index = found, index
@@ -266,7 +256,7 @@ class TakeLabeller:
         if earlier < first:
             return track
         with self.setup.clock("fit"):
-            found, before = (self._looks_into(exchanged, track, chunk, index) for index in (at, earlier))
+            found, before = (self._looks_into(exchanged, track, chunk.results[index]) for index in (at, earlier))
         order = next((order for order in found if order in before), None)
         if order is None:
             return track
@@ -275,28 +265,25 @@ class TakeLabeller:
         if any(chunk.is_fixed(index, moved) for index in range(since, at + 1)):  # a person has looked at them
             return track
         for index in range(since, at + 1):
-            swap_names(chunk.result(index).naming, np.array(order))
-        names = ", ".join(self.setup.model.markerset.markers[marker] for marker in moved)
-        chunk.suspect(since, at, f"{names} had changed names and got them back")
+            swap_names(chunk.results[index].naming, np.array(order))
+        self._say_exchanged(chunk, since, at, moved)
         return track.doubting(moved, self.setup)
 
-    def _looks_into(self, question, track: Track, chunk: "_Chunk", index: int, *more):
+    def _looks_into(self, question, track: Track, result: FrameResult, *more):
         """Asks `question` of a labelled frame: `swaps.exchanged` or `swaps.exchange_loss`."""
-        result = chunk.result(index)
-        subject = replace(track.subject, bodies=result.bodies)
-        return question(chunk.views[index], result.naming, subject, self.setup, *more)
+        return question(result.naming, replace(track.subject, bodies=result.bodies), self.setup, *more)
 
     def _exchanged_to(self, track: Track, chunk: "_Chunk", order: tuple[int, ...], at: int, step: int) -> int:
         """The farthest frame of this spell, before `at` or with `step` 1 after it, that asks for an exchange of names.
 
         Given that frame `at` does; by halving. The track knows the subject.
         """
-        end, frames = at, range(len(chunk.results))
-        while end + step in frames and chunk.results[end + step] is not None:
+        end = at
+        while end + step in chunk.results:
             end += step
         while at != end:
             middle = (at + end + (step > 0)) // 2
-            if self._looks_into(exchange_loss, track, chunk, middle, order) < 0:
+            if self._looks_into(exchange_loss, track, chunk.results[middle], order) < 0:
                 at = middle
             else:
                 end = middle - step
@@ -313,16 +300,12 @@ class _Chunk:
     def __init__(self, blobs: Blobs, views: list[View], seeds: np.ndarray | None, markers: int):
         self.blobs, self.views = blobs, views
         self.fixed = [fixed_in(view, seeds, markers) for view in views]
-        self.results: list[FrameResult | None] = [None] * len(views)
+        self.results: dict[int, FrameResult] = {}
         self.suspects: list[Suspect] = []
 
     def suspect(self, first: int, last: int, reason: str):
         """Notes frames `first` … `last` of the chunk."""
         self.suspects.append(Suspect(int(self.blobs.frames[first]), int(self.blobs.frames[last]), reason))
-
-    def result(self, index: int) -> FrameResult:
-        """What a frame that is labelled has."""
-        return cast("FrameResult", self.results[index])
 
     def is_fixed(self, index: int, markers: np.ndarray) -> bool:
         """Whether a person named blobs of any of the markers in a frame."""
@@ -334,8 +317,8 @@ class _Chunk:
 
         Before them those of which a person named the most blobs.
         """
-        named = [index for index in range(first, end) if self.fixed[index] is not None]
-        named = sorted(named, key=lambda index: -(self.fixed[index] >= 0).sum())[:MAX_FINALISTS]
+        fixed = [(index, fixed) for index, fixed in enumerate(self.fixed[first:end], first) if fixed is not None]
+        named = [index for index, _ in sorted(fixed, key=lambda one: -(one[1] >= 0).sum())[:MAX_FINALISTS]]
         parts = np.array_split(np.arange(first, end), min(PARTS_LOOKED_IN, end - first))
         best = [int(part[np.argmax([self.views[index].count for index in part])]) for part in parts]
         # Far from each other first: by their numbers with the binary digits in reverse.
@@ -344,25 +327,39 @@ class _Chunk:
 
     def labelled(self, setup: Setup) -> LabelledChunk:
         """Everything as it is handed out."""
-        labelled = {index: result for index, result in enumerate(self.results) if result is not None}
-        there, results = list(labelled), list(labelled.values())
-        count, markers = len(self.views), setup.model.marker_count
-        points, residual = np.full((count, markers, 3), np.nan), np.full((count, markers), np.nan)
-        residual_px, conflicts = np.full((count, markers), np.nan), np.zeros((count, markers), int)
-        confidence = np.zeros(count)
+        there, results = list(self.results), list(self.results.values())
         with setup.clock("label"):
             labels, rays = _written(len(self.blobs), [self.views[index] for index in there], results)
-            if there:
-                known = rays >= 2
-                points[there] = np.where(known[..., None], [one.naming.meeting.points for one in results], np.nan)
-                residual[there] = np.where(known, [one.naming.meeting.residual for one in results], np.nan)
-                residual_px[there] = residual[there] * _pixels_per_metre(results, setup)
-                conflicts[there] = [one.naming.conflicts for one in results]
-                confidence[there] = [one.placement for one in results]
-        poses = _poses(self.results, setup)
-        motion = Motion(self.blobs.frames, points, residual, residual_px, conflicts, *poses, confidence)
+        motion = self._motion(setup, there, results, rays)
         self.suspects += find_suspects(motion, setup.model.markerset.markers, setup.rate)
         return LabelledChunk(labels, motion, tuple(self.suspects), setup.clock.take())
+
+    def _motion(self, setup: Setup, there: list[int], results: list[FrameResult], rays: np.ndarray) -> Motion:
+        """Markers where two sure rays or more (F, M) meet, and the body; NaN in frames where nobody was found."""
+        count, model = len(self.views), setup.model
+        each = (count, model.marker_count)
+        markers, expected = np.full((2, *each, 3), np.nan)
+        residual, pixels = np.full((2, *each), np.nan)
+        conflicts, confidence = np.zeros(each, int), np.zeros(count)
+        joints, scale = np.full((count, model.joint_count, 3), np.nan), np.full((count, 3), np.nan)
+        turn = np.full((count, model.joint_count, 3, 3), np.nan)
+        if there:
+            known, bodies = rays >= 2, Bodies.join([one.bodies for one in results])
+            posed, met = model.pose(bodies), [one.naming.meeting for one in results]
+            markers[there] = np.where(known[..., None], [one.points for one in met], np.nan)
+            residual[there] = np.where(known, [one.residual for one in met], np.nan)
+            pixels[there] = residual[there] * _pixels_per_metre(results, setup)
+            conflicts[there] = [one.naming.conflicts for one in results]
+            confidence[there] = [one.placement for one in results]
+            expected[there], joints[there], turn[there], scale[there] = (
+                posed.markers,
+                posed.joints,
+                posed.rotations,
+                bodies.scale,
+            )
+        return Motion(
+            self.blobs.frames, markers, residual, pixels, conflicts, expected, joints, turn, scale, confidence
+        )
 
 
 def _written(blobs: int, views: Sequence[View], results: Sequence[FrameResult]) -> tuple[Labels, np.ndarray]:
@@ -396,19 +393,29 @@ def _pixels_per_metre(results: Sequence[FrameResult], setup: Setup) -> np.ndarra
     return (setup.sight.focal[:, None] / depth * seen).sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
 
 
-def _poses(results, setup: Setup) -> tuple[np.ndarray, ...]:
-    """Expected markers, joints, rotations and scale of every frame; NaN where nobody was found."""
-    count, model = len(results), setup.model
-    expected, joints = np.full((count, model.marker_count, 3), np.nan), np.full((count, model.joint_count, 3), np.nan)
-    turn, scale = np.full((count, model.joint_count, 3, 3), np.nan), np.full((count, 3), np.nan)
-    found = [index for index, result in enumerate(results) if result is not None]
-    if found:
-        bodies = Bodies.join([results[index].bodies for index in found])
-        posed = model.pose(bodies)
-        expected[found], joints[found], turn[found], scale[found] = (
-            posed.markers,
-            posed.joints,
-            posed.rotations,
-            bodies.scale,
-        )
-    return expected, joints, turn, scale
+def fixed_in(view: View, seeds: np.ndarray | None, markers: int) -> np.ndarray | None:
+    """(C, M) the blob of a view that is each marker by the `seeds` (N,) of its chunk; None where none is."""
+    if seeds is None:
+        return None
+    camera, slot = np.nonzero(view.real)
+    marker = seeds[view.row[camera, slot]]
+    known = marker != NO_MARKER
+    if not known.any():
+        return None
+    fixed = np.full((len(view.real), markers), -1)
+    fixed[camera[known], marker[known]] = slot[known]
+    return fixed
+
+
+def contradicted(naming: Naming, fixed: np.ndarray) -> np.ndarray | None:
+    """(M,) the exchange of names that a person's names (C, M) ask of a frame that is named otherwise; None for none.
+
+    Of two markers each, whose names one blob has: the program's and the person's.
+    """
+    order = np.arange(fixed.shape[1])
+    camera, marker = np.nonzero(fixed >= 0)
+    owner = naming.owner[camera, fixed[camera, marker]]
+    for mine, other in zip(marker.tolist(), owner.tolist(), strict=True):
+        if other not in (-1, mine) and order[mine] == mine and order[other] == other:
+            order[[mine, other]] = other, mine
+    return None if (order == np.arange(len(order))).all() else order

@@ -1,22 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Frames whose names do not suit the subject that the take shows: read again, from the frames beside them.
 
-A name goes wrong while its marker is hidden, above all where the subject has just been found and nobody knows yet how
-its markers sit. Later frames know; from them the stretch is followed again, forwards and backwards, and what explains
-it best stays.
+A frame is named with what was known of the subject up to it. A name goes wrong while its marker is hidden, above all
+where the subject has just been found and nobody knows yet how its markers sit. In the end all frames show how tall the
+subject is and where the markers sit; names that were wrong for a while do not suit that body, however it bends. From
+the frames around, the stretch is followed again, forwards and backwards, and what explains it best stays.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..body.bodies import PLACEMENT
-from ..geometry.views import View
-from .known_subject import KnownSubject, judged, known_subject_of, strain
-from .subject import Setup, expect, name, refit
+from ..body.bodies import PLACEMENT, Bodies
+from ..papers.virtual_occlusions.cost import RayPull
+from ..papers.virtual_occlusions.fit import fit_body
+from .subject import SUBJECT, Setup, Subject, expect, name, named_pull, refit
 from .swaps import MAX_EXCHANGES, SWAP_STEPS, SWAPS, swap_names, try_swaps
 from .tracking import Followed, FrameResult, Track, advanced, difference, follow
+
+# Iterations of the fits to the names, from the fits as they were: these are near.
+JUDGING_STEPS = 3
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,18 @@ class RereadOptions:
 REREADING = RereadOptions()
 
 
+@dataclass(frozen=True, eq=False)
+class KnownSubject:
+    """The subject of a take as all frames show it, in no pose of its own; known (M,) says whose place is known."""
+
+    subject: Subject
+    known: np.ndarray
+
+    def posed_as(self, poses: Bodies) -> Bodies:
+        """The subject in the places and poses of B bodies."""
+        return _with_body_of(self.subject.bodies, poses)
+
+
 @dataclass(frozen=True)
 class Reread:
     """Frames that were read again, first and last both included; `track` is where one read forwards to its end was."""
@@ -46,108 +62,99 @@ class Reread:
 class Rereader:
     """Judges frames of a take by the subject that they show. The subject is kept from chunk to chunk."""
 
-    def __init__(self, setup: Setup, options: RereadOptions = REREADING):
-        self.setup, self.options = setup, options
+    def __init__(self, setup: Setup):
+        self.setup = setup
         self.known: KnownSubject | None = None
 
-    def read_again(
-        self, views: Sequence[View], results: list[FrameResult | None], before: FrameResult | None
-    ) -> list[Reread]:
-        """Puts better readings into `results` where there are any; returns the stretches that were changed.
+    def read_again(self, results: dict[int, FrameResult], before: FrameResult | None) -> list[Reread]:
+        """Puts better readings into the labelled frames, by index in their order; returns the stretches it changed.
 
         `before` is the frame before the first, None where there is none.
         """
-        known = np.array([index for index, result in enumerate(results) if result is not None], dtype=int)
-        if len(known) < self.options.min_frames:
+        if len(results) < REREADING.min_frames:
             return []
-        shown, enough = [results[index] for index in known], self.options.min_frames // 2
-        self.known = known_subject_of(shown, self.setup, self.known, enough)
+        known = self.known = known_subject_of(list(results.values()), self.setup, self.known)
         # What is over in half the frames around is not worth the time.
-        doubtful = self._doubtful(views, results, known[:: self.options.around // 2])
-        near = known[(np.abs(known[:, None] - doubtful) <= self.options.around).any(axis=1)]
-        doubtful = self._doubtful(views, results, near)
-        return [
-            stretch
-            for first, last in self._stretches(doubtful, results)
-            if (stretch := self._read_stretch(views, results, before, first, last))
-        ]
+        frames = np.array(list(results))
+        doubtful = self._doubtful(results, frames[:: REREADING.around // 2], known)
+        near = frames[(np.abs(frames[:, None] - doubtful) <= REREADING.around).any(axis=1)]
+        found = []
+        for first, last in _stretches(self._doubtful(results, near, known), results):
+            stretch = self._read_stretch(results, before, first, last, known)
+            if stretch:
+                found.append(stretch)
+        return found
 
-    def _doubtful(self, views, results, frames: np.ndarray) -> np.ndarray:
+    def _doubtful(self, results: Mapping[int, FrameResult], frames: np.ndarray, known: KnownSubject) -> np.ndarray:
         """Those of the frames (K,) in which a name does not suit the subject."""
         if not len(frames):
             return frames
-        _, off = self._judged(views, {index: results[index] for index in frames})
+        _, off = self._judged([results[index] for index in frames.tolist()], known)
         return frames[(off > self.setup.rules.max_on_point).any(axis=1)]
 
-    def _judged(self, views, readings: dict[int, FrameResult]) -> tuple[np.ndarray, np.ndarray]:
-        """See `known_subject.judged`; an unnamed blob costs, too."""
-        cost, off = judged([views[index] for index in readings], list(readings.values()), self.known, self.setup)
-        unnamed = [(views[index].real & (one.naming.owner < 0)).sum() for index, one in readings.items()]
-        return cost + self.setup.rules.min_lead * np.array(unnamed), off
+    def _judged(self, results: Sequence[FrameResult], known: KnownSubject) -> tuple[np.ndarray, np.ndarray]:
+        """How badly the subject's own body, fitted to the names of F frames, explains them: all frames are one batch.
 
-    def _stretches(self, doubtful: np.ndarray, results) -> list[tuple[int, int]]:
-        """First and last frames of what is to be read again; all of it was labelled."""
-        parts = np.split(doubtful, np.flatnonzero(np.diff(doubtful) > self.options.around) + 1)
-        found = []
-        for part in parts:
-            if not len(part):
-                continue
-            first, last = int(part[0]), int(part[-1])
-            if any(result is None for result in results[first : last + 1]):
-                continue
-            for _ in range(self.options.around // 3):  # names go wrong slowly
-                first -= first > 0 and results[first - 1] is not None
-                last += last + 1 < len(results) and results[last + 1] is not None
-            found.append((first, last))
-        return found
+        (F,) the costs of the fits and of unnamed blobs, and (F, M) the squared deviations by which names are off.
+        """
+        setup = self.setup
+        pulls = [named_pull(one.naming, known.subject, setup) for one in results]
+        image, deviation = (np.concatenate([getattr(pull, name) for pull in pulls]) for name in ("image", "deviation"))
+        pull = RayPull(image, deviation, setup.sight)
+        poses = known.posed_as(Bodies.join([one.bodies for one in results]))
+        fit = fit_body(setup.model, poses, pull, JUDGING_STEPS, setup.prior)
+        unnamed = [(one.naming.frame.view.real & (one.naming.owner < 0)).sum() for one in results]
+        return fit.cost + setup.rules.min_lead * np.array(unnamed), _strain(fit.state.posed.markers, pull)
 
-    def _read_stretch(self, views, results, before, first: int, last: int) -> Reread | None:
+    def _read_stretch(
+        self, results: dict[int, FrameResult], before: FrameResult | None, first: int, last: int, known: KnownSubject
+    ) -> Reread | None:
         """Keeps the best of three readings: as it was, or forwards up to some frame and backwards down to it."""
-        old, _ = self._judged(views, {index: results[index] for index in range(first, last + 1)})
-        earlier = results[first - 2 : first] if first > 1 else [None, before if first == 0 else results[0]]
-        later = results[last + 1 : last + 3][::-1]
-        forth = self._follow(views, earlier, range(first, last + 1))
-        back = self._follow(views, [None] * (2 - len(later)) + later, range(last, first - 1, -1))
-        costs = []
-        for reading in (forth, back):
-            cost = np.full(last - first + 1, np.inf)
-            if reading:
-                new = {index: self._result(results[index], followed) for index, followed in reading.items()}
-                cost[np.array(list(new)) - first], _ = self._judged(views, new)
-            costs.append(cost)
-        ahead = np.append(0, np.cumsum(costs[0]))
-        behind = np.append(np.cumsum(costs[1][::-1])[::-1], 0)
-        split = int(np.argmin(ahead + behind))
-        if not (ahead + behind)[split] < old.sum():
+        labelled = [results[index] for index in range(first, last + 1)]
+        old, _ = self._judged(labelled, known)
+        earlier = results.get(first - 2), results.get(first - 1) if first else before
+        later = results.get(last + 2), results.get(last + 1)
+        forth = self._follow(earlier, labelled, known)
+        back = self._follow(later, labelled[::-1], known)[::-1]
+        cost, count = np.full((2, len(labelled)), np.inf), len(labelled)
+        ahead = [_read_as(old, new) for old, new in zip(labelled, forth, strict=False)]
+        behind = [_read_as(old, new) for old, new in zip(labelled[count - len(back) :], back, strict=True)]
+        if ahead:
+            cost[0, : len(ahead)], _ = self._judged(ahead, known)
+        if behind:
+            cost[1, count - len(behind) :], _ = self._judged(behind, known)
+        both = np.append(0, np.cumsum(cost[0])) + np.append(np.cumsum(cost[1, ::-1])[::-1], 0)
+        split = int(np.argmin(both))
+        if not both[split] < old.sum():
             return None
-        for index in range(first, last + 1):
-            followed = forth[index] if index < first + split else back[index]
-            results[index] = self._result(results[index], followed)
-        return Reread(first, last, forth[last].track if split == len(old) else None)
+        results.update(enumerate([*ahead[:split], *behind[len(behind) - count + split :]], first))
+        return Reread(first, last, forth[-1].track if split == count else None)
 
-    @staticmethod
-    def _result(old: FrameResult, followed: Followed) -> FrameResult:
-        bodies = followed.track.subject.bodies
-        return replace(old, bodies=bodies, naming=followed.naming, expected=followed.expected)
-
-    def _follow(self, views, start: Sequence[FrameResult | None], frames: range) -> dict[int, Followed]:
+    def _follow(
+        self,
+        start: tuple[FrameResult | None, FrameResult | None],
+        frames: Sequence[FrameResult],
+        known: KnownSubject,
+    ) -> list[Followed]:
         """The frames followed from the last one of `start`, in their order; fewer where the subject is lost."""
-        found: dict[int, Followed] = {}
-        if start[-1] is None:
+        found: list[Followed] = []
+        earlier, begin = start
+        if begin is None:
             return found
-        track = self._track(*start)
-        for index in frames:
-            followed = self._thought_over(follow(track, views[index], self.setup), track, views[index])
+        track = self._track(earlier, begin, known)
+        for frame in frames:
+            followed = follow(track, frame.naming.frame.view, self.setup)
+            followed = self._thought_over(followed, track, known)
             if followed.track.lost:
                 break
             track = followed.track
-            found[index] = followed
+            found.append(followed)
         return found
 
-    def _track(self, earlier: FrameResult | None, begin: FrameResult) -> Track:
+    def _track(self, earlier: FrameResult | None, begin: FrameResult, known: KnownSubject) -> Track:
         """A track from a labelled frame, as fast as it came from the one before."""
         points = begin.naming.meeting.points
-        subject = replace(self.known.subject, bodies=self.known.bodies(begin.bodies))
+        subject = replace(known.subject, bodies=known.posed_as(begin.bodies))
         track = Track.begin(subject, points, begin.expected.visible, self.setup.model)
         track = replace(track, unseen=np.where(np.isfinite(points[:, 0]), 0, track.unseen))
         if earlier is None:
@@ -156,23 +163,92 @@ class Rereader:
         velocity[:, 6:PLACEMENT] = 0
         return replace(track, velocity=velocity)
 
-    def _thought_over(self, followed: Followed, track: Track, view: View) -> Followed:
+    def _thought_over(self, followed: Followed, track: Track, known: KnownSubject) -> Followed:
         """The frame after `track`, with names exchanged for as long as that suits the subject better."""
         setup, naming = self.setup, followed.naming
-        subject = replace(self.known.subject, bodies=self.known.bodies(followed.track.subject.bodies))
-        subject, state = refit(view, naming, subject, setup, SWAP_STEPS, setup.prior)
-        if strain(view, naming, self.known, state.posed.markers[0], setup).max() < setup.rules.min_lead:
+        subject = replace(known.subject, bodies=known.posed_as(followed.track.subject.bodies))
+        subject, state = refit(naming, subject, setup, SWAP_STEPS, setup.prior)
+        if _strain(state.posed.markers, named_pull(naming, known.subject, setup)).max() < setup.rules.min_lead:
             return followed
         changed = False
         for _ in range(MAX_EXCHANGES):
-            swaps = try_swaps(view, naming, subject, state, setup, setup.prior)
+            swaps = try_swaps(naming, subject, state, setup, setup.prior)
             if not len(swaps.loss) or swaps.loss.min() > -SWAPS.min_gain:
                 break
             swap_names(naming, swaps.orders[swaps.loss.argmin()])
-            subject, state = refit(view, naming, subject, setup, SWAP_STEPS, setup.prior)
+            subject, state = refit(naming, subject, setup, SWAP_STEPS, setup.prior)
             changed = True
         if not changed:
             return followed
         expected = expect(subject, state, setup)
-        naming = name(view, expected, subject, setup)
+        naming = name(naming.frame.view, expected, subject, setup)
         return Followed(advanced(track, subject, state.posed, naming, expected, setup), naming, expected)
+
+
+def _stretches(doubtful: np.ndarray, results: Mapping[int, FrameResult]) -> list[tuple[int, int]]:
+    """First and last frames of what is to be read again; all of it was labelled."""
+    parts = np.split(doubtful, np.flatnonzero(np.diff(doubtful) > REREADING.around) + 1)
+    found = []
+    for part in parts:
+        if not len(part):
+            continue
+        first, last = int(part[0]), int(part[-1])
+        if any(index not in results for index in range(first, last + 1)):
+            continue
+        for _ in range(REREADING.around // 3):  # names go wrong slowly
+            first -= first - 1 in results
+            last += last + 1 in results
+        found.append((first, last))
+    return found
+
+
+def _read_as(old: FrameResult, followed: Followed) -> FrameResult:
+    bodies = followed.track.subject.bodies
+    return replace(old, bodies=bodies, naming=followed.naming, expected=followed.expected)
+
+
+def _strain(markers: np.ndarray, pull: RayPull) -> np.ndarray:
+    """(F, M) squared deviations by which named blobs are off a body's markers (F, M, 3) m; 0 where none is named.
+
+    However many rays a marker has, they share how far it may be off its place.
+    """
+    found, _, depth = pull.sight.looked_at(markers)
+    off = (depth / pull.deviation.swapaxes(1, 2))[..., None] * (pull.image.swapaxes(1, 2) - found)
+    return np.einsum("fmci,fmci->fm", off, off)
+
+
+def known_subject_of(results: Sequence[FrameResult], setup: Setup, before: KnownSubject | None) -> KnownSubject:
+    """The subject that labelled frames show: medians over all of them, so that a part with wrong names does not count.
+
+    A marker sits where it mostly was found, in enough frames, unless nobody wears it there; one that was hardly found
+    sits where it did `before`.
+    """
+    poses = Bodies.join([result.bodies for result in results])
+    scale, shape = (np.median(part, axis=0)[None] for part in (poses.scale, poses.shape))
+    points = np.array([result.naming.meeting.points for result in results])
+    pixel = float(np.median([result.naming.frame.rules.pixel for result in results]))
+    anywhere = setup.marker_sd * float(scale.mean())
+    own, sd = np.zeros_like(poses.own[0]), anywhere.copy()
+    plain = replace(poses.pick([0]), scale=scale, shape=shape, own=own[None])
+    known = np.isfinite(points[..., 0]).sum(axis=0) >= REREADING.min_frames // 2
+    if known.any():
+        posed = setup.model.pose(_with_body_of(plain, poses))
+        turn = posed.rotations[:, setup.model.attachment].swapaxes(-1, -2)
+        local = (turn @ (points - posed.markers)[..., None])[..., 0][:, known] / scale
+        own[known] = np.nanmedian(local, axis=0)
+        off = np.linalg.norm((local - own[known]) * scale, axis=2)
+        sd[known] = np.clip(np.nanmedian(off, axis=0), SUBJECT.skin_m, anywhere[known])
+        # A marker that is found farther off is another one.
+        known &= np.linalg.norm(own, axis=1) < np.sqrt(setup.rules.max_square) * setup.marker_sd
+    if before is not None:
+        earlier = ~known & before.known
+        own[earlier], sd[earlier] = before.subject.bodies.own[0, earlier], before.subject.own_sd[earlier]
+        known = known | earlier
+    subject = Subject(replace(plain, own=np.where(known[:, None], own, 0)[None]), np.where(known, sd, anywhere), pixel)
+    return KnownSubject(subject, known)
+
+
+def _with_body_of(subject: Bodies, poses: Bodies) -> Bodies:
+    """One subject in the places and poses of B bodies."""
+    mine = {name: np.repeat(getattr(subject, name), len(poses), axis=0) for name in ("scale", "shape", "own")}
+    return replace(poses, **mine)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..body.bodies import Bodies, Posed
+from ..body.bodies import Bodies, BodyModel, Posed
 from ..body.prior import Prior
 from ..data.errors import JobError
 from ..geometry import rotations
@@ -16,7 +16,6 @@ from ..papers.virtual_occlusions.fit import Fit, State, body_state, fit_body, fi
 from ..papers.virtual_occlusions.labelling import Expectation, Frame, Naming, give_nearer, name_merged
 from ..papers.virtual_occlusions.placement import blob_centre, make_starts, principal_guess
 from ..posing.posing import POSING
-from .arms import with_arms_held
 from .jointly import JOINTLY, name_jointly
 from .subject import Setup, Subject, expect, learn_noise, learn_own, name, named_pull, refit
 from .swaps import MAX_EXCHANGES, SWAPS, Swaps, swap_names, try_swaps, withdraw_unexpected, without_own
@@ -38,6 +37,14 @@ class FindOptions:
     noise_rate        physical: share of the noise that a round shows which is taken over, and
     own_rate          physical: share of what a marker is off that its own offset takes over; nearly all, as little is
                       known yet
+    max_facing_error_rad  how far off a user's idea of the facing may be
+    hint_cost         physical: squared deviations that a placement against a hint, or against a blob that a person
+                      named, must be better by; people err less often than fits do
+    height_sd_m       physical: standard deviation of a height, with shoes or without, measured or remembered
+    min_named         physical: of a frame's blobs that a subject has where there is no crowd of ghosts, and of its
+                      markers where it is a subject at all; less than half, as bodies hide one side
+    min_confirmed     physical: third rays a marker that show a subject in a crowd, beyond those that meet by chance
+    chance_factor     physical: how much better than chance third rays may come out by trying many placements
     """
 
     facings: int = 8
@@ -48,8 +55,15 @@ class FindOptions:
     clear_confidence: float = 0.98
     noise_rate: float = 0.7
     own_rate: float = 0.9
+    max_facing_error_rad: float = float(np.radians(60))
+    hint_cost: float = 60.0
+    height_sd_m: float = 0.08
+    min_named: float = 0.4
+    min_confirmed: float = 0.5
+    chance_factor: float = 2.0
 
 
+FINDING = FindOptions()
 # Softness and reach of each fit in m, from a step's length down to how far a layout varies that nobody has seen, and on
 # to that of blobs. Measured: with stages of 0.08, 0.04 and 0.02 m and four times their reach 201 labels of walks in
 # five noisy cameras (`gait15`) are wrong, with these 141.
@@ -60,41 +74,19 @@ STAGE_STEPS = 3  # iterations of each stage, and of a fit to names: the first on
 SETTLED_STEPS = 2  # iterations once exchanges of names are settled
 NAMING_ROUNDS = 2  # of naming: names show how the markers sit on this subject, which sharpens the next round
 JOINT_ROUNDS = 3  # of naming a frame that is alone all at once; names hardly ever change in a fourth
-
-
-@dataclass(frozen=True)
-class HintOptions:
-    """How well users know what they say of a subject.
-
-    max_facing_error_rad  how far off an idea of the facing may be
-    cost                  physical: squared deviations that a placement against a hint, or against a blob that a person
-                          named, must be better by; people err less often than fits do
-    height_sd_m           physical: standard deviation of a height, with shoes or without, measured or remembered
-    """
-
-    max_facing_error_rad: float = float(np.radians(60))
-    cost: float = 60.0
-    height_sd_m: float = 0.08
-
-
-@dataclass(frozen=True)
-class CrowdOptions:
-    """When a crowd of ghosts would do as well as a subject.
-
-    min_named       physical: of a frame's blobs that a subject has where there is no crowd, and of its markers where it
-                    is a subject at all; less than half, as bodies hide one side
-    min_confirmed   physical: third rays a marker that show a subject in a crowd, beyond those that meet by chance
-    chance_factor   physical: how much better than chance third rays may come out by trying many placements
-    """
-
-    min_named: float = 0.4
-    min_confirmed: float = 0.5
-    chance_factor: float = 2.0
-
-
-FINDING = FindOptions()
-HINTING = HintOptions()
-CROWDING = CrowdOptions()
+# Turns of the left upper arm and forearm about the model's axes (ahead, left, up), rad; the right arm is the mirror
+# image. At rest arms hang at 40° from the body, so an arm is raised to the side, overhead or ahead, and an elbow is
+# bent or folded.
+HELD = 1.1 * np.array(
+    [
+        [[1, 0, 0], [0, 0, 0]],
+        [[2, 0, 0], [0, 0, 0]],
+        [[0, -1, 0], [0, 0, 0]],
+        [[0, 0, 0], [0, -1, 0]],
+        [[0, 0, 0], [0, -2, 0]],
+    ]
+)
+OTHER_ARM = np.array([-1.0, 1.0, -1.0])  # a rotation vector, mirrored
 
 
 @dataclass(frozen=True)
@@ -105,12 +97,14 @@ class Hints:
     facing: float | None = None
 
 
+NO_HINTS = Hints()
+
+
 @dataclass(frozen=True, eq=False)
 class Found:
     """A subject found in a frame, with the names that follow from it.
 
     confidence  0 to 1, against the next best placement
-    trace       cost per step of the last fit, (steps + 1,)
     swaps       what exchanging neighbours would cost
     cost        of the last fit to the names, and of the blobs that it leaves unnamed
     """
@@ -119,7 +113,6 @@ class Found:
     naming: Naming
     expected: Expectation
     confidence: float
-    trace: np.ndarray
     swaps: Swaps
     cost: float
 
@@ -144,12 +137,12 @@ class Found:
         """
         frame = self.naming.frame
         rays = (self.naming.rays >= 0).sum(axis=0)
-        if (self.naming.owner >= 0).sum() >= CROWDING.min_named * frame.view.count:
+        if (self.naming.owner >= 0).sum() >= FINDING.min_named * frame.view.count:
             return False
         low, high = frame.sight.corners
         density = frame.view.real.sum(axis=1) / (high - low).prod(axis=1)
         chance = (density[:, None] * np.pi * (frame.rules.max_miss * frame.metres / frame.depth) ** 2).sum()
-        expected = CROWDING.min_confirmed * len(rays) + CROWDING.chance_factor * chance
+        expected = FINDING.min_confirmed * len(rays) + FINDING.chance_factor * chance
         return bool(np.maximum(rays - 2, 0).sum() < expected)
 
     @property
@@ -170,22 +163,30 @@ def find_subject(
     cloud = build_cloud(view, setup.sight)
     if (cloud.weight > 0).sum() < POSING.min_markers:
         return None
-    prior = _prior_for(hints, setup)
+    prior = Prior(setup.model, upright_sd=FINDING.upright_sd_rad)
+    if hints.height is not None:
+        prior = Prior(
+            setup.model, upright_sd=FINDING.upright_sd_rad, height=hints.height, height_sd=FINDING.height_sd_m
+        )
     starts = first_starts(view, cloud, setup, hints)
     fit = _fit_starts(starts, cloud, view, setup, prior)
     if _mean_cost(fit, view, setup) > FINDING.good_cost:
         fit = _fit_starts(starts, cloud, view, setup, prior, arms=True)
-    best, second, confidence = _judged(fit, _handicap(fit.bodies, hints) + _off_fixed(fit.state, view, setup, fixed))
+    cost = fit.cost + _against_facing(fit.bodies, hints) + _off_fixed(fit.state, view, setup, fixed)
+    best, second, confidence = _judged(cost, fit.state.posed.markers)
 
     def named(index: int) -> Found:
         placed = picked(fit.state, [index])
-        found = name_found(view, placed, setup, prior, confidence, fit.trace[:, index], fixed)
-        return name_alone(view, found, placed, setup, prior, fixed) if alone else found
+        found = name_found(view, placed, setup, prior, confidence, fixed)
+        return name_alone(found, placed, setup, prior, fixed) if alone else found
 
     found = named(best)
     if second is None or confidence > FINDING.clear_confidence:
         return found
-    return _better_named(found, named(second))
+    # The blobs could not decide between the two; whose names make the better body is right.
+    other = named(second)
+    lead = other.cost - found.cost
+    return replace(found if lead >= 0 else other, confidence=_chance(abs(lead)))
 
 
 def _fit_starts(starts: Bodies, cloud: Cloud, view: View, setup: Setup, prior, arms: bool = False) -> Fit:
@@ -203,27 +204,13 @@ def _mean_cost(fit: Fit, view: View, setup: Setup) -> float:
     return float(fit.cost[best]) / max(view.count + due, 1)
 
 
-def _better_named(first: Found, second: Found) -> Found:
-    """Of two placements that the blobs could not decide between, the one whose names make the better body."""
-    lead = second.cost - first.cost
-    better = first if lead >= 0 else second
-    return replace(better, confidence=_chance(abs(lead)))
-
-
-def _prior_for(hints: Hints, setup: Setup) -> Prior:
-    """The marker set's prior for somebody who stands, and who is as tall as the user says."""
-    if hints.height is None:
-        return Prior(setup.model, upright_sd=FINDING.upright_sd_rad)
-    return Prior(setup.model, upright_sd=FINDING.upright_sd_rad, height=hints.height, height_sd=HINTING.height_sd_m)
-
-
-def _handicap(bodies: Bodies, hints: Hints) -> np.ndarray:
+def _against_facing(bodies: Bodies, hints: Hints) -> np.ndarray:
     """(B,) what it costs a body to face elsewhere than the user says."""
     if hints.facing is None:
         return np.zeros(len(bodies))
     ahead = rotations.quaternion_to_matrix(bodies.quaternion)[:, :2, 0]
     agreement = ahead @ np.array([np.cos(hints.facing), np.sin(hints.facing)])
-    return np.where(agreement < np.cos(HINTING.max_facing_error_rad), HINTING.cost, 0.0)
+    return np.where(agreement < np.cos(FINDING.max_facing_error_rad), FINDING.hint_cost, 0.0)
 
 
 def _off_fixed(state: State, view: View, setup: Setup, fixed: np.ndarray | None) -> np.ndarray:
@@ -234,7 +221,7 @@ def _off_fixed(state: State, view: View, setup: Setup, fixed: np.ndarray | None)
     local = setup.sight.local(state.posed.markers)
     off = view.image[camera, fixed[camera, marker]] - setup.sight.image(local)[:, camera, marker]
     metres = np.linalg.norm(off, axis=-1) * np.maximum(local[:, camera, marker, 2], VIEWING.min_depth_m)
-    return HINTING.cost * np.minimum(metres / FINDING.min_distance_m, 1).sum(axis=1)
+    return FINDING.hint_cost * np.minimum(metres / FINDING.min_distance_m, 1).sum(axis=1)
 
 
 def first_starts(view: View, cloud: Cloud, setup: Setup, hints: Hints) -> Bodies:
@@ -255,19 +242,32 @@ def fit_cloud(starts: Bodies, cloud: Cloud, setup: Setup, prior, arms: bool = Fa
 
     With `arms`, also with their arms held otherwise.
     """
-    bodies = starts
-    for number, (softness, reach) in enumerate(CLOUD_STAGES):
-        free = number > 0
-        pull = CloudPull(cloud.points, cloud.weight, softness, reach)
-        fit_some = fit_body if free else fit_placement
-        fit = fit_some(setup.model, bodies, pull, STAGE_STEPS, prior)
+    first, *finer = (CloudPull(cloud.points, cloud.weight, *stage) for stage in CLOUD_STAGES)
+    fit = fit_placement(setup.model, starts, first, STAGE_STEPS, prior)
+    bodies = with_arms_held(fit.bodies, setup.model) if arms else fit.bodies
+    for pull in finer:
+        fit = fit_body(setup.model, bodies, pull, STAGE_STEPS, prior)
         bodies = fit.bodies
-        if arms and not free:
-            bodies = with_arms_held(bodies, setup.model)
     return bodies, fit.cost
 
 
-def fit_blobs(bodies: Bodies, view: View, setup: Setup, prior):
+def with_arms_held(bodies: Bodies, model: BodyModel) -> Bodies:
+    """The bodies as they are, and each once more for every way to hold the arms; only as they are without arms."""
+    names = model.markerset.skeleton.segments
+    arms = [(f"upper_arm.{side}", f"forearm.{side}") for side in "LR"]
+    if not all(part in names for arm in arms for part in arm):
+        return bodies
+    parts = [bodies]
+    for held in HELD:
+        bends = bodies.bends.copy()
+        for arm, mirrored in zip(arms, (np.ones(3), OTHER_ARM), strict=True):
+            for part, turn in zip(arm, held, strict=True):
+                bends[:, names.index(part)] = turn * mirrored
+        parts.append(replace(bodies, bends=bends))
+    return Bodies.join(parts)
+
+
+def fit_blobs(bodies: Bodies, view: View, setup: Setup, prior) -> Fit:
     """Bodies against the blobs themselves, visible markers only, visibility renewed at every stage."""
     posed = setup.model.pose(bodies)
     for softness, reach in BLOB_STAGES:
@@ -277,14 +277,13 @@ def fit_blobs(bodies: Bodies, view: View, setup: Setup, prior):
     return fit
 
 
-def visible_pull(bodies: Bodies, posed: Posed, view: View, setup: Setup, softness: float, reach: float):
+def visible_pull(bodies: Bodies, posed: Posed, view: View, setup: Setup, softness: float, reach: float) -> BlobPull:
     """Equation 7 with the markers that are visible where the bodies are now."""
-    visible = setup.visible(bodies.scale, posed)
-    return BlobPull(visible, view, setup.sight, softness, reach)
+    return BlobPull(setup.visible(bodies.scale, posed), view, setup.sight, softness, reach)
 
 
 def name_found(
-    view: View, state: State, setup: Setup, prior, confidence: float, trace: np.ndarray, fixed: np.ndarray | None = None
+    view: View, state: State, setup: Setup, prior, confidence: float, fixed: np.ndarray | None = None
 ) -> Found:
     """Names the blobs of a placed body, learns this subject's marker layout from the names, names again.
 
@@ -295,90 +294,85 @@ def name_found(
     for round_ in range(NAMING_ROUNDS):
         naming = name(view, expected, subject, setup, fixed=fixed)
         subject = learn_noise(naming, without_own(subject, setup), setup, FINDING.noise_rate)
-        subject, state = refit(view, naming, subject, setup, STAGE_STEPS, prior)
+        subject, state = refit(naming, subject, setup, STAGE_STEPS, prior)
         if round_ == NAMING_ROUNDS - 1:
-            swaps = settle(view, naming, subject, state, setup, prior)
-            subject, state = refit(view, naming, subject, setup, SETTLED_STEPS, prior)
+            swaps = settle(naming, subject, state, setup, prior)
+            subject, state = refit(naming, subject, setup, SETTLED_STEPS, prior)
         withdraw_unexpected(naming, state, subject, setup)
-        subject = learn_own(naming.meeting.points, subject, state.posed, setup, FINDING.own_rate)
-        expected = expect(
-            subject, body_state(setup.model, subject.bodies, named_pull(view, naming, subject, setup), prior), setup
-        )
+        subject, expected = _with_own(naming, subject, state, setup, prior)
     naming = name(view, expected, subject, setup, fixed=fixed)
-    unnamed = int((view.real & (naming.owner < 0)).sum())
-    cost = float(state.cost[0]) + SWAPS.max_unexpected * unnamed
-    return Found(subject, naming, expected, confidence, trace, swaps, cost)
+    return Found(subject, naming, expected, confidence, swaps, _cost(naming, state))
 
 
-def name_alone(view: View, found: Found, placed: State, setup: Setup, prior, fixed: np.ndarray | None) -> Found:
+def _with_own(naming: Naming, subject: Subject, state: State, setup: Setup, prior) -> tuple[Subject, Expectation]:
+    """The subject with what the names show of its own marker layout, and where its markers are expected then."""
+    subject = learn_own(naming.meeting.points, subject, state.posed, setup, FINDING.own_rate)
+    after = body_state(setup.model, subject.bodies, named_pull(naming, subject, setup), prior)
+    return subject, expect(subject, after, setup)
+
+
+def _cost(naming: Naming, state: State) -> float:
+    """What a fit to names costs with the blobs that they leave unnamed."""
+    unnamed = int((naming.frame.view.real & (naming.owner < 0)).sum())
+    return float(state.cost[0]) + SWAPS.max_unexpected * unnamed
+
+
+def name_alone(found: Found, placed: State, setup: Setup, prior, fixed: np.ndarray | None) -> Found:
     """The same for a frame that no others will tell more of: all names at once, from those found and from the body.
 
     `placed` is the body before anything was named. Of the two namings the one stays that suits a body better.
     """
-    bodies = placed.bodies
+    bodies, view = placed.bodies, found.naming.frame.view
     plain = Subject(bodies, setup.marker_sd * float(bodies.scale.mean()), found.subject.pixel)
-    bare = _at_once(view, expect(plain, placed, setup), found.subject.pixel, setup, fixed)[0]
-    tried = [_joint(view, one, found.subject, setup, prior, fixed) for one in (found.naming, bare)]
-    best = min(tried, key=lambda one: one.cost)
-    naming = best.naming
-    swaps = settle(view, naming, best.subject, best.state, setup, prior)
-    loose, state = refit(view, naming, best.subject, setup, SETTLED_STEPS, prior)
+    bare = name_jointly(_frame(view, expect(plain, placed, setup), found.subject.pixel, setup, fixed))[0]
+    tried = [_joint(one, found.subject, setup, prior, fixed) for one in (found.naming, bare)]
+    naming, fitted, state, cost = min(tried, key=lambda one: one[-1])
+    swaps = settle(naming, fitted, state, setup, prior)
+    loose, state = refit(naming, fitted, setup, SETTLED_STEPS, prior)
     subject = replace(loose, own_sd=without_own(loose, setup).own_sd)
     points = naming.meeting.points
-    subject = learn_own(points, subject, state.posed, setup, FINDING.own_rate)
-    after = body_state(setup.model, subject.bodies, named_pull(view, naming, subject, setup), prior)
-    expected = expect(subject, after, setup)
+    subject, expected = _with_own(naming, subject, state, setup, prior)
     met = np.isfinite(points[:, :1])
     expected = replace(expected, points=np.where(met, points, expected.points))
-    frame = Frame(view, setup.sight, expected, replace(setup.rules, pixel=subject.pixel), fixed)
+    frame = _frame(view, expected, subject.pixel, setup, fixed)
     naming = Naming(frame, naming.slot, naming.step, naming.owner, naming.partner, naming.conflicts)
     give_nearer(frame, naming)
     name_merged(frame, naming)
-    return replace(found, subject=subject, naming=naming, expected=expected, swaps=swaps, cost=best.cost)
+    return replace(found, subject=subject, naming=naming, expected=expected, swaps=swaps, cost=cost)
 
 
-@dataclass(frozen=True, eq=False)
-class _Joint:
-    """Names given all at once, the body that they make with its state, and what it costs."""
-
-    naming: Naming
-    subject: Subject
-    state: State
-    cost: float
-
-
-def _joint(view: View, naming: Naming, subject: Subject, setup: Setup, prior, fixed: np.ndarray | None) -> _Joint:
-    """All names once more, all at once, until they suit the body that they make."""
-    elsewhere = np.zeros(setup.model.marker_count, bool)
+def _joint(
+    naming: Naming, subject: Subject, setup: Setup, prior, fixed: np.ndarray | None
+) -> tuple[Naming, Subject, State, float]:
+    """All names once more, all at once, until they suit the body that they make; its state, and what it costs."""
+    view, elsewhere = naming.frame.view, np.zeros(setup.model.marker_count, bool)
     plain = without_own(subject, setup)
     seen: list[np.ndarray] = []
     while True:
         # A marker that is placed elsewhere says little of where the body is.
         loose = replace(plain, own_sd=np.hypot(plain.own_sd, elsewhere * JOINTLY.elsewhere_m))
-        loose, state = refit(view, naming, loose, setup, STAGE_STEPS, prior)
+        loose, state = refit(naming, loose, setup, STAGE_STEPS, prior)
         plain = replace(plain, bodies=loose.bodies)
         if len(seen) == JOINT_ROUNDS or any((slot == naming.slot).all() for slot in seen):
             break
         seen.append(naming.slot.copy())
-        naming, elsewhere = _at_once(view, expect(plain, state, setup), subject.pixel, setup, fixed)
-    unnamed = int((view.real & (naming.owner < 0)).sum())
-    cost = float(state.cost[0]) + SWAPS.max_unexpected * unnamed + setup.rules.max_square * int(elsewhere.sum())
-    return _Joint(naming, loose, state, cost)
+        frame = _frame(view, expect(plain, state, setup), subject.pixel, setup, fixed)
+        naming, elsewhere = name_jointly(frame)
+    return naming, loose, state, _cost(naming, state) + setup.rules.max_square * int(elsewhere.sum())
 
 
-def _at_once(view: View, expected: Expectation, pixel: float, setup: Setup, fixed) -> tuple[Naming, np.ndarray]:
-    """See `jointly.name_jointly`."""
-    return name_jointly(Frame(view, setup.sight, expected, replace(setup.rules, pixel=pixel), fixed))
+def _frame(view: View, expected: Expectation, pixel: float, setup: Setup, fixed: np.ndarray | None) -> Frame:
+    return Frame(view, setup.sight, expected, replace(setup.rules, pixel=pixel), fixed)
 
 
-def settle(view: View, naming: Naming, subject: Subject, state: State, setup: Setup, prior) -> Swaps:
+def settle(naming: Naming, subject: Subject, state: State, setup: Setup, prior) -> Swaps:
     """Gives neighbours each other's names for as long as that makes a better body; returns the last trial."""
-    swaps = try_swaps(view, naming, subject, state, setup, prior)
+    swaps = try_swaps(naming, subject, state, setup, prior)
     for _ in range(MAX_EXCHANGES):
         if not len(swaps.loss) or swaps.loss.min() >= 0:
             break
         swap_names(naming, swaps.orders[swaps.loss.argmin()])
-        swaps = try_swaps(view, naming, subject, state, setup, prior)
+        swaps = try_swaps(naming, subject, state, setup, prior)
     return swaps
 
 
@@ -400,11 +394,12 @@ def _distinct(bodies: Bodies, cost: np.ndarray, setup: Setup) -> np.ndarray:
     return np.array(kept)
 
 
-def _judged(fit: Fit, handicap: np.ndarray) -> tuple[int, int | None, float]:
-    """The best fit, the next best that puts the markers elsewhere (None: there is none), and how sure the best is."""
-    cost = fit.cost + handicap
+def _judged(cost: np.ndarray, markers: np.ndarray) -> tuple[int, int | None, float]:
+    """The best of bodies by cost (B,), the next best that puts the markers (B, M, 3) elsewhere, and how sure it is.
+
+    None where there is no other.
+    """
     best = int(np.argmin(cost))
-    markers = fit.state.posed.markers
     distance = np.linalg.norm(markers - markers[best], axis=-1).mean(axis=-1)
     others = np.flatnonzero(distance > FINDING.min_distance_m)
     if not len(others):

@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The subject as known so far: the fitted body, its own marker offsets and how sure we are of each of them."""
 
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import permutations
 from time import perf_counter
 
 import numpy as np
@@ -12,11 +14,10 @@ from ..body.prior import Prior
 from ..data.markersets import MarkerSet
 from ..geometry.cameras import Cameras
 from ..geometry.views import Sight, View
-from ..papers.virtual_occlusions import cost
+from ..papers.virtual_occlusions.cost import RayPull
 from ..papers.virtual_occlusions.fit import State, fit_body
-from ..papers.virtual_occlusions.labelling import Expectation, Naming, Rules, name_markers, pixel_noise
+from ..papers.virtual_occlusions.labelling import Expectation, Frame, Naming, Rules, name_markers, pixel_noise
 from ..papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion, Occlusion
-from .exchanges import standing_exchanges
 
 TIMED_STAGES = ("place", "fit", "label")
 
@@ -49,6 +50,7 @@ class SubjectOptions:
 
 
 SUBJECT = SubjectOptions()
+MAX_SEGMENT_MARKERS = 4  # of which every order is tried; of five there would be 119
 
 
 class Clock:
@@ -79,7 +81,7 @@ class Setup:
 
     marker_sd  (M,) heights, how far a subject's own markers sit from where the marker set has them
     rate       frames a second
-    exchanges  (B, M) see `exchanges.standing_exchanges`
+    exchanges  (B, M) see `standing_exchanges`
     """
 
     cameras: Cameras
@@ -146,28 +148,26 @@ class Subject:
     pixel: float
 
 
-def slots_pull(view: View, slots: np.ndarray, noise: np.ndarray, own_sd: np.ndarray, setup: Setup):
-    """The data term of named blobs: a function markers → cost.Pull for B sets of names.
+def slots_pull(frame: Frame, slots: np.ndarray, subject: Subject, setup: Setup) -> RayPull:
+    """The data term of B sets of names of a frame's blobs: slots (B, C, M), -1 where none.
 
-    slots (B, C, M) are the named blobs, -1 where none; noise (C, M) m and own_sd (M,) m their standard deviations.
     Several cameras of one marker share the uncertainty of its offset, so each counts for its part of it.
     """
     seen = slots >= 0
-    image = view.image[np.arange(len(view.image))[:, None], np.maximum(slots, 0)]
+    image = frame.view.image[frame.cameras[:, None], np.maximum(slots, 0)]
     count = np.maximum(seen.sum(axis=1), 1)
-    deviation = np.sqrt(noise**2 + (count * own_sd**2)[:, None])
-    deviation = np.where(seen, deviation, np.inf)
-    return cost.RayPull(image, deviation, setup.sight)
+    deviation = np.sqrt(frame.metres**2 + (count * subject.own_sd**2)[:, None])
+    return RayPull(image, np.where(seen, deviation, np.inf), setup.sight)
 
 
-def named_pull(view: View, naming: Naming, subject: Subject, setup: Setup):
-    """The data term of a frame's names for its subject: a function markers → cost.Pull."""
-    return slots_pull(view, naming.rays[None], naming.frame.metres, subject.own_sd, setup)
+def named_pull(naming: Naming, subject: Subject, setup: Setup) -> RayPull:
+    """The data term of a frame's names for its subject."""
+    return slots_pull(naming.frame, naming.rays[None], subject, setup)
 
 
-def refit(view: View, naming: Naming, subject: Subject, setup: Setup, steps: int, prior) -> tuple[Subject, State]:
+def refit(naming: Naming, subject: Subject, setup: Setup, steps: int, prior) -> tuple[Subject, State]:
     """Joints, shape and placement once more, now with names instead of nearest blobs; also the state it ended in."""
-    fit = fit_body(setup.model, subject.bodies, named_pull(view, naming, subject, setup), steps, prior)
+    fit = fit_body(setup.model, subject.bodies, named_pull(naming, subject, setup), steps, prior)
     return replace(subject, bodies=fit.bodies), fit.state
 
 
@@ -218,3 +218,37 @@ def learn_noise(naming: Naming, subject: Subject, setup: Setup, rate: float) -> 
         return subject
     pixel = (1 - rate) * subject.pixel + rate * measured
     return replace(subject, pixel=float(np.clip(pixel, SUBJECT.min_noise_px, SUBJECT.max_noise_px)))
+
+
+def standing_exchanges(markerset: MarkerSet) -> np.ndarray:
+    """(B, M) every exchange that the marker set itself allows in any pose: limb for limb, and around a segment.
+
+    Marker m gets the blobs that had the name of marker order[m].
+    """
+    orders = [*_limbs(markerset), *_clusters(markerset)]
+    return np.unique(np.array(orders, dtype=int).reshape(-1, len(markerset)), axis=0)
+
+
+def _limbs(markerset: MarkerSet) -> Iterator[np.ndarray]:
+    """For every segment off the middle: all that it carries for its mirror image on the other side."""
+    rest, identity = markerset.rest_markers, np.arange(len(markerset))
+    mirror = np.linalg.norm(rest[:, None] * [1, -1, 1] - rest[None], axis=-1).argmin(axis=1)
+    paired = (mirror[mirror] == identity) & (mirror != identity)
+    for carried in markerset.skeleton.carries[np.asarray(markerset.attachment), 1:].T:
+        mine = identity[carried & paired]
+        if len(mine) and not np.isin(mirror[mine], mine).any():
+            order = identity.copy()
+            order[mine], order[mirror[mine]] = mirror[mine], mine
+            yield order
+
+
+def _clusters(markerset: MarkerSet) -> Iterator[np.ndarray]:
+    """Every other order of the markers of a segment that carries a few."""
+    for segment in range(len(markerset.skeleton)):
+        own = np.flatnonzero(np.asarray(markerset.attachment) == segment)
+        if 2 < len(own) <= MAX_SEGMENT_MARKERS:  # two are neighbours anyhow
+            for places in permutations(own):
+                order = np.arange(len(markerset))
+                order[own] = places
+                if list(places) != list(own):
+                    yield order

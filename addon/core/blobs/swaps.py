@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..geometry.rigid import pairwise_distances
-from ..geometry.views import View
 from ..papers.virtual_occlusions.fit import State, fit_body
 from ..papers.virtual_occlusions.labelling import Naming, doubles
 from .subject import Setup, Subject, refit, slots_pull
@@ -38,7 +37,7 @@ SWAP_STEPS = 4  # of a whole fit, from one that is near: Gauss-Newton has settle
 SWAPS = SwapOptions()
 
 
-def withdraw_unexpected(naming: Naming, state: State, subject: Subject, setup: Setup, options: SwapOptions = SWAPS):
+def withdraw_unexpected(naming: Naming, state: State, subject: Subject, setup: Setup):
     """Takes back the names of markers that only two cameras gave and that the rest of the body would not have expected.
 
     `state` is the fit to all names of a subject without offsets of its own. What the body would say without a marker
@@ -49,12 +48,12 @@ def withdraw_unexpected(naming: Naming, state: State, subject: Subject, setup: S
     doubtful = np.isfinite(points[:, 0]) & ((naming.rays >= 0).sum(axis=0) == 2)
     if not doubtful.any():
         return
-    noise = ((options.layout_room * subject.own_sd) ** 2 + setup.rules.slack_m**2)[:, None, None] * np.eye(3)
+    noise = ((SWAPS.layout_room * subject.own_sd) ** 2 + setup.rules.slack_m**2)[:, None, None] * np.eye(3)
     spread = state.covariance()[0]
     rest = noise - np.minimum(1, 0.9 * noise[:, :1, :1] / np.einsum("mii->m", spread)[:, None, None]) * spread
     residual = np.where(doubtful[:, None], points - state.posed.markers[0], 0)
     square = np.einsum("mi,mi->m", residual, np.linalg.solve(rest, residual[..., None])[..., 0])
-    camera, marker = np.nonzero((naming.slot >= 0) & (doubtful & (square > options.max_unexpected))[None])
+    camera, marker = np.nonzero((naming.slot >= 0) & (doubtful & (square > SWAPS.max_unexpected))[None])
     if len(camera):
         naming.withdraw(camera, marker)
 
@@ -71,60 +70,56 @@ class Swaps:
     loss: np.ndarray
 
 
-def try_swaps(view: View, naming: Naming, subject: Subject, state: State, setup: Setup, prior) -> Swaps:
+def try_swaps(naming: Naming, subject: Subject, state: State, setup: Setup, prior) -> Swaps:
     """Fits the body for the likeliest exchanges of names: of neighbours, of limbs, around a segment.
 
     `subject` has no offsets of its own, `state` is its fit to the names as they are. How far a first step would get
     says which exchanges are worth a whole fit.
     """
-    orders = _orders(naming, state, setup)
+    orders, slots = _exchanges(naming, state, setup)
     if not len(orders):
         return Swaps(orders, np.zeros(0))
-    worth = np.argsort(_first_steps(view, naming, subject, state, setup, prior, orders))[:MAX_FITS]
-    return Swaps(orders[worth], _losses(view, naming, subject, setup, prior, orders[worth]))
+    worth = np.argsort(_first_steps(naming, slots, subject, state, setup, prior))[:MAX_FITS]
+    return Swaps(orders[worth], _losses(naming, slots[np.append(0, 1 + worth)], subject, setup, prior))
 
 
-def _losses(view, naming, subject, setup, prior, orders: np.ndarray) -> np.ndarray:
+def _losses(naming: Naming, slots: np.ndarray, subject: Subject, setup: Setup, prior) -> np.ndarray:
     """(B,) how much worse the body explains the blobs under each exchange, whole fits compared."""
-    identity = np.arange(orders.shape[1])[None]
-    slots = _exchanged_slots(naming, np.concatenate([identity, orders]))
     bodies = subject.bodies.pick(np.zeros(len(slots), dtype=int))
-    pull = slots_pull(view, slots, naming.frame.metres, subject.own_sd, setup)
-    fit = fit_body(setup.model, bodies, pull, SWAP_STEPS, prior)
+    fit = fit_body(setup.model, bodies, slots_pull(naming.frame, slots, subject, setup), SWAP_STEPS, prior)
     return fit.cost[1:] - fit.cost[0]
 
 
-def _orders(naming: Naming, state: State, setup: Setup) -> np.ndarray:
-    """(B, M) the exchanges that change this frame's names, each once."""
+def _exchanges(naming: Naming, state: State, setup: Setup) -> tuple[np.ndarray, np.ndarray]:
+    """The exchanges (B, M) that change this frame's names, each once, and the slots (1 + B, C, M) that they make."""
     pairs = _neighbours(naming, state)
     orders = np.tile(np.arange(naming.slot.shape[1]), (len(pairs), 1))
     each = np.arange(len(pairs))[:, None]
     orders[each, pairs] = pairs[:, ::-1]
     orders = np.concatenate([orders, setup.exchanges])
     slots = _exchanged_slots(naming, orders)
-    changed = (slots != naming.rays).any(axis=(1, 2))
-    _, first = np.unique(slots.reshape(len(slots), -1), axis=0, return_index=True)
-    return orders[[index for index in np.sort(first) if changed[index]]]
+    changed = (slots[1:] != naming.rays).any(axis=(1, 2))
+    _, first = np.unique(slots[1:].reshape(len(orders), -1), axis=0, return_index=True)
+    kept = np.array([index for index in np.sort(first) if changed[index]], dtype=int)
+    return orders[kept], slots[np.append(0, 1 + kept)]
 
 
 def _exchanged_slots(naming: Naming, orders: np.ndarray) -> np.ndarray:
-    """(B, C, M) the slots of the named blobs under each exchange.
+    """(1 + B, C, M) the slots of the named blobs as they are, and under each exchange.
 
     Doubles are left out: as witnesses they would forbid the exchange that puts names right.
     """
+    orders = np.concatenate([np.arange(naming.slot.shape[1])[None], orders])
     return np.where(doubles(naming), -1, naming.rays)[:, orders].swapaxes(0, 1)
 
 
-def _first_steps(view, naming, subject, state, setup, prior, orders) -> np.ndarray:
+def _first_steps(naming: Naming, slots: np.ndarray, subject: Subject, state: State, setup: Setup, prior) -> np.ndarray:
     """(B,) the cost that one undamped step from the fit as it is would promise each exchange.
 
     An exchange changes what a few markers say, so the normal equations are solved once, for the names as they are, and
     each exchange corrects their solution by its own markers alone (the matrix inversion lemma).
     """
-    identity = np.arange(orders.shape[1])[None]
-    slots = _exchanged_slots(naming, np.concatenate([identity, orders]))
-    pull = slots_pull(view, slots, naming.frame.metres, subject.own_sd, setup)
-    data = pull(np.repeat(state.posed.markers, len(slots), axis=0))
+    data = slots_pull(naming.frame, slots, subject, setup)(np.repeat(state.posed.markers, len(slots), axis=0))
     flat = state.columns.reshape(-1, state.columns.shape[-1])
     cost, slope, curve = prior.terms(state.bodies)
     normal = flat.T @ (data.hessian[0] @ state.columns[0]).reshape(flat.shape) + curve + 1e-6 * np.eye(flat.shape[1])
@@ -149,10 +144,9 @@ def _corrections(data, index: np.ndarray, marker: np.ndarray, spread: np.ndarray
     count, size = marker.shape
     rows = (3 * marker[..., None] + np.arange(3)).reshape(count, 3 * size)
     slope = (data.gradient[index[:, None], marker] - data.gradient[0, marker]).reshape(count, -1)
-    curve = np.zeros((count, size, 3, size, 3))
-    each = np.arange(size)
-    curve[:, each, :, each] = (data.hessian[index[:, None], marker] - data.hessian[0, marker]).swapaxes(0, 1)
-    curve = curve.reshape(count, 3 * size, 3 * size)
+    blocks, each = np.zeros((count, size, 3, size, 3)), np.arange(size)
+    blocks[:, each, :, each] = (data.hessian[index[:, None], marker] - data.hessian[0, marker]).swapaxes(0, 1)
+    curve = blocks.reshape(count, 3 * size, 3 * size)
     spread, along = spread[rows[:, :, None], rows[:, None]], along[rows]
     moved = along + (spread @ slope[..., None])[..., 0]
     bent = np.linalg.solve(np.eye(3 * size) + curve @ spread, curve @ moved[..., None])[..., 0]
@@ -168,18 +162,19 @@ def swap_names(naming: Naming, order: np.ndarray):
     naming.give(camera, marker, naming.slot[camera, marker], naming.step[camera, marker])
 
 
-def exchanged(view: View, naming: Naming, subject: Subject, setup: Setup) -> list[tuple[int, ...]]:
+def exchanged(naming: Naming, subject: Subject, setup: Setup) -> list[tuple[int, ...]]:
     """Exchanges that would put one frame's names right, the best first, whatever the frames before it said."""
-    fresh, state = refit(view, naming, without_own(subject, setup), setup, SWAP_STEPS, setup.prior)
-    swaps = try_swaps(view, naming, fresh, state, setup, setup.prior)
+    fresh, state = refit(naming, without_own(subject, setup), setup, SWAP_STEPS, setup.prior)
+    swaps = try_swaps(naming, fresh, state, setup, setup.prior)
     order = np.argsort(swaps.loss)
     return [tuple(map(int, swaps.orders[index])) for index in order if swaps.loss[index] < -SWAPS.min_gain]
 
 
-def exchange_loss(view: View, naming: Naming, subject: Subject, setup: Setup, order: tuple[int, ...]) -> float:
+def exchange_loss(naming: Naming, subject: Subject, setup: Setup, order: tuple[int, ...]) -> float:
     """How much worse one frame's body would be for an exchange, whatever the frames before it said."""
-    fresh, _ = refit(view, naming, without_own(subject, setup), setup, SWAP_STEPS, setup.prior)
-    return float(_losses(view, naming, fresh, setup, setup.prior, np.array([order]))[0])
+    fresh, _ = refit(naming, without_own(subject, setup), setup, SWAP_STEPS, setup.prior)
+    slots = _exchanged_slots(naming, np.array([order]))
+    return float(_losses(naming, slots, fresh, setup, setup.prior)[0])
 
 
 def _neighbours(naming: Naming, state: State) -> np.ndarray:

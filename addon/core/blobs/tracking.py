@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Follows the subject from frame to frame: the paper's future tracker, starting each frame from the last one's body."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -76,9 +75,9 @@ TRACKING = TrackOptions()
 class Anchor:
     """The prior of a tracked frame: the marker set's own, and that the body moved no farther than bodies move."""
 
-    def __init__(self, prior, predicted: Bodies, slack: float, options: AnchorOptions = ANCHORING):
+    def __init__(self, prior, predicted: Bodies, slack: float):
         self.prior, self.predicted = prior, predicted
-        self.weight = anchor_weight(predicted.bends.shape[1], predicted.shape.shape[1], slack, options)
+        self.weight = anchor_weight(predicted.bends.shape[1], predicted.shape.shape[1], slack)
 
     def terms(self, bodies: Bodies):
         """See `prior.Prior.terms`."""
@@ -89,23 +88,14 @@ class Anchor:
 
     def compiled(self, model: BodyModel):
         """As the compiled fit takes it."""
-        body = self.predicted
-        parts = body.translation[0], body.quaternion[0], body.scale[0], body.bends[0].ravel(), body.shape[0]
-        return calls.prior_arrays(self.prior, model, np.concatenate(parts), self.weight)
+        return calls.prior_arrays(self.prior, model, self.predicted.rows[0], self.weight)
 
 
-def anchor_weight(joints: int, modes: int, slack: float, options: AnchorOptions = ANCHORING) -> np.ndarray:
+def anchor_weight(joints: int, modes: int, slack: float) -> np.ndarray:
     """(P,) how hard a prediction holds each parameter: one over the square of its standard deviation."""
-    deviation = np.concatenate(
-        [
-            np.full(3, options.translation_m * slack),
-            np.full(3, options.turn_rad * slack),
-            np.full(3, options.stretch_m),
-            np.full(3 * (joints - 1), options.bend_rad * slack),
-            np.full(modes, options.shape),
-        ]
-    )
-    return deviation**-2
+    moving = ANCHORING.translation_m * slack, ANCHORING.turn_rad * slack, ANCHORING.stretch_m
+    bending = ANCHORING.bend_rad * slack, ANCHORING.shape
+    return np.repeat([*moving, *bending], [3, 3, 3, 3 * (joints - 1), modes]) ** -2
 
 
 def difference(bodies: Bodies, origin: Bodies) -> np.ndarray:
@@ -131,7 +121,7 @@ class Track:
     lag       (M, 3) m, how far each marker was from where the body had it when it was last found in space
     unseen    (M,) frames since then
     visible   (C, M) which markers each camera could see
-    poor      True when too little was named in the last frame
+    lost      True when too little was named in the last frame: after one dropout the feet may have changed places
     """
 
     subject: Subject
@@ -139,7 +129,7 @@ class Track:
     lag: np.ndarray
     unseen: np.ndarray
     visible: np.ndarray
-    poor: bool = False
+    lost: bool = False
 
     @classmethod
     def begin(cls, subject: Subject, points: np.ndarray, visible: np.ndarray, model: BodyModel) -> "Track":
@@ -160,11 +150,6 @@ class Track:
         lag[markers], unseen[markers] = 0, TRACKING.unseen_at_first
         subject = replace(self.subject, bodies=replace(self.subject.bodies, own=own), own_sd=own_sd)
         return replace(self, subject=subject, lag=lag, unseen=unseen)
-
-    @property
-    def lost(self) -> bool:
-        """True when the subject was not recognised: after one dropout the feet may already have changed places."""
-        return self.poor
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +174,7 @@ def followed_by_numpy(track: Track, view: View, setup: Setup, fixed: np.ndarray 
     with setup.clock("label"):
         naming = name(view, _forecast(predicted, track, setup), predicted, setup, step1_only=True, fixed=fixed)
     with setup.clock("fit"):
-        subject, state = refit(view, naming, predicted, setup, FOLLOWING_STEPS, prior)
+        subject, state = refit(naming, predicted, setup, FOLLOWING_STEPS, prior)
         expected = expect(subject, state, setup)
         expected = replace(expected, points=expected.points + TRACKING.lag_kept * track.lag)
     with setup.clock("label"):
@@ -199,48 +184,30 @@ def followed_by_numpy(track: Track, view: View, setup: Setup, fixed: np.ndarray 
 
 def followed_by_library(track: Track, view: View, setup: Setup, fixed: np.ndarray | None) -> Followed | None:
     """The same by the compiled library; None where a fit cannot be solved."""
-    follower, subject, bodies = follower_of(setup), track.subject, track.subject.bodies
-    own, own_sd = bodies.own.ravel(), subject.own_sd
-    parts = *_row_of(bodies), own, own_sd, track.velocity[0], track.lag.ravel()
+    follower, subject, model = follower_of(setup), track.subject, setup.model
+    fixed = follower.nobody if fixed is None else fixed
+    learned = subject.bodies.own.ravel(), subject.own_sd, track.velocity[0], track.lag.ravel(), [subject.pixel]
     with setup.clock("fit"):
-        frame = follower.frame(view, fixed)
-        fitted = frame.fit(parts, subject.pixel, track.unseen, track.visible)
-        if fitted is None:
+        numbers = subject.bodies.rows[0], *learned
+        done = follower.fit(view, fixed, numbers, subject.pixel, track.unseen, track.visible)
+        if done is None:
             return None
-        row, turn, joints, markers, points, covariance = _cut(fitted[0], follower.fitted_parts)
-        visible = fitted[1]
+        fitted, visible = done
         if not follower.sees:
-            visible = setup.visible(row[None, 7:10], Posed(turn[None], joints[None], markers[None]))[0]
-        expected = Expectation(points, covariance, visible)
+            posed = Posed(*(fitted[name][None] for name in ("rotations", "joints", "markers")))
+            visible = setup.visible(fitted["row"][None, 7:10], posed)[0]
+        expected = Expectation(fitted["points"], fitted["covariance"], visible)
     with setup.clock("label"):
-        made, numbers, unseen, poor = frame.name(visible)
-        rules = replace(setup.rules, pixel=subject.pixel)
-        nobody = follower.nobody if fixed is None else fixed
-        naming = naming_of(view, setup.sight, expected, rules, nobody, made)
-        row, own, own_sd, velocity, lag, pixel = _cut(numbers, follower.track_parts)
-        subject = Subject(_body_of(row, own, setup.model), own_sd, float(pixel[0]))
-        return Followed(Track(subject, velocity[None], lag, unseen, visible, poor), naming, expected)
-
-
-def _row_of(bodies: Bodies) -> tuple[np.ndarray, ...]:
-    """The parts of a single body's row of numbers."""
-    return bodies.translation[0], bodies.quaternion[0], bodies.scale[0], bodies.bends.ravel(), bodies.shape[0]
-
-
-def _body_of(row: np.ndarray, own: np.ndarray, model: BodyModel) -> Bodies:
-    """The single body of such a row, and its own offsets (M, 3)."""
-    row, end = row[None], 10 + 3 * model.joint_count
-    bends = row[:, 10:end].reshape(1, -1, 3)
-    return Bodies(row[:, :3], row[:, 3:7], row[:, 7:10], bends, row[:, end:], own[None])
-
-
-def _cut(numbers: np.ndarray, parts) -> list[np.ndarray]:
-    """The arrays that lie in a block one after the other, by start, stop and shape."""
-    return [numbers[start:stop].reshape(shape) for start, stop, shape in parts]
+        made, after, unseen, poor = follower.name(visible)
+        naming = naming_of(view, setup.sight, expected, replace(setup.rules, pixel=subject.pixel), fixed, made)
+        bodies = model.of_rows(after["row"][None], after["own"][None])
+        subject = Subject(bodies, after["own_sd"], float(after["pixel"]))
+        track = Track(subject, after["velocity"][None], after["lag"], unseen, visible, poor)
+        return Followed(track, naming, expected)
 
 
 @once_each
-def follower_of(setup: Setup, options: TrackOptions = TRACKING) -> Follower:
+def follower_of(setup: Setup) -> Follower:
     """What following takes that stays the same through a take, as the compiled library takes it."""
     model, body = setup.model, setup.occlusion
     capsules = (body.segment, body.start, body.axis, body.radius) if type(body) is CapsuleOcclusion else None
@@ -253,15 +220,15 @@ def follower_of(setup: Setup, options: TrackOptions = TRACKING) -> Follower:
         "ridge": DAMPING.ridge,
         "standoff": OCCLUDING.standoff,
         "min_side_share": OCCLUDING.min_side_share,
-        "velocity_kept": options.velocity_kept,
-        "velocity_rate": options.velocity_rate,
-        "sd": options.marker_sd_m * setup.pace,
-        "sd_growth": options.marker_growth_m,
+        "velocity_kept": TRACKING.velocity_kept,
+        "velocity_rate": TRACKING.velocity_rate,
+        "sd": TRACKING.marker_sd_m * setup.pace,
+        "sd_growth": TRACKING.marker_growth_m,
         "max_sd": MAX_MARKER_SD_M,
-        "lag_kept": options.lag_kept,
-        "own_rate": options.own_rate,
-        "noise_rate": options.noise_rate,
-        "min_named_share": options.min_named_share,
+        "lag_kept": TRACKING.lag_kept,
+        "own_rate": TRACKING.own_rate,
+        "noise_rate": TRACKING.noise_rate,
+        "min_named_share": TRACKING.min_named_share,
         "skin": SUBJECT.skin_m,
         "max_own": SUBJECT.max_own,
         "min_noise": SUBJECT.min_noise_px,
@@ -285,28 +252,23 @@ def _forecast(predicted: Subject, track: Track, setup: Setup) -> Expectation:
 
 
 def advanced(
-    track: Track,
-    subject: Subject,
-    posed: Posed,
-    naming: Naming,
-    expected: Expectation,
-    setup: Setup,
-    options: TrackOptions = TRACKING,
+    track: Track, subject: Subject, posed: Posed, naming: Naming, expected: Expectation, setup: Setup
 ) -> Track:
     """The track after a frame with these names, of a subject posed so."""
     change = difference(subject.bodies, track.subject.bodies)
     change[:, 6:PLACEMENT] = 0
-    velocity = (1 - options.velocity_rate) * track.velocity + options.velocity_rate * change
+    velocity = (1 - TRACKING.velocity_rate) * track.velocity + TRACKING.velocity_rate * change
     named = (naming.slot >= 0).any(axis=0).sum()
-    due = max(expected.visible.any(axis=0).sum(), POSING.min_markers)
-    poor = bool(named < options.min_named_share * due)
+    due = max(int(expected.visible.any(axis=0).sum()), POSING.min_markers)
     points = naming.meeting.points
     seen = np.isfinite(points[:, 0])
+    subject = learn_noise(naming, subject, setup, TRACKING.noise_rate)
+    subject = learn_own(points, subject, posed, setup, TRACKING.own_rate)
+    off = (1 - TRACKING.own_rate) * (points - posed.markers[0])
+    lag = np.where(seen[:, None], off, TRACKING.lag_kept * track.lag)
     unseen = np.where(seen, 0, track.unseen + 1)
-    subject = learn_noise(naming, subject, setup, options.noise_rate)
-    subject = learn_own(points, subject, posed, setup, options.own_rate)
-    lag = np.where(seen[:, None], (1 - options.own_rate) * (points - posed.markers[0]), options.lag_kept * track.lag)
-    return Track(subject, velocity, lag, unseen, expected.visible, poor)
+    lost = bool(named < TRACKING.min_named_share * due)
+    return Track(subject, velocity, lag, unseen, expected.visible, lost)
 
 
 @dataclass(frozen=True, eq=False)
@@ -318,13 +280,3 @@ class FrameResult:
     expected: Expectation
     placement: float
     sure: np.ndarray
-
-
-def met_points(results: Sequence[FrameResult | None]) -> np.ndarray:
-    """(F, M, 3) m where markers' blobs meet in the frames of a chunk; NaN where they do not, or there is no subject."""
-    markers = next((len(result.naming.slot[0]) for result in results if result is not None), 0)
-    points = np.full((len(results), markers, 3), np.nan)
-    for index, result in enumerate(results):
-        if result is not None:
-            points[index] = result.naming.meeting.points
-    return points

@@ -48,6 +48,12 @@ class Bodies:
         """The bodies at `index` (anything NumPy takes as an index of the first axis that keeps it)."""
         return Bodies(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
+    @property
+    def rows(self) -> np.ndarray:
+        """(B, N) all but `own` of each body in a row, as the compiled library takes them; see `BodyModel.of_rows`."""
+        parts = self.translation, self.quaternion, self.scale, self.bends.reshape(len(self), -1), self.shape
+        return np.concatenate(parts, axis=1)
+
     def moved(self, step: np.ndarray) -> "Bodies":
         """The bodies after a step (B, 9 + 3(J-1) + K): translation, turn, scale, bends but the root's, shape."""
         count, joints = len(self), self.bends.shape[1]
@@ -105,6 +111,12 @@ class BodyModel:
             np.zeros((count, len(self.modes))),
             np.zeros((count, self.marker_count, 3)),
         )
+
+    def of_rows(self, rows: np.ndarray, own: np.ndarray) -> Bodies:
+        """The bodies of `Bodies.rows` (B, N) and their own offsets (B, M, 3)."""
+        bends_end = 10 + 3 * self.joint_count
+        bends = rows[:, 10:bends_end].reshape(len(rows), -1, 3)
+        return Bodies(rows[:, :3], rows[:, 3:7], rows[:, 7:10], bends, rows[:, bends_end:], own)
 
     def shaped_offsets(self, bodies: Bodies) -> np.ndarray:
         """(B, J + M, 3) offsets of joints, then markers, of each subject, heights, before S."""

@@ -33,7 +33,6 @@ PRIOR = PriorOptions()
 class Prior:
     """Negative log-likelihood of bodies, times two: squares in standard deviations, as whitened residuals are.
 
-    strength    factor on everything: below 1 trusts the data more than the recordings do
     height      mean stature, m; the marker set's by default
     height_sd   its standard deviation, m; the marker set's by default, a few cm when a height was measured
     bend_floor  rad, added in quadrature to every recorded standard deviation of a bend
@@ -44,7 +43,6 @@ class Prior:
     def __init__(
         self,
         model: BodyModel,
-        strength: float = 1.0,
         *,
         height: float | None = None,
         height_sd: float | None = None,
@@ -53,15 +51,17 @@ class Prior:
         upright_sd: float | None = None,
     ):
         spread = model.markerset.spread
-        self.strength = strength
         self.height = spread.height if height is None else float(height)
         self.height_sd = max(spread.height_sd if height_sd is None else float(height_sd), PRIOR.height_floor_m)
         self.bend_mean = np.asarray(spread.pose_mean, dtype=float)[1:].ravel()
         covariance = np.asarray(spread.pose_covariance, dtype=float)[3:, 3:]
         self.bend_precision = np.linalg.inv(covariance + bend_floor**2 * np.eye(len(covariance)))
-        self.scale_precision = _scale_precision(self.height, self.height_sd, stretch_sd)
+        # Of S, 1/m²: its mean about the height, each axis about that mean.
+        around = np.eye(3) - np.full((3, 3), 1 / 3)
+        stretch = (stretch_sd * self.height) ** 2
+        self.scale_precision = np.full((3, 3), 1 / 9) / self.height_sd**2 + around / stretch
         self.upright = 0.0 if upright_sd is None else upright_sd**-2
-        self.hessian = strength * self._hessian(model.parameters)
+        self.hessian = self._hessian(model.parameters)
         self.hessian.setflags(write=False)
 
     def terms(self, bodies: Bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -71,11 +71,11 @@ class Prior:
         exact but for the upright term, where it is the bound that holds for a body standing straight.
         """
         bends = bodies.bends[:, 1:].reshape(len(bodies), -1) - self.bend_mean
-        bend_slope = self.strength * (bends @ self.bend_precision)
+        bend_slope = bends @ self.bend_precision
         cost, slope, _ = self.placement_terms(bodies)
         cost = cost + np.einsum("bi,bi->b", bends, bend_slope)
-        cost += self.strength * np.einsum("bi,bi->b", bodies.shape, bodies.shape)
-        return cost, np.concatenate([slope, bend_slope, self.strength * bodies.shape], axis=1), self.hessian
+        cost += np.einsum("bi,bi->b", bodies.shape, bodies.shape)
+        return cost, np.concatenate([slope, bend_slope, bodies.shape], axis=1), self.hessian
 
     def compiled(self, model: BodyModel):
         """As the compiled fit takes it."""
@@ -85,11 +85,11 @@ class Prior:
         """The same for the nine parameters of a placement alone: (B,), (B, 9) and (9, 9)."""
         scale = bodies.scale - self.height
         gradient = np.zeros((len(bodies), PLACEMENT))
-        gradient[:, 6:] = scale_slope = self.strength * (scale @ self.scale_precision)
+        gradient[:, 6:] = scale_slope = scale @ self.scale_precision
         cost = np.einsum("bi,bi->b", scale, scale_slope)
         if self.upright:
             up = rotations.quaternion_to_matrix(bodies.quaternion)[:, :, 2]
-            lean = self.strength * self.upright * up[:, :2]
+            lean = self.upright * up[:, :2]
             gradient[:, 3] = -lean[:, 1] * up[:, 2]
             gradient[:, 4] = lean[:, 0] * up[:, 2]
             cost += np.einsum("bi,bi->b", lean, up[:, :2])
@@ -103,10 +103,3 @@ class Prior:
         hessian[PLACEMENT:bends_end, PLACEMENT:bends_end] = self.bend_precision
         hessian[bends_end:, bends_end:] = np.eye(parameters - bends_end)
         return hessian
-
-
-def _scale_precision(height: float, height_sd: float, stretch_sd: float) -> np.ndarray:
-    """(3, 3) precision of S, 1/m²: its mean about the height, each axis about that mean."""
-    mean = np.full((3, 3), 1 / 9)
-    around = np.eye(3) - np.full((3, 3), 1 / 3)
-    return mean / height_sd**2 + around / (stretch_sd * height) ** 2

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..geometry.cameras import Cameras
-from ..geometry.rotations import cross_matrix, exponential
+from ..geometry.rotations import exponential
 from ..review.camera_places import SHIFT_SD_M, TURN_SD_RAD
 from .sightings import Sightings
 
@@ -39,7 +39,6 @@ class _Bundle:
         # Only what the blobs do not say is kept from running away.
         sds = np.repeat([TURN_SD_RAD, SHIFT_SD_M], 3)
         self.held = np.tile(MARKER_LIMITS.noise_px / sds, len(free))
-        self.places = self._places()
 
     def solved(self) -> Cameras:
         """The cameras where the blobs miss their points least."""
@@ -50,7 +49,7 @@ class _Bundle:
             found = least_squares(
                 self.misses,
                 found,
-                jac=self.slopes,
+                jac_sparsity=self._known(),
                 loss=loss,
                 f_scale=SIGMAS * MARKER_LIMITS.noise_px,
                 x_scale="jac",
@@ -59,59 +58,39 @@ class _Bundle:
                 ftol=1e-5,
                 max_nfev=40,
             ).x
-        rotation, translation, _, _ = self._moved(found)
+        rotation, translation, _ = self._moved(found)
         return replace(self.cameras, rotation=rotation, translation=translation)
 
     def misses(self, unknowns: np.ndarray) -> np.ndarray:
         """(2 N + 6 free,) px of each blob in x and y, then what holds the cameras back."""
-        rotation, translation, _, points = self._moved(unknowns)
-        local = self._local(rotation, translation, points)
+        rotation, translation, points = self._moved(unknowns)
+        camera = self.seen.camera
+        local = np.einsum("nij,nj->ni", rotation[camera], points[self.seen.point]) + translation[camera]
         off = (local[:, :2] / local[:, 2:] - self.seen.image) * self.focal[:, None]
         return np.concatenate([off.ravel(), unknowns[: len(self.held)] * self.held])
 
-    def slopes(self, unknowns: np.ndarray):
-        """The sparse derivative of `misses`: a blob knows its camera and its point alone."""
-        from scipy.sparse import csr_matrix
-
-        rotation, translation, turning, points = self._moved(unknowns)
-        camera = self.seen.camera
-        local = self._local(rotation, translation, points)
-        depth = local[:, 2]
-        image = np.zeros((len(local), 2, 3))
-        image[:, 0, 0] = image[:, 1, 1] = self.focal / depth
-        image[:, :, 2] = -local[:, :2] * (self.focal / depth**2)[:, None]
-        of_point = image @ rotation[camera]
-        rows = np.flatnonzero(self.column >= 0)
-        steps = unknowns[: len(self.held)].reshape(-1, TURN_AND_SHIFT)[self.column[rows], 3:]
-        of_turn = -image[rows] @ cross_matrix(local[rows] - steps) @ turning[self.column[rows]]
-        of_camera = np.concatenate([of_turn, image[rows]], axis=2)
-        values = np.concatenate([of_point.ravel(), of_camera.ravel(), self.held])
-        return csr_matrix((values, self.places), shape=(2 * len(local) + len(self.held), len(unknowns)))
-
-    def _moved(self, unknowns: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Rotations (C, 3, 3) and translations (C, 3) m, how turns turn (free, 3, 3), and points (P, 3) m."""
+    def _moved(self, unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rotations (C, 3, 3), translations (C, 3) m and points (P, 3) m."""
         steps = unknowns[: len(self.held)].reshape(-1, TURN_AND_SHIFT)
-        turn, turning = exponential(steps[:, :3])
+        turn, _ = exponential(steps[:, :3])
         rotation, translation = self.cameras.rotation.copy(), self.cameras.translation.copy()
         rotation[self.free] = turn @ rotation[self.free]
         translation[self.free] = np.einsum("cij,cj->ci", turn, translation[self.free]) + steps[:, 3:]
-        return rotation, translation, turning, unknowns[len(self.held) :].reshape(-1, 3)
+        return rotation, translation, unknowns[len(self.held) :].reshape(-1, 3)
 
-    def _local(self, rotation: np.ndarray, translation: np.ndarray, points: np.ndarray) -> np.ndarray:
-        camera = self.seen.camera
-        return np.einsum("nij,nj->ni", rotation[camera], points[self.seen.point]) + translation[camera]
+    def _known(self):
+        """(2 N + 6 free, unknowns) what each of `misses` depends on: a blob knows its camera and its point."""
+        from scipy.sparse import csr_matrix
 
-    def _places(self) -> tuple[np.ndarray, np.ndarray]:
-        """Row and column of each value of the derivative, in the order in which `slopes` gives them."""
         row = np.arange(2 * len(self.column)).reshape(-1, 2, 1)
         point = (len(self.held) + 3 * self.seen.point)[:, None, None] + np.arange(3)
         free = np.flatnonzero(self.column >= 0)
         camera = (TURN_AND_SHIFT * self.column[free])[:, None, None] + np.arange(TURN_AND_SHIFT)
         pairs = (np.broadcast_arrays(row, point), np.broadcast_arrays(row[free], camera))
         own = np.arange(len(self.held))
-        rows = [one.ravel() for one, _ in pairs] + [row.size + own]
-        columns = [other.ravel() for _, other in pairs] + [own]
-        return np.concatenate(rows), np.concatenate(columns)
+        rows = np.concatenate([*(one.ravel() for one, _ in pairs), row.size + own])
+        columns = np.concatenate([*(other.ravel() for _, other in pairs), own])
+        return csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(row.size + len(own), len(self.begin)))
 
 
 def held(before: Cameras, after: Cameras, seen: Sightings) -> Cameras:

@@ -95,36 +95,39 @@ def _pull_scratch(markers: int, size: int) -> int:
 RAY_PULL, BLOB_PULL, CLOUD_PULL, POINT_PULL = range(4)
 
 
-def ray_arrays(bodies: int, markers: int, image, deviation, sight) -> PullOfData:
-    """A `RayPull` as the library takes it."""
-    sets = len(image)
+def ray_arrays(pull, bodies: int, markers: int) -> PullOfData:
+    """A `RayPull` on so many bodies of so many markers as the library takes it."""
+    sets, sight = len(pull.image), pull.sight
     if sets not in (1, bodies):
         raise ValueError(f"{sets} sets of names for {bodies} bodies; expected one, or one each")
-    image = given(image, (sets, sight.count, markers, 2))
-    deviation = given(deviation, (sets, sight.count, markers))
+    image = given(pull.image, (sets, sight.count, markers, 2))
+    deviation = given(pull.deviation, (sets, sight.count, markers))
     return PullOfData(filled("PullArrays", RAY_PULL, sets, 0, image, deviation), sight_arrays(sight))
 
 
-def blob_arrays(bodies: int, markers: int, visible, view, sight, softness, reach) -> PullOfData:
-    """A `BlobPull` as the library takes it."""
+def blob_arrays(pull, bodies: int, markers: int) -> PullOfData:
+    """The same of a `BlobPull`."""
+    view, sight = pull.view, pull.sight
     shape = (sight.count, view.real.shape[1])
     image, real = given(view.image, (*shape, 2)), given(view.real, shape, FLAG)
-    visible = given(visible, (bodies, sight.count, markers), FLAG)
-    arrays = filled("PullArrays", BLOB_PULL, 1, shape[1], image, None, real, visible, softness, reach)
+    visible = given(pull.visible, (bodies, sight.count, markers), FLAG)
+    arrays = filled("PullArrays", BLOB_PULL, 1, shape[1], image, None, real, visible, pull.softness, pull.reach)
     return PullOfData(arrays, sight_arrays(sight))
 
 
-def cloud_arrays(points, weight, softness, reach) -> PullOfData:
-    """A `CloudPull` as the library takes it."""
-    points, weight = given(points, (len(points), 3)), given(weight, (len(points),))
-    values = points, weight, None, None, softness, reach
-    return PullOfData(filled("PullArrays", CLOUD_PULL, 1, len(points), *values), None)
+def cloud_arrays(pull, bodies: int, markers: int) -> PullOfData:  # noqa: ARG001 - as the others have it
+    """The same of a `CloudPull`."""
+    count = len(pull.points)
+    points, weight = given(pull.points, (count, 3)), given(pull.weight, (count,))
+    values = points, weight, None, None, pull.softness, pull.reach
+    return PullOfData(filled("PullArrays", CLOUD_PULL, 1, count, *values), None)
 
 
-def point_arrays(bodies: int, markers: int, points, noise, reach) -> PullOfData:
-    """A `PointPull` as the library takes it."""
-    points = given(points, (bodies, markers, 3))
-    return PullOfData(filled("PullArrays", POINT_PULL, bodies, 0, points, softness=noise, reach=reach), None)
+def point_arrays(pull, bodies: int, markers: int) -> PullOfData:
+    """The same of a `PointPull`."""
+    points = given(pull.points, (bodies, markers, 3))
+    arrays = filled("PullArrays", POINT_PULL, bodies, 0, points, softness=pull.noise, reach=pull.reach)
+    return PullOfData(arrays, None)
 
 
 def fit_body(model, start, data: PullOfData, steps: int, prior, width: int, damping) -> tuple | None:
@@ -164,10 +167,8 @@ def damping_arrays(options) -> Structure:
 
 def _rows_of(model, start) -> tuple[np.ndarray, np.ndarray]:
     """Bodies as rows, which the library changes in place, and their own offsets."""
-    count = len(start)
-    parts = start.translation, start.quaternion, start.scale, start.bends.reshape(count, -1), start.shape
-    rows = given(np.concatenate(parts, axis=1), (count, row_length(model)))
-    return rows, given(start.own, (count, model.marker_count, 3))
+    rows = given(start.rows, (len(start), row_length(model)))
+    return rows, given(start.own, (len(start), model.marker_count, 3))
 
 
 def row_length(model) -> int:
@@ -196,7 +197,7 @@ def prior_arrays(prior, model, predicted=None, weight=None, hessian=None) -> Str
     """
     bends = 3 * (model.joint_count - 1)
     return filled(
-        "PriorArrays", prior.strength, prior.height, prior.upright,
+        "PriorArrays", 1.0, prior.height, prior.upright,
         given(prior.bend_mean, (bends,)),
         given(prior.bend_precision, (bends, bends)),
         given(prior.scale_precision, (3, 3)),

@@ -7,7 +7,6 @@ A frame is named in microseconds, so its arrays are cut out of two blocks, and w
 import ctypes
 from functools import lru_cache
 from math import prod
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,17 +17,9 @@ from .structures import COUNT, FLAG, INDEX, REAL, address, call, filled, given, 
 MOST_CAMERAS = 1024  # as in rays.c
 
 
-class FrameLayout(NamedTuple):
-    """Where the arrays that a frame keeps lie: (name, start, stop, shape) of each, in a block of numbers or indices."""
-
-    numbers: tuple
-    indices: tuple
-    size: tuple[int, int]
-
-
 @lru_cache(maxsize=1024)
-def frame_layout(cameras: int, markers: int, blobs: int) -> FrameLayout:
-    """Of what is measured and named of a frame; what is soon made again is not kept."""
+def frame_parts(cameras: int, markers: int, blobs: int) -> tuple[list[tuple], int]:
+    """What is measured and named of a frame: name, kind, shape and start in memory, in bytes; and the end."""
     pairs, images = (cameras, markers), (cameras, blobs)
     measured = {
         "image": (*pairs, 2),
@@ -41,31 +32,19 @@ def frame_layout(cameras: int, markers: int, blobs: int) -> FrameLayout:
         "miss": pairs,
     }
     named = {"slot": pairs, "step": pairs, "owner": images, "partner": pairs, "conflicts": (markers,)}
-    numbers, many = _cut(measured)
-    whole, count = _cut(named)
-    return FrameLayout(numbers, whole, (many, count))
-
-
-def _cut(shapes: dict[str, tuple[int, ...]]) -> tuple[tuple, int]:
-    ends = np.cumsum([0, *(prod(shape) for shape in shapes.values())]).tolist()
-    return tuple(zip(shapes, ends, ends[1:], shapes.values(), strict=False)), ends[-1]
-
-
-def _in_turn(*shapes: tuple[int, ...]) -> tuple[tuple[int, int, tuple[int, ...]], ...]:
-    """Start, stop and shape of arrays that lie in a block one after the other."""
-    return tuple(part[1:] for part in _cut({str(index): shape for index, shape in enumerate(shapes)})[0])
+    parts: list[tuple[str, np.dtype, tuple[int, ...]]] = [(name, REAL, shape) for name, shape in measured.items()]
+    parts += [(name, INDEX, shape) for name, shape in named.items()]
+    ends = np.cumsum([0, *(kind.itemsize * prod(shape) for _, kind, shape in parts)]).tolist()
+    return [(*part, start) for part, start in zip(parts, ends, strict=False)], ends[-1]
 
 
 def _new_frame(cameras: int, markers: int, blobs: int) -> tuple[dict[str, np.ndarray], dict[str, int]]:
     """Arrays for what is measured and named of a frame, and their addresses, by name."""
-    layout = frame_layout(cameras, markers, blobs)
-    numbers, whole = np.empty(layout.size[0]), np.empty(layout.size[1], INDEX)
-    made, places = {}, {}
-    for block, parts in ((numbers, layout.numbers), (whole, layout.indices)):
-        begin = address(block)
-        for name, start, stop, shape in parts:
-            made[name], places[name] = block[start:stop].reshape(shape), begin + 8 * start
-    return made, places
+    parts, size = frame_parts(cameras, markers, blobs)
+    room = np.empty(size, FLAG)
+    begin = address(room)
+    made = {name: np.ndarray(shape, kind, room, start) for name, kind, shape, start in parts}
+    return made, {name: begin + start for name, _, _, start in parts}
 
 
 def _new_room(cameras: int, markers: int, blobs: int) -> dict[str, np.ndarray]:
@@ -168,52 +147,54 @@ class Follower:
     """What following a subject takes that stays the same through a take, and room to work on a frame in.
 
     `capsules` are segment (N,), start and axis (N, 3) and radius (N,), None where another volume is in the way;
-    `numbers` the fields of `FollowingArrays` that are plain numbers. `anchor` (P,) are the weights of a prediction.
+    `numbers` the fields of `Following` that are plain numbers. `anchor` (P,) are the weights of a prediction.
+    A frame is first fitted and then named.
     """
 
     def __init__(self, model, sight, prior, capsules, marker_sd, anchor, rules, damping, condition, steps, numbers):
-        self.model, self.shape = model, (sight.count, model.marker_count)
+        self.shape = sight.count, model.marker_count
         _check_cameras(sight.count)
-        segment, *body = capsules or (np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
-        count, shapes = len(segment), ((-1, 3), (-1, 3), (-1,))
+        segment, start, axis, radius = capsules or (np.zeros(0, int), np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+        count = len(segment)
+        low, high = sight.corners
         self.sees = count > 0
-        names = ("segment", "start", "axis", "radius", "low", "high", "centres", "focal", "marker_sd", "anchor")
-        arrays = (
-            indices(segment, (count,), model.joint_count, lowest=0),
-            *(given(part, (count, *shape[1:])) for part, shape in zip(body, shapes, strict=True)),
-            *(given(part, (sight.count, 2)) for part in sight.corners),
-            given(sight.centres, (sight.count, 3)),
-            given(sight.focal, (sight.count,)),
-            given(marker_sd, (model.marker_count,)),
-            given(anchor, (model.parameters,)),
-        )
-        known = model_arrays(model), sight_arrays(sight), prior.compiled(model)
-        rule = damping_arrays(damping), rule_arrays(rules, condition)
-        parts = dict(zip(names, arrays, strict=True))
-        self.arrays = filled("Following", *known, *rule, capsules=count, **parts, **numbers)
-        self.nobody = np.full(self.shape, -1)
-        self.steps = steps
+        self.arrays = filled(
+            "Following", model_arrays(model), sight_arrays(sight), prior.compiled(model), damping_arrays(damping),
+            rule_arrays(rules, condition),
+            capsules=count,
+            segment=indices(segment, (count,), model.joint_count, lowest=0),
+            start=given(start, (count, 3)),
+            axis=given(axis, (count, 3)),
+            radius=given(radius, (count,)),
+            low=given(low, (sight.count, 2)),
+            high=given(high, (sight.count, 2)),
+            centres=given(sight.centres, (sight.count, 3)),
+            focal=given(sight.focal, (sight.count,)),
+            marker_sd=given(marker_sd, (model.marker_count,)),
+            anchor=given(anchor, (model.parameters,)),
+            **numbers,
+        )  # fmt: skip
+        self.steps, self.blobs, self.nobody = steps, 0, np.full(self.shape, -1)
         joints, markers, width, pairs = model.joint_count, model.marker_count, model.parameters, prod(self.shape)
-        row, points = (row_length(model),), (markers, 3)
-        self.track_parts = _in_turn(row, points, (markers,), (width,), points, (1,))
-        self.fitted_parts = _in_turn(row, (joints, 3, 3), (joints, 3), points, points, (markers, 3, 3))
-        own = row[0] + 3 * pairs + width * (1 + width + 3 * markers) + numbers["fit_steps"] + 1
-        room = max(
-            fit_scratch(model, width),
-            width * (width + 3 * markers),
-            12 * joints + 3 * markers + 12 * joints + 3 * markers,
-            7 * count,
+        row, points = row_length(model), (markers, 3)
+        track = {"row": row, "own": points, "own_sd": markers, "velocity": width, "lag": points, "pixel": ()}
+        fitted = {
+            "row": row,
+            "rotations": (joints, 3, 3),
+            "joints": (joints, 3),
+            "markers": points,
+            "points": points,
+            "covariance": (markers, 3, 3),
+        }
+        self.track_kind, self.fitted_kind = (
+            np.dtype([(name, REAL, shape) for name, shape in parts.items()]) for parts in (track, fitted)
         )
+        own = row + 3 * pairs + width * (1 + width + 3 * markers) + numbers["fit_steps"] + 1
+        room = max(fit_scratch(model, width), width * (width + 3 * markers), 24 * joints + 6 * markers, 7 * count)
         self.scratch = np.empty(own + room)
-        self.blobs = 0
-
-    def frame(self, view, fixed) -> "FollowedFrame":
-        """A frame that is to be followed, of which a person named `fixed` (C, M), None for nothing."""
-        if view.real.shape[1] > self.blobs:
-            self._make_room(view.real.shape[1])
-        return FollowedFrame(self, view, fixed)
 
     def _make_room(self, blobs: int):
+        """Room for frames of up to so many blobs in a camera."""
         cameras, markers = self.shape
         self.blobs = blobs
         of, room = self.arrays, _new_room(cameras, markers, blobs)
@@ -226,55 +207,44 @@ class Follower:
             for _ in range(2)
         )  # fmt: skip
 
-
-class FollowedFrame:
-    """One frame, first fitted and then named."""
-
-    def __init__(self, follower: Follower, view, fixed):
-        self.follower = follower
-        cameras, blobs = len(view.real), view.real.shape[1]
-        self.kept = (
-            given(view.image, (follower.shape[0], blobs, 2)),
-            given(view.real, (follower.shape[0], blobs), FLAG),
-            follower.nobody if fixed is None else indices(fixed, follower.shape, blobs, lowest=-1),
-        )
-        self.shape = cameras, follower.shape[1], blobs
-        self.places = tuple(map(address, self.kept))
-
-    def _filled(self, arrays: ctypes.Structure) -> ctypes.Structure:
-        arrays.blobs_of_one = self.shape[2]
-        arrays.blobs, arrays.real, arrays.fixed = self.places
-        return arrays
-
-    def fit(self, numbers, pixel: float, unseen, before) -> tuple[np.ndarray, np.ndarray] | None:
+    def fit(self, view, fixed, track, pixel: float, unseen, before) -> tuple[np.void, np.ndarray] | None:
         """The first half of `tracking.followed_by_numpy`; None where a fit cannot be solved.
 
-        `numbers` are those of a track: body, offsets, how sure these are, velocity, lag. Gives those of the fit (body,
-        posed, where markers are expected and how surely) in one block, and which of them cameras see.
+        `track` are the arrays of `track_kind`, one after the other, and `fixed` (C, M) what a person named. Gives the
+        body, posed, where markers are expected and how surely, as in `fitted_kind`, and which of them cameras see.
         """
-        follower = self.follower
-        self.track = given(np.concatenate(numbers), (follower.track_parts[-1][0],))
-        self.unseen, self.pixel = given(unseen, (follower.shape[1],), INDEX), pixel
-        before = given(before, follower.shape, FLAG)
-        fitted, visible = np.empty(follower.fitted_parts[-1][1]), np.empty(follower.shape, bool)
+        blobs = view.real.shape[1]
+        self.kept = (
+            given(view.image, (self.shape[0], blobs, 2)),
+            given(view.real, (self.shape[0], blobs), FLAG),
+            indices(fixed, self.shape, blobs, lowest=-1),
+        )
+        if blobs > self.blobs:
+            self._make_room(blobs)
+        for frame in (self.first, self.last):
+            frame.blobs_of_one = blobs
+            frame.blobs, frame.real, frame.fixed = map(address, self.kept)
+        self.track = given(np.concatenate(track), (self.track_kind.itemsize // REAL.itemsize,))
+        self.unseen, self.pixel = given(unseen, (self.shape[1],), INDEX), pixel
+        before = given(before, self.shape, FLAG)
+        self.fitted, visible = np.empty(self.fitted_kind.itemsize // REAL.itemsize), np.empty(self.shape, bool)
         done = call(
-            compiled.follow_fit, follower.arrays, self._filled(follower.first), pixel, self.track, self.unseen, before,
-            fitted, visible, follower.scratch,
+            compiled.follow_fit, self.arrays, self.first, pixel, self.track, self.unseen, before, self.fitted, visible,
+            self.scratch,
         )  # fmt: skip
-        self.fitted = fitted
-        return (fitted, visible) if done else None
+        return (self.fitted.view(self.fitted_kind)[0], visible) if done else None
 
-    def name(self, visible) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, bool]:
-        """The other half: the arrays of a naming by name, the track's numbers in one block, unseen, whether poor."""
-        follower = self.follower
-        visible = given(visible, follower.shape, FLAG)
-        made, outputs = _new_frame(*self.shape)
-        numbers, unseen = np.empty(follower.track_parts[-1][1]), np.empty(follower.shape[1], INDEX)
+    def name(self, visible) -> tuple[dict[str, np.ndarray], np.void, np.ndarray, bool]:
+        """The other half: the arrays of a naming by name, the track after, which markers are unseen, whether poor."""
+        visible = given(visible, self.shape, FLAG)
+        cameras, markers = self.shape
+        made, outputs = _new_frame(cameras, markers, self.last.blobs_of_one)
+        numbers, unseen = np.empty(len(self.track)), np.empty(self.shape[1], INDEX)
         for name, at in outputs.items():
-            setattr(follower.last, name, at)
-        follower.last.visible = address(visible)
+            setattr(self.last, name, at)
+        self.last.visible = address(visible)
         poor = call(
-            compiled.follow_name, follower.arrays, self._filled(follower.last), self.pixel, self.track, self.unseen,
-            self.fitted, numbers, unseen,
+            compiled.follow_name, self.arrays, self.last, self.pixel, self.track, self.unseen, self.fitted, numbers,
+            unseen,
         )  # fmt: skip
-        return made, numbers, unseen, bool(poor)
+        return made, numbers.view(self.track_kind)[0], unseen, bool(poor)

@@ -6,10 +6,11 @@ chunk holds in its labels, its markers in space and its doubts.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import tee
 
-from ..blobs.pipeline import Options, label_take
+from ..blobs.pipeline import label_take
+from ..blobs.search import NO_HINTS, Hints
 from ..data.markersets import Worn
 from ..data.takes import (
     BY_LIKELIHOOD,
@@ -49,7 +50,7 @@ class BlobOptions:
     rate: float
     method: str = "auto"
     target: float = USUAL_TARGET
-    hints: Options = field(default_factory=Options)
+    hints: Hints = NO_HINTS
     occlusion: Occlusion | None = None
     edits: Edits = NO_EDITS
 

@@ -8,12 +8,12 @@ else's points beside markers that it lacks: one may be its own, if it is nearer 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 
-from ..blobs.pipeline import Options, TakeLabeller
+from ..blobs.pipeline import TakeLabeller
 from ..blobs.subject import Setup
 from ..data.takes import NO_MARKER, Blobs, Labels, Motion
 from ..geometry.cameras import Cameras
@@ -22,19 +22,9 @@ from ..papers.virtual_occlusions.occlusion import Occlusion
 from ..points.several.pipeline import is_prop
 from ..points.several.wearers import SetsWorn
 
-
-@dataclass(frozen=True)
-class HearingOptions:
-    """When a fitted body is heard. Reckoned.
-
-    agreed  share of a subject's names in a chunk that its body by itself must give too; else the set's body does not
-            suit the subject, and the points alone have the say
-    """
-
-    agreed: float = 0.9
-
-
-HEARING = HearingOptions()
+# physical: of a subject's names in a chunk, the share that its body by itself must give too to be heard; else the set's
+# body does not suit the subject, and the points alone have the say.
+AGREED_SHARE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +46,7 @@ class FollowedSubject:
 
     def __init__(self, first: int, setup: Setup):
         self.first, self.size, self.setup = first, setup.model.marker_count, setup
-        self.free, self.held = (TakeLabeller(setup, Options()) for _ in range(2))
+        self.free, self.held = (TakeLabeller(setup) for _ in range(2))
         self.heard = True
 
     def owns(self, labels: Labels) -> np.ndarray:
@@ -66,10 +56,10 @@ class FollowedSubject:
     def alone(self, blobs: Blobs, labels: Labels) -> _Said:
         """What its body says by itself; whether it is heard depends on how many of its names that agrees with."""
         own = self.owns(labels)
-        said = self._said(self.free, blobs, labels, own | ~labels.named, False)
+        said = self._said(self.free, blobs, labels, own | ~labels.named, held=False)
         judged = own & (said.motion.confidence[blobs.frame] > 0)
         same = said.labels.marker[judged] == labels.marker[judged]
-        self.heard = not judged.any() or bool(same.mean() >= HEARING.agreed)
+        self.heard = not judged.any() or bool(same.mean() >= AGREED_SHARE)
         return said
 
     def agreeing(self, blobs: Blobs, labels: Labels, alone: _Said) -> np.ndarray:
@@ -82,24 +72,26 @@ class FollowedSubject:
 
         It is looked for anew in every chunk, as few have such blobs.
         """
-        among = self.owns(labels) | ~labels.named | others
-        return self._heard(self._said(TakeLabeller(self.setup, Options()), blobs, labels, among, True))
+        return self._said(TakeLabeller(self.setup), blobs, labels, self.owns(labels) | ~labels.named | others)
 
     def reading(self, blobs: Blobs, labels: Labels) -> _Said:
-        """What its body says of its own blobs and nobody's, held by its names; nothing where it is not heard."""
-        return self._heard(self._said(self.held, blobs, labels, self.owns(labels) | ~labels.named, True))
+        """What its body says of its own blobs and nobody's, held by its names."""
+        return self._said(self.held, blobs, labels, self.owns(labels) | ~labels.named)
 
-    def _heard(self, said: _Said) -> _Said:
-        return said if self.heard else replace(said, labels=Labels.none(len(said.labels.marker)))
+    def _said(
+        self, labeller: TakeLabeller, blobs: Blobs, labels: Labels, among: np.ndarray, held: bool = True
+    ) -> _Said:
+        """What one of its bodies says of the blobs that it is to be found `among` (N,); nothing where it is not heard.
 
-    def _said(self, labeller: TakeLabeller, blobs: Blobs, labels: Labels, among: np.ndarray, held: bool) -> _Said:
-        """What one of its bodies says of the blobs that it is to be found `among` (N,)."""
+        What the body by itself says shows whether it is.
+        """
         rows = np.flatnonzero(among)
         seeds = np.where(self.owns(labels), labels.marker - self.first, NO_MARKER)[rows] if held else None
         chunk = labeller.label(blobs.part(slice(0, len(blobs.frames)), rows), seeds)
         found, named = Labels.none(len(blobs)), chunk.labels.named
-        found.marker[rows] = np.where(named, chunk.labels.marker + self.first, NO_MARKER)
-        found.step[rows], found.confidence[rows] = chunk.labels.step, chunk.labels.confidence
+        if not held or self.heard:
+            found.marker[rows] = np.where(named, chunk.labels.marker + self.first, NO_MARKER)
+            found.step[rows], found.confidence[rows] = chunk.labels.step, chunk.labels.confidence
         return _Said(found, chunk.motion, self.first)
 
 
@@ -128,17 +120,16 @@ class FollowedSubjects:
         if not self.subjects:
             return labels
         alone = [one.alone(blobs, labels) for one in self.subjects]
-        judged = np.any([one.owns(labels) for one in self.subjects], axis=0)
-        agreed = ~judged
+        kept = ~np.any([one.owns(labels) for one in self.subjects], axis=0)
         for one, own in zip(self.subjects, alone, strict=True):
-            agreed |= one.agreeing(blobs, labels, own)
-        agreed = labels.kept(agreed)
+            kept |= one.agreeing(blobs, labels, own)
+        agreed = labels.kept(kept)
         agreed = agreed.kept(~self._contested(blobs, agreed, alone))
-        said = [one.reading(blobs, agreed) for one in self.subjects]
-        claims = np.sum([one.labels.named & ~agreed.named for one in said], axis=0)
+        readings = [one.reading(blobs, agreed) for one in self.subjects]
+        claims = np.sum([said.labels.named & ~agreed.named for said in readings], axis=0)
         whole = agreed
-        for one in said:
-            whole = whole.replaced(one.labels.named & (claims == 1), one.labels)
+        for said in readings:
+            whole = whole.replaced(said.labels.named & (claims == 1), said.labels)
         return whole
 
     def _contested(self, blobs: Blobs, agreed: Labels, alone: Sequence[_Said]) -> np.ndarray:

@@ -7,7 +7,6 @@ it needs of two people's blobs, and the rest looks like ghosts, but two leave as
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,20 +22,6 @@ from ..reconstruction.trajectories import RECONSTRUCTION
 
 FIRST = 4  # frames of a take's beginning, whose points are counted before any is named, in 0.1 s
 MOST_FRAMES = 12  # that are looked at, spread over the take
-
-
-@dataclass(frozen=True)
-class SeekingOptions:
-    """Where a take may show two.
-
-    left  physical: blobs without a name in a frame, as a share of those with one, that may be somebody else's: two have
-          as many, and one of them hides half of the other's
-    """
-
-    left: float = 0.5
-
-
-SEEKING = SeekingOptions()
 
 
 def refuse_two(read: Callable[[], Iterable[Blobs]], cameras: Cameras, model: Model):
@@ -68,7 +53,8 @@ class OtherSubjects:
         if chunk is not None:
             named = np.bincount(blobs.frame[chunk.labels.named], minlength=count)
             left = np.bincount(blobs.frame[~chunk.labels.named], minlength=count)
-            crowded, residual = (left >= SEEKING.left * named) & (left > 0), chunk.motion.residual_px
+            # Two have as many blobs, and one of them hides half of the other's.
+            crowded, residual = (left >= REFUSAL.min_half * named) & (left > 0), chunk.motion.residual_px
         for index in range(-self.frames % self.stride, count, self.stride):
             one = blobs.part(slice(index, index + 1), rows_in_frame(blobs, index)) if crowded[index] else None
             self.kept.append(one)

@@ -14,7 +14,7 @@ from ..reconstruction.trajectories import Reconstructor, TrajectorySpans
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class PointsOfChunk:
     """The points of a chunk of so many frames, from frame `first` of the take on: rows (Q,) as `PointsOfBlobs.kind`."""
 
     first: int
@@ -36,22 +36,21 @@ class PointsOfBlobs:
         row = [("frame", "<i4"), ("trajectory", "<i4"), ("xyz", "<f4", 3), ("residual", "<f4")]
         self.kind = np.dtype([*row, ("blobs", "<i4", len(cameras))])
         self.spans = TrajectorySpans()
-        self.parts: list[_Part] = []
-        self.place: np.ndarray | None = None
-        self.lanes: Lanes | None = None
+        self.parts: list[PointsOfChunk] = []
+        # Of each trajectory the place among those of the take, -1 where it is none; and the lanes of these.
+        self.place, self.lanes = np.zeros(0, int), Lanes.each(0, 0)
 
     def add(self, blobs: Blobs):
         """Adds the next chunk of the take. Raises JobError where a frame has more blobs than any capture."""
         made = self.reconstructor.reconstruct(blobs)
         rows = np.empty(len(made.points), self.kind)
-        values = self.frames + made.frame, made.trajectory, made.points, made.residual, made.rows
-        for name, column in zip(self.kind.names, values, strict=True):
-            rows[name] = column
+        rows["frame"], rows["trajectory"] = self.frames + made.frame, made.trajectory
+        rows["xyz"], rows["residual"], rows["blobs"] = made.points, made.residual, made.rows
         self.spans.note(made.trajectory, rows["frame"])
         table = self.make_table(rows.shape, self.kind) if len(rows) else rows
         table[:] = rows
         self.first_frame = self.first_frame if self.parts else int(blobs.frames[0])
-        self.parts.append(_Part(self.frames, len(blobs.frames), table))
+        self.parts.append(PointsOfChunk(self.frames, len(blobs.frames), table))
         self.frames += len(blobs.frames)
 
     def take(self) -> Points:
@@ -77,15 +76,14 @@ class PointsOfBlobs:
         part = self.parts[index]
         rows, lane = self._lasting(part)
         own = labels[part.first : part.first + part.frames][rows["frame"] - part.first, lane]
-        found = Labels.none(blobs)
         point, camera = np.nonzero((rows["blobs"] >= 0) & own.named[:, None])
-        at = rows["blobs"][point, camera]
+        found, at = Labels.none(blobs), rows["blobs"][point, camera]
         found.marker[at], found.step[at], found.confidence[at] = (
             column[point] for column in (own.marker, own.step, own.confidence)
         )
         return found
 
-    def _lasting(self, part: _Part) -> tuple[np.ndarray, np.ndarray]:
+    def _lasting(self, part: PointsOfChunk) -> tuple[np.ndarray, np.ndarray]:
         """The points of a chunk that are in the take, and their lanes."""
         rows = part.rows[:]
         place = self.place[rows["trajectory"]]

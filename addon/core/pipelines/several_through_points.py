@@ -6,7 +6,7 @@ are looked at twice, and never held. In the images all bodies are in the way: on
 fitted to each subject then names what too few cameras see for a point (`fitted_subjects`).
 """
 
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
 from time import perf_counter
 
@@ -93,7 +93,8 @@ class SubjectsInImages:
         motion = beside(each)
         given = self.points.named(index, said.labels, len(blobs))
         hidden = hidden_by_any(self.bodies, each, motion.markers, self.cameras.centres)
-        checked = given.kept(self._borne_out(blobs, given, motion, hidden, _subject(each)))
+        subject = np.repeat(np.arange(len(each)), [one.markers.shape[1] for one in each])
+        checked = given.kept(self._borne_out(blobs, given, motion, hidden, subject))
 
         labels = fitted.read(blobs, checked)
         there = np.isfinite(motion.markers).all(axis=2)
@@ -156,11 +157,6 @@ class SubjectsInImages:
             images = self.cameras.select([index]).project(points[own])[0]
             off[own] = np.linalg.norm(images - blobs.xy[rows[own]], axis=1)
         return off
-
-
-def _subject(each: Sequence[Motion]) -> np.ndarray:
-    """(M,) whose each marker is."""
-    return np.repeat(np.arange(len(each)), [one.markers.shape[1] for one in each])
 
 
 def label_several_blobs(

@@ -74,10 +74,11 @@ def _labelled(
         words = f"no subject that wears {model.markerset.name} was recognised"
         suspects = (Suspect(int(frames[0]), int(frames[-1]), words),)
     for index, (blobs, part) in enumerate(zip(window, points.parts, strict=True)):
-        labels = unedited = nothing = Labels.none(len(blobs))
+        nothing = Labels.none(len(blobs))
+        labels, unedited = nothing, None if found else nothing
         if found is not None:
             labels = points.named(index, found.labels, len(blobs))
-            unedited = None if found.unedited is None else points.named(index, found.unedited, len(blobs))
+            unedited = found.unedited and points.named(index, found.unedited, len(blobs))
         here = motion.part(slice(part.first, part.first + part.frames))
         here = measured_again(here, blobs, nothing, labels, cameras)
         own = tuple(one for one in suspects if blobs.frames[0] <= one.first <= blobs.frames[-1])

@@ -31,10 +31,6 @@ class Renaming:
     order: np.ndarray
     yaw: float
 
-    def widened(self) -> "Renaming":
-        """The same for a set with one more marker, which stays what it is."""
-        return Renaming(self.kind, np.append(self.order, len(self.order)), self.yaw)
-
     @property
     def moved(self) -> np.ndarray:
         """(N,) the markers that change their points."""

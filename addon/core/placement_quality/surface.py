@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Places for markers on a body: around a marker along the surface of its segment, and all over a segment."""
+"""Places for markers on a body: around a marker along the surface of its segment."""
 
 import numpy as np
 
 from ..data.markersets import MarkerSet
 from ..papers.virtual_occlusions.occlusion import CapsuleOcclusion
 
-PLACES_AROUND, PLACE_ROWS = 8, 3  # places around a marker or a capsule, and rows along it, that are tried
+PLACES_AROUND = 8  # places around a marker that are tried
 # Heights, of two rings of cameras around the body, as they hang in a room.
 CAMERA_RING_HEIGHTS, CAMERA_RING_RADIUS = (0.5, 1.2), 3.0
 MIN_SEEN_SHARE = 0.45  # of the cameras that should see a marker; a convex body hides half
@@ -38,21 +38,27 @@ def nearby(markerset: MarkerSet, marker: int, distance: float) -> np.ndarray:
 
 
 def _nearby(markerset: MarkerSet, marker: int, distance: float) -> np.ndarray:
+    """All of them, around the capsule that the marker is nearest to."""
     own = markerset.offsets[marker]
     mine = np.flatnonzero(markerset.capsules.segment == markerset.attachment[marker])
     if not len(mine):
         return own + distance * np.concatenate([np.eye(3), -np.eye(3)])
-    starts, axes = _axes(markerset, mine)
+    capsules = markerset.capsules
+    starts, axes = capsules.start[mine], capsules.end[mine] - capsules.start[mine]
     share = np.clip(((own - starts) * axes).sum(axis=1) / np.maximum((axes**2).sum(axis=1), 1e-12), 0, 1)
     away = own - starts - share[:, None] * axes
-    nearest = int((np.linalg.norm(away, axis=1) - markerset.capsules.radius[mine]).argmin())
+    nearest = int((np.linalg.norm(away, axis=1) - capsules.radius[mine]).argmin())
     start, axis = starts[nearest], axes[nearest]
     length = max(np.linalg.norm(axis), 1e-9)
     along = axis / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
     height = float((own - start) @ along)
     out = own - start - height * along
     radius = max(np.linalg.norm(out), MIN_RADIUS)
-    first, second = _across(along, out)
+    if np.linalg.norm(out) < 1e-9:  # on the axis: any direction across will do
+        out = np.eye(3)[np.abs(along).argmin()]
+        out = out - (out @ along) * along
+    first = out / np.linalg.norm(out)
+    second = np.cross(along, first)
     up, aside = _circle(PLACES_AROUND).T
     heights, turns = height + distance * up, distance * aside / radius
     low, high = min(height, -CAPSULE_END * length), max(height, (1 + CAPSULE_END) * length)
@@ -61,35 +67,7 @@ def _nearby(markerset: MarkerSet, marker: int, distance: float) -> np.ndarray:
     return (start + heights[:, None] * along + radius * ring)[on]
 
 
-def all_over(markerset: MarkerSet, segment: int) -> np.ndarray:
-    """(N, 3) places on the capsules of a segment that are well seen, in its axes, heights."""
-    mine = np.flatnonzero(markerset.capsules.segment == segment)
-    places = [np.zeros((0, 3))]
-    along, across = _circle(PLACES_AROUND).T
-    shares = np.linspace(CAPSULE_END, 1 - CAPSULE_END, PLACE_ROWS)
-    for start, axis, radius in zip(*_axes(markerset, mine), markerset.capsules.radius[mine], strict=True):
-        length = np.linalg.norm(axis)
-        first, second = _across(axis / length if length > 1e-6 else np.array([0.0, 0.0, 1.0]), np.zeros(3))
-        ring = along[:, None] * first + across[:, None] * second
-        places += [start + share * axis + radius * ring for share in shares]
-    every = np.concatenate(places)
-    return every[in_view(markerset, segment, every) >= MIN_SEEN_SHARE] if len(every) else every
-
-
 def _circle(count: int) -> np.ndarray:
     """(count, 2) points around a circle of radius 1."""
     angle = 2 * np.pi * np.arange(count) / count
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
-
-
-def _axes(markerset: MarkerSet, capsules: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    return markerset.capsules.start[capsules], markerset.capsules.end[capsules] - markerset.capsules.start[capsules]
-
-
-def _across(along: np.ndarray, out: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two directions across an axis, the first the one that `out` has, if it has any."""
-    if np.linalg.norm(out) < 1e-9:
-        out = np.eye(3)[np.abs(along).argmin()]
-        out = out - (out @ along) * along
-    first = out / np.linalg.norm(out)
-    return first, np.cross(along, first)

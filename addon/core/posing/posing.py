@@ -163,7 +163,7 @@ def _pose_in_steps(
     `count` is called with the number of frames times the steps that they were moved on by; what it says is yielded.
     """
     stiff = BodyModel(baked(model, subject))
-    held = _Held(Prior(stiff, prior.strength, height=prior.height), slice(6, PLACEMENT))
+    held = _Held(Prior(stiff, height=prior.height), slice(6, PLACEMENT))
     keys = np.unique(np.append(np.arange(0, len(points), KEY_STRIDE), len(points) - 1))
     start = replace(aligned(stiff, points[keys], prior), scale=np.repeat(subject.scale, len(keys), axis=0))
     posed = yield from _fit_batches(stiff, start, points[keys], held, FAR_STEPS, count)

@@ -46,7 +46,6 @@ class Links:
     length: np.ndarray
     missing: np.ndarray
     begun: int
-    options: LinkingOptions = LINKING
 
     @classmethod
     def at(cls, rate: float) -> "Links":
@@ -61,7 +60,7 @@ class Links:
     def _reach(self) -> np.ndarray:
         """(N,) m, how far from there a point may be and still be of the trajectory."""
         seconds = (1 + self.missing) / self.rate
-        start = np.where(self.length < 2, self.options.max_start_m_s * seconds, 0)
+        start = np.where(self.length < 2, LINKING.max_start_m_s * seconds, 0)
         # No blob is farther from where its marker is expected; twice of it exchanges trajectories.
         return np.minimum(MARKER_LIMITS.reach_m(seconds) + start, Rules.max_distance_m)
 
@@ -74,7 +73,7 @@ class Links:
         numbers = np.full(len(points), -1)
         numbers[new] = self.number[old]
         step = (points[new] - self.points[old]) / (1 + self.missing[old])[:, None]
-        share = np.where(self.length[old] < 2, 1.0, self.options.velocity_share)[:, None]
+        share = np.where(self.length[old] < 2, 1.0, LINKING.velocity_share)[:, None]
         self.velocity[old] += share * (step - self.velocity[old])
         self.points[old] = points[new]
         self.length[old] += 1
@@ -82,7 +81,7 @@ class Links:
         self.missing[old] = 0
         fresh = np.flatnonzero(numbers < 0)
         numbers[fresh] = self.begun + np.arange(len(fresh))
-        self._keep(self.missing <= max(self.options.max_gap_s * self.rate, 2))
+        self._keep(self.missing <= max(LINKING.max_gap_s * self.rate, 2))
         self._begin(points[fresh], numbers[fresh])
         return numbers
 
@@ -100,11 +99,11 @@ class Links:
 
     def _around(self, points: np.ndarray) -> np.ndarray:
         """(Q, 3) m a frame: how the trajectories around points move, nearer ones counting more."""
-        known = self.length >= self.options.settled_points
+        known = self.length >= LINKING.settled_points
         if not known.any() or not len(points):
             return np.zeros((len(points), 3))
         distance = np.linalg.norm(points[:, None] - self.points[known], axis=2)
-        weight = np.maximum(1 - distance / self.options.neighbour_m, 0) ** 4
+        weight = np.maximum(1 - distance / LINKING.neighbour_m, 0) ** 4
         return weight @ self.velocity[known] / np.maximum(weight.sum(axis=1, keepdims=True), 1e-9)
 
 

@@ -99,15 +99,8 @@ class FramePoints:
 class FrameMatcher:
     """One frame's blobs, ready to be matched."""
 
-    def __init__(
-        self,
-        view: View,
-        sight: Sight,
-        size: np.ndarray,
-        circumstances: Circumstances,
-        options: MatchingOptions = MATCHING,
-    ):
-        self.view, self.sight, self.size, self.options = view, sight, size, options
+    def __init__(self, view: View, sight: Sight, size: np.ndarray, circumstances: Circumstances):
+        self.view, self.sight, self.size = view, sight, size
         self.pixel, self.seen, self.ghosts = circumstances.pixel, circumstances.seen, circumstances.ghosts
         self.rays = Rays(view, sight)
         self.cameras = np.arange(len(view.real))
@@ -122,7 +115,7 @@ class FrameMatcher:
         if len(expected.points):
             found.append(self._choose(self._pairs_near(expected), expected, []))
         found.append(self._choose(self._free_pairs(), expected, found))
-        return _not_alone(joined(found), self.options.max_alone_m)
+        return _not_alone(joined(found))
 
     def _pairs_near(self, expected: Expected) -> tuple[np.ndarray, np.ndarray]:
         """Pairs of blobs in different cameras that both lie where the same point is expected."""
@@ -173,7 +166,7 @@ class FrameMatcher:
         taken = [part.points for part in before]
         chosen = []
         for _ in range(CHOOSING_ROUNDS):
-            winners = left.winners(taken, self.options)
+            winners = left.winners(taken)
             if not winners.any():
                 break
             chosen.append(left.pick(winners).points_of(self))
@@ -242,7 +235,7 @@ class _Hypotheses:
         across = frame.rays.across[frame.cameras[:, None], np.maximum(slots.T, 0)]
         normal = np.einsum("cq,cqij->qij", precision, across)
         curvature = np.linalg.eigvalsh(normal)
-        sharp = np.isfinite(met.residual) & (curvature[:, 0] > frame.options.max_blur_m**-2)
+        sharp = np.isfinite(met.residual) & (curvature[:, 0] > MATCHING.max_blur_m**-2)
         miss = met.miss / metres
         area = frame.size.prod(axis=1)
         # One ray of a marker against one ghost somewhere in the image, and a camera that looks and sees nothing.
@@ -251,7 +244,7 @@ class _Hypotheses:
         score = np.where(seen, gain, np.where(watching, np.log(1 - frame.seen), 0)).sum(axis=0)
         # The point may be anywhere in the room: what three unknowns make of any rays says nothing.
         cell = (2 * np.pi) ** 1.5 / np.sqrt(np.maximum(curvature, 1e-3).prod(axis=1))
-        room = frame.options.room_m3
+        room = MATCHING.room_m3
         score += np.log(np.minimum(cell / room, 1)) + _familiarity(met.points, expected, room)
         kept = sharp & (score > 0)
         return cls(slots[kept], met.points[kept], met.residual[kept], miss[:, kept], score[kept])
@@ -264,7 +257,7 @@ class _Hypotheses:
         squares = (self.miss**2).sum(axis=0) * frame.pixel**2
         return FramePoints(self.points, self.slots, self.residual, squares, _watching(frame, self.points).sum(axis=0))
 
-    def winners(self, taken: list[np.ndarray], options: MatchingOptions) -> np.ndarray:
+    def winners(self, taken: list[np.ndarray]) -> np.ndarray:
         """(Q,) those that are likelier than every other one that needs one of their blobs, or the same place."""
         count = len(self.slots)
         if not count:
@@ -273,14 +266,14 @@ class _Hypotheses:
         rank = np.empty(count, int)
         rank[order] = np.arange(count)
         shares = self._shared()
-        near = _near(self.points, self.points, options.min_distance_m)
+        near = _near(self.points, self.points)
         first = ~((shares | near) & (rank[None] < rank[:, None])).any(axis=1)
         for points in taken:
-            first &= ~_near(self.points, points, options.min_distance_m).any(axis=1)
+            first &= ~_near(self.points, points).any(axis=1)
         thin = (self.slots >= 0).sum(axis=1) == 2
         # Where two rays are all, another partner for either blob must be clearly less likely.
         other = np.where(shares & ~near, self.score[None], -np.inf).max(axis=1, initial=-np.inf)
-        return first & (~thin | (self.score - other > options.min_lead))
+        return first & (~thin | (self.score - other > MATCHING.min_lead))
 
     def _shared(self) -> np.ndarray:
         """(Q, Q) whether two sets have a blob in common."""
@@ -320,13 +313,13 @@ def joined(parts: list[FramePoints]) -> FramePoints:
     return FramePoints(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
 
 
-def _not_alone(points: FramePoints, max_distance: float) -> FramePoints:
+def _not_alone(points: FramePoints) -> FramePoints:
     """The points less those of two rays that are far from all better ones: reflections that stay where they are."""
     sure = points.support >= 3
     if sure.sum() < 3:
         return points
     offset = points.points[:, None] - points.points[sure]
-    near = np.einsum("qni,qni->qn", offset, offset).min(axis=1) < max_distance**2
+    near = np.einsum("qni,qni->qn", offset, offset).min(axis=1) < MATCHING.max_alone_m**2
     return FramePoints(*(getattr(points, name)[near] for name in vars(points)))
 
 
@@ -346,10 +339,10 @@ def _familiarity(points: np.ndarray, expected: Expected, room: float) -> np.ndar
     return np.maximum(np.log(room / ((2 * np.pi) ** 1.5 * spread**3)) - square / 2, 0).max(axis=1)
 
 
-def _near(first: np.ndarray, second: np.ndarray, min_distance: float) -> np.ndarray:
+def _near(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """(Q, N) which points are too close together to be two markers; never a point and itself."""
     offset = first[:, None] - second
-    near = np.einsum("qni,qni->qn", offset, offset) < min_distance**2
+    near = np.einsum("qni,qni->qn", offset, offset) < MATCHING.min_distance_m**2
     if first is second:
         np.fill_diagonal(near, False)
     return near

@@ -115,10 +115,10 @@ def reconstruct_take(chunks: Iterable[Blobs], cameras: Cameras, rate: float = 10
 class Reconstructor:
     """Reconstructs the chunks of one take in their order; between them it keeps the trajectories' ends."""
 
-    def __init__(self, cameras: Cameras, rate: float, options: ReconstructionOptions = RECONSTRUCTION):
-        self.cameras, self.sight, self.links, self.options = cameras, Sight(cameras), Links.at(rate), options
-        ghosts = np.full(len(cameras), options.first_ghosts)
-        self.circumstances = Circumstances(Rules.pixel, options.first_seen, ghosts)
+    def __init__(self, cameras: Cameras, rate: float):
+        self.cameras, self.sight, self.links = cameras, Sight(cameras), Links.at(rate)
+        ghosts = np.full(len(cameras), RECONSTRUCTION.first_ghosts)
+        self.circumstances = Circumstances(Rules.pixel, RECONSTRUCTION.first_seen, ghosts)
         self.learned = False
 
     def reconstruct(self, blobs: Blobs) -> Reconstructed:
@@ -126,19 +126,16 @@ class Reconstructor:
         views = split_views(blobs, self.cameras)
         if not self.learned:
             self._learn_first(views)
-        linked = [self._linked(view) for view in views]
-        found, numbers = [points for points, _ in linked], [number for _, number in linked]
-        self._learn(views, found, self.options.new_share)
+        found, numbers = [], []
+        for view in views:
+            found.append(self._match(view, self.links.expected()))
+            numbers.append(self.links.link(found[-1].points))
+        self._learn(views, found, RECONSTRUCTION.new_share)
         counts = [len(points.points) for points in found]
-        columns = {name: np.concatenate([getattr(points, name) for points in found]) for name in ("points", "residual")}
-        rows = np.concatenate([_rows(view, points) for view, points in zip(views, found, strict=True)])
+        points, residual = (np.concatenate([getattr(one, name) for one in found]) for name in ("points", "residual"))
+        rows = np.concatenate([_rows(view, one) for view, one in zip(views, found, strict=True)])
         frame, trajectory = np.repeat(np.arange(len(views)), counts), np.concatenate(numbers)
-        return Reconstructed(blobs.frames, frame, trajectory, rows=rows, pixel=self.circumstances.pixel, **columns)
-
-    def _linked(self, view: View) -> tuple[FramePoints, np.ndarray]:
-        """The points of the next frame and the numbers of their trajectories."""
-        points = self._match(view, self.links.expected())
-        return points, self.links.link(points.points)
+        return Reconstructed(blobs.frames, frame, trajectory, points, residual, rows, self.circumstances.pixel)
 
     def _match(self, view: View, expected: Expected) -> FramePoints:
         if not view.count:
@@ -155,15 +152,17 @@ class Reconstructor:
 
     def _learn(self, views: list[View], found: list[FramePoints], share: float) -> bool:
         """Moves what is believed of the capture by `share` towards what these frames show; whether they could."""
-        support = np.concatenate([points.support for points in found]) if found else np.zeros(0, int)
-        squares = np.concatenate([points.squares for points in found]) if found else np.zeros(0)
-        watching = np.concatenate([points.watching for points in found]) if found else np.zeros(0)
+        if not found:
+            return False
+        support, squares, watching = (
+            np.concatenate([getattr(points, name) for points in found]) for name in ("support", "squares", "watching")
+        )
         pixel = _pixel_noise(squares, support)
         if not np.isfinite(pixel):
             return False
         blobs = np.sum([view.real.sum(axis=1) for view in views], axis=0)
         used = np.sum([(points.slots >= 0).sum(axis=0) for points in found], axis=0)
-        old, options = self.circumstances, self.options
+        old, options = self.circumstances, RECONSTRUCTION
         many = support >= 3
         seen = np.clip(support[many].sum() / max(watching[many].sum(), 1), options.min_seen, options.max_seen)
         self.circumstances = replace(

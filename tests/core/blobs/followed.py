@@ -25,10 +25,11 @@ def walk():
 
 
 def followed():
-    """The walk, its setup and views, and its frames as followed from the first; the names are the caller's own."""
+    """The walk, its setup and views, and its frames by index as followed; the names are the caller's own."""
     scene = walk()
     setup, views, results = _followed()
-    return scene, setup, views, [replace(result, naming=_copied(result.naming)) for result in results]
+    copies = [replace(result, naming=_copied(result.naming)) for result in results]
+    return scene, setup, views, dict(enumerate(copies))
 
 
 @cache
@@ -64,7 +65,7 @@ def wrong_names(scene, views, results):
     """(F,) how many blobs of each frame have a name that is not theirs."""
     names = [*scene.markerset.markers]
     count = []
-    for view, result in zip(views, results, strict=True):
+    for view, result in zip(views, results.values(), strict=True):
         camera, marker = np.nonzero(result.naming.slot >= 0)
         truth = scene.truth[view.row[camera, result.naming.slot[camera, marker]]]
         count.append(sum(names[m] not in text.split("|") for m, text in zip(marker, truth, strict=True)))

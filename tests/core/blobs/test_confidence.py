@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from addon.core.blobs.confidence import label_confidences, swap_doubts
+from addon.core.blobs.confidence import CONFIDENCE, named_confidences, swap_doubts
 from addon.core.blobs.swaps import Swaps
 from addon.core.data.takes import EXCLUSIVE
 from addon.core.geometry.views import Sight, split_views
@@ -31,7 +31,7 @@ def one_blob(rival_at, visible=True, taken=False):
     naming.give(np.array([0]), np.array([0]), np.array([0]), EXCLUSIVE)
     if taken:
         naming.give(np.array([0]), np.array([1]), np.array([1]), EXCLUSIVE)
-    return label_confidences(naming, np.array([0]), np.array([0]))[0]
+    return named_confidences(naming, CONFIDENCE)[0, 0]
 
 
 def test_twins_are_even_and_strangers_certain():
@@ -67,7 +67,7 @@ def test_wrong_labels_are_less_sure_than_right_ones():
         expected = expect_at(points + generator.normal(0, 0.01, points.shape), 0.01)
         naming = name_markers(split_views(blobs_at(pixels), RIG)[0], SIGHT, expected, Rules())
         camera, marker = np.nonzero(naming.slot >= 0)
-        sure = label_confidences(naming, camera, marker)
+        sure = named_confidences(naming, CONFIDENCE)[camera, marker]
         for c, m, chance in zip(camera, marker, sure, strict=True):
             (right if rows[c][naming.slot[c, m]] == m else wrong).append(chance)
     assert len(wrong) < 0.05 * len(right)

@@ -11,12 +11,12 @@ FRAMES = range(30, 38)
 
 
 def slots(results):
-    return [result.naming.slot.copy() for result in results]
+    return [result.naming.slot.copy() for result in results.values()]
 
 
 def seen_by(results, marker: int) -> int:
     """A camera that names the marker in all of FRAMES and a dozen around them, as others do."""
-    named = np.array([(result.naming.rays >= 0)[:, marker] for result in results])[20:50]
+    named = np.array([(result.naming.rays >= 0)[:, marker] for result in results.values()])[20:50]
     assert named.sum(axis=1).min() >= 3
     return int(np.flatnonzero(named.all(axis=0))[0])
 

@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core.blobs.arms import HELD, with_arms_held
 from addon.core.blobs.jointly import hypotheses_of, name_jointly
-from addon.core.blobs.search import Hints, find_subject
+from addon.core.blobs.search import HELD, Hints, find_subject, with_arms_held
 from addon.core.blobs.subject import Setup
 from addon.core.body.bodies import BodyModel
 from addon.core.geometry.views import Sight
@@ -72,7 +71,7 @@ def test_every_marker_and_every_blob_is_used_once():
         used = slots[slots >= 0]
         assert len(np.unique(used)) == len(used)
         assert (naming.owner[camera, used] == np.flatnonzero(slots >= 0)).all()
-    found = hypotheses_of(frame, frame.expected)
+    found = hypotheses_of(frame)
     assert (found.gain > 0).all() and ((found.slot >= 0).sum(axis=1) >= 1).all()
 
 

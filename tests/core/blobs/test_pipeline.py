@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from addon.core.blobs.pipeline import Options, label_take
-from addon.core.blobs.search import Hints
+from addon.core.blobs.pipeline import label_take
+from addon.core.blobs.search import NO_HINTS, Hints
 from addon.core.blobs.subject import TIMED_STAGES
 from addon.core.data.errors import JobError
 from addon.core.data.takes import NO_MARKER, NO_STEP
@@ -32,10 +32,10 @@ def walk(name="gait15"):
 class Outcome:
     """All chunks of a labelled take as one, row for row with the blobs that were given."""
 
-    def __init__(self, scene, kept=None, size=1000, options=None, rig=RIG):
+    def __init__(self, scene, kept=None, size=1000, hints=NO_HINTS, rig=RIG):
         self.rows = np.flatnonzero(np.ones(len(scene.blobs), dtype=bool) if kept is None else kept)
         blobs = keep(scene.blobs, self.rows)
-        self.chunks = list(label_take(cut(blobs, size), rig, scene.markerset, RATE, options))
+        self.chunks = list(label_take(cut(blobs, size), rig, scene.markerset, RATE, hints))
         firsts = range(0, len(blobs.frames), size)
         order = np.concatenate([np.flatnonzero((blobs.frame >= a) & (blobs.frame < a + size)) for a in firsts])
         self.marker, self.step, self.confidence = (
@@ -207,7 +207,7 @@ def test_a_facing_hint_is_for_the_beginning_only():
     acts = [Act(0.3), Act(1.5, stride=0.9), Act(1.2, stride=0.4, turn=np.pi), Act(1.5)]
     scene = act(built_in("gait15"), RIG, acts, seed=3, options=ROOM)
     frame = scene.blobs.frame
-    whole = Outcome(scene, (frame < 150) | (frame >= 200), options=Options(Hints(None, 0.0)))
+    whole = Outcome(scene, (frame < 150) | (frame >= 200), hints=Hints(None, 0.0))
     assert whole.wrong <= 5
 
 

@@ -42,7 +42,7 @@ def true_naming(scene, found):
 def fitted(scene, setup, found, naming):
     subject = without_own(found.subject, setup)
     prior = Prior(setup.model, upright_sd=0.35)
-    subject, state = refit(scene.views()[0], naming, subject, setup, 4, prior)
+    subject, state = refit(naming, subject, setup, 4, prior)
     return subject, state, prior
 
 
@@ -66,7 +66,7 @@ def test_swapped_neighbours_get_their_names_back(names):
     right = naming.slot.copy()
     swap_names(naming, order_of(scene, *names))
     subject, state, prior = fitted(scene, setup, found, naming)
-    swaps = settle(scene.views()[0], naming, subject, state, setup, prior)
+    swaps = settle(naming, subject, state, setup, prior)
     assert np.array_equal(consistent(naming).slot, right)
     assert swaps.loss.min() >= 0, (swaps.orders[swaps.loss < 0], swaps.loss.min())
 
@@ -91,7 +91,7 @@ def test_neighbours_of_a_marker_that_was_never_put_on_get_their_names_back():
     naming.withdraw(camera, np.array([behind]))
     naming.give(camera, np.array([beside]), slot, EXCLUSIVE)
     subject, state, prior = fitted(scene, setup, found, naming)
-    settle(view, naming, subject, state, setup, prior)
+    settle(naming, subject, state, setup, prior)
     right[camera, behind] = -1
     assert np.array_equal(consistent(naming).slot[:, [absent, beside, behind]], right[:, [absent, beside, behind]])
 
@@ -117,7 +117,7 @@ def test_a_name_that_the_body_would_not_expect_is_withdrawn(far):
     haunted.give(pair, np.full(2, marker), slots, EXCLUSIVE)
     assert haunted.meeting.residual[marker] < 1e-6
     prior = Prior(setup.model, upright_sd=0.35)
-    subject, state = refit(view, haunted, without_own(found.subject, setup), setup, 4, prior)
+    subject, state = refit(haunted, without_own(found.subject, setup), setup, 4, prior)
     withdraw_unexpected(haunted, state, subject, setup)
     assert (consistent(haunted).slot[:, marker] == -1).all()
     kept = (haunted.slot >= 0).sum() / (naming.slot >= 0).sum()

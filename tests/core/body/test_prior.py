@@ -35,17 +35,17 @@ def some_bodies(model: BodyModel, seed: int, count: int = 3) -> Bodies:
 
 
 @settings(max_examples=20, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), strength=st.floats(0.1, 10))
-def test_gradient_is_half_the_slope_of_the_cost(seed, strength):
+@given(seed=st.integers(0, 2**32 - 1))
+def test_gradient_is_half_the_slope_of_the_cost(seed):
     model = BodyModel(toy_markerset())
-    prior = Prior(model, strength, height=1.7, height_sd=0.1, upright_sd=0.2)
+    prior = Prior(model, height=1.7, height_sd=0.1, upright_sd=0.2)
     bodies = some_bodies(model, seed)
     gradient, step = prior.terms(bodies)[1], 1e-6
     for column in range(model.parameters):
         move = np.zeros((len(bodies), model.parameters))
         move[:, column] = step
         slope = (prior.terms(bodies.moved(move))[0] - prior.terms(bodies.moved(-move))[0]) / (2 * step)
-        np.testing.assert_allclose(gradient[:, column], slope / 2, rtol=1e-5, atol=1e-5 * strength)
+        np.testing.assert_allclose(gradient[:, column], slope / 2, rtol=1e-5, atol=1e-5)
 
 
 def test_one_newton_step_reaches_the_least_cost(model):
@@ -83,4 +83,4 @@ def test_options_hold_what_they_say(model):
     held = Prior(model, upright_sd=0.1)
     assert held.terms(leaning)[0] - held.terms(tall)[0] == pytest.approx((np.sin(0.3) / 0.1) ** 2)
     stretched = replace(tall, scale=tall.scale * [1.1, 0.9, 1.0])
-    assert Prior(model, stretch_sd=0.01).terms(stretched)[0] > Prior(model, stretch_sd=0.05).terms(stretched)[0]
+    assert held.terms(stretched)[0] > held.terms(tall)[0] + 1

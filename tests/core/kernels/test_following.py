@@ -65,7 +65,7 @@ def compare(track, view, setup, fixed=None):
         same(numbers_of(one), numbers_of(other))
     for name in ("slot", "step", "owner", "partner", "conflicts"):
         assert (getattr(one.naming, name) == getattr(other.naming, name)).all(), name
-    assert (one.track.unseen == other.track.unseen).all() and one.track.poor == other.track.poor
+    assert (one.track.unseen == other.track.unseen).all() and one.track.lost == other.track.lost
     assert (one.expected.visible == other.expected.visible).all()
     return one
 

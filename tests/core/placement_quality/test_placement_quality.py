@@ -12,7 +12,7 @@ from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from addon.core.placement_quality import advise, judge, marker_layout, separation
 from addon.core.placement_quality.layout import MarkerLayout
 from addon.core.placement_quality.renamings import OTHER_SIDE, Renaming
-from addon.core.placement_quality.surface import all_over, in_view, nearby
+from addon.core.placement_quality.surface import in_view, nearby
 from addon.core.points.likelihood.latent import Latent
 from addon.core.points.likelihood.shape import Shape
 from tests.core.toybody import toy_markerset
@@ -120,19 +120,11 @@ def test_advice_makes_the_worst_pair_clearer_and_nothing_worse(crowded):
     before = judge(crowded)
     assert {before.markers[index] for index in before.worst()[0]} == {"LTHI", "LKNE"}
     [(advice, after)] = advise(crowded, goal=5, steps=1, keep=["LKNE"])
-    assert (advice.kind, advice.marker) == ("move", "LTHI")
+    assert advice.marker == "LTHI"
     assert advice.after > advice.before + 1
     assert "move LTHI on thigh.L by" in advice.in_words(crowded.markerset)
     assert 0.009 < np.linalg.norm(advice.shift(crowded.markerset)) < 0.061
     assert judge(after).total < before.total
-
-
-def test_where_nothing_may_be_moved_a_marker_is_added(crowded):
-    [(advice, after)] = advise(crowded, goal=5, steps=1, keep=crowded.markerset.markers)
-    assert advice.kind == "add"
-    assert len(after.markerset) == len(crowded.markerset) + 1
-    assert after.markerset.markers[-1] == advice.marker
-    assert advice.after > advice.before
 
 
 def test_a_good_set_needs_no_advice_and_two_markers_are_too_few():
@@ -156,6 +148,3 @@ def test_places_that_the_body_hides_are_no_places():
     thigh = toy.skeleton.segments.index("thigh.L")
     outside, inside = in_view(toy, thigh, np.array([[0.0, 0.05, -0.05], [0.0, -0.046, -0.05]]))
     assert outside > 0.5 > inside
-    places = all_over(toy, thigh)
-    assert len(places) > 4
-    assert (in_view(toy, thigh, places) >= 0.45).all()

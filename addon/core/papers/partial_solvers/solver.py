@@ -6,7 +6,7 @@ would follow from it. The paper goes depth first through one frame; this goes th
 level, and finds the same.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,20 +28,14 @@ def newly_judged(classifiers: Classifiers, placed: list[int]) -> np.ndarray:
 class Level:
     """What is looked up when the marker at one depth gets its point.
 
-    pairs    (depth, bounds) of each earlier marker that a two-point classifier judges with it, earlier one first
-    angles   (A, 3) rows of the `sides` of `PartialLabellings`: those of the angle and the third; angle_bounds (2, A) of
-             cosines
-    ratios   (Q, 2) likewise the two lengths; ratio_bounds (2, Q)
-    turns    (U, 5) depths of the three markers, then the two sides; turn_bounds (2, U)
+    pairs  (depth, bounds) of each earlier marker that a two-point classifier judges with it, earlier one first
+    looks  of the three- and four-point classifiers of each kind, what they look up (K, ·) and their bounds (2, K): rows
+           of the `sides` of `PartialLabellings` (of an angle, whose bounds are cosines, those of the angle and the
+           third), before them for turns the depths of the three markers
     """
 
     pairs: list[tuple[int, Bounds]]
-    angles: np.ndarray
-    angle_bounds: np.ndarray
-    ratios: np.ndarray
-    ratio_bounds: np.ndarray
-    turns: np.ndarray
-    turn_bounds: np.ndarray
+    looks: dict[int, tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,23 +124,26 @@ class TreeSearch:
         place = np.full(max(sequence) + 1, 0)
         place[sequence] = np.arange(len(sequence))
         pairs = [(at, self._bounds.get((sequence[at], sequence[depth]))) for at in range(depth)]
-        return Level([(at, bounds) for at, bounds in pairs if bounds], *look_ups(new, place))
+        return Level([(at, bounds) for at, bounds in pairs if bounds], look_ups(new, place))
 
 
-def look_ups(classifiers: Classifiers, place: np.ndarray) -> tuple[np.ndarray, ...]:
+def look_ups(classifiers: Classifiers, place: np.ndarray) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """The three- and four-point classifiers as `Level` has them; place (M,) the depth of each marker."""
-    angles, ratios, turns = (classifiers[classifiers.kind == kind] for kind in (KIND_ANGLE, KIND_RATIO, KIND_TURN))
-    apex, one, other, _ = place[angles.points].T
-    a, b, c, d = place[ratios.points].T
-    pivot, near, far, _ = place[turns.points].T
-    return (
-        np.stack([_side(apex, one), _side(apex, other), _side(one, other)], axis=1),
-        np.stack([np.cos(angles.high) - TOLERANCE, np.cos(angles.low) + TOLERANCE]),
-        np.stack([_side(a, b), _side(c, d)], axis=1),
-        np.stack([ratios.low - TOLERANCE, ratios.high + TOLERANCE]),
-        np.stack([pivot, near, far, _side(pivot, near), _side(pivot, far)], axis=1),
-        np.stack([turns.low - TOLERANCE, turns.high + TOLERANCE]),
-    )
+    found = {}
+    for kind in (KIND_TURN, KIND_ANGLE, KIND_RATIO):
+        some = classifiers[classifiers.kind == kind]
+        a, b, c, d = place[some.points].T
+        low, high = some.low, some.high
+        looked: tuple[np.ndarray, ...]
+        if kind == KIND_TURN:
+            looked = (a, b, c, _side(a, b), _side(a, c))
+        elif kind == KIND_ANGLE:
+            looked = (_side(a, b), _side(a, c), _side(b, c))
+            low, high = np.cos(some.high), np.cos(some.low)
+        else:
+            looked = (_side(a, b), _side(c, d))
+        found[kind] = np.stack(looked, axis=1), np.stack([low - TOLERANCE, high + TOLERANCE])
+    return found
 
 
 def _side(one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -180,37 +177,30 @@ def grow(rows: PartialLabellings, left: np.ndarray, masks: Masks) -> PartialLabe
 def judged(rows: PartialLabellings, level: Level, masks: Masks) -> PartialLabellings:
     """The rows that every three- and four-point classifier of a level accepts.
 
-    A feature that is a fraction is compared with both sides multiplied out; the angle by its cosine.
+    A feature that is a fraction is compared with both sides multiplied out.
     """
+    for kind, (looked, bounds) in level.looks.items():
+        first, size = 0, FIRST_LOOKED
+        while first < len(looked) and len(rows):
+            part = slice(first, first + size)
+            above, below = _fraction(kind, rows, looked[part].T, masks)
+            low, high = bounds[:, part, None]
+            kept = ((above >= low * below) & (above <= high * below)).all(axis=0)
+            rows = rows if kept.all() else rows[kept]
+            first, size = first + size, GROWTH * size
+    return rows
 
-    def angles(rows: PartialLabellings, part: slice) -> tuple[np.ndarray, ...]:
-        one, two, across = (rows.sides[side] for side in level.angles[part].T)
-        return one * one + two * two - across * across, 2.0 * one * two, *level.angle_bounds[:, part, None]
 
-    def ratios(rows: PartialLabellings, part: slice) -> tuple[np.ndarray, ...]:
-        one, two = (rows.sides[side] for side in level.ratios[part].T)
-        return 2.0 * (one - two), one + two, *level.ratio_bounds[:, part, None]
-
-    def turns(rows: PartialLabellings, part: slice) -> tuple[np.ndarray, ...]:
-        pivot, near, far, one, two = level.turns[part].T
+def _fraction(kind: int, rows: PartialLabellings, looked: np.ndarray, masks: Masks) -> tuple[np.ndarray, np.ndarray]:
+    """Numerator and denominator (K, R) of the features of K classifiers; of angles, of their cosines."""
+    if kind == KIND_TURN:
+        pivot, near, far, one, two = looked
         at = masks.clouds.ground[rows.cloud, rows.chosen]
         ab, ac = at[near] - at[pivot], at[far] - at[pivot]
-        across = ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0]
-        return across, rows.sides[one] * rows.sides[two], *level.turn_bounds[:, part, None]
-
-    rows = _sifted(rows, turns, len(level.turns))
-    rows = _sifted(rows, angles, len(level.angles))
-    return _sifted(rows, ratios, len(level.ratios))
-
-
-def _sifted(
-    rows: PartialLabellings, fraction: Callable[[PartialLabellings, slice], tuple[np.ndarray, ...]], count: int
-) -> PartialLabellings:
-    """The rows for which numerator / denominator lies within low and high for all of `count` classifiers."""
-    first, size = 0, FIRST_LOOKED
-    while first < count and len(rows):
-        above, below, low, high = fraction(rows, slice(first, first + size))
-        kept = ((above >= low * below) & (above <= high * below)).all(axis=0)
-        rows = rows if kept.all() else rows[kept]
-        first, size = first + size, GROWTH * size
-    return rows
+        return ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0], rows.sides[one] * rows.sides[two]
+    sides = [rows.sides[side] for side in looked]
+    if kind == KIND_RATIO:
+        one, two = sides
+        return 2.0 * (one - two), one + two
+    one, two, across = sides
+    return one * one + two * two - across * across, 2.0 * one * two

@@ -126,4 +126,4 @@ class _Levels:
         depth = np.zeros(max(self.group) + 1, dtype=np.intp)
         depth[[*members, marker]] = np.arange(len(members) + 1)
         pairs = [(at, self._bounds.get((member, marker))) for at, member in enumerate(members)]
-        return Level([(at, bounds) for at, bounds in pairs if bounds], *look_ups(judges, depth))
+        return Level([(at, bounds) for at, bounds in pairs if bounds], look_ups(judges, depth))

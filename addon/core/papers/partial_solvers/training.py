@@ -120,14 +120,18 @@ class SolverStudy:
         masks = Masks(tables(points[frames]))
         return masks, draw_occlusions(masks, self.options.occlusions, self._generator)
 
-    def survey(self) -> Iterator[Progress]:
+    def survey(self) -> Generator[Progress, None, None]:
         """Goes through all subsets, or through those of each marker's group."""
         whole = self.markers <= MAX_SURVEYED
         groups = [None] if whole else [self._group(own) for own in range(self.markers)]
         found: list[Survey] = []
         for done, group in enumerate(groups):
-            work, span = survey(self.pool, *self._look, group, not whole), np.array([done, done + 1]) / len(groups)
-            found.append((yield from within(work, *span, "surveying partial solvers")))
+            work, first, last = (
+                survey(self.pool, *self._look, group, not whole),
+                done / len(groups),
+                (done + 1) / len(groups),
+            )
+            found.append((yield from within(work, first, last, "surveying partial solvers")))
         self.surveyed = found * self.markers if whole else found
 
     def _group(self, own: int) -> list[int]:
@@ -145,8 +149,8 @@ class SolverStudy:
         self._checked = {}
         found: set[int] = set()
         for own in range(self.markers):
-            span = 0.6 * np.array([own, own + 1]) / self.markers
-            found |= yield from within(self.find(own), *span, "searching partial solvers")
+            first, last = 0.6 * own / self.markers, 0.6 * (own + 1) / self.markers
+            found |= yield from within(self.find(own), first, last, "searching partial solvers")
         solvers = []
         for place, subset in enumerate(sorted(found, key=lambda subset: (subset.bit_count(), subset))):
             solvers.append(self.solver(subset))
@@ -220,11 +224,9 @@ class SolverStudy:
         """(M,) which markers' targets a solver reaches on the frames for checking."""
         if subset not in self._checked:
             markers = searches.members(subset)
-            self._checked[subset] = self._flags(markers, self._judged(markers))
+            search = TreeSearch(markers, self.pool[self.pool.within(markers)])
+            self._checked[subset] = self._flags(markers, self._measured(search))
         return self._checked[subset]
-
-    def _judged(self, markers: list[int]) -> Record:
-        return self._measured(TreeSearch(markers, self.pool[self.pool.within(markers)]))
 
     def _flags(self, markers, record: Record) -> np.ndarray:
         flags = np.zeros(self.markers, dtype=bool)

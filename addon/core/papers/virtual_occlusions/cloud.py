@@ -20,20 +20,9 @@ PARTNERS = 7
 FEW_CAMERAS, NEIGHBOUR_CAMERAS, SURE_SUPPORT = 5, 2, 4
 MAX_CROSSINGS = 4000  # pairs of rays in a frame, the best first; more is a crowd, which would take minutes
 DISTANCES_ONCE = 100_000  # to blobs of a camera that are worked on at once, few enough for the processor's cache
-
-
-@dataclass(frozen=True)
-class CloudOptions:
-    """Which rays meet, and how much is worked on.
-
-    max_gap_m        physical: between two rays of one marker at its depth, most of a marker's size; a point is off its
-                     rays by twice that at most, root mean square, so that chains of near misses make none
-    """
-
-    max_gap_m: float = 0.012
-
-
-CLOUD = CloudOptions()
+# physical: m, between two rays of one marker at its depth, most of a marker's size; a point is off its rays by twice
+# that at most, root mean square, so that chains of near misses make none.
+MAX_GAP_M = 0.012
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +97,7 @@ def _meetings(first, second, camera, direction, origin, sight):
     """Of pairs of rays, those that meet: their indices, mid-points, and the gap as a share of what is allowed."""
     near, far, between, fixed = passing(direction, origin, first, second)
     pixel = near / sight.focal[camera[first]] + far / sight.focal[camera[second]]
-    gap, allowed = np.linalg.norm(between, axis=0), CLOUD.max_gap_m + SIGMAS * pixel / 2
+    gap, allowed = np.linalg.norm(between, axis=0), MAX_GAP_M + SIGMAS * pixel / 2
     kept = fixed & (gap < allowed)
     first, second, middle = first[kept], second[kept], between.T[kept] / 2
     middle += origin[first] + near[kept, None] * direction[first]
@@ -118,15 +107,16 @@ def _meetings(first, second, camera, direction, origin, sight):
 def _members(points: np.ndarray, view: View, sight: Sight) -> np.ndarray:
     """(Q, C) slot of the blob nearest to each point's image where it is near enough, else -1."""
     nearest, metres, depth = nearest_blobs(points, view, sight)
-    allowed = CLOUD.max_gap_m + SIGMAS * depth / sight.focal[:, None]
+    allowed = MAX_GAP_M + SIGMAS * depth / sight.focal[:, None]
     return np.where(metres < allowed, nearest, -1).T
 
 
 def nearest_blobs(points: np.ndarray, view: View, sight: Sight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of points (Q, 3) m the nearest blob's slot in each camera (C, Q), how far off at its depth, and that depth, m."""
     blocks = np.array_split(points, max(1, len(points) * view.image.shape[1] // DISTANCES_ONCE))
-    parts = zip(*(_nearest_of_block(block, view, sight) for block in blocks), strict=True)
-    return tuple(np.concatenate(part, axis=1) for part in parts)
+    parts = [_nearest_of_block(block, view, sight) for block in blocks]
+    nearest, metres, depth = (np.concatenate(part, axis=1) for part in zip(*parts, strict=True))
+    return nearest, metres, depth
 
 
 def _nearest_of_block(points, view, sight) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -143,11 +133,11 @@ def _nearest_of_block(points, view, sight) -> tuple[np.ndarray, np.ndarray, np.n
 
 def _chosen(members: np.ndarray, rays: Rays, claimed: np.ndarray, least: int) -> tuple[np.ndarray, np.ndarray]:
     """The best-supported sets of blobs, and their points; a set that only repeats the blobs of better ones goes."""
+    members = members[(members >= 0).sum(axis=1) >= least]
     seen = members >= 0
     support = seen.sum(axis=1)
-    members, seen, support = (part[support >= least] for part in (members, seen, support))
     met = rays.meet(members.T)
-    fine = np.isfinite(met.residual) & (met.residual < 2 * CLOUD.max_gap_m)
+    fine = np.isfinite(met.residual) & (met.residual < 2 * MAX_GAP_M)
     order = np.lexsort((met.residual, -support))
     everyone = np.arange(len(claimed))
     chosen = []

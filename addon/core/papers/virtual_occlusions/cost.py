@@ -13,7 +13,9 @@ Squares, because Levenberg-Marquardt minimises squares.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -36,7 +38,9 @@ class Pull:
 
 
 class DataPull(ABC):
-    """What some data says to markers, by the compiled library where there is one."""
+    """What some data says to markers, by the compiled library where there is one; `arrays_of` makes it ready."""
+
+    arrays_of: ClassVar[Callable[..., calls.PullOfData]]
 
     def __call__(self, markers: np.ndarray) -> Pull:
         """Of markers (B, M, 3) m."""
@@ -46,9 +50,9 @@ class DataPull(ABC):
     def _by_numpy(self, markers: np.ndarray) -> Pull:
         """The same by NumPy."""
 
-    @abstractmethod
     def compiled(self, bodies: int, markers: int) -> calls.PullOfData:
         """As the compiled library takes it, for so many bodies of so many markers."""
+        return self.arrays_of(self, bodies, markers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +81,7 @@ class BlobPull(DataPull):
         toward = chance @ self.view.image - image * total[..., None]
         return Pull(cost, *_over_cameras(slope, toward.swapaxes(1, 2), total.swapaxes(1, 2)))
 
-    def compiled(self, bodies: int, markers: int) -> calls.PullOfData:
-        """See `DataPull.compiled`."""
-        return calls.blob_arrays(bodies, markers, self.visible, self.view, self.sight, self.softness, self.reach)
+    arrays_of = staticmethod(calls.blob_arrays)
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,9 +106,7 @@ class CloudPull(DataPull):
         gradient = -np.einsum("bmq,bmqi->bmi", share, between)
         return Pull(-2 * (np.log(of_point) * self.weight).sum(axis=1), gradient, total[..., None, None] * np.eye(3))
 
-    def compiled(self, bodies: int, markers: int) -> calls.PullOfData:  # noqa: ARG002 - as the others have it
-        """See `DataPull.compiled`."""
-        return calls.cloud_arrays(self.points, self.weight, self.softness, self.reach)
+    arrays_of = staticmethod(calls.cloud_arrays)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,9 +127,7 @@ class RayPull(DataPull):
         cost = np.einsum("bmci,bmci,bmc->b", toward, toward, 1 / np.where(weight > 0, weight, 1))
         return Pull(cost, *_over_cameras(slope, toward, weight))
 
-    def compiled(self, bodies: int, markers: int) -> calls.PullOfData:
-        """See `DataPull.compiled`."""
-        return calls.ray_arrays(bodies, markers, self.image, self.deviation, self.sight)
+    arrays_of = staticmethod(calls.ray_arrays)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,9 +149,7 @@ class PointPull(DataPull):
         cost = (self.reach / self.noise) ** 2 * np.log1p(square).sum(axis=1)
         return Pull(cost, away * weight[..., None], weight[..., None, None] * np.eye(3))
 
-    def compiled(self, bodies: int, markers: int) -> calls.PullOfData:
-        """See `DataPull.compiled`."""
-        return calls.point_arrays(bodies, markers, self.points, self.noise, self.reach)
+    arrays_of = staticmethod(calls.point_arrays)
 
 
 def _closeness(view: View, image: np.ndarray, per_softness: np.ndarray, visible: np.ndarray) -> np.ndarray:

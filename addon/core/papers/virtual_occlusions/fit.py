@@ -12,7 +12,7 @@ import numpy as np
 
 from ...body.bodies import PLACEMENT, Bodies, BodyModel, Posed
 from ...kernels import calls, in_use, stands_for
-from .cost import Pull
+from .cost import DataPull, Pull
 
 
 @dataclass(frozen=True)
@@ -117,12 +117,11 @@ def fit_until_still(
     That is when `at_once` steps ended with one that lowered its cost by no more than `still`. `pull_on(index)` is the
     data of some of the bodies (K,).
     """
-    pull = pull_on(np.arange(len(start)))
-    if _knows(pull, prior):
-        data = pull.compiled(len(start), model.marker_count)
+    data = _compiled(model, start, pull_on(np.arange(len(start))), prior)
+    if data is not None:
         rows = calls.fit_until_still(model, start, data, steps, at_once, still, prior, model.parameters, DAMPING)
         if rows is not None:
-            return _bodies_of(model, rows, start.own)
+            return model.of_rows(rows, start.own)
     bodies, moving = Bodies.join([start]), np.arange(len(start))
     for done in range(0, steps, at_once):
         fit = fit_body(model, bodies.pick(moving), pull_on(moving), min(at_once, steps - done), prior)
@@ -136,28 +135,21 @@ def fit_until_still(
     return bodies
 
 
-def _knows(pull: PullOf, prior) -> bool:
-    """Whether there is a compiled library, and it knows this pull and this prior."""
-    return in_use() and hasattr(pull, "compiled") and hasattr(prior, "compiled")
+def _compiled(model: BodyModel, start: Bodies, pull: PullOf, prior) -> calls.PullOfData | None:
+    """The data as the compiled library takes it; None where there is none, or it does not know this pull or prior."""
+    if in_use() and isinstance(pull, DataPull) and prior is not None:
+        return pull.compiled(len(start), model.marker_count)
+    return None
 
 
 def descend(model: BodyModel, start: Bodies, pull: PullOf, steps: int, prior, width: int) -> Fit | None:
     """The fit by the compiled library, where there is one that knows this pull and this prior."""
-    if not _knows(pull, prior):
-        return None
-    data = pull.compiled(len(start), model.marker_count)
-    done = calls.fit_body(model, start, data, steps, prior, width, DAMPING)
+    data = _compiled(model, start, pull, prior)
+    done = None if data is None else calls.fit_body(model, start, data, steps, prior, width, DAMPING)
     if done is None:
         return None
     rows, gradient, normal, *posed, columns, trace = done
-    return Fit(State(_bodies_of(model, rows, start.own), trace[-1], gradient, normal, Posed(*posed), columns), trace)
-
-
-def _bodies_of(model: BodyModel, rows: np.ndarray, own: np.ndarray) -> Bodies:
-    """Bodies as the library takes them and gives them."""
-    bends_end = 10 + 3 * model.joint_count
-    bends = rows[:, 10:bends_end].reshape(len(rows), -1, 3)
-    return Bodies(rows[:, :3], rows[:, 3:7], rows[:, 7:10], bends, rows[:, bends_end:], own)
+    return Fit(State(model.of_rows(rows, start.own), trace[-1], gradient, normal, Posed(*posed), columns), trace)
 
 
 def placement_state(model: BodyModel, bodies: Bodies, pull: PullOf, prior=None) -> State:
@@ -199,16 +191,16 @@ def marker_covariance(normal: np.ndarray, columns: np.ndarray, ridge: float) -> 
     return (flat @ spread).reshape(columns.shape) @ columns.swapaxes(-1, -2)
 
 
-def _descend(start: Bodies, state_at: Callable[[Bodies], State], steps: int, options: DampingOptions = DAMPING) -> Fit:
+def _descend(start: Bodies, state_at: Callable[[Bodies], State], steps: int) -> Fit:
     """Damped Gauss-Newton steps, each body with a damping of its own; a step that raises a body's cost is undone."""
     state = state_at(start)
-    damping = np.full(len(start), options.first)
+    damping = np.full(len(start), DAMPING.first)
     trace = [state.cost]
     for _ in range(steps):
-        tried = state_at(state.bodies.moved(-damped_step(state.normal, state.gradient, damping, options.ridge)))
+        tried = state_at(state.bodies.moved(-damped_step(state.normal, state.gradient, damping, DAMPING.ridge)))
         better = tried.cost <= state.cost
-        damping = damping * np.where(better, options.smaller, options.larger)
-        damping = np.minimum(np.maximum(damping, options.lowest), options.highest)
+        damping = damping * np.where(better, DAMPING.smaller, DAMPING.larger)
+        damping = np.minimum(np.maximum(damping, DAMPING.lowest), DAMPING.highest)
         if better.all():
             state = tried
         elif better.any():

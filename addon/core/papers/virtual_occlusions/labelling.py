@@ -5,6 +5,7 @@ Distances are measured against how sure the fit is of each projection, so one ru
 tight track. Beyond the paper: a name that several cameras give must meet in one point in space, or it is withdrawn.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -122,7 +123,7 @@ class Naming:
         """(C, M) the slots whose rays may be met: all named blobs but the merged ones."""
         return np.where(self.partner >= 0, -1, self.slot)
 
-    def give(self, camera, marker, slot, step: int):
+    def give(self, camera, marker, slot, step):
         """Names blobs; arrays of equal length."""
         self.slot[camera, marker] = slot
         self.step[camera, marker] = step
@@ -148,9 +149,23 @@ class Frame:
     fixed   (C, M) the blob that is the marker because a person says so, -1 where nobody does
     """
 
-    def __init__(self, view: View, sight: Sight, expected: Expectation, rules: Rules, fixed: np.ndarray | None = None):
+    def __init__(
+        self,
+        view: View,
+        sight: Sight,
+        expected: Expectation,
+        rules: Rules,
+        fixed: np.ndarray | None = None,
+        made: Mapping[str, np.ndarray] | None = None,
+    ):
+        """`made` are the arrays that the compiled library has measured already, by name."""
         self.view, self.sight, self.expected, self.rules = view, sight, expected, rules
         self.cameras, self.markers = np.arange(len(view.image)), np.arange(len(expected.points))
+        self.fixed = np.full((len(self.cameras), len(self.markers)), -1) if fixed is None else fixed
+        if made is not None:
+            self.depth, self.metres, self.slope = made["depth"], made["metres"], made["slope"]
+            self.image, self.nll = made["image"], made["nll"]
+            return
         local = sight.local(expected.points[None])
         image = sight.image(local)
         self.depth = np.maximum(local[0, ..., 2], VIEWING.min_depth_m)
@@ -158,21 +173,9 @@ class Frame:
         self.slope = sight.derivatives(local, image)[0]
         self.image = image[0]
         self.nll = self._against(self.image, self._spread(expected.covariance), self.depth, self.metres)
-        self.fixed = np.full(self.nll.shape[:2], -1) if fixed is None else fixed
         camera, marker = np.nonzero(self.fixed >= 0)
         self.nll[camera, marker] = TOO_FAR
         self.nll[camera, :, self.fixed[camera, marker]] = TOO_FAR
-
-    @classmethod
-    def measured(cls, view, sight, expected, rules, fixed, made: dict) -> "Frame":
-        """The same of arrays that the compiled library has made."""
-        frame = cls.__new__(cls)
-        frame.view, frame.sight, frame.expected, frame.rules = view, sight, expected, rules
-        frame.cameras, frame.markers = np.arange(len(view.image)), np.arange(len(expected.points))
-        frame.depth, frame.metres, frame.slope = made["depth"], made["metres"], made["slope"]
-        frame.image, frame.nll = made["image"], made["nll"]
-        frame.fixed = np.full(frame.nll.shape[:2], -1) if fixed is None else fixed
-        return frame
 
     @cached_property
     def rays(self) -> Rays:
@@ -283,10 +286,9 @@ def named_by_library(view, sight, expected, rules, fixed, step1_only: bool) -> N
 
 def naming_of(view, sight, expected, rules, fixed, made: dict[str, np.ndarray]) -> Naming:
     """The naming of a frame whose arrays, by name, the compiled library has made."""
-    frame = Frame.measured(view, sight, expected, rules, fixed, made)
-    naming = Naming(frame, *(made[name] for name in ("slot", "step", "owner", "partner", "conflicts")))
-    naming._meeting = Meeting(made["met"], made["residual"], made["miss"])
-    return naming
+    frame = Frame(view, sight, expected, rules, fixed, made)
+    named = {name: made[name] for name in ("slot", "step", "owner", "partner", "conflicts")}
+    return Naming(frame, **named, _meeting=Meeting(made["met"], made["residual"], made["miss"]))
 
 
 def identify_visible(frame: Frame, naming: Naming) -> np.ndarray:
