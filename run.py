@@ -76,7 +76,8 @@ def test(found, extra):
 
     failed = []
     say("Lint")
-    if call([python, "-m", "ruff", "check", "."]) or call([python, "-m", "ruff", "format", "--check", "."]):
+    checks = [["ruff", "check", "."], ["ruff", "format", "--check", "."], *([] if quick else [["mypy"]])]
+    if any([call([python, "-m", *check]) for check in checks]):
         failed.append("lint")
 
     other = next((v for v in PYTHONS if v != version), None)

@@ -7,6 +7,7 @@ labelled again, it keeps `LabelledChunk.unedited`, of which the same edits give 
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -39,7 +40,7 @@ class Cells:
     frame_count: int
     row: np.ndarray
     images: int
-    meant_by: Callable[[PointEdit | BlobEdit, slice], tuple[np.ndarray, str]]
+    meant_by: Callable[[Any, slice], tuple[np.ndarray, str]]
 
     def replay(self, labels: Labels) -> Replay:
         """The cells with their labels, to be edited."""

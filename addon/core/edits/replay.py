@@ -202,8 +202,8 @@ class Replay:
         step[said] = np.where(given, BY_EDIT, NO_STEP)
         sure[said] = np.where(given, 1.0, 0.0)
         own = Labels(marker.reshape(shape).astype(labels.marker.dtype), step.reshape(shape), sure.reshape(shape))
-        of_cells = (values.reshape(shape) for values in (self.row, self.rule, self.refused))
-        return Edited(own, *of_cells, self.claim.T, tuple(self.swaps))
+        row, rule, refused = (values.reshape(shape) for values in (self.row, self.rule, self.refused))
+        return Edited(own, row, rule, refused, self.claim.T, tuple(self.swaps))
 
     def _touch(self, marker: int, first: int, stop: int):
         """Notes that a marker may be other cells in rows from `first` up to, not including, `stop`."""

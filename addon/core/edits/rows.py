@@ -135,7 +135,7 @@ def _is_whole(value: object) -> TypeGuard[int]:
     return isinstance(value, int) and not isinstance(value, bool)
 
 
-def _is_number(value: object) -> bool:
+def _is_number(value: object) -> TypeGuard[float]:
     return (_is_whole(value) and abs(value) < 2**53) or (isinstance(value, float) and math.isfinite(value))
 
 
@@ -166,7 +166,7 @@ def _is_place(value: object) -> bool:
     return _is_list(value, 3) and all(_is_number(one) and abs(one) <= MAX_PLACE_M for one in value)
 
 
-def _is_list(value: object, length: int) -> bool:
+def _is_list(value: object, length: int) -> TypeGuard[list]:
     return isinstance(value, list) and len(value) == length
 
 

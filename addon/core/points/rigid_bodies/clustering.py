@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ...data.made import Table
 from ...data.takes import evenly_spread
 from ...geometry.rigid import MIN_POINTS, in_axes, laid_on, pairwise_distances, rigid_clusters
 
@@ -78,7 +79,7 @@ class Sampled:
     points: np.ndarray
 
 
-def sampled(points: np.ndarray, tracklet: np.ndarray, rate: float) -> Sampled:
+def sampled(points: Table, tracklet: np.ndarray, rate: float) -> Sampled:
     """The longer tracklets of a take: points (T, P, 3) m with the tracklet of each (T, P), -1 for none."""
     frame, column = np.nonzero(tracklet >= 0)
     number, place, count = np.unique(tracklet[frame, column], return_inverse=True, return_counts=True)

@@ -12,6 +12,7 @@ from typing import Self
 import numpy as np
 
 from ...data.lanes import blocks
+from ...data.made import Table
 from ...data.takes import evenly_spread
 
 
@@ -60,7 +61,7 @@ class Affinity:
     strength: np.ndarray
 
     @classmethod
-    def of(cls, points: np.ndarray, tracklet: np.ndarray, rate: float, every: int | None = None) -> Self:
+    def of(cls, points: Table, tracklet: np.ndarray, rate: float, every: int | None = None) -> Self:
         """That of points (T, L, 3) m of tracklets (T, L), -1 where there is none, at `rate` frames a second.
 
         `every` is how many tracklets there are, where some of them are left out.
@@ -117,7 +118,7 @@ def _looked_at(tracklet: np.ndarray, rate: float) -> np.ndarray:
 
 
 def _pairs(
-    points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray, every: int
+    points: Table, tracklet: np.ndarray, frames: np.ndarray, every: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Pairs (E,) of tracklets that meet, each once, and how near they stay and how well they keep their distance."""
     parts = [_met(points, tracklet, some, every) for some in _windows(tracklet, frames)]
@@ -132,7 +133,7 @@ def _pairs(
     return key // every, key % every, 1 / (varied / (counts + AFFINITY.unknown) + AFFINITY.steady_m**2)
 
 
-def _counts_at_most(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray, every: int) -> np.ndarray:
+def _counts_at_most(points: Table, tracklet: np.ndarray, frames: np.ndarray, every: int) -> np.ndarray:
     """(N,) how many frames what a tracklet shows counts for at most, by how far it gets about."""
     number, total, squares = np.zeros(every), np.zeros((every, 3)), np.zeros((every, 3))
     for part in blocks(len(frames), tracklet.shape[1]):
@@ -163,7 +164,7 @@ def _windows(tracklet: np.ndarray, frames: np.ndarray) -> Iterator[np.ndarray]:
         yield frames[begin:]
 
 
-def _met(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray, every: int) -> tuple[np.ndarray, ...]:
+def _met(points: Table, tracklet: np.ndarray, frames: np.ndarray, every: int) -> tuple[np.ndarray, ...]:
     """Of tracklets that meet in some frames a number (E,) for each pair; in how many, distances and squares."""
     local = np.unique(tracklet[frames])
     local = local[local >= 0].astype(np.int64)

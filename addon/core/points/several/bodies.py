@@ -4,7 +4,6 @@
 from collections.abc import Generator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -170,7 +169,7 @@ class Crowd:
         """The take without the points of tracklets that are not a body's (N,); a long one's as they are looked at."""
         points, kept = self.take.xyz, np.append(may, False)
         own = np.broadcast_to(self.tracklet[..., None], points.shape)
-        xyz: Any = Made(points.shape, lambda index: np.where(kept[own[index]], points[index], np.nan))
+        xyz = Made(points.shape, lambda index: np.where(kept[own[index]], points[index], np.nan))
         return replace(self.take, xyz=xyz if self.tracklet.size > PACKING.whole_cells else xyz[...])
 
     def recognised(

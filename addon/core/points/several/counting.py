@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...data.made import Table
 from ...data.takes import evenly_spread
 from ..refusals import REFUSAL, far_groups
 from .affinity import Affinity
@@ -31,7 +32,7 @@ COUNTING = CountingOptions()
 FRAMES_COUNTED = 80  # that are looked at
 
 
-def count_bodies(points: np.ndarray, tracklet: np.ndarray, affinity: Affinity, markers: int) -> tuple[int, int]:
+def count_bodies(points: Table, tracklet: np.ndarray, affinity: Affinity, markers: int) -> tuple[int, int]:
     """How many bodies with so many markers are apart at some time, and the most that there may be.
 
     In points (T, L, 3) m of tracklets (T, L), -1 where there is none.

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...data.made import Table
 from ...data.takes import evenly_spread
 from ..refusals import REFUSAL, far_groups
 from .affinity import AFFINE_TRACKLETS, Affinity
@@ -56,7 +57,7 @@ class PartedBodies:
         return PartedBodies(body, (self.may[:, :, None] & own).any(axis=1))
 
 
-def parted(points: np.ndarray, tracklet: np.ndarray, affinity: Affinity, count: int, markers: int) -> PartedBodies:
+def parted(points: Table, tracklet: np.ndarray, affinity: Affinity, count: int, markers: int) -> PartedBodies:
     """Tracklets (T, L) of points (T, L, 3) m parted among so many bodies; of one they are all.
 
     Whoever leaves and comes back has no tracklet of before: where so many `markers` as a set has are on none of the
@@ -74,7 +75,7 @@ def parted(points: np.ndarray, tracklet: np.ndarray, affinity: Affinity, count: 
 
 
 def _with_presences(
-    points: np.ndarray, tracklet: np.ndarray, affinity: Affinity, body: np.ndarray, count: int, markers: int
+    points: Table, tracklet: np.ndarray, affinity: Affinity, body: np.ndarray, count: int, markers: int
 ) -> np.ndarray:
     """(N,) bodies of tracklets, from those known on; presences of whoever comes, or comes back, are further ones."""
     best, firm = affinity.best(), firm_tracklets(affinity)
@@ -91,7 +92,7 @@ def _with_presences(
 
 
 def _coming(
-    points: np.ndarray, tracklet: np.ndarray, affinity: Affinity, left: np.ndarray, markers: int
+    points: Table, tracklet: np.ndarray, affinity: Affinity, left: np.ndarray, markers: int
 ) -> list[np.ndarray]:
     """The tracklets of each who is there in the frame that shows best how many of `markers` are on no body yet.
 

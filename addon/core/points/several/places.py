@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...data.made import Table
 from ...data.takes import evenly_spread
 
 NO_BODY = -1
@@ -41,7 +42,7 @@ GROUPING_ROUNDS = 20  # in which such a frame's points find their bodies; it is 
 POINTS_OF_BODY = 4  # of a body in a frame
 
 
-def bodies_by_place(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray, every: int, count: int) -> np.ndarray:
+def bodies_by_place(points: Table, tracklet: np.ndarray, frames: np.ndarray, every: int, count: int) -> np.ndarray:
     """(N,) the body of each of `every` tracklet to begin with, NO_BODY where its place does not say it.
 
     Of points (T, L, 3) m of tracklets (T, L) in the frames (F,) that are looked at, for so many bodies.
@@ -69,7 +70,7 @@ def bodies_by_place(points: np.ndarray, tracklet: np.ndarray, frames: np.ndarray
 
 
 def _follow(
-    points: np.ndarray,
+    points: Table,
     tracklet: np.ndarray,
     frames: Iterable[int],
     centres: np.ndarray,
@@ -105,7 +106,7 @@ def _follow(
         votes[own, group] += 1
 
 
-def grouped(points: np.ndarray, count: int) -> tuple[np.ndarray | None, float]:
+def grouped(points: Table, count: int) -> tuple[np.ndarray | None, float]:
     """Points (P, 3) m in `count` groups on the floor (P,), and how far these are from each other, for their widths."""
     if len(points) < 2 * count:
         return None, 0.0
