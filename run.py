@@ -77,7 +77,7 @@ def test(found, extra):
     failed = []
     say("Lint")
     checks = [["ruff", "check", "."], ["ruff", "format", "--check", "."], *([] if quick else [["mypy"]])]
-    if any([call([python, "-m", *check]) for check in checks]):
+    if any(call([python, "-m", *check]) for check in checks):
         failed.append("lint")
 
     other = next((v for v in PYTHONS if v != version), None)

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...data.takes import NO_POINT
 from ...kernels import point_calls, stands_for
+from .assigning import assigned
 from .distances import DistanceConstraints, pulls, size_and_fit
 from .latent import Latent, yaw_absorbed
 
@@ -222,18 +223,7 @@ def one_to_one(odds: np.ndarray) -> np.ndarray:
     order = np.sort(naming, axis=1)
     twice = ((order[:, 1:] == order[:, :-1]) & (order[:, 1:] != NO_POINT)).any(axis=1)
     for row in np.flatnonzero(twice):
-        naming[row] = _assigned(odds[row])
-    return naming
-
-
-def _assigned(odds: np.ndarray) -> np.ndarray:
-    """(M,) the point of each marker, NO_POINT for none, of the highest total odds (M, P); none at odds below 0."""
-    from scipy.optimize import linear_sum_assignment
-
-    naming = np.full(len(odds), NO_POINT)
-    marker, point = linear_sum_assignment(np.maximum(odds, 0.0), maximize=True)
-    some = odds[marker, point] > 0
-    naming[marker[some]] = point[some]
+        naming[row] = assigned(odds[row])
     return naming
 
 

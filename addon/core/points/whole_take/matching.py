@@ -3,7 +3,7 @@
 
 A linear programme: a variable for each name that a tracklet may have; a tracklet has one at most, and of the tracklets
 that are there at a time one at most has each name. Hardly any of it is ever open: a name that is worth more than all
-that it stands in the way of is given, and SciPy's solver has the rest.
+that it stands in the way of is given, and what is left falls apart into a few tracklets each.
 """
 
 from dataclasses import dataclass
@@ -15,19 +15,22 @@ from ..tracklets import VOTE
 
 
 @dataclass(frozen=True)
-class TieOptions:
-    """How equals are told apart.
+class TakeMatchingOptions:
+    """How what is open is decided.
 
+    max_tried  memory and time: names that hang together of which all choices are tried one by one; of more SciPy's
+               solver takes less, but it takes long to load
     least      format: log odds by which one naming is better than another: rounding must not choose between equals, of
                which the first tracklets have the first markers
     order      format: log odds that of more names the first of the tracklets loses by being the last of the markers
     """
 
+    max_tried: int = 20
     least: float = 1e-6
     order: float = 0.01
 
 
-TIES = TieOptions()
+TAKE_MATCHING = TakeMatchingOptions()
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +50,20 @@ class Names:
     rivals: np.ndarray
     clashes: np.ndarray
 
+    @property
+    def choices(self) -> list[range]:
+        """The names of each tracklet."""
+        begin = np.flatnonzero(np.diff(self.tracklet, prepend=-1))
+        return [range(start, after) for start, after in zip(begin, [*begin[1:], len(self.tracklet)], strict=True)]
+
+    @property
+    def barred(self) -> list[set[int]]:
+        """Those that each clashes with."""
+        barred: list[set[int]] = [set() for _ in self.worth]
+        for one, other in self.clashes.T.tolist():
+            barred[one].add(other)
+        return barred
+
     def part(self, open_ones: np.ndarray) -> "Names":
         """Some of them (K,)."""
         number = np.cumsum(open_ones) - 1
@@ -57,8 +74,8 @@ class Names:
 def matched(odds: np.ndarray, first: np.ndarray, last: np.ndarray, exact: bool = True) -> np.ndarray:
     """(N,) the marker of every tracklet, NO_MARKER for none, of the highest total log odds (N, M).
 
-    first, last (N,) are the tracklets' frames, both included. If it need not be `exact`, what is not clear goes to the
-    likeliest names, one after the other.
+    first, last (N,) are the tracklets' frames, both included. If it need not be `exact`, what many names that hang
+    together come to is what the likeliest of them leave, one after the other.
     """
     found = np.full(len(odds), NO_MARKER)
     tracklet, marker = np.nonzero(odds > 0)
@@ -67,9 +84,14 @@ def matched(odds: np.ndarray, first: np.ndarray, last: np.ndarray, exact: bool =
     clashes = _meeting(begin + long * marker, end + long * marker)
     names = Names(tracklet, marker, odds[tracklet, marker], _meeting(tracklet, tracklet), clashes)
     names = _given_what_is_clear(names, found)
-    if len(names.worth):
-        chosen = _solved(names, first, _ends(first, last)) if exact else _one_after_another(names)
-        found[names.tracklet[chosen]] = names.marker[chosen]
+    part = _hanging_together(names)
+    for one in np.unique(part):
+        own = names.part(part == one)
+        if len(own.worth) <= TAKE_MATCHING.max_tried:
+            chosen = _best_tried(own)
+        else:
+            chosen = _solved(own, first, _ends(first, last)) if exact else _one_after_another(own)
+        found[own.tracklet[chosen]] = own.marker[chosen]
     return found
 
 
@@ -98,9 +120,9 @@ def _given_what_is_clear(names: Names, found: np.ndarray) -> Names:
         best, brings = np.zeros(count), np.full(count, -np.inf)
         np.maximum.at(best, one, worth[other])
         np.maximum.at(brings, one, (worth - lost)[other])
-        clear = worth > lost + best + TIES.least
+        clear = worth > lost + best + TAKE_MATCHING.least
         found[names.tracklet[clear]] = names.marker[clear]
-        shut = clear | (brings > worth + TIES.least)
+        shut = clear | (brings > worth + TAKE_MATCHING.least)
         for pairs in (names.rivals, names.clashes):
             shut[pairs[0, clear[pairs[1]]]] = True
         if not shut.any():
@@ -108,13 +130,46 @@ def _given_what_is_clear(names: Names, found: np.ndarray) -> Names:
         names = names.part(~shut)
 
 
+def _hanging_together(names: Names) -> np.ndarray:
+    """(K,) the number of the part of each name, which nothing in other parts stands in the way of."""
+    part = np.arange(len(names.worth))
+    one, other = np.concatenate([names.rivals, names.clashes], axis=1)
+    while True:
+        before = part.copy()
+        np.minimum.at(part, one, before[other])
+        part = part[part]
+        if (part == before).all():
+            return part
+
+
+def _best_tried(names: Names) -> list[int]:
+    """Which of a few names are chosen: tracklet after tracklet, all choices that may yet be the best."""
+    worth, choices, barred = names.worth.tolist(), names.choices, names.barred
+    # What the tracklets from each on bring at most.
+    most = np.append(np.cumsum([max(worth[one] for one in each) for each in choices][::-1])[::-1], 0.0).tolist()
+    best: tuple[float, list[int]] = (0.0, [])
+
+    def go_on(place: int, total: float, chosen: list[int]):
+        nonlocal best
+        if total > best[0] + TAKE_MATCHING.least:
+            best = total, chosen
+        if place == len(choices) or total + most[place] <= best[0] + TAKE_MATCHING.least:
+            return
+        for one in choices[place]:
+            if barred[one].isdisjoint(chosen):
+                go_on(place + 1, total + worth[one], [*chosen, one])
+        go_on(place + 1, total, chosen)
+
+    go_on(0, 0.0, [])
+    return best[1]
+
+
 def _one_after_another(names: Names) -> list[int]:
     """Which names are chosen, each the likeliest that those before it leave."""
-    chosen: list[int] = []
-    shut: set[int] = set()
-    barred: list[set[int]] = [set() for _ in names.worth]
-    for one, other in np.concatenate([names.rivals, names.clashes], axis=1).T.tolist():
+    barred, chosen = names.barred, list[int]()
+    for one, other in names.rivals.T.tolist():
         barred[one].add(other)
+    shut: set[int] = set()
     for one in np.argsort(-names.worth, kind="stable").tolist():
         if one not in shut:
             chosen.append(one)
@@ -122,8 +177,8 @@ def _one_after_another(names: Names) -> list[int]:
     return chosen
 
 
-def _solved(names: Names, first: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """(K,) which names are chosen, of tracklets from `first` to `end` (N,): a whole-number programme."""
+def _solved(names: Names, first: np.ndarray, end: np.ndarray) -> list[int]:
+    """Which names are chosen, of tracklets from `first` to `end` (N,): a whole-number programme."""
     from scipy.optimize import LinearConstraint, milp
     from scipy.sparse import csr_array
 
@@ -137,13 +192,13 @@ def _solved(names: Names, first: np.ndarray, end: np.ndarray) -> np.ndarray:
     # Of equals the first tracklets have the first markers: the first loses most by having the last marker.
     lost = names.tracklet / (names.tracklet.max() + 1) - 1
     solved = milp(
-        -names.worth - TIES.order * lost * names.marker / (names.marker.max() + 1),
+        -names.worth - TAKE_MATCHING.order * lost * names.marker / (names.marker.max() + 1),
         integrality=np.ones(len(every)),
         bounds=(0, 1),
         constraints=LinearConstraint(once, ub=1),
         options={"mip_rel_gap": 0.0},
     )
-    return solved.x > 0.5
+    return np.flatnonzero(solved.x > 0.5).tolist()
 
 
 def cliques(first: np.ndarray, end: np.ndarray) -> list[np.ndarray]:
