@@ -74,8 +74,8 @@ class Names:
 def matched(odds: np.ndarray, first: np.ndarray, last: np.ndarray, exact: bool = True) -> np.ndarray:
     """(N,) the marker of every tracklet, NO_MARKER for none, of the highest total log odds (N, M).
 
-    first, last (N,) are the tracklets' frames, both included. If it need not be `exact`, what many names that hang
-    together come to is what the likeliest of them leave, one after the other.
+    first, last (N,) are the tracklets' frames, both included. If it need not be `exact`, what is not clear is what
+    the likeliest names leave, one after the other.
     """
     found = np.full(len(odds), NO_MARKER)
     tracklet, marker = np.nonzero(odds > 0)
@@ -84,13 +84,15 @@ def matched(odds: np.ndarray, first: np.ndarray, last: np.ndarray, exact: bool =
     clashes = _meeting(begin + long * marker, end + long * marker)
     names = Names(tracklet, marker, odds[tracklet, marker], _meeting(tracklet, tracklet), clashes)
     names = _given_what_is_clear(names, found)
-    part = _hanging_together(names)
+    part = _hanging_together(names) if exact else np.zeros(len(names.worth), int)
     for one in np.unique(part):
         own = names.part(part == one)
-        if len(own.worth) <= TAKE_MATCHING.max_tried:
+        if not exact:
+            chosen = _one_after_another(own)
+        elif len(own.worth) <= TAKE_MATCHING.max_tried:
             chosen = _best_tried(own)
         else:
-            chosen = _solved(own, first, _ends(first, last)) if exact else _one_after_another(own)
+            chosen = _solved(own, first, _ends(first, last))
         found[own.tracklet[chosen]] = own.marker[chosen]
     return found
 
