@@ -18,10 +18,7 @@ OWED = {
     "points/likelihood/shape.py": 2,
     "points/likelihood/subject.py": 1,
     "points/unordered.py": 4,
-    "points/whole_take/deciding.py": 2,
-    "points/whole_take/objective.py": 1,
-    "points/whole_take/search.py": 2,
-    "points/whole_take/solving.py": 1,
+    "points/whole_take/deciding.py": 1,
 }
 
 
