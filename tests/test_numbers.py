@@ -17,7 +17,6 @@ OWED = {
     "points/likelihood/distances.py": 3,
     "points/likelihood/shape.py": 2,
     "points/likelihood/subject.py": 1,
-    "points/unordered.py": 4,
     "points/whole_take/deciding.py": 1,
 }
 
