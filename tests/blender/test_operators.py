@@ -123,8 +123,8 @@ def test_the_operator_hands_on_what_was_chosen(ready, files, labelling):
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     given = labelling.given[0]
     assert given.rate == 60.0
-    assert given.options.hints.height == pytest.approx(1.6)
-    assert given.options.hints.facing == pytest.approx(1.5)
+    assert given.options.height == pytest.approx(1.6)
+    assert given.options.facing == pytest.approx(1.5)
     assert given.blobs.frames.tolist() == [105, 106, 107, 108, 109, 110]
     capsules = open_markerset(files.markerset).capsules
     assert [volume.segment for volume in given.occlusion.volumes] == capsules.segment.tolist()

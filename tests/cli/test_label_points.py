@@ -80,8 +80,9 @@ def test_what_cannot_be_labelled_is_said(label, run, room, anonymous, tmp_path):
     for frames in ("1:2", "1000:2000", "1000:", ":2"):
         words = f"has no point that is present in frames {frames}; expected frames with markers, of its own 100 to 1"
         assert words in label("--frames", frames).reason
-    few = read_points(anonymous / "anon.c3d")
-    write_c3d(tmp_path / "few.c3d", Points(few.names[:5], few.xyz[:, :5], few.residual[:, :5], few.rate, 1))
+    generator = np.random.default_rng(1)
+    few = generator.uniform([-1, -1, 0], [1, 1, 2], (5, 3)) + generator.normal(0, 0.05, (20, 5, 3)).cumsum(axis=0)
+    write_c3d(tmp_path / "few.c3d", Points(("",) * 5, few, np.full((20, 5), 0.0005), 60.0, 1))
     words = ("label", tmp_path / "few.c3d", "--model", MODEL, "--out")
     assert "would be written over" in run(*words, tmp_path, "--overwrite").reason
     assert "few.c3d: does not look like a take of model" in run(*words, tmp_path / "out").refusal(1)
