@@ -63,7 +63,8 @@ def named_by_layout(
     now = settled_frames(likelihood, placed)
     if now is None:
         return name, ()
-    present, questions = now.present, tuple[Question, ...]()
+    present = now.present
+    questions: tuple[Question, ...] = ()
     for _ in range(LAYOUT_NAMING.rounds):
         place = np.argsort(name)
         tried = _without_held(_exchanges(known, now, name, absent), held)

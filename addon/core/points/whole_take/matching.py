@@ -84,15 +84,15 @@ def matched(odds: np.ndarray, first: np.ndarray, last: np.ndarray, exact: bool =
     clashes = _meeting(begin + long * marker, end + long * marker)
     names = Names(tracklet, marker, odds[tracklet, marker], _meeting(tracklet, tracklet), clashes)
     names = _given_what_is_clear(names, found)
-    part = _hanging_together(names) if exact else np.zeros(len(names.worth), int)
+    if not exact:
+        chosen = _one_after_another(names)
+        found[names.tracklet[chosen]] = names.marker[chosen]
+        return found
+    part = _hanging_together(names)
     for one in np.unique(part):
         own = names.part(part == one)
-        if not exact:
-            chosen = _one_after_another(own)
-        elif len(own.worth) <= TAKE_MATCHING.max_tried:
-            chosen = _best_tried(own)
-        else:
-            chosen = _solved(own, first, _ends(first, last))
+        few = len(own.worth) <= TAKE_MATCHING.max_tried
+        chosen = _best_tried(own) if few else _solved(own, first, _ends(first, last))
         found[own.tracklet[chosen]] = own.marker[chosen]
     return found
 
@@ -168,7 +168,8 @@ def _best_tried(names: Names) -> list[int]:
 
 def _one_after_another(names: Names) -> list[int]:
     """Which names are chosen, each the likeliest that those before it leave."""
-    barred, chosen = names.barred, list[int]()
+    barred = names.barred
+    chosen: list[int] = []
     for one, other in names.rivals.T.tolist():
         barred[one].add(other)
     shut: set[int] = set()

@@ -189,10 +189,11 @@ def _labelled(
 def as_in_file(suspects: Iterable[Suspect], take: Points) -> tuple[Suspect, ...]:
     """The suspects with trajectories, which they call by their lane, called as label files call points."""
     if take.lanes is not None:
-        every = [(one, np.array([one.first - take.first_frame]), one.trajectory) for one in suspects]
         suspects = [
-            one if lane is None else replace(one, trajectory=int(take.lanes.at(frame, np.array([lane]))[0]))
-            for one, frame, lane in every
+            one
+            if one.trajectory is None
+            else replace(one, trajectory=int(take.lanes.at(*np.array([one.first - take.first_frame, one.trajectory]))))
+            for one in suspects
         ]
     return tuple(suspects) if take.columns is None else called_by(suspects, take.columns)
 
