@@ -19,13 +19,11 @@ from .tracklets import VOTE, are_lasting, gone_over_between, vote
 class WitnessOptions:
     """Where a vote needs frames that are sure on their own, as its frames may err together.
 
-    min_sure_crowd         measured: of a tracklet's frames that must be sure of its name alone in a crowd; without it
-                           a prop that is not there is named, half or twice names strangers and crowds alike
-    min_sure_one_subject   measured: the same where one subject is all that the model has seen; half or twice likewise
+    min_sure  measured: part of a tracklet's frames that must be sure of its name alone, in a crowd, and where one
+              subject is all that the model has seen; with half of it a prop that is not there is named
     """
 
-    min_sure_crowd: float = 0.5
-    min_sure_one_subject: float = 0.25
+    min_sure: float = 0.5
 
 
 WITNESSES = WitnessOptions()
@@ -129,10 +127,9 @@ def _needed(model: Model, tracklet: np.ndarray) -> float:
     the next one differs.
     """
     likelihood, markers = model.likelihood, len(model.markerset)
-    if (tracklet >= 0).sum() >= REFUSAL.crowd * markers * len(tracklet):
-        return WITNESSES.min_sure_crowd
+    crowd = (tracklet >= 0).sum() >= REFUSAL.crowd * markers * len(tracklet)
     few = likelihood is not None and likelihood.subjects == 1 and likelihood.rigid_bodies is None
-    return WITNESSES.min_sure_one_subject if few else 0.0
+    return WITNESSES.min_sure if crowd or few else 0.0
 
 
 def _part_sure(marker: np.ndarray, named: Said, tracklet: np.ndarray, target: float, count: int) -> np.ndarray:

@@ -35,7 +35,8 @@ class RefusalOptions:
     min_all         measured: the same where single frames are not sure: 0.97 at least in takes of other labs, 0.92 at
                     most of other sets
     gap_m           physical: between two bodies; a hand is not farther from the next marker of its own arm
-    crowd           measured: times as many points as markers: 1.14 at most of one subject among 40 ghosts, 2 of two
+    crowd           measured: times as many points as markers: 1.14 at most of one subject among 40 ghosts, 1.44 of who
+                    wears two sets, 2 of two subjects, 2.3 at least among all that a lab puts on
     min_half        physical: share of the markers, and of the frames: of who is there half is seen, half of the time
     max_residual    measured: mean square, over what training leaves, between markers and where the set has them: 0.14
                     to 0.2 on walks in a crowd, 0.2 to 0.52 on people in each other's reach, 0.7 to 2.4 on other sets

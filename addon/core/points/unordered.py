@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Frames in no order: what is sure in some of them teaches their subject, and all are named again by that.
+"""Frames in no order: what is named in them teaches their subject, and all are named again by that.
 
 Nothing is followed from frame to frame, so the whole take is no help through time; but one subject wears one set of
-markers in one layout, whatever the frame. Names that are sure make the likelihood that of this subject, which makes
-more names sure, until nothing changes.
+markers in one layout, whatever the frame. Names make the likelihood that of this subject, which makes more names, until
+nothing changes.
 """
 
 from collections.abc import Generator
@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..data.made import Table
-from ..data.takes import NO_MARKER, Labels, evenly_spread
+from ..data.takes import Labels, evenly_spread
 from .likelihood.calibration import raised
 from .likelihood.frames import label_frames
 from .likelihood.model import Likelihood
@@ -27,28 +27,20 @@ class UnorderedOptions:
     """How frames in no order teach their subject.
 
     min_part         measured: of the markers that are enough; twice of it loses 0.4 % of `clouds-bd`, half nothing
-    min_rate         at which labels like it are right, of a name that is learned from: stricter learns more slowly,
-                     and no better
     rare             measured: named less often than this part of what is usual; they are looked for, else 85 % of
                      `clouds-bd` are named and not 99 %
-    loose_sd_radii   measured: this far about where they are expected, and are there if they are; half or twice names
-                     `clouds-bd` alike
-    near_radii       measured: this near to one place of the body; half loses 7 % of `clouds-bd`, twice none. In
+    loose_radii      measured: this far about where they are expected, and are there if they are as near to one place of
+                     the body; half loses 7 % of `clouds-bd`, twice none. In
     min_near         measured: this part of the frames that have them, and of what is usual of a marker; all of
                      it loses 14 % of `clouds-bd`
-    hidden_part      of a frame's points that is hidden to try how far labels keep; a name that changes then counts as
-                     wrong, unless it is so far ahead,
-    max_lead         measured: in log odds, of the name before; half or twice names `clouds-bd` alike
+    hidden_part      of a frame's points that is hidden to try how far labels keep
     """
 
     min_part: float = 1 / 3
-    min_rate: float = 0.99
     rare: float = 0.5
-    loose_sd_radii: float = 0.25
-    near_radii: float = 0.12
+    loose_radii: float = 0.25
     min_near: float = 0.5
     hidden_part: float = 1 / 12
-    max_lead: float = 5.0
 
 
 UNORDERED = UnorderedOptions()
@@ -80,7 +72,7 @@ def learn_subject(trained: Likelihood, points: Table, named: Labels) -> Generato
     crowded = np.median(present.sum(axis=1)) > len(trained)
     likelihood, sought = trained, np.zeros(len(trained), dtype=bool)
     for done in range(LEARNING_ROUNDS):
-        clouds = sure_clouds(labels, points, len(trained))
+        clouds = named_clouds(labels, points, len(trained))
         if len(clouds) < MIN_CLOUDS:
             return trained
         likelihood = of_subject(trained, clouds)
@@ -90,7 +82,7 @@ def learn_subject(trained: Likelihood, points: Table, named: Labels) -> Generato
         # Among many more points than markers, what is left over is other markers.
         if same >= NEARLY_SETTLED and rare.any() and not crowded:
             sought |= rare
-            loose = loosened(likelihood, rare, UNORDERED.loose_sd_radii)
+            loose = loosened(likelihood, rare, UNORDERED.loose_radii)
             wide = yield from _named(loose, points, done / LEARNING_STEPS, 1 / LEARNING_STEPS)
             labels = _in_place(wide, points, rare, likelihood.shape, clouds)
         elif same >= SETTLED:
@@ -98,15 +90,10 @@ def learn_subject(trained: Likelihood, points: Table, named: Labels) -> Generato
     return (yield from _tried(likelihood, points, labels))
 
 
-def sure_clouds(labels: Labels, points: np.ndarray, markers: int) -> np.ndarray:
-    """(F, M, 3) m, NaN where unsure, the frames of points (T, P, 3) m that have enough names to learn from."""
-    clouds = _placed(labels, points, markers)
+def named_clouds(labels: Labels, points: np.ndarray, markers: int) -> np.ndarray:
+    """(F, M, 3) m, NaN where unnamed, the frames of points (T, P, 3) m that have enough names to learn from."""
+    clouds = labels.placed(points, markers)
     return clouds[np.isfinite(clouds[..., 0]).mean(axis=1) >= UNORDERED.min_part]
-
-
-def _placed(labels: Labels, points: np.ndarray, markers: int) -> np.ndarray:
-    """(T, M, 3) m of points (T, P, 3) whose names are sure; NaN where a marker has none."""
-    return labels.kept(labels.sure(UNORDERED.min_rate) != NO_MARKER).placed(points, markers)
 
 
 def _named(likelihood: Likelihood, points: np.ndarray, first: float, part: float) -> Generator[float, None, Labels]:
@@ -128,9 +115,9 @@ def _rare(clouds: np.ndarray) -> np.ndarray:
 def _in_place(labels: Labels, points: np.ndarray, rare: np.ndarray, shape: Shape, clouds: np.ndarray) -> Labels:
     """The labels without those of rare markers (M,) that are not in one place of the body: ghosts are anywhere.
 
-    `clouds` (F, M, 3) m are those in which all others were sure before.
+    `clouds` (F, M, 3) m are what was named before.
     """
-    placed = _placed(labels, points, len(rare))
+    placed = labels.placed(points, len(rare))
     usual = np.median(np.isfinite(clouds[..., 0]).sum(axis=0))
     kept = labels.named
     for marker in np.flatnonzero(rare).tolist():
@@ -139,7 +126,7 @@ def _in_place(labels: Labels, points: np.ndarray, rare: np.ndarray, shape: Shape
         near = np.zeros(len(off), dtype=bool)
         if there.any():
             distance = np.linalg.norm(off - np.median(off[there], axis=0), axis=1)
-            near = there & (distance < UNORDERED.near_radii * shape.radius)
+            near = there & (distance < UNORDERED.loose_radii * shape.radius)
         if near.sum() < UNORDERED.min_near * max(there.sum(), usual):
             near[:] = False
         kept &= (labels.marker != marker) | near[:, None]
@@ -150,7 +137,7 @@ def _tried(likelihood: Likelihood, points: np.ndarray, labels: Labels) -> Genera
     """The likelihood promising no more than labels (T, P) keep when more of the points (T, P, 3) m are hidden.
 
     What its margins are worth was learned of other people and of their poses. How often names change here when less of
-    a frame is seen is about how often they are wrong; where the name before was much less sure, that one was.
+    a frame is seen is about how often they are wrong.
     """
     rng, present = np.random.default_rng(0), np.isfinite(points).all(axis=2)
     count = present.sum(axis=1, keepdims=True)
@@ -160,11 +147,8 @@ def _tried(likelihood: Likelihood, points: np.ndarray, labels: Labels) -> Genera
         rank = np.where(present, rng.random(present.shape), 2.0).argsort(axis=1).argsort(axis=1)
         seen = np.where((present & (rank >= gone))[..., None], points, np.nan)
         again = yield from _named(likelihood, seen, (LEARNING_ROUNDS + trial) / LEARNING_STEPS, 1 / LEARNING_STEPS)
-        sure, before = _log_odds(again)[again.named], _log_odds(labels)[again.named]
-        same = (again.marker == labels.marker)[again.named]
-        usable = same | (sure - before < UNORDERED.max_lead)
-        odds.append(sure[usable])
-        right.append(same[usable])
+        odds.append(_log_odds(again)[again.named])
+        right.append((again.marker == labels.marker)[again.named])
     calibration = raised(likelihood.calibration, np.concatenate(odds), np.concatenate(right))
     return replace(likelihood, calibration=calibration)
 

@@ -23,18 +23,11 @@ class AssemblyOptions:
 
     breach_weight    of the mean breach between two rigid bodies; measured: of 133,000 labels on plates half loses none,
                      twice 80
-    max_breach_cost  the most that one breach costs; measured: half or twice changes 7 of those labels
-    full_link_m      that distances between rigid bodies vary by, up to which a link counts fully; measured: half or
-                     twice names all of them alike
-    min_link_weight  that any link counts; measured: half or twice names all of them alike
     single_cost      log odds a single marker must have beside the number of points that it may be; measured: twice
                      loses 1,411 of them, half none
     """
 
     breach_weight: float = 8.0
-    max_breach_cost: float = 4.0
-    full_link_m: float = 0.1
-    min_link_weight: float = 0.15
     single_cost: float = 1.0
 
 
@@ -60,8 +53,8 @@ def assemble(rigid_bodies: RigidBodies, points: np.ndarray) -> Solved:
 
 
 @lru_cache(maxsize=4)
-def rigid_body_order(rigid_bodies: RigidBodies) -> list[tuple[int, list[tuple[int, float]]]]:
-    """The rigid bodies in the order of the search, each with earlier ones to compare it with and how much each counts.
+def rigid_body_order(rigid_bodies: RigidBodies) -> list[tuple[int, list[int]]]:
+    """The rigid bodies in the order of the search, each with earlier ones to compare it with.
 
     Rigid bodies that share a joint say more of each other than those that do not.
     """
@@ -70,11 +63,7 @@ def rigid_body_order(rigid_bodies: RigidBodies) -> list[tuple[int, list[tuple[in
     order = linking_order(loose)
     ordered = []
     for place_, index in enumerate(order):
-        others = sorted(order[:place_], key=lambda other: loose[index, other])[:MAX_LINKS]
-        counts = [
-            float(np.clip(ASSEMBLY.full_link_m / loose[index, other], ASSEMBLY.min_link_weight, 1)) for other in others
-        ]
-        ordered.append((index, list(zip(others, counts, strict=True))))
+        ordered.append((index, sorted(order[:place_], key=lambda other: loose[index, other])[:MAX_LINKS]))
     return ordered
 
 
@@ -93,9 +82,9 @@ def _beam(rigid_bodies: RigidBodies, points: np.ndarray, distance: np.ndarray) -
         group = rigid_bodies.members[index]
         found = placed[index] = place(rigid_bodies, index, points, distance, near)
         total = score[:, :, None] + found.score[:, None]
-        for other, weight in links:
+        for other in links:
             cost = _link_cost(rigid_bodies, group, rigid_bodies.members[other], found, placed[other], distance)
-            total = total - weight * ASSEMBLY.breach_weight * cost[rows, had[:, :, other]]
+            total = total - ASSEMBLY.breach_weight * cost[rows, had[:, :, other]]
         # A hidden marker's place is the column beyond the last point, which is never used up.
         slots = np.where(found.points >= 0, found.points, count)
         taken = used[rows[..., None, None], np.arange(naming.shape[1])[:, None, None], slots[:, None]].any(axis=3)
@@ -129,7 +118,7 @@ def _link_cost(
     known = (ends[0] >= 0) & (ends[1] >= 0)
     between = distance[frame[:, None, None], *(np.maximum(end, 0) for end in ends)]
     breach = rigid_bodies.breach(between, other[:, None], group[None])
-    cost = np.where(known, np.minimum(0.5 * breach**2, ASSEMBLY.max_breach_cost), 0)
+    cost = np.where(known, 0.5 * breach**2, 0)
     mean = np.zeros((len(distance), before.score.shape[1] + 1, found.score.shape[1]))
     mean[frame, one, two] = cost.sum(axis=(1, 2)) / np.maximum(known.sum(axis=(1, 2)), 1)
     return mean
@@ -170,7 +159,7 @@ def _single_odds(rigid_bodies: RigidBodies, distance, present, naming) -> np.nda
     breach = rigid_bodies.breach(
         distance[frame[:, None], np.maximum(there, 0)], marker[:, None, None], near[marker][..., None]
     )
-    gain = log_gain[marker][..., None] - np.minimum(0.5 * breach**2, 2 * ASSEMBLY.max_breach_cost)
+    gain = log_gain[marker][..., None] - 0.5 * breach**2
     total = np.where(known[..., None], gain, 0).sum(axis=1)
     total *= np.minimum(1, INDEPENDENT_DISTANCES / np.maximum(known.sum(axis=1), 1))[:, None]
     odds[frame, marker] = np.where(free[frame], total - price[frame, None], IMPOSSIBLE)

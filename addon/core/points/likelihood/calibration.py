@@ -13,13 +13,11 @@ class CalibrationOptions:
     knees        margins at which the line may bend; format: a model file has a weight for each
     error_range  parts wrong between which the kept rates lie, by even ratios: where wrong labels are; format
     kind_bounds  parts of the markers that are named, between which frames are of one kind; format: a row for each kind
-    min_labels   labels that a kind of frame needs to be counted on its own: three wrong ones at a rate of 0.999
     """
 
     knees: tuple[float, ...] = (0.0, 2.0, 5.0)
     error_range: tuple[float, float] = (1e-5, 0.3)
     kind_bounds: tuple[float, ...] = (0.7, 0.87)
-    min_labels: int = 3000
 
 
 CALIBRATION = CalibrationOptions()
@@ -107,7 +105,7 @@ def learn_calibration(described: np.ndarray, right: np.ndarray, usual: np.ndarra
     rates = 1 - np.geomspace(*CALIBRATION.error_range, LEVELS)[::-1]
     least = []
     for index in range(FRAME_KINDS):
-        mine = kind == index if (kind == index).sum() >= CALIBRATION.min_labels else np.ones(len(kind), dtype=bool)
+        mine = kind == index if (kind == index).any() else np.ones(len(kind), dtype=bool)
         least.append(_least(odds[mine], right[mine], rates, extra_wrong=1))
     return Calibration(weights, rates, np.array(least))
 

@@ -20,8 +20,6 @@ class PlacingOptions:
     max_marker_m   that a further marker may be from where the first three put it; physical: a marker's own width
     point_gain     log likelihood of one more point that fits; measured: half of it names 2,257 of 133,000 points on
                    plates wrongly, twice none
-    max_bend_cost  the most that a bent rigid body costs, for every number that fixes it; measured: half or twice
-                   changes 13 of them
     """
 
     noise_m: float = 0.0007
@@ -29,7 +27,6 @@ class PlacingOptions:
     min_gate_m: float = 0.005
     max_marker_m: float = 0.012
     point_gain: float = 7.0
-    max_bend_cost: float = 4.0
 
     def spread(self, lengths: np.ndarray | float) -> np.ndarray:
         """The standard deviation, m, of measured lengths, m."""
@@ -176,7 +173,7 @@ def _scores(lengths, distance, frame, found) -> np.ndarray:
     # Skin gives way now and then: far off costs little more than off.
     mean = 2 * np.log1p(off / 2).sum(axis=(1, 2)) / both.sum(axis=(1, 2))
     count = known.sum(axis=1)
-    return PLACING.point_gain * (count - 2) - 0.5 * (3 * count - 6) * np.minimum(mean, PLACING.max_bend_cost)
+    return PLACING.point_gain * (count - 2) - 0.5 * (3 * count - 6) * mean
 
 
 def _best(frames: int, rows: np.ndarray, scores: np.ndarray, count: int) -> Placements:

@@ -15,6 +15,7 @@ from ...data.takes import NO_POINT
 from ...geometry.rigid import pairwise_distances
 from ..likelihood.model import Known
 from ..likelihood.naming import Settled, expected_of
+from ..refusals import REFUSAL
 from .pairs import PAIRING
 
 
@@ -25,13 +26,11 @@ class BlockOptions:
     size        physical: markers at a time: a heel, an ankle and a toe
     points      memory and time: that each may be, the likeliest on its own; half names crowds alike
     proposed    memory and time: choices of each block that are weighed exactly; half or twice names crowds alike
-    min_seen    physical: part of the frames in which a point must be there: half
     """
 
     size: int = 3
     points: int = 6
     proposed: int = 4
-    min_seen: float = 0.5
 
 
 BLOCKS = BlockOptions()
@@ -63,7 +62,7 @@ def _turned_about(known: Known, now: Settled, place: np.ndarray, blocks: np.ndar
     By what they win over the names so far, which is known without letting go of any: that of normal densities.
     """
     there = now.present[:, place[blocks]].swapaxes(0, 1)
-    blocks = blocks[(there.mean(axis=1) >= BLOCKS.min_seen).all(axis=1)]
+    blocks = blocks[(there.mean(axis=1) >= REFUSAL.min_half).all(axis=1)]
     if not len(blocks):
         return np.zeros((0, len(place)), int)
     count, size = blocks.shape
@@ -100,7 +99,7 @@ def _choices(known: Known, now: Settled, place: np.ndarray, block: np.ndarray) -
     let_go = np.isin(np.arange(markers), block)
     points, expected, shared = expected_of(known.fine, now.points, np.where(let_go, NO_POINT, now.naming), block)
     free = np.concatenate([block, np.arange(markers, every)])
-    free = free[now.present[:, place[free]].mean(axis=0) >= BLOCKS.min_seen]
+    free = free[now.present[:, place[free]].mean(axis=0) >= REFUSAL.min_half]
     if len(free) < len(block):
         return np.zeros((0, every), int)
     covariance = shared + np.diag(np.repeat(known.fine.noise[block], 3))

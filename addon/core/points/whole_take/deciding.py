@@ -24,11 +24,9 @@ class BelievingOptions:
 
     odds_of_target   measured: of the log odds of a target, that a tracklet's name must be ahead of any other; with half
                      names of 2 % of people of other labs are wrong, with twice they lose 6 %
-    max_target       beyond which nothing is promised of a take as a whole: frames must be as sure on their own
     """
 
     odds_of_target: float = 0.6
-    max_target: float = 0.9999
 
 
 BELIEVING = BelievingOptions()
@@ -79,8 +77,6 @@ def labels_of(
     for part in blocks(*tracklets.table.shape):
         given, sure = tracklets.spread(believed, NO_MARKER, part), tracklets.spread(of_tracklet, 0.0, part)
         given, own = once(given, sure, len(names), lanes, part.start), named[part]
-        if target > BELIEVING.max_target:
-            given[(given != own.marker) | (own.measured_rate < target)] = NO_MARKER
         there, alone = given != NO_MARKER, (given == own.marker) & (given != NO_MARKER)
         labels.marker[part] = given
         labels.step[part] = np.where(there, np.where(alone, own.step, BY_TRAJECTORY), NO_STEP)

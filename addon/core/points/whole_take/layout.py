@@ -25,20 +25,18 @@ class LayoutNamingOptions:
 
     min_gain      log likelihood of the middle frame by which other names must be better; measured: twice of it names
                   4 % of crowds wrong, half none
-    max_question  log odds below which what is right is a question; measured: half or twice names crowds alike
-    about         log odds that a quick look at an exchange may be wrong by; measured: half or twice names crowds alike
-    rounds        memory and time: of asking, and asking again
+    max_question  log odds below which what is right is a question, and that a quick look may be wrong by; measured:
+                  half or twice names crowds alike
     block         memory: exchanges at once
     """
 
     min_gain: float = 0.3
     max_question: float = 6.0
-    about: float = 4.0
-    rounds: int = 12
     block: int = 16
 
 
 LAYOUT_NAMING = LayoutNamingOptions()
+LAYOUT_ROUNDS = 12  # of asking, and asking again; by time
 
 
 @dataclass(frozen=True)
@@ -65,7 +63,7 @@ def named_by_layout(
         return name, ()
     present = now.present
     questions: tuple[Question, ...] = ()
-    for _ in range(LAYOUT_NAMING.rounds):
+    for _ in range(LAYOUT_ROUNDS):
         place = np.argsort(name)
         tried = _without_held(_exchanges(known, now, name, absent), held)
         others, middle, usual = _gains(known, now, place, tried)
@@ -163,7 +161,7 @@ def _may_gain(known: Known, now: Settled, one: np.ndarray, other: np.ndarray) ->
     swapped = found.swap[:, np.maximum(one, other), np.minimum(one, other)]
     each = np.where(first & second, swapped, np.where(first | second, moved, 0.0))
     unknown = (each <= IMPOSSIBLE).any(axis=0)
-    return unknown | (_usual(each)[1] > -LAYOUT_NAMING.max_question - LAYOUT_NAMING.about)
+    return unknown | (_usual(each)[1] > -2 * LAYOUT_NAMING.max_question)
 
 
 def _worth_trying(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:
@@ -172,7 +170,7 @@ def _worth_trying(known: Known, now: Settled, place: np.ndarray) -> np.ndarray:
     odds = name_odds(known.fine, known.constraints, now)
     own = np.take_along_axis(odds, np.maximum(now.naming, 0)[..., None], axis=2)
     gain = odds[:, :, place[markers:]] - np.where(now.named[..., None], own, 0)
-    return np.median(gain, axis=0) > -LAYOUT_NAMING.max_question - LAYOUT_NAMING.about
+    return np.median(gain, axis=0) > -2 * LAYOUT_NAMING.max_question
 
 
 def _scores(known: Known, now: Settled, others: np.ndarray) -> np.ndarray:

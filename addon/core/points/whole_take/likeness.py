@@ -23,7 +23,8 @@ class LikenessOptions:
     min_neighbours    physical: below which nothing is said: three distances fix a place
     independent       measured: of the neighbours asked, whose distances err together; with 3 names of 1 % of plates are
                       wrong, with 6 still trials lose 2 %
-    max_square        measured: standard deviations², beyond which a distance is no worse; with 9 plates lose 2 %
+    max_square        measured: standard deviations², beyond which a distance is no worse; with 9 plates lose 2 %, with
+                      32 names of 1 % of crowds are wrong
     wide_m            physical: m, that a marker's place is known to, whatever its neighbours say: half a person
     ghost_density     physical: points that are no marker in a cubic metre: one or two where a person moves
     sample_s          measured: s that a tracklet must be longer to say as much again; with twice plates lose 2 %

@@ -33,7 +33,7 @@ from ..refusals import Sample, refuse_floods, refuse_others, refuse_unlike, refu
 from ..tracklets import are_lasting, cut, renamed
 from ..unordered import FRAMES_LEARNED_FROM, is_unordered, learn_subject
 from .asking import asked_frames
-from .deciding import BELIEVING, can_be_solved, verdict_of
+from .deciding import can_be_solved, verdict_of
 from .rulings import Rulings
 from .solving import Solution, solve_take
 from .tracklets import said_between
@@ -217,8 +217,7 @@ def name_frames(
     yield Stage("others", "look whether the model is for this take")
     solvable = learned and can_be_solved(adaptation.model, tracklet)
     unordered = learned and is_unordered(adaptation.model, tracklet)
-    # What is asked for beyond what a take can promise, each frame must promise on its own; so must frames in no order.
-    few = learned and options.target <= BELIEVING.max_target and not unordered
+    few = learned and not unordered
     asked = asked_frames(tracklet, take.rate) if few else np.arange(len(take.xyz))
     points = take.ordered(asked)
     if recognise is None and not options.force:

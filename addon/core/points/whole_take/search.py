@@ -14,6 +14,7 @@ import numpy as np
 from ...data.takes import NO_MARKER, NO_POINT
 from ..likelihood.naming import Settled, name_odds, score_of, settle
 from ..likelihood.swaps import alternatives, own_odds
+from ..refusals import REFUSAL
 from ..tracklets import VOTE
 from .matching import margins, matched
 from .objective import OBJECTIVE, USUAL_FREEDOM, Candidate, Freedom, Objective, clipped
@@ -27,11 +28,8 @@ class SearchOptions:
 
     sizes      physical: of a neighbourhood, a marker and those nearest to it: a hand, a forearm, a foot with its shank
     least      format: nats in all of the take by which a naming must be worth more: rounding must not choose of equals
-    promising  measured: log likelihood of a frame's shape by which an exchange may be worse, and is tried; with 0 names
-               of 1 % of people of other labs are wrong, twice changes none
-    seen       measured: of the frames of the usual marker, in less of which one is in doubt, and
-    borne_out  measured: of the odds a frame of the usual marker; in takes that are right 0.71 and 0.68 at least, and
-               where limbs are one place off some marker has less
+    borne_out  measured: of the odds a frame of the usual marker, with less of which one is in doubt; in takes that are
+               right 0.68 at least, and where limbs are one place off some marker has less
     margin     measured: log odds a frame that a tracklet must be ahead; exchanged wrists are by 2.9 to 4.7
     sweeps     measured: over all groups; with one 2 % of plates and of people of other labs are lost
     chains     measured: that are tried; with 16 a turned plate of S02 is not found
@@ -41,8 +39,6 @@ class SearchOptions:
 
     sizes: tuple[int, ...] = (5, 9, 14)
     least: float = 5.0
-    promising: float = -6.0
-    seen: float = 0.5
     borne_out: float = 0.6
     margin: float = 6.0
     sweeps: int = 3
@@ -127,7 +123,7 @@ class Search:
         """(M,) the markers that are seldom there, or that what is named beside them hardly bears out."""
         objective, marker = self.objective, self.best.marker
         count, borne_out = objective.borne_out(self.best)
-        doubted = (count < SEARCH.seen * np.median(count)) | (borne_out < SEARCH.borne_out * np.median(borne_out))
+        doubted = (count < REFUSAL.min_half * np.median(count)) | (borne_out < SEARCH.borne_out * np.median(borne_out))
         every = np.arange(objective.markers + objective.extras)
         doubted |= self.best.slots.odds(every[None])[0] < 0
         doubted[marker[[one for one in self._unsure() if marker[one] < objective.markers]]] = True
@@ -246,7 +242,7 @@ class Search:
         there = (tracklets.first[:, None] <= end[tracklet]) & (end[:, None] >= tracklets.first[tracklet])
         free = ~(there & (marker[:, None] == name)).any(axis=0)
         count = np.bincount(marker[own], tracklets.count[own], markers)
-        seldom = np.flatnonzero(own)[count[marker[own]] < SEARCH.seen * np.median(count)]
+        seldom = np.flatnonzero(own)[count[marker[own]] < REFUSAL.min_half * np.median(count)]
         one = np.concatenate([tracklet[free], seldom])
         other = np.concatenate([name[free], np.full(len(seldom), NO_MARKER)])
         some = np.argsort(-tracklets.count[one], kind="stable")[: SEARCH.chains]
@@ -276,9 +272,9 @@ class Search:
         for limb in known.exchanges:
             naming = np.where(now.present[:, limb], limb, NO_POINT)
             score = score_of(known.fine, known.constraints, now.points, now.worth, naming)
-            if clipped(score - now.score, 2) > SEARCH.promising:
+            if clipped(score - now.score, 2) > -OBJECTIVE.max_marker:
                 yield np.append(limb, np.arange(markers, every))
-        one, other = np.nonzero(self._of_two(now) > SEARCH.promising)
+        one, other = np.nonzero(self._of_two(now) > -OBJECTIVE.max_marker)
         for pair in zip(one.tolist(), other.tolist(), strict=True):
             order = np.arange(every)
             order[list(pair)] = pair[::-1]

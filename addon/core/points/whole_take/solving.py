@@ -16,7 +16,7 @@ from ...data.made import Table
 from ...data.takes import NO_MARKER
 from ..deciding import Said
 from ..models import Model
-from ..refusals import NO_FIT, SetFit
+from ..refusals import NO_FIT, REFUSAL, SetFit
 from .layout import Question, named_by_layout
 from .matching import margins, matched
 from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, usual_fit
@@ -48,25 +48,20 @@ class ExtraOptions:
     """What is taken for an unmodelled marker.
 
     min_frames  physical: of a tracklet from which one is started: a third of a second, in which things move
-    crowd       measured: times as many tracklets as markers, in the usual frame; 1.44 at most of who wears two sets,
-                2.3 at least among all that a lab puts on
     """
 
     min_frames: int = 30
-    crowd: float = 1.8
 
 
 @dataclass(frozen=True)
 class MarginOptions:
     """How sure a name is, by what else was tried.
 
-    looks     measured: independent looks that a take is worth for a group of markers: its layout is off in all frames
-              alike; with 1 known people lose 4 to 9 % of their labels, with 2.75 takes of other labs have wrong ones
-    min_seen  physical: part of the take in which a marker is there that is known by its own distances: half of it
+    looks  measured: independent looks that a take is worth for a group of markers: its layout is off in all frames
+           alike; with 1 known people lose 4 to 9 % of their labels, with 2.75 takes of other labs have wrong ones
     """
 
     looks: float = 1.5
-    min_seen: float = 0.5
 
 
 ROUNDS = RoundOptions()
@@ -257,7 +252,7 @@ class _Solving:
         """
         named, tracklets = own != NO_MARKER, self.tracklets
         count = np.bincount(own[named], tracklets.count[named], self.markers)
-        seldom = count < MARGINS.min_seen * self.objective.length
+        seldom = count < REFUSAL.min_half * self.objective.length
         of_seldom = named & seldom[own] & (tracklets.held == NO_MARKER)
         return np.where(of_seldom, tracklets.votes[np.arange(len(own)), own], np.inf)
 
@@ -301,7 +296,7 @@ def is_crowd(tracklets: Tracklets, markers: int) -> bool:
     frames = np.arange(int(tracklets.last.max(initial=0)) + 1)
     begun = np.searchsorted(np.sort(tracklets.first[long]), frames, side="right")
     ended = np.searchsorted(np.sort(tracklets.last[long]), frames, side="left")
-    return float(np.median(begun - ended)) >= EXTRAS.crowd * markers
+    return float(np.median(begun - ended)) >= REFUSAL.crowd * markers
 
 
 def _likeliest(tracklets: Tracklets) -> np.ndarray:
