@@ -106,14 +106,6 @@ def test_suspects_call_a_trajectory_as_the_labels_do(source, of_two_minds):
     assert labels[:3] == ["LHJC", "RHJC", "CentreOfMass"]
 
 
-def test_the_take_as_a_whole_overrules_frames_that_exchange_two_markers(source, of_two_minds):
-    out = label(source)
-    with (out / "walk.labels.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert {row["marker"] for row in rows if row["point"] == "3"} == {"SACR"}
-    assert {row["marker"] for row in rows if row["point"] == "4"} == {"RASI"}
-
-
 @pytest.fixture
 def fairly_sure(monkeypatch):
     """A naming that is right in every frame, and no surer than one in two thousand."""

@@ -185,16 +185,6 @@ def test_frames_of_long_takes_are_shared_out_and_stay_their_own(tmp_path):
         assert {frame.tobytes() for frame in row.points} <= own
 
 
-def test_a_take_that_is_given_again_with_other_labels_takes_its_own_place(tmp_path):
-    paths = [write(tmp_path / who / f"{take}.c3d", seed=take) for who, take in (("ann", 1), ("ann", 2), ("bob", 1))]
-    before = training_takes_of(read_takes(paths, ()), NAMES)
-    again = write(tmp_path / "corrected" / "1.c3d", names=("B", "A", "C", "", "E"), seed=1)
-    left, gone, doubts = without_replaced(before, read_takes([again], [("ann", "*corrected*")]))
-    assert [(row.subject, row.takes) for row in gone] == [("ann", ("1.c3d",))]
-    assert [(row.subject, row.takes) for row in left] == [("ann", ("2.c3d",)), ("bob", ("1.c3d",))]
-    assert doubts == []
-
-
 def test_another_take_of_the_same_name_is_added_and_said(tmp_path):
     before = training_takes_of(read_takes([write(tmp_path / "ann" / "1.c3d", seed=1)], ()), NAMES)
     other = read_takes([write(tmp_path / "monday" / "1.c3d", seed=9)], [("ann", "*")])

@@ -42,12 +42,6 @@ def test_every_kind_has_words():
     assert {edit: words_of(edit) for edit in WORDS} == WORDS
 
 
-@pytest.mark.parametrize("shift", [-99, 7])
-def test_frames_are_counted_as_they_are_shown(shift):
-    edit = AssignPoint(12, "LKNE", frames=(100, 250))
-    assert words_of(edit, shift) == f"LKNE is trajectory 12, frames {100 + shift}–{250 + shift}"
-
-
 @pytest.mark.parametrize(
     ("words", "shifted"),
     [

@@ -63,28 +63,10 @@ def test_markers_of_several_subjects_are_each_their_own():
     assert result["false_occlusions"] == 1, "bob's two, and nobody without a name"
 
 
-def test_without_a_model_every_name_counts():
-    counted = Figures().add([1, 1], None, ["P", ""], ["P", "Q"]).add([2], None, ["R"], ["S"])
-    result = counted.as_dict()
-    assert set(result["per_marker"]) == {"P", "Q", "R", "S"}
-    assert (result["precision"], result["recall"]) == (1 / 2, 1 / 3)
-    # Six names were not given (P once in frame 2, Q S twice, R once); Q and S were there.
-    assert result["false_occlusions"] == pytest.approx(2 / 6)
-
-
 def test_nothing_given_is_no_number_and_still_json():
     result = Figures(MARKERS).add([], [], [], []).as_dict()
     assert result["precision"] is None
     assert json.loads(json.dumps(result))["perfect_frames"] is None
-
-
-def test_steps_have_their_own_precision():
-    counted = Figures(MARKERS).add([1, 1, 1], [0, 0, 0], ["A", "B", ""], ["A", "C", "B"], ["exclusive", "conflict", ""])
-    steps = counted.as_dict()["steps"]
-    assert steps == {
-        "conflict": {"labels": 1, "right": 0, "precision": 0.0},
-        "exclusive": {"labels": 1, "right": 1, "precision": 1.0},
-    }
 
 
 def test_columns_of_different_lengths_are_refused():

@@ -4,7 +4,7 @@
 import numpy as np
 
 from addon.core.geometry import rotations
-from addon.core.posing.character import BONE_NAMES, BONES, character_of
+from addon.core.posing.character import character_of
 from addon.io.markersets import open_markerset
 
 HEIGHT = 1.7
@@ -20,32 +20,10 @@ def at_rest(markerset):
     return markerset.skeleton.segments, joints, ends
 
 
-def test_the_rest_is_upright_with_level_arms_and_mirrored():
-    character = character_of(*at_rest(open_markerset("actor41")))
-    assert len(character.names) == len(BONES)
-    ahead = character.tails - character.heads
-    at = {name: index for index, name in enumerate(character.names)}
-    for side, outward in (("L", 1.0), ("R", -1.0)):
-        for limb in ("shoulder", "upper_arm", "forearm", "hand"):
-            bone = ahead[at[f"{limb}.{side}"]]
-            np.testing.assert_allclose(bone / np.linalg.norm(bone), [outward, 0, 0], atol=1e-9)
-        assert ahead[at[f"shank.{side}"]][2] < 0
-    for left, right in ((name, f"{name[:-1]}R") for name in character.names if name.endswith(".L")):
-        np.testing.assert_allclose(character.heads[at[left]] * [-1, 1, 1], character.heads[at[right]], atol=0.02)
-    assert character.heads[:, 2].min() > 0
-    np.testing.assert_allclose(np.linalg.det(character.turns), 1)
-
-
 def test_a_lower_body_has_hips_and_legs():
     character = character_of(*at_rest(open_markerset("gait15")))
     assert character.names[0] == "hips"
     assert {name.partition(".")[0] for name in character.names[1:]} == {"thigh", "shank", "foot", "toes"}
-
-
-def test_bones_are_called_by_every_scheme_and_none_twice():
-    for names in BONE_NAMES.values():
-        assert set(names) == {site.name for site in BONES}
-        assert len(set(names.values())) == len(names)
 
 
 def test_who_was_not_found_is_nowhere():

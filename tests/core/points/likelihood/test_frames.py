@@ -98,13 +98,6 @@ def test_the_order_of_points_and_the_way_one_faces_do_not_matter(likelihood):
     assert (other.marker[sure] == plain.marker[:, order][sure]).mean() > 0.999
 
 
-def test_training_is_the_same_for_the_same_seed():
-    takes = [(walker(seed, 60), str(seed)) for seed in range(3)]
-    one, other = learn_likelihood(takes, NAMES, seed=4), learn_likelihood(takes, NAMES, seed=4)
-    assert np.array_equal(one.shape.modes, other.shape.modes)
-    assert np.array_equal(one.calibration.weights, other.calibration.weights)
-
-
 def test_plates_are_found_in_poses_that_were_never_seen():
     likelihood = learn_likelihood([(plated.walk(plated.body(), frames=200), "she")], plated.NAMES)
     assert likelihood.rigid_bodies is not None

@@ -244,21 +244,6 @@ def test_a_strict_target_names_no_more_than_a_lax_one(model, markers):
     assert given[-1] == 0  # nothing promises that, as no frame is so sure
 
 
-@pytest.mark.parametrize(("names", "unnamed"), [(("LELB", "LWRA", "LFIN"), True), (("RANK", "RTOE"), False)])
-def test_a_chain_of_exchanges_finds_a_limb_one_place_off_or_a_pair(model, markers, names, unnamed):
-    points, whose = pieces(markers, hidden=0)
-    tracklets = tracklets_of(points, cut(points, RATE), said(points, whose, np.zeros(points.shape[:2], bool)), 26)
-    truth, called = whose[tracklets.lane], np.arange(27)
-    chain = [model.markerset.index(name) for name in names]
-    called[chain] = [*chain[1:], 26 if unnamed else chain[0]]
-    objective = Objective(points, tracklets, model, RATE, truth)
-    objective.extras = 1
-    wrong, right = objective.of(called[truth]), objective.of(truth)
-    assert right.layout > wrong.layout
-    best, *_ = objective.layout(wrong.marker, wrong.moments).chains(np.array(chain[:1]), 30, 5)
-    assert (best[:26] == called[:26]).all()
-
-
 def test_a_plate_turned_round_is_worth_less_however_far_it_sits_from_its_place(model, markers):
     """As much off for all of its markers is less than twice as much for some: squares have no limit."""
     four = [model.markerset.index(name) for name in ("LKNE", "LANK", "LHEE", "LTOE")]
