@@ -42,27 +42,6 @@ def _which(path: Path) -> str | None:
     return str(path) if path.exists() else None
 
 
-def test_without_a_blender_the_reason_is_told(nothing_found):
-    with pytest.raises(LookupError, match="MOCAP_BLENDER is not set and `blender` is not on PATH"):
-        real_blender.find()
-
-
-def test_the_variable_comes_before_the_path(nothing_found, monkeypatch, tmp_path):
-    program(tmp_path / "bin", "blender", BLENDER)
-    assert real_blender.find().command == (str(tmp_path / "bin" / "blender"),)
-    chosen = program(tmp_path, "chosen", BLENDER)
-    monkeypatch.setenv("MOCAP_BLENDER", f"{chosen} --threads 1")
-    found = real_blender.find()
-    assert found.command == (str(chosen), "--threads", "1")
-    assert found.version == (5, 2, 7)
-
-
-def test_a_blender_that_does_not_start_is_no_blender(nothing_found, monkeypatch, tmp_path):
-    monkeypatch.setenv("MOCAP_BLENDER", str(tmp_path / "missing"))
-    with pytest.raises(LookupError, match="MOCAP_BLENDER does not start"):
-        real_blender.find()
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a screen")
 def test_a_window_gets_a_screen_of_its_own_or_a_reason(nothing_found, tmp_path):
     program(tmp_path / "bin", "blender", BLENDER)
