@@ -32,6 +32,7 @@ from addon.core.geometry.cameras import NO_CAMERAS, Cameras  # noqa: E402
 from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion  # noqa: E402
 from addon.core.points.models import Model  # noqa: E402
 from addon.core.points.several.wearers import SetsWorn, Wearer  # noqa: E402
+from addon.core.simulation.rigs import ring_rig  # noqa: E402
 from addon.io.blobs import write_blobs  # noqa: E402
 from addon.io.cameras import write_cameras  # noqa: E402
 from addon.io.markersets import write_markerset  # noqa: E402
@@ -79,25 +80,10 @@ def make_markerset() -> MarkerSet:
 
 def make_cameras(lens: float = 0.0) -> Cameras:
     """Four cameras in a ring, with unequal sides of their pixels and the principal point off the middle."""
-    angle = np.radians([40, 130, 220, 310])
-    places = np.column_stack([4 * np.cos(angle), 4 * np.sin(angle), np.full(4, 1.8)])
-    turns = []
-    for place in places:
-        z = np.array([0, 0, 0.9]) - place
-        z /= np.linalg.norm(z)
-        x = np.cross(z, [0, 0, 1])
-        x /= np.linalg.norm(x)
-        turns.append(np.stack([x, np.cross(z, x), z]))
-    turns = np.array(turns)
+    rig = ring_rig(4, (656, 491), 4.0, 1.8, 1.0)
     matrix = np.array([[[620.0 + i, 0, 330 + i], [0, 640.0 - 9 * i, 240 + 2 * i], [0, 0, 1]] for i in range(4)])
-    return Cameras(
-        tuple(f"cam {i}" for i in range(4)),
-        np.full((4, 2), [656, 491]),
-        matrix,
-        np.tile([lens, 0, 0, 0, 0], (4, 1)),
-        turns,
-        -np.einsum("cij,cj->ci", turns, places),
-    )
+    names = tuple(f"cam {index}" for index in range(4))
+    return replace(rig, names=names, matrix=matrix, distortion=np.tile([lens, 0, 0, 0, 0], (4, 1)))
 
 
 def make_motion(markerset: MarkerSet, count: int, first: int = 101) -> Motion:

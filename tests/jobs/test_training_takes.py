@@ -137,12 +137,6 @@ def test_what_was_filled_is_not_learned(tmp_path):
         assert f"{name}: 4 samples were filled and not measured, so they are not learned" in learned.doubts
 
 
-def test_no_marker_in_common_names_both_takes(tmp_path):
-    takes = read_takes([write(tmp_path / "one.c3d"), write(tmp_path / "two.c3d", tuple("VWXYZ"))], ())
-    with pytest.raises(InputError, match=r"no marker in common \(one.c3d: A, B, C, D, …; two.c3d: V, W, X, Y, …\)"):
-        chosen_markers(takes, None)
-
-
 def test_a_take_in_another_unit_is_found_by_its_size(tmp_path):
     paths = [write(tmp_path / f"{index}.c3d", seed=index) for index in range(3)]
     with pytest.raises(InputError, match=r"9\.\d+ times as large"):
