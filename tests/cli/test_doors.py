@@ -8,7 +8,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from addon.cli import workers
 from addon.cli.workers import door
 from addon.demo.take import MODEL
 
@@ -59,12 +58,3 @@ def test_inside_blender_its_own_program_is_started_again(monkeypatch):
     blender = SimpleNamespace(app=SimpleNamespace(binary_path="/opt/blender/blender"))
     monkeypatch.setitem(sys.modules, "bpy", blender)
     assert door() == ["/opt/blender/blender", "--background", "--command", "mocap_autolabel"]
-
-
-def test_a_worker_that_dies_is_one_sentence(monkeypatch, tmp_path):
-    monkeypatch.setattr(workers, "door", lambda: [sys.executable, "-c", "import os; os._exit(7)"])
-    with workers.crew(1) as run:
-        [(number, answer)] = run([["label"]])
-    assert number == 0
-    assert answer.exit_status == 1
-    assert "status 7" in str(answer)

@@ -6,7 +6,7 @@ import pytest
 
 from addon.core.data.errors import InputError
 from addon.core.geometry.upright import turned
-from addon.core.points.likelihood.frames import label_frames, label_some, solve_frames
+from addon.core.points.likelihood.frames import label_frames, label_some
 from addon.core.points.likelihood.learn import learn_likelihood
 from addon.core.points.likelihood.trials import make_trial
 from addon.core.simulation.virtual import Act
@@ -122,12 +122,3 @@ def test_a_frame_in_a_crowd_is_nothing_to_its_neighbours(likelihood):
     assert (together.marker[others, :width] == alone.marker[others]).all()
     assert np.allclose(together.confidence[others, :width], alone.confidence[others], atol=1e-9)
     assert (together.marker[others, width:] < 0).all()
-
-
-def test_room_without_points_changes_nothing(likelihood):
-    trial = make_trial(walker(77, 20), (0, 3), (0, 2), np.random.default_rng(7))
-    known, room = likelihood.known, np.full((20, 6, 3), np.nan)
-    alone, wide = (solve_frames(known, points) for points in (trial.points, np.append(trial.points, room, axis=1)))
-    assert (alone.naming == wide.naming).all()
-    for name in ("score", "margin", "mean_square"):
-        assert np.allclose(getattr(alone, name), getattr(wide, name), rtol=1e-9, atol=1e-9)
