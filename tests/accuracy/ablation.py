@@ -29,7 +29,7 @@ from threadpoolctl import threadpool_limits
 from scripts.results import matters, now
 
 from . import people
-from .registry import Outcome, Trial, registry
+from .registry import Outcome, registry
 from .switches import STAGES, TOGETHER, numbers, variant
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -75,14 +75,10 @@ def measure(kept: Measured, case: str, trials, names: list[str], until: float) -
                 continue
             if monotonic() > until:
                 return False
-            have[name][trial.take] = _plain(_labelled(trial, name))
+            with variant(name), threadpool_limits(1, user_api="blas"):
+                have[name][trial.take] = _plain(trial.label())
             kept.write(case, name, have[name])
     return True
-
-
-def _labelled(trial: Trial, name: str) -> Outcome:
-    with variant(name), threadpool_limits(1, user_api="blas"):
-        return trial.label()
 
 
 def _plain(outcome: Outcome) -> dict:

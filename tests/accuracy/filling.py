@@ -8,7 +8,6 @@ over the frames of a gap, then the gaps of a take, then the takes, mm.
 The constants of the filling were chosen on the takes of CHOSEN_ON; what the others show is printed beside it.
 """
 
-import argparse
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -37,7 +36,8 @@ GROUPS = {
     "of all, those that nothing was chosen on": tuple(name for name in TAKES if name not in CHOSEN_ON),
 }
 SECONDS = (0.1, 0.5, 1.0, 2.0)
-AT_ONCE = {1: 1.0, 2: 0.5, 4: 0.34}  # markers missing at once, and the part of --count that is cut of them
+AT_ONCE = {1: 12, 2: 6, 4: 4}  # markers missing at once, and how many gaps are cut of them a take and length
+SEED = 0
 MARGIN = 10  # frames on either side of a gap in which the marker is known
 LEAST_SEEN = 0.2  # of a take; a marker that is seen less has no room for gaps
 
@@ -58,9 +58,9 @@ def take_of(name: str) -> tuple[np.ndarray, float]:
     return take.xyz[:, kept], take.rate
 
 
-def cuts(xyz: np.ndarray, length: int, count: int, at_once: int, seed: int) -> Iterator[Cut]:
+def cuts(xyz: np.ndarray, length: int, count: int, at_once: int) -> Iterator[Cut]:
     """Gaps at random where the markers are known, also a little before and after."""
-    rng = np.random.default_rng([seed, length, at_once])
+    rng = np.random.default_rng([SEED, length, at_once])
     known = np.isfinite(xyz[..., 0])
     distance = np.nanmean(np.linalg.norm(xyz[::20, :, None] - xyz[::20, None], axis=-1), axis=0)
     while count:
@@ -140,38 +140,29 @@ def _off(path: np.ndarray, truth: np.ndarray) -> float:
 
 def main() -> int:
     """Prints the tables."""
-    parser = argparse.ArgumentParser(prog="python -m tests.accuracy.filling", description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=12, help="gaps a take and length")
-    parser.add_argument("--at-once", type=int, nargs="*", choices=list(AT_ONCE), default=list(AT_ONCE))
-    parser.add_argument("--takes", nargs="*", choices=TAKES, default=TAKES)
-    parser.add_argument("--seed", type=int, default=0)
-    given = parser.parse_args()
     if not PEOPLE.exists():
         print("the recorded people are not here; expected them in ../shared/data/people", file=sys.stderr)
         return 1
-    begin, takes = perf_counter(), {name: take_of(name) for name in given.takes}
+    begin, takes = perf_counter(), {name: take_of(name) for name in TAKES}
     with threadpool_limits(1, user_api="blas"):
-        for at_once in given.at_once:
+        for at_once in AT_ONCE:
             print(f"\n{at_once} missing at once, mean error in mm\n")
-            rows = [row for seconds in SECONDS for row in _rows(takes, seconds, at_once, given)]
+            rows = [row for seconds in SECONDS for row in _rows(takes, seconds, at_once)]
             print(markdown(["gap", "takes", *PEERS, "auto", "auto expected", "by take"], rows), flush=True)
     print(f"\n{perf_counter() - begin:.0f} s, {process_time():.0f} s of a core")
     return 0
 
 
-def _rows(takes: dict, seconds: float, at_once: int, given) -> list[list[str]]:
+def _rows(takes: dict, seconds: float, at_once: int) -> list[list[str]]:
     means = {}
     for name, (xyz, rate) in takes.items():
-        count = max(1, round(given.count * AT_ONCE[at_once]))
-        found = [errors(xyz, rate, cut) for cut in cuts(xyz, round(seconds * rate), count, at_once, given.seed)]
+        found = [errors(xyz, rate, cut) for cut in cuts(xyz, round(seconds * rate), AT_ONCE[at_once], at_once)]
         means[name] = {key: float(np.mean([one[key] for one in found])) for key in found[0]}
     rows = []
     for label, names in GROUPS.items():
-        there = [name for name in names if name in means]
-        if there:
-            whole = {key: np.mean([means[name][key] for name in there]) for key in means[there[0]]}
-            each = ", ".join(f"{name} {means[name]['auto']:.2g}" for name in there)
-            rows.append([f"{seconds:g} s", label, *(f"{value:.2f}" for value in whole.values()), each])
+        whole = {key: np.mean([means[name][key] for name in names]) for key in means[names[0]]}
+        each = ", ".join(f"{name} {means[name]['auto']:.2g}" for name in names)
+        rows.append([f"{seconds:g} s", label, *(f"{value:.2f}" for value in whole.values()), each])
     return rows
 
 

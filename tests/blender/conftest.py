@@ -12,7 +12,7 @@ import pytest
 bpy = pytest.importorskip("bpy", reason="needs the bpy module")
 
 from addon.core.body.bodies import BodyModel  # noqa: E402
-from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread  # noqa: E402
+from addon.core.data.markersets import MarkerSet  # noqa: E402
 from addon.core.data.takes import (  # noqa: E402
     BY_FIT,
     CONFLICT,
@@ -32,99 +32,58 @@ from addon.core.geometry.cameras import NO_CAMERAS, Cameras  # noqa: E402
 from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion  # noqa: E402
 from addon.core.points.models import Model  # noqa: E402
 from addon.core.points.several.wearers import SetsWorn, Wearer  # noqa: E402
+from addon.core.simulation.rigs import ring_rig  # noqa: E402
 from addon.io.blobs import write_blobs  # noqa: E402
 from addon.io.cameras import write_cameras  # noqa: E402
 from addon.io.markersets import write_markerset  # noqa: E402
 from addon.io.points import write_c3d  # noqa: E402
 from addon.scene.take import Take  # noqa: E402
+from tests.core.toybody import made_up  # noqa: E402
 
 from .hands import FRAMES, GHOST, MODULE, ours, stored_take  # noqa: E402
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
-# segment: (parent, joint in the parent's axes, capsule end in its own axes, capsule radius), heights
-SEGMENTS = {
-    "pelvis": ("", (0, 0, 0.53), (0, 0, 0.06), 0.075),
-    "trunk": ("pelvis", (0, 0, 0.06), (0, 0, 0.21), 0.08),
-    "head": ("trunk", (0, 0, 0.27), (0, 0, 0.09), 0.05),
-    "l_arm": ("trunk", (0, 0.11, 0.2), (0, 0.02, -0.3), 0.025),
-    "r_arm": ("trunk", (0, -0.11, 0.2), (0, -0.02, -0.3), 0.025),
-    "l_thigh": ("pelvis", (0, 0.05, -0.02), (0, 0, -0.23), 0.045),
-    "r_thigh": ("pelvis", (0, -0.05, -0.02), (0, 0, -0.23), 0.045),
-    "l_shank": ("l_thigh", (0, 0, -0.24), (0, 0, -0.22), 0.03),
-    "r_shank": ("r_thigh", (0, 0, -0.24), (0, 0, -0.22), 0.03),
-}
-# marker: (segment, place in its axes from the joint), heights
-MARKERS = {
-    "SACR": ("pelvis", (-0.08, 0, 0.03)),
-    "LASI": ("pelvis", (0.08, 0.06, 0.05)),
-    "RASI": ("pelvis", (0.08, -0.06, 0.05)),
-    "C7": ("trunk", (-0.09, 0, 0.24)),
-    "CLAV": ("trunk", (0.09, 0.01, 0.2)),
-    "LFHD": ("head", (0.055, 0.03, 0.1)),
-    "RBHD": ("head", (-0.055, -0.03, 0.1)),
-    "LWRA": ("l_arm", (0.03, 0.02, -0.28)),
-    "RWRA": ("r_arm", (0.03, -0.02, -0.28)),
-    "LKNE": ("l_thigh", (0, 0.05, -0.23)),
-    "RKNE": ("r_thigh", (0, -0.05, -0.23)),
-    "LANK": ("l_shank", (0, 0.035, -0.21)),
-    "RANK": ("r_shank", (0, -0.035, -0.21)),
-}
+SEGMENTS = (  # as in toybody
+    ("pelvis", None, (0, 0, 0.53), (0, 0, 0), (0, 0, 0.06), 0.075),
+    ("trunk", "pelvis", (0, 0, 0.06), (0, 0, 0), (0, 0, 0.21), 0.08),
+    ("head", "trunk", (0, 0, 0.27), (0, 0, 0), (0, 0, 0.09), 0.05),
+    ("l_arm", "trunk", (0, 0.11, 0.2), (0, 0, 0), (0, 0.02, -0.3), 0.025),
+    ("r_arm", "trunk", (0, -0.11, 0.2), (0, 0, 0), (0, -0.02, -0.3), 0.025),
+    ("l_thigh", "pelvis", (0, 0.05, -0.02), (0, 0, 0), (0, 0, -0.23), 0.045),
+    ("r_thigh", "pelvis", (0, -0.05, -0.02), (0, 0, 0), (0, 0, -0.23), 0.045),
+    ("l_shank", "l_thigh", (0, 0, -0.24), (0, 0, 0), (0, 0, -0.22), 0.03),
+    ("r_shank", "r_thigh", (0, 0, -0.24), (0, 0, 0), (0, 0, -0.22), 0.03),
+)
+MARKERS = (
+    ("SACR", "pelvis", (-0.08, 0, 0.03)),
+    ("LASI", "pelvis", (0.08, 0.06, 0.05)),
+    ("RASI", "pelvis", (0.08, -0.06, 0.05)),
+    ("C7", "trunk", (-0.09, 0, 0.24)),
+    ("CLAV", "trunk", (0.09, 0.01, 0.2)),
+    ("LFHD", "head", (0.055, 0.03, 0.1)),
+    ("RBHD", "head", (-0.055, -0.03, 0.1)),
+    ("LWRA", "l_arm", (0.03, 0.02, -0.28)),
+    ("RWRA", "r_arm", (0.03, -0.02, -0.28)),
+    ("LKNE", "l_thigh", (0, 0.05, -0.23)),
+    ("RKNE", "r_thigh", (0, -0.05, -0.23)),
+    ("LANK", "l_shank", (0, 0.035, -0.21)),
+    ("RANK", "r_shank", (0, -0.035, -0.21)),
+)
 
 
 def make_markerset() -> MarkerSet:
     """A person of nine segments and thirteen markers."""
-    names = tuple(SEGMENTS)
-    parents = np.array([names.index(parent) if parent else -1 for parent, *_ in SEGMENTS.values()])
-    skeleton = Skeleton(names, parents, np.array([row[1] for row in SEGMENTS.values()], dtype=float))
-    ends = np.array([row[2] for row in SEGMENTS.values()], dtype=float)
-    capsules = Capsules(
-        np.arange(len(names)), np.zeros_like(ends), ends, np.array([row[3] for row in SEGMENTS.values()])
-    )
-    count, joints = len(MARKERS), len(names)
-    spread = Spread(
-        1.7,
-        0.1,
-        np.zeros((0, joints + count, 3)),
-        np.full(count, 0.01),
-        np.zeros((joints, 3)),
-        np.eye(3 * joints) * 0.01,
-    )
-    return MarkerSet(
-        "small",
-        "A small person for tests",
-        tuple(MARKERS),
-        {},
-        skeleton,
-        np.array([names.index(segment) for segment, _ in MARKERS.values()]),
-        np.array([place for _, place in MARKERS.values()], dtype=float),
-        capsules,
-        spread,
-        {"note": "made by hand"},
-    )
+    joints = len(SEGMENTS)
+    return made_up("small", SEGMENTS, MARKERS, np.zeros((0, joints + len(MARKERS), 3)), 0.01, np.eye(3 * joints) * 0.01)
 
 
 def make_cameras(lens: float = 0.0) -> Cameras:
     """Four cameras in a ring, with unequal sides of their pixels and the principal point off the middle."""
-    angle = np.radians([40, 130, 220, 310])
-    places = np.column_stack([4 * np.cos(angle), 4 * np.sin(angle), np.full(4, 1.8)])
-    turns = []
-    for place in places:
-        z = np.array([0, 0, 0.9]) - place
-        z /= np.linalg.norm(z)
-        x = np.cross(z, [0, 0, 1])
-        x /= np.linalg.norm(x)
-        turns.append(np.stack([x, np.cross(z, x), z]))
-    turns = np.array(turns)
+    rig = ring_rig(4, (656, 491), 4.0, 1.8, 1.0)
     matrix = np.array([[[620.0 + i, 0, 330 + i], [0, 640.0 - 9 * i, 240 + 2 * i], [0, 0, 1]] for i in range(4)])
-    return Cameras(
-        tuple(f"cam {i}" for i in range(4)),
-        np.full((4, 2), [656, 491]),
-        matrix,
-        np.tile([lens, 0, 0, 0, 0], (4, 1)),
-        turns,
-        -np.einsum("cij,cj->ci", turns, places),
-    )
+    names = tuple(f"cam {index}" for index in range(4))
+    return replace(rig, names=names, matrix=matrix, distortion=np.tile([lens, 0, 0, 0, 0], (4, 1)))
 
 
 def make_motion(markerset: MarkerSet, count: int, first: int = 101) -> Motion:

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
-from addon.core.geometry.cameras import Cameras
 from addon.io.cameras import read_cameras, write_cameras
 from addon.scene import cameras as scene_cameras
 from addon.scene.cameras import kept_health, kept_refinement
@@ -135,14 +134,3 @@ def test_a_free_name_is_found(extension, tmp_path):
     assert module.free_path(tmp_path / "walk.csv").name == "walk.refined.toml"
     (tmp_path / "walk.refined.toml").touch()
     assert module.free_path(tmp_path / "walk.csv").name == "walk-2.refined.toml"
-
-
-def test_trouble_is_one_report_and_leaves_nothing(scene, files):
-    made = scene("room.toml")
-    cameras = scene_cameras.cameras_of(made.mocap_autolabel.source.cameras, made)
-    large = Cameras(
-        cameras.names, cameras.size, cameras.matrix, cameras.distortion, cameras.rotation, 1000 * cameras.translation
-    )
-    made.mocap_autolabel.source.cameras = scene_cameras.add_cameras(made, large)
-    refused("about 1000 times too large", "refine_calibration")
-    assert not list(files.folder.glob("*.refined.toml"))

@@ -245,14 +245,6 @@ def test_markers_of_blobs_are_placed_and_answered(labelled, files):
     assert type(stored_take().edits[-1]).__name__ == "AssignBlob"
 
 
-def test_the_timeline_shows_what_a_person_named(labelled, files, extension):
-    name_in_two(files)
-    rows = ours("scene.trajectories")
-    states = rows.states_of(stored_take(), [files.names.index(LOST)], slice(0, FRAMES))[:, 0]
-    assert states[14] == rows.CORRECTED
-    assert (np.delete(states, 14) == rows.GAP).all()
-
-
 def test_the_body_follows_where_the_labels_are_others(labelled):
     """Elsewhere it rests on rays, which labelling alone follows."""
     [armature] = [item for item in labelled.scene.mocap_autolabel.take.all_objects if item.type == "ARMATURE"]

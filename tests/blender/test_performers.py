@@ -19,7 +19,7 @@ from addon.scene.opened import Opened
 from addon.scene.relabelled import show_again
 from tests.inputs.walkers import FRAMES, RATE, WORN, write_pair, write_seen
 
-from .hands import ours, refused, reopen, stored_take
+from .hands import choose, ours, refused, reopen, stored_take
 
 
 def kinds(collection: bpy.types.Collection, kind: str) -> list[bpy.types.Object]:
@@ -311,13 +311,6 @@ def test_each_has_a_character(extension, empty, made, tmp_path):
     assert (tmp_path / "b.bvh").read_bytes() == (tmp_path / "duet bob.bvh").read_bytes()
 
 
-def choose(take: bpy.types.Collection, *names: str):
-    """Selects markers, and picks nothing."""
-    bpy.context.window_manager.mocap_autolabel.picked.clear()
-    for item in take.all_objects:
-        item.select_set(item.get(naming.MARKER) in names)
-
-
 def follows(duet, name: str, trajectory: int):
     """Asserts that a marker is that trajectory in all frames, in the take and in the view."""
     take = stored_take()
@@ -348,7 +341,7 @@ def test_a_trajectory_is_the_other_ones_and_what_was_that_is_given_back(duet):
 
 
 def test_selected_markers_are_exchanged_in_a_range(duet):
-    choose(duet.take, "ann:LASI", "bob:LASI", "ann:SACR")
+    choose("ann:LASI", "bob:LASI", "ann:SACR")
     assert bpy.ops.mocap_autolabel.other_performer(scope="ON") == {"FINISHED"}
     assert [edit.markers for edit in stored_take().edits] == [("ann:SACR", "bob:SACR"), ("ann:LASI", "bob:LASI")]
     rows, marker = stored_take().rows, stored_take().labels.marker
@@ -372,7 +365,7 @@ def test_what_cannot_be_said_of_whose_it_is(duet, extension, made):
     refused("has no name", "other_performer")
     bpy.ops.mocap_autolabel.pick_none()
     refused("nothing is selected", "other_performer")
-    choose(duet.take, "ann:LASI")
+    choose("ann:LASI")
     refused("is ann's already", "other_performer", performer="ann")
     refused("expected two performers", "exchange_performers", one="ann", other="ann")
     assert not len(stored_take().edits)

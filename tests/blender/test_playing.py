@@ -5,6 +5,7 @@ import shutil
 from dataclasses import fields, replace
 from types import SimpleNamespace
 
+import addon_utils
 import bpy
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from addon.scene import take as takes
 from addon.scene.opened import Opened
 from tests.inputs.walkers import FIRST, FRAMES, WORN, write_seen
 
-from .hands import refused
+from .hands import MODULE, refused
 
 
 def places(context, collection, frames):
@@ -75,7 +76,18 @@ def both(empty, made, tmp_path):
     return SimpleNamespace(path=path, frames=frames, keyed=keyed, take=take)
 
 
-def test_it_moves_as_with_keys(both):
+@pytest.fixture
+def without_extension():
+    """Disables what another test may have enabled."""
+    enabled = addon_utils.check(MODULE)[1]
+    addon_utils.disable(MODULE)
+    yield
+    if enabled:
+        addon_utils.enable(MODULE, default_set=True)
+
+
+def test_it_moves_as_with_keys_without_the_extension(both, without_extension):
+    assert not hasattr(bpy.types.Scene, "mocap_autolabel")
     collection = opened(both.path)
     markers, bones = places(bpy.context, collection, both.frames)
     np.testing.assert_allclose(markers, both.keyed[0], atol=1e-6)

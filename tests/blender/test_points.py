@@ -12,12 +12,12 @@ from addon.core.data.takes import NO_MARKER, Points
 from addon.io.blobs import write_blobs
 from addon.io.cameras import write_cameras
 from addon.io.markersets import open_markerset, write_markerset
-from addon.io.points import read_points, write_c3d, write_trc
+from addon.io.points import write_c3d, write_trc
 from addon.scene import naming
 from addon.scene.cameras import camera_name
 from tests.io.qtm_file import Recording, Trajectory, write_qtm
 
-from .hands import labelled_by_job, ours, refused
+from .hands import ours, refused
 
 GHOSTS = 2
 MOTIVE = """Format Version,1.23,Take Name,walk,Export Frame Rate,100.000000,Length Units,Meters
@@ -173,22 +173,6 @@ def test_what_stays_unnamed_is_one_object(imported, naming_known):
     assert visible_points() == GHOSTS, "the unlabelled take is out of sight, its ghosts are not"
     assert bpy.ops.mocap_autolabel.clear() == {"FINISHED"}
     assert [item.hide_viewport for item in imported.scene.objects if item.modifiers] == [False]
-
-
-def test_the_exports_are_what_the_command_line_writes(imported, files, naming_known, extension, tmp_path):
-    labelled_by_job(SimpleNamespace(take=files.folder / "walk.c3d", folder=files.folder), tmp_path)
-    bpy.ops.mocap_autolabel.label()
-    bpy.ops.mocap_autolabel.export_labels(filepath=str(tmp_path / "ours.labels.csv"))
-    bpy.ops.mocap_autolabel.export_c3d(filepath=str(tmp_path / "ours.c3d"))
-    bpy.ops.mocap_autolabel.export_trc(filepath=str(tmp_path / "ours.trc"))
-    assert (tmp_path / "ours.labels.csv").read_text() == (tmp_path / "walk.labels.csv").read_text()
-    theirs, ours, trc = (read_points(tmp_path / name) for name in ("walk.c3d", "ours.c3d", "ours.trc"))
-    assert ours.names == theirs.names == trc.names
-    assert (ours.first_frame, ours.rate) == (theirs.first_frame, theirs.rate)
-    np.testing.assert_allclose(ours.xyz, theirs.xyz, atol=1e-6)
-    assert np.nanmin(ours.residual) == pytest.approx(0.0002)
-    np.testing.assert_allclose(ours.residual, theirs.residual, atol=1e-6)
-    np.testing.assert_allclose(trc.xyz, theirs.xyz, atol=1e-5)
 
 
 def test_doubtful_points_are_told_from_sure_ones(extension):

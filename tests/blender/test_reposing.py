@@ -4,7 +4,6 @@
 import importlib
 import re
 from dataclasses import replace
-from itertools import combinations
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -17,7 +16,6 @@ from addon.core.points.motion import motion_of
 from addon.io.markersets import open_markerset, write_markerset
 from addon.scene import take as takes
 from addon.scene.opened import Opened
-from addon.scene.stored import digests_of
 
 from .conftest import write_walk
 from .hands import choose, ours, refused, reopen
@@ -108,29 +106,6 @@ def test_a_correction_that_is_taken_back_after_labelling_again_leaves_the_body_a
     assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
     for now, was in zip((bones(), rests(), capsules()), before, strict=True):
         np.testing.assert_allclose(now, was, atol=NEAR)
-
-
-def test_digests_tell_labels_apart(made):
-    """Any two markers exchanged, one without a name, and one that a person placed: in those frames, and there only."""
-    take = made.pair(40)
-    rows, motion, labels = take.rows, take.motion, take.labels
-    before, there = digests_of(rows, labels, motion), rows.frame == 20
-    assert (digests_of(rows, labels, motion) == before).all() and len(set(before.tolist())) == 39  # two have nobody
-    own, found = np.flatnonzero(there & labels.named), {int(before[20])}
-    for one, other in combinations(own, 2):
-        marker = labels.marker.copy()
-        marker[[one, other]] = marker[[other, one]]
-        now = digests_of(rows, replace(labels, marker=marker), motion)
-        found.add(int(now[20]))
-        assert np.flatnonzero(now != before).tolist() == [20]
-    for one in own:
-        now = digests_of(rows, replace(labels, marker=np.where(np.arange(len(rows)) == one, -1, labels.marker)), motion)
-        found.add(int(now[20]))
-    for x in (0.5, 0.50001, 0.6):
-        residual, markers = motion.residual.copy(), motion.markers.copy()
-        residual[20, 3], markers[20, 3] = 0.0, (x, 0.0, 1.0)
-        found.add(int(digests_of(rows, labels, replace(motion, residual=residual, markers=markers))[20]))
-    assert len(found) == 1 + len(own) * (len(own) - 1) // 2 + len(own) + 3
 
 
 def anew(collection) -> np.ndarray:

@@ -69,7 +69,8 @@ def test_nobody_there_is_no_error(label, room, tmp_path):
 
 def test_more_ghosts_than_any_capture_end_soon(label, tmp_path):
     rows = (f"1,cam{n % 8 + 1},{n % 1280},{n % 960}\n" for n in range(200_000))
-    assert "bad.csv" in label(blobs=[blob_file(tmp_path, HEADER + "".join(rows))]).refusal(1)
+    said = label(blobs=[blob_file(tmp_path, HEADER + "".join(rows))]).refusal(1)
+    assert "bad.csv: frame 1 has 25000 blobs in camera cam1; expected at most 500" in said
 
 
 @pytest.mark.parametrize("model", ["nobody15", "missing.markerset.json"])

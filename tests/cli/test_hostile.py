@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What somebody may have put in the way of a batch: one take's trouble at most, one sentence, and no endless wait."""
+"""What somebody may have put in a batch's way, any bytes as a name too: one take's trouble and one sentence at most."""
 
 import json
 import os
@@ -13,8 +13,11 @@ import pytest
 from addon.cli.console import ProgressLine, as_trouble, print_results
 from addon.demo.take import MODEL
 from addon.io.batch import read_table
+from addon.io.labels import LabelFile
+from addon.io.points import read_points
 
 ROOT = Path(__file__).resolve().parents[2]
+any_bytes = pytest.mark.skipif(sys.platform != "linux", reason="only here any bytes are a name of a file")
 
 
 @pytest.fixture
@@ -65,7 +68,7 @@ def test_a_name_too_long_is_one_takes_trouble(run, takes, tmp_path):
     assert (out / "a.report.json").exists()
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="only here any bytes are a name of a file")
+@any_bytes
 @pytest.mark.parametrize("stem", ["=1+1", "@SUM(A1)", "\x1b[31mred", "a\x9b2J"])
 def test_a_hostile_name_reaches_neither_terminal_nor_table(run, room, tmp_path, stem):
     source, broken = shutil.copy(room.c3d, tmp_path / f"{stem}.c3d"), tmp_path / f"{stem}2.c3d"
@@ -134,3 +137,33 @@ def test_whatever_memory_there_is_nothing_is_called_a_fault(room, tmp_path, mega
     assert done.returncode in (0, 1)
     assert len(lines) == done.returncode
     assert all("memory" in line and line.startswith("mocap-autolabel: ") and "; expected" in line for line in lines)
+
+
+STEM = b"w\xff\xc3lk\nx\ty\xe2\x80\xa8".decode("utf-8", "surrogateescape")
+
+
+def readable(folder, frames: int):
+    """Whether a take's outputs are there and can be read."""
+    for ending in (".c3d", ".trc"):
+        assert len(read_points(folder / f"{STEM}{ending}").xyz) == frames
+    with LabelFile(folder / f"{STEM}.labels.csv") as labels:
+        assert any(row.marker for row in labels.rows())
+    assert json.loads((folder / f"{STEM}.report.json").read_text())["frames"] == frames
+
+
+@any_bytes
+def test_points_in_a_file_whose_name_is_any_bytes(run, room, tmp_path):
+    source = shutil.copy(room.c3d, tmp_path / f"{STEM}.c3d")
+    assert run("label", source, "--model", MODEL, "--out", tmp_path / STEM, "--trc").status == 0
+    readable(tmp_path / STEM, 20)
+
+
+@any_bytes
+@pytest.mark.blender
+def test_blobs_with_a_blender_file_that_serves_as_calibration(label, room, tmp_path):
+    source = shutil.copy(room.blobs, tmp_path / f"{STEM}.csv")
+    calibration = shutil.copy(room.cameras, tmp_path / f"{STEM}.toml")
+    assert label("--trc", "--blend", blobs=[source], cameras=calibration).status == 0
+    readable(tmp_path / "out", 20)
+    saved = shutil.move(tmp_path / "out" / f"{STEM}.blend", tmp_path / f"{STEM}.blend")
+    assert label("--overwrite", blobs=[source], cameras=saved).status == 0

@@ -1,10 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is read is never written over, and nothing is written twice: every verb says so before it works."""
+"""What is read or of another run is never written over, and nothing is written twice: verbs say so before they work."""
+
+import json
+import os
+import shutil
 
 import pytest
 
 from addon.cli import demo
 from addon.cli.label import options
+from addon.demo.take import MODEL
 from addon.io.markersets import markerset_file
 
 # The command, and what is said of it. `hard` and `soft` are links to `take.c3d`, `b.c3d` is one to `sub/other.c3d`.
@@ -79,3 +84,58 @@ def test_no_output_is_an_input_or_another_output(run, files, what, overwrite):
 def test_a_model_may_be_trained_on_in_its_own_place(run, files):
     answer = run("train", "take.c3d", "--from", "b.markerset.json", "--out", "b.markerset.json", "--overwrite")
     assert "written over" not in answer.reason
+
+
+ALWAYS = {"take.labels.csv", "take.c3d", "take.report.json"}
+
+
+@pytest.fixture
+def label(run, room, tmp_path):
+    """Labels a few frames of `tmp_path/take.c3d` into `tmp_path/out`; gives the report."""
+    shutil.copy(room.c3d, tmp_path / "take.c3d")
+
+    def call(*words, source=tmp_path / "take.c3d"):
+        answer = run("label", source, "--model", MODEL, "--out", tmp_path / "out", "--frames", ":110", *words)
+        assert answer.status == 0, answer.reason
+        call.said = answer.out
+        return json.loads((tmp_path / "out" / "take.report.json").read_text())
+
+    return call
+
+
+def names_in(folder):
+    return {path.name for path in folder.iterdir()}
+
+
+def test_files_that_only_the_earlier_run_wrote_stay_and_are_told(label, tmp_path):
+    label("--trc", "--html")
+    out = tmp_path / "out"
+    before = (out / "take.trc").read_bytes()
+    (out / "taken.trc").write_text("somebody's")
+    report = label("--overwrite", "--html")
+    assert report["notes"] == ["take.trc is not of this run, and stays as it is"]
+    assert report["notes"][0] in label.said
+    assert (out / "take.trc").read_bytes() == before
+    assert len(label("--overwrite")["notes"]) == 2
+    assert names_in(out) == ALWAYS | {"take.trc", "take.report.html", "taken.trc"}
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need leave there")
+@pytest.mark.parametrize("link", [False, True])
+def test_an_earlier_result_that_is_read_now_stays(label, tmp_path, link):
+    label("--trc")
+    source = tmp_path / "out" / "take.trc"
+    if link:
+        (tmp_path / "elsewhere").mkdir()
+        os.link(source, tmp_path / "elsewhere" / "take.trc")
+    before = source.read_bytes()
+    label("--overwrite", source=tmp_path / "elsewhere" / "take.trc" if link else source)
+    assert source.read_bytes() == before
+
+
+def test_a_run_that_fails_takes_nothing_away(label, run, tmp_path):
+    label("--trc")
+    before = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    words = "--model", MODEL, "--out", tmp_path / "out", "--overwrite", "--frames", "900000:"
+    assert run("label", tmp_path / "take.c3d", *words).status != 0
+    assert {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()} == before

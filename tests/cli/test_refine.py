@@ -2,6 +2,7 @@
 """`refine`: the calibration that is written, what is said of each camera, and what cannot be done."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,8 +10,6 @@ import pytest
 from addon.demo.take import MODEL
 from addon.io.cameras import read_cameras, write_cameras
 from tests.core.calibration.test_adjusting import image_error, moved
-
-MOVED = 2
 
 
 @pytest.fixture
@@ -22,20 +21,25 @@ def refine(run, room, tmp_path):
     return call
 
 
-def test_a_camera_that_was_moved_is_put_where_it_stands(refine, room, tmp_path):
+@pytest.mark.parametrize("which", [[2], [2, 5]])
+def test_cameras_that_were_moved_are_put_where_they_stand(refine, room, tmp_path, which):
     true, off = read_cameras(room.cameras), tmp_path / "off.toml"
-    write_cameras(off, moved(true, [MOVED], 0.3, 10))
+    write_cameras(off, moved(true, which, 0.3, 10))
     answer = refine("--json", cameras=off)
     assert (answer.status, answer.err) == (0, "")
-    said, name = json.loads(answer.out), true.names[MOVED]
+    said = json.loads(answer.out)
     assert said["refined"]
     assert set(said["cameras"]) == set(true.names)
-    assert {"before_px", "after_px", "blobs", "shifted_mm", "turned_deg"} == set(said["cameras"][name])
-    assert said["cameras"][name]["after_px"] < 0.5 < said["cameras"][name]["before_px"]
-    assert said["cameras"][name]["shifted_mm"] == pytest.approx(10, abs=6)
-    assert any(name in words and "moved" in words for words in said["camera_doubts"])
+    assert len(said["camera_doubts"]) == len(which)
+    for name in map(true.names.__getitem__, which):
+        row = said["cameras"][name]
+        assert {"before_px", "after_px", "blobs", "shifted_mm", "turned_deg"} == set(row)
+        assert row["after_px"] < 0.5 < row["before_px"]
+        assert row["shifted_mm"] == pytest.approx(10, abs=6)
+        assert row["turned_deg"] == pytest.approx(0.3, abs=0.1)
+        assert any(f"camera {name} seems to have moved" in words for words in said["camera_doubts"])
     found = read_cameras(tmp_path / "refined.toml")
-    assert image_error(found, true).max() < 0.6 < image_error(read_cameras(off), true)[MOVED] / 2
+    assert image_error(found, true).max() < 0.6 < image_error(read_cameras(off), true)[which].min() / 2
     assert found.names == true.names
     for field in ("size", "matrix", "distortion", "inverse"):
         assert np.array_equal(getattr(found, field), getattr(true, field))
@@ -71,6 +75,22 @@ def test_what_cannot_be_done(refine, run, room, tmp_path):
     assert refine("--frames", ":7", out="late.toml").reason.endswith(early)
     few = refine("--frames", "100:101", out="few.toml").reason
     assert "named markers are seen by three cameras at a time; expected 100 or more, so a longer take" in few
+    true, other = read_cameras(room.cameras), tmp_path / "other.toml"
+    order = [0, 3, 2, 1, *range(4, len(true))]
+    exchanged = replace(true.select(order), names=true.names)
+    for cameras, words in (
+        (exchanged, "cam2 and cam4 seem to have each other's names"),
+        (replace(true, translation=1000 * true.translation), "about 1000 times too large"),
+        (replace(true, matrix=true.matrix * [[2], [2], [1]]), "the room seems not to be this take's"),
+    ):
+        write_cameras(other, cameras)
+        answer = refine(cameras=other, out="other-refined.toml")
+        assert words in answer.refusal(1), answer.reason
+    other.unlink()
+    head, *rows = room.blobs.read_text().splitlines()
+    nobody = tmp_path / "two.csv"
+    nobody.write_text("\n".join([head, *rows[::15], ""]))
+    assert "nobody was recognised" in refine(blobs=nobody, out="other-refined.toml").refusal(1)
     two = tmp_path / "two.toml"
     write_cameras(two, read_cameras(room.cameras).select([0, 1]))
     blobs = tmp_path / "two.csv"

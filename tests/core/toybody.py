@@ -43,32 +43,31 @@ MARKERS = (
 )
 
 
-def toy_markerset() -> MarkerSet:
-    """The made-up person as a marker set, with a spread of one mode (longer legs) and small bends."""
-    names = [row[0] for row in SEGMENTS]
-    parents = np.array([-1 if row[1] is None else names.index(row[1]) for row in SEGMENTS])
-    skeleton = Skeleton(tuple(names), parents, np.array([row[2] for row in SEGMENTS], dtype=float))
-    capsules = Capsules(
-        np.arange(len(SEGMENTS)),
-        np.array([row[3] for row in SEGMENTS], dtype=float),
-        np.array([row[4] for row in SEGMENTS], dtype=float),
-        np.array([row[5] for row in SEGMENTS], dtype=float),
-    )
-    count, joints = len(MARKERS), len(SEGMENTS)
-    modes = np.zeros((1, joints + count, 3))
-    modes[0, [names.index("shank.L"), names.index("shank.R")], 2] = -0.01
-    bends = np.full(3 * joints, 0.05**2)
-    bends[:3] = 0
-    spread = Spread(1.7, 0.1, modes, np.full(count, 0.004), np.zeros((joints, 3)), np.diag(bends))
+def made_up(name: str, segments, markers, modes, marker_sd: float, covariance, aliases=()) -> MarkerSet:
+    """A marker set of segments and markers in rows as above, with a spread of these modes, deviations and bends."""
+    names = [row[0] for row in segments]
+    parents = np.array([-1 if row[1] is None else names.index(row[1]) for row in segments])
+    joint, start, end, radius = (np.array([row[column] for row in segments], dtype=float) for column in (2, 3, 4, 5))
+    spread = Spread(1.7, 0.1, modes, np.full(len(markers), marker_sd), np.zeros((len(names), 3)), covariance)
     return MarkerSet(
-        name="toy",
+        name=name,
         description="a made-up person for tests",
-        markers=tuple(row[0] for row in MARKERS),
-        aliases={"sternum": "FRONT"},
-        skeleton=skeleton,
-        attachment=np.array([names.index(row[1]) for row in MARKERS]),
-        offsets=np.array([row[2] for row in MARKERS], dtype=float),
-        capsules=capsules,
+        markers=tuple(row[0] for row in markers),
+        aliases=dict(aliases),
+        skeleton=Skeleton(tuple(names), parents, joint),
+        attachment=np.array([names.index(row[1]) for row in markers]),
+        offsets=np.array([row[2] for row in markers], dtype=float),
+        capsules=Capsules(np.arange(len(names)), start, end, radius),
         spread=spread,
         source={"note": "made up"},
     )
+
+
+def toy_markerset() -> MarkerSet:
+    """The made-up person as a marker set, with a spread of one mode (longer legs) and small bends."""
+    names = [row[0] for row in SEGMENTS]
+    modes = np.zeros((1, len(SEGMENTS) + len(MARKERS), 3))
+    modes[0, [names.index("shank.L"), names.index("shank.R")], 2] = -0.01
+    bends = np.full(3 * len(SEGMENTS), 0.05**2)
+    bends[:3] = 0
+    return made_up("toy", SEGMENTS, MARKERS, modes, 0.004, np.diag(bends), {"sternum": "FRONT"})

@@ -12,6 +12,7 @@ from addon.core.geometry.cameras import Cameras
 from addon.core.papers.partial_solvers.model import Classifiers, PartialSolvers, Record, Solver, Strong
 from addon.core.points.history import CheckedTake, ModelHistory, ModelVersion, TaughtTake
 from addon.core.points.models import Model, TrainingTake
+from addon.core.simulation.rigs import ring_rig
 from addon.io.cameras import Z_UP_FROM_Y_UP, write_cameras
 from addon.io.points import write_c3d, write_trc
 from tests.core.toybody import toy_markerset
@@ -27,24 +28,11 @@ BLOBS = "frame,camera,x,y,area\n" + "".join(
 
 
 def ring(count: int = 4, distortion=(-0.1, 0.05, 0.001, -0.002, 0.01), names=None) -> Cameras:
-    """Cameras in a circle around the room, looking at a person."""
-    angles = np.arange(count) * 2 * np.pi / count + 0.3
-    centres = np.stack([3 * np.cos(angles), 2.5 * np.sin(angles), 1.5 + 0.2 * np.cos(3 * angles)], axis=1)
-    forward = np.array([0.1, -0.2, 1.0]) - centres
-    forward /= np.linalg.norm(forward, axis=1)[:, None]
-    right = np.cross(forward, [0, 0, 1.0])
-    right /= np.linalg.norm(right, axis=1)[:, None]
-    rotation = np.stack([right, np.cross(forward, right), forward], axis=1)
-    focal = 600 + 10.5 * np.arange(count)
-    matrix = np.array([[[f, 0, 320.25], [0, f + 1.5, 243.75], [0, 0, 1]] for f in focal])
-    return Cameras(
-        names=tuple(names or (f"cam_{index + 1}" for index in range(count))),
-        size=np.tile([656, 491], (count, 1)),
-        matrix=matrix,
-        distortion=np.tile(distortion, (count, 1)),
-        rotation=rotation,
-        translation=-np.einsum("cij,cj->ci", rotation, centres),
-    )
+    """Cameras in a circle around the room, each with a lens and a place of its own, looking at a person."""
+    rig = ring_rig(count, (656, 491), 3.0, 1.5, 1.0, np.random.default_rng(3))
+    matrix = np.array([[[f, 0, 320.25], [0, f + 1.5, 243.75], [0, 0, 1]] for f in 600 + 10.5 * np.arange(count)])
+    names = tuple(names or (f"cam_{index + 1}" for index in range(count)))
+    return replace(rig, names=names, matrix=matrix, distortion=np.tile(distortion, (count, 1)))
 
 
 def row(values) -> str:

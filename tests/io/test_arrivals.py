@@ -7,7 +7,6 @@ import time
 
 import pytest
 
-from addon.core.data.errors import InputError
 from addon.io.arrivals import Arrivals
 from addon.io.batch import TakeRow, write_table
 
@@ -103,9 +102,3 @@ def test_a_folder_that_is_away_for_a_while_is_said_once_and_keeps_its_takes(watc
         assert watched.look(4) == watched.look(5) == []
     assert watched.passed == [f"{tmp_path}: cannot be read (Input/output error); expected a folder of takes"]
     assert watched.look(6) == watched.look(20) == []
-
-
-def test_what_is_no_folder_cannot_be_watched(tmp_path):
-    for path in (tmp_path / "none", put(tmp_path / "file.csv")):
-        with pytest.raises(InputError, match="is no folder; expected one to watch"):
-            Arrivals([path])

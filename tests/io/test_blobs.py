@@ -227,15 +227,6 @@ def test_gaps_are_bounded_together_and_not_one_by_one(path):
         read(path, sparse(*range(0, 900_000, 99_999)))
 
 
-def test_minutes_without_anybody_are_no_trouble(path):
-    pause = 5 * 60 * 240
-    chunks = read(path, sparse(7, 8, 8 + pause, 9 + pause))
-    assert sum(len(rows.blobs.frames) for rows in chunks) == pause + 3
-    seen = range(30_000)
-    again = [start + frame for start in (0, 130_000, 400_000) for frame in seen]
-    assert sum(len(rows.blobs) for rows in read(path, sparse(*again))) == 90_000
-
-
 def test_gaps_outside_the_frames_that_are_wanted_do_not_count(path):
     (rows,) = read(path, sparse(1, 5_000_000, 5_000_002, 9_000_000), frames=(5_000_000, 5_000_010))
     assert rows.blobs.frames.tolist() == [5_000_000, 5_000_001, 5_000_002]

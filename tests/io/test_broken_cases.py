@@ -166,17 +166,17 @@ def test_endless_counts_in_the_head_of_a_trc_take_no_memory(field, count, sound,
     assert most < 50e6
 
 
-def test_an_endless_count_of_frames_in_a_motive_export_is_passed_over(sound, tmp_path):
+@pytest.mark.parametrize(
+    ("old", "new", "rate"),
+    [
+        ("Length Units", f"Total Exported Frames,{'9' * 5000},Length Units", 120.0),
+        ("Export Frame Rate,", "Export Frame Rate,1e-320,Other,", 240.0),
+    ],
+)
+def test_an_endless_count_or_a_rate_that_no_other_file_could_hold_is_passed_over(sound, tmp_path, old, new, rate):
     path = tmp_path / "a.csv"
-    text = sound["motive"].read_text().replace("Length Units", f"Total Exported Frames,{'9' * 5000},Length Units", 1)
-    path.write_text(text)
-    assert len(read_points(path).xyz)
-
-
-def test_a_rate_that_no_other_file_could_hold_is_passed_over(sound, tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_text(sound["motive"].read_text().replace("Export Frame Rate,", "Export Frame Rate,1e-320,Other,", 1))
-    assert read_points(path).rate == 240.0
+    path.write_text(sound["motive"].read_text().replace(old, new, 1))
+    assert (len(read_points(path).xyz), read_points(path).rate) == (5, rate)
 
 
 @pytest.fixture

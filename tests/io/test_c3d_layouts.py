@@ -130,19 +130,6 @@ def test_a_file_that_is_cut_off_is_refused_still(tmp_path, cut, lie):
         read_c3d(written(tmp_path, layout, cut=cut + 16 * 3 * 200, **lie))
 
 
-def test_a_rate_of_nought_is_mended_by_the_rate_that_is_given(tmp_path):
-    path = written(tmp_path, Layout(rate=0.0))
-    with pytest.raises(InputError, match="has a rate of 0 frames a second; expected"):
-        read_points(path)
-    take = read_points(path, rate=120.0)
-    assert (take.rate, take.notes[0]) == (
-        120.0,
-        "the file has a rate of 0 frames a second, so the 120 that are given were taken",
-    )
-    sound = read_points(written(tmp_path, Layout(rate=60.0)), rate=120.0)
-    assert sound.rate == 60.0
-
-
 @pytest.mark.parametrize("first", [2**31 - 3, 2**31, 2**32 - 6, 2**32 - 5, 2**32, 5_000_000_000, -1])
 def test_first_frames_past_every_limit_are_written_so_that_they_are_read(tmp_path, first):
     xyz = np.random.default_rng(0).uniform(-1, 1, (6, 2, 3))

@@ -69,15 +69,6 @@ def test_the_command_finds_no_fault_in_any_reader():
     assert told == list(READERS)
 
 
-def test_a_broken_file_can_be_made_again(files, tmp_path):
-    pytest.importorskip("resource", reason="this system has no limits for a process")
-    fuzz.main(["model", "--seed", "3", "--case", "17", "--keep", str(tmp_path)])
-    (made,) = tmp_path.iterdir()
-    contents = {name: file.read_bytes() for name, file in files.items()}
-    assert made.read_bytes() == fuzz.case("model", contents, 3, 17)
-    assert len({fuzz.case("model", contents, 3, number) for number in range(50)}) > 40
-
-
 PLANTED = """
 import os, signal, sys, time, warnings
 import tests.fuzz as fuzz, tests.fuzz.watched as watched

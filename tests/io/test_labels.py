@@ -7,10 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from addon.core.data.errors import InputError
-from addon.core.data.takes import CONFLICT, EXCLUSIVE, NO_MARKER, NO_STEP, REMAINING, Labels
-from addon.io.blobs import read_blobs
+from addon.core.data.takes import CONFLICT, EXCLUSIVE, NO_MARKER, NO_STEP, Labels
 from addon.io.labels import BLOB_KEYS, POINT_KEYS, LabelFile, LabelWriter, TruthWriter
-from tests.io.samples import BLOBS, ring
 
 MARKERS = ("LASI", "=1+1", 'odd "name", really')
 
@@ -33,16 +31,6 @@ def test_rows_are_as_the_contract_says(tmp_path):
         "frame,camera,x,y,marker,step,confidence\n1,cam_1,2.50,3,'=1+1,conflict,0.988\n1,cam_2,2,3,,,0\n"
         '2,"a,b",1,1,LASI,exclusive,1\n'
     )
-
-
-def test_labels_of_a_take_begin_with_the_takes_own_text(tmp_path):
-    (tmp_path / "take.csv").write_text(BLOBS.replace("\n", "\r\n"), newline="")
-    with LabelWriter(tmp_path / "out.csv", MARKERS) as writer:
-        for rows in read_blobs(tmp_path / "take.csv", ring(), chunk_frames=2):
-            count = len(rows.keys)
-            writer.write(rows.keys, labels([0] * count, [REMAINING] * count, [0.5] * count))
-    written = (tmp_path / "out.csv").read_text().splitlines()[1:]
-    assert written == [line.rsplit(",", 1)[0] + ",LASI,remaining,0.5" for line in BLOBS.splitlines()[1:]]
 
 
 @given(

@@ -108,14 +108,6 @@ def upside_down(tmp_path):
     return path, layout.take()[1] >= 0, xyz / 1000
 
 
-def test_a_c3d_is_not_turned_upside_down(upside_down):
-    path, there, xyz = upside_down
-    take = read_points(path)
-    np.testing.assert_allclose(take.xyz[there], xyz[there], atol=1e-5)
-    assert take.up == "+Z"
-    assert take.notes[0].startswith("the file says that -Z is up, but +Z was taken by how the points stand")
-
-
 @pytest.mark.parametrize("up", ["x", "y", "z", "-x", "-y", "-z"])
 def test_who_knows_better_is_believed(upside_down, tmp_path, up):
     path, there, xyz = upside_down

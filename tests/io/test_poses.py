@@ -6,11 +6,10 @@ import re
 import numpy as np
 import pytest
 
-from addon.core.data.errors import InputError, JobError
+from addon.core.data.errors import InputError
 from addon.core.data.takes import Motion
 from addon.io import poses as pose_files
-from addon.io.markersets import open_markerset
-from addon.io.poses import PC2_HEADER, PoseFile, cache_mark, check_cache, is_long, refuse_keys, write_cache
+from addon.io.poses import PC2_HEADER, PoseFile, cache_mark, check_cache, is_long, write_cache
 
 MARKERS, JOINTS = 4, 3
 
@@ -46,21 +45,6 @@ def test_a_take_is_long_by_its_keys(monkeypatch):
     monkeypatch.setattr(pose_files, "MOST_KEYS", 1000)
     assert not is_long(10, 10, 10)
     assert is_long(11, 10, 10)
-
-
-def test_what_fills_a_scene_is_refused_with_the_frames_that_it_has_room_for(monkeypatch):
-    worn = open_markerset("gait15")
-    keys = 3 * len(worn) + 7 * len(worn.skeleton)
-    monkeypatch.setattr(pose_files, "MOST_SHOWN", 10 * keys)
-    monkeypatch.setattr(pose_files, "FORESEEN_FROM", 5)
-    refuse_keys(10, worn)
-    refuse_keys(4, worn, 0.1)  # too few to foresee anything
-    refuse_keys(5, worn, 0.25)
-    with pytest.raises(JobError, match=r"has 11 frames, whose keys .*; expected at most 10: choose a part") as caught:
-        refuse_keys(11, worn)
-    assert "Label Folder" in caught.value.message
-    with pytest.raises(JobError, match="has 12 frames"):
-        refuse_keys(5, worn, 0.2)
 
 
 @pytest.mark.parametrize(("fraction", "long"), [(0.4, False), (0.04, True), (1.0, False)])

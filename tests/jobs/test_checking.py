@@ -13,7 +13,7 @@ from addon.core.evaluation.relabelling import NO_NAME, UNTOLD
 from addon.core.points.history import ModelHistory, ModelVersion
 from addon.core.points.models import Model, TrainingTake
 from addon.io.models import open_model, write_model
-from addon.io.points import read_points, write_c3d
+from addon.io.points import write_c3d
 from addon.jobs import checking, models, train
 from addon.jobs.checking import FRAMES, KEPT, TAUGHT, files_of, kept_file, takes_to_check
 from addon.jobs.models import VersionPlaces, adopt, system_user
@@ -106,18 +106,6 @@ def test_what_nobody_knows_of_a_take_is_not_counted(tmp_path):
         assert counts[UNTOLD] == unknown
         assert counts.get(NO_NAME, 0) == (20 if nothing == NO_NAME else 0)
         assert counts[take.names.index(NAMES[1])] == 15
-
-
-def test_the_points_are_those_of_the_file_and_have_no_names(tmp_path):
-    path = write(tmp_path / "ann" / "a.c3d")
-    base, file = base_of(tmp_path, [path], subjects=())
-    [(take, _)] = takes_to_check(base, file, [], [], ()).takes
-    known = read_points(path)
-    for frame in (0, 7, 19):
-        names = [take.names[number] for number in take.truth[frame]]
-        assert sorted(names) == sorted(NAMES)
-        there = known.xyz[frame][[known.names.index(name) for name in names]]
-        np.testing.assert_allclose(take.points.xyz[frame], there)
 
 
 def test_frames_that_a_model_keeps_are_named_by_the_model(tmp_path):

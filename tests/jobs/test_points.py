@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from addon.core.body.bodies import BodyModel
-from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, Points, Suspect, Verdict
+from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, Points
 from addon.core.points.likelihood.frames import LikelihoodNamer
 from addon.core.points.whole_take import pipeline
 from addon.io.markersets import open_markerset
@@ -106,14 +106,6 @@ def test_suspects_call_a_trajectory_as_the_labels_do(source, of_two_minds):
     assert labels[:3] == ["LHJC", "RHJC", "CentreOfMass"]
 
 
-def test_the_take_as_a_whole_overrules_frames_that_exchange_two_markers(source, of_two_minds):
-    out = label(source)
-    with (out / "walk.labels.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert {row["marker"] for row in rows if row["point"] == "3"} == {"SACR"}
-    assert {row["marker"] for row in rows if row["point"] == "4"} == {"RASI"}
-
-
 @pytest.fixture
 def fairly_sure(monkeypatch):
     """A naming that is right in every frame, and no surer than one in two thousand."""
@@ -125,24 +117,6 @@ def fairly_sure(monkeypatch):
 def test_a_strict_target_leaves_names_out_and_refuses_no_take(source, fairly_sure, target, named):
     report = json.loads((label(source, frames=(11, 25), target=target) / "walk.report.json").read_text())
     assert report["points"] - report["unlabelled"] == named
-
-
-def test_what_no_frame_is_sure_of_is_named_by_the_whole_take(source, monkeypatch):
-    use(monkeypatch, Known(right, 0.6))
-    report = json.loads((label(source, frames=(11, 25)) / "walk.report.json").read_text())
-    assert report["points"] - report["unlabelled"] >= 10 * 15
-
-
-def test_only_the_number_of_a_trajectory_is_made_the_file_s(source, monkeypatch):
-    said = (Suspect(12, 13, "goes over from trajectory 1 to B", 1), Suspect(12, 13, "trajectory 1 jumps"))
-    use(monkeypatch, Known(right, 0.9999))
-    solved = pipeline.verdict_of
-    monkeypatch.setattr(pipeline, "verdict_of", lambda *given: Verdict(solved(*given).labels, said))
-    report = json.loads((label(source) / "walk.report.json").read_text())
-    assert [row["reason"] for row in report["suspect"]] == [
-        "trajectory 4 goes over from trajectory 1 to B",
-        "trajectory 1 jumps",
-    ]
 
 
 def test_progress_only_grows_and_goes_on_while_the_body_is_posed(source, of_two_minds, monkeypatch):

@@ -137,12 +137,6 @@ def test_what_was_filled_is_not_learned(tmp_path):
         assert f"{name}: 4 samples were filled and not measured, so they are not learned" in learned.doubts
 
 
-def test_no_marker_in_common_names_both_takes(tmp_path):
-    takes = read_takes([write(tmp_path / "one.c3d"), write(tmp_path / "two.c3d", tuple("VWXYZ"))], ())
-    with pytest.raises(InputError, match=r"no marker in common \(one.c3d: A, B, C, D, …; two.c3d: V, W, X, Y, …\)"):
-        chosen_markers(takes, None)
-
-
 def test_a_take_in_another_unit_is_found_by_its_size(tmp_path):
     paths = [write(tmp_path / f"{index}.c3d", seed=index) for index in range(3)]
     with pytest.raises(InputError, match=r"9\.\d+ times as large"):
@@ -183,16 +177,6 @@ def test_frames_of_long_takes_are_shared_out_and_stay_their_own(tmp_path):
         assert row.frames == 700
         own = {frame.tobytes() for frame in take.xyz.astype(np.float32)}
         assert {frame.tobytes() for frame in row.points} <= own
-
-
-def test_a_take_that_is_given_again_with_other_labels_takes_its_own_place(tmp_path):
-    paths = [write(tmp_path / who / f"{take}.c3d", seed=take) for who, take in (("ann", 1), ("ann", 2), ("bob", 1))]
-    before = training_takes_of(read_takes(paths, ()), NAMES)
-    again = write(tmp_path / "corrected" / "1.c3d", names=("B", "A", "C", "", "E"), seed=1)
-    left, gone, doubts = without_replaced(before, read_takes([again], [("ann", "*corrected*")]))
-    assert [(row.subject, row.takes) for row in gone] == [("ann", ("1.c3d",))]
-    assert [(row.subject, row.takes) for row in left] == [("ann", ("2.c3d",)), ("bob", ("1.c3d",))]
-    assert doubts == []
 
 
 def test_another_take_of_the_same_name_is_added_and_said(tmp_path):

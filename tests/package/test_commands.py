@@ -31,12 +31,6 @@ def results(done):
     return json.loads(done.stdout[done.stdout.index("{") : done.stdout.rindex("}") + 1])
 
 
-def test_models_lists_the_built_in_models(command):
-    done = command("models", "--json")
-    assert done.returncode == 0, done.stderr
-    assert {"gait15", "body26", "body39", "actor41", "actor53"} <= {model["name"] for model in results(done)["models"]}
-
-
 def test_label_names_a_take_and_evaluate_agrees(command, virtual_take, tmp_path):
     blobs, cameras = virtual_take / "take.csv", virtual_take / "cameras.toml"
     done = command("label", str(blobs), "--model", "body26", "--cameras", str(cameras), "--out", str(tmp_path))

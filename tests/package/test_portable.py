@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What can be tried here of systems that are not here: encodings, line ends, and libraries that are in use."""
+"""Rules of all sources, and what can be tried here of other systems: encodings, line ends, libraries in use."""
 
 import ast
 import re
 import runpy
+import subprocess
+import sys
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -72,3 +74,20 @@ def test_an_update_brings_its_library_beside_the_old_one(tmp_path, monkeypatch):
         places.append(found)
     assert places[0] != places[1]
     assert places[0].read_bytes() == b"library 1"
+
+
+def test_importing_the_package_loads_neither_blender_nor_anything_heavy():
+    code = (
+        "import sys, addon\n"
+        "print(sorted({'bpy', 'lzallright', 'numpy', 'olefile', 'scipy', 'threadpoolctl'} & set(sys.modules)))"
+    )
+    assert subprocess.check_output([sys.executable, "-c", code], cwd=build.ROOT, text=True).strip() == "[]"
+
+
+def test_every_source_states_its_licence():
+    licence = "# SPDX-License-Identifier: GPL-3.0-or-later\n"
+    assert [
+        str(path)
+        for path in [*ADDON, build.ROOT / "__init__.py"]
+        if not path.read_text(encoding="utf-8").startswith(licence)
+    ] == []

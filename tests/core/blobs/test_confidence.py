@@ -39,11 +39,6 @@ def test_twins_are_even_and_strangers_certain():
     assert one_blob(0.5) == pytest.approx(1)
 
 
-def test_the_nearer_the_twin_the_less_sure():
-    sure = [one_blob(distance) for distance in (0.0, 0.02, 0.04, 0.06, 0.09, 0.3)]
-    assert np.all(np.diff(sure) > 0)
-
-
 def test_a_hidden_twin_and_one_that_has_a_blob_doubt_less():
     assert one_blob(0.02, visible=False) > one_blob(0.02)
     assert one_blob(0.02, taken=True) == pytest.approx(1)

@@ -12,7 +12,6 @@ import pytest
 from addon.core.blobs.pipeline import label_take
 from addon.core.blobs.search import NO_HINTS, Hints
 from addon.core.blobs.subject import TIMED_STAGES
-from addon.core.data.errors import JobError
 from addon.core.data.takes import NO_MARKER, NO_STEP
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions, disturbed
@@ -173,13 +172,6 @@ def test_nobody_there_is_said():
     noise = [generator.uniform([0, 0], RIG.size[0], (15, 2)) for _ in range(6)]
     (crowd,) = label_take([blobs_at(noise)], RIG, scene.markerset, RATE)
     assert (crowd.labels.marker == NO_MARKER).all() and len(crowd.suspects) == 1
-
-
-def test_one_camera_is_a_job_that_cannot_be_done():
-    """A5: said in one sentence, before any blob is read."""
-    with pytest.raises(JobError, match="1 camera cannot fix a position") as caught:
-        next(label_take(iter([]), RIG.select([0]), walk().markerset))
-    assert caught.value.exit_status == 1 and "\n" not in str(caught.value)
 
 
 def test_one_camera_out_of_place_is_survived():

@@ -13,11 +13,10 @@ from addon.core.blobs.search import Hints, find_subject
 from addon.core.blobs.subject import Setup
 from addon.core.blobs.tracking import FOLLOWING_STEPS, Track, difference, follow
 from addon.core.body.bodies import BodyModel
-from addon.core.geometry.views import split_views
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from addon.core.simulation.virtual import Act
-from tests.core.scenes import RATE, act, built_in, keep
+from tests.core.scenes import RATE, act, built_in
 from tests.core.toybody import toy_markerset
 
 RIG = ring_rig(6, radius=4.5, volume_radius=1.3)
@@ -89,15 +88,3 @@ def test_it_learns_the_takes_noise(noise):
     for view in views[1:]:
         track = follow(track, view, setup).track
     assert track.subject.pixel == pytest.approx(noise, rel=0.35)
-
-
-def test_without_blobs_it_is_lost_at_once():
-    """A34: after an empty frame nobody knows any more which foot is which, so the track says that it is lost."""
-    scene = walk("gait15")
-    setup, views, track = begun(scene)
-    empty = split_views(keep(scene.blobs, np.zeros(len(scene.blobs), dtype=bool)), RIG)[0]
-    for view in views[1:40]:
-        track = follow(track, view, setup).track
-    blind = follow(track, empty, setup).track
-    assert not track.lost and blind.lost
-    assert np.isfinite(blind.subject.bodies.translation).all()

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cameras that were moved go back to where they are; those that were not hold the world, scale and all."""
+"""Cameras moved until their blobs meet, by points spread over space and parts spread over the take."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from addon.core.calibration.adjusting import adjusted, held
+from addon.core.calibration.refining import REFINED_AT_ONCE, parts_of
 from addon.core.calibration.sightings import MIN_RAYS, Sightings
 from addon.core.geometry.cameras import Cameras
 from addon.core.geometry.rotations import exponential
@@ -108,3 +110,14 @@ def test_points_are_spread_over_space(monkeypatch):
     places = chosen.met(cameras)
     assert (np.abs(places - middle).max(axis=1) > 0.05).sum() == pytest.approx(38, abs=3)
     assert chosen.misses(cameras).max() < 1e-3
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 19, 20, 57, 480, 481, 20000])
+def test_parts_are_spread_over_the_take(count):
+    parts = parts_of(11, 10 + count)
+    assert parts[0][0] == 11
+    assert parts[-1][1] == 10 + count
+    assert all(first <= last for first, last in parts)
+    assert all(last < following for (_, last), (following, _) in pairwise(parts))
+    assert all(last - first < REFINED_AT_ONCE for first, last in parts)
+    assert len(parts) == min(12, count)

@@ -1,18 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Labels are taken apart, put together and given up, with nothing left of what was given up; points become rows."""
+"""Labels taken apart, put together and given up; a range labelled again put into the take that is there."""
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from addon.core.data.errors import InputError
+from addon.core.data.merging import LabelledRange, merged
 from addon.core.data.takes import (
     BY_FIT,
     BY_LIKELIHOOD,
     BY_TRAJECTORY,
     NO_MARKER,
     NO_STEP,
+    Blobs,
     Labels,
+    Motion,
     PointRows,
     Points,
+    Suspect,
 )
 
 
@@ -77,3 +84,71 @@ def test_points_become_rows_that_call_trajectories_as_their_file_does():
     assert rows.residual.tolist() == [0, 2, 3, 4, 5]
     assert len(rows) == 5
     assert PointRows.of(Points(("",) * 3, xyz, residual, 100.0, 41)).trajectory.tolist() == [0, 2, 0, 1, 2]
+
+
+MARKERS, POINTS = 3, 4
+
+
+def labelled(first: int, last: int, value: int, blobs: bool = False, joints: int = 2, suspects=()) -> LabelledRange:
+    """Frames `first` to `last` in which every point is the marker `value`, and every number of the motion too."""
+    frames = np.arange(first, last + 1)
+    count = len(frames)
+    frame = np.repeat(np.arange(count), POINTS)
+    other = np.tile(np.arange(POINTS), count)
+    marker = np.where(other == 0, value, NO_MARKER)
+    labels = Labels(marker, np.where(other == 0, BY_FIT, NO_STEP), (other == 0) * 1.0)
+    place = np.column_stack([frames[frame], other, other]).astype(float)
+    rows = PointRows(frames, frame, other, place, None)
+    if blobs:
+        rows = Blobs(frames, frame, other, place[:, :2], np.full(len(frame), np.nan))
+
+    def filled(*shape):
+        return np.full((count, *shape), float(value))
+
+    body = filled(MARKERS, 3), filled(joints, 3), filled(joints, 3, 3), filled(3), filled()
+    motion = Motion(frames, filled(MARKERS, 3), *(filled(MARKERS) for _ in range(3)), *body)
+    return LabelledRange(rows, labels, motion, tuple(suspects))
+
+
+@settings(deadline=None, max_examples=40)
+@given(*(st.integers(0, 30) for _ in range(4)), st.booleans())
+def test_in_its_frames_the_new_holds_and_elsewhere_the_old(a, b, c, d, blobs):
+    old, new = labelled(min(a, b), max(a, b), 1, blobs), labelled(min(c, d), max(c, d), 2, blobs)
+    whole = merged(old, new)
+    frames = whole.motion.frames
+    assert frames.tolist() == list(range(min(a, b, c, d), max(a, b, c, d) + 1))
+    fresh, known = np.isin(frames, new.motion.frames), np.isin(frames, old.motion.frames)
+    wanted = np.where(fresh, 2.0, np.where(known, 1.0, np.nan))
+    np.testing.assert_array_equal(whole.motion.markers[:, 0, 0], wanted)
+    named = whole.labels.named
+    np.testing.assert_array_equal(whole.labels.marker[named], wanted[whole.rows.frame[named]])
+    assert named.sum() == (fresh | known).sum()
+    assert (np.diff(whole.rows.frame) >= 0).all()
+    place = whole.rows.xy if blobs else whole.rows.xyz
+    np.testing.assert_array_equal(frames[whole.rows.frame], place[:, 0])
+    assert whole.unedited is None
+
+
+def test_doubts_outside_stay_and_those_inside_are_the_new_ones():
+    old = labelled(1, 30, 1, suspects=[Suspect(5, 25, "A jumps", markers=("A",)), Suspect(12, 13, "of old")])
+    whole = merged(old, labelled(10, 20, 2, suspects=[Suspect(11, 12, "new")]))
+    assert [(one.first, one.last, one.reason) for one in whole.suspects] == [
+        (5, 9, "A jumps"),
+        (11, 12, "new"),
+        (21, 25, "A jumps"),
+    ]
+    assert whole.suspects[0].markers == ("A",)
+
+
+def test_what_the_program_said_is_kept_beside_what_a_person_said():
+    old, new = labelled(1, 10, 1), labelled(4, 6, 2)
+    edited = LabelledRange(new.rows, labelled(4, 6, 0).labels, new.motion, (), new.labels)
+    whole = merged(old, edited)
+    own = whole.labels.marker[whole.labels.named].tolist()
+    assert own == [1] * 3 + [0] * 3 + [1] * 4
+    assert whole.unedited.marker[whole.unedited.named].tolist() == [1] * 3 + [2] * 3 + [1] * 4
+
+
+def test_another_skeleton_is_another_take():
+    with pytest.raises(InputError, match="expected ranges of one take"):
+        merged(labelled(1, 5, 1), labelled(1, 5, 1, joints=3))

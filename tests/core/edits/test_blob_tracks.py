@@ -7,8 +7,7 @@ import pytest
 from addon.core.data.takes import BY_EDIT, NO_MARKER, Blobs, Labels
 from addon.core.edits.applying import Cells, apply_edits, cells_of_blobs
 from addon.core.edits.blob_tracks import BlobTracks, followed
-from addon.core.edits.following import Following, changed_frames
-from addon.core.edits.kinds import AssignBlob, DeleteBlob, Edits, Place, Right, Swap, UnlabelBlob, UnlabelMarker
+from addon.core.edits.kinds import AssignBlob, DeleteBlob, Edits, UnlabelBlob
 
 FRAMES, FIRST = 40, 11
 NAMES = {"A": 0, "B": 1, "C": 2}
@@ -104,33 +103,3 @@ def test_names_are_taken_from_blobs_and_given_to_none(take):
         assert done.edited.deleted.any() == deleted
     nothing = apply_edits(Labels.none(len(blobs)), Edits((UnlabelBlob("cam1", FIRST + 5, x, y),)), cells_of(blobs))
     assert "has no name" in nothing.outcomes[0].reason
-
-
-def test_followed_edits_are_those_of_the_whole_take(take):
-    blobs, truth = take
-    labels = Labels(truth, np.ones(len(truth), int), np.ones(len(truth)))
-    following, tracks = Following(labels, cells_of(blobs)), BlobTracks(blobs, CAMERAS)
-    x, y = map(float, blobs.xy[row_of(blobs, truth, "A", 25)])
-    said = Edits(
-        (
-            Swap(("A", "B"), frames=(FIRST + 3, FIRST + 20)),
-            AssignBlob("cam1", FIRST + 25, x, y, "C", frames=(FIRST, FIRST + FRAMES - 1)),
-            UnlabelMarker("B", frames=(FIRST + 30, FIRST + 31)),
-            Place("B", FIRST + 31, (1.0, 2.0, 3.0)),
-            Right("A"),
-            Right("A", frames=(900, 901)),
-        )
-    )
-    for count in range(len(said) + 1):
-        some = tracks.followed(said.of(said.items[:count]))
-        stepwise = following.apply(some)
-        whole = apply_edits(labels, some, cells_of(blobs))
-        np.testing.assert_array_equal(stepwise.labels.marker, whole.labels.marker)
-        np.testing.assert_array_equal(stepwise.labels.step, whole.labels.step)
-        assert stepwise.outcomes == whole.outcomes
-        assert {key: xyz.tolist() for key, xyz in stepwise.held.places.items()} == {
-            key: xyz.tolist() for key, xyz in whole.places.items()
-        }
-    before = following.apply(tracks.followed(said))
-    after = following.apply(tracks.followed(said.without(2)))
-    assert changed_frames(before.held, after.held, said=False) == {1: slice(30, 32)}

@@ -1,14 +1,32 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Labels that follow edits one by one are those of all edits at once, whatever was asked before."""
+"""Labels that follow edits one by one are those of all at once; and edits in words."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from addon.core.data.takes import BY_EDIT, Labels, PointRows
 from addon.core.edits.applying import apply_edits, cells_of_points
 from addon.core.edits.following import Following, changed_frames
-from addon.core.edits.kinds import NO_EDITS, AssignPoint, Edits, Place, Swap
+from addon.core.edits.kinds import (
+    EDIT_KINDS,
+    NO_EDITS,
+    Accepted,
+    AssignBlob,
+    AssignPoint,
+    Delete,
+    DeleteBlob,
+    Edits,
+    Place,
+    Right,
+    Swap,
+    UnlabelBlob,
+    UnlabelMarker,
+    UnlabelPoint,
+    counted_on,
+    words_of,
+)
 
 from .lists import COLUMNS, FIRST, FRAMES, INDEX, NAMES, cells_of, edit, edits, take
 
@@ -92,3 +110,39 @@ def test_a_take_in_which_nothing_was_seen_can_be_edited():
     after = Following(Labels.none(0), cells_of_points(nothing, INDEX, len(NAMES))).apply(said)
     assert [outcome.labels for outcome in after.outcomes] == [0, 0, 1]
     assert list(after.held.places) == [(1, 0)]
+
+
+WORDS = {
+    AssignPoint(12, "LKNE", frames=(100, 250)): "LKNE is trajectory 12, frames 100–250",
+    AssignPoint(12, "LKNE", frames=(100, 100)): "LKNE is trajectory 12, frame 100",
+    AssignBlob("cam1", 100, 512.3, 88.1, "LKNE"): "LKNE is the blob at 512 88 of cam1, frame 100",
+    AssignBlob("cam1", 100, 1, 2, "LKNE", frames=(90, 100)): "LKNE is the blob at 1 2 of cam1, frames 90–100",
+    UnlabelBlob("cam1", 100, 512.3, 88.1): "The blob at 512 88 of cam1 has no name, frame 100",
+    DeleteBlob("cam1", 100, 512.3, 88.1): "The blob at 512 88 of cam1 is no marker, frame 100",
+    UnlabelMarker("LKNE"): "Nothing is LKNE, all frames",
+    UnlabelPoint(12): "Trajectory 12 has no name, all frames",
+    Swap(("LKNE", "RKNE"), frames=(1, 2)): "LKNE and RKNE swapped, frames 1–2",
+    Delete(7): "Trajectory 7 is no marker, all frames",
+    Place("LKNE", 120, (0.1, 0.2, 0.5)): "LKNE is placed by hand, frame 120",
+    Right("LKNE"): "LKNE is right, all frames",
+    Accepted("camera B is off", frames=(1, 2)): "It is right that camera B is off, frames 1–2",
+}
+
+
+def test_every_kind_has_words():
+    assert {type(edit) for edit in WORDS} == set(EDIT_KINDS)
+    assert {edit: words_of(edit) for edit in WORDS} == WORDS
+
+
+@pytest.mark.parametrize(
+    ("words", "shifted"),
+    [
+        ("LKNE jumps in frame -7, by 30 mm", "LKNE jumps in frame 3, by 30 mm"),
+        ("not in frames -9–-2; 3 of 40 frames", "not in frames 1–8; 3 of 40 frames"),
+        ("edit 2 is about frames 5 to 12", "edit 2 is about frames 15 to 22"),
+        ("trajectory 12 has no name", "trajectory 12 has no name"),
+    ],
+)
+def test_a_sentence_names_frames_as_they_are_counted_elsewhere(words, shifted):
+    assert counted_on(words, 10) == shifted
+    assert counted_on(words, 0) == words

@@ -1,13 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The contract's figures: by hand on small cases, against a slow reading of the contract on random ones."""
+"""Figures counted by hand and slowly, and what a take labelled again by another model got worse in."""
 
 import json
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from addon.core.data.takes import Points
+from addon.core.evaluation.comparing import Comparison, TakeDifference, WorseOptions, difference_lines, share
 from addon.core.evaluation.figures import Figures
+from addon.core.evaluation.relabelling import NO_NAME, UNTOLD, NameCounts, RelabelOptions, count_names, without_names
 
 MARKERS = ("A", "B", "C")
 
@@ -63,28 +67,10 @@ def test_markers_of_several_subjects_are_each_their_own():
     assert result["false_occlusions"] == 1, "bob's two, and nobody without a name"
 
 
-def test_without_a_model_every_name_counts():
-    counted = Figures().add([1, 1], None, ["P", ""], ["P", "Q"]).add([2], None, ["R"], ["S"])
-    result = counted.as_dict()
-    assert set(result["per_marker"]) == {"P", "Q", "R", "S"}
-    assert (result["precision"], result["recall"]) == (1 / 2, 1 / 3)
-    # Six names were not given (P once in frame 2, Q S twice, R once); Q and S were there.
-    assert result["false_occlusions"] == pytest.approx(2 / 6)
-
-
 def test_nothing_given_is_no_number_and_still_json():
     result = Figures(MARKERS).add([], [], [], []).as_dict()
     assert result["precision"] is None
     assert json.loads(json.dumps(result))["perfect_frames"] is None
-
-
-def test_steps_have_their_own_precision():
-    counted = Figures(MARKERS).add([1, 1, 1], [0, 0, 0], ["A", "B", ""], ["A", "C", "B"], ["exclusive", "conflict", ""])
-    steps = counted.as_dict()["steps"]
-    assert steps == {
-        "conflict": {"labels": 1, "right": 0, "precision": 0.0},
-        "exclusive": {"labels": 1, "right": 1, "precision": 1.0},
-    }
 
 
 def test_columns_of_different_lengths_are_refused():
@@ -122,3 +108,112 @@ def test_agrees_with_the_contract_read_slowly(rows):
     total = figures(rows).total
     found = (total.given, total.right, total.present, total.absent, total.missed, total.spoilt, total.frames)
     assert found == slow(rows)
+
+
+def named(xyz: np.ndarray, rate: float = 10.0) -> Points:
+    names = tuple(f"M{number}" for number in range(xyz.shape[1]))
+    return Points(names, xyz, np.where(np.isfinite(xyz[..., 0]), 0.001, np.nan), rate, 5)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(1, 80), st.integers(1, 6), st.integers(0, 1000), st.integers(1, 30))
+def test_every_point_is_there_once_with_its_name_and_in_a_piece_of_its_own(frames, count, seed, longest):
+    chance = np.random.default_rng(seed)
+    xyz = np.where(chance.random((frames, count, 1)) < 0.7, chance.normal(size=(frames, count, 3)), np.nan)
+    truth = np.broadcast_to(np.arange(count), xyz.shape[:2])
+    names = tuple(f"M{number}" for number in range(count))
+    found = without_names("take", names, named(xyz), truth, RelabelOptions(1000.0, longest / 10))
+    points, standing = found.points, found.points.lanes
+    assert set(points.names) <= {""}
+    there = np.isfinite(points.xyz[..., 0])
+    np.testing.assert_array_equal(np.isfinite(xyz[..., 0]).sum(axis=1), there.sum(axis=1))
+    for frame, lane in zip(*np.nonzero(there), strict=True):
+        np.testing.assert_array_equal(points.xyz[frame, lane], xyz[frame, found.truth[frame, lane]])
+    covered = np.zeros_like(there, dtype=int)
+    for _, span, lane in standing.each_alone():
+        assert span.stop - span.start <= longest
+        assert there[span, lane].all()
+        covered[span, lane] += 1
+    np.testing.assert_array_equal(covered, there)
+    again = without_names("take", names, named(xyz), truth, RelabelOptions(1000.0, longest / 10))
+    np.testing.assert_array_equal(again.truth, found.truth)
+
+
+def test_of_a_long_take_the_middle_is_taken():
+    xyz = np.broadcast_to(np.arange(100.0)[:, None, None], (100, 2, 3))
+    found = without_names("take", ("M0", "M1"), named(xyz), np.zeros((100, 2), int), RelabelOptions(max_s=3.0))
+    assert found.points.first_frame == 40
+    np.testing.assert_array_equal(found.points.xyz[:, 0, 0], np.arange(35.0, 65.0))
+
+
+def test_names_are_counted_where_they_are_known():
+    truth = np.array([[0, 1, NO_NAME, UNTOLD], [0, 1, NO_NAME, UNTOLD]])
+    given_names = np.array([[0, 0, 1, 1], [0, NO_NAME, NO_NAME, 0]])
+    present = np.array([[True] * 4, [False, True, True, True]])
+    counts = count_names(given_names, truth, present, 3)
+    assert (counts.present.tolist(), counts.right.tolist(), counts.wrong.tolist()) == ([1, 2, 0], [1, 0, 0], [1, 1, 0])
+    assert (counts.recall, counts.wrong_share) == (1 / 3, 2 / 3)
+
+
+def counts(right, wrong, refused=""):
+    return NameCounts(np.array([100, 100]), np.array(right), np.array(wrong), refused)
+
+
+def compared(*pairs, **options):
+    takes = [TakeDifference(f"{n}.c3d", "kept", 100, *pair) for n, pair in enumerate(pairs)]
+    return Comparison(("A", "B"), tuple(takes), (("gone.c3d", "there is no such file"),), WorseOptions(**options))
+
+
+def test_what_got_worse_beyond_its_margin_is_said():
+    same = counts([90, 90], [0, 0])
+    assert compared((same, same), (same, counts([100, 90], [0, 0]))).worse == []
+    assert compared((same, counts([85, 86], [1, 0])), *[(same, same)] * 9).worse == [], "within the margins"
+    many = [(same, same)] * 20
+    assert compared((same, counts([90, 90], [3, 0])), *many).worse == ["0.c3d: 1.50 % wrong names, 0 % before"]
+    assert compared((same, counts([79, 90], [0, 0])), *many).worse == ["0.c3d: 84.50 % named right, 90.00 % before"]
+    refused = counts([0, 0], [0, 0], "does not look like it; expected another")
+    assert "0.c3d is refused now: does not look like it" in compared((same, refused), *many).worse
+    assert compared((refused, refused)).worse == []
+    little = counts([89, 90], [1, 0])
+    assert compared((same, little), (same, little), recall=0.004).worse == [
+        "all takes together: 0.50 % wrong names, 0 % before",
+        "all takes together: 89.50 % named right, 90.00 % before",
+    ]
+
+
+def test_a_wrong_name_throughout_a_take_is_never_let_pass():
+    """A marker of sixty, in one of twenty takes, which are all else as they were."""
+    there = np.full(60, 100)
+    before = NameCounts(there, there, 0 * there)
+    after = NameCounts(there, there - 100 * (np.arange(60) == 7), 100 * (np.arange(60) == 9))
+    takes = [TakeDifference(f"{n}.c3d", "kept", 100, before, after if n == 3 else before) for n in range(20)]
+    comparison = Comparison(tuple(f"M{n}" for n in range(60)), tuple(takes))
+    assert comparison.worse == ["3.c3d: 1.67 % wrong names, 0 % before"]
+    rows = comparison.markers_worse(takes[3])
+    assert [(row["marker"], row["right"], row["wrong"]) for row in rows] == [
+        ("M7", [100, 0], [0, 0]),
+        ("M9", [100, 100], [0, 100]),
+    ]
+
+
+def test_a_share_is_whole_only_where_it_is_all_or_nothing():
+    assert [share(value) for value in (0.0, 1e-9, 0.5, 1 - 1e-9, 1.0)] == [
+        "0 %",
+        "0.01 %",
+        "50.00 %",
+        "99.99 %",
+        "100 %",
+    ]
+
+
+def test_the_difference_is_told_to_people():
+    same, other = counts([90, 90], [0, 0]), counts([100, 60], [0, 5])
+    shares = "80.00 % named right (90.00 % before), 2.50 % wrong (0 % before)"
+    lines = difference_lines(compared((same, same), (same, other)).as_dict())
+    assert lines == [
+        "2 takes labelled again: 85.00 % named right (90.00 % before), 1.25 % wrong (0 % before)",
+        f"1.c3d (kept): {shares}; worse: B 60.00 % right (90.00 %) and 5.00 % wrong (0 %)",
+        "gone.c3d was not labelled again: there is no such file",
+    ]
+    nothing = difference_lines(Comparison(("A",), ()).as_dict())
+    assert nothing == ["no take was labelled again, so nobody knows what got worse: keep labelled takes for it"]

@@ -132,16 +132,6 @@ def test_gaps_of_others_where_trials_are_cut_do_not_mislead(chain):
     assert off(found, chain, 2, 100, 140) < 0.002
 
 
-def test_only_what_is_asked_for_is_filled(chain):
-    cut = holed(chain, (2, 50, 60), (2, 100, 140), (3, 200, 205))
-    short = filled(cut, max_gap=10)
-    assert [len(one.gap) for one in short.gaps] == [10, 5]
-    assert [one.reason for one in short.left] == ["is longer than 10 frames"]
-    some = filled(cut, markers=(3,))
-    assert [one.gap.marker for one in some.gaps] == [3]
-    assert not some.filled[:, 2].any()
-
-
 def test_a_spline_bridges_where_nothing_else_is_known(chain):
     cut = holed(chain[:, :1], (0, 100, 104))
     found = filled(cut)

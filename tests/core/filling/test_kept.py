@@ -8,7 +8,7 @@ import pytest
 
 from addon.core.filling.filling import FilledGap, FilledTake, kept_fills_of
 from addon.core.filling.gaps import Gap
-from addon.core.filling.kept import KeptFill, filled_samples, put_fills, replaced_fills
+from addon.core.filling.kept import KeptFill, put_fills, replaced_fills
 from tests.core.scenes import motion_of
 
 NAMES = ("A", "B")
@@ -26,15 +26,6 @@ def take() -> SimpleNamespace:
     flags = np.isnan(markers[..., 0])
     filled = FilledTake(whole, flags, (FilledGap(GAPS[0], "pca", 0.002), FilledGap(GAPS[1], "spline", np.nan)), ())
     return SimpleNamespace(markers=markers, whole=whole, flags=flags, fills=kept_fills_of(filled, NAMES, FRAMES))
-
-
-def test_fills_are_put_in_as_they_were_made_with_residual_0(take):
-    motion, unfit = put_fills(motion_of(take.markers, take.whole, FRAMES[0]), NAMES, take.fills)
-    assert unfit == ("", "")
-    np.testing.assert_array_equal(motion.markers, take.whole)
-    np.testing.assert_array_equal(motion.residual == 0, take.flags)
-    np.testing.assert_array_equal(filled_samples(FRAMES, NAMES, take.fills), take.flags)
-    assert [(fill.first, fill.last) for fill in take.fills] == [(54, 56), (59, 61)]
 
 
 @pytest.mark.parametrize(

@@ -4,11 +4,9 @@
 import numpy as np
 import pytest
 
-from addon.core.data.progress import finished
 from addon.core.data.takes import NO_MARKER, Blobs, Labels
-from addon.core.filling.filling import FillOptions, fill_take
 from addon.core.filling.gaps import Gap
-from addon.core.filling.rays import NO_RAYS, RAY_LIMITS, MarkerRays, constrained, rays_of
+from addon.core.filling.rays import RAY_LIMITS, MarkerRays, constrained, rays_of
 from addon.core.simulation.rigs import ring_rig
 
 FRAMES, RATE = 200, 100.0
@@ -117,22 +115,3 @@ def test_a_long_gap_is_held_part_by_part(rays, monkeypatch):
     monkeypatch.setattr("addon.core.filling.rays.RAY_LIMITS", type(RAY_LIMITS)(window=13))
     parted = constrained(off_by(), GAP, 0.01, rays, own(), slow)
     np.testing.assert_allclose(parted[0], whole[0], atol=5e-4)
-
-
-def test_a_take_is_filled_with_its_rays():
-    rng = np.random.default_rng(3)
-    body = rng.uniform(-0.2, 0.2, (6, 3))
-    truth = path()[:, None] + np.concatenate([np.zeros((1, 3)), body])
-    truth[:, 1:] += rng.normal(0, 0.004, (FRAMES, 6, 3))  # neighbours that tell little
-    xyz = truth.copy()
-    xyz[GAP.start : GAP.stop, 0] = np.nan
-    rays = rays_of(*seen_by(2, truth[:, 0], GAP.frames), CAMERAS, np.isnan(xyz[..., 0]))
-    plain, better = (finished(fill_take(xyz, RATE, FillOptions(), rays=one)) for one in (NO_RAYS, rays))
-    (gap,) = better.gaps
-    assert gap.method == f"{plain.gaps[0].method}+ray"
-    assert gap.expected < plain.gaps[0].expected
-    off = [
-        np.linalg.norm(one.xyz[GAP.start : GAP.stop, 0] - truth[GAP.start : GAP.stop, 0], axis=1)
-        for one in (plain, better)
-    ]
-    assert off[1].mean() < off[0].mean()

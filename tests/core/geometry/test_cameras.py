@@ -116,11 +116,6 @@ def test_a_calibration_that_is_none_is_refused_in_one_sentence(field, index, cha
     assert "cam2" in str(caught.value)
 
 
-def test_two_cameras_of_one_name_are_refused():
-    with pytest.raises(InputError, match="same name"):
-        Cameras(**parts(ring_rig(3), names=("cam1", "cam1", "cam3")))
-
-
 def test_arrays_of_the_wrong_shape_are_a_programmers_mistake():
     with pytest.raises(ValueError, match="distortion"):
         Cameras(**parts(ring_rig(3), distortion=np.zeros((3, 4))))

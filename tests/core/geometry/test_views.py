@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.data.errors import JobError
 from addon.core.data.takes import Blobs
 from addon.core.geometry.cameras import Cameras
-from addon.core.geometry.views import NOWHERE, VIEWING, Sight, split_views
+from addon.core.geometry.views import NOWHERE, Sight, split_views
 from addon.core.simulation.rigs import paper_rig, ring_rig
 
 RIG = paper_rig()
@@ -48,16 +47,6 @@ def test_a_blob_that_no_light_can_make_is_left_out():
     outside, inside = middle - [0.75 * RIG.focal[0], 0], middle - [0.70 * RIG.focal[0], 0]
     view = split_views(blobs_of([0, 0], [0, 0], [outside, inside]), replace(RIG, distortion=lens))[0]
     assert view.count == 1 and view.row[0, 0] == 1
-
-
-def test_a_flood_of_blobs_is_refused_in_one_sentence_that_names_frame_and_camera():
-    count = VIEWING.max_blobs + 1
-    frame, camera = np.ones(count, int), np.full(count, 2)
-    xy = np.random.default_rng(0).uniform(0, 400, (count, 2))
-    with pytest.raises(JobError, match="frame 11 has 501 blobs in camera cam3; expected at most 500") as caught:
-        split_views(blobs_of(frame, camera, xy), RIG)
-    assert caught.value.exit_status == 1 and "\n" not in str(caught.value)
-    assert split_views(blobs_of(frame[1:], camera[1:], xy[1:]), RIG)[1].count == VIEWING.max_blobs
 
 
 @given(st.integers(0, 2**16))

@@ -65,20 +65,6 @@ def labelled(shot, found):
     return names, chunks, truth if text[0] == name[0] else swapped(truth)
 
 
-def test_blobs_of_two_have_their_names(labelled):
-    names, chunks, truth = labelled
-    given = names != ""
-    wrong = [one for one, text in zip(names[given], truth[given], strict=True) if one not in text.split("|")]
-    assert len(wrong) <= 0.002 * given.sum()
-    assert given.sum() > 0.9 * (truth != "").sum()
-    assert [len(chunk.motion.frames) for chunk in chunks] == [16, 16, 8]
-    assert chunks[0].motion.markers.shape == (16, 30, 3)
-    there = np.isfinite(chunks[0].motion.markers).all(axis=2)
-    assert np.isfinite(chunks[0].motion.residual_px[there]).all()
-    assert set(chunks[0].seconds) == {"place", "label", "fit"}
-    assert all(chunk.seconds["label"] > 0 and set(chunk.seconds) == {"label"} for chunk in chunks[1:])
-
-
 def test_one_asked_for_among_two_has_her_names_alone_and_the_other_is_in_the_way(shot, model, monkeypatch):
     _, blobs, truth = shot
     monkeypatch.setattr(pipeline, "IDENTIFICATION", replace(IDENTIFICATION, lead=-1.0))  # the set's model knows neither

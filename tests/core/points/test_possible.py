@@ -67,10 +67,6 @@ def test_the_unit_is_said_where_frames_are_sure_of_it(model, walk):
         labelled(walk / 10, RATE, model)
 
 
-def test_with_force_it_is_labelled_all_the_same(model, walk):
-    assert labelled(walk, 10 * RATE, model, force=True).labels.named.mean() > 0.9
-
-
 def test_who_stands_still_or_is_slow_can_be_at_any_rate(model, walk):
     generator = np.random.default_rng(1)
     standing = walk[:1] + generator.normal(0, 0.001, walk.shape)

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Posing a body on labelled points: made-up subjects found again, gaps, and real people who were not learned from."""
+"""A body on named points, and as a character's bones."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +8,13 @@ import pytest
 
 from addon.core.body.bodies import Bodies, BodyModel
 from addon.core.geometry import rotations
+from addon.core.posing.character import character_of
 from addon.core.posing.posing import fit_points
+from addon.core.simulation.virtual import Act, perform
 from addon.io.markersets import open_markerset
 from scripts import learn_markersets
 from scripts.people_study import learn
+from tests.core.scenes import person_of
 
 PEOPLE = Path(__file__).resolve().parents[4] / "shared" / "data" / "people"
 needs_people = pytest.mark.skipif(not PEOPLE.is_dir(), reason="the recorded people are not beside the project")
@@ -24,22 +26,9 @@ def model():
 
 
 def walk(model: BodyModel, frames: int = 60, height: float = 1.4, seed: int = 0) -> Bodies:
-    """A subject of one shape who walks in a circle with bends that swing within what people do."""
-    rng = np.random.default_rng(seed)
-    spread = model.markerset.spread
-    phase = np.linspace(0, 4 * np.pi, frames)
-    swing = rng.normal(size=(model.joint_count, 3)) * np.sqrt(np.diag(spread.pose_covariance)).reshape(-1, 3)
-    bends = spread.pose_mean + 0.7 * np.sin(phase)[:, None, None] * swing
-    heading = phase / 2
-    rest = model.rest(frames, height)
-    return replace(
-        rest,
-        translation=np.stack([np.sin(heading), -np.cos(heading), 0.02 * np.sin(2 * phase)], axis=1),
-        quaternion=rotations.about_z(heading),
-        bends=bends,
-        shape=np.repeat(rng.normal(0, 0.7, (1, rest.shape.shape[1])), frames, axis=0),
-        own=np.repeat(rng.normal(0, 0.004, (1, model.marker_count, 3)), frames, axis=0),
-    )
+    """A virtual person of that height who walks and turns."""
+    person = person_of(model.markerset, seed, height)
+    return perform(model, person, [Act(4.0, 0.8, turn=3.0)], 20.0, seed).pick(np.arange(frames))
 
 
 def off(model: BodyModel, bodies: Bodies, points: np.ndarray) -> np.ndarray:
@@ -118,3 +107,30 @@ def test_people_who_were_not_learned_from_are_posed_within_15_mm(name):
         away = off(model, fit_points(model, points), points)
         assert np.nanmedian(away) < 0.005, stem
         assert np.nanpercentile(away, 99) < 0.015, stem
+
+
+HEIGHT = 1.7
+
+
+def at_rest(markerset):
+    """Segments' names, joints (J, 3) m and far ends (J, 3) m of a body at rest."""
+    joints = markerset.skeleton.rest_joints * HEIGHT
+    ends = joints + np.array([0, 0, 0.15])
+    for index, name in enumerate(markerset.skeleton.segments):
+        if name.startswith(("hand", "foot")):
+            ends[index] = joints[index] + (np.array([0, 0, -0.1]) if name.startswith("hand") else [0.15, 0, -0.03])
+    return markerset.skeleton.segments, joints, ends
+
+
+def test_a_lower_body_has_hips_and_legs():
+    character = character_of(*at_rest(open_markerset("gait15")))
+    assert character.names[0] == "hips"
+    assert {name.partition(".")[0] for name in character.names[1:]} == {"thigh", "shank", "foot", "toes"}
+
+
+def test_who_was_not_found_is_nowhere():
+    markerset = open_markerset("actor41")
+    character, count = character_of(*at_rest(markerset)), len(markerset.skeleton)
+    turns = rotations.exponential(np.full((1, count, 3), np.nan))[0]
+    heads, _ = character.posed(np.full((1, count, 3), np.nan), turns)
+    assert np.isnan(heads).all()

@@ -1,11 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Frames that are worth a look are pointed out, once each, with the marker's name."""
+"""Frames worth a look: pointed out once each, as a table of samples, and gone when a person has answered."""
 
 import numpy as np
+import pytest
 
-from addon.core.data.takes import Suspect
+from addon.core.data.takes import BY_EDIT, BY_LIKELIHOOD, Labels, PointRows, Suspect
+from addon.core.edits.kinds import Accepted, AssignPoint, Delete, Edits, Right, Swap, UnlabelMarker, UnlabelPoint
+from addon.core.review.answering import settled_in, unanswered, without_accepted
+from addon.core.review.doubtful import WHOLE_FRAME, doubtful_ranges, doubtful_samples
 from addon.core.review.suspects import MAX_ENTRIES, find_suspects, summarised
 from tests.core.scenes import motion_of
+
+from ..edits.lists import INDEX
 
 RATE = 100.0
 
@@ -62,3 +68,112 @@ def test_trajectories_of_one_kind_are_listed_by_number():
     (found,) = summarised(many, RATE)
     assert found.reason.startswith("trajectories 0 1 2 3 4 5 6 7 and 92 more: as trajectory 0 goes over from A to M0")
     assert (found.first, found.last) == (0, 999)
+
+
+FRAMES, NAMES = 50, ("LHEE", "RHEE", "LTOE")
+
+
+@pytest.fixture
+def take():
+    """A steady take of points, a trajectory a marker, whose RHEE is off the body in five frames."""
+    markers = np.tile(np.arange(9.0).reshape(3, 3), (FRAMES, 1, 1))
+    expected = markers.copy()
+    expected[20:25, 1] += 0.2
+    motion = motion_of(markers, expected, 101)
+    frame, trajectory = np.divmod(np.arange(3 * FRAMES), 3)
+    rows = PointRows(motion.frames, frame, trajectory, markers[frame, trajectory], None)
+    return rows, Labels(trajectory, np.full(len(frame), BY_LIKELIHOOD), np.ones(len(frame))), motion
+
+
+def asked(take, suspects=(), edits=()) -> dict[str, list[list[int]]]:
+    rows, labels, motion = take
+    exact = find_suspects(motion, NAMES, 100.0)
+    found = doubtful_samples(rows, labels, motion.frames, exact, suspects, NAMES, Edits(tuple(edits)))
+    return doubtful_ranges(found, motion.frames, NAMES)
+
+
+def test_what_a_list_sums_up_is_told_frame_by_frame(take):
+    summed_up = Suspect(101, 150, "RHEE is far from where the body has it, in 3 places", markers=("RHEE",), doubtful=5)
+    assert asked(take, [summed_up]) == {"RHEE": [[121, 125]]}
+
+
+def test_doubts_are_about_their_markers_or_about_all_of_their_frames(take):
+    named = Suspect(130, 140, "may have each other's names", markers=("LHEE", "LTOE"))
+    whole = Suspect(110, 111, f"{WHOLE_FRAME} 60 % sure")
+    about_things = Suspect(101, 150, "2 trajectories stand still while the subject moves")
+    assert asked(take, [named, whole, about_things]) == {
+        "LHEE": [[110, 111], [130, 140]],
+        "RHEE": [[110, 111], [121, 125]],
+        "LTOE": [[110, 111], [130, 140]],
+    }
+
+
+def test_a_name_that_is_not_sure_is_doubtful_until_a_person_gives_it(take):
+    _, labels, _ = take
+    labels.confidence[[3, 6]] = 0.5
+    assert asked(take)["LHEE"] == [[102, 103]]
+    labels.step[6] = BY_EDIT
+    assert asked(take)["LHEE"] == [[102, 102]]
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        Right("RHEE", frames=(121, 125)),
+        Accepted("RHEE is off the body at times"),
+        Accepted("RHEE is far from where the body has it", frames=(101, 150)),
+    ],
+)
+def test_what_was_answered_is_no_doubt(take, edit):
+    assert asked(take, edits=[edit]) == {}
+
+
+JUMPS = Suspect(12, 20, "A jumps", markers=("A",))
+NAMELESS = Suspect(12, 20, "may be D and stays unnamed", 7, ("D",))
+CHANGE = Suspect(14, 15, "goes over from A to B", 2, ("A", "B"))
+MANY = Suspect(12, 20, "A B C: jumps", markers=("A", "B", "C"))
+LOST = Suspect(12, 20, "the subject was lost")
+ALL = [(12, 20)]
+
+
+@pytest.mark.parametrize(
+    ("suspect", "edits", "left"),
+    [
+        (JUMPS, [Right("A", frames=(14, 15))], [(12, 13), (16, 20)]),
+        (JUMPS, [Right("A", frames=(1, 12)), Right("B")], [(13, 20)]),
+        (JUMPS, [Right("A")], []),
+        (JUMPS, [Right("A"), UnlabelMarker("A", frames=(12, 14))], [(12, 14)]),
+        (JUMPS, [Right("B")], ALL),
+        (JUMPS, [AssignPoint(2, "A")], ALL),
+        (NAMELESS, [AssignPoint(7, "D", frames=(10, 15))], [(16, 20)]),
+        (NAMELESS, [UnlabelPoint(7)], []),
+        (NAMELESS, [AssignPoint(11, "D")], ALL),
+        (CHANGE, [AssignPoint(2, "A", frames=(10, 14))], []),
+        (CHANGE, [Swap(("B", "A"), frames=(15, 40))], []),
+        (CHANGE, [Right("B", frames=(15, 15))], []),
+        (CHANGE, [Swap(("C", "D")), AssignPoint(3, "C")], [(14, 15)]),
+        (MANY, [Right("A"), Right("B")], ALL),
+        (MANY, [Right("A"), Right("B"), Right("C")], []),
+        (LOST, [Right("A"), Delete(2)], ALL),
+    ],
+)
+def test_a_doubt_is_left_in_the_frames_that_no_edit_answers(suspect, edits, left):
+    found = unanswered([suspect], Edits(tuple(edits)), INDEX)
+    assert [(one.first, one.last) for one in found] == left
+    assert {one.reason for one in found} <= {suspect.reason}
+
+
+def test_what_was_accepted_does_not_come_back_with_other_figures():
+    moved = Suspect(12, 20, "camera B seems to have moved: its blobs are 1.7 px off")
+    accepted = Accepted("camera B seems to have moved: its blobs are 1.62 px off", frames=(12, 17))
+    assert without_accepted([moved], Edits((accepted,))) == (Suspect(18, 20, moved.words),)
+    other = Accepted("camera C seems to have moved: its blobs are 1.7 px off")
+    assert without_accepted([moved], Edits((other,))) == (moved,)
+
+
+def test_a_trajectory_is_settled_where_all_of_its_frames_are_no_marker():
+    parts = Delete(7, frames=(10, 14)), Delete(7, frames=(15, 30))
+    assert settled_in(Edits(parts), 7, 12, 20)
+    assert not settled_in(Edits(parts[:1]), 7, 12, 20)
+    assert not settled_in(Edits((Delete(8), UnlabelPoint(7))), 7, 12, 20)
+    assert settled_in(Edits((Delete(7),)), 7, 12, 20)

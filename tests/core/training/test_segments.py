@@ -72,19 +72,6 @@ def test_the_marker_set_poses_takes_it_has_not_seen():
     assert np.median(away) < 0.006
 
 
-@pytest.mark.parametrize("count", [3, 4, 9])
-def test_a_rigid_prop_is_one_segment(count):
-    shape = np.random.default_rng(0).uniform(-0.2, 0.2, (count, 3))
-    turn = turn_of(np.cumsum(np.random.default_rng(1).normal(0, 0.05, (60, 3)), axis=0))
-    points = 1 + np.einsum("fij,mj->fmi", turn, shape)
-    markerset = segment_markerset([points], [f"P{index}" for index in range(count)], "prop")
-    assert len(markerset.skeleton) == 1
-    model = BodyModel(markerset)
-    if count > 3:
-        away = np.linalg.norm(model.pose(fit_points(model, points)).markers - points, axis=2)
-        assert np.median(away) < 0.003
-
-
 def test_nothing_to_see_is_said():
     with pytest.raises(ValueError, match="three or more"):
         segment_markerset([np.full((5, 4, 3), np.nan)], list("ABCD"), "none")

@@ -281,17 +281,6 @@ def test_of_two_markers_on_one_line_the_nearer_has_the_blob():
     assert (naming.slot[1:] == [0, 1]).mean() > 0.8 and not (naming.slot[1:] == [1, 0]).any()
 
 
-@pytest.mark.parametrize("camera", range(4))
-def test_one_wrong_camera_is_survived(camera):
-    """A wrong blob in one camera is named first, misses the others' point, and is taken back; the point stays right."""
-    pixels = pixels_of(MARKERS)
-    pixels[camera][0] += [9, -7]
-    naming = consistent(label(pixels, expect_at(MARKERS, 0.05)))
-    assert naming.slot[camera, 0] == -1 and naming.owner[camera, 0] == -1
-    assert (np.delete(naming.slot[:, 0], camera) == 0).all()
-    assert naming.meeting.points[0] == pytest.approx(MARKERS[0], abs=1e-6)
-
-
 def test_two_cameras_that_disagree_lose_both_names():
     """No telling which of the two is wrong."""
     pixels = [row[:1] if index < 2 else np.zeros((0, 2)) for index, row in enumerate(pixels_of(MARKERS))]

@@ -6,34 +6,20 @@ import pytest
 
 from addon.core.data.errors import InputError
 from addon.core.geometry.upright import turned
-from addon.core.points.likelihood.frames import label_frames, label_some, solve_frames
+from addon.core.points.likelihood.frames import label_frames, label_some
 from addon.core.points.likelihood.learn import learn_likelihood
 from addon.core.points.likelihood.trials import make_trial
+from addon.core.simulation.virtual import Act
+from addon.io.markersets import open_markerset
+from tests.core import scenes
 from tests.core.points.rigid_bodies import plated
 
-NAMES = ("LHIP", "RHIP", "SACR", "LKNE", "RKNE", "LANK", "RANK", "LTOE", "RTOE", "C7", "LSHO", "RSHO")
-PELVIS = [[0.1, 0.13, 0.95], [0.1, -0.13, 0.95], [-0.1, 0, 1.0]]
-LEGS = [[0.03, 0.12, 0.5], [0.03, -0.12, 0.5], [-0.03, 0.11, 0.1], [-0.03, -0.11, 0.1]]
-REST = [[0.15, 0.12, 0.05], [0.15, -0.12, 0.05], [-0.06, 0, 1.45], [0, 0.18, 1.4], [0, -0.18, 1.4]]
-STANCE = np.array([*PELVIS, *LEGS, *REST])
+NAMES = open_markerset("gait15").markers
 
 
 def walker(seed: int, frames: int = 150) -> np.ndarray:
-    """A stick figure (T, 12, 3) m that swings its legs while it goes about in a circle."""
-    rng = np.random.default_rng(seed)
-    size = 1 + 0.08 * rng.normal()
-    own = STANCE * size + 0.01 * rng.normal(size=STANCE.shape)
-    phase = np.linspace(0, 6 * np.pi, frames)
-    clouds = np.repeat(own[None], frames, axis=0)
-    for side, sign in (("L", 1), ("R", -1)):
-        for name, reach in (("KNE", 0.12), ("ANK", 0.25), ("TOE", 0.27)):
-            marker = NAMES.index(side + name)
-            clouds[:, marker, 0] += sign * reach * np.sin(phase)
-            clouds[:, marker, 2] += 0.3 * reach * np.maximum(sign * np.cos(phase), 0)
-    clouds += 0.002 * rng.normal(size=clouds.shape)
-    clouds = turned(clouds, phase / 3 + seed)
-    clouds[..., :2] += np.stack([np.cos(phase / 3), np.sin(phase / 3)], axis=1)[:, None]
-    return clouds
+    """(T, 15, 3) m of a virtual person who walks and turns."""
+    return scenes.walker("gait15", seed, [Act(1.5, stride=0.9), Act(1.0, stride=0.6, turn=1.5)], noise=0.002)[:frames]
 
 
 @pytest.fixture(scope="module")
@@ -98,13 +84,6 @@ def test_the_order_of_points_and_the_way_one_faces_do_not_matter(likelihood):
     assert (other.marker[sure] == plain.marker[:, order][sure]).mean() > 0.999
 
 
-def test_training_is_the_same_for_the_same_seed():
-    takes = [(walker(seed, 60), str(seed)) for seed in range(3)]
-    one, other = learn_likelihood(takes, NAMES, seed=4), learn_likelihood(takes, NAMES, seed=4)
-    assert np.array_equal(one.shape.modes, other.shape.modes)
-    assert np.array_equal(one.calibration.weights, other.calibration.weights)
-
-
 def test_plates_are_found_in_poses_that_were_never_seen():
     likelihood = learn_likelihood([(plated.walk(plated.body(), frames=200), "she")], plated.NAMES)
     assert likelihood.rigid_bodies is not None
@@ -121,7 +100,7 @@ def test_training_says_what_is_wrong_with_takes():
         gone[:, NAMES.index("RTOE")] = np.nan
         learn_likelihood([(gone, "a")], NAMES)
     with pytest.raises(InputError, match="no frame shows half"):
-        learn_likelihood([(np.full((5, 12, 3), np.nan), "a")], NAMES)
+        learn_likelihood([(np.full((5, len(NAMES), 3), np.nan), "a")], NAMES)
     with pytest.raises(InputError, match="too few"):
         learn_likelihood([(np.zeros((5, 3, 3)), "a")], NAMES[:3])
 
@@ -143,12 +122,3 @@ def test_a_frame_in_a_crowd_is_nothing_to_its_neighbours(likelihood):
     assert (together.marker[others, :width] == alone.marker[others]).all()
     assert np.allclose(together.confidence[others, :width], alone.confidence[others], atol=1e-9)
     assert (together.marker[others, width:] < 0).all()
-
-
-def test_room_without_points_changes_nothing(likelihood):
-    trial = make_trial(walker(77, 20), (0, 3), (0, 2), np.random.default_rng(7))
-    known, room = likelihood.known, np.full((20, 6, 3), np.nan)
-    alone, wide = (solve_frames(known, points) for points in (trial.points, np.append(trial.points, room, axis=1)))
-    assert (alone.naming == wide.naming).all()
-    for name in ("score", "margin", "mean_square"):
-        assert np.allclose(getattr(alone, name), getattr(wide, name), rtol=1e-9, atol=1e-9)

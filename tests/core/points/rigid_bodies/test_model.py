@@ -26,27 +26,9 @@ def things(count: int, markers: int, seed: int = 0) -> np.ndarray:
     return np.concatenate(parts, axis=1) + rng.normal(0, 0.0004, (FRAMES, count * markers, 3))
 
 
-def limbs(markers: int, seed: int = 0) -> np.ndarray:
-    """A figure whose skin gives: (T, 4 * markers, 3) m, four limbs, each of which bends along its whole length."""
-    rng = np.random.default_rng(seed)
-    phase = np.linspace(0, 4 * np.pi, FRAMES)[:, None]
-    parts = []
-    for limb in range(4):
-        along = np.linspace(0, 1, markers)
-        swing = 0.05 * along**2 * np.sin(phase + limb * np.pi / 2)
-        place = np.stack([swing, np.full_like(swing, 0.2 * limb), np.broadcast_to(along, swing.shape)], axis=2)
-        parts.append(place + 0.01 * rng.normal(size=(markers, 3)))
-    return np.concatenate(parts, axis=1) + rng.normal(0, 0.0004, (FRAMES, 4 * markers, 3))
-
-
 def test_rigid_things_that_move_against_each_other_are_plates():
     rigid_bodies = learn_rigid_bodies([things(3, 4)], RADIUS)
     assert sorted(group.tolist() for group in rigid_bodies.members) == [[0, 1, 2, 3], [4, 5, 6, 7], [8, 9, 10, 11]]
-
-
-def test_limbs_that_keep_their_form_roughly_are_no_plates():
-    """In a short walk the markers of a shank keep together within millimetres: on another person they sit otherwise."""
-    assert learn_rigid_bodies([limbs(5)], RADIUS) is None
 
 
 def test_a_prop_is_one_plate():

@@ -11,7 +11,6 @@ from addon.core.data.errors import JobError
 from addon.core.data.lanes import LaneOptions
 from addon.core.data.progress import finished
 from addon.core.data.takes import Labels, Points, Suspect, Verdict
-from addon.core.geometry.rotations import exponential
 from addon.core.points.refusals import RefusalOptions
 from addon.core.points.several import affinity, bodies, pipeline
 from addon.core.points.several.identification import PersonBuild, UnidentifiedPresence
@@ -200,23 +199,6 @@ def test_two_who_stand_still_for_long_are_as_sure_as_for_a_moment(count):
     found = labelled(take, count)
     right, wrong = matched(found.labels.marker, np.arange(30), take.present)
     assert (right, wrong) == (take.present.sum(), 0)
-
-
-def test_two_who_lie_are_told_as_any_who_are_not_there():
-    people = [lying(person(3, 1, 0.0), 0.15), lying(person(4, -1, 1.0), 0.4)]
-    take, _ = shown(people)
-    with pytest.raises(JobError, match="shows fewer than 2 subjects who wear gait15") as caught:
-        labelled(take, 2)
-    assert "--subjects" not in caught.value.message
-
-
-def lying(whole: np.ndarray, height: float) -> np.ndarray:
-    """Somebody (T, M, 3) m on their back but for the first and the last frames, so high (m)."""
-    part = (1 - np.cos(np.pi * np.clip((1 - np.abs(np.linspace(-1, 1, len(whole)))) / 0.15, 0, 1))) / 2
-    middle = whole.mean(axis=1, keepdims=True)
-    turn = exponential(np.outer(part * np.pi / 2, [0.0, 1.0, 0.0]))[0]
-    flat = np.einsum("tij,tmj->tmi", turn, whole - middle) + middle
-    return flat + part[:, None, None] * (np.array([0.0, 0.0, height]) - middle)
 
 
 def test_of_whom_nobody_asked_for_nothing_is_to_be_looked_at():

@@ -4,9 +4,9 @@
 import numpy as np
 import pytest
 
-from addon.core.data.takes import BY_EDIT, NO_MARKER, Labels, Points
+from addon.core.data.takes import NO_MARKER, Labels, Points
 from addon.core.edits.applying import apply_edits, cells_of_take
-from addon.core.edits.kinds import AssignPoint, Delete, Edits, Right, UnlabelMarker, UnlabelPoint
+from addon.core.edits.kinds import AssignPoint, Delete, Edits, UnlabelMarker
 from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.deciding import labels_of
 from addon.core.points.whole_take.rulings import Rulings
@@ -78,19 +78,6 @@ def test_a_held_name_is_believed_against_everything_and_is_nobody_elses(model, p
     assert (np.isin(marker, toe).sum(axis=1) <= 1).all()
 
 
-def test_frames_are_heard_as_a_person_has_them(model, points, everything):
-    knee, toe, head = (model.markerset.index(name) for name in ("RKNE", "LTOE", "LFHD"))
-    edits = AssignPoint(knee, "LTOE", frames=(11, 20)), UnlabelPoint(head), Delete(0), Right("C7")
-    rulings = rulings_of(model, points, everything, *edits)
-    heard = rulings.heard(everything)
-    assert (heard.marker[10:20, knee] == toe).all()
-    assert (heard.step[10:20, knee] == BY_EDIT).all()
-    assert (heard.marker[10:20, toe] == NO_MARKER).all()
-    assert (heard.marker[20:, toe] == toe).all()
-    assert not heard.named[:, [head, 0]].any()
-    assert (heard.rate[:, model.markerset.index("C7")] == 1).all()
-
-
 def test_tracklets_end_where_what_is_said_of_them_does(model, points, everything):
     knee, toe, back = (model.markerset.index(name) for name in ("RKNE", "LTOE", "C7"))
     edits = AssignPoint(knee, "LTOE", frames=(11, 20)), Delete(back, frames=(1, 30))
@@ -143,16 +130,3 @@ def test_a_trajectory_without_a_name_goes_on_as_what_a_person_called_it(model, p
     assert (np.delete(rulings.carried, toe, axis=1) == NO_MARKER).all()
     assert (rulings.heard(labels).marker[expected, toe] == toe).all()
     assert (rulings.start[99, toe], rulings.start[98, toe]) == (toe, toe)
-
-
-def test_what_lost_its_name_to_a_person_is_begun_with_as_the_other_of_the_two(model, points, everything):
-    one, other = (model.markerset.index(name) for name in PAIR)
-    rulings = rulings_of(model, points, everything, AssignPoint(one, PAIR[0], frames=(100, 100)))
-    pieces = rulings.of(tracklets_of(points, rulings.parted(), rulings.heard(everything), len(model.markerset)))
-    row, column = pieces.first, pieces.lane
-    begun = rulings.begun(pieces)
-    (robbed,) = np.flatnonzero((column == other) & (row == 99))
-    assert rulings.start[99, other] == NO_MARKER
-    assert begun[robbed] == other
-    rest = np.delete(np.arange(len(begun)), robbed)
-    assert (begun[rest] == rulings.start[row, column][rest]).all()

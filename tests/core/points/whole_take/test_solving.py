@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A take solved as a whole: the virtual person's, cut to pieces, of which frames on their own say little or err."""
+"""A take solved as a whole: which frames are named on their own, and pieces of which these say little or err."""
 
 from dataclasses import replace
 
@@ -9,13 +9,14 @@ import pytest
 from addon.core.data.lanes import LaneOptions
 from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels
 from addon.core.points.tracklets import cut
+from addon.core.points.whole_take.asking import asked_frames
 from addon.core.points.whole_take.deciding import can_be_solved, labels_of
 from addon.core.points.whole_take.layout import Question, named_by_layout
 from addon.core.points.whole_take.likeness import likeness
 from addon.core.points.whole_take.objective import Objective, fullest_frames
 from addon.core.points.whole_take.pairs import in_take, trained_pairs
 from addon.core.points.whole_take.solving import solve_take
-from addon.core.points.whole_take.tracklets import seen_in, tracklets_of
+from addon.core.points.whole_take.tracklets import said_between, seen_in, tracklets_of
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model
@@ -244,21 +245,6 @@ def test_a_strict_target_names_no_more_than_a_lax_one(model, markers):
     assert given[-1] < given[0]
 
 
-@pytest.mark.parametrize(("names", "unnamed"), [(("LELB", "LWRA", "LFIN"), True), (("RANK", "RTOE"), False)])
-def test_a_chain_of_exchanges_finds_a_limb_one_place_off_or_a_pair(model, markers, names, unnamed):
-    points, whose = pieces(markers, hidden=0)
-    tracklets = tracklets_of(points, cut(points, RATE), said(points, whose, np.zeros(points.shape[:2], bool)), 26)
-    truth, called = whose[tracklets.lane], np.arange(27)
-    chain = [model.markerset.index(name) for name in names]
-    called[chain] = [*chain[1:], 26 if unnamed else chain[0]]
-    objective = Objective(points, tracklets, model, RATE, truth)
-    objective.extras = 1
-    wrong, right = objective.of(called[truth]), objective.of(truth)
-    assert right.layout > wrong.layout
-    best, *_ = objective.layout(wrong.marker, wrong.moments).chains(np.array(chain[:1]), 30, 5)
-    assert (best[:26] == called[:26]).all()
-
-
 def test_a_plate_turned_round_is_worth_less_however_far_it_sits_from_its_place(model, markers):
     """As much off for all of its markers is less than twice as much for some: squares have no limit."""
     four = [model.markerset.index(name) for name in ("LKNE", "LANK", "LHEE", "LTOE")]
@@ -270,3 +256,44 @@ def test_a_plate_turned_round_is_worth_less_however_far_it_sits_from_its_place(m
     turned[four] = four[::-1]
     objective = Objective(points, tracklets, model, RATE, truth)
     assert objective.of(truth).layout > objective.of(turned[truth]).layout
+
+
+@pytest.fixture
+def tracklet():
+    """(T, P): a whole trajectory, two short tracklets that no fourth frame shows, one that such a frame shows."""
+    found = np.full((12, 3), -1)
+    found[:, 0] = 0
+    found[1:4, 1], found[2:3, 2], found[6:11, 1] = 1, 2, 3
+    return found
+
+
+@pytest.mark.parametrize(("rate", "step"), [(120.0, 8), (60.0, 4), (30.0, 2), (10.0, 1)])
+def test_so_many_frames_a_second_are_asked_and_every_tracklet_is_in_one(tracklet, rate, step):
+    frames = asked_frames(tracklet, rate)
+    assert set(range(0, 12, step)) <= set(frames.tolist())
+    assert set(np.unique(tracklet)) == set(np.unique(tracklet[frames])) | {-1}
+    assert (np.diff(frames) > 0).all()
+
+
+def test_what_no_frame_shows_needs_no_frame():
+    assert asked_frames(np.full((19, 2), -1), 90.0).tolist() == [0, 6, 12, 18]
+
+
+@pytest.mark.parametrize("cells", [0, 1000])
+def test_frames_between_say_what_their_tracklets_do_in_the_nearest_one(tracklet, cells):
+    frames = np.array([0, 2, 4, 8])
+    marker = np.where(tracklet[frames] >= 0, tracklet[frames], NO_MARKER)
+    marker[frames == 8, 0] = 7
+    step = np.where(marker == NO_MARKER, NO_STEP, BY_LIKELIHOOD)
+    chance = np.where(marker == NO_MARKER, 0.0, 0.9)
+    given = said_between(Labels(marker, step, chance, chance), frames, tracklet, LaneOptions(whole_cells=cells))
+    assert isinstance(given, Labels) == (tracklet.size <= cells)
+    said = Labels.join(given[part] for part in (slice(0, 5), slice(5, 6), slice(6, 12)))
+    assert (said.marker[:, 1:] == np.where(tracklet[:, 1:] >= 0, tracklet[:, 1:], NO_MARKER)).all()
+    assert said.marker[:, 0].tolist() == [0] * 7 + [7] * 5
+    there = tracklet >= 0
+    own = np.isin(np.arange(12), frames)[:, None] & there
+    assert (said.step[own] == BY_LIKELIHOOD).all()
+    assert (said.step[there & ~own] == BY_TRAJECTORY).all()
+    assert (said.step[~there] == NO_STEP).all()
+    assert (said.rate[there] == 0.9).all()
