@@ -7,6 +7,7 @@ import pytest
 
 from addon.core.filling.smoothing import smoothed
 from addon.io.points import read_points
+from tests.io.pages import read
 
 from .hands import choose, follows, keys_of, refused, reopen
 
@@ -37,6 +38,11 @@ def test_keys_and_exports_are_smooth_and_labels_stay(calm, files):
     wanted = smoothed(files.xyz, RATE, CUTOFF)[:, files.names.index("LWRA")]
     np.testing.assert_allclose(take.xyz[:, take.names.index("LWRA")], wanted, atol=1e-5)
     assert not (take.residual == 0).any(), "smoothed is measured still"
+    page = files.folder / "walk.report.html"
+    assert bpy.ops.mocap_autolabel.export_report(filepath=str(page), open_after=False) == {"FINISHED"}
+    said = " ".join(" ".join(read(page.read_text(encoding="utf-8")).said).split())
+    there = int(np.isfinite(wanted[:, 0]).sum())
+    assert f"LWRA {there} 0 {len(wanted) - there} {there} 0 " in said.partition("Where every sample is from")[2]
     assert bpy.ops.mocap_autolabel.take_back_smoothing() == {"FINISHED"}
     follows(files, "LWRA", files.names.index("LWRA"))
     refused("Nothing is smoothed", "take_back_smoothing")

@@ -19,7 +19,7 @@ from addon.io.labels import LabelFile
 from addon.io.markersets import read_markerset, write_markerset
 from addon.io.models import read_model, write_model
 from addon.io.points import read_points, write_c3d, write_trc
-from addon.io.report import earlier_run
+from addon.io.provenance import earlier_run
 from addon.io.source import digest
 from addon.jobs.training_takes import read_takes
 from tests.core.toybody import toy_markerset
@@ -88,11 +88,11 @@ def _taught(take: Path) -> Path:
     """A take of seven markers that was labelled here, and the report beside it, which is the file of this kind."""
     write_c3d(take, walk(points=8))
     report = take.with_name(take.stem + ".report.json")
-    made = {"options": OPTIONS, "results": {".c3d": digest([take])}}
+    made = {"options": OPTIONS, "results": {".c3d": digest(take)}}
     filled = [{"marker": "M2", "first": 34, "last": 35, "method": "spline"}]
     report.write_text(
         json.dumps(
-            {"take": take.stem, "made_of": made, "doubtful": {"M1": [[33, 34]], "M3": [[36, 36]]}, "filled": filled}
+            {"take": take.stem, "provenance": made, "doubtful": {"M1": [[33, 34]], "M3": [[36, 36]]}, "filled": filled}
         )
     )
     return report
