@@ -175,6 +175,15 @@ def test_a_broken_report_is_one_sentence(run, lab, number):
     assert len(answer.err.splitlines()) == 1
 
 
+def test_a_report_without_a_bottom_is_one_sentence(run, lab):
+    text = (lab / "out" / "walk.report.json").read_text(encoding="utf-8")
+    for depth in (500, 2000, 50_000):
+        (lab / "out" / "walk.report.json").write_text(f'{{"deep": {"[" * depth}{"]" * depth}, {text[1:]}')
+        answer = run("verify", lab / "out" / "walk")
+        assert answer.reason.count("walk.report.json: ") == 1
+        assert "fault of" not in answer.err
+
+
 @pytest.mark.parametrize("file", ["//elsewhere/walk.csv", "\\\\elsewhere\\walk.csv", "\0", "a" * 9000])
 def test_no_report_leads_anywhere_else(run, lab, file):
     report = report_in(lab)
