@@ -20,6 +20,7 @@ VERBS = (
     "reconstruct",
     "blobs",
     "evaluate",
+    "verify",
     "simulate",
     "models",
     "quality",

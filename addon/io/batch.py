@@ -11,7 +11,7 @@ from typing import Any
 
 from ..core.data.errors import InputError
 from ..core.review.trouble import LEFT_OVER
-from .report import REPORT, read_report
+from .provenance import REPORT, read_report
 from .source import open_binary, read_bytes
 from .text import cell_of, in_cell
 
@@ -198,6 +198,6 @@ def is_result(path: Path) -> bool:
 def _made(path: Path) -> bool:
     """Whether the report beside a take says that it was written with it."""
     try:
-        return path.suffix in read_report(path.with_name(path.stem + REPORT))["made_of"]["results"]
+        return path.suffix in read_report(path.with_name(path.stem + REPORT))["provenance"]["results"]
     except InputError:
         return False

@@ -60,14 +60,14 @@ def seen_from(model: Path, file: Path) -> str:
     return path if can_be_written(path) else ""
 
 
-def file_of(take: TaughtTake, model: Path) -> Path | None:
-    """Where the file of a take is said to be; None where nobody knows.
+def seen_at(path: str, model: Path) -> Path | None:
+    """Where the file is that a model's folder sees there, as `seen_from` says; None where nobody knows.
 
     Also of another computer's: whoever opens somebody's model must not be led to ask one for a file.
     """
-    if not take.path or take.path.replace("\\", "/").startswith("//"):
+    if not path or path.replace("\\", "/").startswith("//"):
         return None
-    return Path(os.path.normpath(model.resolve().parent / take.path))
+    return Path(os.path.normpath(model.resolve().parent / path))
 
 
 def moved(history: ModelHistory, before: Path, after: Path) -> ModelHistory:
@@ -76,7 +76,7 @@ def moved(history: ModelHistory, before: Path, after: Path) -> ModelHistory:
         return history
 
     def seen(takes: tuple[TaughtTake, ...]) -> tuple[TaughtTake, ...]:
-        files = (file_of(take, before) for take in takes)
+        files = (seen_at(take.path, before) for take in takes)
         return tuple(
             replace(take, path=seen_from(after, file) if file else take.path)
             for take, file in zip(takes, files, strict=True)

@@ -1,25 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """`STEM.report.json`: what a person should know of a labelled take before using it."""
 
-import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..core.data.errors import InputError
 from ..core.data.takes import EditOutcome, Points, Suspect
 from ..core.edits.applying import summary_of
 from ..core.review.summary import TakeSummary
 from ..core.review.take_trouble import TakeTrouble
 from ..core.review.trouble import summary_of_trouble
 from .c3d.writing import first_number, names_in_c3d
-from .source import digest, read_json
 
 if TYPE_CHECKING:  # it is looked at, and none is made
     from ..core.review.odd_cameras import CameraCheck
 
-REPORT = ".report.json"  # the last of a take's files to appear: where it is the others are
-INSTEAD = "--overwrite to make it anew, or another folder for --out"
 # The stages that every report tells the seconds of; those that make the speed come from the labelling itself.
 STAGES = ("load", "place", "fit", "label", "write")
 WORK = ("place", "fit", "label")
@@ -85,51 +80,3 @@ def renumbered(points: Points) -> dict:
     if other := {name: fitted for name, fitted in names if name != fitted}:
         said["c3d_names"] = other
     return said
-
-
-def earlier_run(path: Path, now: dict) -> tuple[dict | None, bool]:
-    """The report of an earlier run of the same, None where there is none, and whether any of its files is gone.
-
-    `path` is the report's, `now` what this run is made of. Raises InputError where something is there that the same job
-    did not make.
-    """
-    if not os.path.exists(path):  # noqa: PTH110
-        return None, True
-    report, missing = read_report(path), False
-    stem = path.name.removesuffix(REPORT)
-    if report.get("take") != stem:
-        raise InputError(f"is of the take {report.get('take')!r}; expected that of {stem!r}, {INSTEAD}", path)
-    made = report["made_of"]
-    then, now = _flat(made), _flat(now)
-    other = [name for name in now | then if now.get(name) != then.get(name)]
-    if other:
-        what = f"is of a run that differs in {', '.join(other)}"
-        raise InputError(f"{what}; expected the same as then, {INSTEAD}", path)
-    for ending, was in made["results"].items():
-        file = path.with_name(path.name.removesuffix(REPORT) + ending)
-        if not os.path.exists(file):  # noqa: PTH110 no name is too long for it
-            missing = True
-        elif digest([file]) != was:
-            raise InputError(f"was changed since it was made; expected it as it was, {INSTEAD}", file)
-    return report, missing
-
-
-def _flat(made: dict) -> dict:
-    """What results were made of, the options beside the files."""
-    files = {name: value for name, value in made.items() if name not in ("options", "results")}
-    called = {"wearers": "subject"}
-    return files | {f"--{called.get(name, name)}": value for name, value in made["options"].items()}
-
-
-def read_report(path: Path) -> dict:
-    """A report that says what it was made of; InputError where it does not."""
-    try:
-        report = read_json(path, "a report")
-        made = report["made_of"]
-        whole = all(isinstance(made[part], dict) for part in ("options", "results"))
-        # The results lie beside the report, whatever a report says.
-        if whole and all(Path(ending).name == ending for ending in made["results"]):
-            return report
-    except (InputError, OSError, LookupError, TypeError):
-        pass
-    raise InputError(f"does not say what it was made of; expected the report of an earlier run, {INSTEAD}", path)

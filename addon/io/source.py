@@ -7,7 +7,7 @@ import json
 import os
 import re
 import stat
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BufferedReader
 from pathlib import Path
@@ -219,13 +219,16 @@ def numbers(text: str | None, count: int, what: str, path: Path, line: int = 0) 
     return values
 
 
-def digest(files: Iterable[Path]) -> str:
-    """SHA-256 of what files hold, of several one after the other; InputError where one cannot be read."""
-    whole = hashlib.sha256()
-    for file in files:
-        with open_binary(file) as stream:
-            whole.update(hashlib.file_digest(stream, "sha256").digest())
-    return whole.hexdigest()
+def digest(path: Path) -> str:
+    """SHA-256 of what a file holds; InputError where it cannot be read."""
+    with open_binary(path) as stream, _readable(path):
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def is_still(path: Path, sha256: object) -> bool:
+    """Whether a file holds what had that digest; InputError where it cannot be read."""
+    now = digest(path)
+    return sha256 in (now, hashlib.sha256(bytes.fromhex(now)).hexdigest())  # earlier versions digested it once more
 
 
 def read_json(path: Path, kind: str) -> Any:

@@ -16,9 +16,9 @@ from ..core.evaluation.relabelling import NO_NAME, UNTOLD, KnownNames, relabelle
 from ..core.points.history import TaughtTake
 from ..core.points.models import Model, TrainingTake, by_subject
 from ..core.training.takes import standing_apart
-from ..io.model_history import file_of, seen_from
+from ..io.model_history import seen_at, seen_from
 from ..io.points import read_points
-from ..io.source import digest
+from ..io.source import digest, is_still
 from .training_takes import KnownBetter, TakeFile, read_takes, suits, trajectories_of
 
 KEPT, TAUGHT, FRAMES = "kept", "taught", "frames"
@@ -50,14 +50,14 @@ class KeptFile:
 
 def kept_file(path: Path, out: Path, known: KnownBetter, subjects: Sequence[tuple[str, str]] = ()) -> KeptFile:
     """A labelled take that a model at `out` is to be checked on, of one of `subjects`; InputError if it is none."""
-    sha256 = digest([path])
+    sha256 = digest(path)
     (take,) = read_takes([path], [one for one in subjects if suits(path, one[1])], {path: known})
     return KeptFile(path, as_taught(take, sha256, out, known))
 
 
 def files_of(takes: Iterable[TaughtTake], model: Path) -> list[KeptFile]:
     """The takes of a model's history of which it is known where they are."""
-    places = ((file_of(take, model), take) for take in takes)
+    places = ((seen_at(take.path, model), take) for take in takes)
     return [KeptFile(path, take) for path, take in places if path is not None]
 
 
@@ -86,7 +86,7 @@ def takes_to_check(
         and _is_there(one.path)
     ]
     few = [taught[place] for place in evenly_spread(len(taught), MAX_TAUGHT).tolist()]
-    lost = [take for take in base.history.kept_takes if file_of(take, file) is None]
+    lost = [take for take in base.history.kept_takes if seen_at(take.path, file) is None]
     found, left_out, there = [], [(take.name, "nobody knows where it is") for take in lost], set()
     for one, kind in (*((one, KEPT) for one in kept), *((one, TAUGHT) for one in few)):
         try:
@@ -114,7 +114,7 @@ def _known_names(one: KeptFile, by_hand: bool) -> KnownNames:
     In one whose names were looked at what has none is nothing. Elsewhere nobody knows.
     """
     path = one.path
-    if digest([path]) != one.take.sha256:
+    if not is_still(path, one.take.sha256):
         raise InputError("was changed since; expected it as it was, or given again to be kept")
     known = KnownBetter(one.take.up or None, one.take.rate or None)
     (take,) = read_takes([path], [(one.take.subject, "*")], {path: known})

@@ -19,9 +19,8 @@ from ..core.points.naming import USUAL_TARGET, plain_method
 from ..io.cameras import calibration_files
 from ..io.edits import edits_beside
 from ..io.markersets import markerset_file
+from ..io.provenance import REPORT, earlier_run, file_rows
 from ..io.qtm.capture import USE_BLOBS, USE_POINTS, held_in, is_qtm
-from ..io.report import REPORT, earlier_run
-from ..io.source import digest
 from ..io.text import written
 from ..io.whole import is_read, whole_files
 from ..version import version
@@ -307,20 +306,23 @@ def made_of(job: LabelJob) -> dict:
         "method": plain_method(job.method),
         "wearers": [name for name, _ in job.wearers],
     }
-    worn = [model for _, model in job.wearers] or [job.model]
+    worn, report = [model for _, model in job.wearers] or [job.model], job.path(REPORT)
     made = {
         "version": version(),
-        "input": digest([job.source]),
-        "cameras": digest(calibration_files(job.cameras)) if isinstance(job.cameras, Path) else None,
-        "model": digest([markerset_file(model) for model in worn]),
+        "input": file_rows([job.source], report),
+        "cameras": _rows_of(job.cameras, calibration_files, report),
+        "model": file_rows(map(markerset_file, worn), report),
+        "edits": _rows_of(job.edits_applied, lambda path: [path], report),
         "options": options,
     }
-    edits = job.edits_applied
-    if isinstance(edits, Path):
-        made["edits"] = digest([edits])
-    elif edits:
-        made["edits"] = hashlib.sha256(repr(edits).encode()).hexdigest()
     return json.loads(json.dumps(made, default=str))  # as it is read back
+
+
+def _rows_of(given: Path | Cameras | Edits | None, files: Callable[[Path], list[Path]], report: Path) -> list[dict]:
+    """The files of what was given, or a row without a name where it is in none."""
+    if isinstance(given, Path):
+        return file_rows(files(given), report)
+    return [{"file": "", "sha256": hashlib.sha256(repr(given).encode()).hexdigest()}] if given else []
 
 
 def results_of(job: LabelJob) -> dict | None:

@@ -24,7 +24,8 @@ from ..core.points.refusals import SubjectsError, UnsuitedError
 from ..core.points.several.wearers import SetsWorn, SeveralOptions, Wearer, kinds
 from ..core.points.whole_take.pipeline import PointOptions
 from ..core.points.whole_take.pipeline import label_take as name_points
-from ..core.review.doubtful import doubtful_ranges, doubtful_samples
+from ..core.review.doubtful import add_ranges, doubtful_samples
+from ..core.review.provenance import SampleOrigins
 from ..core.review.summary import TakeSummary
 from ..core.review.take_trouble import TakeTrouble
 from ..io.edits import open_edits
@@ -33,7 +34,8 @@ from ..io.markersets import builtin_markersets
 from ..io.models import open_model
 from ..io.points import read_points, write_c3d, write_trc
 from ..io.poses import PoseFile, is_long, refuse_keys
-from ..io.report import REPORT, facts_of_edits, facts_of_trouble, renumbered, take_report
+from ..io.provenance import REPORT, sealed
+from ..io.report import facts_of_edits, facts_of_trouble, renumbered, take_report
 from ..io.scratch import scratch_folder
 from ..io.source import digest
 from ..io.tables import Room
@@ -270,6 +272,7 @@ class Results:
         self.labels = stack.enter_context(LabelWriter(labels, worn.markers, take.keys))
         self.summary, self.handedness = TakeSummary(worn.markers), Handedness(worn, take.mend)
         self.trouble = TakeTrouble(worn.markers, take.rate, take.edits, take.cameras, worn.by_name)
+        self.origins = SampleOrigins(worn.markers, take.edits, worn.by_name)
         self.overview: TakeOverview | None = None
         if job.html:  # what the take's page is drawn from
             from ..core.review import overview
@@ -289,6 +292,7 @@ class Results:
         """Adds the next part, after which the part `read` of the take was read."""
         self.summary.add(chunk)
         self.handedness.add(chunk.motion.markers)
+        self.origins.add(rows, chunk)
         if self.overview is not None:
             self.overview.add(rows, chunk)
         self.trouble.add(rows, chunk.labels, chunk.motion)
@@ -303,15 +307,11 @@ class Results:
             self.chunks.append((rows, chunk))
 
     def _add_doubtful(self, rows: Blobs | PointRows, chunk: LabelledChunk):
-        """Notes which samples are doubtful; what goes on from one part to the next is one range."""
+        """Notes which samples are doubtful."""
         markers, frames = self.take.worn.markers, chunk.motion.frames
         edits, words = self.take.edits, self.take.worn.by_name
         doubtful = doubtful_samples(rows, chunk.labels, frames, *self.take.doubts(chunk), markers, edits, words)
-        for name, spans in doubtful_ranges(doubtful, frames, markers).items():
-            known = self._doubtful[name]
-            if known and known[-1][1] + 1 == spans[0][0]:
-                known[-1][1] = spans.pop(0)[1]
-            known += spans
+        add_ranges(self._doubtful, doubtful, frames)
 
     def end(self, notes: list[str], suspects: tuple[Suspect, ...]):
         """Adds what shows at the end of the take; MirroredError where that is that it is mirrored."""
@@ -362,7 +362,8 @@ class Results:
             if job.trc:
                 write_trc(files[".trc"], points)
             written = {ending: path for ending, path in files.items() if ending not in (PAGE, REPORT)}
-            digests = {ending: digest([path]) for ending, path in written.items() if path.exists()}
+            digests = {ending: digest(path) for ending, path in written.items() if path.exists()}
+        origins = self.origins.of_markers(of_gaps.get("filled", ()), None)
         report = take_report(self.summary, job.source.stem, take.worn.name, rate, version(), clock)
         report |= (
             {"model_version": take.model.history.version, "model_fingerprint": take.model.fingerprint}
@@ -372,7 +373,7 @@ class Results:
             | facts_of_trouble(self.trouble, self.summary.suspects)  # in which gaps that were filled are no trouble
             | {"doubtful": {name: spans for name, spans in self._doubtful.items() if spans}}
             | changed
-            | {"made_of": {**made_of, "results": digests}}
+            | {"provenance": {**made_of, "results": digests, "markers": origins}}
         )
         if "points" in report:
             del report["blobs"]
@@ -384,6 +385,7 @@ class Results:
             from .pages import today
 
             write_take_page(files[PAGE], report, self.overview, job.source.name, today())
-            digests[PAGE] = digest([files[PAGE]])
+            digests[PAGE] = digest(files[PAGE])
+        report = sealed(report)
         write_json(files[REPORT], report)
         return report

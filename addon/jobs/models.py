@@ -83,7 +83,7 @@ class VersionPlaces:
         candidate = beside(out, f"v{version}-candidate")
         if not out.is_file():
             return cls(out, None, candidate)
-        held = digest([out])
+        held = digest(out)
         try:
             number = read_model(out).history.version
         except InputError:  # no model
@@ -93,7 +93,7 @@ class VersionPlaces:
     @property
     def is_as_it_was(self) -> bool:
         """Whether nobody has put another model there meanwhile."""
-        return (digest([self.out]) if self.out.is_file() else "") == self.digest
+        return (digest(self.out) if self.out.is_file() else "") == self.digest
 
 
 def adopt(candidate: Path) -> Path:

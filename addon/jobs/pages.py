@@ -11,6 +11,7 @@ from ..core.data.takes import Blobs, LabelledChunk, PointRows
 from ..core.filling.kept import KeptFill
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.overview import TakeOverview
+from ..core.review.provenance import SampleOrigins
 from ..core.review.summary import TakeSummary
 from ..core.review.take_trouble import TakeTrouble
 from ..io.batch import AT_WORK, FAILING, LABELLED, TABLE, WAITING, TakeRow, is_table, row_of, worst_first, write_table
@@ -32,14 +33,17 @@ def write_kept_page(
     rows: Blobs | PointRows,
     chunk: LabelledChunk,
     fills: Iterable[KeptFill],
+    smoothed: Iterable[int] | None = None,
 ):
     """Writes the page of a take that was labelled before, as a Blender file keeps it, and that `overview` is to show.
 
     `source` is its file, empty where there is none, `model` the marker set's name; rows and chunk are all of it, and
-    the `fills` are not in the chunk.
+    the `fills` are not in the chunk. How many samples of each marker are `smoothed` is None where nothing is.
     """
     cameras, markers = overview.cameras, overview.subject.markers
     overview.add(rows, chunk)
+    origins = SampleOrigins(markers, overview.edits, overview.subject.words)
+    origins.add(rows, chunk)
     summary = TakeSummary(markers)
     summary.add(chunk)
     report = take_report(summary, name, model, overview.rate, version(), {})
@@ -52,6 +56,7 @@ def write_kept_page(
     report |= facts_of_trouble(trouble, chunk.suspects)
     if filled := kept_rows(fills):
         report |= {"filled": filled, "left": []}
+    report["provenance"] = {"markers": origins.of_markers(filled, smoothed)}
     if isinstance(rows, Blobs):
         check = CameraCheck(cameras)
         check.add(rows, chunk.labels.marker, chunk.motion.expected)

@@ -21,7 +21,7 @@ from ..core.training.pipeline import TRAINING_SHARES, Trained, TrainingOptions, 
 from ..core.training.takes import standing_apart, subject_rows
 from ..io.layouts import open_layout
 from ..io.markersets import SUFFIX, markerset_file, open_markerset
-from ..io.model_history import file_of, moved, seen_from
+from ..io.model_history import moved, seen_at, seen_from
 from ..io.models import open_model, read_model, write_model
 from ..io.source import digest, read_bytes
 from ..io.text import write_json, written
@@ -170,7 +170,7 @@ def _history(job: TrainJob, made: _Taught, kept: Sequence[KeptFile], adopted: bo
         history = moved(made.base.history, markerset_file(job.base), job.out)
         origin = made.base.fingerprint
     learned = {take.path.resolve() for take, sha256 in made.takes if sha256}
-    rows = [take for take in history.kept_takes if file_of(take, job.out) is None]
+    rows = [take for take in history.kept_takes if seen_at(take.path, job.out) is None]
     rows += [replace(one.take, path=seen_from(job.out, one.path)) for one in kept if one.path.resolve() not in learned]
     takes = tuple(
         as_taught(take, sha256, job.out, job.known.get(take.path, KnownBetter())) for take, sha256 in made.takes
@@ -208,7 +208,7 @@ def _learned(
     """What the takes teach, and what it replaces of what was known."""
     with timed(clock, "read"):
         bodies = known_bodies() + ([open_markerset(job.body)] if job.body else [])
-        digests = [digest([path]) for path in job.takes]  # before they are read
+        digests = [digest(path) for path in job.takes]  # before they are read
         takes = [*read_takes(job.takes, job.subjects, job.known), *job.shown]
         if not job.force:
             refuse_mirrored(takes, [*([base.markerset] if base else []), *bodies])

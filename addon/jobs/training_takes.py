@@ -18,8 +18,8 @@ from ..core.training.takes import LabelledTake, learnable, odd_size
 from ..core.training.transfer import known_body, known_places
 from ..io.edits import edits_beside, read_edits
 from ..io.points import FilePoints, read_points
-from ..io.report import REPORT, read_report
-from ..io.source import digest
+from ..io.provenance import REPORT, read_report
+from ..io.source import is_still
 from ..io.text import can_be_named, written
 
 
@@ -105,8 +105,8 @@ def own_output(path: Path) -> dict | None:
     """
     try:
         report = read_report(path.with_name(path.stem + REPORT))
-        made = report["made_of"]["results"].get(path.suffix)
-        fitting = isinstance(report.get("doubtful"), dict) and made == digest([path])
+        made = report["provenance"]["results"].get(path.suffix)
+        fitting = isinstance(report.get("doubtful"), dict) and is_still(path, made)
     except InputError:
         return None
     return report if fitting else None

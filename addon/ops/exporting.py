@@ -12,6 +12,7 @@ from bpy.props import BoolProperty, EnumProperty
 from ..core.data.columns import Columns
 from ..core.data.errors import InputError, JobError
 from ..core.data.takes import LabelledChunk, PointRows, Points
+from ..core.filling.smoothing import count_smoothed
 from ..core.review.overview import OverviewSubject, TakeOverview
 from ..io.blobs import read_blobs
 from ..io.filled import kept_rows, write_filled
@@ -221,7 +222,8 @@ class MOCAP_AUTOLABEL_OT_export_report(ExportsTake, bpy.types.Operator):
         overview = TakeOverview(subject, stored.rate, stored.cameras, stored.edits)
         labelled = LabelledChunk(stored.labels, stored.unfilled, stored.suspects, outcomes=stored.outcomes)
         of_take = stored.name, source, stored.model
-        write_kept_page(paths[0], *of_take, overview, stored.rows, labelled, stored.fitting)
+        smoothed = None if stored.cutoff is None else count_smoothed(stored.motion.markers)
+        write_kept_page(paths[0], *of_take, overview, stored.rows, labelled, stored.fitting, smoothed)
 
 
 BVH_UNITS = 100.0  # to a metre: BVH has no unit, and what reads it takes centimetres

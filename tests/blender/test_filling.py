@@ -8,6 +8,7 @@ import pytest
 from addon.core.filling.smoothing import smoothed
 from addon.io.points import read_points
 from addon.scene.take import show_take
+from tests.io.pages import read
 
 from .hands import FRAMES, GHOST, choose, follows, keys_of, labelled_by_job, ours, refused, reopen, shown, stored_take
 
@@ -248,6 +249,12 @@ def test_keys_and_exports_are_smooth_and_labels_stay(calm, files):
     wanted = smoothed(files.xyz, RATE, CUTOFF)[:, files.names.index("LWRA")]
     np.testing.assert_allclose(take.xyz[:, take.names.index("LWRA")], wanted, atol=1e-5)
     assert not (take.residual == 0).any(), "smoothed is measured still"
+    page = files.folder / "walk.report.html"
+    assert bpy.ops.mocap_autolabel.export_report(filepath=str(page), open_after=False) == {"FINISHED"}
+    said = " ".join(" ".join(read(page.read_text(encoding="utf-8")).said).split())
+    raw = files.xyz[:, files.names.index("LWRA")]
+    there, changed = (int(flags.all(axis=1).sum()) for flags in (np.isfinite(raw), np.abs(wanted - raw) > 0))
+    assert f"LWRA {there} 0 {len(raw) - there} {changed} 0 " in said.partition("Where every sample is from")[2]
     assert bpy.ops.mocap_autolabel.take_back_smoothing() == {"FINISHED"}
     follows(files, "LWRA", files.names.index("LWRA"))
     refused("Nothing is smoothed", "take_back_smoothing")

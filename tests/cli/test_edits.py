@@ -52,7 +52,8 @@ def test_what_is_said_of_markers_holds_in_every_file_of_blobs(label, tmp_path, e
     assert label().err == ""
     report = report_of(tmp_path / "out" / "walk.c3d")
     assert "edits" not in report
-    assert "edits" not in report["made_of"]
+    assert report["provenance"]["edits"] == []
+    assert not any(row["hand"] for row in report["provenance"]["markers"].values())
     was, at_first = positions(tmp_path / "out" / "walk.c3d", "LFHD")[0], rows_of(tmp_path / "out" / "walk.labels.csv")
     answer = label("--overwrite", "--trc", "--edits", edited(*said))
     assert answer.status == 0
@@ -80,6 +81,9 @@ def test_what_is_said_of_markers_holds_in_every_file_of_blobs(label, tmp_path, e
     report = report_of(tmp_path / "out" / "walk.c3d")
     assert report["edits"]["applied"] == {"assign": 0, "unlabel": 1, "swap": 1, "place": 1, "right": 1}
     assert [one["edit"] for one in report["edits"]["found_nothing"]] == [5]
+    origins = report["provenance"]["markers"]
+    assert (origins["C7"]["hand"], origins["C7"]["hand_frames"]) == (1, [[107, 107]])
+    assert (origins["LFHD"]["hand_frames"], origins["LASI"]["hand"]) == ([[112, 119]], 0)
     assert not [row for row in report["suspect"] if row["reason"].startswith("RANK ")]
 
 
@@ -127,6 +131,10 @@ def test_edits_beside_a_take_of_points_hold_in_every_file(run, cloud, tmp_path, 
     report = report_of(tmp_path / "out" / "cloud.c3d")
     assert report["edits"]["file"] == beside.name
     assert report["steps"]["edit"] == 25
+    origins = report["provenance"]["markers"]
+    told = {name: row.get("hand_frames") for name, row in origins.items() if row["hand"]}
+    assert told == {"LTOE": [[105, 109]], "LWRA": [[103, 103]], "LFHD": [[110, 119]], "RFHD": [[110, 119]]}
+    assert origins["LWRA"] | {"measured": 0, "missing": 19} == origins["LWRA"]
 
 
 def test_results_of_other_edits_are_not_passed_over(run, cloud, tmp_path, edited):

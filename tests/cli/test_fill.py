@@ -134,6 +134,11 @@ def test_label_fills_in_the_same_job_and_labels_stay_what_was_seen(run, holed, t
     for row in report["filled"]:
         told[row["first"] - FIRST : row["last"] + 1 - FIRST, after.names.index(row["marker"])] = True
     assert ((after.residual == 0) == told).all()
+    origins = report["provenance"]["markers"]
+    for column, (name, row) in enumerate(origins.items()):
+        assert sum(row["filled"].values()) == told[:, column].sum(), name
+        assert (row["measured"], row["hand"]) == (before.present[:, column].sum(), 0)
+        assert row["missing"] == (~after.present[:, column]).sum()
     assert (after.present == (before.present | told)).all()
     assert np.array_equal(after.xyz[before.present], before.xyz[before.present])
     assert read_points(tmp_path / "b" / "walk.trc").present[told].all()

@@ -2,6 +2,7 @@
 """`label --html`: a page for each take, whole or not at all with its other files, and one over several takes."""
 
 import errno
+import hashlib
 import json
 import os
 import shutil
@@ -39,7 +40,7 @@ def page(path) -> str:
     return " ".join(" ".join(read(path.read_text(encoding="utf-8")).said).split())
 
 
-def test_a_take_of_blobs_has_a_page_beside_its_other_files(label, tmp_path):
+def test_a_take_of_blobs_has_a_page_beside_its_other_files(label, room, tmp_path):
     edits = tmp_path / "mine.json"
     said = [
         {"kind": "unlabel", "marker": "C7", "frames": [101, 102]},
@@ -49,7 +50,7 @@ def test_a_take_of_blobs_has_a_page_beside_its_other_files(label, tmp_path):
     out = tmp_path / "out"
     assert label(*FEW, "--html", "--fill", "--edits", edits).status == 0
     report = json.loads((out / "walk.report.json").read_text())
-    assert sorted(report["made_of"]["results"]) == [".c3d", ".labels.csv", ".report.html"]
+    assert sorted(report["provenance"]["results"]) == [".c3d", ".labels.csv", ".report.html"]
     text = page(out / "walk.report.html")
     share = 100 * (report["blobs"] - report["unlabelled"]) / report["blobs"]
     for words in (
@@ -61,6 +62,11 @@ def test_a_take_of_blobs_has_a_page_beside_its_other_files(label, tmp_path):
         "Nobody gave the rate: 100 frames a second were assumed",
         "cam8",
         "Edits from mine.json",
+        "Where every sample is from",
+        f"Input walk.csv, SHA-256 {hashlib.sha256(room.blobs.read_bytes()).hexdigest()}",
+        "Model body26, SHA-256",
+        "Edits mine.json, SHA-256",
+        f"Result walk.c3d, SHA-256 {report['provenance']['results']['.c3d']}",
     ):
         assert words in text, words
     assert not (out / "summary.report.html").exists()

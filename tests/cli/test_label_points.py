@@ -166,4 +166,4 @@ def test_a_rate_that_cannot_be_is_one_sentence_and_nothing_is_named_without_forc
     assert "has a rate that cannot be: at 600 Hz" in refused.err
     assert not (tmp_path / "out" / "fast.labels.csv").exists()
     assert run(*given, "--force").status == 0
-    assert json.loads((tmp_path / "out" / "fast.report.json").read_text())["made_of"]["options"]["force"] is True
+    assert json.loads((tmp_path / "out" / "fast.report.json").read_text())["provenance"]["options"]["force"] is True

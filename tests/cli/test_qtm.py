@@ -67,7 +67,7 @@ def test_its_points_are_labelled_where_they_are_asked_for(run, capture, tmp_path
     assert answer.status == 0
     assert "its 3D points (" in answer.out and "are taken, not its blobs" in answer.out
     report = json.loads((tmp_path / "walk.report.json").read_text())
-    assert report["points"] > 0 and report["made_of"]["cameras"] is None
+    assert report["points"] > 0 and report["provenance"]["cameras"] == []
     again = run("label", capture, "--use", "points", "--model", MODEL, "--out", tmp_path, "--resume")
     assert "done before" in again.out
 

@@ -14,10 +14,13 @@ import pytest
 from addon.cli.label import add_parser
 from addon.cli.label.farm import _for_elsewhere
 from addon.cli.label.options import as_job, command_for, settle_subjects
+from addon.core.data.errors import InputError
 from addon.core.data.takes import Points
 from addon.core.points.several.wearers import is_subject_name
 from addon.io.markersets import markerset_file, open_markerset
 from addon.io.points import read_points, write_c3d
+from addon.io.provenance import earlier_run
+from addon.io.text import write_json
 from addon.jobs.job import made_of
 from tests.inputs.walkers import RATE, WORN, write_pair, write_seen
 
@@ -180,8 +183,12 @@ def test_who_wears_what_is_said_to_other_processes(run, pair, tmp_path):
     assert {f"--subject=ann={WORN}", f"--subject=bob={model}"} <= set(elsewhere)
     job = as_job(given, pair / "pair.c3d")
     swapped = replace(job, wearers=(("ann", str(model)), ("bob", WORN)))
-    assert made_of(replace(job, wearers=(("ann", WORN), ("bob", str(model))))) == made_of(swapped), "the same content"
-    assert made_of(swapped) != made_of(replace(swapped, wearers=(("bob", str(model)), ("ann", WORN))))
+    report = tmp_path / "pair.report.json"
+    write_json(report, {"take": "pair", "provenance": made_of(swapped) | {"results": {}}})
+    now = made_of(replace(job, wearers=(("ann", WORN), ("bob", str(model)))))
+    assert earlier_run(report, now)[0] is not None, "the same content"
+    with pytest.raises(InputError, match="differs in --subject;"):
+        earlier_run(report, made_of(replace(swapped, wearers=(("bob", str(model)), ("ann", WORN)))))
 
 
 def test_other_processes_are_told_all_options(pair, tmp_path):

@@ -3,6 +3,7 @@
 
 import json
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
@@ -19,13 +20,17 @@ from addon.io.labels import LabelFile
 from addon.io.markersets import read_markerset, write_markerset
 from addon.io.models import read_model, write_model
 from addon.io.points import read_points, write_c3d, write_trc
-from addon.io.report import earlier_run
+from addon.io.provenance import differences, earlier_run, open_provenance, sealed
 from addon.io.source import digest
 from addon.jobs.training_takes import read_takes
 from tests.core.toybody import toy_markerset
 from tests.io.samples import HISTORY_OF_TWO, ring, toy_model, walk, write_all
 
-OPTIONS = {"method": "auto"}  # that the sound report was made with
+# What the sound report says that it was made of.
+MADE = {
+    "version": "1", "options": {"method": "auto"}, "input": [{"file": "../nowhere.csv", "sha256": "ab"}], "cameras": [],
+    "model": [{"file": "gait15", "sha256": "ab"}], "edits": [],
+}  # fmt: skip
 POINTS = ("c3d", "dec", "mips", "trc", "motive")
 CALIBRATIONS = ("toml", "xcp", "qca", "mcal", "yml", "pmat", "rad", "res")
 
@@ -53,7 +58,9 @@ def _take(path: Path):
 
 def _report(path: Path):
     """A take that was labelled here: by its report the job is passed over, and what is worth learning is known."""
-    earlier_run(path, {"options": OPTIONS})
+    with suppress(InputError):
+        differences(path, open_provenance(path), "1", path)
+    earlier_run(path, MADE)
     return read_takes([path.with_name("taught.c3d")], [])
 
 
@@ -88,12 +95,11 @@ def _taught(take: Path) -> Path:
     """A take of seven markers that was labelled here, and the report beside it, which is the file of this kind."""
     write_c3d(take, walk(points=8))
     report = take.with_name(take.stem + ".report.json")
-    made = {"options": OPTIONS, "results": {".c3d": digest([take])}}
+    made = MADE | {"results": {".c3d": digest(take)}}
     filled = [{"marker": "M2", "first": 34, "last": 35, "method": "spline"}]
+    doubtful = {"M1": [[33, 34]], "M3": [[36, 36]]}
     report.write_text(
-        json.dumps(
-            {"take": take.stem, "made_of": made, "doubtful": {"M1": [[33, 34]], "M3": [[36, 36]]}, "filled": filled}
-        )
+        json.dumps(sealed({"take": take.stem, "provenance": made, "doubtful": doubtful, "filled": filled}))
     )
     return report
 

@@ -16,10 +16,10 @@ from addon.io.cameras import read_cameras
 from addon.io.markersets import read_markerset
 from addon.io.models import read_model
 from addon.io.points import read_points, write_c3d, write_trc
-from addon.io.report import earlier_run
+from addon.io.provenance import earlier_run
 from addon.io.world import UNITS
 from addon.jobs.training_takes import read_takes
-from tests.fuzz.kinds import OPTIONS, samples
+from tests.fuzz.kinds import MADE, samples
 from tests.io.samples import motive, ring, walk, xcp
 
 
@@ -122,19 +122,18 @@ def test_a_damaged_report_of_what_was_doubtful_is_refused_and_not_passed_over(pa
 def test_results_lie_beside_their_report_whatever_it_says(ending, sound, tmp_path):
     report = tmp_path / sound["report"].name
     document = json.loads(sound["report"].read_text())
-    made = document["made_of"] | {"results": {ending: "ab"}}
-    report.write_text(json.dumps(document | {"made_of": made}))
+    made = document["provenance"] | {"results": {ending: "ab"}}
+    report.write_text(json.dumps(document | {"provenance": made}))
     with pytest.raises(InputError, match="does not say what it was made of"):
-        earlier_run(report, {"options": OPTIONS})
+        earlier_run(report, MADE)
 
 
 def test_a_result_with_too_long_a_name_is_not_there(sound, tmp_path):
     report = tmp_path / sound["report"].name
     document = json.loads(sound["report"].read_text())
-    made = document["made_of"] | {"results": {"9" * 5000: "ab"}}
-    report.write_text(json.dumps(document | {"made_of": made}))
-    now = {name: value for name, value in made.items() if name != "results"}
-    assert earlier_run(report, now)[1], "missing"
+    made = document["provenance"] | {"results": {"9" * 5000: "ab"}}
+    report.write_text(json.dumps(document | {"provenance": made}))
+    assert earlier_run(report, MADE)[1], "missing"
 
 
 def test_an_array_whose_kind_is_no_word_is_refused(sound, tmp_path):

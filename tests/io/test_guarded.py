@@ -14,7 +14,7 @@ from addon.io.edits import read_edits
 from addon.io.html.markup import is_page
 from addon.io.models import read_model
 from addon.io.poses import cache_mark, check_cache
-from addon.io.report import earlier_run
+from addon.io.provenance import earlier_run
 from addon.io.source import open_binary
 from addon.io.whole import TURN, turns
 

@@ -10,7 +10,7 @@ import pytest
 from addon.core.data.errors import InputError
 from addon.core.points.history import NO_HISTORY, ModelHistory, ModelVersion
 from addon.io.markersets import read_markerset
-from addon.io.model_history import HISTORY, beside, file_of, is_beside, model_of, moved, seen_from
+from addon.io.model_history import HISTORY, beside, is_beside, model_of, moved, seen_at, seen_from
 from addon.io.models import open_model, read_model, write_model
 from tests.io.samples import HISTORY_OF_TWO, SHOWN, WALK, toy_model
 
@@ -105,10 +105,10 @@ def test_paths_are_seen_from_the_model_and_follow_it(tmp_path):
     take = tmp_path / "takes" / "walk.c3d"
     assert seen_from(model, take) == "../takes/walk.c3d"
     known = replace(WALK, path="../takes/walk.c3d")
-    assert file_of(known, model) == take.resolve()
-    assert file_of(SHOWN, model) is None
+    assert seen_at(known.path, model) == take.resolve()
+    assert seen_at(SHOWN.path, model) is None
     for elsewhere in ("//studio/walk.c3d", "\\\\studio\\walk.c3d"):
-        assert file_of(replace(WALK, path=elsewhere), model) is None
+        assert seen_at(elsewhere, model) is None
     history = ModelHistory((ModelVersion(1, takes=(known, SHOWN)),), (known,))
     assert moved(history, model, model.with_name("b.markerset.json")) is history
     there = moved(history, model, other)

@@ -192,7 +192,7 @@ def own_output(path: Path, report: dict | None = None) -> Path:
     """A take as `label` writes it, with its report beside it, which doubts a marker and filled another."""
     write(path)
     rows = {"doubtful": {"A": [[5, 14]]}, "filled": [{"marker": "B", "first": 1, "last": 3}]}
-    made = {"made_of": {"results": {".c3d": digest([path])}, "options": {}}}
+    made = {"provenance": {"results": {".c3d": digest(path)}, "options": {}}}
     path.with_name(f"{path.stem}.report.json").write_text(json.dumps({**made, **rows, **(report or {})}))
     return path
 

@@ -12,7 +12,7 @@ from ... import jobs
 from ...blendfile import open_cameras
 from ...core.data.errors import InputError, UserError
 from ...io.batch import DONE_BEFORE, FAILING, LABELLED, row_of
-from ...io.report import INSTEAD, REPORT
+from ...io.provenance import INSTEAD, REPORT
 from ...io.scratch import naming_scratch, take_away_scratch
 from ...io.whole import finish_renaming
 from ...jobs.job import occlusion_here, results_of

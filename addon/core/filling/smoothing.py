@@ -33,9 +33,18 @@ def smoothed(xyz: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
     sections = butter(FILTER_ORDER, cutoff_of_one_run(cutoff, rate), fs=rate, output="sos")
     calm, present = xyz.copy(), np.isfinite(xyz).all(axis=2)
     for marker in range(xyz.shape[1]):
-        for start, stop in runs(present[:, marker]):
-            if stop - start > 2 * FILTER_ORDER - 1:  # a shorter stretch says nothing of frequencies
-                # Mirrored at the ends for as long as the filter remembers.
-                pad = min(stop - start - 1, int(np.ceil(2 * rate / cutoff)))
-                calm[start:stop, marker] = sosfiltfilt(sections, xyz[start:stop, marker], axis=0, padlen=pad)
+        for start, stop in _long_stretches(present[:, marker]):
+            # Mirrored at the ends for as long as the filter remembers.
+            pad = min(stop - start - 1, int(np.ceil(2 * rate / cutoff)))
+            calm[start:stop, marker] = sosfiltfilt(sections, xyz[start:stop, marker], axis=0, padlen=pad)
     return calm
+
+
+def count_smoothed(xyz: np.ndarray) -> list[int]:
+    """How many samples of each of M trajectories (T, M, 3) m, NaN where missing, `smoothed` changes."""
+    return [sum(stop - start for start, stop in _long_stretches(one)) for one in np.isfinite(xyz).all(axis=2).T]
+
+
+def _long_stretches(present: np.ndarray) -> list[tuple[int, int]]:
+    """Those of the samples (T,) that are there; a shorter one says nothing of frequencies."""
+    return [one for one in runs(present) if one[1] - one[0] > 2 * FILTER_ORDER - 1]

@@ -9,7 +9,7 @@ import numpy as np
 from ..data.takes import BY_EDIT, NO_MARKER, Blobs, Labels, PointRows, Suspect
 from ..edits.kinds import NO_EDITS, Edits
 from .answering import accepted_in, right_in
-from .suspects import FAR_OFF, JUMPS, suspect_ranges
+from .suspects import FAR_OFF, JUMPS, runs
 
 WHOLE_FRAME = "the placement is only"  # what begins the doubts that are about all markers of their frames
 MIN_SURE = 0.99  # learned: of a point's name, a share of right ones as training counts it; 1 % are wrong below
@@ -62,9 +62,16 @@ def markers_meant(suspect: Suspect, of_word: Mapping[str, int]) -> list[int]:
     return [of_word[word] for word in dict.fromkeys(words) if word in of_word]
 
 
-def doubtful_ranges(doubtful: np.ndarray, frames: np.ndarray, names: Sequence[str]) -> dict[str, list[list[int]]]:
-    """Doubtful samples (F, M) as the first and last frame of each range, by the source's numbers, of each marker."""
-    found = {}
-    for index in np.flatnonzero(doubtful.any(axis=0)).tolist():
-        found[names[index]] = [[one.first, one.last] for one in suspect_ranges(frames, doubtful[:, index], "", 1)]
-    return found
+def add_ranges(known: Mapping[str, list[list[int]]], flags: np.ndarray, frames: np.ndarray):
+    """Adds the flags (F, M) of the next frames (F,) to the first and last frame of each range, by the M markers' names.
+
+    What goes on from what was added before is one range with it.
+    """
+    spans = list(known.values())
+    for index in np.flatnonzero(flags.any(axis=0)).tolist():
+        for start, stop in runs(flags[:, index]):
+            first, last = int(frames[start]), int(frames[stop - 1])
+            if spans[index] and spans[index][-1][1] + 1 == first:
+                spans[index][-1][1] = last
+            else:
+                spans[index].append([first, last])

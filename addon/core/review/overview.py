@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..data.takes import BY_EDIT, NO_MARKER, Blobs, EditOutcome, LabelledChunk, PointRows
+from ..data.takes import Blobs, EditOutcome, LabelledChunk, PointRows
 from ..edits.applying import joined
-from ..edits.kinds import NO_EDITS, Edits, Place
+from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import NO_CAMERAS, Cameras
 from .answering import unanswered
 from .moments import MomentKeeper
+from .provenance import by_hand
 from .suspects import find_suspects
 
 if TYPE_CHECKING:  # it is looked at, and none is made
@@ -130,7 +131,7 @@ class TakeOverview:
 
     def _cells(self, rows: Blobs | PointRows, chunk: LabelledChunk, doubts: list) -> np.ndarray:
         """(F, M) the state of every marker in every frame."""
-        motion, labels, words = chunk.motion, chunk.labels, self.subject.words
+        motion, words = chunk.motion, self.subject.words
         present = np.isfinite(motion.markers).all(axis=2)
         cells = np.where(present, NAMED_CELL, GAP_CELL)
         first = int(motion.frames[0])
@@ -139,11 +140,5 @@ class TakeOverview:
             markers = [words[name] for name in doubt.markers if name in words]
             cells[part, markers] = np.where(cells[part, markers] == NAMED_CELL, DOUBTFUL_CELL, cells[part, markers])
         cells[present & (motion.residual == 0)] = FILLED_CELL
-        edited = (labels.step == BY_EDIT) & (labels.marker != NO_MARKER)
-        by_hand = np.zeros_like(present)
-        by_hand[rows.frame[edited], labels.marker[edited]] = True
-        for edit in self.edits:
-            if isinstance(edit, Place) and first <= edit.frame < first + len(cells):
-                by_hand[edit.frame - first, words[edit.marker]] = True
-        cells[present & by_hand] = EDITED_CELL
+        cells[by_hand(rows, chunk, self.edits, words)] = EDITED_CELL
         return cells

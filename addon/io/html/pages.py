@@ -11,6 +11,7 @@ from ...core.edits.kinds import words_of
 from ...core.review.overview import CELL_STATES, TakeOverview
 from ...core.review.suspects import cameras_in
 from ..batch import FAILING, TakeRow, worst_first
+from ..provenance import MADE_OF
 from .drawings import bar, moment_views, strip_legend, time_strips
 from .markup import GENERATOR, Html, element, escaped, joined_html, length, name_of, percent, section, table, write_page
 
@@ -49,6 +50,7 @@ def write_take_page(path: Path, report: Mapping, overview: TakeOverview, source:
         _cameras(report, overview),
         _by_whom(report, overview),
         _filled(report),
+        _origins(report),
         _made(report, overview, source),
         element(
             "footer",
@@ -300,6 +302,34 @@ def _filled(report: Mapping) -> Html | None:
     return section("Filled gaps", *parts)
 
 
+def _origins(report: Mapping) -> Html | None:
+    markers = report.get("provenance", {}).get("markers", {})
+    rows = []
+    for name, row in markers.items():
+        filled = ", ".join(f"{count:,} {method}" for method, count in row["filled"].items()) or "0"
+        counts = [f"{row[kind]:,}" for kind in ("measured", "hand", "missing", "smoothed")]
+        sure = [percent((row["confidence"] or {}).get(kind)) for kind in ("lowest", "mean", "sure")]
+        rows.append([name_of(name), *counts, filled, *sure])
+    words = (
+        "Samples of each marker: measured and named by the program, named or placed by hand, filled by a method or in "
+        "the input already, missing; and the confidence of the names that the program gave"
+    )
+    heads = ("Marker", "Measured", "By hand", "Missing", "Smoothed", "Filled", "Lowest", "Mean", "From 99.9 % on")
+    return section("Where every sample is from", table(heads, rows, words, range(1, 9))) if rows else None
+
+
+def _digests(report: Mapping) -> dict[str, str]:
+    """What the files are known again by."""
+    made = report.get("provenance", {})
+    files = {
+        f"{kind.capitalize()} {row['file'].rpartition('/')[2]}": row["sha256"]
+        for kind in MADE_OF
+        for row in made.get(kind, ())
+    }
+    files |= {f"Result {report['take']}{ending}": sha256 for ending, sha256 in made.get("results", {}).items()}
+    return {f"{name}, SHA-256": sha256 for name, sha256 in files.items()}
+
+
 def _made(report: Mapping, overview: TakeOverview, source: str) -> Html | None:
     facts = {
         "File": name_of(source) if source else None,
@@ -315,7 +345,7 @@ def _made(report: Mapping, overview: TakeOverview, source: str) -> Html | None:
         "Cameras": f"{len(overview.cameras)}" if len(overview.cameras) else None,
         "Edits from": name_of(report["edits"]["file"]) if report.get("edits", {}).get("file") else None,
         "Program": f"{GENERATOR} {report['version']}",
-        "SHA-256 of the file": report.get("made_of", {}).get("input"),
+        **_digests(report),
     }
     said = [
         joined_html([element("dt", name), element("dd", value)]) for name, value in facts.items() if value is not None

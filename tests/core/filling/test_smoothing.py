@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from addon.core.filling.smoothing import smoothed
+from addon.core.filling.smoothing import count_smoothed, smoothed
 
 RATE = 120.0
 TIME = np.arange(720) / RATE
@@ -41,6 +41,7 @@ def test_stretches_stand_alone_and_gaps_stay():
     calm = smoothed(xyz, RATE, 6.0)
     np.testing.assert_array_equal(np.isnan(calm), np.isnan(xyz))
     np.testing.assert_array_equal(calm[501:503, 0], xyz[501:503, 0])
+    assert count_smoothed(xyz) == [720 - 12 - 2, 720], "two samples between gaps stay"
     alone = smoothed(xyz[310:500, :1], RATE, 6.0)
     np.testing.assert_allclose(calm[310:500, :1], alone)
     still = smoothed(0 * xyz[:200] + 0.25, RATE, 6.0)

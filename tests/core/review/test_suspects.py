@@ -7,7 +7,7 @@ import pytest
 from addon.core.data.takes import BY_EDIT, BY_LIKELIHOOD, Labels, PointRows, Suspect
 from addon.core.edits.kinds import Accepted, AssignPoint, Delete, Edits, Right, Swap, UnlabelMarker, UnlabelPoint
 from addon.core.review.answering import settled_in, unanswered, without_accepted
-from addon.core.review.doubtful import WHOLE_FRAME, doubtful_ranges, doubtful_samples
+from addon.core.review.doubtful import WHOLE_FRAME, add_ranges, doubtful_samples
 from addon.core.review.suspects import MAX_ENTRIES, find_suspects, summarised
 from tests.core.scenes import motion_of
 
@@ -89,7 +89,10 @@ def asked(take, suspects=(), edits=()) -> dict[str, list[list[int]]]:
     rows, labels, motion = take
     exact = find_suspects(motion, NAMES, 100.0)
     found = doubtful_samples(rows, labels, motion.frames, exact, suspects, NAMES, Edits(tuple(edits)))
-    return doubtful_ranges(found, motion.frames, NAMES)
+    ranges: dict[str, list[list[int]]] = {name: [] for name in NAMES}
+    for part in (slice(0, 22), slice(22, None)):
+        add_ranges(ranges, found[part], motion.frames[part])
+    return {name: spans for name, spans in ranges.items() if spans}
 
 
 def test_what_a_list_sums_up_is_told_frame_by_frame(take):
