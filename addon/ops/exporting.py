@@ -168,8 +168,10 @@ def source_of(stored: Stored) -> Path | None:
     if not stored.source:
         return None
     source = Path(bpy.path.abspath(stored.source))
-    beside = Path(bpy.data.filepath).with_name(source.name)  # as after a move of the whole folder
-    return beside if bpy.data.filepath and not source.exists() and beside.is_file() else source
+    if bpy.data.filepath and not source.exists():  # as after a move of the whole folder
+        beside = Path(bpy.data.filepath).with_name(source.name)
+        source = beside if beside.is_file() else source
+    return source
 
 
 def trial_of(stored: Stored) -> TrialFile | None:
