@@ -101,13 +101,15 @@ def write_c3d_file(
             rate,
         )
         size = (4 * len(labels) + analog) * (4 if units.scale < 0 else 2)
+
+        def content(part: slice) -> bytes:
+            words = units.words(xyz[part], residual[part])
+            return (np.hstack([words, kept.words(part, units.scale < 0)]) if kept else words).tobytes()
+
         with Path(path).open("wb") as file:
             file.write(header + (kept.header(rate) if kept else bytes(BLOCK - len(header))))
             file.write(section)
-            for part in blocks(frames, size // 16):
-                words = [units.words(xyz[part], residual[part])]
-                words += [kept.words(part, units.scale < 0)] if kept else []
-                file.write(np.hstack(words).tobytes())
+            file.writelines(map(content, blocks(frames, size // 16)))
             # Readers that cannot count beyond 65535 frames read to the end: the padding must be shorter than a frame.
             padding = -(frames * size) % BLOCK
             file.write(b"\0" * (padding if last < 65535 else padding % size))
