@@ -77,6 +77,11 @@ OPTIONS: dict[str, dict] = {
         "metavar": "MODEL",
         "help": "a built-in model (see models) or a *.markerset.json file",
     },
+    "--plain": {
+        "action": "store_true",
+        "help": "write points alone, in mm with z up; else the C3D of a C3D keeps all else of that: analog data, force "
+        "plates, events, every other group, points that are no markers, its unit and axes",
+    },
     "--up": {
         "choices": AXIS_NAMES,
         "help": "the axis that points up in the files that are read (default: what is said there, or else what is in "

@@ -31,7 +31,7 @@ def add_parser(verbs):
     )
     parser.add_argument("--markers", type=names, default=(), metavar="A,B,…", help="fill only these markers")
     add_options(parser, "--model", help="a model of these markers, whose body may fill gaps too")
-    add_options(parser, "--up", "--rate", "--overwrite")
+    add_options(parser, "--up", "--rate", "--plain", "--overwrite")
     parser.set_defaults(run=run)
 
 

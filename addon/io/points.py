@@ -17,7 +17,7 @@ from ..core.data.markersets import MarkerSet
 from ..core.data.room import IN_MEMORY, MakeTable
 from ..core.data.takes import Points
 from ..core.data.wording import words_of_range
-from .c3d.reading import open_c3d
+from .c3d.reading import TrialFile, open_c3d
 from .c3d.writing import write_c3d_file
 from .qtm.capture import USE_POINTS, held_in, is_qtm
 from .qtm.records import read_qtm_points
@@ -44,11 +44,13 @@ class FilePoints(Points):
     assumed  the unit that the points were taken to be in, where the file names none that is known; else empty
     up       the axis of the file that points up, such as "+Z"
     notes    what was taken to be otherwise than the file says, in sentences
+    trial    where it is a C3D file and not mirrored: what `write_c3d` needs to keep all else of it
     """
 
     assumed: str = ""
     up: str = "+Z"
     notes: tuple[str, ...] = ()
+    trial: TrialFile | None = None
 
 
 def holds_points(path: Path, use: str | None = None) -> bool:
@@ -94,7 +96,7 @@ def read_points(
         numbers = take.xyz.numbers if isinstance(take.xyz, Scaled) else take.xyz
         for part in blocks(*take.xyz.shape[:2]):
             numbers[part, :, 1] *= -1
-        take = replace(take, notes=(*take.notes, "its points are mirrored, as was asked for"))
+        take = replace(take, notes=(*take.notes, "its points are mirrored, as was asked for"), trial=None)
     return of_frames(take, frames or (None, None), path)
 
 
@@ -164,6 +166,7 @@ def _file_points(content: PointFile, up: str | None, path: Path, make_table: Mak
         assumed,
         upright.axis,
         content.notes + upright.notes,
+        None if content.trial is None else replace(content.trial, metre=metre, turn=turn),
     )
 
 
@@ -208,12 +211,15 @@ def columns_of_set(names: Sequence[str], markerset: MarkerSet, path: Path | str 
     return found
 
 
-def write_c3d(path: Path, points: Points):
-    """Writes the contract's labelled take: names in their order, unlabelled trajectories as *1, *2, …, mm, z up.
+def write_c3d(path: Path, points: Points, trial: TrialFile | None = None, subjects: Sequence[str] = ()):
+    """Writes the contract's labelled take: names in their order, and unlabelled trajectories as *1, *2 and so on.
 
-    Missing samples are NaN with residual -1; samples whose residual is 0 were filled, measured ones get one above zero.
+    Without the `trial` that it came from it is written alone, in mm, z up; else with all else of that file, in its unit
+    and axes. Samples whose residual is 0 were filled, measured ones get one above zero. `subjects` are those whose
+    names stand before markers.
     """
-    write_c3d_file(path, _numbered(points.names), points.xyz, points.residual, points.rate, points.first_frame)
+    of_take = points.xyz, points.residual, points.rate, points.first_frame
+    write_c3d_file(path, _numbered(points.names), *of_take, trial, subjects)
 
 
 def write_trc(path: Path, points: Points):

@@ -3,12 +3,15 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from ..core.data.lanes import Lanes, blocks
 from ..core.data.room import IN_MEMORY, MakeTable
+
+if TYPE_CHECKING:
+    from .c3d.reading import TrialFile
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +55,7 @@ class PointFile:
     usual       the axis that is up where it names none
     scale       what their places, and their residuals, are times to be in the file's units
     notes       what is otherwise than the file says, in sentences
+    trial       where it is a C3D file, for what else it holds
     """
 
     labels: Sequence[str]
@@ -66,6 +70,7 @@ class PointFile:
     usual: str = "+Z"
     scale: tuple[float, float] = (1.0, 1.0)
     notes: tuple[str, ...] = ()
+    trial: "TrialFile | None" = None
 
 
 @dataclass(frozen=True, eq=False)

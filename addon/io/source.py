@@ -85,6 +85,7 @@ class BytesOnDisk:
         """Raises InputError where it is missing, unreadable or empty."""
         self.path, self.file = path, open_binary(path)
         self.size = self.file.seek(0, 2)
+        self.state = (self.size, os.fstat(self.file.fileno()).st_mtime_ns)  # which tells it from itself once changed
         if not self.size:
             self.file.close()
             raise InputError("is empty; expected a file with content", path)

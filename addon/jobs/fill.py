@@ -39,6 +39,7 @@ class FillJob:
     model    a built-in model's name or the path of one, whose body may fill gaps; None for none
     up       the axis that points up in the file, None for what the file says or shows
     rate     frames a second, for a file that says none
+    plain    write points alone, without what else a C3D file that is read holds
     """
 
     source: Path
@@ -49,6 +50,7 @@ class FillJob:
     model: str | None = None
     up: str | None = None
     rate: float | None = None
+    plain: bool = False
     overwrite: bool = False
 
 
@@ -78,7 +80,7 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
         present = shown.present
         rows = gap_rows(filled.gaps, names, take.first_frame)
         yield Progress(0.95, "write")
-        write_c3d(target, points)
+        write_c3d(target, points, None if job.plain else take.trial)
         write_filled(table, rows)
     return {
         "take": job.source.stem,

@@ -68,6 +68,7 @@ class LabelJob:
     occlusion one of OCCLUSIONS: what asks whether the body hides a marker of blobs
     body      meshes of the user's own for that; None for those of the marker set's capsules
     edits     what a person said of the labels, or the file of it; None for STEM.edits.json beside the take, if there
+    plain     write STEM.c3d of points alone, without what else a C3D file that is read holds
     trc       write STEM.trc too
     fill      fill the markers' gaps in STEM.c3d, STEM.trc and, marked as such, STEM.blend; labels never are
     blend     save STEM.blend too, and STEM.motion.pc2 where the take is too long for keys; needs Blender
@@ -96,6 +97,7 @@ class LabelJob:
     occlusion: str = "auto"
     body: "Occlusion | None" = None
     edits: Path | Edits | None = None
+    plain: bool = False
     trc: bool = False
     fill: bool = False
     blend: bool = False

@@ -28,6 +28,7 @@ from ..core.review.doubtful import add_ranges, doubtful_samples
 from ..core.review.provenance import SampleOrigins
 from ..core.review.summary import TakeSummary
 from ..core.review.take_trouble import TakeTrouble
+from ..io.c3d.reading import TrialFile
 from ..io.edits import open_edits
 from ..io.labels import POINT_KEYS, LabelWriter, facts_of_changes, point_keys
 from ..io.markersets import builtin_markersets
@@ -107,6 +108,7 @@ class OpenTake:
     cameras   that saw it; none for points
     edits     those that the labels follow
     worn      whose markers are named, one set or those that several subjects wear; known once `name` has ended
+    trial     the C3D file whose other contents go into the named one; None where there is none, or they are not wanted
     """
 
     keys: tuple[str, ...]
@@ -115,6 +117,7 @@ class OpenTake:
     long: bool | None = None
     cameras: Cameras = NO_CAMERAS
     worn: Worn
+    trial: TrialFile | None = None
 
     def __init__(self, job: LabelJob, models: dict[str, Model], stack: ExitStack, clock: dict[str, float]):
         self.job, self.stack, self.clock = job, stack, clock
@@ -146,6 +149,7 @@ class PointTake(OpenTake):
         self.take = take = read_points(
             job.source, frames=job.frames, up=job.up, rate=job.rate, make_table=self.room, mirror=job.mirror
         )
+        self.trial = None if job.plain else take.trial
         last = int(take.frames[-1])
         if last > MAX_FRAME:
             words = f"goes on to frame {last}; expected frame numbers up to {MAX_FRAME}"
@@ -358,7 +362,8 @@ class Results:
                 shown = self.chunks, take.cameras, take.edits, fills
                 save_blend(files[".blend"], job.source, rate, take.worn, *shown)
             changed = facts_of_changes(job.path(".labels.csv"), files[".labels.csv"], take.worn.markers)
-            write_c3d(files[".c3d"], points)
+            subjects = [] if job.plain else [name for name, _ in take.worn.worn if name]
+            write_c3d(files[".c3d"], points, take.trial, subjects)
             if job.trc:
                 write_trc(files[".trc"], points)
             written = {ending: path for ending, path in files.items() if ending not in (PAGE, REPORT)}

@@ -13,11 +13,13 @@ from ..core.data.columns import Columns
 from ..core.data.errors import InputError, JobError
 from ..core.data.takes import LabelledChunk, PointRows, Points
 from ..core.filling.smoothing import count_smoothed
+from ..core.geometry.camera_up import AXIS_NAMES
 from ..core.review.overview import OverviewSubject, TakeOverview
 from ..io.blobs import read_blobs
+from ..io.c3d.reading import TrialFile
 from ..io.filled import kept_rows, write_filled
 from ..io.labels import LabelWriter, write_point_labels
-from ..io.points import write_c3d, write_trc
+from ..io.points import read_points, write_c3d, write_trc
 from ..io.whole import whole_files
 from ..jobs.pages import write_kept_page
 from ..props import keeps_items
@@ -147,9 +149,47 @@ class ExportsPoints(ExportsPerformers):
 
 
 class MOCAP_AUTOLABEL_OT_export_c3d(ExportsPoints, bpy.types.Operator):
-    """Write the named markers in space as C3D: gaps empty, and what was filled with the residual 0."""
+    """Write the named markers in space as C3D: gaps empty, filled samples with residual 0, all else as it came."""
 
-    filename_ext, write_points = ".c3d", staticmethod(write_c3d)
+    filename_ext = ".c3d"
+
+    def write_points(self, path: Path, points: Points):
+        """Writes them with all else of the C3D file that the take came from, or says that it is not as it was."""
+        stored = taken(bpy.context)
+        trial, source = trial_of(stored), source_of(stored)
+        if trial is None and source is not None and source.suffix.lower() == ".c3d":
+            words = "is gone, or its points are not as they were labelled, so those were saved alone"
+            self.report({"WARNING"}, f"{source}: {words}")
+        together = [one.name for one in stored.performers if one.name and not self.performer_name]
+        write_c3d(path, points, trial, together)
+
+
+def source_of(stored: Stored) -> Path | None:
+    """The file that a take came from, where it was or beside the Blender file; None where none is known."""
+    if not stored.source:
+        return None
+    source = Path(bpy.path.abspath(stored.source))
+    if bpy.data.filepath and not source.exists():  # as after a move of the whole folder
+        beside = Path(bpy.data.filepath).with_name(source.name)
+        source = beside if beside.is_file() else source
+    return source
+
+
+def trial_of(stored: Stored) -> TrialFile | None:
+    """The C3D file that a take came from; None where it did not, or its points are not as they were labelled."""
+    source, frames = source_of(stored), stored.motion.frames
+    if source is None or not isinstance(stored.rows, PointRows) or source.suffix.lower() != ".c3d":
+        return None
+    for up in (None, *AXIS_NAMES):  # nobody kept what was said of that
+        try:
+            take = read_points(source, frames=(int(frames[0]), int(frames[-1])), up=up, rate=stored.rate)
+        except InputError:
+            return None
+        rows = PointRows.of(take)
+        same = [np.array_equal(getattr(rows, name), getattr(stored.rows, name)) for name in ("frame", "trajectory")]
+        if all(same) and np.allclose(rows.xyz, stored.rows.xyz, atol=1e-5):
+            return take.trial
+    return None
 
 
 class MOCAP_AUTOLABEL_OT_export_trc(ExportsPoints, bpy.types.Operator):
@@ -185,12 +225,9 @@ def points_of(stored: Stored) -> Points:
 
 def write_labels(path: Path, stored: Stored):
     """Writes the labels of a take of blobs; JobError when the file of its blobs has changed since."""
-    if not stored.source:
+    source, frames, first = source_of(stored), stored.motion.frames, 0
+    if source is None:
         raise InputError(f"take {stored.name} names no file of blobs; expected the file that it was labelled from")
-    source, frames, first = Path(bpy.path.abspath(stored.source)), stored.motion.frames, 0
-    if bpy.data.filepath and not source.exists():  # as after a move of the whole folder
-        beside = Path(bpy.data.filepath).with_name(source.name)
-        source = beside if beside.is_file() else source
     with LabelWriter(path, stored.names) as writer:
         for part in read_blobs(source, stored.cameras, (int(frames[0]), int(frames[-1]))):
             last = first + len(part.keys)

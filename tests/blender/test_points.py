@@ -10,11 +10,14 @@ import pytest
 
 from addon.core.data.takes import NO_MARKER, Points
 from addon.io.blobs import write_blobs
+from addon.io.c3d.reading import C3dFile
 from addon.io.cameras import write_cameras
 from addon.io.markersets import open_markerset, write_markerset
-from addon.io.points import write_c3d, write_trc
+from addon.io.points import read_points, write_c3d, write_trc
 from addon.scene import naming
 from addon.scene.cameras import camera_name
+from tests.io.c3d_layouts import DEC, Layout
+from tests.io.kept import otherwise
 from tests.io.qtm_file import Recording, Trajectory, write_qtm
 
 from .hands import ours, refused
@@ -173,6 +176,30 @@ def test_what_stays_unnamed_is_one_object(imported, naming_known):
     assert visible_points() == GHOSTS, "the unlabelled take is out of sight, its ghosts are not"
     assert bpy.ops.mocap_autolabel.clear() == {"FINISHED"}
     assert [item.hide_viewport for item in imported.scene.objects if item.modifiers] == [False]
+
+
+def test_the_lab_s_file_is_exported_with_names_in_it(imported, files, naming_known, tmp_path):
+    xyz = 1000 * np.concatenate([files.take.xyz, files.take.xyz[:, :1]], axis=1)
+    of_lab = {"channels": 2, "samples": 3, "first": 101, "rate": 59.94, "lab": True, "up": "+Y", "processor": DEC}
+    source, out = tmp_path / "lab.c3d", tmp_path / "named.c3d"
+    layout = Layout(frames=30, points=xyz.shape[1], **of_lab)
+    source.write_bytes(layout.content(xyz))
+    assert bpy.ops.mocap_autolabel.import_points(filepath=str(source), up="z") == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(out)) == {"FINISHED"}
+    assert otherwise(source, out) == []
+    column = next(index for index in range(1, 15) if files.truth[index] != NO_MARKER)
+    named = read_points(out, up="z")
+    own = named.names.index(open_markerset(files.markerset).markers[files.truth[column]])
+    there = np.isfinite(xyz[:, column, 0])
+    np.testing.assert_allclose(named.xyz[there, own] * 1000, xyz[there, column], atol=1e-3)
+    source.write_bytes(layout.content(xyz + 1))
+    for _ in range(2):
+        assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(out)) == {"FINISHED"}
+        alone = read_points(out)
+        np.testing.assert_allclose(alone.xyz[:, own], named.xyz[:, own], atol=1e-6)
+        assert C3dFile(out.read_bytes(), out).whole("ANALOG:USED") == 0
+        source.unlink(missing_ok=True)
 
 
 def test_doubtful_points_are_told_from_sure_ones(extension):

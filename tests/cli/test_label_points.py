@@ -15,6 +15,8 @@ from addon.demo.take import MODEL
 from addon.io.markersets import SUFFIX, open_markerset, write_markerset
 from addon.io.points import read_points, write_c3d, write_trc
 from tests.inputs.walkers import write_truth
+from tests.io.c3d_layouts import MIPS, Layout
+from tests.io.kept import otherwise
 
 from .conftest import FRAMES, report_of, rows_of
 
@@ -167,3 +169,31 @@ def test_a_rate_that_cannot_be_is_one_sentence_and_nothing_is_named_without_forc
     assert not (tmp_path / "out" / "fast.labels.csv").exists()
     assert run(*given, "--force").status == 0
     assert json.loads((tmp_path / "out" / "fast.report.json").read_text())["provenance"]["options"]["force"] is True
+
+
+def test_all_else_of_a_lab_s_file_goes_with_the_names(run, anonymous, tmp_path):
+    take = read_points(anonymous / "anon.c3d")
+    xyz = 1000 * np.concatenate([take.xyz, take.xyz[:, :1]], axis=1)
+    frames, points = xyz.shape[:2]
+    of_lab = {"channels": 2, "samples": 3, "first": take.first_frame, "rate": take.rate, "lab": True}
+    source, out = tmp_path / "lab.c3d", tmp_path / "out"
+    source.write_bytes(Layout(processor=MIPS, frames=frames, points=points, **of_lab).content(xyz))
+    words = "label", source, "--model", MODEL, "--out"
+    assert run(*words, out).status == 0
+    assert otherwise(source, out / "lab.c3d") == []
+    markers = open_markerset(MODEL).markers
+    labels = ezc3d.c3d(str(out / "lab.c3d"))["parameters"]["POINT"]["LABELS"]["value"]
+    assert labels[: len(markers)] == list(markers)
+    assert labels[-1] == f"P{points - 1:04d}"
+    assert run("fill", out / "lab.c3d", "--out", out / "full.c3d").status == 0
+    assert otherwise(out / "lab.c3d", out / "full.c3d") == []
+    part = take.first_frame + 3, take.first_frame + 12
+    assert run(*words, tmp_path / "part", "--frames", "{}:{}".format(*part)).status == 0
+    assert otherwise(source, tmp_path / "part" / "lab.c3d", part) == []
+    assert run(*words, tmp_path / "bare", "--plain").status == 0
+    assert run("fill", out / "lab.c3d", "--out", tmp_path / "bare" / "full.c3d", "--plain").status == 0
+    for name in ("lab.c3d", "full.c3d"):
+        bare = ezc3d.c3d(str(tmp_path / "bare" / name))
+        assert bare["data"]["analogs"].size == 0
+        assert not {"EVENT", "OURS", "SUBJECTS"} & set(bare["parameters"])
+        np.testing.assert_allclose(read_points(tmp_path / "bare" / name).xyz, read_points(out / name).xyz, atol=1e-6)

@@ -117,6 +117,8 @@ def test_reconstruct_and_refine_need_no_cameras_either(run, capture, room, tmp_p
 
 def test_gaps_are_filled_and_cameras_taken_for_a_virtual_capture(run, capture, room, tmp_path):
     assert run("fill", capture, "--out", tmp_path / "filled.c3d").status == 0
+    takes = read_points(capture), read_points(tmp_path / "filled.c3d")
+    assert len({(take.rate, take.first_frame, len(take.xyz)) for take in takes}) == 1
     answer = run("simulate", room.c3d, "--cameras", capture, "--out", tmp_path / "blobs.csv")
     assert answer.status == 0
     assert {row[1] for row in marker_rows(tmp_path / "blobs.csv")} <= set(read_cameras(capture).names)

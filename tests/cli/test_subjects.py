@@ -58,6 +58,7 @@ def in_every_file(out, stem: str):
     assert {row["marker"] for row in rows_of(out / f"{stem}.labels.csv")} <= {"", *markers}
     written = ezc3d.c3d(str(out / f"{stem}.c3d"))["parameters"]["POINT"]["LABELS"]["value"]
     assert written[:30] == markers
+    assert ezc3d.c3d(str(out / f"{stem}.c3d"))["parameters"]["SUBJECTS"]["NAMES"]["value"] == ["1", "2"]
     assert "1:LASI" in (out / f"{stem}.trc").read_text()
     report = report_of(out / f"{stem}.c3d")
     assert [(one["name"], one["model"]) for one in report["subjects"]] == [("1", WORN), ("2", WORN)]

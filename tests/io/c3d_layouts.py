@@ -31,6 +31,7 @@ class Layout:
     up: str = "+Z"
     cut: int = 0  # bytes that the file lacks at its end, its padding besides
     padded: bool = True
+    lab: bool = False  # whether there is what a laboratory adds: plates, events, an angle as the last of the points
 
     @property
     def order(self) -> str:
@@ -70,6 +71,10 @@ class Layout:
         tail = struct.pack(f"{self.order}2H", start, self.samples)
         content = bytes([2, 80]) + pack + self.reals([self.scale]) + tail + self.reals([self.rate])
         content = bytearray(content.ljust(BLOCK, b"\0"))
+        if self.lab:
+            struct.pack_into(f"{self.order}HH", content, 298, 12345, 2)
+            content[304:312] = self.reals([0.015, 0.04])
+            content[376:379], content[396:404] = b"\0\1\0", b"RHS RTO "
         for index, word in self.header:
             struct.pack_into(f"{self.order}H", content, 2 * index, word)
         return bytes(content)
@@ -89,7 +94,8 @@ class Layout:
     def _data(self, xyz, word) -> bytes:
         last = word if self.residuals == "signed" else word % 65536
         whole = np.concatenate([xyz / (1 if self.real else SCALE), last[..., None]], axis=2).reshape(len(xyz), -1)
-        analog = np.full((len(xyz), self.channels * self.samples), 1234)
+        analog = np.arange(len(xyz) * self.channels * self.samples).reshape(len(xyz), -1) * 977 % 60_000 - 30_000
+        analog = analog + 0.125 * self.real
         frame = np.concatenate([whole, analog], axis=1)
         return self.reals(frame.ravel()) if self.real else np.rint(frame).astype(f"{self.order}i2").tobytes()
 
@@ -109,8 +115,10 @@ class Layout:
         if frames > 65535:
             records.append(self._record("LONG_FRAMES", 1, 4, (), self.reals([frames])))
         for part in range(0, self.points, 255):
-            number = part // 255 + 1
-            records.append(self._texts(f"LABELS{number if part else ''}", 1, self.labels()[part : part + 255]))
+            number, labels = part // 255 + 1 if part else "", self.labels()[part : part + 255]
+            records.append(self._texts(f"LABELS{number}", 1, labels))
+            if self.lab:
+                records.append(self._texts(f"DESCRIPTIONS{number}", 1, [f"of {label}" for label in labels]))
         records += [
             self._group("ANALOG", 2),
             self._words("USED", 2, self.channels),
@@ -120,18 +128,42 @@ class Layout:
             self._record("OFFSET", 2, 2, (self.channels,), bytes(2 * self.channels)),
             self._texts("LABELS", 2, [f"A{index}" for index in range(self.channels)] or [""]),
             self._group("TRIAL", 3),
+            *(self._lab() if self.lab else ()),
         ]
         for name, number in (("ACTUAL_START_FIELD", self.first), ("ACTUAL_END_FIELD", last)):
             words = [number % 65536, number // 65536 % 65536]
             records.append(self._record(name, 3, 2, (2,), struct.pack(f"{self.order}2H", *words)))
         return bytes(4) + b"".join(records) + bytes(2)
 
-    def _group(self, name: str, group: int) -> bytes:
-        return struct.pack("bb", len(name), -group) + name.encode() + struct.pack(f"{self.order}HB", 3, 0)
+    def _lab(self) -> list[bytes]:
+        corners, times = np.linspace(-700, 700, 24), [0, 0.5, 0, 1.25]
+        return [
+            self._texts("ANGLES", 1, self.labels()[-1:]),
+            self._group("FORCE_PLATFORM", 4),
+            self._record("CORNERS", 4, 4, (3, 4, 2), self.reals(corners)),
+            self._record("CHANNEL", 4, 2, (6, 2), struct.pack(f"{self.order}12H", *range(1, 13))),
+            self._group("EVENT", 5),
+            self._record("TIMES", 5, 4, (2, 2), self.reals(times)),
+            self._texts("LABELS", 5, ["Foot Strike", "Foot Off"]),
+            self._group("OURS", -9, "a group that nobody knows"),
+            self._record("bytes", -9, 1, (3,), bytes([1, 254, 7]), "three of them"),
+            self._record("negative", 9, 2, (2,), struct.pack(f"{self.order}2h", -5, -32768)),
+            self._group("SUBJECTS", 10),
+            self._texts("NAMES", 10, ["Anna"]),
+        ]
 
-    def _record(self, name: str, group: int, kind: int, dimensions: tuple, content: bytes) -> bytes:
-        body = struct.pack("bB", kind, len(dimensions)) + bytes(dimensions) + content + b"\0"
-        return struct.pack("bb", len(name), group) + name.encode() + struct.pack(f"{self.order}H", len(body) + 2) + body
+    def _group(self, name: str, group: int, words: str = "") -> bytes:
+        """A group; one below zero is locked."""
+        body = bytes([len(words)]) + words.encode()
+        return self._head(name, -abs(group), group < 0) + struct.pack(f"{self.order}H", len(body) + 2) + body
+
+    def _record(self, name: str, group: int, kind: int, dimensions: tuple, content: bytes, words: str = "") -> bytes:
+        body = struct.pack("bB", kind, len(dimensions)) + bytes(dimensions) + content
+        body += bytes([len(words)]) + words.encode()
+        return self._head(name, abs(group), group < 0) + struct.pack(f"{self.order}H", len(body) + 2) + body
+
+    def _head(self, name: str, group: int, locked: bool) -> bytes:
+        return struct.pack("bb", -len(name) if locked else len(name), group) + name.encode()
 
     def _words(self, name: str, group: int, word: int) -> bytes:
         return self._record(name, group, 2, (), struct.pack(f"{self.order}H", word))

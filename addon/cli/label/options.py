@@ -113,7 +113,7 @@ def add_label_options(verbs) -> argparse.ArgumentParser:
     add = parser.add_argument
     add("inputs", metavar="INPUT", nargs="+", type=Path, help="a take: blobs or 3D points; with --watch a folder")
     add("--out", required=True, type=Path, metavar="DIR", help="the folder for the results")
-    add_options(parser, "--model", "--rate", "--frames", "--up", "--overwrite")
+    add_options(parser, "--model", "--rate", "--frames", "--up", "--plain", "--overwrite")
     add_options(parser, "--cameras", **OWN_CAMERAS)
     many = "how many wear the model, auto for as many as there are (default 1); markers are then called 1:LASI, 2:LASI"
     add("--subjects", type=_count, metavar="N|auto", help=many)
@@ -162,7 +162,7 @@ def command_for(arguments, path: Path) -> list[str]:
     command += [f"--{name}={value}" for name, value in known.items() if value is not None]
     if arguments.frames:
         command.append(f"--frames={words_of_range(arguments.frames)}")
-    switches = "mirror", "trc", "fill", "blend", "html", "overwrite", "resume", "force"
+    switches = "mirror", "plain", "trc", "fill", "blend", "html", "overwrite", "resume", "force"
     command += [f"--{name}" for name in switches if getattr(arguments, name)]
     return [*command, "--", str(path)]
 

@@ -35,9 +35,23 @@ class Parameter:
     content: bytes
 
 
+@dataclass(frozen=True)
+class C3dRecord:
+    """A group, which has no parameter, or a parameter as the section has it.
+
+    head         length of its name, group and name as bytes
+    description  what stands behind it
+    """
+
+    head: bytes
+    parameter: Parameter | None
+    description: bytes
+
+
 class C3dFile:
     """Header and parameters of a file.
 
+    records     all groups and parameters in their order, with "GROUP:" or "GROUP:NAME" of each
     parameters  by "GROUP:NAME"
     scale       of whole numbers; below zero where the file holds reals
     width       bytes of a word of data
@@ -58,7 +72,8 @@ class C3dFile:
                 f"is of an unknown processor ({self.processor}); expected {KIND} of Intel, DEC or MIPS", path
             )
         self.order = ">" if self.processor == MIPS else "<"
-        self.parameters = self._parse(content[self.section + 4 : self._end()])
+        self.records = self._parse(content[self.section + 4 : self._end()])
+        self.parameters = {key: record.parameter for key, record in self.records if record.parameter is not None}
         self.scale = self.number("POINT:SCALE", self.header_real(6))
         if not 0 < abs(self.scale) < 1e6:
             raise InputError(f"has the scale {self.scale:g}; expected {KIND} with a scale", path)
@@ -89,10 +104,10 @@ class C3dFile:
         with np.errstate(invalid="ignore"):
             return np.ascontiguousarray(halves).view("<f4").ravel() / np.float32(4)
 
-    def _parse(self, section: bytes) -> dict[str, Parameter]:
+    def _parse(self, section: bytes) -> list[tuple[str, C3dRecord]]:
         groups: dict[int, str] = {}
-        found: list[tuple[int, str, Parameter]] = []
-        position = 0
+        found: list[tuple[int, str, C3dRecord]] = []
+        position, whole = 0, memoryview(section)
         while position + 4 <= len(section):
             length, group = struct.unpack_from("bb", section, position)
             if length == 0 or group == 0:
@@ -102,22 +117,27 @@ class C3dFile:
                 raise InputError(f"has parameters that are cut off; expected {KIND}", self.path)
             name = as_text(section[position + 2 : name_end]).upper()
             offset = struct.unpack_from(self.order + "H", section, name_end)[0]
+            parameter, end = None, name_end + 2
             if group < 0:
-                groups[-group] = name
+                groups[-group], name = name, ""
             else:
-                found.append((group, name, self._parameter(section[name_end + 2 :])))
+                parameter = self._parameter(whole[end:])
+                end += 2 + len(parameter.dimensions) + len(parameter.content)
+            stop = name_end + offset if offset else len(section)
+            description = section[end + 1 : min(end + 1 + section[end], stop)] if end < min(stop, len(section)) else b""
+            found.append((abs(group), name, C3dRecord(section[position:name_end], parameter, description)))
             if offset == 0:
                 break
             position = name_end + offset
-        return {f"{groups.get(group, group)}:{name}": parameter for group, name, parameter in found}
+        return [(f"{groups.get(group, group)}:{name}", record) for group, name, record in found]
 
-    def _parameter(self, record: bytes) -> Parameter:
+    def _parameter(self, record: memoryview) -> Parameter:
         if len(record) < 2:
             raise InputError(f"has parameters that are cut off; expected {KIND}", self.path)
         kind, count = struct.unpack_from("bB", record)
         dimensions = tuple(record[2 : 2 + count])
         size = int(np.prod(dimensions, dtype=np.int64)) * abs(kind) if len(dimensions) < 8 else -1
-        content = record[2 + count : 2 + count + max(size, 0)]
+        content = bytes(record[2 + count : 2 + count + max(size, 0)])
         if kind not in (-1, 1, 2, 4) or size < 0 or len(dimensions) < count or len(content) < size:
             raise InputError(f"has a damaged parameter; expected {KIND}", self.path)
         return Parameter(kind, dimensions, content)
@@ -146,6 +166,10 @@ class C3dFile:
         parameter = self.parameters[key]
         width = max(parameter.dimensions[0] if parameter.dimensions else 1, 1)
         return [as_text(parameter.content[start : start + width]) for start in range(0, len(parameter.content), width)]
+
+    def all_texts(self) -> dict[str, list[str]]:
+        """The texts of all text parameters."""
+        return {key: self.texts(key) for key, parameter in self.parameters.items() if parameter.kind == -1}
 
 
 def as_text(content: bytes) -> str:
@@ -252,15 +276,22 @@ def _likeliest(claims: list[tuple[int, int]], size: int, length: int) -> tuple[i
     return max(claims, key=lambda claim: (filling.count(claim[0]), claim[0]))
 
 
+def trial_range(file: C3dFile) -> tuple[int, int] | None:
+    """First and last frame as the group TRIAL says; None where it does not."""
+    starts, ends = (file.numbers(f"TRIAL:ACTUAL_{end}_FIELD").astype(np.int64) for end in ("START", "END"))
+    if not len(starts) or not len(ends):
+        return None
+    begin, end = (int(words[0]) + (int(words[1]) << 16 if len(words) > 1 else 0) for words in (starts, ends))
+    return begin, end
+
+
 def _claims(file: C3dFile) -> list[tuple[int, int]]:
     """Numbers of frames and of the first of them, from the places where files keep them."""
     first, last = file.word(3), file.word(4)
     claims = [(last - first + 1, first)] if last < SIXTEEN_BITS else []
-    starts, ends = (file.numbers(f"TRIAL:ACTUAL_{end}_FIELD").astype(np.int64) for end in ("START", "END"))
-    if len(starts) and len(ends):
-        begin, end = (int(words[0]) + (int(words[1]) << 16 if len(words) > 1 else 0) for words in (starts, ends))
-        claims.insert(0, (end - begin + 1, begin))
-        first = begin
+    if trial := trial_range(file):
+        first, end = trial
+        claims.insert(0, (end - first + 1, first))
     claims += [(file.whole(key), first) for key in ("POINT:LONG_FRAMES", "POINT:FRAMES")]
     if max((frames for frames, _ in claims), default=0) > SIXTEEN_BITS:
         # Sixteen bits say 65535 where they mean more.
@@ -301,6 +332,25 @@ OUTPUT_GROUPS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MA
 _COMPUTED = re.compile(r"[LR]?[HKASEW]JC\w*|cent(?:re|er)ofmass\w*", re.IGNORECASE)
 
 
+@dataclass(frozen=True, eq=False)
+class TrialFile:
+    """The C3D file that a take came from, for writing all of it that is not the take's markers into the named one.
+
+    state   of the file when it was read
+    layout  where its samples lie
+    others  (K,) which of its points are no markers
+    metre   of one of its units, and
+    turn    (3, 3) its axes to ours: how the take was read
+    """
+
+    path: Path
+    state: tuple[int, int]
+    layout: FileLayout
+    others: np.ndarray
+    metre: float = 1.0
+    turn: np.ndarray | None = None
+
+
 @contextmanager
 def open_c3d(path: Path, rate: float | None = None, everything: bool = False) -> Iterator[PointFile]:
     """What a file says of its points, the markers among them or `everything`; samples are read from disk part by part.
@@ -312,8 +362,8 @@ def open_c3d(path: Path, rate: float | None = None, everything: bool = False) ->
         file = C3dFile(content, path)
         layout = find_layout(file)
         rate, notes = _rate(file, rate)
-        texts = {key: file.texts(key) for key, parameter in file.parameters.items() if parameter.kind == -1}
-        labels = _labels(texts, layout.points)
+        texts = file.all_texts()
+        labels = point_texts(texts, "LABELS", layout.points)
         columns = np.arange(len(labels)) if everything else marker_indices(labels, texts)
         if not len(columns):
             raise InputError("has no markers among its points; expected a take with markers", path)
@@ -330,6 +380,7 @@ def open_c3d(path: Path, rate: float | None = None, everything: bool = False) ->
             word.upper(),
             scale=(1.0 if file.scale < 0 else file.scale, abs(file.scale)),
             notes=layout.notes + notes,
+            trial=TrialFile(path, content.state, layout, np.setdiff1d(np.arange(len(labels)), columns)),
         )
 
 
@@ -349,11 +400,16 @@ def _rate(file: C3dFile, given: float | None) -> tuple[float, tuple[str, ...]]:
 
 def _parts(file: C3dFile, layout: FileLayout) -> Iterator[Samples]:
     """The samples of all frames."""
-    size = layout.stride * file.width
     for part in blocks(layout.frames, layout.stride):
-        content = file.content[layout.start + part.start * size : layout.start + part.stop * size]
-        words = file.reals(content) if file.scale < 0 else np.frombuffer(content, file.order + "i2")
-        yield _samples(file, words.reshape(-1, layout.stride)[:, : 4 * layout.points], part.start)
+        yield _samples(file, words_of(file, layout, part)[:, : 4 * layout.points], part.start)
+
+
+def words_of(file: C3dFile, layout: FileLayout, part: slice) -> np.ndarray:
+    """(F, stride) all words of the data of some frames from start to stop: reals, or whole numbers of 16 bits."""
+    size = layout.stride * file.width
+    content = file.content[layout.start + part.start * size : layout.start + part.stop * size]
+    words = file.reals(content) if file.scale < 0 else np.frombuffer(content, file.order + "i2")
+    return words.reshape(-1, layout.stride)
 
 
 def _samples(file: C3dFile, words: np.ndarray, first: int) -> Samples:
@@ -383,14 +439,14 @@ def _fourth_word(words: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.where(np.isnan(values), -1, (whole + 0x8000) % 0x10000 - 0x8000), known
 
 
-def _labels(texts: dict[str, list[str]], count: int) -> list[str]:
-    """All labels: LABELS holds 255 of them, LABELS2, LABELS3, … go on."""
-    labels = [*texts.get("POINT:LABELS", [])]
+def point_texts(texts: Mapping[str, Sequence[str]], name: str, count: int) -> list[str]:
+    """All labels of points, or what else of each has a `name`: LABELS holds 255 of them, LABELS2, LABELS3, … go on."""
+    found = [*texts.get(f"POINT:{name}", [])]
     number = 2
-    while f"POINT:LABELS{number}" in texts:
-        labels += texts[f"POINT:LABELS{number}"]
+    while f"POINT:{name}{number}" in texts:
+        found += texts[f"POINT:{name}{number}"]
         number += 1
-    return (labels + [""] * count)[:count]
+    return (found + [""] * count)[:count]
 
 
 def marker_indices(labels: Sequence[str], texts: Mapping[str, Sequence[str]]) -> np.ndarray:

@@ -4,6 +4,7 @@
 import struct
 import unicodedata
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,8 @@ import numpy as np
 from ...core.data.errors import InputError
 from ...core.data.lanes import blocks
 from ...core.data.made import Table
-from .reading import BLOCK, INTEL, MASK_KEY
+from .kept import NO_ROOM, Kept, kept_of, packed_record
+from .reading import BLOCK, INTEL, MASK_KEY, TrialFile
 
 # 255 steps of this many mm are what the residual of a sample has room for: 0 to 12.75 mm.
 RESIDUAL_STEP = 0.05
@@ -20,6 +22,7 @@ RESIDUAL_STEP = 0.05
 UNKNOWN_RESIDUAL_M = 0.0001
 
 MILLIMETRES = 1000.0
+WHOLE_STEP = 0.01  # of a step; format: numbers of 32 bits, as Blender keeps places, lose less than that
 MAX_POINTS = 64 * 255
 MAX_MASK = 127  # of the cameras that saw a sample, beside the sign
 MAX_NAME_BYTES = 255  # bytes
@@ -49,113 +52,206 @@ def _cut(text: str, width: int) -> str:
     return text.encode("utf-8")[:width].decode("utf-8", "ignore")
 
 
-def write_c3d_file(path: Path, labels: list[str], xyz: Table, residual: Table, rate: float, first_frame: int):
-    """Writes points in mm as Intel reals, z up; missing samples are NaN with residual -1.
+def write_c3d_file(
+    path: Path,
+    labels: list[str],
+    xyz: Table,
+    residual: Table,
+    rate: float,
+    first_frame: int,
+    trial: TrialFile | None = None,
+    subjects: Sequence[str] = (),
+):
+    """Writes points as Intel reals, z up, in mm; missing samples are NaN with residual -1.
 
     xyz (T, P, 3) m; residual (T, P) m, 0 where a sample was filled, NaN where unknown. They may be on disk (np.memmap),
     for they are read piece by piece. Any number of frames and up to 16320 points. What the format cannot say is written
     as `names_in_c3d` and `first_number` tell.
-    Raises InputError where the file cannot hold the take.
+    All else of the `trial` that they come from goes with them: then they are in its unit, axes and scale, as whole
+    numbers where it has such and these can hold them, with 0 0 0 for what is missing. `subjects` are those whose names
+    stand before markers.
+    Raises InputError where the file cannot hold the take, and where the trial's is not as it was.
     """
     frames, count = xyz.shape[:2]
-    if not count or not frames or count > MAX_POINTS:
-        raise InputError(f"cannot hold {count} points over {frames} frames; expected 1 to {MAX_POINTS} points", path)
-    first = first_number(first_frame, frames)
-    last = first + frames - 1
-    section = _parameters(names_in_c3d(labels), frames, rate, first, last)
-    header = struct.pack(
-        "<BBHHHHHfHHf",
-        2,
-        MASK_KEY,
-        count,
-        0,
-        min(first, 65535),
-        min(last, 65535),
-        0,
-        -RESIDUAL_STEP,
-        2 + len(section) // BLOCK,
-        0,
-        rate,
-    )
-    with Path(path).open("wb") as file:
-        file.write(header.ljust(BLOCK, b"\0"))
-        file.write(section)
-        file.writelines(_samples(xyz[part], residual[part]).tobytes() for part in blocks(frames, count))
-        # Readers that cannot count beyond 65535 frames read to the end: the padding must be shorter than a frame.
-        padding = -(frames * 16 * count) % BLOCK
-        file.write(b"\0" * (padding if last < 65535 else padding % (16 * count)))
+    with kept_of(trial, first_frame) as kept:
+        labels = names_in_c3d([*labels, *(kept.labels if kept else ())])
+        if not count or not frames or len(labels) > MAX_POINTS:
+            what = f"cannot hold {len(labels)} points over {frames} frames"
+            raise InputError(f"{what}; expected 1 to {MAX_POINTS} points", path)
+        first = first_number(first_frame, frames)
+        last = first + frames - 1
+        units = _units_of(xyz, residual, kept)
+        said = _said(labels, frames, rate, units.scale, first, kept)
+        if subjects and not (kept and kept.knows(subjects)):
+            said |= _subjects(subjects)
+        section = _parameters(said, kept)
+        analog, gap, samples = (kept.trial.layout.analog, kept.file.word(5), kept.samples) if kept else (0, 0, 0)
+        header = struct.pack(
+            "<BBHHHHHfHHf",
+            2,
+            MASK_KEY,
+            len(labels),
+            analog,
+            min(first, 65535),
+            min(last, 65535),
+            gap,
+            units.scale,
+            2 + len(section) // BLOCK,
+            samples,
+            rate,
+        )
+        size = (4 * len(labels) + analog) * (4 if units.scale < 0 else 2)
+
+        def content(part: slice) -> bytes:
+            words = units.words(xyz[part], residual[part])
+            return (np.hstack([words, kept.words(part, units.scale < 0)]) if kept else words).tobytes()
+
+        with Path(path).open("wb") as file:
+            file.write(header + (kept.header(rate) if kept else bytes(BLOCK - len(header))))
+            file.write(section)
+            file.writelines(map(content, blocks(frames, size // 16)))
+            # Readers that cannot count beyond 65535 frames read to the end: the padding must be shorter than a frame.
+            padding = -(frames * size) % BLOCK
+            file.write(b"\0" * (padding if last < 65535 else padding % size))
 
 
-def _samples(xyz: np.ndarray, residual: np.ndarray) -> np.ndarray:
-    """(T, P, 4) the words of samples: x, y, z in mm, and the residual in steps or -1."""
-    words = np.empty((*xyz.shape[:2], 4), "<f4")
-    words[..., :3] = np.asarray(xyz, dtype=float) * MILLIMETRES
-    missing = ~np.isfinite(words[..., :3]).all(axis=2)
-    filled = residual == 0
-    steps = np.where(np.isfinite(residual), residual, UNKNOWN_RESIDUAL_M) * (MILLIMETRES / RESIDUAL_STEP)
-    steps = np.clip(np.rint(steps), np.where(filled, 0, 1), 255)
-    # ezc3d, and what is built on it, looks for the residual in the byte of the cameras, of which nothing is known here.
-    words[..., 3] = np.where(missing, -1, steps + 256 * np.minimum(steps, MAX_MASK))
-    words[missing, :3] = np.nan
-    return words
+@dataclass(frozen=True)
+class Units:
+    """What the places of a file are in.
+
+    per_metre  units in a metre
+    scale      of whole numbers; below zero for reals, and then a step of residuals
+    turn       (3, 3) what turns our axes, z up, into the file's
+    """
+
+    per_metre: float = MILLIMETRES
+    scale: float = -RESIDUAL_STEP
+    turn: np.ndarray | None = None
+
+    def places(self, xyz: np.ndarray) -> np.ndarray:
+        """Places (…, 3) m as the file has them; whole numbers are not rounded yet."""
+        found = np.asarray(xyz, dtype=float) * self.per_metre
+        found = found if self.turn is None else found @ self.turn
+        return found / self.scale if self.scale > 0 else found
+
+    def words(self, xyz: np.ndarray, residual: np.ndarray) -> np.ndarray:
+        """(T, 4 P) the words of samples: x, y, z, and the residual in steps or -1."""
+        words = np.empty((*xyz.shape[:2], 4), "<f4")
+        words[..., :3] = self.places(xyz)
+        missing = ~np.isfinite(words[..., :3]).all(axis=2)
+        filled = residual == 0
+        steps = np.where(np.isfinite(residual), residual, UNKNOWN_RESIDUAL_M) * (self.per_metre / abs(self.scale))
+        steps = np.clip(np.rint(steps), np.where(filled, 0, 1), 255)
+        # ezc3d, and what is built on it, looks for the residual in the byte of the cameras, of which nothing is known.
+        words[..., 3] = np.where(missing, -1, steps + 256 * np.minimum(steps, MAX_MASK))
+        words[missing, :3] = np.nan if self.scale < 0 else 0
+        words = words.reshape(len(words), -1)
+        return words if self.scale < 0 else np.rint(words).astype("<i2")
 
 
-def _parameters(labels: list[str], frames: int, rate: float, first: int, last: int) -> bytes:
+def _units_of(xyz: Table, residual: Table, kept: Kept | None) -> Units:
+    """Those of the file that is kept, as far as they hold the points; else mm, z up, as reals."""
+    if kept is None:
+        return Units()
+    parts = list(blocks(*xyz.shape[:2]))
+    units = Units(1 / kept.trial.metre, kept.file.scale, kept.trial.turn)
+    if units.scale > 0:
+        return units if all(_whole(units.places(xyz[part])) for part in parts) else replace(units, scale=-units.scale)
+    # A step of many files that state no residual is a whole mm or m, which is more than a measured sample may have.
+    stated = any((residual[part] > 0).any() for part in parts)
+    return units if stated else replace(units, scale=-RESIDUAL_STEP / MILLIMETRES * units.per_metre)
+
+
+def _whole(numbers: np.ndarray) -> bool:
+    """Whether these are whole numbers of 16 bits, NaN besides."""
+    numbers = numbers[np.isfinite(numbers)]
+    whole = np.rint(numbers)
+    return bool((np.abs(numbers - whole) < WHOLE_STEP).all() and (np.abs(whole) < 2**15).all())
+
+
+Parameters = dict[str, tuple[int, tuple[int, ...], bytes]]  # kind, dimensions and content by "GROUP:NAME"
+
+
+def _parameters(ours: Parameters, kept: Kept | None) -> bytes:
     """The whole parameter section, padded to blocks."""
+    others, numbers = (b"".join(kept.records(ours)), kept.group_numbers()) if kept else (b"", {})
     data_start = 0
     for _ in range(2):
         # The section tells where it ends, and its length does not depend on what it tells.
-        section = _section(labels, frames, rate, first, last, data_start)
+        ours["POINT:DATA_START"] = _words(data_start)
+        section = bytes(4) + others + _records(ours, dict(numbers)) + bytes(2)
         blocks = -(-len(section) // BLOCK)
         data_start = 2 + blocks
     if blocks > 255:
-        raise InputError("has more names than a C3D file has room for; expected fewer or shorter names")
+        raise InputError(NO_ROOM)
     return (bytes([0, 0, blocks, INTEL]) + section[4:]).ljust(blocks * BLOCK, b"\0")
 
 
-def _section(labels: list[str], frames: int, rate: float, first: int, last: int, data_start: int) -> bytes:
-    point = [
-        _record("USED", 1, 2, (), struct.pack("<H", len(labels))),
-        _record("SCALE", 1, 4, (), struct.pack("<f", -RESIDUAL_STEP)),
-        _record("RATE", 1, 4, (), struct.pack("<f", rate)),
-        _record("DATA_START", 1, 2, (), struct.pack("<H", data_start)),
-        _record("FRAMES", 1, 2, (), struct.pack("<H", min(frames, 65535))),
-        _text_record("UNITS", 1, ["mm"]),
-        _text_record("X_SCREEN", 1, ["+X"]),
-        _text_record("Y_SCREEN", 1, ["+Z"]),
-    ]
+def _records(said: Parameters, numbers: dict[str, int]) -> bytes:
+    """Parameters, and those of their groups that are not among the `numbers` of groups that there are."""
+    found = []
+    for key, (kind, dimensions, content) in said.items():
+        group, name = key.split(":")
+        if group not in numbers:
+            free = {*range(1, 128)} - {*numbers.values()}
+            if not free:
+                raise InputError(NO_ROOM)
+            numbers[group] = min(free)
+            found.append(packed_record(struct.pack("bb", len(group), -numbers[group]) + group.encode()))
+        body = struct.pack("bB", kind, len(dimensions)) + bytes(dimensions) + content
+        found.append(packed_record(struct.pack("bb", len(name), numbers[group]) + name.encode(), body))
+    return b"".join(found)
+
+
+def _said(labels: list[str], frames: int, rate: float, scale: float, first: int, kept: Kept | None) -> Parameters:
+    """What is said of this take, whatever file it came from."""
+    said = {
+        "POINT:USED": _words(len(labels)),
+        "POINT:SCALE": _real(scale),
+        "POINT:RATE": _real(rate),
+        "POINT:DATA_START": _words(0),
+        "POINT:FRAMES": _words(min(frames, 65535)),
+    }
+    if kept is None:
+        said |= {"POINT:UNITS": _text("mm"), "POINT:X_SCREEN": _text("+X"), "POINT:Y_SCREEN": _text("+Z")}
     if frames > 65535:
-        point.append(_record("LONG_FRAMES", 1, 4, (), struct.pack("<f", frames)))
+        said["POINT:LONG_FRAMES"] = _real(frames)
     for part, start in enumerate(range(0, len(labels), 255), 1):
         suffix = "" if part == 1 else str(part)
         chunk = labels[start : start + 255]
-        point += [
-            _text_record(f"LABELS{suffix}", 1, chunk),
-            _text_record(f"DESCRIPTIONS{suffix}", 1, [""] * len(chunk)),
-        ]
-    trial = [
-        _record("ACTUAL_START_FIELD", 2, 2, (2,), struct.pack("<I", first)),
-        _record("ACTUAL_END_FIELD", 2, 2, (2,), struct.pack("<I", last)),
-    ]
-    analog = [_record("USED", 3, 2, (), struct.pack("<H", 0)), _record("GEN_SCALE", 3, 4, (), struct.pack("<f", 1))]
-    groups = [_group("POINT", 1), *point, _group("TRIAL", 2), *trial, _group("ANALOG", 3), *analog]
-    return bytes(4) + b"".join(groups) + bytes(2)
+        described = [kept.descriptions.get(label, "") if kept else "" for label in chunk]
+        said |= {f"POINT:LABELS{suffix}": _table(chunk), f"POINT:DESCRIPTIONS{suffix}": _table(described)}
+    last = first + frames - 1
+    if kept is None or kept.lacks_range(first, last):
+        fields = {"ACTUAL_START_FIELD": first, "ACTUAL_END_FIELD": last}
+        said |= {f"TRIAL:{name}": (2, (2,), struct.pack("<I", number)) for name, number in fields.items()}
+    if kept is None:
+        said |= {"ANALOG:USED": _words(0), "ANALOG:GEN_SCALE": _real(1)}
+    return said
 
 
-def _group(name: str, group: int) -> bytes:
-    return struct.pack("<bb", len(name), -group) + name.encode() + struct.pack("<HB", 3, 0)
+def _subjects(names: Sequence[str]) -> Parameters:
+    return {
+        "SUBJECTS:USED": _words(len(names)),
+        "SUBJECTS:USES_PREFIXES": _words(1),
+        "SUBJECTS:NAMES": _table(names),
+        "SUBJECTS:LABEL_PREFIXES": _table([f"{name}:" for name in names]),
+    }
 
 
-def _record(name: str, group: int, kind: int, dimensions: tuple[int, ...], content: bytes) -> bytes:
-    body = struct.pack("<bB", kind, len(dimensions)) + bytes(dimensions) + content + b"\0"
-    return struct.pack("<bb", len(name), group) + name.encode() + struct.pack("<H", len(body) + 2) + body
+def _words(number: int) -> tuple[int, tuple[int, ...], bytes]:
+    return 2, (), struct.pack("<H", number)
 
 
-def _text_record(name: str, group: int, texts: list[str]) -> bytes:
-    encoded = [text.encode("utf-8") for text in texts]
-    width = max(map(len, encoded), default=0) or 1
-    # A single text is a row of letters, several are a table of them.
-    dimensions = (
-        (width,) if len(texts) == 1 and not name.startswith(("LABELS", "DESCRIPTIONS")) else (width, len(texts))
-    )
-    return _record(name, group, -1, dimensions, b"".join(text.ljust(width) for text in encoded))
+def _real(number: float) -> tuple[int, tuple[int, ...], bytes]:
+    return 4, (), struct.pack("<f", number)
+
+
+def _text(text: str) -> tuple[int, tuple[int, ...], bytes]:
+    return -1, (len(text),), text.encode()
+
+
+def _table(texts: Sequence[str]) -> tuple[int, tuple[int, ...], bytes]:
+    encoded = [text.encode("utf-8")[:255] for text in texts]
+    width = max(map(len, encoded)) or 1
+    return -1, (width, len(texts)), b"".join(text.ljust(width) for text in encoded)
