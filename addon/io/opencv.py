@@ -94,9 +94,10 @@ def _scalar(text: str) -> float | str:
     text = text.strip()
     if text[:1] in ('"', "'"):
         return text.strip(text[0])
-    text = re.split(r"\s#", text, maxsplit=1)[0].strip()
+    if "#" in text:
+        text = re.split(r"\s#", text, maxsplit=1)[0].strip()
     try:
-        return float(text.lower().replace(".nan", "nan").replace(".inf", "inf"))
+        return float(text if text[-1:].isdigit() else text.lower().replace(".nan", "nan").replace(".inf", "inf"))
     except ValueError:
         return text
 

@@ -212,12 +212,12 @@ def numbers(text: str | None, count: int, what: str, path: Path, line: int = 0) 
     if len(fields) != count:
         raise InputError(f"{what} has {len(fields)} numbers; expected {count}", path, line)
     try:
-        values = np.array([float(field) for field in fields])
+        values = [float(field) for field in fields]
     except ValueError:
         raise InputError(f"{what} is {text.strip()[:60]!r}; expected {count} numbers", path, line) from None
-    if not np.isfinite(values).all() or np.abs(values).max(initial=0) > 1e12:
+    if not all(abs(value) <= 1e12 for value in values):
         raise InputError(f"{what} is {text.strip()[:60]!r}; expected finite numbers", path, line)
-    return values
+    return np.array(values)
 
 
 def digest(path: Path) -> str:
