@@ -308,23 +308,20 @@ def made_of(job: LabelJob) -> dict:
         "method": plain_method(job.method),
         "wearers": [name for name, _ in job.wearers],
     }
-    worn, report = [model for _, model in job.wearers] or [job.model], job.path(REPORT)
-    made = {
-        "version": version(),
-        "input": file_rows([job.source], report),
-        "cameras": _rows_of(job.cameras, calibration_files, report),
-        "model": file_rows(map(markerset_file, worn), report),
-        "edits": _rows_of(job.edits_applied, lambda path: [path], report),
-        "options": options,
+    given = {"cameras": job.cameras, "edits": job.edits_applied}
+    cameras, edits = (one if isinstance(one, Path) else None for one in given.values())
+    files = {
+        "input": [job.source],
+        "cameras": calibration_files(cameras) if cameras else [],
+        "model": [markerset_file(model) for model in [model for _, model in job.wearers] or [job.model]],
+        "edits": [edits] if edits else [],
     }
+    report = job.path(REPORT)
+    made = {"version": version(), **{kind: file_rows(some, report) for kind, some in files.items()}, "options": options}
+    for kind, one in given.items():  # in no file
+        if one and not isinstance(one, Path):
+            made[kind] = [{"file": "", "sha256": hashlib.sha256(repr(one).encode()).hexdigest()}]
     return json.loads(json.dumps(made, default=str))  # as it is read back
-
-
-def _rows_of(given: Path | Cameras | Edits | None, files: Callable[[Path], list[Path]], report: Path) -> list[dict]:
-    """The files of what was given, or a row without a name where it is in none."""
-    if isinstance(given, Path):
-        return file_rows(files(given), report)
-    return [{"file": "", "sha256": hashlib.sha256(repr(given).encode()).hexdigest()}] if given else []
 
 
 def results_of(job: LabelJob) -> dict | None:
