@@ -123,7 +123,11 @@ def content(path: Path) -> object:
             raise ValueError(f"{path} is no whole page")
         return "page"
     if path.name.endswith(".json"):
-        return {name: value for name, value in json.loads(path.read_bytes()).items() if name not in CHANGING}
+        report = {name: value for name, value in json.loads(path.read_bytes()).items() if name not in CHANGING}
+        # The digest of the report is of these too, and takes are as far away as the folder of results is.
+        made = report["provenance"] | {"report": None}
+        made["input"] = [row | {"file": Path(row["file"]).name} for row in made["input"]]
+        return report | {"provenance": made}
     return path.read_bytes()
 
 
