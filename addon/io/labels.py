@@ -4,6 +4,7 @@
 import csv
 from array import array
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from itertools import dropwhile, groupby, takewhile, zip_longest
 from math import isfinite
@@ -163,7 +164,8 @@ class LabelFile:
             raise self._error(f"has a line of over {MAX_LINE_BYTES >> 20} MB; expected {self.what}")
         text = content.decode("utf-8-sig" if line == 1 else "utf-8", "surrogateescape")
         plain = text.rstrip("\r\n")
-        if plain and '"' not in plain and "\r" not in plain:  # as nearly every one of millions
+        # As nearly every one of millions; a longer line may have a field that is too long.
+        if 0 < len(plain) <= csv.field_size_limit() and '"' not in plain and "\r" not in plain:
             return plain.split(",")
         try:
             return next(csv.reader([text], strict=True), [])
@@ -204,10 +206,8 @@ class LabelFile:
         step = "" if self._step is None else fields[self._step].strip()
         share, given = np.nan, "" if self._confidence is None else fields[self._confidence].strip()
         if given:
-            try:
+            with suppress(ValueError):
                 share = _number(given)
-            except ValueError:
-                share = np.nan
             if not 0 <= share <= 1:
                 raise self._error(f"has the confidence {given[:40]!r}; expected 0 to 1")
         return LabelRow(self._line, int(number), where, in_cell(marker), step, share)

@@ -154,13 +154,14 @@ BLOBS = "frame,camera,x,y\n"
         ("labels", HEAD + '"\n",' * 12_000_000, "quote that is not closed; expected"),
         ("labels", HEAD + "1," * 30_000_000, "line of over 1 MB; expected"),
         ("labels", "frame," * 10_000_000, "line of over 1 MB; expected"),
+        ("labels", HEAD + "1,a,2,3," + "L" * 200_000, "field larger than field limit"),
         ("labels", HEAD + '"' + "\n" * 60_000_000, "quote that is not closed; expected"),
         ("blobs", BLOBS + "1,cam_1,2,3\n" * 5_000_000, "over 500000 blobs in frame 1; expected"),
         ("blobs", BLOBS + "1," * 30_000_000, "line of over 1 MB; expected"),
         ("blobs", "frame," * 10_000_000, "expected"),
         ("blobs", BLOBS + "".join(f"{frame},cam_1,2,3\n" for frame in range(400_000)), "read"),
     ],
-    ids=["many", "quotes", "fields", "header", "newlines", "one frame", "a line", "columns", "long take"],
+    ids=["many", "quotes", "fields", "header", "name", "newlines", "one frame", "a line", "columns", "long take"],
 )
 def test_great_labels_and_blobs(tmp_path, kind, content, said):
     path = tmp_path / "great.csv"

@@ -264,7 +264,10 @@ class Search:
         return called
 
     def _exchanges(self) -> Iterator[np.ndarray]:
-        """(M + E,) exchanges of limbs, two markers, and one with an extra, that the shape of frames allows."""
+        """(M + E,) exchanges of limbs, two markers, and one with an extra, that the shape of frames allows.
+
+        The rest of the objective may make up for what one marker can lose there, and not for more.
+        """
         now, known = self.best.settled, self.objective.model.learned_likelihood.known
         if now is None:
             return
