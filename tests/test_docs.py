@@ -210,15 +210,12 @@ def imports_of(path: Path) -> set[tuple[str, ...]]:
     return found
 
 
-def test_the_code_imports_what_the_architecture_allows():
+def test_the_code_imports_what_the_architecture_allows_of_parts_that_are_there():
     allowed, free = documented_imports(), set(sys.stdlib_module_names) | {"numpy"}
     for path in sorted((ROOT / "addon").rglob("*.py")):
         part = path.relative_to(ROOT / "addon").with_suffix("").parts[0]
         taken = {"bpy" if name in BLENDERS else name for name, *_ in imports_of(path)}
         assert taken <= allowed.get(part, set()) | free | {part}, path
-
-
-def test_the_table_of_imports_names_parts_that_are_there():
     for part, others in documented_imports().items():
         known = {path.stem for path in (ROOT / "addon").iterdir() if path.suffix == ".py" or path.is_dir()}
         assert part in known, part
@@ -232,12 +229,9 @@ def documented_folders() -> list[str]:
     return re.findall(r"^\| `([\w/]+)` \|.+\|$", table, re.MULTILINE)
 
 
-def test_every_folder_of_core_has_its_line_in_the_architecture():
+def test_every_folder_of_core_has_its_line_in_the_architecture_and_imports_only_those_above():
     there = {path.parent.relative_to(CORE).as_posix() for path in CORE.rglob("*.py") if path.name != "__init__.py"}
     assert sorted(documented_folders()) == sorted(there)
-
-
-def test_folders_of_core_import_only_those_above_them_in_the_architecture():
     order = documented_folders()
     for place, folder in enumerate(order):
         for path in sorted((CORE / folder).glob("*.py")):

@@ -26,12 +26,9 @@ def test_the_site_is_built_without_a_warning(tmp_path):
     assert "read_cameras" in (site / "api" / "index.html").read_text(encoding="utf-8")
 
 
-def test_pages_of_results_are_made_of_the_results():
+def test_pages_and_plots_of_results_are_made_of_the_results():
     there = {path.name: path.read_text(encoding="utf-8") for path in results.OUT.glob("*.md")}
     assert there == results.pages(), "run python scripts/results.py"
-
-
-def test_plots_are_of_the_results():
     images = {path.name: path.read_text(encoding="utf-8") for path in (results.OUT / "images").glob("*.svg")}
     drawn = results.plots()
     assert images.keys() == drawn.keys()

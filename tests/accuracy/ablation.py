@@ -140,9 +140,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=RESULTS)
     parser.add_argument("--list", action="store_true")
     given = parser.parse_args()
-    if not people.available():
-        print("the recorded people are not here; expected them in ../shared/data/people", file=sys.stderr)
-        return 1
+    people.need_people()
     cases = registry(given.keep)
     if given.list:
         print("\n".join(["cases:", *cases, "\nstages:", *STAGES, *TOGETHER, "\nnumbers:", *numbers()]))

@@ -26,7 +26,7 @@ from addon.core.filling.regression import neighbours_of
 from addon.io.points import read_points
 from scripts.results import markdown
 
-from .people import DATA, OTHERS, PEOPLE
+from .people import DATA, OTHERS, need_people
 
 TAKES = ("s02", "ball", "s135", "bd", "p1", "p2")
 CHOSEN_ON = ("s02", "ball", "p1")
@@ -140,9 +140,7 @@ def _off(path: np.ndarray, truth: np.ndarray) -> float:
 
 def main() -> int:
     """Prints the tables."""
-    if not PEOPLE.exists():
-        print("the recorded people are not here; expected them in ../shared/data/people", file=sys.stderr)
-        return 1
+    need_people()
     begin, takes = perf_counter(), {name: take_of(name) for name in TAKES}
     with threadpool_limits(1, user_api="blas"):
         for at_once in AT_ONCE:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The recorded people beside the project: their takes as marker arrays, and who is left out of whose training."""
 
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -78,9 +79,10 @@ class Trial:
     rate: float
 
 
-def available() -> bool:
-    """Whether the recorded people are on this machine."""
-    return MCGILL.is_dir()
+def need_people():
+    """Ends a command where the recorded people are not on this machine."""
+    if not MCGILL.is_dir():
+        sys.exit("the recorded people are not here; expected them in ../shared/data/people")
 
 
 def everyone() -> tuple[str, ...]:

@@ -27,7 +27,7 @@ REPORT = {
 }
 
 
-def test_a_row_says_what_the_report_says():
+def test_a_row_says_what_the_report_says_and_the_worst_take_comes_first():
     row = row_of(REPORT, "walk.c3d")
     assert (row.trouble, row.at_stake, row.on_body, row.seconds) == (2, 42.0, 2, 3.5)
     assert (row.named, row.found, row.reason, row.gaps) == (0.98, 0.98, "1 to look at", None)
@@ -39,9 +39,6 @@ def test_a_row_says_what_the_report_says():
     }
     row = row_of(blobs, "walk.csv")
     assert (row.named, row.on_body, row.gaps) == (None, 6, (1, 3))
-
-
-def test_the_worst_take_comes_first():
     labelled = row_of(REPORT, "b.c3d")
     worse = replace(labelled, state="done before", at_stake=50.0)
     less = replace(labelled, found=0.5)

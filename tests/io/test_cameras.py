@@ -51,7 +51,7 @@ def test_any_rig_comes_back_exactly_from_our_own_toml(tmp_path_factory, count, l
     np.testing.assert_allclose(found.rotation, cameras.rotation, atol=1e-15)
 
 
-def test_every_format_says_the_same(tmp_path):
+def test_every_format_says_the_same_and_a_self_calibration_folder_by_any_of_its_files(tmp_path):
     cameras = ring()
     assert_same(read_cameras(write(tmp_path / "a.qca.txt", qca(cameras))), cameras)
     assert_same(read_cameras(write(tmp_path / "a.xml", qca(cameras))), cameras)
@@ -61,9 +61,6 @@ def test_every_format_says_the_same(tmp_path):
     write(tmp_path / "pair" / "extri.yml", yml(cameras, intrinsics=False))
     assert_same(read_cameras(tmp_path / "pair" / "intri.yml"), cameras)
     assert_same(read_cameras(tmp_path / "pair" / "extri.yml"), cameras)
-
-
-def test_a_self_calibration_folder_is_read_by_any_of_its_files(tmp_path):
     cameras = ring(distortion=(-0.2, 0.05, 0.001, -0.002, 0))
     write_selfcal(tmp_path / "selfcal", cameras)
     for path in ("selfcal", "selfcal/camera2.Pmat.cal", "selfcal/basename1.rad"):
@@ -165,15 +162,12 @@ def test_a_calibration_with_another_axis_up_is_turned_and_said(tmp_path, up):
         np.testing.assert_allclose(as_it_is.centres, lying.centres, atol=1e-9)
 
 
-def test_up_overrules_what_a_calibration_says(tmp_path):
+def test_up_overrules_what_a_calibration_says_and_our_own_toml_says_so_itself(tmp_path):
     path = write(tmp_path / "a.mcal", mcal(ring()))
     said, overruled = read_cameras(path), read_cameras(path, up="z")
     np.testing.assert_allclose(overruled.centres @ np.array(UPS["y"]), said.centres, atol=1e-9)
     blend = read_cameras(tmp_path / "a.blend", lambda _: said, "y")
     np.testing.assert_allclose(blend.centres, said.centres @ np.array(UPS["y"]), atol=1e-9)
-
-
-def test_our_own_toml_says_so_where_cameras_seem_to_lie(tmp_path):
     lying = turned(ring(), np.array(UPS["y"], dtype=float))
     write_cameras(tmp_path / "a.toml", lying)
     found = read_cameras(tmp_path / "a.toml")

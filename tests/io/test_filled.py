@@ -13,7 +13,7 @@ from addon.io.filled import gap_rows, write_filled
 from addon.io.points import read_points, write_c3d
 
 
-def test_residuals_tell_filled_measured_and_missing_samples(tmp_path):
+def test_residuals_tell_filled_measured_and_missing_samples_unless_all_are_zero(tmp_path):
     xyz = np.random.default_rng(0).uniform(0.1, 1, (1, 6, 3))
     xyz[0, 5] = np.nan
     residual = np.array([[0.0, np.nan, 1e-6, 0.0005, 1.0, np.nan]])
@@ -22,9 +22,6 @@ def test_residuals_tell_filled_measured_and_missing_samples(tmp_path):
     found = ezc3d.c3d(str(path))["data"]["meta_points"]["residuals"][0, :, 0]
     np.testing.assert_allclose(found, [0, 0.1, 0.05, 0.5, 6.35, -1], atol=1e-6)
     np.testing.assert_allclose(read_points(path).residual[0, :5], [0, 1e-4, 5e-5, 5e-4, 0.01275], atol=1e-8)
-
-
-def test_a_file_whose_residuals_are_all_zero_tells_none(tmp_path):
     path = tmp_path / "a.c3d"
     write_c3d(path, Points(("A", "B"), np.ones((3, 2, 3)), np.zeros((3, 2)), 100.0, 1))
     take = read_points(path)

@@ -59,16 +59,13 @@ def reads(call: ast.Call) -> bool:
     return name == "open" and not any(mode[:1] in ("w", "x", "a") and "+" not in mode for mode in modes)
 
 
-def test_nothing_else_opens_a_file_to_read_it():
+def test_nothing_else_opens_files_and_what_reads_them_starts_no_process_and_asks_no_network():
     found = {
         (path.relative_to(ADDON).as_posix(), function)
         for path in sorted(ADDON.rglob("*.py"))
         for function, _ in openings(path)
     }
     assert found == OWN.keys()
-
-
-def test_what_reads_files_starts_no_process_and_asks_no_network():
     never = ("socket", "subprocess", "multiprocessing", "pickle", "urllib.request", "http.client", "webbrowser")
     for path in (ADDON / "io").rglob("*.py"):
         imports = [one for one in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if hasattr(one, "names")]
@@ -105,7 +102,7 @@ def thing(request, tmp_path, monkeypatch):
     return path
 
 
-def test_nobody_waits_for_what_is_no_file(thing):
+def test_neither_readers_nor_a_turn_wait_for_what_is_no_file(thing):
     for reader in (open_binary, read_table, read_edits, read_model, cache_mark, lambda path: check_cache(path, "1 a")):
         with pytest.raises(InputError, match=r"is (a pipe|a folder|no table)"):
             reader(thing)
@@ -114,9 +111,6 @@ def test_nobody_waits_for_what_is_no_file(thing):
     assert not is_table(thing)
     assert not is_page(thing)
     assert not is_result(thing.with_name("walk.c3d"))
-
-
-def test_a_turn_waits_for_nothing_that_is_no_file(thing):
     thing.rename(thing.with_name(TURN))
     with turns([thing.parent]):
         pass

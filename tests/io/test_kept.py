@@ -117,7 +117,7 @@ def test_subjects_are_said_anew_where_the_file_names_others(tmp_path):
     assert (said["USED"]["value"], said["USES_PREFIXES"]["value"]) == ([2], [1])
 
 
-def test_a_file_that_changed_or_went_meanwhile_is_one_sentence(tmp_path):
+def test_a_file_that_changed_or_went_meanwhile_or_has_no_room_is_one_sentence(tmp_path):
     source = put(tmp_path, LAB)
     take = read_points(source)
     source.write_bytes(source.read_bytes() + bytes(512))
@@ -126,9 +126,6 @@ def test_a_file_that_changed_or_went_meanwhile_is_one_sentence(tmp_path):
     source.unlink()
     with pytest.raises(InputError, match="there is no such file"):
         write_c3d(tmp_path / "named.c3d", take, take.trial)
-
-
-def test_parameters_that_leave_no_room_are_one_sentence(tmp_path):
     source = put(tmp_path, replace(LAB, frames=4, points=600))
     take = read_points(source)
     long = replace(take, names=tuple(f"{name}{'x' * 240}" for name in take.names))

@@ -70,7 +70,7 @@ def test_a_file_of_thousands_of_trajectories_fills_no_memory(path):
     assert path.with_name("again.c3d").read_bytes() == path.read_bytes()
 
 
-def test_lanes_hold_what_the_columns_of_a_file_hold(take, path):
+def test_lanes_hold_what_the_columns_of_a_file_hold_and_texts_are_packed_too(take, path, tmp_path):
     found, columns = read_points(path, up="z"), read_c3d(path)
     assert found.xyz.shape == (FRAMES, LANES, 3)
     assert found.names == take.names
@@ -80,9 +80,6 @@ def test_lanes_hold_what_the_columns_of_a_file_hold(take, path):
     np.testing.assert_array_equal(shown.residual, columns.residual * 0.001)
     part = read_points(path, up="z", frames=(211, 310))
     np.testing.assert_array_equal(part.picked(range(COUNT)).xyz, columns.xyz[200:300] * 0.001)
-
-
-def test_texts_are_packed_too(take, tmp_path):
     few = take.lanes.between(0, 40)
     part = Points(take.names, take.xyz[:40], take.residual[:40], 100.0, 11, None, few)
     shown = part.picked(range(COUNT))

@@ -58,12 +58,9 @@ def test_a_broken_layout_is_one_sentence(tmp_path, text, words):
     assert str(tmp_path / "ours.toml") in str(error.value) and "expected" in error.value.message
 
 
-def test_an_endless_file_is_not_read(tmp_path):
+def test_an_endless_file_is_not_read_and_one_that_is_not_there_is_said(tmp_path):
     with pytest.raises(InputError, match="expected"):
         read(tmp_path, HEAD + "#" * 2_000_000)
-
-
-def test_a_layout_that_is_not_there_is_said(tmp_path):
     with pytest.raises(InputError, match=r"no layout; expected a file that ends in \.toml, or one of .*helen_hayes"):
         open_layout("nobody")
     with pytest.raises(InputError):

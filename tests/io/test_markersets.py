@@ -55,7 +55,7 @@ def damaged(markerset: MarkerSet, *keys, value=None) -> str:
     return json.dumps(document)
 
 
-def test_a_marker_set_comes_back(tmp_path):
+def test_a_marker_set_comes_back_and_its_text_is_made_for_reading(tmp_path):
     markerset = replace(
         toy_markerset(), aliases={"s2": "SACR", "sacrum": "SACR", "l_toe": "LTOE"}, source={"people": "nobody"}
     )
@@ -65,9 +65,6 @@ def test_a_marker_set_comes_back(tmp_path):
     assert_same(found, markerset)
     assert found.skeleton.parents.dtype.kind == found.attachment.dtype.kind == "i"
     assert markerset_text(found) == path.read_text(encoding="utf-8")
-
-
-def test_the_text_is_made_for_reading():
     lines = markerset_text(toy_markerset()).splitlines()
     assert any(
         line.startswith('    {"name": "SACR", "segment": "pelvis", "offset": [-0.08, 0, 0.02]') for line in lines
@@ -175,16 +172,13 @@ def test_numbers_that_are_none_are_not_written(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-def test_the_built_in_sets_are_the_contracts():
+def test_the_built_in_sets_are_the_contracts_and_one_that_is_not_there_is_refused_with_those(tmp_path):
     builtin = builtin_markersets()
     assert {"gait15", "body26", "body39", "actor41", "actor53"} <= builtin.keys()
     assert [len(open_markerset(name)) for name in builtin] == [41, 53, 26, 39, 15]
     for name, path in builtin.items():
         assert open_markerset(name).name == name
         assert open_markerset(path).name == name
-
-
-def test_a_set_that_is_not_there_is_refused_with_those_that_are(tmp_path):
     with pytest.raises(InputError, match=r"no marker set gait99; expected .*gait15"):
         open_markerset("gait99")
     with pytest.raises(InputError, match="no such file"):

@@ -22,16 +22,13 @@ def path(tmp_path):
     return path
 
 
-def test_it_comes_back(path):
+def test_it_comes_back_and_all_before_it_is_the_same_whoever_taught_the_model(path):
     found = read_model(path)
     assert found.history == HISTORY_OF_TWO
     assert found.history.version == 2
     again = path.with_name("again.markerset.json")
     write_model(again, found)
     assert again.read_bytes() == path.read_bytes()
-
-
-def test_all_before_it_is_the_same_whoever_taught_the_model(path):
     bare = path.with_name("bare.markerset.json")
     write_model(bare, toy_model())
     text, without = path.read_text(encoding="utf-8"), bare.read_text(encoding="utf-8")
@@ -42,28 +39,22 @@ def test_all_before_it_is_the_same_whoever_taught_the_model(path):
     assert NO_HISTORY.version == 1
 
 
-def test_the_fingerprint_is_of_what_is_in_the_file_and_not_of_its_blanks(path):
+def test_the_fingerprint_is_of_what_is_in_the_file_and_built_in_models_have_one_and_no_history(path):
     known, document = read_model(path).fingerprint, json.loads(path.read_text(encoding="utf-8"))
     path.write_text(json.dumps(dict(reversed(document.items())), indent=8), encoding="utf-8", newline="\r\n")
     assert read_model(path).fingerprint == known
     document["markers"][0]["sd"] += 1e-6
     path.write_text(json.dumps(document), encoding="utf-8")
     assert read_model(path).fingerprint != known
-
-
-def test_built_in_models_have_a_fingerprint_and_no_history():
     fingerprints = {open_model(name).fingerprint for name in ("gait15", "body26")}
     assert len(fingerprints) == 2
     assert {len(one) for one in fingerprints} == {64}
     assert open_model("gait15").history.version == 1
 
 
-def test_readers_that_know_no_history_let_it_be(path):
+def test_readers_that_know_no_history_and_what_later_versions_keep_are_let_be(path):
     """As those of earlier versions do, which take the parts that they know."""
     assert read_markerset(path).markers == toy_model().markerset.markers
-
-
-def test_what_later_versions_keep_is_let_be(path):
     document = json.loads(path.read_text(encoding="utf-8"))
     document["history"]["studio"] = "north"
     document["history"]["versions"][0] |= {"weather": "rain", "by": None}
@@ -112,11 +103,8 @@ def test_paths_are_seen_from_the_model_and_follow_it(tmp_path):
     history = ModelHistory((ModelVersion(1, takes=(known, SHOWN)),), (known,))
     assert moved(history, model, model.with_name("b.markerset.json")) is history
     there = moved(history, model, other)
-    assert [take.path for take in (*there.versions[0].takes, *there.kept_takes)] == [
-        "../../takes/walk.c3d",
-        "",
-        "../../takes/walk.c3d",
-    ]
+    paths = [take.path for take in (*there.versions[0].takes, *there.kept_takes)]
+    assert paths == ["../../takes/walk.c3d", "", "../../takes/walk.c3d"]
     assert seen_from(model, tmp_path / "odd\nname.c3d") == "", "no file of JSON lines can say that"
 
 

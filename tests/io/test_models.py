@@ -5,6 +5,7 @@ import base64
 import json
 import tracemalloc
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,6 +20,13 @@ from tests.fuzz import case, samples
 from tests.io.samples import toy_model
 
 
+def toy_file(folder) -> tuple[Path, dict]:
+    """The toy's model in a file, and what stands in it."""
+    path = folder / "toy.markerset.json"
+    write_model(path, toy_model())
+    return path, json.loads(path.read_text())
+
+
 def test_models_come_back(tmp_path):
     model, path = toy_model(), tmp_path / "toy.markerset.json"
     write_model(path, model)
@@ -28,11 +36,8 @@ def test_models_come_back(tmp_path):
     np.testing.assert_array_equal(solver.reached, wanted.reached)
     np.testing.assert_array_equal(solver.record.rates, wanted.record.rates)
     np.testing.assert_array_equal(found.partial_solvers.classifiers.high, model.partial_solvers.classifiers.high)
-    assert (found.partial_solvers.search, found.partial_solvers.seed, found.partial_solvers.frames) == (
-        "top-down",
-        3,
-        17,
-    )
+    solvers = found.partial_solvers
+    assert (solvers.search, solvers.seed, solvers.frames) == ("top-down", 3, 17)
     [training_takes] = found.training_takes
     assert (training_takes.subject, training_takes.takes, training_takes.frames) == ("Ann", ("walk ü", "run"), 900)
     np.testing.assert_array_equal(training_takes.points, model.training_takes[0].points)
@@ -51,9 +56,7 @@ def test_a_marker_set_is_a_model_without_them():
 @pytest.mark.parametrize("part", ["ensemble", "training_takes"])
 @pytest.mark.parametrize("wound", ["value", "missing", "kind"])
 def test_what_is_damaged_is_said(tmp_path, part, wound):
-    path = tmp_path / "toy.markerset.json"
-    write_model(path, toy_model())
-    document = json.loads(path.read_text())
+    path, document = toy_file(tmp_path)
     place = document[part] if part == "ensemble" else document[part][0]
     field = "targets" if part == "ensemble" else "points"
     if wound == "value":
@@ -68,9 +71,7 @@ def test_what_is_damaged_is_said(tmp_path, part, wound):
 
 
 def test_an_ensemble_of_other_markers_is_refused(tmp_path):
-    path = tmp_path / "toy.markerset.json"
-    write_model(path, toy_model())
-    document = json.loads(path.read_text())
+    path, document = toy_file(tmp_path)
     document["markers"][0]["name"] = "OTHER"
     for mode in document["modes"]:
         mode["markers"]["OTHER"] = mode["markers"].pop(toy_markerset().markers[0])
@@ -97,9 +98,7 @@ def test_whatever_is_read_of_a_broken_model_names_points(tmp_path):
 
 
 def test_arrays_that_say_that_they_are_huge_are_not_unpacked(tmp_path):
-    path = tmp_path / "toy.markerset.json"
-    write_model(path, toy_model())
-    document = json.loads(path.read_text())
+    path, document = toy_file(tmp_path)
     zeros = base64.b64encode(zlib.compress(bytes(50_000_000), 9)).decode()
     points = {"kind": "f4", "shape": [12_500_000], "data": zeros}
     document["training_takes"] = [{**document["training_takes"][0], "points": points}] * 20

@@ -95,16 +95,13 @@ def real(shared_data) -> Path:
     return shared_data / "blobs" / "qualisys_run"
 
 
-def test_the_real_cameras_are_those_of_the_room(real):
+def test_the_real_cameras_blobs_and_points_are_those_of_the_other_files(real):
     ours, known = read_cameras(real / "demo.qtm"), read_cameras(real / "room.toml")
     assert ours.names == known.names
     for name in ("size", "matrix", "distortion", "rotation", "translation"):
         np.testing.assert_allclose(getattr(ours, name), getattr(known, name), atol=1e-12)
     [remark] = ours.remarks
     assert "15478 is not calibrated" in remark and "14807 recorded no blobs" in remark and "14737 rec" in remark
-
-
-def test_the_real_blobs_are_those_of_the_blob_file_row_by_row(real):
     cameras = read_cameras(real / "room.toml")
     begin = time.process_time()
     ours, keys = all_blobs(real / "demo.qtm", cameras)
@@ -115,9 +112,6 @@ def test_the_real_blobs_are_those_of_the_blob_file_row_by_row(real):
     np.testing.assert_array_equal(ours.frames, theirs.frames)
     np.testing.assert_allclose(ours.area, theirs.area, atol=0.0051)
     assert frames_in(real / "demo.qtm", cameras) == (1, 1000)
-
-
-def test_the_real_points_are_those_of_the_c3d_and_filled_samples_are_known(real):
     ours, known = read_points(real / "demo.qtm"), read_points(real / "run.c3d")
     assert (ours.rate, ours.first_frame, ours.up, len(ours.names)) == (100.0, 1, "+Z", 89)
     named = ours.picked([ours.names.index(name) for name in known.names])
@@ -130,7 +124,7 @@ def test_the_real_points_are_those_of_the_c3d_and_filled_samples_are_known(real)
 # --- captures made here
 
 
-def test_cameras_come_back_and_others_are_left_out_by_name(tmp_path):
+def test_cameras_come_back_others_are_left_out_by_name_and_without_blobs_all_are_kept(tmp_path):
     known = rig()
     cameras = read_cameras(write_qtm(tmp_path / "a.qtm", recording()))
     assert (cameras.names, cameras.remarks) == (NAMES, ())
@@ -141,9 +135,6 @@ def test_cameras_come_back_and_others_are_left_out_by_name(tmp_path):
     assert cameras.names == ("101", "103")
     assert cameras.remarks[0].endswith("102 is not calibrated, 104 recorded no blobs (a video camera)")
     assert set(all_blobs(path, cameras)[0].camera) == {0, 1}
-
-
-def test_without_blobs_all_calibrated_cameras_are_kept(tmp_path):
     path = write_qtm(tmp_path / "a.qtm", recording(blobs=None, uncalibrated=("101",)))
     assert read_cameras(path).names == NAMES[1:]
     assert holds_points(path)

@@ -36,7 +36,7 @@ def chunk(present: np.ndarray, first: int = 0, suspects=(), labels=(0, -1), conf
     return LabelledChunk(said, motion, tuple(suspects), {"place": 0.5, "fit": 1.0, "label": 0.5})
 
 
-def test_the_report_holds_what_the_contract_lists(tmp_path):
+def test_the_report_holds_what_the_contract_lists_and_no_speed_without_a_time(tmp_path):
     summary = TakeSummary(["LASI", "RASI"])
     present = np.array([[1, 0], [0, 0], [0, 0], [1, 0], [1, 0]], dtype=bool)
     summary.add(chunk(present, suspects=[Suspect(1, 2, "nobody is there")], labels=(0, 0, -1)))
@@ -56,9 +56,6 @@ def test_the_report_holds_what_the_contract_lists(tmp_path):
         "load": 0.25, "place": 0.5, "fit": 1.0, "label": 0.5, "write": 0.125, "frames_per_second": 2.5,
     }  # fmt: skip
     assert report["steps"] == {**dict.fromkeys(STEPS[1:], 0), "exclusive": 1, "conflict": 1}
-
-
-def test_no_time_means_no_speed():
     report = take_report(TakeSummary(["A"]), "a", "m", 100.0, "1", {})
     assert report["timing"]["frames_per_second"] is None
 

@@ -26,7 +26,7 @@ def triangulated_residuals(cameras, sightings) -> np.ndarray:
     return np.array(residuals)
 
 
-def test_the_vicon_walk_is_seen_by_the_cameras_that_recorded_it(shared_data):
+def test_the_vicon_walk_is_seen_by_its_cameras_and_the_leds_real_blobs_triangulate(shared_data):
     cameras = read_cameras(shared_data / "rooms" / "vicon12" / "walking_1.xcp")
     walk = read_points(shared_data / "rooms" / "vicon12" / "walking_1.c3d")
     assert len(cameras) == 12
@@ -38,9 +38,6 @@ def test_the_vicon_walk_is_seen_by_the_cameras_that_recorded_it(shared_data):
     # The room: cameras at 1 to 2.5 m, within 8 m of each other, the walk between them.
     assert (np.abs(cameras.centres[:, 2] - 1.7) < 0.8).all()
     assert np.ptp(cameras.centres, axis=0).max() < 9
-
-
-def test_the_leds_real_blobs_triangulate(shared_data):
     folder = shared_data / "rooms" / "led4"
     cameras = read_cameras(folder)
     blobs = np.loadtxt(folder / "points.dat").reshape(4, 3, -1)
@@ -71,7 +68,7 @@ def test_real_charuco_corners_triangulate(shared_data):
     assert residuals.mean() < 0.7, words
 
 
-def test_both_files_of_the_qualisys_rig_say_the_same(shared_data):
+def test_both_files_of_a_room_say_the_same(shared_data):
     folder = shared_data / "rooms" / "qualisys4"
     ours, theirs = read_cameras(folder / "Calib.qca.txt"), read_cameras(folder / "Calib_qualisys.toml")
     np.testing.assert_allclose(ours.matrix, theirs.matrix, rtol=1e-9)
@@ -80,9 +77,6 @@ def test_both_files_of_the_qualisys_rig_say_the_same(shared_data):
     np.testing.assert_allclose(ours.translation, theirs.translation, atol=1e-8)
     # The .toml has the lens divided by 64 as if it were pixels, which it is not.
     np.testing.assert_allclose(ours.distortion[:, :4], theirs.distortion[:, :4] * 64, rtol=1e-6)
-
-
-def test_both_files_of_the_caliscope_room_say_the_same(shared_data):
     folder = shared_data / "rooms" / "caliscope4"
     cameras, other = read_cameras(folder / "camera_array.toml"), read_cameras(folder / "config.toml")
     np.testing.assert_array_equal(cameras.rotation, other.rotation)

@@ -84,7 +84,7 @@ def test_reading_is_bounded(tmp_path, name):
     assert len(said) < 400
 
 
-def test_dots_that_are_no_keys_are_welcome(tmp_path):
+def test_dots_that_are_no_keys_points_beside_the_cameras_and_comments_are_welcome(tmp_path):
     path = tmp_path / "a.toml"
     path.write_text(
         f'# {"." * 60}\n[c]\nname = "{"a." * 60}"\nother = \'{"." * 60}\'\nlong = """{"." * 60}\n#"."{"." * 60}"""\n'
@@ -95,9 +95,6 @@ def test_dots_that_are_no_keys_are_welcome(tmp_path):
     with pytest.raises(InputError, match="more than 8 parts") as caught:
         read_cameras(path)
     assert caught.value.line == path.read_text().count("\n")
-
-
-def test_points_beside_the_cameras_and_comments_are_welcome(tmp_path):
     path = tmp_path / "a.yml"
     path.write_text(yml(ring()) + "points: [" + "1.25, " * 100_000 + "2] \nlast: 3   # a comment\n")
     assert read_cameras(path).names == ring().names

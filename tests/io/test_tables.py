@@ -32,7 +32,7 @@ def test_a_table_on_disk_is_as_an_array(tmp_path_factory, written, wanted):
     assert (len(table), table.size, table.ndim) == (7, 42, 3)
 
 
-def test_only_large_tables_are_on_disk_and_go_when_the_job_is_done():
+def test_only_large_tables_are_on_disk_and_go_with_the_job_and_a_folder_without_room_is_said(tmp_path):
     with ExitStack() as stack:
         room = Room(stack, min_bytes=1000)
         assert isinstance(room((10, 12), np.float64), np.ndarray)
@@ -41,8 +41,5 @@ def test_only_large_tables_are_on_disk_and_go_when_the_job_is_done():
         assert large.path.exists()
         assert not large[2:5].any()
     assert not large.path.parent.exists()
-
-
-def test_a_folder_without_room_is_said(tmp_path):
     with pytest.raises(JobError, match="cannot hold temporary files"):
         FileTable(tmp_path / "gone" / "table", SHAPE, float)

@@ -107,15 +107,12 @@ def test_the_files_of_a_job_appear_together(tmp_path):
     assert sorted(tmp_path.iterdir()) == targets[:2]
 
 
-def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path):
+def test_a_place_that_cannot_be_written_and_a_link_that_leads_nowhere_are_one_sentence(tmp_path):
     (tmp_path / "file").write_text("")
     refused("folder", tmp_path / "file" / "take.c3d")
     refused("is a folder", tmp_path, overwrite=True)
     with pytest.raises(JobError, match="No space"), whole_file(tmp_path / "take.c3d"):
         raise OSError(28, "No space left on device")
-
-
-def test_a_link_that_leads_nowhere_counts_as_a_file_that_exists(tmp_path):
     target = tmp_path / "take.c3d"
     link(target, tmp_path / "nowhere")
     refused("exists already", target)
@@ -334,7 +331,7 @@ def test_what_a_stop_leaves_of_the_folder_of_parts_is_taken_away_before_the_proc
     assert [path.name for path in tmp_path.iterdir()] == ["take.csv"]
 
 
-def test_the_file_that_the_system_names_is_to_blame(tmp_path):
+def test_the_file_that_the_system_names_is_to_blame_and_a_folder_that_goes_away_is_no_success(tmp_path):
     with pytest.raises(JobError, match="elsewhere: the system says: No space"), whole_file(tmp_path / "take.c3d"):
         raise OSError(errno.ENOSPC, "No space left on device", "/elsewhere")
     with (
@@ -342,6 +339,13 @@ def test_the_file_that_the_system_names_is_to_blame(tmp_path):
         whole_file(tmp_path / "take.c3d") as part,
     ):
         raise OSError(errno.ENOSPC, "No space left on device", str(part))
+    with pytest.raises(JobError, match="went away"), whole_file(tmp_path / "share" / "take.c3d") as part:
+        part.write_text("new")
+        (tmp_path / "share").rename(tmp_path / "elsewhere")
+        (tmp_path / "share").mkdir()
+    assert not list((tmp_path / "share").iterdir())
+    finish_renaming(tmp_path / "elsewhere")
+    assert not list((tmp_path / "elsewhere").iterdir())
 
 
 def test_what_cannot_get_its_name_after_others_did_gets_it_with_the_next_run(tmp_path, monkeypatch):
@@ -356,16 +360,6 @@ def test_what_cannot_get_its_name_after_others_did_gets_it_with_the_next_run(tmp
     assert (tmp_path / "1").read_text() == "new"
     finish_renaming(tmp_path)
     assert held(tmp_path) == dict.fromkeys("123", "new")
-
-
-def test_a_folder_that_goes_away_is_no_success(tmp_path):
-    with pytest.raises(JobError, match="went away"), whole_file(tmp_path / "share" / "take.c3d") as part:
-        part.write_text("new")
-        (tmp_path / "share").rename(tmp_path / "elsewhere")
-        (tmp_path / "share").mkdir()
-    assert not list((tmp_path / "share").iterdir())
-    finish_renaming(tmp_path / "elsewhere")
-    assert not list((tmp_path / "elsewhere").iterdir())
 
 
 @pytest.mark.parametrize("lock", [None, b""])

@@ -63,7 +63,7 @@ def test_markers_are_those_in_common_or_those_asked_for(tmp_path):
     assert np.isnan(points[30:, 0]).all()
 
 
-def test_a_model_that_is_trained_on_keeps_its_markers(tmp_path):
+def test_a_model_that_is_trained_on_keeps_its_markers_and_what_is_known_their_order(tmp_path):
     takes = read_takes([write(tmp_path / "1.c3d", NAMES[:4])], ())
     assert chosen_markers(takes, None, NAMES) == NAMES
     with pytest.raises(InputError, match="few of the model's markers"):
@@ -71,9 +71,6 @@ def test_a_model_that_is_trained_on_keeps_its_markers(tmp_path):
     assert chosen_markers(takes, ["E", "B", "A", "C"], NAMES) == ("E", "B", "A", "C")
     with pytest.raises(InputError, match="no take has a marker Z"):
         chosen_markers(takes, ["A", "B", "C", "Z"], NAMES)
-
-
-def test_what_is_known_is_put_in_the_order_of_other_markers():
     points = np.arange(12, dtype=np.float32).reshape(1, 4, 3)
     [found] = of_markers([TrainingTake("ann", ("1",), 9, points)], NAMES[:4], ("C", "E", "A"))
     np.testing.assert_array_equal(found.points[0], [points[0, 2], [np.nan] * 3, points[0, 0]])
@@ -197,7 +194,7 @@ def own_output(path: Path, report: dict | None = None) -> Path:
     return path
 
 
-def test_of_our_own_output_what_nobody_looked_at_is_not_learned(tmp_path):
+def test_of_our_own_output_only_what_somebody_looked_at_is_learned(tmp_path):
     [take] = read_takes([own_output(tmp_path / "walk.c3d")], ())
     column = [take.names.index(name) for name in "ABC"]
     seen = np.isfinite(take.xyz[:, column, 0])
@@ -206,9 +203,6 @@ def test_of_our_own_output_what_nobody_looked_at_is_not_learned(tmp_path):
     assert seen[:, 2].all()
     [said] = take.doubts
     assert said.startswith("walk.c3d: A: 10 doubtful frames that nobody looked at were not learned")
-
-
-def test_what_a_person_said_to_be_right_beside_it_is_learned(tmp_path):
     path = own_output(tmp_path / "walk.c3d")
     write_edits(tmp_path / "walk.edits.json", Edits((Right("A", frames=(5, 9)),)))
     [take] = read_takes([path], ())
@@ -216,7 +210,7 @@ def test_what_a_person_said_to_be_right_beside_it_is_learned(tmp_path):
     assert missing.tolist() == list(range(9, 14))
 
 
-def test_a_take_that_was_changed_since_is_what_somebody_says(tmp_path):
+def test_a_take_changed_since_is_what_somebody_says_and_one_all_doubtful_teaches_nothing(tmp_path):
     path = own_output(tmp_path / "walk.c3d")
     write(path, seed=5)
     [take] = read_takes([path], ())
@@ -224,9 +218,6 @@ def test_a_take_that_was_changed_since_is_what_somebody_says(tmp_path):
     assert take.doubts == ()
     (tmp_path / "walk.report.json").write_text('{"made_of": 5}')
     assert np.isfinite(read_takes([path], ())[0].xyz).all()
-
-
-def test_a_take_of_which_all_is_doubtful_teaches_nothing(tmp_path):
     every = {name: [[1, 30]] for name in NAMES}
     with pytest.raises(InputError, match="is doubtful in all of its frames, and nobody looked at it; expected"):
         read_takes([own_output(tmp_path / "walk.c3d", {"doubtful": every, "filled": []})], ())

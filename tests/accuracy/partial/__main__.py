@@ -32,9 +32,7 @@ def main() -> int:
     parser.add_argument("--only", nargs="*", choices=METHODS, default=METHODS, help="these methods")
     parser.add_argument("--show", nargs="*", choices=list(BLOCKS), metavar="BLOCK", help=f"of {', '.join(BLOCKS)}")
     given = parser.parse_args()
-    if not people.available():
-        print("the recorded people are not here; expected them in ../shared/data/people", file=sys.stderr)
-        return 1
+    people.need_people()
     if given.show is None:
         with threadpool_limits(1, user_api="blas"):
             run(given.results, tuple(given.only))

@@ -34,17 +34,11 @@ def one_blob(rival_at, visible=True, taken=False):
     return named_confidences(naming, CONFIDENCE)[0, 0]
 
 
-def test_twins_are_even_and_strangers_certain():
+def test_doubts_of_twins_strangers_and_exchanges():
     assert one_blob(0.0) == pytest.approx(0.5)
     assert one_blob(0.5) == pytest.approx(1)
-
-
-def test_a_hidden_twin_and_one_that_has_a_blob_doubt_less():
     assert one_blob(0.02, visible=False) > one_blob(0.02)
     assert one_blob(0.02, taken=True) == pytest.approx(1)
-
-
-def test_doubts_of_exchanges():
     swaps = Swaps(np.array([[1, 0, 2, 3], [0, 2, 1, 3]]), np.array([0.0, 20.0]))
     assert swap_doubts(swaps, 4) == pytest.approx([0.5, 0.5, 1 / (1 + np.exp(-10)), 1])
     assert (swap_doubts(Swaps(np.zeros((0, 3), int), np.zeros(0)), 3) == 1).all()

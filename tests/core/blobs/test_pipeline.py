@@ -116,14 +116,11 @@ def test_chunks_of_any_size_give_the_same_labels(size):
     assert len(pieces.chunks) == -(-len(walk().blobs.frames) // size)
 
 
-def test_the_same_take_gives_the_same_labels():
+def test_the_same_take_gives_the_same_labels_and_every_chunk_when_it_comes():
     first, second = outcome(), Outcome(walk())
     assert np.array_equal(first.marker, second.marker) and np.array_equal(first.confidence, second.confidence)
     assert np.array_equal(first.chunks[0].motion.expected, second.chunks[0].motion.expected)
-
-
-def test_every_chunk_is_labelled_when_it_comes():
-    """A generator: no chunk is asked for before the one before it was given back."""
+    # A generator: no chunk is asked for before the one before it was given back.
     asked = []
 
     def source():

@@ -30,14 +30,11 @@ def test_one_foot_of_exchanged_markers_is_put_right(frames):
     assert (stretch.track is not None) == (stretch.last == len(views) - 1)
 
 
-def test_what_suits_the_subject_is_left_alone():
+def test_what_suits_the_subject_is_left_alone_and_a_few_frames_are_not_judged():
     _, setup, _, results = followed()
     as_they_were = dict(results)
     assert Rereader(setup).read_again(results, None) == []
     assert results == as_they_were
-
-
-def test_a_few_frames_are_not_judged():
     scene, setup, _, results = followed()
     exchange(scene, results, range(10), *FOOT)
     assert Rereader(setup).read_again(part_of(results, 0, 20), None) == []
@@ -67,14 +64,11 @@ def test_a_name_that_a_hidden_neighbour_lent_goes_back():
     assert not wrong_names(scene, views, results).any()
 
 
-def test_an_exchange_is_undone():
+def test_an_exchange_is_undone_and_what_never_jumped_keeps_its_names():
     scene, _, views, results = followed()
     exchange(scene, results, range(20, 40), "LANK", "LHEE", "LTOE")
     assert [(first, last) for first, last, _ in renamed(results, RATE)] == [(20, 39)]
     assert not wrong_names(scene, views, results).any()
-
-
-def test_what_never_jumped_keeps_its_names():
     _, _, _, results = followed()
     before = [result.naming.slot.copy() for result in results.values()]
     assert renamed(results, RATE) == []
@@ -95,7 +89,7 @@ def seen_by(results, marker: int) -> int:
     return int(np.flatnonzero(named.all(axis=0))[0])
 
 
-def test_a_name_that_one_camera_lost_for_some_frames_comes_back():
+def test_names_that_one_camera_or_all_lost_come_back():
     scene, _, views, results = followed()
     marker = scene.markerset.index("LKNE")
     camera, before = seen_by(results, marker), slots(results)
@@ -105,9 +99,6 @@ def test_a_name_that_one_camera_lost_for_some_frames_comes_back():
     assert all(marker in changed[frame] for frame in FRAMES)
     assert all(results[frame].naming.slot[camera, marker] == before[frame][camera, marker] for frame in FRAMES)
     assert not wrong_names(scene, views, results)[FRAMES.start : FRAMES.stop].any()
-
-
-def test_a_marker_that_lost_all_its_names_gets_them_back_where_they_meet():
     scene, _, views, results = followed()
     marker = scene.markerset.index("LKNE")
     for frame in FRAMES:
@@ -117,15 +108,12 @@ def test_a_marker_that_lost_all_its_names_gets_them_back_where_they_meet():
     assert not wrong_names(scene, views, results)[FRAMES.start : FRAMES.stop].any()
 
 
-def test_most_of_an_exchange_is_undone():
+def test_most_of_an_exchange_is_undone_and_names_that_suit_stay():
     scene, _, views, results = followed()
     exchange(scene, results, FRAMES, "LANK", "LHEE")
     before = wrong_names(scene, views, results)[FRAMES.start : FRAMES.stop].sum()
     name_by_tracklets(views, results, RATE)
     assert wrong_names(scene, views, results)[FRAMES.start : FRAMES.stop].sum() < before / 2
-
-
-def test_names_that_suit_stay():
     scene, _, views, results = followed()
     before, wrong = slots(results), wrong_names(scene, views, results).sum()
     name_by_tracklets(views, results, RATE)

@@ -107,15 +107,12 @@ def test_one_newton_step_reaches_the_least_cost(model):
     assert (cost > 0).all()
 
 
-def test_a_set_that_is_sure_of_the_height_is_held_to_it(model):
+def test_a_set_that_is_sure_of_the_height_is_held_to_it_and_where_one_stands_costs_nothing(model):
     spread = replace(model.markerset.spread, height_sd=0.0)
     sure = Prior(BodyModel(replace(model.markerset, spread=spread)))
     assert np.isfinite(sure.hessian).all()
     tall, right = (model.rest(1, height) for height in (spread.height + 0.01, spread.height))
     assert sure.terms(tall)[0] - sure.terms(right)[0] == pytest.approx(100)
-
-
-def test_translation_and_heading_cost_nothing(model):
     prior = Prior(model, upright_sd=0.1)
     bodies = model.rest(2, 1.7)
     turned = replace(bodies, quaternion=rotations.about_z(np.array([0.5, -2.0])), translation=np.ones((2, 3)))

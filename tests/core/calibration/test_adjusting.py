@@ -60,15 +60,12 @@ def test_cameras_that_were_moved_are_where_they_are_within_the_noise(count, whic
     assert seen.errors(found) == pytest.approx(1.1 * NOISE, rel=0.35)
 
 
-def test_wrong_names_pull_little():
+def test_wrong_names_pull_little_and_cameras_that_are_not_free_stay():
     true = ring_rig(6, generator=np.random.default_rng(1))
     calibrated = moved(true, [4], 0.5, 20)
     seen = seen_by(true, calibrated, wrong=0.02)
     found = held(calibrated, adjusted(calibrated, seen, np.ones(6, bool)), seen)
     assert image_error(found, true).max() < NOISE
-
-
-def test_cameras_that_are_not_free_stay():
     true = ring_rig(6, generator=np.random.default_rng(2))
     calibrated = moved(true, [4], 0.5, 20)
     free = np.arange(6) == 4

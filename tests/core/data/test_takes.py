@@ -38,15 +38,12 @@ def without_rates(labels: Labels) -> Labels:
     return Labels(labels.marker, labels.step, labels.confidence)
 
 
-def test_parts_come_one_after_the_other(labels):
+def test_parts_come_one_after_the_other_are_kept_or_left_out_and_give_place_to_others(labels):
     whole = Labels.join([labels, labels[:1]])
     for name in ("marker", "step", "confidence", "rate"):
         column = getattr(labels, name)
         np.testing.assert_array_equal(getattr(whole, name), np.concatenate([column, column[:1]]))
     assert Labels.join(part for part in (labels, without_rates(labels))).rate is None, "not all of them were measured"
-
-
-def test_what_is_not_kept_leaves_nothing_behind(labels):
     before = labels.marker.copy()
     kept = labels.kept(np.array([[True, False, True], [False, True, True]]))
     assert kept.marker.tolist() == [[4, NO_MARKER, NO_MARKER], [NO_MARKER, 4, NO_MARKER]]
@@ -55,9 +52,6 @@ def test_what_is_not_kept_leaves_nothing_behind(labels):
     assert kept.rate.tolist() == [[0.999, 0, 0], [0, 0.9, 0]]
     np.testing.assert_array_equal(labels.marker, before)
     assert without_rates(labels).kept(labels.named).rate is None
-
-
-def test_others_take_the_place_of_some(labels):
     other = Labels(np.full((2, 3), 7), np.full((2, 3), BY_FIT), np.full((2, 3), 0.5))
     where = np.array([[False, True, True], [False, False, False]])
     made = labels.replaced(where, other)
@@ -129,7 +123,7 @@ def test_in_its_frames_the_new_holds_and_elsewhere_the_old(a, b, c, d, blobs):
     assert whole.unedited is None
 
 
-def test_doubts_outside_stay_and_those_inside_are_the_new_ones():
+def test_of_a_part_doubts_are_the_new_ones_and_what_the_program_said_is_kept():
     old = labelled(1, 30, 1, suspects=[Suspect(5, 25, "A jumps", markers=("A",)), Suspect(12, 13, "of old")])
     whole = merged(old, labelled(10, 20, 2, suspects=[Suspect(11, 12, "new")]))
     assert [(one.first, one.last, one.reason) for one in whole.suspects] == [
@@ -138,17 +132,11 @@ def test_doubts_outside_stay_and_those_inside_are_the_new_ones():
         (21, 25, "A jumps"),
     ]
     assert whole.suspects[0].markers == ("A",)
-
-
-def test_what_the_program_said_is_kept_beside_what_a_person_said():
     old, new = labelled(1, 10, 1), labelled(4, 6, 2)
     edited = LabelledRange(new.rows, labelled(4, 6, 0).labels, new.motion, (), new.labels)
     whole = merged(old, edited)
     own = whole.labels.marker[whole.labels.named].tolist()
     assert own == [1] * 3 + [0] * 3 + [1] * 4
     assert whole.unedited.marker[whole.unedited.named].tolist() == [1] * 3 + [2] * 3 + [1] * 4
-
-
-def test_another_skeleton_is_another_take():
     with pytest.raises(InputError, match="expected ranges of one take"):
         merged(labelled(1, 5, 1), labelled(1, 5, 1, joints=3))

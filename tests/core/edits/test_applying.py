@@ -8,12 +8,7 @@ from hypothesis import strategies as st
 
 from addon.core.data.errors import InputError
 from addon.core.data.takes import BY_EDIT, BY_LIKELIHOOD, NO_MARKER, Blobs, Labels
-from addon.core.edits.applying import (
-    apply_edits,
-    cells_of_blobs,
-    refuse_unknown,
-    summary_of,
-)
+from addon.core.edits.applying import apply_edits, cells_of_blobs, refuse_unknown, summary_of
 from addon.core.edits.kinds import (
     AssignBlob,
     AssignPoint,
@@ -159,13 +154,7 @@ def test_what_a_later_edit_overrides_leaves_nothing_behind():
     assert apply_edits(labels, wrong, cells).labels.marker[0].tolist() == [-1, B, A, -1, -1]
     right = wrong.added(AssignPoint(5, "C"))
     assert apply_edits(labels, right, cells).labels.marker[0].tolist() == [A, B, C, -1, -1]
-    assert apply_edits(labels, right, cells).labels.step[0].tolist() == [
-        BY_LIKELIHOOD,
-        BY_LIKELIHOOD,
-        BY_EDIT,
-        0,
-        0,
-    ]
+    assert apply_edits(labels, right, cells).labels.step[0].tolist() == [BY_LIKELIHOOD, BY_LIKELIHOOD, BY_EDIT, 0, 0]
 
 
 def test_edits_that_find_nothing_say_why():
@@ -224,7 +213,7 @@ def cells(markerset):
     return cells_of_blobs(blobs, ("cam1", "cam2"), markerset.by_name, len(markerset))
 
 
-def test_a_blob_is_found_again_within_two_pixels(cells, markerset):
+def test_a_blob_is_found_again_within_two_pixels_and_markers_are_of_all_images_of_their_frames(cells, markerset):
     sacrum, hip = markerset.markers[:2]
     labels = named(np.array([0, 1, 0, 1, 0, 1]))
     said = Edits((AssignBlob("cam1", 20, 18.5, 20.0, sacrum), AssignBlob("cam2", 20, 13.0, 10.0, hip)))
@@ -236,9 +225,6 @@ def test_a_blob_is_found_again_within_two_pixels(cells, markerset):
         "cam2 has no blob within 2 px of 13, 10 in frame 20, the nearest is 3 px off",
         "cam2 has no blob within 2 px of 0, 0 in frame 21",
     ]
-
-
-def test_edits_of_markers_are_of_all_images_of_their_frames(cells, markerset):
     one, other = markerset.markers[:2]
     labels = named(np.array([0, 1, 0, 1, 0, 1]))
     done = apply_edits(labels, Edits((Swap((one, other), frames=(20, 20)),)), cells)

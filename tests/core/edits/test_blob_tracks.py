@@ -47,7 +47,7 @@ def row_of(blobs: Blobs, truth: np.ndarray, name: str, frame: int, camera: int =
     return int(np.flatnonzero(found)[0])
 
 
-def test_a_track_ends_where_two_cross_and_where_a_blob_is_not_seen(take):
+def test_a_track_ends_where_two_cross_where_a_blob_is_not_seen_and_before_its_neighbour(take):
     blobs, truth = take
     tracks = BlobTracks(blobs, CAMERAS)
     for name, frame, last in (("A", 3, 19), ("A", 39, 21), ("C", 2, 14), ("C", 30, 18)):
@@ -60,9 +60,6 @@ def test_a_track_ends_where_two_cross_and_where_a_blob_is_not_seen(take):
         assert len(own) >= 10
     apart = tracks.rows(row_of(blobs, truth, "B", 5, camera=1))
     assert len(apart) == FRAMES, "nothing comes near in this camera"
-
-
-def test_a_blob_that_goes_is_not_followed_to_its_neighbour():
     near = {"A": paths()["A"].copy(), "B": paths()["A"] + [14, 3]}
     near["A"][10:] = np.nan
     blobs, truth = take_of({0: near})

@@ -8,16 +8,7 @@ import pytest
 
 from addon.core.data.takes import Blobs
 from addon.core.edits.blobs_in_points import NamedThroughBlobs
-from addon.core.edits.kinds import (
-    AssignBlob,
-    AssignPoint,
-    DeleteBlob,
-    Edits,
-    Place,
-    Swap,
-    UnlabelBlob,
-    UnlabelMarker,
-)
+from addon.core.edits.kinds import AssignBlob, AssignPoint, DeleteBlob, Edits, Place, Swap, UnlabelBlob, UnlabelMarker
 from addon.io.markersets import open_markerset
 
 CAMERAS = ("left", "right")
@@ -81,13 +72,16 @@ def test_what_is_said_last_holds(edit, expected):
     assert [(*frames, marker) for _, marker, frames in found] == expected
 
 
-def test_points_that_are_not_of_the_take_and_blobs_of_none_are_passed_over():
+def test_points_not_of_the_take_and_blobs_and_names_of_none_are_passed_over():
     named = heard(blob(AssignBlob, 12, "LKNE"))
     assert not named.edits_of(np.full(9, -1))
     far = AssignBlob(marker="LKNE", camera="left", frame=12, x=900.0, y=50.0)
     assert not heard(far).edits_of(place())
     assert not heard(Swap(("LKNE", "RKNE"))).edits_of(place())
     assert all(isinstance(one, AssignPoint) for one in named.edits_of(place()))
+    assert said(heard(blob(AssignBlob, 12, "LFWT"), Swap(("LASI", "RKNE")))) == [(1, "RKNE", (12, 12))]
+    assert said(heard(blob(AssignBlob, 12, "LASI"), UnlabelMarker("LFWT"))) == []
+    assert said(heard(blob(AssignBlob, 12, "3:LKNE"))) == []
 
 
 def test_a_marker_is_the_point_that_was_named_it_last_whatever_its_number():
@@ -109,12 +103,6 @@ def test_a_name_stays_when_another_camera_s_blob_is_refused():
         assert said(heard(named, elsewhere)) == said(heard(elsewhere, named)) == [(1, "LKNE", (12, 12))]
         assert said(heard(named, refused)) == []
         assert said(heard(named, replace(named, camera="right", y=51.0), refused)) == [(1, "LKNE", (12, 12))]
-
-
-def test_markers_are_known_by_their_other_names_and_those_of_nobody_are_none():
-    assert said(heard(blob(AssignBlob, 12, "LFWT"), Swap(("LASI", "RKNE")))) == [(1, "RKNE", (12, 12))]
-    assert said(heard(blob(AssignBlob, 12, "LASI"), UnlabelMarker("LFWT"))) == []
-    assert said(heard(blob(AssignBlob, 12, "3:LKNE"))) == []
 
 
 def test_a_marker_s_blob_that_makes_no_point_takes_it_from_the_point_named_in_its_image():

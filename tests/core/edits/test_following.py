@@ -95,15 +95,12 @@ def test_what_one_more_edit_changes_is_known_by_its_markers(seed, said, one):
     same(take_of.apply(said).labels, before.labels)
 
 
-def test_a_place_that_is_moved_is_a_marker_that_moved():
+def test_a_place_that_is_moved_is_a_marker_that_moved_and_where_nothing_was_seen_it_is_one_too():
     take_of, _, _ = followed(*take(3))
     one, other = (take_of.apply(Edits((Place(NAMES[1], FIRST + 2, (0.0, 0.0, z)),))) for z in (1.0, 2.0))
     assert changed_frames(one.held, other.held, said=False) == {1: slice(2, 3)}
     assert changed_frames(one.held, one.held) == changed_frames(None, None) == {}
     assert not changed_frames(None, take_of.apply(NO_EDITS).held)
-
-
-def test_a_take_in_which_nothing_was_seen_can_be_edited():
     nothing = PointRows(FIRST + np.arange(FRAMES), np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)), None)
     placed = Place(NAMES[0], FIRST + 1, (0.0, 0.0, 1.0))
     said = Edits((AssignPoint(int(COLUMNS[0]), NAMES[1]), Swap((NAMES[0], NAMES[1])), placed))

@@ -47,7 +47,7 @@ def test_by_hand():
     assert result["swaps"] == []
 
 
-def test_swaps_are_pairs_in_one_image():
+def test_swaps_are_pairs_in_one_image_and_markers_of_several_subjects_each_their_own():
     rows = [
         (1, 0, "B", "A"),
         (1, 0, "A", "B"),
@@ -58,22 +58,16 @@ def test_swaps_are_pairs_in_one_image():
     ]
     assert figures(rows).swaps == {("A", "B"): 1, ("B", "C"): 1}
     assert figures([*rows, (4, 1, "A", "B"), (4, 1, "B", "A")]).swaps[("A", "B")] == 2
-
-
-def test_markers_of_several_subjects_are_each_their_own():
     rows = [(1, 0, "ann:A", "ann:sacrum"), (1, 0, "ann:B", "bob:B"), (1, 0, "", "bob:A"), (1, 0, "bob:Z", "bob:Z")]
     result = figures(rows, markers=["A", "B"], aliases={"sacrum": "A"}).as_dict()
     assert (result["right"], result["labels"], result["marker_blobs"]) == (1, 3, 3)
     assert result["false_occlusions"] == 1, "bob's two, and nobody without a name"
 
 
-def test_nothing_given_is_no_number_and_still_json():
+def test_nothing_given_is_no_number_and_still_json_and_columns_of_different_lengths_are_refused():
     result = Figures(MARKERS).add([], [], [], []).as_dict()
     assert result["precision"] is None
     assert json.loads(json.dumps(result))["perfect_frames"] is None
-
-
-def test_columns_of_different_lengths_are_refused():
     with pytest.raises(ValueError, match="lengths"):
         Figures(MARKERS).add([1, 2], [0, 0], ["A"], ["A", "B"])
 

@@ -87,7 +87,7 @@ def test_what_is_filled_turns_and_moves_with_the_take(chain, method):
     assert np.abs(here.xyz[here.filled] @ turn.T + place - there.xyz[here.filled]).max() < 1e-5
 
 
-def test_a_marker_is_carried_through_a_long_gap_and_the_error_is_about_the_one_expected(chain):
+def test_markers_are_carried_through_long_gaps_alone_or_together_about_as_far_off_as_expected(chain):
     gaps = [(7, 120, 200), (1, 40, 100), (12, 220, 300), (9, 250, 330), (3, 150, 250)]
     found = filled(holed(chain, *gaps))
     got = [off(found, chain, *gap) for gap in gaps]
@@ -99,9 +99,6 @@ def test_a_marker_is_carried_through_a_long_gap_and_the_error_is_about_the_one_e
     # A method that does not say it is tried on gaps like each.
     told = np.mean([one.expected for one in spline.gaps])
     assert 0.5 < told / np.mean([off(spline, chain, *gap) for gap in gaps]) < 2
-
-
-def test_markers_that_are_missing_together_are_filled_from_the_others(chain):
     gaps = [(5, 150, 210), (6, 150, 210), (7, 160, 190), (8, 140, 200)]
     found = filled(holed(chain, *gaps))
     assert len(found.gaps) == 4
@@ -124,28 +121,22 @@ def test_nothing_is_drawn_beyond_the_ends_by_what_cannot_carry_it(chain):
     assert not filled(lonely).filled.any()
 
 
-def test_gaps_of_others_where_trials_are_cut_do_not_mislead(chain):
+def test_gaps_of_others_do_not_mislead_and_a_spline_bridges_where_nothing_else_is_known(chain):
     holes = [(marker, start, start + 12) for marker in range(5, 15) for start in range(8 * marker - 40, 350, 90)]
     found = filled(holed(chain, (2, 100, 140), *holes), markers=(2,))
     [one] = found.gaps
     assert np.isfinite(one.expected)
     assert off(found, chain, 2, 100, 140) < 0.002
-
-
-def test_a_spline_bridges_where_nothing_else_is_known(chain):
     cut = holed(chain[:, :1], (0, 100, 104))
     found = filled(cut)
     assert [one.method for one in found.gaps] == ["spline"]
     assert off(found, chain, 0, 100, 104) < 0.001
 
 
-def test_a_gap_whose_error_would_be_large_is_left(chain):
+def test_a_gap_whose_error_would_be_large_is_left_and_what_stands_still_is_filled_where_it_is(chain):
     left = filled(holed(chain[:, :1], (0, 100, 220)), max_off_m=0.01)
     assert not left.gaps
     assert "where 10 mm are allowed" in left.left[0].reason
-
-
-def test_frames_that_stand_still_are_filled_where_they_are():
     still = np.tile(np.random.default_rng(1).uniform(0, 1, (1, 6, 3)), (100, 1, 1))
     for method in ("regression", "rigid", "pca"):
         found = filled(holed(still, (0, 20, 40)), method=method)
@@ -186,22 +177,16 @@ def test_a_stray_sample_beside_a_gap_holds_no_fill(chain, stray, side):
     assert {(one.gap.start, one.gap.marker) for one in found.gaps} >= {(100, 7)}
 
 
-def test_nothing_is_drawn_between_ends_that_are_too_far_apart(chain):
+def test_ends_too_far_apart_and_an_end_of_the_take_leave_a_gap_and_a_fast_marker_does_not(chain):
     cut = holed(chain, (2, 180, 186))
     cut[186:, 2] += [3.0, 0, 0]
     found = filled(cut)
     [left] = found.left
     assert left.reason.startswith("has ends 3.") and "6 frames" in left.reason
-
-
-def test_a_fast_marker_is_no_stray(chain):
     fast = chain.copy()
     fast[:, 2] += np.stack([0.9 * np.sin(2 * np.pi * 2 * np.arange(FRAMES) / RATE), *np.zeros((2, FRAMES))], axis=1)
     found = filled(holed(fast, (2, 180, 186)))
     assert not found.left
-
-
-def test_a_gap_at_an_end_of_the_take_says_what_holds_it(chain):
     found = filled(holed(chain, (2, 0, 12), (3, 100, 104), (4, FRAMES - 9, FRAMES)))
     assert [one.ends for one in found.gaps] == [(False, True), (True, True), (True, False)]
     kept = kept_fills_of(found, [str(marker) for marker in range(15)], np.arange(FRAMES))

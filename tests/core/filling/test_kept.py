@@ -47,7 +47,7 @@ def test_a_fill_is_left_out_where_the_take_is_another_around_it(take, frame, mar
     assert not filled[:, marker].any()
 
 
-def test_a_fill_of_another_marker_or_of_other_frames_is_left_out(take):
+def test_fills_of_other_markers_or_frames_are_left_out_and_new_ones_take_the_place_of_those_they_meet(take):
     one = take.fills[0]
     for other, reason in (
         (KeptFill("C", one.first, one.last, "pca", 0.0, one.path), "no such marker"),
@@ -56,9 +56,6 @@ def test_a_fill_of_another_marker_or_of_other_frames_is_left_out(take):
         motion, unfit = put_fills(motion_of(take.markers, take.whole, FRAMES[0]), NAMES, [other])
         assert reason in unfit[0]
         np.testing.assert_array_equal(motion.markers, take.markers)
-
-
-def test_new_fills_take_the_place_of_old_ones_that_they_meet(take):
     new = KeptFill("A", 56, 58, "rigid", 0.0, np.zeros((5, 3)))
     assert replaced_fills(take.fills, [new]) == (new, take.fills[1])
     assert replaced_fills(take.fills, []) == take.fills

@@ -67,7 +67,7 @@ def test_a_fill_lies_on_the_rays_and_is_as_deep_as_before(rays):
     assert jerk.max() < 0.001, "it meets its ends"
 
 
-def test_rays_of_some_frames_draw_their_neighbours_along(rays):
+def test_rays_of_some_frames_draw_their_neighbours_along_and_one_far_off_is_another_markers(rays):
     some = MarkerRays(*(getattr(rays, name)[20:40] for name in ("marker", "frame", "origin", "direction", "spread")))
     after, _, count = constrained(off_by(), GAP, 0.01, some, own(), RATE)
     assert count == 20
@@ -75,9 +75,6 @@ def test_rays_of_some_frames_draw_their_neighbours_along(rays):
     assert steps.max() < 0.003
     assert parts(after, some)[1].max() < 0.002
     np.testing.assert_allclose(after[0], off_by()[0], atol=0.002)
-
-
-def test_a_ray_that_passes_far_off_is_another_markers():
     missing = np.zeros((FRAMES, 2), bool)
     missing[GAP.start : GAP.stop, 0] = True
     wrong = rays_of(*seen_by(1, path() + np.full(3, 0.2), GAP.frames), CAMERAS, missing)

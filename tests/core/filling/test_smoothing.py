@@ -26,15 +26,12 @@ def test_at_the_cut_off_the_amplitude_is_down_by_3_db(cutoff):
     assert amplitude(smoothed(swing(3 * cutoff), RATE, cutoff)) < 0.03
 
 
-def test_nothing_lags():
+def test_nothing_lags_stretches_stand_alone_and_gaps_stay():
     slow = swing(1.5)
     both = smoothed(slow + 0.1 * swing(40.0), RATE, 6.0)
     shifts = range(-5, 6)
     off = [np.abs(np.roll(both, shift, axis=0) - slow)[200:-200].mean() for shift in shifts]
     assert shifts[int(np.argmin(off))] == 0
-
-
-def test_stretches_stand_alone_and_gaps_stay():
     xyz = np.concatenate([swing(2.0), 3 + 0 * swing(1.0)], axis=1)
     xyz[300:310, 0] = xyz[500, 0] = xyz[503, 0] = np.nan
     xyz[350:, 1] = 7

@@ -38,7 +38,7 @@ def parts(cameras, **changes):
     return {name: changes.get(name, getattr(cameras, name)) for name in fields}
 
 
-def test_projection_is_the_textbooks():
+def test_projection_is_the_textbooks_and_what_is_behind_is_not_a_number():
     matrix = paper_rig().matrix.copy()
     matrix[:, 0, 1], matrix[:, 1, 1] = 1.5, 650
     cameras = Cameras(**parts(paper_rig(), matrix=matrix))
@@ -47,9 +47,6 @@ def test_projection_is_the_textbooks():
     for camera in range(4):
         for index, point in enumerate(points):
             assert found[camera, index] == pytest.approx(by_hand(cameras, camera, point), abs=1e-9)
-
-
-def test_what_is_behind_is_not_a_number():
     cameras = ring_rig(1)
     behind = cameras.centres[0] - 2 * cameras.rotation[0, 2]
     assert np.isnan(cameras.project(behind)).all()
@@ -84,16 +81,13 @@ def test_undistort_keeps_to_the_branch_that_light_takes(share, angle, lens):
     assert undistort(distort(image, lens), lens) == pytest.approx(image, abs=1e-11 if share < 0.5 else 1e-8)
 
 
-def test_centres_and_extrinsics():
+def test_centres_and_extrinsics_which_cannot_be_changed_in_place():
     cameras = ring_rig(5)
     points = np.random.default_rng(2).normal(0, 0.3, (7, 3))
     local = np.einsum("cij,nj->cni", cameras.extrinsics, np.column_stack([points, np.ones(7)]))
     assert local[..., :2] / local[..., 2:] == pytest.approx(cameras.normalised(points))
     back = np.einsum("cij,cj->ci", cameras.rotation, cameras.centres) + cameras.translation
     assert back == pytest.approx(np.zeros((5, 3)), abs=1e-12)
-
-
-def test_calibrations_cannot_be_changed_in_place():
     with pytest.raises(ValueError, match="read-only"):
         ring_rig(2).matrix[0, 0, 0] = 1
 
@@ -150,7 +144,7 @@ def test_beyond_the_fold_of_a_lens_of_vicons_kind_there_is_nothing():
     assert cameras.reach == pytest.approx([2 / 3] * 2)
 
 
-def test_a_rig_of_both_lenses_is_undistorted_camera_by_camera():
+def test_a_rig_of_both_lenses_is_undistorted_camera_by_camera_each_of_which_has_one():
     mixed = np.array([[0, 0, 0], [0.4, 0.2, 0.0], [-0.1, 0.3, 0.05], [0, 0, 0]])
     lenses = np.where(mixed.any(axis=1)[:, None], 0, paper_rig().distortion)
     cameras = Cameras(**parts(paper_rig(), distortion=lenses, inverse=mixed))
@@ -159,15 +153,9 @@ def test_a_rig_of_both_lenses_is_undistorted_camera_by_camera():
     camera = np.repeat(np.arange(4), len(points))
     assert np.abs(cameras.undistort(pixels.reshape(-1, 2), camera) - ideal.reshape(-1, 2)).max() < 1e-12
     assert np.array_equal(cameras.select([2, 0]).inverse, mixed[[2, 0]])
-
-
-def test_a_camera_has_one_lens():
     with pytest.raises(InputError, match="two lenses"):
         Cameras(**parts(paper_rig(), distortion=np.full((4, 5), 0.01), inverse=np.full((4, 3), 0.01)))
-
-
-def test_points_far_aside_are_bent_too():
-    """Almost square to where a camera looks the radius has no end, and Newton's steps from there are many."""
+    # Almost square to where a camera looks the radius has no end, and Newton's steps from there are many.
     straight = np.array([[1e3, 0.0], [0.0, 1e6], [1e-9, 0.0]])
     lens = np.array([0.65, 0.8, 0.3])
     seen = inverse_lens.bend(straight, lens)

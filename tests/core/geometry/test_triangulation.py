@@ -38,17 +38,14 @@ def test_rays_without_noise_meet_in_the_marker(seed, cameras):
     assert (met.miss[chosen < 0] == 0).all()
 
 
-def test_one_camera_or_none_fixes_no_point():
+def test_one_camera_none_and_parallel_rays_fix_no_point():
     chosen = slots(2)
     chosen[1:, 0] = -1
     chosen[:, 1] = -1
     met = rays_to(np.array([[0.1, 0, 1.0], [0, 0.2, 1.2]])).meet(chosen)
     assert np.isnan(met.points).all() and np.isnan(met.residual).all()
     assert (met.miss == 0).all()
-
-
-def test_parallel_rays_fix_no_point():
-    """Two cameras side by side look along one line at a far point: its depth is anybody's guess."""
+    # Two cameras side by side look along one line at a far point: its depth is anybody's guess.
     near = ring_rig(2)
     centres = near.centres.copy()
     centres[1] = centres[0] + [0, 0, 0.01]

@@ -80,7 +80,7 @@ def test_frames_are_followed_the_same(name, occlusion):
     assert not track.lost
 
 
-def test_what_a_person_named_is_followed_the_same():
+def test_what_a_person_named_a_frame_without_blobs_and_one_with_many_more_are_followed_the_same():
     setup, views, track = begun("gait15")
     fixed = np.full((len(RIG), setup.model.marker_count), -1)
     for camera in range(len(RIG)):
@@ -88,9 +88,6 @@ def test_what_a_person_named_is_followed_the_same():
     followed = compare(track, views[1], setup, fixed)
     assert (followed.naming.slot[fixed >= 0] == fixed[fixed >= 0]).all()
     assert (followed.naming.frame.fixed == fixed).all()
-
-
-def test_a_frame_without_blobs_and_one_with_many_more_are_followed_the_same():
     setup, views, track = begun("gait15")
     view = views[1]
     nothing = replace(view, image=view.image * 0 + 1e6, real=view.real & False)

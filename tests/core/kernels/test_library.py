@@ -47,11 +47,8 @@ def test_structures_are_those_of_the_header(name):
     assert [kind for _, kind in STRUCTURES[name]._fields_] == declared(body)
 
 
-def test_every_structure_of_the_header_is_known():
+def test_structures_and_signatures_are_those_of_the_sources():
     assert set(re.findall(r"\} (\w+);", without_comments(HEADER))) == set(STRUCTURES)
-
-
-def test_signatures_are_those_of_the_sources():
     found = {}
     for name, arguments in re.findall(r"^KERNEL \w+ (\w+)\(([^)]*)\) \{", without_comments(SOURCES), re.MULTILINE):
         kinds = [declared(one.strip()) for one in arguments.split(",") if one.strip() != "void"]
@@ -60,13 +57,10 @@ def test_signatures_are_those_of_the_sources():
     assert found == SIGNATURES
 
 
-def test_a_library_of_another_version_is_left_alone(monkeypatch):
+def test_numpy_is_used_where_there_is_no_library_or_one_of_another_version(monkeypatch):
     assert library._loaded() is not None
     monkeypatch.setattr(library, "LIBRARY_VERSION", library.LIBRARY_VERSION + 1)
     assert library._loaded() is None
-
-
-def test_where_there_is_no_library_numpy_is_used(monkeypatch):
     monkeypatch.setattr(library, "LIBRARY_PACKAGE", "mocap_autolabel_no_kernels")
     assert library._loaded() is None
 

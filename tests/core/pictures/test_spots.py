@@ -42,13 +42,10 @@ def test_a_disc_is_found_where_it_is(x, y, radius, background):
     assert found.roundness[0] > 0.75
 
 
-def test_the_middle_of_the_first_pixel_is_nought():
+def test_the_middle_of_the_first_pixel_is_nought_and_noise_is_no_spot_and_hides_none():
     picture = np.zeros(SIZE)
     picture[20:23, 30:33] = 1.0
     assert spots_of(picture).xy.tolist() == [[31.0, 21.0]]
-
-
-def test_noise_is_no_spot_and_hides_none():
     discs = [(20.3, 15.8, 2.0), (60.6, 40.1, 2.5), (100.2, 70.4, 3.0)]
     found = spots_of(drawn(discs, noise=0.04, background=0.2))
     assert found.xy == pytest.approx(np.array(discs)[:, :2], abs=0.2)
@@ -77,14 +74,11 @@ def test_what_is_long_large_small_or_cut_is_none():
     assert len(spots_of(picture, SpotOptions(min_area=0.5))) == 2
 
 
-def test_a_threshold_that_is_given_holds():
+def test_a_threshold_that_is_given_holds_and_a_dark_picture_takes_that_of_others():
     dim = 0.5 * drawn([(60, 45, 3)])
     assert len(spots_of(dim)) == 1
     assert len(spots_of(dim, SpotOptions(threshold=0.6))) == 0
     assert len(spots_of(dim, SpotOptions(threshold=0.3))) == 1
-
-
-def test_a_dark_picture_among_others_takes_their_threshold():
     lit, dark = drawn([(60, 45, 3)], noise=0.01), drawn([], noise=0.01)
     brightness = brightness_of([lit, lit, dark], OPTIONS)
     assert len(find_spots(dark, brightness, OPTIONS)) == 0

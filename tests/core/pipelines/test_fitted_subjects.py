@@ -74,18 +74,12 @@ def read(blobs: Blobs, given: list[int], *bodies: Body):
     return FollowedSubjects(bodies, 2 * MARKERS).read(blobs, labels_of(given)).marker.tolist()
 
 
-def test_what_a_body_adds_is_named_and_what_it_denies_is_not():
+def test_what_one_body_adds_is_named_and_what_it_denies_or_two_claim_is_not():
     blobs = blobs_of([0, 1, 2, 3])
     one = Body(0, [0, 1, -1, 2], denies=(1,))
     assert read(blobs, [0, 2, 4, -1], one, Body(1, [-1, -1, 4, -1])) == [0, 1, 4, 2]
-
-
-def test_a_blob_that_two_bodies_claim_is_nobodys():
     blobs = blobs_of([0, 1, 2])
     assert read(blobs, [-1, 0, 3], Body(0, [1, 0, -1]), Body(1, [4, -1, 3])) == [-1, 0, 3]
-
-
-def test_nobody_judges_the_names_of_who_has_no_body():
     assert read(blobs_of([0, 1]), [0, 5], Body(0, [0, -1])) == [0, 5]
 
 

@@ -90,7 +90,7 @@ def test_what_only_motion_tells_is_named_by_it(other):
     assert (decided.labels.confidence[named] > 0.9).all()
 
 
-def test_models_that_cannot_tell_are_left_as_they_are(model):
+def test_models_that_cannot_tell_are_left_as_they_are_and_forms_alone_are_said_to_tell(model):
     points = walk(body(), 5)[:50]
     forgetful = replace(model, training_takes=())
     bare = replace(model, likelihood=None)
@@ -100,9 +100,6 @@ def test_models_that_cannot_tell_are_left_as_they_are(model):
         assert adaptation.model is given
         assert adaptation.recognition is None
         assert borne_out(named_by(right_of(points)), adaptation, 0).suspects == ()
-
-
-def test_where_the_motion_does_not_tell_it_is_said_that_forms_alone_do(model):
     points = walk(body(), 5, liveliness=0.003)
     adaptation = adapted_to(model, points)
     assert adaptation.model is model

@@ -25,18 +25,15 @@ def votes(points: int, confidence: float, sure: np.ndarray | None = None) -> tup
     return Labels(marker, step, chance, rate), np.broadcast_to(np.arange(points), marker.shape)
 
 
-def test_a_trajectory_is_named_by_frames_none_of_which_is_sure(model):
+def test_frames_none_of_which_is_sure_name_a_trajectory_but_not_among_many_more_points_than_markers(model):
     decided = decide(*votes(20, 0.95), model, TARGET, 0).labels
     assert decided.marker[:, :3].tolist() == [[0, 1, 2]] * FRAMES
-
-
-def test_among_many_more_points_than_markers_frames_must_be_sure_too(model):
-    """A point that is no marker may sit like one in every frame of a crowd: its frames are not so many witnesses."""
+    # A point that is no marker may sit like one in every frame of a crowd: its frames are not so many witnesses.
     decided = decide(*votes(30, 0.95), model, TARGET, 0).labels
     assert (decided.marker == NO_MARKER).all()
 
 
-def test_in_a_crowd_sure_frames_carry_the_others_of_their_trajectory(model):
+def test_in_a_crowd_sure_frames_carry_the_others_of_one_subject_where_they_are_a_quarter(model):
     sure = np.ones((FRAMES, 3))
     sure[::3, 0] = 0  # most frames of the first are sure
     sure[5:, 1] = 0  # few of the second are
@@ -44,9 +41,6 @@ def test_in_a_crowd_sure_frames_carry_the_others_of_their_trajectory(model):
     assert (decided.marker[:, 0] == 0).all()
     assert (decided.marker[:5, 1] == 1).all() and (decided.marker[5:, 1] == NO_MARKER).all()
     assert (decided.marker[:, 2] == 2).all()
-
-
-def test_where_one_subject_is_all_that_the_model_has_seen_a_quarter_of_the_frames_must_be_sure(model):
     likelihood = replace(model.likelihood, subjects=1)
     alone = replace(model, likelihood=likelihood)
     sure = np.zeros((FRAMES, 3))

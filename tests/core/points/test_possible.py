@@ -38,15 +38,12 @@ def labelled(points: np.ndarray, rate: float, model, **options) -> LabelledPoint
     return finished(label_take(anonymous(points, rate), model, replace(PointOptions("likelihood"), **options)))
 
 
-def test_a_rate_ten_times_too_high_is_named(model, walk):
+def test_a_rate_ten_times_too_high_and_frames_out_of_their_order_are_named(model, walk):
     labelled(walk, RATE, model)
     with pytest.raises(JobError, match=r"has a rate that cannot be: at 600 Hz .* such as 60 Hz"):
         labelled(walk, 10 * RATE, model)
     with pytest.raises(JobError, match="has a rate that cannot be"):
         finished(label_several(anonymous(walk, 10 * RATE), SeveralOptions(model, 2), PointOptions("likelihood")))
-
-
-def test_frames_out_of_their_order_are_named(model, walk):
     with pytest.raises(JobError, match=r"has its frames out of order: "):
         labelled(walk[np.random.default_rng(0).permutation(len(walk))], RATE, model)
 
@@ -60,14 +57,11 @@ def test_a_wrong_unit_is_named(model, walk, times, too_small, turn):
         labelled(turned / times if too_small else turned * times, RATE, model)
 
 
-def test_the_unit_is_said_where_frames_are_sure_of_it(model, walk):
+def test_the_unit_is_said_where_frames_are_sure_of_it_and_who_is_slow_can_be_at_any_rate(model, walk):
     with pytest.raises(
         JobError, match=r"seems to be in cm and is taken for mm: its points are 0\.1 times as far apart"
     ):
         labelled(walk / 10, RATE, model)
-
-
-def test_who_stands_still_or_is_slow_can_be_at_any_rate(model, walk):
     generator = np.random.default_rng(1)
     standing = walk[:1] + generator.normal(0, 0.001, walk.shape)
     for rate in (10.0, RATE, 1000.0):
@@ -76,21 +70,15 @@ def test_who_stands_still_or_is_slow_can_be_at_any_rate(model, walk):
     refuse_impossible(walk, RATE / 10, None, [model])
 
 
-def test_a_rate_ten_times_too_low_is_something_to_look_at(walk):
+def test_a_rate_too_low_is_something_to_look_at_and_neither_no_order_nor_a_shaking_hand_is_wrong(walk, model):
     assert slow_words(walk, RATE) == slow_words(walk[::6], RATE / 6) == ""
     assert slow_words(walk, RATE / 10).endswith("m/s at 6 Hz: look whether the rate is ten times as high")
     standing = walk[:1] + np.random.default_rng(1).normal(0, 0.001, walk.shape)
     assert slow_words(standing, RATE / 10) == ""
-
-
-def test_points_in_no_order_are_not_called_wrong(model, walk):
     generator = np.random.default_rng(2)
     clouds = np.stack([frame[generator.permutation(15)] for frame in generator.permutation(walk)])
     refuse_impossible(clouds, RATE, None, [model])
     refuse_impossible(clouds.repeat(2, axis=0), 2 * RATE, None, [model])
-
-
-def test_a_hand_can_shake_as_no_body_can(model):
     generator, time = np.random.default_rng(4), np.arange(300) / 100
     hand = generator.uniform(-0.08, 0.08, (1, 15, 3)) + 0.08 * np.sin(2 * np.pi * 6 * time)[:, None, None]
     refuse_impossible(hand, 100.0, None, [model])

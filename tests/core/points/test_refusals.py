@@ -77,16 +77,13 @@ def refused(model: Model, points: np.ndarray) -> str:
     return caught.value.message
 
 
-def test_what_the_model_is_for_passes(model, plated):
+def test_what_the_model_is_for_passes_and_another_marker_set_is_said_so(model, plated):
     ghosts = np.tile(np.random.default_rng(2).uniform(-1, 1, (3, 3)), (FRAMES, 1, 1))
     refuse_others(model, by_likelihood(model), np.concatenate([person(1), ghosts], axis=1))
     refuse_others(plated, by_likelihood(plated), robot(2))
     half = robot(3)
     half[:, ::4] = np.nan
     refuse_others(plated, by_likelihood(plated), half)
-
-
-def test_another_marker_set_is_said_so(model, plated):
     other = np.random.default_rng(5)
     chaos = np.tile(other.uniform([-0.4, -0.4, 0], [0.4, 0.4, 1.7], (20, 3)), (FRAMES, 1, 1))
     for points in (robot(1), chaos, other.normal(0, 1, (FRAMES, 15, 3))):
@@ -115,20 +112,14 @@ def test_two_on_plates_are_said_so(plated):
     assert "shows two subjects or more that wear robot" in refused(plated, both)
 
 
-def test_too_few_points_are_said_so(model):
+def test_too_few_points_or_labels_are_said_so_and_a_flood_of_points_before_it_fills_the_memory(model):
     few = np.full((FRAMES, 20, 3), np.nan)
     few[:, :3] = person(1)[:, :3]
     assert "no frame with enough points" in refused(model, few)
-
-
-def test_few_labels_in_the_end_are_said_so(model):
     points = person(1)
     with pytest.raises(JobError, match="20% of its markers were recognised for sure"):
         refuse_unrecognised(model, by_likelihood(model), points, first(3))
     refuse_unrecognised(model, by_likelihood(model), points, first(5))
-
-
-def test_a_flood_of_points_is_refused_before_it_fills_the_memory():
     with pytest.raises(JobError, match="has 16000 points in one frame"):
         refuse_floods(np.zeros((3, 16000, 3)))
     refuse_floods(np.zeros((3, 100, 3)))

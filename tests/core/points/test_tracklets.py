@@ -25,7 +25,7 @@ def labelled(marker: np.ndarray, confidence: float | np.ndarray) -> Labels:
     return Labels(marker, step, np.broadcast_to(confidence, marker.shape))
 
 
-def test_long_gaps_and_leaps_part_pieces_and_short_gaps_do_not():
+def test_long_gaps_and_leaps_part_pieces_and_a_column_may_carry_two_markers():
     points = straight(300, 2)
     points[20:40, 0] = np.nan
     points[100:180, 0] = np.nan
@@ -36,9 +36,6 @@ def test_long_gaps_and_leaps_part_pieces_and_short_gaps_do_not():
     assert set(tracklet[180:, 0].tolist()) == {1}
     assert set(tracklet[:200, 1].tolist()) == {2}
     assert set(tracklet[200:, 1].tolist()) == {3}
-
-
-def test_one_column_may_carry_two_markers_one_after_the_other():
     tracklet = cut(np.concatenate([straight(50, 1), np.full((60, 1, 3), np.nan), straight(50, 1)]), RATE)
     marker, confidence = np.zeros(tracklet.shape, int), np.full(tracklet.shape, 0.9)
     marker[110:] = 1
@@ -52,15 +49,12 @@ def test_one_column_may_carry_two_markers_one_after_the_other():
     assert change.reason == "trajectory 0 is A and, behind a gap or a leap, B"
 
 
-def test_points_without_trajectories_keep_their_own_names():
+def test_points_without_trajectories_keep_their_own_names_and_windows_change_no_long_trajectory():
     shuffled = np.random.default_rng(0).permuted(straight(40, 12) * [1, 4, 1], axis=1)
     tracklet = cut(shuffled, RATE)
     marker = np.random.default_rng(1).integers(0, 5, tracklet.shape)
     voted = Votes.of(labelled(marker, 1.0), tracklet, list("ABCDE"), 0)
     np.testing.assert_array_equal(voted.marker, marker)
-
-
-def test_windows_do_not_change_a_long_trajectory():
     tracklet = cut(straight(VOTE.window_frames * 2 + 300, 2), RATE)
     marker = np.tile([1, 0], (len(tracklet), 1))
     marker[::7] = NO_MARKER
@@ -117,22 +111,16 @@ def test_a_few_wrong_frames_are_outvoted():
     assert (voted.labels.confidence > 0.99).all()
 
 
-def test_who_says_more_keeps_a_name_that_two_claim():
+def test_a_name_goes_to_who_says_more_to_all_pieces_that_follow_each_other_and_to_no_ghost():
     voted = vote(*said([np.full(100, 2), np.repeat([2, -1], [60, 40])]), NAMES)
     assert (voted.labels.marker[:, 0] == 2).all()
     assert (voted.labels.marker[:, 1] == -1).all()
     assert "trajectory 1 may be HEAD" in voted.suspects[0].reason
-
-
-def test_pieces_of_one_marker_that_follow_each_other_all_get_its_name():
     present = np.ones((100, 2), dtype=bool)
     present[:50, 1] = present[50:, 0] = False
     voted = vote(*said([np.full(100, 2), np.full(100, 2)], present), NAMES)
     assert (voted.labels.marker[present] == 2).all()
     assert (voted.labels.marker[~present] == -1).all()
-
-
-def test_a_ghost_that_is_named_now_and_then_stays_unnamed():
     ghost = np.full(300, -1)
     ghost[::20] = 2
     voted = vote(*said([ghost]), NAMES)

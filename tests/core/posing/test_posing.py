@@ -54,13 +54,10 @@ def test_any_facing_and_any_place(model, facing):
     assert np.median(off(model, fit_points(model, points), points)) < 0.004
 
 
-def test_lying_people_are_posed_too(model):
+def test_who_lies_or_lacks_markers_is_posed_where_there_are_enough_and_no_wrong_label_drags_the_body(model):
     turn = rotations.exponential(np.array([0, np.pi / 2, 0]))[0]
     points = model.pose(walk(model, 9)).markers @ turn.T
     assert np.median(off(model, fit_points(model, points), points)) < 0.004
-
-
-def test_missing_markers_are_placed_where_the_body_has_them(model):
     whole = model.pose(walk(model)).markers
     points = whole.copy()
     rng = np.random.default_rng(3)
@@ -68,9 +65,6 @@ def test_missing_markers_are_placed_where_the_body_has_them(model):
     found = off(model, fit_points(model, points), whole)
     assert np.nanmedian(found) < 0.004
     assert np.percentile(found, 95) < 0.03
-
-
-def test_frames_without_enough_markers_have_no_pose(model):
     points = model.pose(walk(model)).markers
     points[7] = np.nan
     points[8, 3:] = np.nan
@@ -80,9 +74,6 @@ def test_frames_without_enough_markers_have_no_pose(model):
     assert len(found) == len(points)
     with pytest.raises(ValueError, match="enough markers"):
         fit_points(model, np.full((4, model.marker_count, 3), np.nan))
-
-
-def test_a_point_that_is_labelled_wrongly_does_not_drag_the_body_along(model):
     right = model.pose(walk(model)).markers
     points = right.copy()
     points[20, model.markerset.index("LKNE")] += [0.5, 0.5, 1.0]
@@ -122,13 +113,10 @@ def at_rest(markerset):
     return markerset.skeleton.segments, joints, ends
 
 
-def test_a_lower_body_has_hips_and_legs():
+def test_a_lower_body_has_hips_and_legs_and_who_was_not_found_is_nowhere():
     character = character_of(*at_rest(open_markerset("gait15")))
     assert character.names[0] == "hips"
     assert {name.partition(".")[0] for name in character.names[1:]} == {"thigh", "shank", "foot", "toes"}
-
-
-def test_who_was_not_found_is_nowhere():
     markerset = open_markerset("actor41")
     character, count = character_of(*at_rest(markerset)), len(markerset.skeleton)
     turns = rotations.exponential(np.full((1, count, 3), np.nan))[0]

@@ -20,12 +20,10 @@ def said(found):
     return [(one.marker, one.what, one.first, one.last, one.frames) for one in found]
 
 
-def test_nothing_changed():
+def test_nothing_changed_gained_lost_and_exchanged_over_a_short_break():
     assert changed(lambda before, after: None) == ()
     assert summary_of_changes(()) == ""
 
-
-def test_gained_and_lost():
     def edit(before, after):
         before[:5, 0] = -1
         after[8:10, 1] = -1
@@ -35,8 +33,6 @@ def test_gained_and_lost():
     assert summary_of_changes(found) == "5 labels more, 2 fewer"
     assert found[0].words == "A is named now in frames 10–14"
 
-
-def test_exchanged_over_a_short_break_is_one_range():
     def edit(before, after):
         after[4:12] = [1, 0]
         after[7] = [0, 1]

@@ -94,10 +94,7 @@ def test_nothing_is_said_of_cameras_that_go_together(seed, seen):
                 "cameras cam7 and cam8 seem to have each other's names: exchanged, their blobs fit",
             ],
         ),
-        (
-            {1: 3, 3: 5, 5: 1},
-            [f"{OTHERS} cam2{FIT} cam6, those of cam6{FIT} cam4, those of cam4{FIT} cam2"],
-        ),
+        ({1: 3, 3: 5, 5: 1}, [f"{OTHERS} cam2{FIT} cam6, those of cam6{FIT} cam4, those of cam4{FIT} cam2"]),
         ({index: (index + 1) % 8 for index in range(8)}, [f"{OTHERS} {', those of '.join(ALL_ON)}"]),
     ],
 )

@@ -22,19 +22,13 @@ def even(count: int = 40) -> np.ndarray:
     return along + np.array([[0.0, 0, 1], [0, 0.5, 1]])
 
 
-def test_a_steady_walk_is_not_suspect():
+def test_a_marker_away_from_the_body_and_a_jump_are_found_and_a_gap_and_a_steady_walk_are_none():
     assert find_suspects(motion_of(even(), even(), 10), ("A", "B"), RATE) == ()
-
-
-def test_a_marker_away_from_the_body_is_one_range_over_short_interruptions():
     markers = even()
     markers[5:9, 1, 2] += 0.2
     markers[11:13, 1, 2] += 0.2
     found = find_suspects(motion_of(markers, even(), 10), ("A", "B"), 1.0)
     assert [(s.first, s.last, s.reason) for s in found] == [(15, 22, "B is far from where the body has it")]
-
-
-def test_a_jump_is_found_where_it_happens_and_a_gap_is_none():
     markers = even()
     markers[20, 0, 1] += 0.1
     markers[30:33, 1] = np.nan
@@ -43,14 +37,15 @@ def test_a_jump_is_found_where_it_happens_and_a_gap_is_none():
     assert found[0].first <= 30 <= found[0].last
 
 
-def test_findings_with_one_reason_that_are_close_are_one():
+def test_findings_with_one_reason_are_one_and_trajectories_are_listed_by_number():
     found = summarised([Suspect(30, 31, "A jumps"), Suspect(10, 12, "A jumps"), Suspect(40, 40, "B jumps")], RATE)
     assert found == (Suspect(10, 31, "A jumps"), Suspect(40, 40, "B jumps"))
-
-
-def test_many_findings_with_one_reason_are_one_that_counts_them():
     found = summarised([Suspect(first, first + 1, "A jumps") for first in range(0, 1000, 100)], RATE)
     assert found == (Suspect(0, 901, "A jumps, in 10 places"),)
+    many = [Suspect(index, index + 900, f"trajectory {index} goes over from A to M{index}") for index in range(100)]
+    (found,) = summarised(many, RATE)
+    assert found.reason.startswith("trajectories 0 1 2 3 4 5 6 7 and 92 more: as trajectory 0 goes over from A to M0")
+    assert (found.first, found.last) == (0, 999)
 
 
 def test_a_list_stays_short_and_names_those_it_is_about_and_what_is_of_the_whole_take_is_first():
@@ -61,13 +56,6 @@ def test_a_list_stays_short_and_names_those_it_is_about_and_what_is_of_the_whole
     assert found[0].reason == "10 trajectories stand still"
     assert found[1] == Suspect(0, 199, "M000 M001 M002 M003 M004 M005 M006 M007 and 192 more: jumps")
     assert found[2] in few
-
-
-def test_trajectories_of_one_kind_are_listed_by_number():
-    many = [Suspect(index, index + 900, f"trajectory {index} goes over from A to M{index}") for index in range(100)]
-    (found,) = summarised(many, RATE)
-    assert found.reason.startswith("trajectories 0 1 2 3 4 5 6 7 and 92 more: as trajectory 0 goes over from A to M0")
-    assert (found.first, found.last) == (0, 999)
 
 
 FRAMES, NAMES = 50, ("LHEE", "RHEE", "LTOE")
@@ -95,12 +83,9 @@ def asked(take, suspects=(), edits=()) -> dict[str, list[list[int]]]:
     return {name: spans for name, spans in ranges.items() if spans}
 
 
-def test_what_a_list_sums_up_is_told_frame_by_frame(take):
+def test_doubts_are_told_frame_by_frame_of_their_markers_until_a_person_gives_the_name(take):
     summed_up = Suspect(101, 150, "RHEE is far from where the body has it, in 3 places", markers=("RHEE",), doubtful=5)
     assert asked(take, [summed_up]) == {"RHEE": [[121, 125]]}
-
-
-def test_doubts_are_about_their_markers_or_about_all_of_their_frames(take):
     named = Suspect(130, 140, "may have each other's names", markers=("LHEE", "LTOE"))
     whole = Suspect(110, 111, f"{WHOLE_FRAME} 60 % sure")
     about_things = Suspect(101, 150, "2 trajectories stand still while the subject moves")
@@ -109,9 +94,6 @@ def test_doubts_are_about_their_markers_or_about_all_of_their_frames(take):
         "RHEE": [[110, 111], [121, 125]],
         "LTOE": [[110, 111], [130, 140]],
     }
-
-
-def test_a_name_that_is_not_sure_is_doubtful_until_a_person_gives_it(take):
     _, labels, _ = take
     labels.confidence[[3, 6]] = 0.5
     assert asked(take)["LHEE"] == [[102, 103]]
@@ -166,15 +148,12 @@ def test_a_doubt_is_left_in_the_frames_that_no_edit_answers(suspect, edits, left
     assert {one.reason for one in found} <= {suspect.reason}
 
 
-def test_what_was_accepted_does_not_come_back_with_other_figures():
+def test_what_was_accepted_or_is_no_marker_in_all_of_its_frames_does_not_come_back():
     moved = Suspect(12, 20, "camera B seems to have moved: its blobs are 1.7 px off")
     accepted = Accepted("camera B seems to have moved: its blobs are 1.62 px off", frames=(12, 17))
     assert without_accepted([moved], Edits((accepted,))) == (Suspect(18, 20, moved.words),)
     other = Accepted("camera C seems to have moved: its blobs are 1.7 px off")
     assert without_accepted([moved], Edits((other,))) == (moved,)
-
-
-def test_a_trajectory_is_settled_where_all_of_its_frames_are_no_marker():
     parts = Delete(7, frames=(10, 14)), Delete(7, frames=(15, 30))
     assert settled_in(Edits(parts), 7, 12, 20)
     assert not settled_in(Edits(parts[:1]), 7, 12, 20)

@@ -7,14 +7,7 @@ import pytest
 from addon.core.data.takes import BY_FIT, NO_MARKER, NO_STEP, Labels, Motion, PointRows, Suspect
 from addon.core.edits.kinds import Accepted, Delete, Edits, Right, Swap
 from addon.core.review.take_trouble import TakeTrouble
-from addon.core.review.trouble import (
-    IN_DOUBT,
-    LEFT_OVER,
-    MISSING,
-    OF_CAMERA,
-    OFF_BODY,
-    summary_of_trouble,
-)
+from addon.core.review.trouble import IN_DOUBT, LEFT_OVER, MISSING, OF_CAMERA, OFF_BODY, summary_of_trouble
 from tests.core.scenes import motion_of
 
 RATE, FIRST, FRAMES = 100.0, 11, 200
@@ -71,7 +64,7 @@ def test_a_heel_that_was_never_found_is_said_with_the_point_beside_it():
     assert missing.action == left.action == "name"
 
 
-def test_a_point_is_to_be_named_where_it_is_and_nowhere_else():
+def test_a_point_is_to_be_named_where_it_is_and_a_gap_that_was_filled_is_no_trouble():
     beside = np.tile(PLACES[1] + [0.1, 0, 0], (FRAMES, 1))
     beside[60:] = np.nan
     markers = without("LHEE", frames=slice(0, 60))
@@ -79,9 +72,6 @@ def test_a_point_is_to_be_named_where_it_is_and_nowhere_else():
     missing = next(one for one in trouble(markers, {7: beside}) if one.kind == MISSING)
     assert (missing.trajectories, missing.named_in) == ((7,), ((FIRST, FIRST + 59),))
     assert missing.ranges == ((FIRST, FIRST + 59), (FIRST + 100, FIRST + 179))
-
-
-def test_a_gap_that_was_filled_is_no_trouble():
     looking = TakeTrouble(NAMES, RATE)
     looking.add(*take(without("LHEE", frames=slice(20, 80))))
     assert [one.markers for one in looking.found()] == [("LHEE",)]
@@ -100,7 +90,7 @@ def test_a_doubted_point_is_offered_a_name_on_the_body_only():
         assert ("off the body" in doubt.advice) == (away > 0)
 
 
-def test_gaps_count_by_their_frames_and_the_worst_is_first():
+def test_gaps_count_by_their_frames_the_worst_first_and_what_is_right_counts_nothing():
     markers = without("LHEE", frames=slice(20, 40))
     markers[50:150, 2] = np.nan
     found = trouble(markers)
@@ -111,9 +101,6 @@ def test_gaps_count_by_their_frames_and_the_worst_is_first():
     assert found[0].reason == "RHEE is found in 50 % of the frames; not in frames 61–160"
     assert trouble(without("LHEE", frames=slice(20, 21))) == ()
     assert summary_of_trouble(found) == f"2 to look at, worst: {found[0].reason}"
-
-
-def test_what_is_right_is_answered_and_counts_nothing():
     [answered] = trouble(without("LHEE"), edits=[Right("LHEE")])
     assert answered.answered and answered.stake == 0
     assert summary_of_trouble([answered]) == ""
@@ -138,7 +125,7 @@ def test_a_point_far_from_the_body_is_none_of_its_own_and_one_on_it_is():
     assert not trouble(even(), {9: on}, edits=halves[:1])[0].answered
 
 
-def test_how_far_the_body_is_off_is_said_in_mm_with_the_marker_and_when():
+def test_how_far_the_body_is_off_is_said_in_mm_and_doubts_once_with_what_to_do():
     markers = even()
     markers[30:40, 2, 0] += 0.285
     markers[35, 2, 0] -= 0.1
@@ -146,9 +133,6 @@ def test_how_far_the_body_is_off_is_said_in_mm_with_the_marker_and_when():
     assert (off.kind, off.markers, off.first, off.last, off.stake) == (OFF_BODY, ("RHEE",), 41, 50, 10.0)
     assert "up to 285 mm apart in frames 41–50" in off.reason
     assert trouble(markers, edits=[Right("RHEE", frames=(41, 50))])[0].answered
-
-
-def test_doubts_are_in_the_list_once_with_what_to_do():
     pair = Suspect(20, 29, "LHEE and RHEE may have each other's names in the whole take", markers=("LHEE", "RHEE"))
     far = Suspect(20, 29, "LHEE is far from where the body has it", markers=("LHEE",))
     [doubt] = trouble(even(), suspects=[pair, far])

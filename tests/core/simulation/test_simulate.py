@@ -59,15 +59,12 @@ def test_chunks_are_the_whole_take_in_parts(monkeypatch):
     assert len(whole.truth) == len(whole.blobs) == sum(len(chunk.blobs) for chunk in chunks)
 
 
-def test_noise_and_dropouts_are_as_asked_for():
+def test_noise_and_dropouts_are_as_asked_for_and_reflections_stay_where_they_are():
     cameras = paper_rig()
     markerset, markers, seen = seen_by(cameras, replace(PERFECT, noise=0.7, dropout=0.1), 300)
     expected = cameras.project(markers[0])[seen.blobs.camera, [markerset.index(name) for name in seen.truth]]
     assert (seen.blobs.xy - expected).std() == pytest.approx(0.7, rel=0.03)
     assert len(seen.blobs) / (300 * 4 * len(markerset)) == pytest.approx(0.9, abs=0.01)
-
-
-def test_reflections_stay_where_they_are_and_flicker_does_not():
     nobody = np.full((400, 1, 3), np.nan)
     options = replace(PERFECT, reflections=2, reflection_on=0.5)
     fixed = joined(capture(nobody, ("A",), paper_rig(), options)).blobs
@@ -79,7 +76,7 @@ def test_reflections_stay_where_they_are_and_flicker_does_not():
     assert set(sudden.truth) == {""}
 
 
-def test_images_that_overlap_or_touch_in_a_chain_are_one_blob_at_their_weighted_middle():
+def test_images_that_overlap_or_touch_in_a_chain_are_one_blob_but_never_of_two_frames_or_cameras():
     markers = np.array([[[0.0, 0, 2], [0.015, 0, 2], [0.5, 0, 2]]])
     options = replace(PERFECT, merge_gap=0.0, marker_radius=0.02)
     seen = joined(capture(markers, ("A", "B", "C"), one_camera(focal=400.0, width=400), options))
@@ -90,9 +87,6 @@ def test_images_that_overlap_or_touch_in_a_chain_are_one_blob_at_their_weighted_
     chain = np.array([[[0.03 * index, 0, 2] for index in range(5)]])
     seen = joined(capture(chain, tuple("EDCBA"), one_camera(focal=400.0), replace(options, marker_radius=0.018)))
     assert seen.truth.tolist() == ["E|D|C|B|A"]
-
-
-def test_frames_and_cameras_never_merge_with_each_other():
     _, markers, _ = still(5)
     seen = joined(capture(np.repeat(markers[:, :1], 1, axis=1), ("A",), paper_rig(), replace(PERFECT, merge_gap=1.0)))
     assert seen.truth.tolist() == ["A"] * 20
@@ -107,15 +101,12 @@ def test_only_what_is_ahead_and_within_the_image_is_seen(point, seen):
     assert (len(found.blobs) == 1) == seen
 
 
-def test_a_lens_that_folds_back_shows_nothing_from_outside_its_reach():
+def test_nothing_is_seen_from_outside_the_reach_of_a_lens_and_the_farthest_are_too_small():
     cameras = one_camera(lens=(-0.3, 0, 0, 0, 0))
     # 2.2 - 0.3 * 2.2³ lies well within the image, yet no light takes that way.
     point = np.array([[[2.2, 0.0, 1.0]]])
     assert abs(cameras.project(point)[0, 0, 0, 0] - 100) < 100
     assert len(joined(capture(point, ("A",), cameras, replace(PERFECT, min_area=0))).blobs) == 0
-
-
-def test_area_falls_with_the_square_of_the_distance_and_the_smallest_are_lost():
     near, far = (
         joined(capture(np.array([[[0.0, 0, z]]] * 50), ("A",), one_camera(), replace(PERFECT, min_area=0))).blobs.area
         for z in (1.0, 2.0)

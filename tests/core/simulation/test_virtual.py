@@ -38,7 +38,7 @@ def walk():
     return perform(MODEL, person(), [Act(1), Act(4, stride=1.0), Act(1)], RATE, facing=0.5)
 
 
-def test_people_differ_as_much_as_the_marker_set_says():
+def test_people_differ_as_much_as_the_marker_set_says_and_those_of_one_seed_not_at_all():
     people = [person(seed) for seed in range(300)]
     heights = np.array([one.scale.mean() for one in people])
     assert heights.mean() == pytest.approx(MARKERSET.spread.height, abs=0.02)
@@ -46,9 +46,6 @@ def test_people_differ_as_much_as_the_marker_set_says():
     assert np.std([one.shape[0, 0] for one in people]) == pytest.approx(0.9, abs=0.15)
     off = np.array([np.linalg.norm(one.own[0], axis=1) for one in people])
     assert np.sqrt((off**2).mean(axis=0)) == pytest.approx(MARKERSET.spread.marker_sd, rel=0.15)
-
-
-def test_the_same_seed_is_the_same_person_and_performance():
     assert np.array_equal(person(3).own, person(3).own)
     one, two = (perform(MODEL, person(), DEMO, RATE, seed=4) for _ in range(2))
     assert np.array_equal(one.bends, two.bends)
@@ -63,22 +60,16 @@ def test_a_performance_lasts_as_long_as_its_acts(rate):
     assert np.linalg.norm(bodies.quaternion, axis=1) == pytest.approx(np.ones(len(bodies)))
 
 
-def test_someone_always_stands_on_the_floor(walk):
+def test_someone_always_stands_on_the_floor_does_not_slide_and_walks_the_way_they_face(walk):
     lowest = soles(walk)[..., 2].min(axis=1)
     assert lowest.min() > -0.015
     assert lowest.max() < 0.02
-
-
-def test_feet_that_carry_do_not_slide(walk):
     points = soles(walk)
     speed = np.linalg.norm(np.diff(points[..., :2], axis=0), axis=-1) * RATE
     # In every frame some part of a sole is as good as still, while the body goes at a walking pace.
     assert np.percentile(speed.min(axis=1), 90) < 0.2
     travelled = np.linalg.norm(walk.translation[-1, :2] - walk.translation[0, :2])
     assert 0.7 < travelled / 4 < 1.6
-
-
-def test_a_walk_goes_the_way_the_person_faces(walk):
     way = walk.translation[-1, :2] - walk.translation[0, :2]
     assert np.arctan2(way[1], way[0]) == pytest.approx(0.5, abs=0.15)
     assert np.abs(walk.translation[0, :2] + walk.translation[-1, :2]).max() < 0.3

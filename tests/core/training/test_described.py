@@ -36,13 +36,10 @@ def test_every_published_layout_is_a_marker_set(name, bodies):
     assert (at[:, 2] > 0).all() and (at[:, 2] < 1.05).all()
 
 
-def test_landmarks_are_where_the_body_has_them(bodies):
+def test_landmarks_and_places_between_beside_and_along_them_are_where_the_body_has_them(bodies):
     usual, found = open_markerset("body39"), described(open_layout("plugin_gait"), bodies)
     for name in usual.markers:
         np.testing.assert_allclose(found.offsets[found.index(name)], usual.offsets[usual.index(name)], atol=1e-9)
-
-
-def test_both_sides_are_mirror_images(bodies):
     for name in shipped_layouts():
         markerset = described(open_layout(name), bodies)
         for index, marker in enumerate(markerset.markers):
@@ -51,30 +48,18 @@ def test_both_sides_are_mirror_images(bodies):
                 if other != marker and other in markerset.markers and marker != "CLAV":
                     mirrored = markerset.rest_markers[markerset.index(other)] * [1, -1, 1]
                     np.testing.assert_allclose(markerset.rest_markers[index], mirrored, atol=2e-3)
-
-
-def test_a_medial_landmark_is_across_the_joint(bodies):
     lateral, medial = (one(bodies, segment="thigh.L", place=f"{side} epicondyle") for side in ("lateral", "medial"))
     assert lateral[1] > medial[1] > 0
     assert abs(lateral[2] - medial[2]) < 0.02
-
-
-def test_a_way_along_a_segment_goes_from_its_joint_to_the_next(bodies):
     high, low = (one(bodies, segment="thigh.R", place="front", along=along) for along in (0.2, 0.8))
     body = min(bodies, key=lambda body: len(body.skeleton))
     hip = body.skeleton.rest_joints[body.skeleton.segments.index("thigh.R")]
     assert high[2] > low[2] and high[0] > hip[0] and low[1] < 0
-
-
-def test_a_wand_holds_its_marker_off_the_skin(bodies):
     words = {"segment": "shank.L", "place": "outer", "along": 0.5}
     skin, wand = one(bodies, **words), one(bodies, **words, off_m=0.08)
     height = described(Layout("a", "", "", {"A": Site(**words)}), bodies).spread.height
     assert np.linalg.norm(wand - skin) * height == pytest.approx(0.08)
     assert wand[1] > skin[1]
-
-
-def test_a_place_between_landmarks_is_known_less_well(bodies):
     sites = {"A": Site("thigh.L", "lateral epicondyle"), "B": Site("thigh.L", "outer", 0.5)}
     sd = described(Layout("a", "", "", sites), bodies).spread.marker_sd
     assert sd[0] < sd[1] == DESCRIBING.anywhere_sd

@@ -42,7 +42,7 @@ def trained(known, take):
         return finished(train([shown], names, TrainingOptions("ann", search="none"), None, known))
 
 
-def test_one_frame_names_the_rest_of_the_take(trained, take):
+def test_one_frame_names_the_rest_of_the_take_and_the_model_says_what_it_rests_on(trained, take):
     points = take[::6]
     shuffled = np.random.default_rng(3).permutation(points.shape[1])
     labels = list(LikelihoodNamer(trained.model.likelihood).name(points[:, shuffled], 100.0))
@@ -51,9 +51,6 @@ def test_one_frame_names_the_rest_of_the_take(trained, take):
     assert right.mean() > 0.85
     assert sure.mean() > 0.4
     assert (sure & ~right).mean() < 0.005
-
-
-def test_the_model_says_what_it_rests_on(trained):
     assert "laid into a frame" in trained.body
     assert trained.model.likelihood.subjects == 1
     assert trained.model.markerset.source["poses"].startswith("made up on the body of")
@@ -78,7 +75,7 @@ def test_a_body_is_laid_into_a_frame_without_known_names(known, take):
     assert laid_body(scattered, [(body, poses)], np.zeros(26, dtype=int)) is None
 
 
-def test_a_few_markers_found_on_a_limb_are_not_that_limb(known):
+def test_a_few_markers_found_on_a_limb_are_not_that_limb_and_names_say_their_side(known):
     body = next(one for one in known if one.name == "body39")
     found = np.ones(len(body), bool)
     for name in ("LUPA", "LELB", "LFRM", "LWRA"):
@@ -87,9 +84,6 @@ def test_a_few_markers_found_on_a_limb_are_not_that_limb(known):
     assert [name for name, on in zip(body.markers, kept, strict=True) if not on] == [
         "LUPA", "LELB", "LFRM", "LWRA", "LWRB", "LFIN",
     ]  # fmt: skip
-
-
-def test_names_say_their_side():
     names = ("LASI", "RASI", "SACR", "left_knee", "right_knee", "toe.L", "toe.R")
     assert marker_sides(names).tolist() == [1, -1, 0, 1, -1, 1, -1]
     assert marker_sides(("A", "B", "C")).tolist() == [0, 0, 0]

@@ -25,7 +25,7 @@ def known():
     return [open_markerset(name) for name in ("actor41",)]
 
 
-def test_markers_in_usual_places_are_known_without_their_names(known):
+def test_markers_in_usual_places_are_known_without_their_names_and_what_is_no_person_is_none(known):
     body = open_markerset("body26")
     points = make_performance(body).take.xyz[::4]
     found = person_in([points], [f"M{number}" for number in range(26)], "ann", [*known, body])
@@ -38,10 +38,7 @@ def test_markers_in_usual_places_are_known_without_their_names(known):
     assert np.mean(same) > 0.8, list(zip(body.markers, given, expected, strict=True))
     sides = [(one[-2:], two[-2:]) for one, two in zip(given, expected, strict=True) if {one[-2], two[-2]} == {"."}]
     assert all(one == two for one, two in sides)
-
-
-def test_what_is_no_person_has_no_person(known):
-    """A chain of three boxes that swing: as large as a child, and nobody."""
+    # A chain of three boxes that swing: as large as a child, and nobody.
     rng, time = np.random.default_rng(2), np.linspace(0, 6, 80)
     box = rng.uniform(-0.15, 0.15, (6, 3))
     parts, place = [], np.zeros((len(time), 3))

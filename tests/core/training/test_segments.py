@@ -41,7 +41,7 @@ def leg(frames: int = 120, size: float = 1.0, seed: int = 0, noise: float = 0.00
     return size * np.concatenate(parts, axis=1) + motion.normal(0, noise, (frames, 12, 3))
 
 
-def test_what_moves_together_is_a_segment_and_the_chain_is_found():
+def test_what_moves_together_is_a_segment_and_gaps_and_a_swapped_stretch_change_nothing():
     found = find_segments([leg()])
     assert sorted(found.members) == [(0, 1, 2, 3), (4, 5, 6, 7), (8, 9, 10, 11)]
     by_first = {group[0]: index for index, group in enumerate(found.members)}
@@ -49,9 +49,6 @@ def test_what_moves_together_is_a_segment_and_the_chain_is_found():
     assert [found.parents[by_first[0]], found.parents[by_first[8]]] == [0, 0]
     # From the knee to the ankle, whatever the markers.
     assert np.linalg.norm(found.joints[by_first[0]] - found.joints[by_first[8]]) == pytest.approx(0.5, abs=0.01)
-
-
-def test_gaps_and_a_swapped_stretch_change_nothing():
     points = leg(200)
     chance = np.random.default_rng(3)
     points[chance.random(points.shape[:2]) < 0.15] = np.nan

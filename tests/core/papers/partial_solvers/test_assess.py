@@ -65,7 +65,7 @@ def test_the_survey_has_every_solver():
         assert same(surveyed.record(markers), (one.hits, one.failures, one.answers)), markers
 
 
-def test_occlusions_are_as_asked_and_missing_points_are_away():
+def test_occlusions_are_as_asked_and_targets_are_of_hits_over_answers():
     points = moving(8, 400)
     points[:, 5] = np.nan
     masks = Masks(tables(points))
@@ -74,9 +74,6 @@ def test_occlusions_are_as_asked_and_missing_points_are_away():
     counts = np.bincount(flags.sum(axis=2).ravel() - 1, minlength=5)
     assert len(counts) == 5
     assert (np.abs(counts - 800) < 120).all()
-
-
-def test_targets_are_asked_of_hits_over_answers():
     record = Record(np.array([99, 98, 0, 99]), np.array([1, 0, 0, 0]), np.array([100, 100, 0, 99]), 200)
     assert record.rates[:2].tolist() == [0.99, 0.98]
     assert np.isnan(record.rates[2])

@@ -79,16 +79,13 @@ def test_the_pool_of_the_paper(markers, counts):
     assert kind.nbytes + points.nbytes < 4e6
 
 
-def test_a_large_set_draws_its_ratios():
+def test_a_large_set_draws_its_ratios_and_tables_give_what_the_functions_give():
     kind, points = features.all_features(20, most=5000, seed=3)
     again = features.all_features(20, most=5000, seed=3)[1]
     assert len(kind) == 5000
     assert (kind == KIND_ANGLE).sum() == plain.count_features(20)["angle"]
     assert (points == again).all()
     assert (points != features.all_features(20, most=5000, seed=4)[1]).any()
-
-
-def test_tables_give_what_the_functions_give():
     points = np.random.default_rng(0).normal(size=(3, 6, 3))
     within = features.tables(points)
     kind, which = features.all_features(6, FUNCTIONS)

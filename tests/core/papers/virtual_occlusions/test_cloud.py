@@ -22,21 +22,15 @@ def cloud_of(points, cameras=RIG, drop=()):
 SPREAD = np.array([[0.1, 0.3, 0.3], [-0.4, 0.1, 0.8], [0.3, -0.35, 1.2], [-0.1, -0.2, 1.7], [0.5, 0.5, 1.0]])
 
 
-def test_points_that_all_see_are_the_cloud():
+def test_points_that_two_cameras_or_all_see_are_the_cloud():
     cloud = cloud_of(SPREAD)
     distance = np.linalg.norm(cloud.points[:, None] - SPREAD[None], axis=-1)
     assert (distance.min(axis=0) < 1e-6).all()
     assert (cloud.support[distance.argmin(axis=0)] == 4).all()
     assert (cloud.weight[distance.argmin(axis=0)] == 1).all()
-
-
-def test_a_point_that_two_cameras_see_is_in_it():
     cloud = cloud_of(SPREAD, drop={(0, 2), (1, 2)})
     nearest = np.linalg.norm(cloud.points - SPREAD[2], axis=1)
     assert nearest.min() < 1e-6 and cloud.support[nearest.argmin()] == 2
-
-
-def test_no_blobs_no_cloud():
     cloud = cloud_of(np.zeros((0, 3)))
     assert cloud.points.shape == (0, 3) and cloud.support.shape == (0,)
 

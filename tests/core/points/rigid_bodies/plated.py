@@ -57,10 +57,7 @@ def _plane(outward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (
         (np.array([1.0, 0, 0]), np.array([0, 0, 1.0]))
         if abs(outward[1]) > 0.5
-        else (
-            np.array([0, 1.0, 0]),
-            np.array([0, 0, 1.0]),
-        )
+        else (np.array([0, 1.0, 0]), np.array([0, 0, 1.0]))
     )
 
 

@@ -26,17 +26,11 @@ def things(count: int, markers: int, seed: int = 0) -> np.ndarray:
     return np.concatenate(parts, axis=1) + rng.normal(0, 0.0004, (FRAMES, count * markers, 3))
 
 
-def test_rigid_things_that_move_against_each_other_are_plates():
+def test_rigid_things_that_move_against_each_other_are_plates_and_who_stands_still_is_no_prop():
     rigid_bodies = learn_rigid_bodies([things(3, 4)], RADIUS)
     assert sorted(group.tolist() for group in rigid_bodies.members) == [[0, 1, 2, 3], [4, 5, 6, 7], [8, 9, 10, 11]]
-
-
-def test_a_prop_is_one_plate():
     rigid_bodies = learn_rigid_bodies([things(1, 5)], RADIUS)
     assert [group.tolist() for group in rigid_bodies.members] == [[0, 1, 2, 3, 4]]
-
-
-def test_who_stands_still_is_no_prop():
     rng = np.random.default_rng(1)
     still = rng.normal(0, 0.4, (15, 3)) + rng.normal(0, 0.001, (FRAMES, 1, 3)) + rng.normal(0, 0.0005, (FRAMES, 15, 3))
     assert learn_rigid_bodies([still], RADIUS) is None

@@ -79,7 +79,7 @@ def test_other_people_in_other_plates_are_recognised_side_by_side(learned, seed)
     assert {NAMES[marker] for marker in person.single[person.single != NO_MARKER]} == {"LHAND", "RHAND"}
 
 
-def test_a_plate_that_is_not_there_is_not_taken_for_another(learned):
+def test_a_plate_that_is_not_there_is_not_taken_for_another_nor_for_what_stands_about(learned):
     points = walk(body(3, **OTHER), 13)
     gone = [index for index, name in enumerate(NAMES) if name.startswith("LSH")]
     points[:, gone] = np.nan
@@ -88,9 +88,6 @@ def test_a_plate_that_is_not_there_is_not_taken_for_another(learned):
     assert found.count(None) == 1
     assert found.count(False) == 0
     assert wrong(person, ALL) == 0
-
-
-def test_what_stands_about_in_the_room_is_no_plate(learned):
     points = walk(body(1, **OTHER), 11)
     table = np.array([[2.0, 2, 0.7], [2.3, 2, 0.7], [2.1, 2.2, 0.7]])
     table = table + np.random.default_rng(0).normal(0, 0.0003, (len(points), 3, 3))
@@ -100,7 +97,7 @@ def test_what_stands_about_in_the_room_is_no_plate(learned):
     assert wrong(person, columns) == 0
 
 
-def test_a_thing_in_the_hand_is_no_plate(learned):
+def test_a_thing_in_the_hand_is_no_plate_and_of_somebody_who_hardly_moves_nothing_is_sure(learned):
     points = walk(body(1, **OTHER), 11)
     own = [NAMES.index(f"RUA{corner}") for corner in "1234"]
     middle = points[:, own].mean(axis=1, keepdims=True)
@@ -112,9 +109,6 @@ def test_a_thing_in_the_hand_is_no_plate(learned):
     columns = np.append(ALL, [-1] * 4)
     assert False not in plates_right(person, columns)
     assert wrong(person, columns) == 0
-
-
-def test_of_somebody_who_hardly_moves_nothing_is_sure(learned):
     person = who(learned, walk(body(3, **OTHER), 3, liveliness=0.003))
     assert person.known is None
     assert wrong(person, ALL) == 0

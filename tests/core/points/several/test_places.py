@@ -104,13 +104,10 @@ def test_who_is_not_seen_for_a_moment_is_followed_and_no_longer(frames, followed
     assert all((found[own] != NO_BODY).mean() > 0.8 for own in ends) == followed
 
 
-def test_what_lies_between_two_is_left_to_what_it_holds_on_to():
+def test_what_lies_between_two_or_now_with_one_and_now_with_the_other_is_left_to_what_it_holds_on_to(monkeypatch):
     points, tracklet, truth = standing(1.0, 4.0)
     points[:, 0, :2] = [0.4, 0.0]
     assert_left(points, tracklet, truth)
-
-
-def test_what_is_now_with_one_and_now_with_the_other_is_left_to_what_it_holds_on_to(monkeypatch):
     points, tracklet, truth = standing(1.0, 4.0)
     points[:, 0, 0] = np.arange(len(points)) // 5 % 2
     monkeypatch.setattr(places, "BY_PLACE", PlacesOptions(gone_over=0.1))

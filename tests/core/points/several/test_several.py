@@ -11,15 +11,18 @@ from addon.core.data.errors import JobError
 from addon.core.data.lanes import LaneOptions
 from addon.core.data.progress import finished
 from addon.core.data.takes import Labels, Points, Suspect, Verdict
+from addon.core.geometry.rotations import exponential
 from addon.core.points.refusals import RefusalOptions
 from addon.core.points.several import affinity, bodies, pipeline
 from addon.core.points.several.identification import PersonBuild, UnidentifiedPresence
-from addon.core.points.several.pipeline import label_several
+from addon.core.points.several.pipeline import is_prop, label_several
 from addon.core.points.several.sharing import SHARING, share, shared_out
 from addon.core.points.several.together import joined
 from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer
 from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.simulation.virtual import Act
+from addon.core.training.pipeline import TrainingOptions, train
+from addon.core.training.takes import LabelledTake
 from addon.io.models import open_model
 from tests.core.scenes import RATE, anonymous, walker
 
@@ -92,7 +95,7 @@ def test_two_who_pass_each_other_are_named(passing, count):
     assert found.labels.marker[:, 0].max() < 15, "who is first in the file is 1"
 
 
-def test_a_long_take_is_named_the_same_way(passing, monkeypatch):
+def test_a_long_take_is_named_the_same_way_and_more_than_there_are_are_refused(passing, monkeypatch):
     take, _ = passing
     whole = labelled(take, AUTO)
     monkeypatch.setattr(bodies, "PACKING", LaneOptions(whole_cells=0))
@@ -100,9 +103,6 @@ def test_a_long_take_is_named_the_same_way(passing, monkeypatch):
     parts = labelled(take, AUTO)
     for name in ("marker", "step", "confidence"):
         np.testing.assert_array_equal(getattr(parts.labels, name), getattr(whole.labels, name))
-
-
-def test_more_than_there_are_are_refused(passing):
     take, _ = passing
     with pytest.raises(JobError, match="fewer than 3 subjects who wear gait15; expected"):
         labelled(take, 3)
@@ -228,3 +228,42 @@ def test_a_presence_that_a_person_has_named_is_asked_no_more():
     assert presence.is_open(tracklet, labels), "that is somebody else's"
     labels.marker[:, 1] = 1
     assert not presence.is_open(tracklet, labels)
+
+
+NAMES = ("GRIP", "NECK", "LEFT", "TOP", "RIGHT")
+FORM = np.array([[0.15, 0, 0], [0.35, 0, 0.02], [0.6, 0.11, 0], [0.68, 0, 0.01], [0.55, -0.13, 0.03]])
+
+
+def swung(frames, seed, place):
+    """(T, 5, 3) m, a racket that is turned about, held where `place` (T, 3) is."""
+    turn = np.cumsum(np.random.default_rng(seed).normal(0, 0.05, (frames, 3)), axis=0)
+    return place[:, None] + np.einsum("tij,mj->tmi", exponential(turn)[0], FORM)
+
+
+@pytest.fixture(scope="module")
+def racket():
+    takes = [LabelledTake("racket", "racket", NAMES, swung(120, 0, np.tile([0.0, 0.0, 1.2], (120, 1))))]
+    return finished(train(takes, NAMES, TrainingOptions("racket", search="none"))).model
+
+
+def test_a_prop_in_the_hand_and_who_holds_it_are_named(racket):
+    walker, model = person(1, 1, 0.0), open_model("gait15")
+    assert is_prop(racket)
+    assert not is_prop(model)
+    held = swung(len(walker), 3, walker[:, 0] + [0.1, 0.3, 0.2])
+    xyz = np.concatenate([walker, held], axis=1)
+    order = np.random.default_rng(5).permutation(20)
+    take = anonymous(xyz[:, order])
+    asked = SeveralOptions(subjects=(Wearer("racket", racket), Wearer("ann", model)))
+    found = finished(label_several(take, asked, PointOptions("likelihood")))
+    assert found.worn.markers[:6] == (*(f"racket:{name}" for name in NAMES), "ann:SACR")
+    truth = np.broadcast_to(np.where(order >= 15, order - 15, order + 5), xyz.shape[:2])
+    assert (found.labels.marker[found.labels.named] == truth[found.labels.named]).all()
+    assert found.labels.named.mean() > 0.95
+
+
+def test_a_prop_that_is_not_there_is_said(racket):
+    walker = person(1, 1, 0.0)
+    asked = SeveralOptions(subjects=(Wearer("ann", open_model("gait15")), Wearer("bat", racket)))
+    with pytest.raises(JobError, match="shows no bat, or not often enough to know it by the form of racket; expected"):
+        finished(label_several(anonymous(walker), asked, PointOptions("likelihood")))

@@ -14,24 +14,10 @@ from addon.core.points.whole_take.deciding import labels_of
 from addon.core.points.whole_take.layout import named_by_layout
 from addon.core.points.whole_take.objective import settled_frames, usual_fit
 from addon.core.points.whole_take.solving import solve_take
-from addon.demo.take import make_performance
-from addon.io.markersets import open_markerset
-from addon.io.models import open_model
 
 RATE = 100.0
 FRAMES = 200
 FOOT = "LANK", "LHEE", "LTOE"
-
-
-@pytest.fixture(scope="module")
-def model():
-    return open_model("body26")
-
-
-@pytest.fixture(scope="module")
-def markers():
-    """(T, M, 3) m of the virtual person."""
-    return make_performance(open_markerset("body26")).take.xyz[:FRAMES]
 
 
 def beside(markers: np.ndarray) -> np.ndarray:

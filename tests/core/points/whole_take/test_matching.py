@@ -66,16 +66,13 @@ def test_cliques_hold_all_that_meet_and_nothing_else(seed):
     assert (held == meet).all()
 
 
-def test_a_margin_is_what_the_next_best_naming_lacks():
+def test_a_margin_is_what_the_next_best_naming_lacks_and_what_nothing_speaks_for_has_no_name():
     first, last = np.array([0, 0]), np.array([50, 50])
     odds = np.array([[10.0, 4.0], [7.0, 6.0]])
     marker = matched(odds, first, last)
     assert marker.tolist() == [0, 1]
     # Exchanged they are worth 4 + 7 against 10 + 6.
     assert margins(odds, marker, first, last) == pytest.approx([5.0, 5.0])
-
-
-def test_what_nothing_speaks_for_has_no_name():
     assert matched(np.full((2, 3), -1.0), np.zeros(2, int), np.full(2, 9)).tolist() == [NO_MARKER] * 2
 
 

@@ -39,7 +39,7 @@ def labelled(take, model, *edits):
     return finished(label_points(take, model, PointOptions("likelihood", edits=Edits(edits))))
 
 
-def test_a_tie_is_one_question_and_one_answer_names_all_of_the_marker(take, model):
+def test_a_tie_is_one_question_which_its_own_answer_alone_settles(take, model):
     own, found = model.markerset.index(MARKER), labelled(take, model)
     assert not (found.labels.marker == own).any()
     assert [one.words for one in found.suspects].count(WORDS) == 1
@@ -49,9 +49,6 @@ def test_a_tie_is_one_question_and_one_answer_names_all_of_the_marker(take, mode
     assert (answered.labels.marker[there[:, -2], -2] == own).all()
     assert (answered.labels.marker[:, -1] != own).all()
     assert WORDS not in [one.words for one in answered.suspects]
-
-
-def test_a_tie_stays_open_when_something_else_is_answered(take, model):
     head = model.markerset.index("LFHD")
     found = labelled(take, model, AssignPoint(head, "LFHD"))
     assert not (found.labels.marker == model.markerset.index(MARKER)).any()
