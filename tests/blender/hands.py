@@ -41,6 +41,32 @@ def shown() -> dict[str, bpy.types.Object]:
     return {item[naming.MARKER]: item for item in take.all_objects if naming.MARKER in item}
 
 
+def only(collection: bpy.types.Collection, kind: str) -> list[bpy.types.Object]:
+    return [item for item in collection.all_objects if item.type == kind]
+
+
+def bones(frames=range(101, 101 + FRAMES), home=None) -> np.ndarray:
+    """(F, J, 4, 4) where the bones of the active take are."""
+    scene = bpy.context.scene
+    [armature] = only(home or scene.mocap_autolabel.take, "ARMATURE")
+    now, found = scene.frame_current, []
+    for frame in frames:
+        scene.frame_set(frame)
+        found.append([np.array(bone.matrix) for bone in armature.pose.bones])
+    scene.frame_set(now)
+    return np.array(found)
+
+
+def list_performers(folder: Path, *names: str):
+    """Puts performers into the list, who wear the small marker set of a folder."""
+    subjects = bpy.context.scene.mocap_autolabel.subjects
+    subjects.performing = "LISTED"
+    for name in names:
+        bpy.ops.mocap_autolabel.add_performer()
+        row = subjects.performers[-1]
+        row.name, row.markerset, row.markerset_path = name, "FILE", str(folder / "small.markerset.json")
+
+
 def picked() -> list[int]:
     """The trajectories that are picked."""
     return [row.point for row in bpy.context.window_manager.mocap_autolabel.picked]

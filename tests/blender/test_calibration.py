@@ -127,10 +127,3 @@ def test_without_cameras_or_blobs_the_button_says_why(extension, empty, files):
         "Import the blobs first",
         "3D points need no cameras",
     ]
-
-
-def test_a_free_name_is_found(extension, tmp_path):
-    module = ours("ops.calibration")
-    assert module.free_path(tmp_path / "walk.csv").name == "walk.refined.toml"
-    (tmp_path / "walk.refined.toml").touch()
-    assert module.free_path(tmp_path / "walk.csv").name == "walk-2.refined.toml"

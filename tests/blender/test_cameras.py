@@ -113,7 +113,7 @@ def test_a_users_own_cameras_are_read_as_blender_draws_them(empty, fit, size):
     assert np.abs(found - expected).max() < 0.01
 
 
-def test_cameras_of_a_blend_file_leave_nothing_behind(empty, made, tmp_path):
+def test_cameras_of_a_blend_file_leave_nothing_behind_and_what_is_none_is_one_sentence(empty, made, tmp_path):
     path = str(tmp_path / "room.blend")
     scene_cameras.add_cameras(empty.scene, made.cameras(lens=0.1))
     bpy.ops.wm.save_as_mainfile(filepath=path, copy=True)
@@ -124,20 +124,7 @@ def test_cameras_of_a_blend_file_leave_nothing_behind(empty, made, tmp_path):
         np.testing.assert_allclose(getattr(back, field), getattr(made.cameras(lens=0.1), field), rtol=1e-6, atol=1e-5)
     after = {len(getattr(bpy.data, kind)) for kind in ("objects", "cameras", "scenes", "libraries", "collections")}
     assert after == before
-
-
-def test_what_is_no_blend_file_is_one_sentence(empty, tmp_path):
     path = tmp_path / "room.blend"
     path.write_text("this is not a Blender file")
     with pytest.raises(InputError, match="not a Blender file"):
         scene_cameras.cameras_of_blend(str(path))
-
-
-def test_a_scene_without_cameras_and_an_orthographic_one_are_refused(empty):
-    with pytest.raises(InputError, match="no cameras"):
-        scene_cameras.cameras_of_scene(empty.scene)
-    camera = bpy.data.objects.new("Plan", bpy.data.cameras.new("Plan"))
-    camera.data.type = "ORTHO"
-    empty.scene.collection.objects.link(camera)
-    with pytest.raises(InputError, match="Plan is not a perspective camera"):
-        scene_cameras.cameras_of_scene(empty.scene)

@@ -22,7 +22,6 @@ from .hands import (
     ours,
     picked,
     refused,
-    reopen,
     rows_of_export,
     shown,
 )
@@ -146,18 +145,6 @@ def test_each_is_one_undo_step_and_can_be_removed(labelled, files):
     follows(files, "LKNE", knee)
     follows(files, "LWRA", files.names.index("RWRA"))
     assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
-
-
-def test_a_saved_file_keeps_them(labelled, files):
-    choose("LKNE", "RKNE")
-    bpy.ops.mocap_autolabel.swap_markers(scope="WHOLE")
-    before = rows_of_export(files.folder / "before.labels.csv")
-    reopen(files.folder / "walk.blend")
-    assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
-    assert rows_of_export(files.folder / "after.labels.csv") == before
-    choose("LKNE", "RKNE")
-    bpy.ops.mocap_autolabel.swap_markers(scope="WHOLE")
-    follows(files, "LKNE", files.names.index("LKNE"))
 
 
 def test_labelling_again_keeps_them_and_is_what_the_command_line_makes(labelled, files, extension, tmp_path):

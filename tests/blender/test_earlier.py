@@ -89,18 +89,12 @@ def test_a_take_is_corrected_filled_smoothed_exported_and_saved_again(take, tmp_
     np.testing.assert_allclose(stored_take().motion.markers, places, atol=1e-5)
 
 
-def test_its_edits_are_read(kept):
+def test_its_edits_report_calibration_and_model_are_used(kept, tmp_path):
     assert [type(edit) for edit in read_edits(kept / "walk.edits.json")] == [Swap, UnlabelPoint]
-
-
-def test_its_report_has_a_row_in_a_batchs_table(kept):
     report = json.loads((kept / "walk.report.json").read_text(encoding="utf-8"))
     assert report["model"] == MODEL
     row = row_of(report, "walk.c3d")
     assert (row.take, row.frames) == ("walk", 16)
-
-
-def test_its_calibration_and_its_model_are_used(kept, tmp_path):
     assert len(read_cameras(kept / "room.toml")) == 4
     model = open_model(kept / "few.markerset.json")
     assert len(model.markerset.markers) == len(FEW)

@@ -14,7 +14,7 @@ from addon.io.edits import read_edits
 from addon.io.points import read_points
 
 from .conftest import open_room, write_room
-from .hands import choose, keys_of, ours, picked, refused, reopen, rows_of_export, shown, stored_take
+from .hands import bones, choose, keys_of, ours, picked, refused, reopen, rows_of_export, shown, stored_take
 
 FRAMES, LOST = 30, "RKNE"
 
@@ -247,16 +247,6 @@ def test_markers_of_blobs_are_placed_and_answered(labelled, files):
 
 def test_the_body_follows_where_the_labels_are_others(labelled):
     """Elsewhere it rests on rays, which labelling alone follows."""
-    [armature] = [item for item in labelled.scene.mocap_autolabel.take.all_objects if item.type == "ARMATURE"]
-
-    def bones() -> np.ndarray:
-        found = []
-        for frame in range(101, 101 + FRAMES):
-            labelled.scene.frame_set(frame)
-            found.append([np.array(bone.matrix) for bone in armature.pose.bones])
-        labelled.scene.frame_set(115)
-        return np.array(found)
-
     before = bones()
     choose("LWRA", "LKNE")
     assert bpy.ops.mocap_autolabel.swap_markers(scope="ON") == {"FINISHED"}

@@ -33,14 +33,11 @@ def stored(made):
     return Stored("walk", 60.0, NO_CAMERAS, markerset.markers, rows, labels, motion, (), "", 0)
 
 
-def test_the_nearest_dot_within_reach_is_meant():
+def test_the_nearest_dot_within_reach_is_meant_and_what_is_behind_the_viewer_is_nowhere():
     places = np.array([[10.0, 10.0], [14.0, 10.0], [np.nan, np.nan]])
     assert picking.nearest(places, (13, 10), 5) == 1
     assert picking.nearest(places, (30, 10), 5) is None
     assert picking.nearest(np.empty((0, 2)), (1, 1), 5) is None
-
-
-def test_what_is_behind_the_viewer_is_nowhere():
     perspective = np.diag([1.0, 1.0, 1.0, 0.0])
     perspective[3, 2] = 1
     places = picking.to_region(np.array([[0, 0, 2.0], [0, 0, -2.0]]), perspective, (200, 100))
@@ -187,7 +184,7 @@ def test_a_marker_that_is_placed_is_there_and_can_be_taken_back(labelled, files)
     assert 101 + gap not in keys_of("RASI")[:, 0]
 
 
-def test_every_key_of_the_tool_does_something_of_ours(extension):
+def test_every_key_of_the_tool_does_something_of_ours_and_is_free_in_blender_but_the_one_that_deletes(extension):
     tool = ours("ui.label_tool")
     for operator, _, more in tool.KEYMAP:
         module, name = operator.split(".")
@@ -195,9 +192,6 @@ def test_every_key_of_the_tool_does_something_of_ours(extension):
         given = dict((more or {}).get("properties", ()))
         assert set(given) <= set(known.keys())
         assert module == "mocap_autolabel" or hasattr(bpy.types, given["name"])
-
-
-def test_the_keys_of_the_tool_are_free_in_blender_but_for_the_one_that_deletes(extension):
     tool = ours("ui.label_tool")
     alone = [event["type"] for _, event, _ in tool.KEYMAP if set(event) == {"type", "value"}]
     letters = {key for key in alone if len(key) == 1} - {"X"}

@@ -407,14 +407,11 @@ def test_the_review_names_gaps_and_suspects(ready, labelling, suspects):
     assert [one for one in suspects() if not one[2].startswith("camera ")] == [(104, 105, "nobody found")]
 
 
-def test_jumping_goes_to_the_frame_and_selects_the_marker(ready, labelling):
+def test_jumping_selects_the_marker_and_looking_through_a_camera_sets_its_picture(ready, labelling):
     bpy.ops.mocap_autolabel.label()
     bpy.ops.mocap_autolabel.jump(frame=107, marker="CLAV")
     assert ready.scene.frame_current == 107
     assert [item[naming.MARKER] for item in ready.selected_objects] == ["CLAV"]
-
-
-def test_looking_through_a_camera_sets_its_picture(ready):
     camera = ready.scene.mocap_autolabel.source.cameras.objects[2]
     assert bpy.ops.mocap_autolabel.look_through(camera=camera.name) == {"FINISHED"}
     assert ready.scene.camera == camera

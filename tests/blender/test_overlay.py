@@ -67,19 +67,16 @@ def test_links_take_the_colour_of_their_step(shown, marks):
         }[int(step)]
 
 
-def test_a_lost_frame_has_blobs_and_no_links(shown, marks):
+def test_a_lost_frame_has_blobs_and_no_links_and_one_outside_the_take_nothing(shown, marks):
     _, stored = shown
     seen = blob_dots(stored, 3, 0, np.eye(4))
     assert len(seen.xyz) == 1
     assert len(marks.links(stored, 3, seen)[0]) == 0
-
-
-def test_frames_outside_the_take_draw_nothing(shown):
     _, stored = shown
     assert [stored.index_of(frame) for frame in (100, 101, 120, 121)] == [-1, 0, 19, -1]
 
 
-def test_words_never_lie_on_each_other(marks):
+def test_words_never_lie_on_each_other_on_marks_only_where_they_must_and_off_what_covers_the_view(marks):
     places = np.random.default_rng(1).uniform(0, 120, (30, 2))
     places[5] = np.nan
     widths = np.full(30, 30.0)
@@ -92,16 +89,10 @@ def test_words_never_lie_on_each_other(marks):
             assert abs(one[0] - other[0]) >= 30 or abs(one[1] - other[1]) >= 11
     alone = marks.room_for_words(np.array([[50.0, 50.0]]), widths[:1], 11.0, 6.0)
     assert alone[0, 0] == 56.0
-
-
-def test_words_lie_on_marks_only_where_they_must(marks):
     places = np.array([[50.0, 50.0], [70.0, 50.0], [20.0, 50.0]])
     starts = marks.room_for_words(places, np.full(3, 30.0), 11.0, 6.0, 3.5)
     assert starts[0].tolist() == [35.0, 56.0]  # above: a mark is on its right, and one on its left
     assert (starts[1:, 0] == [76.0, -16.0]).all()
-
-
-def test_words_keep_off_what_covers_the_view(marks):
     places = np.array([[50.0, 50.0], [10.0, 200.0]])
     toolbar = np.array([[0.0, 0.0, 100.0, 100.0]])
     starts = marks.room_for_words(places, np.full(2, 30.0), 11.0, 6.0, 3.5, toolbar)

@@ -19,11 +19,7 @@ from addon.scene.opened import Opened
 from addon.scene.relabelled import show_again
 from tests.inputs.walkers import FRAMES, RATE, WORN, write_pair, write_seen
 
-from .hands import choose, ours, refused, reopen, stored_take
-
-
-def kinds(collection: bpy.types.Collection, kind: str) -> list[bpy.types.Object]:
-    return [item for item in collection.all_objects if item.type == kind]
+from .hands import choose, list_performers, only, ours, refused, reopen, stored_take
 
 
 def test_each_has_a_collection_with_all_that_is_theirs(empty, made):
@@ -33,27 +29,27 @@ def test_each_has_a_collection_with_all_that_is_theirs(empty, made):
     assert [home.name for home in homes.values()] == ["ann", "bob"]
     motion, count = take.motion, len(made.markerset())
     for number, (name, home) in enumerate(homes.items()):
-        [armature] = kinds(home, "ARMATURE")
+        [armature] = only(home, "ARMATURE")
         assert armature.name == f"{name} armature"
         assert list(armature[SCALE]) == pytest.approx([1.6 * 1.1**number] * 3)
-        assert [item[naming.MARKER] for item in kinds(home, "EMPTY")] == [
+        assert [item[naming.MARKER] for item in only(home, "EMPTY")] == [
             f"{name}:{marker}" for marker in made.markerset().markers
         ]
-        assert len(kinds(home, "MESH")) == len(made.markerset().capsules)
+        assert len(only(home, "MESH")) == len(made.markerset().capsules)
         for frame in (101, 115):
             empty.scene.frame_set(frame)
             joints = motion.joints[frame - 101, number * len(armature.pose.bones) :]
             segments = made.markerset().skeleton.segments
             heads = np.array([armature.pose.bones[segment].head for segment in segments])
             np.testing.assert_allclose(heads, joints[: len(heads)], atol=1e-5)
-            places = np.array([item.matrix_world.translation for item in kinds(home, "EMPTY")])
+            places = np.array([item.matrix_world.translation for item in only(home, "EMPTY")])
             seen = motion.markers[frame - 101, number * count : (number + 1) * count]
             there = np.isfinite(seen[:, 0])
             np.testing.assert_allclose(places[there], seen[there], atol=1e-5)
     colours = performers.colours_in(collection)
     assert colours["ann"] != colours["bob"]
     for name, home in homes.items():
-        materials = {item.data.materials[0] for item in kinds(home, "MESH")}
+        materials = {item.data.materials[0] for item in only(home, "MESH")}
         shown = [tuple(Color(one.diffuse_color[:3]).from_scene_linear_to_srgb()) for one in materials]
         assert shown == [pytest.approx(colours[name], abs=1e-4)]
 
@@ -145,7 +141,7 @@ def test_the_command_line_saves_them_and_they_can_be_gone_on_with(empty, tmp_pat
     assert [one.name for one in stored.performers] == ["1", "2"]
     assert stored.labels.named.mean() > 0.95
     for home in performers.homes(collection).values():
-        [armature] = kinds(home, "ARMATURE")
+        [armature] = only(home, "ARMATURE")
         assert armature.animation_data.action is not None
         assert np.isfinite(list(armature[SCALE])).all()
     written = read_points(tmp_path / "out" / "pair.c3d")
@@ -248,11 +244,7 @@ def duet(extension, empty, made):
 def test_gaps_are_filled_by_each_ones_own_markers(duet, made, tmp_path):
     """The marker set of each is the one that stands for the name in the list."""
     write_markerset(tmp_path / "small.markerset.json", made.markerset())
-    duet.subjects.performing = "LISTED"
-    for name in ("ann", "bob"):
-        bpy.ops.mocap_autolabel.add_performer()
-        row = duet.subjects.performers[-1]
-        row.name, row.markerset, row.markerset_path = name, "FILE", str(tmp_path / "small.markerset.json")
+    list_performers(tmp_path, "ann", "bob")
     gap = slice(20 // 3, 20 // 2)
     there = np.isfinite(stored_take().motion.markers[gap, :, 0]).all(axis=0)
     missing = [stored_take().names[place] for place in np.flatnonzero(~there)]
@@ -300,7 +292,7 @@ def test_each_has_a_character(extension, empty, made, tmp_path):
     joint = take.markerset.worn[0][1].skeleton.segments.index("thigh.L")
     empty.scene.frame_set(115)
     for number, (name, home) in enumerate(performers.homes(settings.take).items()):
-        [character] = [item for item in kinds(home, "ARMATURE") if SCALE not in item]
+        [character] = [item for item in only(home, "ARMATURE") if SCALE not in item]
         assert character.name == f"duet {name} character"
         seen = take.motion.joints[14, joint + number * take.motion.joints.shape[1] // 2]
         np.testing.assert_allclose(character.pose.bones["LeftUpLeg"].head, seen, atol=1e-3)
@@ -321,16 +313,13 @@ def follows(duet, name: str, trajectory: int):
     np.testing.assert_allclose(item.matrix_world.translation, take.rows.xyz[here[0]], atol=1e-5)
 
 
-def test_a_trajectory_is_named_as_a_marker_of_whoever_it_is(duet):
+def test_a_trajectory_is_named_as_whoevers_it_is_and_what_was_that_is_given_back(duet):
     assert bpy.ops.mocap_autolabel.pick(point=26) == {"FINISHED"}  # the ghost
     assert bpy.ops.mocap_autolabel.name_point(marker="bob:LASI", scope="WHOLE") == {"FINISHED"}
     follows(duet, "bob:LASI", 26)
     follows(duet, "ann:LASI", 1)
     bpy.ops.mocap_autolabel.remove_correction(index=0)
     follows(duet, "bob:LASI", 14)
-
-
-def test_a_trajectory_is_the_other_ones_and_what_was_that_is_given_back(duet):
     assert bpy.ops.mocap_autolabel.pick(point=1) == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.other_performer(scope="WHOLE") == {"FINISHED"}
     follows(duet, "bob:LASI", 1)

@@ -201,17 +201,10 @@ def test_a_part_is_opened_with_keys_and_corrected(long, kind, tmp_path):
     assert collection.hide_viewport
     assert not settings.take.hide_viewport
     # Label, from here on, labels the same frames in the same way.
-    assert (settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last) == (
-        True,
-        first,
-        last,
-    )
+    asked, worn = settings.labelling, settings.subjects
+    assert (asked.use_range, asked.range_first, asked.range_last) == (True, first, last)
     assert (settings.source.first_frame, settings.source.last_frame) == (FIRST, FIRST + FRAMES - 1)
-    assert (settings.subjects.performing, settings.subjects.performer_count, settings.subjects.markerset) == (
-        "SO_MANY",
-        2,
-        WORN,
-    )
+    assert (worn.performing, worn.performer_count, worn.markerset) == ("SO_MANY", 2, WORN)
     before = stored.labels.marker.copy()
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert (Opened().take(settings.take, scene).labels.marker == before).all()

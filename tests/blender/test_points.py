@@ -79,7 +79,7 @@ def visible_points() -> int:
     return sum(len(made.pointcloud.points) for made in sets if made.pointcloud is not None)
 
 
-def test_points_are_seen_before_they_are_labelled(imported, files):
+def test_points_are_seen_before_they_are_labelled_and_imported_again_in_place_of_what_was_there(imported, files):
     settings = imported.scene.mocap_autolabel
     assert (settings.source.first_frame, settings.source.last_frame, settings.source.trajectories) == (101, 130, 15)
     assert settings.source.rate == pytest.approx(59.94)
@@ -92,9 +92,6 @@ def test_points_are_seen_before_they_are_labelled(imported, files):
         stored = overlay.shown(imported.scene)
         seen = marks.point_marks(stored, stored.index_of(frame))
         assert len(seen.unnamed) == expected
-
-
-def test_importing_again_takes_the_place_of_what_was_there(imported, files):
     before = len(bpy.data.objects), len(bpy.data.meshes)
     bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "walk.trc"))
     assert (len(bpy.data.objects), len(bpy.data.meshes)) == before

@@ -18,8 +18,7 @@ from addon.scene import take as takes
 from addon.scene.opened import Opened
 
 from .conftest import write_walk
-from .hands import choose, ours, refused, reopen
-from .test_performers import kinds
+from .hands import bones, choose, list_performers, only, ours, refused, reopen
 
 FRAMES, FIRST = 30, 101
 WRIST, KNEE = "LWRA", "LKNE"
@@ -57,20 +56,8 @@ def later(extension, monkeypatch):
         monkeypatch.setattr(importlib.import_module(f"{extension}.addon.{name}"), "follow_soon", lambda **_: None)
 
 
-def bones(frames=range(FIRST, FIRST + FRAMES), home=None) -> np.ndarray:
-    """(F, J, 4, 4) where the bones of the active take are."""
-    scene = bpy.context.scene
-    [armature] = kinds(home or scene.mocap_autolabel.take, "ARMATURE")
-    now, found = scene.frame_current, []
-    for frame in frames:
-        scene.frame_set(frame)
-        found.append([np.array(bone.matrix) for bone in armature.pose.bones])
-    scene.frame_set(now)
-    return np.array(found)
-
-
 def rests() -> np.ndarray:
-    [armature] = kinds(bpy.context.scene.mocap_autolabel.take, "ARMATURE")
+    [armature] = only(bpy.context.scene.mocap_autolabel.take, "ARMATURE")
     return np.array([[*bone.head_local, *bone.tail_local] for bone in armature.data.bones])
 
 
@@ -257,7 +244,7 @@ def test_without_its_marker_set_the_body_says_what_it_needs_and_is_not_written(l
 
 
 def test_an_armature_that_a_person_gave_other_keys_keeps_them(labelled, reposing):
-    [armature] = kinds(bpy.context.scene.mocap_autolabel.take, "ARMATURE")
+    [armature] = only(bpy.context.scene.mocap_autolabel.take, "ARMATURE")
     own = bpy.data.actions.new("mine")
     armature.animation_data.action = own
     swap()
@@ -266,7 +253,7 @@ def test_an_armature_that_a_person_gave_other_keys_keeps_them(labelled, reposing
 
 
 def test_keys_that_a_person_set_on_the_armature_stay(labelled, reposing):
-    [armature] = kinds(bpy.context.scene.mocap_autolabel.take, "ARMATURE")
+    [armature] = only(bpy.context.scene.mocap_autolabel.take, "ARMATURE")
     bag = armature.animation_data.action.layers[0].strips[0].channelbag(armature.animation_data.action_slot)
     curve = bag.fcurves[0]
     curve.keyframe_points[7].co.y += 0.5
@@ -293,11 +280,8 @@ def test_of_two_performers_both_are_right(extension, empty, made, files, reposin
     write_markerset(files.folder / "small.markerset.json", markerset)
     collection = takes.show_take(empty, replace(made.pair(), source=""))
     settings = empty.scene.mocap_autolabel
-    settings.take, settings.subjects.performing = collection, "LISTED"
-    for name in ("ann", "bob"):
-        bpy.ops.mocap_autolabel.add_performer()
-        row = settings.subjects.performers[-1]
-        row.name, row.markerset, row.markerset_path = name, "FILE", str(files.folder / "small.markerset.json")
+    settings.take = collection
+    list_performers(files.folder, "ann", "bob")
     empty.scene.frame_set(115)
     found = []
     for _ in range(2):

@@ -135,9 +135,6 @@ def test_a_scene_that_was_made_shorter_stays_so_when_a_take_is_labelled_again(st
     scene.frame_start, scene.frame_end = 105, 150
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert (scene.frame_start, scene.frame_end) == (105, 150)
-
-
-def test_one_that_is_not_there_is_said(state):
     refused("expected one of the", "show_trouble", index=999)
 
 

@@ -14,9 +14,7 @@ from addon.scene import take as takes
 from addon.scene.armature import bone_tails, build_of
 from addon.scene.opened import Opened
 
-
-def only(collection, kind):
-    return [item for item in collection.all_objects if item.type == kind]
+from .hands import only
 
 
 def test_bones_and_body_reproduce_the_motion(empty, made):
@@ -102,15 +100,12 @@ def test_a_take_of_many_keys_has_several_actions(empty, made, tmp_path, monkeypa
     assert not len(bpy.data.actions)
 
 
-def test_a_marker_that_was_never_seen_stands_where_it_is_expected(empty, made):
+def test_a_marker_never_seen_stands_where_it_is_expected_and_nobody_found_is_the_mean_body_at_rest(empty, made):
     take = made.take()
     take.motion.markers[:, 4] = np.nan
     item = only(takes.show_take(empty, take), "EMPTY")[4]
     np.testing.assert_allclose(item.location, take.motion.expected[0, 4], atol=1e-6)
     assert item.animation_data.action_slot is not None
-
-
-def test_nobody_found_still_gives_the_mean_body_at_rest(empty, made):
     take = made.take()
     for field in ("markers", "expected", "joints", "rotations", "scale"):
         getattr(take.motion, field)[:] = np.nan

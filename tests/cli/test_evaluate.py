@@ -51,23 +51,14 @@ def test_figures_for_people(evaluate):
     assert " and " in next(line for line in out.splitlines() if line.startswith("swapped"))
 
 
-def test_only_the_frames_asked_for(evaluate):
+def test_only_frames_asked_for_rows_with_truth_and_markers_of_the_model_count_and_points_too(evaluate):
     assert json.loads(evaluate(LABELS, TRUTH, "--json", "--frames", "1:1").out)["frames"] == 1
-
-
-def test_rows_without_truth_are_left_out(evaluate):
     some = "\n".join(TRUTH.splitlines()[:4])
     figures = json.loads(evaluate(LABELS, some, "--json").out)
     assert (figures["rows"], figures["rows_without_truth"]) == (5, 2)
-
-
-def test_names_of_no_marker_of_the_model_count_as_none(evaluate):
     truth = TRUTH.replace("2,a,5,6,", "2,a,5,6,NOSE")
     assert json.loads(evaluate(LABELS, truth, "--json").out)["marker_blobs"] == 5
     assert json.loads(evaluate(LABELS, truth, "--json", "--model", "body26").out)["marker_blobs"] == 4
-
-
-def test_labels_of_points(evaluate):
     labels = "frame,point,marker,step,confidence\n1,0,LASI,exclusive,1\n1,1,,,0\n"
     truth = "frame,point,marker\n1,0,LASI\n1,1,RASI\n"
     figures = json.loads(evaluate(labels, truth, "--json").out)

@@ -37,23 +37,20 @@ def done(room, tmp_path_factory) -> Done:
     return Done(out, rows_of(out / "walk.labels.csv"))
 
 
-def test_labels_have_every_row_of_the_input_in_its_order_and_its_own_text(done, room):
+def test_labels_are_right_and_have_every_row_of_the_input_in_its_order_and_its_own_text(done, room, figures):
     assert list(done.labels[0]) == ["frame", "camera", "x", "y", "marker", "step", "confidence"]
     with room.blobs.open(newline="") as file:
         assert [list(row.values())[:4] for row in done.labels] == [row[:4] for row in list(csv.reader(file))[1:]]
     assert {row["step"] for row in done.labels} <= {"", "exclusive", "conflict", "remaining"}
     assert all((row["marker"] == "") == (row["step"] == "") for row in done.labels)
     assert all(0 <= float(row["confidence"]) <= 1 for row in done.labels)
-
-
-def test_the_virtual_person_is_labelled_right(done, figures, room):
     found = figures(done.out / "walk.labels.csv", room.truth)
     assert found["precision"] > 0.995
     assert found["recall"] > 0.97
     assert found["rows_without_truth"] == 0
 
 
-def test_c3d_has_the_models_markers_in_their_order_and_the_takes_frames(done):
+def test_c3d_has_the_models_markers_and_the_takes_frames_and_the_report_what_the_contract_asks(done):
     take = ezc3d.c3d(str(done.out / "walk.c3d"))
     markers = open_markerset(MODEL).markers
     assert tuple(take["parameters"]["POINT"]["LABELS"]["value"][: len(markers)]) == markers
@@ -62,9 +59,6 @@ def test_c3d_has_the_models_markers_in_their_order_and_the_takes_frames(done):
     assert take["data"]["points"].shape[2] == FRAMES[1] - FRAMES[0] + 1
     assert np.nanmax(take["data"]["points"][2]) > 1000
     assert (done.out / "walk.trc").read_text().startswith("PathFileType\t4\t(X/Y/Z)")
-
-
-def test_report_says_what_the_contract_asks(done):
     report = report_of(done.out / "walk.c3d")
     assert {"take", "model", "frames", "rate", "markers", "unlabelled", "suspect", "timing", "version"} <= set(report)
     assert {"load", "place", "fit", "label", "write", "frames_per_second"} <= set(report["timing"])

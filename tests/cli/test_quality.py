@@ -34,15 +34,12 @@ def test_a_built_in_model_is_judged(run, tmp_path):
     assert max(map(abs, advice["shift_mm"])) < 65
 
 
-def test_a_model_without_evidence_is_judged_by_its_spread(run, bare):
+def test_a_model_without_evidence_is_judged_by_its_spread_and_keeps_the_markers_it_is_to_keep(run, bare):
     answer = run("quality", bare, "--advice", 0)
     assert answer.status == 0
     assert answer.out.startswith("bare: 15 markers, drawn from its spread")
     assert "ambiguous" in answer.out
     assert "advice" not in answer.out
-
-
-def test_markers_to_keep_are_kept(run, bare):
     report = json.loads(run("quality", bare, "--advice", 2, "--goal", 8, "--keep", "LANK,RANK", "--json").out)
     assert report["advice"]
     assert not {row["marker"] for row in report["advice"]} & {"LANK", "RANK"}

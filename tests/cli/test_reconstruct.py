@@ -40,15 +40,12 @@ def test_the_points_are_the_markers_without_names(reconstruct, room, tmp_path):
     assert not said["rate_assumed"]
 
 
-def test_trc_and_words_for_people(reconstruct, tmp_path):
+def test_trc_and_words_for_people_and_what_cannot_be_done(reconstruct, tmp_path, run, room):
     answer = reconstruct("--frames", "105:114", out="points.trc")
     assert answer.status == 0
     assert "10 frames" in answer.out
     assert "blobs explained" in answer.out
     assert read_points(tmp_path / "points.trc").xyz.shape[0] == 10
-
-
-def test_what_cannot_be_done(reconstruct, run, room, tmp_path):
     assert "expected a name that ends in .c3d" in reconstruct(out="points.csv").reason
     assert reconstruct().status == 0
     assert "exists already" in reconstruct().reason

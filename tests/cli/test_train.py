@@ -374,20 +374,14 @@ def works():
     return found
 
 
-def test_in_two_processes_they_are_the_same_to_the_bit(works):
+def test_in_two_processes_they_are_the_same_to_the_bit_and_few_are_not_worth_one(works, monkeypatch):
     alone, beside = (list(way(works)) for way in (in_turn, partial(train.try_in, 2)))
     assert sum(len(outcome.right) for outcome in alone) > 100
     for one, other in zip(alone, beside, strict=True):
         assert one.described.tobytes() == other.described.tobytes()
         assert one.right.tobytes() == other.right.tobytes()
-
-
-def test_few_are_not_worth_a_process(works, monkeypatch):
     monkeypatch.setattr(train, "crew", None)
     assert len(list(train.try_in(None, works))) == len(list(train.try_in(1, works))) == 3
-
-
-def test_one_that_cannot_be_made_is_said(works, monkeypatch):
     killed = JobError("its process was killed; expected it to finish", "1.trial")
     monkeypatch.setattr(train, "crew", lambda _: nullcontext(lambda _: iter([(1, killed)])))
     with pytest.raises(JobError, match=r"^a trial could not be made: its process was killed; expected it to finish$"):

@@ -15,7 +15,7 @@ import pytest
 
 from addon.core.data.errors import InputError, JobError
 from addon.io import scratch, whole
-from addon.io.whole import LIST, PART, LeftAlone, finish_renaming, keep_apart, whole_file, whole_files
+from addon.io.whole import LIST, PART, LeftAlone, finish_renaming, free_path, keep_apart, whole_file, whole_files
 
 ROOT = Path(__file__).resolve().parents[2]
 LINUX = Path("/proc/self/fd").is_dir() and os.name == "posix"  # Wine shows /proc too, with other numbers
@@ -130,6 +130,12 @@ def test_a_name_too_long_is_refused_and_one_that_just_fits_is_taken(tmp_path):
     with whole_file(tmp_path / ("n" * 250)) as temporary:
         temporary.write_text("all of it")
     assert [path.name for path in tmp_path.iterdir()] == ["n" * 250]
+
+
+def test_a_free_name_is_found(tmp_path):
+    assert free_path(tmp_path / "walk", ".refined.toml") == tmp_path / "walk.refined.toml"
+    (tmp_path / "walk.refined.toml").touch()
+    assert free_path(tmp_path / "walk", ".refined.toml") == tmp_path / "walk-2.refined.toml"
 
 
 def test_a_folder_that_may_not_be_written_is_told_before_the_work(tmp_path, monkeypatch):

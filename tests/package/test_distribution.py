@@ -68,21 +68,15 @@ def run(installed: Path, *command) -> str:
     return subprocess.check_output(command, cwd=installed, env=environment, text=True)
 
 
-def test_the_command_runs_outside_the_repository_and_finds_its_assets(installed):
+def test_what_is_installed_runs_anywhere_with_all_of_the_extension_no_script_and_the_manifests_version(installed):
     listed = run(installed, sys.executable, installed / "bin" / "mocap-autolabel", "models")
     assert {"gait15", "body26", "body39", "actor41", "actor53"} <= {line.split(":")[0] for line in listed.split("\n")}
-
-
-def test_nothing_of_the_extension_is_missing_and_no_script_is_added(installed):
     package = installed / "mocap_autolabel"
     for folder in ("addon", "assets"):
         wanted = {path.relative_to(build.ROOT) for path in (build.ROOT / folder).rglob("*") if path.is_file()}
         wanted = {path for path in wanted if "__pycache__" not in path.parts}
         assert {path for path in wanted if not (package / path).exists()} == set()
     assert [path.name for path in package.glob("*.py")] == ["__init__.py"]
-
-
-def test_its_version_is_the_manifests(installed):
     code = "from importlib.metadata import version; print(version('mocap-autolabel'))"
     assert run(installed, sys.executable, "-c", code).strip() == build.version()
 
@@ -102,16 +96,13 @@ def test_the_wheel_is_of_one_platform_and_brings_the_compiled_library(wheel, ins
     assert "Root-Is-Purelib: false" in about
 
 
-def test_without_a_compiler_the_wheel_is_for_all_and_says_so(sources, tmp_path):
+def test_the_source_distribution_holds_what_is_needed_and_without_a_compiler_its_wheel_is_for_all(sources, tmp_path):
     """Where the compiler is installed, or the library was built, there would be one: so the sources are changed."""
     shutil.copytree(sources, tmp_path / "sources", ignore=LEFT_OUT)
     (tmp_path / "sources" / "scripts" / "compiler.txt").write_text("ziglang==0.0.0", encoding="utf-8")
     (tmp_path / "out").mkdir()
     assert wheel_of(tmp_path / "sources", tmp_path / "out").name.endswith("-py3-none-any.whl")
     assert "built without the compiled library, NumPy does its work" in (tmp_path / "out" / "said").read_text("utf-8")
-
-
-def test_the_source_distribution_holds_what_is_needed_to_build_test_and_read(sources):
     for folder in ("addon", "assets", "docs", "farm", "kernels", "scripts", "tests"):
         wanted = {path.relative_to(build.ROOT) for path in (build.ROOT / folder).rglob("*") if path.is_file()}
         wanted = {path for path in wanted if not {"__pycache__", ".hypothesis"} & set(path.parts)}

@@ -37,19 +37,13 @@ def life(request, make_zip, tmp_path_factory):
     return json.loads(report.read_text()) | {"log": done.stdout + done.stderr}
 
 
-def test_installing_enables_it_with_its_tab_and_operators(life):
+def test_installing_enables_all_of_it_and_blender_sees_no_violation_of_its_policies(life):
     assert life["installed"]["enabled"]
     assert life["installed"]["version"] == build.version()
     assert life["installed"]["tabs"] == ["Mocap"]
     assert life["installed"]["operators"]
-
-
-def test_every_module_imports_under_blenders_name(life):
     files = [path for path in (build.ROOT / "addon").rglob("*.py") if path.name != "__init__.py"]
     assert len(files) <= len(life["modules"])
-
-
-def test_blender_sees_no_violation_of_its_policies(life):
     assert life["warnings"] == {}
     assert "olicy violation" not in life["log"]
     assert "Traceback" not in life["log"]
@@ -62,20 +56,11 @@ def test_nothing_stays_in_the_running_blender(life, moment):
     assert life[moment]["operators"] == []
 
 
-def test_enabling_again_restores_all_of_it(life):
+def test_enabling_again_restores_all_of_it_an_update_replaces_it_and_uninstalling_removes_it(life):
     assert life["enabled again"] == life["installed"]
-
-
-def test_enabling_makes_no_data(life):
     assert life["installed"]["traces"]["data"] == life["before"]["data"]
-
-
-def test_an_update_replaces_the_version_and_keeps_it_enabled(life):
     assert life["updated"]["version"] == NEWER
     assert life["updated"] == life["installed"] | {"version": NEWER}
-
-
-def test_uninstalling_removes_every_file(life):
     # What stays is Blender's own: its list of checked extensions, and the byte code beside wheels it removed.
     ours = [name for name in life["files left"] if name != ".cache/compat.dat" and "/__pycache__/" not in name]
     assert ours == []

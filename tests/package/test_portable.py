@@ -40,7 +40,7 @@ def mode_of(node: ast.Call) -> str:
     return str(given[0].value) if given and isinstance(given[0], ast.Constant) else "r"
 
 
-def test_texts_are_opened_with_their_encoding_said():
+def test_texts_are_opened_with_their_encoding_and_written_with_the_same_line_ends_everywhere():
     """Windows takes another one than UTF-8 where none is said."""
 
     def offends(name, mode, words):
@@ -48,10 +48,7 @@ def test_texts_are_opened_with_their_encoding_said():
 
     # Methods of ours that have the same names are called with what they read.
     assert [one for one in offenders(SOURCES, offends) if not re.search(r"(: |[^.\w])read_text\(", one)] == []
-
-
-def test_files_are_written_with_the_same_line_ends_everywhere():
-    """Without `newline` Windows writes two characters at the end of each line, and the same take gives other bytes."""
+    # Without `newline` Windows writes two characters at the end of each line, and the same take gives other bytes.
 
     def offends(name, mode, words):
         writes = name == "write_text" or (name == "open" and set(mode) & set("wax") and "b" not in mode)

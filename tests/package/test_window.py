@@ -19,23 +19,14 @@ def tour(watch, virtual_take, tmp_path_factory):
     return watch("sidebar", folder, **files, markerset="body26")
 
 
-def test_the_steps_stand_in_order_from_the_start(tour):
+def test_steps_stand_in_order_clicks_label_and_look_through_a_camera_and_esc_leaves_nothing(tour):
     order = ["import_cameras", "import_blobs", "label"]
     shown = [name.removeprefix("mocap_autolabel.") for name in tour["at first"]]
     assert [name for name in shown if name in order] == order
-
-
-def test_a_click_starts_labelling_and_esc_leaves_nothing(tour):
     assert tour["running after the click"]
     assert tour["after Esc"] == {"running": False, "take": False, "actions": 0}
-
-
-def test_a_click_labels_the_take_and_offers_the_review(tour):
     assert tour["labelled"]
     assert "mocap_autolabel.clear" in tour["to review"]
-
-
-def test_a_click_looks_through_a_camera(tour):
     assert tour["view"] == "CAMERA"
 
 
@@ -53,22 +44,16 @@ def room(watch, tmp_path_factory):
     return walked(watch, "room", tmp_path_factory.mktemp("room"))
 
 
-def test_a_key_shows_what_is_meant_from_where_one_looks(room):
+def test_keys_show_what_is_meant_correct_and_answer_and_all_of_it_reaches_the_file(room):
     place, before, after = room["view"]
     assert max(map(abs, place)) < 8, "it was looked at 9 9 9, where nobody is"
     assert after == pytest.approx(before, abs=1e-5)
-
-
-def test_keys_correct_and_answer(room):
     assert room["labelled"]["edits"] == []
     unlabelled, *answers = room["corrected"]["edits"]
     assert "has no name" in unlabelled
     assert answers
     assert len(room["corrected"]["answered"]) == 1
     assert room["corrected"]["lost"] < room["labelled"]["lost"]
-
-
-def test_what_is_said_filled_and_cut_reaches_the_file(room):
     labelled, corrected, filled = (room[step] for step in ("labelled", "corrected", "filled"))
     assert filled["fills"]
     assert len({labelled["file"], corrected["file"], filled["file"]}) == 3
@@ -80,11 +65,8 @@ def test_nothing_is_lost(room, step):
     assert {what: room[step][what] for what in KEPT} == {what: room["filled"][what] for what in KEPT}
 
 
-def test_undo_brings_the_labels_and_the_file_back_that_were_before(room):
+def test_undo_brings_back_what_was_before_and_a_reopened_file_is_what_was_saved(room):
     assert (room["undone"]["labels"], room["undone"]["file"]) == (room["filled"]["labels"], room["filled"]["file"])
-
-
-def test_a_reopened_file_is_what_was_saved(room):
     assert room["reopened"] == room["redone"]
 
 
@@ -93,26 +75,17 @@ def tool(watch, tmp_path_factory):
     return walked(watch, "label", tmp_path_factory.mktemp("label"))
 
 
-def test_the_dot_under_the_pointer_is_picked_and_not_the_body_before_it(tool):
+def test_dots_are_picked_in_every_way_swapped_by_keys_and_named_by_the_pie(tool):
     left, right = tool["knees"]
     assert (tool["clicked"], tool["selected"]) == ([left], ["LKNE"])
     assert tool["with Shift"] == [left, right]
     assert tool["with Shift again"] == [right]
     assert tool["beside"] == []
-
-
-def test_a_box_and_a_lasso_pick_what_is_inside(tool):
     assert set(tool["knees"]) <= set(tool["in a box"])
     assert tool["in a lasso"] == [tool["knees"][1]]
-
-
-def test_keys_swap_and_undo_takes_it_back(tool):
     assert tool["swapped"] == ["LKNE and RKNE swapped, all frames"]
     assert tool["undone"] == []
     assert tool["picked after undo"] == tool["knees"]
-
-
-def test_the_pie_offers_the_missing_marker_first(tool):
     [unlabelled] = tool["unlabelled"]
     assert tool["named by the pie"] == [unlabelled, f"LANK is {unlabelled.split(' has ')[0].lower()}, all frames"]
     assert tool["after Esc"] == tool["named by the pie"]
@@ -127,13 +100,10 @@ def test_quick_label_goes_from_marker_to_marker(tool):
     assert not tool["quick label runs"]
 
 
-def test_a_marker_is_put_where_nothing_was_seen(tool):
+def test_a_marker_is_put_where_nothing_was_seen_and_playback_goes_on_with_the_tool(tool):
     words, place = tool["placed"]
     assert words.startswith(f"{tool['gap']} is placed by hand, frame")
     assert np.isfinite(place).all()
-
-
-def test_playback_goes_on_with_the_tool(tool):
     assert tool["played"]
     assert tool["tool"] == "mocap_autolabel.label_tool"
 
@@ -147,12 +117,9 @@ def timeline(watch, tmp_path_factory):
     return watch("timeline", tmp_path_factory.mktemp("timeline"), frames=2000)
 
 
-def test_markers_and_what_has_no_name_have_rows(timeline):
+def test_markers_and_what_has_no_name_have_rows_and_a_click_on_one_goes_there_and_picks(timeline):
     assert timeline["rows"][0] == MARKERS + LONG_GHOSTS + 1, "the short ones share one"
     assert timeline["rows unfolded"] == MARKERS + LONG_GHOSTS + FLICKERS
-
-
-def test_a_click_on_a_row_goes_there_and_picks(timeline):
     assert abs(timeline["click"]["frame"] - timeline["click"]["asked"]) <= A_PIXEL
     assert timeline["click"]["selected"] == ["RFHD"]
     assert timeline["ghost"]["picked"] == timeline["ghost"]["wanted"]
@@ -168,20 +135,14 @@ def test_a_drag_selects_a_range_and_undo_takes_it_back(timeline):
         assert timeline[after]["selected"] == ["RFHD"]
 
 
-def test_a_name_is_clicked_and_shift_adds(timeline):
+def test_names_are_clicked_the_wheel_scrolls_and_other_keys_are_left_alone(timeline):
     assert timeline["name clicked"]["selected"] == [timeline["name clicked"]["row"]]
     assert timeline["name clicked"]["frame"] == timeline["undone"]["frame"], "a name is no time"
     assert len(timeline["added"]) == 2
-
-
-def test_the_wheel_scrolls_and_zooms_as_usual(timeline):
     assert timeline["scrolled"] == 8 * 3
     assert timeline["scrolled by names"] == 9 * 3
     assert timeline["panned"] == pytest.approx(9 * 3 - 4, abs=0.5)
     assert timeline["zoomed"] < 0.95
-
-
-def test_keys_that_are_not_seen_are_left_alone(timeline):
     assert timeline["keys left"]
 
 

@@ -29,13 +29,10 @@ def archive(request, make_zip):
         yield opened
 
 
-def test_only_what_the_extension_needs_is_in_it(archive):
+def test_every_source_and_asset_is_in_it_and_only_what_the_extension_needs(archive):
     top = {name.split("/")[0] for name in archive.namelist()}
     assert top == {"__init__.py", "blender_manifest.toml", "LICENSE", "addon", "assets", "kernels", "wheels"}
     assert not [name for name in archive.namelist() if "__pycache__" in name or "/." in name]
-
-
-def test_every_source_and_asset_is_in_it(archive):
     wanted = [
         path for folder in ("addon", "assets", "kernels") for path in (build.ROOT / folder).rglob("*") if path.is_file()
     ]
@@ -103,28 +100,19 @@ def test_a_name_that_some_system_does_not_take_is_found(name):
     assert faults_of_names(["ä/b", name]) != []
 
 
-def test_every_system_takes_the_names_of_a_zip(archive):
+def test_every_system_takes_all_names_of_a_zip_and_its_plain_files_have_the_same_line_ends(archive):
     assert faults_of_names(archive.namelist()) == []
     assert all(name.isascii() for name in archive.namelist())
     assert max(len(BESIDE[""] + name) for name in archive.namelist()) <= LONGEST
-
-
-def test_a_zip_holds_plain_files_and_no_links(archive):
     kinds = {entry.external_attr >> 16 & 0o170000 for entry in archive.infolist()}
     assert kinds <= {0, 0o100000}
     assert not any(entry.is_dir() for entry in archive.infolist())
-
-
-def test_texts_of_a_zip_are_utf_8_with_the_same_line_ends_everywhere(archive):
     texts = [name for name in archive.namelist() if PurePosixPath(name).suffix in TEXTS]
     assert len(texts) > 100
     for name in texts:
         content = archive.read(name)
         assert b"\r" not in content and not content.startswith(b"\xef\xbb\xbf"), name
         content.decode("utf-8")
-
-
-def test_every_system_takes_the_names_that_its_wheels_unpack_to(archive):
     for wheel in (name for name in archive.namelist() if name.endswith(".whl")):
         with zipfile.ZipFile(archive.open(wheel)) as opened:
             names = [name.rstrip("/") for name in opened.namelist()]
