@@ -313,9 +313,7 @@ class DisplaySettings(bpy.types.PropertyGroup):
     """What is drawn over the views."""
 
     show_overlay: BoolProperty(
-        name="Overlay",
-        description="Draw blobs, the body's markers and links over the view",
-        default=True,
+        name="Overlay", description="Draw blobs, the body's markers and links over the view", default=True
     )
     show_figure: BoolProperty(
         name="Figure",

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from .. import capturing
 from ..blendfile import open_cameras
-from ..core.data.errors import UserError
+from ..core.data.errors import of_file
 from ..core.data.takes import Points
 from ..core.geometry.camera_up import AXIS_NAMES
 from ..core.simulation.simulate import CaptureOptions
@@ -69,7 +69,7 @@ def run(arguments) -> int:
     keep_apart(read, [arguments.out, capturing.truth_path(arguments.out)])
     cameras = open_cameras(arguments.cameras, arguments.cameras_up)
     progress = ProgressLine(arguments.progress)
-    try:
+    with of_file(arguments.take):
         points = read_points(arguments.take, frames=arguments.frames, up=arguments.up, rate=arguments.rate)
         take = capturing.labelled_markers(points)
         take = capturing.centred(take, cameras) if arguments.centre else take
@@ -78,8 +78,6 @@ def run(arguments) -> int:
             markers, cameras, _options(arguments), body, arguments.out, arguments.overwrite, read
         )
         captured = progress.drain(work, arguments.take.stem)
-    except UserError as error:
-        raise error if error.file else type(error)(error.message, arguments.take) from None
     result = {
         "take": arguments.take.stem,
         "model": ", ".join(dict.fromkeys(sets)),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.data.errors import InputError
+from ..core.data.errors import InputError, of_file
 from ..core.geometry.cameras import Cameras
 from ..core.geometry.rotations import exponential
 from .source import read_xml
@@ -56,7 +56,7 @@ def rig(cameras: Sequence[RigCamera], path: Path) -> Cameras:
         raise InputError("has no cameras; expected at least one", path)
     for camera in cameras:
         _check(camera, path)
-    try:
+    with of_file(path):
         return Cameras(
             names=tuple(camera.name for camera in cameras),
             size=np.array([camera.size for camera in cameras]),
@@ -66,8 +66,6 @@ def rig(cameras: Sequence[RigCamera], path: Path) -> Cameras:
             translation=np.array([camera.translation for camera in cameras]),
             inverse=np.array([camera.inverse for camera in cameras]),
         )
-    except InputError as error:
-        raise InputError(error.message, path) from None
 
 
 def _check(camera: RigCamera, path: Path):

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..core.data.errors import InputError
+from ..core.data.errors import of_file
 from ..core.edits.applying import refuse_unknown
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.edits.rows import document_of, edits_of
@@ -37,20 +37,16 @@ def open_edits(edits: Edits | Path | None, take: Path, markerset: "Worn", **know
     Raises InputError with the file and the number of the edit where one cannot be of this take.
     """
     said = read_edits(edits) if isinstance(edits, Path) else edits or NO_EDITS
-    try:
+    with of_file(edits if isinstance(edits, Path) else take):
         refuse_unknown(said, markerset.by_name, **known)
-    except InputError as error:
-        raise InputError(error.message, edits if isinstance(edits, Path) else take) from None
     return said
 
 
 def read_edits(path: Path) -> Edits:
     """The edits of a file; InputError with the file, and the number of the edit, where it is not what it should be."""
     document = read_json(path, "edits")
-    try:
+    with of_file(path):
         return edits_of(document)
-    except InputError as error:
-        raise error if error.file else InputError(error.message, path) from None
 
 
 def write_edits(path: Path, edits: Edits):

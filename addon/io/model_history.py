@@ -19,6 +19,7 @@ from ..core.points.history import NO_HISTORY, ModelHistory, TaughtTake
 from .markersets import SUFFIX
 from .packing import NOT_PACKED, from_json
 from .text import can_be_written
+from .whole import free_path
 
 HISTORY = "history"
 # ours.v2.markerset.json was version 2 of ours, ours.v3-candidate.markerset.json may become version 3.
@@ -88,12 +89,7 @@ def moved(history: ModelHistory, before: Path, after: Path) -> ModelHistory:
 
 def beside(model: Path, what: str) -> Path:
     """A file beside a model's that nothing has the name of yet, for what is said of it: `v2` or `v3-candidate`."""
-    stem, number = model.name.removesuffix(SUFFIX), 1
-    path = model.with_name(f"{stem}.{what}{SUFFIX}")
-    while path.exists() or path.is_symlink():
-        number += 1
-        path = model.with_name(f"{stem}.{what}-{number}{SUFFIX}")
-    return path
+    return free_path(model.with_name(f"{model.name.removesuffix(SUFFIX)}.{what}"), SUFFIX)
 
 
 def is_beside(path: Path) -> bool:

@@ -164,6 +164,15 @@ def finish_renaming(folder: Path):
             take_away_forsaken(folder, PART, _rename_rest)
 
 
+def free_path(place: Path, ending: str) -> Path:
+    """The path with an ending, and with a number before it where something has that name."""
+    path, number = place.with_name(place.name + ending), 1
+    while path.exists() or path.is_symlink():
+        number += 1
+        path = place.with_name(f"{place.name}-{number}{ending}")
+    return path
+
+
 def _holds_remains(folder: Path) -> bool:
     try:
         with os.scandir(folder) as entries:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..blendfile import mesh_occlusion, open_cameras, refuse_long
-from ..core.data.errors import InputError
+from ..core.data.errors import InputError, of_file
 from ..core.data.progress import Progress
 from ..core.data.takes import BY_EDIT, STEPS, Blobs, LabelledChunk, Points, Suspect
 from ..core.edits.blob_tracks import followed, wants_tracks
@@ -31,7 +31,7 @@ from ..io.report import facts_of_cameras
 from ..io.scratch import scratch_folder
 from ..io.tables import Room, RowFile
 from .job import facts_of_capture, timed
-from .labelling import OpenTake, Results, TakePart, edits_named
+from .labelling import OpenTake, Results, TakePart
 
 if TYPE_CHECKING:  # only who fills gaps needs it
     from ..core.filling.rays import MarkerRays
@@ -161,7 +161,7 @@ class BlobTake(OpenTake):
         room = Room(self.stack, 0)  # no table is held: those of chunks are small, and a long take has many
         options = PointOptions(chosen_method(asked.models[0], job.method), job.target, room=room, force=job.force)
         body_of = mesh_occlusion if job.casts == "bvh" else None
-        with edits_named(job):
+        with of_file(job.edits_file or job.source, InputError):
             work = label_several_blobs(read, self.cameras, asked, options, self.rate, body_of, self.edits)
             return (yield from work)
 

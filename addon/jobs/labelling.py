@@ -2,13 +2,13 @@
 """A take from file to files, of blobs as of 3D points: named part by part, and written as a whole."""
 
 from collections.abc import Callable, Generator, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..blendfile import Chunks, refuse_long, save_blend, save_played
-from ..core.data.errors import InputError
+from ..core.data.errors import InputError, of_file
 from ..core.data.markersets import Worn
 from ..core.data.progress import Progress
 from ..core.data.takes import MAX_FRAME, Blobs, EditOutcome, LabelledChunk, PointRows, Points, Suspect
@@ -50,15 +50,6 @@ if TYPE_CHECKING:
     from ..core.filling.kept import KeptFill
     from ..core.filling.rays import MarkerRays
     from ..core.review.overview import TakeOverview
-
-
-@contextmanager
-def edits_named(job: LabelJob) -> Iterator[None]:
-    """Names the file of edits in an InputError that names none."""
-    try:
-        yield
-    except InputError as error:
-        raise error if error.file else InputError(error.message, job.edits_file or job.source) from None
 
 
 def facts_of_subjects(job: LabelJob, worn: SetsWorn, notes: list[str]) -> dict:
@@ -177,7 +168,7 @@ class PointTake(OpenTake):
         else:
             from ..core.points.several.pipeline import label_several
 
-            with edits_named(self.job):
+            with of_file(self.job.edits_file or self.job.source, InputError):
                 self.labelled = yield from label_several(self.take, self.several, options)
             self.worn = self.labelled.worn
             if self.job.shown:

@@ -9,7 +9,7 @@ from time import perf_counter
 import numpy as np
 
 from ..core.calibration.refining import Refinement, parts_of, refine_cameras
-from ..core.data.errors import InputError, UserError
+from ..core.data.errors import InputError, of_file
 from ..core.data.progress import Progress, within
 from ..core.data.takes import Blobs
 from ..core.geometry.cameras import Cameras
@@ -61,11 +61,9 @@ def refine_file(job: RefineJob) -> Generator[Progress, None, Refined]:
         model = open_model(job.model)
         rate = USUAL_RATE if job.rate is None else job.rate
         parts = yield from _read_parts(job, cameras)
-        try:
+        with of_file(job.source):
             work = refine_cameras(parts, cameras, model, BlobOptions(rate=rate))
             found = yield from within(work, READ, 1.0)
-        except UserError as error:
-            raise error if error.file else type(error)(error.message, job.source) from error
         if found.refined or not job.if_refined:
             write_cameras(target, found.cameras)
     return Refined(_report(job, found, rate, perf_counter() - begin), found.cameras)

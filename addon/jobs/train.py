@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.data.errors import InputError
+from ..core.data.errors import InputError, of_file
 from ..core.data.progress import Progress, within
 from ..core.data.wording import listed
 from ..core.evaluation.comparing import Comparison
@@ -230,10 +230,8 @@ def _learned(
 def _from_words(job: TrainJob, clock: dict[str, float], try_all: Trying) -> Generator[Progress, None, _Taught]:
     """The model of a marker set that words alone describe."""
     layout, bodies = open_layout(job.layout), known_bodies()
-    try:
+    with of_file(job.layout):
         markerset = described(layout, bodies)
-    except InputError as error:
-        raise InputError(error.message, job.layout) from None
     markerset = replace(markerset, name=written(job.name or layout.name).strip() or "model")
     work = learned_from_words(markerset, bodies, try_all)
     model, seconds = yield from within(work, 0.0, TRAINING_SHARES["end"])

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..core.data.errors import InputError, UserError
+from ..core.data.errors import InputError, of_file
 from ..core.data.markersets import MarkerSet
-from ..core.points.handedness import MirroredError, refuse_labelled
+from ..core.points.handedness import refuse_labelled
 from ..core.points.likelihood.learn import LEARN
 from ..core.review.answering import right_in
 from ..core.training.takes import LabelledTake, learnable, odd_size
@@ -65,11 +65,9 @@ def read_takes(
 def _read(path: Path, subjects: Sequence[tuple[str, str]], known: KnownBetter) -> TakeFile:
     folder = path.resolve().parent.name or "subject"  # of a drive there is no name
     subject = next((name for name, glob in subjects if suits(path, glob)), folder)
-    try:
+    with of_file(path):
         points = read_points(path, up=known.up, rate=known.rate)
         whole, xyz, doubled, filled = _named(points, trajectories_of(points, subject))
-    except UserError as error:
-        raise error if error.file else type(error)(error.message, path) from None
     names = tuple(name.rpartition(":")[2] for name in whole)
     doubts = [f"{path.name} has the label {name} twice, so it was left out there" for name in doubled]
     if filled:
@@ -92,10 +90,8 @@ def refuse_mirrored(takes: Sequence[TakeFile], bodies: Sequence[MarkerSet]):
             places = known_places(body, take.names)
             points = np.full((len(take.xyz), len(body), 3), np.nan)
             points[:, places[places >= 0]] = take.xyz[:, places >= 0]
-            try:
+            with of_file(take.path if take.path.name else take.name):
                 refuse_labelled(body, points)
-            except MirroredError as error:
-                raise MirroredError(error.message, take.path if take.path.name else take.name) from None
 
 
 def own_output(path: Path) -> dict | None:

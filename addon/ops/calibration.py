@@ -7,6 +7,7 @@ import bpy
 from bpy.props import StringProperty
 
 from ..core.data.errors import InputError
+from ..io.whole import free_path
 from ..jobs.refine import Refined, RefineJob, refine_file
 from ..props import chosen_model, frames_wanted
 from ..scene import cameras as scene_cameras
@@ -42,7 +43,7 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
             source=source,
             cameras=scene_cameras.cameras_of(settings.source.cameras, context.scene),
             model=chosen_model(settings.subjects),
-            out=Path(bpy.path.abspath(path)) if path else free_path(source),
+            out=Path(bpy.path.abspath(path)) if path else free_path(source.with_suffix(""), ENDING),
             frames=frames_wanted(settings.labelling),
             rate=settings.source.rate,
             overwrite=bool(path),
@@ -64,15 +65,6 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
         source.cameras = show_refined(scene, source.cameras, refined.cameras, report)
         self.report({"INFO"}, f"{_worst(report)}, in {Path(report['out']).name}; label again to use it")
         return {"FINISHED"}
-
-
-def free_path(source: Path, ending: str = ENDING) -> Path:
-    """A name beside a file that no file has yet."""
-    path, number = source.with_name(source.stem + ending), 1
-    while path.exists():
-        number += 1
-        path = source.with_name(f"{source.stem}-{number}{ending}")
-    return path
 
 
 def _worst(report: dict) -> str:

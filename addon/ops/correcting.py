@@ -160,11 +160,7 @@ def chosen_trajectories(context: bpy.types.Context, stored: Stored) -> list[int]
 
 
 def edit_of(
-    kinds: tuple[type[Edit], type[BlobEdit]],
-    stored: Stored,
-    number: int,
-    frames: tuple[int, int] | None,
-    *marker: str,
+    kinds: tuple[type[Edit], type[BlobEdit]], stored: Stored, number: int, frames: tuple[int, int] | None, *marker: str
 ) -> Edit:
     """An edit, of one of two kinds, of a trajectory or of a blob's track, in some frames, None for all."""
     if isinstance(stored.rows, PointRows):

@@ -12,7 +12,7 @@ from ..core.data.progress import Progress
 from ..core.data.wording import count_of
 from ..core.pictures.spots import SpotOptions
 from ..io.blobs import write_blobs
-from ..io.whole import whole_file
+from ..io.whole import free_path, whole_file
 from ..jobs.pictures import (
     CENTRE,
     CORNER,
@@ -26,7 +26,6 @@ from ..jobs.pictures import (
 from ..scene import cameras as scene_cameras
 from ..scene.pictures import blobs_of_clips, clip_of, lens_of
 from .base import Ours, once, unless
-from .calibration import free_path
 from .importing import NEEDS_CAMERA, cameras_at_hand, lacks_cameras, take_blobs
 from .stepping import WorksInSteps, nothing_goes_on
 
@@ -55,7 +54,7 @@ class CountsPixels:
         return CORNER if scene_cameras.is_adopted(cameras) else CENTRE
 
     def target(self, beside: Path) -> Path:
-        return Path(bpy.path.abspath(self.out)) if self.out else free_path(beside, BLOBS_ENDING)
+        return Path(bpy.path.abspath(self.out)) if self.out else free_path(beside.with_suffix(""), BLOBS_ENDING)
 
 
 class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, WorksInSteps, bpy.types.Operator):

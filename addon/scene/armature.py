@@ -145,11 +145,7 @@ def bone_tails(markerset: MarkerSet, build: Build) -> np.ndarray:
 
 
 def pose_armature(
-    armature: bpy.types.Object,
-    actions: animation.TakeActions,
-    markerset: MarkerSet,
-    motion: Motion,
-    frames: np.ndarray,
+    armature: bpy.types.Object, actions: animation.TakeActions, markerset: MarkerSet, motion: Motion, frames: np.ndarray
 ):
     """Keys every bone at Blender's `frames` (F,) so that its head is the joint and it turns as its segment does."""
     segments, channels = markerset.skeleton.segments, list(pose_channels(armature, markerset, motion))

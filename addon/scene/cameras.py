@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..core.data.errors import InputError
+from ..core.data.errors import InputError, of_file
 from ..core.geometry.cameras import Cameras
 from . import naming
 
@@ -122,9 +122,8 @@ def cameras_of_blend(path: Path | str) -> Cameras:
             raise InputError("holds no scene; expected a .blend with cameras", path)
         scene = wanted.scenes[0]
         scene.view_layers[0].update()
-        return cameras_of_scene(scene)
-    except InputError as error:
-        raise InputError(error.message, path) from error
+        with of_file(path):
+            return cameras_of_scene(scene)
     finally:
         for library in set(bpy.data.libraries) - before:
             bpy.data.libraries.remove(library)

@@ -227,9 +227,7 @@ def _draw_suspects(context, box: bpy.types.UILayout, take: bpy.types.Collection)
 
 
 @panel(
-    "Performers",
-    under="review",
-    seen=lambda context: has_take(context) and homes(context.scene.mocap_autolabel.take),
+    "Performers", under="review", seen=lambda context: has_take(context) and homes(context.scene.mocap_autolabel.take)
 )
 def people(layout, context):
     """Those who were found."""

@@ -2,6 +2,8 @@
 """The one family of exceptions that a user can do something about."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 # Signs that move a terminal's cursor or end a line; a file may have them in any of its words.
@@ -57,3 +59,12 @@ class ForceableError(JobError):
 
     Whoever knows better asks for `force`: `--force`, or the button beside the sentence.
     """
+
+
+@contextmanager
+def of_file(path: str | Path, kind: type[UserError] = UserError) -> Iterator[None]:
+    """Names the file in trouble of a kind that the block has and that names none."""
+    try:
+        yield
+    except kind as error:
+        raise error if error.file else type(error)(error.message, path) from None
