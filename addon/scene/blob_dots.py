@@ -73,9 +73,7 @@ def likely_of_blob(stored: Stored, tracks: BlobTracks, row: int) -> list[int]:
     place = np.where(np.isfinite(seen), seen, predicted(stored, index))
     off = np.linalg.norm(stored.cameras.project(place)[camera] - stored.rows.xy[row], axis=1)
     free = missing_in_image(stored, index, camera)
-    names = stored.labels.marker[tracks.rows(row)]
-    elsewhere = np.bincount(names[names != NO_MARKER], minlength=len(stored.names)) > 0
-    return ranked(off, free, elsewhere, stored.names)
+    return ranked(off, free, stored.labels.marker[tracks.rows(row)], stored.names)
 
 
 def ray_of(stored: Stored, row: int) -> tuple[np.ndarray, np.ndarray]:

@@ -138,20 +138,18 @@ def likely_markers(stored: Stored, index: int, rows: np.ndarray, xyz: np.ndarray
     """All markers, the likeliest for the dot of a trajectory with these rows, at xyz (3,) m in a frame, first."""
     free = missing(stored, index)
     off = np.linalg.norm(predicted(stored, index) - xyz, axis=1)
-    names = stored.labels.marker[rows]
-    elsewhere = np.bincount(names[names != NO_MARKER], minlength=len(stored.names)) > 0
-    return ranked(off, free, elsewhere, stored.names)
+    return ranked(off, free, stored.labels.marker[rows], stored.names)
 
 
-def ranked(off: np.ndarray, free: np.ndarray, elsewhere: np.ndarray, names: Sequence[str]) -> list[int]:
+def ranked(off: np.ndarray, free: np.ndarray, named: np.ndarray, names: Sequence[str]) -> list[int]:
     """The M markers, the likeliest for a dot first.
 
-    off (M,) is how far each is from it, NaN where nothing tells; free (M,) those that nothing is, elsewhere (M,) those
-    that the same trajectory is in other frames. First come those that are both; then the NEAREST around the dot, of
-    which the free ones first; then the rest. What is on the other side than the nearest of all comes last: a right hand
-    is no left thigh, though that is all that is missing.
+    off (M,) is how far each is from it, NaN where nothing tells; free (M,) those that nothing is, named (N,) those that
+    the same trajectory is in any frames. First come those that are both; then the NEAREST around the dot, of which the
+    free ones first; then the rest. What is on the other side than the nearest of all comes last: a right hand is no
+    left thigh, though that is all that is missing.
     """
-    off, known = np.nan_to_num(off, nan=np.inf), set(names)
+    off, known, elsewhere = np.nan_to_num(off, nan=np.inf), set(names), np.isin(np.arange(len(names)), named)
     sides = np.array([side_in(name, known) for name in names])
     here = sides[off.argmin()]
     other = (here != "") & (sides != "") & (sides != here)

@@ -101,11 +101,11 @@ def test_a_right_hand_is_offered_what_is_around_it_and_missing_first_and_no_left
     of = markerset.by_name
     off = np.linalg.norm(at - at[of["RFIN"]], axis=1)
     free = np.isin(names, ["LTHI", "RWRB"])
-    offered = [names[marker] for marker in ranked(off, free, np.zeros(len(names), bool), names)]
+    offered = [names[marker] for marker in ranked(off, free, np.array([NO_MARKER]), names)]
     assert offered[:2] == ["RWRB", "RFIN"]
     assert not [name for name in offered[: NEAREST + 2] if name.startswith("L")]
     assert sorted(offered) == sorted(names)
-    before = [names[marker] for marker in ranked(off, free, np.isin(names, ["LTHI"]), names)]
+    before = [names[marker] for marker in ranked(off, free, np.array([NO_MARKER, names.index("LTHI")]), names)]
     assert before[0] == "LTHI", "the same trajectory is that in other frames"
 
 
