@@ -113,13 +113,13 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, WorksInSteps, bpy.types.Operat
             raise InputError(f"{words}; expected one for each camera", folder)
         return there
 
-    def _show(self, context, said: dict) -> set[str]:
-        _use(context, Path(said["out"]), said["rate"])
-        for words in said["notes"]:
+    def _show(self, context, outcome: dict) -> set[str]:
+        _use(context, Path(outcome["out"]), outcome["rate"])
+        for words in outcome["notes"]:
             self.report({"WARNING"}, words)
         self.report(
             {"INFO"},
-            f"{count_of(said['blobs'], 'blob')} in {count_of(said['frames'], 'frame')}, in {Path(said['out']).name}",
+            f"{count_of(outcome['blobs'], 'blob')} in {count_of(outcome['frames'], 'frame')}, in {Path(outcome['out']).name}",
         )
         return {"FINISHED"}
 

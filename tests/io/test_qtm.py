@@ -217,8 +217,10 @@ def test_which_of_both_is_meant(take, tmp_path):
     assert holds_points(take, "points")
     held = held_in(take)
     assert (held.cameras, held.calibrated, held.labelled, held.unlabelled) == (NAMES, NAMES, 2, 1)
-    assert held.told("blobs").startswith("its blobs (4 cameras) are taken, not its 3D points (2 trajectories")
-    assert held.told("points").startswith("its 3D points (2 trajectories with a label, 1 without) are taken, not")
+    assert held.choice_words("blobs").startswith("its blobs (4 cameras) are taken, not its 3D points (2 trajectories")
+    assert held.choice_words("points").startswith(
+        "its 3D points (2 trajectories with a label, 1 without) are taken, not"
+    )
     loose = write_qtm(tmp_path / "loose.qtm", recording(uncalibrated=NAMES))
     assert holds_points(loose) and not holds_points(loose, "blobs")
     blobs = write_qtm(tmp_path / "blobs.qtm", recording(trajectories=()))
