@@ -461,7 +461,7 @@ class ReviewState(bpy.types.PropertyGroup):
     cancelled: BoolProperty(name="Cancel", description="Whether what is going on is to stop")
     folder_doing: StringProperty(name="Doing", description="How far Label Folder is; empty where it does not go on")
     folder_share: FloatProperty(name="Done", description="How much of it is done", subtype="FACTOR", min=0.0, max=1.0)
-    folder_said: StringProperty(name="Trouble", description="Why Label Folder ended before its time")
+    folder_trouble: StringProperty(name="Trouble", description="Why Label Folder ended before its time")
     folder_results: StringProperty(name="Results", description="The folder that the listed takes lie in")
     folder_takes: CollectionProperty(type=FolderTakeRow)
     folder_take_index: IntProperty()

@@ -105,5 +105,5 @@ def add_options(parser: argparse.ArgumentParser, *flags: str, **changed):
 
 def job_of(kind: Callable[..., Job], arguments: argparse.Namespace, **more: Any) -> Job:
     """A job, whose fields are what the arguments of these names say, and `more`."""
-    said = {name: getattr(arguments, name) for name in signature(kind).parameters if hasattr(arguments, name)}
-    return kind(**said | more)
+    given = {name: getattr(arguments, name) for name in signature(kind).parameters if hasattr(arguments, name)}
+    return kind(**given | more)

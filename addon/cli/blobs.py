@@ -65,7 +65,7 @@ def run(arguments) -> int:
     job = job_of(
         PicturesJob,
         arguments,
-        pictures=pictures_by_camera([_said(text, cameras.names) for text in arguments.pictures], cameras.names),
+        pictures=pictures_by_camera([_of_camera(text, cameras.names) for text in arguments.pictures], cameras.names),
         cameras=cameras,
         first_pixel=arguments.first_pixel or first_pixel_of(arguments.cameras),
         spots=job_of(SpotOptions, arguments),
@@ -77,7 +77,7 @@ def run(arguments) -> int:
     return 0
 
 
-def _said(text: str, names: tuple[str, ...]) -> tuple[str | None, Path]:
+def _of_camera(text: str, names: tuple[str, ...]) -> tuple[str | None, Path]:
     """Camera and path of an argument; a path that is there may have an = in it."""
     camera, equals, path = text.partition("=")
     alone = not equals or (camera not in names and os.path.lexists(text))

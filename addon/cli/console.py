@@ -55,8 +55,8 @@ def of_take(error: Exception, take: Path, trace: bool = False) -> UserError:
 def _lacks_memory(error: BaseException | None) -> bool:
     """Whether something failed, or what it failed of, for want of memory: what loads libraries has words of its own."""
     while error is not None:
-        said = str(error)
-        if isinstance(error, MemoryError) or any(words in said for words in OUT_OF_MEMORY):
+        message = str(error)
+        if isinstance(error, MemoryError) or any(words in message for words in OUT_OF_MEMORY):
             return True
         error = error.__cause__ or error.__context__
     return False
@@ -88,9 +88,9 @@ def open_streams():
 
 def complain(trouble: UserError | str):
     """One line on standard error: `mocap-autolabel: FILE:LINE: what is wrong; what was expected`."""
-    said = spelt_out(" ".join(str(trouble).split()))
+    message = spelt_out(" ".join(str(trouble).split()))
     more = "; --force goes on regardless" if isinstance(trouble, ForceableError) else ""
-    for stream, text in ((sys.stdout, ""), (sys.stderr, f"{PROGRAM}: {said}{more}\n")):
+    for stream, text in ((sys.stdout, ""), (sys.stderr, f"{PROGRAM}: {message}{more}\n")):
         with suppress(OSError):  # where nobody can hear, the exit status tells
             stream.write(text)
             stream.flush()
@@ -205,13 +205,13 @@ def stoppable() -> Iterator[None]:
 def _say_again(hook: Callable) -> Callable:
     """A hook for what Python cannot raise: a request to stop that fell into such a moment is made again behind it."""
 
-    def heard(lost):
+    def handler(lost):
         if lost.exc_type is KeyboardInterrupt:
             threading.Timer(AGAIN, _thread.interrupt_main).start()
         else:
             hook(lost)
 
-    return heard
+    return handler
 
 
 def _plain(value):

@@ -58,11 +58,11 @@ def _version_lines(one: "ModelVersion") -> list[str]:
     for row in one.checked:
         if row.recall[0] != row.recall[1] or row.wrong[0] != row.wrong[1]:
             (then, now), (wrong_then, wrong) = row.recall, row.wrong
-            said = f"{share(now)} right ({share(then)} before), {share(wrong)} wrong ({share(wrong_then)} before)"
-            lines.append(f"    {row.name}: {said}")
+            figures = f"{share(now)} right ({share(then)} before), {share(wrong)} wrong ({share(wrong_then)} before)"
+            lines.append(f"    {row.name}: {figures}")
     if one.checked:
-        told = "; some were named worse, and it was adopted all the same" if one.told else ""
-        lines.append(f"    checked on {len(one.checked)} {'take' if len(one.checked) == 1 else 'takes'}{told}")
+        note = "; some were named worse, and it was adopted all the same" if one.told else ""
+        lines.append(f"    checked on {len(one.checked)} {'take' if len(one.checked) == 1 else 'takes'}{note}")
     return lines
 
 

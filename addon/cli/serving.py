@@ -94,11 +94,11 @@ def serve(run: Callable[[list[str]], int]) -> int:
         busy.set()
         if left.is_set():  # what was sent before that is not wanted any more
             break
-        said = StringIO()
-        with redirect_stdout(StringIO()), redirect_stderr(said):
+        errors = StringIO()
+        with redirect_stdout(StringIO()), redirect_stderr(errors):
             status = run(json.loads(line))
         busy.clear()
-        out.write(f"\n{ANSWER}{json.dumps({'status': status, 'said': said.getvalue()})}\n")
+        out.write(f"\n{ANSWER}{json.dumps({'status': status, 'said': errors.getvalue()})}\n")
         out.flush()
     return 0
 

@@ -28,10 +28,10 @@ def run(arguments) -> int:
         stem = path.name.removesuffix(REPORT)
         try:
             report = open_provenance(path)
-            said = differences(path, report, version(), arguments.results)
-            takes.append({"take": stem, "report": str(path), "verified": not said, "differences": said})
-            if said:
-                raise JobError(f"{', '.join(said)}; expected all as it was when this take was labelled", path)
+            changed = differences(path, report, version(), arguments.results)
+            takes.append({"take": stem, "report": str(path), "verified": not changed, "differences": changed})
+            if changed:
+                raise JobError(f"{', '.join(changed)}; expected all as it was when this take was labelled", path)
             lines.append(f"{stem}: {_made(report['provenance'])}")
         except Exception as error:  # noqa: BLE001 - every take is its own
             failed.append((stem, of_take(error, path, arguments.traceback)))

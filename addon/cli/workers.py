@@ -72,8 +72,8 @@ class Worker:
         for told in cast("IO[bytes]", self.process.stdout):
             if told.startswith(ANSWER.encode()):
                 return _answer(line[-1], result, **json.loads(told[len(ANSWER) :]))
-        said = self.errors.read_bytes().decode("utf-8", "replace")
-        return _answer(line[-1], result, self.process.wait(), said)
+        errors = self.errors.read_bytes().decode("utf-8", "replace")
+        return _answer(line[-1], result, self.process.wait(), errors)
 
     def close(self):
         """Lets go of the pipe to the process, which ends itself then; at once where it is still starting up."""
@@ -83,11 +83,11 @@ class Worker:
             self.pipe.close()
 
 
-def _answer(take: str, result: Path, status: int, said: str) -> dict | UserError:
+def _answer(take: str, result: Path, status: int, errors: str) -> dict | UserError:
     """What came of a command line, or why nothing did, by its exit status and what it said on standard error."""
     if status == 0 and result.is_file():
         return json.loads(read_bytes(result))
-    lines = said.strip().splitlines()
+    lines = errors.strip().splitlines()
     reason = next((line for line in reversed(lines) if line.startswith("mocap-autolabel: ")), "")
     if reason:
         return (InputError if status == InputError.exit_status else JobError)(reason.partition(": ")[2])

@@ -150,8 +150,8 @@ def _state_of(path: Path) -> State | None:
         beside = None if edits is None else edits.stat()
     except OSError:
         return None
-    said = (own.st_size, own.st_mtime_ns, own.st_ino)
-    return said if beside is None else (*said, beside.st_size, beside.st_mtime_ns)
+    state = (own.st_size, own.st_mtime_ns, own.st_ino)
+    return state if beside is None else (*state, beside.st_size, beside.st_mtime_ns)
 
 
 def _unreadable(error: OSError, folder: Path) -> InputError:

@@ -36,10 +36,10 @@ def open_edits(edits: Edits | Path | None, take: Path, markerset: "Worn", **know
     `known` is what is known of the take, as `applying.refuse_unknown` takes it.
     Raises InputError with the file and the number of the edit where one cannot be of this take.
     """
-    said = read_edits(edits) if isinstance(edits, Path) else edits or NO_EDITS
+    found = read_edits(edits) if isinstance(edits, Path) else edits or NO_EDITS
     with of_file(edits if isinstance(edits, Path) else take):
-        refuse_unknown(said, markerset.by_name, **known)
-    return said
+        refuse_unknown(found, markerset.by_name, **known)
+    return found
 
 
 def read_edits(path: Path) -> Edits:

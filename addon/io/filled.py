@@ -42,12 +42,12 @@ def write_filled(path: Path, rows: Sequence[dict]):
 
 
 def _row(marker: str, first: int, last: int, method: str, expected: float, rests_on: str) -> dict:
-    told = zip(
+    rows = zip(
         GAP_COLUMNS,
         (marker, first, last, method, (round(1000 * expected, 2) if np.isfinite(expected) else None)),
         strict=True,
     )
-    return dict(told) | {"rests_on": rests_on}
+    return dict(rows) | {"rests_on": rests_on}
 
 
 def _where(one: FilledGap | LeftGap, names: Sequence[str], first_frame: int) -> tuple[str, int, int]:

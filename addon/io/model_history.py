@@ -94,14 +94,14 @@ def beside(model: Path, what: str) -> Path:
 
 def is_beside(path: Path) -> bool:
     """Whether a file is a former version or a candidate of a model beside it, by its name."""
-    return _said_of(path) is not None
+    return _match_of(path) is not None
 
 
 def model_of(candidate: Path) -> Path | None:
     """The file that a candidate may take the place of; None where it is none by its name."""
-    said = _said_of(candidate)
-    return candidate.with_name(said["name"] + SUFFIX) if said and said["candidate"] else None
+    match = _match_of(candidate)
+    return candidate.with_name(match["name"] + SUFFIX) if match and match["candidate"] else None
 
 
-def _said_of(path: Path) -> re.Match | None:
+def _match_of(path: Path) -> re.Match | None:
     return _BESIDE.fullmatch(path.name.removesuffix(SUFFIX)) if path.name.endswith(SUFFIX) else None

@@ -30,7 +30,7 @@ def parse_filestorage(text: str, path: Path) -> dict:
     Items behind dashes are passed over: nothing of a camera is in them. InputError with the line for anything else.
     """
     lines = [(number, line, line.strip()) for number, line in enumerate(text.splitlines(), 1)]
-    said = iter([one for one in lines if one[2] and one[2][0] not in "#%" and one[2] not in ("---", "...")])
+    rest = iter([one for one in lines if one[2] and one[2][0] not in "#%" and one[2] not in ("---", "...")])
     root: dict = {}
     open_nodes: list[tuple[int, dict, dict, str]] = [(-1, root, {}, "")]  # with the indentation, and whose they are
 
@@ -40,7 +40,7 @@ def parse_filestorage(text: str, path: Path) -> dict:
             if {"rows", "cols", "data"} <= node.keys():
                 owner[name] = _matrix(node, path, number)
 
-    for number, line, content in said:
+    for number, line, content in rest:
         indent = len(line) - len(line.lstrip())
         close(indent, number - 1)
         if content[0] == "-":
@@ -53,7 +53,7 @@ def parse_filestorage(text: str, path: Path) -> dict:
             open_nodes.append((indent, owner[name], owner, name))
             continue
         parts = [value]
-        while value[0] in "[{" and not {"]", "}"} & set(parts[-1]) and (more := next(said, None)):
+        while value[0] in "[{" and not {"]", "}"} & set(parts[-1]) and (more := next(rest, None)):
             parts.append(more[2])
         if value[0] in "[{" and parts[-1][-1] not in "]}":
             raise InputError(f"has a list that does not end; expected {YAML}", path, number)

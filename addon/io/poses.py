@@ -85,12 +85,12 @@ def _bridged(values: np.ndarray, start: int, before: tuple[float, float], after:
 
 def cache_mark(path: Path) -> str:
     """What a cache is known again by: its size, and a digest of its begin, middle and end."""
-    told, size = hashlib.sha256(), path.stat().st_size
+    digest, size = hashlib.sha256(), path.stat().st_size
     with open_binary(path) as file:
         for place in (0, size // 2, max(size - MARK_BYTES, 0)):
             file.seek(place)
-            told.update(file.read(MARK_BYTES))
-    return f"{size} {told.hexdigest()}"
+            digest.update(file.read(MARK_BYTES))
+    return f"{size} {digest.hexdigest()}"
 
 
 def check_cache(path: Path, mark: str):

@@ -131,9 +131,9 @@ def open_provenance(path: Path) -> dict:
     report = read_report(path, wanted)
     made = report["provenance"]
     rows = [row for kind in MADE_OF for row in (made.get(kind) if isinstance(made.get(kind), list) else [None])]
-    told = [row.get(key) if isinstance(row, dict) else None for row in rows for key in ("file", "sha256")]
-    told += [made.get("version"), made.get("report"), *made["results"].values()]
-    if not all(isinstance(one, str) for one in told):
+    recorded = [row.get(key) if isinstance(row, dict) else None for row in rows for key in ("file", "sha256")]
+    recorded += [made.get("version"), made.get("report"), *made["results"].values()]
+    if not all(isinstance(one, str) for one in recorded):
         raise InputError(f"does not say which files it was made of; expected {wanted}", path)
     return report
 
@@ -144,16 +144,16 @@ def differences(path: Path, report: dict, version: str, asked: Path) -> list[str
     `asked` is what somebody asked about, which may be no result of these.
     """
     made, stem = report["provenance"], path.name.removesuffix(REPORT)
-    said = []
+    found = []
     if not asked.is_dir() and asked.name.removeprefix(stem) not in ("", REPORT, *made["results"]):
-        said.append(f"{asked.name} is none of its results")
+        found.append(f"{asked.name} is none of its results")
     if made["report"] != _digest_of(report):
-        said.append("the report was changed")
+        found.append("the report was changed")
     if made["version"] != version:
-        said.append(f"it was made by version {made['version']} and this is {version}")
+        found.append(f"it was made by version {made['version']} and this is {version}")
     missing, changed = _results_now(path, report)
-    said += [f"{file.name} is gone" for file in missing] + [f"{file.name} was changed" for file in changed]
-    return [*said, *_inputs_now(path, made)]
+    found += [f"{file.name} is gone" for file in missing] + [f"{file.name} was changed" for file in changed]
+    return [*found, *_inputs_now(path, made)]
 
 
 def _inputs_now(report: Path, made: dict) -> Iterator[str]:

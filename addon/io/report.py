@@ -72,11 +72,11 @@ def facts_of_trouble(trouble: TakeTrouble, suspects: Iterable[Suspect]) -> dict:
 
 def renumbered(points: Points) -> dict:
     """What a report says where a C3D file cannot say what the take does: of frame numbers, and of long names."""
-    said: dict = {}
+    facts: dict = {}
     first = first_number(points.first_frame, points.xyz.shape[0])
     if first != points.first_frame:
-        said["c3d_first_frame"] = first
+        facts["c3d_first_frame"] = first
     names = zip(points.names, names_in_c3d(points.names), strict=True)
     if other := {name: fitted for name, fitted in names if name != fitted}:
-        said["c3d_names"] = other
-    return said
+        facts["c3d_names"] = other
+    return facts

@@ -172,9 +172,9 @@ def _trc_labels(line: str, promised: str, rows: list[str]) -> list[str]:
         fields[1:2] = fields[1].split(None, 1)
     labels = fields[2:]
     names = [label for label in labels if label]
-    said = count_in(promised)
+    stated = count_in(promised)
     width = max(((len(row.rstrip().split("\t")) if row.strip() else 0) for row in rows[:WIDTH_ROWS]), default=0)
-    count = max(said, -((2 - width) // 3))
+    count = max(stated, -((2 - width) // 3))
     if count == len(names):
         return names
     stems = [name[:-1].rstrip("_. ") for name in names]

@@ -29,8 +29,8 @@ def read_toml(path: Path, up: str = "") -> Cameras:
     if not tables:
         raise InputError("has no table with a `matrix`; expected one table a camera", path)
     refuse_crowd(len(tables), path)
-    said = next((str(table["up"]) for _, table in tables if table.get("up") in AXIS_NAMES), "")
-    return z_up(rig([_camera(key, table, path) for key, table in tables], path), up or said)
+    stated = next((str(table["up"]) for _, table in tables if table.get("up") in AXIS_NAMES), "")
+    return z_up(rig([_camera(key, table, path) for key, table in tables], path), up or stated)
 
 
 def _tables(document: dict) -> Iterator[tuple[str, dict]]:

@@ -211,11 +211,11 @@ class RoomJob:
         return open_cameras(self.cameras, self.up), calibration_files(self.cameras)
 
 
-def part_job(said: dict, cameras: Cameras | None, frames: tuple[int, int]) -> LabelJob:
+def part_job(facts: dict, cameras: Cameras | None, frames: tuple[int, int]) -> LabelJob:
     """The job that labels these frames of a take as `for_a_part` said; `cameras` where it holds blobs."""
-    known = {name: said[name] for name in FOR_ANY_PART if name in said}
+    known = {name: facts[name] for name in FOR_ANY_PART if name in facts}
     known["wearers"] = tuple((name, model) for name, model in known.get("wearers", ()))
-    return LabelJob(Path(said["source"]), cameras, out=Path(), frames=frames, **known)
+    return LabelJob(Path(facts["source"]), cameras, out=Path(), frames=frames, **known)
 
 
 def _whole(model: str) -> str:
@@ -268,25 +268,25 @@ def told_by_capture(source: Path, cameras: Path | None, rate: float | None) -> d
     return {"cameras": calibration_for(source, cameras), "rate": blob_rate(source, rate)}
 
 
-def told_of_capture(source: Path, points: bool, cameras: Cameras | None = None) -> list[str]:
+def capture_notes(source: Path, points: bool, cameras: Cameras | None = None) -> list[str]:
     """What was taken of a capture, and which of its cameras are left out of `cameras`, a sentence each."""
     if not is_qtm(source):
         return []
     held = held_in(source)
-    choice = held.told(USE_POINTS if points else USE_BLOBS, None if cameras is None else cameras.names)
-    said = [f"of {source.name}, {choice}"] if choice else []
+    choice = held.chosen(USE_POINTS if points else USE_BLOBS, None if cameras is None else cameras.names)
+    facts = [f"of {source.name}, {choice}"] if choice else []
     left = [] if cameras is None else [name for name in held.calibrated if name not in cameras.names]
     if left:
         words = "cameras that the calibration does not have are left out"
-        said.append(f"of {source.name}, the blobs of {len(left)} {words}: {', '.join(left)}")
-    return said
+        facts.append(f"of {source.name}, the blobs of {len(left)} {words}: {', '.join(left)}")
+    return facts
 
 
 def facts_of_capture(source: Path, cameras: Cameras | None = None) -> dict:
     """The same as part of a report, and what was decided about the `cameras` of a take of blobs; None for points."""
     remarks = [] if cameras is None else list(cameras.remarks)
-    facts = {"capture": told_of_capture(source, cameras is None, cameras), "calibration": remarks}
-    return {name: said for name, said in facts.items() if said}
+    facts = {"capture": capture_notes(source, cameras is None, cameras), "calibration": remarks}
+    return {name: value for name, value in facts.items() if value}
 
 
 # Fields of a job that make no difference to what its files hold, or are told by their content.

@@ -70,13 +70,13 @@ def facts_of_subjects(job: LabelJob, worn: SetsWorn, notes: list[str]) -> dict:
 
 def _alike(worn: SetsWorn) -> list[str]:
     """Who cannot be told from whom by their models, a sentence for each model."""
-    said, first_of = [], kinds(worn.subjects)
+    notes, first_of = [], kinds(worn.subjects)
     for first in dict.fromkeys(first_of):
         names = [one.name for one, kind in zip(worn.subjects, first_of, strict=True) if kind is first]
         if len(names) > 1:
             words = f"{' and '.join(names)} wear the same model, which does not tell them apart"
-            said.append(f"{words}: {names[0]} is who is first in the file")
-    return said
+            notes.append(f"{words}: {names[0]} is who is first in the file")
+    return notes
 
 
 TakePart = tuple[Blobs | PointRows, list[str], LabelledChunk, float]  # with the keys of its rows, and the part read

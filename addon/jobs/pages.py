@@ -150,7 +150,7 @@ class BatchSummary:
 
 def lines_of(rows: Iterable[TakeRow]) -> list[str]:
     """Rows of a batch as lines of equal columns: what is at stake and to be looked at, or why a take failed."""
-    said = [("take", "to look at", "at stake", "named", "on body", "found", "time", "")]
+    lines = [("take", "to look at", "at stake", "named", "on body", "found", "time", "")]
     for row in rows:
         figures = ("", "", "", "", "", "")
         if row.measured:
@@ -158,12 +158,12 @@ def lines_of(rows: Iterable[TakeRow]) -> list[str]:
             figures = (str(row.trouble), f"{row.at_stake:.0f}", named, str(row.on_body), f"{row.found:.1%}")
             figures += (f"{row.seconds:.1f} s",)
         words = row.reason if row.state == LABELLED else f"{row.state}: {row.reason}" if row.reason else row.state
-        said.append((row.take, *figures, words))
-    widths = [max(len(line[column]) for line in said) for column in range(len(said[0]) - 1)]
+        lines.append((row.take, *figures, words))
+    widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]) - 1)]
     sides = (str.ljust, *[str.rjust] * (len(widths) - 1))
     return [
         "  ".join(
             [*(side(cell, width) for side, cell, width in zip(sides, line, widths, strict=False)), line[-1]]
         ).rstrip()
-        for line in said
+        for line in lines
     ]

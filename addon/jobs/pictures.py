@@ -107,8 +107,8 @@ def pictures_by_camera(paths: Sequence[tuple[str | None, Path]], names: Sequence
     Raises InputError where a camera is not among `names`, cannot be told, or is there twice.
     """
     found: dict[str, Path] = {}
-    for said, path in paths:
-        name = camera_in(path, names) if said is None else names[index_of(said, names)]
+    for given, path in paths:
+        name = camera_in(path, names) if given is None else names[index_of(given, names)]
         if name in found:
             words = f"is of camera {name}, and so is {found[name].name}"
             raise InputError(f"{words}; expected each camera once, see CAMERA=PICTURES", path)
@@ -216,11 +216,11 @@ def _of_frame(
 
 def _notes(views: Mapping, cameras: Cameras, first: int, last: int) -> list[str]:
     """What a person should know of cameras that lack some frames, or all."""
-    said = []
+    notes = []
     for index, view in sorted(views.items()):
         if view.first > first or view.last < last:
-            said.append(f"{cameras.names[index]} has pictures of frames {view.first} to {view.last} only")
+            notes.append(f"{cameras.names[index]} has pictures of frames {view.first} to {view.last} only")
     missing = [name for index, name in enumerate(cameras.names) if index not in views]
     if missing:
-        said.append(f"no pictures of {', '.join(missing)}")
-    return said
+        notes.append(f"no pictures of {', '.join(missing)}")
+    return notes

@@ -74,8 +74,8 @@ def _read(path: Path, subjects: Sequence[tuple[str, str]], known: KnownBetter) -
         doubts.append(f"{path.name}: {filled} samples were filled and not measured, so they are not learned")
     own = own_output(path)
     if own is not None:
-        xyz, said = looked_at(own, path, whole, xyz, points.first_frame)
-        doubts += [f"{path.name}: {words}" for words in said]
+        xyz, doubted = looked_at(own, path, whole, xyz, points.first_frame)
+        doubts += [f"{path.name}: {words}" for words in doubted]
     if points.assumed:
         doubts.append(f"{path.name} names no unit, so it was taken to be in {points.assumed}")
     doubts += [f"{path.name}: {note}" for note in points.notes]

@@ -18,7 +18,7 @@ from ..io.cameras import read_cameras
 from ..io.edits import edits_beside
 from ..io.points import holds_points, read_points
 from ..io.qtm.capture import USE_BLOBS, held_in, is_qtm
-from ..jobs.job import blob_rate, told_of_capture
+from ..jobs.job import blob_rate, capture_notes
 from ..props import refresh_review
 from ..scene import cameras as scene_cameras
 from ..scene.opened import opened
@@ -159,8 +159,8 @@ def take_blobs(context: bpy.types.Context, path: Path) -> str:
     source.rate = blob_rate(path, None) or source.rate
     _set_frames(context, blobs.frames)
     fit_timelines(context)
-    said = f"{count_of(len(blobs), 'blob')} in {count_of(len(blobs.frames), 'frame')}"
-    return "; ".join([said, *(cameras.remarks if own else ()), *told_of_capture(path, False, cameras)])
+    summary = f"{count_of(len(blobs), 'blob')} in {count_of(len(blobs.frames), 'frame')}"
+    return "; ".join([summary, *(cameras.remarks if own else ()), *capture_notes(path, False, cameras)])
 
 
 def _cameras_for(scene: bpy.types.Scene, path: Path) -> tuple[Cameras, bool]:
@@ -196,8 +196,8 @@ def take_points(
     show_take_whole(context, take.xyz[evenly_spread(len(take.xyz), MAX_PLACES)].reshape(-1, 3))
     edits = edits_beside(path)
     more = [] if edits is None else [f"{edits.name} beside it will be applied"]
-    said = f"{count_of(source.trajectories, 'trajectory')} in {count_of(len(take.xyz), 'frame')}"
-    return "; ".join([said, *take.notes, *more, *told_of_capture(path, True)])
+    summary = f"{count_of(source.trajectories, 'trajectory')} in {count_of(len(take.xyz), 'frame')}"
+    return "; ".join([summary, *take.notes, *more, *capture_notes(path, True)])
 
 
 def forget_take(context: bpy.types.Context):

@@ -42,7 +42,7 @@ class FolderBatch:
         self.rows: list[TakeRow] = []
         self.trouble: UserError | None = None
         self._seen: int | None = None
-        self._heard: queue.SimpleQueue[dict | UserError] = queue.SimpleQueue()
+        self._answers: queue.SimpleQueue[dict | UserError] = queue.SimpleQueue()
         with ExitStack() as stack:
             scratch = stack.enter_context(scratch_folder())
             if cameras is not None:
@@ -52,11 +52,11 @@ class FolderBatch:
             self._worker = Worker(scratch)
             stack.callback(self._worker.close)
             self._kept = stack.pop_all()
-        Thread(target=lambda: self._heard.put(self._worker.run(line, scratch / "result.json")), daemon=True).start()
+        Thread(target=lambda: self._answers.put(self._worker.run(line, scratch / "result.json")), daemon=True).start()
 
     def look(self) -> bool:
         """Takes in what is new; False once it has come to its end."""
-        ended = not self._heard.empty()
+        ended = not self._answers.empty()
         try:
             changed = self.table.stat().st_mtime_ns
             if changed != self._seen:
@@ -64,7 +64,7 @@ class FolderBatch:
         except (OSError, UserError):  # not there yet
             pass
         if ended:
-            self._end(self._heard.get())
+            self._end(self._answers.get())
         return not ended
 
     def stop(self):
@@ -132,7 +132,7 @@ def show_batch():
     words += f", {failed} failed" if failed else ""
     words = "Stopping" if batch.stopping else words
     state.folder_doing, state.folder_share = (words, done / max(len(batch.rows), 1)) if _going else ("", 0.0)
-    state.folder_said = "" if batch.trouble is None else written(str(batch.trouble))
+    state.folder_trouble = "" if batch.trouble is None else written(str(batch.trouble))
     state.folder_results = str(batch.table.parent)
     # The take that is chosen stays so, wherever it goes.
     names = [row.name for row in state.folder_takes]

@@ -100,7 +100,7 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
         if not self.properties.is_property_set("scope"):
             self.scope = context.scene.mocap_autolabel.scope
         self._skipped: set[int] = set()
-        self._said: list[Edit] = []
+        self._edits: list[Edit] = []
         self._last = -1
         stored = taken(context)
         if not isinstance(stored.rows, PointRows):
@@ -155,7 +155,7 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
         edit = edit_of((AssignPoint, AssignBlob), stored, point, frames, name)
         after = correct(context, stored.edits.added(edit))
         show_picked(context, after, [point])
-        self._said.append(edit)
+        self._edits.append(edit)
         bpy.ops.ed.undo_push(message=f"Label {name}")
         self._last = gesture.marker
         return self._ask(context)
@@ -168,9 +168,9 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
     def take_back(self, context) -> set[str]:
         """The last name that was given is taken back, and asked for again."""
         stored = taken(context)
-        if not self._said or not len(stored.edits) or stored.edits[-1] != self._said[-1]:
+        if not self._edits or not len(stored.edits) or stored.edits[-1] != self._edits[-1]:
             raise InputError("no name was given yet; expected one to take back")
-        name = self._said.pop().marker
+        name = self._edits.pop().marker
         show_picked(context, correct(context, stored.edits.without(-1)), [])
         bpy.ops.ed.undo_push(message=f"Take {name} Back")
         self._last = stored.names.index(name) - 1

@@ -112,13 +112,13 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, WorksInSteps, bpy.types.Operat
             raise InputError(f"{words}; expected one for each camera", folder)
         return there
 
-    def _show(self, context, said: dict) -> set[str]:
-        _use(context, Path(said["out"]), said["rate"])
-        for words in said["notes"]:
+    def _show(self, context, made: dict) -> set[str]:
+        _use(context, Path(made["out"]), made["rate"])
+        for words in made["notes"]:
             self.report({"WARNING"}, words)
         self.report(
             {"INFO"},
-            f"{count_of(said['blobs'], 'blob')} in {count_of(said['frames'], 'frame')}, in {Path(said['out']).name}",
+            f"{count_of(made['blobs'], 'blob')} in {count_of(made['frames'], 'frame')}, in {Path(made['out']).name}",
         )
         return {"FINISHED"}
 

@@ -103,17 +103,17 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
 
     def _asked(self, context: bpy.types.Context, take: bpy.types.Collection) -> tuple[LabelJob, tuple[int, int]]:
         """What labels the part, and the first and last frame of all of the take."""
-        said, scene = for_a_part(take), context.scene
-        ends, shift = tuple(said["ends"]), int(take[SHIFT])
+        kept, scene = for_a_part(take), context.scene
+        ends, shift = tuple(kept["ends"]), int(take[SHIFT])
         chosen = self.properties.is_property_set("first") and self.properties.is_property_set("last")
         first, last = (self.first, self.last) if chosen else part_here(take, scene)
         frames = max(first - shift, ends[0]), min(last - shift, ends[1])
         if frames[0] > frames[1]:
             words = f"frames {first} to {last} are none of take {take[PLAYED]}"
             raise InputError(f"{words}; expected some of {ends[0] + shift} to {ends[1] + shift}")
-        cameras = None if said["use"] == USE_POINTS else scene_cameras.cameras_of_scene(scene)
-        source = bpy.path.abspath(self.filepath) if self.filepath else said["source"]
-        job = part_job({**said, "source": source}, cameras, frames)
+        cameras = None if kept["use"] == USE_POINTS else scene_cameras.cameras_of_scene(scene)
+        source = bpy.path.abspath(self.filepath) if self.filepath else kept["source"]
+        job = part_job({**kept, "source": source}, cameras, frames)
         return replace(job, edits=edits_so_far(scene, job.source), keep=True, shown=True), ends
 
     def _show(self, context, take):
@@ -127,8 +127,8 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
         if self._changed is not None:
             keep_changes(settings.take, self._changed)
             refresh_review(context.window_manager, context.scene)
-            said = summary_of_changes(self._changed) or "Nothing is otherwise"
-            self.report({"INFO"}, f"{said} than where all of the take was labelled")
+            kept = summary_of_changes(self._changed) or "Nothing is otherwise"
+            self.report({"INFO"}, f"{kept} than where all of the take was labelled")
         return done
 
 

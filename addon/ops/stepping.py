@@ -40,7 +40,7 @@ class WorksInSteps(Ours):
 
     doing = "Working"
     _timer, _asked_for_it = None, False
-    _told = float("-inf")
+    _shown = float("-inf")
 
     def work(self, context):
         return self._show(context, finished(self.steps(context)))
@@ -67,7 +67,7 @@ class WorksInSteps(Ours):
         self._steps = self.steps(context)
         self._timer = manager.event_timer_add(TICK, window=context.window)
         manager.progress_begin(0, 100)
-        self._began, self._told = perf_counter(), float("-inf")
+        self._began, self._shown = perf_counter(), float("-inf")
         manager.mocap_autolabel.cancelled, manager.mocap_autolabel.spent = False, 0.0
         manager.modal_handler_add(self)
         self._tell(context, 0.0)
@@ -111,9 +111,9 @@ class WorksInSteps(Ours):
 
     def _tell(self, context, fraction: float):
         now = perf_counter()
-        if now - self._told < TELL_EVERY:
+        if now - self._shown < TELL_EVERY:
             return
-        self._told, spent = now, now - self._began
+        self._shown, spent = now, now - self._began
         left = f", {time_left(spent, fraction)} left" if time_left(spent, fraction) else ""
         state = context.window_manager.mocap_autolabel
         state.doing, state.share, state.spent = f"{self.doing}: {fraction:.0%}{left}", fraction, spent

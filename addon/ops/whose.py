@@ -101,8 +101,8 @@ class MOCAP_AUTOLABEL_OT_other_performer(ToldApart, bpy.types.Operator):
 
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
         """The trajectories are the same markers of the other one; of selected markers the two are exchanged."""
-        said = self.properties.is_property_set("performer") or len(stored.performers) > 2
-        name = self.performer if said else ""
+        named = self.properties.is_property_set("performer") or len(stored.performers) > 2
+        name = self.performer if named else ""
         if points := picked_points(context):
             return [edit for point in points for edit in given_over(context, stored, point, name, frames)]
         markers = [stored.names.index(marker) for marker in selected_markers(context)]

@@ -90,7 +90,7 @@ class Correcting:
 
     def _move(self, stored: Stored, labels: Labels, held: Held):
         """Puts the markers that are elsewhere than after the last edits where they are."""
-        moved = changed_frames(self._held, held, said=False)
+        moved = changed_frames(self._held, held, by_hand=False)
         if moved:
             put = self._put_points if isinstance(stored.rows, PointRows) else self._put_blobs
             put(stored, labels, held, moved)

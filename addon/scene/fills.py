@@ -78,7 +78,7 @@ class FillsInTake:
         """A take without fills as it is with these."""
         if not self._fills:
             return stored
-        moved = None if self._base is None else changed_between(self._base, stored, said=False)
+        moved = None if self._base is None else changed_between(self._base, stored, by_hand=False)
         if moved is None:
             # Marker by marker, as the scene's motions lie in memory.
             of_marker = (values.swapaxes(0, 1) for values in (stored.motion.markers, stored.motion.residual))

@@ -60,18 +60,18 @@ class Opened:
 
     def _final(self, collection: bpy.types.Collection, stored: Stored) -> Stored:
         """A take with its edits as it is with its fills, and then smoothed; InputError for a rate too low for that."""
-        key, said = _number_of(collection), (fills_text(collection), kept_cutoff(collection))
-        if said == (None, None):
+        key, written = _number_of(collection), (fills_text(collection), kept_cutoff(collection))
+        if written == (None, None):
             return stored
         kept = self.final.get(key)
-        if kept is None or kept[0] != said or kept[1] is not stored:
-            if key not in self.filling or self.filling[key][0] != said[0]:
-                self.filling[key] = said[0], FillsInTake(kept_fills(collection))
+        if kept is None or kept[0] != written or kept[1] is not stored:
+            if key not in self.filling or self.filling[key][0] != written[0]:
+                self.filling[key] = written[0], FillsInTake(kept_fills(collection))
             after = self.filling[key][1].put(stored)
-            if said[1] is not None:
-                motion = replace(after.motion, markers=smoothed(after.motion.markers, after.rate, said[1]))
-                after = replace(after, measured=after.unfilled, motion=motion, cutoff=said[1])
-            kept = self.final[key] = said, stored, after
+            if written[1] is not None:
+                motion = replace(after.motion, markers=smoothed(after.motion.markers, after.rate, written[1]))
+                after = replace(after, measured=after.unfilled, motion=motion, cutoff=written[1])
+            kept = self.final[key] = written, stored, after
         return kept[2]
 
     def unedited(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> Stored:

@@ -232,30 +232,30 @@ def _state(block: bpy.types.ID) -> str:
 
     Not what Blender changes as it plays, what only says how a thing is shown, nor the colours that the panels choose.
     """
-    said: list = _of_any(block)
+    content: list = _of_any(block)
     arrays: list[np.ndarray] = []
     if isinstance(block, bpy.types.Object):
-        said += _of_object(block)
+        content += _of_object(block)
         if block.data is not None:
-            said += [*_of_any(block.data), block.data.animation_data is not None]
+            content += [*_of_any(block.data), block.data.animation_data is not None]
         if block.type == "MESH":
             mesh = block.data
-            said += [len(mesh.polygons), sorted(one.name for one in mesh.attributes if one.name[0] != ".")]
-            said.append(mesh.shape_keys is not None)
+            content += [len(mesh.polygons), sorted(one.name for one in mesh.attributes if one.name[0] != ".")]
+            content.append(mesh.shape_keys is not None)
             arrays.append(numbers(mesh.vertices, "co", 3))
         if block.type == "ARMATURE":
             for bone in block.pose.bones:
                 kinds = [one.type for one in bone.constraints]
-                said.append((bone.name, _name(bone.parent), kinds, _name(bone.custom_shape), _own_keys(bone)))
+                content.append((bone.name, _name(bone.parent), kinds, _name(bone.custom_shape), _own_keys(bone)))
             arrays += [
                 np.array([getattr(bone, one) for bone in block.data.bones]) for one in ("matrix_local", "tail_local")
             ]
         for curve in _curves(block):
-            said += [curve.data_path, curve.array_index, curve.mute, curve.extrapolation]
-            said += [one.type for one in curve.modifiers]
+            content += [curve.data_path, curve.array_index, curve.mute, curve.extrapolation]
+            content += [one.type for one in curve.modifiers]
     if isinstance(block, bpy.types.Material) and block.node_tree is not None:
-        said += [(node.bl_idname, node.name) for node in block.node_tree.nodes]
-    digest = crc32(repr(said).encode("utf-8", "surrogatepass"))
+        content += [(node.bl_idname, node.name) for node in block.node_tree.nodes]
+    digest = crc32(repr(content).encode("utf-8", "surrogatepass"))
     for array in arrays:
         digest = crc32(array.tobytes(), digest)
     return str(digest)
@@ -274,7 +274,7 @@ def _own_keys(block) -> list[str]:
 def _of_object(item: bpy.types.Object) -> list:
     data, parent = item.animation_data, item.parent
     action = None if data is None else data.action
-    said = [
+    content = [
         None if parent is None else role_of(parent),
         item.parent_type,
         item.parent_bone,
@@ -290,8 +290,8 @@ def _of_object(item: bpy.types.Object) -> list:
         [] if data is None else [len(data.nla_tracks), len(data.drivers)],
     ]
     if not any(curve.data_path == "location" for curve in _curves(item)):
-        said.append(list(item.location))
-    return said
+        content.append(list(item.location))
+    return content
 
 
 def _name(block) -> str | None:

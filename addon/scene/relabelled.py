@@ -40,14 +40,14 @@ def show_again(context: bpy.types.Context, take: Take, whole: bool) -> bpy.types
             collection.hide_viewport = True
             continue
         # What was said while the labelling went on is said of what came of it as well.
-        said, stored = kept_edits(collection), opened.take(collection, scene)
+        edits, stored = kept_edits(collection), opened.take(collection, scene)
         lay = old.first + stored.shift, old.last + stored.shift
         whole_take = merged(old, new)
         found = changes_of(old, whole_take, take.markerset.markers)
         take = replace(
             take,
             **vars(whole_take),
-            edits=take.edits if said is None else said,
+            edits=take.edits if edits is None else edits,
             old_body=np.setdiff1d(stored.motion.frames[stored.stale], take.motion.frames),
             colours={**colours_in(collection), **take.colours},
         )

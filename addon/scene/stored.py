@@ -184,8 +184,8 @@ def alone(stored: Stored, performer: Performer) -> Stored:
     )
 
 
-def changed_between(before: Stored, after: Stored, said: bool = True) -> dict[int, slice] | None:
-    """The markers that are elsewhere, or, with `said`, of which edits say something else, and in which frames they may.
+def changed_between(before: Stored, after: Stored, by_hand: bool = True) -> dict[int, slice] | None:
+    """The markers that are elsewhere, or, with `by_hand`, of which edits say something else, and in which frames.
 
     By their indices. None where two takes differ by more than edits and fills that go with the one but not with the
     other.
@@ -193,7 +193,7 @@ def changed_between(before: Stored, after: Stored, said: bool = True) -> dict[in
     same = before.rows is after.rows and before.fills is after.fills
     if not same or before.cutoff is not None or after.cutoff is not None:
         return None
-    found = changed_frames(before.held, after.held, said)
+    found = changed_frames(before.held, after.held, by_hand)
     if before.unfit == after.unfit:
         return found
     for marker, own in fills_by_marker(after.motion.frames, after.names, after.fills).items():

@@ -90,13 +90,13 @@ class Take:
         worn: Worn,
         chunks: Sequence[tuple[Blobs | PointRows, LabelledChunk]],
         source: str,
-        **said: Any,
+        **more: Any,
     ) -> Self:
-        """The take of consecutive rows and what was made of them; `said` are further fields. JobError without any."""
+        """The take of consecutive rows and what was made of them; `more` are further fields. JobError without any."""
         if not chunks:
             raise JobError("the take holds no frames; expected at least one frame with blobs")
         parts = [LabelledRange(rows, one.labels, one.motion, one.suspects, one.unedited) for rows, one in chunks]
-        take = cls(name, rate, cameras, worn, source=source, **vars(joined(parts)), **said)
+        take = cls(name, rate, cameras, worn, source=source, **vars(joined(parts)), **more)
         return take if take.edits else replace(take, unedited=None)
 
     @property
@@ -209,7 +209,7 @@ def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored):
 
 def _changed(before: Stored, after: Stored) -> list[int]:
     """The markers that are elsewhere after other edits, fills or smoothing, or whose filled samples are others."""
-    moved = changed_between(before, after, said=False)
+    moved = changed_between(before, after, by_hand=False)
     if moved is not None:
         return sorted(moved)
     filled, was_filled, nowhere = after.filled_markers, before.filled_markers, np.zeros(len(after.motion.frames), bool)
@@ -358,8 +358,8 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     collection[MARKER_NAMES] = json.dumps(take.markerset.markers)
     # Blender's whole numbers have 32 bits, and a shift may need 33.
     collection[RATE], collection[SHIFT], collection[SOURCE] = float(take.rate), float(shift), take.source
-    said = [astuple(one)[: 5 if one.doubtful is None else 6] for one in take.suspects]
-    collection[SUSPECTS] = json.dumps(said, default=int)  # whole numbers of NumPy as well
+    more = [astuple(one)[: 5 if one.doubtful is None else 6] for one in take.suspects]
+    collection[SUSPECTS] = json.dumps(more, default=int)  # whole numbers of NumPy as well
     collection[MARKER_WORDS] = json.dumps(take.markerset.by_name)
     collection[PERFORMERS] = json.dumps(rows_of(performers))
     skeletons = [one.skeleton for _, one in take.markerset.worn]

@@ -305,8 +305,8 @@ def label_folder(layout, context):
         row.operator("mocap_autolabel.stop_folder", text="", icon="X")
     else:
         row.operator("mocap_autolabel.label_folder", icon="PLAY")
-    if state.folder_said:
-        draw_text(context, layout, state.folder_said, icon="ERROR")
+    if state.folder_trouble:
+        draw_text(context, layout, state.folder_trouble, icon="ERROR")
     if len(state.folder_takes):
         _draw_takes(layout, context, state)
 

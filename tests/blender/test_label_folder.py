@@ -49,7 +49,7 @@ def test_a_folder_is_labelled_and_its_takes_opened(ready):
     rows = [(row.name, row.state, row.measured) for row in state().folder_takes]
     assert rows == [("bad", "failed", False), ("walk", "labelled", True)]
     assert "holds neither blobs nor 3D points" in state().folder_takes[0].reason
-    assert (state().folder_doing, state().folder_said) == ("", "")
+    assert (state().folder_doing, state().folder_trouble) == ("", "")
     assert (ready.out / "walk.report.html").is_file()
     refused("is not there; expected a take that Label Folder labelled", "open_folder_take", index=0)
     refused("no take is chosen", "open_folder_take", index=5)
@@ -79,7 +79,7 @@ def test_a_folder_that_is_watched_goes_on_beside_blender_until_it_is_stopped(rea
     while module.follow() is not None:
         assert time.monotonic() < until
         time.sleep(0.05)
-    assert (state().folder_doing, state().folder_said, module.follow()) == ("", "", None)
+    assert (state().folder_doing, state().folder_trouble, module.follow()) == ("", "", None)
     assert [row.state for row in read_table(table)] == ["failed", "labelled"]
     assert bpy.ops.mocap_autolabel.label_folder.poll()
 
@@ -94,4 +94,4 @@ def test_what_stops_a_folder_is_said(ready, files, tmp_path):
     ready.out.mkdir()
     shutil.copy(files / "in" / "walk.csv", ready.out / "summary.csv")
     refused("exists already", "label_folder")
-    assert "exists already" in state().folder_said
+    assert "exists already" in state().folder_trouble

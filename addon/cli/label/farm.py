@@ -126,7 +126,7 @@ def _answers_of(
     `at_work` has what was sent and is not answered: a future, the number and the line by the future's key.
     """
     waiting = deque(enumerate(lines))
-    heard: queue.SimpleQueue = queue.SimpleQueue()
+    answers: queue.SimpleQueue = queue.SimpleQueue()
     while waiting or at_work:
         room = AHEAD * max(sum(client.nthreads().values()), 1)
         while waiting and len(at_work) < room:
@@ -139,9 +139,9 @@ def _answers_of(
             sent = json.dumps(_for_elsewhere(line))
             future = _send(client, f"{batch}-{number}", "work", batch, version(), sent)
             at_work[future.key] = future, number, line
-            future.add_done_callback(heard.put)
+            future.add_done_callback(answers.put)
         if at_work:
-            future, number, line = at_work.pop(waited_for(heard).key)
+            future, number, line = at_work.pop(waited_for(answers).key)
             yield number, _answer_of(client, future, line, job_of)
 
 

@@ -230,13 +230,13 @@ def edited_beside(arguments) -> list[str]:
 def unused(arguments) -> list[str]:
     """What is given and makes no difference to some of the takes, a sentence each; they are labelled all the same."""
     kinds = {holds_points(path, arguments.use) for path in arguments.inputs}
-    said = []
+    notes = []
     if arguments.scheduler is not None and arguments.jobs > 1:
-        said.append("--jobs is not looked at with --scheduler: its workers take as many takes as they have threads")
+        notes.append("--jobs is not looked at with --scheduler: its workers take as many takes as they have threads")
     if arguments.rate is not None and True in kinds:
-        said.append("--rate is not looked at for 3D points whose files say their own rate")
+        notes.append("--rate is not looked at for 3D points whose files say their own rate")
     if arguments.mirror and False in kinds:
-        said.append("--mirror is not looked at for blobs: what is mirrored of them is their images or calibration")
+        notes.append("--mirror is not looked at for blobs: what is mirrored of them is their images or calibration")
     hints = [f"--{name}" for name in ("height", "facing") if getattr(arguments, name) is not None]
     if hints:
         several = arguments.subjects != 1 or bool(arguments.subject)
@@ -246,8 +246,8 @@ def unused(arguments) -> list[str]:
         verb = "is" if len(hints) == 1 else "are"
         if deaf:
             why = "of several subjects" if several else "that is for blobs and --method fit"
-            said.append(f"{' and '.join(hints)} {verb} not looked at for {what}: {why}")
-    return said
+            notes.append(f"{' and '.join(hints)} {verb} not looked at for {what}: {why}")
+    return notes
 
 
 def _check_inputs(arguments):

@@ -63,8 +63,8 @@ def doubts_in(report: dict) -> list[str]:
 
 def _remarks(report: dict) -> list[str]:
     """What was decided about a take's files, in sentences."""
-    said = [words for part in ("capture", "calibration", "notes") for words in report.get(part, [])]
-    return [f"{words} (--use chooses)" if " are taken, not " in words else words for words in said]
+    notes = [words for part in ("capture", "calibration", "notes") for words in report.get(part, [])]
+    return [f"{words} (--use chooses)" if " are taken, not " in words else words for words in notes]
 
 
 Result = TypeVar("Result")
@@ -180,7 +180,7 @@ def _runner(arguments) -> AbstractContextManager[Runner | None]:
 
 def _run(batch: Batch, runner: Runner | None) -> int:
     """Labels every take by the `runner`, where there is one."""
-    arguments, lines, told = batch.arguments, {}, []
+    arguments, lines, outcomes = batch.arguments, {}, []
     for path, answer, state in _answers(batch, runner):
         lines[path] = batch.finish(path, answer, state)
         if isinstance(answer, UserError):
@@ -188,14 +188,14 @@ def _run(batch: Batch, runner: Runner | None) -> int:
         batch.write_summary()
     batch.reports = {path: batch.reports[path] for path in arguments.inputs if path in batch.reports}
     for path, report in batch.reports.items():
-        told += [lines[path], *doubts_in(report)]
+        outcomes += [lines[path], *doubts_in(report)]
     if arguments.result and not batch.failed:
         with naming_scratch(arguments.result.parent):
             report = batch.reports[arguments.inputs[0]]
             arguments.result.write_text(json.dumps(report), encoding="utf-8", newline="\n")
     if batch.summary is not None and arguments.summary and batch.reports:
-        told += batch.summary.lines()
-    return batch.end(told, summed=bool(batch.reports) or arguments.summary)
+        outcomes += batch.summary.lines()
+    return batch.end(outcomes, summed=bool(batch.reports) or arguments.summary)
 
 
 def _answers(batch: Batch, runner: Runner | None) -> Iterator[tuple[Path, Answer, str]]:

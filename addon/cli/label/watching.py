@@ -24,7 +24,7 @@ class Watch:
         self.begun: list[Path] = []  # by the number that the processes know them by
         self.waiting: deque[Path] = deque()
         self.at_work: set[Path] = set()
-        self._last, self._quiet, self._told = time.monotonic(), False, ""
+        self._last, self._quiet, self._shown = time.monotonic(), False, ""
 
     def offers(self) -> Iterator[list[str] | None]:
         """A command line for each take when it is there, None while there is none; ends where it may end."""
@@ -105,12 +105,12 @@ class Watch:
 
     def _tell(self):
         count = self.summary.count
-        said = [f"{count(*MEASURED)} labelled"]
-        said += [f"{count(state)} {state}" for state in (FAILING, AT_WORK, WAITING) if count(state)]
-        words = ", ".join(said)
-        if words != self._told:
+        parts = [f"{count(*MEASURED)} labelled"]
+        parts += [f"{count(state)} {state}" for state in (FAILING, AT_WORK, WAITING) if count(state)]
+        words = ", ".join(parts)
+        if words != self._shown:
             self.batch.progress.tell(words, at_once=True)
-            self._told = words
+            self._shown = words
 
 
 def watch(batch: Batch) -> int:

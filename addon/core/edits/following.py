@@ -34,8 +34,8 @@ class Held:
     images: int
 
 
-def changed_frames(before: Held | None, after: Held | None, said: bool = True) -> dict[int, slice]:
-    """The markers that are elsewhere, or, with `said`, of which something else is said, by their index.
+def changed_frames(before: Held | None, after: Held | None, by_hand: bool = True) -> dict[int, slice]:
+    """The markers that are elsewhere, or, with `by_hand`, of which something else is said, by their index.
 
     With the frames, by index, from the first to the last in which they are. None is a take that was not edited.
     """
@@ -43,7 +43,7 @@ def changed_frames(before: Held | None, after: Held | None, said: bool = True) -
     if one is None:
         return {}
     differs = one.cells != (one.program if other is None else other.cells)
-    if said:
+    if by_hand:
         differs |= one.by_edit if other is None else one.by_edit != other.by_edit
     differs = differs.reshape(len(differs), differs.shape[1] // one.images, one.images).any(axis=2)
     places = {} if other is None else other.places
@@ -101,17 +101,17 @@ class Following:
         for marker, rows in self._replay.touched.items():
             own, was = cells[marker, rows].copy(), by_edit[marker, rows].copy()
             now = np.maximum(self._replay.holder(rows, marker), NO_MARKER)
-            said = self._replay.claim[marker, rows] >= 0
-            cells[marker, rows], by_edit[marker, rows] = now, said
+            by_hand = self._replay.claim[marker, rows] >= 0
+            cells[marker, rows], by_edit[marker, rows] = now, by_hand
             lost = own[(own != now) & (own >= 0)]
             # Another marker may have it by now.
             lost = lost[names[lost] == marker]
-            fresh = np.flatnonzero((now >= 0) & ((own != now) | (was != said)))
-            fresh, said = now[fresh], said[fresh]
+            fresh = np.flatnonzero((now >= 0) & ((own != now) | (was != by_hand)))
+            fresh, by_hand = now[fresh], by_hand[fresh]
             names[lost], steps[lost], sure[lost] = NO_MARKER, NO_STEP, 0.0
             names[fresh] = marker
-            steps[fresh] = np.where(said, BY_EDIT, self._program.step[fresh])
-            sure[fresh] = np.where(said, 1.0, self._program.confidence[fresh])
+            steps[fresh] = np.where(by_hand, BY_EDIT, self._program.step[fresh])
+            sure[fresh] = np.where(by_hand, 1.0, self._program.confidence[fresh])
             for which, index in ((0, lost), (0, fresh), (1, lost), (1, fresh), (2, lost), (2, fresh)):
                 self._copies.note(which, index)
             self._copies.note(3, (marker, rows))

@@ -253,17 +253,19 @@ EDIT_KINDS: tuple[type[Edit], ...] = (
     *(Delete, DeleteBlob, Place, Right, Accepted),
 )
 # Frames in a sentence: one, or the first and last of some. How many there are is said before the word.
-FRAMES_SAID = re.compile(r"\bframes? -?\d+(?:(?:–| to )-?\d+)?")
+FRAMES_IN_WORDS = re.compile(r"\bframes? -?\d+(?:(?:–| to )-?\d+)?")
 
 
 def words_of(edit: Edit, shift: int = 0) -> str:
     """What an edit says, and of which frames, such as "LKNE is trajectory 12, frame 7"; `shift` is added to these."""
     target = edit.target
-    said = edit.verb.words.format(target=target, Target=target[:1].upper() + target[1:], marker="".join(edit.names[:1]))
+    words = edit.verb.words.format(
+        target=target, Target=target[:1].upper() + target[1:], marker="".join(edit.names[:1])
+    )
     if edit.span is None:
-        return f"{said}, all frames"
+        return f"{words}, all frames"
     first, last = (number + shift for number in edit.span)
-    return f"{said}, {words_of_frames(first, last)}"
+    return f"{words}, {words_of_frames(first, last)}"
 
 
 def counted_on(words: str, shift: int) -> str:
@@ -272,4 +274,4 @@ def counted_on(words: str, shift: int) -> str:
     def moved(found: re.Match) -> str:
         return re.sub(r"-?\d+", lambda number: str(int(number[0]) + shift), found[0])
 
-    return FRAMES_SAID.sub(moved, words) if shift else words
+    return FRAMES_IN_WORDS.sub(moved, words) if shift else words

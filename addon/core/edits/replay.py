@@ -196,11 +196,11 @@ class Replay:
         self.refused[cell] = name  # whose it was: another is, or nothing
         for values, nothing in ((marker, NO_MARKER), (step, NO_STEP), (sure, 0.0)):
             values[cell] = nothing
-        said = np.flatnonzero(self.rule != FREE)
-        given = self.rule[said] < self.markers
-        marker[said] = np.where(given, self.rule[said], NO_MARKER)
-        step[said] = np.where(given, BY_EDIT, NO_STEP)
-        sure[said] = np.where(given, 1.0, 0.0)
+        ruled = np.flatnonzero(self.rule != FREE)
+        given = self.rule[ruled] < self.markers
+        marker[ruled] = np.where(given, self.rule[ruled], NO_MARKER)
+        step[ruled] = np.where(given, BY_EDIT, NO_STEP)
+        sure[ruled] = np.where(given, 1.0, 0.0)
         own = Labels(marker.reshape(shape).astype(labels.marker.dtype), step.reshape(shape), sure.reshape(shape))
         row, rule, refused = (values.reshape(shape) for values in (self.row, self.rule, self.refused))
         return Edited(own, row, rule, refused, self.claim.T, tuple(self.swaps))

@@ -188,12 +188,12 @@ def _likeliest(
     if not len(at):
         return np.zeros((len(prior), 3)), variance
     sides = _across(direction)
-    told = np.einsum("kji,ki->kj", sides, passing).ravel()
+    seen = np.einsum("kji,ki->kj", sides, passing).ravel()
     together = np.einsum("kai,lbi->kalb", sides, sides) * prior[at][:, at][:, None, :, None]
-    together = together.reshape(len(told), len(told))
-    together[np.diag_indices(len(told))] += np.repeat(noise**2, 2)
-    reach = np.einsum("fk,kai->fika", prior[:, at], sides).reshape(3 * len(prior), len(told))
-    solved = np.linalg.solve(together, np.concatenate([told[:, None], reach.T], axis=1))
+    together = together.reshape(len(seen), len(seen))
+    together[np.diag_indices(len(seen))] += np.repeat(noise**2, 2)
+    reach = np.einsum("fk,kai->fika", prior[:, at], sides).reshape(3 * len(prior), len(seen))
+    solved = np.linalg.solve(together, np.concatenate([seen[:, None], reach.T], axis=1))
     error = (reach @ solved[:, 0]).reshape(-1, 3)
     gone = np.einsum("fk,kf->f", reach, solved[:, 1:]).reshape(-1, 3).sum(axis=1)
     return error, np.maximum(variance - gone, 0.0)

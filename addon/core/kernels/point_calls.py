@@ -58,10 +58,10 @@ def _settled(model, constraints, points, naming, worth, halves) -> tuple[np.ndar
     points = np.array(points, float, order="C")
     points, naming = given(points, (count, width, 3)), indices(naming, (count, len(model)), width, lowest=-1)
     worth, score, size = given(worth, (count,)), np.empty(count), np.empty(count)
-    latent, said = model.size, constraint_arrays(constraints, markers)
-    scratch = np.empty(latent * latent + latent + said.count + 3 * markers * (latent + 2))
+    latent, known = model.size, constraint_arrays(constraints, markers)
+    scratch = np.empty(latent * latent + latent + known.count + 3 * markers * (latent + 2))
     made = score, size, *halves, scratch
-    done = call(compiled.settled, gaussian_arrays(model), said, count, width, points, naming, worth, *made)
+    done = call(compiled.settled, gaussian_arrays(model), known, count, width, points, naming, worth, *made)
     if not done:
         raise np.linalg.LinAlgError("the precision of a naming is not positive definite")
     return points, score, size
@@ -93,9 +93,9 @@ def _neighbours(model, constraints, settled, reach, move, swap) -> np.ndarray:
     )
     odds = np.empty((count, markers, width))
     scratch = np.empty(width * width + markers * width + 18 * markers)
-    said = constraint_arrays(constraints, markers)
+    known = constraint_arrays(constraints, markers)
     made = odds, move, swap, scratch
-    call(compiled.neighbours, gaussian_arrays(model), said, count, width, *kept, reach, *made)
+    call(compiled.neighbours, gaussian_arrays(model), known, count, width, *kept, reach, *made)
     return odds
 
 

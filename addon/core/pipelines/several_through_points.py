@@ -88,10 +88,10 @@ class SubjectsInImages:
 
         Also the labels without what edits say of points; None where they say nothing.
         """
-        part, said = self.points.parts[index], self.labelled
-        each = said.motion.each(slice(part.first, part.first + part.frames))
+        part, chunk = self.points.parts[index], self.labelled
+        each = chunk.motion.each(slice(part.first, part.first + part.frames))
         motion = beside(each)
-        given = self.points.named(index, said.labels, len(blobs))
+        given = self.points.named(index, chunk.labels, len(blobs))
         hidden = hidden_by_any(self.bodies, each, motion.markers, self.cameras.centres)
         subject = np.repeat(np.arange(len(each)), [one.markers.shape[1] for one in each])
         checked = given.kept(self._borne_out(blobs, given, motion, hidden, subject))
@@ -101,8 +101,8 @@ class SubjectsInImages:
         meeting = labels.kept(self._meeting(blobs, checked, labels, motion))
         motion = measured_again(motion, blobs, given, meeting, self.cameras, there)
         unedited = None
-        if said.unedited is not None:
-            before = self.points.named(index, said.unedited, len(blobs))
+        if chunk.unedited is not None:
+            before = self.points.named(index, chunk.unedited, len(blobs))
             unedited = labels.replaced(before.marker != given.marker, before)
             unedited = unedited.kept(unedited.marker < len(self.worn))
         labels = labels.kept(labels.marker < len(self.worn))

@@ -103,15 +103,15 @@ def _of_take(seen: "Recognition", missing: list[str], first_frame: int) -> tuple
 
 
 def _of_contradictions(
-    seen: "Recognition", said: np.ndarray, names, first_frame: int, lanes: Lanes | None
+    seen: "Recognition", named: np.ndarray, names, first_frame: int, lanes: Lanes | None
 ) -> tuple[Suspect, ...]:
     """Trajectories that moved as one marker and were named as another, (T, L) where they lost their names."""
     found, marker = [], seen.marker
-    standing = standing_in(lanes, said.shape)
+    standing = standing_in(lanes, named.shape)
     for _, span, lane in standing.each_alone():
-        frames = np.flatnonzero(said[span, lane] != NO_MARKER) + span.start
+        frames = np.flatnonzero(named[span, lane] != NO_MARKER) + span.start
         if len(frames):
-            moves, looks = names[marker[frames[0], lane]], names[said[frames[0], lane]]
+            moves, looks = names[marker[frames[0], lane]], names[named[frames[0], lane]]
             words = f"moves as {moves} and looks like {looks}, so it stays unnamed"
             found.append(Suspect(int(frames[0]) + first_frame, int(frames[-1]) + first_frame, words, lane))
     return tuple(found)

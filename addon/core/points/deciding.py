@@ -29,7 +29,7 @@ class WitnessOptions:
 WITNESSES = WitnessOptions()
 
 
-class Said(Protocol):
+class FrameLabels(Protocol):
     """What frames say on their own: `Labels` (T, L) with their `rate`, or what works them out when it is asked."""
 
     def __getitem__(self, part: slice) -> Labels:
@@ -53,11 +53,11 @@ class Votes:
     suspects: tuple[Suspect, ...]
 
     @classmethod
-    def of(cls, named: Said, tracklet: np.ndarray, names: Sequence[str], first_frame: int) -> Self:
+    def of(cls, named: FrameLabels, tracklet: np.ndarray, names: Sequence[str], first_frame: int) -> Self:
         """The votes of what frames of tracklets (T, L) say on their own; the same where they are too short to vote."""
         if not are_lasting(tracklet):
-            said = named.whole()
-            return cls(said.marker, [(slice(0, len(tracklet)), None, said.confidence)], ())
+            labels = named.whole()
+            return cls(labels.marker, [(slice(0, len(tracklet)), None, labels.confidence)], ())
         found = cls(np.full(tracklet.shape, NO_MARKER, np.int16), [], ())
         suspects: list[Suspect] = []
         size = VOTE.window_frames
@@ -91,7 +91,7 @@ def _few(values: np.ndarray, cells: int) -> tuple[np.ndarray | None, np.ndarray]
 
 
 def decide(
-    named: Said, tracklet: np.ndarray, model: Model, target: float, first_frame: int, lanes: Lanes | None = None
+    named: FrameLabels, tracklet: np.ndarray, model: Model, target: float, first_frame: int, lanes: Lanes | None = None
 ) -> Verdict:
     """Lets the tracklets (T, P) vote and keeps what is sure enough that a part `target` of it is right.
 
@@ -132,13 +132,13 @@ def _needed(model: Model, tracklet: np.ndarray) -> float:
     return WITNESSES.min_sure if crowd or few else 0.0
 
 
-def _part_sure(marker: np.ndarray, named: Said, tracklet: np.ndarray, target: float, count: int) -> np.ndarray:
+def _part_sure(marker: np.ndarray, named: FrameLabels, tracklet: np.ndarray, target: float, count: int) -> np.ndarray:
     """(N,) the part of each of `count` tracklets' frames that are sure of the marker (T, L) that it was voted."""
     frames, sure = np.zeros((2, count))
     for part in blocks(*tracklet.shape):
-        own, there, said = tracklet[part], tracklet[part] >= 0, named[part]
+        own, there, labels = tracklet[part], tracklet[part] >= 0, named[part]
         frames += np.bincount(own[there], minlength=count)
-        there &= (marker[part] == said.sure(target)) & (marker[part] != NO_MARKER)
+        there &= (marker[part] == labels.sure(target)) & (marker[part] != NO_MARKER)
         sure += np.bincount(own[there], minlength=count)
     return sure / np.maximum(frames, 1)
 

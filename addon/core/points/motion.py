@@ -235,8 +235,8 @@ class LabelledPoints:
         first, last = int(motion.frames[0]), int(motion.frames[-1])
         own = tuple(one for one in self.suspects if first <= one.first <= last)
         unedited = None if self.unedited is None else self.unedited[frames][at]
-        said = (self.seconds, unedited, self.outcomes) if not frames.start else ({}, unedited, ())
-        return rows, LabelledChunk(self.labels[frames][at], motion, own, *said)
+        once = (self.seconds, unedited, self.outcomes) if not frames.start else ({}, unedited, ())
+        return rows, LabelledChunk(self.labels[frames][at], motion, own, *once)
 
 
 def labelled_points(take: Points, labelled: LabelledPoints, markerset: MarkerSet) -> Points:

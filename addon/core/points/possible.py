@@ -129,10 +129,10 @@ def usual_acceleration(points: Table, rate: float) -> float:
     middle = step + evenly_spread(max(len(points) - 2 * step, 0), FRAMES_LOOKED_AT)
     before, now, after = (points[middle + off].astype(float) for off in (-step, 0, step))
     found = np.linalg.norm(before - 2 * now + after, axis=2) * (rate / step) ** 2
-    told = np.isfinite(found).sum(axis=1) >= MIN_POINTS
-    if told.sum() < FRAMES_THAT_TELL or np.median(_reach(now[told])) < POSSIBLE.min_reach_m:
+    enough = np.isfinite(found).sum(axis=1) >= MIN_POINTS
+    if enough.sum() < FRAMES_THAT_TELL or np.median(_reach(now[enough])) < POSSIBLE.min_reach_m:
         return 0.0
-    return float(np.quantile(np.nanmedian(found[told], axis=1), 1 - POSSIBLE.part))
+    return float(np.quantile(np.nanmedian(found[enough], axis=1), 1 - POSSIBLE.part))
 
 
 def times_nearer(points: Table) -> float:
@@ -146,8 +146,8 @@ def times_nearer(points: Table) -> float:
     for one, frame in enumerate(now):
         others = np.delete(now, one, axis=0)
         nearest[one] = np.nanmin(_apart(others, frame), initial=np.inf)
-    told = np.isfinite(beside) & np.isfinite(nearest)
-    ratio = np.where(beside[told] > 0, beside[told] / np.maximum(nearest[told], np.finfo(float).tiny), 0.0)
+    enough = np.isfinite(beside) & np.isfinite(nearest)
+    ratio = np.where(beside[enough] > 0, beside[enough] / np.maximum(nearest[enough], np.finfo(float).tiny), 0.0)
     return float(np.median(ratio)) if len(ratio) >= FRAMES_THAT_TELL else 0.0
 
 

@@ -200,13 +200,13 @@ class Stretch:
 
     tracklet, lane  its number, and where it stands
     frames          (F,) in which it has a point, 0-based
-    said            (M,) log odds added up over them; silent, the same for no name
+    odds            (M,) log odds added up over them; silent, the same for no name
     """
 
     tracklet: int
     lane: int
     frames: np.ndarray
-    said: np.ndarray
+    odds: np.ndarray
     silent: float
 
 
@@ -233,35 +233,35 @@ def _stretches(labels: Labels, tracklet: np.ndarray, markers: int) -> list[Stret
     There may be very many of these, a ghost each, so points are gone through in a row and not in a table of tracklets.
     """
     frame, lane = np.nonzero(tracklet >= 0)
-    number, said = tracklet[frame, lane], labels.marker[frame, lane]
-    heard = np.zeros(int(tracklet.max(initial=-1)) + 1, bool)
-    heard[number[said != NO_MARKER]] = True
-    row = np.flatnonzero(heard[number])
+    number, marker = tracklet[frame, lane], labels.marker[frame, lane]
+    named = np.zeros(int(tracklet.max(initial=-1)) + 1, bool)
+    named[number[marker != NO_MARKER]] = True
+    row = np.flatnonzero(named[number])
     if not len(row):
         return []
     row = row[np.argsort(number[row], kind="stable")]
-    frame, lane, number, said = frame[row], lane[row], number[row], said[row]
+    frame, lane, number, marker = frame[row], lane[row], number[row], marker[row]
     worth = frame_log_odds(labels.confidence[frame, lane].astype(float))
     begin = np.flatnonzero(np.diff(number, prepend=-1))
     # What cannot pay for a change in all of a tracklet cannot in a part of it.
-    able = _added_up(begin, said, worth, markers) * VOTE.frame_weight > VOTE.swap_cost
+    able = _added_up(begin, marker, worth, markers) * VOTE.frame_weight > VOTE.swap_cost
     cuts, ends = [begin], np.append(begin[1:], len(number))
     for one in np.flatnonzero(able.sum(axis=1) > 1).tolist():
         own = slice(begin[one], ends[one])
-        gain = np.where(said[own, None] == np.flatnonzero(able[one]), worth[own, None], 0) * VOTE.frame_weight
+        gain = np.where(marker[own, None] == np.flatnonzero(able[one]), worth[own, None], 0) * VOTE.frame_weight
         cuts.append(own.start + 1 + np.flatnonzero(np.diff(_most_likely(gain, VOTE.swap_cost))))
     begin = np.sort(np.concatenate(cuts))
-    total = _added_up(begin, said, worth, markers)
-    silent = VOTE.ghost_log_odds * np.add.reduceat(said == NO_MARKER, begin, dtype=float)
+    total = _added_up(begin, marker, worth, markers)
+    silent = VOTE.ghost_log_odds * np.add.reduceat(marker == NO_MARKER, begin, dtype=float)
     parts = zip(number[begin].tolist(), lane[begin].tolist(), np.split(frame, begin[1:]), total, silent, strict=True)
     return [Stretch(*part) for part in parts]
 
 
-def _added_up(begin: np.ndarray, said: np.ndarray, worth: np.ndarray, markers: int) -> np.ndarray:
-    """(N, M) what the markers said (K,), each worth (K,), are worth together from each of N beginnings to the next."""
-    part = np.repeat(np.arange(len(begin)), np.diff(begin, append=len(said)))
-    some = said != NO_MARKER
-    cell = part[some] * markers + said[some]
+def _added_up(begin: np.ndarray, marker: np.ndarray, worth: np.ndarray, markers: int) -> np.ndarray:
+    """(N, M) what markers (K,), each worth (K,), are worth together from each of N beginnings to the next."""
+    part = np.repeat(np.arange(len(begin)), np.diff(begin, append=len(marker)))
+    some = marker != NO_MARKER
+    cell = part[some] * markers + marker[some]
     return np.bincount(cell, worth[some], len(begin) * markers).reshape(len(begin), markers)
 
 
@@ -286,13 +286,13 @@ def _given(stretches: list[Stretch], frames: int, markers: int) -> list[tuple[in
     """The marker and chance of every stretch: who has most to say chooses first, and nobody takes what is taken."""
     busy = np.zeros((frames, markers), dtype=bool)
     given: list[tuple[int, float]] = [(NO_MARKER, 0.0)] * len(stretches)
-    waiting = sorted(range(len(stretches)), key=lambda index: -stretches[index].said.max(initial=0))
+    waiting = sorted(range(len(stretches)), key=lambda index: -stretches[index].odds.max(initial=0))
     for index in waiting:
         stretch = stretches[index]
         allowed = np.add.reduce(busy[stretch.frames], axis=0, dtype=int) <= VOTE.max_overlap_frames
-        free = np.where(allowed, stretch.said, 0)
+        free = np.where(allowed, stretch.odds, 0)
         best = int(free.argmax())
-        rest = stretch.said.sum() - stretch.said[best] + stretch.silent
+        rest = stretch.odds.sum() - stretch.odds[best] + stretch.silent
         if free[best] > rest:
             lead = (free[best] - rest) * VOTE.frame_weight
             given[index] = (best, float(1 / (1 + np.exp(-min(lead, VOTE.max_log_odds)))))
@@ -314,8 +314,8 @@ def _doubts(stretches, given, names, first_frame) -> list[Suspect]:
     """Tracklets that frames named often and for which no name won."""
     suspects = []
     for stretch, (name, _) in zip(stretches, given, strict=True):
-        if name == NO_MARKER and stretch.said.max() > max(stretch.silent, VOTE.max_frame_log_odds):
-            likely = tuple(names[marker] for marker in np.argsort(-stretch.said)[:2] if stretch.said[marker] > 0)
+        if name == NO_MARKER and stretch.odds.max() > max(stretch.silent, VOTE.max_frame_log_odds):
+            likely = tuple(names[marker] for marker in np.argsort(-stretch.odds)[:2] if stretch.odds[marker] > 0)
             words = f"may be {' or '.join(likely)} and stays unnamed"
             first, last = (int(stretch.frames[at]) + first_frame for at in (0, -1))
             suspects.append(Suspect(first, last, words, stretch.lane, likely))

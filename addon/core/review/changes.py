@@ -30,8 +30,8 @@ class Change:
     @property
     def words(self) -> str:
         """What changed, for a person to read."""
-        said = {GAINED: "is named now", LOST: "is named no more", OTHER: "is another point or blob now"}[self.what]
-        return f"{self.marker} {said} in {words_of_frames(self.first, self.last)}"
+        words = {GAINED: "is named now", LOST: "is named no more", OTHER: "is another point or blob now"}[self.what]
+        return f"{self.marker} {words} in {words_of_frames(self.first, self.last)}"
 
 
 def changes(

@@ -48,8 +48,8 @@ def doubtful_samples(
         right = right_in(edits, words, frames)
         doubtful[:, : right.shape[1]] &= ~right
         for index, name in enumerate(names):
-            for said in (f"{name} {FAR_OFF}", f"{name} {JUMPS}", f"{name} is off the body at times"):
-                doubtful[:, index] &= ~accepted_in(edits, said, frames)
+            for reason in (f"{name} {FAR_OFF}", f"{name} {JUMPS}", f"{name} is off the body at times"):
+                doubtful[:, index] &= ~accepted_in(edits, reason, frames)
     given = named[labels.step[named] == BY_EDIT]
     doubtful[rows.frame[given], labels.marker[given]] = False
     return doubtful

@@ -69,17 +69,17 @@ class SampleOrigins:
             own, method = filled[row["marker"]], row["method"]
             own[method] = own.get(method, 0) + row["last"] - row["first"] + 1
         counts = zip(self.names, self._measured.tolist(), smoothed or [0] * len(self.names), strict=True)
-        told = {}
+        origins = {}
         for index, (name, measured, calm) in enumerate(counts):
             hand = _frames_in(self._hand[name])
             missing = self.frames - measured - hand - sum(filled[name].values())
-            told[name] = {
+            origins[name] = {
                 "measured": measured, "hand": hand, "filled": filled[name], "missing": missing, "smoothed": calm,
                 "confidence": self._confidence(index),
             }  # fmt: skip
             ranges = {"hand_frames": self._hand[name], "filled_in_input": self._filled[name]}
-            told[name] |= {what: spans for what, spans in ranges.items() if spans}
-        return told
+            origins[name] |= {what: spans for what, spans in ranges.items() if spans}
+        return origins
 
     def _confidence(self, index: int) -> dict | None:
         """Of the names that the program gave a marker: how many, the lowest and mean, and what part is `WELL_SURE`."""

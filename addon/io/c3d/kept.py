@@ -77,8 +77,8 @@ class Kept:
 
     def lacks_range(self, first: int, last: int) -> bool:
         """Whether the file says other frames than these, or none where the header has no room for them."""
-        said = trial_range(self.file)
-        return said != (first, last) if said else last >= SIXTEEN_BITS
+        stated = trial_range(self.file)
+        return stated != (first, last) if stated else last >= SIXTEEN_BITS
 
     def knows(self, subjects: Collection[str]) -> bool:
         """Whether the file names all of these subjects."""

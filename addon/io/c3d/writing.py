@@ -81,10 +81,10 @@ def write_c3d_file(
         first = first_number(first_frame, frames)
         last = first + frames - 1
         units = _units_of(xyz, residual, kept)
-        said = _said(labels, frames, rate, units.scale, first, kept)
+        ours = _ours(labels, frames, rate, units.scale, first, kept)
         if subjects and not (kept and kept.knows(subjects)):
-            said |= _subjects(subjects)
-        section = _parameters(said, kept)
+            ours |= _subjects(subjects)
+        section = _parameters(ours, kept)
         analog, gap, samples = (kept.trial.layout.analog, kept.file.word(5), kept.samples) if kept else (0, 0, 0)
         header = struct.pack(
             "<BBHHHHHfHHf",
@@ -187,10 +187,10 @@ def _parameters(ours: Parameters, kept: Kept | None) -> bytes:
     return (bytes([0, 0, blocks, INTEL]) + section[4:]).ljust(blocks * BLOCK, b"\0")
 
 
-def _records(said: Parameters, numbers: dict[str, int]) -> bytes:
+def _records(ours: Parameters, numbers: dict[str, int]) -> bytes:
     """Parameters, and those of their groups that are not among the `numbers` of groups that there are."""
     found = []
-    for key, (kind, dimensions, content) in said.items():
+    for key, (kind, dimensions, content) in ours.items():
         group, name = key.split(":")
         if group not in numbers:
             free = {*range(1, 128)} - {*numbers.values()}
@@ -203,9 +203,9 @@ def _records(said: Parameters, numbers: dict[str, int]) -> bytes:
     return b"".join(found)
 
 
-def _said(labels: list[str], frames: int, rate: float, scale: float, first: int, kept: Kept | None) -> Parameters:
+def _ours(labels: list[str], frames: int, rate: float, scale: float, first: int, kept: Kept | None) -> Parameters:
     """What is said of this take, whatever file it came from."""
-    said = {
+    ours = {
         "POINT:USED": _words(len(labels)),
         "POINT:SCALE": _real(scale),
         "POINT:RATE": _real(rate),
@@ -213,21 +213,21 @@ def _said(labels: list[str], frames: int, rate: float, scale: float, first: int,
         "POINT:FRAMES": _words(min(frames, 65535)),
     }
     if kept is None:
-        said |= {"POINT:UNITS": _text("mm"), "POINT:X_SCREEN": _text("+X"), "POINT:Y_SCREEN": _text("+Z")}
+        ours |= {"POINT:UNITS": _text("mm"), "POINT:X_SCREEN": _text("+X"), "POINT:Y_SCREEN": _text("+Z")}
     if frames > 65535:
-        said["POINT:LONG_FRAMES"] = _real(frames)
+        ours["POINT:LONG_FRAMES"] = _real(frames)
     for part, start in enumerate(range(0, len(labels), 255), 1):
         suffix = "" if part == 1 else str(part)
         chunk = labels[start : start + 255]
         described = [kept.descriptions.get(label, "") if kept else "" for label in chunk]
-        said |= {f"POINT:LABELS{suffix}": _table(chunk), f"POINT:DESCRIPTIONS{suffix}": _table(described)}
+        ours |= {f"POINT:LABELS{suffix}": _table(chunk), f"POINT:DESCRIPTIONS{suffix}": _table(described)}
     last = first + frames - 1
     if kept is None or kept.lacks_range(first, last):
         fields = {"ACTUAL_START_FIELD": first, "ACTUAL_END_FIELD": last}
-        said |= {f"TRIAL:{name}": (2, (2,), struct.pack("<I", number)) for name, number in fields.items()}
+        ours |= {f"TRIAL:{name}": (2, (2,), struct.pack("<I", number)) for name, number in fields.items()}
     if kept is None:
-        said |= {"ANALOG:USED": _words(0), "ANALOG:GEN_SCALE": _real(1)}
-    return said
+        ours |= {"ANALOG:USED": _words(0), "ANALOG:GEN_SCALE": _real(1)}
+    return ours
 
 
 def _subjects(names: Sequence[str]) -> Parameters:

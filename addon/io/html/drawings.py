@@ -67,9 +67,9 @@ def _strip(most: np.ndarray, also: np.ndarray, totals: np.ndarray, name: str) ->
             paths.append(element("path", class_=f"also {word}", d="".join(f"M{a} 9h{b - a}" for a, b in below)))
     paths.sort(key=lambda path: "also" in path)
     whole = max(int(totals.sum()), 1)
-    said = ", ".join(f"{word} {percent(n / whole)}" for word, n in zip(CELL_STATES, totals, strict=True) if n)
+    shares = ", ".join(f"{word} {percent(n / whole)}" for word, n in zip(CELL_STATES, totals, strict=True) if n)
     size = f"0 0 {len(most)} 10"
-    label = f"{name}: {said}"
+    label = f"{name}: {shares}"
     return element("svg", *paths, class_="s", viewBox=size, preserveAspectRatio="none", role="img", aria_label=label)
 
 

@@ -113,14 +113,14 @@ def escaped(text: object) -> Html:
 
 def element(tag: str, *content: object, **attributes: object) -> Html:
     """An element. Content and attributes that are None are left out; `class_` is `class`, `aria_label` `aria-label`."""
-    said = "".join(
+    written = "".join(
         f' {name.rstrip("_").replace("_", "-")}="{escaped(value)}"'
         for name, value in attributes.items()
         if value is not None
     )
     if not content and tag in EMPTY_ELEMENTS:
-        return Html(f"<{tag}{said}/>")
-    return Html(f"<{tag}{said}>{joined_html(content)}</{tag}>")
+        return Html(f"<{tag}{written}/>")
+    return Html(f"<{tag}{written}>{joined_html(content)}</{tag}>")
 
 
 def joined_html(parts: Iterable[object]) -> Html:

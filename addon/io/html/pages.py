@@ -112,21 +112,21 @@ def _never(report: Mapping) -> list[str]:
 
 
 def _notes(report: Mapping) -> Html | None:
-    said = [*report.get("camera_doubts", ()), *report.get("calibration", ()), *report.get("notes", ())]
+    notes = [*report.get("camera_doubts", ()), *report.get("calibration", ()), *report.get("notes", ())]
     if never := _never(report):
-        said.insert(0, f"never found: {', '.join(never)}")
+        notes.insert(0, f"never found: {', '.join(never)}")
     if report.get("frames_without_person"):
-        said.append(f"nobody was found in {count_of(report['frames_without_person'], 'frame')}")
+        notes.append(f"nobody was found in {count_of(report['frames_without_person'], 'frame')}")
     if report.get("rate_assumed"):
-        said.append(f"nobody gave the rate: {report['rate']:g} frames a second were assumed")
+        notes.append(f"nobody gave the rate: {report['rate']:g} frames a second were assumed")
     if report.get("unit_assumed"):
-        said.append(f"the file names no unit: {report['unit_assumed']} was assumed")
+        notes.append(f"the file names no unit: {report['unit_assumed']} was assumed")
     if "c3d_first_frame" in report:
-        said.append(f"frames of the C3D file are numbered from {report['c3d_first_frame']}")
-    said += [f"{name} is {short} in the C3D file" for name, short in report.get("c3d_names", {}).items()]
-    if not said:
+        notes.append(f"frames of the C3D file are numbered from {report['c3d_first_frame']}")
+    notes += [f"{name} is {short} in the C3D file" for name, short in report.get("c3d_names", {}).items()]
+    if not notes:
         return None
-    lines = (element("li", _sentence(words)) for words in said[:LISTED_ROWS])
+    lines = (element("li", _sentence(words)) for words in notes[:LISTED_ROWS])
     return element("div", element("ul", *lines), class_="notes", role="note", aria_label="Notes")
 
 
@@ -347,10 +347,10 @@ def _made(report: Mapping, overview: TakeOverview, source: str) -> Html | None:
         "Program": f"{GENERATOR} {report['version']}",
         **_digests(report),
     }
-    said = [
+    notes = [
         joined_html([element("dt", name), element("dd", value)]) for name, value in facts.items() if value is not None
     ]
-    return section("How it was made", element("dl", *said))
+    return section("How it was made", element("dl", *notes))
 
 
 def write_folder_page(path: Path, rows: Sequence[TakeRow], written: str):

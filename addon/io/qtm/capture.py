@@ -53,29 +53,29 @@ def read_camera(container: Container, number: int) -> QtmCamera:
     """The camera of that number, from 1; InputError where what is said of it is not laid out as it should be."""
     name = f"Measurement/Cameras/Camera - {number}"
     cursor = Cursor(container.stream(name).whole(MAX_CAMERA_BYTES), name, container.path)
-    said = {}
+    fields = {}
     for _ in range(cursor.word()):
         what, size = cursor.word(), cursor.word()
-        said[what] = cursor.bytes(size * (2 if what in WIDE else 1))
-    if len(said.get(SERIAL, b"")) != 4:
+        fields[what] = cursor.bytes(size * (2 if what in WIDE else 1))
+    if len(fields.get(SERIAL, b"")) != 4:
         raise InputError(f"has no serial number of camera {number}; expected {KIND}", container.path)
-    serial = str(int.from_bytes(said[SERIAL], "little"))
-    if said.get(CALIBRATED) != b"\1":
+    serial = str(int.from_bytes(fields[SERIAL], "little"))
+    if fields.get(CALIBRATED) != b"\1":
         return QtmCamera(serial, None, "is not calibrated")
-    return _calibrated(serial, said)
+    return _calibrated(serial, fields)
 
 
-def _calibrated(serial: str, said: dict[int, bytes]) -> QtmCamera:
+def _calibrated(serial: str, fields: dict[int, bytes]) -> QtmCamera:
     """A camera looks along its own -x, with y to the right and z up: turned to our z, x and -y."""
     wanted = dict.fromkeys((*CAMERA_POSITION, *CAMERA_ROTATION), 8) | {LAST_COLUMN: 4, LAST_ROW: 4}
     lens_bytes = LENS_START + 4 * (LENS_NUMBERS + LENS_REST)
-    odd = any(len(said.get(what, b"")) != size for what, size in wanted.items())
-    if odd or len(said.get(CAMERA_LENS, b"")) < lens_bytes:
+    odd = any(len(fields.get(what, b"")) != size for what, size in wanted.items())
+    if odd or len(fields.get(CAMERA_LENS, b"")) < lens_bytes:
         return QtmCamera(serial, None, "has a calibration that is laid out in a way that is not known")
-    lens = np.frombuffer(said[CAMERA_LENS], "<f4", LENS_NUMBERS + LENS_REST, LENS_START).astype(float)
-    position = np.frombuffer(b"".join(said[what] for what in CAMERA_POSITION), "<f8") / 1000
-    stored = np.frombuffer(b"".join(said[what] for what in CAMERA_ROTATION), "<f8").reshape(3, 3)
-    size = np.array([int.from_bytes(said[what], "little") + 1 for what in (LAST_COLUMN, LAST_ROW)], float)
+    lens = np.frombuffer(fields[CAMERA_LENS], "<f4", LENS_NUMBERS + LENS_REST, LENS_START).astype(float)
+    position = np.frombuffer(b"".join(fields[what] for what in CAMERA_POSITION), "<f8") / 1000
+    stored = np.frombuffer(b"".join(fields[what] for what in CAMERA_ROTATION), "<f8").reshape(3, 3)
+    size = np.array([int.from_bytes(fields[what], "little") + 1 for what in (LAST_COLUMN, LAST_ROW)], float)
     numbers = np.concatenate([lens, position, stored.ravel(), size])
     if not (np.abs(numbers) < MAX_CAMERA_NUMBER).all() or not (lens[:2] > 0).all():
         return QtmCamera(serial, None, "has a calibration that is none of any camera")
@@ -268,7 +268,7 @@ class CaptureHolds:
         calibrated = len(self.calibrated) >= NEEDED or not there[USE_POINTS]
         return wanted or (USE_BLOBS if calibrated else USE_POINTS)
 
-    def told(self, choice: str, cameras: Sequence[str] | None = None) -> str:
+    def chosen(self, choice: str, cameras: Sequence[str] | None = None) -> str:
         """What was taken of the capture, and what not, for a person to read; empty where it holds one of them only.
 
         `cameras` are the names of those of a calibration that is not the capture's own.

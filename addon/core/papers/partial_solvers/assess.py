@@ -60,13 +60,13 @@ def tally(markers, known: np.ndarray, cloud: np.ndarray, chosen: np.ndarray, mas
         alive = ((removed[cloud] & used[:, None]) == 0).all(axis=2)
         right = ((chosen == np.array(markers)) * marks).sum(axis=1, dtype=np.uint64)
         starts = np.flatnonzero(np.append(True, cloud[1:] != cloud[:-1]))
-        said_right = _any_of(alive, right, starts)
-        said_wrong = _any_of(alive, marks.sum(dtype=np.uint64) & ~right, starts)
+        any_right = _any_of(alive, right, starts)
+        any_wrong = _any_of(alive, marks.sum(dtype=np.uint64) & ~right, starts)
         before = whole[cloud[starts]]
-        said_right[before] = marks.sum(dtype=np.uint64)
-        hits += _per_bit(said_right & ~said_wrong, size) - before.sum()
-        failures += _per_bit(said_wrong & ~said_right, size)
-        answers += _per_bit(said_right | said_wrong, size) - before.sum()
+        any_right[before] = marks.sum(dtype=np.uint64)
+        hits += _per_bit(any_right & ~any_wrong, size) - before.sum()
+        failures += _per_bit(any_wrong & ~any_right, size)
+        answers += _per_bit(any_right | any_wrong, size) - before.sum()
     return Record(hits, failures, answers, removed.shape[0] * removed.shape[1])
 
 

@@ -168,10 +168,10 @@ def lengths_of(points: np.ndarray, min_frames: int) -> np.ndarray:
         enough = np.flatnonzero(count >= max(min(min_frames, frames), 1))
         distance, known = distance[enough], known[enough]
         middle = np.nanmedian(distance, axis=1) if len(enough) else np.zeros(0)
-        said = np.full((2, markers - 1 - one), np.nan)
-        said[0, enough] = middle
-        said[1, enough] = (np.where(known, distance - middle[:, None], 0) ** 2).sum(axis=1) / count[enough]
-        found.append(said)
+        row = np.full((2, markers - 1 - one), np.nan)
+        row[0, enough] = middle
+        row[1, enough] = (np.where(known, distance - middle[:, None], 0) ** 2).sum(axis=1) / count[enough]
+        found.append(row)
     return np.concatenate(found, axis=1)
 
 

@@ -83,8 +83,8 @@ def settle(
     """
     if worth is None:
         worth = name_worth(model, present)
-    points, *said = settled(model, constraints, points, naming, worth)
-    return Settled(points, present, worth, naming, *said)
+    points, *rest = settled(model, constraints, points, naming, worth)
+    return Settled(points, present, worth, naming, *rest)
 
 
 @stands_for(point_calls.settled)

@@ -145,13 +145,13 @@ def _search(structure: Structure, likeness: _Likeness) -> tuple[np.ndarray, np.n
     states, score = np.full((1, len(order)), NO_CLUSTER), np.zeros(1)
     clusters = likeness.own.shape[1]
     for step, rigid_body in enumerate(order):
-        said = _from_pairs(likeness, states, rigid_body, order[:step])
-        said += _from_volumes(structure, likeness, states, rigid_body, np.flatnonzero(latest == step))
-        said += likeness.own[rigid_body]
+        odds = _from_pairs(likeness, states, rigid_body, order[:step])
+        odds += _from_volumes(structure, likeness, states, rigid_body, np.flatnonzero(latest == step))
+        odds += likeness.own[rigid_body]
         for other in order[:step]:
             taken = np.flatnonzero(states[:, other] >= 0)
-            said[taken, states[taken, other]] = -np.inf
-        total = np.concatenate([score[:, None] + said, score[:, None] - CLUSTER_MATCH.missing_cost], axis=1).ravel()
+            odds[taken, states[taken, other]] = -np.inf
+        total = np.concatenate([score[:, None] + odds, score[:, None] - CLUSTER_MATCH.missing_cost], axis=1).ravel()
         kept = np.argsort(-total, kind="stable")[:ASSIGNMENTS_KEPT]
         kept = kept[np.isfinite(total[kept])]
         states, score = states[kept // (clusters + 1)].copy(), total[kept]
@@ -162,19 +162,19 @@ def _search(structure: Structure, likeness: _Likeness) -> tuple[np.ndarray, np.n
 
 def _from_pairs(likeness: _Likeness, states: np.ndarray, rigid_body: int, earlier: list[int]) -> np.ndarray:
     """(B, G) what the clusters of earlier rigid bodies say of the clusters that the next may be."""
-    said = np.zeros((len(states), likeness.own.shape[1]))
+    odds = np.zeros((len(states), likeness.own.shape[1]))
     known = np.zeros((len(states), 1))
     for other in earlier:
         there = states[:, other]
-        said += np.where((there >= 0)[:, None], likeness.pair[rigid_body, other][:, np.maximum(there, 0)].T, 0)
+        odds += np.where((there >= 0)[:, None], likeness.pair[rigid_body, other][:, np.maximum(there, 0)].T, 0)
         known += (there >= 0)[:, None]
-    return said * INDEPENDENT / np.maximum(known, INDEPENDENT)
+    return odds * INDEPENDENT / np.maximum(known, INDEPENDENT)
 
 
 def _from_volumes(structure: Structure, likeness: _Likeness, states, rigid_body: int, rows: np.ndarray) -> np.ndarray:
     """(B, G) log odds against the mirror image, of the quads in `rows`, whose last rigid body is the next."""
     clusters = likeness.own.shape[1]
-    said, known = np.zeros((2, len(states), clusters))
+    odds, known = np.zeros((2, len(states), clusters))
     for row in rows:
         quad = structure.quads[row].tolist()
         others = states[:, [one for one in quad if one != rigid_body]]
@@ -184,9 +184,9 @@ def _from_volumes(structure: Structure, likeness: _Likeness, states, rigid_body:
         corners.insert(quad.index(rigid_body), np.arange(clusters)[None])
         volume = likeness.volumes[tuple(corners)]
         odds = mirror_odds(volume, structure.volume[row], structure.volume_sd[row], MAX_COST)
-        said += np.where(volume != 0, np.maximum(odds, -CLUSTER_MATCH.max_mirror_cost), 0)[same]
+        odds += np.where(volume != 0, np.maximum(odds, -CLUSTER_MATCH.max_mirror_cost), 0)[same]
         known += (volume != 0)[same]
-    return said * INDEPENDENT / np.maximum(known, INDEPENDENT)
+    return odds * INDEPENDENT / np.maximum(known, INDEPENDENT)
 
 
 def mirror_odds(volume: np.ndarray, mean: np.ndarray, spread: np.ndarray, max_cost: float) -> np.ndarray:

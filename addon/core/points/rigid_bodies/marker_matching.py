@@ -162,7 +162,7 @@ def _side_fit(
 ) -> np.ndarray:
     """(W,) log odds against the mirror image of the rigid body."""
     chosen = triples(len(inner.members))
-    score, said = np.zeros(len(tried)), np.zeros(len(tried))
+    score, asked = np.zeros(len(tried)), np.zeros(len(tried))
     volume = _all_volumes(points, middles)
     for row, other in np.argwhere(others & (np.abs(inner.side) > inner.side_sd)):
         corners = tried[:, chosen[row]]
@@ -170,8 +170,8 @@ def _side_fit(
         there = (corners >= 0).all(axis=1) & np.isfinite(found)
         usual = inner.side[row, other], inner.side_sd[row, other]
         score += np.where(there, mirror_odds(np.nan_to_num(found), *usual, MAX_COST), 0)
-        said += there
-    return score * INDEPENDENT_SIDES / np.maximum(said, INDEPENDENT_SIDES)
+        asked += there
+    return score * INDEPENDENT_SIDES / np.maximum(asked, INDEPENDENT_SIDES)
 
 
 def _all_volumes(points: np.ndarray, middles: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from ...data.lanes import PACKING, blocks
 from ...data.made import Made
 from ...data.progress import Stage
 from ...data.takes import NO_MARKER, Labels, Points
-from ..deciding import Said
+from ..deciding import FrameLabels
 from ..models import Model
 from ..naming import Namer
 from ..refusals import REFUSAL, Sample, SubjectsError, UnsuitedError, refuse_others
@@ -54,17 +54,17 @@ class NamedBody:
 
 @dataclass(frozen=True, eq=False)
 class OnlyWhere:
-    """What frames say of the points of some tracklets (T, L), -1 for all others; `Said` of them."""
+    """What frames say of the points of some tracklets (T, L), -1 for all others; `FrameLabels` of them."""
 
-    said: Said
+    labels: FrameLabels
     tracklet: np.ndarray
 
     def __getitem__(self, part: slice) -> Labels:
-        return self.said[part].kept(self.tracklet[part] >= 0)
+        return self.labels[part].kept(self.tracklet[part] >= 0)
 
     def whole(self) -> Labels:
         """All of it at once."""
-        return self.said.whole().kept(self.tracklet >= 0)
+        return self.labels.whole().kept(self.tracklet >= 0)
 
 
 class BodyNaming:
@@ -199,9 +199,9 @@ class Crowd:
     def solve_again(self, one: NamedBody, may: np.ndarray) -> Generator[float, None, None]:
         """The same body with other tracklets (N,), in place: frames have said what they have to say."""
         tracklet = self.tracklets_of(may)
-        said = OnlyWhere(one.frames.labels, tracklet)
-        one.frames = replace(one.frames, take=self.points_of(may), tracklet=tracklet, labels=said)
-        one.solution = yield from solution_for(one.frames, said, tracklet)
+        labels = OnlyWhere(one.frames.labels, tracklet)
+        one.frames = replace(one.frames, take=self.points_of(may), tracklet=tracklet, labels=labels)
+        one.solution = yield from solution_for(one.frames, labels, tracklet)
 
     def named_points(self, one: NamedBody) -> np.ndarray:
         """(N,) how many points of each tracklet a body's solution names, or has where there is none."""

@@ -40,14 +40,14 @@ def with_edits(crowd: Crowd, found: Everybody, edits: Edits) -> Steps[EditedSubj
         others = (before.marker != NO_MARKER) & ((before.marker < place) | (before.marker >= place + size))
         may = one.may.copy()
         may[crowd.tracklet[others]] = False
-        verdicts.append((yield from _heard(crowd, one.body, own, own_labels(before, place, size), may)))
+        verdicts.append((yield from _corrected(crowd, one.body, own, own_labels(before, place, size), may)))
     again = joined(found.worn, verdicts)
     unedited = first.edited.below(before, again.labels)
     applied = replace(apply_edits(unedited, edits, cells), outcomes=first.outcomes)
     return EditedSubjects(unedited, applied, Verdict(applied.labels, again.suspects))
 
 
-def _heard(crowd: Crowd, one: NamedBody, edited: Edited, before: Labels, may: np.ndarray) -> Steps[Verdict]:
+def _corrected(crowd: Crowd, one: NamedBody, edited: Edited, before: Labels, may: np.ndarray) -> Steps[Verdict]:
     """What is said of one body (N,) once it has heard what the edits say of it."""
     theirs = np.zeros(len(crowd) + 1, bool)
     theirs[crowd.tracklet[edited.named]] = True
@@ -56,10 +56,10 @@ def _heard(crowd: Crowd, one: NamedBody, edited: Edited, before: Labels, may: np
     frames = replace(one.frames, take=crowd.points_of(may | theirs[:-1]), tracklet=own)
     frames = replace(frames, labels=OnlyWhere(one.frames.labels, own))
     deleted = edited.deleted & (one.frames.tracklet >= 0)
-    heard = rulings.heard((yield from without_deleted(frames, deleted)))
+    ruled = rulings.applied_to((yield from without_deleted(frames, deleted)))
     parted = rulings.parted()
-    solution = yield from solution_for(frames, heard, parted, rulings)
-    return decided_of(frames, heard, parted, solution, crowd.options.target)
+    solution = yield from solution_for(frames, ruled, parted, rulings)
+    return decided_of(frames, ruled, parted, solution, crowd.options.target)
 
 
 def edited_of(edited: Edited, first: int, size: int) -> Edited:

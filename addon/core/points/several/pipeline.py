@@ -58,11 +58,11 @@ SHARES = {
 
 
 def label_several(
-    take: Points, asked: SeveralOptions, options: PointOptions, said: Edits = NO_EDITS
+    take: Points, asked: SeveralOptions, options: PointOptions, written: Edits = NO_EDITS
 ) -> Generator[Progress, None, LabelledSubjects]:
     """Names the points of a take that several subjects are in; labels count the markers of all subjects in a row.
 
-    `said` is what a person said, where the edits of `options` only follow from it: in an error their numbers are told.
+    `written` is what a person said, where the edits of `options` only follow from it: an error has their numbers.
     Raises JobError where fewer subjects are found than were asked for, or who is who cannot be told; InputError where
     edits are of somebody who is not there.
     """
@@ -77,7 +77,7 @@ def label_several(
         crowd = Crowd(take, cut(take.xyz, take.rate, lanes=take.lanes), options)
         found = yield from _everybody(crowd, asked)
         verdict, edited = found.verdict, None
-        refuse_unknown(said or options.edits, found.worn.asked.by_name)
+        refuse_unknown(written or options.edits, found.worn.asked.by_name)
         if options.edits:
             work = with_edits(crowd, found, options.edits)
             edited = yield from within(work, 0.9, 0.92, "solve the take again with the edits")

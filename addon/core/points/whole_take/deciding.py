@@ -10,7 +10,7 @@ import numpy as np
 from ...data.lanes import Lanes, blocks, trajectories_at
 from ...data.room import IN_MEMORY, MakeTable
 from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
-from ..deciding import Said, decide, once
+from ..deciding import FrameLabels, decide, once
 from ..likelihood.calibration import chance
 from ..models import Model
 from ..tracklets import VOTE, are_lasting, gone_over
@@ -41,7 +41,7 @@ def can_be_solved(model: Model, tracklet: np.ndarray) -> bool:
 
 def verdict_of(
     solution: Solution | None,
-    named: Said,
+    named: FrameLabels,
     tracklet: np.ndarray,
     model: Model,
     target: float,
@@ -57,7 +57,7 @@ def verdict_of(
 
 def labels_of(
     solution: Solution,
-    named: Said,
+    named: FrameLabels,
     target: float,
     names: Sequence[str],
     first_frame: int = 0,
@@ -115,7 +115,7 @@ def _asked(solution: Solution, target: float) -> list[Question]:
 
 def _questions(solution: Solution, asked: list[Question], names: Sequence[str], first: int) -> tuple[Suspect, ...]:
     """What is asked, once for all of the take from the frame `first` on; of a marker, on its longest trajectory."""
-    said, tracklets = {}, solution.tracklets
+    questions, tracklets = {}, solution.tracklets
     for question in asked:
         pair = tuple(names[name] for name in (question.one, question.other) if name < len(names))
         span, lane = (0, len(tracklets.table) - 1), None
@@ -124,8 +124,8 @@ def _questions(solution: Solution, asked: list[Question], names: Sequence[str], 
             longest = np.where(solution.marker == question.one, tracklets.count, 0).argmax()
             span, lane = (int(tracklets.first[longest]), int(tracklets.last[longest])), int(tracklets.lane[longest])
             words = f"another marker sits where {pair[0]} may be: look which of the two it is"
-        said[pair] = Suspect(span[0] + first, span[1] + first, words, lane, pair)
-    return tuple(said.values())
+        questions[pair] = Suspect(span[0] + first, span[1] + first, words, lane, pair)
+    return tuple(questions.values())
 
 
 def _gone_over(

@@ -52,7 +52,7 @@ class LikenessOptions:
 
 
 LIKENESS = LikenessOptions()
-NOTHING_SAID = 0.0  # log odds of a marker that nothing is known of at the time
+NO_EVIDENCE = 0.0  # log odds of a marker that nothing is known of at the time
 
 
 def likeness(
@@ -77,7 +77,7 @@ def likeness(
         frame, beside = _looked_at(placed, tracklets.frame[some, :frames])
         given = frame, tracklets.xyz[some, :frames], beside, own[some], near, mean, variance, asked[some], LIKENESS
         found[some] = of_frames(*given)
-    found = np.where(np.isnan(found), NOTHING_SAID, found * worth_of_length(tracklets, rate)[:, None])
+    found = np.where(np.isnan(found), NO_EVIDENCE, found * worth_of_length(tracklets, rate)[:, None])
     return np.where(asked, found, -np.inf)
 
 

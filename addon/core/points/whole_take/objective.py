@@ -245,11 +245,11 @@ class Objective:
         freedom: Freedom,
         rows: np.ndarray | None = None,
         asked: np.ndarray | None = None,
-        unheard: np.ndarray | None = None,
+        muted: np.ndarray | None = None,
     ) -> np.ndarray:
         """(K, M + E) log odds of names of some tracklets (K,), the others being named and placed as they are.
 
-        Of names that are not `asked` (K, M + E) they are minus infinity. Of the markers `unheard` it does not count
+        Of names that are not `asked` (K, M + E) they are minus infinity. Of the markers `muted` it does not count
         what frames on their own say. What could not be a marker even if it went on best as one, as most ghosts could
         not, is not asked how it does.
         """
@@ -257,8 +257,8 @@ class Objective:
         pairs = corrected(widened(self.pairs, freedom.bend, freedom.motion_m, freedom.layout_m), shown)
         tracklets = self.tracklets.some(rows)
         votes = np.pad(tracklets.votes, ((0, 0), (0, self.extras)))
-        if unheard is not None:
-            votes[:, unheard] = np.where(np.abs(votes[:, unheard]) >= RULING.odds, votes[:, unheard], 0)
+        if muted is not None:
+            votes[:, muted] = np.where(np.abs(votes[:, muted]) >= RULING.odds, votes[:, muted], 0)
         odds = likeness(tracklets, placed, marker[rows], pairs, self.rate, asked) + votes
         if freedom.link:
             given = self.tracklets, self._ends, marker, placed, pairs, self.rate

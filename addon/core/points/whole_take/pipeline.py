@@ -24,7 +24,7 @@ from ...edits.kinds import NO_EDITS, Edits
 from ...review.answering import unanswered, without_accepted
 from ...review.suspects import called_by, summarised
 from ..adaptation import Adaptation, adapt, borne_out
-from ..deciding import Said
+from ..deciding import FrameLabels
 from ..models import Model
 from ..motion import LabelledPoints, TakeMotion, by_marker, take_motion
 from ..naming import USUAL_TARGET, Namer, namer_of
@@ -36,7 +36,7 @@ from .asking import asked_frames
 from .deciding import can_be_solved, verdict_of
 from .rulings import Rulings
 from .solving import Solution, solve_take
-from .tracklets import said_between
+from .tracklets import labels_between
 
 # What each stage takes, as measured: so many times as long as a frame is named in, and that again for each frame. The
 # last is what whoever called does with the outcome. Where frames are in no order their subject is learned from some of
@@ -144,7 +144,7 @@ class NamedFrames:
     tracklet: np.ndarray
     adaptation: Adaptation
     namer: Namer
-    labels: Said
+    labels: FrameLabels
     solvable: bool
     room: MakeTable
     sure: bool = True
@@ -225,7 +225,7 @@ def name_frames(
     sample = None if recognise is None else recognise(adaptation.model, namer, points, solvable)
     yield Stage("name", f"frame {take.first_frame}")
     labels = yield from _asked(namer, take, asked, sample if few else None)
-    said: Said = said_between(labels, asked, tracklet) if few else labels
+    given: FrameLabels = labels_between(labels, asked, tracklet) if few else labels
     if unordered:
         yield Stage("learn", "learn the subject from sure frames")
         trained = adaptation.model.learned_likelihood
@@ -234,9 +234,9 @@ def name_frames(
             yield Stage("name again", f"frame {take.first_frame}")
             adaptation = replace(adaptation, model=replace(adaptation.model, likelihood=likelihood))
             again = namer_of(adaptation.model, options.method)
-            said = yield from _asked(again, take, asked)
+            given = yield from _asked(again, take, asked)
     sure = sample is None or sample.sure
-    return NamedFrames(take, tracklet, adaptation, namer, said, solvable, room, sure)
+    return NamedFrames(take, tracklet, adaptation, namer, given, solvable, room, sure)
 
 
 def _asked(namer: Namer, take: Points, asked: np.ndarray, sample: Sample | None = None) -> Steps[Labels]:
@@ -290,7 +290,7 @@ def _as_a_whole(frames: NamedFrames, options: PointOptions) -> Steps[tuple[Solut
 
 
 def solution_for(
-    frames: NamedFrames, named: Said, tracklet: np.ndarray, rulings: Rulings | None = None
+    frames: NamedFrames, named: FrameLabels, tracklet: np.ndarray, rulings: Rulings | None = None
 ) -> Generator[float, None, Solution | None]:
     """What the take as a whole says of tracklets (T, P) whose frames say `named`; None where it cannot be solved."""
     if not frames.solvable:
@@ -300,7 +300,7 @@ def solution_for(
 
 
 def decided_of(
-    frames: NamedFrames, named: Said, tracklet: np.ndarray, solution: Solution | None, target: float
+    frames: NamedFrames, named: FrameLabels, tracklet: np.ndarray, solution: Solution | None, target: float
 ) -> Verdict:
     """The names that are sure enough for the target, and what is to be said of them.
 
@@ -326,11 +326,11 @@ def _with_edits(
     first = apply_edits(verdict.labels, options.edits, cells)
     rulings = Rulings(first.edited, verdict.labels, frames.tracklet, solved)
     yield Stage("hear", "hear what the edits say")
-    heard = rulings.heard((yield from without_deleted(frames, first.edited.deleted)))
+    ruled = rulings.applied_to((yield from without_deleted(frames, first.edited.deleted)))
     tracklet = rulings.parted()
     yield Stage("vote again", "solve the take again with the edits")
-    solution = yield from solution_for(frames, heard, tracklet, rulings)
-    again = decided_of(frames, heard, tracklet, solution, options.target)
+    solution = yield from solution_for(frames, ruled, tracklet, rulings)
+    again = decided_of(frames, ruled, tracklet, solution, options.target)
     unedited = first.edited.below(verdict.labels, again.labels)
     applied = replace(apply_edits(unedited, options.edits, cells), outcomes=first.outcomes)
     return unedited, applied, Verdict(applied.labels, again.suspects)
@@ -338,13 +338,13 @@ def _with_edits(
 
 def without_deleted(frames: NamedFrames, deleted: np.ndarray) -> Steps[Labels]:
     """What frames say once the points that are no markers, deleted (T, P), are gone from them."""
-    take, rows, said = frames.take, np.flatnonzero(deleted.any(axis=1)), frames.labels.whole()
+    take, rows, labels = frames.take, np.flatnonzero(deleted.any(axis=1)), frames.labels.whole()
     if not len(rows):
-        return said
+        return labels
     some = take.in_order(rows)
     seen = np.where(some.of(deleted[rows])[..., None], np.nan, some.xyz)
-    anew = some.labels((yield from _named(frames.namer, seen, take.rate, take.frames[rows])))
-    columns = [getattr(said, name).copy() for name in ("marker", "step", "confidence", "rate")]
+    again = some.labels((yield from _named(frames.namer, seen, take.rate, take.frames[rows])))
+    columns = [getattr(labels, name).copy() for name in ("marker", "step", "confidence", "rate")]
     for name, whole in zip(("marker", "step", "confidence", "rate"), columns, strict=True):
-        whole[rows] = getattr(anew, name)
+        whole[rows] = getattr(again, name)
     return Labels(*columns)

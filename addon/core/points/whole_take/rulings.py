@@ -78,18 +78,18 @@ class Rulings:
         """(T, P) the markers that a solution begins with."""
         return np.where(self.edited.labels.named, self.edited.labels.marker, self.carried)
 
-    def heard(self, named: Labels) -> Labels:
+    def applied_to(self, named: Labels) -> Labels:
         """What frames say on their own (T, P), with what a person said in its place."""
         edited, given, carried = self.edited, self.edited.named, self.carried != NO_MARKER
         kept = named.named & (edited.rule == FREE) & (edited.refused != named.marker)
         row, column = np.nonzero(kept)
         kept[row, column] = edited.claim[row, named.marker[row, column]] == ANYBODY
-        said = given | carried
+        ruled = given | carried
         return Labels(
-            np.where(said, np.where(given, edited.rule, self.carried), np.where(kept, named.marker, NO_MARKER)),
-            np.where(said, np.where(given, BY_EDIT, BY_TRAJECTORY), np.where(kept, named.step, NO_STEP)),
-            np.where(said, 1.0, np.where(kept, named.confidence, 0.0)),
-            np.where(said, 1.0, np.where(kept, named.measured_rate, 0.0)),
+            np.where(ruled, np.where(given, edited.rule, self.carried), np.where(kept, named.marker, NO_MARKER)),
+            np.where(ruled, np.where(given, BY_EDIT, BY_TRAJECTORY), np.where(kept, named.step, NO_STEP)),
+            np.where(ruled, 1.0, np.where(kept, named.confidence, 0.0)),
+            np.where(ruled, 1.0, np.where(kept, named.measured_rate, 0.0)),
         )
 
     def parted(self) -> np.ndarray:
@@ -104,9 +104,9 @@ class Rulings:
         row, column, number = row[order], column[order], number[order]
         rule, refused = edited.rule[row, column], edited.refused[row, column]
         new = (np.diff(number) != 0) | (np.diff(rule) != 0) | (np.diff(refused) != 0)
-        said = np.cumsum(np.pad(edited.claim != ANYBODY, ((1, 0), (0, 0))), axis=0, dtype=np.int32)
+        ruled = np.cumsum(np.pad(edited.claim != ANYBODY, ((1, 0), (0, 0))), axis=0, dtype=np.int32)
         name = edited.labels.marker[row[:-1], column[:-1]]
-        elsewhere = said[row[1:], name] > said[np.minimum(row[:-1] + 1, len(said) - 1), name]
+        elsewhere = ruled[row[1:], name] > ruled[np.minimum(row[:-1] + 1, len(ruled) - 1), name]
         new |= (np.diff(row) > 1) & (name != NO_MARKER) & elsewhere
         found = np.full(tracklet.shape, -1)
         found[row, column] = np.concatenate([[0], np.cumsum(new)]) if len(row) else 0

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...data.made import Table
 from ...data.takes import NO_MARKER
-from ..deciding import Said
+from ..deciding import FrameLabels
 from ..models import Model
 from ..refusals import NO_FIT, REFUSAL, SetFit
 from .layout import Question, named_by_layout
@@ -98,7 +98,7 @@ class Solution:
 def solve_take(
     points: Table,
     tracklet: np.ndarray,
-    named: Said,
+    named: FrameLabels,
     model: Model,
     rate: float,
     progress: Callable[[float], None] | None = None,

@@ -9,7 +9,7 @@ import numpy as np
 from ...data.lanes import PACKING, LaneOptions, blocks
 from ...data.made import Made, Table
 from ...data.takes import BY_TRAJECTORY, NO_MARKER, Labels
-from ..deciding import Said
+from ..deciding import FrameLabels
 from ..tracklets import VOTE, frame_log_odds
 
 
@@ -118,7 +118,7 @@ def seen_in(placed: "np.ndarray | PlacedMarkers") -> np.ndarray:
     return placed.lane >= 0 if isinstance(placed, PlacedMarkers) else np.isfinite(placed[..., 0])
 
 
-def tracklets_of(points: Table, tracklet: np.ndarray, named: Said, markers: int) -> Tracklets:
+def tracklets_of(points: Table, tracklet: np.ndarray, named: FrameLabels, markers: int) -> Tracklets:
     """The tracklets (T, L), -1 where there is none, of points (T, L, 3) m, with what frames on their own say.
 
     A tracklet stands in one lane, and no other in the same lane between its ends.
@@ -139,8 +139,8 @@ def tracklets_of(points: Table, tracklet: np.ndarray, named: Said, markers: int)
     for part in blocks(*table.shape):
         alone = named[part]
         row, column = np.nonzero((alone.marker != NO_MARKER) & (table[part] >= 0))
-        said, sure = alone.marker[row, column], alone.confidence[row, column]
-        np.add.at(votes, (table[part][row, column], said), frame_log_odds(sure) * VOTE.frame_weight)
+        marker, sure = alone.marker[row, column], alone.confidence[row, column]
+        np.add.at(votes, (table[part][row, column], marker), frame_log_odds(sure) * VOTE.frame_weight)
     votes = np.minimum(votes, VOTING.max_votes)
     held = np.full(len(count), NO_MARKER)
     return Tracklets(first, last, count, np.where(again, -1, frame), xyz, votes, lane, table, held)
@@ -167,7 +167,7 @@ def _numbered(tracklet: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class SaidBetween:
+class LabelsBetween:
     """What all frames of tracklets say, where only some were asked: worked out for the frames that are looked at.
 
     asked          (F, L) labels of the frames that were asked, with their `rate`
@@ -235,13 +235,13 @@ class SaidBetween:
         return np.where(apart[1] < apart[0], after, np.maximum(before, 0)), ~here
 
 
-def said_between(
+def labels_between(
     asked: Labels, frames: np.ndarray, tracklet: np.ndarray, options: LaneOptions = PACKING
-) -> Labels | SaidBetween:
+) -> Labels | LabelsBetween:
     """What all frames of tracklets (T, P) say, where only some of them, (F,), were `asked` (F, P) on their own.
 
     A point has the name that its tracklet has in the nearest of those. Of a long take it is worked out when it is
     asked for, some frames at a time.
     """
-    said = SaidBetween.of(asked, frames, tracklet)
-    return said if tracklet.size > options.whole_cells else said.whole()
+    between = LabelsBetween.of(asked, frames, tracklet)
+    return between if tracklet.size > options.whole_cells else between.whole()

@@ -36,7 +36,7 @@ def rulings_of(model, markers, labels: Labels, *edits) -> Rulings:
 def solved(model, markers, labels: Labels, rulings: Rulings) -> np.ndarray:
     """(T, P) the markers of the take once it is solved with the rulings."""
     pieces = rulings.parted()
-    heard = rulings.heard(labels)
+    heard = rulings.applied_to(labels)
     solution = solve_take(markers, pieces, heard, model, RATE, rulings=rulings)
     return labels_of(solution, heard, 0.999, model.markerset.markers).labels.marker
 
@@ -111,5 +111,5 @@ def test_what_is_nobodys_is_not_named_and_what_has_no_name_goes_on_as_a_person_c
     expected = np.setdiff1d(np.flatnonzero(present), [99, *range(199, 210)])
     assert carried.tolist() == expected.tolist()
     assert (np.delete(rulings.carried, toe, axis=1) == NO_MARKER).all()
-    assert (rulings.heard(labels).marker[expected, toe] == toe).all()
+    assert (rulings.applied_to(labels).marker[expected, toe] == toe).all()
     assert (rulings.start[99, toe], rulings.start[98, toe]) == (toe, toe)

@@ -16,7 +16,7 @@ from addon.core.points.whole_take.likeness import likeness
 from addon.core.points.whole_take.objective import Objective, fullest_frames
 from addon.core.points.whole_take.pairs import in_take, trained_pairs
 from addon.core.points.whole_take.solving import solve_take
-from addon.core.points.whole_take.tracklets import said_between, seen_in, tracklets_of
+from addon.core.points.whole_take.tracklets import labels_between, seen_in, tracklets_of
 
 RATE = 100.0
 FRAMES = 300
@@ -269,7 +269,7 @@ def test_frames_between_say_what_their_tracklets_do_in_the_nearest_one(tracklet,
     marker[frames == 8, 0] = 7
     step = np.where(marker == NO_MARKER, NO_STEP, BY_LIKELIHOOD)
     chance = np.where(marker == NO_MARKER, 0.0, 0.9)
-    given = said_between(Labels(marker, step, chance, chance), frames, tracklet, LaneOptions(whole_cells=cells))
+    given = labels_between(Labels(marker, step, chance, chance), frames, tracklet, LaneOptions(whole_cells=cells))
     assert isinstance(given, Labels) == (tracklet.size <= cells)
     said = Labels.join(given[part] for part in (slice(0, 5), slice(5, 6), slice(6, 12)))
     assert (said.marker[:, 1:] == np.where(tracklet[:, 1:] >= 0, tracklet[:, 1:], NO_MARKER)).all()
