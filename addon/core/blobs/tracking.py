@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.bodies import PLACEMENT, Bodies, BodyModel, Posed
+from ..data.physical import MARKER_LIMITS
 from ..geometry import rotations
 from ..geometry.triangulation import MEETING
 from ..geometry.views import NOWHERE, View
@@ -229,7 +230,7 @@ def follower_of(setup: Setup) -> Follower:
         "own_rate": TRACKING.own_rate,
         "noise_rate": TRACKING.noise_rate,
         "min_named_share": TRACKING.min_named_share,
-        "skin": SUBJECT.skin_m,
+        "skin": MARKER_LIMITS.skin_m,
         "max_own": SUBJECT.max_own,
         "min_noise": SUBJECT.min_noise_px,
         "max_noise": SUBJECT.max_noise_px,

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ...data.made import Table
+from ...data.physical import MARKER_LIMITS
 from ...data.takes import evenly_spread
 from ...geometry.rigid import MIN_POINTS, in_axes, laid_on, pairwise_distances, rigid_clusters
 
@@ -16,7 +17,6 @@ class ClusteringOptions:
     """What tracklets must do to be taken for one rigid thing.
 
     max_size_m       the widest that a rigid body is; physical: a pelvis or a chest
-    max_deviation_m  that distances within a cluster vary by, in the mean; physical: skin under a plate
     prior_m          that a distance is taken to vary by; physical: as two limbs that hardly move do
     prior_frames     in which it is taken to have been seen so; measured: half and twice of it name plates alike
     max_off_m        physical: a marker's width, which a tracklet may be off its place in the cluster, root mean square;
@@ -26,7 +26,6 @@ class ClusteringOptions:
     """
 
     max_size_m: float = 0.4
-    max_deviation_m: float = 0.006
     prior_m: float = 0.02
     prior_frames: int = 10
     max_off_m: float = 0.01
@@ -97,7 +96,7 @@ def sampled(points: Table, tracklet: np.ndarray, rate: float) -> Sampled:
 def find_clusters(seen: Sampled) -> list[Cluster]:
     """Clusters of three markers or more that keep their distances."""
     spread, weight, mean = _deviations(seen.points)
-    grown = [np.array(own) for own in rigid_clusters(spread, weight, CLUSTERING.max_deviation_m)]
+    grown = [np.array(own) for own in rigid_clusters(spread, weight, MARKER_LIMITS.skin_m)]
     laid = [_laid(seen, own, mean) for own in grown if len(own) >= MIN_POINTS]
     return [cluster for cluster in laid if cluster is not None]
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...data.physical import MARKER_LIMITS
 from ...data.takes import NO_MARKER
 from ...kernels import point_calls, stands_for
 from ..tracklets import VOTE
@@ -33,7 +34,7 @@ class LikenessOptions:
     block             memory: frames of tracklets at once
     max_gap_s         physical: s, over which a marker goes on as it did: half a stride,
     change_s          physical: s, in which its distances become what they are at any time: less than a step, and
-    link_sd_m         physical: m, by which they change in no time: cameras and skin
+    link_sd_m         m, by which they change in no time
     """
 
     neighbours: int = 12
@@ -48,7 +49,7 @@ class LikenessOptions:
     block: int = 384
     max_gap_s: float = 0.5
     change_s: float = 0.3
-    link_sd_m: float = 0.006
+    link_sd_m: float = MARKER_LIMITS.skin_m
 
 
 LIKENESS = LikenessOptions()

@@ -10,6 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from ...data.physical import MARKER_LIMITS
 from ...data.takes import evenly_spread
 from ...kernels import point_calls, stands_for
 from ..likelihood.distances import CONSTRAINING
@@ -35,7 +36,6 @@ class PairOptions:
                       lose 5 %, and names of 2 % are wrong
     independent       measured: frames of a take that say as much as one independent one, as neighbours show the same
                       pose; with 1 plates lose 2 %
-    min_sd_m          physical: m, that a distance has at least: cameras and skin
     block             memory: frames at once
     """
 
@@ -48,7 +48,6 @@ class PairOptions:
     within_frames: float = 8.0
     unknown_frames: float = 0.5
     independent: float = 4.0
-    min_sd_m: float = 0.006
     block: int = 64
 
 
@@ -69,7 +68,7 @@ class PairDistances:
     @property
     def variance(self) -> np.ndarray:
         """(M, M) of a distance that is seen next, m²."""
-        return self.unsure + self.within + PAIRING.min_sd_m**2
+        return self.unsure + self.within + MARKER_LIMITS.skin_m**2
 
 
 @lru_cache(maxsize=1)  # asked twice of each take, and takes often follow each other with one model
@@ -174,7 +173,7 @@ def corrected(trained: PairDistances, shown: Moments) -> PairDistances:
     counts_for = np.where(np.isfinite(trained.within), PAIRING.within_frames, PAIRING.unknown_frames)
     part = coverage * count / (count + counts_for)
     spread = (1 - part) * known + part * within
-    sampling = (spread + PAIRING.min_sd_m**2) / np.maximum(count, 1e-9)
+    sampling = (spread + MARKER_LIMITS.skin_m**2) / np.maximum(count, 1e-9)
     weight = np.where(some, unsure / (unsure + sampling), 0)
     return PairDistances(prior + weight * (mean - prior), (1 - weight) * unsure, spread)
 
