@@ -24,7 +24,7 @@ class PairOptions:
     """How distances are learned.
 
     frames            memory: of a subject, or of a take, that are looked at
-    min_frames        physical: of a subject that show how it moves: a third of a second
+    min_frames        physical: of a subject, or of a tracklet, that show how it moves: a third of a second
     shapes            memory: drawn from a likelihood of which few frames were kept
     length_sd         physical: of a distance of other subjects than those of the training, besides their size, in
                       parts of it,
