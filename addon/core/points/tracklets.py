@@ -22,7 +22,8 @@ from ..data.takes import BY_TRAJECTORY, NO_MARKER, Labels, Suspect, Verdict, eve
 class CutOptions:
     """Where a trajectory may go on as another marker's.
 
-    max_gap_s    physical: s without a point, in which a whole limb has moved on and another marker may be in its place
+    max_gap_s    physical: s without a point, half a stride: a whole limb has moved on, and another marker may be in its
+                 place
     max_speed    physical: m/s; the hand of who throws or serves is as fast, and nothing else that markers are on
     min_nearest  measured: part of the points to which their column's next is the nearest of the next frame, where
                  columns are trajectories: two thirds of people at 10 Hz; of points in any order one in as many as there
