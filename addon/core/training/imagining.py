@@ -16,10 +16,10 @@ from ..data.physical import MARKER_LIMITS
 from ..data.takes import evenly_spread
 from ..geometry import rotations
 from ..geometry.rigid import pairwise_distances
+from ..papers.virtual_occlusions.placement import GUESSING
 from ..points.likelihood.learn import LEARN
 from ..points.likelihood.shape import cloud_radius
 from ..posing.posing import fit_points
-from .laying import LAYING
 from .poses import posed_bodies, poses_of, with_mirrored
 from .spread import SPREAD, TAILS, some_of
 
@@ -159,7 +159,7 @@ def _stranger(model: BodyModel, rng: np.random.Generator) -> MarkerSet:
     height = spread.height + spread.height_sd * rng.standard_normal()
     stray = np.tensordot(rng.standard_normal(len(model.modes)), model.modes, axes=1)
     stray[model.joint_count :] += spread.marker_sd[:, None] * rng.standard_normal((model.marker_count, 3))
-    offsets = (model.offsets + IMAGINING.wider * stray) * np.clip(height, *LAYING.heights_m)
+    offsets = (model.offsets + IMAGINING.wider * stray) * GUESSING.possible_height(height)
     return _as_metres(model.markerset, offsets[: model.joint_count], offsets[model.joint_count :])
 
 
