@@ -27,12 +27,12 @@ class CutOptions:
     max_speed    physical: m/s; the hand of who throws or serves is as fast, and nothing else that markers are on
     min_nearest  measured: part of the points to which their column's next is the nearest of the next frame, where
                  columns are trajectories: two thirds of people at 10 Hz; of points in any order one in as many as there
-                 are
+                 are, and half where only two frames at a time follow each other
     """
 
     max_gap_s: float = 0.5
     max_speed: float = 12.0
-    min_nearest: float = 0.4
+    min_nearest: float = 0.6
 
 
 @dataclass(frozen=True)
@@ -109,11 +109,8 @@ def _cut_some(tracklet: np.ndarray, points: Table, some: list, count: int, rate:
     return int(number[-1]) + 1
 
 
-def are_trajectories(points: Table, lanes: Lanes | None = None, least: float = CUTTING.min_nearest) -> bool:
-    """Whether the trajectories of points (T, L, 3) m follow anything, as far as can be known.
-
-    `least` is the part of them whose next point must be the nearest.
-    """
+def are_trajectories(points: Table, lanes: Lanes | None = None) -> bool:
+    """Whether the trajectories of points (T, L, 3) m follow anything, as far as can be known."""
     frames = evenly_spread(max(len(points) - 1, 0), PAIRS_COMPARED)
     now, then = (np.isfinite(points[some]).all(axis=2) for some in (frames, frames + 1))
     goes_on = now & then
@@ -123,14 +120,14 @@ def are_trajectories(points: Table, lanes: Lanes | None = None, least: float = C
     there = np.argsort(~then, axis=1, kind="stable")[:, : int(then.sum(axis=1).max(initial=0))]
     nearest, steps = 0, int(goes_on.sum())
     for part in blocks(len(frames), there.shape[1] ** 2):
-        if steps < MIN_STEPS or nearest >= least * steps:
+        if steps < MIN_STEPS or nearest >= CUTTING.min_nearest * steps:
             break
         at, lane = frames[part, None], there[part]
         before, after = points[at, lane].T, points[at + 1, lane].T
         square = sum((one[:, None] - other[None]) ** 2 for one, other in zip(after, before, strict=True))
         own = np.where(np.isnan(square), np.inf, square).argmin(axis=0) == np.arange(lane.shape[1])[:, None]
         nearest += int((own & np.take_along_axis(goes_on[part], lane, axis=1).T).sum())
-    return steps < MIN_STEPS or nearest >= least * steps
+    return steps < MIN_STEPS or nearest >= CUTTING.min_nearest * steps
 
 
 def are_lasting(tracklet: np.ndarray) -> bool:

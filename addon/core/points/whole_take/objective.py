@@ -59,7 +59,8 @@ class ObjectiveOptions:
     frames     memory: whose shape is asked
     fullest    memory: so many times as many that show most of the markers, out of which they are taken evenly
     min_frames physical: a frame may be odd, and so may a second; fewer say nothing
-    min_seen   physical: markers of a frame that is asked: fewer have a place and a facing, and hardly a shape
+    min_seen   physical: markers of a set, and of a frame that is asked: fewer have a place and a facing, and hardly a
+               shape; a fifth is in one place by its distances to four
     max_marker measured: log likelihood of a frame's shape that the point of one marker wins or loses; unclipped, it is
                for wrong names, by 8 to 228, in eight of ten takes of other labs
     shape      measured: L over the frames of the take; at 0.5 no exchange of two or of a limb is worth more than the

@@ -35,13 +35,11 @@ class RoundOptions:
     freedoms     that follow each other; with the last alone takes of other labs lose 1 %, without the first a crowd of
                  which frames know the trunk only loses a third
     max_rounds   memory and time: of each; with half a plate of others is named as another
-    min_markers  physical: that a set must have to be known by distances: a fifth is in one place by those to four
     """
 
     margin: float = 4.0
     freedoms: tuple[Freedom, ...] = (Freedom(0.0, 0.0, 0.0, 0.0), USUAL_FREEDOM, Freedom(0.25, 0.05, 0.05, 12.0))
     max_rounds: int = 8
-    min_markers: int = 5
 
 
 @dataclass(frozen=True)
