@@ -16,9 +16,8 @@ class NeighbourOptions:
     """What the rest of a take must show before it says anything of a marker.
 
     frames      memory: evenly spread ones that distances, forms and components are taken from
-    min_frames  measured: with all that is looked at together, before anything is learned of it; 100 errs as much
-    min_together  measured: frames that two markers share before the spread of their distance says anything; with 40
-                a take of 30 frames has no neighbours to fill by
+    min_frames  measured: with all that is looked at together, before anything is learned of it; 100 errs as much, but
+                with 40 a take of 30 frames has no neighbours to fill by
     help_ratio  measured: a filled sample helps to fill gaps this many times as long as its own; with 1 four markers
                 that are missing together err by twice what is expected
     of_axes     measured: nearest neighbours that make axes, carry a marker, and tell how fast it moves; 6 err by 10 %
@@ -26,8 +25,7 @@ class NeighbourOptions:
     """
 
     frames: int = 600
-    min_frames: int = 40
-    min_together: int = 10
+    min_frames: int = 10
     help_ratio: int = 4
     of_axes: int = 4
 
@@ -179,4 +177,4 @@ def _spread(xyz: np.ndarray) -> np.ndarray:
     count = np.maximum(known.sum(axis=0), 1)
     mean = np.where(known, distances, 0).sum(axis=0) / count
     square = (np.where(known, distances - mean, 0) ** 2).sum(axis=0) / count
-    return np.where(known.sum(axis=0) >= LEARNED_BY.min_together, np.sqrt(square), np.inf)
+    return np.where(known.sum(axis=0) >= LEARNED_BY.min_frames, np.sqrt(square), np.inf)
