@@ -26,9 +26,8 @@ UNIT_M = {"mm": 0.001, "cm": 0.01, "inches": 0.0254, "m": 1.0}  # metres in one 
 class PossibleOptions:
     """What cannot be, and how it is looked at.
 
-    max_gravities  physical: nothing of a body falls faster than by gravity, so it is pushed up by no more than that on
-                   average, and by more than five times that in no more than a fifth of the time;
-    part           physical: of the frames, more than that fifth
+    part           physical: of the frames; nothing of a body falls faster than by gravity, so it is pushed up by that
+                   on average, and by more than four times that in no more than a quarter of the time
     step_s         physical: s, over which accelerations are taken; noise of 3 mm adds a tenth of the limit to them
     min_reach_m    physical: from end to end of a frame's points, longer than a hand, which can be shaken faster
     nearer         measured: times nearer than the frames beside it another frame is, where they are out of order; 1.1
@@ -40,7 +39,6 @@ class PossibleOptions:
                    0.7 at most there, 1.2 at least at their own
     """
 
-    max_gravities: float = 5.0
     part: float = 0.25
     step_s: float = 0.04
     min_reach_m: float = 0.3
@@ -63,7 +61,7 @@ def refuse_impossible(points: Table, rate: float, lanes: Lanes | None, models: I
     Points that are in no order within their frames follow nothing, and are let pass; so is what stands or is slow.
     """
     gravities = usual_acceleration(points, rate) / GRAVITY
-    if gravities <= POSSIBLE.max_gravities:
+    if gravities <= 1 / POSSIBLE.part:
         return
     some = points[evenly_spread(len(points), FRAMES_LOOKED_AT)]
     for unit in filter(None, (mistaken_unit(model, some) for model in models)):
