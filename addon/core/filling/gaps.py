@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..data.lanes import PACKING
 from ..data.physical import MARKER_LIMITS
 from ..data.takes import evenly_spread
 from ..geometry.rigid import pairwise_distances
@@ -15,7 +16,6 @@ from ..review.suspects import runs
 class NeighbourOptions:
     """What the rest of a take must show before it says anything of a marker.
 
-    frames      memory: evenly spread ones that distances, forms and components are taken from
     min_frames  measured: with all that is looked at together, before anything is learned of it; 100 errs as much, but
                 with 40 a take of 30 frames has no neighbours to fill by
     help_ratio  measured: a filled sample helps to fill gaps this many times as long as its own; with 1 four markers
@@ -24,7 +24,6 @@ class NeighbourOptions:
                 more, as they follow joints
     """
 
-    frames: int = 600
     min_frames: int = 10
     help_ratio: int = 4
     of_axes: int = 4
@@ -172,7 +171,7 @@ class KnownMarkers:
 
 
 def _spread(xyz: np.ndarray) -> np.ndarray:
-    distances = pairwise_distances(xyz[evenly_spread(len(xyz), LEARNED_BY.frames)])
+    distances = pairwise_distances(xyz[evenly_spread(len(xyz), PACKING.spread_out)])
     known = np.isfinite(distances)
     count = np.maximum(known.sum(axis=0), 1)
     mean = np.where(known, distances, 0).sum(axis=0) / count

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...data.lanes import PACKING
 from ...data.made import Table
 from ...data.takes import NO_MARKER, NO_POINT, evenly_spread
 from ...geometry.rigid import in_axes, laid_on
@@ -197,7 +198,7 @@ class Objective:
         self.known, self.markers = trained_pairs(model), len(model.markerset)
         # Odds grow less than a tracklet does: its parts would say more than all of it where they are only added up.
         self.weight = tracklets.count / worth_of_length(tracklets, rate)
-        spread = evenly_spread(len(points), PAIRING.frames)
+        spread = evenly_spread(len(points), PACKING.spread_out)
         sampled = tracklets.frame[tracklets.frame >= 0]
         at = np.unique(np.concatenate([spread, sampled, tracklets.first, tracklets.last]))
         frame = np.where(tracklets.frame >= 0, np.searchsorted(at, tracklets.frame), -1)

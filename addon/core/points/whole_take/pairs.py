@@ -10,6 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from ...data.lanes import PACKING
 from ...data.physical import MARKER_LIMITS
 from ...data.takes import evenly_spread
 from ...kernels import point_calls, stands_for
@@ -23,7 +24,6 @@ from ..models import Model
 class PairOptions:
     """How distances are learned.
 
-    frames            memory: of a subject, or of a take, that are looked at
     min_frames        physical: of a subject, or of a tracklet, that show how it moves: a third of a second
     shapes            memory: drawn from a likelihood of which few frames were kept
     length_sd         physical: of a distance of other subjects than those of the training, besides their size, in
@@ -39,7 +39,6 @@ class PairOptions:
     block             memory: frames at once
     """
 
-    frames: int = 600
     min_frames: int = 30
     shapes: int = 400
     length_sd: float = 0.04
@@ -199,7 +198,7 @@ def _size(trained: PairDistances, mean: np.ndarray, within: np.ndarray, count: n
 
 def moments(points: np.ndarray) -> Moments:
     """Of all distances (M, M) in some frames of (T, M, 3) m."""
-    some = points[evenly_spread(len(points), PAIRING.frames)].astype(float)
+    some = points[evenly_spread(len(points), PACKING.spread_out)].astype(float)
     total, squares, count = distance_sums(some)
     mean = total / np.maximum(count, 1)
     variance = np.maximum(squares / np.maximum(count, 1) - mean**2, 0) * count / np.maximum(count - 1, 1)
