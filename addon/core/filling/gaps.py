@@ -36,12 +36,10 @@ LEARNED_BY = NeighbourOptions()
 class StrayOptions:
     """Which samples cannot be the marker's, by how it would have to get there.
 
-    fastest_m_s  physical: m/s, of any marker: a hand goes 10 where it strikes and 15 where it throws
-    longest_s    measured: s that strays last at most, then it is the marker's own path or another's; half and twice of
-                 it find the same in 43 recorded takes
+    longest_s  measured: s that strays last at most, then it is the marker's own path or another's; half and twice of
+               it find the same in 43 recorded takes
     """
 
-    fastest_m_s: float = 15.0
     longest_s: float = 0.2
 
 
@@ -105,7 +103,7 @@ def _beyond_reach(path: np.ndarray, at: np.ndarray, rate: float) -> tuple[np.nda
     """
 
     def too_far(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        reach = MARKER_LIMITS.max_noise_m + STRAYS.fastest_m_s * np.abs(other - one) / rate
+        reach = MARKER_LIMITS.max_noise_m + MARKER_LIMITS.fastest_m_s * np.abs(other - one) / rate
         return np.linalg.norm(path[other] - path[one], axis=1) > reach
 
     leaps = too_far(at[:-1], at[1:])

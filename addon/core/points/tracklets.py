@@ -15,6 +15,7 @@ import numpy as np
 
 from ..data.lanes import PACKING, Lanes, blocks, standing_in, trajectories_at
 from ..data.made import Table
+from ..data.physical import MARKER_LIMITS
 from ..data.takes import BY_TRAJECTORY, NO_MARKER, Labels, Suspect, Verdict, evenly_spread
 
 
@@ -24,14 +25,12 @@ class CutOptions:
 
     max_gap_s    physical: s without a point, half a stride: a whole limb has moved on, and another marker may be in its
                  place
-    max_speed    physical: m/s; the hand of who throws or serves is as fast, and nothing else that markers are on
     min_nearest  measured: part of the points to which their column's next is the nearest of the next frame, where
                  columns are trajectories: two thirds of people at 10 Hz; of points in any order one in as many as there
                  are, and half where only two frames at a time follow each other
     """
 
     max_gap_s: float = 0.5
-    max_speed: float = 12.0
     min_nearest: float = 0.6
 
 
@@ -102,7 +101,7 @@ def _cut_some(tracklet: np.ndarray, points: Table, some: list, count: int, rate:
         return count
     gap = np.diff(frames)
     step = np.linalg.norm(np.diff(points[frames, lane], axis=0), axis=1)
-    ends = (gap > CUTTING.max_gap_s * rate) | (step > CUTTING.max_speed / rate * gap)
+    ends = (gap > CUTTING.max_gap_s * rate) | (step > MARKER_LIMITS.fastest_m_s / rate * gap)
     ends |= np.diff(np.repeat(np.arange(len(some)), [len(own) for own, _ in some])) != 0
     number = count + np.concatenate([[0], np.cumsum(ends)])
     tracklet[frames, lane] = number
