@@ -157,7 +157,6 @@ class Rereader:
         points = begin.naming.meeting.points
         subject = replace(known.subject, bodies=known.posed_as(begin.bodies))
         track = Track.begin(subject, points, begin.expected.visible, self.setup.model)
-        track = replace(track, unseen=np.where(np.isfinite(points[:, 0]), 0, track.unseen))
         if earlier is None:
             return track
         velocity = difference(begin.bodies, earlier.bodies)

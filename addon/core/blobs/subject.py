@@ -35,6 +35,8 @@ class SubjectOptions:
     min_noise_px    physical: the blobs' noise is never taken to be less, a few frames may look better than cameras are
     max_noise_px    physical: nor more; beyond it names are wrong, not blobs
     reference_rate  paper, 6: frames a second for which movement from frame to frame is stated elsewhere
+    min_named       physical: of a frame's blobs that a subject has where there is no crowd of ghosts, and of its
+                    markers where it is one at all or is not lost; less than half, as bodies hide one side
     min_pace        physical: movement a frame, as a share of that at the reference rate, is never taken to be less:
                     what the prediction misses does not shrink with the time between frames
     """
@@ -44,6 +46,7 @@ class SubjectOptions:
     min_noise_px: float = 0.25
     max_noise_px: float = 3.0
     reference_rate: float = 60.0
+    min_named: float = 0.4
     min_pace: float = 0.6
 
 
