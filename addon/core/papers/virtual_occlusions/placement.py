@@ -29,7 +29,7 @@ class GuessOptions:
     max_height_m: float = 2.2
     trimmed_share: float = 0.02
 
-    def possible_height(self, height: np.ndarray) -> np.ndarray:
+    def possible_height(self, height: np.ndarray | float) -> np.ndarray:
         """Heights, m, or the nearest that people have."""
         return np.clip(height, self.min_height_m, self.max_height_m)
 
