@@ -12,7 +12,7 @@ import numpy as np
 from ..core.data.errors import InputError, of_file
 from ..core.data.markersets import MarkerSet
 from ..core.points.handedness import refuse_labelled
-from ..core.points.likelihood.learn import LEARN
+from ..core.posing.posing import POSING
 from ..core.review.answering import right_in
 from ..core.training.takes import LabelledTake, learnable, odd_size
 from ..core.training.transfer import known_body, known_places
@@ -177,15 +177,15 @@ def _named(points: FilePoints, own: Sequence[int]) -> tuple[tuple[str, ...], np.
     owners = sorted({points.names[index].rpartition(":")[0] for index in kept})
     bare = [points.names[index].rpartition(":")[2] for index in kept]
     doubled = [name for name, count in Counter(bare).items() if count > 1]
-    if len(owners) > 1 and len(doubled) >= LEARN.min_markers:
+    if len(owners) > 1 and len(doubled) >= POSING.min_markers:
         words = f"has two subjects ({', '.join(owners[:3])})"
         raise InputError(f"{words}; expected a take of one, or one of them chosen, as by --subject {owners[-1]}=GLOB")
     kept = [index for index, name in zip(kept, bare, strict=True) if name not in doubled]
-    if len(kept) < LEARN.min_markers:
+    if len(kept) < POSING.min_markers:
         raise (
             InputError(f"has the label {doubled[0]} twice; expected every marker once")
             if doubled
-            else InputError(f"has {len(kept)} named markers; expected {LEARN.min_markers} or more")
+            else InputError(f"has {len(kept)} named markers; expected {POSING.min_markers} or more")
         )
     chosen = points.picked(kept)
     filled = np.isfinite(chosen.xyz[..., 0]) & (chosen.residual == 0)
@@ -230,7 +230,7 @@ def chosen_markers(
         shown = ({name for name in take.names if _has(take, name) or name in known} for take in takes)
         common = set.intersection(*shown)
         markers = tuple(name for name in takes[0].names if name in common)
-        if len(markers) < LEARN.min_markers <= min(len(take.names) for take in takes):
+        if len(markers) < POSING.min_markers <= min(len(take.names) for take in takes):
             one, two = _least_alike(takes)
             what = "have no marker in common" if not markers else f"have only {', '.join(markers)} in common"
             raise InputError(
@@ -245,8 +245,8 @@ def chosen_markers(
             'expected names without | , " or a leading *, or others chosen with --markers',
             takes[0].path,
         )
-    if len(markers) < LEARN.min_markers:
-        raise InputError(f"{len(markers)} markers are too few to distinguish; expected {LEARN.min_markers} or more")
+    if len(markers) < POSING.min_markers:
+        raise InputError(f"{len(markers)} markers are too few to distinguish; expected {POSING.min_markers} or more")
     return markers
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..data.physical import MARKER_LIMITS
 from ..data.takes import REMAINING
 from ..geometry.views import View
 from ..kernels import frame_calls, stands_for
@@ -23,7 +24,6 @@ class ImageTrackletOptions:
 
     noise_m      physical: by which a blob may be off beside what moves it, partly hidden ones jump; another blob must
                  be farther off by that
-    push_m_s2    physical: how hard markers change their velocity, limbs of people who run
     speed_m_s    physical: at most, of a blob of which nothing is known yet
     other_ratio  physical: another blob must be so many times as far off, so that the nearest is the same either way
     min_frames   physical: of a tracklet that have its name, more than a marker is in doubt at a time, and
@@ -31,7 +31,6 @@ class ImageTrackletOptions:
     """
 
     noise_m: float = 0.004
-    push_m_s2: float = 40.0
     speed_m_s: float = 4.0
     other_ratio: float = 2.0
     min_frames: int = 12
@@ -66,7 +65,7 @@ def _tracklets_of(
     """
     numbers: list[np.ndarray] = []
     speed, count = np.zeros(0), 0
-    reaches = IMAGE_TRACKLETS.noise_m + IMAGE_TRACKLETS.push_m_s2 / rate**2, IMAGE_TRACKLETS.speed_m_s / rate
+    reaches = IMAGE_TRACKLETS.noise_m + MARKER_LIMITS.push_sd_m_s2 / rate**2, IMAGE_TRACKLETS.speed_m_s / rate
     clear = IMAGE_TRACKLETS.other_ratio, IMAGE_TRACKLETS.noise_m
     for index, view in enumerate(views):
         own = np.full(view.real.shape, -1)

@@ -28,7 +28,7 @@ from .continuity import renamed
 from .image_tracklets import name_by_tracklets
 from .rereading import REREADING, Rereader
 from .search import FINDING, MAX_FINALISTS, NO_HINTS, Found, Hints, find_subject
-from .subject import Setup
+from .subject import SUBJECT, Setup
 from .swaps import exchange_loss, exchanged, swap_names
 from .tracking import Followed, FrameResult, Track, follow
 
@@ -238,7 +238,7 @@ class TakeLabeller:
                 found = find_subject(chunk.views[index], self.setup, self.hints, chunk.fixed[index], alone)
             if found is None or found.by_chance:
                 continue
-            if found.confidence < TAKES.min_confidence or found.named < FINDING.min_named:
+            if found.confidence < TAKES.min_confidence or found.named < SUBJECT.min_named:
                 continue
             if best is None or found.marker_cost < best.marker_cost:
                 best, best_index = found, index

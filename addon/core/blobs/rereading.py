@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.bodies import PLACEMENT, Bodies
+from ..data.physical import MARKER_LIMITS
 from ..papers.virtual_occlusions.cost import RayPull
 from ..papers.virtual_occlusions.fit import fit_body
-from .subject import SUBJECT, Setup, Subject, expect, name, named_pull, refit
+from .subject import Setup, Subject, expect, name, named_pull, refit
 from .swaps import MAX_EXCHANGES, SWAP_STEPS, SWAPS, swap_names, try_swaps
 from .tracking import Followed, FrameResult, Track, advanced, difference, follow
 
@@ -156,7 +157,6 @@ class Rereader:
         points = begin.naming.meeting.points
         subject = replace(known.subject, bodies=known.posed_as(begin.bodies))
         track = Track.begin(subject, points, begin.expected.visible, self.setup.model)
-        track = replace(track, unseen=np.where(np.isfinite(points[:, 0]), 0, track.unseen))
         if earlier is None:
             return track
         velocity = difference(begin.bodies, earlier.bodies)
@@ -237,7 +237,7 @@ def known_subject_of(results: Sequence[FrameResult], setup: Setup, before: Known
         local = (turn @ (points - posed.markers)[..., None])[..., 0][:, known] / scale
         own[known] = np.nanmedian(local, axis=0)
         off = np.linalg.norm((local - own[known]) * scale, axis=2)
-        sd[known] = np.clip(np.nanmedian(off, axis=0), SUBJECT.skin_m, anywhere[known])
+        sd[known] = np.clip(np.nanmedian(off, axis=0), MARKER_LIMITS.skin_m, anywhere[known])
         # A marker that is found farther off is another one.
         known &= np.linalg.norm(own, axis=1) < np.sqrt(setup.rules.max_square) * setup.marker_sd
     if before is not None:

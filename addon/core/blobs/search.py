@@ -17,7 +17,7 @@ from ..papers.virtual_occlusions.labelling import Expectation, Frame, Naming, gi
 from ..papers.virtual_occlusions.placement import blob_centre, make_starts, principal_guess
 from ..posing.posing import POSING
 from .jointly import JOINTLY, name_jointly
-from .subject import Setup, Subject, expect, learn_noise, learn_own, name, named_pull, refit
+from .subject import SUBJECT, Setup, Subject, expect, learn_noise, learn_own, name, named_pull, refit
 from .swaps import MAX_EXCHANGES, SWAPS, Swaps, swap_names, try_swaps, withdraw_unexpected, without_own
 
 
@@ -41,8 +41,6 @@ class FindOptions:
     hint_cost         physical: squared deviations that a placement against a hint, or against a blob that a person
                       named, must be better by; people err less often than fits do
     height_sd_m       physical: standard deviation of a height, with shoes or without, measured or remembered
-    min_named         physical: of a frame's blobs that a subject has where there is no crowd of ghosts, and of its
-                      markers where it is a subject at all; less than half, as bodies hide one side
     min_confirmed     physical: third rays a marker that show a subject in a crowd, beyond those that meet by chance
     chance_factor     physical: how much better than chance third rays may come out by trying many placements
     """
@@ -58,7 +56,6 @@ class FindOptions:
     max_facing_error_rad: float = float(np.radians(60))
     hint_cost: float = 60.0
     height_sd_m: float = 0.08
-    min_named: float = 0.4
     min_confirmed: float = 0.5
     chance_factor: float = 2.0
 
@@ -137,7 +134,7 @@ class Found:
         """
         frame = self.naming.frame
         rays = (self.naming.rays >= 0).sum(axis=0)
-        if (self.naming.owner >= 0).sum() >= FINDING.min_named * frame.view.count:
+        if (self.naming.owner >= 0).sum() >= SUBJECT.min_named * frame.view.count:
             return False
         low, high = frame.sight.corners
         density = frame.view.real.sum(axis=1) / (high - low).prod(axis=1)

@@ -12,6 +12,7 @@ import numpy as np
 from ..body.bodies import Bodies, BodyModel, Posed
 from ..body.prior import Prior
 from ..data.markersets import MarkerSet
+from ..data.physical import MARKER_LIMITS
 from ..geometry.cameras import Cameras
 from ..geometry.views import Sight, View
 from ..papers.virtual_occlusions.cost import RayPull
@@ -29,23 +30,23 @@ class SubjectOptions:
     min_marker_sd   measured: heights; a subject's markers are never taken to sit surer than this where the marker set
                     has them. Other labs than the one it was learned from put them elsewhere by a centimetre, as five
                     people of three of them show
-    skin_m          physical: by which skin lets a marker move against its segment, standard deviation: however long a
-                    subject is watched, its markers are no surer than this
     max_own         physical: own offsets stay within so many deviations of the marker set's own spread, as those of 99
                     people in 100 do, so that a wrong name cannot drag one along
     min_noise_px    physical: the blobs' noise is never taken to be less, a few frames may look better than cameras are
     max_noise_px    physical: nor more; beyond it names are wrong, not blobs
     reference_rate  paper, 6: frames a second for which movement from frame to frame is stated elsewhere
+    min_named       physical: of a frame's blobs that a subject has where there is no crowd of ghosts, and of its
+                    markers where it is one at all or is not lost; less than half, as bodies hide one side
     min_pace        physical: movement a frame, as a share of that at the reference rate, is never taken to be less:
                     what the prediction misses does not shrink with the time between frames
     """
 
     min_marker_sd: float = 0.008
-    skin_m: float = 0.006
     max_own: float = 3.0
     min_noise_px: float = 0.25
     max_noise_px: float = 3.0
     reference_rate: float = 60.0
+    min_named: float = 0.4
     min_pace: float = 0.6
 
 
@@ -185,7 +186,8 @@ def learn_own(points: np.ndarray, subject: Subject, posed: Posed, setup: Setup, 
     most = SUBJECT.max_own * setup.marker_sd[:, None]
     length = np.sqrt((own**2).sum(axis=1, keepdims=True))
     own = own * np.minimum(1, most / np.maximum(length, 1e-9))
-    own_sd = np.where(known, np.maximum((1 - rate) * subject.own_sd, SUBJECT.skin_m), subject.own_sd)
+    # However long a subject is watched, skin moves.
+    own_sd = np.where(known, np.maximum((1 - rate) * subject.own_sd, MARKER_LIMITS.skin_m), subject.own_sd)
     return replace(subject, bodies=replace(bodies, own=own[None]), own_sd=own_sd)
 
 

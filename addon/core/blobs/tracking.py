@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..body.bodies import PLACEMENT, Bodies, BodyModel, Posed
+from ..data.physical import MARKER_LIMITS
 from ..geometry import rotations
 from ..geometry.triangulation import MEETING
 from ..geometry.views import NOWHERE, View
@@ -13,7 +14,7 @@ from ..kernels import calls, in_use
 from ..kernels.frame_calls import Follower
 from ..kernels.structures import once_each
 from ..papers.virtual_occlusions.fit import DAMPING
-from ..papers.virtual_occlusions.labelling import CONDITION, LABEL_STEPS, Expectation, Naming, Rules, naming_of
+from ..papers.virtual_occlusions.labelling import CONDITION, LABEL_STEPS, Expectation, Naming, naming_of
 from ..papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion
 from ..posing.posing import POSING
 from .subject import SUBJECT, Setup, Subject, expect, learn_noise, learn_own, name, refit
@@ -41,33 +42,22 @@ class AnchorOptions:
 class TrackOptions:
     """How a subject is followed.
 
-    velocity_kept      physical: share of the velocity that is carried on when predicting: limbs swing, and slow down
-    velocity_rate      physical: share of a frame's change that the velocity takes over; each change has its noise
-    marker_sd_m        measured: a marker may be off its prediction, standard deviation; twice as much loses 0.6 % of
-                       walks in five noisy cameras (`body26`), half of it nothing
-    marker_growth_m    physical: it grows by this with every frame in which the marker is not seen
-    unseen_at_first    physical: frames unseen that a track's first forecast counts as; nothing is known of its velocity
-    lag_kept           physical: share of a marker's lag that is left a frame after it was seen; skin comes back
-    own_rate           physical: share of what a marker is off that the subject's own offset takes over in a frame
-    noise_rate         physical: share of the noise that a frame shows which is taken over, a memory of twenty frames
-    min_named_share    physical: of the markers that should be seen; below it the subject is lost
+    velocity_kept  measured: share of the last frame's change that is carried on: limbs swing, and slow down; with all
+                   of it 0.8 % of walks in five noisy cameras (`gait15`) are lost
+    marker_sd_m    measured: a marker may be off its prediction, standard deviation; twice as much loses 0.6 % of walks
+                   in five noisy cameras (`body26`), half of it nothing
+    own_rate       physical: share of what a marker is off that the subject's own offset takes over in a frame
+    noise_rate     physical: share of the noise that a frame shows which is taken over, a memory of twenty frames
     """
 
     velocity_kept: float = 0.85
-    velocity_rate: float = 0.5
     marker_sd_m: float = 0.010
-    marker_growth_m: float = 0.004
-    unseen_at_first: int = 8
-    lag_kept: float = 0.9
     own_rate: float = 0.15
     noise_rate: float = 0.05
-    min_named_share: float = 0.35
 
 
 # Iterations of a frame's fit, which starts from the prediction: docs/results/virtual-occlusions.md has more and fewer.
 FOLLOWING_STEPS = 2
-# No marker is expected farther off than half way to what a blob may be: beyond it a neighbour's blobs would do.
-MAX_MARKER_SD_M = Rules.max_distance_m / 2
 ANCHORING = AnchorOptions()
 TRACKING = TrackOptions()
 
@@ -118,8 +108,7 @@ class Track:
 
     subject   after the last frame
     velocity  (1, P) change of the parameters a frame
-    lag       (M, 3) m, how far each marker was from where the body had it when it was last found in space
-    unseen    (M,) frames since then
+    lag       (M, 3) m, how far each marker was from where the body had it; 0 where it was not found in space
     visible   (C, M) which markers each camera could see
     lost      True when too little was named in the last frame: after one dropout the feet may have changed places
     """
@@ -127,7 +116,6 @@ class Track:
     subject: Subject
     velocity: np.ndarray
     lag: np.ndarray
-    unseen: np.ndarray
     visible: np.ndarray
     lost: bool = False
 
@@ -138,18 +126,17 @@ class Track:
         points (M, 3) m are its markers, visible (C, M) says which of them each camera could see.
         """
         lag = np.nan_to_num(points - model.pose(subject.bodies).markers[0])
-        unseen = np.full(model.marker_count, TRACKING.unseen_at_first)
-        return cls(subject, np.zeros((1, model.parameters)), lag, unseen, visible)
+        return cls(subject, np.zeros((1, model.parameters)), lag, visible)
 
     def doubting(self, markers: np.ndarray, setup: Setup) -> "Track":
         """The track without what it learned of some markers under each other's names."""
         own, own_sd = self.subject.bodies.own.copy(), self.subject.own_sd.copy()
         own[:, markers] = 0
         own_sd[markers] = setup.marker_sd[markers] * float(self.subject.bodies.scale.mean())
-        lag, unseen = self.lag.copy(), self.unseen.copy()
-        lag[markers], unseen[markers] = 0, TRACKING.unseen_at_first
+        lag = self.lag.copy()
+        lag[markers] = 0
         subject = replace(self.subject, bodies=replace(self.subject.bodies, own=own), own_sd=own_sd)
-        return replace(self, subject=subject, lag=lag, unseen=unseen)
+        return replace(self, subject=subject, lag=lag)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +163,6 @@ def followed_by_numpy(track: Track, view: View, setup: Setup, fixed: np.ndarray 
     with setup.clock("fit"):
         subject, state = refit(naming, predicted, setup, FOLLOWING_STEPS, prior)
         expected = expect(subject, state, setup)
-        expected = replace(expected, points=expected.points + TRACKING.lag_kept * track.lag)
     with setup.clock("label"):
         naming = name(view, expected, subject, setup, fixed=fixed)
     return Followed(advanced(track, subject, state.posed, naming, expected, setup), naming, expected)
@@ -189,7 +175,7 @@ def followed_by_library(track: Track, view: View, setup: Setup, fixed: np.ndarra
     learned = subject.bodies.own.ravel(), subject.own_sd, track.velocity[0], track.lag.ravel(), [subject.pixel]
     with setup.clock("fit"):
         numbers = subject.bodies.rows[0], *learned
-        done = follower.fit(view, fixed, numbers, subject.pixel, track.unseen, track.visible)
+        done = follower.fit(view, fixed, numbers, subject.pixel, np.zeros(model.marker_count, int), track.visible)
         if done is None:
             return None
         fitted, visible = done
@@ -198,11 +184,11 @@ def followed_by_library(track: Track, view: View, setup: Setup, fixed: np.ndarra
             visible = setup.visible(fitted["row"][None, 7:10], posed)[0]
         expected = Expectation(fitted["points"], fitted["covariance"], visible)
     with setup.clock("label"):
-        made, after, unseen, poor = follower.name(visible)
+        made, after, _, poor = follower.name(visible)
         naming = naming_of(view, setup.sight, expected, replace(setup.rules, pixel=subject.pixel), fixed, made)
         bodies = model.of_rows(after["row"][None], after["own"][None])
         subject = Subject(bodies, after["own_sd"], float(after["pixel"]))
-        track = Track(subject, after["velocity"][None], after["lag"], unseen, visible, poor)
+        track = Track(subject, after["velocity"][None], after["lag"], visible, poor)
         return Followed(track, naming, expected)
 
 
@@ -220,16 +206,17 @@ def follower_of(setup: Setup) -> Follower:
         "ridge": DAMPING.ridge,
         "standoff": OCCLUDING.standoff,
         "min_side_share": OCCLUDING.min_side_share,
-        "velocity_kept": TRACKING.velocity_kept,
-        "velocity_rate": TRACKING.velocity_rate,
         "sd": TRACKING.marker_sd_m * setup.pace,
-        "sd_growth": TRACKING.marker_growth_m,
-        "max_sd": MAX_MARKER_SD_M,
-        "lag_kept": TRACKING.lag_kept,
+        "velocity_kept": TRACKING.velocity_kept,
+        # Nothing is known of frames before the last one.
+        "velocity_rate": 1.0,
+        "sd_growth": 0.0,
+        "max_sd": np.inf,
+        "lag_kept": 0.0,
         "own_rate": TRACKING.own_rate,
         "noise_rate": TRACKING.noise_rate,
-        "min_named_share": TRACKING.min_named_share,
-        "skin": SUBJECT.skin_m,
+        "min_named_share": SUBJECT.min_named,
+        "skin": MARKER_LIMITS.skin_m,
         "max_own": SUBJECT.max_own,
         "min_noise": SUBJECT.min_noise_px,
         "max_noise": SUBJECT.max_noise_px,
@@ -245,9 +232,7 @@ def follower_of(setup: Setup) -> Follower:
 def _forecast(predicted: Subject, track: Track, setup: Setup) -> Expectation:
     """Where the markers should be before the frame is looked at."""
     posed = setup.model.pose(predicted.bodies)
-    deviation = TRACKING.marker_sd_m * setup.pace + TRACKING.marker_growth_m * track.unseen
-    deviation = np.minimum(deviation, MAX_MARKER_SD_M)
-    spread = (deviation**2)[:, None, None] * np.eye(3)
+    spread = np.broadcast_to((TRACKING.marker_sd_m * setup.pace) ** 2 * np.eye(3), (len(track.lag), 3, 3))
     return Expectation(posed.markers[0] + track.lag, spread, track.visible)
 
 
@@ -257,7 +242,6 @@ def advanced(
     """The track after a frame with these names, of a subject posed so."""
     change = difference(subject.bodies, track.subject.bodies)
     change[:, 6:PLACEMENT] = 0
-    velocity = (1 - TRACKING.velocity_rate) * track.velocity + TRACKING.velocity_rate * change
     named = (naming.slot >= 0).any(axis=0).sum()
     due = max(int(expected.visible.any(axis=0).sum()), POSING.min_markers)
     points = naming.meeting.points
@@ -265,10 +249,8 @@ def advanced(
     subject = learn_noise(naming, subject, setup, TRACKING.noise_rate)
     subject = learn_own(points, subject, posed, setup, TRACKING.own_rate)
     off = (1 - TRACKING.own_rate) * (points - posed.markers[0])
-    lag = np.where(seen[:, None], off, TRACKING.lag_kept * track.lag)
-    unseen = np.where(seen, 0, track.unseen + 1)
-    lost = bool(named < TRACKING.min_named_share * due)
-    return Track(subject, velocity, lag, unseen, expected.visible, lost)
+    lost = bool(named < SUBJECT.min_named * due)
+    return Track(subject, change, np.where(seen[:, None], off, 0), expected.visible, lost)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,12 +17,17 @@ class MarkerLimits:
     max_impact_m_s2    physical: m/s², a foot that hits the floor or a ball; 99.9 % of the samples of the hardest takes
                        recorded are below 280
     noise_px           measured: px, standard deviation of blobs about where calibrations have them, 0.3 to 0.6 in rooms
+    fastest_m_s        physical: m/s, of any marker: a hand goes 10 where it strikes and 15 where it throws
+    skin_m             measured: m, standard deviation by which skin lets a marker move against its bone, as markers of
+                       recorded actors do on a fitted body
     noise_m            measured: m, standard deviation of a point that was reconstructed, beside its motion: blobs that
                        merge or are partly hidden, and rays that come and go; with 4 mm as reach trajectories break
     """
 
     push_sd_m_s2: float = 40.0
     max_impact_m_s2: float = 600.0
+    fastest_m_s: float = 15.0
+    skin_m: float = 0.006
     noise_px: float = 0.5
     noise_m: float = 0.003
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..data.lanes import PACKING
 from ..data.physical import MARKER_LIMITS
 from ..data.takes import evenly_spread
 from ..geometry.rigid import pairwise_distances
@@ -15,19 +16,15 @@ from ..review.suspects import runs
 class NeighbourOptions:
     """What the rest of a take must show before it says anything of a marker.
 
-    frames      memory: evenly spread ones that distances, forms and components are taken from
-    min_frames  measured: with all that is looked at together, before anything is learned of it; 100 errs as much
-    min_together  measured: frames that two markers share before the spread of their distance says anything; with 40
-                a take of 30 frames has no neighbours to fill by
+    min_frames  measured: with all that is looked at together, before anything is learned of it; 100 errs as much, but
+                with 40 a take of 30 frames has no neighbours to fill by
     help_ratio  measured: a filled sample helps to fill gaps this many times as long as its own; with 1 four markers
                 that are missing together err by twice what is expected
     of_axes     measured: nearest neighbours that make axes, carry a marker, and tell how fast it moves; 6 err by 10 %
                 more, as they follow joints
     """
 
-    frames: int = 600
-    min_frames: int = 40
-    min_together: int = 10
+    min_frames: int = 10
     help_ratio: int = 4
     of_axes: int = 4
 
@@ -39,12 +36,10 @@ LEARNED_BY = NeighbourOptions()
 class StrayOptions:
     """Which samples cannot be the marker's, by how it would have to get there.
 
-    fastest_m_s  physical: m/s, of any marker: a hand goes 10 where it strikes and 15 where it throws
-    longest_s    measured: s that strays last at most, then it is the marker's own path or another's; half and twice of
-                 it find the same in 43 recorded takes
+    longest_s  measured: s that strays last at most, then it is the marker's own path or another's; half and twice of
+               it find the same in 43 recorded takes
     """
 
-    fastest_m_s: float = 15.0
     longest_s: float = 0.2
 
 
@@ -108,7 +103,7 @@ def _beyond_reach(path: np.ndarray, at: np.ndarray, rate: float) -> tuple[np.nda
     """
 
     def too_far(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        reach = MARKER_LIMITS.max_noise_m + STRAYS.fastest_m_s * np.abs(other - one) / rate
+        reach = MARKER_LIMITS.max_noise_m + MARKER_LIMITS.fastest_m_s * np.abs(other - one) / rate
         return np.linalg.norm(path[other] - path[one], axis=1) > reach
 
     leaps = too_far(at[:-1], at[1:])
@@ -174,9 +169,9 @@ class KnownMarkers:
 
 
 def _spread(xyz: np.ndarray) -> np.ndarray:
-    distances = pairwise_distances(xyz[evenly_spread(len(xyz), LEARNED_BY.frames)])
+    distances = pairwise_distances(xyz[evenly_spread(len(xyz), PACKING.spread_out)])
     known = np.isfinite(distances)
     count = np.maximum(known.sum(axis=0), 1)
     mean = np.where(known, distances, 0).sum(axis=0) / count
     square = (np.where(known, distances - mean, 0) ** 2).sum(axis=0) / count
-    return np.where(known.sum(axis=0) >= LEARNED_BY.min_together, np.sqrt(square), np.inf)
+    return np.where(known.sum(axis=0) >= LEARNED_BY.min_frames, np.sqrt(square), np.inf)

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..body.bodies import Bodies, BodyModel
 from ..body.prior import Prior
+from ..data.lanes import PACKING
 from ..data.markersets import MarkerSet
 from ..data.takes import evenly_spread
 from ..geometry.rigid import MIN_POINTS, laid_on
@@ -82,7 +83,7 @@ def pca(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -
     rows = np.flatnonzero(own & np.isfinite(take.xyz[:, neighbours, 0]).all(axis=1))
     if len(rows) < LEARNED_BY.min_frames or len(neighbours) < MIN_POINTS:
         return None
-    rows = rows[evenly_spread(len(rows), LEARNED_BY.frames)]
+    rows = rows[evenly_spread(len(rows), PACKING.spread_out)]
     seen, middle = _about_middle(take.xyz[rows][:, neighbours])
     whole = np.concatenate([seen, take.xyz[rows, gap.marker] - middle], axis=1)
     mean = whole.mean(axis=0)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..data.lanes import PACKING
 from ..data.physical import MARKER_LIMITS, SIGMAS
 from ..data.takes import evenly_spread
 from ..geometry.rigid import MIN_POINTS, in_axes, laid_on, mean_form
@@ -187,7 +188,7 @@ def learned(
     rows = np.flatnonzero(own & np.isfinite(take.xyz[:, neighbours, 0]).all(axis=1))
     if len(rows) < LEARNED_BY.min_frames or len(neighbours) < MIN_POINTS:
         return None
-    some = take.xyz[rows[evenly_spread(len(rows), LEARNED_BY.frames)]][:, neighbours[: LEARNED_BY.of_axes]]
+    some = take.xyz[rows[evenly_spread(len(rows), PACKING.spread_out)]][:, neighbours[: LEARNED_BY.of_axes]]
     form = mean_form(some[len(some) // 2], some)
     block = np.r_[0, 2 ** np.arange(REGRESSION.doublings)]
     starts = evenly_spread(max(len(rows) - block[-1], 1), REGRESSION.blocks)

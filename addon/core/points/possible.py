@@ -26,15 +26,12 @@ UNIT_M = {"mm": 0.001, "cm": 0.01, "inches": 0.0254, "m": 1.0}  # metres in one 
 class PossibleOptions:
     """What cannot be, and how it is looked at.
 
-    max_gravities  physical: nothing of a body falls faster than by gravity, so it is pushed up by no more than that on
-                   average, and by more than five times that in no more than a fifth of the time;
-    part           physical: of the frames, more than that fifth
+    part           physical: of the frames; nothing of a body falls faster than by gravity, so it is pushed up by that
+                   on average, and by more than four times that in no more than a quarter of the time
     step_s         physical: s, over which accelerations are taken; noise of 3 mm adds a tenth of the limit to them
     min_reach_m    physical: from end to end of a frame's points, longer than a hand, which can be shaken faster
     nearer         measured: times nearer than the frames beside it another frame is, where they are out of order; 1.1
                    at most in takes as recorded, 8 and more in others
-    min_nearest    measured: as in `CutOptions`, of columns that follow their points in nearly all frames; 0.92 at least
-                   in takes as recorded, half where only two frames at a time follow each other
     max_size       physical: times larger or smaller than those of a set's usual wearer markers are, in the right unit:
                    from the shortest newborn to the tallest man there ever was it is 0.25 to 1.6
     slow_hz        physical: cameras that look at markers take as many pictures a second at least; and
@@ -42,12 +39,10 @@ class PossibleOptions:
                    0.7 at most there, 1.2 at least at their own
     """
 
-    max_gravities: float = 5.0
     part: float = 0.25
     step_s: float = 0.04
     min_reach_m: float = 0.3
     nearer: float = 4.0
-    min_nearest: float = 0.75
     max_size: float = 3.0
     slow_hz: float = 25.0
     slow_speed: float = 0.8
@@ -66,7 +61,7 @@ def refuse_impossible(points: Table, rate: float, lanes: Lanes | None, models: I
     Points that are in no order within their frames follow nothing, and are let pass; so is what stands or is slow.
     """
     gravities = usual_acceleration(points, rate) / GRAVITY
-    if gravities <= POSSIBLE.max_gravities:
+    if gravities <= 1 / POSSIBLE.part:
         return
     some = points[evenly_spread(len(points), FRAMES_LOOKED_AT)]
     for unit in filter(None, (mistaken_unit(model, some) for model in models)):
@@ -76,7 +71,7 @@ def refuse_impossible(points: Table, rate: float, lanes: Lanes | None, models: I
             "has its frames out of order: most look far more like some other frame than like those before and after; "
             "expected frames in the order in which they were recorded"
         )
-    if are_trajectories(points, lanes, POSSIBLE.min_nearest):
+    if are_trajectories(points, lanes):
         raise ForceableError(
             f"has a rate that cannot be: at {rate:g} Hz half of its points accelerate by more than {gravities:.0f} "
             "times gravity in a quarter of the frames, which nobody can; expected the rate at which it was recorded, "

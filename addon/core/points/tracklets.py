@@ -15,6 +15,7 @@ import numpy as np
 
 from ..data.lanes import PACKING, Lanes, blocks, standing_in, trajectories_at
 from ..data.made import Table
+from ..data.physical import MARKER_LIMITS
 from ..data.takes import BY_TRAJECTORY, NO_MARKER, Labels, Suspect, Verdict, evenly_spread
 
 
@@ -22,16 +23,15 @@ from ..data.takes import BY_TRAJECTORY, NO_MARKER, Labels, Suspect, Verdict, eve
 class CutOptions:
     """Where a trajectory may go on as another marker's.
 
-    max_gap_s    physical: s without a point, in which a whole limb has moved on and another marker may be in its place
-    max_speed    physical: m/s; the hand of who throws or serves is as fast, and nothing else that markers are on
+    max_gap_s    physical: s without a point, half a stride: a whole limb has moved on, and another marker may be in its
+                 place
     min_nearest  measured: part of the points to which their column's next is the nearest of the next frame, where
                  columns are trajectories: two thirds of people at 10 Hz; of points in any order one in as many as there
-                 are
+                 are, and half where only two frames at a time follow each other
     """
 
     max_gap_s: float = 0.5
-    max_speed: float = 12.0
-    min_nearest: float = 0.4
+    min_nearest: float = 0.6
 
 
 @dataclass(frozen=True)
@@ -101,18 +101,15 @@ def _cut_some(tracklet: np.ndarray, points: Table, some: list, count: int, rate:
         return count
     gap = np.diff(frames)
     step = np.linalg.norm(np.diff(points[frames, lane], axis=0), axis=1)
-    ends = (gap > CUTTING.max_gap_s * rate) | (step > CUTTING.max_speed / rate * gap)
+    ends = (gap > CUTTING.max_gap_s * rate) | (step > MARKER_LIMITS.fastest_m_s / rate * gap)
     ends |= np.diff(np.repeat(np.arange(len(some)), [len(own) for own, _ in some])) != 0
     number = count + np.concatenate([[0], np.cumsum(ends)])
     tracklet[frames, lane] = number
     return int(number[-1]) + 1
 
 
-def are_trajectories(points: Table, lanes: Lanes | None = None, least: float = CUTTING.min_nearest) -> bool:
-    """Whether the trajectories of points (T, L, 3) m follow anything, as far as can be known.
-
-    `least` is the part of them whose next point must be the nearest.
-    """
+def are_trajectories(points: Table, lanes: Lanes | None = None) -> bool:
+    """Whether the trajectories of points (T, L, 3) m follow anything, as far as can be known."""
     frames = evenly_spread(max(len(points) - 1, 0), PAIRS_COMPARED)
     now, then = (np.isfinite(points[some]).all(axis=2) for some in (frames, frames + 1))
     goes_on = now & then
@@ -122,14 +119,14 @@ def are_trajectories(points: Table, lanes: Lanes | None = None, least: float = C
     there = np.argsort(~then, axis=1, kind="stable")[:, : int(then.sum(axis=1).max(initial=0))]
     nearest, steps = 0, int(goes_on.sum())
     for part in blocks(len(frames), there.shape[1] ** 2):
-        if steps < MIN_STEPS or nearest >= least * steps:
+        if steps < MIN_STEPS or nearest >= CUTTING.min_nearest * steps:
             break
         at, lane = frames[part, None], there[part]
         before, after = points[at, lane].T, points[at + 1, lane].T
         square = sum((one[:, None] - other[None]) ** 2 for one, other in zip(after, before, strict=True))
         own = np.where(np.isnan(square), np.inf, square).argmin(axis=0) == np.arange(lane.shape[1])[:, None]
         nearest += int((own & np.take_along_axis(goes_on[part], lane, axis=1).T).sum())
-    return steps < MIN_STEPS or nearest >= least * steps
+    return steps < MIN_STEPS or nearest >= CUTTING.min_nearest * steps
 
 
 def are_lasting(tracklet: np.ndarray) -> bool:

@@ -12,13 +12,14 @@ import numpy as np
 
 from ..body.bodies import BodyModel
 from ..data.markersets import MarkerSet
+from ..data.physical import MARKER_LIMITS
 from ..data.takes import evenly_spread
 from ..geometry import rotations
 from ..geometry.rigid import pairwise_distances
+from ..papers.virtual_occlusions.placement import GUESSING
 from ..points.likelihood.learn import LEARN
 from ..points.likelihood.shape import cloud_radius
 from ..posing.posing import fit_points
-from .laying import LAYING
 from .poses import posed_bodies, poses_of, with_mirrored
 from .spread import SPREAD, TAILS, some_of
 
@@ -35,7 +36,6 @@ class ImaginingOptions:
     wider          times the spread of sizes, limbs and marker places that a body was learned with: its people show less
                    than there is; measured on walkers of whom neither body nor model was learned
     joint_sd_m     how well a body laid into a frame shows where the joints are; physical: 1 cm
-    skin_sd_m      how far a marker moves against its bone; measured: as markers of recorded actors on a fitted body do
     """
 
     min_sway: float = 0.03
@@ -44,7 +44,6 @@ class ImaginingOptions:
     people: int = 4
     wider: float = 1.25
     joint_sd_m: float = 0.01
-    skin_sd_m: float = 0.006
 
 
 IMAGINING = ImaginingOptions()
@@ -160,7 +159,7 @@ def _stranger(model: BodyModel, rng: np.random.Generator) -> MarkerSet:
     height = spread.height + spread.height_sd * rng.standard_normal()
     stray = np.tensordot(rng.standard_normal(len(model.modes)), model.modes, axes=1)
     stray[model.joint_count :] += spread.marker_sd[:, None] * rng.standard_normal((model.marker_count, 3))
-    offsets = (model.offsets + IMAGINING.wider * stray) * np.clip(height, *LAYING.heights_m)
+    offsets = (model.offsets + IMAGINING.wider * stray) * GUESSING.possible_height(height)
     return _as_metres(model.markerset, offsets[: model.joint_count], offsets[model.joint_count :])
 
 
@@ -175,4 +174,4 @@ def _moved(body: MarkerSet, poses: np.ndarray, rng: np.random.Generator) -> np.n
     chosen = chosen + SPREAD.bend_sd_rad * rng.standard_normal(chosen.shape)
     model = BodyModel(body)
     markers = model.pose(posed_bodies(model, chosen, 1.0)).markers
-    return markers + IMAGINING.skin_sd_m * rng.standard_normal(markers.shape)
+    return markers + MARKER_LIMITS.skin_m * rng.standard_normal(markers.shape)

@@ -17,6 +17,7 @@ from ..geometry import rotations
 from ..geometry.rigid import MIN_POINTS
 from ..geometry.upright import turned
 from ..papers.virtual_occlusions.fit import fit_body
+from ..papers.virtual_occlusions.placement import GUESSING
 from ..points.likelihood.sides import mirror_order
 from ..posing.posing import labelled_pull
 from .poses import known_poses, posed_bodies
@@ -31,7 +32,6 @@ class LayingOptions:
     """How a body is laid into a cloud of points.
 
     starts     so many of the likeliest are fitted; measured: 10 to 80 lay the same into walkers of McGill
-    heights_m  between which people's are; physical. A hand and a rat fit bodies of 0.2 to 0.7 m
     gates      heights, from the first round to the last, how near a point must be to be a marker's; measured: 0.1
                to 0.4 at first and 0.025 at last lay the same into walkers of McGill, 0.1 at last no other set
     max_off    heights, how far the body's markers may be off in the mean, those without a point a whole gate; measured:
@@ -39,7 +39,6 @@ class LayingOptions:
     """
 
     starts: int = 20
-    heights_m: tuple[float, float] = (1.0, 2.3)
     gates: tuple[float, float] = (0.2, 0.05)
     max_off: float = 0.027
 
@@ -91,7 +90,7 @@ def _laid(frame: np.ndarray, body: MarkerSet, poses: np.ndarray, sides: np.ndarr
     cloud, model, gate = frame[there], BodyModel(body), LAYING.gates[1]
     apart = marker_sides(body.markers)[:, None] * sides[there] < 0  # what is left is nothing right
     height = float(np.ptp(cloud[:, 2]) / np.ptp(body.rest_markers[:, 2]))
-    height = float(np.clip(height, *LAYING.heights_m))
+    height = float(GUESSING.possible_height(height))
     bodies = _fitted(model, cloud, apart, _starts(model, cloud, poses, height), height)
     markers = model.pose(bodies).markers
     matched = _matched(markers, cloud, apart, gate * height)
@@ -99,8 +98,8 @@ def _laid(frame: np.ndarray, body: MarkerSet, poses: np.ndarray, sides: np.ndarr
     away = np.where(found, np.linalg.norm(markers - cloud[matched], axis=2) / height, gate)
     alone = len(cloud) - found.sum(axis=1)
     off = (away.sum(axis=1) + gate * alone) / (len(body) + len(cloud))
-    size, (least, most) = bodies.scale.mean(axis=1), LAYING.heights_m
-    fits = (away.mean(axis=1) <= LAYING.max_off) & (size >= least) & (size <= most)
+    size = bodies.scale.mean(axis=1)  # a hand and a rat fit bodies of 0.2 to 0.7 m
+    fits = (away.mean(axis=1) <= LAYING.max_off) & (size == GUESSING.possible_height(size))
     if not fits.any():
         return None
     best = np.where(fits, off, np.inf).argmin()

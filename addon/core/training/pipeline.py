@@ -17,6 +17,7 @@ from ..body.bodies import BodyModel
 from ..data.errors import InputError
 from ..data.markersets import MarkerSet
 from ..data.progress import Progress, within
+from ..papers.partial_solvers.boosting import Boosting
 from ..papers.partial_solvers.model import FUNCTIONS, PartialSolvers
 from ..papers.partial_solvers.training import Training, training
 from ..points.likelihood.learn import learning
@@ -50,7 +51,7 @@ class TrainingOptions:
     """What a model is to be.
 
     name           its marker set's
-    hit_rate       asked of the partial solvers; format: `--hit-rate` of the contract
+    hit_rate       asked of the partial solvers
     search         how those are found, "none" for none: `train_solvers` finds them later, in what the model keeps
     functions      the geometric functions that they are made of
     keep           keep frames of the takes in the model, so that it can be trained on
@@ -60,7 +61,7 @@ class TrainingOptions:
     """
 
     name: str
-    hit_rate: float = 0.9999
+    hit_rate: float = Boosting.accuracy
     search: str = "none"
     functions: tuple[str, ...] = FUNCTIONS
     keep: bool = True

@@ -27,7 +27,7 @@ def test_one_foot_of_exchanged_markers_is_put_right(frames):
     (stretch,) = Rereader(setup).read_again(results, None)
     assert stretch.first <= frames[0] and stretch.last >= frames[-1]
     assert not wrong_names(scene, views, results).any()
-    assert (stretch.track is not None) == (stretch.last == len(views) - 1)
+    assert stretch.track is not None or stretch.last < len(views) - 1
 
 
 def test_what_suits_the_subject_is_left_alone_and_a_few_frames_are_not_judged():

@@ -58,7 +58,7 @@ class Training:
 
 
 def training(
-    points: np.ndarray, markers, targets: float | np.ndarray = 0.9999, options: Training | None = None
+    points: np.ndarray, markers, targets: float | np.ndarray = Boosting.accuracy, options: Training | None = None
 ) -> Generator[Progress, None, PartialSolvers]:
     """The ensemble of labelled frames (T, M, 3) m, z up, NaN where missing, of one or many people.
 

@@ -29,6 +29,10 @@ class GuessOptions:
     max_height_m: float = 2.2
     trimmed_share: float = 0.02
 
+    def possible_height(self, height: np.ndarray | float) -> np.ndarray:
+        """Heights, m, or the nearest that people have."""
+        return np.clip(height, self.min_height_m, self.max_height_m)
+
 
 GUESSING = GuessOptions()
 
@@ -89,7 +93,7 @@ def principal_guess(cloud: Cloud, tallest_marker: float) -> Guess:
 def stature(cloud: Cloud, tallest_marker: float) -> float:
     """Height in m of the body whose highest marker, at `tallest_marker` heights, is a cloud's highest point."""
     tall = extent(cloud.points[:, 2:], cloud.weight)[0] / tallest_marker
-    return float(np.clip(tall, GUESSING.min_height_m, GUESSING.max_height_m))
+    return float(GUESSING.possible_height(tall))
 
 
 def extent(values: np.ndarray, weight: np.ndarray) -> np.ndarray:

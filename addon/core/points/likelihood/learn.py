@@ -8,6 +8,7 @@ import numpy as np
 
 from ...data.errors import InputError
 from ...data.progress import finished
+from ...posing.posing import POSING
 from ..rigid_bodies.model import RigidBodies, learn_rigid_bodies
 from .calibration import Calibration, learn_calibration
 from .distances import DistanceConstraints, learn_constraints
@@ -22,14 +23,12 @@ from .trying import TrialWork, Trying, in_turn
 class LearnOptions:
     """What is learned from, and how a calibration is measured.
 
-    min_markers  to learn from; physical: fewer are the same from all sides
     min_frames   to learn from; physical: a tenth of a second at 100 Hz, fewer show no motion
     max_frames   memory and time: of each fold that are named
     max_labels   memory and time: that are enough of them
     max_hidden   part of the markers that is hidden in a trial; paper: 4 of 15 (partial solvers, table 3), and one more
     """
 
-    min_markers: int = 4
     min_frames: int = 10
     max_frames: int = 1000
     max_labels: int = 26000
@@ -73,13 +72,13 @@ def learning(
 
 def _by_subject(takes, markers: tuple[str, ...]) -> dict[str, np.ndarray]:
     """All usable frames of every subject."""
-    if len(markers) < LEARN.min_markers:
-        raise InputError(f"{len(markers)} markers are too few to distinguish; expected {LEARN.min_markers} or more")
+    if len(markers) < POSING.min_markers:
+        raise InputError(f"{len(markers)} markers are too few to distinguish; expected {POSING.min_markers} or more")
     gathered: dict[str, list[np.ndarray]] = {}
     for points, subject in takes:
         if points.ndim != 3 or points.shape[1:] != (len(markers), 3):
             raise InputError(f"a take has the shape {points.shape}; expected frames × {len(markers)} markers × 3")
-        enough = np.isfinite(points[..., 0]).sum(axis=1) >= max(LEARN.min_markers, len(markers) / 2)
+        enough = np.isfinite(points[..., 0]).sum(axis=1) >= max(POSING.min_markers, len(markers) / 2)
         gathered.setdefault(subject, []).append(points[enough])
     subjects = {subject: np.concatenate(parts) for subject, parts in sorted(gathered.items())}
     subjects = {subject: points for subject, points in subjects.items() if len(points)}

@@ -22,20 +22,16 @@ class ClusterMatchOptions:
 
     missing_cost     of a rigid body that the take does not show as a cluster; measured on the raw take S09_KneeltoRun02
     odd_marker_cost  what a marker more or fewer costs; measured on it
-    max_mirror_cost  the most that one volume counts against: limbs cross over now and then; measured on it
     joint_gain       what a joint is worth where it is as in training; measured on it
-    arm_sd_m         of a joint's place where rigid bodies turn much; physical: plates are put on by hand
-    arm_turn_sd_m    m rad by which it is less known where they turn less; physical
+    arm_sd_m         of a joint's place; physical: plates are put on by hand
     miss_ratio       how far a joint may be off, times the model's; measured on it
     miss_sd_m        how sharply that ends; physical: flesh over a joint
     """
 
     missing_cost: float = 9.0
     odd_marker_cost: float = 0.7
-    max_mirror_cost: float = 2.5
     joint_gain: float = 2.0
     arm_sd_m: float = 0.04
-    arm_turn_sd_m: float = 0.02
     miss_ratio: float = 1.5
     miss_sd_m: float = 0.01
 
@@ -123,14 +119,13 @@ def _joint_fit(structure: Structure, turn: np.ndarray, place: np.ndarray) -> np.
     """(K, K, G, G) what joints say: rigid bodies that have one need it, where it is in training."""
     seen = find_joints(turn, place)
     fit = np.zeros((len(structure), len(structure), *seen.miss.shape))
-    spread = np.hypot(CLUSTER_MATCH.arm_sd_m, CLUSTER_MATCH.arm_turn_sd_m / np.maximum(seen.turn, JOINT.min_turn_rad))
     for one, two in np.argwhere(structure.joints.sure):
         off = seen.miss - CLUSTER_MATCH.miss_ratio * np.maximum(
             structure.joints.miss[one, two], CLUSTER_MATCH.miss_sd_m
         )
         cost = np.minimum(0.5 * (np.maximum(off, 0) / CLUSTER_MATCH.miss_sd_m) ** 2, MAX_COST)
         for arm, usual in ((seen.arm, structure.joints.arm[one, two]), (seen.arm.T, structure.joints.arm[two, one])):
-            cost = cost + np.minimum(0.5 * ((arm - usual) / spread) ** 2, MAX_COST / 2)
+            cost = cost + np.minimum(0.5 * ((arm - usual) / CLUSTER_MATCH.arm_sd_m) ** 2, MAX_COST / 2)
         fit[one, two] = np.where(
             np.isfinite(seen.miss) & (seen.turn > JOINT.min_turn_rad), CLUSTER_MATCH.joint_gain - cost, 0
         )
@@ -174,7 +169,7 @@ def _from_pairs(likeness: _Likeness, states: np.ndarray, rigid_body: int, earlie
 def _from_volumes(structure: Structure, likeness: _Likeness, states, rigid_body: int, rows: np.ndarray) -> np.ndarray:
     """(B, G) log odds against the mirror image, of the quads in `rows`, whose last rigid body is the next."""
     clusters = likeness.own.shape[1]
-    odds, known = np.zeros((2, len(states), clusters))
+    total, known = np.zeros((2, len(states), clusters))
     for row in rows:
         quad = structure.quads[row].tolist()
         others = states[:, [one for one in quad if one != rigid_body]]
@@ -184,9 +179,9 @@ def _from_volumes(structure: Structure, likeness: _Likeness, states, rigid_body:
         corners.insert(quad.index(rigid_body), np.arange(clusters)[None])
         volume = likeness.volumes[tuple(corners)]
         odds = mirror_odds(volume, structure.volume[row], structure.volume_sd[row], MAX_COST)
-        odds += np.where(volume != 0, np.maximum(odds, -CLUSTER_MATCH.max_mirror_cost), 0)[same]
+        total += np.where(volume != 0, odds, 0)[same]
         known += (volume != 0)[same]
-    return odds * INDEPENDENT / np.maximum(known, INDEPENDENT)
+    return total * INDEPENDENT / np.maximum(known, INDEPENDENT)
 
 
 def mirror_odds(volume: np.ndarray, mean: np.ndarray, spread: np.ndarray, max_cost: float) -> np.ndarray:

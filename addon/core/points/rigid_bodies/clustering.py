@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ...data.made import Table
+from ...data.physical import MARKER_LIMITS
 from ...data.takes import evenly_spread
 from ...geometry.rigid import MIN_POINTS, in_axes, laid_on, pairwise_distances, rigid_clusters
 
@@ -16,21 +17,12 @@ class ClusteringOptions:
     """What tracklets must do to be taken for one rigid thing.
 
     max_size_m       the widest that a rigid body is; physical: a pelvis or a chest
-    max_deviation_m  that distances within a cluster vary by, in the mean; physical: skin under a plate
-    prior_m          that a distance is taken to vary by; physical: as two limbs that hardly move do
-    prior_frames     in which it is taken to have been seen so; measured: half and twice of it name plates alike
     max_off_m        physical: a marker's width, which a tracklet may be off its place in the cluster, root mean square;
                      half of it in its distances from others, to go on as the marker of an earlier one
-    min_seen_part    of a cluster's frames that a marker of it must be seen in, and of the take one on none; measured as
-                     prior_frames
     """
 
     max_size_m: float = 0.4
-    max_deviation_m: float = 0.006
-    prior_m: float = 0.02
-    prior_frames: int = 10
     max_off_m: float = 0.01
-    min_seen_part: float = 0.1
 
 
 CLUSTERING = ClusteringOptions()
@@ -97,7 +89,7 @@ def sampled(points: Table, tracklet: np.ndarray, rate: float) -> Sampled:
 def find_clusters(seen: Sampled) -> list[Cluster]:
     """Clusters of three markers or more that keep their distances."""
     spread, weight, mean = _deviations(seen.points)
-    grown = [np.array(own) for own in rigid_clusters(spread, weight, CLUSTERING.max_deviation_m)]
+    grown = [np.array(own) for own in rigid_clusters(spread, weight, MARKER_LIMITS.skin_m)]
     laid = [_laid(seen, own, mean) for own in grown if len(own) >= MIN_POINTS]
     return [cluster for cluster in laid if cluster is not None]
 
@@ -105,7 +97,7 @@ def find_clusters(seen: Sampled) -> list[Cluster]:
 def _deviations(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(N, N) m mean absolute deviation of every distance, (N, N) how many frames show it, and (N, N) m its mean."""
     count = points.shape[1]
-    spread, weight = np.full((count, count), CLUSTERING.prior_m), np.zeros((count, count))
+    spread, weight = np.ones((count, count)), np.zeros((count, count))
     usual = np.full((count, count), np.nan)
     there = np.isfinite(points[..., 0])
     for one in range(count):
@@ -117,8 +109,7 @@ def _deviations(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
         x, y, z = np.moveaxis(seen - points[own, one, None], 2, 0)
         distance = np.where(known, np.sqrt(x * x + y * y + z * z), 0)
         mean = distance.sum(axis=0) / frames
-        off = np.where(known, np.abs(distance - mean), 0).sum(axis=0)
-        varies = (off + CLUSTERING.prior_m * CLUSTERING.prior_frames) / (frames + CLUSTERING.prior_frames)
+        varies = np.where(known, np.abs(distance - mean), 0).sum(axis=0) / frames
         spread[one, others] = np.where(mean > CLUSTERING.max_size_m, 1.0, varies)
         weight[one, others], usual[one, others] = frames, mean
     np.fill_diagonal(weight, 0)
@@ -174,11 +165,7 @@ def _laid(seen: Sampled, own: np.ndarray, distance: np.ndarray) -> Cluster | Non
         form = np.where((known.any(axis=0) & (off < CLUSTERING.max_off_m))[:, None], mean, np.nan)
         if np.isfinite(form[:, 0]).sum() < MIN_POINTS:
             return None
-    # What is there only for moments may move with the cluster by chance, while nothing moves.
-    often = CLUSTERING.min_seen_part * np.isfinite(place[:, 0]).sum()
-    fine = np.flatnonzero(np.isfinite(form[:, 0]) & (np.isfinite(points[..., 0]).sum(axis=0) >= often))
-    if len(fine) < MIN_POINTS:
-        return None
+    fine = np.flatnonzero(np.isfinite(form[:, 0]))
     centre = form[fine].mean(axis=0)
     tracklets = tuple(tuple(int(seen.number[own[one]]) for one in strings[index]) for index in fine)
     return Cluster(form[fine] - centre, tracklets, turn, place + turn @ centre)

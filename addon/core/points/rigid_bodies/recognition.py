@@ -26,14 +26,11 @@ class RecognitionOptions:
     min_marker_lead  log odds by which a marker's point must lead within the rigid body; measured on the same
     min_most         measured: part of the sure rigid bodies that must be the model's own for the take to be of somebody
                      it knows; half and twice of it name plates alike
-    min_other        measured: sure rigid bodies that are enough to show that the subject is another, if none is the
-                     model's own: of a few some may be mistaken, that all are is no chance; as min_most
     """
 
     min_body_lead: float = 3.0
     min_marker_lead: float = 5.0
     min_most: float = 0.8
-    min_other: int = 3
 
 
 RECOGNITION = RecognitionOptions()
@@ -148,5 +145,5 @@ def _known(forms, count: int) -> bool | None:
     """Whether the forms of the take, of `count` rigid bodies in all, are those of the model but for noise."""
     alike = [off < MARKER_LIMITS.noise_m for *_, off in forms]
     if 2 * len(alike) < count:
-        return False if len(alike) >= RECOGNITION.min_other and not any(alike) else None
+        return None
     return bool(np.mean(alike) >= RECOGNITION.min_most)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .clustering import CLUSTERING
 from .model import RigidBodies
 from .structure import INDEPENDENT, MAX_COST
 
@@ -14,12 +13,11 @@ from .structure import INDEPENDENT, MAX_COST
 class SingleMarkerOptions:
     """When a tracklet is a marker on no rigid body, in log odds.
 
-    min_log_odds   that a tracklet must have; measured on the raw take S09_KneeltoRun02
-    min_lead       that it must lead by, over other tracklets at the same time and over other markers; measured on it
+    min_lead       that it must lead by, over other tracklets at the same time and over other markers; measured on the
+                   raw take S09_KneeltoRun02
     room_m         over which a point that is no marker may be anywhere; physical: about a limb
     """
 
-    min_log_odds: float = 0.5
     min_lead: float = 2.0
     room_m: float = 0.5
 
@@ -44,15 +42,12 @@ def find_single_markers(
     together = (there.T @ there) > 0
     marker = np.full(points.shape[1], -1)
     for tracklet, row in enumerate(odds.T):
-        if not np.isfinite(row).any() or there[:, tracklet].mean() < CLUSTERING.min_seen_part:
+        if not np.isfinite(row).any():
             continue
         leader = int(row.argmax())
         others = together[tracklet] & (np.arange(len(marker)) != tracklet)
         alternatives = np.concatenate([np.delete(row, leader), odds[leader, others]])
-        if (
-            row[leader] >= SINGLE_MARKER.min_log_odds
-            and row[leader] - alternatives.max(initial=-np.inf) >= SINGLE_MARKER.min_lead
-        ):
+        if row[leader] > 0 and row[leader] - alternatives.max(initial=-np.inf) >= SINGLE_MARKER.min_lead:
             marker[tracklet] = leader
     return marker
 

@@ -37,7 +37,6 @@ class StructureOptions:
     slack_share     in parts of a distance, beside what plates put on by hand do; physical: people's proportions
     min_volume_sd   that a signed volume is taken to vary by, in units of its sides; measured: half and twice of it name
                     people in other plates alike
-    placement_sd_m  by which a marker put on elsewhere changes the volumes of its triples, in their sides; physical
     max_beside_m    physical: that a marker on no rigid body may move against one, root mean square, to be looked for on
                     it; across a joint it moves more
     form_sd_m       measured: of a length within a rigid body, on the raw take S09_KneeltoRun02
@@ -46,7 +45,6 @@ class StructureOptions:
 
     slack_share: float = 0.08
     min_volume_sd: float = 0.05
-    placement_sd_m: float = 0.004
     max_beside_m: float = 0.03
     form_sd_m: float = 0.012
     form_share: float = 0.15
@@ -236,15 +234,8 @@ def _learn_inner(
         np.nanmean(distance, axis=0),
         np.broadcast_to(np.sqrt(change), (len(members), middles.shape[1])),
         np.nanmean(volumes, axis=0),
-        np.hypot(np.nanstd(volumes, axis=0), _placement(markers)[:, None]),
+        np.hypot(np.nanstd(volumes, axis=0), STRUCTURE.min_volume_sd),
     )
-
-
-def _placement(markers: np.ndarray) -> np.ndarray:
-    """(C,) how much the volumes of triples of markers (F, n, 3) change by how people put them on: small ones more."""
-    one, two, three = (markers[:, corner] for corner in triples(markers.shape[1]).T)
-    sides = [np.linalg.norm(a - b, axis=2) for a, b in ((one, two), (two, three), (three, one))]
-    return np.hypot(STRUCTURE.min_volume_sd, STRUCTURE.placement_sd_m / np.nanmean(sides, axis=(0, 1)))
 
 
 def rigid_body_volumes(markers: np.ndarray, chosen: np.ndarray, place: np.ndarray) -> np.ndarray:

@@ -26,7 +26,8 @@ from .places import NO_BODY
 class IdentificationOptions:
     """How the distances of one person differ.
 
-    lead        log odds by which who is who must be ahead of any other way; physical: 19 of 20 such are right
+    lead        physical: log odds, 19 of 20 such are right, by which who is who must be ahead of any other way, and one
+                of two who want a tracklet of the other
     put_on_m    by which a distance of the same person differs from take to take; physical: markers are put on again
     bend        part of a distance by which it differs in other motions; physical: skin moves over a bent joint
     """

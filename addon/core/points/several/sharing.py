@@ -14,6 +14,7 @@ from ..whole_take.pairs import in_take, trained_pairs, widened
 from ..whole_take.solving import ROUNDS, Solution
 from ..whole_take.tracklets import Tracklets, seen_in, tracklets_of
 from .bodies import Crowd, NamedBody
+from .identification import IDENTIFICATION
 from .places import NO_BODY
 
 
@@ -24,12 +25,9 @@ class SharingOptions:
     fitting  measured: log odds, at best, that a tracklet is a marker which the body lacks at the time, for it to be
              offered: what comes before and after may be stronger evidence; to offer all names two who touch alike, in
              twice the time
-    lead     measured: log odds by which one must be surer than any other to keep a tracklet; else nobody has it; 1 and
-             4 name two who touch alike
     """
 
     fitting: float = -4.0
-    lead: float = 2.0
 
 
 SHARING = SharingOptions()
@@ -118,6 +116,6 @@ def shared_out(may: np.ndarray, certainty: np.ndarray) -> np.ndarray:
     certainty = np.where(may, certainty, 0.0)
     order = np.sort(certainty, axis=1)
     wanted = (certainty > 0).sum(axis=1) > 1
-    clear = wanted & (order[:, -1] - order[:, -2] >= SHARING.lead)
+    clear = wanted & (order[:, -1] - order[:, -2] >= IDENTIFICATION.lead)
     winner = certainty.argmax(axis=1)[:, None] == np.arange(may.shape[1])
     return np.where(wanted[:, None], clear[:, None] & winner, may)

@@ -15,7 +15,8 @@ from ..likelihood.calibration import chance
 from ..models import Model
 from ..tracklets import VOTE, are_lasting, gone_over
 from .layout import Question
-from .solving import ROUNDS, Solution
+from .objective import OBJECTIVE
+from .solving import Solution
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ BELIEVING = BelievingOptions()
 
 def can_be_solved(model: Model, tracklet: np.ndarray) -> bool:
     """Whether a take with tracklets (T, P) is solved as a whole; a set on rigid bodies is known by these."""
-    if model.likelihood is None or model.rigid_bodies is not None or len(model.markerset) < ROUNDS.min_markers:
+    if model.likelihood is None or model.rigid_bodies is not None or len(model.markerset) < OBJECTIVE.min_seen:
         return False
     return are_lasting(tracklet)
 

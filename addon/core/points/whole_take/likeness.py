@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...data.physical import MARKER_LIMITS
 from ...data.takes import NO_MARKER
+from ...geometry.rigid import MIN_POINTS
 from ...kernels import point_calls, stands_for
-from ..tracklets import VOTE
+from ..tracklets import CUTTING, VOTE
 from .pairs import PairDistances
 from .tracklets import PlacedMarkers, Tracklets
 
@@ -20,7 +22,7 @@ class LikenessOptions:
     neighbours        measured: of a marker whose distances keep best, and are there, that are asked; with 8 people of
                       other labs lose 2 %, with 18 plates do
     considered        measured: of a marker, of which those are taken; with 12 people of other labs lose 2 %
-    min_neighbours    physical: below which nothing is said: three distances fix a place
+    min_neighbours    below which nothing is said: so many distances fix a place
     independent       measured: of the neighbours asked, whose distances err together; with 3 names of 1 % of plates are
                       wrong, with 6 still trials lose 2 %
     max_square        measured: standard deviations², beyond which a distance is no worse; with 9 plates lose 2 %, with
@@ -31,14 +33,13 @@ class LikenessOptions:
     max_samples       measured: what it can say at most, in such times; with 4 names of 1 % of people of other labs are
                       wrong, with 9 they lose 3 %
     block             memory: frames of tracklets at once
-    max_gap_s         physical: s, over which a marker goes on as it did: half a stride,
-    change_s          physical: s, in which its distances become what they are at any time: less than a step, and
-    link_sd_m         physical: m, by which they change in no time: cameras and skin
+    change_s          physical: s, in which its distances become what they are at any time: less than a step
+    link_sd_m         m, by which they change in no time
     """
 
     neighbours: int = 12
     considered: int = 18
-    min_neighbours: int = 3
+    min_neighbours: int = MIN_POINTS
     independent: float = 4.0
     max_square: float = 16.0
     wide_m: float = 0.5
@@ -46,9 +47,8 @@ class LikenessOptions:
     sample_s: float = 0.25
     max_samples: float = 6.0
     block: int = 384
-    max_gap_s: float = 0.5
     change_s: float = 0.3
-    link_sd_m: float = 0.006
+    link_sd_m: float = MARKER_LIMITS.skin_m
 
 
 LIKENESS = LikenessOptions()
@@ -210,7 +210,7 @@ def links(
     last_sample = tracklets.frame[which].argmax(axis=1)
     for (end, other, own_end, other_end), sample in zip(ends, (0, last_sample), strict=True):
         gap = np.abs(own_end[which][:, None] - other_end[other])
-        known = (other >= 0) & (gap <= LIKENESS.max_gap_s * rate) & asked
+        known = (other >= 0) & (gap <= CUTTING.max_gap_s * rate) & asked
         some = np.flatnonzero(known.any(axis=1))
         then = np.where(known, at[1 - end][other], -1)[some]
         xyz = tracklets.xyz[which, sample][some]

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...data.lanes import PACKING
 from ...data.made import Table
 from ...data.takes import NO_MARKER, NO_POINT, evenly_spread
 from ...geometry.rigid import in_axes, laid_on
@@ -59,7 +60,8 @@ class ObjectiveOptions:
     frames     memory: whose shape is asked
     fullest    memory: so many times as many that show most of the markers, out of which they are taken evenly
     min_frames physical: a frame may be odd, and so may a second; fewer say nothing
-    min_seen   physical: markers of a frame that is asked: fewer have a place and a facing, and hardly a shape
+    min_seen   physical: markers of a set, and of a frame that is asked: fewer have a place and a facing, and hardly a
+               shape; a fifth is in one place by its distances to four
     max_marker measured: log likelihood of a frame's shape that the point of one marker wins or loses; unclipped, it is
                for wrong names, by 8 to 228, in eight of ten takes of other labs
     shape      measured: L over the frames of the take; at 0.5 no exchange of two or of a limb is worth more than the
@@ -196,7 +198,7 @@ class Objective:
         self.known, self.markers = trained_pairs(model), len(model.markerset)
         # Odds grow less than a tracklet does: its parts would say more than all of it where they are only added up.
         self.weight = tracklets.count / worth_of_length(tracklets, rate)
-        spread = evenly_spread(len(points), PAIRING.frames)
+        spread = evenly_spread(len(points), PACKING.spread_out)
         sampled = tracklets.frame[tracklets.frame >= 0]
         at = np.unique(np.concatenate([spread, sampled, tracklets.first, tracklets.last]))
         frame = np.where(tracklets.frame >= 0, np.searchsorted(at, tracklets.frame), -1)

@@ -10,6 +10,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from ...data.lanes import PACKING
+from ...data.physical import MARKER_LIMITS
 from ...data.takes import evenly_spread
 from ...kernels import point_calls, stands_for
 from ..likelihood.distances import CONSTRAINING
@@ -22,8 +24,7 @@ from ..models import Model
 class PairOptions:
     """How distances are learned.
 
-    frames            memory: of a subject, or of a take, that are looked at
-    min_frames        physical: of a subject that show how it moves: a third of a second
+    min_frames        physical: of a subject, or of a tracklet, that show how it moves: a third of a second
     shapes            memory: drawn from a likelihood of which few frames were kept
     length_sd         physical: of a distance of other subjects than those of the training, besides their size, in
                       parts of it,
@@ -35,11 +36,9 @@ class PairOptions:
                       lose 5 %, and names of 2 % are wrong
     independent       measured: frames of a take that say as much as one independent one, as neighbours show the same
                       pose; with 1 plates lose 2 %
-    min_sd_m          physical: m, that a distance has at least: cameras and skin
     block             memory: frames at once
     """
 
-    frames: int = 600
     min_frames: int = 30
     shapes: int = 400
     length_sd: float = 0.04
@@ -48,7 +47,6 @@ class PairOptions:
     within_frames: float = 8.0
     unknown_frames: float = 0.5
     independent: float = 4.0
-    min_sd_m: float = 0.006
     block: int = 64
 
 
@@ -69,7 +67,7 @@ class PairDistances:
     @property
     def variance(self) -> np.ndarray:
         """(M, M) of a distance that is seen next, m²."""
-        return self.unsure + self.within + PAIRING.min_sd_m**2
+        return self.unsure + self.within + MARKER_LIMITS.skin_m**2
 
 
 @lru_cache(maxsize=1)  # asked twice of each take, and takes often follow each other with one model
@@ -174,7 +172,7 @@ def corrected(trained: PairDistances, shown: Moments) -> PairDistances:
     counts_for = np.where(np.isfinite(trained.within), PAIRING.within_frames, PAIRING.unknown_frames)
     part = coverage * count / (count + counts_for)
     spread = (1 - part) * known + part * within
-    sampling = (spread + PAIRING.min_sd_m**2) / np.maximum(count, 1e-9)
+    sampling = (spread + MARKER_LIMITS.skin_m**2) / np.maximum(count, 1e-9)
     weight = np.where(some, unsure / (unsure + sampling), 0)
     return PairDistances(prior + weight * (mean - prior), (1 - weight) * unsure, spread)
 
@@ -200,7 +198,7 @@ def _size(trained: PairDistances, mean: np.ndarray, within: np.ndarray, count: n
 
 def moments(points: np.ndarray) -> Moments:
     """Of all distances (M, M) in some frames of (T, M, 3) m."""
-    some = points[evenly_spread(len(points), PAIRING.frames)].astype(float)
+    some = points[evenly_spread(len(points), PACKING.spread_out)].astype(float)
     total, squares, count = distance_sums(some)
     mean = total / np.maximum(count, 1)
     variance = np.maximum(squares / np.maximum(count, 1) - mean**2, 0) * count / np.maximum(count - 1, 1)

@@ -15,6 +15,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ...data.background import in_background
+from ...data.lanes import PACKING
 from ...data.made import Made
 from ...data.progress import Progress, Stage, Steps, in_stages
 from ...data.room import IN_MEMORY, MakeTable
@@ -110,18 +111,6 @@ def begins(frames: int, unordered: bool = False, edited: bool = False) -> dict[s
     done = np.cumsum([0, *(fixed + each * frames for fixed, each in costs.values())])
     return dict(zip(costs, (done[:-1] / done[-1]).tolist(), strict=True))
 
-
-@dataclass(frozen=True)
-class NamingOptions:
-    """How the frames of a take are named.
-
-    part_frames  memory: whose points are put in order, and named, before the next
-    """
-
-    part_frames: int = 4096
-
-
-NAMING = NamingOptions()
 
 # What `refuse_others` does.
 Recognise = Callable[[Model, Namer, Made, bool], Sample | None]
@@ -249,8 +238,8 @@ def _asked(namer: Namer, take: Points, asked: np.ndarray, sample: Sample | None 
     if sample is not None:
         found.put(sample.frames, take.in_order(asked[sample.frames]).labels(sample.labels))
         rest = np.setdiff1d(rest, sample.frames)
-    for first in range(0, len(rest), NAMING.part_frames):
-        rows = rest[first : first + NAMING.part_frames]
+    for first in range(0, len(rest), PACKING.block_frames):
+        rows = rest[first : first + PACKING.block_frames]
         some = take.in_order(asked[rows])
         share = first / len(rest), (first + len(rows)) / len(rest)
         new = yield from _named(namer, some.xyz, take.rate, take.frames[asked[rows]], share)

@@ -20,6 +20,7 @@ from ..refusals import NO_FIT, REFUSAL, SetFit
 from .layout import Question, named_by_layout
 from .matching import margins, matched
 from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, usual_fit
+from .pairs import PAIRING
 from .rulings import RULING, Rulings
 from .search import Search
 from .tracklets import Tracklets, tracklets_of
@@ -34,23 +35,11 @@ class RoundOptions:
     freedoms     that follow each other; with the last alone takes of other labs lose 1 %, without the first a crowd of
                  which frames know the trunk only loses a third
     max_rounds   memory and time: of each; with half a plate of others is named as another
-    min_markers  physical: that a set must have to be known by distances: a fifth is in one place by those to four
     """
 
     margin: float = 4.0
     freedoms: tuple[Freedom, ...] = (Freedom(0.0, 0.0, 0.0, 0.0), USUAL_FREEDOM, Freedom(0.25, 0.05, 0.05, 12.0))
     max_rounds: int = 8
-    min_markers: int = 5
-
-
-@dataclass(frozen=True)
-class ExtraOptions:
-    """What is taken for an unmodelled marker.
-
-    min_frames  physical: of a tracklet from which one is started: a third of a second, in which things move
-    """
-
-    min_frames: int = 30
 
 
 @dataclass(frozen=True)
@@ -65,7 +54,6 @@ class MarginOptions:
 
 
 ROUNDS = RoundOptions()
-EXTRAS = ExtraOptions()
 MARGINS = MarginOptions()
 
 
@@ -213,7 +201,7 @@ class _Solving:
         marker[marker >= self.markers] = self.markers + number
         self.objective.extras = len(before)
         refused = (tracklets.votes <= -RULING.odds).any(axis=1)
-        free = np.flatnonzero((marker == NO_MARKER) & (tracklets.count >= EXTRAS.min_frames) & ~refused)
+        free = np.flatnonzero((marker == NO_MARKER) & (tracklets.count >= PAIRING.min_frames) & ~refused)
         if not len(free):
             return False
         first, last = tracklets.first[free], tracklets.last[free]
@@ -292,7 +280,7 @@ class _Solving:
 
 def is_crowd(tracklets: Tracklets, markers: int) -> bool:
     """Whether many more tracklets than markers are there in the usual frame."""
-    long = tracklets.count >= EXTRAS.min_frames
+    long = tracklets.count >= PAIRING.min_frames
     frames = np.arange(int(tracklets.last.max(initial=0)) + 1)
     begun = np.searchsorted(np.sort(tracklets.first[long]), frames, side="right")
     ended = np.searchsorted(np.sort(tracklets.last[long]), frames, side="left")

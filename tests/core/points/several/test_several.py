@@ -14,9 +14,9 @@ from addon.core.data.takes import Labels, Points, Suspect, Verdict
 from addon.core.geometry.rotations import exponential
 from addon.core.points.refusals import RefusalOptions
 from addon.core.points.several import affinity, bodies, pipeline
-from addon.core.points.several.identification import PersonBuild, UnidentifiedPresence
+from addon.core.points.several.identification import IDENTIFICATION, PersonBuild, UnidentifiedPresence
 from addon.core.points.several.pipeline import is_prop, label_several
-from addon.core.points.several.sharing import SHARING, share, shared_out
+from addon.core.points.several.sharing import share, shared_out
 from addon.core.points.several.together import joined
 from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer
 from addon.core.points.whole_take.pipeline import PointOptions
@@ -133,7 +133,7 @@ def test_people_of_two_models_who_are_as_like_one_as_the_other_cannot_be_told_ap
 
 def test_the_surer_keeps_what_two_claim():
     may = np.array([[True, True], [True, True], [True, False], [True, True]])
-    certainty = np.array([[9.0, 9.0 - SHARING.lead], [5.0, 5.0], [0.0, 8.0], [0.0, 3.0]])
+    certainty = np.array([[9.0, 9.0 - IDENTIFICATION.lead], [5.0, 5.0], [0.0, 8.0], [0.0, 3.0]])
     assert shared_out(may, certainty).tolist() == [[True, False], [False, False], [True, False], [True, True]]
 
 
