@@ -58,11 +58,6 @@ class Links:
         points = self.points + self.velocity * (1 + self.missing)[:, None]
         return Expected(np.full(len(points), frame), points, self._reach())
 
-    def copy(self) -> "Links":
-        """The same as they are now, whatever these link next."""
-        kept = vars(self).items()
-        return Links(**{name: value.copy() if isinstance(value, np.ndarray) else value for name, value in kept})
-
     def _reach(self) -> np.ndarray:
         """(N,) m, how far from there a point may be and still be of the trajectory."""
         seconds = (1 + self.missing) / self.rate

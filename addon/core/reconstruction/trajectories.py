@@ -2,6 +2,7 @@
 """Unnamed 3D points from unnamed blobs, as trajectories: a take from end to end, of which one chunk is held."""
 
 from collections.abc import Iterable, Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -146,7 +147,7 @@ class Reconstructor:
         """
         end = 0
         while end < matcher.count:
-            first, links, pairs = end, self.links.copy(), 0
+            first, links, pairs = end, deepcopy(self.links), 0
             expected, continued = [], []
             while end < matcher.count and pairs < MAX_RAY_PAIRS:
                 expected.append(links.expected(end))
