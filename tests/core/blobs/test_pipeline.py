@@ -9,9 +9,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from addon.core.blobs.pipeline import label_take
+from addon.core.blobs.pipeline import TakeLabeller, label_take
 from addon.core.blobs.search import NO_HINTS, Hints
-from addon.core.blobs.subject import TIMED_STAGES
+from addon.core.blobs.subject import TIMED_STAGES, Setup
 from addon.core.data.takes import NO_MARKER, NO_STEP
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions, disturbed
@@ -120,6 +120,15 @@ def test_the_same_take_gives_the_same_labels():
     first, second = outcome(), Outcome(walk())
     assert np.array_equal(first.marker, second.marker) and np.array_equal(first.confidence, second.confidence)
     assert np.array_equal(first.chunks[0].motion.expected, second.chunks[0].motion.expected)
+
+
+def test_who_was_found_already_is_not_looked_for(monkeypatch):
+    scene, setup = walk(), Setup.of(RIG, built_in("gait15"), rate=RATE)
+    one, other = TakeLabeller(setup), TakeLabeller(setup)
+    other.person = False
+    marker = one.label(scene.blobs).labels.marker
+    monkeypatch.setattr("addon.core.blobs.pipeline.find_subject", None)
+    assert (other.label(scene.blobs, marker, one.found).labels.marker == marker).mean() > 0.999
 
 
 def test_every_chunk_is_labelled_when_it_comes():
