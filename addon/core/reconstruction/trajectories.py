@@ -17,7 +17,7 @@ from ..papers.virtual_occlusions.labelling import Rules
 from .linking import Links
 from .matching import MAX_RAY_PAIRS, Circumstances, FramePoints, Matcher, joined
 
-MATCHED_FRAMES = 4  # measured: more of them lose points of two rays that begin
+MATCHED_FRAMES = 2  # measured: more of them lose points of two rays that begin
 LEARNING_FRAMES = 4  # of the first chunk that the circumstances are learned from, half of them first
 
 
