@@ -98,12 +98,18 @@ def label_take(
 
 
 class TakeLabeller:
-    """Labels the chunks of one take in their order; between them it keeps the track, and nothing that is changed."""
+    """Labels the chunks of one take in their order; between them it keeps the track, and nothing that is changed.
+
+    What a `person` names also says where names before and after it had been exchanged.
+    """
+
+    person = True
 
     def __init__(self, setup: Setup, hints: Hints = NO_HINTS):
         self.setup, self.hints = setup, hints
         self.track: Track | None = None
         self.last: FrameResult | None = None
+        self.found: tuple[int, Found] | None = None  # where in the chunk before it was found, if that was looked for
         self.rereader = Rereader(setup)
         self.placement = 0.0
         self.sure = np.ones(setup.model.marker_count)
@@ -114,9 +120,15 @@ class TakeLabeller:
         kept.rereader = copy(self.rereader)
         return kept
 
-    def label(self, blobs: Blobs, seeds: np.ndarray | None = None) -> LabelledChunk:
-        """The labels and motion of the next chunk, of whose blobs some are named already: `seeds` (N,) markers."""
-        chunk = _Chunk(blobs, split_views(blobs, self.setup.cameras), seeds, self.setup.model.marker_count)
+    def label(
+        self, blobs: Blobs, seeds: np.ndarray | None = None, known: tuple[int, Found] | None = None
+    ) -> LabelledChunk:
+        """The labels and motion of the next chunk, of whose blobs some are named already: `seeds` (N,) markers.
+
+        `known` is where in it somebody `found` the subject, who is then not looked for first.
+        """
+        chunk = _Chunk(blobs, split_views(blobs, self.setup.cameras), seeds, self.setup.model.marker_count, known)
+        self.found = None
         if self.setup.rate < TAKES.min_rate:
             for at in range(len(chunk.views)):
                 self._find(chunk, at, at + 1)
@@ -171,8 +183,8 @@ class TakeLabeller:
         What the track has learned of these markers under each other's names does not count then.
         """
         view, fixed = chunk.views[at], chunk.fixed[at]
-        followed = follow(track, view, self.setup)
-        if fixed is None:
+        followed = follow(track, view, self.setup, None if self.person else fixed)
+        if fixed is None or not self.person:
             return followed, None
         order = contradicted(followed.naming, fixed)
         if order is not None:
@@ -193,10 +205,14 @@ class TakeLabeller:
 
     def _find(self, chunk: "_Chunk", at: int, end: int) -> int:
         """Finds the subject among frames `at` … `end` - 1, labels from there forwards and back; returns the next."""
-        index, found = self._best_found(chunk, at, end)
+        known, chunk.known = chunk.known, None
+        if known is not None and not at <= known[0] < end:
+            known = None
+        index, found = known or self._best_found(chunk, at, end)
         if found is None:
             chunk.suspect(at, end - 1, "no subject was recognised")
             return end
+        self.found = index, found
         self.hints = replace(self.hints, facing=None)
         self.placement = found.confidence
         self.sure = swap_doubts(found.swaps, self.setup.model.marker_count)
@@ -204,14 +220,15 @@ class TakeLabeller:
             chunk.suspect(index, index, f"{WHOLE_FRAME} {found.confidence:.0%} sure")
         points, visible = found.naming.meeting.points, found.expected.visible
         start = Track.begin(found.subject, points, visible, self.setup.model)
-        chunk.results[index] = FrameResult(
-            found.subject.bodies, found.naming, found.expected, found.confidence, self.sure
-        )
+        if known is None:
+            chunk.results[index] = FrameResult(
+                found.subject.bodies, found.naming, found.expected, found.confidence, self.sure
+            )
         before, moved = self._follow_back(chunk, start, index, at)
         while at < before:
             at = self._find(chunk, at, before)
         self.track = start.doubting(moved, self.setup) if len(moved) else start
-        return self._follow(self.track, chunk, index + 1, end)
+        return self._follow(self.track, chunk, index + (known is None), end)
 
     def _follow_back(self, chunk: "_Chunk", track: Track, index: int, at: int) -> tuple[int, np.ndarray]:
         """Labels the frames before `index`, last first; returns the first frame that was reached.
@@ -297,8 +314,8 @@ class TakeLabeller:
 class _Chunk:
     """One chunk while it is being labelled: its views, the results so far and what was noticed."""
 
-    def __init__(self, blobs: Blobs, views: list[View], seeds: np.ndarray | None, markers: int):
-        self.blobs, self.views = blobs, views
+    def __init__(self, blobs: Blobs, views: list[View], seeds: np.ndarray | None, markers: int, known=None):
+        self.blobs, self.views, self.known = blobs, views, known
         self.fixed = [fixed_in(view, seeds, markers) for view in views]
         self.results: dict[int, FrameResult] = {}
         self.suspects: list[Suspect] = []

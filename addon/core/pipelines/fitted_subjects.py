@@ -4,7 +4,8 @@
 Points say who is who, but a marker that one or two cameras see makes none, and nothing in a point's name speaks of the
 body. So each subject's own blobs, and whatever is nobody's, are labelled as a take of that subject alone: by itself the
 body says which of the points' names are right, and held by these it names what is left. In between it looks at somebody
-else's points beside markers that it lacks: one may be its own, if it is nearer to where it has that.
+else's points beside markers that it lacks: one may be its own, if it is nearer to where it has that. A body that is not
+clear by itself is fitted to them first.
 """
 
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from typing import Self
 import numpy as np
 
 from ..blobs.pipeline import TakeLabeller
+from ..blobs.search import FINDING
 from ..blobs.subject import Setup
 from ..data.takes import NO_MARKER, Blobs, Labels, Motion
 from ..geometry.cameras import Cameras
@@ -48,6 +50,11 @@ class FollowedSubject:
         self.first, self.size, self.setup = first, setup.model.marker_count, setup
         self.free, self.held = (TakeLabeller(setup) for _ in range(2))
         self.heard = True
+
+    @property
+    def clear(self) -> bool:
+        """Whether its body by itself is clear, however it is named."""
+        return self.free.placement > FINDING.clear_confidence
 
     def owns(self, labels: Labels) -> np.ndarray:
         """(N,) True for the blobs that are named as its own."""
@@ -87,7 +94,9 @@ class FollowedSubject:
         """
         rows = np.flatnonzero(among)
         seeds = np.where(self.owns(labels), labels.marker - self.first, NO_MARKER)[rows] if held else None
-        chunk = labeller.label(blobs.part(slice(0, len(blobs.frames)), rows), seeds)
+        # Where it is clear by itself, names say nothing new of where it is, or was.
+        known, labeller.person = self.free.found if held and self.clear else None, not self.clear
+        chunk = labeller.label(blobs.part(slice(0, len(blobs.frames)), rows), seeds, known)
         found, named = Labels.none(len(blobs)), chunk.labels.named
         if not held or self.heard:
             found.marker[rows] = np.where(named, chunk.labels.marker + self.first, NO_MARKER)
@@ -142,25 +151,30 @@ class FollowedSubjects:
             rows = np.flatnonzero(one.owns(agreed) & (own.labels.marker == agreed.marker))
             off[rows] = own.off(blobs, rows)
         for one, own in zip(self.subjects, alone, strict=True):
-            beside = self._beside(blobs, agreed, one, own, alone)
-            if beside.any():
+            away = self._away(blobs, agreed, one, own, alone)
+            beside = away < Rules.max_distance_m
+            if beside.any() and not one.clear:
                 said = one.tempted(blobs, agreed, beside)
-                rows = np.flatnonzero(said.labels.named & beside)
-                found[rows] |= said.off(blobs, rows) < off[rows]
+                beside &= said.labels.named
+                rows = np.flatnonzero(beside)
+                away[rows] = said.off(blobs, rows)
+            found |= beside & (away < off)
         return found
 
-    def _beside(
+    def _away(
         self, blobs: Blobs, agreed: Labels, one: FollowedSubject, own: _Said, alone: Sequence[_Said]
     ) -> np.ndarray:
-        """(N,) True for the blobs of points of others where a marker that one lacks may be, by its body alone."""
+        """(N,) m, how far the blobs' points are, where they are others', from where a marker that one lacks may be.
+
+        By its body alone; infinite where nothing is there.
+        """
         there = np.zeros((len(blobs.frames), self.markers), bool)
         there[blobs.frame[agreed.named], agreed.marker[agreed.named]] = True
         mine = slice(one.first, one.first + one.size)
         expected = np.where(there[:, mine, None], np.nan, own.motion.expected)
-        near = np.zeros_like(there)
+        least = np.full(there.shape, np.inf)
         for other, theirs in zip(self.subjects, alone, strict=True):
             if other is not one:
                 away = np.linalg.norm(theirs.motion.markers[:, :, None] - expected[:, None], axis=3)
-                close = (away < Rules.max_distance_m).any(axis=2)
-                near[:, other.first : other.first + other.size] = close
-        return agreed.named & near[blobs.frame, np.maximum(agreed.marker, 0)]
+                least[:, other.first : other.first + other.size] = np.fmin.reduce(away, axis=2, initial=np.inf)
+        return np.where(agreed.named, least[blobs.frame, np.maximum(agreed.marker, 0)], np.inf)

@@ -53,9 +53,10 @@ class Links:
         none = np.zeros(0, int)
         return cls(rate, none, np.zeros((0, 3)), np.zeros((0, 3)), none, none, begun=0)
 
-    def expected(self) -> Expected:
-        """Where the trajectories should be in the next frame."""
-        return Expected(self.points + self.velocity * (1 + self.missing)[:, None], self._reach())
+    def expected(self, frame: int) -> Expected:
+        """Where the trajectories should be in the next frame, which has a number."""
+        points = self.points + self.velocity * (1 + self.missing)[:, None]
+        return Expected(np.full(len(points), frame), points, self._reach())
 
     def _reach(self) -> np.ndarray:
         """(N,) m, how far from there a point may be and still be of the trajectory."""
@@ -68,7 +69,7 @@ class Links:
         """(Q,) the numbers of the trajectories that the next frame's points (Q, 3) belong to; new ones begin."""
         if not len(points) and not len(self.number):
             return np.zeros(0, int)
-        expected = self.expected()
+        expected = self.expected(0)
         old, new = _nearest_pairs(expected, points)
         numbers = np.full(len(points), -1)
         numbers[new] = self.number[old]

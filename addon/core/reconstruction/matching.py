@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The points of one frame from its unnamed blobs: epipolar matching over all cameras at once.
+"""The points of some frames from their unnamed blobs: what goes on as expected, then epipolar matching of the rest.
 
 Every set of blobs, at most one a camera, whose rays meet is a hypothesis: one marker made them all. It is weighed
 against the other story, that each of them is a ghost, and the hypotheses that hold share no blob.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..geometry.triangulation import Rays, passing
-from ..geometry.views import VIEWING, Sight, View
+from ..geometry.views import NOWHERE, VIEWING, Sight, View
 from ..papers.virtual_occlusions.labelling import Rules
 
 MAX_RAY_PAIRS = 20_000  # of rays in a frame; more is a room full of reflections, of which the closest pairs are tried
@@ -56,21 +57,23 @@ class Circumstances:
 
 @dataclass(frozen=True, eq=False)
 class Expected:
-    """Where N points should be by their past: points (N, 3) m and radius (N,) m, three standard deviations."""
+    """Where N points should be by their past: frame (N,), points (N, 3) m and radius (N,) m, three deviations."""
 
+    frame: np.ndarray
     points: np.ndarray
     radius: np.ndarray
 
     @classmethod
     def nothing(cls) -> "Expected":
         """No past."""
-        return cls(np.zeros((0, 3)), np.zeros(0))
+        return cls(np.zeros(0, int), np.zeros((0, 3)), np.zeros(0))
 
 
 @dataclass(frozen=True, eq=False)
 class FramePoints:
-    """The Q points of one frame.
+    """The Q points of some frames, one frame after the other.
 
+    frame     (Q,) which of the frames they are of
     points    (Q, 3) m
     slots     (Q, C) which blob of each camera is the point's, -1 where none
     residual  (Q,) m, root mean square distance of the point from its rays
@@ -78,6 +81,7 @@ class FramePoints:
     watching  (Q,) how many cameras have the point in their image
     """
 
+    frame: np.ndarray
     points: np.ndarray
     slots: np.ndarray
     residual: np.ndarray
@@ -87,8 +91,8 @@ class FramePoints:
     @classmethod
     def nothing(cls, cameras: int) -> "FramePoints":
         """No points, of so many cameras."""
-        none = np.zeros(0)
-        return cls(np.zeros((0, 3)), np.zeros((0, cameras), int), none, none, np.zeros(0, int))
+        none, number = np.zeros(0), np.zeros(0, int)
+        return cls(number, np.zeros((0, 3)), np.zeros((0, cameras), int), none, none, number)
 
     @property
     def support(self) -> np.ndarray:
@@ -96,87 +100,135 @@ class FramePoints:
         return (self.slots >= 0).sum(axis=1)
 
 
-class FrameMatcher:
-    """One frame's blobs, ready to be matched."""
+class Matcher:
+    """The blobs of some frames, ready to be matched: of each camera those of one frame after the other, L of them.
 
-    def __init__(self, view: View, sight: Sight, size: np.ndarray, circumstances: Circumstances):
-        self.view, self.sight, self.size = view, sight, size
+    row   (C, L) the blobs' rows in their chunk, -1 where there is none
+    ends  the first of each frame's blobs, and the last one's end
+    """
+
+    def __init__(self, views: Sequence[View], sight: Sight, size: np.ndarray, circumstances: Circumstances):
+        self.sight, self.size = sight, size
         self.pixel, self.seen, self.ghosts = circumstances.pixel, circumstances.seen, circumstances.ghosts
-        self.rays = Rays(view, sight)
-        self.cameras = np.arange(len(view.real))
-        self.camera, self.slot = np.nonzero(view.real)
-        self.direction = self.rays.direction[self.camera, self.slot]
-        self.origin = sight.centres[self.camera]
-        self.free = view.real.copy()
+        self.image, self.real, self.row = (
+            np.concatenate([getattr(view, name) for view in views], axis=1) for name in ("image", "real", "row")
+        )
+        self.free = np.zeros_like(self.real)
+        widths = [view.real.shape[1] for view in views]
+        self.ends, self.frame_of = np.cumsum([0, *widths]), np.repeat(np.arange(len(views)), widths)
+        self.rays = Rays(View(self.image, self.real, self.row), sight)
+        self.cameras = np.arange(len(self.real))
+        self.tolerance = Rules.max_miss * self.pixel / sight.focal[:, None]
 
-    def match(self, expected: Expected) -> FramePoints:
-        """The frame's points: those that the past expects first, then whatever else the blobs left over make."""
-        found = []
-        if len(expected.points):
-            found.append(self._choose(self._pairs_near(expected), expected, []))
-        found.append(self._choose(self._free_pairs(), expected, found))
-        return _not_alone(joined(found))
+    def continued(self, frame: int, expected: Expected) -> tuple[np.ndarray, np.ndarray, int]:
+        """What goes on as the past expects it: sets of blobs (Q, C) of which three or more can be nothing else's.
 
-    def _pairs_near(self, expected: Expected) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs of blobs in different cameras that both lie where the same point is expected."""
-        local = self.sight.local(expected.points[None])[0]
-        image = self.sight.image(local)
-        reach = expected.radius / np.maximum(local[..., 2], VIEWING.min_depth_m)
-        reach = reach + Rules.max_miss * self.pixel / self.sight.focal[:, None]
-        offset = self.view.image[self.camera, self.slot][:, None] - image[self.camera]
-        near = np.einsum("bni,bni->bn", offset, offset) < reach[self.camera] ** 2
-        together = near.astype(np.float32) @ near.T.astype(np.float32) > 0
-        return np.nonzero(together & (self.camera[:, None] < self.camera))
+        Also where these meet (Q, 3) m, and how many blobs of the frame are left.
+        """
+        begin, end = self.ends[frame : frame + 2]
+        blobs, points, radius = self.image[:, None, begin:end], expected.points, expected.radius
+        count = int(self.real[:, begin:end].sum())
+        if not count or not len(points):
+            return np.full((0, len(self.cameras)), -1), points[:0], count
+        wide = np.ones((len(points), len(self.cameras)), bool)
+        for last in (False, True):
+            local = self.sight.local(points[None])[0]
+            image = self.sight.image(local)
+            reach = self.tolerance + radius / np.maximum(local[..., 2], VIEWING.min_depth_m)
+            # Axis by axis: NumPy is slow to add up two of something.
+            square = (blobs[..., 0] - image[..., :1]) ** 2
+            square += (blobs[..., 1] - image[..., 1:]) ** 2
+            near = square < reach[..., None] ** 2
+            nearest = square.argmin(axis=2)
+            at = self.cameras[:, None], nearest
+            mutual = (square.argmin(axis=1)[at] == np.arange(len(points))) & near.any(axis=2)
+            slots = self.agreeing(np.where(mutual, begin + nearest, -1).T)
+            clear = (slots >= 0) & ((near.sum(axis=2) == 1) & (near.sum(axis=1)[at] == 1)).T
+            if not last:
+                points = self.rays.meet(slots.T).points
+                known = np.isfinite(points[:, 0])
+                points, wide, radius = points[known], clear[known], 0.0 * radius[known]
+        rays = (slots >= 0).sum(axis=1)
+        sure = (clear.sum(axis=1) >= 3) | ((rays == 2) & ((clear & wide).sum(axis=1) == 2))
+        slots = slots[sure]
+        return slots, self.rays.meet(slots.T).points, count - int((slots >= 0).sum())
 
-    def _free_pairs(self) -> tuple[np.ndarray, np.ndarray]:
-        """All pairs of blobs in different cameras that are not a point's yet."""
-        blobs = np.flatnonzero(self.free[self.camera, self.slot])
-        first, second = np.nonzero(self.camera[blobs][:, None] < self.camera[blobs])
-        return blobs[first], blobs[second]
+    @property
+    def count(self) -> int:
+        """Frames."""
+        return len(self.ends) - 1
 
-    def _crossings(self, first: np.ndarray, second: np.ndarray):
+    def rows(self, slots: np.ndarray) -> np.ndarray:
+        """(Q, C) the rows of blobs (Q, C) in their chunk, -1 where there is none."""
+        return np.where(slots >= 0, self.row[self.cameras, np.maximum(slots, 0)], -1)
+
+    def match(
+        self, first: int, end: int, expected: Expected | None = None, continued: np.ndarray | None = None
+    ) -> FramePoints:
+        """The points of frames `first` … `end` - 1: those `continued` (Q, C), then whatever the other blobs make."""
+        if expected is None or continued is None:
+            expected, continued = Expected.nothing(), np.full((0, len(self.cameras)), -1)
+        within = slice(self.ends[first], self.ends[end])
+        self.free[:] = False
+        self.free[:, within] = self.real[:, within]
+        every = _Hypotheses.of(self, continued, expected)
+        taken = [every.points_of(self)]
+        self._use(every.slots)
+        left = self._hypotheses(expected)
+        for _ in range(CHOOSING_ROUNDS):
+            winners = left.winners(joined(taken))
+            if not winners.any():
+                break
+            taken.append(left.pick(winners).points_of(self))
+            self._use(taken[-1].slots)
+            left = left.without(self, winners, expected)
+        return _not_alone(joined(taken))
+
+    def _use(self, slots: np.ndarray):
+        point, camera = np.nonzero(slots >= 0)
+        self.free[camera, slots[point, camera]] = False
+
+    def _hypotheses(self, expected: Expected) -> "_Hypotheses":
+        """The sets of blobs, of those that are free, that pairs of rays which pass each other closely begin."""
+        slot, camera = np.nonzero(self.free.T)
+        frame = self.frame_of[slot]
+        one, two = pairs_within(frame)
+        other = camera[one] != camera[two]
+        one, two, middle = self._crossings(camera, slot, one[other], two[other])
+        slots = self._nearest_blobs(middle, frame[one], Rules.max_off_point)
+        for blob in (one, two):
+            slots[np.arange(len(one)), camera[blob]] = slot[blob]
+        return _Hypotheses.of(self, self._completed(slots), expected)
+
+    def _crossings(self, camera: np.ndarray, slot: np.ndarray, first: np.ndarray, second: np.ndarray):
         """Of pairs of blobs those whose rays pass each other closely, and the points (Q, 3) between."""
-        near, far, gap, fixed = passing(self.direction, self.origin, first, second)
+        direction, origin = self.rays.direction[camera, slot], self.sight.centres[camera]
+        near, far, gap, fixed = passing(direction, origin, first, second)
         gap2 = gap[0] ** 2 + gap[1] ** 2 + gap[2] ** 2
-        focal = self.sight.focal[self.camera]
+        focal = self.sight.focal[camera]
         allowed2 = Rules.max_square * self.pixel**2 * ((near / focal[first]) ** 2 + (far / focal[second]) ** 2)
         kept = np.flatnonzero(fixed & (gap2 < allowed2))
         if len(kept) > MAX_RAY_PAIRS:
             kept = kept[np.argsort(gap2[kept] / allowed2[kept])[:MAX_RAY_PAIRS]]
-        middle = self.origin[first[kept]] + near[kept, None] * self.direction[first[kept]] + gap[:, kept].T / 2
+        middle = origin[first[kept]] + near[kept, None] * direction[first[kept]] + gap[:, kept].T / 2
         return first[kept], second[kept], middle
 
-    def _nearest_blobs(self, points: np.ndarray, deviations: float) -> np.ndarray:
+    def _nearest_blobs(self, points: np.ndarray, frame: np.ndarray, deviations: float) -> np.ndarray:
         """(Q, C) the free blob nearest to each point's image, -1 where it is farther than `deviations`."""
         image = self.sight.image(self.sight.local(points[None])[0])
-        # Axis by axis: NumPy is slow to add up two of something.
-        square = (np.where(self.free, self.view.image[..., 0], np.inf)[:, None] - image[..., :1]) ** 2
-        square += (self.view.image[..., 1][:, None] - image[..., 1:]) ** 2
+        camera, slot = np.nonzero(self.free)
+        table = padded(slot, camera * self.count + self.frame_of[slot], len(self.cameras) * self.count, -1)
+        table = table.reshape(len(self.cameras), self.count, -1)
+        if not table.size:
+            return np.full((len(points), len(self.cameras)), -1)
+        blobs = np.where(table[..., None] < 0, NOWHERE, self.image[self.cameras[:, None, None], table])
+        blobs = blobs if self.count == 1 else blobs[:, frame]
+        square = (blobs[..., 0] - image[..., :1]) ** 2
+        square += (blobs[..., 1] - image[..., 1:]) ** 2
         nearest = square.argmin(axis=2)
         least = np.take_along_axis(square, nearest[..., None], axis=2)[..., 0]
-        return np.where(least < (deviations * self.pixel / self.sight.focal[:, None]) ** 2, nearest, -1).T
-
-    def _choose(self, pairs, expected: Expected, before: list[FramePoints]) -> FramePoints:
-        """The hypotheses from pairs of blobs that hold, best first; their blobs are not free any more."""
-        first, second, middle = self._crossings(*pairs)
-        slots = self._nearest_blobs(middle, Rules.max_off_point)
-        slots[np.arange(len(first)), self.camera[first]] = self.slot[first]
-        slots[np.arange(len(first)), self.camera[second]] = self.slot[second]
-        left = _Hypotheses.of(self, self._completed(slots), expected)
-        taken = [part.points for part in before]
-        chosen = []
-        for _ in range(CHOOSING_ROUNDS):
-            winners = left.winners(taken)
-            if not winners.any():
-                break
-            chosen.append(left.pick(winners).points_of(self))
-            taken.append(chosen[-1].points)
-            for camera in self.cameras:
-                slot = chosen[-1].slots[:, camera]
-                self.free[camera, slot[slot >= 0]] = False
-            left = left.without(self, winners, expected)
-        chosen.append(left.pick(np.zeros(len(left.slots), bool)).points_of(self))
-        return joined(chosen)
+        found = table[self.cameras[:, None], frame, nearest]
+        return np.where(least < (deviations * self.pixel / self.sight.focal[:, None]) ** 2, found, -1).T
 
     def _completed(self, slots: np.ndarray) -> np.ndarray:
         """Sets of blobs (Q, C) whose rays meet in one point, and to which no other near blob belongs; each once."""
@@ -184,21 +236,20 @@ class FrameMatcher:
             slots = self.agreeing(each_once(slots))
             met = self.rays.meet(slots.T)
             known = np.isfinite(met.points[:, 0])
-            more = self._nearest_blobs(met.points[known], Rules.max_miss)
-            slots = np.where(slots[known] >= 0, slots[known], more)
+            slots = slots[known]
+            more = self._nearest_blobs(met.points[known], self.frames(slots), Rules.max_miss)
+            slots = np.where(slots >= 0, slots, more)
         return self.agreeing(each_once(slots))
 
     def agreeing(self, slots: np.ndarray) -> np.ndarray:
-        """Sets of blobs (Q, C) less their worst rays, until all rays that are left meet; those with two or more."""
-        slots = slots[(slots >= 0).sum(axis=1) >= 2]
-        for _ in self.cameras:
-            miss = self.deviations(slots)
-            bad = miss.max(axis=0, initial=0) > Rules.max_miss
-            if not bad.any():
-                break
-            slots = slots.copy()
-            slots[bad, miss[:, bad].argmax(axis=0)] = -1
-            slots = slots[(slots >= 0).sum(axis=1) >= 2]
+        """Sets of blobs (Q, C) less their worst rays, until all that are left meet; none where less than two do."""
+        slots, rows = slots.copy(), np.arange(len(slots))
+        while len(rows):
+            slots[rows[(slots[rows] >= 0).sum(axis=1) < 2]] = -1
+            miss = self.deviations(slots[rows])
+            bad = miss.max(axis=0) > Rules.max_miss
+            rows = rows[bad]
+            slots[rows, miss[:, bad].argmax(axis=0)] = -1
         return slots
 
     def deviations(self, slots: np.ndarray) -> np.ndarray:
@@ -211,15 +262,20 @@ class FrameMatcher:
         depth = np.nan_to_num(self.sight.local(points[None])[0, ..., 2], nan=1.0)
         return self.pixel / self.sight.focal[:, None] * np.maximum(depth, VIEWING.min_depth_m)
 
+    def frames(self, slots: np.ndarray) -> np.ndarray:
+        """(Q,) the frames of sets of blobs (Q, C), of one or more."""
+        return self.frame_of[slots.max(axis=1)]
+
 
 @dataclass(frozen=True, eq=False)
 class _Hypotheses:
-    """Q sets of blobs that may each be one marker.
+    """Q sets of blobs that may each be one marker, one frame after the other, and of each the likeliest first.
 
-    slots  (Q, C); points (Q, 3) m; residual (Q,) m; miss (C, Q) deviations
+    frame  (Q,); slots (Q, C); points (Q, 3) m; residual (Q,) m; miss (Q, C) deviations
     score  (Q,) log of how much likelier a marker is than ghosts
     """
 
+    frame: np.ndarray
     slots: np.ndarray
     points: np.ndarray
     residual: np.ndarray
@@ -227,74 +283,62 @@ class _Hypotheses:
     score: np.ndarray
 
     @classmethod
-    def of(cls, frame: FrameMatcher, slots: np.ndarray, expected: Expected) -> "_Hypotheses":
-        met = frame.rays.meet(slots.T)
-        metres = frame.metres(met.points)
+    def of(cls, matcher: Matcher, slots: np.ndarray, expected: Expected) -> "_Hypotheses":
+        met = matcher.rays.meet(slots.T)
+        metres = matcher.metres(met.points)
         seen = (slots >= 0).T
         precision = np.where(seen, 1 / metres**2, 0)
-        across = frame.rays.across[frame.cameras[:, None], np.maximum(slots.T, 0)]
+        across = matcher.rays.across[matcher.cameras[:, None], np.maximum(slots.T, 0)]
         normal = np.einsum("cq,cqij->qij", precision, across)
         curvature = np.linalg.eigvalsh(normal)
         sharp = np.isfinite(met.residual) & (curvature[:, 0] > MATCHING.max_blur_m**-2)
         miss = met.miss / metres
-        area = frame.size.prod(axis=1)
+        area = matcher.size.prod(axis=1)
         # One ray of a marker against one ghost somewhere in the image, and a camera that looks and sees nothing.
-        gain = np.log(frame.seen * area / (2 * np.pi * frame.pixel**2 * frame.ghosts))[:, None] - miss**2 / 2
-        watching = _watching(frame, met.points)
-        score = np.where(seen, gain, np.where(watching, np.log(1 - frame.seen), 0)).sum(axis=0)
+        gain = np.log(matcher.seen * area / (2 * np.pi * matcher.pixel**2 * matcher.ghosts))[:, None] - miss**2 / 2
+        watching = _watching(matcher, met.points)
+        score = np.where(seen, gain, np.where(watching, np.log(1 - matcher.seen), 0)).sum(axis=0)
         # The point may be anywhere in the room: what three unknowns make of any rays says nothing.
         cell = (2 * np.pi) ** 1.5 / np.sqrt(np.maximum(curvature, 1e-3).prod(axis=1))
         room = MATCHING.room_m3
-        score += np.log(np.minimum(cell / room, 1)) + _familiarity(met.points, expected, room)
+        score += np.log(np.minimum(cell / room, 1)) + _familiarity(met.points, matcher.frames(slots), expected, room)
         kept = sharp & (score > 0)
-        return cls(slots[kept], met.points[kept], met.residual[kept], miss[:, kept], score[kept])
+        found = cls(matcher.frames(slots), slots, met.points, met.residual, miss.T, score)
+        return found.pick(kept).in_order()
 
     def pick(self, chosen: np.ndarray) -> "_Hypotheses":
-        parts = self.slots[chosen], self.points[chosen], self.residual[chosen]
-        return _Hypotheses(*parts, self.miss[:, chosen], self.score[chosen])
+        return _Hypotheses(*(values[chosen] for values in vars(self).values()))
 
-    def points_of(self, frame: FrameMatcher) -> FramePoints:
-        squares = (self.miss**2).sum(axis=0) * frame.pixel**2
-        return FramePoints(self.points, self.slots, self.residual, squares, _watching(frame, self.points).sum(axis=0))
+    def in_order(self) -> "_Hypotheses":
+        return self.pick(np.lexsort((self.residual, -self.score, self.frame)))
 
-    def winners(self, taken: list[np.ndarray]) -> np.ndarray:
+    def points_of(self, matcher: Matcher) -> FramePoints:
+        squares, watching = (self.miss**2).sum(axis=1) * matcher.pixel**2, _watching(matcher, self.points).sum(axis=0)
+        return FramePoints(self.frame, self.points, self.slots, self.residual, squares, watching)
+
+    def winners(self, taken: FramePoints) -> np.ndarray:
         """(Q,) those that are likelier than every other one that needs one of their blobs, or the same place."""
-        count = len(self.slots)
-        if not count:
-            return np.zeros(0, bool)
-        order = np.lexsort((self.residual, -self.score))
-        rank = np.empty(count, int)
-        rank[order] = np.arange(count)
-        shares = self._shared()
-        near = _near(self.points, self.points)
-        first = ~((shares | near) & (rank[None] < rank[:, None])).any(axis=1)
-        for points in taken:
-            first &= ~_near(self.points, points).any(axis=1)
+        better, worse = pairs_within(self.frame)
+        shares = ((self.slots[better] == self.slots[worse]) & (self.slots[better] >= 0)).any(axis=1)
+        near = _near(self.points[better] - self.points[worse])
+        first = np.ones(len(self.slots), bool)
+        first[worse[shares | near]] = False
+        there = padded(taken.points, taken.frame, int(max(self.frame.max(initial=0), taken.frame.max(initial=0))) + 1)
+        first &= ~_near(self.points[:, None] - there[self.frame]).any(axis=1)
         thin = (self.slots >= 0).sum(axis=1) == 2
         # Where two rays are all, another partner for either blob must be clearly less likely.
-        other = np.where(shares & ~near, self.score[None], -np.inf).max(axis=1, initial=-np.inf)
+        other, rival = np.full(len(self.slots), -np.inf), shares & ~near
+        np.maximum.at(other, better[rival], self.score[worse[rival]])
         return first & (~thin | (self.score - other > MATCHING.min_lead))
 
-    def _shared(self) -> np.ndarray:
-        """(Q, Q) whether two sets have a blob in common."""
-        shared = np.zeros((len(self.slots), len(self.slots)), bool)
-        for slot in self.slots.T:
-            shared |= (slot[:, None] == slot) & (slot >= 0)
-        np.fill_diagonal(shared, False)
-        return shared
-
-    def without(self, frame: FrameMatcher, winners: np.ndarray, expected: Expected) -> "_Hypotheses":
+    def without(self, matcher: Matcher, winners: np.ndarray, expected: Expected) -> "_Hypotheses":
         """The other hypotheses with the blobs that are still free."""
-        slots = self.slots[~winners]
-        lost = (slots >= 0) & ~frame.free[frame.cameras, np.maximum(slots, 0)]
+        left = self.pick(~winners)
+        lost = (left.slots >= 0) & ~matcher.free[matcher.cameras, np.maximum(left.slots, 0)]
         touched = lost.any(axis=1)
-        rest = self.pick(np.flatnonzero(~winners)[~touched])
-        slots = np.where(lost, -1, slots)[touched]
-        again = _Hypotheses.of(frame, frame.agreeing(each_once(slots)), expected)
-        fields = {
-            name: np.concatenate([getattr(rest, name), getattr(again, name)]) for name in vars(rest) if name != "miss"
-        }
-        return _Hypotheses(miss=np.concatenate([rest.miss, again.miss], axis=1), **fields)
+        slots = np.where(lost, -1, left.slots)[touched]
+        again = _Hypotheses.of(matcher, matcher.agreeing(each_once(slots)), expected)
+        return joined([left.pick(~touched), again]).in_order()
 
 
 def each_once(slots: np.ndarray) -> np.ndarray:
@@ -308,41 +352,58 @@ def each_once(slots: np.ndarray) -> np.ndarray:
     return slots[np.unique(number, return_index=True)[1]]
 
 
-def joined(parts: list[FramePoints]) -> FramePoints:
-    """All points of several parts of a frame."""
-    return FramePoints(*(np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])))
+def pairs_within(frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of all pairs of things of the same frame (N,), which are in order: the first ones and the second ones."""
+    count = np.searchsorted(frame, frame, side="right") - np.arange(len(frame)) - 1
+    first = np.repeat(np.arange(len(frame)), count)
+    return first, np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count) + first + 1
+
+
+def padded(values: np.ndarray, frame: np.ndarray, frames: int, nothing: float = 1e9) -> np.ndarray:
+    """(F, most, ...) the values (N, ...) of each of so many frames (N,), which are in any order; then `nothing`."""
+    order = np.argsort(frame, kind="stable")
+    counts = np.bincount(frame, minlength=frames)
+    table = np.full((frames, counts.max(initial=0), *values.shape[1:]), nothing, values.dtype)
+    place = np.arange(len(frame)) - np.repeat(np.cumsum(counts) - counts, counts)
+    table[frame[order], place] = values[order]
+    return table
+
+
+def joined(parts):
+    """All of several parts, each frame's together and as they are ordered: points, or hypotheses, of some frames."""
+    every = [np.concatenate(values) for values in zip(*(vars(part).values() for part in parts), strict=True)]
+    order = np.argsort(every[0], kind="stable")
+    return type(parts[0])(*(values[order] for values in every))
 
 
 def _not_alone(points: FramePoints) -> FramePoints:
     """The points less those of two rays that are far from all better ones: reflections that stay where they are."""
     sure = points.support >= 3
-    if sure.sum() < 3:
-        return points
-    offset = points.points[:, None] - points.points[sure]
-    near = np.einsum("qni,qni->qn", offset, offset).min(axis=1) < MATCHING.max_alone_m**2
-    return FramePoints(*(getattr(points, name)[near] for name in vars(points)))
+    frames = int(points.frame.max(initial=0)) + 1
+    there = padded(points.points[sure], points.frame[sure], frames)
+    offset = points.points[:, None] - there[points.frame]
+    near = (np.einsum("qni,qni->qn", offset, offset) < MATCHING.max_alone_m**2).any(axis=1)
+    near |= np.bincount(points.frame[sure], minlength=frames)[points.frame] < 3
+    return FramePoints(*(values[near] for values in vars(points).values()))
 
 
-def _watching(frame: FrameMatcher, points: np.ndarray) -> np.ndarray:
+def _watching(matcher: Matcher, points: np.ndarray) -> np.ndarray:
     """(C, Q) which cameras have the points in their image."""
-    local = frame.sight.local(np.nan_to_num(points, nan=1e9)[None])
-    return frame.sight.inside(frame.sight.image(local))[0]
+    local = matcher.sight.local(np.nan_to_num(points, nan=1e9)[None])
+    return matcher.sight.inside(matcher.sight.image(local))[0]
 
 
-def _familiarity(points: np.ndarray, expected: Expected, room: float) -> np.ndarray:
+def _familiarity(points: np.ndarray, frame: np.ndarray, expected: Expected, room: float) -> np.ndarray:
     """(Q,) log of how much likelier a point is where one is expected than anywhere in `room` m³; nought elsewhere."""
     if not len(expected.points) or not len(points):
         return np.zeros(len(points))
-    spread = expected.radius / 3
-    offset = np.nan_to_num(points, nan=1e9)[:, None] - expected.points
+    frames = int(max(frame.max(), expected.frame.max())) + 1
+    there, spread = (padded(one, expected.frame, frames)[frame] for one in (expected.points, expected.radius / 3))
+    offset = np.nan_to_num(points, nan=1e9)[:, None] - there
     square = np.einsum("qni,qni->qn", offset, offset) / spread**2
     return np.maximum(np.log(room / ((2 * np.pi) ** 1.5 * spread**3)) - square / 2, 0).max(axis=1)
 
 
-def _near(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(Q, N) which points are too close together to be two markers; never a point and itself."""
-    offset = first[:, None] - second
-    near = np.einsum("qni,qni->qn", offset, offset) < MATCHING.min_distance_m**2
-    if first is second:
-        np.fill_diagonal(near, False)
-    return near
+def _near(offset: np.ndarray) -> np.ndarray:
+    """Which points, so far (..., 3) m apart, are too close together to be two markers."""
+    return np.einsum("...i,...i->...", offset, offset) < MATCHING.min_distance_m**2

@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Unnamed 3D points from unnamed blobs, as trajectories: a take from end to end, of which one chunk is held."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,9 +15,10 @@ from ..geometry.triangulation import trimmed_deviation
 from ..geometry.views import Sight, View, split_views
 from ..papers.virtual_occlusions.labelling import Rules
 from .linking import Links
-from .matching import Circumstances, Expected, FrameMatcher, FramePoints
+from .matching import MAX_RAY_PAIRS, Circumstances, FramePoints, Matcher, joined
 
-LEARNING_FRAMES = 12  # of the first chunk that the circumstances are learned from, twice
+MATCHED_FRAMES = 2  # measured: more of them lose points of two rays that begin
+LEARNING_FRAMES = 4  # of the first chunk that the circumstances are learned from, half of them first
 
 
 @dataclass(frozen=True)
@@ -126,42 +128,57 @@ class Reconstructor:
         views = split_views(blobs, self.cameras)
         if not self.learned:
             self._learn_first(views)
-        found, numbers = [], []
-        for view in views:
-            found.append(self._match(view, self.links.expected()))
-            numbers.append(self.links.link(found[-1].points))
-        self._learn(views, found, RECONSTRUCTION.new_share)
-        counts = [len(points.points) for points in found]
-        points, residual = (np.concatenate([getattr(one, name) for one in found]) for name in ("points", "residual"))
-        rows = np.concatenate([_rows(view, one) for view, one in zip(views, found, strict=True)])
-        frame, trajectory = np.repeat(np.arange(len(views)), counts), np.concatenate(numbers)
-        return Reconstructed(blobs.frames, frame, trajectory, points, residual, rows, self.circumstances.pixel)
+        found, numbers = [FramePoints.nothing(len(self.cameras))], [np.zeros(0, int)]
+        for first in range(0, len(views), MATCHED_FRAMES):
+            matcher = self._matcher(views[first : first + MATCHED_FRAMES])
+            found += [
+                replace(points, frame=points.frame + first, slots=matcher.rows(points.slots))
+                for points in self._followed(matcher, numbers)
+            ]
+        every = joined(found)
+        self._learn(views, every, RECONSTRUCTION.new_share)
+        made = every.frame, np.concatenate(numbers), every.points, every.residual, every.slots
+        return Reconstructed(blobs.frames, *made, self.circumstances.pixel)
 
-    def _match(self, view: View, expected: Expected) -> FramePoints:
-        if not view.count:
-            return FramePoints.nothing(len(self.cameras))
-        return FrameMatcher(view, self.sight, self.cameras.size, self.circumstances).match(expected)
+    def _followed(self, matcher: Matcher, numbers: list[np.ndarray]) -> Iterator[FramePoints]:
+        """The points of a few frames at a time; the numbers of their trajectories are added to `numbers`.
+
+        So many frames as leave about as many pairs of rays as may be tried, at least one.
+        """
+        end = 0
+        while end < matcher.count:
+            first, links, pairs = end, deepcopy(self.links), 0
+            expected, continued = [], []
+            while end < matcher.count and pairs < MAX_RAY_PAIRS:
+                expected.append(links.expected(end))
+                slots, points, left = matcher.continued(end, expected[-1])
+                continued.append(slots)
+                links.link(points)
+                pairs += left**2 // 2
+                end += 1
+            found = matcher.match(first, end, joined(expected), np.concatenate(continued))
+            numbers += [self.links.link(found.points[found.frame == frame]) for frame in range(first, end)]
+            yield found
+
+    def _matcher(self, views: Sequence[View]) -> Matcher:
+        return Matcher(views, self.sight, self.cameras.size, self.circumstances)
 
     def _learn_first(self, views: list[View]):
         """What the capture is like, from frames spread over the first chunk, each on its own."""
         full = [view for view in views if view.count]
         sample = full[:: max(len(full) // LEARNING_FRAMES, 1)][:LEARNING_FRAMES]
-        for _ in range(2 if sample else 0):
-            matched = [self._match(view, Expected.nothing()) for view in sample]
-            self.learned |= self._learn(sample, matched, 1.0)
+        for some in (sample[::2], sample) if sample else ():  # what is not known yet costs most
+            matched = [self._matcher([view]).match(0, 1) for view in some]
+            self.learned |= self._learn(some, joined(matched), 1.0)
 
-    def _learn(self, views: list[View], found: list[FramePoints], share: float) -> bool:
+    def _learn(self, views: list[View], found: FramePoints, share: float) -> bool:
         """Moves what is believed of the capture by `share` towards what these frames show; whether they could."""
-        if not found:
-            return False
-        support, squares, watching = (
-            np.concatenate([getattr(points, name) for points in found]) for name in ("support", "squares", "watching")
-        )
-        pixel = _pixel_noise(squares, support)
+        support, watching = found.support, found.watching
+        pixel = _pixel_noise(found.squares, support)
         if not np.isfinite(pixel):
             return False
         blobs = np.sum([view.real.sum(axis=1) for view in views], axis=0)
-        used = np.sum([(points.slots >= 0).sum(axis=0) for points in found], axis=0)
+        used = (found.slots >= 0).sum(axis=0)
         old, options = self.circumstances, RECONSTRUCTION
         many = support >= 3
         seen = np.clip(support[many].sum() / max(watching[many].sum(), 1), options.min_seen, options.max_seen)
@@ -172,12 +189,6 @@ class Reconstructor:
             ghosts=np.maximum(old.ghosts + share * ((blobs - used) / len(views) - old.ghosts), options.min_ghosts),
         )
         return True
-
-
-def _rows(view: View, points: FramePoints) -> np.ndarray:
-    """(Q, C) the rows of the points' blobs in their chunk, -1 where there is none."""
-    rows = view.row[np.arange(len(view.row)), np.maximum(points.slots, 0)]
-    return np.where(points.slots >= 0, rows, -1)
 
 
 def _pixel_noise(squares: np.ndarray, support: np.ndarray) -> float:

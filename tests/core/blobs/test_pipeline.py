@@ -9,9 +9,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from addon.core.blobs.pipeline import label_take
+from addon.core.blobs.pipeline import TakeLabeller, label_take
 from addon.core.blobs.search import NO_HINTS, Hints
-from addon.core.blobs.subject import TIMED_STAGES
+from addon.core.blobs.subject import TIMED_STAGES, Setup
 from addon.core.data.takes import NO_MARKER, NO_STEP
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions, disturbed
@@ -114,6 +114,15 @@ def test_chunks_of_any_size_give_the_same_labels(size):
     assert (pieces.marker == whole.marker).mean() > 0.999
     assert pieces.wrong <= whole.wrong + 2
     assert len(pieces.chunks) == -(-len(walk().blobs.frames) // size)
+
+
+def test_who_was_found_already_is_not_looked_for(monkeypatch):
+    scene, setup = walk(), Setup.of(RIG, built_in("gait15"), rate=RATE)
+    one, other = TakeLabeller(setup), TakeLabeller(setup)
+    other.person = False
+    marker = one.label(scene.blobs).labels.marker
+    monkeypatch.setattr("addon.core.blobs.pipeline.find_subject", None)
+    assert (other.label(scene.blobs, marker, one.found).labels.marker == marker).mean() > 0.999
 
 
 def test_the_same_take_gives_the_same_labels_and_every_chunk_when_it_comes():
