@@ -73,7 +73,7 @@ def start_blender():
 def _own_temporary_files() -> Iterator[None]:
     """Blender, loaded in the block, keeps its temporary files where the next run takes them away if this is killed.
 
-    It does so until preferences are read: it looks for a place anew then.
+    It does so until preferences are read: it looks for a place again then.
     """
     try:
         folder = str(lasting_scratch())

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether training on made a model worse: labelled takes are labelled anew by the model before and by the one after."""
+"""Whether training on made a model worse: labelled takes are labelled again by the model before and by the one after."""
 
 from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass
@@ -162,7 +162,7 @@ def _frames_of(subject: str, points: np.ndarray, names: tuple[str, ...]) -> Know
 
 
 def checking(before: Model, after: Model, check: TakesToCheck) -> Generator[Progress, None, Comparison]:
-    """Labels the takes anew by both models. Markers that the new one was not to have are not missed."""
+    """Labels the takes again by both models. Markers that the new one was not to have are not missed."""
     markers, takes = after.markerset.markers, check.takes
     differences = []
     for number, (take, kind) in enumerate(takes):

@@ -24,13 +24,13 @@ from ..papers.virtual_occlusions.occlusion import Occlusion
 from ..points.several.pipeline import is_prop
 from ..points.several.wearers import SetsWorn
 
-# physical: of a subject's names in a chunk, the share that its body by itself must give too to be heard; else the set's
-# body does not suit the subject, and the points alone have the say.
+# physical: of a subject's names in a chunk, the share that its body by itself must give too to be trusted; else the
+# set's body does not suit the subject, and the points alone decide.
 AGREED_SHARE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
-class _Said:
+class _Reading:
     """What a body says of a chunk: labels (N,) by the markers of all, and the motion of its own, from `first` on."""
 
     labels: Labels
@@ -49,7 +49,7 @@ class FollowedSubject:
     def __init__(self, first: int, setup: Setup):
         self.first, self.size, self.setup = first, setup.model.marker_count, setup
         self.free, self.held = (TakeLabeller(setup) for _ in range(2))
-        self.heard = True
+        self.trusted = True
 
     @property
     def clear(self) -> bool:
@@ -60,37 +60,37 @@ class FollowedSubject:
         """(N,) True for the blobs that are named as its own."""
         return (labels.marker >= self.first) & (labels.marker < self.first + self.size)
 
-    def alone(self, blobs: Blobs, labels: Labels) -> _Said:
-        """What its body says by itself; whether it is heard depends on how many of its names that agrees with."""
+    def alone(self, blobs: Blobs, labels: Labels) -> _Reading:
+        """What its body says by itself; whether it is trusted depends on how many of its names that agrees with."""
         own = self.owns(labels)
-        said = self._said(self.free, blobs, labels, own | ~labels.named, held=False)
-        judged = own & (said.motion.confidence[blobs.frame] > 0)
-        same = said.labels.marker[judged] == labels.marker[judged]
-        self.heard = not judged.any() or bool(same.mean() >= AGREED_SHARE)
-        return said
+        reading = self._read_by(self.free, blobs, labels, own | ~labels.named, held=False)
+        judged = own & (reading.motion.confidence[blobs.frame] > 0)
+        same = reading.labels.marker[judged] == labels.marker[judged]
+        self.trusted = not judged.any() or bool(same.mean() >= AGREED_SHARE)
+        return reading
 
-    def agreeing(self, blobs: Blobs, labels: Labels, alone: _Said) -> np.ndarray:
+    def agreeing(self, blobs: Blobs, labels: Labels, alone: _Reading) -> np.ndarray:
         """(N,) True for its own names that its body gives by itself, or does not judge: there is none in that frame."""
-        unjudged = (alone.motion.confidence[blobs.frame] == 0) | (not self.heard)
+        unjudged = (alone.motion.confidence[blobs.frame] == 0) | (not self.trusted)
         return self.owns(labels) & (unjudged | (alone.labels.marker == labels.marker))
 
-    def tempted(self, blobs: Blobs, labels: Labels, others: np.ndarray) -> _Said:
+    def tempted(self, blobs: Blobs, labels: Labels, others: np.ndarray) -> _Reading:
         """What its body says, held by its names, with somebody else's blobs (N,) among its own and nobody's.
 
-        It is looked for anew in every chunk, as few have such blobs.
+        It is looked for again in every chunk, as few have such blobs.
         """
-        return self._said(TakeLabeller(self.setup), blobs, labels, self.owns(labels) | ~labels.named | others)
+        return self._read_by(TakeLabeller(self.setup), blobs, labels, self.owns(labels) | ~labels.named | others)
 
-    def reading(self, blobs: Blobs, labels: Labels) -> _Said:
+    def reading(self, blobs: Blobs, labels: Labels) -> _Reading:
         """What its body says of its own blobs and nobody's, held by its names."""
-        return self._said(self.held, blobs, labels, self.owns(labels) | ~labels.named)
+        return self._read_by(self.held, blobs, labels, self.owns(labels) | ~labels.named)
 
-    def _said(
+    def _read_by(
         self, labeller: TakeLabeller, blobs: Blobs, labels: Labels, among: np.ndarray, held: bool = True
-    ) -> _Said:
-        """What one of its bodies says of the blobs that it is to be found `among` (N,); nothing where it is not heard.
+    ) -> _Reading:
+        """What one of its bodies says of the blobs that it is to be found `among` (N,).
 
-        What the body by itself says shows whether it is.
+        Nothing where it is not trusted, which what the body by itself says shows.
         """
         rows = np.flatnonzero(among)
         seeds = np.where(self.owns(labels), labels.marker - self.first, NO_MARKER)[rows] if held else None
@@ -98,10 +98,10 @@ class FollowedSubject:
         known, labeller.person = self.free.found if held and self.clear else None, not self.clear
         chunk = labeller.label(blobs.part(slice(0, len(blobs.frames)), rows), seeds, known)
         found, named = Labels.none(len(blobs)), chunk.labels.named
-        if not held or self.heard:
+        if not held or self.trusted:
             found.marker[rows] = np.where(named, chunk.labels.marker + self.first, NO_MARKER)
             found.step[rows], found.confidence[rows] = chunk.labels.step, chunk.labels.confidence
-        return _Said(found, chunk.motion, self.first)
+        return _Reading(found, chunk.motion, self.first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ class FollowedSubjects:
     def read(self, blobs: Blobs, labels: Labels) -> Labels:
         """The labels (N,) of the next chunk's blobs by points, without those that bodies deny, and with what they add.
 
-        A blob that two bodies claim is nobody's.
+        A blob that two bodies name is nobody's.
         """
         if not self.subjects:
             return labels
@@ -135,13 +135,13 @@ class FollowedSubjects:
         agreed = labels.kept(kept)
         agreed = agreed.kept(~self._contested(blobs, agreed, alone))
         readings = [one.reading(blobs, agreed) for one in self.subjects]
-        claims = np.sum([said.labels.named & ~agreed.named for said in readings], axis=0)
+        readers = np.sum([reading.labels.named & ~agreed.named for reading in readings], axis=0)
         whole = agreed
-        for said in readings:
-            whole = whole.replaced(said.labels.named & (claims == 1), said.labels)
+        for reading in readings:
+            whole = whole.replaced(reading.labels.named & (readers == 1), reading.labels)
         return whole
 
-    def _contested(self, blobs: Blobs, agreed: Labels, alone: Sequence[_Said]) -> np.ndarray:
+    def _contested(self, blobs: Blobs, agreed: Labels, alone: Sequence[_Reading]) -> np.ndarray:
         """(N,) True for the names of points that a marker of somebody else's body is nearer to than their own body's.
 
         A name of a point that the points alone gave is as near to its body as that could be bent.
@@ -154,15 +154,15 @@ class FollowedSubjects:
             away = self._away(blobs, agreed, one, own, alone)
             beside = away < Rules.max_distance_m
             if beside.any() and not one.clear:
-                said = one.tempted(blobs, agreed, beside)
-                beside &= said.labels.named
+                reading = one.tempted(blobs, agreed, beside)
+                beside &= reading.labels.named
                 rows = np.flatnonzero(beside)
-                away[rows] = said.off(blobs, rows)
+                away[rows] = reading.off(blobs, rows)
             found |= beside & (away < off)
         return found
 
     def _away(
-        self, blobs: Blobs, agreed: Labels, one: FollowedSubject, own: _Said, alone: Sequence[_Said]
+        self, blobs: Blobs, agreed: Labels, one: FollowedSubject, own: _Reading, alone: Sequence[_Reading]
     ) -> np.ndarray:
         """(N,) m, how far the blobs' points are, where they are others', from where a marker that one lacks may be.
 

@@ -12,7 +12,7 @@ from ...core.data.errors import InputError
 from ..source import BytesOnDisk
 from .reading import BLOCK, SIXTEEN_BITS, C3dFile, Parameter, TrialFile, point_texts, trial_range, words_of
 
-# What of a file is said anew of the take that is written.
+# What of a file is written of the take that is written.
 OURS = re.compile(r"POINT:(USED|SCALE|RATE|DATA_START|FRAMES|LONG_FRAMES|(LABELS|DESCRIPTIONS)\d*)")
 
 # Bytes of the header; format.
@@ -90,15 +90,15 @@ class Kept:
         # Of a group it is below zero; no parameter has 128.
         return {name: min(number, 256 - number) for name, number in numbers if number != 128}
 
-    def records(self, anew: Collection[str]) -> Iterator[bytes]:
-        """Groups and parameters without those that are said anew, by "GROUP:NAME", and what has no meaning then.
+    def records(self, again: Collection[str]) -> Iterator[bytes]:
+        """Groups and parameters without those that are written again, by "GROUP:NAME", and what has no meaning then.
 
-        That is all else of SUBJECTS where that is said anew, and of rotations, which are not kept.
+        That is all else of SUBJECTS where that is written again, and of rotations, which are not kept.
         """
-        gone = ["SUBJECTS:"] if "SUBJECTS:USED" in anew else []
+        gone = ["SUBJECTS:"] if "SUBJECTS:USED" in again else []
         gone += ["ROTATION:"] if self.file.whole("ROTATION:USED") else []
         for key, record in self.file.records:
-            replaced = key in anew or OURS.fullmatch(key) or key.startswith(tuple(gone))
+            replaced = key in again or OURS.fullmatch(key) or key.startswith(tuple(gone))
             if record.parameter is None or not replaced:
                 yield packed_record(record.head, self._packed(record.parameter), record.description)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import NO_MARKER, Blobs, Labels
-from addon.core.pipelines.fitted_subjects import FollowedSubject, FollowedSubjects, _Said
+from addon.core.pipelines.fitted_subjects import FollowedSubject, FollowedSubjects, _Reading
 
 MARKERS = 3  # of each of two
 
@@ -49,25 +49,25 @@ class Body:
     def owns(self, labels: Labels) -> np.ndarray:
         return (labels.marker >= self.first) & (labels.marker < self.first + MARKERS)
 
-    def said(self, marker: list[int], point: float) -> _Said:
+    def read(self, marker: list[int], point: float) -> _Reading:
         expected, points = np.full((2, 1, MARKERS, 3), np.nan)
         expected[0, 0], points[0, 0] = (self.has, 0, 1), (point, 0, 1)
-        return _Said(labels_of(marker), SimpleNamespace(expected=expected, markers=points), self.first)
+        return _Reading(labels_of(marker), SimpleNamespace(expected=expected, markers=points), self.first)
 
-    def alone(self, blobs: Blobs, labels: Labels) -> _Said:
-        return self.said(np.where(self.owns(labels), labels.marker, NO_MARKER).tolist(), self.point)
+    def alone(self, blobs: Blobs, labels: Labels) -> _Reading:
+        return self.read(np.where(self.owns(labels), labels.marker, NO_MARKER).tolist(), self.point)
 
-    def agreeing(self, blobs: Blobs, labels: Labels, alone: _Said) -> np.ndarray:
+    def agreeing(self, blobs: Blobs, labels: Labels, alone: _Reading) -> np.ndarray:
         return self.owns(labels) & ~np.isin(np.arange(len(blobs)), self.denies)
 
-    def reading(self, blobs: Blobs, labels: Labels) -> _Said:
+    def reading(self, blobs: Blobs, labels: Labels) -> _Reading:
         held = np.where(labels.named, np.where(self.owns(labels), labels.marker, NO_MARKER), self.says)
-        return self.said(held.tolist(), self.point)
+        return self.read(held.tolist(), self.point)
 
-    def tempted(self, blobs: Blobs, labels: Labels, others: np.ndarray) -> _Said:
+    def tempted(self, blobs: Blobs, labels: Labels, others: np.ndarray) -> _Reading:
         assert not self.clear
         assert (others <= (labels.named & ~self.owns(labels))).all()
-        return self.said(self.says, self.tempts)
+        return self.read(self.says, self.tempts)
 
 
 def read(blobs: Blobs, given: list[int], *bodies: Body):

@@ -30,7 +30,7 @@ class SolvingOptions:
 
     max_behind_guess     a frame's best, from which a guess is followed no further; measured: half or twice names people
                          of other labs, and crowds, alike
-    max_behind_named     the same once it has been named anew; measured: half loses 1 to 2 % there, twice nothing
+    max_behind_named     the same once it has been named again; measured: half loses 1 to 2 % there, twice nothing
     max_behind_exchange  the same for a frame's best with a limb exchanged; measured: half or twice names them alike
     """
 
@@ -41,7 +41,7 @@ class SolvingOptions:
 
 SOLVING = SolvingOptions()
 MIN_GAIN = 0.05  # log likelihood that is worth another round
-RENAMING_ROUNDS = 2  # of naming anew by everyone's conditional odds
+RENAMING_ROUNDS = 2  # of naming again by everyone's conditional odds
 MAX_CLIMBS = 6  # moves and swaps that may follow each other
 
 

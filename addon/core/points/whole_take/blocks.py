@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Markers that sit side by side, named anew all at once: two that are each in the place of a third are no exchange.
+"""Markers that sit side by side, named again all at once: two that are each in the place of a third are no exchange.
 
 A heel, an ankle and a toe that have all slipped to points beside theirs explain each other. So they are let go
 together: what the rest of the body says of where they are is one normal density, in which every choice of points for
@@ -21,7 +21,7 @@ from .pairs import PAIRING
 
 @dataclass(frozen=True)
 class BlockOptions:
-    """What is named anew together.
+    """What is named again together.
 
     size        physical: markers at a time: a heel, an ankle and a toe
     points      memory and time: that each may be, the likeliest on its own; half names crowds alike
@@ -57,7 +57,7 @@ def _blocks(mean: np.ndarray) -> np.ndarray:
 
 
 def _turned_about(known: Known, now: Settled, place: np.ndarray, blocks: np.ndarray) -> np.ndarray:
-    """(X, M) the likeliest ways to give the points of each block (K, B) to its markers anew, out of `place` (M,).
+    """(X, M) the likeliest ways to give the points of each block (K, B) to its markers again, out of `place` (M,).
 
     By what they win over the names so far, which is known without letting go of any: that of normal densities.
     """

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Looking for a naming of a take that is worth more: one kind of move, on groups of markers, and one rule.
 
-A group of markers loses its names. They are given anew, to all that has none, by the distances to everything else that
+A group of markers loses its names. They are given again, to all that has none, by the distances to everything else that
 is named; or they are exchanged within the group. What frames said of the group does not count for what is proposed: it
 is what may be wrong. It counts for what is kept, which is what the objective prefers.
 """
@@ -163,7 +163,7 @@ class Search:
         return marker
 
     def _opened(self, group: np.ndarray) -> np.ndarray:
-        """(N,) the names with those of a group given anew; extras may take part in it."""
+        """(N,) the names with those of a group given again; extras may take part in it."""
         objective, now, marker = self.objective, self.best, self.best.marker
         inside, held = np.isin(marker, group), objective.tracklets.held != NO_MARKER
         free = np.flatnonzero((inside | (marker == NO_MARKER) | (marker >= objective.markers)) & ~held)
@@ -199,7 +199,7 @@ class Search:
         return tried
 
     def _by_shape(self, group: np.ndarray) -> np.ndarray:
-        """(M + E,) a group's names given anew by where the shape of frames has them, among their points and extras."""
+        """(M + E,) a group's names given again by where the shape of frames has them, among their points and extras."""
         from scipy.optimize import linear_sum_assignment
 
         now, known = self.best.settled, self.objective.model.learned_likelihood.known
