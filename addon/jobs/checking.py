@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether training on made a model worse: labelled takes are labelled again by the model before and by the one after."""
+"""Whether training on made a model worse: labelled takes are labelled again by the model before and the one after."""
 
 from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass

@@ -84,7 +84,7 @@ def test_what_one_more_edit_changes_is_known_by_its_markers(seed, said, one):
     after = take_of.apply(said.added(one))
     differs = before.labels.marker != after.labels.marker
     touched = {*before.labels.marker[differs].tolist(), *after.labels.marker[differs].tolist()} - {-1}
-    spans, moved = changed_frames(before.held, after.held), changed_frames(before.held, after.held, said=False)
+    spans, moved = changed_frames(before.held, after.held), changed_frames(before.held, after.held, by_hand=False)
     placed = {key[1] for key in {**before.held.places, **after.held.places}}
     assert set(moved) <= set(spans) and set(moved) - placed <= touched
     assert changed_frames(None, before.held) == changed_frames(before.held, None)
@@ -98,7 +98,7 @@ def test_what_one_more_edit_changes_is_known_by_its_markers(seed, said, one):
 def test_a_place_that_is_moved_is_a_marker_that_moved_and_where_nothing_was_seen_it_is_one_too():
     take_of, _, _ = followed(*take(3))
     one, other = (take_of.apply(Edits((Place(NAMES[1], FIRST + 2, (0.0, 0.0, z)),))) for z in (1.0, 2.0))
-    assert changed_frames(one.held, other.held, said=False) == {1: slice(2, 3)}
+    assert changed_frames(one.held, other.held, by_hand=False) == {1: slice(2, 3)}
     assert changed_frames(one.held, one.held) == changed_frames(None, None) == {}
     assert not changed_frames(None, take_of.apply(NO_EDITS).held)
     nothing = PointRows(FIRST + np.arange(FRAMES), np.zeros(0, int), np.zeros(0, int), np.zeros((0, 3)), None)
