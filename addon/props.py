@@ -24,8 +24,8 @@ from .core.data.errors import InputError
 from .core.edits.kinds import counted_on, words_of
 from .core.filling.kept import resting_on
 from .core.points.several.wearers import AUTO, MAX_SUBJECTS, NAME_RULE, as_compared, is_subject_name
-from .io.markersets import SUFFIX, builtin_markersets, open_markerset
-from .io.model_history import is_beside
+from .io.markersets import AUTO_MODEL, SUFFIX, builtin_markersets, open_markerset
+from .io.model_history import own_models
 from .io.text import written
 from .prefs import markerset_folder
 from .scene.armature import SCALE
@@ -64,8 +64,9 @@ def keeps_items(items: Callable[..., Iterable[tuple]]) -> Callable[..., list[tup
 
 @keeps_items
 def _markerset_items(_self, _context) -> list[tuple[str, str, str, str, int]]:
-    own = sorted(path for path in markerset_folder().glob(f"*{SUFFIX}") if not is_beside(path))
-    items = [(name, name, f"Built-in marker set {name}") for name in builtin_markersets()]
+    own = own_models(markerset_folder())
+    items = [(AUTO_MODEL, "Auto", "The one of these that the take shows, which is chosen then")]
+    items += [(name, name, f"Built-in marker set {name}") for name in builtin_markersets()]
     items += [(str(path), path.name.removesuffix(SUFFIX), f"Your own marker set, {path}") for path in own]
     items.append((OWN_FILE, "From a File…", "A marker set file that you choose"))
     return [(*item, "NONE", _item_number(item[0])) for item in items]
@@ -485,6 +486,8 @@ class ReviewState(bpy.types.PropertyGroup):
 
 def chosen_model(asked: SubjectSettings | PerformerRow) -> str:
     """The name or path of the marker set that is chosen for all, or for a performer; InputError without one."""
+    if asked.markerset == AUTO_MODEL:
+        raise InputError("Auto finds what one performer wears while a take is labelled; expected a set from the list")
     if asked.markerset not in (OWN_FILE, ""):
         return asked.markerset
     if not asked.markerset:
@@ -498,6 +501,9 @@ def subjects_asked(subjects: SubjectSettings) -> dict:
     """Who is asked for, as fields of a job: `model`, `subjects` and `wearers`; InputError where that is not clear."""
     if subjects.performing != "LISTED":
         count = {"ONE": 1, "AUTO": AUTO}.get(subjects.performing, subjects.performer_count)
+        if subjects.markerset == AUTO_MODEL and count == 1:
+            own = markerset_folder()
+            return {"model": AUTO_MODEL, "own": own if own.is_dir() else None, "subjects": count, "wearers": ()}
         return {"model": chosen_model(subjects), "subjects": count, "wearers": ()}
     rows = subjects.performers
     if not len(rows):

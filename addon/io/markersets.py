@@ -163,6 +163,8 @@ VERSION_KEY = "mocap_autolabel"
 VERSION = 1
 POSE_DECIMALS = 3  # of a recorded pose, rad: half a millimetre at the end of a limb
 
+AUTO_MODEL = "auto"  # in place of a model's name: the one that a take shows
+
 ASSETS = Path(__file__).resolve().parents[2] / "assets"
 LAYOUTS, LAYOUT_SUFFIX = ASSETS / "layouts", ".toml"  # published sets in words
 

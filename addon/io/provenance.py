@@ -71,6 +71,8 @@ def earlier_run(path: Path, now: dict) -> tuple[dict | None, bool]:
     if report.get("take") != stem:
         raise InputError(f"is of the take {report.get('take')!r}; expected that of {stem!r}, {INSTEAD}", path)
     then, now = _flat(report["provenance"]), _flat(now)
+    if "--models" in now:  # that was found among them
+        now["model"] = then["model"]
     other = [name for name in now | then if now.get(name) != then.get(name)]
     if other:
         what = f"is of a run that differs in {', '.join(other)}"

@@ -3,6 +3,7 @@
 
 from collections import deque
 from collections.abc import Generator, Iterator
+from contextlib import ExitStack
 from itertools import tee
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,9 @@ from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import Cameras
 from ..core.papers.virtual_occlusions.occlusion import Occlusion
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of, with_edits
+from ..core.pipelines.misfits import TRIED_S
 from ..core.pipelines.others import OtherSubjects, refuse_two
+from ..core.pipelines.points_of_blobs import PointsOfBlobs
 from ..core.points.handedness import MEND_BLOBS
 from ..core.points.naming import chosen_method
 from ..core.points.whole_take.pipeline import PointOptions
@@ -30,7 +33,7 @@ from ..io.poses import refuse_keys
 from ..io.report import facts_of_cameras
 from ..io.scratch import scratch_folder
 from ..io.tables import Room, RowFile
-from .job import facts_of_capture, timed
+from .job import LabelJob, facts_of_capture, timed
 from .labelling import OpenTake, Results, TakePart
 
 if TYPE_CHECKING:  # only who fills gaps needs it
@@ -38,15 +41,33 @@ if TYPE_CHECKING:  # only who fills gaps needs it
     from ..core.pipelines.several_through_points import SubjectsInImages
 
 
+def _cameras_of(job: LabelJob) -> Cameras:
+    return job.cameras if isinstance(job.cameras, Cameras) else open_cameras(job.cameras, job.up)
+
+
 class BlobTake(OpenTake):
     """A take of blobs; memory does not grow with it."""
 
     keys, mend = BLOB_KEYS, MEND_BLOBS
 
+    @staticmethod
+    def shown(job: LabelJob, _stack: ExitStack) -> Points:
+        """The points that the blobs around its middle make; JobError where they make none."""
+        cameras = _cameras_of(job)
+        wanted, ends = job.frames or (None, None), frames_in(job.source, cameras) or (None, None)
+        ends = [end if own is None else own for own, end in zip(wanted, ends, strict=True)]
+        if None not in ends:
+            middle, half = sum(ends) // 2, max(round(TRIED_S * job.frame_rate / 2), 1)
+            ends = [max(ends[0], middle - half), min(ends[1], middle + half)]
+        points = PointsOfBlobs(cameras, job.frame_rate)
+        for rows in read_blobs(job.source, cameras, tuple(ends)):
+            points.add(rows.blobs)
+        return points.take()
+
     def read(self) -> dict:
         """Reads the cameras, and gives them; of a take that is edited its frames, too, where these are known."""
         job = self.job
-        self.cameras = job.cameras if isinstance(job.cameras, Cameras) else open_cameras(job.cameras, job.up)
+        self.cameras = _cameras_of(job)
         self.in_parts = self.several is None
         self.taken: deque[BlobRows] = deque()  # that went into the labelling and did not come out yet
         self._rays: list[tuple[int, MarkerRays]] = []  # by chunk, each with the index of its first frame

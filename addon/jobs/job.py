@@ -18,9 +18,11 @@ from ..core.geometry.cameras import Cameras
 from ..core.points.naming import USUAL_TARGET, plain_method
 from ..io.cameras import calibration_files
 from ..io.edits import edits_beside
-from ..io.markersets import markerset_file
+from ..io.markersets import AUTO_MODEL, markerset_file
+from ..io.model_history import known_models
 from ..io.provenance import REPORT, earlier_run, file_rows
 from ..io.qtm.capture import USE_BLOBS, USE_POINTS, held_in, is_qtm
+from ..io.source import digest
 from ..io.text import written
 from ..io.whole import is_read, whole_files
 from ..version import version
@@ -53,7 +55,8 @@ class LabelJob:
 
     source    the file of blobs or 3D points; `out` gets files named after its stem
     cameras   the calibration, a file or what was read of one; None for points
-    model     a built-in model's name or the path of one
+    model     a built-in model's name or the path of one; AUTO_MODEL for the known one that the take shows
+    own       the user's folder of models, which are then known too
     subjects  how many wear the model, AUTO for as many as there are; 1 is who has no name
     wearers   who wears what, by name: models as above, of whom `model` is the first one's; none without names
     frames    first and last frame to label, both included, None for the take's own
@@ -83,6 +86,7 @@ class LabelJob:
     cameras: Path | Cameras | None
     model: str
     out: Path
+    own: Path | None = None
     subjects: int = 1
     wearers: tuple[tuple[str, str], ...] = ()
     frames: tuple[int | None, int | None] | None = None
@@ -125,7 +129,9 @@ class LabelJob:
 
     @property
     def models(self) -> list[str]:
-        """What is worn, each model once: names and paths."""
+        """What is worn, or may be where that is to be found, each model once: names and paths."""
+        if self.model == AUTO_MODEL:
+            return known_models(self.own)
         return list(dict.fromkeys(model for _, model in self.wearers)) or [self.model]
 
     @property
@@ -232,12 +238,14 @@ class Labelled:
     worn    whose markers were named: one set, or those that several subjects wear
     chunks  with `keep` the blobs or points and what was said of them, chunk by chunk
     edits   those that were applied
+    model   what is worn, as a job has it: the first one's of several
     """
 
     report: dict
     worn: Worn
     chunks: Chunks
     edits: Edits = NO_EDITS
+    model: str = ""
 
 
 @contextmanager
@@ -290,7 +298,7 @@ def facts_of_capture(source: Path, cameras: Cameras | None = None) -> dict:
 
 
 # Fields of a job that make no difference to what its files hold, or are told by their content.
-OUTSIDE = ("source", "cameras", "model", "out", "body", "edits", "overwrite", "resume", "keep", "shown")
+OUTSIDE = ("source", "cameras", "model", "own", "out", "body", "edits", "overwrite", "resume", "keep", "shown")
 
 # Files that one run writes beside its report and another does not.
 OPTIONAL = (".trc", ".blend", PAGE, MOTION_FILE)
@@ -308,12 +316,16 @@ def made_of(job: LabelJob) -> dict:
         "method": plain_method(job.method),
         "wearers": [name for name, _ in job.wearers],
     }
+    worn = [model for _, model in job.wearers] or [job.model]
+    if job.model == AUTO_MODEL:  # who is found is known later; by these and the take it is the same again
+        options["models"] = sorted(digest(markerset_file(model)) for model in job.models)
+        worn = []
     given = {"cameras": job.cameras, "edits": job.edits_applied}
     cameras, edits = (one if isinstance(one, Path) else None for one in given.values())
     files = {
         "input": [job.source],
         "cameras": calibration_files(cameras) if cameras else [],
-        "model": [markerset_file(model) for model in [model for _, model in job.wearers] or [job.model]],
+        "model": map(markerset_file, worn),
         "edits": [edits] if edits else [],
     }
     report = job.path(REPORT)

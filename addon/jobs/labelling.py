@@ -8,18 +8,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..blendfile import Chunks, refuse_long, save_blend, save_played
-from ..core.data.errors import InputError, of_file
+from ..core.data.errors import InputError, JobError, of_file
 from ..core.data.markersets import Worn
 from ..core.data.progress import Progress
 from ..core.data.takes import MAX_FRAME, Blobs, EditOutcome, LabelledChunk, PointRows, Points, Suspect
 from ..core.edits.applying import joined
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
+from ..core.pipelines.known_sets import HOW_TO_CHOOSE, set_worn
 from ..core.pipelines.misfits import misfit_of
 from ..core.points.handedness import MEND_MIRRORED, MEND_POINTS, Handedness
 from ..core.points.models import Model
 from ..core.points.motion import labelled_points
 from ..core.points.naming import chosen_method
-from ..core.points.possible import slow_words
+from ..core.points.possible import refuse_impossible, slow_words
 from ..core.points.refusals import SubjectsError, UnsuitedError
 from ..core.points.several.wearers import SetsWorn, SeveralOptions, Wearer, kinds
 from ..core.points.whole_take.pipeline import PointOptions
@@ -31,11 +32,11 @@ from ..core.review.take_trouble import TakeTrouble
 from ..io.c3d.reading import TrialFile
 from ..io.edits import open_edits
 from ..io.labels import POINT_KEYS, LabelWriter, facts_of_changes, point_keys
-from ..io.markersets import builtin_markersets
+from ..io.markersets import AUTO_MODEL, builtin_markersets, markerset_file
 from ..io.models import open_model
-from ..io.points import read_points, write_c3d, write_trc
+from ..io.points import FilePoints, read_points, write_c3d, write_trc
 from ..io.poses import PoseFile, is_long, refuse_keys
-from ..io.provenance import REPORT, sealed
+from ..io.provenance import REPORT, file_rows, sealed
 from ..io.report import facts_of_edits, facts_of_trouble, renumbered, take_report
 from ..io.scratch import scratch_folder
 from ..io.source import digest
@@ -85,6 +86,7 @@ TakePart = tuple[Blobs | PointRows, list[str], LabelledChunk, float]  # with the
 class OpenTake:
     """A take while it is labelled; `PointTake` and `BlobTake` say what is different.
 
+    shown     reads the part of it that marker sets are found by, or more, as points
     read      opens the take, and gives what edits are checked by; InputError for what cannot be labelled
     name      names what is named of the whole take at once, and refuses what cannot be named
     parts     the named parts, in their order; they may be long where all of them are kept
@@ -133,13 +135,16 @@ class PointTake(OpenTake):
 
     keys = POINT_KEYS
 
+    @staticmethod
+    def shown(job: LabelJob, stack: ExitStack) -> Points:
+        """All of it."""
+        return _points_of(job, Room(stack))
+
     def read(self) -> dict:
         """Reads all of it, and gives its trajectories and frames."""
         job, model, several = self.job, self.model, self.several
         self.room = Room(self.stack)
-        self.take = take = read_points(
-            job.source, frames=job.frames, up=job.up, rate=job.rate, make_table=self.room, mirror=job.mirror
-        )
+        self.take = take = _points_of(job, self.room)
         self.trial = None if job.plain else take.trial
         last = int(take.frames[-1])
         if last > MAX_FRAME:
@@ -179,7 +184,7 @@ class PointTake(OpenTake):
     def _misfit(self, error: UnsuitedError, options: PointOptions) -> Generator[Progress, None, UnsuitedError]:
         """The error with its reason: another axis up, or another built-in marker set."""
         others = [open_model(name) for name in builtin_markersets() if name != self.model.markerset.name]
-        return (yield from misfit_of(error, self.take, self.model, options, turns_from(self.take.up), others))
+        return (yield from misfit_of(error, self.take, [self.model], options, turns_from(self.take.up), others))
 
     def parts(self, kept: bool) -> Iterator[TakePart]:
         """The named parts; one where they are kept: then all of it is in memory anyhow."""
@@ -216,6 +221,32 @@ class PointTake(OpenTake):
         return labelled_points(self.take, self.labelled, self.worn)
 
 
+def _points_of(job: LabelJob, room: Room) -> FilePoints:
+    return read_points(job.source, frames=job.frames, up=job.up, rate=job.rate, make_table=room, mirror=job.mirror)
+
+
+def _find_model(job: LabelJob, take: Points) -> Generator[Progress, None, str]:
+    """The one of the known models that a take wears, as a job has it.
+
+    Raises JobError where several may be, or none is.
+    """
+    known = {open_model(name): name for name in job.models}
+    learned = [model for model in known if model.likelihood is not None]
+    if isinstance(take, FilePoints) and not job.force:
+        refuse_impossible(take.xyz, take.rate, take.lanes, learned)
+    worn, likely = yield from set_worn(take, learned)
+    if worn is not None:
+        return known[worn]
+    if likely:
+        words = f"looks like a take of {' as well as '.join(known[model] for model in likely)}"
+        raise JobError(f"{words}; expected the one that is worn, {HOW_TO_CHOOSE} {known[likely[0]]}")
+    words = f"looks like a take of none of the {len(learned)} known marker sets"
+    error = UnsuitedError(f"{words}; expected the one that is worn, {HOW_TO_CHOOSE} MODEL, or a model that is trained")
+    if isinstance(take, FilePoints):
+        error = yield from misfit_of(error, take, learned, PointOptions("likelihood"), turns_from(take.up), ())
+    raise JobError(error.message)  # there is no model that could be forced
+
+
 def label_take(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> Generator[Progress, None, Labelled]:
     """Labels the take, of whichever kind, and writes its files, which appear together or not at all.
 
@@ -225,6 +256,13 @@ def label_take(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> 
     clock: dict[str, float] = {}
     with ExitStack() as stack:
         inputs, files = open_files(job, stack)  # before they are read
+        found = []
+        if job.model == AUTO_MODEL:
+            with timed(clock, "load"), ExitStack() as read:
+                count, take = len(job.models), kind_of(job).shown(job, read)
+                job = replace(job, model=(yield from _find_model(job, take)))
+                inputs["model"] = file_rows([markerset_file(job.model)], job.path(REPORT))
+                found = [f"{job.model} was found among {count} marker sets"]
         with timed(clock, "load"):
             models = {}
             for name in job.models:
@@ -232,6 +270,7 @@ def label_take(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> 
             take = kind_of(job)(job, models, stack, clock)
         yield from take.name()
         results = Results(job, take, files[".labels.csv"], stack)
+        results.notes += found
         for rows, keys, chunk, read in take.parts(results.kept):
             with timed(clock, "write"):
                 results.labels.write(keys, chunk.labels)
@@ -250,7 +289,7 @@ def label_take(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> 
                 given = points, take.worn, listeners, *(() if rays is None else (rays,))
                 points, of_gaps, fills = yield from fill_labelled(*given)
         report = results.write(files, points, of_gaps, fills, inputs, clock)
-    return Labelled(report, take.worn, results.chunks if job.keep else [], take.edits)
+    return Labelled(report, take.worn, results.chunks if job.keep else [], take.edits, job.models[0])
 
 
 class Results:
@@ -310,7 +349,7 @@ class Results:
 
     def end(self, notes: list[str], suspects: tuple[Suspect, ...]):
         """Adds what shows at the end of the take; MirroredError where that is that it is mirrored."""
-        self.notes = [*notes, *self.job.doubted(self.handedness.refuse)]
+        self.notes += [*notes, *self.job.doubted(self.handedness.refuse)]
         self.summary.suspects += suspects
         if self.chunks and suspects:
             rows, last = self.chunks[-1]

@@ -14,12 +14,13 @@ from ..core.data.takes import Blobs
 from ..core.data.wording import count_of
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS
+from ..core.pipelines.known_sets import HOW_TO_CHOOSE
 from ..core.pipelines.misfits import HOW_TO_TURN
 from ..core.points.handedness import HOW_TO_MIRROR
 from ..core.points.refusals import HOW_TO_ASK
 from ..core.points.several.wearers import AUTO
 from ..core.review.changes import summary_of_changes
-from ..io.markersets import open_markerset
+from ..io.markersets import AUTO_MODEL, open_markerset
 from ..io.qtm.capture import USE_BLOBS, USE_POINTS
 from ..io.scratch import scratch_folder
 from ..io.text import written
@@ -41,6 +42,7 @@ from .viewing import fit_timelines, show_take_whole
 
 ASK_HERE = "by Label All Performers, or under Performers"
 MIRROR_HERE = "by Mirror in the options of Import 3D Points"
+CHOOSE_HERE = "under Marker Set, as"
 TURN_HERE = "by Up in the options of Import 3D Points, as"
 
 
@@ -136,7 +138,7 @@ def label_steps(
             return Take.of(*given, written(str(job.source)), doubts=doubts, edits=edits)
         except UserError as error:
             words = error.message.replace(HOW_TO_ASK, ASK_HERE).replace(HOW_TO_MIRROR, MIRROR_HERE)
-            words = words.replace(HOW_TO_TURN, TURN_HERE)
+            words = words.replace(HOW_TO_TURN, TURN_HERE).replace(HOW_TO_CHOOSE, CHOOSE_HERE)
             raise type(error)(words, error.file or job.source, error.line) from error
 
     return in_background(label)
@@ -207,16 +209,21 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
         settings.source.forced |= self.force
         state.refused = ""
         job = job_of(context)
-        return _remembering(state, job, label_steps(job, take_name(settings.source)))
+        return _remembering(context, job, take_name(settings.source))
 
 
-def _remembering(state, job: LabelJob, work: Generator[float, None, Take]) -> Generator[float, None, Take]:
-    """The same work; where the take is refused and a button can help, the sidebar knows."""
+def _remembering(context: bpy.types.Context, job: LabelJob, name: str) -> Generator[float, None, Take]:
+    """Labels the take; a marker set that is found is chosen then, and the sidebar knows why a take is refused."""
+    state, subjects = context.window_manager.mocap_autolabel, context.scene.mocap_autolabel.subjects
+    found: list[str] = []
     try:
-        return (yield from work)
+        take = yield from label_steps(job, name, lambda _, labelled: found.append(labelled.model))
     except UserError as error:
         if isinstance(error, ForceableError):
             state.refused = error.message
         if ASK_HERE in error.message:
             state.crowded = written(str(job.source))
         raise
+    if job.model == AUTO_MODEL:
+        choose_model(subjects, found[0])
+    return take

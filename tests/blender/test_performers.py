@@ -11,12 +11,13 @@ from mathutils import Color
 from addon.cli import main as command
 from addon.core.data.takes import Motion
 from addon.io.markersets import markerset_file, open_markerset, write_markerset
-from addon.io.points import read_points
+from addon.io.points import read_points, write_c3d
 from addon.scene import naming, performers
 from addon.scene import take as takes
 from addon.scene.armature import SCALE
 from addon.scene.opened import Opened
 from addon.scene.relabelled import show_again
+from tests.core.pipelines.test_known_sets import drawn, standing
 from tests.inputs.walkers import FRAMES, RATE, WORN, write_pair, write_seen
 
 from .hands import choose, list_performers, only, ours, refused, reopen, stored_take
@@ -52,6 +53,18 @@ def test_each_has_a_collection_with_all_that_is_theirs(empty, made):
         materials = {item.data.materials[0] for item in only(home, "MESH")}
         shown = [tuple(Color(one.diffuse_color[:3]).from_scene_linear_to_srgb()) for one in materials]
         assert shown == [pytest.approx(colours[name], abs=1e-4)]
+
+
+def test_a_marker_set_that_is_found_is_chosen_then(extension, empty, tmp_path):
+    settings = empty.scene.mocap_autolabel
+    write_c3d(tmp_path / "one.c3d", standing(drawn("body39")))
+    bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "one.c3d"))
+    settings.subjects.markerset = "auto"
+    refused("Auto finds what one performer wears", "edit_markerset")
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert settings.subjects.markerset == "body39"
+    settings.subjects.markerset, settings.subjects.performing = "auto", "SO_MANY"
+    refused("Auto finds what one performer wears", "label")
 
 
 @pytest.mark.parametrize("of_blobs", [False, True])

@@ -192,6 +192,13 @@ def test_who_wears_what_is_said_to_other_processes(run, pair, tmp_path):
         earlier_run(report, made_of(replace(swapped, wearers=(("bob", str(model)), ("ann", WORN)))))
 
 
+def test_other_processes_are_told_where_the_own_marker_sets_are(pair, tmp_path):
+    given = label_arguments(pair / "pair.c3d", tmp_path, "--model=auto", "--models=own")
+    with contextlib.chdir(tmp_path):
+        elsewhere = _for_elsewhere(command_for(given, pair / "pair.c3d"))
+    assert {"--model=auto", f"--models={tmp_path / 'own'}"} <= set(elsewhere)
+
+
 def test_other_processes_are_told_all_options(pair, tmp_path):
     said = "--frames=5:9 --up=-y --mirror --use=points --method=fit --target=0.9 --rate=60 --height=1.7 --facing=30"
     said += " --occlusion=capsules --edits=own.json --trc --fill --blend --html --overwrite --resume --force"

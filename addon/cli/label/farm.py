@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core.data.errors import InputError, JobError, UserError
-from ...io.markersets import markerset_file
+from ...io.markersets import AUTO_MODEL, markerset_file
 from ...io.scratch import scratch_folder
 from ...io.whole import check_targets
 from ...jobs.job import LabelJob, results_of
@@ -164,7 +164,8 @@ def _for_elsewhere(line: list[str]) -> list[str]:
             wearer, _, value = value.partition("=")
             name = f"{name}={wearer}"
         model = name == "--model" or name.startswith("--subject=")
-        if name in ("--out", "--cameras", "--edits") or (model and markerset_file(value) == Path(value)):
+        model &= value != AUTO_MODEL and markerset_file(value) == Path(value)
+        if model or name in ("--out", "--cameras", "--edits", "--models"):
             word = f"{name}={os.path.abspath(value)}"  # noqa: PTH100 - links stay as they are
         words.append(word)
     return [*words, os.path.abspath(line[-1])]  # noqa: PTH100

@@ -14,6 +14,8 @@ from ...core.data.wording import words_of_range
 from ...core.points.naming import METHODS, USUAL_TARGET, chosen_method, plain_method
 from ...core.points.several.wearers import AUTO, MAX_SUBJECTS, NAME_RULE, as_compared, is_subject_name
 from ...io.edits import edits_beside
+from ...io.markersets import AUTO_MODEL
+from ...io.model_history import known_models
 from ...io.models import open_model
 from ...io.points import holds_points
 from ...io.qtm.capture import USES, is_qtm
@@ -58,12 +60,24 @@ def settle_subjects(arguments):
         raise InputError(f"--subject names {len(names)} subjects; expected up to {MAX_SUBJECTS}")
     if not arguments.model and not arguments.subject:
         raise InputError("nothing says what is worn; expected --model MODEL, or --subject NAME=MODEL for each subject")
+    if arguments.own is not None and arguments.model != AUTO_MODEL:
+        raise InputError(f"--models is of --model {AUTO_MODEL}; expected both of them or neither")
+    if arguments.model == AUTO_MODEL and arguments.subjects not in (None, 1):
+        raise InputError("--model auto finds what one subject wears; expected --model MODEL beside --subjects")
+    if arguments.model == AUTO_MODEL and arguments.own is None and __name__.startswith("bl_ext."):
+        from ...prefs import markerset_folder
+
+        own = markerset_folder()
+        arguments.own = own if own.is_dir() else None
     arguments.model = arguments.model or arguments.subject[0][1]
     arguments.subjects = 1 if arguments.subjects is None else arguments.subjects
 
 
 def check_models(arguments):
     """Raises InputError where a model is not there, or is none for several subjects."""
+    if arguments.model == AUTO_MODEL:
+        known_models(arguments.own)
+        return
     open_model(arguments.model)
     if arguments.subjects == 1 and not arguments.subject:
         return
@@ -74,11 +88,11 @@ def check_models(arguments):
             raise InputError(f"{words}; expected {way}, and a model made by train")
 
 
-def subject_words(model: str, subjects: int, wearers: Sequence[tuple[str, str]]) -> list[str]:
+def subject_words(model: str, subjects: int, wearers: Sequence[tuple[str, str]], own: Path | None = None) -> list[str]:
     """Who is asked for, said as in a job, as words of a command line."""
     if wearers:
         return [f"--subject={name}={worn}" for name, worn in wearers]
-    words = [f"--model={model}"]
+    words = [f"--model={model}", *([] if own is None else [f"--models={own}"])]
     if subjects != 1:
         words.append(f"--subjects={'auto' if subjects == AUTO else subjects}")
     return words
@@ -113,7 +127,11 @@ def add_label_options(verbs) -> argparse.ArgumentParser:
     add = parser.add_argument
     add("inputs", metavar="INPUT", nargs="+", type=Path, help="a take: blobs or 3D points; with --watch a folder")
     add("--out", required=True, type=Path, metavar="DIR", help="the folder for the results")
-    add_options(parser, "--model", "--rate", "--frames", "--up", "--plain", "--overwrite")
+    worn = "a built-in model (see models), a *.markerset.json file, or auto: the known one that the take shows"
+    add_options(parser, "--model", help=worn)
+    add_options(parser, "--rate", "--frames", "--up", "--plain", "--overwrite")
+    folder = "of --model auto: the folder of your own marker sets (default: in Blender that of the preferences)"
+    add("--models", dest="own", type=Path, metavar="FOLDER", help=folder)
     add_options(parser, "--cameras", **OWN_CAMERAS)
     many = "how many wear the model, auto for as many as there are (default 1); markers are then called 1:LASI, 2:LASI"
     add("--subjects", type=_count, metavar="N|auto", help=many)
@@ -153,7 +171,7 @@ def as_job(arguments, path: Path) -> LabelJob:
 
 def command_for(arguments, path: Path) -> list[str]:
     """The command line that labels one of the inputs alone."""
-    who = subject_words(arguments.model, arguments.subjects, arguments.subject)
+    who = subject_words(arguments.model, arguments.subjects, arguments.subject, arguments.own)
     command = ["label", f"--out={arguments.out}", *who]
     known = {
         name: getattr(arguments, name)

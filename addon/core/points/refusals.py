@@ -63,7 +63,7 @@ FRAMES_ASKED = 40  # that are looked at, spread over the take; by time
 
 def refuse_floods(points: Table):
     """Raises JobError where a frame of points (T, P, 3), NaN where missing, has more than can be worked with."""
-    most = int(_points_at_a_time(points).max(initial=0))
+    most = int(points_at_a_time(points).max(initial=0))
     if most > REFUSAL.max_points:
         raise JobError(f"has {most} points in one frame; expected the markers of a subject and some ghosts")
 
@@ -104,7 +104,7 @@ def refuse_others(model: Model, namer: Namer, points: Table, solvable: bool = Fa
     Raises UnsuitedError where frames on their own are not sure of the model's markers, SubjectsError where they are of
     two subjects' at once.
     """
-    count = _points_at_a_time(points)
+    count = points_at_a_time(points)
     frames = np.flatnonzero(count >= min(MIN_POINTS + 1, len(model.markerset)))
     if not len(frames):
         raise UnsuitedError("has no frame with enough points to tell markers apart; expected four or more at a time")
@@ -165,7 +165,7 @@ def sure_share(named: Labels, points: Table, markers: int) -> float:
 def _seconds(model: Model, points: np.ndarray, first: Labels, found: bool) -> list[np.ndarray]:
     """The points (T, P, 3) of each who may be a subject beside the one that was named, if one was; NaN elsewhere."""
     size = len(model.markerset)
-    crowded = _points_at_a_time(points) >= REFUSAL.crowd * size
+    crowded = points_at_a_time(points) >= REFUSAL.crowd * size
     if crowded.mean() < REFUSAL.min_half:
         return []
     if found:
@@ -211,7 +211,7 @@ def far_groups(points: np.ndarray, gap: float, least: float) -> list[np.ndarray]
 def _sure(model: Model, namer: Namer, points: np.ndarray) -> float:
     """How sure the frames of points (T, P, 3) m are of the model's markers, 0 where there are seldom enough points."""
     size = len(model.markerset)
-    enough = _points_at_a_time(points) >= REFUSAL.min_half * size
+    enough = points_at_a_time(points) >= REFUSAL.min_half * size
     if enough.mean() < REFUSAL.min_half:
         return 0.0
     return sure_share(_each_alone(namer, points[enough]), points[enough], size)
@@ -222,7 +222,7 @@ def _each_alone(namer: Namer, points: np.ndarray) -> Labels:
     return Labels.join(namer.name(points, 0.0))
 
 
-def _points_at_a_time(points: Table) -> np.ndarray:
+def points_at_a_time(points: Table) -> np.ndarray:
     """(T,) how many of points (T, P, 3), NaN where missing, are there."""
     count = np.zeros(len(points), int)
     for part in blocks(*points.shape[:2]):
@@ -232,12 +232,12 @@ def _points_at_a_time(points: Table) -> np.ndarray:
 
 def is_crowd(points: Table, model: Model) -> bool:
     """Whether the usual frame of points (T, P, 3), NaN where missing, has many more than the model's markers."""
-    return bool(np.median(_points_at_a_time(points)) >= REFUSAL.crowd * len(model.markerset))
+    return bool(np.median(points_at_a_time(points)) >= REFUSAL.crowd * len(model.markerset))
 
 
 def _possible(points: Table, markers: int) -> int:
     """How many labels could be given, all frames together."""
-    return max(int(np.minimum(_points_at_a_time(points), markers).sum()), 1)
+    return max(int(np.minimum(points_at_a_time(points), markers).sum()), 1)
 
 
 HOW_TO_ASK = "by --subjects 2 or auto"  # on the command line; Blender puts words of its sidebar there
@@ -263,7 +263,7 @@ def _unrecognised(model: Model, namer: Namer, points: Table, share: float) -> Un
     unit = mistaken_unit(model, some, sure)
     if unit:
         return UnsuitedError(unit.message)
-    present = _points_at_a_time(points)
+    present = points_at_a_time(points)
     many = f" or of several subjects at once ({int(present.max())} points, {size} markers)"
     several, ask = (many, f", or ask for several {HOW_TO_ASK}") if is_crowd(points, model) else ("", "")
     return UnsuitedError(

@@ -150,7 +150,7 @@ def _labelled(
     """The take from stage to stage, with the tracklet of every point (T, P); `begin` is when that was begun, s."""
     frames = yield from name_frames(take, tracklet, model, options)
     model = frames.model
-    solution, verdict = yield from _as_a_whole(frames, options)
+    solution, verdict = yield from as_a_whole(frames, options)
     unedited = applied = None
     if options.edits:
         unedited, applied, verdict = yield from _with_edits(frames, solution, verdict, options)
@@ -262,11 +262,14 @@ def _named(
     return Labels.join(parts)
 
 
-def _as_a_whole(frames: NamedFrames, options: PointOptions) -> Steps[tuple[Solution | None, Verdict]]:
-    """The names that the take as a whole bears out; JobError where it is not of the model's markers."""
+def as_a_whole(
+    frames: NamedFrames, options: PointOptions, solution: Solution | None = None
+) -> Steps[tuple[Solution | None, Verdict]]:
+    """The names that the take as a whole bears out, by a solution; JobError where it is not of the model's markers."""
     take, named, tracklet, target = frames.take, frames.labels, frames.tracklet, options.target
     yield Stage("vote", "solve the whole take" if frames.solvable else "let trajectories vote")
-    solution = yield from solution_for(frames, named, tracklet)
+    if solution is None:
+        solution = yield from solution_for(frames, named, tracklet)
     if solution is not None and not options.force:
         refuse_unlike(frames.model, frames.namer, take.xyz, solution.fit, frames.sure)
     verdict = decided_of(frames, named, tracklet, solution, target)

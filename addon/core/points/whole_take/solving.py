@@ -91,12 +91,13 @@ def solve_take(
     rate: float,
     progress: Callable[[float], None] | None = None,
     rulings: Rulings | None = None,
+    search: bool = True,
 ) -> Solution:
     """Names the tracklets (T, P), -1 where there is none, of points (T, P, 3) m at `rate` frames a second.
 
     named is what frames say on their own, of which the likeliest names are begun with. The model has a likelihood.
     `progress` hears the share that is done; `rulings` is what a person said, whose tracklets these are: it begins with
-    what the take was solved to without them.
+    what the take was solved to without them. Without a `search` names are as they spread.
     """
     tracklets = tracklets_of(points, tracklet, named, len(model.markerset))
     del tracklet  # a long take's is large
@@ -106,7 +107,7 @@ def solve_take(
         begun = rulings.begun(tracklets)
     solving = _Solving(points, tracklets, model, rate, begun)
     if rulings is None:
-        return solving.solved(progress)
+        return solving.solved(progress, search)
     solving.objective.extras = rulings.extras
     solution = solving.solved_again(rulings)
     return replace(solution, margin=rulings.sure(tracklets, solution.marker, solution.margin))
@@ -121,8 +122,8 @@ class _Solving:
         self.objective = Objective(points, tracklets, model, rate, begun)
         self.best = self.margin = self.odds = np.zeros(0)
 
-    def solved(self, progress: Callable[[float], None] | None) -> Solution:
-        """What frames came to spread over the take, and mended."""
+    def solved(self, progress: Callable[[float], None] | None, mended: bool) -> Solution:
+        """What frames came to spread over the take, and mended where it is to be."""
         questions: tuple[Question, ...] = ()
         last = len(ROUNDS.freedoms)
         # Once more at the end of a crowd: what nothing else could be may be in the place of a marker.
@@ -141,7 +142,8 @@ class _Solving:
         if self._add_extras():
             self._spread(freedom)
         search = Search(self.objective, self._filled(), freedom)
-        search.climb()
+        if mended:
+            search.climb()
         return self._solution(search.best.marker, (), search)
 
     def solved_again(self, rulings: Rulings) -> Solution:

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which of the marker sets that are known is worn in a take, by a part of it.
+
+A set may be worn where nearly all of its markers are there and the take is not refused. Of two such, A leads B by
+
+    sum_i (a_i - b_i) + h (|A only| + hidden_B - hidden_A) - e |B only|
+
+a_i, b_i  log odds of the names that A and B give to a point, which both name, of one frame, given all their others
+only      points of a frame that one of them names and the other does not
+hidden    markers that are not there in a frame; h are the log odds of a marker that is worn to be there
+e         log odds that whatever is none of the set's markers must bring to have a name
+
+A set that another, which is there whole, leads by more than the point of one marker may know is out. The one that is
+left is worn, if it is there whole and explains most points. Where more are left nobody knows.
+"""
+
+from collections.abc import Generator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ..data.errors import JobError
+from ..data.progress import Progress, Steps, in_stages, within
+from ..data.takes import NO_MARKER, Points, evenly_spread
+from ..points.models import Model
+from ..points.refusals import REFUSAL, far_groups, refuse_floods
+from ..points.tracklets import cut
+from ..points.whole_take.objective import OBJECTIVE, Objective
+from ..points.whole_take.pipeline import PointOptions, as_a_whole, begins, name_frames
+from ..points.whole_take.solving import solve_take
+from .misfits import FRAMES_TRIED, middle_of, worth_of
+
+HOW_TO_CHOOSE = "by --model"  # on the command line; Blender puts words of its sidebar there
+
+
+@dataclass(frozen=True)
+class WornOptions:
+    """When a set may be worn.
+
+    max_absent       measured: part of its markers that are hardly there: 0.1 at most in takes of the set, in which a
+                     camera saw no hand; 0.2 at least of the largest set in takes of others
+    max_absent_sure  measured: the same of one that is found for sure: one of fifteen is now and then
+    max_unfound      measured: the same before the search, which finds as many again in takes of other labs
+    max_beside       measured: times its markers that are worn beside it: 0.1 at most with props, 0.4 at least where
+                     another set is worn that nobody knows
+    there            measured: log odds of a marker that is worn to be there: gaps are 2 to 7 % of recorded takes
+    """
+
+    max_absent: float = 0.15
+    max_absent_sure: float = 0.07
+    max_unfound: float = 0.3
+    max_beside: float = 0.3
+    there: float = 3.0
+
+
+WORN = WornOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class FittingSet:
+    """A model that may be of a take, and what it makes of its points.
+
+    marker  (T, L) the name of each, NO_MARKER where it has none
+    odds    (T, L) log odds of the names, NaN where the take is not solved as a whole
+    beside  times its markers that are always there beside them
+    """
+
+    model: Model
+    marker: np.ndarray
+    odds: np.ndarray
+    beside: float
+
+    @property
+    def absent(self) -> float:
+        """The part of its markers that are hardly there."""
+        return 1 - _there(self.marker, len(self.model.markerset)).mean()
+
+    def lead(self, other: "FittingSet") -> float:
+        """By how much this set is more likely than another, log odds a frame."""
+        one, two = self.marker != NO_MARKER, other.marker != NO_MARKER
+        lead = np.nansum((self.odds - other.odds)[one & two]) - OBJECTIVE.extra * (two & ~one).sum()
+        lead += WORN.there * ((one & ~two).sum() + one.sum() - two.sum())
+        return float(lead / len(one) + WORN.there * (len(other.model.markerset) - len(self.model.markerset)))
+
+
+def set_worn(take: Points, models: Sequence[Model]) -> Generator[Progress, None, tuple[Model | None, list[Model]]]:
+    """The one of the models, which have a likelihood, that is worn in a take, if that is sure; and all that may be.
+
+    Of sets with the same markers the likeliest stands for all. None may be where the take would be refused with each.
+    Raises JobError where there are no points, or too many.
+    """
+    part = middle_of(take)
+    refuse_floods(part.xyz)
+    own = _of_one_body(part.xyz[:], cut(part.xyz, part.rate, lanes=part.lanes))
+    part = replace(part, xyz=np.where(own[..., None], part.xyz, np.nan))
+    most, some = own.sum(axis=1).max(initial=0), part.in_order(evenly_spread(len(part.xyz), FRAMES_TRIED)).xyz
+    if not most:
+        raise JobError("shows no points; expected the markers of a subject")
+    kinds: dict[frozenset[str], list[Model]] = {}
+    for model in models:
+        if most >= (1 - WORN.max_absent) * len(model.markerset):
+            kinds.setdefault(frozenset(model.markerset.markers), []).append(model)
+    tried = [max(alike, key=lambda one: worth_of(one, some)) if alike[1:] else alike[0] for alike in kinds.values()]
+    tracklet, found = cut(part.xyz, part.rate, lanes=part.lanes), []
+    with threadpool_limits(1, user_api="blas"):
+        for number, model in enumerate(tried):
+            work = in_stages(_fitting(part, tracklet, model), begins(len(part.xyz)))
+            with suppress(JobError):
+                found.append((yield from within(work, number / len(tried), (number + 1) / len(tried))))
+    fitting = [one for one in found if one is not None and one.absent <= WORN.max_absent]
+    whole = [one for one in fitting if one.absent <= WORN.max_absent_sure]
+    left = [one for one in fitting if all(other.lead(one) <= OBJECTIVE.max_marker for other in whole)]
+    sure = len(left) == 1 and left[0] in whole and left[0].beside <= WORN.max_beside
+    return left[0].model if sure else None, [one.model for one in left or fitting]
+
+
+def _fitting(take: Points, tracklet: np.ndarray, model: Model) -> Steps[FittingSet | None]:
+    """What a model makes of points with such tracklets (T, L), None if it lacks markers; JobError if it is refused."""
+    options, solution = PointOptions("likelihood", traced=True), None
+    frames = yield from name_frames(take, tracklet, model, options)
+    if frames.solvable:
+        solution = solve_take(take.xyz, tracklet, frames.labels, frames.model, take.rate, search=False)
+        marker = solution.tracklets.spread(solution.marker, NO_MARKER, slice(None))
+        if _there(marker, len(model.markerset)).mean() < 1 - WORN.max_unfound:
+            return None  # a search takes longest where a set is another
+        solution = solution if solution.crowd else None  # in which there is no search
+    solution, verdict = yield from as_a_whole(frames, options, solution)
+    if solution is None:
+        return FittingSet(model, verdict.labels.marker, np.full(tracklet.shape, np.nan), 0.0)
+    tracklets, marker = solution.tracklets, solution.marker
+    objective = Objective(take.xyz, tracklets, frames.model, take.rate, marker)
+    odds = objective.of(marker).odds * objective.weight / tracklets.count
+    size, every = len(model.markerset), tracklets.spread(solution.every, NO_MARKER, slice(None))
+    spread = tracklets.spread(marker, NO_MARKER, slice(None)), tracklets.spread(odds, 0.0, slice(None))
+    return FittingSet(model, *spread, _there(every, size + solution.extras)[size:].sum() / size)
+
+
+def _there(marker: np.ndarray, size: int) -> np.ndarray:
+    """(M,) which of so many markers are among those of points, marker (T, L), half of the time."""
+    count = np.bincount(marker[marker != NO_MARKER], minlength=size)
+    return count >= REFUSAL.min_half * len(marker)
+
+
+def _of_one_body(points: np.ndarray, tracklet: np.ndarray) -> np.ndarray:
+    """(T, L) which of the points (T, L, 3) m, of such tracklets, are on the largest body, followed through the take."""
+    own, known = np.zeros(tracklet.shape, dtype=bool), np.zeros(tracklet.max(initial=-1) + 2, dtype=bool)
+    for frame, number in enumerate(tracklet):
+        groups = far_groups(points[frame] * [1, 1, 0], REFUSAL.gap_m, 1)  # a hip may be farther above a knee
+        if groups:
+            own[frame] = max(groups, key=lambda group: known[number[group]].sum())
+            known[number[own[frame]]] = True
+    return own

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which known marker set a take is of: sets that share most places, one that is part of another, two bodies."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from addon.core.body.bodies import BodyModel
+from addon.core.data.progress import finished
+from addon.core.data.takes import Points
+from addon.core.pipelines.known_sets import set_worn
+from addon.core.simulation.virtual import draw_person
+from addon.io.markersets import builtin_markersets
+from addon.io.models import open_model
+
+RATE, FRAMES = 60.0, 60
+KNOWN = [open_model(name) for name in builtin_markersets()]
+
+
+def standing(markers: np.ndarray, seed: int = 1) -> Points:
+    """Somebody who stands, markers (M, 3) m, breathing, as trajectories in another order and without names."""
+    generator = np.random.default_rng(seed)
+    xyz = markers[generator.permutation(len(markers))] + generator.normal(0, 0.001, (FRAMES, len(markers), 3))
+    return Points(("",) * len(markers), xyz, np.zeros(xyz.shape[:2]), RATE, 1)
+
+
+def drawn(name: str, seed: int = 3) -> np.ndarray:
+    """(M, 3) m a person in a set."""
+    markerset = open_model(name).markerset
+    return BodyModel(markerset).pose(draw_person(markerset, np.random.default_rng(seed))).markers[0]
+
+
+def names(markers: np.ndarray, known=KNOWN) -> list[str]:
+    """The set that is found, or all that may be worn."""
+    worn, likely = finished(set_worn(standing(markers), known))
+    return [model.markerset.name for model in ([worn] if worn else likely)]
+
+
+@pytest.mark.parametrize("name", ["actor53", "body26", "body39", "gait15"])
+def test_a_built_in_set_is_found(name):
+    assert names(drawn(name)) == [name]
+
+
+def test_who_may_wear_two_more_markers_than_another_set_is_asked_about():
+    assert names(drawn("actor41")) == ["actor41", "body39"]
+
+
+def test_somebody_else_far_away_and_ghosts_change_nothing():
+    ghosts = np.random.default_rng(5).uniform([5, 5, 0], [9, 9, 2], (6, 3))
+    assert names(np.concatenate([drawn("body39"), drawn("body39", 4) + np.array([3.0, 0, 0]), ghosts])) == ["body39"]
+
+
+def test_of_sets_with_the_same_markers_one_stands_for_both():
+    whole = open_model("body39")
+    alike = replace(whole, markerset=replace(whole.markerset, name="ours"))
+    assert names(drawn("body39"), [open_model("gait15"), alike, whole]) in (["ours"], ["body39"])
+
+
+def test_a_thing_is_of_none():
+    assert names(np.random.default_rng(0).uniform(0, [1.0, 1.0, 2.0], (20, 3))) == []
