@@ -98,7 +98,7 @@ def serve(run: Callable[[list[str]], int]) -> int:
         with redirect_stdout(StringIO()), redirect_stderr(errors):
             status = run(json.loads(line))
         busy.clear()
-        out.write(f"\n{ANSWER}{json.dumps({'status': status, 'said': errors.getvalue()})}\n")
+        out.write(f"\n{ANSWER}{json.dumps({'status': status, 'errors': errors.getvalue()})}\n")
         out.flush()
     return 0
 

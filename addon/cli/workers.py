@@ -69,9 +69,9 @@ class Worker:
         with suppress(OSError):  # that it is gone shows where it would have answered
             self.pipe.write(json.dumps([line[0], "--result", str(result), *line[1:]]).encode() + b"\n")
             self.pipe.flush()
-        for told in cast("IO[bytes]", self.process.stdout):
-            if told.startswith(ANSWER.encode()):
-                return _answer(line[-1], result, **json.loads(told[len(ANSWER) :]))
+        for reply in cast("IO[bytes]", self.process.stdout):
+            if reply.startswith(ANSWER.encode()):
+                return _answer(line[-1], result, **json.loads(reply[len(ANSWER) :]))
         errors = self.errors.read_bytes().decode("utf-8", "replace")
         return _answer(line[-1], result, self.process.wait(), errors)
 
