@@ -128,10 +128,10 @@ class Matcher:
         begin, end = self.ends[frame : frame + 2]
         blobs, points, radius = self.image[:, None, begin:end], expected.points, expected.radius
         count = int(self.real[:, begin:end].sum())
-        if not count or not len(points):
-            return np.full((0, len(self.cameras)), -1), points[:0], count
         wide = np.ones((len(points), len(self.cameras)), bool)
         for last in (False, True):
+            if not count or not len(points):
+                return np.full((0, len(self.cameras)), -1), points[:0], count
             local = self.sight.local(points[None])[0]
             image = self.sight.image(local)
             reach = self.tolerance + radius / np.maximum(local[..., 2], VIEWING.min_depth_m)
