@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Refine Calibration in Blender: the new file is written and chosen, errors are told, what is good stays."""
+"""Refine Calibration in Blender: the new file is chosen, errors are told; and blobs from pictures and movie clips."""
 
 import json
 from contextlib import closing

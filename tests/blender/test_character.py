@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The take's character: usual bones at rest in a T-pose, exported, read again, and copied onto a rig of one's own."""
+"""The take's character: usual bones, exported, read again, copied onto a rig of one's own; and its keys in bulk."""
 
 from dataclasses import replace
 

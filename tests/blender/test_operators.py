@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From files to named markers with the extension's own operators, and what happens when something is wrong."""
+"""From files to named markers with the extension's own operators, what goes wrong, and all of it taken out again."""
 
 import importlib
 import subprocess

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A take in a scene: bones and empties reproduce the motion, gaps stay unkeyed, and the file keeps it all."""
+"""A take in a scene: bones and empties reproduce the motion, gaps stay, the file keeps all; and its timeline's rows."""
 
 import json
 from dataclasses import fields, replace

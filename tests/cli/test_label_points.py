@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`label` on 3D points: the same files, labels by the point's place in the input, whatever the points are called."""
+"""`label` on 3D points: labels by the point's place in the input, and `--model auto`, which finds the marker set."""
 
 import json
 import shutil

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files that say a wrong axis is up or have no rate, behind every verb that reads them: mended, said, overruled."""
+"""Files of another axis, without a rate, with frame numbers beyond 32 bits, or a .qtm, behind every verb that reads."""
 
 import csv
 import json

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`reconstruct`: the file of unnamed points, what is said of it, and what cannot be done."""
+"""`reconstruct`: the file of unnamed points and what is said of it; `simulate`: blobs and truth of a labelled take."""
 
 import json
 

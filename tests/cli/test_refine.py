@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`refine`: the calibration that is written, what is said of each camera, and what cannot be done."""
+"""`refine` and `quality`: what is written and said of each camera or marker, and what cannot be done or judged."""
 
 import json
 from dataclasses import replace

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`verify`: results that are as they were made say so, and whatever is otherwise is told in one line."""
+"""`verify`: what is otherwise than it was made is told in one line; `evaluate`: figures counted by hand."""
 
 import hashlib
 import json

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Finding a person from nothing but blobs: any facing, any stature, in any rig; nobody where nobody is."""
+"""Finding a person from nothing but blobs, how sure each label is, and the second thoughts that give names back."""
 
 from dataclasses import replace
 from functools import cache

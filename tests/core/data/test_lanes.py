@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Trajectories packed into lanes: nothing overlaps, nothing is lost, and every point is known by its trajectory."""
+"""Trajectories in lanes, of which nothing is lost, and copies of arrays that stay as they are for who holds them."""
 
 import numpy as np
 from hypothesis import given

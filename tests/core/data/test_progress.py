@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stages of long work as progress of the whole."""
+"""Stages of long work as progress of the whole, and who is named in trouble."""
 
 import pytest
 

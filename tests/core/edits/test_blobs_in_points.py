@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Points that a person named by naming their blobs."""
+"""Points that a person named by naming their blobs, and tracks of blobs, along which edits hold."""
 
 from dataclasses import replace
 

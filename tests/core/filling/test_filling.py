@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Gaps filled: what was measured stays, what is filled moves with the take, the error expected is about the one got."""
+"""Gaps filled, with about the error expected; fills kept and put in again; smoothing, which joins nothing over gaps."""
 
 from types import SimpleNamespace
 

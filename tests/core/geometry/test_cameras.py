@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The camera model: against a projection by hand, its lens inverted exactly, calibrations that are none."""
+"""The camera model against a projection by hand, calibrations that are none, and blobs made ready for the fit."""
 
 from dataclasses import replace
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Markers in space from named blobs."""
+"""Markers in space from named blobs; and rotations: the same turns as SciPy's, unit quaternions after every step."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rays, and algorithm 1, in C against NumPy: the same labels."""
+"""Rays, algorithm 1 and following a subject in C against NumPy: the same labels, bodies and tracks."""
 
 from dataclasses import replace
 from types import SimpleNamespace

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Settling, odds and exchanges of names in C against NumPy."""
+"""Settling, odds and exchanges of names in C against NumPy; and the border between Python and C, with one switch."""
 
 import os
 import re

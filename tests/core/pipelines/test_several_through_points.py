@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blobs of two virtual people: named by their points, taken back where the images say otherwise."""
+"""Blobs of two people: named by their points, taken back where images say otherwise, told where one was asked."""
 
 from dataclasses import replace
 

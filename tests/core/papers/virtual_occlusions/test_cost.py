@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Equation 7: by hand with two cameras, its derivatives against finite differences, and what its truncation does."""
+"""Equation 7 by hand, its derivatives and its truncation; and the cloud of points from unnamed blobs."""
 
 import numpy as np
 import pytest

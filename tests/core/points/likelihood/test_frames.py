@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From labelled clouds to names: a made-up walker and one in plates, with hidden markers and ghosts."""
+"""From labelled clouds to names, with hidden markers and ghosts; and their likelihood against the dense formula."""
 
 from dataclasses import replace
 from itertools import combinations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Plates of people whom nobody measured, recognised by how a whole take moves; and said so where it does not tell."""
+"""What is worn on plates; plates of people whom nobody measured, recognised by how a whole take moves, or said so."""
 
 import numpy as np
 import pytest
