@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Labels and truth: the input's own text in front, names that need quotes, and back again."""
+"""Labels and truth: the input's own text in front, and back again; and what was filled, told from what was measured."""
 
 import csv
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Marker sets as text: nothing is lost but digits, and every part that cannot be is named."""
+"""Marker sets as text, and in words: nothing is lost but digits, and every part that cannot be is named."""
 
 import json
 from dataclasses import fields, replace

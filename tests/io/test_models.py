@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Models and what they learned come back as they were, and what is damaged is said."""
+"""Models, what they learned and their history come back as they were, and what is damaged is said."""
 
 import base64
 import json

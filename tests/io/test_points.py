@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Takes of 3D points: every processor and program's files, judged by other readers where there are any."""
+"""Takes of 3D points, of every program and of thousands of short trajectories, judged by other readers."""
 
 import re
 import tracemalloc

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A take of points from file to files, with a naming that is known: what is said of which trajectory, what is saved."""
+"""A take of points from file to files with a naming that is known; and edits of blobs as an editor gives them."""
 
 import csv
 import json

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Takes that a model is not for are told from those that it is for: with plates and without, one subject and two."""
+"""Takes that a model is not for are told from those that it is for, and takes that cannot be as they say."""
 
 from dataclasses import replace
 

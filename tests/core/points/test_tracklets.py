@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Trajectories in tracklets: where they are cut, and how tracklets vote: one name each, no name twice at a time."""
+"""Trajectories in tracklets: where they are cut, how they vote, and what is said of points once frames are named."""
 
 import tracemalloc
 from dataclasses import replace

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where samples are from: every one is counted once, however the take is cut, and a person's are told by frame."""
+"""Where samples are from, every one counted once; and what labelling again changed, by marker and range."""
 
 from dataclasses import replace
 from itertools import pairwise

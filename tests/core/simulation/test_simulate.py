@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Virtual captures: what is seen is where it should be, and goes wrong as often as asked for."""
+"""Virtual captures, which go wrong as often as asked for; and virtual people, who stand, walk and swing their arms."""
 
 from dataclasses import replace
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Models from a single labelled frame or of one person: other poses and other people are made up, and it is said."""
+"""Models from a single labelled frame or of one person; and a person's body found where names say nothing."""
 
 from dataclasses import replace
 

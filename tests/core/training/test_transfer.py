@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Known bodies with other markers, what of a take is not on the subject, and markers that are hardly there."""
+"""Known bodies with other markers, markers that are hardly there, and skeletons found from how markers move."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which exchanges of names, also of markers side by side, are worth weighing, against the exact likelihood."""
+"""Which exchanges of names are worth weighing, against the exact likelihood; and crowds of more points than markers."""
 
 from itertools import combinations
 from types import SimpleNamespace

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tracklets and markers matched at once: against all namings tried one by one."""
+"""Tracklets and markers matched at once, against all namings tried one by one; and ties, which are left open."""
 
 from itertools import product
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A take solved as a whole: which frames are named on their own, and pieces of which these say little or err."""
+"""A take solved as a whole, of which frames say little or err; and what a person says of it, which holds."""
 
 from dataclasses import replace
 
