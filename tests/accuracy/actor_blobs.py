@@ -23,9 +23,9 @@ from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, capture, joined
 
 from .actors import PASSING_M, Meeting, middle_of, passing, returning
+from .captures import RATE, at_rate, best_way, vicon12
 from .flesh import flesh
 from .people import BODY26
-from .walking import RATE, at_rate, best_way, vicon12
 from .whole_takes import case_few
 
 CAMERAS = 8

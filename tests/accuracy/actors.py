@@ -17,9 +17,9 @@ from addon.core.geometry.rotations import exponential
 from addon.io.models import open_model
 from addon.io.points import read_points
 
+from .captures import at_rate
 from .flesh import Move
 from .people import BODY26, PEOPLE, Take, files_of, read
-from .walking import at_rate
 from .whole_takes import Case, Pieces, actors, case_few, cut_up
 
 GHOSTS = 60

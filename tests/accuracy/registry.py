@@ -31,9 +31,8 @@ from addon.io.points import read_points
 from addon.scoring import compare
 
 from . import actor_blobs, actors, people, plates, real_blobs, strangers, whole_takes
+from .captures import standing, walking
 from .models import labelled, left_out_model
-from .standing import standing
-from .walking import walking
 
 PEERS = people.DATA.parent / "tools" / "peers" / "strangers.py"
 STANDING = 40  # captures of one frame of each group of left-out people

@@ -15,9 +15,9 @@ from addon.core.simulation.rigs import paper_rig
 from addon.core.simulation.simulate import CaptureOptions
 
 from . import people
+from .captures import captured, moved_anywhere
 from .flesh import Flesh, flesh
 from .people import Trial
-from .standing import captured, moved_anywhere
 
 _ACTOR = {"LASI": "LFWT", "RASI": "RFWT", "SACR": "LBWT RBWT"}
 _SERVE = {"SACR": "LPSI RPSI"}

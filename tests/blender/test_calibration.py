@@ -1,18 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Refine Calibration in Blender: the new file is written and chosen, errors are told, what is good stays."""
+"""Refine Calibration in Blender: the new file is chosen, errors are told; and blobs from pictures and movie clips."""
 
 import json
+from contextlib import closing
 from pathlib import Path
 from types import SimpleNamespace
 
 import bpy
+import numpy as np
 import pytest
 
+from addon.core.geometry.cameras import Cameras
+from addon.io.blobs import read_blobs
 from addon.io.cameras import read_cameras, write_cameras
 from addon.scene import cameras as scene_cameras
 from addon.scene.cameras import kept_health, kept_refinement
 from tests.blender.conftest import open_room, write_room
 from tests.core.calibration.test_adjusting import image_error, moved
+from tests.inputs.pictures import NAMES, SIZE, assert_at, places, write_studio
 
 from .hands import ours, refused
 
@@ -127,3 +132,133 @@ def test_without_cameras_or_blobs_the_button_says_why(extension, empty, files):
         "Import the blobs first",
         "3D points need no cameras",
     ]
+
+
+FRAMES = range(1, 9)
+
+
+@pytest.fixture(scope="module")
+def studio(tmp_path_factory):
+    """Pictures, movies and the calibration of two cameras."""
+    folder = tmp_path_factory.mktemp("studio")
+    return folder, write_studio(folder, FRAMES)
+
+
+def blobs_in(path: str, cameras: Cameras):
+    return next(iter(read_blobs(Path(path), cameras))).blobs
+
+
+def test_a_folder_of_movies_becomes_the_take(extension, empty, studio, tmp_path):
+    folder, cameras = studio
+    bpy.ops.mocap_autolabel.import_cameras(filepath=str(folder / "room.toml"))
+    out = str(tmp_path / "found.csv")
+    assert bpy.ops.mocap_autolabel.find_blobs(directory=str(folder / "movies"), out=out) == {"FINISHED"}
+    settings = empty.scene.mocap_autolabel
+    assert (settings.source.blobs_path, settings.source.rate) == (out, 30.0)
+    assert (settings.source.first_frame, settings.source.last_frame, settings.source.blob_count) == (1, 8, 48)
+    blobs = blobs_in(out, cameras)
+    for frame in FRAMES:
+        assert_at(blobs, frame, 1, places(frame, 1))
+    assert not len(bpy.data.textures)
+
+
+def test_chosen_movies_are_written_beside_them(extension, empty, studio):
+    folder, _ = studio
+    bpy.ops.mocap_autolabel.import_cameras(filepath=str(folder / "room.toml"))
+    chosen = [{"name": "left.mp4"}, {"name": "right.mp4"}]
+    assert bpy.ops.mocap_autolabel.find_blobs(directory=str(folder / "movies"), files=chosen) == {"FINISHED"}
+    assert Path(empty.scene.mocap_autolabel.source.blobs_path) == folder / "movies" / "left.blobs.csv"
+
+
+def test_what_was_undone_meanwhile_is_opened_again(empty, studio):
+    from addon.scene.pictures import open_pictures
+
+    with closing(open_pictures(studio[0] / "movies" / "left.mp4")) as movie:
+        before = movie.grey(3)
+        bpy.data.textures.remove(movie._texture)
+        assert np.array_equal(movie.grey(3), before)
+        bpy.data.images.remove(movie._image)
+        assert not np.array_equal(movie.grey(5), before)
+    assert not len(bpy.data.images)
+
+
+def test_trouble_with_pictures_is_one_sentence(extension, empty, studio, tmp_path):
+    assert not bpy.ops.mocap_autolabel.find_blobs.poll()
+    bpy.ops.mocap_autolabel.import_cameras(filepath=str(studio[0] / "room.toml"))
+    refused("holds no movie", "find_blobs", directory=str(tmp_path))
+    assert not empty.scene.mocap_autolabel.source.blobs_path
+
+
+def tracked(folder, scene):
+    """Two cameras of the scene's own, each with a clip in its background that is tracked by hand where discs are."""
+    scene.render.resolution_x, scene.render.resolution_y = SIZE
+    for number, name in enumerate(NAMES):
+        camera = bpy.data.objects.new(name, bpy.data.cameras.new(name))
+        camera.location.x = number
+        scene.collection.objects.link(camera)
+        clip = bpy.data.movieclips.load(str(folder / "movies" / f"{name}.mp4"))
+        clip.frame_start = 11
+        camera.data.background_images.new().source = "MOVIE_CLIP"
+        camera.data.background_images[0].clip = clip
+        for disc in range(3):
+            track = clip.tracking.tracks.new(name=f"disc{disc}", frame=1)
+            for frame in FRAMES:
+                # The middle of the first pixel is half a pixel from the picture's corner.
+                x, y = (places(frame, number)[disc] + 0.5) / SIZE
+                marker = track.markers.insert_frame(frame, co=(x, 1 - y))
+                marker.mute = disc == 2 and frame > 4
+        yield camera, clip
+
+
+def test_tracks_of_the_scenes_cameras_become_the_take(extension, empty, studio, tmp_path):
+    cameras_and_clips = list(tracked(studio[0], empty.scene))
+    cameras_and_clips[1][1].tracking.camera.k1 = -0.1
+    out = str(tmp_path / "tracks.csv")
+    assert bpy.ops.mocap_autolabel.import_clip_tracks(out=out) == {"FINISHED"}
+    settings = empty.scene.mocap_autolabel
+    assert (settings.source.first_frame, settings.source.last_frame) == (11, 18)
+    cameras = scene_cameras.cameras_of(settings.source.cameras, empty.scene)
+    assert cameras.names == NAMES
+    assert cameras.distortion == pytest.approx(np.array([[0] * 5, [-0.1, 0, 0, 0, 0]]))
+    blobs = blobs_in(out, cameras)
+    for number in range(2):
+        for frame in FRAMES:
+            assert_at(blobs, frame + 10, number, places(frame, number)[: 3 if frame <= 4 else 2] + 0.5, 1e-2)
+
+
+def test_of_a_calibration_pixels_begin_at_a_centre_and_its_lens_stays(extension, empty, studio, tmp_path):
+    folder, cameras = studio
+    cameras = Cameras(NAMES, cameras.size, cameras.matrix, np.full((2, 5), 0.01), cameras.rotation, cameras.translation)
+    write_cameras(tmp_path / "lens.toml", cameras)
+    bpy.ops.mocap_autolabel.import_cameras(filepath=str(tmp_path / "lens.toml"))
+    for name in NAMES:  # found by their names
+        clip = bpy.data.movieclips.load(str(folder / "movies" / f"{name}.mp4"))
+        clip.tracking.camera.k1 = -0.3
+        track = clip.tracking.tracks.new(name="disc", frame=2)
+        track.markers.insert_frame(2, co=(0.5, 0.25))
+    out = str(tmp_path / "tracks.csv")
+    assert bpy.ops.mocap_autolabel.import_clip_tracks(out=out) == {"FINISHED"}
+    found = scene_cameras.cameras_of(empty.scene.mocap_autolabel.source.cameras, empty.scene)
+    assert found.distortion == pytest.approx(cameras.distortion)
+    blobs = blobs_in(out, cameras)
+    at = blobs.frames[blobs.frame] == 2
+    assert blobs.xy[at] == pytest.approx(np.array([[79.5, 89.5]] * 2), abs=1e-3)
+
+
+def test_clips_that_cannot_be_used_are_one_sentence(extension, empty, studio, tmp_path):
+    pairs = list(tracked(studio[0], empty.scene))
+    call, out = bpy.ops.mocap_autolabel.import_clip_tracks, str(tmp_path / "tracks.csv")
+    lens = pairs[0][1].tracking.camera
+    lens.distortion_model, lens.division_k1 = "DIVISION", 0.1
+    with pytest.raises(RuntimeError, match="expected Polynomial"):
+        call(out=out)
+    lens.division_k1 = 0.0
+    pairs[0][0].data.background_images[0].clip = pairs[1][1]
+    with pytest.raises(RuntimeError, match="the same clip"):
+        call(out=out)
+    pairs[0][0].data.background_images[0].clip = pairs[0][1]
+    empty.scene.render.resolution_x = SIZE[0] + 20
+    with pytest.raises(RuntimeError, match="expected pictures as large"):
+        call(out=out)
+    assert not Path(out).exists()
+    assert not empty.scene.mocap_autolabel.source.blobs_path

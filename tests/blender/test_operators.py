@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From files to named markers with the extension's own operators, and what happens when something is wrong."""
+"""From files to named markers with the extension's own operators, what goes wrong, and all of it taken out again."""
 
 import importlib
+import subprocess
+import sys
 import tempfile
 import threading
 from functools import partial
@@ -9,6 +11,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
+import addon_utils
 import bpy
 import numpy as np
 import pytest
@@ -533,3 +536,58 @@ def test_a_take_that_was_shown_without_the_extension_is_reviewed_with_it(extensi
     assert settings.source.rate == pytest.approx(59.94)
     assert len(suspects()) == 2
     assert len(bpy.context.window_manager.mocap_autolabel.markers) == len(made.markerset())
+
+
+ADDED = (
+    bpy.types.Operator,
+    bpy.types.Panel,
+    bpy.types.UIList,
+    bpy.types.PropertyGroup,
+    bpy.types.FileHandler,
+    bpy.types.AddonPreferences,
+)
+
+
+def everything():
+    """What an extension can add to Blender: classes, properties, handlers, timers and commands."""
+    classes = {
+        cls.__module__ + "." + cls.__name__ for kind in ADDED for cls in kind.__subclasses__() if cls.is_registered
+    }
+    properties = {
+        (kind.__name__, name)
+        for kind in (bpy.types.Scene, bpy.types.WindowManager)
+        for name, _ in kind.bl_rna.properties.items()
+    }
+    handlers = {
+        name: [getattr(function, "__module__", "") for function in getattr(bpy.app.handlers, name)]
+        for name in dir(bpy.app.handlers)
+        if isinstance(getattr(bpy.app.handlers, name), list)
+    }
+    return classes, properties, handlers
+
+
+def test_a_register_that_fails_leaves_nothing(extension, monkeypatch):
+    addon_utils.disable(extension, default_set=False)
+    before = everything()
+    registration = sys.modules[f"{extension}.addon.registration"]
+
+    def fail(stack):
+        raise RuntimeError("no handlers today")
+
+    monkeypatch.setattr(registration.ui, "add_handlers", fail)
+    with pytest.raises(RuntimeError, match="no handlers today"):
+        registration.register()
+    assert everything() == before
+    monkeypatch.undo()
+    addon_utils.enable(extension, default_set=True)
+
+
+def test_enabling_imports_neither_scipy_nor_the_command_line(extension):
+    code = (
+        "import sys, bpy; sys.path.insert(0, sys.argv[1]); from addon import registration; registration.register(); "
+        "print([m for m in sys.modules if m.startswith(('scipy', 'ezc3d', 'c3d', 'addon.cli'))]); "
+        "registration.unregister()"
+    )
+    root = str(sys.modules[extension].__path__[0])
+    done = subprocess.run([sys.executable, "-c", code, root], capture_output=True, text=True, check=True)
+    assert done.stdout.strip().splitlines()[-1] == "[]"

@@ -1,22 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files that say a wrong axis is up or have no rate, behind every verb that reads them: mended, said, overruled."""
+"""Files of another axis, without a rate, with frame numbers beyond 32 bits, or a .qtm, behind every verb that reads."""
 
+import csv
 import json
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from addon.core.data.errors import JobError
-from addon.core.data.takes import Points
+from addon.core.data.takes import Blobs, Points
 from addon.core.geometry.camera_up import turned
 from addon.demo.take import MODEL
-from addon.io.cameras import read_cameras
+from addon.io.blobs import read_blobs
+from addon.io.cameras import read_cameras, write_cameras
 from addon.io.points import read_points, write_c3d
 from addon.jobs.training_takes import read_takes
 from tests.io.samples import qca
 
-from .conftest import report_of
+from ..io.qtm_file import FILLED, MEASURED, Recording, Trajectory, write_qtm
+from .conftest import FRAMES, report_of
 
 SAID = "the file says that -Z is up, but +Z was taken by "
 NO_RATE = "the file has a rate of 0 frames a second, so the 60 that are given were taken"
@@ -177,3 +181,166 @@ def test_label_and_simulate(label, run, room, lying, tmp_path):
 def test_no_other_axis_is_known(run, room, tmp_path):
     words = "reconstruct", room.blobs, "--cameras", room.cameras, "--out", tmp_path / "a.c3d", "--up", "w"
     assert run(*words).status == 2
+
+
+PAUSE = 5 * 60 * 240  # frames: five minutes at 240 Hz
+
+
+def moved(room, folder, shift: int, again: int = 0):
+    """The room's blobs with other frame numbers, and where `again` is given once more so many frames later."""
+    head, *rows = room.blobs.read_text().splitlines(keepends=True)
+    fields = [row.split(",", 1) for row in rows]
+    shifts = (shift, shift + again) if again else (shift,)
+    path = folder / "moved.csv"
+    path.write_text(head + "".join(f"{int(frame) + more},{rest}" for more in shifts for frame, rest in fields))
+    return path
+
+
+def test_minutes_without_anybody_keep_the_numbers_of_all_files(label, room, tmp_path):
+    answer = label("--trc", blobs=[moved(room, tmp_path, 0, PAUSE)])
+    assert answer.status == 0
+    report = json.loads((tmp_path / "out" / "moved.report.json").read_text())
+    assert report["frames"] == PAUSE + 20
+    assert {marker["longest_gap"] >= PAUSE - 20 for marker in report["markers"].values()} == {True}
+    for ending in (".c3d", ".trc"):
+        take = read_points(tmp_path / "out" / f"moved{ending}")
+        seen = np.flatnonzero(np.isfinite(take.xyz).any(axis=(1, 2)))
+        assert take.first_frame == 100
+        assert np.isin([0, 19, PAUSE, PAUSE + 19], seen).all()
+        assert not ((seen > 19) & (seen < PAUSE)).any()
+
+
+def test_points_of_blobs_with_a_long_gap_are_made_in_seconds(run, room, tmp_path):
+    out = tmp_path / "points.c3d"
+    assert run("reconstruct", moved(room, tmp_path, 0, 2000), "--cameras", room.cameras, "--out", out).status == 0
+    assert len(read_points(out).xyz) == 2020
+
+
+@pytest.mark.blender
+def test_a_take_longer_than_blender_counts_is_refused_before_it_is_worked_on(label, room, tmp_path, monkeypatch):
+    monkeypatch.setattr("addon.scene.take.LAST_FRAME", 50)
+    answer = label("--blend", blobs=[moved(room, tmp_path, 0, 60)])
+    assert answer.status == 1
+    assert "from frame 100 to 179; expected at most 50 frames" in answer.reason
+    assert not list((tmp_path / "out").iterdir())
+
+
+def trc_from(room, folder, run, first: int):
+    """The room's take as a TRC that begins with another frame."""
+    assert run("label", room.c3d, "--model", MODEL, "--out", folder, "--trc").status == 0
+    lines = (folder / "take.trc").read_text().splitlines()
+    rows = [line.split("\t", 1) for line in lines[6:]]
+    path = folder / "far.trc"
+    path.write_text("\n".join(lines[:6] + [f"{first + at}\t{rest}" for at, (_, rest) in enumerate(rows)]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("first", [5_000_000_000, 2**32 - 10])
+def test_points_beyond_what_a_c3d_counts_are_told_with_file_and_line(run, room, tmp_path, first):
+    path = trc_from(room, tmp_path, run, first)
+    answer = run("label", path, "--model", MODEL, "--out", tmp_path / "out", "--trc")
+    assert answer.status == 2
+    assert "far.trc:" in answer.reason
+    assert "up to 4294967295" in answer.reason
+    assert not (tmp_path / "out").exists() or not list((tmp_path / "out").iterdir())
+
+
+@pytest.fixture(scope="module")
+def capture(room, tmp_path_factory):
+    """The short take as a capture: cameras by serial number, one of them not calibrated and one of video."""
+    folder = tmp_path_factory.mktemp("capture")
+    cameras = read_cameras(room.cameras)
+    names = tuple(str(11 + index) for index in range(len(cameras)))
+    blobs = Blobs.join(part.blobs for part in read_blobs(room.blobs, cameras))
+    lens = cameras.distortion.copy()
+    lens[:, 4] = 0
+    shown = replace(cameras, names=names, distortion=lens)
+    take = read_points(room.c3d)
+    tracks = []
+    for index, name in enumerate(take.names):
+        kinds = [FILLED if index == 0 and frame < 5 else MEASURED for frame in range(len(take.xyz))]
+        rows = zip(1000 * take.xyz[:, index], kinds, strict=True)
+        tracks.append(Trajectory(name, [FRAMES], [(*xyz.tolist(), 0.4, kind) for xyz, kind in rows]))
+    return write_qtm(folder / "walk.qtm", Recording(shown, blobs, tracks, rate=100.0))
+
+
+def marker_rows(path) -> list[list[str]]:
+    with path.open(newline="") as file:
+        return list(csv.reader(file))[1:]
+
+
+def test_a_capture_is_labelled_without_cameras_as_its_blobs_would_be(run, capture, tmp_path):
+    answer = run("label", capture, "--model", MODEL, "--out", tmp_path / "out")
+    assert (answer.status, answer.err) == (0, "")
+    assert "its blobs (" in answer.out and "are taken, not its 3D points (" in answer.out and "--use" in answer.out
+    report = json.loads((tmp_path / "out" / "walk.report.json").read_text())
+    assert (report["rate"], report["rate_assumed"]) == (100.0, False)
+    assert report["capture"][0].startswith("of walk.qtm, its blobs")
+    labels = marker_rows(tmp_path / "out" / "walk.labels.csv")
+    # The same blobs as text, with the same calibration beside them.
+    with (tmp_path / "walk.csv").open("w") as file:
+        file.write("frame,camera,x,y\n" + "".join(",".join(row[:4]) + "\n" for row in labels))
+    write_cameras(tmp_path / "room.toml", read_cameras(capture))
+    same = run("label", tmp_path / "walk.csv", "--cameras", tmp_path / "room.toml", "--model", MODEL, "--out", tmp_path)
+    assert same.status == 0
+    theirs = marker_rows(tmp_path / "walk.labels.csv")
+    assert [row[:4] for row in labels] == [row[:4] for row in theirs]
+    assert np.mean([one[4] == other[4] for one, other in zip(labels, theirs, strict=True)]) > 0.99
+    assert np.mean([row[4] != "" for row in labels]) > 0.5
+
+
+def test_its_points_are_labelled_where_they_are_asked_for(run, capture, tmp_path):
+    answer = run("label", capture, "--use", "points", "--model", MODEL, "--out", tmp_path)
+    assert answer.status == 0
+    assert "its 3D points (" in answer.out and "are taken, not its blobs" in answer.out
+    report = json.loads((tmp_path / "walk.report.json").read_text())
+    assert report["points"] > 0 and report["provenance"]["cameras"] == []
+    again = run("label", capture, "--use", "points", "--model", MODEL, "--out", tmp_path, "--resume")
+    assert "done before" in again.out
+
+
+def test_other_cameras_overrule_its_own_and_those_that_are_not_there_are_named(run, capture, tmp_path):
+    own = read_cameras(capture)
+    write_cameras(tmp_path / "fewer.toml", own.select(list(range(len(own) - 1))))
+    words = ("--model", MODEL, "--out", tmp_path, "--frames", f"{FRAMES[0]}:{FRAMES[0] + 3}")
+    answer = run("label", capture, "--cameras", tmp_path / "fewer.toml", *words)
+    assert answer.status == 0
+    assert f"cameras that the calibration does not have are left out: {own.names[-1]}" in answer.out
+    assert own.names[-1] not in {row[1] for row in marker_rows(tmp_path / "walk.labels.csv")}
+    write_cameras(tmp_path / "others.toml", replace(own, names=tuple(f"c{name}" for name in own.names)))
+    answer = run("label", capture, "--cameras", tmp_path / "others.toml", *words, "--overwrite")
+    assert "expected some of the calibration's, c11" in answer.reason
+
+
+def test_what_is_asked_for_and_not_there_is_refused(run, capture, room, tmp_path):
+    for words, said in (
+        ((room.c3d, "--use", "blobs"), "holds 3D points; expected a take of blobs, or no --use"),
+        ((room.blobs, "--cameras", room.cameras, "--use", "points"), "holds blobs; expected a take of points, or no"),
+    ):
+        assert said in run("label", *words, "--model", MODEL, "--out", tmp_path).reason
+    (tmp_path / "cut.qtm").write_bytes(capture.read_bytes()[:3000])
+    (tmp_path / "text.qtm").write_text("frame,camera,x,y\n")
+    for name, said in (("cut", "is a damaged compound file"), ("text", "is no OLE compound file; expected a capture")):
+        answer = run("label", tmp_path / f"{name}.qtm", "--model", MODEL, "--out", tmp_path)
+        assert f"{name}.qtm: {said}" in answer.reason
+
+
+def test_reconstruct_and_refine_need_no_cameras_either(run, capture, room, tmp_path):
+    answer = run("reconstruct", capture, "--out", tmp_path / "points.c3d", "--json")
+    result = json.loads(answer.out)
+    assert (answer.status, result["rate"], result["rate_assumed"]) == (0, 100.0, False)
+    assert result["first_frame"] == FRAMES[0] and result["capture"]
+    answer = run("reconstruct", room.blobs, "--out", tmp_path / "none.c3d")
+    assert "holds blobs, and there is no calibration of their cameras; expected --cameras" in answer.reason
+    answer = run("refine", capture, "--model", MODEL, "--out", tmp_path / "room.toml")
+    assert answer.status == 0
+    assert read_cameras(tmp_path / "room.toml").names == read_cameras(capture).names
+
+
+def test_gaps_are_filled_and_cameras_taken_for_a_virtual_capture(run, capture, room, tmp_path):
+    assert run("fill", capture, "--out", tmp_path / "filled.c3d").status == 0
+    takes = read_points(capture), read_points(tmp_path / "filled.c3d")
+    assert len({(take.rate, take.first_frame, len(take.xyz)) for take in takes}) == 1
+    answer = run("simulate", room.c3d, "--cameras", capture, "--out", tmp_path / "blobs.csv")
+    assert answer.status == 0
+    assert {row[1] for row in marker_rows(tmp_path / "blobs.csv")} <= set(read_cameras(capture).names)

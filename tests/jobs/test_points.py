@@ -1,23 +1,30 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A take of points from file to files, with a naming that is known: what is said of which trajectory, what is saved."""
+"""A take of points from file to files with a naming that is known; and edits of blobs as an editor gives them."""
 
 import csv
 import json
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import ezc3d
 import numpy as np
 import pytest
 
+from addon.capturing import truth_path
 from addon.core.body.bodies import BodyModel
+from addon.core.data.progress import finished
 from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, Points
+from addon.core.edits.applying import apply_edits, cells_of_blobs
+from addon.core.edits.kinds import AssignBlob, Edits
 from addon.core.points.likelihood.frames import LikelihoodNamer
 from addon.core.points.whole_take import pipeline
+from addon.demo.take import MODEL
+from addon.io.cameras import read_cameras
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points, write_c3d
 from addon.jobs import LabelJob, label_file
+from scripts.virtual_take import write_virtual_take
 
 FRAMES = 60
 OUTPUTS = 3  # points before the markers that a model computed
@@ -153,3 +160,45 @@ def test_the_report_says_what_is_the_matter_and_what_labelling_again_changed(sou
     said = [(one["marker"], one["what"], one["first"], one["last"]) for one in again["changed"]]
     assert said == [(names[6], "gained", 11, 70)]
     assert again["changed_in_all"] == "60 labels more"
+
+
+SHOT = (100, 199)
+PART = (100, 140)
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    """Blobs of a virtual person, the cameras, and the truth of a part."""
+    folder = tmp_path_factory.mktemp("walk")
+    write_virtual_take(folder, SHOT[1], SHOT[0], "walk.csv", "room.toml")
+    blobs = folder / "walk.csv"
+    with truth_path(blobs).open(newline="") as file:
+        truth = [row for row in csv.DictReader(file) if int(row["frame"]) <= PART[1]]
+    return blobs, read_cameras(folder / "room.toml"), truth
+
+
+def test_one_blob_named_holds_and_hardly_costs_others_their_names(capture, tmp_path):
+    """A person names one blob of one camera, near where a foot's markers are easily taken for each other."""
+    source, cameras, truth = capture
+    chosen = next(row for row in truth if (row["frame"], row["camera"], row["marker"]) == ("101", "cam3", "RTOE"))
+    edits = Edits((AssignBlob("cam3", 101, float(chosen["x"]) + 1, float(chosen["y"]), "RTOE"),))
+    job = LabelJob(source, cameras, MODEL, tmp_path, frames=PART, keep=True, occlusion="capsules")
+    first = finished(label_file(replace(job, out=tmp_path / "first")))
+    labelled = finished(label_file(replace(job, edits=edits)))
+    ((blobs, chunk),) = labelled.chunks
+    markerset = open_markerset(MODEL)
+    names = np.array([*markerset.markers, ""])
+    one = truth.index(chosen)
+    assert chunk.labels.marker[one] == markerset.index("RTOE")
+    assert chunk.labels.confidence[one] == 1
+    again = apply_edits(chunk.unedited, edits, cells_of_blobs(blobs, cameras.names, markerset.by_name, len(markerset)))
+    assert (again.labels.marker == chunk.labels.marker).all()
+    counts = []
+    for labels in (first.chunks[0][1].labels, chunk.labels):
+        given = [
+            (name, row["marker"].split("|")) for name, row in zip(names[labels.marker], truth, strict=True) if name
+        ]
+        counts.append((sum(name in true for name, true in given), sum(name not in true for name, true in given)))
+    assert counts[1][1] <= min(counts[0][1], 2)
+    assert counts[1][0] >= 0.998 * counts[0][0]
+    assert labelled.report["edits"] == {"file": None, "applied": {"assign": 1}, "found_nothing": []}

@@ -1,20 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Finding a person from nothing but blobs: any facing, any stature, in any rig; nobody where nobody is."""
+"""Finding a person from nothing but blobs, how sure each label is, and the second thoughts that give names back."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
-from addon.core.blobs.search import Hints, find_subject, first_starts
-from addon.core.blobs.subject import Setup
+from addon.core.blobs.confidence import CONFIDENCE, named_confidences, swap_doubts
+from addon.core.blobs.search import Hints, find_subject, first_starts, settle
+from addon.core.blobs.subject import Setup, refit
+from addon.core.blobs.swaps import Swaps, swap_names, withdraw_unexpected, without_own
+from addon.core.body.prior import Prior
 from addon.core.data.takes import CONFLICT, EXCLUSIVE, REMAINING
-from addon.core.geometry.views import split_views
+from addon.core.geometry.views import Sight, split_views
 from addon.core.papers.virtual_occlusions.cloud import build_cloud
-from addon.core.papers.virtual_occlusions.labelling import Rules
+from addon.core.papers.virtual_occlusions.labelling import Expectation, Frame, Naming, Rules, name_markers
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions
-from tests.core.scenes import CLEAN, blobs_at, built_in, stand
+from tests.core.papers.virtual_occlusions.test_labelling import consistent
+from tests.core.scenes import CLEAN, FLAWLESS, blobs_at, built_in, stand
 
 PLAIN = CaptureOptions(noise=0.3, reflections=0, flicker=0.0)
 ROOM = CaptureOptions(noise=0.5, reflections=2, flicker=0.5)
@@ -154,3 +159,160 @@ def test_nobody_where_there_are_no_blobs(count):
     rig = paper_rig()
     pixels = [np.random.default_rng(c).uniform(50, 400, (count, 2)) for c in range(4)]
     assert find_subject(split_views(blobs_at(pixels), rig)[0], Setup.of(rig, built_in("gait15")), Hints()) is None
+
+
+RIG = paper_rig()
+SIGHT = Sight(RIG)
+
+
+def expect_at(points, deviation, visible=True):
+    shown = np.broadcast_to(visible, (4, len(points)))
+    return Expectation(points, np.tile(deviation**2 * np.eye(3), (len(points), 1, 1)), shown)
+
+
+def one_blob(rival_at, visible=True, taken=False):
+    """Confidence of the one blob of marker 0 in camera 0; a second marker is expected `rival_at` m beside it."""
+    points = np.array([[0, 0, 1.0], [0, 0, 1.0 + rival_at]])
+    pixels = [RIG.project(points)[0, :2] if taken else RIG.project(points)[0, :1]] + [np.zeros((0, 2))] * 3
+    view = split_views(blobs_at(pixels), RIG)[0]
+    shown = np.array([True, visible])
+    naming = Naming.empty(Frame(view, SIGHT, expect_at(points, 0.02, shown), Rules()))
+    naming.give(np.array([0]), np.array([0]), np.array([0]), EXCLUSIVE)
+    if taken:
+        naming.give(np.array([0]), np.array([1]), np.array([1]), EXCLUSIVE)
+    return named_confidences(naming, CONFIDENCE)[0, 0]
+
+
+def test_doubts_of_twins_strangers_and_exchanges():
+    assert one_blob(0.0) == pytest.approx(0.5)
+    assert one_blob(0.5) == pytest.approx(1)
+    assert one_blob(0.02, visible=False) > one_blob(0.02)
+    assert one_blob(0.02, taken=True) == pytest.approx(1)
+    swaps = Swaps(np.array([[1, 0, 2, 3], [0, 2, 1, 3]]), np.array([0.0, 20.0]))
+    assert swap_doubts(swaps, 4) == pytest.approx([0.5, 0.5, 1 / (1 + np.exp(-10)), 1])
+    assert (swap_doubts(Swaps(np.zeros((0, 3), int), np.zeros(0)), 3) == 1).all()
+    assert swap_doubts(Swaps(np.array([[1, 0]]), np.array([-1e9])), 2) == pytest.approx([0, 0])
+
+
+def test_wrong_labels_are_less_sure_than_right_ones():
+    """The confidence ranks: over scenes with close markers and a model a little off, wrong names come last."""
+    right, wrong = [], []
+    for seed in range(60):
+        generator = np.random.default_rng(seed)
+        points = generator.uniform([-0.15, -0.15, 0.9], [0.15, 0.15, 1.2], (10, 3))
+        rows = [np.flatnonzero(generator.random(10) < 0.7) for _ in range(4)]
+        pixels = [image[kept] for image, kept in zip(RIG.project(points), rows, strict=True)]
+        expected = expect_at(points + generator.normal(0, 0.01, points.shape), 0.01)
+        naming = name_markers(split_views(blobs_at(pixels), RIG)[0], SIGHT, expected, Rules())
+        camera, marker = np.nonzero(naming.slot >= 0)
+        sure = named_confidences(naming, CONFIDENCE)[camera, marker]
+        for c, m, chance in zip(camera, marker, sure, strict=True):
+            (right if rows[c][naming.slot[c, m]] == m else wrong).append(chance)
+    assert len(wrong) < 0.05 * len(right)
+    assert np.mean(right) > np.mean(wrong)
+
+
+RING = ring_rig(8)
+
+
+@cache
+def case(name="body26", seed=2, rig=RIG):
+    """A scene of a standing person, its setup, and the subject as found in it."""
+    scene = stand(built_in(name), rig, seed, facing=0.8, options=FLAWLESS)
+    setup = Setup.of(rig, scene.markerset)
+    return scene, setup, find_subject(scene.views()[0], setup, Hints())
+
+
+def true_naming(scene, found):
+    """Every blob named as it really is."""
+    view, names = scene.views()[0], list(scene.markerset.markers)
+    naming = Naming.empty(Frame(view, found.naming.frame.sight, found.expected, found.naming.frame.rules))
+    for camera, slot in np.argwhere(view.real):
+        marker = names.index(scene.truth[view.row[camera, slot]].split("|")[0])
+        naming.give(np.array([camera]), np.array([marker]), np.array([slot]), EXCLUSIVE)
+    return naming
+
+
+def fitted(scene, setup, found, naming):
+    subject = without_own(found.subject, setup)
+    prior = Prior(setup.model, upright_sd=0.35)
+    subject, state = refit(naming, subject, setup, 4, prior)
+    return subject, state, prior
+
+
+def order_of(scene, *pairs):
+    """The exchange of pairs of markers, "A-B" each."""
+    order = np.arange(len(scene.markerset))
+    for pair in pairs:
+        first, second = (scene.markerset.index(name) for name in pair.split("-"))
+        order[first], order[second] = second, first
+    return order
+
+
+LEGS, APART = ("LKNE-RKNE", "LANK-RANK", "LHEE-RHEE", "LTOE-RTOE"), ("LFHD-RFHD", "LWRA-LFIN", "RWRA-RFIN")
+
+
+@pytest.mark.parametrize("names", [("LFHD-RFHD",), ("LWRA-LFIN",), ("LANK-LHEE",), LEGS, APART])
+def test_swapped_neighbours_get_their_names_back(names):
+    """And no doubt is left of them."""
+    scene, setup, found = case()
+    naming = true_naming(scene, found)
+    right = naming.slot.copy()
+    swap_names(naming, order_of(scene, *names))
+    subject, state, prior = fitted(scene, setup, found, naming)
+    swaps = settle(naming, subject, state, setup, prior)
+    assert np.array_equal(consistent(naming).slot, right)
+    assert swaps.loss.min() >= 0, (swaps.orders[swaps.loss < 0], swaps.loss.min())
+
+
+def test_neighbours_of_a_marker_that_was_never_put_on_get_their_names_back():
+    """One of the head's four is not there; another has its name, and a single blob of a third is named as that one."""
+    scene, setup, found = case(rig=RING)
+    naming = true_naming(scene, found)
+    absent, beside, behind = (scene.markerset.index(name) for name in ("RFHD", "LFHD", "LBHD"))
+    view = naming.frame.view
+    camera = np.flatnonzero(naming.slot[:, absent] >= 0)
+    gone = view.real.copy()
+    gone[camera, naming.slot[camera, absent]] = False
+    naming.withdraw(camera, np.full(len(camera), absent))
+    view = replace(view, real=gone)
+    right = naming.slot.copy()
+    swap_names(naming, order_of(scene, "LFHD-RFHD"))
+    cameras = np.flatnonzero((naming.slot[:, behind] >= 0) & (naming.slot[:, beside] < 0))
+    camera = cameras[:1]
+    assert len(cameras) >= 3  # so that two are left, which fix the point
+    slot = naming.slot[camera, behind]
+    naming.withdraw(camera, np.array([behind]))
+    naming.give(camera, np.array([beside]), slot, EXCLUSIVE)
+    subject, state, prior = fitted(scene, setup, found, naming)
+    settle(naming, subject, state, setup, prior)
+    right[camera, behind] = -1
+    assert np.array_equal(consistent(naming).slot[:, [absent, beside, behind]], right[:, [absent, beside, behind]])
+
+
+@pytest.mark.parametrize("far", [0.12, 0.3])
+def test_a_name_that_the_body_would_not_expect_is_withdrawn(far):
+    """A28: two ghosts that happen to meet far from where the rest of the body has the marker keep no name."""
+    scene, setup, found = case("gait15")
+    naming = true_naming(scene, found)
+    marker = scene.markerset.index("LKNE")
+    camera = np.flatnonzero(naming.slot[:, marker] >= 0)
+    naming.withdraw(camera, np.full(len(camera), marker))
+    # Two blobs in space where nobody is: images of one point in two cameras, put in place of the real ones.
+    ghost = RIG.normalised(scene.points[0, marker] + far * np.array([0.6, 0.8, 0]))
+    image = naming.frame.view.image.copy()
+    pair = camera[:2]
+    slots = np.array([np.flatnonzero(naming.owner[c] < 0)[0] for c in pair])
+    image[pair, slots] = ghost[pair]
+    view = replace(naming.frame.view, image=image)
+    haunted = Naming.empty(Frame(view, setup.sight, found.expected, naming.frame.rules))
+    c, m = np.nonzero(naming.slot >= 0)
+    haunted.give(c, m, naming.slot[c, m], EXCLUSIVE)
+    haunted.give(pair, np.full(2, marker), slots, EXCLUSIVE)
+    assert haunted.meeting.residual[marker] < 1e-6
+    prior = Prior(setup.model, upright_sd=0.35)
+    subject, state = refit(haunted, without_own(found.subject, setup), setup, 4, prior)
+    withdraw_unexpected(haunted, state, subject, setup)
+    assert (consistent(haunted).slot[:, marker] == -1).all()
+    kept = (haunted.slot >= 0).sum() / (naming.slot >= 0).sum()
+    assert kept > 0.9

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stages of long work as progress of the whole."""
+"""Stages of long work as progress of the whole, and who is named in trouble."""
 
 import pytest
 
+from addon.core.data.errors import ForceableError, InputError, of_file
 from addon.core.data.progress import Stage, finished, in_stages
 
 BEGINS = {"read": 0.0, "skip": 0.25, "solve": 0.25, "write": 0.75}
@@ -61,3 +62,13 @@ def test_all_that_work_yields_is_told_and_who_is_told_can_end_it():
         finished(going := long(), refuse)
     assert len(ended) == 2
     assert going.gi_frame is None, "it would go on when nobody waits any more"
+
+
+@pytest.mark.parametrize(
+    ("trouble", "file"),
+    [(InputError("bad"), "own.json"), (InputError("bad", "b.csv"), "b.csv"), (ForceableError("bad"), "")],
+)
+def test_trouble_of_the_kind_gets_the_file_it_lacks(trouble, file):
+    with pytest.raises(type(trouble), match="bad") as caught, of_file("own.json", InputError):
+        raise trouble
+    assert caught.value.file == file

@@ -1,16 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Gaps filled: what was measured stays, what is filled moves with the take, the error expected is about the one got."""
+"""Gaps filled, with about the error expected; fills kept and put in again; smoothing, which joins nothing over gaps."""
+
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from addon.core.body.bodies import BodyModel
 from addon.core.data.progress import finished
-from addon.core.filling.filling import FILL_METHODS, FillOptions, fill_take, kept_fills_of
-from addon.core.filling.kept import resting_on
+from addon.core.filling.filling import FILL_METHODS, FilledGap, FilledTake, FillOptions, fill_take, kept_fills_of
+from addon.core.filling.gaps import Gap
+from addon.core.filling.kept import KeptFill, put_fills, replaced_fills, resting_on
+from addon.core.filling.smoothing import count_smoothed, smoothed
 from addon.core.geometry.rotations import exponential
 from addon.core.simulation.virtual import Act, perform
-from tests.core.scenes import built_in, person_of
+from tests.core.scenes import built_in, motion_of, person_of
 
 RATE = 100.0
 FRAMES = 360
@@ -191,3 +195,92 @@ def test_ends_too_far_apart_and_an_end_of_the_take_leave_a_gap_and_a_fast_marker
     assert [one.ends for one in found.gaps] == [(False, True), (True, True), (True, False)]
     kept = kept_fills_of(found, [str(marker) for marker in range(15)], np.arange(FRAMES))
     assert [resting_on(one.ends) for one in kept] == ["its end", "both ends", "its start"]
+
+
+NAMES = ("A", "B")
+NUMBERS = 50 + np.arange(12)
+GAPS = (Gap(4, 7, 0), Gap(9, 12, 1))
+
+
+@pytest.fixture
+def take() -> SimpleNamespace:
+    """Markers with two gaps, the second at the end, and what they were filled with."""
+    whole = np.random.default_rng(1).normal(size=(12, 2, 3))
+    markers = whole.copy()
+    for gap in GAPS:
+        markers[gap.start : gap.stop, gap.marker] = np.nan
+    flags = np.isnan(markers[..., 0])
+    filled = FilledTake(whole, flags, (FilledGap(GAPS[0], "pca", 0.002), FilledGap(GAPS[1], "spline", np.nan)), ())
+    return SimpleNamespace(markers=markers, whole=whole, flags=flags, fills=kept_fills_of(filled, NAMES, NUMBERS))
+
+
+@pytest.mark.parametrize(
+    ("frame", "marker", "value", "which", "reason"),
+    [
+        (5, 0, 1.0, 0, "is named in some of its frames"),
+        (3, 0, 1.0, 0, "right before or after"),
+        (7, 0, np.nan, 0, "right before or after"),
+        (8, 1, np.nan, 1, "right before or after"),
+    ],
+)
+def test_a_fill_is_left_out_where_the_take_is_another_around_it(take, frame, marker, value, which, reason):
+    take.markers[frame, marker] = value
+    motion, unfit = put_fills(motion_of(take.markers, take.whole, NUMBERS[0]), NAMES, take.fills)
+    assert reason in unfit[which]
+    assert unfit[1 - which] == ""
+    filled = motion.residual == 0
+    assert filled[:, 1 - marker].any()
+    assert not filled[:, marker].any()
+
+
+def test_fills_of_other_markers_or_frames_are_left_out_and_new_ones_take_the_place_of_those_they_meet(take):
+    one = take.fills[0]
+    for other, reason in (
+        (KeptFill("C", one.first, one.last, "pca", 0.0, one.path), "no such marker"),
+        (KeptFill("A", 60, 70, "pca", 0.0, np.zeros((13, 3))), "not all of its frames"),
+    ):
+        motion, unfit = put_fills(motion_of(take.markers, take.whole, NUMBERS[0]), NAMES, [other])
+        assert reason in unfit[0]
+        np.testing.assert_array_equal(motion.markers, take.markers)
+    new = KeptFill("A", 56, 58, "rigid", 0.0, np.zeros((5, 3)))
+    assert replaced_fills(take.fills, [new]) == (new, take.fills[1])
+    assert replaced_fills(take.fills, []) == take.fills
+
+
+HERTZ = 120.0
+TIME = np.arange(720) / HERTZ
+
+
+def swing(hertz: float) -> np.ndarray:
+    """(T, 1, 3) m, a swing of one metre to each side."""
+    return np.repeat(np.sin(2 * np.pi * hertz * TIME)[:, None, None], 3, axis=2)
+
+
+def amplitude(xyz: np.ndarray) -> float:
+    return float(np.abs(xyz[200:-200]).max())
+
+
+@pytest.mark.parametrize("cutoff", [4.0, 8.0, 15.0])
+def test_at_the_cut_off_the_amplitude_is_down_by_3_db(cutoff):
+    assert amplitude(smoothed(swing(cutoff), HERTZ, cutoff)) == pytest.approx(np.sqrt(0.5), abs=0.01)
+    assert amplitude(smoothed(swing(cutoff / 5), HERTZ, cutoff)) == pytest.approx(1, abs=0.01)
+    assert amplitude(smoothed(swing(3 * cutoff), HERTZ, cutoff)) < 0.03
+
+
+def test_nothing_lags_stretches_stand_alone_and_gaps_stay():
+    slow = swing(1.5)
+    both = smoothed(slow + 0.1 * swing(40.0), HERTZ, 6.0)
+    shifts = range(-5, 6)
+    off = [np.abs(np.roll(both, shift, axis=0) - slow)[200:-200].mean() for shift in shifts]
+    assert shifts[int(np.argmin(off))] == 0
+    xyz = np.concatenate([swing(2.0), 3 + 0 * swing(1.0)], axis=1)
+    xyz[300:310, 0] = xyz[500, 0] = xyz[503, 0] = np.nan
+    xyz[350:, 1] = 7
+    calm = smoothed(xyz, HERTZ, 6.0)
+    np.testing.assert_array_equal(np.isnan(calm), np.isnan(xyz))
+    np.testing.assert_array_equal(calm[501:503, 0], xyz[501:503, 0])
+    assert count_smoothed(xyz) == [720 - 12 - 2, 720], "two samples between gaps stay"
+    alone = smoothed(xyz[310:500, :1], HERTZ, 6.0)
+    np.testing.assert_allclose(calm[310:500, :1], alone)
+    still = smoothed(0 * xyz[:200] + 0.25, HERTZ, 6.0)
+    np.testing.assert_allclose(still, 0.25, atol=1e-12)

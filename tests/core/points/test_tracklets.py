@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Trajectories in tracklets: where they are cut, and how tracklets vote: one name each, no name twice at a time."""
+"""Trajectories in tracklets: where they are cut, how they vote, and what is said of points once frames are named."""
 
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels
-from addon.core.points.deciding import Votes
+from addon.core.points.deciding import Votes, decide
 from addon.core.points.tracklets import VOTE, cut, renamed, vote
 
 RATE = 100.0
@@ -138,3 +139,48 @@ def test_ghosts_of_one_frame_each_change_no_vote_and_take_no_time_or_room():
     assert (voted.labels.marker[:, :2] == [0, 1]).all()
     assert (voted.labels.marker[:, 2:] == -1).all()
     assert most < 500 * tracklet.size  # a table of frames by tracklets has a byte for each of 80 million cells
+
+
+NAMED = 3
+TARGET = 0.999
+FRAMES = 50
+
+
+def votes(points: int, confidence: float, sure: np.ndarray | None = None) -> tuple[Labels, np.ndarray]:
+    """Frames of `points` trajectories, the first three of which are named; sure (F, 3) of it where asked."""
+    marker = np.full((FRAMES, points), NO_MARKER)
+    marker[:, :NAMED] = range(NAMED)
+    chance = np.where(marker == NO_MARKER, 0.0, confidence)
+    rate = np.zeros(marker.shape)
+    if sure is not None:
+        rate[:, :NAMED] = sure
+    step = np.where(marker == NO_MARKER, 0, BY_LIKELIHOOD)
+    return Labels(marker, step, chance, rate), np.broadcast_to(np.arange(points), marker.shape)
+
+
+def test_frames_none_of_which_is_sure_name_a_trajectory_but_not_among_many_more_points_than_markers(model):
+    decided = decide(*votes(20, 0.95), model, TARGET, 0).labels
+    assert decided.marker[:, :3].tolist() == [[0, 1, 2]] * FRAMES
+    # A point that is no marker may sit like one in every frame of a crowd: its frames are not so many witnesses.
+    decided = decide(*votes(30, 0.95), model, TARGET, 0).labels
+    assert (decided.marker == NO_MARKER).all()
+
+
+def test_in_a_crowd_sure_frames_carry_the_others_of_one_subject_where_they_are_a_quarter(model):
+    sure = np.ones((FRAMES, 3))
+    sure[::3, 0] = 0  # most frames of the first are sure
+    sure[5:, 1] = 0  # few of the second are
+    decided = decide(*votes(30, 0.95, sure), model, TARGET, 0).labels
+    assert (decided.marker[:, 0] == 0).all()
+    assert (decided.marker[:5, 1] == 1).all() and (decided.marker[5:, 1] == NO_MARKER).all()
+    assert (decided.marker[:, 2] == 2).all()
+    likelihood = replace(model.likelihood, subjects=1)
+    alone = replace(model, likelihood=likelihood)
+    sure = np.zeros((FRAMES, 3))
+    sure[: FRAMES // 2, 0] = 1
+    sure[: FRAMES // 10, 1] = 1
+    decided = decide(*votes(20, 0.95, sure), alone, TARGET, 0).labels
+    assert (decided.marker[:, 0] == 0).all()
+    assert (decided.marker[: FRAMES // 10, 1] == 1).all() and (decided.marker[FRAMES // 10 :, 1] == NO_MARKER).all()
+    assert (decided.marker[:, 2] == NO_MARKER).all()
+    assert (decide(*votes(20, 0.95, sure), model, TARGET, 0).labels.marker[:, :3] == [0, 1, 2]).all()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where samples are from: every one is counted once, however the take is cut, and a person's are told by frame."""
+"""Where samples are from, every one counted once; and what labelling again changed, by marker and range."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -9,6 +9,7 @@ import pytest
 
 from addon.core.data.takes import BY_EDIT, BY_LIKELIHOOD, LabelledChunk, Labels, PointRows
 from addon.core.edits.kinds import Edits, Place
+from addon.core.review.changes import GAINED, LOST, OTHER, changes, summary_of_changes
 from addon.core.review.provenance import SampleOrigins
 from tests.core.scenes import motion_of
 
@@ -62,3 +63,39 @@ def test_every_sample_is_counted_once(part, cuts):
     }  # fmt: skip
     nothing = {"measured": 0, "hand": 0, "filled": {}, "missing": 20, "smoothed": 0, "confidence": None}
     assert told["LTOE"] == nothing
+
+
+PAIR, NUMBERS = ("A", "B"), 10 + np.arange(20)
+
+
+def changed(edit):
+    """Two points in every frame, the markers A and B, then as `edit` makes of a table (20, 2)."""
+    before = np.tile([0, 1], (20, 1))
+    after = before.copy()
+    edit(before, after)
+    return changes(np.repeat(np.arange(20), 2), before.ravel(), after.ravel(), PAIR, NUMBERS)
+
+
+def said(found):
+    return [(one.marker, one.what, one.first, one.last, one.frames) for one in found]
+
+
+def test_nothing_changed_gained_lost_and_exchanged_over_a_short_break():
+    assert changed(lambda before, after: None) == ()
+    assert summary_of_changes(()) == ""
+
+    def edit(before, after):
+        before[:5, 0] = -1
+        after[8:10, 1] = -1
+
+    found = changed(edit)
+    assert said(found) == [("A", GAINED, 10, 14, 5), ("B", LOST, 18, 19, 2)]
+    assert summary_of_changes(found) == "5 labels more, 2 fewer"
+    assert found[0].words == "A is named now in frames 10–14"
+
+    def edit(before, after):
+        after[4:12] = [1, 0]
+        after[7] = [0, 1]
+
+    found = changed(edit)
+    assert said(found) == [("A", OTHER, 14, 21, 7), ("B", OTHER, 14, 21, 7)]

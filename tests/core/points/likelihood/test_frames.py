@@ -1,16 +1,29 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From labelled clouds to names: a made-up walker and one in plates, with hidden markers and ghosts."""
+"""From labelled clouds to names, with hidden markers and ghosts; and their likelihood against the dense formula."""
+
+from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
 
+from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import InputError
-from addon.core.geometry.upright import turned
+from addon.core.geometry.upright import turned, upright_aligned
+from addon.core.points.likelihood import swaps
+from addon.core.points.likelihood.distances import ConstraintOptions, learn_constraints, size_and_fit
 from addon.core.points.likelihood.frames import label_frames, label_some
+from addon.core.points.likelihood.latent import Latent
 from addon.core.points.likelihood.learn import learn_likelihood
+from addon.core.points.likelihood.naming import IMPOSSIBLE, NO_POINT, name_worth, one_to_one, settle
+from addon.core.points.likelihood.shape import learn_shape
 from addon.core.points.likelihood.trials import make_trial
-from addon.core.simulation.virtual import Act
+from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.io.markersets import open_markerset
+from addon.io.models import open_model
 from tests.core import scenes
 from tests.core.points.rigid_bodies import plated
 
@@ -116,3 +129,135 @@ def test_a_frame_in_a_crowd_is_nothing_to_its_neighbours(likelihood):
     assert (together.marker[others, :width] == alone.marker[others]).all()
     assert np.allclose(together.confidence[others, :width], alone.confidence[others], atol=1e-9)
     assert (together.marker[others, width:] < 0).all()
+
+
+MARKERS = 7
+NAMING = [0, 1, 2, 3, 4, NO_POINT, NO_POINT]
+
+
+@pytest.fixture
+def scene(monkeypatch):
+    """A model, its ties and one frame whose yaw and size stand still, so that gains are exact."""
+    rng = np.random.default_rng(0)
+    base = rng.normal(size=(MARKERS, 3))
+    swing = 0.1 * rng.normal(size=(200, 1, 3)) * rng.normal(size=(MARKERS, 3))
+    clouds = base + swing + 0.02 * rng.normal(size=(200, MARKERS, 3))
+    shape = learn_shape([clouds])
+    constraints = replace(learn_constraints([clouds], shape.radius), size_sd=1e-12)
+    assert len(constraints) > 0
+    monkeypatch.setattr("addon.core.points.likelihood.distances.CONSTRAINING", ConstraintOptions(max_cost=1e9))
+    monkeypatch.setattr(swaps, "ALTERNATIVES", swaps.AlternativeOptions(max_distance_radii=20.0))
+    points = upright_aligned(clouds[:1], shape.mean)
+    points = np.concatenate([points, rng.normal(size=(1, 3, 3))], axis=1)
+    model = Latent(shape)
+    model.yaw_sd = 0.0
+
+    def settled(named):
+        return settle(model, constraints, points, np.ones((1, MARKERS + 3), dtype=bool), np.array([named]))
+
+    return model, constraints, settled
+
+
+def test_score_is_the_dense_gaussian(scene):
+    model, constraints, settled = scene
+    found = settled(NAMING)
+    flat = model.columns.reshape(-1, model.size)
+    covariance = flat @ flat.T + np.diag(np.repeat(model.noise, 3))
+    known = slice(0, 15)
+    offset = (found.points[0, :5] - model.mean[:5]).ravel()
+    block = covariance[known, known]
+    expected = -0.5 * offset @ np.linalg.solve(block, offset) - 0.5 * np.linalg.slogdet(block)[1]
+    expected += 5 * name_worth(model, found.present)[0]
+    expected += size_and_fit(constraints, found.points, found.naming)[1][0]
+    assert found.score[0] == pytest.approx(expected, abs=1e-4)
+
+
+@pytest.mark.parametrize(("marker", "point"), [(2, NO_POINT), (2, 8), (5, 7), (6, 9)])
+def test_dropping_replacing_and_adding_gain_what_trying_gains(scene, marker, point):
+    model, constraints, settled = scene
+    before = settled(NAMING)
+    tried = list(NAMING)
+    tried[marker] = point
+    odds = swaps.alternatives(model, constraints, before).odds[0, marker]
+    gain = (odds[point] if point >= 0 else 0) - (odds[NAMING[marker]] if NAMING[marker] >= 0 else 0)
+    assert gain == pytest.approx(settled(tried).score[0] - before.score[0], abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("way", "one", "other"),
+    [
+        *(("move", *pair) for pair in [(2, 5), (0, 6), (2, 1), (3, 4), (0, 3)]),
+        *(("swap", *pair) for pair in [(3, 1), (4, 3), (4, 0), (2, 0)]),
+    ],
+)
+def test_moving_and_swapping_gain_what_trying_gains(scene, way, one, other):
+    model, constraints, settled = scene
+    before = settled(NAMING)
+    tried = list(NAMING)
+    tried[one], tried[other] = tried[other] if way == "swap" else NO_POINT, tried[one]
+    gain = getattr(swaps.alternatives(model, constraints, before), way)[0, one, other]
+    assert gain == pytest.approx(settled(tried).score[0] - before.score[0], rel=1e-6, abs=1e-4)
+
+
+def test_alignment_undoes_a_turn_and_a_step():
+    rng = np.random.default_rng(5)
+    template = rng.normal(size=(6, 3))
+    moved = turned(template[None], np.array([2.1])) + np.array([3.0, -4.0, 0.5])
+    moved[0, 2] = np.nan
+    aligned = upright_aligned(moved, template)[0]
+    assert np.isnan(aligned[2]).all()
+    assert np.allclose(np.delete(aligned, 2, axis=0), np.delete(template, 2, axis=0))
+
+
+def made_up(seed: int) -> np.ndarray:
+    """Odds (M, P), some impossible, many below 0; of some seeds whole numbers, of which many are equal."""
+    rng = np.random.default_rng(seed)
+    odds = rng.normal(rng.normal(), 3, rng.integers(1, 9, 2))
+    odds[rng.random(odds.shape) < rng.random()] = IMPOSSIBLE
+    return np.round(odds) if seed % 3 == 0 else odds
+
+
+@settings(deadline=None, max_examples=300)
+@given(st.integers(0, 10**6))
+def test_the_total_is_the_highest_that_there_is(seed):
+    odds = made_up(seed)
+    naming = one_to_one(odds[None])[0]
+    named = np.flatnonzero(naming != NO_POINT)
+    assert len(set(naming[named].tolist())) == len(named)
+    assert (odds[named, naming[named]] > 0).all()
+    worth = np.maximum(odds, 0)
+    best = worth[linear_sum_assignment(worth, maximize=True)].sum()
+    assert odds[named, naming[named]].sum() == pytest.approx(best, abs=1e-6)
+
+
+TARGET = 0.999
+NEAR = 0.12  # m; markers farther apart do not merge
+FRAMES = 8
+
+
+@pytest.mark.parametrize("at", [0.5, 0.0])
+def test_a_point_of_two_markers_is_either_of_them_or_nobody(at):
+    known = open_model("body26")
+    markerset = known.markerset
+    model, markers = BodyModel(markerset), np.arange(len(markerset))
+    wrong = others = given = 0
+    for seed in range(3):
+        chance = np.random.default_rng(seed)
+        xyz = model.pose(perform(model, draw_person(markerset, chance), [Act(1.0)], rate=60)).markers
+        xyz = xyz[:: len(xyz) // FRAMES][:FRAMES] + chance.normal(0, 0.0005, (FRAMES, len(markers), 3))
+        distance = np.median(np.linalg.norm(xyz[:, :, None] - xyz[:, None], axis=-1), axis=0)
+        for one, two in combinations(markers, 2):
+            if distance[one, two] > NEAR:
+                continue
+            merged = xyz.copy()
+            merged[:, one] += at * (xyz[:, two] - xyz[:, one])
+            merged[:, two] = np.nan
+            [named] = label_frames(known.likelihood, merged)
+            sure = named.sure(TARGET)
+            wrong += int(((sure[:, one] >= 0) & ~np.isin(sure[:, one], [one, two])).sum())
+            rest = np.setdiff1d(markers, [one, two])
+            others += int(((sure[:, rest] >= 0) & (sure[:, rest] != rest)).sum())
+            given += int((sure[:, rest] >= 0).sum())
+    assert given > 1000
+    assert wrong == 0
+    assert others <= 0.001 * given

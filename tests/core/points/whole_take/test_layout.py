@@ -1,21 +1,29 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which exchanges of names, also of markers side by side, are worth weighing, against the exact likelihood."""
+"""Which exchanges of names are worth weighing, against the exact likelihood; and crowds of more points than markers."""
 
 from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from addon.core.data.errors import JobError
+from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels
 from addon.core.points.likelihood.distances import DistanceConstraints
 from addon.core.points.likelihood.latent import Latent
 from addon.core.points.likelihood.naming import score_of, settle
 from addon.core.points.likelihood.shape import Shape
-from addon.core.points.tracklets import VOTE
+from addon.core.points.naming import namer_of
+from addon.core.points.refusals import REFUSAL, refuse_unlike
+from addon.core.points.tracklets import VOTE, cut
 from addon.core.points.whole_take.blocks import _held_together, _row, block_exchanges, middle_of_known
-from addon.core.points.whole_take.layout import LAYOUT_NAMING, _gains, _may_gain
+from addon.core.points.whole_take.deciding import labels_of
+from addon.core.points.whole_take.layout import LAYOUT_NAMING, _gains, _may_gain, named_by_layout
 from addon.core.points.whole_take.likeness import _next_named
+from addon.core.points.whole_take.objective import settled_frames, usual_fit
+from addon.core.points.whole_take.solving import solve_take
 from addon.io.models import open_model
 
 SEEDS = st.integers(0, 2**16)
@@ -121,3 +129,72 @@ def test_the_middle_of_what_is_known(seed, count):
 
 def test_who_gives_a_point_away_takes_what_is_left():
     assert _row(np.array([0, 1]), np.array([1, 4]), 6).tolist() == [1, 4, 2, 3, 0, 5]
+
+
+RATE = 100.0
+FRAMES = 200
+FOOT = "LANK", "LHEE", "LTOE"
+
+
+def beside(markers: np.ndarray) -> np.ndarray:
+    """(T, M, 3) m, a point on the way from each marker to the one that is usually next to it."""
+    between = np.nanmean(np.linalg.norm(markers[::10, :, None] - markers[::10, None], axis=3), axis=0)
+    np.fill_diagonal(between, np.inf)
+    near = between.argmin(axis=1)
+    return markers + 0.4 * (markers[:, near] - markers)
+
+
+def shuffled(tracks: np.ndarray, markers: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    """The same points (T, P, 3) in another order, and which of the markers each is, or none."""
+    order = np.random.default_rng(seed).permutation(tracks.shape[1])
+    return tracks[:, order], np.where(order < markers, order, NO_MARKER)
+
+
+def said(points: np.ndarray, marker: np.ndarray) -> Labels:
+    """What frames say on their own: these names (T, P)."""
+    known = (marker != NO_MARKER) & np.isfinite(points[..., 0])
+    chance = np.where(known, 0.97, 0.0)
+    return Labels(np.where(known, marker, NO_MARKER), np.where(known, BY_LIKELIHOOD, NO_STEP), chance, chance)
+
+
+def test_a_crowd_is_told_from_the_set_where_frames_know_the_trunk_only(model, markers):
+    points, whose = shuffled(np.concatenate([markers, beside(markers)], axis=1), markers.shape[1])
+    trunk = [model.markerset.markers.index(name) for name in ("LASI", "RASI", "SACR", "LSHO", "RSHO", "LELB", "RELB")]
+    named = said(points, np.broadcast_to(np.where(np.isin(whose, trunk), whose, NO_MARKER), points.shape[:2]))
+    solution = solve_take(points, cut(points, RATE), named, model, RATE)
+    given = labels_of(solution, named, 0.999, model.markerset.markers).labels.marker
+    truth = np.where(np.isfinite(points[..., 0]), whose, NO_MARKER)
+    assert solution.crowd
+    assert (given[given != NO_MARKER] == truth[given != NO_MARKER]).all()
+    assert (given == truth)[truth != NO_MARKER].mean() > 0.9
+    assert solution.fit.residual < REFUSAL.max_residual
+
+
+@pytest.mark.parametrize("turned", [(1, 2, 0), (2, 0, 1)])
+def test_three_that_are_each_in_the_place_of_the_next_are_put_right(model, markers, turned):
+    foot = [model.markerset.markers.index(name) for name in FOOT]
+    placed = markers.copy()
+    placed[:, foot] = markers[:, [foot[index] for index in turned]]
+    name, _ = named_by_layout(model.likelihood, placed[::20], np.zeros(0, int), False)
+    assert (name[foot] == [foot[index] for index in turned]).all()
+    assert (np.delete(name, foot) == np.delete(np.arange(len(name)), foot)).all()
+
+
+def test_every_choice_of_a_block_gives_each_point_one_taker(model, markers):
+    placed = np.concatenate([markers, beside(markers)[:, :20]], axis=1)
+    now = settled_frames(model.likelihood, placed[::20])
+    tried = block_exchanges(model.likelihood.known, now, np.arange(placed.shape[1]))
+    assert len(tried)
+    assert (np.sort(tried, axis=1) == np.arange(placed.shape[1])).all()
+
+
+def test_another_set_sits_elsewhere_and_is_refused(model, markers):
+    own = usual_fit(model.likelihood, markers)
+    rng = np.random.default_rng(4)
+    elsewhere = markers + rng.normal(0, 0.08, (1, markers.shape[1], 3))
+    other = usual_fit(model.likelihood, elsewhere)
+    assert own.residual < REFUSAL.max_residual < other.residual
+    namer = namer_of(model, "likelihood")
+    refuse_unlike(model, namer, markers, own)
+    with pytest.raises(JobError, match="does not look like a take of model body26"):
+        refuse_unlike(model, namer, markers, other)

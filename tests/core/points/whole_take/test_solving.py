@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A take solved as a whole: which frames are named on their own, and pieces of which these say little or err."""
+"""A take solved as a whole, of which frames say little or err; and what a person says of it, which holds."""
 
 from dataclasses import replace
 
@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from addon.core.data.lanes import LaneOptions
-from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels
+from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Points
+from addon.core.edits.applying import apply_edits, cells_of_take
+from addon.core.edits.kinds import AssignPoint, Delete, Edits, UnlabelMarker
 from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.asking import asked_frames
 from addon.core.points.whole_take.deciding import can_be_solved, labels_of
@@ -15,6 +17,7 @@ from addon.core.points.whole_take.layout import Question, named_by_layout
 from addon.core.points.whole_take.likeness import likeness
 from addon.core.points.whole_take.objective import Objective, fullest_frames
 from addon.core.points.whole_take.pairs import in_take, trained_pairs
+from addon.core.points.whole_take.rulings import Rulings
 from addon.core.points.whole_take.solving import solve_take
 from addon.core.points.whole_take.tracklets import labels_between, seen_in, tracklets_of
 
@@ -60,7 +63,7 @@ def wrong_and_missing(marker: np.ndarray, points: np.ndarray, whose: np.ndarray)
     return int((named & (marker != truth)).sum()), float((present & ~named).sum() / present.sum())
 
 
-def test_a_third_of_the_frames_name_the_whole_take(model, markers):
+def test_a_third_of_the_frames_name_the_whole_take_and_no_less_of_it_with_a_lax_target(model, markers):
     points, whose = pieces(markers)
     early = np.arange(FRAMES)[:, None] < FRAMES // 3
     named = said(points, whose, np.broadcast_to(early, points.shape[:2]))
@@ -70,6 +73,12 @@ def test_a_third_of_the_frames_name_the_whole_take(model, markers):
     assert wrong == 0
     assert missing < 0.01
     assert (labels.step[FRAMES // 2 :][labels.named[FRAMES // 2 :]] == BY_TRAJECTORY).all()
+    given = [
+        labels_of(solution, named, target, model.markerset.markers).labels.named.sum()
+        for target in (0.9, 0.999, 0.99999, 1 - 1e-15)
+    ]
+    assert given == sorted(given, reverse=True)
+    assert given[-1] < given[0]
 
 
 def test_points_that_are_no_marker_get_no_name(model, markers):
@@ -215,19 +224,6 @@ def test_frames_in_no_order_and_sets_on_rigid_bodies_are_not_solved(model):
     assert not can_be_solved(model, np.full((20, 4), -1))
 
 
-def test_a_strict_target_names_no_more_than_a_lax_one(model, markers):
-    points, whose = pieces(markers)
-    early = np.arange(FRAMES)[:, None] < FRAMES // 3
-    named = said(points, whose, np.broadcast_to(early, points.shape[:2]))
-    solution = solve_take(points, cut(points, RATE), named, model, RATE)
-    given = [
-        labels_of(solution, named, target, model.markerset.markers).labels.named.sum()
-        for target in (0.9, 0.999, 0.99999, 1 - 1e-15)
-    ]
-    assert given == sorted(given, reverse=True)
-    assert given[-1] < given[0]
-
-
 def test_a_plate_turned_round_is_worth_less_however_far_it_sits_from_its_place(model, markers):
     """As much off for all of its markers is less than twice as much for some: squares have no limit."""
     four = [model.markerset.index(name) for name in ("LKNE", "LANK", "LHEE", "LTOE")]
@@ -280,3 +276,103 @@ def test_frames_between_say_what_their_tracklets_do_in_the_nearest_one(tracklet,
     assert (said.step[there & ~own] == BY_TRAJECTORY).all()
     assert (said.step[~there] == NO_STEP).all()
     assert (said.rate[there] == 0.9).all()
+
+
+PAIR = "LWRA", "LWRB"
+
+
+@pytest.fixture(scope="module")
+def everything(model, markers):
+    """Labels by which both wrists' markers have each other's names in all of the take."""
+    one, other = (model.markerset.index(name) for name in PAIR)
+    whose = np.arange(len(model.markerset))
+    whose[[one, other]] = other, one
+    return said(markers, whose, np.ones(markers.shape[:2], bool))
+
+
+def rulings_of(model, markers, labels: Labels, *edits) -> Rulings:
+    take = Points(("",) * markers.shape[1], markers, markers[..., 0], RATE, 1)
+    cells = cells_of_take(take, model.markerset.by_name, len(model.markerset))
+    return Rulings(apply_edits(labels, Edits(edits), cells).edited, labels, cut(markers, RATE), None)
+
+
+def solved(model, markers, labels: Labels, rulings: Rulings) -> np.ndarray:
+    """(T, P) the markers of the take once it is solved with the rulings."""
+    pieces = rulings.parted()
+    heard = rulings.applied_to(labels)
+    solution = solve_take(markers, pieces, heard, model, RATE, rulings=rulings)
+    return labels_of(solution, heard, 0.999, model.markerset.markers).labels.marker
+
+
+def test_one_frame_of_one_marker_puts_the_whole_take_right(model, markers, everything):
+    """The other marker too, before that frame and after it, though every frame says otherwise."""
+    one, other = (model.markerset.index(name) for name in PAIR)
+    rulings = rulings_of(model, markers, everything, AssignPoint(one, PAIR[0], frames=(100, 100)))
+    marker = solved(model, markers, everything, rulings)
+    present = np.isfinite(markers[..., 0])
+    assert (marker[:, one] == one)[present[:, one]].all()
+    assert (marker[:, other] == other)[present[:, other]].all()
+    rest = np.setdiff1d(np.arange(len(model.markerset)), [one, other])
+    assert (marker[:, rest] == np.where(present, np.arange(len(model.markerset)), NO_MARKER)[:, rest]).all()
+
+
+def test_a_held_name_is_believed_against_everything_and_is_nobody_elses(model, markers, everything):
+    knee, toe = (model.markerset.index(name) for name in ("RKNE", "LTOE"))
+    rulings = rulings_of(model, markers, everything, AssignPoint(knee, "LTOE", frames=(50, 150)))
+    marker = solved(model, markers, everything, rulings)
+    assert (marker[49:150, knee] == toe).all()
+    assert not (marker[49:150, toe] == toe).any()
+    # So odd a word may cost the toe its name elsewhere, and gives it to nobody else.
+    assert np.isin(marker[:, toe], (toe, NO_MARKER)).all()
+    assert (np.isin(marker, toe).sum(axis=1) <= 1).all()
+
+
+def test_tracklets_end_where_what_is_said_of_them_does(model, markers, everything):
+    knee, toe, back = (model.markerset.index(name) for name in ("RKNE", "LTOE", "C7"))
+    edits = AssignPoint(knee, "LTOE", frames=(11, 20)), Delete(back, frames=(1, 30))
+    rulings = rulings_of(model, markers, everything, *edits)
+    tracklet = rulings.parted()
+    ends = [np.flatnonzero(np.diff(tracklet[:, column])).tolist() for column in (knee, toe, back)]
+    assert ends == [[9, 19], [9, 19], [29]]
+    assert (tracklet[:30, back] == -1).all()
+    pieces = rulings.of(tracklets_of(markers, tracklet, everything, len(model.markerset)))
+    (held,) = np.flatnonzero(pieces.held != NO_MARKER)
+    assert (pieces.held[held], pieces.first[held], pieces.last[held]) == (toe, 10, 19)
+    assert pieces.votes[held].argmax() == toe
+
+
+def test_a_tracklet_is_cut_at_a_gap_in_which_another_has_its_name(model, markers, everything):
+    toe = model.markerset.index("LTOE")
+    broken = np.concatenate([markers, np.full((FRAMES, 1, 3), np.nan)], axis=1)
+    broken[100:120, -1] = broken[100:120, toe]
+    broken[98:122, toe] = np.nan
+    labels = Labels(
+        *(np.pad(column, ((0, 0), (0, 1))) for column in (everything.marker, everything.step)),
+        *[np.pad(column, ((0, 0), (0, 1))) for column in (everything.confidence, everything.rate)],
+    )
+    labels.marker[:, -1] = NO_MARKER
+    whole = cut(broken, RATE)
+    assert whole[0, toe] == whole[-1, toe]
+    parted = rulings_of(model, broken, labels, AssignPoint(broken.shape[1] - 1, "LTOE")).parted()
+    assert parted[0, toe] != parted[-1, toe]
+    without = rulings_of(model, broken, labels, UnlabelMarker("C7")).parted()
+    assert without[0, toe] == without[-1, toe]
+
+
+def test_what_is_nobodys_is_not_named_and_what_has_no_name_goes_on_as_a_person_called_it(model, markers, everything):
+    rulings = rulings_of(model, markers, everything, UnlabelMarker("LTOE", frames=(1, 200)))
+    marker = solved(model, markers, everything, rulings)
+    toe = model.markerset.index("LTOE")
+    assert not (marker[:200] == toe).any()
+    assert (marker[202:, toe] == toe).all()
+    toe, back, knee = (model.markerset.index(name) for name in ("LTOE", "C7", "RKNE"))
+    labels = everything.kept(~np.isin(np.arange(markers.shape[1]), [toe, back]) & everything.named)
+    edits = AssignPoint(toe, "LTOE", frames=(100, 100)), UnlabelMarker("LTOE", frames=(200, 210))
+    rulings = rulings_of(model, markers, labels, *edits, AssignPoint(knee, "LKNE", frames=(5, 6)))
+    present = np.isfinite(markers[:, toe, 0])
+    carried = np.flatnonzero(rulings.carried[:, toe] == toe)
+    expected = np.setdiff1d(np.flatnonzero(present), [99, *range(199, 210)])
+    assert carried.tolist() == expected.tolist()
+    assert (np.delete(rulings.carried, toe, axis=1) == NO_MARKER).all()
+    assert (rulings.applied_to(labels).marker[expected, toe] == toe).all()
+    assert (rulings.start[99, toe], rulings.start[98, toe]) == (toe, toe)
