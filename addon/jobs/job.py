@@ -282,12 +282,12 @@ def capture_notes(source: Path, points: bool, cameras: Cameras | None = None) ->
         return []
     held = held_in(source)
     choice = held.chosen(USE_POINTS if points else USE_BLOBS, None if cameras is None else cameras.names)
-    facts = [f"of {source.name}, {choice}"] if choice else []
+    notes = [f"of {source.name}, {choice}"] if choice else []
     left = [] if cameras is None else [name for name in held.calibrated if name not in cameras.names]
     if left:
         words = "cameras that the calibration does not have are left out"
-        facts.append(f"of {source.name}, the blobs of {len(left)} {words}: {', '.join(left)}")
-    return facts
+        notes.append(f"of {source.name}, the blobs of {len(left)} {words}: {', '.join(left)}")
+    return notes
 
 
 def facts_of_capture(source: Path, cameras: Cameras | None = None) -> dict:

@@ -225,8 +225,8 @@ def _points_of(job: LabelJob, room: Room) -> FilePoints:
     return read_points(job.source, frames=job.frames, up=job.up, rate=job.rate, make_table=room, mirror=job.mirror)
 
 
-def _find_model(job: LabelJob, take: Points) -> Generator[Progress, None, str]:
-    """The one of the known models that a take wears, as a job has it.
+def _find_model(job: LabelJob, take: Points) -> Generator[Progress, None, tuple[str, str]]:
+    """The one of the known models that a take wears, as a job has it, and a note of that.
 
     Raises JobError where several may be, or none is.
     """
@@ -236,7 +236,7 @@ def _find_model(job: LabelJob, take: Points) -> Generator[Progress, None, str]:
         refuse_impossible(take.xyz, take.rate, take.lanes, learned)
     worn, likely = yield from set_worn(take, learned)
     if worn is not None:
-        return known[worn]
+        return known[worn], f"{known[worn]} was found among {len(known)} marker sets"
     if likely:
         words = f"looks like a take of {' as well as '.join(known[model] for model in likely)}"
         raise JobError(f"{words}; expected the one that is worn, {HOW_TO_CHOOSE} {known[likely[0]]}")
@@ -256,13 +256,12 @@ def label_take(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> 
     clock: dict[str, float] = {}
     with ExitStack() as stack:
         inputs, files = open_files(job, stack)  # before they are read
-        found = []
+        found: list[str] = []
         if job.model == AUTO_MODEL:
             with timed(clock, "load"), ExitStack() as read:
-                count, take = len(job.models), kind_of(job).shown(job, read)
-                job = replace(job, model=(yield from _find_model(job, take)))
-                inputs["model"] = file_rows([markerset_file(job.model)], job.path(REPORT))
-                found = [f"{job.model} was found among {count} marker sets"]
+                model, *found = yield from _find_model(job, kind_of(job).shown(job, read))
+                job = replace(job, model=model)
+                inputs["model"] = file_rows([markerset_file(model)], job.path(REPORT))
         with timed(clock, "load"):
             models = {}
             for name in job.models:

@@ -127,8 +127,8 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
         if self._changed is not None:
             keep_changes(settings.take, self._changed)
             refresh_review(context.window_manager, context.scene)
-            kept = summary_of_changes(self._changed) or "Nothing is otherwise"
-            self.report({"INFO"}, f"{kept} than where all of the take was labelled")
+            summary = summary_of_changes(self._changed) or "Nothing is otherwise"
+            self.report({"INFO"}, f"{summary} than where all of the take was labelled")
         return done
 
 

@@ -358,8 +358,8 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     collection[MARKER_NAMES] = json.dumps(take.markerset.markers)
     # Blender's whole numbers have 32 bits, and a shift may need 33.
     collection[RATE], collection[SHIFT], collection[SOURCE] = float(take.rate), float(shift), take.source
-    more = [astuple(one)[: 5 if one.doubtful is None else 6] for one in take.suspects]
-    collection[SUSPECTS] = json.dumps(more, default=int)  # whole numbers of NumPy as well
+    suspects = [astuple(one)[: 5 if one.doubtful is None else 6] for one in take.suspects]
+    collection[SUSPECTS] = json.dumps(suspects, default=int)  # whole numbers of NumPy as well
     collection[MARKER_WORDS] = json.dumps(take.markerset.by_name)
     collection[PERFORMERS] = json.dumps(rows_of(performers))
     skeletons = [one.skeleton for _, one in take.markerset.worn]

@@ -258,22 +258,22 @@ def _distinct(values: list[int]) -> list[int]:
 
 
 def _filled(file: C3dFile, start: int, points: int, analog: int) -> FileLayout | None:
-    """The layout with the claim about frames that best fills the data; None where each wants more than there are."""
+    """The layout with the stated frames that best fill the data; None where all of them want more than there are."""
     size = (4 * points + analog) * file.width
     available = (len(file.content) - start) // size
-    counts = list(_counts(file))
-    fitting = [count for count in counts if 1 <= count[0] <= available]
+    stated = _stated_frames(file)
+    fitting = [one for one in stated if 1 <= one[0] <= available]
     if not fitting:
         return None
     frames, first = _likeliest(fitting, size, len(file.content) - start)
     left = len(file.content) - start - frames * size
-    return FileLayout(start, points, analog, frames, first, left, tuple(_notes(file, points, analog, frames, counts)))
+    return FileLayout(start, points, analog, frames, first, left, tuple(_notes(file, points, analog, frames, stated)))
 
 
-def _likeliest(counts: list[tuple[int, int]], size: int, length: int) -> tuple[int, int]:
-    """The claim that leaves least of the data over; the commonest of those that leave what may be padding."""
-    filling = [frames for frames, _ in counts if length - frames * size < BLOCK]
-    return max(counts, key=lambda count: (filling.count(count[0]), count[0]))
+def _likeliest(stated: list[tuple[int, int]], size: int, length: int) -> tuple[int, int]:
+    """Those stated frames that leave least of the data over; the commonest of those that leave what may be padding."""
+    filling = [frames for frames, _ in stated if length - frames * size < BLOCK]
+    return max(stated, key=lambda one: (filling.count(one[0]), one[0]))
 
 
 def trial_range(file: C3dFile) -> tuple[int, int] | None:
@@ -285,22 +285,22 @@ def trial_range(file: C3dFile) -> tuple[int, int] | None:
     return begin, end
 
 
-def _counts(file: C3dFile) -> list[tuple[int, int]]:
+def _stated_frames(file: C3dFile) -> list[tuple[int, int]]:
     """Numbers of frames and of the first of them, from the places where files keep them."""
     first, last = file.word(3), file.word(4)
-    counts = [(last - first + 1, first)] if last < SIXTEEN_BITS else []
+    stated = [(last - first + 1, first)] if last < SIXTEEN_BITS else []
     if trial := trial_range(file):
         first, end = trial
-        counts.insert(0, (end - first + 1, first))
-    counts += [(file.whole(key), first) for key in ("POINT:LONG_FRAMES", "POINT:FRAMES")]
-    if max((frames for frames, _ in counts), default=0) > SIXTEEN_BITS:
+        stated.insert(0, (end - first + 1, first))
+    stated += [(file.whole(key), first) for key in ("POINT:LONG_FRAMES", "POINT:FRAMES")]
+    if max((frames for frames, _ in stated), default=0) > SIXTEEN_BITS:
         # Sixteen bits say 65535 where they mean more.
-        counts = [count for count in counts if count[0] != SIXTEEN_BITS]
-    return counts
+        stated = [one for one in stated if one[0] != SIXTEEN_BITS]
+    return stated
 
 
-def _notes(file: C3dFile, points: int, analog: int, frames: int, counts: list[tuple[int, int]]) -> Iterator[str]:
-    others = [str(count) for count in _distinct([count for count, _ in counts]) if count > 0 and count != frames]
+def _notes(file: C3dFile, points: int, analog: int, frames: int, stated: list[tuple[int, int]]) -> Iterator[str]:
+    others = [str(count) for count in _distinct([count for count, _ in stated]) if count > 0 and count != frames]
     if others:
         yield f"the file says in places that it has {' or '.join(others)} frames, but {frames} fill it and were read"
     if file.word(1) and points != file.word(1):
@@ -317,14 +317,14 @@ def _unfinished(file: C3dFile, start: int) -> FileLayout:
     points, analog = _point_counts(file)[0], _analog(file)[0]
     size = (4 * points + analog) * file.width
     length = len(file.content) - start
-    counts = _counts(file)
-    wanted = max((frames for frames, _ in counts), default=0)
+    stated = _stated_frames(file)
+    wanted = max((frames for frames, _ in stated), default=0)
     # What is cut off by a disk or a network ends with a block, where frames of a fitting size would end too.
     if length % size or length < size or len(file.content) % BLOCK == 0:
         raise InputError(f"has data for {length // size} of {wanted} frames; expected a whole C3D file", file.path)
     frames = length // size
     note = f"the file says that it has {wanted} frames, but ends with the end of frame {frames}: those were read"
-    return FileLayout(start, points, analog, frames, counts[0][1] if counts else 1, 0, (note,))
+    return FileLayout(start, points, analog, frames, stated[0][1] if stated else 1, 0, (note,))
 
 
 # Groups of Vicon's model outputs; TYPE_GROUPS of a file may name more.
@@ -386,16 +386,16 @@ def open_c3d(path: Path, rate: float | None = None, everything: bool = False) ->
 
 def _rate(file: C3dFile, given: float | None) -> tuple[float, tuple[str, ...]]:
     """Frames a second, and what there is to say of that."""
-    counts = [file.number(key, 0) for key in ("POINT:RATE", "TRIAL:CAMERA_RATE")]
-    counts.insert(1, file.header_real(10))
-    stated = next((count for count in counts if MIN_RATE_HZ <= count <= MAX_RATE_HZ), None)
+    rates = [file.number(key, 0) for key in ("POINT:RATE", "TRIAL:CAMERA_RATE")]
+    rates.insert(1, file.header_real(10))
+    stated = next((rate for rate in rates if MIN_RATE_HZ <= rate <= MAX_RATE_HZ), None)
     if stated is not None:
         return stated, ()
     if given is None:
         raise InputError(
-            f"has a rate of {counts[0]:g} frames a second; expected a rate above zero, or one that is given", file.path
+            f"has a rate of {rates[0]:g} frames a second; expected a rate above zero, or one that is given", file.path
         )
-    return given, (f"the file has a rate of {counts[0]:g} frames a second, so the {given:g} that are given were taken",)
+    return given, (f"the file has a rate of {rates[0]:g} frames a second, so the {given:g} that are given were taken",)
 
 
 def _parts(file: C3dFile, layout: FileLayout) -> Iterator[Samples]:

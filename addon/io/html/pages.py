@@ -347,10 +347,10 @@ def _made(report: Mapping, overview: TakeOverview, source: str) -> Html | None:
         "Program": f"{GENERATOR} {report['version']}",
         **_digests(report),
     }
-    notes = [
+    entries = [
         joined_html([element("dt", name), element("dd", value)]) for name, value in facts.items() if value is not None
     ]
-    return section("How it was made", element("dl", *notes))
+    return section("How it was made", element("dl", *entries))
 
 
 def write_folder_page(path: Path, rows: Sequence[TakeRow], written: str):
