@@ -131,16 +131,23 @@ class SubjectsInImages:
         rows = np.flatnonzero(labels.named)
         frame, camera, marker = blobs.frame[rows], blobs.camera[rows], labels.marker[rows]
         noise, images = self._noise, self.cameras.project(motion.markers)
-        at = np.arange(len(rows)), marker
-        extra = CHECKING_BACK.hidden * hidden[frame, camera]
-        # Axis by axis: NumPy is slow to add up two of something.
-        square = sum((images[camera, frame, :, axis] - blobs.xy[rows, axis, None]) ** 2 for axis in (0, 1))
-        cost = square / (2 * noise**2) + extra
-        others = np.where(subject == subject[marker][:, None], np.inf, np.nan_to_num(cost, nan=np.inf))
-        alone = np.nan_to_num(self._off_alone(blobs, rows, labels, motion) / noise) ** 2 / 2 + extra[at]
+
+        def cost(row: np.ndarray, name: np.ndarray) -> np.ndarray:
+            at = camera[row], frame[row], name
+            square = ((images[at] - blobs.xy[rows[row]]) ** 2).sum(axis=1)
+            return square / (2 * noise**2) + CHECKING_BACK.hidden * hidden[at[1], at[0], name]
+
+        # Most markers are too far off along the first axis alone.
+        reach = noise * np.sqrt(2 * (CHECKING_BACK.most + CHECKING_BACK.lead))
+        near = np.abs(images[camera, frame, :, 0] - blobs.xy[rows, 0, None]) < reach
+        row, other = np.nonzero(near & (subject != subject[marker][:, None]))
+        nearest = np.full(len(rows), np.inf)
+        np.minimum.at(nearest, row, cost(row, other))
+        alone = np.nan_to_num(self._off_alone(blobs, rows, labels, motion) / noise) ** 2 / 2
+        alone += CHECKING_BACK.hidden * hidden[frame, camera, marker]
         found = np.zeros(len(blobs), bool)
-        nearest = others.min(axis=1, initial=np.inf)
-        found[rows] = (alone <= CHECKING_BACK.most) & (cost[at] + CHECKING_BACK.lead < nearest)
+        clear = cost(np.arange(len(rows)), marker) + CHECKING_BACK.lead < nearest
+        found[rows] = (alone <= CHECKING_BACK.most) & clear
         return found
 
     def _off_alone(self, blobs: Blobs, rows: np.ndarray, labels: Labels, motion: Motion) -> np.ndarray:

@@ -110,15 +110,15 @@ class Links:
 
 def _nearest_pairs(expected: Expected, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of expected and real points within reach, nearest first by their reach, each in one pair."""
-    distance = np.linalg.norm(expected.points[:, None] - points, axis=2) / expected.radius[:, None]
-    old, new = np.nonzero(distance < 1)
-    pairs: list[tuple[int, int]] = []
-    taken: tuple[set[int], set[int]] = (set(), set())
-    for index in np.argsort(distance[old, new], kind="stable"):
-        one, two = int(old[index]), int(new[index])
-        if one not in taken[0] and two not in taken[1]:
-            taken[0].add(one)
-            taken[1].add(two)
-            pairs.append((one, two))
-    found = np.array(pairs, dtype=int).reshape(-1, 2)
-    return found[:, 0], found[:, 1]
+    off = expected.points[:, None] - points
+    distance = np.sqrt(off[..., 0] ** 2 + off[..., 1] ** 2 + off[..., 2] ** 2) / expected.radius[:, None]
+    distance = np.where(distance < 1, distance, np.inf)
+    found = [np.zeros((2, 0), int)]
+    while np.isfinite(distance).any():
+        nearest = distance.argmin(axis=1)  # of any two that are nearest to each other none is nearer to another
+        old = np.flatnonzero(distance.argmin(axis=0)[nearest] == np.arange(len(nearest)))
+        old = old[np.isfinite(distance[old, nearest[old]])]
+        found.append(np.stack([old, nearest[old]]))
+        distance[old], distance[:, nearest[old]] = np.inf, np.inf
+    every = np.concatenate(found, axis=1)
+    return every[0], every[1]

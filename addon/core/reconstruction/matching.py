@@ -255,12 +255,12 @@ class Matcher:
     def deviations(self, slots: np.ndarray) -> np.ndarray:
         """(C, Q) how far the rays of sets of blobs (Q, C) miss their points, standard deviations."""
         met = self.rays.meet(slots.T)
-        return met.miss / np.maximum(self.metres(met.points), 1e-9)
+        return met.miss / self.metres(met.points)
 
     def metres(self, points: np.ndarray) -> np.ndarray:
         """(C, Q) m, standard deviation of a blob's position at the points (Q, 3)."""
-        depth = np.nan_to_num(self.sight.local(points[None])[0, ..., 2], nan=1.0)
-        return self.pixel / self.sight.focal[:, None] * np.maximum(depth, VIEWING.min_depth_m)
+        depth = self.sight.local(points[None])[0, ..., 2]
+        return self.pixel / self.sight.focal[:, None] * np.fmax(depth, VIEWING.min_depth_m)
 
     def frames(self, slots: np.ndarray) -> np.ndarray:
         """(Q,) the frames of sets of blobs (Q, C), of one or more."""
