@@ -130,25 +130,25 @@ class SubjectsInImages:
         """(N,) True for the blobs that go with their markers, seen or hidden (F, C, M), and with nobody else's."""
         rows = np.flatnonzero(labels.named)
         frame, camera, marker = blobs.frame[rows], blobs.camera[rows], labels.marker[rows]
-        noise, images = self._noise, self.cameras.project(motion.markers)
-
-        def cost(row: np.ndarray, name: np.ndarray) -> np.ndarray:
-            at = camera[row], frame[row], name
-            square = ((images[at] - blobs.xy[rows[row]]) ** 2).sum(axis=1)
-            return square / (2 * noise**2) + CHECKING_BACK.hidden * hidden[at[1], at[0], name]
-
-        # Most markers are too far off along the first axis alone.
-        reach = noise * np.sqrt(2 * (CHECKING_BACK.most + CHECKING_BACK.lead))
-        near = np.abs(images[camera, frame, :, 0] - blobs.xy[rows, 0, None]) < reach
+        images = self.cameras.project(motion.markers)
+        behind = hidden[frame, camera, marker]
+        away = np.linalg.norm(images[camera, frame, marker] - blobs.xy[rows], axis=1)
+        most = self._cost(away, behind) + CHECKING_BACK.lead
+        # A marker that is farther off than that along the first axis alone cannot explain the blob as well.
+        off = np.abs(images[camera, frame, :, 0] - blobs.xy[rows, 0, None])
+        near = self._cost(off, False) <= most[:, None]
         row, other = np.nonzero(near & (subject != subject[marker][:, None]))
-        nearest = np.full(len(rows), np.inf)
-        np.minimum.at(nearest, row, cost(row, other))
-        alone = np.nan_to_num(self._off_alone(blobs, rows, labels, motion) / noise) ** 2 / 2
-        alone += CHECKING_BACK.hidden * hidden[frame, camera, marker]
+        away = np.linalg.norm(images[camera[row], frame[row], other] - blobs.xy[rows[row]], axis=1)
+        clear = np.isfinite(most)
+        clear[row[self._cost(away, hidden[frame[row], camera[row], other]) <= most[row]]] = False
+        alone = self._cost(np.nan_to_num(self._off_alone(blobs, rows, labels, motion)), behind)
         found = np.zeros(len(blobs), bool)
-        clear = cost(np.arange(len(rows)), marker) + CHECKING_BACK.lead < nearest
-        found[rows] = (alone <= CHECKING_BACK.most) & clear
+        found[rows] = clear & (alone <= CHECKING_BACK.most)
         return found
+
+    def _cost(self, away: np.ndarray, hidden: np.ndarray | bool) -> np.ndarray:
+        """Nats, as `CheckingBackOptions` counts them, of blobs so far `away`, px, from markers, `hidden` or not."""
+        return (away / self._noise) ** 2 / 2 + CHECKING_BACK.hidden * hidden
 
     def _off_alone(self, blobs: Blobs, rows: np.ndarray, labels: Labels, motion: Motion) -> np.ndarray:
         """(N,) px, how far blobs are from where the others of their markers meet; NaN where these are too few."""

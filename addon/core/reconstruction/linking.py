@@ -109,9 +109,9 @@ class Links:
 
 
 def _nearest_pairs(expected: Expected, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of expected and real points within reach, nearest first by their reach, each in one pair."""
+    """Pairs of expected and real points within reach, the nearest by their reach before others, each in one pair."""
     off = expected.points[:, None] - points
-    distance = np.sqrt(off[..., 0] ** 2 + off[..., 1] ** 2 + off[..., 2] ** 2) / expected.radius[:, None]
+    distance = np.sqrt(np.einsum("eqi,eqi->eq", off, off)) / expected.radius[:, None]
     distance = np.where(distance < 1, distance, np.inf)
     found = [np.zeros((2, 0), int)]
     while np.isfinite(distance).any():
