@@ -31,6 +31,7 @@ class Layout:
     up: str = "+Z"
     cut: int = 0  # bytes that the file lacks at its end, its padding besides
     padded: bool = True
+    turns: int = 0  # rotations in a frame, behind the points, with the ratio 2
     lab: bool = False  # whether there is what a laboratory adds: plates, events, an angle as the last of the points
 
     @property
@@ -56,10 +57,13 @@ class Layout:
         xyz = own if xyz is None else xyz
         section = self._section(0)
         blocks = -(-len(section) // BLOCK)
-        section = self._section(2 + blocks).ljust(blocks * BLOCK, b"\0")
-        head = bytes([1, 80, blocks if self.blocks is None else self.blocks, self.processor])
         data = self._data(xyz, word)
         if self.padded:
+            data += bytes(-len(data) % BLOCK)
+        section = self._section(2 + blocks, 2 + blocks + len(data) // BLOCK).ljust(blocks * BLOCK, b"\0")
+        head = bytes([1, 80, blocks if self.blocks is None else self.blocks, self.processor])
+        if self.turns:
+            data += self.reals(np.arange(34 * self.turns * self.frames) / 8)
             data += bytes(-len(data) % BLOCK)
         whole = self._header(2 + blocks) + head + section[4:] + data
         return whole[: len(whole) - self.cut]
@@ -99,7 +103,7 @@ class Layout:
         frame = np.concatenate([whole, analog], axis=1)
         return self.reals(frame.ravel()) if self.real else np.rint(frame).astype(f"{self.order}i2").tobytes()
 
-    def _section(self, start: int) -> bytes:
+    def _section(self, start: int, turns_start: int = 0) -> bytes:
         last = self.first + self.frames - 1
         frames = self.frames if self.said_frames is None else self.said_frames
         records = [
@@ -129,6 +133,7 @@ class Layout:
             self._texts("LABELS", 2, [f"A{index}" for index in range(self.channels)] or [""]),
             self._group("TRIAL", 3),
             *(self._lab() if self.lab else ()),
+            *(self._turns(turns_start) if self.turns else ()),
         ]
         for name, number in (("ACTUAL_START_FIELD", self.first), ("ACTUAL_END_FIELD", last)):
             words = [number % 65536, number // 65536 % 65536]
@@ -151,6 +156,11 @@ class Layout:
             self._group("SUBJECTS", 10),
             self._texts("NAMES", 10, ["Anna"]),
         ]
+
+    def _turns(self, start: int) -> list[bytes]:
+        words = {"USED": self.turns, "DATA_START": start, "RATIO": 2, "FRAMES": 2 * self.frames}
+        labels = self._texts("LABELS", 11, [f"R{index}" for index in range(self.turns)])
+        return [self._group("ROTATION", 11), *(self._words(name, 11, word) for name, word in words.items()), labels]
 
     def _group(self, name: str, group: int, words: str = "") -> bytes:
         """A group; one below zero is locked."""

@@ -23,6 +23,7 @@ LAYOUTS = {
     "a first frame beyond sixteen bits": replace(LAB, first=70_000),
     "more than 255 points": replace(LAB, frames=4, points=300),
     "metres with y up": replace(LAB, up="+Y"),
+    "rotations": replace(LAB, turns=3),
     "a header that counts analog data wrongly": replace(LAB, frames=90, header=((2, 3),)),
 }
 
@@ -72,7 +73,7 @@ def test_all_else_stays(tmp_path, layout):
 @pytest.mark.parametrize("processor", [INTEL, DEC, MIPS])
 @pytest.mark.parametrize("real", [True, False])
 def test_of_a_part_the_events_stay_where_they_were(tmp_path, processor, real):
-    source, out = put(tmp_path, replace(LAB, processor=processor, real=real)), tmp_path / "named.c3d"
+    source, out = put(tmp_path, replace(LAB, processor=processor, real=real, turns=2)), tmp_path / "named.c3d"
     take = read_points(source, frames=(14, 20))
     write_c3d(out, take, take.trial)
     assert otherwise(source, out, (14, 20)) == []
@@ -135,7 +136,8 @@ def test_a_file_that_changed_or_went_meanwhile_or_has_no_room_is_one_sentence(tm
 
 @pytest.mark.parametrize("seed", range(4))
 def test_damaged_files_become_a_file_or_a_sentence(tmp_path, seed):
-    rng, layout = np.random.default_rng(seed), replace(LAB, processor=(INTEL, DEC, MIPS, MIPS)[seed], real=seed < 3)
+    rng, processor = np.random.default_rng(seed), (INTEL, DEC, MIPS, MIPS)[seed]
+    layout = replace(LAB, processor=processor, real=seed < 3, turns=seed % 2)
     whole, written = layout.content(), 0
     for _ in range(150):
         content = bytearray(whole)

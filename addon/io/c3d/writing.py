@@ -12,7 +12,7 @@ import numpy as np
 from ...core.data.errors import InputError
 from ...core.data.lanes import blocks
 from ...core.data.made import Table
-from .kept import NO_ROOM, Kept, kept_of, packed_record
+from .kept import NO_ROOM, TURNS_START, Kept, kept_of, packed_record
 from .reading import BLOCK, INTEL, MASK_KEY, TrialFile
 
 # 255 steps of this many mm are what the residual of a sample has room for: 0 to 12.75 mm.
@@ -27,6 +27,7 @@ MAX_POINTS = 64 * 255
 MAX_MASK = 127  # of the cameras that saw a sample, beside the sign
 MAX_NAME_BYTES = 255  # bytes
 LAST_NUMBER = 2**32 - 1  # of a frame
+LAST_TURNS_START = (65535 - 257) * BLOCK  # bytes of points; format: rotations begin at a block with a number of 16 bits
 
 
 def first_number(first_frame: int, frames: int) -> int:
@@ -84,8 +85,14 @@ def write_c3d_file(
         ours = _ours(labels, frames, rate, units.scale, first, kept)
         if subjects and not (kept and kept.knows(subjects)):
             ours |= _subjects(subjects)
-        section = _parameters(ours, kept)
         analog, gap, samples = (kept.trial.layout.analog, kept.file.word(5), kept.samples) if kept else (0, 0, 0)
+        size = (4 * len(labels) + analog) * (4 if units.scale < 0 else 2)
+        turned = kept is not None and kept.trial.layout.turns[1] > 0 and frames * size < LAST_TURNS_START
+        if kept and turned:
+            ours[TURNS_START], said = _words(0), kept.file.whole("ROTATION:FRAMES")
+            if said and frames != kept.trial.layout.frames:
+                ours["ROTATION:FRAMES"] = _words(min(said * frames // kept.trial.layout.frames, 65535))
+        section = _parameters(ours, kept, -(-frames * size // BLOCK) if turned else 0)
         header = struct.pack(
             "<BBHHHHHfHHf",
             2,
@@ -100,7 +107,6 @@ def write_c3d_file(
             samples,
             rate,
         )
-        size = (4 * len(labels) + analog) * (4 if units.scale < 0 else 2)
 
         def content(part: slice) -> bytes:
             words = units.words(xyz[part], residual[part])
@@ -112,7 +118,11 @@ def write_c3d_file(
             file.writelines(map(content, blocks(frames, size // 16)))
             # Readers that cannot count beyond 65535 frames read to the end: the padding must be shorter than a frame.
             padding = -(frames * size) % BLOCK
-            file.write(b"\0" * (padding if last < 65535 else padding % size))
+            file.write(b"\0" * (padding if last < 65535 or turned else padding % size))
+            if kept and turned:
+                reals = kept.trial.layout.turns[1]
+                file.writelines(map(kept.turns, blocks(frames, reals)))
+                file.write(bytes(-4 * frames * reals % BLOCK))
 
 
 @dataclass(frozen=True)
@@ -172,13 +182,15 @@ def _whole(numbers: np.ndarray) -> bool:
 Parameters = dict[str, tuple[int, tuple[int, ...], bytes]]  # kind, dimensions and content by "GROUP:NAME"
 
 
-def _parameters(ours: Parameters, kept: Kept | None) -> bytes:
-    """The whole parameter section, padded to blocks."""
+def _parameters(ours: Parameters, kept: Kept | None, turned: int) -> bytes:
+    """The whole parameter section, padded to blocks; where rotations come behind the points, these have `turned`."""
     others, numbers = (b"".join(kept.records(ours)), kept.group_numbers()) if kept else (b"", {})
     data_start = 0
     for _ in range(2):
         # The section tells where it ends, and its length does not depend on what it tells.
         ours["POINT:DATA_START"] = _words(data_start)
+        if turned:
+            ours[TURNS_START] = _words(data_start + turned)
         section = bytes(4) + others + _records(ours, dict(numbers)) + bytes(2)
         blocks = -(-len(section) // BLOCK)
         data_start = 2 + blocks
