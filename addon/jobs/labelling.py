@@ -38,6 +38,7 @@ from ..io.points import FilePoints, read_points, write_c3d, write_trc
 from ..io.poses import PoseFile, is_long, refuse_keys
 from ..io.provenance import REPORT, file_rows, sealed
 from ..io.report import facts_of_edits, facts_of_trouble, renumbered, take_report
+from ..io.samples import TextHead
 from ..io.scratch import scratch_folder
 from ..io.source import digest
 from ..io.tables import Room
@@ -101,7 +102,7 @@ class OpenTake:
     cameras   that saw it; none for points
     edits     those that the labels follow
     worn      whose markers are named, one set or those that several subjects wear; known once `name` has ended
-    trial     the C3D file whose other contents go into the named one; None where there is none, or they are not wanted
+    trial     for what else of its file goes into the named one; None where there is nothing, or it is not wanted
     """
 
     keys: tuple[str, ...]
@@ -110,7 +111,7 @@ class OpenTake:
     long: bool | None = None
     cameras: Cameras = NO_CAMERAS
     worn: Worn
-    trial: TrialFile | None = None
+    trial: TrialFile | TextHead | None = None
 
     def __init__(self, job: LabelJob, models: dict[str, Model], stack: ExitStack, clock: dict[str, float]):
         self.job, self.stack, self.clock = job, stack, clock
@@ -394,7 +395,7 @@ class Results:
             subjects = [] if job.plain else [name for name, _ in take.worn.worn if name]
             write_c3d(files[".c3d"], points, take.trial, subjects)
             if job.trc:
-                write_trc(files[".trc"], points)
+                write_trc(files[".trc"], points, take.trial)
             written = {ending: path for ending, path in files.items() if ending not in (PAGE, REPORT)}
             digests = {ending: digest(path) for ending, path in written.items() if path.exists()}
         origins = self.origins.of_markers(of_gaps.get("filled", ()), None)
