@@ -141,15 +141,21 @@ class Layout:
         return bytes(4) + b"".join(records) + bytes(2)
 
     def _lab(self) -> list[bytes]:
-        corners, times = np.linspace(-700, 700, 24), [0, 0.5, 0, 1.25]
+        corner, times = np.array([[500, 400, 0], [0, 400, 0], [0, 0, 10], [500, 0, 10]]), [0, 0.5, 0, 1.25]
+        corners, origins, matrix = np.stack([corner, corner - 600]), [1, -2, 40, 3, 4, -37], np.arange(36) % 7 - 3.0
         return [
             self._texts("ANGLES", 1, self.labels()[-1:]),
             self._group("FORCE_PLATFORM", 4),
-            self._record("CORNERS", 4, 4, (3, 4, 2), self.reals(corners)),
+            self._words("USED", 4, 2),
+            self._record("TYPE", 4, 2, (2,), struct.pack(f"{self.order}2H", 2, 4)),
+            self._record("CORNERS", 4, 4, (3, 4, 2), self.reals(corners.ravel())),
+            self._record("ORIGIN", 4, 4, (3, 2), self.reals(origins)),
+            self._record("CAL_MATRIX", 4, 4, (6, 6, 2), self.reals(np.tile(matrix, 2))),
             self._record("CHANNEL", 4, 2, (6, 2), struct.pack(f"{self.order}12H", *range(1, 13))),
             self._group("EVENT", 5),
             self._record("TIMES", 5, 4, (2, 2), self.reals(times)),
             self._texts("LABELS", 5, ["Foot Strike", "Foot Off"]),
+            self._texts("CONTEXTS", 5, ["Left", "Right"]),
             self._group("OURS", -9, "a group that nobody knows"),
             self._record("bytes", -9, 1, (3,), bytes([1, 254, 7]), "three of them"),
             self._record("negative", 9, 2, (2,), struct.pack(f"{self.order}2h", -5, -32768)),
