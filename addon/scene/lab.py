@@ -41,7 +41,7 @@ def show_lab(
             item.hide_render = True
             place.objects.link(item)
         arrow.empty_display_type, arrow.empty_display_size = "SINGLE_ARROW", 1.0
-        arrow.rotation_mode = "QUATERNION"
+        arrow.rotation_mode, arrow.show_in_front = "QUATERNION", True
         force, where = plate.force[at], plate.place[at]
         acting = np.isfinite(where).all(axis=1) & np.isfinite(force).all(axis=1)
         size = np.where(acting, np.linalg.norm(force, axis=1), 0.0)

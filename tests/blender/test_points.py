@@ -196,6 +196,10 @@ def lab_is_seen(context, source):
             push = turned[:3, 2] * 1000 * arrow.empty_display_size
             np.testing.assert_allclose(push, 0 if np.isnan(place[0]) else force, rtol=1e-4, atol=0.01)
             assert np.isnan(place[0]) or np.allclose(turned[:3, 3], place, atol=1e-5)
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert sorted((one.name, one.frame) for one in scene.timeline_markers) == sorted(events), "none is there twice"
+    assert set(take.children["lab force plates"].objects.keys()) == set(items)
+    scene.timeline_markers["Right Foot Off"].frame = 80
 
 
 def test_the_lab_s_file_is_exported_with_names_in_it(imported, files, naming_known, tmp_path):
@@ -224,7 +228,7 @@ def test_the_lab_s_file_is_exported_with_names_in_it(imported, files, naming_kno
     items = len(bpy.data.objects)
     assert bpy.ops.mocap_autolabel.label.poll()
     assert bpy.ops.mocap_autolabel.clear() == {"FINISHED"}
-    assert [one.name for one in imported.scene.timeline_markers] == ["mine"]
+    assert [one.name for one in imported.scene.timeline_markers] == ["mine", "Right Foot Off"], "it was moved"
     assert not [one.name for one in bpy.data.objects if "force" in one.name], "nobody changed it"
     assert len(bpy.data.objects) < items
 

@@ -10,6 +10,7 @@ from .reading import C3dFile, TrialFile, as_text, words_of
 
 CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}  # of each kind of plate; format
 NEWTON_METRES = ("nm", "n.m", "n*m", "n-m")
+MAX_PLATES = 64  # memory: a room has ten at most
 MAX_EVENT_FRAME = 2**31  # Blender's whole numbers; format
 
 
@@ -45,7 +46,7 @@ def _plates(kept: Kept, metre: float, turn: np.ndarray) -> list[ForcePlate]:
     width = wanted.dimensions[0] if wanted and wanted.dimensions else 1
     channels = _rows(file.numbers("FORCE_PLATFORM:CHANNEL"), width)
     found = []
-    for plate in range(min(file.whole("FORCE_PLATFORM:USED"), len(corners))):
+    for plate in range(min(file.whole("FORCE_PLATFORM:USED"), len(corners), MAX_PLATES)):
         place = corners[plate].reshape(4, 3)
         if not np.linalg.norm(np.cross(place[0] - place[1], place[0] - place[3])) > 0 or not np.isfinite(place).all():
             continue
