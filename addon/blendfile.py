@@ -20,6 +20,7 @@ from .core.data.markersets import MarkerSet, Worn
 from .core.data.takes import Blobs, LabelledChunk, PointRows, Points, Suspect
 from .core.edits.kinds import NO_EDITS, Edits
 from .core.geometry.cameras import Cameras
+from .core.geometry.force_plates import NO_LAB, LabRecords
 from .io.cameras import read_cameras
 from .io.scratch import lasting_scratch
 from .io.text import written
@@ -149,6 +150,7 @@ def save_blend(
     cameras: Cameras,
     edits: Edits = NO_EDITS,
     fills: "tuple[KeptFill, ...]" = (),
+    lab: LabRecords = NO_LAB,
 ):
     """Saves a Blender file with nothing in it but the take. What was open in this Blender is gone.
 
@@ -162,7 +164,7 @@ def save_blend(
 
     # Blender's texts are UTF-8, and the name of a file may be any bytes.
     name, file = written(source.stem), written(str(source))
-    take = scenes.Take.of(name, rate, cameras, worn, chunks, file, edits=edits or None, fills=fills)
+    take = scenes.Take.of(name, rate, cameras, worn, chunks, file, edits=edits or None, fills=fills, lab=lab)
     with silenced():
         _open_nothing()
         scenes.show_take(bpy.context, take)

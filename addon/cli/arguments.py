@@ -80,7 +80,8 @@ OPTIONS: dict[str, dict] = {
     "--plain": {
         "action": "store_true",
         "help": "write points alone, in mm with z up; else the C3D of a C3D keeps all else of that: analog data, force "
-        "plates, events, every other group, points that are no markers, its unit and axes",
+        "plates, events, every other group, points that are no markers, its unit and axes; "
+        "and of a TRC and a Motive .csv the head is kept",
     },
     "--up": {
         "choices": AXIS_NAMES,

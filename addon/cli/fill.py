@@ -9,7 +9,8 @@ from .arguments import add_options, job_of, names, whole
 from .console import RENUMBERED, report_work
 
 DESCRIPTION = """Fills the gaps of a labelled take, a .c3d or .trc. Measured samples stay as they are; filled ones have
-the residual 0 in FILE.c3d, and FILE.filled.csv says of each gap the method and the mean error to expect."""
+the residual 0 in FILE.c3d. FILE.filled.csv says of each gap the method and the mean error to expect, FILE.report.json
+where every sample is from, for verify."""
 LEFT_SHOWN = 5  # gaps that were left, shown to people one by one
 
 

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`verify RESULTS`: whether results of labelling are what was made of these inputs, edits, options and version."""
+"""`verify RESULTS`: whether results are what was made of these inputs, edits, options and version."""
 
 from pathlib import Path
 
 from ..core.data.errors import JobError
-from ..io.provenance import MADE_OF, REPORT, differences, open_provenance, reports_meant
+from ..io.provenance import MADE_OF, REPORT, differences, is_labelled, open_provenance, reports_meant
 from ..version import version
 from .console import complain, of_take, print_results
 
-DESCRIPTION = """Says in one line for each take whether its results are what label made of these inputs, model, cameras,
-edits, options and version: by the SHA-256 of each file that its report tells. Nothing is labelled again. Inputs are
-looked for where they were, as seen from the results, and beside these."""
+DESCRIPTION = """Says in one line for each take whether its results are what label or fill made of these inputs, model,
+cameras, edits, options and version: by the SHA-256 of each file that its report tells. Nothing is done again. Inputs
+are looked for where they were, as seen from the results, and beside these."""
 
 
 def add_parser(verbs):
@@ -31,7 +31,8 @@ def run(arguments) -> int:
             changed = differences(path, report, version(), arguments.results)
             takes.append({"take": stem, "report": str(path), "verified": not changed, "differences": changed})
             if changed:
-                raise JobError(f"{', '.join(changed)}; expected all as it was when this take was labelled", path)
+                done = "labelled" if is_labelled(report["provenance"]) else "filled"
+                raise JobError(f"{', '.join(changed)}; expected all as it was when this take was {done}", path)
             lines.append(f"{stem}: {_made(report['provenance'])}")
         except Exception as error:  # noqa: BLE001 - every take is its own
             failed.append((stem, of_take(error, path, arguments.traceback)))

@@ -21,7 +21,7 @@ from .c3d.reading import TrialFile, open_c3d
 from .c3d.writing import write_c3d_file
 from .qtm.capture import USE_POINTS, held_in, is_qtm
 from .qtm.records import read_qtm_points
-from .samples import PointFile, packed
+from .samples import PointFile, TextHead, packed
 from .textpoints import is_motive, read_motive, read_trc, write_trc_file
 from .world import UNITS, Upright, find_up, guess_unit, up_rotation
 
@@ -44,13 +44,13 @@ class FilePoints(Points):
     assumed  the unit that the points were taken to be in, where the file names none that is known; else empty
     up       the axis of the file that points up, such as "+Z"
     notes    what was taken to be otherwise than the file says, in sentences
-    trial    where it is a C3D file and not mirrored: what `write_c3d` needs to keep all else of it
+    trial    where it is not mirrored: what `write_c3d` and `write_trc` need to keep what else its file holds
     """
 
     assumed: str = ""
     up: str = "+Z"
     notes: tuple[str, ...] = ()
-    trial: TrialFile | None = None
+    trial: TrialFile | TextHead | None = None
 
 
 def holds_points(path: Path, use: str | None = None) -> bool:
@@ -211,20 +211,21 @@ def columns_of_set(names: Sequence[str], markerset: MarkerSet, path: Path | str 
     return found
 
 
-def write_c3d(path: Path, points: Points, trial: TrialFile | None = None, subjects: Sequence[str] = ()):
+def write_c3d(path: Path, points: Points, trial: TrialFile | TextHead | None = None, subjects: Sequence[str] = ()):
     """Writes the contract's labelled take: names in their order, and unlabelled trajectories as *1, *2 and so on.
 
-    Without the `trial` that it came from it is written alone, in mm, z up; else with all else of that file, in its unit
-    and axes. Samples whose residual is 0 were filled, measured ones get one above zero. `subjects` are those whose
-    names stand before markers.
+    Without the `trial` that it came from it is written alone, in mm, z up; else with all else of that C3D file, in its
+    unit and axes, or with what a text's head says. Samples whose residual is 0 were filled, measured ones get one above
+    zero. `subjects` are those whose names stand before markers.
     """
     of_take = points.xyz, points.residual, points.rate, points.first_frame
     write_c3d_file(path, _numbered(points.names), *of_take, trial, subjects)
 
 
-def write_trc(path: Path, points: Points):
-    """Writes the same take as `.trc`, in mm, z up; missing samples are empty."""
-    write_trc_file(path, _numbered(points.names), points.xyz, points.rate, points.first_frame)
+def write_trc(path: Path, points: Points, trial: TrialFile | TextHead | None = None):
+    """Writes the same take as `.trc`, in mm, z up, or as the TRC that it came from; missing samples are empty."""
+    head = trial if isinstance(trial, TextHead) else None
+    write_trc_file(path, _numbered(points.names), points.xyz, points.rate, points.first_frame, head)
 
 
 def _numbered(names: Sequence[str]) -> list[str]:

@@ -109,6 +109,20 @@ def _results_now(path: Path, report: dict) -> tuple[list[Path], list[Path]]:
     return missing, changed
 
 
+def own_output(path: Path) -> dict | None:
+    """The report beside a take that `label` wrote, where the take is as it was written; else None.
+
+    A file that was changed since was corrected elsewhere, and its labels are what somebody says.
+    """
+    try:
+        report = read_report(path.with_name(path.stem + REPORT))
+        made = report["provenance"]["results"].get(path.suffix)
+        fitting = isinstance(report.get("doubtful"), dict) and is_still(path, made)
+    except InputError:
+        return None
+    return report if fitting else None
+
+
 def reports_meant(path: Path) -> list[Path]:
     """The reports of a folder, or the one of the take that a result, or the stem of all of them, is of.
 
@@ -117,19 +131,25 @@ def reports_meant(path: Path) -> list[Path]:
     if path.is_dir():
         if found := sorted(path.glob(f"*{REPORT}")):
             return found
-        raise InputError("holds no report of a take; expected a folder that label wrote to", path)
+        raise InputError("holds no report of a take; expected a folder that label or fill wrote to", path)
     name = path.name.removesuffix(REPORT)
     while name:
         report = path.with_name(name + REPORT)
         if os.path.exists(report):  # noqa: PTH110 no name is too long for it
             return [report]
         name = name.rpartition(".")[0]
-    raise InputError("has no report beside it; expected a result of label, the stem of them all or their folder", path)
+    wanted = "a result of label or fill, the stem of them all or their folder"
+    raise InputError(f"has no report beside it; expected {wanted}", path)
+
+
+def is_labelled(made: dict) -> bool:
+    """Whether results are of a labelling, which heeds edits, and not of a filling."""
+    return ".labels.csv" in made["results"]
 
 
 def open_provenance(path: Path) -> dict:
     """A report of this version's form, every part of whose provenance can be looked at; InputError for any other."""
-    wanted = "the report of a take as this version of label writes it"
+    wanted = "the report of a take as this version of label or fill writes it"
     report = read_report(path, wanted)
     made = report["provenance"]
     rows = [row for kind in MADE_OF for row in (made.get(kind) if isinstance(made.get(kind), list) else [None])]
@@ -171,5 +191,5 @@ def _inputs_now(report: Path, made: dict) -> Iterator[str]:
         same = next((one for one in places if digest(one) == row["sha256"]), None)
         if same is None:
             yield f"the {kind} {row['file']} {'was changed' if known in places else 'is gone'}"
-        elif kind == "input" and not made["edits"] and (edits := edits_beside(same)) is not None:
+        elif kind == "input" and is_labelled(made) and not made["edits"] and (edits := edits_beside(same)) is not None:
             yield f"{edits.name} is beside the input now"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The samples of a file of 3D points as they are read, and packed into lanes: of P columns most are empty."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Self
 
@@ -44,6 +44,23 @@ Parts = Callable[[], Iterable[Samples]]  # all samples of a file, part by part, 
 
 
 @dataclass(frozen=True, eq=False)
+class TextHead:
+    """What the head of a text file says of its take, for the file that names are put into.
+
+    fields  texts by what a TRC calls them
+    said    what of a Motive `.csv` is about the take and not about the export, by its names
+    begin   s from zero to frame 0, of a TRC, whose unit and axes stay as well; None of others
+    metre, turn  as a `TrialFile` has them
+    """
+
+    fields: Mapping[str, str]
+    said: Mapping[str, str]
+    begin: float | None = None
+    metre: float = 1.0
+    turn: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class PointFile:
     """What a file of any format says of its points.
 
@@ -55,7 +72,7 @@ class PointFile:
     usual       the axis that is up where it names none
     scale       what their places, and their residuals, are times to be in the file's units
     notes       what is otherwise than the file says, in sentences
-    trial       where it is a C3D file, for what else it holds
+    trial       for what else it holds
     """
 
     labels: Sequence[str]
@@ -70,7 +87,7 @@ class PointFile:
     usual: str = "+Z"
     scale: tuple[float, float] = (1.0, 1.0)
     notes: tuple[str, ...] = ()
-    trial: "TrialFile | None" = None
+    trial: "TrialFile | TextHead | None" = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,10 @@
 
 import codecs
 import csv
+import math
+import re
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +15,10 @@ from ..core.data.errors import InputError
 from ..core.data.lanes import blocks
 from ..core.data.made import Table
 from ..core.data.takes import MAX_FRAME, MAX_RATE_HZ, MIN_RATE_HZ
-from .samples import PointFile, Samples
+from .samples import PointFile, Samples, TextHead
 from .source import decode, open_binary, read_bytes
 from .text import written
+from .world import UNITS
 
 # What is no take of points; physical, and memory.
 MAX_COORDINATE = 1e9  # in any unit
@@ -110,6 +114,8 @@ TRC = "a .trc file"
 # The format has no word for the axis that points up, and most of its files have y up; ours say here that it is z.
 Z_UP = "Z_UP"
 
+STEP_M = 1e-8  # m, of places as we write them; format
+
 WIDTH_ROWS = 1000  # rows that are looked at where nothing else says how many markers there are
 
 
@@ -134,7 +140,10 @@ def read_trc(path: Path) -> PointFile:
     # One that begins later is a part that somebody took out.
     if count_in(promised) > take.frames and head.get("OrigDataStartFrame", "") == str(take.first_frame):
         raise InputError(f"has {take.frames} of {promised} frames; expected all of them (is the file cut off?)", path)
-    return take
+    row = next(line for line in lines[begin:] if line.strip()).split("\t")
+    begin_s = _value(row, 1, path, begin + 1) - take.first_frame / rate
+    own = head if len(lines[1].split()) == len(lines[2].split()) else {}
+    return replace(take, trial=TextHead(own, {}, begin_s if begin_s == begin_s else -take.first_frame / rate))
 
 
 def _trc_rows(lines: list[str], begin: int, ended: bool, widest: int, path: Path) -> Iterator[tuple[int, list[str]]]:
@@ -191,27 +200,44 @@ def _trc_number(text: str | None, what: str, path: Path) -> float:
         raise InputError(f"has no number under {what}; expected {TRC}", path, 3) from None
 
 
-def write_trc_file(path: Path, labels: list[str], xyz: Table, rate: float, first_frame: int):
-    """Writes points (T, P, 3) m as mm; missing samples are empty fields."""
+def write_trc_file(
+    path: Path, labels: list[str], xyz: Table, rate: float, first_frame: int, head: TextHead | None = None
+):
+    """Writes points (T, P, 3) m as mm, z up, or in unit, axes and time of the TRC whose `head` is given.
+
+    Of that is there whatever is still true. Missing samples are empty fields.
+    """
     frames, count = xyz.shape[:2]
-    head = [
-        f"PathFileType\t4\t(X/Y/Z)\t{written(Path(path).name)}\t{Z_UP}",
-        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
-        f"{rate:.6g}\t{rate:.6g}\t{frames}\t{count}\tmm\t{rate:.6g}\t{first_frame}\t{frames}",
+    said = dict.fromkeys(("DataRate", "CameraRate"), f"{rate:.6g}") | {"NumFrames": "", "NumMarkers": ""}
+    said |= {"Units": "mm", "OrigDataRate": f"{rate:.6g}", "OrigDataStartFrame": str(first_frame)}
+    said |= {"OrigNumFrames": str(frames)} | (dict(head.fields) if head else {})
+    said |= {"NumFrames": str(frames), "NumMarkers": str(count)}
+    turn, metre, begin = np.eye(3), UNITS["mm"], -first_frame / rate
+    if head is not None and head.begin is not None and head.turn is not None:
+        turn, metre, begin = head.turn, head.metre, head.begin
+    if UNITS.get(said["Units"].lower()) != metre:
+        said["Units"] = next(name for name, one in UNITS.items() if one == metre)
+    digits = math.ceil(round(math.log10(metre / STEP_M), 3))
+    lines = [
+        f"PathFileType\t4\t(X/Y/Z)\t{written(Path(path).name)}" + (f"\t{Z_UP}" if turn[2, 2] == 1 else ""),
+        "\t".join(said),
+        "\t".join(said.values()),
         "Frame#\tTime\t" + "\t\t\t".join(written(label.replace("\t", " ")) for label in labels) + "\t\t",
         "\t\t" + "\t".join(f"{axis}{index}" for index in range(1, count + 1) for axis in "XYZ"),
         "",
     ]
     with Path(path).open("w", encoding="utf-8", newline="\n") as file:
-        file.write("\n".join(head) + "\n")
+        file.write("\n".join(lines) + "\n")
         for part in blocks(frames, count):
-            for index, points in zip(range(part.start, part.stop), xyz[part], strict=True):
-                values = (1000.0 * np.asarray(points, dtype=float)).ravel().tolist()
-                fields = ("" if value != value else f"{value:.5f}" for value in values)
-                file.write(f"{first_frame + index}\t{index / rate:.6f}\t" + "\t".join(fields) + "\n")
+            places = np.asarray(xyz[part], dtype=float) @ turn / metre
+            for frame, values in enumerate(places.reshape(len(places), -1).tolist(), first_frame + part.start):
+                fields = ("" if value != value else f"{value:.{digits}f}" for value in values)
+                file.write(f"{frame}\t{begin + frame / rate:.6f}\t" + "\t".join(fields) + "\n")
 
 
 MOTIVE = "a Motive .csv export"
+
+ABOUT_TAKE = re.compile(r"take |capture |total frames in take")  # settings; all others are about the export
 
 OPENINGS = ("format version", "take name")
 
@@ -244,7 +270,10 @@ def read_motive(path: Path) -> PointFile:
     promised, count = settings.get("total exported frames", "").strip(), sum(map(_is_row, lines[start:]))
     if count_in(promised) > count:
         raise InputError(f"has {count} of {promised} frames; expected all of them (is the file cut off?)", path)
-    return take
+    of_take = {key: text.strip() for key, text in settings.items() if ABOUT_TAKE.match(key) and text.strip()}
+    known = {"capture frame rate": ("CameraRate", "OrigDataRate"), "total frames in take": ("OrigNumFrames",)}
+    fields = {name: of_take[key].replace("\t", " ") for key, names in known.items() if key in of_take for name in names}
+    return replace(take, trial=TextHead(fields, of_take))
 
 
 def _is_row(line: str) -> bool:

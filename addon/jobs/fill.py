@@ -13,18 +13,26 @@ from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet, Worn
 from ..core.data.progress import Progress, within
 from ..core.data.takes import Points
+from ..core.edits.kinds import NO_EDITS
 from ..core.filling.filling import FilledTake, FillOptions, SubjectMarkers, fill_subjects, kept_fills_of
 from ..core.filling.kept import KeptFill
 from ..core.filling.rays import NO_RAYS, MarkerRays
 from ..core.posing.posing import POSING
 from ..core.review.overview import TakeOverview
+from ..core.review.provenance import SampleOrigins
 from ..core.review.take_trouble import TakeTrouble
 from ..io.filled import gap_rows, left_rows, write_filled
 from ..io.markersets import markerset_file
 from ..io.models import open_model
 from ..io.points import columns_of_set, marker_columns, read_points, write_c3d
+from ..io.provenance import MADE_OF, REPORT, file_rows, own_output, sealed
 from ..io.report import renumbered
+from ..io.source import digest
+from ..io.text import write_json
 from ..io.whole import whole_files
+from ..version import version
+
+LIST_OF_FILLS = ".filled.csv"
 
 
 @dataclass(frozen=True)
@@ -32,7 +40,7 @@ class FillJob:
     """What to fill.
 
     source   the labelled take, `.c3d`, `.trc` or Motive `.csv`
-    out      the `.c3d` to write; the gaps are listed beside it, in a file that ends in `.filled.csv`
+    out      the `.c3d` to write; beside it go a list of the gaps, LIST_OF_FILLS, and what it was made of, REPORT
     method   one of FILL_METHODS
     max_gap  frames of the longest gap to fill, None for any
     markers  names of those to fill, empty for all
@@ -55,7 +63,7 @@ class FillJob:
 
 
 def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
-    """Fills the gaps of a take and writes both files, which appear together or not at all; gives what there is to say.
+    """Fills the gaps of a take and writes all files, which appear together or not at all; gives what there is to say.
 
     Raises UserError with the file where that is known.
     """
@@ -64,17 +72,22 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
         raise InputError("is no file that can say which samples are filled; expected a name that ends in .c3d", job.out)
     if job.method == "body" and job.model is None:
         raise InputError("the method body needs a body to fit; expected --model with a model of these markers")
-    read = [job.source, *([markerset_file(job.model)] if job.model else [])]
-    with whole_files([job.out, job.out.with_suffix(".filled.csv")], job.overwrite, read) as (target, table):
+    listed, beside = (job.out.with_suffix(ending) for ending in (LIST_OF_FILLS, REPORT))
+    files = {"input": [job.source], "model": [markerset_file(job.model)] if job.model else []}
+    read = [path for some in files.values() for path in some]
+    with whole_files([job.out, listed, beside], job.overwrite, read) as (target, table, page):
+        made = {"version": version(), **{kind: file_rows(files.get(kind, ()), beside) for kind in MADE_OF}}
+        options = ("method", "max_gap", "markers", "up", "rate", "plain")
+        made["options"] = {name: getattr(job, name) for name in options}
         take = read_points(job.source, up=job.up, rate=job.rate)
         named = np.array([index for index, name in enumerate(take.names) if name], dtype=int)
         if not len(named):
             raise InputError("has no marker with a name; expected a labelled take", job.source)
         names = [take.names[index] for index in named]
         subjects = _subjects_of(job, names)
-        options = FillOptions(job.method, job.max_gap, _wanted(job, names))
+        wanted = FillOptions(job.method, job.max_gap, _wanted(job, names))
         shown = take.picked(named)
-        work = fill_subjects(shown.xyz, take.rate, options, subjects)
+        work = fill_subjects(shown.xyz, take.rate, wanted, subjects)
         filled = yield from within(work, 0.0, 0.95, "fill gaps")
         points = put_into(take, filled, named)
         present = shown.present
@@ -82,23 +95,51 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
         yield Progress(0.95, "write")
         write_c3d(target, points, None if job.plain else take.trial)
         write_filled(table, rows)
-    return {
-        "take": job.source.stem,
-        "out": str(job.out),
-        "rate": take.rate,
-        "first_frame": take.first_frame,
-        "frames": len(take.xyz),
-        "markers": len(names),
-        "never_seen": [name for name, seen in zip(names, present.any(axis=0), strict=True) if not seen],
-        "samples_missing": int((~present[:, present.any(axis=0)]).sum()),
-        "samples_filled": int(filled.filled.sum()),
-        "filled": rows,
-        "left": left_rows(filled.left, names, take.first_frame),
-        "notes": list(take.notes),
-        **({"unit_assumed": take.assumed} if take.assumed else {}),
-        **renumbered(points),
-        "seconds": round(perf_counter() - begin, 3),
-    }
+        report = {
+            "take": job.source.stem,
+            "version": version(),
+            "rate": take.rate,
+            "first_frame": take.first_frame,
+            "frames": len(take.xyz),
+            "markers": len(names),
+            "never_seen": [name for name, seen in zip(names, present.any(axis=0), strict=True) if not seen],
+            "samples_missing": int((~present[:, present.any(axis=0)]).sum()),
+            "samples_filled": int(filled.filled.sum()),
+            "filled": rows,
+            "left": left_rows(filled.left, names, take.first_frame),
+            "notes": list(take.notes),
+            **({"unit_assumed": take.assumed} if take.assumed else {}),
+            **renumbered(points),
+        }
+        results = {job.out.suffix: digest(target), LIST_OF_FILLS: digest(table)}
+        before, own = own_output(job.source), _once(names)
+        report |= {"doubtful": before["doubtful"]} if before else {}
+        fills = gap_rows(filled.gaps, own, take.first_frame)
+        origins = _origins(shown, own, before, job.source).of_markers(fills, None)
+        write_json(page, sealed(report | {"provenance": {**made, "results": results, "markers": origins}}))
+    return report | {"out": str(job.out), "seconds": round(perf_counter() - begin, 3)}
+
+
+def _once(names: Sequence[str]) -> list[str]:
+    """The names, each once: one that was there before has its place among them behind it."""
+    return [name if name not in names[:place] else f"{name} ({place})" for place, name in enumerate(names)]
+
+
+def _origins(take: Points, names: Sequence[str], report: dict | None, source: Path) -> SampleOrigins:
+    """Where the samples of a take's markers are from, as far as it says, and the report beside it where it has one.
+
+    InputError where that is damaged.
+    """
+    origins, hand = SampleOrigins(names, NO_EDITS, {}), np.zeros(take.xyz.shape[:2], bool)
+    try:
+        for name, row in report["provenance"].get("markers", {}).items() if report else ():
+            for first, last in row.get("hand_frames", ()):
+                hand[max(first - take.first_frame, 0) : last - take.first_frame + 1, names.index(name)] = True
+    except (AttributeError, LookupError, TypeError, ValueError):
+        beside = source.with_name(source.stem + REPORT)
+        raise InputError("is damaged in what is by hand; expected the report as it was written", beside) from None
+    origins.add_samples(take.frames, take.present, take.residual, hand & take.present)
+    return origins
 
 
 def fill_labelled(

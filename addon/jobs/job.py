@@ -15,6 +15,7 @@ from ..core.data.errors import ForceableError, InputError
 from ..core.data.markersets import Worn
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.geometry.cameras import Cameras
+from ..core.geometry.force_plates import NO_LAB, LabRecords
 from ..core.points.naming import USUAL_TARGET, plain_method
 from ..io.cameras import calibration_files
 from ..io.edits import edits_beside
@@ -239,6 +240,7 @@ class Labelled:
     chunks  with `keep` the blobs or points and what was said of them, chunk by chunk
     edits   those that were applied
     model   what is worn, as a job has it: the first one's of several
+    lab     events and force plates of the take's file
     """
 
     report: dict
@@ -246,6 +248,7 @@ class Labelled:
     chunks: Chunks
     edits: Edits = NO_EDITS
     model: str = ""
+    lab: LabRecords = NO_LAB
 
 
 @contextmanager

@@ -4,6 +4,7 @@
 from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ from ..core.data.progress import Progress
 from ..core.data.takes import MAX_FRAME, Blobs, EditOutcome, LabelledChunk, PointRows, Points, Suspect
 from ..core.edits.applying import joined
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
+from ..core.geometry.force_plates import NO_LAB, LabRecords
 from ..core.pipelines.known_sets import HOW_TO_CHOOSE, set_worn
 from ..core.pipelines.misfits import misfit_of
 from ..core.points.handedness import MEND_MIRRORED, MEND_POINTS, Handedness
@@ -29,6 +31,7 @@ from ..core.review.doubtful import add_ranges, doubtful_samples
 from ..core.review.provenance import SampleOrigins
 from ..core.review.summary import TakeSummary
 from ..core.review.take_trouble import TakeTrouble
+from ..io.c3d.lab import read_lab
 from ..io.c3d.reading import TrialFile
 from ..io.edits import open_edits
 from ..io.labels import POINT_KEYS, LabelWriter, facts_of_changes, point_keys
@@ -38,6 +41,7 @@ from ..io.points import FilePoints, read_points, write_c3d, write_trc
 from ..io.poses import PoseFile, is_long, refuse_keys
 from ..io.provenance import REPORT, file_rows, sealed
 from ..io.report import facts_of_edits, facts_of_trouble, renumbered, take_report
+from ..io.samples import TextHead
 from ..io.scratch import scratch_folder
 from ..io.source import digest
 from ..io.tables import Room
@@ -101,7 +105,7 @@ class OpenTake:
     cameras   that saw it; none for points
     edits     those that the labels follow
     worn      whose markers are named, one set or those that several subjects wear; known once `name` has ended
-    trial     the C3D file whose other contents go into the named one; None where there is none, or they are not wanted
+    trial     for what else of its file goes into the named one; None where there is nothing, or it is not wanted
     """
 
     keys: tuple[str, ...]
@@ -110,7 +114,7 @@ class OpenTake:
     long: bool | None = None
     cameras: Cameras = NO_CAMERAS
     worn: Worn
-    trial: TrialFile | None = None
+    trial: TrialFile | TextHead | None = None
 
     def __init__(self, job: LabelJob, models: dict[str, Model], stack: ExitStack, clock: dict[str, float]):
         self.job, self.stack, self.clock = job, stack, clock
@@ -124,6 +128,11 @@ class OpenTake:
         known = self.read()
         named = self.several.possible if self.several else self.model.markerset
         self.edits = open_edits(job.edits_applied, job.source, named, **known)
+
+    @cached_property
+    def lab(self) -> LabRecords:
+        """What its file records beside points, which only somebody who sees the take looks at."""
+        return read_lab(self.trial, self.rate) if isinstance(self.trial, TrialFile) else NO_LAB
 
     def rays(self) -> "MarkerRays | None":
         """Those of the markers that one camera alone sees; None where no camera is known."""
@@ -288,7 +297,8 @@ def label_take(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> 
                 given = points, take.worn, listeners, *(() if rays is None else (rays,))
                 points, of_gaps, fills = yield from fill_labelled(*given)
         report = results.write(files, points, of_gaps, fills, inputs, clock)
-    return Labelled(report, take.worn, results.chunks if job.keep else [], take.edits, job.models[0])
+    chunks = results.chunks if job.keep else []
+    return Labelled(report, take.worn, chunks, take.edits, job.models[0], take.lab if job.keep else NO_LAB)
 
 
 class Results:
@@ -388,13 +398,13 @@ class Results:
                 part = job.for_a_part(not len(take.cameras))
                 save_played(files[".blend"], files[MOTION_FILE], job.source, take.worn, *of_take, part)
             elif job.blend:
-                shown = self.chunks, take.cameras, take.edits, fills
+                shown = self.chunks, take.cameras, take.edits, fills, take.lab
                 save_blend(files[".blend"], job.source, rate, take.worn, *shown)
             changed = facts_of_changes(job.path(".labels.csv"), files[".labels.csv"], take.worn.markers)
             subjects = [] if job.plain else [name for name, _ in take.worn.worn if name]
             write_c3d(files[".c3d"], points, take.trial, subjects)
             if job.trc:
-                write_trc(files[".trc"], points)
+                write_trc(files[".trc"], points, take.trial)
             written = {ending: path for ending, path in files.items() if ending not in (PAGE, REPORT)}
             digests = {ending: digest(path) for ending, path in written.items() if path.exists()}
         origins = self.origins.of_markers(of_gaps.get("filled", ()), None)

@@ -18,8 +18,7 @@ from ..core.training.takes import LabelledTake, learnable, odd_size
 from ..core.training.transfer import known_body, known_places
 from ..io.edits import edits_beside, read_edits
 from ..io.points import FilePoints, read_points
-from ..io.provenance import REPORT, read_report
-from ..io.source import is_still
+from ..io.provenance import REPORT, own_output
 from ..io.text import can_be_named, written
 
 
@@ -92,20 +91,6 @@ def refuse_mirrored(takes: Sequence[TakeFile], bodies: Sequence[MarkerSet]):
             points[:, places[places >= 0]] = take.xyz[:, places >= 0]
             with of_file(take.path if take.path.name else take.name):
                 refuse_labelled(body, points)
-
-
-def own_output(path: Path) -> dict | None:
-    """The report beside a take that `label` wrote, where the take is as it was written; else None.
-
-    A file that was changed since was corrected elsewhere, and its labels are what somebody says.
-    """
-    try:
-        report = read_report(path.with_name(path.stem + REPORT))
-        made = report["provenance"]["results"].get(path.suffix)
-        fitting = isinstance(report.get("doubtful"), dict) and is_still(path, made)
-    except InputError:
-        return None
-    return report if fitting else None
 
 
 def looked_at(

@@ -20,6 +20,7 @@ from ..io.c3d.reading import TrialFile
 from ..io.filled import kept_rows, write_filled
 from ..io.labels import LabelWriter, write_point_labels
 from ..io.points import read_points, write_c3d, write_trc
+from ..io.samples import TextHead
 from ..io.whole import whole_files
 from ..jobs.pages import write_kept_page
 from ..props import keeps_items
@@ -175,10 +176,10 @@ def source_of(stored: Stored) -> Path | None:
     return source
 
 
-def trial_of(stored: Stored) -> TrialFile | None:
-    """The C3D file that a take came from; None where it did not, or its points are not as they were labelled."""
+def trial_of(stored: Stored) -> TrialFile | TextHead | None:
+    """What else the file of a take holds; None where that is nothing, or its points are not as they were labelled."""
     source, frames = source_of(stored), stored.motion.frames
-    if source is None or not isinstance(stored.rows, PointRows) or source.suffix.lower() != ".c3d":
+    if source is None or not isinstance(stored.rows, PointRows):
         return None
     for up in (None, *AXIS_NAMES):  # nobody kept what was said of that
         try:
@@ -196,7 +197,11 @@ class MOCAP_AUTOLABEL_OT_export_trc(ExportsPoints, bpy.types.Operator):
     """Write the named markers in space as TRC, for OpenSim."""
 
     bl_label = "Export TRC"
-    filename_ext, write_points = ".trc", staticmethod(write_trc)
+    filename_ext = ".trc"
+
+    def write_points(self, path: Path, points: Points):
+        """Writes them with the head of the TRC or Motive `.csv` that the take came from."""
+        write_trc(path, points, trial_of(taken(bpy.context)))
 
 
 def points_of(stored: Stored) -> Points:

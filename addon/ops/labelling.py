@@ -135,7 +135,7 @@ def label_steps(
             # An empty list that was given stays one: what lies beside the take was taken back in the scene.
             edits = labelled.edits if labelled.edits or job.edits is not None else None
             given = name, labelled.report["rate"], job.cameras or NO_CAMERAS, labelled.worn, labelled.chunks
-            return Take.of(*given, written(str(job.source)), doubts=doubts, edits=edits)
+            return Take.of(*given, written(str(job.source)), doubts=doubts, edits=edits, lab=labelled.lab)
         except UserError as error:
             words = error.message.replace(HOW_TO_ASK, ASK_HERE).replace(HOW_TO_MIRROR, MIRROR_HERE)
             words = words.replace(HOW_TO_TURN, TURN_HERE).replace(HOW_TO_CHOOSE, CHOOSE_HERE)

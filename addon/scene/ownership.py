@@ -19,6 +19,7 @@ from . import naming
 MADE = "mocap_made"  # on what the add-on made: how it was made, and what it is in its take
 KEYED = "mocap_keyed"  # on an action: digests of the keys that the add-on made, by slot and curve
 LINEAR = 1  # format: the value of BEZT_IPO_LIN behind Keyframe.interpolation, which all keys have that the add-on makes
+TURNS_AND_SIZE = "rotation_quaternion", "rotation_euler", "scale"
 WITHOUT_NAMES = "unnamed"  # what the object of the points without names is in its take
 
 
@@ -274,12 +275,13 @@ def _own_keys(block) -> list[str]:
 def _of_object(item: bpy.types.Object) -> list:
     data, parent = item.animation_data, item.parent
     action = None if data is None else data.action
+    keyed = {curve.data_path for curve in _curves(item)}
     content = [
         None if parent is None else role_of(parent),
         item.parent_type,
         item.parent_bone,
         item.rotation_mode,
-        *(list(getattr(item, path)) for path in ("rotation_quaternion", "rotation_euler", "scale")),
+        *(list(getattr(item, path)) for path in TURNS_AND_SIZE if path not in keyed),
         [(one.type, one.name) for one in item.constraints],
         [(one.type, one.name, _name(getattr(one, "node_group", None))) for one in item.modifiers],
         [one.name for one in item.vertex_groups],
@@ -289,7 +291,7 @@ def _of_object(item: bpy.types.Object) -> list:
         None if action is None else (str(action.get(MADE)), data.action_slot_handle),
         [] if data is None else [len(data.nla_tracks), len(data.drivers)],
     ]
-    if not any(curve.data_path == "location" for curve in _curves(item)):
+    if "location" not in keyed:
         content.append(list(item.location))
     return content
 

@@ -18,6 +18,7 @@ from ..core.filling.kept import KeptFill, filled_samples, put_fills
 from ..core.filling.smoothing import smoothed
 from ..core.geometry import rotations
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
+from ..core.geometry.force_plates import NO_LAB, LabRecords
 from ..core.geometry.measuring import measured_again
 from . import armature as armatures
 from . import cameras as scene_cameras
@@ -27,6 +28,7 @@ from .animation import TakeActions
 from .body import add_body
 from .corrections import keep_edits, kept_text
 from .fills import FILL_PATHS, keep_cutoff, keep_fills
+from .lab import forget_events, show_lab
 from .performers import Colour, Performer, body_material, home_of, homes, performers_in_row, performers_of, rows_of
 from .storage import FRAME, add_cloud, cloud_table
 from .stored import Stored, changed_between, digest_of, digests_of
@@ -62,6 +64,7 @@ class Take:
     cutoff     Hz, by which the markers are shown smoothed, which `motion` is not; None for as they are
     colours    of performers by their names; a usual one for who has none
     old_body   frames, by the source's numbers, whose body was posed on other labels
+    lab        events and force plates of its file
     """
 
     name: str
@@ -80,6 +83,7 @@ class Take:
     cutoff: float | None = None
     colours: Mapping[str, Colour] = field(default_factory=dict)
     old_body: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
+    lab: LabRecords = NO_LAB
 
     @classmethod
     def of(
@@ -166,6 +170,7 @@ def show_take(
             ownership.sign(item, f"marker {name}", collection)
     if isinstance(take.rows, PointRows):
         show_unnamed(collection, f"{take.name} unnamed", take.rows, take.labels, shift)
+    show_lab(scene, collection, take.name, take.lab, take.motion.frames, shift, actions)
     _store(collection, take, camera_collection, shift)
     set_time(scene, take.rate, frames)
     return collection
@@ -262,6 +267,7 @@ def clear_take(collection: bpy.types.Collection, but: Sequence[bpy.types.Object]
 
     What was made is returned, to be let go; `but` these, which become a person's.
     """
+    forget_events(collection)
     former = ownership.set_aside(collection, but)
     tables = [collection.get(key) for key in (ROWS, MOTION, EXPECTED, POSE, FRAME_TABLE, FILL_PATHS)]
     made = collection.get(ownership.MADE)

@@ -10,6 +10,7 @@ import pytest
 
 from addon.core.data.takes import NO_MARKER, Points
 from addon.io.blobs import write_blobs
+from addon.io.c3d.lab import read_lab
 from addon.io.c3d.reading import C3dFile
 from addon.io.cameras import write_cameras
 from addon.io.markersets import open_markerset, write_markerset
@@ -175,9 +176,35 @@ def test_what_stays_unnamed_is_one_object(imported, naming_known):
     assert [item.hide_viewport for item in imported.scene.objects if item.modifiers] == [False]
 
 
+def lab_is_seen(context, source):
+    """Events are timeline markers and plates have arrows that push, as the file says; a person's marker stays."""
+    scene, take = context.scene, context.scene.mocap_autolabel.take
+    scene.timeline_markers.new("mine", frame=76)
+    events = [(one.name, one.frame) for one in scene.timeline_markers]
+    assert events == [("Right Foot Off", 76), ("mine", 76)], "the other is before the take"
+    plates = read_lab(read_points(source, up="z").trial, 59.94).plates
+    items = {item.name: item for item in take.children["lab force plates"].objects}
+    assert len(items) == 2 * len(plates) == 4
+    for number, plate in enumerate(plates, 1):
+        outline, arrow = items[f"lab force plate {number}"], items[f"lab force {number}"]
+        assert (len(outline.data.edges), len(outline.data.polygons), outline.hide_render) == (4, 0, True)
+        np.testing.assert_allclose([one.co for one in outline.data.vertices], plate.corners, atol=1e-6)
+        for frame in (71, 87, 100):
+            scene.frame_set(frame)
+            force, place = plate.force[frame - 71], plate.place[frame - 71]
+            turned = np.array(arrow.matrix_world)
+            push = turned[:3, 2] * 1000 * arrow.empty_display_size
+            np.testing.assert_allclose(push, 0 if np.isnan(place[0]) else force, rtol=1e-4, atol=0.01)
+            assert np.isnan(place[0]) or np.allclose(turned[:3, 3], place, atol=1e-5)
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert sorted((one.name, one.frame) for one in scene.timeline_markers) == sorted(events), "none is there twice"
+    assert set(take.children["lab force plates"].objects.keys()) == set(items)
+    scene.timeline_markers["Right Foot Off"].frame = 80
+
+
 def test_the_lab_s_file_is_exported_with_names_in_it(imported, files, naming_known, tmp_path):
     xyz = 1000 * np.concatenate([files.take.xyz, files.take.xyz[:, :1]], axis=1)
-    of_lab = {"channels": 2, "samples": 3, "first": 101, "rate": 59.94, "lab": True, "up": "+Y", "processor": DEC}
+    of_lab = {"channels": 12, "samples": 3, "first": 71, "rate": 59.94, "lab": True, "up": "+Y", "processor": DEC}
     source, out = tmp_path / "lab.c3d", tmp_path / "named.c3d"
     layout = Layout(frames=30, points=xyz.shape[1], **of_lab)
     source.write_bytes(layout.content(xyz))
@@ -185,6 +212,7 @@ def test_the_lab_s_file_is_exported_with_names_in_it(imported, files, naming_kno
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(out)) == {"FINISHED"}
     assert otherwise(source, out) == []
+    lab_is_seen(imported, source)
     column = next(index for index in range(1, 15) if files.truth[index] != NO_MARKER)
     named = read_points(out, up="z")
     own = named.names.index(open_markerset(files.markerset).markers[files.truth[column]])
@@ -197,6 +225,12 @@ def test_the_lab_s_file_is_exported_with_names_in_it(imported, files, naming_kno
         np.testing.assert_allclose(alone.xyz[:, own], named.xyz[:, own], atol=1e-6)
         assert C3dFile(out.read_bytes(), out).whole("ANALOG:USED") == 0
         source.unlink(missing_ok=True)
+    items = len(bpy.data.objects)
+    assert bpy.ops.mocap_autolabel.label.poll()
+    assert bpy.ops.mocap_autolabel.clear() == {"FINISHED"}
+    assert [one.name for one in imported.scene.timeline_markers] == ["mine", "Right Foot Off"], "it was moved"
+    assert not [one.name for one in bpy.data.objects if "force" in one.name], "nobody changed it"
+    assert len(bpy.data.objects) < items
 
 
 def test_doubtful_points_are_told_from_sure_ones(extension):

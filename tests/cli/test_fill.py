@@ -4,6 +4,7 @@
 import csv
 import json
 import re
+from dataclasses import replace
 
 import ezc3d
 import numpy as np
@@ -116,6 +117,52 @@ def test_bad_inputs(run, holed, tmp_path):
     out.write_text("mine")
     assert "exists already" in run("fill", holed / "walk.c3d", "--out", out).reason
     assert out.read_text() == "mine"
+
+
+def test_a_report_says_where_all_is_from_and_verify_whether_it_is_still_so(run, holed, tmp_path):
+    edits = {"version": 1, "edits": [{"kind": "assign", "point": 0, "marker": "LFHD", "frames": [100, 102]}]}
+    (tmp_path / "hand.json").write_text(json.dumps(edits))
+    words = ("--model", MODEL, "--edits", tmp_path / "hand.json", "--out", tmp_path)
+    assert run("label", holed / "walk.c3d", *words).status == 0
+    source, full = tmp_path / "walk.c3d", tmp_path / "out" / "full.c3d"
+    (tmp_path / "walk.edits.json").write_text(json.dumps(edits))  # of no concern to what is filled
+    before, answer = report_of(source), run("fill", source, "--out", full, "--model", MODEL, "--json")
+    said, report = json.loads(answer.out), report_of(full)
+    assert said.keys() - report.keys() == {"out", "seconds"}
+    assert report["doubtful"] == before["doubtful"]
+    rows, take = report["provenance"]["markers"], read_points(full)
+    was = before["provenance"]["markers"]
+    assert rows["LFHD"]["hand_frames"] == was["LFHD"]["hand_frames"] == [[100, 102]]
+    for name, row in rows.items():
+        own = [gap for gap in report["filled"] if gap["marker"] == name]
+        assert sum(row["filled"].values()) == sum(gap["last"] + 1 - gap["first"] for gap in own)
+        assert [row[kind] for kind in ("measured", "hand")] == [was[name][kind] for kind in ("measured", "hand")]
+        assert row["missing"] == (~take.present[:, take.names.index(name)]).sum()
+    verified = "full: 2 results are as version "
+    for one in (full, full.parent, full.with_suffix(".report.json"), full.with_suffix(".filled.csv")):
+        answer = run("verify", one)
+        assert answer.out.startswith(verified)
+        assert answer.out.endswith(f"made them of walk.c3d, {MODEL}\n")
+    again = tmp_path / "out" / "again.c3d"
+    assert run("fill", full, "--out", again).status == 0
+    later = report_of(again)["provenance"]["markers"]
+    assert later["LKNE"]["filled"] == {"input": rows["LKNE"]["filled"]["regression"]}
+    assert later["LFHD"]["hand"] == 3
+    before["provenance"]["markers"] = {"LFHD": {"hand_frames": 5}}
+    (tmp_path / "walk.report.json").write_text(json.dumps(before))
+    assert "walk.report.json: is damaged in what is by hand" in run("fill", source, "--out", tmp_path / "x.c3d").reason
+    source.write_bytes(source.read_bytes() + bytes(512))
+    reason = run("verify", full).refusal(1)
+    assert "the input ../walk.c3d was changed; expected all as it was when this take was filled" in reason
+
+
+def test_a_name_that_is_there_twice_is_told_apart(run, holed, tmp_path):
+    take = read_points(holed / "walk.c3d")
+    write_c3d(tmp_path / "twice.c3d", replace(take, names=("RBHD", *take.names[1:])))
+    assert run("fill", tmp_path / "twice.c3d", "--out", tmp_path / "full.c3d").status == 0
+    rows = report_of(tmp_path / "full.c3d")["provenance"]["markers"]
+    assert {name for name in rows if "RBHD" in name} == {"RBHD", f"RBHD ({take.names.index('RBHD')})"}
+    assert all(row["missing"] >= 0 for row in rows.values())
 
 
 def test_label_fills_in_the_same_job_and_labels_stay_what_was_seen(run, holed, tmp_path):

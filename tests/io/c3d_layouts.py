@@ -31,6 +31,7 @@ class Layout:
     up: str = "+Z"
     cut: int = 0  # bytes that the file lacks at its end, its padding besides
     padded: bool = True
+    turns: int = 0  # rotations in a frame, behind the points, with the ratio 2
     lab: bool = False  # whether there is what a laboratory adds: plates, events, an angle as the last of the points
 
     @property
@@ -56,10 +57,13 @@ class Layout:
         xyz = own if xyz is None else xyz
         section = self._section(0)
         blocks = -(-len(section) // BLOCK)
-        section = self._section(2 + blocks).ljust(blocks * BLOCK, b"\0")
-        head = bytes([1, 80, blocks if self.blocks is None else self.blocks, self.processor])
         data = self._data(xyz, word)
         if self.padded:
+            data += bytes(-len(data) % BLOCK)
+        section = self._section(2 + blocks, 2 + blocks + len(data) // BLOCK).ljust(blocks * BLOCK, b"\0")
+        head = bytes([1, 80, blocks if self.blocks is None else self.blocks, self.processor])
+        if self.turns:
+            data += self.reals(np.arange(34 * self.turns * self.frames) / 8)
             data += bytes(-len(data) % BLOCK)
         whole = self._header(2 + blocks) + head + section[4:] + data
         return whole[: len(whole) - self.cut]
@@ -99,7 +103,7 @@ class Layout:
         frame = np.concatenate([whole, analog], axis=1)
         return self.reals(frame.ravel()) if self.real else np.rint(frame).astype(f"{self.order}i2").tobytes()
 
-    def _section(self, start: int) -> bytes:
+    def _section(self, start: int, turns_start: int = 0) -> bytes:
         last = self.first + self.frames - 1
         frames = self.frames if self.said_frames is None else self.said_frames
         records = [
@@ -129,6 +133,7 @@ class Layout:
             self._texts("LABELS", 2, [f"A{index}" for index in range(self.channels)] or [""]),
             self._group("TRIAL", 3),
             *(self._lab() if self.lab else ()),
+            *(self._turns(turns_start) if self.turns else ()),
         ]
         for name, number in (("ACTUAL_START_FIELD", self.first), ("ACTUAL_END_FIELD", last)):
             words = [number % 65536, number // 65536 % 65536]
@@ -136,21 +141,32 @@ class Layout:
         return bytes(4) + b"".join(records) + bytes(2)
 
     def _lab(self) -> list[bytes]:
-        corners, times = np.linspace(-700, 700, 24), [0, 0.5, 0, 1.25]
+        corner, times = np.array([[500, 400, 0], [0, 400, 0], [0, 0, 10], [500, 0, 10]]), [0, 0.5, 0, 1.25]
+        corners, origins, matrix = np.stack([corner, corner - 600]), [1, -2, 40, 3, 4, -37], np.arange(36) % 7 - 3.0
         return [
             self._texts("ANGLES", 1, self.labels()[-1:]),
             self._group("FORCE_PLATFORM", 4),
-            self._record("CORNERS", 4, 4, (3, 4, 2), self.reals(corners)),
+            self._words("USED", 4, 2),
+            self._record("TYPE", 4, 2, (2,), struct.pack(f"{self.order}2H", 2, 4)),
+            self._record("CORNERS", 4, 4, (3, 4, 2), self.reals(corners.ravel())),
+            self._record("ORIGIN", 4, 4, (3, 2), self.reals(origins)),
+            self._record("CAL_MATRIX", 4, 4, (6, 6, 2), self.reals(np.tile(matrix, 2))),
             self._record("CHANNEL", 4, 2, (6, 2), struct.pack(f"{self.order}12H", *range(1, 13))),
             self._group("EVENT", 5),
             self._record("TIMES", 5, 4, (2, 2), self.reals(times)),
             self._texts("LABELS", 5, ["Foot Strike", "Foot Off"]),
+            self._texts("CONTEXTS", 5, ["Left", "Right"]),
             self._group("OURS", -9, "a group that nobody knows"),
             self._record("bytes", -9, 1, (3,), bytes([1, 254, 7]), "three of them"),
             self._record("negative", 9, 2, (2,), struct.pack(f"{self.order}2h", -5, -32768)),
             self._group("SUBJECTS", 10),
             self._texts("NAMES", 10, ["Anna"]),
         ]
+
+    def _turns(self, start: int) -> list[bytes]:
+        words = {"USED": self.turns, "DATA_START": start, "RATIO": 2, "FRAMES": 2 * self.frames}
+        labels = self._texts("LABELS", 11, [f"R{index}" for index in range(self.turns)])
+        return [self._group("ROTATION", 11), *(self._words(name, 11, word) for name, word in words.items()), labels]
 
     def _group(self, name: str, group: int, words: str = "") -> bytes:
         """A group; one below zero is locked."""

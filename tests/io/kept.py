@@ -13,6 +13,8 @@ import numpy as np
 from addon.io.c3d.kept import OURS
 from addon.io.c3d.reading import MIPS, C3dFile, find_layout, marker_indices, point_texts, words_of
 
+# What is said of rotations that are somewhere else now, or some of them.
+TURNS = "ROTATION:DATA_START", "ROTATION:FRAMES"
 FIELDS = "TRIAL:ACTUAL_START_FIELD", "TRIAL:ACTUAL_END_FIELD"
 
 
@@ -25,7 +27,7 @@ def otherwise(source: Path, written: Path, frames: tuple[int, int] | None = None
     layouts = [find_layout(file) for file in files]
     first, last = frames or (layouts[0].first, layouts[0].first + layouts[0].frames - 1)
     part = slice(first - layouts[0].first, last + 1 - layouts[0].first)
-    skipped = tuple(f"{group}:" for group in anew) + (FIELDS if frames else ())
+    skipped = tuple(f"{group}:" for group in anew) + (FIELDS if frames else ()) + TURNS[: 2 if frames else 1]
     found = [_of_header(*layouts, first, last), _of_parameters(*files, skipped), _of_data(files, layouts, part)]
     found.append(_of_c3d(source, written, part))
     if files[0].processor != MIPS:  # which ezc3d does not read
@@ -83,6 +85,14 @@ def _of_data(files, layouts, part) -> Iterator[str]:
         one, two = one.astype(int) % 65536, two.astype(int) % 65536
     if not np.array_equal(one, two, equal_nan=one.dtype.kind == "f"):
         yield "analog data"
+    one, two = (_turns_of(file, layout) for file, layout in zip(files, layouts, strict=True))
+    if not np.array_equal(one[part], two):
+        yield "rotations"
+
+
+def _turns_of(file, layout):
+    start, reals = layout.turns
+    return file.reals(file.content[start : start + 4 * reals * layout.frames]).reshape(layout.frames, reals)
 
 
 def _of_ezc3d(source, written, part, skipped) -> Iterator[str]:
@@ -94,6 +104,9 @@ def _of_ezc3d(source, written, part, skipped) -> Iterator[str]:
     analog = before["data"]["analogs"][..., round(part.start * rate) : round(part.stop * rate)]
     if not np.array_equal(analog, after["data"]["analogs"], equal_nan=True):
         yield "ezc3d: analog data"
+    turns = [take["data"]["rotations"] for take in (before, after)]
+    if turns[0].size and not np.array_equal(turns[0][..., 2 * part.start : 2 * part.stop], turns[1]):
+        yield "ezc3d: rotations"  # whose ratio is 2
     if any(heads[0][kind]["frame_rate"] != heads[1][kind]["frame_rate"] for kind in ("points", "analogs")):
         yield "ezc3d: rates"
     if not part.start and heads[0]["events"] != heads[1]["events"]:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.errors import InputError
+from addon.io.c3d.lab import read_lab
 from addon.io.c3d.reading import C3dFile
 from addon.io.points import FilePoints, read_points, write_c3d
 from tests import recorded
@@ -23,6 +24,7 @@ LAYOUTS = {
     "a first frame beyond sixteen bits": replace(LAB, first=70_000),
     "more than 255 points": replace(LAB, frames=4, points=300),
     "metres with y up": replace(LAB, up="+Y"),
+    "rotations": replace(LAB, turns=3),
     "a header that counts analog data wrongly": replace(LAB, frames=90, header=((2, 3),)),
 }
 
@@ -72,7 +74,7 @@ def test_all_else_stays(tmp_path, layout):
 @pytest.mark.parametrize("processor", [INTEL, DEC, MIPS])
 @pytest.mark.parametrize("real", [True, False])
 def test_of_a_part_the_events_stay_where_they_were(tmp_path, processor, real):
-    source, out = put(tmp_path, replace(LAB, processor=processor, real=real)), tmp_path / "named.c3d"
+    source, out = put(tmp_path, replace(LAB, processor=processor, real=real, turns=2)), tmp_path / "named.c3d"
     take = read_points(source, frames=(14, 20))
     write_c3d(out, take, take.trial)
     assert otherwise(source, out, (14, 20)) == []
@@ -133,9 +135,33 @@ def test_a_file_that_changed_or_went_meanwhile_or_has_no_room_is_one_sentence(tm
         write_c3d(tmp_path / "named.c3d", long, take.trial)
 
 
+@pytest.mark.parametrize("processor", [INTEL, DEC, MIPS])
+@pytest.mark.parametrize("real", [True, False])
+def test_events_and_plates_are_as_another_reader_has_them(tmp_path, processor, real):
+    layout = replace(LAB, channels=12, real=real, up="+Y")
+    take = read_points(put(tmp_path, replace(layout, processor=processor)))
+    lab = read_lab(take.trial, take.rate)
+    assert (lab.events, lab.first) == ((("Left Foot Strike", 51), ("Right Foot Off", 126)), 11)
+    read = ezc3d.c3d(str(put(tmp_path, layout, "intel.c3d")), extract_forceplat_data=True)
+    turn, pushing = take.trial.turn.T, 0
+    for ours, other in zip(lab.plates, read["data"]["platform"], strict=True):
+        force, place = (other[name][:, :: layout.samples].T @ turn for name in ("force", "center_of_pressure"))
+        np.testing.assert_allclose(ours.corners, other["corners"].T @ turn / 1000, atol=1e-6)
+        np.testing.assert_allclose(ours.force, force, rtol=1e-6, atol=1e-3)
+        known = np.isfinite(ours.place).all(axis=1)
+        pushing += known.sum()
+        np.testing.assert_allclose(ours.place[known], place[known] / 1000, rtol=1e-5, atol=1e-5)
+    assert pushing > layout.frames
+    path = tmp_path / "header.c3d"  # where there is no group, the header's are told
+    path.write_bytes((tmp_path / "trial.c3d").read_bytes().replace(b"EVENT", b"OTHER"))
+    assert [name for name, _ in read_lab(read_points(path).trial, 100.0).events] == ["RHS", "RTO"]
+    np.testing.assert_allclose([frame for _, frame in read_lab(read_points(path).trial, 100.0).events], [12.5, 15])
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_damaged_files_become_a_file_or_a_sentence(tmp_path, seed):
-    rng, layout = np.random.default_rng(seed), replace(LAB, processor=(INTEL, DEC, MIPS, MIPS)[seed], real=seed < 3)
+    rng, processor = np.random.default_rng(seed), (INTEL, DEC, MIPS, MIPS)[seed]
+    layout = replace(LAB, processor=processor, real=seed < 3, turns=seed % 2)
     whole, written = layout.content(), 0
     for _ in range(150):
         content = bytearray(whole)
@@ -144,6 +170,7 @@ def test_damaged_files_become_a_file_or_a_sentence(tmp_path, seed):
         (tmp_path / "trial.c3d").write_bytes(content[: len(content) - rng.choice([0, 0, 0, 700])])
         try:
             take = read_points(tmp_path / "trial.c3d")
+            read_lab(take.trial, take.rate)
             write_c3d(tmp_path / "named.c3d", take, take.trial if take.lanes is None else None, ["1"])
             written += 1
         except InputError:

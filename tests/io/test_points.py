@@ -191,6 +191,41 @@ def test_our_own_trc_comes_back(tmp_path, name):
     np.testing.assert_allclose(found.xyz, take.xyz, atol=1e-8)
 
 
+@pytest.mark.parametrize(("unit", "metre"), [("mm", 1e-3), ("cm", 1e-2), ("Meters", 1.0), ("in", 0.0254), ("?", 1e-3)])
+def test_the_trc_of_a_trc_has_its_head_unit_axes_and_time(tmp_path, unit, metre):
+    take, path, out = walk(first=200), tmp_path / "own.trc", tmp_path / "named.trc"
+    write_trc(path, take)
+    lines = path.read_text().splitlines()
+    lines[:3] = [
+        "PathFileType\t4\t(x/y/z)\tlab.trc",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames\tLab",
+        f"120.00\t240.0\t6\t4\t{unit}\t240.0\t17\t9000\tB",
+    ]
+    for number in range(6):
+        fields = lines[6 + number].split("\t")
+        places = [float(text) if text else np.nan for text in fields[2:]]
+        turned = np.reshape(places, (-1, 3))[:, [1, 2, 0]] * 1e-3 / metre  # y up
+        texts = ["" if value != value else f"{value:.9f}" for value in turned.ravel()]
+        lines[6 + number] = "\t".join([fields[0], f"{2.5 + number / 120:.6f}", *texts])
+    path.write_text("\n".join([*lines, ""]))
+    part = read_points(path, frames=(202, 205))
+    write_trc(out, part, part.trial)
+    written, head = out.read_text().splitlines(), lines[2].split("\t")
+    assert written[0].split("\t")[3:] == ["named.trc"]
+    assert written[1] == lines[1]
+    head[2], head[4] = "4", "mm" if unit == "?" else unit
+    assert written[2].split("\t") == head
+    own = [row.split("\t") for row in (lines[8], written[6])]
+    assert [row[:2] for row in own] == [["202", "2.516667"]] * 2
+    np.testing.assert_allclose([float(text) for text in own[1][5:]], [float(text) for text in own[0][5:]], rtol=1e-5)
+    again = read_points(out)
+    assert (again.up, again.rate, again.first_frame) == (part.up, 120, 202)
+    np.testing.assert_allclose(again.xyz, part.xyz, atol=1e-8)
+    write_c3d(tmp_path / "named.c3d", part, part.trial)
+    parameters = ezc3d.c3d(str(tmp_path / "named.c3d"))["parameters"]
+    assert parameters["TRIAL"]["CAMERA_RATE"]["value"] == 240
+
+
 TRC_HEADS = {
     "three tabs a name": "Frame#\tTime\tA\t\t\tB b\t\t\tC\t\t\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\tX3\tY3\tZ3\n\n",
     "three tabs and more behind": "Frame#\tTime\tA\t\t\tB b\t\t\tC\t\t\t\t\n\t\tX1\tY1\tZ1\t\n\n",
@@ -233,6 +268,14 @@ def test_motive_export(tmp_path):
     # x stays, the height comes third, what was towards the viewer comes second with its sign changed.
     np.testing.assert_allclose(take.xyz[0], [[0.1, 0.2, 1.0], [0.011, -0.033, 0.022]])
     assert np.isnan(take.xyz[2, 0]).all()
+    write_c3d(tmp_path / "named.c3d", take, take.trial)
+    parameters = ezc3d.c3d(str(tmp_path / "named.c3d"))["parameters"]
+    assert parameters["TRIAL"]["CAMERA_RATE"]["value"] == 240
+    own = {name: row["value"] for name, row in parameters["MOTIVE"].items() if not name.startswith("__")}
+    assert own == {"TAKE_NAME": ["test"], "CAPTURE_FRAME_RATE": ["240.000000"]}
+    write_trc(tmp_path / "named.trc", take, take.trial)
+    said = (tmp_path / "named.trc").read_text().splitlines()[2].split("\t")
+    assert said == ["120", "240.000000", "5", "2", "mm", "240.000000", "0", "5"]
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
+import ezc3d
 import numpy as np
 import pytest
 from lzallright import LZOCompressor
@@ -16,7 +17,7 @@ from addon.core.data.errors import InputError
 from addon.core.data.takes import Blobs
 from addon.io.blobs import frames_in, read_blobs, write_blobs
 from addon.io.cameras import read_cameras
-from addon.io.points import holds_points, read_points
+from addon.io.points import holds_points, read_points, write_c3d
 from addon.io.qtm import records
 from addon.io.qtm.capture import held_in
 from addon.io.qtm.container import Container, Schema, read_items, read_schema
@@ -95,7 +96,7 @@ def real(shared_data) -> Path:
     return shared_data / "blobs" / "qualisys_run"
 
 
-def test_the_real_cameras_blobs_and_points_are_those_of_the_other_files(real):
+def test_the_real_cameras_blobs_and_points_are_those_of_the_other_files(real, tmp_path):
     ours, known = read_cameras(real / "demo.qtm"), read_cameras(real / "room.toml")
     assert ours.names == known.names
     for name in ("size", "matrix", "distortion", "rotation", "translation"):
@@ -119,6 +120,9 @@ def test_the_real_cameras_blobs_and_points_are_those_of_the_other_files(real):
     filled = dict(zip(known.names, (named.residual == 0).sum(axis=0).tolist(), strict=True))
     assert {name: count for name, count in filled.items() if count} == {"L_IAS": 796, "L_HME": 9}
     assert {name for name in ours.names if name} - set(known.names) == {f"L-frame - {at}" for at in (1, 2, 3, 4)}
+    write_c3d(tmp_path / "demo.c3d", ours, ours.trial)
+    head = ezc3d.c3d(str(tmp_path / "demo.c3d"))["header"]["points"]
+    assert (head["frame_rate"], head["first_frame"], head["last_frame"]) == (100, 0, 999)  # ezc3d counts from 0
 
 
 # --- captures made here

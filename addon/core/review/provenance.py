@@ -43,19 +43,23 @@ class SampleOrigins:
     def add(self, rows: Blobs | PointRows, chunk: LabelledChunk):
         """Adds a chunk, whose labels are row for row, and which follows the last without a break."""
         motion, labels, count = chunk.motion, chunk.labels, len(self.names)
-        self.frames += len(motion.frames)
         hand = by_hand(rows, chunk, self.edits, self.words)
-        found = np.isfinite(motion.markers).all(axis=2) & ~hand
-        brought = found & (motion.residual == 0)
-        self._measured += (found & ~brought).sum(axis=0)
-        add_ranges(self._hand, hand, motion.frames)
-        add_ranges(self._filled, brought, motion.frames)
+        self.add_samples(motion.frames, np.isfinite(motion.markers).all(axis=2), motion.residual, hand)
         own = labels.named & (labels.step != BY_EDIT)
         marker, confidence = labels.marker[own], labels.confidence[own]
         self._names += np.bincount(marker, minlength=count)
         self._sum += np.bincount(marker, confidence, count)
         self._sure += np.bincount(marker, confidence >= WELL_SURE, count).astype(np.int64)
         np.minimum.at(self._lowest, marker, confidence)
+
+    def add_samples(self, frames: np.ndarray, there: np.ndarray, residual: np.ndarray, hand: np.ndarray):
+        """Adds frames (F,) of which is known what is `there`, its residual, m, and what is by `hand`, each (F, M)."""
+        self.frames += len(frames)
+        found = there & ~hand
+        brought = found & (residual == 0)
+        self._measured += (found & ~brought).sum(axis=0)
+        add_ranges(self._hand, hand, frames)
+        add_ranges(self._filled, brought, frames)
 
     def of_markers(self, fills: Iterable[Mapping], smoothed: Iterable[int] | None) -> dict[str, dict]:
         """What a report says of each marker, with fills that are no part of the chunks, as rows of a report.

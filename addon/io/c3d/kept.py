@@ -22,6 +22,7 @@ EVENT_KEY, EVENT_COUNT, EVENT_TIMES = 149, 150, slice(304, 376)  # word, word, b
 EVENT_FLAGS, EVENT_LABELS = slice(376, 394), slice(396, 468)
 NEW_KEY = 12345  # of what is there
 
+TURNS_START = "ROTATION:DATA_START"
 MAX_RECORD = 65535  # bytes behind the name; format: 16 bits say where the next one is
 NO_ROOM = "has more names than a C3D file has room for, with all else that it says; expected fewer or shorter names"
 
@@ -93,10 +94,10 @@ class Kept:
     def records(self, again: Collection[str]) -> Iterator[bytes]:
         """Groups and parameters without those that are written again, by "GROUP:NAME", and what has no meaning then.
 
-        That is all else of SUBJECTS where that is written again, and of rotations, which are not kept.
+        That is all else of SUBJECTS where that is written again, and of rotations where these are not.
         """
         gone = ["SUBJECTS:"] if "SUBJECTS:USED" in again else []
-        gone += ["ROTATION:"] if self.file.whole("ROTATION:USED") else []
+        gone += ["ROTATION:"] if self.file.whole("ROTATION:USED") and TURNS_START not in again else []
         for key, record in self.file.records:
             replaced = key in again or OURS.fullmatch(key) or key.startswith(tuple(gone))
             if record.parameter is None or not replaced:
@@ -122,6 +123,12 @@ class Kept:
         if self._unsigned:
             words[:, 4 * len(self.labels) :] %= 65536
         return words
+
+    def turns(self, part: slice) -> bytes:
+        """The rotations of some of the take's frames."""
+        start, reals = self.trial.layout.turns
+        begin, end = (start + 4 * reals * (frame + self.start) for frame in (part.start, part.stop))
+        return self.file.reals(self.file.content[begin:end]).astype("<f4").tobytes()
 
 
 @contextmanager

@@ -195,8 +195,9 @@ class FileLayout:
     analog  words of analog data in a frame, behind the points
     frames  number of frames
     first   number of the first frame
-    left    bytes behind the last frame
+    left    bytes behind the last frame, up to rotations where there are some
     notes   what of all that departs from what the file says, in sentences
+    turns   byte at which the rotations begin, and how many reals of them there are in a frame; 0 without any
     """
 
     start: int
@@ -206,6 +207,7 @@ class FileLayout:
     first: int
     left: int
     notes: tuple[str, ...]
+    turns: tuple[int, int] = (0, 0)
 
     @property
     def stride(self) -> int:
@@ -247,10 +249,29 @@ def _point_counts(file: C3dFile) -> list[int]:
 def _analog(file: C3dFile) -> list[int]:
     """Words of analog data a frame; some programs write the number of channels there, or of one sample of each."""
     words, samples, channels = file.word(2), file.word(9), file.whole("ANALOG:USED")
-    rates = file.number("ANALOG:RATE", 0), file.number("POINT:RATE", file.header_real(10))
-    each = rates[0] / rates[1] if np.isfinite(rates).all() and rates[1] > 0 else 0
-    counts = [words, words * samples, channels * samples, channels * round(each) if each < SIXTEEN_BITS else 0]
+    counts = [words, words * samples, channels * samples, channels * _each_frame(file, "ANALOG")]
     return _distinct([count for count in counts if 0 <= count <= SIXTEEN_BITS])
+
+
+def _each_frame(file: C3dFile, group: str) -> int:
+    """How often what a group is about was sampled in a frame, by its rate; 0 where that cannot be."""
+    rates = file.number(f"{group}:RATE", 0), file.number("POINT:RATE", file.header_real(10))
+    each = rates[0] / rates[1] if np.isfinite(rates).all() and rates[1] > 0 else 0
+    return round(each) if 0 < each < SIXTEEN_BITS else 0
+
+
+REALS_OF_TURN = 17  # format: a matrix of 4 x 4 and how far it can be relied on
+
+
+def _turns(file: C3dFile, start: int) -> tuple[int, int]:
+    """Where rotations begin behind data from `start` on, and their reals a frame; the file's end and 0 without any.
+
+    They are a block of their own (C-Motion, ROTATION data type, 2019).
+    """
+    begin = (file.whole("ROTATION:DATA_START") - 1) * BLOCK
+    each = file.whole("ROTATION:RATIO") or _each_frame(file, "ROTATION")
+    reals = REALS_OF_TURN * file.whole("ROTATION:USED") * each
+    return (begin, reals) if reals > 0 and start < begin < len(file.content) else (len(file.content), 0)
 
 
 def _distinct(values: list[int]) -> list[int]:
@@ -259,15 +280,16 @@ def _distinct(values: list[int]) -> list[int]:
 
 def _filled(file: C3dFile, start: int, points: int, analog: int) -> FileLayout | None:
     """The layout with the stated frames that best fill the data; None where all of them want more than there are."""
-    size = (4 * points + analog) * file.width
-    available = (len(file.content) - start) // size
+    size, (end, turns) = (4 * points + analog) * file.width, _turns(file, start)
+    available = (end - start) // size
     stated = _stated_frames(file)
     fitting = [one for one in stated if 1 <= one[0] <= available]
     if not fitting:
         return None
-    frames, first = _likeliest(fitting, size, len(file.content) - start)
-    left = len(file.content) - start - frames * size
-    return FileLayout(start, points, analog, frames, first, left, tuple(_notes(file, points, analog, frames, stated)))
+    frames, first = _likeliest(fitting, size, end - start)
+    left, notes = end - start - frames * size, tuple(_notes(file, points, analog, frames, stated))
+    whole = end + 4 * turns * frames <= len(file.content)
+    return FileLayout(start, points, analog, frames, first, left, notes, (end, turns) if whole else (0, 0))
 
 
 def _likeliest(stated: list[tuple[int, int]], size: int, length: int) -> tuple[int, int]:

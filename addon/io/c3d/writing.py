@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The labelled take as a C3D file."""
 
+import re
 import struct
 import unicodedata
 from collections.abc import Sequence
@@ -12,7 +13,9 @@ import numpy as np
 from ...core.data.errors import InputError
 from ...core.data.lanes import blocks
 from ...core.data.made import Table
-from .kept import NO_ROOM, Kept, kept_of, packed_record
+from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
+from ..samples import TextHead
+from .kept import NO_ROOM, TURNS_START, Kept, kept_of, packed_record
 from .reading import BLOCK, INTEL, MASK_KEY, TrialFile
 
 # 255 steps of this many mm are what the residual of a sample has room for: 0 to 12.75 mm.
@@ -26,7 +29,9 @@ WHOLE_STEP = 0.01  # of a step; format: numbers of 32 bits, as Blender keeps pla
 MAX_POINTS = 64 * 255
 MAX_MASK = 127  # of the cameras that saw a sample, beside the sign
 MAX_NAME_BYTES = 255  # bytes
+MAX_KEY_LETTERS = 127  # letters of a parameter's name; format
 LAST_NUMBER = 2**32 - 1  # of a frame
+LAST_TURNS_START = (65535 - 257) * BLOCK  # bytes of points; format: rotations begin at a block with a number of 16 bits
 
 
 def first_number(first_frame: int, frames: int) -> int:
@@ -59,7 +64,7 @@ def write_c3d_file(
     residual: Table,
     rate: float,
     first_frame: int,
-    trial: TrialFile | None = None,
+    trial: TrialFile | TextHead | None = None,
     subjects: Sequence[str] = (),
 ):
     """Writes points as Intel reals, z up, in mm; missing samples are NaN with residual -1.
@@ -67,13 +72,13 @@ def write_c3d_file(
     xyz (T, P, 3) m; residual (T, P) m, 0 where a sample was filled, NaN where unknown. They may be on disk (np.memmap),
     for they are read piece by piece. Any number of frames and up to 16320 points. What the format cannot say is written
     as `names_in_c3d` and `first_number` tell.
-    All else of the `trial` that they come from goes with them: then they are in its unit, axes and scale, as whole
-    numbers where it has such and these can hold them, with 0 0 0 for what is missing. `subjects` are those whose names
-    stand before markers.
+    All else of the `trial` that they come from goes with them, a C3D file or a text's head: of a C3D file they are in
+    its unit, axes and scale, as whole numbers where it has such and these can hold them, with 0 0 0 for what is
+    missing. `subjects` are those whose names stand before markers.
     Raises InputError where the file cannot hold the take, and where the trial's is not as it was.
     """
     frames, count = xyz.shape[:2]
-    with kept_of(trial, first_frame) as kept:
+    with kept_of(trial if isinstance(trial, TrialFile) else None, first_frame) as kept:
         labels = names_in_c3d([*labels, *(kept.labels if kept else ())])
         if not count or not frames or len(labels) > MAX_POINTS:
             what = f"cannot hold {len(labels)} points over {frames} frames"
@@ -82,10 +87,18 @@ def write_c3d_file(
         last = first + frames - 1
         units = _units_of(xyz, residual, kept)
         ours = _ours(labels, frames, rate, units.scale, first, kept)
+        if isinstance(trial, TextHead):
+            ours |= _of_head(trial)
         if subjects and not (kept and kept.knows(subjects)):
             ours |= _subjects(subjects)
-        section = _parameters(ours, kept)
         analog, gap, samples = (kept.trial.layout.analog, kept.file.word(5), kept.samples) if kept else (0, 0, 0)
+        size = (4 * len(labels) + analog) * (4 if units.scale < 0 else 2)
+        turned = kept is not None and kept.trial.layout.turns[1] > 0 and frames * size < LAST_TURNS_START
+        if kept and turned:
+            ours[TURNS_START], said = _words(0), kept.file.whole("ROTATION:FRAMES")
+            if said and frames != kept.trial.layout.frames:
+                ours["ROTATION:FRAMES"] = _words(min(said * frames // kept.trial.layout.frames, 65535))
+        section = _parameters(ours, kept, -(-frames * size // BLOCK) if turned else 0)
         header = struct.pack(
             "<BBHHHHHfHHf",
             2,
@@ -100,7 +113,6 @@ def write_c3d_file(
             samples,
             rate,
         )
-        size = (4 * len(labels) + analog) * (4 if units.scale < 0 else 2)
 
         def content(part: slice) -> bytes:
             words = units.words(xyz[part], residual[part])
@@ -112,7 +124,11 @@ def write_c3d_file(
             file.writelines(map(content, blocks(frames, size // 16)))
             # Readers that cannot count beyond 65535 frames read to the end: the padding must be shorter than a frame.
             padding = -(frames * size) % BLOCK
-            file.write(b"\0" * (padding if last < 65535 else padding % size))
+            file.write(b"\0" * (padding if last < 65535 or turned else padding % size))
+            if kept and turned:
+                reals = kept.trial.layout.turns[1]
+                file.writelines(map(kept.turns, blocks(frames, reals)))
+                file.write(bytes(-4 * frames * reals % BLOCK))
 
 
 @dataclass(frozen=True)
@@ -172,13 +188,15 @@ def _whole(numbers: np.ndarray) -> bool:
 Parameters = dict[str, tuple[int, tuple[int, ...], bytes]]  # kind, dimensions and content by "GROUP:NAME"
 
 
-def _parameters(ours: Parameters, kept: Kept | None) -> bytes:
-    """The whole parameter section, padded to blocks."""
+def _parameters(ours: Parameters, kept: Kept | None, turned: int) -> bytes:
+    """The whole parameter section, padded to blocks; where rotations come behind the points, these have `turned`."""
     others, numbers = (b"".join(kept.records(ours)), kept.group_numbers()) if kept else (b"", {})
     data_start = 0
     for _ in range(2):
         # The section tells where it ends, and its length does not depend on what it tells.
         ours["POINT:DATA_START"] = _words(data_start)
+        if turned:
+            ours[TURNS_START] = _words(data_start + turned)
         section = bytes(4) + others + _records(ours, dict(numbers)) + bytes(2)
         blocks = -(-len(section) // BLOCK)
         data_start = 2 + blocks
@@ -228,6 +246,18 @@ def _ours(labels: list[str], frames: int, rate: float, scale: float, first: int,
     if kept is None:
         ours |= {"ANALOG:USED": _words(0), "ANALOG:GEN_SCALE": _real(1)}
     return ours
+
+
+def _of_head(head: TextHead) -> Parameters:
+    """What the head of a text file says: the cameras' rate as C3D files have it, else under Motive's own names."""
+    keys = (re.sub("[^A-Z0-9]+", "_", name.upper())[:MAX_KEY_LETTERS] for name in head.said)
+    said = {f"MOTIVE:{key}": text for key, text in zip(keys, head.said.values(), strict=True)}
+    try:
+        rate = float(head.fields.get("CameraRate", ""))
+    except ValueError:
+        rate = 0.0
+    known = {"TRIAL:CAMERA_RATE": _real(rate)} if MIN_RATE_HZ <= rate <= MAX_RATE_HZ else {}
+    return known | {key: _table(names_in_c3d([text])) for key, text in said.items()}
 
 
 def _subjects(names: Sequence[str]) -> Parameters:
