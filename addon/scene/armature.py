@@ -18,6 +18,7 @@ from ..core.body.sides import side_in
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import Motion
+from ..core.filling.ground import settled
 from ..core.geometry.rotations import matrix_to_quaternion
 from ..core.points.motion import PosedFrames
 from . import animation
@@ -142,6 +143,14 @@ def bone_tails(markerset: MarkerSet, build: Build) -> np.ndarray:
         if np.linalg.norm(tails[index] - joint) < MIN_BONE_M:
             tails[index] = joint + MIN_BONE_M * np.array([0.0, 0.0, 1.0])
     return tails
+
+
+def on_ground(motion: Motion, markerset: MarkerSet, build: Build, rate: float, cutoff: float | None = None) -> Motion:
+    """The motion of one subject as its armature shows it: with planted feet, and smoothed by a cut-off, Hz."""
+    skeleton, ends = markerset.skeleton, bone_tails(markerset, build) - build.joints
+    pose = motion.joints, motion.rotations, skeleton.segments, skeleton.parents
+    joints, rotations = settled(*pose, ends, rate, cutoff)
+    return replace(motion, joints=joints, rotations=rotations)
 
 
 def pose_armature(
