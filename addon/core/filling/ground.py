@@ -28,7 +28,7 @@ class GroundOptions:
     span_s         physical: in which that is measured, and the shortest plant, as when running
     low_m          physical: how high above where it rests a planted part may be; a kick is higher
     reach_m        physical: how far from its place a planted part may be posed, as skin moves; farther it is elsewhere
-    fade_s         physical: in which a correction comes and goes, a third of a swing
+    fade_s         physical: in which a correction comes and goes, a fifth of a swing
     deepest_m      physical: what is farther below the floor is on a step or in a pit, and not posed a little too low
     upright        physical: cosine of how far resting feet lean in the middle; farther there is no floor, or not below
     tilt_rad       physical: how far a foot is turned out of the ground at most; then it is lifted
@@ -37,11 +37,11 @@ class GroundOptions:
 
     floor_reach_m: float = 0.05
     lowest_part: float = 0.1
-    slow_m_s: float = 0.2
+    slow_m_s: float = 0.15
     span_s: float = 0.1
     low_m: float = 0.06
     reach_m: float = 0.03
-    fade_s: float = 0.1
+    fade_s: float = 0.08
     deepest_m: float = 0.1
     upright: float = 0.87
     tilt_rad: float = 0.35
