@@ -18,7 +18,7 @@ from ..core.body.sides import side_in
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import Motion
-from ..core.filling.ground import settled
+from ..core.filling.ground import offsets_of, settled
 from ..core.geometry.rotations import matrix_to_quaternion
 from ..core.points.motion import PosedFrames
 from . import animation
@@ -60,11 +60,9 @@ def build_of(markerset: MarkerSet, motion: Motion) -> Build:
     found = np.isfinite(motion.joints).all(axis=(1, 2)) & np.isfinite(motion.scale).all(axis=1)
     if not found.any():
         return mean_build(markerset)
-    scale, above = np.median(motion.scale[found], axis=0), skeleton.parents[1:]
-    joints, rotations = motion.joints[found], motion.rotations[found]
-    # Each joint in the axes of the one above it.
-    local = np.einsum("fjba,fjb->fja", rotations[:, above], joints[:, 1:] - joints[:, above])
-    offsets = np.concatenate([skeleton.offsets[:1] * scale, np.median(local, axis=0)])
+    scale = np.median(motion.scale[found], axis=0)
+    local = offsets_of(motion.joints[found], motion.rotations[found], skeleton.parents)
+    offsets = np.concatenate([skeleton.offsets[:1] * scale, local])
     return Build(replace(skeleton, offsets=offsets).rest_joints, scale)
 
 

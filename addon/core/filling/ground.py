@@ -75,10 +75,7 @@ def settled(
     found = np.isfinite(joints).all(axis=(1, 2))
     if not found.any():
         return joints, rotated
-    above = np.asarray(parents)[1:]
-    way = joints[found][:, 1:] - joints[found][:, above]
-    local = way[..., None, :] @ rotated[found][:, above]  # in the axes of the one above
-    offsets = np.concatenate([np.zeros((1, 3)), np.median(local[..., 0, :], axis=0)])
+    offsets = np.concatenate([np.zeros((1, 3)), offsets_of(joints[found], rotated[found], parents)])
     root = joints[:, :1]
     if cutoff is not None:
         root, rotated = smoothed(root, rate, cutoff), _calmed(rotated, rate, cutoff)
@@ -108,13 +105,15 @@ def settled(
     return _chained(root + shift, rotated, parents, offsets), rotated
 
 
+def offsets_of(joints: np.ndarray, rotated: np.ndarray, parents: Sequence[int]) -> np.ndarray:
+    """(J - 1, 3) m the median of where each joint but the root's is in the axes of the one above it."""
+    above = np.asarray(parents)[1:]
+    way = joints[:, 1:] - joints[:, above]
+    return np.median((way[..., None, :] @ rotated[:, above])[..., 0, :], axis=0)
+
+
 def _leg(side: str) -> set[str]:
     return {f"{part}.{side}" for part in LEG}
-
-
-def _carried(turn: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Rotations (..., 3, 3) applied to vectors (..., 3)."""
-    return (turn @ vectors[..., None])[..., 0]
 
 
 def _chained(root: np.ndarray, rotated: np.ndarray, parents: Sequence[int], offsets: np.ndarray) -> np.ndarray:
@@ -152,8 +151,8 @@ def _envelope(values: np.ndarray, frames: int) -> np.ndarray:
 def _feet_on_ground(ankle: np.ndarray, turn: np.ndarray, tip: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
     """Ankles (F, S, 3) m and feet's rotations (F, S, 3, 3) where feet are on the ground; `tip` (S, 3) m of the toes."""
     parts = np.stack([tip * [HEEL, HEEL, 1.0], BALL * tip, 0.0 * tip], axis=1)  # of each foot: heel, ball, and ankle
-    fade, span = round(ON_GROUND.fade_s * rate), max(round(ON_GROUND.span_s * rate / 2), 1)
-    places = ankle[:, :, None] + _carried(turn[:, :, None], parts)
+    fade, span = (max(round(part * rate), 1) for part in (ON_GROUND.fade_s, ON_GROUND.span_s / 2))
+    places = ankle[:, :, None] + rotations.carried(turn[:, :, None], parts)
     gone = np.full(places.shape[:3], np.inf)  # how far each is from where it was, over the span
     if len(places) > 2 * span:
         gone[span:-span] = np.linalg.norm(places[2 * span :] - places[: -2 * span], axis=3)
@@ -164,13 +163,13 @@ def _feet_on_ground(ankle: np.ndarray, turn: np.ndarray, tip: np.ndarray, rate: 
         np.quantile(places[:, :, part, 2][slow[:, :, part]], ON_GROUND.lowest_part) if slow[:, :, part].any() else 0.0
         for part in range(3)
     ]
-    low = np.minimum(ankle[..., 2], (ankle + _carried(turn, tip))[..., 2])
+    low = np.minimum(ankle[..., 2], (ankle + rotations.carried(turn, tip))[..., 2])
     floor = float(np.quantile(low[slow.any(axis=2)], ON_GROUND.lowest_part))
     floor = 0.0 if abs(floor) < ON_GROUND.floor_reach_m else floor
     if np.median(turn[..., 2, 2][slow.any(axis=2)]) < ON_GROUND.upright:
         floor = -np.inf
     turn = _turned_up(ankle[..., 2] - floor, turn, tip, fade)
-    places = ankle[:, :, None] + _carried(turn[:, :, None], parts)
+    places = ankle[:, :, None] + rotations.carried(turn[:, :, None], parts)
     slow &= places[..., 2] < np.array(rests) + ON_GROUND.low_m
     moved, held = np.zeros_like(places), np.zeros(places.shape[:3])
     for foot, part in np.ndindex(*places.shape[1:3]):
@@ -181,20 +180,20 @@ def _feet_on_ground(ankle: np.ndarray, turn: np.ndarray, tip: np.ndarray, rate: 
     turn = _least_turn(places[:, :, 1] - places[:, :, 0], along) @ turn
     # About the line from heel to ball the foot turns until the ankle is on its side of it.
     along /= np.linalg.norm(along, axis=2, keepdims=True)
-    aside = np.cross(along, -_carried(turn, parts[:, 0])), np.cross(along, goal[:, :, 2] - goal[:, :, 0])
+    aside = np.cross(along, -rotations.carried(turn, parts[:, 0])), np.cross(along, goal[:, :, 2] - goal[:, :, 0])
     roll = np.arctan2((np.cross(*aside) * along).sum(axis=2), (aside[0] * aside[1]).sum(axis=2))
     turn = rotations.exponential(along * roll[..., None])[0] @ turn
     share = (held + 1e-3)[..., :2]  # what is planted is where it should be
     share = share / share.sum(axis=2, keepdims=True)
-    ankle = np.einsum("fsp,fspi->fsi", share, (goal - _carried(turn[:, :, None], parts))[:, :, :2])
-    low = np.minimum(ankle[..., 2], (ankle + _carried(turn, tip))[..., 2])
+    ankle = np.einsum("fsp,fspi->fsi", share, (goal - rotations.carried(turn[:, :, None], parts))[:, :, :2])
+    low = np.minimum(ankle[..., 2], (ankle + rotations.carried(turn, tip))[..., 2])
     ankle[..., 2] += _envelope(np.where(floor - low < ON_GROUND.deepest_m, floor - low, 0.0), fade)
     return ankle, turn
 
 
 def _turned_up(height: np.ndarray, turn: np.ndarray, tip: np.ndarray, fade: int) -> np.ndarray:
     """Feet (F, S, 3, 3) about ankles at such a height (F, S) m, turned so that their tips are not in the ground."""
-    way = _carried(turn, tip)
+    way = rotations.carried(turn, tip)
     long, level = np.linalg.norm(way, axis=2), np.linalg.norm(way[..., :2], axis=2)
     near = np.minimum(height, height + way[..., 2]) > -ON_GROUND.deepest_m
     need = np.arcsin(np.clip(-height / long, -1, 1)) - np.arctan2(way[..., 2], level)
