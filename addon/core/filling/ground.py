@@ -153,9 +153,10 @@ def _feet_on_ground(ankle: np.ndarray, turn: np.ndarray, tip: np.ndarray, rate: 
     parts = np.stack([tip * [HEEL, HEEL, 1.0], BALL * tip, 0.0 * tip], axis=1)  # of each foot: heel, ball, and ankle
     fade, span = (max(round(part * rate), 1) for part in (ON_GROUND.fade_s, ON_GROUND.span_s / 2))
     places = ankle[:, :, None] + rotations.carried(turn[:, :, None], parts)
-    gone = np.full(places.shape[:3], np.inf)  # how far each is from where it was, over the span
-    if len(places) > 2 * span:
-        gone[span:-span] = np.linalg.norm(places[2 * span :] - places[: -2 * span], axis=3)
+    if len(places) <= 2 * span:
+        return ankle, turn
+    gone = np.linalg.norm(places[2 * span :] - places[: -2 * span], axis=3)
+    gone = np.pad(gone, ((span, span), (0, 0), (0, 0)), "edge")
     slow = (gone < ON_GROUND.slow_m_s * 2 * span / rate) & np.isfinite(places).all(axis=3)
     if not slow.any():
         return ankle, turn
