@@ -186,12 +186,16 @@ class PoseFile:
             whole = int(self.frames / fraction / FORESEEN)
             self._foreseen |= is_long(whole, len(self.expected), self._joints)
 
-    def parts(self, size: int) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
-        """Which frames, their joints (n, J, 3) and rotations (n, J, 3, 3), so many at a time."""
+    def parts(self, size: int, around: int = 0) -> Iterator[tuple[slice, slice, np.ndarray, np.ndarray]]:
+        """Which frames, so many at a time, and joints (n, J, 3) and rotations (n, J, 3, 3) of these and those around.
+
+        The second slice says where the frames are in what is given.
+        """
         rows = self._file.rows()
         for start in range(0, self.frames, size):
-            part = slice(start, min(start + size, self.frames))
-            yield part, rows["joints"][part].astype(float), rows["rotations"][part].astype(float)
+            part, first = slice(start, min(start + size, self.frames)), max(start - around, 0)
+            wide, inner = slice(first, part.stop + around), slice(start - first, part.stop - first)
+            yield part, inner, rows["joints"][wide].astype(float), rows["rotations"][wide].astype(float)
 
     def sampled(self) -> Motion:
         """Evenly spaced frames of the take."""

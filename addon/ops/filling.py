@@ -27,6 +27,7 @@ from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
 from .base import OfTake, once, taken, takes_of_file, unless
 from .correcting import selected_markers
+from .reposing import follow_soon
 from .stepping import WorksInSteps
 
 EXTENTS = (
@@ -175,16 +176,17 @@ class MOCAP_AUTOLABEL_OT_take_back_fills(OfTake, bpy.types.Operator):
 
 
 class MOCAP_AUTOLABEL_OT_smooth(OfTake, bpy.types.Operator):
-    """Smooth the markers by a Butterworth filter without lag, each stretch between gaps for itself; labels stay."""
+    """Smooth markers and body by a Butterworth filter without lag, each stretch between gaps alone; labels stay."""
 
     def work(self, context):
         stored, cutoff = taken(context), context.scene.mocap_autolabel.filling.cutoff
         smoothed(stored.motion.markers[:0], stored.rate, cutoff)  # before anything is kept that cannot be
         keep_and_show(context, partial(keep_cutoff, cutoff=cutoff))
+        follow_soon()
 
 
 class MOCAP_AUTOLABEL_OT_take_back_smoothing(OfTake, bpy.types.Operator):
-    """Show and export the markers as they were measured again."""
+    """Show and export markers and body as they were measured again."""
 
     needs = (
         *OfTake.needs,
@@ -193,3 +195,4 @@ class MOCAP_AUTOLABEL_OT_take_back_smoothing(OfTake, bpy.types.Operator):
 
     def work(self, context):
         keep_and_show(context, partial(keep_cutoff, cutoff=None))
+        follow_soon()

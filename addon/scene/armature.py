@@ -18,6 +18,7 @@ from ..core.body.sides import side_in
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import Motion
+from ..core.filling.ground import offsets_of, settled
 from ..core.geometry.rotations import matrix_to_quaternion
 from ..core.points.motion import PosedFrames
 from . import animation
@@ -59,11 +60,9 @@ def build_of(markerset: MarkerSet, motion: Motion) -> Build:
     found = np.isfinite(motion.joints).all(axis=(1, 2)) & np.isfinite(motion.scale).all(axis=1)
     if not found.any():
         return mean_build(markerset)
-    scale, above = np.median(motion.scale[found], axis=0), skeleton.parents[1:]
-    joints, rotations = motion.joints[found], motion.rotations[found]
-    # Each joint in the axes of the one above it.
-    local = np.einsum("fjba,fjb->fja", rotations[:, above], joints[:, 1:] - joints[:, above])
-    offsets = np.concatenate([skeleton.offsets[:1] * scale, np.median(local, axis=0)])
+    scale = np.median(motion.scale[found], axis=0)
+    local = offsets_of(motion.joints[found], motion.rotations[found], skeleton.parents)
+    offsets = np.concatenate([skeleton.offsets[:1] * scale, local])
     return Build(replace(skeleton, offsets=offsets).rest_joints, scale)
 
 
@@ -142,6 +141,14 @@ def bone_tails(markerset: MarkerSet, build: Build) -> np.ndarray:
         if np.linalg.norm(tails[index] - joint) < MIN_BONE_M:
             tails[index] = joint + MIN_BONE_M * np.array([0.0, 0.0, 1.0])
     return tails
+
+
+def on_ground(motion: Motion, markerset: MarkerSet, build: Build, rate: float, cutoff: float | None = None) -> Motion:
+    """The motion of one subject as its armature shows it: with planted feet, and smoothed by a cut-off, Hz."""
+    skeleton, ends = markerset.skeleton, bone_tails(markerset, build) - build.joints
+    pose = motion.joints, motion.rotations, skeleton.segments, skeleton.parents
+    joints, rotations = settled(*pose, ends, rate, cutoff)
+    return replace(motion, joints=joints, rotations=rotations)
 
 
 def pose_armature(

@@ -9,7 +9,8 @@ import numpy as np
 from mathutils import Vector
 
 from ..core.data.errors import InputError
-from ..core.posing.character import BONE_NAMES, Character, character_of
+from ..core.filling.ground import settled
+from ..core.posing.character import BONE_NAMES, character_of
 from . import armature as armatures
 from . import naming
 from .stored import Stored
@@ -18,15 +19,14 @@ CHARACTER_OF = "mocap_character"  # on the armature: whose names its bones have
 BLENDER_AXES, BVH_AXES = np.eye(3), np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 
 
-def character_in(collection: bpy.types.Collection, stored: Stored) -> Character:
-    """The character that a take's body is; InputError where it is no person's."""
+def ends_in(collection: bpy.types.Collection, stored: Stored) -> tuple[np.ndarray, np.ndarray]:
+    """Where the bones of a take's armature begin and end at rest, (J, 3) m each; InputError where one is gone."""
     armature = armatures.armature_of(collection)
     bones = [armature.data.bones.get(name) for name in stored.segments]
     if None in bones:
         gone = stored.segments[bones.index(None)]
         raise InputError(f"{armature.name} has no bone {gone}; expected the bones that it was shown with")
-    heads, tails = (np.array([getattr(bone, end) for bone in bones]) for end in ("head_local", "tail_local"))
-    return character_of(stored.segments, heads, tails)
+    return tuple(np.array([getattr(bone, end) for bone in bones]) for end in ("head_local", "tail_local"))
 
 
 def add_character(
@@ -39,9 +39,10 @@ def add_character(
     """Adds the armature of a take's character, keyed in every frame in which the subject was found.
 
     `names` is one of `BONE_NAMES`; `axes` (3, 3) turns it all into the axes of another program. Needs object mode;
-    adds no undo step of its own. Raises InputError as `character_in` does.
+    adds no undo step of its own. Raises InputError as `ends_in` does, and where the body is no person's.
     """
-    character, words = character_in(collection, stored), BONE_NAMES[names]
+    heads, tails = ends_in(collection, stored)
+    character, words = character_of(stored.segments, heads, tails), BONE_NAMES[names]
     called = [words[name] for name in character.names]
     data = bpy.data.armatures.new(naming.title(stored.name, "character"))
     armature = bpy.data.objects.new(f"{stored.name} character", data)
@@ -59,7 +60,8 @@ def add_character(
     for bone in armature.pose.bones:
         bone.rotation_mode = "QUATERNION"
     rest = np.array([data.bones[name].matrix_local for name in called], dtype=float)
-    heads, rotations = character.posed(stored.motion.joints, stored.motion.rotations)
+    pose = stored.motion.joints, stored.motion.rotations, stored.segments, stored.parents
+    heads, rotations = character.posed(*settled(*pose, tails - heads, stored.rate, stored.cutoff))
     channels = list(armatures.bone_channels(character.parents, rest, axes @ rotations @ axes.T, heads @ axes.T))
     # Only the root moves: each bone begins where the one above has it, and hundredths of millimetres are no motion.
     still = [(np.zeros_like(location), turn) for location, turn in channels[1:]]

@@ -18,6 +18,7 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet, Worn
 from ..core.data.takes import Suspect
+from ..core.filling.ground import settled
 from ..io.poses import PART_BYTES, cache_mark, check_cache, write_cache
 from ..io.text import written
 from . import armature as armatures
@@ -36,6 +37,8 @@ FOR_A_PART = "mocap_for_a_part"  # what labels a part of the take as all of it w
 CARRIER = "mocap_carrier"  # on the collection: the object with the modifier
 BONE_NUMBERS = 7  # a bone: location x y z, rotation w x y z
 OPENED_AROUND = 5.0  # s before and after what is to be looked at: a shorter part tells little of its subject
+SETTLED_FRAMES = 16_384  # that are put on the ground at once; memory
+SEEN_AROUND = 5.0  # s before and after them that are looked at for that; a plant is seldom longer
 MOST_SUSPECTS = 1000  # that the Blender file keeps, the longest; the report has all
 
 
@@ -66,17 +69,21 @@ class Playing:
 class _Bones:
     """The numbers of one performer's bones, part by part, each rotation on the side of the one before."""
 
-    def __init__(self, performer, armature: bpy.types.Object, markerset: MarkerSet):
+    def __init__(self, performer, armature: bpy.types.Object, markerset: MarkerSet, build: armatures.Build):
         self.rows, self.armature = performer.joint_rows, armature
+        self.ends = armatures.bone_tails(markerset, build) - build.joints
         self.parents, self.rest = markerset.skeleton.parents, armatures.rest_matrices(armature, markerset)
         self.segments = markerset.skeleton.segments
         self.last = np.full((len(self.segments), 4), np.nan)
 
+    def settled(self, joints: np.ndarray, rotations: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+        """The own ones of the joints (n, all, 3) and rotations (n, all, 3, 3) of everybody, with planted feet."""
+        return settled(joints[:, self.rows], rotations[:, self.rows], self.segments, self.parents, self.ends, rate)
+
     def numbers(self, joints: np.ndarray, rotations: np.ndarray) -> np.ndarray:
-        """(n, 7 J) of the joints (n, all, 3) and rotations (n, all, 3, 3) of everybody."""
-        own = rotations[:, self.rows], joints[:, self.rows]
+        """(n, 7 J) of the own joints (n, J, 3) and rotations (n, J, 3, 3)."""
         columns = []
-        for index, (location, turn) in enumerate(armatures.bone_channels(self.parents, self.rest, *own)):
+        for index, (location, turn) in enumerate(armatures.bone_channels(self.parents, self.rest, rotations, joints)):
             known = np.flatnonzero(np.isfinite(turn).all(axis=1))
             if len(known):
                 turn = -turn if turn[known[0]] @ self.last[index] < 0 else turn
@@ -104,7 +111,7 @@ def show_playing(context: bpy.types.Context, take: Playing, cache: Path) -> bpy.
         home = home_of(collection, performer, {})
         build = armatures.build_of(markerset, performer.motion_of(sample))
         armature = armatures.add_armature(context, home, f"{performer.name or take.name} armature", markerset, build)
-        bones.append(_Bones(performer, armature, markerset))
+        bones.append(_Bones(performer, armature, markerset, build))
         add_body(_child(home, f"{home.name} body"), armature, markerset, build.scale, body_material(home))
         place = _child(home, f"{home.name} markers")
         for index in range(*performer.marker_rows.indices(len(take.worn.markers))):
@@ -131,13 +138,19 @@ def _frames(take: Playing, bones: list[_Bones], vertices: int, seen: np.ndarray)
     """The vertices (n, V, 3) of all frames, part by part; notes who is `seen` (M,)."""
     count = len(seen)
     size = max(PART_BYTES // (200 * vertices), 1)
-    for part, joints, rotations in take.poses.parts(size):
-        found = np.zeros((len(joints), vertices, 3))
-        found[:, :count] = take.markers(part)
-        seen |= np.isfinite(found[:, :count]).all(axis=2).any(axis=0)
-        numbers = np.concatenate([one.numbers(joints, rotations) for one in bones], axis=1)
-        found[:, count:].reshape(len(joints), -1)[:, : numbers.shape[1]] = numbers
-        yield found
+    around = round(SEEN_AROUND * take.rate)
+    for part, inner, joints, rotations in take.poses.parts(size * max(SETTLED_FRAMES // size, 1), around):
+        pose = [one.settled(joints, rotations, take.rate) for one in bones]
+        for start in range(0, part.stop - part.start, size):
+            own = slice(inner.start + start, min(inner.start + start + size, inner.stop))
+            frames = slice(part.start + start, part.start + start + own.stop - own.start)
+            found = np.zeros((own.stop - own.start, vertices, 3))
+            found[:, :count] = take.markers(frames)
+            seen |= np.isfinite(found[:, :count]).all(axis=2).any(axis=0)
+            numbers = [one.numbers(*(table[own] for table in both)) for one, both in zip(bones, pose, strict=True)]
+            flat = np.concatenate(numbers, axis=1)
+            found[:, count:].reshape(len(found), -1)[:, : flat.shape[1]] = flat
+            yield found
 
 
 def _absent(take: Playing, bones: list[_Bones], vertices: int) -> np.ndarray:

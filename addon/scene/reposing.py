@@ -27,7 +27,7 @@ HALF_KEYED = "half keyed"  # what an action says whose keys are not all of one b
 
 
 def is_out_of_date(collection: bpy.types.Collection, stored: Stored) -> bool:
-    """Whether the body that is shown is another than the labels of a take, as they are now, make."""
+    """Whether the body that is shown is another than the labels and the smoothing of a take, as they are now, make."""
     shown = (action[SHOWN_BODY] for action in _actions(collection).values())
     return bool(stored.stale.any()) or any(digest != stored.body_digest for digest in shown)
 
@@ -96,9 +96,10 @@ def put_body(
                 armatures.lay_bones(context, armature, markerset, build)
             fit_body(homes(collection).get(performer.name, collection), armature, markerset, build.scale)
         yield
+        own = armatures.on_ground(own, markerset, build, stored.rate, stored.cutoff)
         yield from _key_again(armature, actions[performer.name], markerset, own, frames)
     for action in actions.values():
-        action[SHOWN_BODY] = digest_of(stored.label_digests)
+        action[SHOWN_BODY] = digest_of(stored.label_digests, stored.cutoff)
 
 
 def _key_again(

@@ -91,8 +91,8 @@ class Stored:
 
     @cached_property
     def body_digest(self) -> str:
-        """That of the labels that the body was posed on."""
-        return "" if self.posed_on is None else digest_of(self.posed_on)
+        """That of the body: of the labels that it was posed on, and of how it is smoothed."""
+        return "" if self.posed_on is None else digest_of(self.posed_on, self.cutoff)
 
     @cached_property
     def stale(self) -> np.ndarray:
@@ -139,9 +139,9 @@ def _sums(frame: np.ndarray, facts: np.ndarray, frames: int) -> np.ndarray:
     return np.bincount(frame, mixed >> np.uint64(33), frames).astype(np.int64) % 2**31
 
 
-def digest_of(digests: np.ndarray) -> str:
-    """One digest of those of all frames."""
-    return f"{crc32(digests.astype(np.int64).tobytes()):08x}"
+def digest_of(digests: np.ndarray, cutoff: float | None) -> str:
+    """One digest of those of all frames, and of the cut-off by which they are smoothed, Hz."""
+    return f"{crc32(digests.astype(np.int64).tobytes()):08x}" + ("" if cutoff is None else f" {cutoff:g} Hz")
 
 
 def alone(stored: Stored, performer: Performer) -> Stored:

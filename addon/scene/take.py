@@ -36,7 +36,7 @@ from .stored import Stored, changed_between, digest_of, digests_of
 ROWS, MOTION, POSE, FRAME_TABLE = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
 EXPECTED = "mocap_expected"
 POSED_ON = "posed_on"  # of a frame: the digest of the labels that the body was posed on
-SHOWN_BODY = "mocap_shown_body"  # on an action: the digest of the labels that the body was posed on that it shows
+SHOWN_BODY = "mocap_shown_body"  # on an action: the digest of the body that it shows
 RATE, SHIFT, SUSPECTS, SOURCE = "mocap_rate", "mocap_frame_shift", "mocap_suspects", "mocap_source"
 MARKER_NAMES, MARKER_WORDS, STEP_NAMES = "mocap_names", "mocap_marker_words", "mocap_steps"
 PARENTS, SEGMENTS, PERFORMERS = "mocap_parents", "mocap_segments", "mocap_performers"
@@ -154,9 +154,10 @@ def show_take(
         home, own = home_of(collection, performer, take.colours), performer.motion_of(motion)
         build = armatures.build_of(markerset, own)
         armature = armatures.add_armature(context, home, f"{performer.name or take.name} armature", markerset, build)
-        armatures.pose_armature(armature, actions, markerset, own, frames)
+        shown = armatures.on_ground(own, markerset, build, take.rate, take.cutoff)
+        armatures.pose_armature(armature, actions, markerset, shown, frames)
         ownership.sign(armature, f"{performer.name} armature", collection)
-        armature.animation_data.action[SHOWN_BODY] = digest_of(take.posed_on)
+        armature.animation_data.action[SHOWN_BODY] = digest_of(take.posed_on, take.cutoff)
         place = ownership.made_collection(collection, home, f"{home.name} body", f"{performer.name} body")
         body = add_body(place, armature, markerset, build.scale, body_material(home))
         for number, item in enumerate(body):

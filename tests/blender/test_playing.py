@@ -11,9 +11,12 @@ import numpy as np
 import pytest
 
 from addon.cli import main as command
-from addon.core.data.takes import Motion, Suspect
+from addon.core.body.bodies import BodyModel
+from addon.core.data.takes import Labels, Motion, PointRows, Suspect
+from addon.core.geometry.cameras import NO_CAMERAS
 from addon.io import poses as pose_files
 from addon.io.edits import read_edits
+from addon.io.markersets import open_markerset
 from addon.io.points import read_points
 from addon.io.poses import PoseFile
 from addon.scene import naming, playing
@@ -97,6 +100,33 @@ def test_it_moves_as_with_keys_without_the_extension(both, without_extension):
     assert (scene.frame_start, scene.frame_end) == (both.frames[0], both.frames[-1])
     assert not bpy.data.actions
     assert not takes.is_take(collection)
+
+
+def test_its_feet_are_on_the_ground_as_with_keys_across_the_parts_of_the_file(empty, made, tmp_path, monkeypatch):
+    monkeypatch.setattr(playing, "SETTLED_FRAMES", 1)
+    markerset = open_markerset("body26")
+    take, frames = made.take(), np.arange(101, 161)
+    model, sway = BodyModel(markerset), np.sin(np.arange(len(frames)) / 9)
+    bodies = model.rest(len(frames), 1.7)
+    bodies.translation[:] = np.column_stack([0.004 * sway, 0.006 * sway, np.full(len(frames), -0.035)])
+    posed, motion = model.pose(bodies), made.motion(markerset, len(frames))
+    parts = {"joints": posed.joints, "rotations": posed.rotations, "expected": posed.markers, "scale": bodies.scale}
+    motion = replace(motion, markers=posed.markers, confidence=np.ones(len(frames)), **parts)
+    rows, labels = PointRows(frames, *np.zeros((2, 0), int), np.zeros((0, 3)), None), Labels.none(0)
+    take = replace(take, markerset=markerset, rows=rows, labels=labels, motion=motion, cameras=NO_CAMERAS, suspects=())
+    collection = takes.show_take(empty, take)
+    [armature] = [one for one in collection.all_objects if one.type == "ARMATURE"]
+    feet = [armature.pose.bones.find(f"foot.{side}") for side in "LR"]
+    tails = np.array([armature.data.bones[at].length for at in feet])
+    assert all(armature.data.bones[at].tail_local.z < 0.025 for at in feet), "below the floor as they are posed"
+    keyed = places(empty, collection, frames)[1]
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    _, bones = places(bpy.context, opened(saved(bpy.context, take, tmp_path)), frames)
+    np.testing.assert_allclose(bones, keyed, atol=1e-4)
+    # A bone goes along its own y axis.
+    now = bones[:, feet][..., :3, 3] + tails[:, None] * bones[:, feet][..., :3, 1]
+    assert np.ptp(now, axis=0).max() < 1e-4 < np.ptp(posed.joints[:, 0], axis=0).max()
+    assert now[..., 2].min() > -1e-4
 
 
 def test_it_moves_when_saved_elsewhere_and_opened_from_there(both, tmp_path):

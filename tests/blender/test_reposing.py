@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import Labels
+from addon.core.filling.smoothing import smoothed
 from addon.core.points.motion import motion_of
 from addon.io.markersets import open_markerset, write_markerset
 from addon.scene import take as takes
@@ -121,6 +122,24 @@ def test_what_is_exported_after_a_correction_is_what_labelling_again_gives(label
     assert not reposing.is_behind(bpy.context)
     np.testing.assert_allclose(now, bvh(files, "anew.bvh"), atol=0.02)  # cm and degrees
     assert np.abs(now - before).max() > 5
+
+
+def test_smoothing_reaches_the_armature_and_what_is_exported(labelled, files, reposing):
+    before, was = bones(), bvh(files, "before.bvh")
+    labelled.scene.mocap_autolabel.filling.cutoff = 2.0
+    assert bpy.ops.mocap_autolabel.smooth() == {"FINISHED"}
+    assert not reposing.is_behind(bpy.context)
+    stored = Opened().take(labelled.scene.mocap_autolabel.take, bpy.context.scene)
+    root = smoothed(stored.motion.joints[:, :1], 30.0, 2.0)[:, 0]
+    assert np.nanmax(np.abs(root - stored.motion.joints[:, 0])) > 10 * NEAR
+    there = np.isfinite(root[:, 0])
+    np.testing.assert_allclose(bones()[there, 0, :3, 3], root[there], atol=NEAR)
+    assert np.abs(bvh(files, "calm.bvh") - was).max() > 0.1
+    reopen(str(files.folder / "walk.blend"))
+    assert not reposing.is_behind(bpy.context)
+    assert bpy.ops.mocap_autolabel.take_back_smoothing() == {"FINISHED"}
+    np.testing.assert_allclose(bones(), before, atol=NEAR)
+    np.testing.assert_allclose(bvh(files, "again.bvh"), was, atol=0.02)  # cm and degrees
 
 
 def test_a_character_that_is_added_after_a_correction_is_of_the_body_as_it_is(labelled, reposing, later):

@@ -32,7 +32,7 @@ def test_poses_come_back_and_the_sample_is_evenly_spaced(tmp_path, chunk, monkey
         for start in range(11, 311, chunk):
             poses.append(motion_of(start, min(start + chunk, 311)))
         assert (poses.frames, poses.first_frame) == (300, 11)
-        parts = list(poses.parts(64))
+        parts = [(part, *pose) for part, _, *pose in poses.parts(64)]
         np.testing.assert_array_equal(np.concatenate([joints for _, joints, _ in parts])[:, 0, 0], np.arange(11, 311))
         assert [part.stop - part.start for part, _, _ in parts] == [64, 64, 64, 64, 44]
         frames = poses.sampled().frames

@@ -132,12 +132,14 @@ class BodyModel:
         scaled = offsets * bodies.scale[:, None, :]
         turn, joints = bend.copy(), np.empty((len(bodies), self.joint_count, 3))
         turn[:, 0] = rotations.quaternion_to_matrix(bodies.quaternion)
-        joints[:, 0] = bodies.translation + _turned(turn[:, 0], scaled[:, 0])
+        joints[:, 0] = bodies.translation + rotations.carried(turn[:, 0], scaled[:, 0])
         for level in self.levels:
             above = self.parents[level]
             turn[:, level] = turn[:, above] @ bend[:, level]
-            joints[:, level] = joints[:, above] + _turned(turn[:, above], scaled[:, level])
-        markers = joints[:, self.attachment] + _turned(turn[:, self.attachment], scaled[:, self.joint_count :])
+            joints[:, level] = joints[:, above] + rotations.carried(turn[:, above], scaled[:, level])
+        markers = joints[:, self.attachment] + rotations.carried(
+            turn[:, self.attachment], scaled[:, self.joint_count :]
+        )
         return Posed(turn, joints, markers)
 
     def derivatives(self, bodies: Bodies) -> tuple[Posed, np.ndarray]:
@@ -216,8 +218,3 @@ def derivatives(model: BodyModel, bodies: Bodies) -> tuple[np.ndarray, np.ndarra
     columns[..., PLACEMENT:bends_end] = model._bend_columns(posed, left)
     columns[..., bends_end:] = model._shape_columns(posed, bodies.scale)
     return posed.rotations, posed.joints, posed.markers, columns
-
-
-def _turned(turn: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Rotations (..., 3, 3) applied to vectors (..., 3)."""
-    return (turn @ vectors[..., None])[..., 0]

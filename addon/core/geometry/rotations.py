@@ -70,6 +70,11 @@ def quaternion_to_matrix(quaternion: np.ndarray) -> np.ndarray:
     return (parts.reshape(*shape, 16) @ MATRIX_TABLE).reshape(*shape, 3, 3)
 
 
+def carried(turn: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Rotations (..., 3, 3) applied to vectors (..., 3)."""
+    return (turn @ vectors[..., None])[..., 0]
+
+
 def quaternion_product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """(..., 4) the turn `second` followed by the turn `first`."""
     parts = first[..., :, None] * second[..., None, :]

@@ -344,19 +344,27 @@ def _until_still(model: BodyModel, start: Bodies, points: np.ndarray, steps: int
 def _tried_again(
     model: BodyModel, posed: Bodies, points: np.ndarray, prior: _Held, count: Callable[[int], float]
 ) -> Generator[float, None, Bodies]:
-    """The frames that are posed worse than most, once more from where they are and from the frame before and after."""
+    """The frames that are posed worse than most, once more from where they are and from the frame before and after.
+
+    What that makes better is tried on the frames beside it in turn: a limb may be in another fold for a while.
+    """
     cost = np.concatenate([_cost(model, posed, points, part) for part in _batches(len(points))])
-    poor = np.flatnonzero(cost > POSING.max_cost_ratio * np.median(cost))
-    for shift in (0, -1, 1):
-        if not len(poor):
-            break
-        start = posed.pick(np.clip(poor + shift, 0, len(points) - 1))
-        again = yield from _fit_batches(model, start, points[poor], prior, FAR_STEPS, count)
-        new = np.concatenate([_cost(model, again, points[poor], part) for part in _batches(len(poor))])
-        better = new < cost[poor]
-        for name in ("translation", "quaternion", "scale", "bends"):
-            getattr(posed, name)[poor[better]] = getattr(again, name)[better]
-        cost[poor[better]] = new[better]
+    poor = cost > POSING.max_cost_ratio * np.median(cost)
+    frames, news = np.arange(len(points)), np.ones(len(points), bool)
+    while news.any():
+        before = cost.copy()
+        for shift in (0, -1, 1):
+            beside = np.clip(frames + shift, 0, len(points) - 1)
+            at = np.flatnonzero(poor & news[beside])
+            if not len(at):
+                continue
+            again = yield from _fit_batches(model, posed.pick(beside[at]), points[at], prior, FAR_STEPS, count)
+            new = np.concatenate([_cost(model, again, points[at], part) for part in _batches(len(at))])
+            better = new < cost[at]
+            for name in ("translation", "quaternion", "scale", "bends"):
+                getattr(posed, name)[at[better]] = getattr(again, name)[better]
+            cost[at[better]] = new[better]
+        news = before - cost > 1  # as much as by a marker that is a standard deviation off
     return posed
 
 

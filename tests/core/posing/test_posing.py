@@ -8,6 +8,7 @@ import pytest
 
 from addon.core.body.bodies import Bodies, BodyModel
 from addon.core.geometry import rotations
+from addon.core.posing import posing
 from addon.core.posing.character import character_of
 from addon.core.posing.posing import fit_points
 from addon.core.simulation.virtual import Act, perform
@@ -33,6 +34,23 @@ def walk(model: BodyModel, frames: int = 60, height: float = 1.4, seed: int = 0)
 
 def off(model: BodyModel, bodies: Bodies, points: np.ndarray) -> np.ndarray:
     return np.linalg.norm(model.pose(bodies).markers - points, axis=2)
+
+
+def test_an_arm_that_is_in_another_fold_for_a_while_is_put_right_from_both_sides(monkeypatch):
+    """From there a fit does not come back on its own, and only the first and the last frame have a right one beside."""
+    model, begin = BodyModel(open_markerset("body39")), posing._between
+    arm, points = model.markerset.skeleton.segments.index("upper_arm.R"), model.pose(walk(model)).markers
+    twist = rotations.exponential(np.array([3.0, 0, 0]))[0]
+
+    def folded(*given):
+        start = begin(*given)
+        bent = rotations.exponential(start.bends[20:40, arm])[0] @ twist
+        start.bends[20:40, arm] = rotations.rotation_vector(bent)
+        return start
+
+    monkeypatch.setattr(posing, "_between", folded)
+    found = fit_points(model, points)
+    assert off(model, found, points).max() < 0.02
 
 
 def test_a_made_up_walk_is_found_again(model):

@@ -1,0 +1,281 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A posed body that stands on the floor: planted feet hold still, and no foot is in the ground.
+
+A body that is posed frame by frame wavers by millimetres, as skin and markers do, and most of all one sees feet that
+slide or sink in. So trajectories are looked at as a whole. Where heel and ball are slow and low they stay in one place,
+and the correction fades before and after; the legs follow by inverse kinematics of two bones, and the hips go half of
+the way. All else stays as it was posed, and no length changes.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..body.sides import BODY_SIDES
+from ..geometry import rotations
+from ..review.suspects import runs
+from .smoothing import smoothed
+
+
+@dataclass(frozen=True)
+class GroundOptions:
+    """When a foot is planted, and how it gets there.
+
+    floor_reach_m  physical: a floor nearer to z = 0 is there; a body's sole is no surer, with or without a shoe
+    lowest_part    physical: of the frames in which feet rest that are on the floor at least, and not on a step
+    slow_m_s       physical: a part of a foot that is slower may be planted; walking it swings at 4 m/s
+    span_s         physical: in which that is measured, and the shortest plant, as when running
+    low_m          physical: how high above where it rests a planted part may be; a kick is higher
+    reach_m        physical: how far from its place a planted part may be posed, as skin moves; farther it is elsewhere
+    fade_s         physical: in which a correction comes and goes, a fifth of a swing
+    deepest_m      physical: what is farther below the floor is on a step or in a pit, and not posed a little too low
+    upright        physical: cosine of how far resting feet lean in the middle; farther there is no floor, or not below
+    tilt_rad       physical: how far a foot is turned out of the ground at most; then it is lifted
+    straight       physical: part of its length that a leg is stretched to at most; a straight knee has no direction
+    """
+
+    floor_reach_m: float = 0.05
+    lowest_part: float = 0.1
+    slow_m_s: float = 0.15
+    span_s: float = 0.1
+    low_m: float = 0.06
+    reach_m: float = 0.03
+    fade_s: float = 0.08
+    deepest_m: float = 0.1
+    upright: float = 0.87
+    tilt_rad: float = 0.35
+    straight: float = 0.9995
+
+
+ON_GROUND = GroundOptions()
+# paper: the heel's end, of the way from the ankle to the toes' tip: 0.039 of 0.152 of the height (Winter, after
+# Drillis and Contini)
+HEEL = -0.35
+# learned: the same of the ball, where the built-in sets have the marker on the second metatarsal's head
+BALL = 0.87
+LEG = "thigh", "shank", "foot"
+
+
+def settled(
+    joints: np.ndarray,
+    rotated: np.ndarray,
+    segments: Sequence[str],
+    parents: Sequence[int],
+    ends: np.ndarray,
+    rate: float,
+    cutoff: float | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Joints (F, J, 3) m and rotations (F, J, 3, 3) of a body as armatures show it, smoothed and with planted feet.
+
+    As they were posed they are given, NaN where nobody was found; `ends` (J, 3) m is the far end of each segment from
+    its joint in its axes, and `cutoff`, Hz, is None for not smoothed. A body without a person's legs is not put on the
+    ground. Raises InputError where the rate has no room for the cut-off.
+    """
+    found = np.isfinite(joints).all(axis=(1, 2))
+    if not found.any():
+        return joints, rotated
+    offsets = np.concatenate([np.zeros((1, 3)), offsets_of(joints[found], rotated[found], parents)])
+    root = joints[:, :1]
+    if cutoff is not None:
+        root, rotated = smoothed(root, rate, cutoff), _calmed(rotated, rate, cutoff)
+    index = {name: at for at, name in enumerate(segments)}
+    legs = [[index[f"{part}.{side}"] for part in LEG] for side in BODY_SIDES if index.keys() >= _leg(side)]
+    joints = _chained(root, rotated, parents, offsets)
+    if not legs:
+        return joints, rotated
+    thigh, shank, foot = np.array(legs).T
+    ankle, turn = _feet_on_ground(joints[:, foot], rotated[:, foot], ends[foot], rate)
+    upper, lower = np.linalg.norm(offsets[shank], axis=1), np.linalg.norm(offsets[foot], axis=1)
+    most = ON_GROUND.straight * (upper + lower)
+    # The hips go with the straighter leg, whose knee would have to turn the most for it.
+    room = most**2 - ((joints[:, foot] - joints[:, thigh]) ** 2).sum(axis=2)
+    ease = 1 / np.maximum(room, (1 - ON_GROUND.straight) * most**2)[..., None]
+    shift = ((ankle - joints[:, foot]) * ease).sum(axis=1, keepdims=True) / ease.sum(axis=1, keepdims=True)
+    way = ankle - joints[:, thigh] - shift
+    far = np.linalg.norm(way, axis=2)
+    lack = _envelope(far - most, round(ON_GROUND.fade_s * rate))
+    shift = shift + (lack[..., None] * way / far[..., None]).sum(axis=1, keepdims=True)
+    rotated = rotated.copy()
+    hip, knee = joints[:, thigh] + shift, joints[:, shank] + shift
+    bent = _knees(hip, knee, ankle, rotated[:, thigh][..., 0], upper, lower, most)
+    rotated[:, thigh] = _least_turn(knee - hip, bent - hip) @ rotated[:, thigh]
+    rotated[:, shank] = _least_turn(joints[:, foot] + shift - knee, ankle - bent) @ rotated[:, shank]
+    rotated[:, foot] = turn
+    return _chained(root + shift, rotated, parents, offsets), rotated
+
+
+def offsets_of(joints: np.ndarray, rotated: np.ndarray, parents: Sequence[int]) -> np.ndarray:
+    """(J - 1, 3) m the median of where each joint but the root's is in the axes of the one above it."""
+    above = np.asarray(parents)[1:]
+    way = joints[:, 1:] - joints[:, above]
+    return np.median((way[..., None, :] @ rotated[:, above])[..., 0, :], axis=0)
+
+
+def _leg(side: str) -> set[str]:
+    return {f"{part}.{side}" for part in LEG}
+
+
+def _chained(root: np.ndarray, rotated: np.ndarray, parents: Sequence[int], offsets: np.ndarray) -> np.ndarray:
+    """The joints (F, J, 3) m from the root's (F, 1, 3), the rotations, and each one's place in its parent's axes."""
+    joints = np.repeat(root, len(offsets), axis=1)
+    for at, above in enumerate(parents):
+        if above >= 0:
+            joints[:, at] = joints[:, above] + rotated[:, above] @ offsets[at]
+    return joints
+
+
+def _calmed(rotated: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
+    """Rotations (F, J, 3, 3) without what is faster than the cut-off, Hz."""
+    turns = np.full((*rotated.shape[:2], 4), np.nan)
+    found = np.isfinite(rotated).all(axis=(1, 2, 3))
+    known = rotations.matrix_to_quaternion(rotated[found])
+    along = np.einsum("fji,fji->fj", known[1:], known[:-1])
+    known[1:] *= np.cumprod(np.where(along < 0, -1.0, 1.0), axis=0)[..., None]
+    turns[found] = known
+    turns = smoothed(turns, rate, cutoff)
+    return rotations.quaternion_to_matrix(turns / np.linalg.norm(turns, axis=2, keepdims=True))
+
+
+def _envelope(values: np.ndarray, frames: int) -> np.ndarray:
+    """A smooth curve, nowhere below values (F, S) or 0, that comes and goes within so many frames; NaN counts as 0."""
+    from scipy.ndimage import maximum_filter1d, uniform_filter1d
+
+    half = max(frames // 2, 1)
+    most = maximum_filter1d(np.maximum(np.nan_to_num(values), 0.0), 4 * half + 1, axis=0)
+    for _ in range(2):
+        most = uniform_filter1d(most, 2 * half + 1, axis=0, mode="nearest")
+    return most
+
+
+def _feet_on_ground(ankle: np.ndarray, turn: np.ndarray, tip: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Ankles (F, S, 3) m and feet's rotations (F, S, 3, 3) where feet are on the ground; `tip` (S, 3) m of the toes."""
+    parts = np.stack([tip * [HEEL, HEEL, 1.0], BALL * tip, 0.0 * tip], axis=1)  # of each foot: heel, ball, and ankle
+    fade, span = (max(round(part * rate), 1) for part in (ON_GROUND.fade_s, ON_GROUND.span_s / 2))
+    places = ankle[:, :, None] + rotations.carried(turn[:, :, None], parts)
+    if len(places) <= 2 * span:
+        return ankle, turn
+    gone = np.linalg.norm(places[2 * span :] - places[: -2 * span], axis=3)
+    gone = np.pad(gone, ((span, span), (0, 0), (0, 0)), "edge")
+    slow = (gone < ON_GROUND.slow_m_s * 2 * span / rate) & np.isfinite(places).all(axis=3)
+    if not slow.any():
+        return ankle, turn
+    rests = [
+        np.quantile(places[:, :, part, 2][slow[:, :, part]], ON_GROUND.lowest_part) if slow[:, :, part].any() else 0.0
+        for part in range(3)
+    ]
+    low = np.minimum(ankle[..., 2], (ankle + rotations.carried(turn, tip))[..., 2])
+    floor = float(np.quantile(low[slow.any(axis=2)], ON_GROUND.lowest_part))
+    floor = 0.0 if abs(floor) < ON_GROUND.floor_reach_m else floor
+    if np.median(turn[..., 2, 2][slow.any(axis=2)]) < ON_GROUND.upright:
+        floor = -np.inf
+    turn = _turned_up(ankle[..., 2] - floor, turn, tip, fade)
+    places = ankle[:, :, None] + rotations.carried(turn[:, :, None], parts)
+    slow &= places[..., 2] < np.array(rests) + ON_GROUND.low_m
+    moved, held = np.zeros_like(places), np.zeros(places.shape[:3])
+    for foot, part in np.ndindex(*places.shape[1:3]):
+        plants = _plants(places[:, foot, part], slow[:, foot, part], 2 * span, fade)
+        moved[:, foot, part], held[:, foot, part] = _holding(places[:, foot, part], plants, fade)
+    goal = places + moved
+    along = goal[:, :, 1] - goal[:, :, 0]
+    turn = _least_turn(places[:, :, 1] - places[:, :, 0], along) @ turn
+    # About the line from heel to ball the foot turns until the ankle is on its side of it.
+    along /= np.linalg.norm(along, axis=2, keepdims=True)
+    aside = np.cross(along, -rotations.carried(turn, parts[:, 0])), np.cross(along, goal[:, :, 2] - goal[:, :, 0])
+    roll = np.arctan2((np.cross(*aside) * along).sum(axis=2), (aside[0] * aside[1]).sum(axis=2))
+    turn = rotations.exponential(along * roll[..., None])[0] @ turn
+    share = (held + 1e-3)[..., :2]  # what is planted is where it should be
+    share = share / share.sum(axis=2, keepdims=True)
+    ankle = np.einsum("fsp,fspi->fsi", share, (goal - rotations.carried(turn[:, :, None], parts))[:, :, :2])
+    low = np.minimum(ankle[..., 2], (ankle + rotations.carried(turn, tip))[..., 2])
+    ankle[..., 2] += _envelope(np.where(floor - low < ON_GROUND.deepest_m, floor - low, 0.0), fade)
+    return ankle, turn
+
+
+def _turned_up(height: np.ndarray, turn: np.ndarray, tip: np.ndarray, fade: int) -> np.ndarray:
+    """Feet (F, S, 3, 3) about ankles at such a height (F, S) m, turned so that their tips are not in the ground."""
+    way = rotations.carried(turn, tip)
+    long, level = np.linalg.norm(way, axis=2), np.linalg.norm(way[..., :2], axis=2)
+    near = np.minimum(height, height + way[..., 2]) > -ON_GROUND.deepest_m
+    need = np.arcsin(np.clip(-height / long, -1, 1)) - np.arctan2(way[..., 2], level)
+    lack = _envelope(np.where(near, np.minimum(need, ON_GROUND.tilt_rad), 0.0), fade)
+    # A foot that stands on its tip has no direction: the less level, the less it is turned.
+    axis = np.stack([way[..., 1], -way[..., 0], np.zeros_like(level)], axis=2) / np.maximum(level, long / 2)[..., None]
+    return rotations.exponential(axis * lack[..., None])[0] @ turn
+
+
+def _plants(path: np.ndarray, slow: np.ndarray, least: int, fade: int) -> list[tuple[int, int, np.ndarray]]:
+    """Where a part of a foot on a path (F, 3) m is planted: first frame, end, and place (3,) m."""
+    found, left = [], runs(slow, fade)
+    while left:
+        start, stop = left.pop()
+        if stop - start <= least:
+            continue
+        place = np.nanmedian(path[start:stop], axis=0)
+        off = np.nan_to_num(path[start:stop] - place)
+        if np.linalg.norm(off, axis=1).max() <= ON_GROUND.reach_m:
+            found.append((start, stop, place))
+            continue
+        # It creeps: two plants that part it best, with time between to get from one to the other.
+        before = np.arange(1, stop - start)
+        sums = np.cumsum(off - off.mean(axis=0), axis=0)[:-1]
+        cut = start + int(np.argmax((sums**2).sum(axis=1) / (before * before[::-1])))
+        left += [(start, cut - fade // 2), (cut + 1 + fade // 2, stop)]
+    return sorted(found, key=lambda plant: plant[0])
+
+
+def _holding(path: np.ndarray, plants: list[tuple[int, int, np.ndarray]], fade: int) -> tuple[np.ndarray, np.ndarray]:
+    """How a path (F, 3) m is moved so that it stays in its plants, and how far (F,) it is held, 0 to 1."""
+    moved, held = np.zeros_like(path), np.zeros(len(path))
+    before = [0, *(stop for _, stop, _ in plants)]
+    after = [*(start for start, _, _ in plants), len(path)]
+    for number, (start, stop, place) in enumerate(plants):
+        moved[start:stop], held[start:stop] = place - path[start:stop], 1.0
+        for frames, edge in (
+            (np.arange(max(start - fade, before[number]), start), start),
+            (np.arange(stop, min(stop + fade, after[number + 1]))[::-1], stop - 1),
+        ):
+            way = np.arange(1, len(frames) + 1) / (len(frames) + 1)
+            part = way * way * (3 - 2 * way)
+            moved[frames] += part[:, None] * moved[edge]
+            held[frames] += part
+    return moved, held
+
+
+def _knees(
+    hip: np.ndarray,
+    knee: np.ndarray,
+    ankle: np.ndarray,
+    forward: np.ndarray,
+    upper: np.ndarray,
+    lower: np.ndarray,
+    most: np.ndarray,
+) -> np.ndarray:
+    """Knees (F, S, 3) m between hips and ankles that are elsewhere now; they move `forward`, or back, never sideways.
+
+    No knee bends farther backwards than it was. Legs are `upper` and `lower` (S,) m long, stretched at `most` so far.
+    """
+    way = ankle - hip
+    far = np.linalg.norm(way, axis=2)
+    way = way / far[..., None]
+    far = np.minimum(far, most)
+    along = (upper**2 - lower**2 + far**2) / (2 * far)
+    aside = knee - hip
+    aside = aside - (aside * way).sum(axis=2, keepdims=True) * way
+    forward = forward - (forward * way).sum(axis=2, keepdims=True) * way
+    forward = forward / np.linalg.norm(forward, axis=2, keepdims=True)
+    before = (aside * forward).sum(axis=2)
+    sideways = aside - before[..., None] * forward
+    room = np.maximum(upper**2 - along**2, 0.0)
+    sideways *= np.minimum(1.0, np.sqrt(room) / np.maximum(np.linalg.norm(sideways, axis=2), 1e-9))[..., None]
+    ahead = np.sqrt(np.maximum(room - (sideways**2).sum(axis=2), 0.0))
+    # One that was bent backwards gives way first, by a millimetre or two of its leg's length.
+    ahead = np.where(before < 0, np.maximum(ahead + 2 * before, before), ahead)
+    return hip + along[..., None] * way + sideways + ahead[..., None] * forward
+
+
+def _least_turn(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) the least rotation that makes vectors (..., 3) point as others do."""
+    one, other = (way / np.linalg.norm(way, axis=-1, keepdims=True) for way in (one, other))
+    cross = rotations.cross_matrix(np.cross(one, other))
+    return np.eye(3) + cross + cross @ cross / (1 + (one * other).sum(axis=-1))[..., None, None]

@@ -1,0 +1,221 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Feet of a posed body on the ground, on a walk whose floor and plants are known."""
+
+import numpy as np
+import pytest
+
+from addon.core.data.errors import InputError
+from addon.core.data.takes import Labels
+from addon.core.filling.ground import settled
+from addon.core.geometry import rotations
+from addon.core.points.motion import motion_of
+from addon.demo.take import make_performance
+from addon.io.markersets import open_markerset
+
+RATE = 100.0
+SEGMENTS = ("pelvis", "thorax", "thigh.L", "shank.L", "foot.L", "thigh.R", "shank.R", "foot.R")
+PARENTS = (-1, 0, 0, 2, 3, 0, 5, 6)
+THIGH, SHANK, ANKLE, STEP = 0.42, 0.40, 0.08, 0.35
+OFFSETS = np.array(
+    [
+        [0, 0, 0],
+        [0, 0, 0.2],
+        [0, 0.09, 0],
+        [0, 0, -THIGH],
+        [0, 0, -SHANK],
+        [0, -0.09, 0],
+        [0, 0, -THIGH],
+        [0, 0, -SHANK],
+    ]
+)
+TIP = np.array([0.16, 0.0, -ANKLE])
+ENDS = np.zeros((len(SEGMENTS), 3))
+ENDS[[4, 7]] = TIP
+FEET, STRIDE, STANCE = (4, 7), 110, 66  # frames of a stride, and in which a foot is planted
+
+
+def about_y(angle: np.ndarray) -> np.ndarray:
+    return rotations.exponential(np.multiply.outer(angle, [0.0, 1.0, 0.0]))[0]
+
+
+def chained(root: np.ndarray, turns: np.ndarray, offsets: np.ndarray = OFFSETS) -> np.ndarray:
+    joints = np.empty((*turns.shape[:2], 3))
+    for at, above in enumerate(PARENTS):
+        joints[:, at] = root if above < 0 else joints[:, above] + turns[:, above] @ offsets[at]
+    return joints
+
+
+def walk(strides: int = 5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Joints and rotations of a walk along x on the floor z = 0, and (F, 2) whether left and right are planted."""
+    frames = np.arange(strides * STRIDE)
+    turns = np.tile(np.eye(3), (len(frames), len(SEGMENTS), 1, 1))
+    root = np.zeros((len(frames), 3))
+    root[:, 0], root[:, 2] = 2 * STEP * frames / STRIDE, 0.84
+    planted = np.empty((len(frames), 2), bool)
+    for side, foot in enumerate(FEET):
+        phase, number = (frames + side * STRIDE // 2) % STRIDE, (frames + side * STRIDE // 2) // STRIDE
+        planted[:, side] = phase < STANCE
+        swing = np.clip((phase - STANCE) / (STRIDE - STANCE), 0, 1)
+        x = 2 * STEP * (number + swing * swing * (3 - 2 * swing) - side / 2) + STEP * STANCE / STRIDE
+        z = ANKLE + 0.07 * np.sin(np.pi * swing) ** 2
+        ahead, down = x - root[:, 0], root[:, 2] - z
+        far = np.hypot(ahead, down)
+        hip = np.arccos((THIGH**2 + far**2 - SHANK**2) / (2 * THIGH * far))
+        knee = np.arccos((THIGH**2 + SHANK**2 - far**2) / (2 * THIGH * SHANK))
+        thigh = -(np.arctan2(ahead, down) + hip)
+        turns[:, foot - 2], turns[:, foot - 1] = about_y(thigh), about_y(thigh + np.pi - knee)
+    return chained(root, turns), turns, planted
+
+
+def wavering(turns: np.ndarray, root: np.ndarray, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """The same as posed on markers: slowly off by 0.3°, feet by 1.5°, as skin moves, with noise, and 12 mm low."""
+    rng, count = np.random.default_rng(seed), len(turns)
+    slow = np.cumsum(rng.normal(0, 1, (count, len(SEGMENTS), 3)), axis=0)
+    slow -= np.linspace(0, 1, count)[:, None, None] * slow[-1]
+    slow *= np.radians(0.3) / slow.std(axis=0)
+    slow[:, FEET] *= 5
+    off = slow + rng.normal(0, np.radians(0.1), slow.shape)
+    turned = turns @ rotations.exponential(off)[0]
+    return chained(root + rng.normal(0, 0.0005, root.shape) - [0, 0, 0.012], turned), turned
+
+
+def points_of(joints: np.ndarray, turns: np.ndarray, side: int) -> np.ndarray:
+    """(F, 3, 3) ankle, ball and tip of a foot."""
+    foot = FEET[side]
+    return joints[:, foot, None] + np.stack([turns[:, foot] @ (part * TIP) for part in (0.0, 0.87, 1.0)], axis=1)
+
+
+def slides(joints: np.ndarray, turns: np.ndarray, planted: np.ndarray) -> np.ndarray:
+    """How far ankle and ball go in each plant but its first and last 0.05 s, m."""
+    found = []
+    for side in (0, 1):
+        edges = np.flatnonzero(np.diff(np.r_[0, planted[:, side], 0])).reshape(-1, 2)
+        for start, stop in np.add(edges, [5, -5]).tolist():
+            part = points_of(joints, turns, side)[start:stop, :2, :2]
+            found += np.linalg.norm(np.ptp(part, axis=0), axis=1).tolist()
+    return np.array(found)
+
+
+def lowest(joints: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    return np.min([points_of(joints, turns, side)[..., 2].min(axis=1) for side in (0, 1)], axis=0)
+
+
+def test_planted_feet_hold_still_on_the_floor_and_nothing_else_changes():
+    right, turns, planted = walk()
+    joints, turned = wavering(turns, right[:, 0])
+    assert np.median(slides(joints, turned, planted)) > 0.008
+    assert (lowest(joints, turned) < -0.005).mean() > 0.5
+    now, after = settled(joints, turned, SEGMENTS, PARENTS, ENDS, RATE)
+    held = slides(now, after, planted)
+    assert np.median(held) < 0.001
+    assert np.quantile(held, 0.99) < 0.002
+    assert (lowest(now, after) < -0.002).mean() < 0.01
+    # Nearer to the truth than it was posed, by no jumps, and with legs of the same length.
+    for foot in FEET:
+        off, was = (np.linalg.norm(one[:, foot] - right[:, foot], axis=1) for one in (now, joints))
+        assert off.mean() < was.mean()
+    jumps, jumped = (np.linalg.norm(np.diff(one[:, FEET], 2, axis=0), axis=2).max() for one in (now, joints))
+    assert jumps < jumped
+    for at, above in enumerate(PARENTS[1:], 1):
+        lengths = np.linalg.norm(now[:, at] - now[:, above], axis=1)
+        np.testing.assert_allclose(lengths, np.linalg.norm(OFFSETS[at]), atol=1e-9)
+    np.testing.assert_array_equal(after[:, :2], turned[:, :2])
+    np.testing.assert_allclose(after.swapaxes(-1, -2) @ after, np.broadcast_to(np.eye(3), after.shape), atol=1e-9)
+
+
+def test_what_stands_well_already_stays_as_it_is():
+    joints, turns, _ = walk()
+    now, after = settled(joints, turns, SEGMENTS, PARENTS, ENDS, RATE)
+    np.testing.assert_allclose(now, joints, atol=1e-3)
+    np.testing.assert_allclose(after, turns, atol=0.02)
+
+
+def test_a_foot_that_is_held_up_a_floor_elsewhere_and_a_world_on_its_side():
+    joints, turns, planted = walk(2)
+    turns[:] = turns[0]  # somebody stands with a knee up, and sways
+    turns[:, 2], turns[:, 3:5] = about_y(np.array(-1.4)), about_y(np.array(0.1))
+    root = np.zeros((len(turns), 3))
+    root[:, 1] = 0.004 * np.sin(np.arange(len(root)) / 20)
+    root[:, 2] = -points_of(chained(root, turns), turns, 1)[0, :, 2].min()
+    swaying = chained(root, turns)
+    now, _ = settled(swaying, turns, SEGMENTS, PARENTS, ENDS, RATE)
+    assert np.ptp(now[:, 4, 1]) > 0.006
+    assert np.ptp(now[20:-20, 7, 1]) < 1e-4
+    right, turns, planted = walk()
+    joints, turned = wavering(turns, right[:, 0])
+    for off in (-0.7, 0.4):
+        now, after = settled(np.add(joints, [0, 0, off]), turned, SEGMENTS, PARENTS, ENDS, RATE)
+        assert np.quantile(slides(now, after, planted), 0.99) < 0.002
+        assert abs(np.median(lowest(now, after)) - off) < 0.03
+    flat = about_y(np.array(np.pi / 2))
+    now, after = settled(joints @ flat.T, flat @ turned, SEGMENTS, PARENTS, ENDS, RATE)
+    assert np.abs(now - joints @ flat.T).max() < 0.04
+
+
+def test_frames_without_a_body_stay_without_one_and_who_has_no_legs_as_they_are():
+    right, turns, _ = walk()
+    joints, turned = wavering(turns, right[:, 0])
+    joints[130:134], turned[130:134] = np.nan, np.nan
+    joints[:7], turned[:7] = np.nan, np.nan
+    now, after = settled(joints, turned, SEGMENTS, PARENTS, ENDS, RATE)
+    np.testing.assert_array_equal(np.isnan(now), np.isnan(joints))
+    assert np.isfinite(after[7:130]).all()
+    assert (lowest(now, after)[7:130] > -0.002).all()
+    names = [f"bone {at}" for at in range(len(SEGMENTS))]
+    now, after = settled(joints, turned, names, PARENTS, ENDS, RATE)
+    np.testing.assert_allclose(now, joints, atol=1e-9)
+    assert after is turned
+    nobody = np.full_like(joints, np.nan)
+    assert settled(nobody, turned, SEGMENTS, PARENTS, ENDS, RATE)[0] is nobody
+
+
+def test_smoothing_takes_shaking_out_of_the_body_and_leaves_its_lengths():
+    right, turns, planted = walk()
+    rng = np.random.default_rng(1)
+    turned = turns @ rotations.exponential(rng.normal(0, np.radians(0.5), (*turns.shape[:2], 3)))[0]
+    joints = chained(right[:, 0] + rng.normal(0, 0.003, right[:, 0].shape), turned)
+    shaking = [np.linalg.norm(np.diff(one, 2, axis=0), axis=2).mean() for one in (joints, right)]
+    now, after = settled(joints, turned, SEGMENTS, PARENTS, ENDS, RATE, cutoff=6.0)
+    calm = np.linalg.norm(np.diff(now, 2, axis=0), axis=2).mean()
+    assert calm < shaking[0] / 10
+    assert np.quantile(slides(now, after, planted), 0.99) < 0.002
+    np.testing.assert_allclose(np.linalg.norm(now[:, 3] - now[:, 2], axis=1), THIGH, atol=1e-9)
+    # A quaternion that changes its sign between two frames is no turn.
+    spin = rotations.exponential(np.multiply.outer(np.linspace(0, 4 * np.pi, len(turns)), [0, 0, 1.0]))[0][:, None]
+    spun = settled(joints @ spin[:, 0].swapaxes(-1, -2), spin @ turned, SEGMENTS, PARENTS, ENDS, RATE, cutoff=6.0)[1]
+    off = rotations.rotation_vector(spin[:, 0].swapaxes(-1, -2) @ spun[:, 0])
+    assert np.linalg.norm(off, axis=1)[20:-20].max() < np.radians(5)
+    with pytest.raises(InputError, match="the cut-off of the smoothing is 60 Hz"):
+        settled(joints, turned, SEGMENTS, PARENTS, ENDS, RATE, cutoff=60.0)
+
+
+def test_the_take_that_ships_with_the_project_stands_on_its_floor():
+    markerset = open_markerset("body26")
+    take = make_performance(markerset).take
+    rng = np.random.default_rng(2)
+    slow = np.cumsum(rng.normal(0, 1, take.xyz.shape), axis=0)
+    slow -= np.linspace(0, 1, len(slow))[:, None, None] * slow[-1]
+    skin = slow * (0.006 / slow.std(axis=0)) + rng.normal(0, 0.0005, slow.shape)
+    points, shape = take.xyz + skin, take.xyz.shape[:2]
+    posed = motion_of(points, np.zeros(shape), Labels.none(*shape), markerset, take.frames)
+    skeleton = markerset.skeleton
+    feet = [skeleton.segments.index(f"foot.{side}") for side in "LR"]
+    ends = np.zeros((len(skeleton), 3))
+    ends[feet] = [np.array([0.085, 0.0, -0.02]) * posed.scale[0]] * 2
+    now, turned = settled(posed.joints, posed.rotations, skeleton.segments, skeleton.parents, ends, take.rate)
+    right = motion_of(take.xyz, np.zeros(shape), Labels.none(*shape), markerset, take.frames)
+    before, after = [], []
+    for foot in feet:
+        tip = right.joints[:, foot] + right.rotations[:, foot] @ ends[foot]
+        still = np.zeros(len(tip), bool)
+        still[2:-2] = np.linalg.norm(tip[4:] - tip[:-4], axis=1) < 0.05 * 4 / take.rate
+        for start, stop in np.flatnonzero(np.diff(np.r_[0, still, 0])).reshape(-1, 2):
+            if stop - start > 0.2 * take.rate:
+                for found, joints, turns in ((before, posed.joints, posed.rotations), (after, now, turned)):
+                    part = slice(start + 3, stop - 3)
+                    place = joints[part, foot] + turns[part, foot] @ (0.87 * ends[foot])
+                    found.append(np.linalg.norm(np.ptp(place[:, :2], axis=0)))
+        assert ((now[:, foot] + turned[:, foot] @ ends[foot])[:, 2] > -0.002).all()
+    assert len(after) >= 4
+    assert np.median(before) > 0.004
+    assert np.quantile(after, 0.99) < 0.002
