@@ -166,7 +166,7 @@ def _file_points(content: PointFile, up: str | None, path: Path, make_table: Mak
         assumed,
         upright.axis,
         content.notes + upright.notes,
-        None if content.trial is None else replace(content.trial, metre=metre, turn=turn),
+        replace(content.trial, metre=metre, turn=turn) if isinstance(content.trial, TrialFile) else content.trial,
     )
 
 
@@ -223,7 +223,7 @@ def write_c3d(path: Path, points: Points, trial: TrialFile | TextHead | None = N
 
 
 def write_trc(path: Path, points: Points, trial: TrialFile | TextHead | None = None):
-    """Writes the same take as `.trc`, in mm, z up, or as the TRC that it came from; missing samples are empty."""
+    """Writes the same take as `.trc`, in mm, z up, with the head of a text file that it came from."""
     head = trial if isinstance(trial, TextHead) else None
     write_trc_file(path, _numbered(points.names), points.xyz, points.rate, points.first_frame, head)
 

@@ -49,15 +49,12 @@ class TextHead:
 
     fields  texts by what a TRC calls them
     said    what of a Motive `.csv` is about the take and not about the export, by its names
-    begin   s from zero to frame 0, of a TRC, whose unit and axes stay as well; None of others
-    metre, turn  as a `TrialFile` has them
+    begin   s from zero to frame 0, of a TRC; None of others
     """
 
     fields: Mapping[str, str]
     said: Mapping[str, str]
     begin: float | None = None
-    metre: float = 1.0
-    turn: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,6 @@
 
 import codecs
 import csv
-import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -18,7 +17,6 @@ from ..core.data.takes import MAX_FRAME, MAX_RATE_HZ, MIN_RATE_HZ
 from .samples import PointFile, Samples, TextHead
 from .source import decode, open_binary, read_bytes
 from .text import written
-from .world import UNITS
 
 # What is no take of points; physical, and memory.
 MAX_COORDINATE = 1e9  # in any unit
@@ -114,8 +112,6 @@ TRC = "a .trc file"
 # The format has no word for the axis that points up, and most of its files have y up; ours say here that it is z.
 Z_UP = "Z_UP"
 
-STEP_M = 1e-8  # m, of places as we write them; format
-
 WIDTH_ROWS = 1000  # rows that are looked at where nothing else says how many markers there are
 
 
@@ -203,23 +199,18 @@ def _trc_number(text: str | None, what: str, path: Path) -> float:
 def write_trc_file(
     path: Path, labels: list[str], xyz: Table, rate: float, first_frame: int, head: TextHead | None = None
 ):
-    """Writes points (T, P, 3) m as mm, z up, or in unit, axes and time of the TRC whose `head` is given.
+    """Writes points (T, P, 3) m as mm, z up; missing samples are empty fields.
 
-    Of that is there whatever is still true. Missing samples are empty fields.
+    Of the `head` of the TRC or Motive file that they come from is there whatever is still true.
     """
     frames, count = xyz.shape[:2]
-    said = dict.fromkeys(("DataRate", "CameraRate"), f"{rate:.6g}") | {"NumFrames": "", "NumMarkers": ""}
-    said |= {"Units": "mm", "OrigDataRate": f"{rate:.6g}", "OrigDataStartFrame": str(first_frame)}
-    said |= {"OrigNumFrames": str(frames)} | (dict(head.fields) if head else {})
-    said |= {"NumFrames": str(frames), "NumMarkers": str(count)}
-    turn, metre, begin = np.eye(3), UNITS["mm"], -first_frame / rate
-    if head is not None and head.begin is not None and head.turn is not None:
-        turn, metre, begin = head.turn, head.metre, head.begin
-    if UNITS.get(said["Units"].lower()) != metre:
-        said["Units"] = next(name for name, one in UNITS.items() if one == metre)
-    digits = math.ceil(round(math.log10(metre / STEP_M), 3))
+    said = dict.fromkeys(("DataRate", "CameraRate"), f"{rate:.6g}") | {"NumFrames": "", "NumMarkers": "", "Units": ""}
+    said |= {"OrigDataRate": f"{rate:.6g}", "OrigDataStartFrame": str(first_frame), "OrigNumFrames": str(frames)}
+    said |= dict(head.fields) if head else {}
+    said |= {"NumFrames": str(frames), "NumMarkers": str(count), "Units": "mm"}
+    begin = -first_frame / rate if head is None or head.begin is None else head.begin
     lines = [
-        f"PathFileType\t4\t(X/Y/Z)\t{written(Path(path).name)}" + (f"\t{Z_UP}" if turn[2, 2] == 1 else ""),
+        f"PathFileType\t4\t(X/Y/Z)\t{written(Path(path).name)}\t{Z_UP}",
         "\t".join(said),
         "\t".join(said.values()),
         "Frame#\tTime\t" + "\t\t\t".join(written(label.replace("\t", " ")) for label in labels) + "\t\t",
@@ -229,9 +220,9 @@ def write_trc_file(
     with Path(path).open("w", encoding="utf-8", newline="\n") as file:
         file.write("\n".join(lines) + "\n")
         for part in blocks(frames, count):
-            places = np.asarray(xyz[part], dtype=float) @ turn / metre
-            for frame, values in enumerate(places.reshape(len(places), -1).tolist(), first_frame + part.start):
-                fields = ("" if value != value else f"{value:.{digits}f}" for value in values)
+            places = (1000.0 * np.asarray(xyz[part], dtype=float)).reshape(part.stop - part.start, -1)
+            for frame, values in enumerate(places.tolist(), first_frame + part.start):
+                fields = ("" if value != value else f"{value:.5f}" for value in values)
                 file.write(f"{frame}\t{begin + frame / rate:.6f}\t" + "\t".join(fields) + "\n")
 
 
