@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Rigs of people as animators have them: of any names, proportions and rest pose, with bones that roll and turn aside."""
+"""Rigs of people as animators have them: of any names, proportions and rest pose, with bones that roll."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -81,7 +81,7 @@ def rig_bones(arms: float = T_POSE, size: float = 1.0, thigh: float = 0.5, roll:
     return bones
 
 
-def add_rig(bones: list[RigBone], names: Mapping[str, str], place: Callable = lambda head: head, **more):
+def add_rig(bones: list[RigBone], names: Mapping[str, str], place: Callable = lambda head: head):
     """The rig as an armature in the scene; `place` puts points into its own axes and unit."""
     import bpy
     from mathutils import Vector

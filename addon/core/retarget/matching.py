@@ -119,6 +119,16 @@ def read_as(names: Iterable[str]) -> dict[str, str]:
     return {name: min(found)[1] for name, found in parts.items()}
 
 
+def match_map(moved: Mapping[str, str]) -> dict[str, str]:
+    """The bone of a rig for each part of a body, by the bones that those of another rig move, whose names say parts."""
+    found = {part: moved[name] for name, part in reversed(read_as(sorted(moved)).items())}
+    spine = [name for name in sorted(moved) if {"spine", "chest"} & set(_words(name)[0][-1:])]
+    if spine:
+        found |= {"spine": moved[spine[0]]} if len(spine) > 1 else {}
+        found["chest"] = moved[spine[-1]]
+    return {part: found[part] for part in PARTS if part in found}
+
+
 def match_names(bones: RestBones) -> dict[str, int]:
     """The parts that the words in the names of bones say, of several the plainest name nearest to the root."""
     found = defaultdict(list)
@@ -139,7 +149,7 @@ def _words(name: str, keep: bool = False) -> tuple[list[str], str]:
 
 
 def _with_trunk(bones: RestBones, found: Mapping[str, int]) -> dict[str, int]:
-    """The same with the trunk: hips where legs and trunk meet, chest where the arms do, spine and neck at their ends."""
+    """The same with the trunk: hips where legs and trunk meet, chest where arms do, spine and neck at their ends."""
     found = dict(found)
     legs = [found[f"thigh.{side}"] for side in BODY_SIDES if f"thigh.{side}" in found]
     arms = [found[part] for side in BODY_SIDES for part in (f"shoulder.{side}", f"upper_arm.{side}") if part in found]
@@ -204,7 +214,7 @@ def match_form(bones: RestBones) -> dict[str, int]:
     pairs = _pairs(bones)
     if not pairs:
         return {}
-    hips, legs = pairs[0]
+    _, legs = pairs[0]
     feet = [_leg(bones, one) for one in legs]
     if None in feet:
         return {}

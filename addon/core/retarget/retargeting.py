@@ -210,7 +210,7 @@ def _part_way(start: np.ndarray, end: np.ndarray, share: float) -> np.ndarray:
 
 
 def _fitted(rig: Rig, body: _Body) -> tuple[float, float, float]:
-    """How much longer the rig's legs are; m how high its ground is at rest, and how much higher its ankles over that."""
+    """How much longer a rig's legs are; m how high its ground is at rest, and how much higher its ankles over that."""
     lengths = np.zeros(2)
     for side in BODY_SIDES:
         chain = [part for part in (f"{one}.{side}" for one in ("thigh", "shank", "foot")) if part in rig.at]
@@ -238,8 +238,8 @@ def _planted_ankle(
 ) -> np.ndarray:
     """(F, 3) m where a foot is to begin: where the leg has it, but that it does not slide while it is planted.
 
-    Then its ball goes as the body's does, and the lower one of heel and ball is as high as the body's: a foot of another
-    length rolls on the floor, not in it.
+    Then its ball goes as the body's does, and the lower one of heel and ball is as high as the body's: a foot of
+    another length rolls on the floor, not in it.
     """
     foot = rig.at[f"foot.{side}"]
     ankle, ball = rig.heads[foot], _ball(rig, side)
