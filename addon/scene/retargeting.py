@@ -22,8 +22,8 @@ from .stored import Stored
 
 # What bones of control rigs are switched to, by the name of their property: limbs by FK, and all follow what is above.
 SWITCHES = {"IK_FK": 1.0, "ik_fk_switch": 1.0, "FK_limb_follow": 0.0, "neck_follow": 1.0, "head_follow": 1.0}
-NEEDED = ("hips", "thigh.L", "thigh.R", "shank.L", "shank.R")
-TURN, STEP = 0.5, 0.9  # rad by which bones are turned to see what follows them, and between their axes
+NEEDED_PARTS = ("hips", "thigh.L", "thigh.R", "shank.L", "shank.R")
+PROBE_TURN, PROBE_STEP = 0.5, 0.9  # rad by which bones are turned to see what follows them, and between their axes
 SAME_SCALE = 1.001  # of the axes of a rig that is scaled evenly
 
 
@@ -97,7 +97,7 @@ def retarget_take(
 def _bones_by_part(rig: bpy.types.Object, matched: Mapping[str, str]) -> list[tuple[str, str]]:
     """The parts with their bones, the hips first, with those between the lowest bone of the spine and the chest."""
     there = [part for part in PARTS if matched.get(part, "") in rig.pose.bones]
-    if lacking := [part for part in NEEDED if part not in there]:
+    if lacking := [part for part in NEEDED_PARTS if part not in there]:
         raise InputError(
             f"{rig.name} has no bone for {', '.join(lacking)}; expected one for each, under Bones of the Rig"
         )
@@ -166,8 +166,10 @@ def _probe(
     still = [Matrix()] * len(bones)
     rest = posed(still)
     steps = [posed([Matrix.Translation(np.eye(3)[axis]), *still[1:]])[0, :3, 3] - rest[0, :3, 3] for axis in range(3)]
-    axes = [Vector((np.sin(STEP * index), np.cos(STEP * index), np.sin(index))) for index in range(len(bones))]
-    basis = [Matrix.Rotation(TURN + STEP * index, 4, axis) for index, axis in enumerate(axes)]
+    axes = [
+        Vector((np.sin(PROBE_STEP * index), np.cos(PROBE_STEP * index), np.sin(index))) for index in range(len(bones))
+    ]
+    basis = [Matrix.Rotation(PROBE_TURN + PROBE_STEP * index, 4, axis) for index, axis in enumerate(axes)]
     found = posed(basis)
     posed(still)
     rest[:, :3, :3] /= np.linalg.norm(rest[:, :3, :3], axis=1)[:, None]

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The take's motion on rigs of people's own: any names, rest, size, place and rotation mode, and what is theirs kept."""
+"""The take's motion on rigs of people's own: any names, rest, size, place and rotation mode; what is theirs stays."""
 
 import json
-from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -11,7 +10,6 @@ import pytest
 from addon.scene import take as takes
 from tests.inputs.rigs import A_POSE, HANGING, MIXAMO, NAMELESS, UNREAL, VRM, add_rig, rig_bones
 
-from .hands import stored_take
 from .test_character import person
 
 LIMBS = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}

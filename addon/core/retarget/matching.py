@@ -54,7 +54,7 @@ JOINT_WORDS = BONE_WORDS | {
     "foot": "ankle",
     "toes": "toe toes ball foot",
 }
-SIDE_WORDS = {"l": "L", "left": "L", "lft": "L", "r": "R", "right": "R", "rgt": "R"}
+SIDES_IN_NAMES = {"l": "L", "left": "L", "lft": "L", "r": "R", "right": "R", "rgt": "R"}
 # Words that say nothing of which part it is, and those of bones that help others.
 EMPTY_WORDS = {"base", "bone", "fk", "jnt", "joint", "def", "org", "c", "x"}
 HELPERS = {"ik", "pole", "target", "twist", "roll", "share", "end", "nub", "mch", "tweak", "parent", "helper", "ref"}
@@ -108,7 +108,7 @@ def read_as(names: Iterable[str]) -> dict[str, str]:
     words = {name: _words(name) for name in names}
     last = {own[-1] for own, _ in words.values() if own}
     table = JOINT_WORDS if {"elbow", "knee"} <= last else BONE_WORDS
-    parts = {}
+    parts: dict[str, list[tuple[tuple[bool, int], str]]] = {}
     for part, known in table.items():
         for rank, word in enumerate(known.split()):
             for name, (own, side) in words.items():
@@ -142,10 +142,10 @@ def _words(name: str, keep: bool = False) -> tuple[list[str], str]:
     """The words of a bone's name in small letters and its side, "" for none; none of what only helps another bone."""
     spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Za-z])(?=\d)", " ", name.rsplit(":", 1)[-1])
     words = re.findall(r"[a-z]+", re.sub(r"\b(left|right)(?=[a-z])", r"\1 ", spaced.lower().replace("_", " ")))
-    side = next((SIDE_WORDS[word] for word in words if word in SIDE_WORDS), "")
+    side = next((SIDES_IN_NAMES[word] for word in words if word in SIDES_IN_NAMES), "")
     if HELPERS & set(words):
         return [], side
-    return [word for word in words if keep or word not in (*SIDE_WORDS, *EMPTY_WORDS)], side
+    return [word for word in words if keep or word not in (*SIDES_IN_NAMES, *EMPTY_WORDS)], side
 
 
 def _with_trunk(bones: RestBones, found: Mapping[str, int]) -> dict[str, int]:
@@ -215,14 +215,14 @@ def match_form(bones: RestBones) -> dict[str, int]:
     if not pairs:
         return {}
     _, legs = pairs[0]
-    feet = [_leg(bones, one) for one in legs]
-    if None in feet:
+    feet = [foot for one in legs if (foot := _leg(bones, one)) is not None]
+    if len(feet) < len(legs):
         return {}
     down = np.mean([bones.heads[foot[2]] - bones.heads[foot[0]] for foot in feet], axis=0)
     up = _nearest_axis(-down)
     ahead = np.mean([bones.tails[_chain(bones, foot[2])[-1]] - bones.heads[foot[2]] for foot in feet], axis=0)
     left = np.cross(up, ahead - up * (up @ ahead))
-    found = {}
+    found: dict[str, int] = {}
     for chains, words in ((feet, ("thigh", "shank", "foot", "toes")), (_arms(bones, pairs), ARM)):
         for side, chain in zip(BODY_SIDES, sorted(chains, key=lambda one: -bones.heads[one[-1]] @ left), strict=False):
             own = words[: len(chain)] if chains is feet else words[-len(chain) :]

@@ -16,7 +16,7 @@ from ..geometry.rotations import NO_TURN, exponential, least_turn, rotation_vect
 from ..posing.character import FACING, Character
 
 SPINE = ("spine", "between", "chest")
-LEFT, UP = np.array([1.0, 0, 0]), np.array([0.0, 0, 1])
+LEFTWARDS, SKYWARDS = np.array([1.0, 0, 0]), np.array([0.0, 0, 1])
 NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 STRAIGHT = np.radians(30)  # a hand that is bent more than this at rest has a bone that says nothing of where it points
 MOST_STRETCHED = 1 - 1e-6  # of a limb's length; where it is straight, no angle says how far it reaches
@@ -73,7 +73,7 @@ def retarget(
     where they are planted; `hands` are where the body's are in a room that is as much larger as the rig's legs are.
     Legs and arms bend for that.
     """
-    body = _Body(character, *character.posed(*motion))
+    body = BodyInMotion(character, *character.posed(*motion))
     at, aligned = rig.at, _alignments(rig, body)
     turns = np.empty((len(body.heads), len(rig.parts), 3, 3))
     for index, part in enumerate(rig.parts):
@@ -88,17 +88,22 @@ def retarget(
             turns[:, index] = body.turned(part) @ aligned[index]
     scale, floor, lift = _fitted(rig, body)
     middle = (rig.heads[at["thigh.L"]] + rig.heads[at["thigh.R"]]) / 2 - rig.heads[at["hips"]]
-    hips = scale * (body.begin("thigh.L") + body.begin("thigh.R")) / 2 + lift * UP - turns[:, at["hips"]] @ middle
+    hips = scale * (body.begin("thigh.L") + body.begin("thigh.R")) / 2 + lift * SKYWARDS - turns[:, at["hips"]] @ middle
     goals = []
     if feet:
         goals += [
-            (("thigh", "shank", "foot"), side, _planted_ankle(rig, body, side, turns, hips, scale, floor, rate), LEFT)
+            (
+                ("thigh", "shank", "foot"),
+                side,
+                _planted_ankle(rig, body, side, turns, hips, scale, floor, rate),
+                LEFTWARDS,
+            )
             for side in rig.legs
         ]
     if hands:
         goals += [
-            (("upper_arm", "forearm", "hand"), side, scale * body.begin(f"hand.{side}") + lift * UP, hinge)
-            for side, hinge in zip(BODY_SIDES, (-UP, UP), strict=True)
+            (("upper_arm", "forearm", "hand"), side, scale * body.begin(f"hand.{side}") + lift * SKYWARDS, hinge)
+            for side, hinge in zip(BODY_SIDES, (-SKYWARDS, SKYWARDS), strict=True)
             if {f"upper_arm.{side}", f"forearm.{side}", f"hand.{side}"} <= at.keys()
         ]
     for limb, side, goal, hinge in goals:
@@ -111,7 +116,7 @@ def retarget(
 
 
 @dataclass(frozen=True, eq=False)
-class _Body:
+class BodyInMotion:
     """A character with where its bones begin (F, B, 3) m, and how they are turned from the T-pose (F, B, 3, 3)."""
 
     character: Character
@@ -120,6 +125,7 @@ class _Body:
 
     @property
     def at(self) -> Mapping[str, int]:
+        """The index of each part."""
         return {name: index for index, name in enumerate(self.character.names)}
 
     def begin(self, part: str) -> np.ndarray:
@@ -136,7 +142,7 @@ class _Body:
         return self.turns[:, index] @ self.character.turns[index] @ FACING.T
 
 
-def _alignments(rig: Rig, body: _Body) -> np.ndarray:
+def _alignments(rig: Rig, body: BodyInMotion) -> np.ndarray:
     """(C, 3, 3) the turn of each bone from its rest to the T-pose that the body's turns count from."""
     aligned, at = np.tile(np.eye(3), (len(rig.parts), 1, 1)), rig.at
     for part, index in at.items():
@@ -150,7 +156,7 @@ def _alignments(rig: Rig, body: _Body) -> np.ndarray:
         after = at.get(f"{NEXT.get(name)}.{side}")
         way = (rig.tails[index] if after is None else rig.heads[after]) - rig.heads[index]
         if name in ("thigh", "shank"):
-            aligned[index] = least_turn(carried @ way, -UP) @ carried
+            aligned[index] = least_turn(carried @ way, -SKYWARDS) @ carried
         elif name in ("upper_arm", "forearm", "hand"):
             out = np.array([1.0 if side == BODY_SIDES[0] else -1.0, 0, 0])
             bent = np.arccos((carried @ way) @ out / np.linalg.norm(way))
@@ -163,7 +169,7 @@ def _alignments(rig: Rig, body: _Body) -> np.ndarray:
                 aligned[at[f"toes.{side}"]] = aligned[index]
     trunk = [index for index, part in enumerate(rig.parts) if part in SPINE]
     if trunk:
-        aligned[trunk] = least_turn(_top(rig) - rig.heads[trunk[0]], UP)
+        aligned[trunk] = least_turn(_top(rig) - rig.heads[trunk[0]], SKYWARDS)
     return aligned
 
 
@@ -181,7 +187,7 @@ def _top(rig: Rig) -> np.ndarray:
     return rig.tails[max(index for index, part in enumerate(rig.parts) if part in SPINE)]
 
 
-def _of_spine(rig: Rig, body: _Body, index: int, aligned: np.ndarray) -> np.ndarray:
+def _of_spine(rig: Rig, body: BodyInMotion, index: int, aligned: np.ndarray) -> np.ndarray:
     """(F, 3, 3) how a bone of the spine turns: the chest as the body's, those below share what is between.
 
     The body bends at two joints of the spine; a rig's bones bend so around the same height of the trunk.
@@ -209,13 +215,13 @@ def _part_way(start: np.ndarray, end: np.ndarray, share: float) -> np.ndarray:
     return start @ exponential(share * rotation_vector(start.swapaxes(1, 2) @ end))[0]
 
 
-def _fitted(rig: Rig, body: _Body) -> tuple[float, float, float]:
+def _fitted(rig: Rig, body: BodyInMotion) -> tuple[float, float, float]:
     """How much longer a rig's legs are; m how high its ground is at rest, and how much higher its ankles over that."""
     lengths = np.zeros(2)
     for side in BODY_SIDES:
         chain = [part for part in (f"{one}.{side}" for one in ("thigh", "shank", "foot")) if part in rig.at]
-        for number, places in enumerate((rig.heads[[rig.at[part] for part in chain]], [*map(body.rest, chain)])):
-            lengths[number] += np.linalg.norm(np.diff(places, axis=0), axis=1).sum()
+        for number, places in enumerate(([rig.heads[rig.at[part]] for part in chain], list(map(body.rest, chain)))):
+            lengths[number] += np.linalg.norm(np.diff(np.array(places), axis=0), axis=1).sum()
     scale, low = float(lengths[0] / lengths[1]), float(rig.heads[:, 2].min())
     # Rigs stand on their origin; one whose origin is elsewhere stands as far below its lowest joint as the body.
     under = low - scale * body.character.heads[:, 2].min()
@@ -228,7 +234,7 @@ def _fitted(rig: Rig, body: _Body) -> tuple[float, float, float]:
 
 def _planted_ankle(
     rig: Rig,
-    body: _Body,
+    body: BodyInMotion,
     side: str,
     turns: np.ndarray,
     hips: np.ndarray,
@@ -243,7 +249,7 @@ def _planted_ankle(
     """
     foot = rig.at[f"foot.{side}"]
     ankle, ball = rig.heads[foot], _ball(rig, side)
-    tip, heel = [turns[:, foot] @ (place * (1, 1, 0) + floor * UP - ankle) for place in (ball, ankle)]
+    tip, heel = [turns[:, foot] @ (place * (1, 1, 0) + floor * SKYWARDS - ankle) for place in (ball, ankle)]
     ankle, ball = body.rest(f"foot.{side}"), body.rest(f"toes.{side}")
     own = [body.begin(f"foot.{side}") + body.turned(f"foot.{side}") @ (at * (1, 1, 0) - ankle) for at in (ball, ankle)]
     lowest = np.minimum(own[0][:, 2], own[1][:, 2])
@@ -269,8 +275,9 @@ def _planted(ball: np.ndarray, lowest: np.ndarray, rate: float) -> np.ndarray:
     ahead, behind = (ball[np.clip(np.arange(len(ball)) + step, 0, len(ball) - 1)] for step in (lag, -lag))
     slow = np.linalg.norm(ahead - behind, axis=1) < STANDING_SPEED * 2 * lag / rate
     low = lowest < np.percentile(lowest, 5) + STANDING_M
-    kept = np.ones(2 * lag + 1, bool)
-    return binary_opening(binary_closing(slow & low, kept), kept)
+    kept, wide = np.ones(2 * lag + 1, bool), 2 * lag
+    # As it is at its ends, so it is before and after the take.
+    return binary_opening(binary_closing(np.pad(slow & low, wide, "edge"), kept), kept)[wide:-wide]
 
 
 def _begin(rig: Rig, turns: np.ndarray, hips: np.ndarray, index: int) -> np.ndarray:

@@ -8,8 +8,10 @@ from addon.core.posing.character import BONE_NAMES
 from addon.core.retarget.matching import CONTROLS, RestBones, match_bones, match_map, read_as
 from tests.inputs.rigs import A_POSE, HANGING, MAYA, MIXAMO, NAMELESS, T_POSE, UNREAL, VRM, rig_bones
 
+AS_IT_IS = np.eye(3)
 
-def at_rest(names, arms=T_POSE, turn=np.eye(3), extra=()):
+
+def at_rest(names, arms=T_POSE, turn=AS_IT_IS, extra=()):
     """A person's rig with such names; `extra` bones are name, parent's part and head."""
     bones = rig_bones(arms)
     parts = [bone.part for bone in bones]
