@@ -58,6 +58,9 @@ def retarget_take(
     sizes = np.linalg.norm(place[:3, :3], axis=0)
     if np.linalg.det(place[:3, :3]) <= 0 or sizes.max() > SAME_SCALE * sizes.min():
         raise InputError(f"{rig.name} is mirrored or scaled unevenly; expected its scale applied, with Ctrl A")
+    there = np.isfinite(stored.motion.joints).all(axis=(1, 2))
+    if not there.any():
+        raise InputError(f"{stored.name} has nobody in any frame; expected a take in which the body was found")
     action = _own_action(rig, collection, stored.name)
     rig.data.pose_position = "POSE"
     switched = _switch(rig)
@@ -68,19 +71,14 @@ def retarget_take(
     heads = rest[:, :3, 3] @ axes * unit
     lengths = np.array([rig.data.bones[bone].length for _, bone in bones])[:, None]
     tails = heads + rest[:, :3, 1] @ axes * unit * lengths
-    there = np.isfinite(stored.motion.joints).all(axis=(1, 2)) & np.isfinite(stored.motion.rotations).all(
-        axis=(1, 2, 3)
-    )
     motion = stored.motion.joints[there], stored.motion.rotations[there]
     turns, hips = retarget(character, motion, stored.rate, Rig(parts, follows, heads, tails), feet, hands)
-    turned = (place[:3, :3] / unit).T
-    turns = turned @ turns @ axes.T  # in the armature's own axes
+    turns = (place[:3, :3] / unit).T @ turns @ axes.T  # in the armature's own axes
     hips = (hips - place[:3, 3]) @ np.linalg.inv(place[:3, :3]).T
     bag = animation.bind(rig, action)
     frames = (stored.motion.frames + stored.shift)[there]
-    animation.key(
-        bag, bone_path(bones[0][1], "location"), frames, (hips - rest[0, :3, 3]) @ np.linalg.inv(steps), bones[0][1]
-    )
+    first, way = bones[0][1], (hips - rest[0, :3, 3]) @ np.linalg.inv(steps)
+    animation.key(bag, bone_path(first, "location"), frames, way, first)
     for index, (_, bone) in enumerate(bones):
         above, own = follows[index], rest[index, :3, :3]
         carried = own.T if above < 0 else own.T @ turns[:, above].swapaxes(1, 2)

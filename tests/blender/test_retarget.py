@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 import pytest
 
+from addon.io.markersets import open_markerset
 from addon.scene import take as takes
 from tests.inputs.rigs import A_POSE, HANGING, MIXAMO, NAMELESS, UNREAL, VRM, add_rig, rig_bones
 
@@ -126,6 +127,22 @@ def test_rigify_is_moved_by_its_controls(shown):
     retargeted(rig)
     assert ways_off(shown, rig, names).max() < MOST_OFF
     assert rig.pose.bones["thigh_parent.L"]["IK_FK"] == 1.0
+
+
+def test_of_several_performers_one_moves_the_rig(empty, made, extension):
+    take = made.pair(12, markerset=open_markerset("body26"))
+    bpy.context.scene.mocap_autolabel.take = takes.show_take(bpy.context, take)
+    rig = add_rig(rig_bones(), MIXAMO)
+    bpy.context.view_layer.objects.active = rig
+    action = retargeted(rig, performer="bob")
+    assert action.name == "duet bob retargeted"
+    bpy.context.scene.frame_set(int(take.motion.frames[0]))
+    hips = [rig.pose.bones[MIXAMO[f"thigh.{side}"]].head for side in "LR"]
+    segments = list(open_markerset("body26").skeleton.segments)
+    bob = [len(segments) + segments.index(f"thigh.{side}") for side in "LR"]
+    body = take.motion.joints[0, bob]
+    apart = np.array(hips[0] - hips[1])[:2], (body[0] - body[1])[:2]
+    assert apart[0] @ apart[1] > 0.99 * np.linalg.norm(apart[0]) * np.linalg.norm(apart[1])
 
 
 def test_what_a_person_made_is_kept_and_what_was_retargeted_replaced(shown):

@@ -15,7 +15,7 @@ from ..body.sides import BODY_SIDES
 from ..geometry.rotations import NO_TURN, exponential, least_turn, rotation_vector
 from ..posing.character import FACING, Character
 
-SPINE = ("spine", "between", "chest")
+LEG, SPINE = ("thigh", "shank", "foot"), ("spine", "between", "chest")
 LEFTWARDS, SKYWARDS = np.array([1.0, 0, 0]), np.array([0.0, 0, 1])
 NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 STRAIGHT = np.radians(30)  # a hand that is bent more than this at rest has a bone that says nothing of where it points
@@ -47,9 +47,7 @@ class Rig:
     @property
     def legs(self) -> list[str]:
         """The sides on which there is a leg down to the foot."""
-        return [
-            side for side in BODY_SIDES if {f"{part}.{side}" for part in ("thigh", "shank", "foot")} <= set(self.parts)
-        ]
+        return [side for side in BODY_SIDES if {f"{part}.{side}" for part in LEG} <= set(self.parts)]
 
 
 def axes_at_rest(places: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -89,29 +87,13 @@ def retarget(
     scale, floor, lift = _fitted(rig, body)
     middle = (rig.heads[at["thigh.L"]] + rig.heads[at["thigh.R"]]) / 2 - rig.heads[at["hips"]]
     hips = scale * (body.begin("thigh.L") + body.begin("thigh.R")) / 2 + lift * SKYWARDS - turns[:, at["hips"]] @ middle
-    goals = []
-    if feet:
-        goals += [
-            (
-                ("thigh", "shank", "foot"),
-                side,
-                _planted_ankle(rig, body, side, turns, hips, scale, floor, rate),
-                LEFTWARDS,
-            )
-            for side in rig.legs
-        ]
-    if hands:
-        goals += [
-            (("upper_arm", "forearm", "hand"), side, scale * body.begin(f"hand.{side}") + lift * SKYWARDS, hinge)
-            for side, hinge in zip(BODY_SIDES, (-SKYWARDS, SKYWARDS), strict=True)
-            if {f"upper_arm.{side}", f"forearm.{side}", f"hand.{side}"} <= at.keys()
-        ]
-    for limb, side, goal, hinge in goals:
-        upper, lower, end = (at[f"{part}.{side}"] for part in limb)
-        goal = goal - _begin(rig, turns, hips, upper)
-        lengths = rig.heads[lower] - rig.heads[upper], rig.heads[end] - rig.heads[lower]
-        both = turns[:, upper], turns[:, lower]
-        turns[:, upper], turns[:, lower] = _reaching(*both, *lengths, goal, aligned[upper].T @ hinge)
+    for side, hinge in zip(BODY_SIDES, (-SKYWARDS, SKYWARDS), strict=True):
+        if feet and side in rig.legs:
+            ankle = _planted_ankle(rig, body, side, (turns, hips), (scale, floor, rate))
+            _bend(rig, turns, hips, aligned, [f"{part}.{side}" for part in LEG], ankle, LEFTWARDS)
+        arm = [f"{part}.{side}" for part in ("upper_arm", "forearm", "hand")]
+        if hands and set(arm) <= at.keys():
+            _bend(rig, turns, hips, aligned, arm, scale * body.begin(arm[2]) + lift * SKYWARDS, hinge)
     return turns, hips
 
 
@@ -148,11 +130,7 @@ def _alignments(rig: Rig, body: BodyInMotion) -> np.ndarray:
     for part, index in at.items():
         name, _, side = part.partition(".")
         before = rig.follows[index]
-        carried = (
-            aligned[before]
-            if before >= 0 and rig.parts[before].startswith(("upper_arm", "forearm", "thigh"))
-            else np.eye(3)
-        )
+        carried = aligned[before] if before >= 0 and rig.parts[before].partition(".")[0] in NEXT else np.eye(3)
         after = at.get(f"{NEXT.get(name)}.{side}")
         way = (rig.tails[index] if after is None else rig.heads[after]) - rig.heads[index]
         if name in ("thigh", "shank"):
@@ -219,7 +197,7 @@ def _fitted(rig: Rig, body: BodyInMotion) -> tuple[float, float, float]:
     """How much longer a rig's legs are; m how high its ground is at rest, and how much higher its ankles over that."""
     lengths = np.zeros(2)
     for side in BODY_SIDES:
-        chain = [part for part in (f"{one}.{side}" for one in ("thigh", "shank", "foot")) if part in rig.at]
+        chain = [part for part in (f"{one}.{side}" for one in LEG) if part in rig.at]
         for number, places in enumerate(([rig.heads[rig.at[part]] for part in chain], list(map(body.rest, chain)))):
             lengths[number] += np.linalg.norm(np.diff(np.array(places), axis=0), axis=1).sum()
     scale, low = float(lengths[0] / lengths[1]), float(rig.heads[:, 2].min())
@@ -233,21 +211,14 @@ def _fitted(rig: Rig, body: BodyInMotion) -> tuple[float, float, float]:
 
 
 def _planted_ankle(
-    rig: Rig,
-    body: BodyInMotion,
-    side: str,
-    turns: np.ndarray,
-    hips: np.ndarray,
-    scale: float,
-    floor: float,
-    rate: float,
+    rig: Rig, body: BodyInMotion, side: str, posed: tuple[np.ndarray, np.ndarray], known: tuple[float, float, float]
 ) -> np.ndarray:
     """(F, 3) m where a foot is to begin: where the leg has it, but that it does not slide while it is planted.
 
     Then its ball goes as the body's does, and the lower one of heel and ball is as high as the body's: a foot of
     another length rolls on the floor, not in it.
     """
-    foot = rig.at[f"foot.{side}"]
+    (turns, hips), (scale, floor, rate), foot = posed, known, rig.at[f"foot.{side}"]
     ankle, ball = rig.heads[foot], _ball(rig, side)
     tip, heel = [turns[:, foot] @ (place * (1, 1, 0) + floor * SKYWARDS - ankle) for place in (ball, ankle)]
     ankle, ball = body.rest(f"foot.{side}"), body.rest(f"toes.{side}")
@@ -288,6 +259,25 @@ def _begin(rig: Rig, turns: np.ndarray, hips: np.ndarray, index: int) -> np.ndar
     if above < 0:
         return np.broadcast_to(rig.heads[index], hips.shape)
     return _begin(rig, turns, hips, above) + turns[:, above] @ (rig.heads[index] - rig.heads[above])
+
+
+def _bend(
+    rig: Rig,
+    turns: np.ndarray,
+    hips: np.ndarray,
+    aligned: np.ndarray,
+    limb: list[str],
+    goal: np.ndarray,
+    hinge: np.ndarray,
+):
+    """Changes the turns of a limb's two upper bones so that the third begins at goals (F, 3) m.
+
+    `hinge` (3,) is the axis in the T-pose that the joint between bends about.
+    """
+    upper, lower, end = (rig.at[part] for part in limb)
+    lengths = rig.heads[lower] - rig.heads[upper], rig.heads[end] - rig.heads[lower]
+    both, far = (turns[:, upper], turns[:, lower]), goal - _begin(rig, turns, hips, upper)
+    turns[:, upper], turns[:, lower] = _reaching(*both, *lengths, far, aligned[upper].T @ hinge)
 
 
 def _reaching(
