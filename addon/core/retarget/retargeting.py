@@ -21,6 +21,10 @@ NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "f
 STRAIGHT = np.radians(30)  # a hand that is bent more than this at rest has a bone that says nothing of where it points
 MOST_STRETCHED = 1 - 1e-6  # of a limb's length; where it is straight, no angle says how far it reaches
 STANDING_S, STANDING_SPEED, STANDING_M = 0.1, 0.25, 0.04  # s, m/s and m over the ground: of a foot that stands
+TWIST_FLIP, TWIST_FLIP_S = (
+    np.radians(60),
+    0.25,
+)  # between two frames, which no bone turns by; and s until it is turned back
 FLOOR_NEAR = 0.1  # of a leg's length, that a rig's lowest bone may be off the floor that it stands on, at its origin
 
 
@@ -71,7 +75,10 @@ def retarget(
     where they are planted; `hands` are where the body's are in a room that is as much larger as the rig's legs are.
     Legs and arms bend for that.
     """
-    body = BodyInMotion(character, *character.posed(*motion))
+    heads, carried = character.posed(*motion)
+    for index, way in enumerate(character.tails - character.heads):
+        _pass_over_flips(carried[:, index], way, rate)
+    body = BodyInMotion(character, heads, carried)
     at, aligned = rig.at, _alignments(rig, body)
     turns = np.empty((len(body.heads), len(rig.parts), 3, 3))
     for index, part in enumerate(rig.parts):
@@ -95,6 +102,27 @@ def retarget(
         if hands and set(arm) <= at.keys():
             _bend(rig, turns, hips, aligned, arm, scale * body.begin(arm[2]) + lift * SKYWARDS, hinge)
     return turns, hips
+
+
+def _pass_over_flips(turns: np.ndarray, way: np.ndarray, rate: float):
+    """Changes rotations (F, 3, 3) of a bone that lies along `way` (3,) so that it does not flip and at once flips back.
+
+    A fit does so where markers of a limb are doubtful. The bone points as before, only its twist comes from both ends.
+    """
+    flips = np.flatnonzero(_angle(turns[:-1], turns[1:]) > TWIST_FLIP)
+    done = -1
+    for first, last in zip(flips[:-1], flips[1:], strict=True):
+        if first >= done and last - first <= TWIST_FLIP_S * rate and _angle(turns[first], turns[last + 1]) < TWIST_FLIP:
+            rows, done = slice(first + 1, last + 1), last + 1
+            share = np.arange(1, last - first + 1)[:, None] / (last + 1 - first)
+            whole = rotation_vector(turns[first].T @ turns[last + 1])
+            smooth = turns[first] @ exponential(share * whole)[0]
+            turns[rows] = least_turn(smooth @ way, turns[rows] @ way) @ smooth
+
+
+def _angle(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(...) rad between rotations (..., 3, 3)."""
+    return np.arccos(np.clip((np.einsum("...ij,...ij->...", one, other) - 1) / 2, -1, 1))
 
 
 @dataclass(frozen=True, eq=False)
