@@ -395,5 +395,5 @@ def retarget(layout, context):
     column = layout.column(align=True)
     for row in own.bones:
         split = column.split(factor=0.35, align=True)
-        split.label(text=row.name.replace("_", " ").capitalize())
+        split.label(text=row.name[:1].upper() + row.name[1:].replace("_", " "))
         split.prop_search(row, "bone", rig.data, "bones", text="")
