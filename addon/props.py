@@ -31,7 +31,7 @@ from .prefs import markerset_folder
 from .scene.armature import SCALE
 from .scene.naming import CAMERAS
 from .scene.opened import opened
-from .scene.performers import Colour, set_colour, usual_colour
+from .scene.performers import Colour, homes, set_colour, usual_colour
 from .scene.preview import hide_preview
 from .scene.redrawing import redraw
 from .scene.relabelled import kept_changes
@@ -363,6 +363,35 @@ class SceneSettings(bpy.types.PropertyGroup):
             ("UNREAL", "Unreal", "pelvis, spine_01, upperarm_l, thigh_l: as Unreal's mannequin has them"),
             ("RIGIFY", "Rigify", "spine, upper_arm.L, thigh.L: as the human that comes with Blender has them"),
         ),
+    )
+
+
+class RigBoneRow(bpy.types.PropertyGroup):
+    """The bone of a rig for a part of the body, by whose name the row is called."""
+
+    bone: StringProperty(name="Bone", description="The bone of the rig that moves as this part of the body; or none")
+
+
+@keeps_items
+def _performer_items(_settings, context) -> list[tuple[str, str, str]]:
+    take = context.scene.mocap_autolabel.take
+    names = list(homes(take)) if is_take(take) else []
+    return [(name, name, f"The motion of {name}") for name in names or ["-"]]
+
+
+class RigSettings(bpy.types.PropertyGroup):
+    """How the motion of takes comes onto a rig: `Object.mocap_autolabel`."""
+
+    bones: CollectionProperty(type=RigBoneRow)
+    performer: EnumProperty(name="Performer", description="Whose motion the rig gets", items=_performer_items)
+    keep_feet: BoolProperty(
+        name="Keep Feet",
+        description="Bend the legs so that feet do not slide while they are planted",
+        default=True,
+    )
+    keep_hands: BoolProperty(
+        name="Keep Hands",
+        description="Bend the arms so that hands are where the body's are, in a room as much larger as the rig's legs",
     )
 
 

@@ -31,6 +31,7 @@ def register():
             stack.callback(bpy.utils.unregister_class, cls)
         _add_property(stack, bpy.types.Scene, props.SceneSettings)
         _add_property(stack, bpy.types.WindowManager, props.ReviewState)
+        _add_property(stack, bpy.types.Object, props.RigSettings)
         ui.add_handlers(stack)
         command = bpy.utils.register_cli_command(COMMAND, _run_command)
         stack.callback(bpy.utils.unregister_cli_command, command)

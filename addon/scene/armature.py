@@ -221,7 +221,7 @@ def bone_channels(
             before = np.broadcast_to(rest[index], posed[:, 0].shape)
         back = before[:, :3, :3].transpose(0, 2, 1)
         location = (back @ (posed[:, index, :3, 3:] - before[:, :3, 3:]))[..., 0]
-        yield location, _quaternions(back @ posed[:, index, :3, :3])
+        yield location, continuous_quaternions(back @ posed[:, index, :3, :3])
 
 
 def rest_matrices(armature: bpy.types.Object, markerset: MarkerSet) -> np.ndarray:
@@ -252,7 +252,7 @@ def _reach(markerset: MarkerSet, segment: int) -> np.ndarray:
     return ends[np.argmax(np.linalg.norm(ends, axis=1))] if len(ends) else np.zeros(3)
 
 
-def _quaternions(matrices: np.ndarray) -> np.ndarray:
+def continuous_quaternions(matrices: np.ndarray) -> np.ndarray:
     """(F, 4) w x y z of rotations (F, 3, 3), each on the side of the one before so that in-betweens are short.
 
     NaN stays NaN.

@@ -11,10 +11,12 @@ from ..io.markersets import SUFFIX
 from ..io.text import written
 from ..ops.importing import cameras_at_hand
 from ..ops.reposing import words_behind
+from ..ops.retargeting import active_rig
 from ..props import OWN_FILE
 from ..scene import naming
 from ..scene.cameras import camera_name, kept_health, kept_refinement
 from ..scene.markerset_edit import changed_since, edited_collection, kept_report
+from ..scene.performers import homes
 from ..scene.take import holds_points, is_take
 from .parts import (
     DrawsRows,
@@ -373,3 +375,25 @@ def character(layout, context):
     layout.prop(context.scene.mocap_autolabel, "bone_names", text="Bones")
     layout.operator("mocap_autolabel.add_character", icon="OUTLINER_OB_ARMATURE")
     draw_operators(layout.row(align=True), "export_bvh", "export_fbx", icon="EXPORT")
+
+
+@panel("Retarget", under="export", closed=True, seen=has_take)
+def retarget(layout, context):
+    """The body's motion on the active armature."""
+    rig = active_rig(context)
+    if rig is None:
+        draw_text(context, layout, "Make the armature of your rig the active object", icon="INFO")
+        return
+    own = rig.mocap_autolabel
+    layout.operator("mocap_autolabel.retarget", text=f"Retarget to {rig.name}", icon="ARMATURE_DATA")
+    if homes(context.scene.mocap_autolabel.take):
+        layout.prop(own, "performer")
+    row = layout.row(align=True)
+    row.prop(own, "keep_feet", toggle=True)
+    row.prop(own, "keep_hands", toggle=True)
+    draw_operators(layout.row(align=True), "match_bones", "read_bone_map")
+    column = layout.column(align=True)
+    for row in own.bones:
+        split = column.split(factor=0.35, align=True)
+        split.label(text=row.name[:1].upper() + row.name[1:].replace("_", " "))
+        split.prop_search(row, "bone", rig.data, "bones", text="")

@@ -136,3 +136,10 @@ def rotation_vector(matrix: np.ndarray) -> np.ndarray:
     """(..., 3) rotation vector, rad, of rotations (..., 3, 3); angles from 0 to π."""
     identity = np.array([1.0, 0, 0, 0])
     return turn_between(identity, matrix_to_quaternion(matrix))
+
+
+def least_turn(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """(..., 3, 3) the least turn that makes directions (..., 3) point as others do; none is least for half a turn."""
+    start, end = (part / np.maximum(np.linalg.norm(part, axis=-1, keepdims=True), NO_TURN) for part in (start, end))
+    cross, along = cross_matrix(np.cross(start, end)), np.einsum("...i,...i->...", start, end)[..., None, None]
+    return np.eye(3) + cross + cross @ cross / np.maximum(1 + along, NO_TURN)

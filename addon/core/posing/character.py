@@ -13,6 +13,7 @@ import numpy as np
 
 from ..body.sides import BODY_SIDES
 from ..data.errors import InputError
+from ..geometry.rotations import least_turn
 
 # From the body's axes (x forward, y left) to a character's (-y forward, x left).
 FACING = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
@@ -76,7 +77,7 @@ _TRUNK_BONES = ("hips", "spine", "chest", "neck", "head")
 _LIMB_BONES = ("shoulder", "upper_arm", "forearm", "hand", "thigh", "shank", "foot", "toes")
 
 
-def _both_sides(trunk: str, limbs: str, sides: tuple[str, str]) -> Mapping[str, str]:
+def both_sides(trunk: str, limbs: str, sides: tuple[str, str]) -> Mapping[str, str]:
     """The names of all bones; in `limbs` the side stands where `*` is."""
     names = dict(zip(_TRUNK_BONES, trunk.split(), strict=True))
     for side, word in zip(BODY_SIDES, sides, strict=True):
@@ -87,17 +88,17 @@ def _both_sides(trunk: str, limbs: str, sides: tuple[str, str]) -> Mapping[str, 
 
 # What rigs call the bones: HumanIK's names, which Mixamo and most retargeting know; Unreal's mannequin; Rigify's human.
 BONE_NAMES = {
-    "HUMANIK": _both_sides(
+    "HUMANIK": both_sides(
         "Hips Spine Spine1 Neck Head",
         "*Shoulder *Arm *ForeArm *Hand *UpLeg *Leg *Foot *ToeBase",
         ("Left", "Right"),
     ),
-    "UNREAL": _both_sides(
+    "UNREAL": both_sides(
         "pelvis spine_01 spine_02 neck_01 head",
         "clavicle_* upperarm_* lowerarm_* hand_* thigh_* calf_* foot_* ball_*",
         ("l", "r"),
     ),
-    "RIGIFY": _both_sides(
+    "RIGIFY": both_sides(
         "spine spine.001 spine.003 spine.004 spine.006",
         "shoulder.* upper_arm.* forearm.* hand.* thigh.* shin.* foot.* toe.*",
         ("L", "R"),
@@ -174,12 +175,9 @@ def _ends(site: BoneSite, index: Mapping[str, int], joints: np.ndarray, ends: np
 
 def _turn(site: BoneSite, bone: np.ndarray) -> np.ndarray:
     """(3, 3) from a body's axes to those of the T-pose: the least turn that makes the bone (3,) point as it should."""
-    ahead = FACING @ bone / max(float(np.linalg.norm(bone)), 1e-9)
     if site.direction is None:
         return FACING
-    goal = np.array(site.direction)
-    axis, along = np.cross(ahead, goal), float(ahead @ goal)
-    if along < -1 + 1e-9:  # half a turn has no least one: about the way it looks
+    ahead, goal = FACING @ bone, np.array(site.direction)
+    if ahead @ goal < (1e-9 - 1) * np.linalg.norm(ahead):  # half a turn has no least one: about the way it looks
         return np.diag([-1.0, 1, -1]) @ FACING
-    cross = np.cross(axis, np.eye(3)).T
-    return (np.eye(3) + cross + cross @ cross / (1 + along)) @ FACING
+    return least_turn(ahead, goal) @ FACING

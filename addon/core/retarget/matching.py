@@ -1,0 +1,279 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which bones of somebody's rig stand for the parts of a body: by tables, by the words in names, by the form at rest.
+
+The parts are called as in `posing.character.BONES`. What lies between the trunk's parts shares their turns.
+"""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..body.sides import BODY_SIDES
+from ..posing.character import BONE_NAMES, both_sides
+
+PARTS = tuple(BONE_NAMES["RIGIFY"])  # from the hips outwards
+# The controls of rigs that follow them by constraints, whose form says nothing: Rigify's and Auto-Rig Pro's, with FK.
+CONTROLS = (
+    both_sides(
+        "torso - chest neck head",
+        "shoulder.* upper_arm_fk.* forearm_fk.* hand_fk.* thigh_fk.* shin_fk.* foot_fk.* toe_fk.*",
+        ("L", "R"),
+    ),
+    both_sides(
+        "c_root_master.x c_spine_01.x c_spine_02.x c_neck.x c_head.x",
+        "c_shoulder.* c_arm_fk.* c_forearm_fk.* c_hand_fk.* c_thigh_fk.* c_leg_fk.* c_foot_fk.* c_toes_fk.*",
+        ("l", "r"),
+    ),
+    BONE_NAMES["RIGIFY"],
+)
+# What the last words of a bone's name are, the surest first; rigs that call bones after their joints have other ones.
+BONE_WORDS = {
+    "hips": "hips hip pelvis",
+    "neck": "neck",
+    "head": "head",
+    "shoulder": "shoulder clavicle clav collar",
+    "upper_arm": "upperarm uparm shldrbend arm shldr",
+    "forearm": "forearm lowerarm lowarm loarm forearmbend",
+    "hand": "hand wrist",
+    "thigh": "thigh upleg upperleg thighbend",
+    "shank": "shin calf lowerleg lowleg loleg leg shank",
+    "foot": "foot ankle",
+    "toes": "toe toes ball",
+}
+JOINT_WORDS = BONE_WORDS | {
+    "hips": "hips pelvis",
+    "shoulder": "collar clavicle clav",
+    "upper_arm": "shoulder",
+    "forearm": "elbow",
+    "hand": "wrist",
+    "thigh": "hip",
+    "shank": "knee",
+    "foot": "ankle",
+    "toes": "toe toes ball foot",
+}
+SIDES_IN_NAMES = {"l": "L", "left": "L", "lft": "L", "r": "R", "right": "R", "rgt": "R"}
+# Words that say nothing of which part it is, and those of bones that help others.
+EMPTY_WORDS = {"base", "bone", "fk", "jnt", "joint", "def", "org", "c", "x"}
+HELPERS = {"ik", "pole", "target", "twist", "roll", "share", "end", "nub", "mch", "tweak", "parent", "helper", "ref"}
+LONG_LIMB = 0.3  # of the rig's height: what two chains of a pair at least reach, of limbs, not of ears or a skirt
+ARM = ("shoulder", "upper_arm", "forearm", "hand")
+FINGERS = 3  # bones that a hand carries at least
+
+
+@dataclass(frozen=True, eq=False)
+class RestBones:
+    """The N bones of an armature at rest.
+
+    names    of each
+    parents  (N,) index of the one above, -1 for none
+    heads    (N, 3) where each begins, and
+    tails    (N, 3) where it ends, in the armature's axes and unit
+    """
+
+    names: tuple[str, ...]
+    parents: np.ndarray
+    heads: np.ndarray
+    tails: np.ndarray
+
+    def above(self, index: int) -> list[int]:
+        """A bone and those above it, up to the root."""
+        found = []
+        while index >= 0:
+            found.append(int(index))
+            index = self.parents[index]
+        return found
+
+    def below(self, index: int) -> list[int]:
+        """The bones right below one."""
+        return np.flatnonzero(self.parents == index).tolist()
+
+
+def match_bones(bones: RestBones) -> dict[str, str]:
+    """The bone of a rig for each part of a body that it has one for; none where it is no person's."""
+    for table in CONTROLS:
+        if {name for name in table.values() if name != "-"} <= set(bones.names):
+            return {part: name for part, name in table.items() if name != "-"}
+    found = match_names(bones)
+    if not {"thigh.L", "thigh.R", "shank.L", "shank.R"} <= found.keys():
+        found = match_form(bones)
+    found = _with_trunk(bones, found)
+    return {part: bones.names[found[part]] for part in PARTS if part in found}
+
+
+def read_as(names: Iterable[str]) -> dict[str, str]:
+    """The parts of a body that names say, by name; of rigs whose trunk has many bones the hips, neck and head alone."""
+    words = {name: _words(name) for name in names}
+    last = {own[-1] for own, _ in words.values() if own}
+    table = JOINT_WORDS if {"elbow", "knee"} <= last else BONE_WORDS
+    parts: dict[str, list[tuple[tuple[bool, int], str]]] = {}
+    for part, known in table.items():
+        for rank, word in enumerate(known.split()):
+            for name, (own, side) in words.items():
+                # The longest of the last words that is known: "fore arm" is no arm.
+                if word in ("".join(own[-2:]), *own[-1:]) and (bool(side) or part in ("hips", "neck", "head")):
+                    key = len(word) < len("".join(own[-2:])), rank
+                    parts.setdefault(name, []).append((key, f"{part}.{side}" if side else part))
+    return {name: min(found)[1] for name, found in parts.items()}
+
+
+def match_map(moved: Mapping[str, str]) -> dict[str, str]:
+    """The bone of a rig for each part of a body, by the bones that those of another rig move, whose names say parts."""
+    found = {part: moved[name] for name, part in reversed(read_as(sorted(moved)).items())}
+    spine = [name for name in sorted(moved) if {"spine", "chest"} & set(_words(name)[0][-1:])]
+    if spine:
+        found |= {"spine": moved[spine[0]]} if len(spine) > 1 else {}
+        found["chest"] = moved[spine[-1]]
+    return {part: found[part] for part in PARTS if part in found}
+
+
+def match_names(bones: RestBones) -> dict[str, int]:
+    """The parts that the words in the names of bones say, of several the plainest name nearest to the root."""
+    found = defaultdict(list)
+    for name, part in read_as(bones.names).items():
+        at = bones.names.index(name)
+        found[part].append((len(_words(name, keep=True)[0]), len(bones.above(at)), at))
+    return {part: min(several)[2] for part, several in found.items() if part in PARTS}
+
+
+def _words(name: str, keep: bool = False) -> tuple[list[str], str]:
+    """The words of a bone's name in small letters and its side, "" for none; none of what only helps another bone."""
+    spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Za-z])(?=\d)", " ", name.rsplit(":", 1)[-1])
+    words = re.findall(r"[a-z]+", re.sub(r"\b(left|right)(?=[a-z])", r"\1 ", spaced.lower().replace("_", " ")))
+    side = next((SIDES_IN_NAMES[word] for word in words if word in SIDES_IN_NAMES), "")
+    if HELPERS & set(words):
+        return [], side
+    return [word for word in words if keep or word not in (*SIDES_IN_NAMES, *EMPTY_WORDS)], side
+
+
+def _with_trunk(bones: RestBones, found: Mapping[str, int]) -> dict[str, int]:
+    """The same with the trunk: hips where legs and trunk meet, chest where arms do, spine and neck at their ends."""
+    found = dict(found)
+    legs = [found[f"thigh.{side}"] for side in BODY_SIDES if f"thigh.{side}" in found]
+    arms = [found[part] for side in BODY_SIDES for part in (f"shoulder.{side}", f"upper_arm.{side}") if part in found]
+    hips = _meeting(bones, [*legs, *arms] or [-1])
+    if hips is not None and len(legs) > 1:
+        found["hips"] = hips
+    chest = _meeting(bones, arms) if len(arms) > 1 else None
+    if chest in arms:
+        chest = None
+    if chest is None or "hips" not in found:
+        return found
+    between = bones.above(chest)
+    between = between[: between.index(found["hips"])] if found["hips"] in between else []
+    if between:
+        found |= {"chest": chest} | ({"spine": between[-1]} if len(between) > 1 else {})
+    if "head" not in found:
+        limbs = {one for arm in arms for one in bones.above(arm)}
+        rest = [one for one in bones.below(chest) if one not in limbs]
+        if not rest:
+            return found
+        up = bones.heads[chest] - bones.heads[found["hips"]]
+        chain = _chain(bones, max(rest, key=lambda one: max(bones.heads[_chain(bones, one)] @ up)))
+        found |= {"neck": chain[0], "head": chain[min(1, len(chain) - 1)]}
+    way = bones.above(found["head"])
+    if chest in way and way.index(chest) > 1:
+        found["neck"] = way[way.index(chest) - 1]
+    if found.get("neck") == found["head"]:
+        del found["neck"]
+    return found
+
+
+def _meeting(bones: RestBones, several: list[int]) -> int | None:
+    """The lowest bone that is above all of several; None where there is none."""
+    ways = [bones.above(one) for one in several]
+    return next((one for one in ways[0] if all(one in way for way in ways)), None) if ways else None
+
+
+def _chain(bones: RestBones, first: int) -> list[int]:
+    """A bone and what goes on from it, by the longest way at each fork."""
+    chain = [first]
+    while below := bones.below(chain[-1]):
+        chain.append(max(below, key=lambda one: _way(bones, chain[-1], one)))
+    return chain
+
+
+def _way(bones: RestBones, above: int, first: int) -> float:
+    """How long the way is from a bone's head over the one below it to the end of the longest chain."""
+    return float(np.linalg.norm(bones.heads[first] - bones.heads[above])) + _reach(bones, first)
+
+
+def _reach(bones: RestBones, first: int) -> float:
+    """How long the longest chain is that a bone begins."""
+    own = float(np.linalg.norm(bones.tails[first] - bones.heads[first]))
+    return max([own, *(_way(bones, first, one) for one in bones.below(first))])
+
+
+def match_form(bones: RestBones) -> dict[str, int]:
+    """The limbs of a person by the form at rest: a pair of legs, and farther from the root a pair of arms.
+
+    Left and right are told by the way that the feet point. None where it is no person's.
+    """
+    pairs = _pairs(bones)
+    if not pairs:
+        return {}
+    _, legs = pairs[0]
+    feet = [foot for one in legs if (foot := _leg(bones, one)) is not None]
+    if len(feet) < len(legs):
+        return {}
+    down = np.mean([bones.heads[foot[2]] - bones.heads[foot[0]] for foot in feet], axis=0)
+    up = _nearest_axis(-down)
+    ahead = np.mean([bones.tails[_chain(bones, foot[2])[-1]] - bones.heads[foot[2]] for foot in feet], axis=0)
+    left = np.cross(up, ahead - up * (up @ ahead))
+    found: dict[str, int] = {}
+    for chains, words in ((feet, ("thigh", "shank", "foot", "toes")), (_arms(bones, pairs), ARM)):
+        for side, chain in zip(BODY_SIDES, sorted(chains, key=lambda one: -bones.heads[one[-1]] @ left), strict=False):
+            own = words[: len(chain)] if chains is feet else words[-len(chain) :]
+            found |= {f"{part}.{side}": one for part, one in zip(own, chain, strict=True)}
+    return found
+
+
+def _pairs(bones: RestBones) -> list[tuple[int, tuple[int, int]]]:
+    """The bones from which two long chains part that mirror each other, the nearest to the root first."""
+    size = float(np.ptp(bones.heads, axis=0).max())
+    found = []
+    for at in sorted(range(len(bones.names)), key=lambda one: len(bones.above(one))):
+        long = [one for one in bones.below(at) if _reach(bones, one) > LONG_LIMB * size]
+        twins = [
+            (one, other)
+            for number, one in enumerate(long)
+            for other in long[:number]
+            if abs(_reach(bones, one) - _reach(bones, other)) < 0.01 * size
+            and np.linalg.norm(bones.heads[one] - bones.heads[other]) > 0.01 * size
+        ]
+        found += [(at, twins[0])] if twins else []
+    return found
+
+
+def _leg(bones: RestBones, first: int) -> list[int] | None:
+    """Thigh, shank, foot and, where there are any, toes; the foot is the first bone that turns off the way down."""
+    chain = _chain(bones, first)
+    ends = [*(bones.heads[one] for one in chain[1:]), bones.tails[chain[-1]]]
+    ways = [end - bones.heads[one] for one, end in zip(chain, ends, strict=True)]
+    down = _nearest_axis(ways[0])
+    foot = next((at for at in range(2, len(chain)) if ways[at] @ down < 0.75 * np.linalg.norm(ways[at])), None)
+    if foot is None:
+        return None
+    middle = (bones.heads[first] + bones.heads[chain[foot]]) / 2
+    knee = min(chain[1:foot], key=lambda one: np.linalg.norm(bones.heads[one] - middle))
+    return [first, knee, *chain[foot : foot + 2]]
+
+
+def _arms(bones: RestBones, pairs: list[tuple[int, tuple[int, int]]]) -> list[list[int]]:
+    """The bones of each arm up to the hand: that which has fingers, else the last."""
+    arms = []
+    for first in pairs[1][1] if len(pairs) > 1 else ():
+        chain = _chain(bones, first)
+        hand = next((at for at, one in enumerate(chain) if at > 1 and len(bones.below(one)) >= FINGERS), len(chain) - 1)
+        arms.append(chain[: hand + 1][-len(ARM) :])
+    return [arm for arm in arms if len(arm) > 2]
+
+
+def _nearest_axis(way: np.ndarray) -> np.ndarray:
+    """(3,) the axis, to either side, that a direction (3,) is nearest to."""
+    axis = np.zeros(3)
+    at = int(np.argmax(np.abs(way)))
+    axis[at] = np.sign(way[at])
+    return axis

@@ -1,0 +1,335 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A body's motion as turns of the bones of a rig of other size, other proportions and another rest pose.
+
+All is told in the axes of a character at rest: x to its left, looking along -y, z up. Limbs point as the body's do,
+whatever they do at rest; hands, feet, hips and head turn by as much as the body's. The hips' way is as much longer as
+the legs are, and feet touch the ground where the body's do.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ..body.sides import BODY_SIDES
+from ..geometry.rotations import NO_TURN, exponential, least_turn, rotation_vector
+from ..posing.character import FACING, Character
+
+LEG, SPINE = ("thigh", "shank", "foot"), ("spine", "between", "chest")
+LEFTWARDS, SKYWARDS = np.array([1.0, 0, 0]), np.array([0.0, 0, 1])
+NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
+STRAIGHT = np.radians(30)  # a hand that is bent more than this at rest has a bone that says nothing of where it points
+MOST_STRETCHED = 1 - 1e-6  # of a limb's length; where it is straight, no angle says how far it reaches
+STANDING_S, STANDING_SPEED, STANDING_M = 0.1, 0.25, 0.04  # s, m/s and m over the ground: of a foot that stands
+TWIST_FLIP, TWIST_FLIP_S = (
+    np.radians(60),
+    0.25,
+)  # between two frames, which no bone turns by; and s until it is turned back
+FLOOR_NEAR = 0.1  # of a leg's length, that a rig's lowest bone may be off the floor that it stands on, at its origin
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """The C bones of a rig that are to be moved, at rest; a bone comes after what it follows.
+
+    parts    of the body that they stand for; "between" for those of the spine between `spine` and `chest`
+    follows  (C,) index of the bone that carries each, -1 for none of them
+    heads    (C, 3) m where they begin, and
+    tails    (C, 3) m where they end, in the axes of a character, from the origin of the rig
+    """
+
+    parts: tuple[str, ...]
+    follows: np.ndarray
+    heads: np.ndarray
+    tails: np.ndarray
+
+    @property
+    def at(self) -> Mapping[str, int]:
+        """The index of each part; of the bones between any."""
+        return {part: index for index, part in enumerate(self.parts)}
+
+    @property
+    def legs(self) -> list[str]:
+        """The sides on which there is a leg down to the foot."""
+        return [side for side in BODY_SIDES if {f"{part}.{side}" for part in LEG} <= set(self.parts)]
+
+
+def axes_at_rest(places: Mapping[str, np.ndarray]) -> np.ndarray:
+    """(3, 3) columns: the left, the back and the up of a rig in its own axes, by where parts begin (3,) at rest."""
+    hips = (places["thigh.L"] + places["thigh.R"]) / 2
+    way = hips - (places["shank.L"] + places["shank.R"]) / 2
+    up = np.eye(3)[int(np.argmax(np.abs(way)))]
+    up = up * np.sign(way @ up)
+    left = places["thigh.L"] - places["thigh.R"]
+    left = left - up * (left @ up)
+    left /= np.linalg.norm(left)
+    return np.column_stack([left, np.cross(up, left), up])
+
+
+def retarget(
+    character: Character, motion: tuple[np.ndarray, np.ndarray], rate: float, rig: Rig, feet: bool, hands: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """How the bones of a rig turn from their rest (F, C, 3, 3), and where its hips begin (F, 3) m, world.
+
+    From the joints (F, J, 3) m of a body and the rotations (F, J, 3, 3) of its segments, so many a second. `feet` stay
+    where they are planted; `hands` are where the body's are in a room that is as much larger as the rig's legs are.
+    Legs and arms bend for that.
+    """
+    heads, carried = character.posed(*motion)
+    for index, way in enumerate(character.tails - character.heads):
+        _pass_over_flips(carried[:, index], way, rate)
+    body = BodyInMotion(character, heads, carried)
+    at, aligned = rig.at, _alignments(rig, body)
+    turns = np.empty((len(body.heads), len(rig.parts), 3, 3))
+    for index, part in enumerate(rig.parts):
+        if part in SPINE:
+            turns[:, index] = _of_spine(rig, body, index, aligned)
+        elif part.startswith("shoulder") and "chest" in body.at:  # as it is carried, and as it moves in the chest
+            side = body.turned(part) @ body.turned("chest").swapaxes(1, 2)
+            turns[:, index] = side @ (turns[:, at["chest"]] if "chest" in at else body.turned("chest"))
+        elif part.partition(".")[0] in (*NEXT, "hand"):
+            turns[:, index] = body.turns[:, body.at[part]] @ aligned[index]
+        else:
+            turns[:, index] = body.turned(part) @ aligned[index]
+    scale, floor, lift = _fitted(rig, body)
+    middle = (rig.heads[at["thigh.L"]] + rig.heads[at["thigh.R"]]) / 2 - rig.heads[at["hips"]]
+    hips = scale * (body.begin("thigh.L") + body.begin("thigh.R")) / 2 + lift * SKYWARDS - turns[:, at["hips"]] @ middle
+    for side, hinge in zip(BODY_SIDES, (-SKYWARDS, SKYWARDS), strict=True):
+        if feet and side in rig.legs:
+            ankle = _planted_ankle(rig, body, side, (turns, hips), (scale, floor, rate))
+            _bend(rig, turns, hips, aligned, [f"{part}.{side}" for part in LEG], ankle, LEFTWARDS)
+        arm = [f"{part}.{side}" for part in ("upper_arm", "forearm", "hand")]
+        if hands and set(arm) <= at.keys():
+            _bend(rig, turns, hips, aligned, arm, scale * body.begin(arm[2]) + lift * SKYWARDS, hinge)
+    return turns, hips
+
+
+def _pass_over_flips(turns: np.ndarray, way: np.ndarray, rate: float):
+    """Changes rotations (F, 3, 3) of a bone that lies along `way` (3,) so that it does not flip and at once flips back.
+
+    A fit does so where markers of a limb are doubtful. The bone points as before, only its twist comes from both ends.
+    """
+    flips = np.flatnonzero(_angle(turns[:-1], turns[1:]) > TWIST_FLIP)
+    done = -1
+    for first, last in pairwise(flips.tolist()):
+        if first >= done and last - first <= TWIST_FLIP_S * rate and _angle(turns[first], turns[last + 1]) < TWIST_FLIP:
+            rows, done = slice(first + 1, last + 1), last + 1
+            share = np.arange(1, last - first + 1)[:, None] / (last + 1 - first)
+            whole = rotation_vector(turns[first].T @ turns[last + 1])
+            smooth = turns[first] @ exponential(share * whole)[0]
+            turns[rows] = least_turn(smooth @ way, turns[rows] @ way) @ smooth
+
+
+def _angle(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(...) rad between rotations (..., 3, 3)."""
+    return np.arccos(np.clip((np.einsum("...ij,...ij->...", one, other) - 1) / 2, -1, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class BodyInMotion:
+    """A character with where its bones begin (F, B, 3) m, and how they are turned from the T-pose (F, B, 3, 3)."""
+
+    character: Character
+    heads: np.ndarray
+    turns: np.ndarray
+
+    @property
+    def at(self) -> Mapping[str, int]:
+        """The index of each part."""
+        return {name: index for index, name in enumerate(self.character.names)}
+
+    def begin(self, part: str) -> np.ndarray:
+        """(F, 3) m where a bone begins."""
+        return self.heads[:, self.at[part]]
+
+    def rest(self, part: str) -> np.ndarray:
+        """(3,) m where a bone begins in the T-pose."""
+        return self.character.heads[self.at[part]]
+
+    def turned(self, part: str) -> np.ndarray:
+        """(F, 3, 3) how a bone is turned from where the standing body has it, not the T-pose."""
+        index = self.at[part]
+        return self.turns[:, index] @ self.character.turns[index] @ FACING.T
+
+
+def _alignments(rig: Rig, body: BodyInMotion) -> np.ndarray:
+    """(C, 3, 3) the turn of each bone from its rest to the T-pose that the body's turns count from."""
+    aligned, at = np.tile(np.eye(3), (len(rig.parts), 1, 1)), rig.at
+    for part, index in at.items():
+        name, _, side = part.partition(".")
+        before = rig.follows[index]
+        carried = aligned[before] if before >= 0 and rig.parts[before].partition(".")[0] in NEXT else np.eye(3)
+        after = at.get(f"{NEXT.get(name)}.{side}")
+        way = (rig.tails[index] if after is None else rig.heads[after]) - rig.heads[index]
+        if name in ("thigh", "shank"):
+            aligned[index] = least_turn(carried @ way, -SKYWARDS) @ carried
+        elif name in ("upper_arm", "forearm", "hand"):
+            out = np.array([1.0 if side == BODY_SIDES[0] else -1.0, 0, 0])
+            bent = np.arccos((carried @ way) @ out / np.linalg.norm(way))
+            aligned[index] = carried if name == "hand" and bent > STRAIGHT else least_turn(carried @ way, out) @ carried
+        elif name == "foot":  # it stands on its sole, whichever way it points in there
+            ball = _ball(rig, side) - rig.heads[index]
+            own = body.rest(f"toes.{side}") - body.rest(f"foot.{side}")
+            aligned[index] = least_turn(ball * (1, 1, 0), own * (1, 1, 0))
+            if f"toes.{side}" in at:
+                aligned[at[f"toes.{side}"]] = aligned[index]
+    trunk = [index for index, part in enumerate(rig.parts) if part in SPINE]
+    if trunk:
+        aligned[trunk] = least_turn(_top(rig) - rig.heads[trunk[0]], SKYWARDS)
+    return aligned
+
+
+def _ball(rig: Rig, side: str) -> np.ndarray:
+    """(3,) m the ball of a foot at rest: where the toes begin, else where the foot ends."""
+    toes = rig.at.get(f"toes.{side}")
+    return rig.tails[rig.at[f"foot.{side}"]] if toes is None else rig.heads[toes]
+
+
+def _top(rig: Rig) -> np.ndarray:
+    """(3,) m where the trunk ends at rest: where neck or head begin, else where the chest ends."""
+    for part in ("neck", "head"):
+        if part in rig.parts:
+            return rig.heads[rig.at[part]]
+    return rig.tails[max(index for index, part in enumerate(rig.parts) if part in SPINE)]
+
+
+def _of_spine(rig: Rig, body: BodyInMotion, index: int, aligned: np.ndarray) -> np.ndarray:
+    """(F, 3, 3) how a bone of the spine turns: the chest as the body's, those below share what is between.
+
+    The body bends at two joints of the spine; a rig's bones bend so around the same height of the trunk.
+    """
+    chest = body.turns[:, body.at["chest"]] @ aligned[index]
+    if index + 1 == len(rig.parts) or rig.parts[index + 1] not in SPINE:
+        return chest
+    low, top = (rig.heads[rig.at["thigh.L"]] + rig.heads[rig.at["thigh.R"]])[2] / 2, _top(rig)[2]
+    height = ((rig.heads[index] + rig.heads[index + 1])[2] / 2 - low) / (top - low)
+    own = (body.rest("thigh.L") + body.rest("thigh.R"))[2] / 2
+    joints = [(body.rest(part)[2] - own) / (body.rest("neck")[2] - own) for part in ("spine", "chest")]
+    hips, spine = body.turned("hips"), body.turns[:, body.at["spine"]] @ aligned[index]
+    lower = _part_way(hips, spine, _share(height, joints[0]))
+    return lower @ spine.swapaxes(1, 2) @ _part_way(spine, chest, _share(height, joints[1]))
+
+
+def _share(height: float, joint: float) -> float:
+    """How much of a joint's bend a bone has at a height of the trunk, both from 0 at the hips to 1 at the neck."""
+    half = min(joint, 1 - joint)
+    return float(np.clip((height - joint + half) / (2 * half), 0, 1))
+
+
+def _part_way(start: np.ndarray, end: np.ndarray, share: float) -> np.ndarray:
+    """Rotations (F, 3, 3) so far of the short way from some to others."""
+    return start @ exponential(share * rotation_vector(start.swapaxes(1, 2) @ end))[0]
+
+
+def _fitted(rig: Rig, body: BodyInMotion) -> tuple[float, float, float]:
+    """How much longer a rig's legs are; m how high its ground is at rest, and how much higher its ankles over that."""
+    lengths = np.zeros(2)
+    for side in BODY_SIDES:
+        chain = [part for part in (f"{one}.{side}" for one in LEG) if part in rig.at]
+        for number, places in enumerate(([rig.heads[rig.at[part]] for part in chain], list(map(body.rest, chain)))):
+            lengths[number] += np.linalg.norm(np.diff(np.array(places), axis=0), axis=1).sum()
+    scale, low = float(lengths[0] / lengths[1]), float(rig.heads[:, 2].min())
+    # Rigs stand on their origin; one whose origin is elsewhere stands as far below its lowest joint as the body.
+    under = low - scale * body.character.heads[:, 2].min()
+    floor = under if abs(under) > FLOOR_NEAR * lengths[0] else 0.0
+    lifts = [
+        rig.heads[rig.at[part], 2] - floor - scale * body.rest(part)[2] for part in map("foot.{}".format, rig.legs)
+    ]
+    return scale, floor, float(np.mean(lifts or [0.0]))
+
+
+def _planted_ankle(
+    rig: Rig, body: BodyInMotion, side: str, posed: tuple[np.ndarray, np.ndarray], known: tuple[float, float, float]
+) -> np.ndarray:
+    """(F, 3) m where a foot is to begin: where the leg has it, but that it does not slide while it is planted.
+
+    Then its ball goes as the body's does, and the lower one of heel and ball is as high as the body's: a foot of
+    another length rolls on the floor, not in it.
+    """
+    (turns, hips), (scale, floor, rate), foot = posed, known, rig.at[f"foot.{side}"]
+    ankle, ball = rig.heads[foot], _ball(rig, side)
+    tip, heel = [turns[:, foot] @ (place * (1, 1, 0) + floor * SKYWARDS - ankle) for place in (ball, ankle)]
+    ankle, ball = body.rest(f"foot.{side}"), body.rest(f"toes.{side}")
+    own = [body.begin(f"foot.{side}") + body.turned(f"foot.{side}") @ (at * (1, 1, 0) - ankle) for at in (ball, ankle)]
+    lowest = np.minimum(own[0][:, 2], own[1][:, 2])
+    goal = scale * own[0] - tip
+    goal[:, 2] = scale * lowest - np.minimum(tip[:, 2], heel[:, 2])
+    off = _begin(rig, turns, hips, foot) - goal
+    rows = np.flatnonzero(_planted(own[0], lowest, rate))
+    if not len(rows):
+        return goal + off
+    missed = -off[rows]
+    for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) > 1) + 1):
+        missed[run] += off[rows[run]].mean(axis=0) * (1, 1, 0)
+    # In between it comes from what was missed at one plant to what will be at the next.
+    between = [np.interp(np.arange(len(off)), rows, column) for column in missed.T]
+    return goal + off + np.column_stack(between)
+
+
+def _planted(ball: np.ndarray, lowest: np.ndarray, rate: float) -> np.ndarray:
+    """(F,) whether a foot stands, by the path of its ball (F, 3) m and its lowest point's height (F,) m."""
+    from scipy.ndimage import binary_closing, binary_opening
+
+    lag = max(int(rate * STANDING_S / 2), 1)
+    ahead, behind = (ball[np.clip(np.arange(len(ball)) + step, 0, len(ball) - 1)] for step in (lag, -lag))
+    slow = np.linalg.norm(ahead - behind, axis=1) < STANDING_SPEED * 2 * lag / rate
+    low = lowest < np.percentile(lowest, 5) + STANDING_M
+    kept, wide = np.ones(2 * lag + 1, bool), 2 * lag
+    # As it is at its ends, so it is before and after the take.
+    return binary_opening(binary_closing(np.pad(slow & low, wide, "edge"), kept), kept)[wide:-wide]
+
+
+def _begin(rig: Rig, turns: np.ndarray, hips: np.ndarray, index: int) -> np.ndarray:
+    """(F, 3) m where a bone begins, by the hips (F, 3) and the turns (F, C, 3, 3) of what carries it."""
+    above = rig.follows[index]
+    if rig.parts[index] == "hips":
+        return hips
+    if above < 0:
+        return np.broadcast_to(rig.heads[index], hips.shape)
+    return _begin(rig, turns, hips, above) + turns[:, above] @ (rig.heads[index] - rig.heads[above])
+
+
+def _bend(
+    rig: Rig,
+    turns: np.ndarray,
+    hips: np.ndarray,
+    aligned: np.ndarray,
+    limb: list[str],
+    goal: np.ndarray,
+    hinge: np.ndarray,
+):
+    """Changes the turns of a limb's two upper bones so that the third begins at goals (F, 3) m.
+
+    `hinge` (3,) is the axis in the T-pose that the joint between bends about.
+    """
+    upper, lower, end = (rig.at[part] for part in limb)
+    lengths = rig.heads[lower] - rig.heads[upper], rig.heads[end] - rig.heads[lower]
+    both, far = (turns[:, upper], turns[:, lower]), goal - _begin(rig, turns, hips, upper)
+    turns[:, upper], turns[:, lower] = _reaching(*both, *lengths, far, aligned[upper].T @ hinge)
+
+
+def _reaching(
+    upper: np.ndarray, lower: np.ndarray, first: np.ndarray, second: np.ndarray, goal: np.ndarray, hinge: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The turns (F, 3, 3) of the two bones of a limb changed so that they end at goals (F, 3) m, or near out of reach.
+
+    `first` and `second` (3,) m are the bones at rest, `hinge` (3,) the axis of the upper one that the lower one bends
+    about. It bends more or less about that, which leaves what it bends sideways, and both swing together the least.
+    """
+    one, two = float(np.linalg.norm(first)), float(np.linalg.norm(second))
+    way, ahead = upper @ first / one, lower @ second / two
+    cross = np.cross(way, ahead)
+    sine = np.linalg.norm(cross, axis=1)[:, None]
+    bent = cross * np.arctan2(sine, (way * ahead).sum(axis=1)[:, None]) / np.maximum(sine, NO_TURN)
+    axis = upper @ hinge
+    axis -= way * (axis * way).sum(axis=1)[:, None]
+    axis /= np.linalg.norm(axis, axis=1)[:, None]
+    far = np.clip(np.linalg.norm(goal, axis=1), abs(one - two), (one + two) * MOST_STRETCHED)[:, None]
+    angle = np.arccos(np.clip((far**2 - one**2 - two**2) / (2 * one * two), -1, 1))
+    aside = bent - axis * (bent * axis).sum(axis=1)[:, None]
+    much = np.linalg.norm(aside, axis=1)[:, None]
+    again = aside * np.minimum(1, angle / np.maximum(much, NO_TURN)) + axis * np.sqrt(np.maximum(angle**2 - much**2, 0))
+    anew = exponential(again)[0]
+    swing = least_turn(one * way + two * (anew @ way[..., None])[..., 0], goal)
+    return swing @ upper, swing @ anew @ exponential(-bent)[0] @ lower

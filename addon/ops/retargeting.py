@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The take's motion on somebody's rig: its bones matched, and an action made of the motion."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import bpy
+from bpy.props import StringProperty
+
+from ..core.data.errors import InputError
+from ..core.retarget.matching import PARTS, match_bones, match_map
+from ..io.bone_maps import read_bone_map
+from ..scene.armature import SCALE
+from ..scene.performers import homes
+from ..scene.retargeting import rest_bones, retarget_take
+from ..scene.stored import alone
+from .base import Ours, lacks_take, taken, unless
+from .importing import ImportsFile
+from .reposing import follow_now
+
+
+def active_rig(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The active object, where it is an armature that a person may change and no take's own."""
+    rig = context.object
+    return rig if rig is not None and rig.type == "ARMATURE" and SCALE not in rig and rig.is_editable else None
+
+
+lacks_rig = unless(active_rig, "Make the armature of your rig the active object first")
+lacks_mode = unless(lambda context: context.mode in ("OBJECT", "POSE"), "Go to object or pose mode first")
+
+
+def _keep(rig: bpy.types.Object, matched: Mapping[str, str]):
+    """Keeps on a rig which bone is which part, an empty row for a part without one."""
+    rows = rig.mocap_autolabel.bones
+    rows.clear()
+    for part in PARTS:
+        row = rows.add()
+        row.name, row.bone = part, matched.get(part, "")
+
+
+class MOCAP_AUTOLABEL_OT_retarget(Ours, bpy.types.Operator):
+    """Give the active rig an action that moves it as the take's body: any names, proportions and rest pose."""
+
+    needs = (lacks_take, lacks_rig, lacks_mode)
+
+    def work(self, context):
+        rig, collection = active_rig(context), context.scene.mocap_autolabel.take
+        own = rig.mocap_autolabel
+        if not own.bones:
+            _keep(rig, match_bones(rest_bones(rig)))
+        follow_now(context)
+        stored = taken(context)
+        performer = next((one for one in stored.performers if one.name == own.performer), stored.performers[0])
+        home = homes(collection).get(performer.name, collection)
+        matched = {row.name: row.bone for row in own.bones if row.bone}
+        action = retarget_take(context, rig, home, alone(stored, performer), matched, own.keep_feet, own.keep_hands)
+        self.report({"INFO"}, f"{rig.name} has the action {action.name}, of {len(matched)} parts of the body")
+
+
+class MOCAP_AUTOLABEL_OT_match_bones(Ours, bpy.types.Operator):
+    """Find which bones of the active rig are which parts of the body, by names and form, in place of those below."""
+
+    needs = (lacks_rig,)
+
+    def work(self, context):
+        matched = match_bones(rest_bones(active_rig(context)))
+        if not matched:
+            raise InputError(f"{active_rig(context).name} looks like no person; expected arms, legs and a spine")
+        _keep(active_rig(context), matched)
+
+
+class MOCAP_AUTOLABEL_OT_read_bone_map(ImportsFile, bpy.types.Operator):
+    """Take the bones of the active rig from a map of Auto-Rig Pro (.bmap) or KeeMap (.json) that drives it."""
+
+    needs = (lacks_rig,)
+    filter_glob: StringProperty(default="*.bmap;*.json", options={"HIDDEN"})
+
+    def take_in(self, context, path: Path) -> str:
+        matched, rig = match_map(read_bone_map(path)), active_rig(context)
+        matched = {part: bone for part, bone in matched.items() if bone in rig.data.bones}
+        if not matched:
+            raise InputError(f"names no bone of {rig.name}; expected a map onto this rig", path)
+        _keep(rig, matched)
+        return f"{len(matched)} parts of the body have a bone of {rig.name}"

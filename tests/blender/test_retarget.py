@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The take's motion on rigs of people's own: any names, rest, size, place and rotation mode; what is theirs stays."""
+
+import json
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.io.markersets import open_markerset
+from addon.scene import take as takes
+from tests.inputs.rigs import A_POSE, HANGING, MIXAMO, NAMELESS, UNREAL, VRM, add_rig, rig_bones
+
+from .test_character import person
+
+LIMBS = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
+MOST_OFF = np.radians(0.1)  # without feet to be kept, limbs point as the body's do
+
+
+@pytest.fixture
+def shown(empty, made, extension):
+    """A take of a person in a scene, with the extension."""
+    take = person(made)
+    collection = takes.show_take(bpy.context, take)
+    bpy.context.scene.mocap_autolabel.take = collection
+    return take
+
+
+def retargeted(rig, feet=False, **settings):
+    """The action that the button gives a rig."""
+    bpy.context.view_layer.objects.active = rig
+    rig.mocap_autolabel.keep_feet = feet
+    for name, value in settings.items():
+        setattr(rig.mocap_autolabel, name, value)
+    assert bpy.ops.mocap_autolabel.retarget() == {"FINISHED"}
+    return rig.animation_data.action
+
+
+def ways_off(take, rig, names):
+    """(F, limbs) rad between the limbs of a rig and those of the take's body, in frames in which it was found."""
+    segments, motion = take.markerset.skeleton.segments, take.motion
+    off = []
+    for index in np.flatnonzero(np.isfinite(motion.joints).all(axis=(1, 2))):
+        bpy.context.scene.frame_set(int(motion.frames[index]))
+        row = []
+        for side in "LR":
+            for begin, end in LIMBS.items():
+                places = [rig.matrix_world @ rig.pose.bones[names[f"{part}.{side}"]].head for part in (end, begin)]
+                own = [motion.joints[index, segments.index(f"{part}.{side}")] for part in (end, begin)]
+                way, goal = np.array(places[0] - places[1]), own[0] - own[1]
+                row.append(np.arccos(min(way @ goal / np.linalg.norm(way) / np.linalg.norm(goal), 1.0)))
+        off.append(row)
+    return np.array(off)
+
+
+def as_fbx(point):
+    """In centimetres with y up, as imported files have it."""
+    return point[0] * 100, point[2] * 100, -point[1] * 100
+
+
+def mixamo():
+    rig = add_rig(rig_bones(size=1.1, thigh=0.45), MIXAMO, as_fbx)
+    rig.rotation_euler, rig.scale = (np.pi / 2, 0, 0), (0.01, 0.01, 0.01)
+    return rig, MIXAMO
+
+
+def unreal():
+    rig = add_rig(rig_bones(A_POSE, 0.9, 0.55, roll=0.9), UNREAL)
+    rig.location, rig.rotation_euler = (3, 1, 0), (0, 0, 2)
+    for number, bone in enumerate(rig.pose.bones):
+        bone.rotation_mode = ("XYZ", "AXIS_ANGLE", "ZXY")[number % 3]
+    return rig, UNREAL
+
+
+def hanging():
+    return add_rig(rig_bones(HANGING, roll=-0.5), VRM), VRM
+
+
+def nameless():
+    return add_rig(rig_bones(30, 1.4, roll=2.0), NAMELESS), NAMELESS
+
+
+@pytest.mark.parametrize("kind", [mixamo, unreal, hanging, nameless])
+def test_limbs_point_as_the_body_s(shown, kind):
+    rig, names = kind()
+    action = retargeted(rig)
+    assert action.name == f"{shown.name} retargeted"
+    assert ways_off(shown, rig, names).max() < MOST_OFF
+
+
+def test_rest_poses_make_no_difference(shown):
+    frames = shown.motion.frames[np.isfinite(shown.motion.joints).all(axis=(1, 2))]
+    turns = []
+    for rest in (0.0, HANGING):
+        rig = add_rig(rig_bones(rest, roll=0.7 if rest else 0.0), VRM)
+        axes = {part: np.array(rig.data.bones[name].matrix_local)[:3, :3] for part, name in VRM.items()}
+        retargeted(rig)
+        rows = []
+        for frame in frames:
+            bpy.context.scene.frame_set(int(frame))
+            pose = {part: np.array(rig.pose.bones[name].matrix)[:3, :3] @ axes[part].T for part, name in VRM.items()}
+            rows.append([pose["chest"].T @ pose[f"{part}.L"] for part in ("hand", "forearm", "shank")])
+        turns.append(np.array(rows))
+    # A twist of 1.7 degrees is left, because the arms of this rig do not hang in one plane.
+    down = np.radians(HANGING)  # the arm's own turn from one rest to the other is in the second alone
+    lowered = np.array([[np.cos(down), 0, np.sin(down)], [0, 1, 0], [-np.sin(down), 0, np.cos(down)]])
+    np.testing.assert_allclose(turns[1][:, :2] @ lowered, turns[0][:, :2], atol=0.05)
+    np.testing.assert_allclose(turns[1][:, 2], turns[0][:, 2], atol=0.05)
+
+
+def generated():
+    """Rigify's human with its controls, and the bones that those move."""
+    import addon_utils
+
+    if addon_utils.enable("rigify", default_set=True) is None:
+        pytest.skip("this Blender has no Rigify")
+    bpy.ops.object.armature_basic_human_metarig_add()
+    bpy.ops.pose.rigify_generate()
+    rig = bpy.context.object
+    words = {"upper_arm": "upper_arm", "forearm": "forearm", "hand": "hand"}
+    words |= {"thigh": "thigh", "shank": "shin", "foot": "foot"}
+    return rig, {f"{part}.{side}": f"ORG-{word}.{side}" for part, word in words.items() for side in "LR"}
+
+
+def test_rigify_is_moved_by_its_controls(shown):
+    rig, names = generated()
+    retargeted(rig)
+    assert ways_off(shown, rig, names).max() < MOST_OFF
+    assert rig.pose.bones["thigh_parent.L"]["IK_FK"] == 1.0
+
+
+def test_of_several_performers_one_moves_the_rig(empty, made, extension):
+    take = made.pair(12, markerset=open_markerset("body26"))
+    bpy.context.scene.mocap_autolabel.take = takes.show_take(bpy.context, take)
+    rig = add_rig(rig_bones(), MIXAMO)
+    bpy.context.view_layer.objects.active = rig
+    action = retargeted(rig, performer="bob")
+    assert action.name == "duet bob retargeted"
+    bpy.context.scene.frame_set(int(take.motion.frames[0]))
+    hips = [rig.pose.bones[MIXAMO[f"thigh.{side}"]].head for side in "LR"]
+    segments = list(open_markerset("body26").skeleton.segments)
+    bob = [len(segments) + segments.index(f"thigh.{side}") for side in "LR"]
+    body = take.motion.joints[0, bob]
+    apart = np.array(hips[0] - hips[1])[:2], (body[0] - body[1])[:2]
+    assert apart[0] @ apart[1] > 0.99 * np.linalg.norm(apart[0]) * np.linalg.norm(apart[1])
+
+
+def test_what_a_person_made_is_kept_and_what_was_retargeted_replaced(shown):
+    rig = add_rig(rig_bones(), MIXAMO)
+    own = bpy.data.actions.new("mine")
+    rig.animation_data_create().action = own
+    first = retargeted(rig)
+    assert own.use_fake_user
+    assert rig.animation_data.action == first != own
+    again = retargeted(rig)
+    assert [one.name for one in bpy.data.actions if "retargeted" in one.name] == [again.name]
+    bag = again.layers[0].strips[0].channelbag(again.slots[0])
+    bag.fcurves[0].keyframe_points[0].co.y += 1  # by hand
+    third = retargeted(rig)
+    assert third != again
+    assert again.use_fake_user
+    assert len(bpy.data.actions) >= 3
+
+
+def test_a_corrected_bone_stays_and_undo_takes_the_action_away(shown):
+    rig = add_rig(rig_bones(), MIXAMO)
+    bpy.context.view_layer.objects.active = rig
+    assert bpy.ops.mocap_autolabel.match_bones() == {"FINISHED"}
+    rows = {row.name: row for row in rig.mocap_autolabel.bones}
+    assert rows["forearm.L"].bone == "mixamorig:LeftForeArm"
+    rows["hand.L"].bone = ""
+    bpy.ops.ed.undo_push(message="Before")
+    paths = {curve.data_path for curve in retargeted(rig).layers[0].strips[0].channelbags[0].fcurves}
+    assert 'pose.bones["mixamorig:LeftHand"].rotation_quaternion' not in paths
+    assert 'pose.bones["mixamorig:RightHand"].rotation_quaternion' in paths
+    bpy.ops.ed.undo_push(message="Retarget")
+    bpy.ops.ed.undo()
+    assert not [one for one in bpy.data.actions if "retargeted" in one.name]
+
+
+def test_maps_of_other_add_ons_choose_the_bones(shown, tmp_path):
+    rig = add_rig(rig_bones(), NAMELESS)
+    bpy.context.view_layer.objects.active = rig
+    pairs = {part: (NAMELESS[part], name) for part, name in MIXAMO.items()}
+    settings = "%False%ABSOLUTE%0.0,0.0,0.0%0.0,0.0,0.0%1.0%False%False%"
+    bmap = "".join(f"{own}{settings}\n{source}\nFalse\nFalse\n\n" for own, source in pairs.values())
+    bones = [{"SourceBoneName": source, "DestinationBoneName": own} for own, source in pairs.values()]
+    for name, text in (("a.bmap", bmap), ("a.json", json.dumps({"bones": bones}))):
+        (tmp_path / name).write_text(text)
+        rig.mocap_autolabel.bones.clear()
+        assert bpy.ops.mocap_autolabel.read_bone_map(filepath=str(tmp_path / name)) == {"FINISHED"}
+        found = {row.name: row.bone for row in rig.mocap_autolabel.bones}
+        assert found == {part: NAMELESS[part] for part in found}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda rig: setattr(rig, "scale", (1, 1, 2)), "expected its scale applied"),
+        (lambda rig: rig.mocap_autolabel.bones.add(), "has no bone for hips"),
+    ],
+)
+def test_a_rig_that_cannot_be_moved_says_why(shown, change, words):
+    rig = add_rig(rig_bones(), MIXAMO)
+    change(rig)
+    bpy.context.view_layer.objects.active = rig
+    bpy.context.view_layer.update()
+    with pytest.raises(RuntimeError, match=words):
+        bpy.ops.mocap_autolabel.retarget()
+    assert rig.animation_data is None or rig.animation_data.action is None

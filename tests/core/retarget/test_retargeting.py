@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Turns of a rig's bones by a body's motion: where limbs reach, how the back bends, which feet are planted."""
+
+import numpy as np
+import pytest
+
+from addon.core.body.bodies import BodyModel
+from addon.core.geometry.rotations import exponential
+from addon.core.posing.character import character_of
+from addon.core.retarget.retargeting import Rig, _pass_over_flips, _planted, _reaching, axes_at_rest, retarget
+from addon.io.markersets import open_markerset
+from tests.inputs.rigs import HANGING, T_POSE, rig_bones
+
+RATE = 100.0
+
+
+def rig(arms=T_POSE, size=1.0, thigh=0.5, raised=0.0):
+    bones = rig_bones(arms, size, thigh)
+    parts = [bone.part for bone in bones]
+    follows = np.array([-1 if bone.parent is None else parts.index(bone.parent) for bone in bones])
+    up = np.array([0, 0, raised])
+    return Rig(
+        tuple(parts), follows, *(np.array([getattr(bone, end) + up for bone in bones]) for end in ("head", "tail"))
+    )
+
+
+@pytest.fixture(scope="module")
+def squats():
+    """A body whose feet stay on one spot while the knees bend and straighten: its character, joints and rotations."""
+    model = BodyModel(open_markerset("actor41"))
+    segments = list(model.markerset.skeleton.segments)
+    angle = 0.5 - 0.3 * np.cos(np.linspace(0, 4 * np.pi, 120))
+    bends = np.zeros((120, len(segments), 3))
+    for side in "LR":  # about the body's left: hips back and the knees ahead, feet flat
+        for part, share in (("thigh", -1), ("shank", 2), ("foot", -1)):
+            bends[:, segments.index(f"{part}.{side}"), 1] = share * angle
+    bodies = model.rest(120, 1.75)
+    bodies.bends[:] = bends
+    posed = model.pose(bodies)
+    feet = [segments.index(f"foot.{side}") for side in "LR"]
+    rest = model.pose(model.rest(1, 1.75))
+    joints = posed.joints - (posed.joints[:, feet] - rest.joints[:, feet]).mean(axis=1, keepdims=True)
+    ends = rest.joints[0] + np.array([0.15, 0, 0])
+    ends[feet, 2] = 0.03
+    for segment, joint in enumerate(rest.joints[0]):
+        children = np.flatnonzero(model.parents == segment)
+        if len(children):
+            ends[segment] = rest.joints[0, children].mean(axis=0) if segments[segment] != "head" else joint
+    return character_of(segments, rest.joints[0], ends), (joints, posed.rotations)
+
+
+def places(one, turns, hips):
+    """(F, C, 3) where the bones of a rig begin."""
+    found = np.empty((*turns.shape[:2], 3))
+    found[:, 0] = hips
+    for index, above in enumerate(one.follows[1:], 1):
+        found[:, index] = found[:, above] + turns[:, above] @ (one.heads[index] - one.heads[above])
+    return found
+
+
+@pytest.mark.parametrize(("size", "thigh", "raised"), [(1.2, 0.56, 0.0), (0.8, 0.45, 0.0), (1.0, 0.5, -1.0)])
+def test_planted_feet_do_not_slide_and_stand_on_the_floor(squats, size, thigh, raised):
+    one = rig(size=size, thigh=thigh, raised=raised * size)
+    slid = {}
+    for feet in (False, True):
+        found = places(one, *retarget(*squats, RATE, one, feet, hands=False))
+        ankles = found[:, [one.at["foot.L"], one.at["foot.R"]]]
+        slid[feet] = np.ptp(ankles, axis=0).max()
+    assert slid[True] < 0.001
+    assert slid[True] < slid[False] / 5
+    np.testing.assert_allclose(ankles[..., 2], 0.09 * size, atol=0.03 if raised else 0.012)
+
+
+def test_hands_go_where_the_body_s_are_in_a_larger_room(squats):
+    character, (joints, rotations) = squats
+    one = rig(HANGING, size=1.3)
+    found = places(one, *retarget(character, (joints, rotations), RATE, one, feet=True, hands=True))
+    own = character.posed(joints, rotations)[0]
+    apart = found[:, one.at["hand.L"]] - found[:, one.at["hand.R"]]
+    body = own[:, character.names.index("hand.L")] - own[:, character.names.index("hand.R")]
+    scale = np.linalg.norm(apart, axis=1) / np.linalg.norm(body, axis=1)
+    legs = [
+        np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
+        for path in (
+            one.heads[[one.at[f"{part}.L"] for part in ("thigh", "shank", "foot")]],
+            character.heads[[character.names.index(f"{part}.L") for part in ("thigh", "shank", "foot")]],
+        )
+    ]
+    np.testing.assert_allclose(scale, legs[0] / legs[1], rtol=0.01)
+
+
+def test_a_limb_reaches_with_its_joint_bent_the_right_way():
+    random = np.random.default_rng(3)
+    first, second, hinge = np.array([0, 0, -0.45]), np.array([0, 0.02, -0.4]), np.array([1.0, 0, 0])
+    upper = exponential(random.normal(scale=0.5, size=(200, 3)))[0]
+    lower = upper @ exponential(hinge * random.uniform(-0.05, 1.5, (200, 1)))[0]
+    goal = (upper @ first + lower @ second) * random.uniform(0.85, 1.02, (200, 1))
+    goal += random.normal(scale=0.03, size=goal.shape)
+    one, two = _reaching(upper, lower, first, second, goal, hinge)
+    ends, most = one @ first + two @ second, np.linalg.norm(first) + np.linalg.norm(second)
+    within = np.linalg.norm(goal, axis=1) < most
+    assert within.any()
+    np.testing.assert_allclose(ends[within], goal[within], atol=1e-4)
+    missed = np.linalg.norm(ends - goal, axis=1)[~within]
+    np.testing.assert_allclose(missed, np.linalg.norm(goal[~within], axis=1) - most, atol=1e-3)
+    axis = np.cross(one @ first, two @ second)
+    assert (np.einsum("fi,fi->f", axis, one @ hinge) > -1e-6).all()
+
+
+def test_a_foot_is_planted_where_it_is_low_and_still():
+    time = np.arange(300) / RATE
+    swing = (time > 1) & (time < 1.6)
+    ball = np.zeros((300, 3))
+    ball[:, 0] = np.interp(time, [1, 1.6], [0, 0.9])
+    lowest = np.where(swing, 0.1 * np.sin((time - 1) / 0.6 * np.pi), 0.0)
+    found = _planted(ball, lowest, RATE)
+    assert (found == ~swing).mean() > 0.9
+    assert not found[swing][8:-8].any()
+
+
+def test_axes_of_a_rig_are_those_it_has_at_rest():
+    turn = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+    one = rig()
+    axes = axes_at_rest({part: turn @ one.heads[index] for part, index in one.at.items()})
+    np.testing.assert_allclose(axes, turn, atol=1e-12)
+
+
+def test_a_twist_that_flips_for_a_moment_is_passed_over():
+    way, time = np.array([0, 0, -0.3]), np.arange(60)[:, None] / RATE
+    true = exponential(np.array([1.0, 0.3, 0]) * time)[0]
+    flipped = true.copy()
+    flipped[20:27] = flipped[20:27] @ exponential(np.array([0, 0, 2.0]))[0]
+    flipped[40:] = flipped[40:] @ exponential(np.array([0, 0, 2.0]))[0]  # it stays so: who knows which is right
+    found = flipped.copy()
+    _pass_over_flips(found, way, RATE)
+    np.testing.assert_allclose(found[:40], true[:40], atol=0.01)
+    np.testing.assert_allclose(found @ way, true @ way, atol=1e-9)
+    np.testing.assert_array_equal(found[40:], flipped[40:])
