@@ -58,9 +58,9 @@ SIDES_IN_NAMES = {"l": "L", "left": "L", "lft": "L", "r": "R", "right": "R", "rg
 # Words that say nothing of which part it is, and those of bones that help others.
 EMPTY_WORDS = {"base", "bone", "fk", "jnt", "joint", "def", "org", "c", "x"}
 HELPERS = {"ik", "pole", "target", "twist", "roll", "share", "end", "nub", "mch", "tweak", "parent", "helper", "ref"}
-LONG_LIMB = 0.3  # of the rig's height: what two chains of a pair at least reach, of limbs, not of ears or a skirt
+LONG_LIMB = 0.3  # physical: of the rig's height, what two limbs of a pair at least reach, unlike ears or a skirt
 ARM = ("shoulder", "upper_arm", "forearm", "hand")
-FINGERS = 3  # bones that a hand carries at least
+FINGERS = 3  # physical: bones that a hand carries at least
 
 
 @dataclass(frozen=True, eq=False)

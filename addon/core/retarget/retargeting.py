@@ -8,25 +8,20 @@ the legs are, and feet touch the ground where the body's do.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from ..body.sides import BODY_SIDES
+from ..filling.ground import LEG, ON_GROUND
 from ..geometry.rotations import NO_TURN, exponential, least_turn, rotation_vector
 from ..posing.character import FACING, Character
 
-LEG, SPINE = ("thigh", "shank", "foot"), ("spine", "between", "chest")
+SPINE = ("spine", "between", "chest")
 LEFTWARDS, SKYWARDS = np.array([1.0, 0, 0]), np.array([0.0, 0, 1])
 NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
-STRAIGHT = np.radians(30)  # a hand that is bent more than this at rest has a bone that says nothing of where it points
-MOST_STRETCHED = 1 - 1e-6  # of a limb's length; where it is straight, no angle says how far it reaches
-STANDING_S, STANDING_SPEED, STANDING_M = 0.1, 0.25, 0.04  # s, m/s and m over the ground: of a foot that stands
-TWIST_FLIP, TWIST_FLIP_S = (
-    np.radians(60),
-    0.25,
-)  # between two frames, which no bone turns by; and s until it is turned back
-FLOOR_NEAR = 0.1  # of a leg's length, that a rig's lowest bone may be off the floor that it stands on, at its origin
+STRAIGHT = np.radians(30)  # physical: a hand bent more than this at rest has a bone that says not where it points
+MOST_STRETCHED = 1 - 1e-6  # format: of a limb's length; where it is straight, no angle says how far it reaches
+FLOOR_NEAR = 0.1  # physical: of a leg's length, that a rig's lowest bone may be off the floor, at its origin
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,8 +72,6 @@ def retarget(
     Legs and arms bend for that.
     """
     heads, carried = character.posed(*motion)
-    for index, way in enumerate(character.tails - character.heads):
-        _pass_over_flips(carried[:, index], way, rate)
     body = BodyInMotion(character, heads, carried)
     at, aligned = rig.at, _alignments(rig, body)
     turns = np.empty((len(body.heads), len(rig.parts), 3, 3))
@@ -103,27 +96,6 @@ def retarget(
         if hands and set(arm) <= at.keys():
             _bend(rig, turns, hips, aligned, arm, scale * body.begin(arm[2]) + lift * SKYWARDS, hinge)
     return turns, hips
-
-
-def _pass_over_flips(turns: np.ndarray, way: np.ndarray, rate: float):
-    """Changes rotations (F, 3, 3) of a bone that lies along `way` (3,) so that it does not flip and at once flips back.
-
-    A fit does so where markers of a limb are doubtful. The bone points as before, only its twist comes from both ends.
-    """
-    flips = np.flatnonzero(_angle(turns[:-1], turns[1:]) > TWIST_FLIP)
-    done = -1
-    for first, last in pairwise(flips.tolist()):
-        if first >= done and last - first <= TWIST_FLIP_S * rate and _angle(turns[first], turns[last + 1]) < TWIST_FLIP:
-            rows, done = slice(first + 1, last + 1), last + 1
-            share = np.arange(1, last - first + 1)[:, None] / (last + 1 - first)
-            whole = rotation_vector(turns[first].T @ turns[last + 1])
-            smooth = turns[first] @ exponential(share * whole)[0]
-            turns[rows] = least_turn(smooth @ way, turns[rows] @ way) @ smooth
-
-
-def _angle(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(...) rad between rotations (..., 3, 3)."""
-    return np.arccos(np.clip((np.einsum("...ij,...ij->...", one, other) - 1) / 2, -1, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,10 +243,10 @@ def _planted(ball: np.ndarray, lowest: np.ndarray, rate: float) -> np.ndarray:
     """(F,) whether a foot stands, by the path of its ball (F, 3) m and its lowest point's height (F,) m."""
     from scipy.ndimage import binary_closing, binary_opening
 
-    lag = max(int(rate * STANDING_S / 2), 1)
+    lag = max(int(rate * ON_GROUND.span_s / 2), 1)
     ahead, behind = (ball[np.clip(np.arange(len(ball)) + step, 0, len(ball) - 1)] for step in (lag, -lag))
-    slow = np.linalg.norm(ahead - behind, axis=1) < STANDING_SPEED * 2 * lag / rate
-    low = lowest < np.percentile(lowest, 5) + STANDING_M
+    slow = np.linalg.norm(ahead - behind, axis=1) < ON_GROUND.slow_m_s * 2 * lag / rate
+    low = lowest < np.percentile(lowest, 5) + ON_GROUND.low_m
     kept, wide = np.ones(2 * lag + 1, bool), 2 * lag
     # As it is at its ends, so it is before and after the take.
     return binary_opening(binary_closing(np.pad(slow & low, wide, "edge"), kept), kept)[wide:-wide]
