@@ -22,26 +22,23 @@ from .smoothing import smoothed
 class GroundOptions:
     """When a foot is planted, and how it gets there.
 
-    floor_reach_m  physical: a floor nearer to z = 0 is there; a body's sole is no surer, with or without a shoe
     lowest_part    physical: of the frames in which feet rest that are on the floor at least, and not on a step
     slow_m_s       physical: a part of a foot that is slower may be planted; walking it swings at 4 m/s
-    span_s         physical: in which that is measured, and the shortest plant, as when running
-    low_m          physical: how high above where it rests a planted part may be; a kick is higher
+    span_s         physical: of that, of the shortest plant, as when running, and in which a correction fades
+    low_m          physical: how high above where it rests a planted part may be; a kick is higher; so near to z = 0 is
+                   the floor
     reach_m        physical: how far from its place a planted part may be posed, as skin moves; farther it is elsewhere
-    fade_s         physical: in which a correction comes and goes, a fifth of a swing
     deepest_m      physical: what is farther below the floor is on a step or in a pit, and not posed a little too low
     upright        physical: cosine of how far resting feet lean in the middle; farther there is no floor, or not below
     tilt_rad       physical: how far a foot is turned out of the ground at most; then it is lifted
     straight       physical: part of its length that a leg is stretched to at most; a straight knee has no direction
     """
 
-    floor_reach_m: float = 0.05
     lowest_part: float = 0.1
     slow_m_s: float = 0.15
     span_s: float = 0.1
     low_m: float = 0.06
     reach_m: float = 0.03
-    fade_s: float = 0.08
     deepest_m: float = 0.1
     upright: float = 0.87
     tilt_rad: float = 0.35
@@ -94,7 +91,7 @@ def settled(
     shift = ((ankle - joints[:, foot]) * ease).sum(axis=1, keepdims=True) / ease.sum(axis=1, keepdims=True)
     way = ankle - joints[:, thigh] - shift
     far = np.linalg.norm(way, axis=2)
-    lack = _envelope(far - most, round(ON_GROUND.fade_s * rate))
+    lack = _envelope(far - most, round(ON_GROUND.span_s * rate))
     shift = shift + (lack[..., None] * way / far[..., None]).sum(axis=1, keepdims=True)
     rotated = rotated.copy()
     hip, knee = joints[:, thigh] + shift, joints[:, shank] + shift
@@ -151,7 +148,7 @@ def _envelope(values: np.ndarray, frames: int) -> np.ndarray:
 def _feet_on_ground(ankle: np.ndarray, turn: np.ndarray, tip: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
     """Ankles (F, S, 3) m and feet's rotations (F, S, 3, 3) where feet are on the ground; `tip` (S, 3) m of the toes."""
     parts = np.stack([tip * [HEEL, HEEL, 1.0], BALL * tip, 0.0 * tip], axis=1)  # of each foot: heel, ball, and ankle
-    fade, span = (max(round(part * rate), 1) for part in (ON_GROUND.fade_s, ON_GROUND.span_s / 2))
+    fade, span = (max(round(part * rate), 1) for part in (ON_GROUND.span_s, ON_GROUND.span_s / 2))
     places = ankle[:, :, None] + rotations.carried(turn[:, :, None], parts)
     if len(places) <= 2 * span:
         return ankle, turn
@@ -166,7 +163,7 @@ def _feet_on_ground(ankle: np.ndarray, turn: np.ndarray, tip: np.ndarray, rate: 
     ]
     low = np.minimum(ankle[..., 2], (ankle + rotations.carried(turn, tip))[..., 2])
     floor = float(np.quantile(low[slow.any(axis=2)], ON_GROUND.lowest_part))
-    floor = 0.0 if abs(floor) < ON_GROUND.floor_reach_m else floor
+    floor = 0.0 if abs(floor) < ON_GROUND.low_m else floor
     if np.median(turn[..., 2, 2][slow.any(axis=2)]) < ON_GROUND.upright:
         floor = -np.inf
     turn = _turned_up(ankle[..., 2] - floor, turn, tip, fade)
