@@ -268,7 +268,8 @@ class MOCAP_AUTOLABEL_OT_export_report(ExportsTake, bpy.types.Operator):
         write_kept_page(paths[0], *of_take, overview, stored.rows, labelled, stored.fitting, smoothed)
 
 
-BVH_UNITS = 100.0  # to a metre: BVH has no unit, and what reads it takes centimetres
+# BVH has no unit: of each that is offered, how many are a metre.
+BVH_UNITS = {"CENTIMETRES": 100.0, "METRES": 1.0}
 
 
 class MOCAP_AUTOLABEL_OT_add_character(OfTake, bpy.types.Operator):
@@ -303,17 +304,28 @@ class ExportsCharacter(OfTake, ExportsPerformers):
 
 
 class MOCAP_AUTOLABEL_OT_export_bvh(ExportsCharacter, bpy.types.Operator):
-    """Write the take's body as BVH: usual bone names, a T-pose as its rest, y up, in centimetres."""
+    """Write the take's body as BVH: usual bone names, a T-pose as its rest, y up."""
 
     bl_label = "Export BVH"
     filename_ext, axes = ".bvh", BVH_AXES
+    unit: EnumProperty(
+        name="Unit",
+        items=(
+            ("CENTIMETRES", "Centimetres", "What most programs take a BVH file for"),
+            ("METRES", "Metres", "What Blender's importer takes it for, without a scale"),
+        ),
+    )
+
+    def draw(self, context):
+        super().draw(context)
+        self.layout.prop(self, "unit")
 
     def export(self, path: Path, stored: Stored):
         frames = stored.motion.frames + stored.shift
         _exporter("export_anim", "bvh", "BVH")(
             filepath=str(path),
             check_existing=False,
-            global_scale=BVH_UNITS,
+            global_scale=BVH_UNITS[self.unit],
             frame_start=int(frames[0]),
             frame_end=int(frames[-1]),
             rotate_mode="ZXY",

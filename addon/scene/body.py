@@ -70,7 +70,7 @@ def add_body(
         mesh.from_pydata(vertices.tolist(), [], faces)
         mesh.shade_smooth()
         item = bpy.data.objects.new(f"{name} capsule", mesh)
-        item[naming.CAPSULE] = name
+        item[naming.CAPSULE], item.hide_render = name, True
         collection.objects.link(item)
         capsule.hang(item, armature, name)
         item[naming.MATERIAL] = material or _material(sides[name])

@@ -65,7 +65,7 @@ def read_points_preview(mesh: bpy.types.Mesh) -> Stored:
 def hide_preview(mesh: bpy.types.Mesh | None, hidden: bool):
     """Hides the object that shows unlabelled points, or shows it again."""
     for item in _objects(mesh):
-        item.hide_viewport = item.hide_render = hidden
+        item.hide_viewport = hidden
 
 
 def remove_preview(mesh: bpy.types.Mesh):

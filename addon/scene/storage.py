@@ -60,6 +60,7 @@ FRAME = "frame"
 def add_cloud(collection: bpy.types.Collection, mesh: bpy.types.Mesh) -> bpy.types.Object:
     """Adds the object that shows `mesh`, a table made by `cloud_table`."""
     item = bpy.data.objects.new(mesh.name, mesh)
+    item.hide_render = True
     collection.objects.link(item)
     item.modifiers.new("Points of the frame", "NODES").node_group = _nodes()
     return item

@@ -2,6 +2,7 @@
 """The take's character: usual bones, exported, read again, copied onto a rig of one's own; and its keys in bulk."""
 
 from dataclasses import replace
+from functools import partial
 
 import bpy
 import numpy as np
@@ -145,8 +146,8 @@ def plain_rig(source):
     return rig
 
 
-def read_bvh(path):
-    bpy.ops.import_anim.bvh(filepath=path, global_scale=0.01, frame_start=1)
+def read_bvh(path, metres=False):
+    bpy.ops.import_anim.bvh(filepath=path, global_scale=1.0 if metres else 0.01, frame_start=1)
 
 
 def read_fbx(path):
@@ -155,12 +156,19 @@ def read_fbx(path):
     bpy.ops.import_scene.fbx(filepath=path, anim_offset=0.0)
 
 
-@pytest.mark.parametrize(("kind", "read", "first"), [("bvh", read_bvh, 1), ("fbx", read_fbx, 101)])
-def test_a_rig_that_copies_the_file_by_bone_names_moves_as_the_body(shown, tmp_path, kind, read, first):
+@pytest.mark.parametrize(
+    ("kind", "read", "first", "options"),
+    [
+        ("bvh", read_bvh, 1, {}),
+        ("bvh", partial(read_bvh, metres=True), 1, {"unit": "METRES"}),
+        ("fbx", read_fbx, 101, {}),
+    ],
+)
+def test_a_rig_that_copies_the_file_by_bone_names_moves_as_the_body(shown, tmp_path, kind, read, first, options):
     scene, path = bpy.context.scene, tmp_path / f"walk.{kind}"
     played = scene.frame_start, scene.frame_end, scene.frame_current
     before = set(bpy.data.objects)
-    assert getattr(bpy.ops.mocap_autolabel, f"export_{kind}")(filepath=str(path)) == {"FINISHED"}
+    assert getattr(bpy.ops.mocap_autolabel, f"export_{kind}")(filepath=str(path), **options) == {"FINISHED"}
     assert set(bpy.data.objects) == before
     assert (scene.frame_start, scene.frame_end, scene.frame_current) == played
     read(str(path))
