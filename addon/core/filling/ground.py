@@ -96,8 +96,8 @@ def settled(
     rotated = rotated.copy()
     hip, knee = joints[:, thigh] + shift, joints[:, shank] + shift
     bent = _knees(hip, knee, ankle, rotated[:, thigh][..., 0], upper, lower, most)
-    rotated[:, thigh] = _least_turn(knee - hip, bent - hip) @ rotated[:, thigh]
-    rotated[:, shank] = _least_turn(joints[:, foot] + shift - knee, ankle - bent) @ rotated[:, shank]
+    rotated[:, thigh] = rotations.least_turn(knee - hip, bent - hip) @ rotated[:, thigh]
+    rotated[:, shank] = rotations.least_turn(joints[:, foot] + shift - knee, ankle - bent) @ rotated[:, shank]
     rotated[:, foot] = turn
     return _chained(root + shift, rotated, parents, offsets), rotated
 
@@ -175,7 +175,7 @@ def _feet_on_ground(ankle: np.ndarray, turn: np.ndarray, tip: np.ndarray, rate: 
         moved[:, foot, part], held[:, foot, part] = _holding(places[:, foot, part], plants, fade)
     goal = places + moved
     along = goal[:, :, 1] - goal[:, :, 0]
-    turn = _least_turn(places[:, :, 1] - places[:, :, 0], along) @ turn
+    turn = rotations.least_turn(places[:, :, 1] - places[:, :, 0], along) @ turn
     # About the line from heel to ball the foot turns until the ankle is on its side of it.
     along /= np.linalg.norm(along, axis=2, keepdims=True)
     aside = np.cross(along, -rotations.carried(turn, parts[:, 0])), np.cross(along, goal[:, :, 2] - goal[:, :, 0])
@@ -269,10 +269,3 @@ def _knees(
     # One that was bent backwards gives way first, by a millimetre or two of its leg's length.
     ahead = np.where(before < 0, np.maximum(ahead + 2 * before, before), ahead)
     return hip + along[..., None] * way + sideways + ahead[..., None] * forward
-
-
-def _least_turn(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """(..., 3, 3) the least rotation that makes vectors (..., 3) point as others do."""
-    one, other = (way / np.linalg.norm(way, axis=-1, keepdims=True) for way in (one, other))
-    cross = rotations.cross_matrix(np.cross(one, other))
-    return np.eye(3) + cross + cross @ cross / (1 + (one * other).sum(axis=-1))[..., None, None]

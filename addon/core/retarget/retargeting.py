@@ -71,8 +71,7 @@ def retarget(
     where they are planted; `hands` are where the body's are in a room that is as much larger as the rig's legs are.
     Legs and arms bend for that.
     """
-    heads, carried = character.posed(*motion)
-    body = BodyInMotion(character, heads, carried)
+    body = BodyInMotion(character, *character.posed(*motion))
     at, aligned = rig.at, _alignments(rig, body)
     turns = np.empty((len(body.heads), len(rig.parts), 3, 3))
     for index, part in enumerate(rig.parts):
