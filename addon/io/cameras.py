@@ -11,7 +11,7 @@ import numpy as np
 from ..core.data.errors import InputError, of_file
 from ..core.geometry.cameras import Cameras
 from ..core.geometry.rotations import exponential
-from .source import read_xml
+from .source import root_of_xml
 from .text import is_unicode
 
 # Qualisys has focal lengths, centres, the sensor and blobs in 64ths of a pixel; its lens is OpenCV's.
@@ -194,7 +194,7 @@ def calibration_files(path: Path) -> list[Path]:
 
 
 def _read_by_root(path: Path, up: str) -> Cameras:
-    root = read_xml(path, "a camera calibration").tag
+    root = root_of_xml(path, "a camera calibration")
     kind = _BY_ROOT.get(root.lower())
     if kind is None:
         raise InputError(f"has <{root[:40]}> at its root; {EXPECTED}", path)

@@ -9,7 +9,7 @@ import re
 import stat
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import BufferedReader
+from io import BufferedReader, StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -146,12 +146,26 @@ def decode(content: bytes, path: Path, kind: str) -> str:
 
 
 def read_xml(path: Path, kind: str) -> "Element":
-    """The root of an XML file, in whatever encoding; InputError with the line where it breaks.
+    """The root of an XML file with all it holds, in whatever encoding; InputError with the line where it breaks.
 
     Declarations of entities are refused: no calibration has them, and a few nested ones fill the memory.
     """
     from xml.etree import ElementTree
 
+    with _well_formed(path, kind):
+        return ElementTree.fromstring(_xml_text(path, kind))
+
+
+def root_of_xml(path: Path, kind: str) -> str:
+    """The name of an XML file's root; no more is read of it than that takes. InputErrors as of `read_xml`."""
+    from xml.etree import ElementTree
+
+    with _well_formed(path, kind):
+        _, root = next(ElementTree.iterparse(StringIO(_xml_text(path, kind)), ["start"]))
+        return root.tag
+
+
+def _xml_text(path: Path, kind: str) -> str:
     text = read_text(path, kind, MAX_XML_BYTES)
     if text.startswith("<?xml"):
         # The declared encoding is that of the bytes, not of the decoded text.
@@ -159,8 +173,15 @@ def read_xml(path: Path, kind: str) -> "Element":
         text = "\n" * start.count("\n") + rest if end else text
     if "<!ENTITY" in text or "<!DOCTYPE" in text:
         raise InputError(f"declares a document type; expected {kind} as plain XML", path)
+    return text
+
+
+@contextmanager
+def _well_formed(path: Path, kind: str) -> Iterator[None]:
+    from xml.etree import ElementTree
+
     try:
-        return ElementTree.fromstring(text)
+        yield
     except ElementTree.ParseError as error:
         raise InputError(f"is not well-formed XML; expected {kind}", path, error.position[0]) from None
     except (ValueError, RecursionError):

@@ -27,6 +27,7 @@ OWN = {
     ("io/source.py", "open_at_once"): "a part of it",
     ("io/tables.py", "_mapped"): "a scratch file",
     ("io/rows.py", "parse_plain"): "bytes in memory",
+    ("io/source.py", "root_of_xml"): "text in memory",
     ("io/poses.py", "write_cache"): "what is being written",
     ("io/scratch.py", "_take_away"): "a lock, which is opened to be locked",
     ("io/whole.py", "_flush"): "what was just written",
