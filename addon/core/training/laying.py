@@ -22,6 +22,7 @@ from ..points.likelihood.sides import mirror_order
 from ..posing.posing import labelled_pull
 from .poses import known_poses, posed_bodies
 from .spread import MAJORITY, some_of
+from .transfer import off_surface
 
 HEADINGS = 12  # in which a body is tried: every 30 degrees, less than half of how far the fit turns it
 MATCHINGS, FIT_STEPS = 10, 4  # of matching, from the first gate to the last, and of the fit's iterations after each
@@ -34,13 +35,13 @@ class LayingOptions:
     starts     so many of the likeliest are fitted; measured: 10 to 80 lay the same into walkers of McGill
     gates      heights, from the first round to the last, how near a point must be to be a marker's; measured: 0.1
                to 0.4 at first and 0.025 at last lay the same into walkers of McGill, 0.1 at last no other set
-    max_off    heights, how far the body's markers may be off in the mean, those without a point a whole gate; measured:
-               0.020 to 0.026 for somebody in another set, without arms' markers or a foot; 0.033 for a hand's points
+    max_off    heights, how far they may be off each other in the mean; measured: 0.007 to 0.014 for people in other sets,
+               without arms' markers or a foot; 0.018 for a hand's points, 0.021 for somebody who kneels
     """
 
     starts: int = 20
     gates: tuple[float, float] = (0.2, 0.05)
-    max_off: float = 0.027
+    max_off: float = 0.016
 
 
 LAYING = LayingOptions()
@@ -51,7 +52,8 @@ class LaidBody:
     """A body and which of its markers each of M markers is like.
 
     place  (M,) index of the body's marker, -1 for none
-    off    heights, how far body's and frame's markers are from each other in the mean, those alone a whole gate
+    off    heights, how far body's and frame's markers are off each other in the mean: those of the body alone by a
+           whole gate, those of the frame alone by how far they are off its skin, or a whole gate
     """
 
     body: MarkerSet
@@ -96,10 +98,11 @@ def _laid(frame: np.ndarray, body: MarkerSet, poses: np.ndarray, sides: np.ndarr
     matched = _matched(markers, cloud, apart, gate * height)
     found = matched >= 0
     away = np.where(found, np.linalg.norm(markers - cloud[matched], axis=2) / height, gate)
-    alone = len(cloud) - found.sum(axis=1)
-    off = (away.sum(axis=1) + gate * alone) / (len(body) + len(cloud))
     size = bodies.scale.mean(axis=1)  # a hand and a rat fit bodies of 0.2 to 0.7 m
-    fits = (away.mean(axis=1) <= LAYING.max_off) & (size == GUESSING.possible_height(size))
+    alone = np.array([~np.isin(np.arange(len(cloud)), one) for one in matched])
+    off_skin = np.where(alone, np.minimum(_off_skin(model, bodies, cloud), gate), 0)
+    off = (away.sum(axis=1) + off_skin.sum(axis=1)) / (len(body) + len(cloud))
+    fits = (off <= LAYING.max_off) & (size == GUESSING.possible_height(size))
     if not fits.any():
         return None
     best = np.where(fits, off, np.inf).argmin()
@@ -107,6 +110,14 @@ def _laid(frame: np.ndarray, body: MarkerSet, poses: np.ndarray, sides: np.ndarr
     place = np.full(len(frame), -1)
     place[there[matched[best, mine]]] = mine
     return LaidBody(body, place, float(off[best]))
+
+
+def _off_skin(model: BodyModel, bodies: Bodies, cloud: np.ndarray) -> np.ndarray:
+    """(B, P) how far the points of a cloud (P, 3) m are off the bodies' surfaces, heights."""
+    posed = model.pose(bodies)
+    away = cloud[:, None] - posed.joints[:, None]
+    places = np.einsum("bjik,bpji->bpjk", posed.rotations, away) / bodies.scale.mean(axis=1)[:, None, None, None]
+    return np.array([off_surface(model.markerset, own).min(axis=1) for own in places])
 
 
 def _on_worn_limbs(body: MarkerSet, found: np.ndarray) -> np.ndarray:
@@ -143,12 +154,11 @@ def marker_sides(markers: Sequence[str]) -> np.ndarray:
 
 
 def _starts(model: BodyModel, cloud: np.ndarray, poses: np.ndarray, height: float) -> Bodies:
-    """The likeliest bodies in some of the poses, turned about the vertical, their markers' middle at the cloud's."""
+    """The likeliest bodies in some of the poses, turned about the vertical, above the cloud's middle and its lowest."""
     some = np.concatenate([np.zeros_like(poses[:1]), some_of(poses)])
     bodies = posed_bodies(model, some, height)
     markers = model.pose(bodies).markers
-    middle = (markers.min(axis=1) + markers.max(axis=1)) / 2
-    goal = (cloud.min(axis=0) + cloud.max(axis=0)) / 2
+    middle, goal = _foot(markers), _foot(cloud)
     yaws = np.arange(HEADINGS) * 2 * np.pi / HEADINGS
     placed = [turned(markers - middle[:, None], np.full(len(markers), yaw)) + goal for yaw in yaws]
     costs = np.array([_far(row, cloud, LAYING.gates[0] * height) for row in placed])
@@ -157,6 +167,12 @@ def _starts(model: BodyModel, cloud: np.ndarray, poses: np.ndarray, height: floa
     picked, about = bodies.pick(pose), rotations.about_z(yaws[yaw])
     moved = goal - turned(middle[pose][:, None], yaws[yaw])[:, 0]
     return replace(picked, translation=moved, quaternion=rotations.quaternion_product(about, picked.quaternion))
+
+
+def _foot(points: np.ndarray) -> np.ndarray:
+    """(..., 3) the middle of points (..., N, 3) on the ground below them: one may go up farther than the other."""
+    low, high = points.min(axis=-2), points.max(axis=-2)
+    return np.concatenate([(low + high)[..., :2] / 2, low[..., 2:]], axis=-1)
 
 
 def _far(markers: np.ndarray, cloud: np.ndarray, reach: float) -> np.ndarray:

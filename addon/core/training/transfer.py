@@ -101,7 +101,7 @@ def _hung(
     if not found:
         raise ValueError("no frame shows enough of the known markers together")
     means, spreads = np.array([mean for mean, _ in found]), np.array([spread for _, spread in found])
-    away = np.array([_off_surface(body, mean) for mean in means])
+    away = np.array([off_surface(body, mean) for mean in means])
     seen = np.flatnonzero(np.isfinite(spreads).any(axis=(0, 2)))
     carrier, offsets, sd = carrier.copy(), offsets.copy(), np.where(carrier < 0, SPREAD.marker_sd, sd)
     cost = np.nanmean((spreads + SURFACE_COST * away)[:, seen], axis=0)
@@ -164,7 +164,7 @@ def _in_segments(model: BodyModel, points: np.ndarray, here: np.ndarray) -> tupl
     return mean, spread
 
 
-def _off_surface(body: MarkerSet, places: np.ndarray) -> np.ndarray:
+def off_surface(body: MarkerSet, places: np.ndarray) -> np.ndarray:
     """(M, J) how far markers at places (M, J, 3) in each segment's axes are off that segment's capsules, heights.
 
     Far off a segment that has none.
