@@ -18,7 +18,7 @@ from addon.io.html.markup import is_page
 from addon.io.html.pages import write_folder_page, write_take_page
 from addon.io.report import facts_of_trouble, take_report
 from tests.io.pages import read
-from tests.io.test_batch import REPORT
+from tests.io.test_arrivals import REPORT
 
 HOSTILE = '</title><script>alert("1")</script><img src=x onerror=alert(1)>&\'"\u202e\x07\udc80'
 

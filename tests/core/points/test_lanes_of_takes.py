@@ -15,7 +15,7 @@ from addon.core.points.whole_take.pipeline import PointOptions, label_take
 from addon.core.review.suspects import find_suspects
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
-from tests.core.data.test_lanes import packed
+from tests.core.data.test_takes import packed
 
 from .whole_take.test_solving import RATE, pieces
 
