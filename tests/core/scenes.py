@@ -46,6 +46,13 @@ class Scene:
         """The frames, ready to be labelled."""
         return split_views(self.blobs, self.cameras)
 
+    def given(self, view: View, naming) -> tuple[np.ndarray, np.ndarray]:
+        """Which rows of the blobs have a name in a frame (K,), marker by marker, and whether it is theirs."""
+        camera, marker = np.nonzero(naming.slot >= 0)
+        row = view.row[camera, naming.slot[camera, marker]]
+        truth = zip(self.names(marker), self.truth[row], strict=True)
+        return row, np.array([name in true.split("|") for name, true in truth], bool)
+
     def right(self, names) -> np.ndarray:
         """(N,) whether each blob has a name that is right; a ghost is right without one."""
         return np.array([name in truth.split("|") for name, truth in zip(names, self.truth, strict=True)])
@@ -79,7 +86,7 @@ def motion_of(markers: np.ndarray, expected: np.ndarray, first: int = 1) -> Moti
     """A motion of markers (T, M, 3) m, and where a body that stays upright has them; nothing else of it matters."""
     count, residual = len(markers), np.where(np.isfinite(markers[..., 0]), 0.001, np.nan)
     pose = expected[:, :1], np.tile(np.eye(3), (count, 1, 1, 1)), np.ones((count, 3)), np.ones(count)
-    return Motion(first + np.arange(count), markers, residual, residual, 0 * residual, expected, *pose)
+    return Motion(first + np.arange(count), markers, residual, residual, np.zeros(residual.shape, int), expected, *pose)
 
 
 def film(markerset: MarkerSet, cameras: Cameras, bodies: Bodies, options: CaptureOptions = CLEAN) -> Scene:

@@ -36,13 +36,8 @@ def standing(arms=None, moved=(), seed=4, options=ROOM):
 def wrong_in(scene, naming):
     """Blobs with a name that is not theirs, and blobs of markers without one."""
     view = scene.views()[0]
-    camera, slot = np.nonzero(view.real)
-    owner = naming.owner[camera, slot]
-    truth = scene.truth[view.row[camera, slot]]
-    names = scene.names(owner)
-    wrong = [bool(n) and n not in t.split("|") for n, t in zip(names, truth, strict=True)]
-    missed = [not n and bool(t) for n, t in zip(names, truth, strict=True)]
-    return sum(wrong), sum(missed)
+    row, right = scene.given(view, naming)
+    return (~right).sum(), (scene.truth[np.setdiff1d(view.row[view.real], row)] != "").sum()
 
 
 def frame_of(scene, sd=0.015):

@@ -36,11 +36,10 @@ def found_in(name, seed, facing, height, cameras=4, options=PLAIN):
 
 def marked(scene, found):
     """Which blobs are right, and which have a name, row for row with the scene's blobs."""
-    view, owner = found.naming.frame.view, found.naming.owner
-    marker = np.full(len(scene.blobs), -1)
-    camera, slot = np.nonzero(view.real)
-    marker[view.row[camera, slot]] = owner[camera, slot]
-    return scene.right(scene.names(marker)), marker >= 0
+    row, good = scene.given(found.naming.frame.view, found.naming)
+    right, given = scene.truth == "", np.zeros(len(scene.blobs), bool)
+    right[row], given[row] = good, True
+    return right, given
 
 
 def turn_off(scene, found):
@@ -84,12 +83,9 @@ def by_step(name, options, rules=None):
         rig = paper_rig(np.random.default_rng(number + 40))
         scene = stand(built_in(name), rig, number + 40, number * 0.8, 1.2 + 0.1 * (number % 8), options)
         found = find_subject(scene.views()[0], Setup.of(rig, scene.markerset, rules=rules), Hints())
-        right, _ = marked(scene, found)
-        camera, marker = np.nonzero(found.naming.slot >= 0)
-        rows = found.naming.frame.view.row[camera, found.naming.slot[camera, marker]]
-        step = found.naming.step[camera, marker]
+        step = found.naming.step[found.naming.slot >= 0]
         np.add.at(all_of, step, 1)
-        np.add.at(right_of, step, right[rows])
+        np.add.at(right_of, step, scene.given(found.naming.frame.view, found.naming)[1])
     return all_of, right_of
 
 

@@ -13,9 +13,7 @@ from addon.core.blobs import confidence
 from addon.core.blobs.confidence import CONFIDENCE
 from addon.core.blobs.image_tracklets import link_blobs
 from addon.core.blobs.pipeline import label_take
-from addon.core.blobs.search import Hints, find_subject
-from addon.core.blobs.subject import Setup
-from addon.core.blobs.tracking import Anchor, Track, followed_by_library, followed_by_numpy
+from addon.core.blobs.tracking import Anchor, followed_by_library, followed_by_numpy
 from addon.core.body import bodies as posing
 from addon.core.body.bodies import PLACEMENT, Bodies, BodyModel
 from addon.core.body.prior import Prior
@@ -28,7 +26,8 @@ from addon.core.papers.virtual_occlusions.labelling import Expectation, Rules, n
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from addon.core.simulation.virtual import Act
-from tests.core.scenes import RATE, act, blobs_at, built_in
+from tests.core.blobs.followed import begun as begun_in
+from tests.core.scenes import act, blobs_at, built_in
 from tests.core.toybody import toy_markerset
 
 from .conftest import numpy_everywhere
@@ -357,10 +356,8 @@ def begun(name: str, occlusion=None):
     """A setup, the views of a walk and a track that begins with its first frame."""
     markerset = toy_markerset() if name == "toy" else built_in(name)
     walk = act(markerset, ROOM_RIG, [Act(0.4, stride=0.9)], seed=4, options=ROOM)
-    setup, views = Setup.of(ROOM_RIG, markerset, occlusion, rate=RATE), walk.views()
-    found = find_subject(views[0], setup, Hints())
-    points, visible = found.naming.meeting.points, found.expected.visible
-    return setup, views, Track.begin(found.subject, points, visible, setup.model)
+    setup, views, _, track = begun_in(walk, occlusion)
+    return setup, views, track
 
 
 def numbers_of(followed) -> list[np.ndarray]:

@@ -1,14 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Labelled frames are read again, names that jump go back, and blobs that go on in one image keep what they are."""
+"""A subject followed, frames read again, names that jump or are lost put right along what goes on in one image."""
+
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from addon.core.blobs.continuity import renamed
 from addon.core.blobs.image_tracklets import name_by_tracklets
 from addon.core.blobs.rereading import Rereader
-from tests.core.blobs.followed import exchange, followed, take_name, wrong_names
-from tests.core.scenes import RATE
+from addon.core.blobs.tracking import FOLLOWING_STEPS, difference, follow
+from addon.core.body.bodies import BodyModel
+from addon.core.simulation.rigs import ring_rig
+from addon.core.simulation.simulate import CaptureOptions
+from addon.core.simulation.virtual import Act
+from tests.core.blobs.followed import begun, exchange, followed, take_name, wrong_names
+from tests.core.scenes import RATE, act, built_in
+from tests.core.toybody import toy_markerset
 
 FOOT = ("LANK", "LHEE", "LTOE")
 
@@ -138,3 +149,58 @@ def test_what_a_person_named_stays():
         assert naming.owner[camera, slot] == other
     finally:
         naming.frame.fixed[camera, other] = -1  # the frame is not this test's own
+
+
+RIG = ring_rig(6, radius=4.5, volume_radius=1.3)
+ROOM = CaptureOptions(noise=0.4, reflections=1, flicker=0.1)
+MODEL = BodyModel(toy_markerset())
+
+
+@cache
+def walk(name="gait15", noise=0.4):
+    acts = [Act(0.2), Act(1.2, stride=0.9), Act(0.6, stride=0.4, turn=1.5)]
+    return act(built_in(name), RIG, acts, seed=3, options=replace(ROOM, noise=noise))
+
+
+def random_bodies(seed, count=3):
+    generator = np.random.default_rng(seed)
+    step = generator.normal(0, 0.3, (count, MODEL.parameters))
+    return MODEL.rest(count, 1.7).moved(step), generator
+
+
+@given(st.integers(0, 2**16))
+def test_a_difference_is_the_step_that_leads_there(seed):
+    bodies, generator = random_bodies(seed)
+    step = generator.normal(0, 0.4, (3, MODEL.parameters))
+    assert difference(bodies.moved(step), bodies) == pytest.approx(step, abs=1e-9)
+    assert difference(bodies, bodies) == pytest.approx(np.zeros_like(step), abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["gait15", "body26"])
+def test_a_walk_is_followed_with_two_iterations_a_frame(name):
+    """A34: at 60 frames a second from the previous pose: iterations a frame, lost-track rate, right names."""
+    assert FOLLOWING_STEPS == 2
+    scene = walk(name)
+    setup, views, _, track = begun(scene)
+    named = right = 0
+    errors = []
+    for index, view in enumerate(views[1:], 1):
+        followed = follow(track, view, setup)
+        track = followed.track
+        assert not track.lost
+        assert np.linalg.norm(track.subject.bodies.quaternion) == pytest.approx(1, abs=1e-12)
+        good = scene.given(view, followed.naming)[1]
+        named, right = named + len(good), right + good.sum()
+        errors.append(np.linalg.norm(followed.expected.points - scene.points[index], axis=1).mean())
+    assert right / named > 0.9995
+    assert right > 0.99 * (scene.truth[scene.blobs.frame > 0] != "").sum()
+    assert np.mean(errors) < 0.006
+
+
+@pytest.mark.parametrize("noise", [0.3, 1.2])
+def test_it_learns_the_takes_noise(noise):
+    scene = walk("gait15", noise)
+    setup, views, _, track = begun(scene)
+    for view in views[1:]:
+        track = follow(track, view, setup).track
+    assert track.subject.pixel == pytest.approx(noise, rel=0.35)
