@@ -92,39 +92,26 @@ def motion_of(markers: np.ndarray, expected: np.ndarray, first: int = 1) -> Moti
 def film(markerset: MarkerSet, cameras: Cameras, bodies: Bodies, options: CaptureOptions = CLEAN) -> Scene:
     """A virtual capture of posed bodies, one a frame, with the body in the way."""
     posed = BodyModel(markerset).pose(bodies)
-    body = PosedBody(
-        CapsuleOcclusion(markerset), np.asarray(markerset.attachment), posed.rotations, posed.joints, bodies.scale
-    )
+    pose = posed.rotations, posed.joints, bodies.scale
+    body = PosedBody(CapsuleOcclusion(markerset), np.asarray(markerset.attachment), *pose)
     seen = joined(capture(posed.markers, markerset.markers, cameras, options, body))
     return Scene(markerset, cameras, bodies, seen.blobs, seen.truth)
 
 
-def stand(
-    markerset: MarkerSet,
-    cameras: Cameras,
-    seed: int = 0,
-    facing: float = 0.0,
-    height: float | None = None,
-    options: CaptureOptions = CLEAN,
-) -> Scene:
+def stand(markerset: MarkerSet, cameras: Cameras, seed=0, facing=0.0, height=None, options=CLEAN) -> Scene:
     """One frame of a standing person, up to 0.2 m off the middle."""
     bodies = perform(BodyModel(markerset), person_of(markerset, seed, height), [Act(0.1)], RATE, seed, facing).pick([0])
     place = np.append(np.random.default_rng(seed).uniform(-0.2, 0.2, 2), 0)
     return film(markerset, cameras, replace(bodies, translation=bodies.translation + place), options)
 
 
-def act(
-    markerset: MarkerSet, cameras: Cameras, acts, seed: int = 0, options: CaptureOptions = CLEAN, rate: float = RATE
-) -> Scene:
+def act(markerset: MarkerSet, cameras: Cameras, acts, seed=0, options=CLEAN, rate=RATE) -> Scene:
     """A person who performs."""
-    return film(
-        markerset, cameras, perform(BodyModel(markerset), person_of(markerset, seed), acts, rate, seed), options
-    )
+    bodies = perform(BodyModel(markerset), person_of(markerset, seed), acts, rate, seed)
+    return film(markerset, cameras, bodies, options)
 
 
-def abreast(
-    markerset: MarkerSet, seeds, frames: int, rate: float, apart: float, cameras: Cameras, options: CaptureOptions
-) -> Capture:
+def abreast(markerset: MarkerSet, seeds, frames: int, rate: float, apart: float, cameras: Cameras, options) -> Capture:
     """What cameras see of people, by their seeds, who walk side by side, so many m from each other."""
     model, bodies, markers = BodyModel(markerset), [], []
     for place, seed in enumerate(seeds):

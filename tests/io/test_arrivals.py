@@ -111,13 +111,10 @@ def test_a_folder_that_is_away_for_a_while_is_said_once_and_keeps_its_takes(watc
 
 
 TROUBLE = {"kind": "left over", "stake": 40.0, "answered": False, "trajectories": [3, 4]}
-REPORT = {
+COUNTS = {"frames": 100, "frames_whole": 90, "points": 200, "unlabelled": 4}
+REPORT = COUNTS | {
     "take": "walk",
     "version": "1.2.3",
-    "frames": 100,
-    "frames_whole": 90,
-    "points": 200,
-    "unlabelled": 4,
     "to_look_at": "1 to look at",
     "trouble": [TROUBLE, TROUBLE | {"answered": True, "trajectories": [9]}, TROUBLE | {"kind": "missing", "stake": 2}],
     "timing": {"load": 1.0, "label": 2.5, "frames_per_second": 40.0},
@@ -129,12 +126,9 @@ def test_a_row_says_what_the_report_says_and_the_worst_take_comes_first():
     row = row_of(REPORT, "walk.c3d")
     assert (row.trouble, row.at_stake, row.on_body, row.seconds) == (2, 42.0, 2, 3.5)
     assert (row.named, row.found, row.reason, row.gaps) == (0.98, 0.98, "1 to look at", None)
-    blobs = {name: value for name, value in REPORT.items() if name != "points"} | {
-        "blobs": 0,
-        "cameras": {"a": {"unnamed_beside_markers": 5}, "b": {"unnamed_beside_markers": 1}, "c": {}},
-        "filled": [{}],
-        "left": [{}, {}],
-    }
+    cameras = {"a": {"unnamed_beside_markers": 5}, "b": {"unnamed_beside_markers": 1}, "c": {}}
+    blobs = REPORT | {"blobs": 0, "cameras": cameras, "filled": [{}], "left": [{}, {}]}
+    del blobs["points"]
     row = row_of(blobs, "walk.csv")
     assert (row.named, row.on_body, row.gaps) == (None, 6, (1, 3))
     labelled = row_of(REPORT, "b.c3d")
@@ -146,14 +140,9 @@ def test_a_row_says_what_the_report_says_and_the_worst_take_comes_first():
 
 names = st.text(st.characters(exclude_categories=(), exclude_characters="\0/"), min_size=1, max_size=12)
 numbers = st.floats(0, 1e6)
-measured = st.builds(
-    TakeRow,
-    names,
-    names,
-    st.sampled_from(("labelled", "done before")),
-    *(st.integers(0, 99), numbers, st.none() | numbers, st.integers(0, 99), numbers, st.integers(0, 99)),
-    *(st.integers(0, 99), numbers, names, names),
-)
+count = st.integers(0, 99)
+figures = count, numbers, st.none() | numbers, count, numbers, count, count, numbers
+measured = st.builds(TakeRow, names, names, st.sampled_from(("labelled", "done before")), *figures, names, names)
 others = st.builds(TakeRow, names, names, st.sampled_from(TAKE_STATES), reason=names)
 
 

@@ -95,20 +95,11 @@ def test_a_page_says_what_the_report_says(tmp_path):
     page = read(text)
     said = " ".join(" ".join(page.said).split())
     for words in (
-        "80 frames (0.8 s), marker set body26 , version 3",
-        "Fingerprint of the marker set 0123abcd",
-        "LKNE is far from where the body has it",
-        "Frames 31 to 34",
-        "The file has no axis",
-        "LKNE is trajectory 3, frames 10–12",
-        "it is so already",
-        "1 gap filled by the program, 1 left",
-        "It is longer than 5 frames",
-        "likelihood",
-        "Mocap Autolabel 1.2.3 on 2026-11-22",
-        "by the program: by likelihood",
-        "walk.c3d",
-    ):
+        "80 frames (0.8 s), marker set body26 , version 3", "Fingerprint of the marker set 0123abcd", "Frames 31 to 34",
+        "LKNE is far from where the body has it", "The file has no axis", "LKNE is trajectory 3, frames 10–12",
+        "it is so already", "1 gap filled by the program, 1 left", "It is longer than 5 frames", "likelihood",
+        "Mocap Autolabel 1.2.3 on 2026-11-22", "by the program: by likelihood", "walk.c3d",
+    ):  # fmt: skip
         assert words in said, words
     svg = next(
         each for each in ElementTree.fromstring(text).iter("svg") if "from the front" in "".join(each.itertext())
@@ -128,25 +119,13 @@ def test_whatever_names_hold_is_text(tmp_path):
     rows, chunk = take(40, 3)
     names = [HOSTILE, HOSTILE + "2", "LKNE"]
     suspects = (Suspect(3, 9, f"{HOSTILE} jumps", markers=(HOSTILE,)),)
-    text = page_of(
-        tmp_path,
-        rows,
-        replace(chunk, suspects=suspects, outcomes=(EditOutcome("assign", 0, HOSTILE),)),
-        names,
-        Edits((AssignPoint(0, HOSTILE),)),
-        take=HOSTILE,
-        model=HOSTILE,
-        source=HOSTILE,
-        notes=[HOSTILE],
-        camera_doubts=[HOSTILE],
-        calibration=[HOSTILE],
-        method=HOSTILE,
-        filled=[{"marker": HOSTILE, "first": 1, "last": 2, "method": HOSTILE, "expected_mm": None}],
-        left=[{"marker": HOSTILE, "first": 1, "last": 2, "reason": HOSTILE}],
-        edits={"file": HOSTILE},
-        c3d_names={HOSTILE: HOSTILE},
-        steps={HOSTILE: 2},
-    )
+    chunk = replace(chunk, suspects=suspects, outcomes=(EditOutcome("assign", 0, HOSTILE),))
+    words = dict.fromkeys(("take", "model", "source", "method"), HOSTILE)
+    words |= {name: [HOSTILE] for name in ("notes", "camera_doubts", "calibration")}
+    gap = {"marker": HOSTILE, "first": 1, "last": 2}
+    words |= {"filled": [gap | {"method": HOSTILE, "expected_mm": None}], "left": [gap | {"reason": HOSTILE}]}
+    words |= {"edits": {"file": HOSTILE}, "c3d_names": {HOSTILE: HOSTILE}, "steps": {HOSTILE: 2}}
+    text = page_of(tmp_path, rows, chunk, names, Edits((AssignPoint(0, HOSTILE),)), **words)
     page = read(text)
     assert "<script" not in text
     assert text.count("alert(") == " ".join(page.said).count("alert(") + sum(

@@ -28,7 +28,9 @@ def followed():
     """The walk, its setup and views, and its frames by index as followed; the names are the caller's own."""
     scene = walk()
     setup, views, results = _followed()
-    copies = [replace(result, naming=_copied(result.naming)) for result in results]
+    arrays = ("slot", "step", "owner", "partner", "conflicts")
+    copied = [{name: getattr(result.naming, name).copy() for name in arrays} for result in results]
+    copies = [replace(one, naming=replace(one.naming, **own)) for one, own in zip(results, copied, strict=True)]
     return scene, setup, views, dict(enumerate(copies))
 
 
@@ -51,11 +53,6 @@ def _followed():
         track = one.track
         results.append(FrameResult(track.subject.bodies, one.naming, one.expected, found.confidence, sure))
     return setup, views, results
-
-
-def _copied(naming):
-    arrays = ("slot", "step", "owner", "partner", "conflicts")
-    return replace(naming, **{name: getattr(naming, name).copy() for name in arrays})
 
 
 def take_name(naming, marker: int):

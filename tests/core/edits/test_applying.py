@@ -117,16 +117,13 @@ def test_nothing_that_is_given_is_changed_and_undo_is_a_shorter_list(seed, said)
     cells = cells_of(present)
     kept = [column.copy() for column in (labels.marker, labels.step, labels.confidence, present)]
     steps = [apply_edits(labels, Edits(said.items[:count]), cells).labels.marker for count in range(len(said) + 1)]
-    assert all((one == other).all() for one, other in zip(kept, (*_columns(labels), present), strict=True))
+    now = labels.marker, labels.step, labels.confidence, present
+    assert all((one == other).all() for one, other in zip(kept, now, strict=True))
     shorter = said
     for before in reversed(steps[:-1]):
         shorter = shorter.without(-1)
         assert (apply_edits(labels, shorter, cells).labels.marker == before).all()
     assert (steps[0] == labels.marker).all()
-
-
-def _columns(labels: Labels):
-    return labels.marker, labels.step, labels.confidence
 
 
 @settings(max_examples=50, deadline=None)

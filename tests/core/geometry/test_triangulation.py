@@ -100,11 +100,6 @@ def quaternion(vector):
     return rotations.turned(np.array([1.0, 0, 0, 0]), np.asarray(vector, dtype=float))
 
 
-def scipys(quaternion):
-    """SciPy's rotation of a quaternion in the order w x y z."""
-    return Rotation.from_quat(np.roll(quaternion, -1))
-
-
 @given(vectors, vectors)
 def test_the_skew_matrix_is_the_vector_product(first, second):
     """A5: equation 3."""
@@ -136,7 +131,8 @@ def test_quaternions_stay_units_and_turn_as_matrices_do(steps):
         matrix = Rotation.from_rotvec(direction * length).as_matrix() @ matrix
         assert np.linalg.norm(turn) == pytest.approx(1, abs=1e-14)
     assert rotations.quaternion_to_matrix(turn) == pytest.approx(matrix, abs=1e-12)
-    assert rotations.quaternion_to_matrix(turn) == pytest.approx(scipys(turn).as_matrix(), abs=1e-13)
+    scipys = Rotation.from_quat(np.roll(turn, -1))  # which has w last
+    assert rotations.quaternion_to_matrix(turn) == pytest.approx(scipys.as_matrix(), abs=1e-13)
 
 
 @given(vectors, vectors)

@@ -141,14 +141,10 @@ def leg(frames: int = 120, size: float = 1.0, seed: int = 0, noise: float = 0.00
     ]
     knee, ankle = np.array([0, 0, -0.05]), np.array([0.02, 0, -0.5])
     place = np.column_stack([time * 0.5, 0 * time, 1 + 0 * time])
-    turn, parts = turn_of(swing[0]), []
-    parts.append(place[:, None] + np.einsum("fij,mj->fmi", turn, shapes[0]))
-    place = place + np.einsum("fij,j->fi", turn, knee)
-    turn = turn @ turn_of(swing[1])
-    parts.append(place[:, None] + np.einsum("fij,mj->fmi", turn, shapes[1]))
-    place = place + np.einsum("fij,j->fi", turn, ankle)
-    turn = turn @ turn_of(swing[2])
-    parts.append(place[:, None] + np.einsum("fij,mj->fmi", turn, shapes[2]))
+    turn, parts = np.eye(3), []
+    for shape, bend, joint in zip(shapes, swing, (np.zeros(3), knee, ankle), strict=True):
+        place, turn = place + turn @ joint, turn @ turn_of(bend)
+        parts.append(place[:, None] + np.einsum("fij,mj->fmi", turn, shape))
     return size * np.concatenate(parts, axis=1) + motion.normal(0, noise, (frames, 12, 3))
 
 

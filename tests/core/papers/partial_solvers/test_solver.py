@@ -100,15 +100,6 @@ def test_parts_make_no_difference(monkeypatch):
     assert side_by_side(range(4), pool[pool.within(range(4))], tables(points)) == whole
 
 
-def test_unassigned_points_do_not_vote():
-    points = moving(5, 30)
-    pool = pool_of(points)
-    clouds = tables(points)
-    assert accepts(pool, 0, np.array([0, 1, -1, -1, 4]), clouds)
-    assert accepts(pool, 0, np.full(5, -1), clouds)
-    assert not accepts(pool, 0, np.array([4, 1, -1, -1, 0]), clouds)
-
-
 def test_within_keeps_to_the_subset():
     pool = pool_of(moving(6, 10))
     inside = pool[pool.within([0, 2, 5])]
