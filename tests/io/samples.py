@@ -224,9 +224,8 @@ def write_all(folder: Path) -> dict[str, Path]:
     files["yml"].write_text(yml(cameras))
     write_selfcal(folder / "selfcal", cameras)
     files["blobs"].write_text(BLOBS)
-    files["labels"].write_text(
-        "frame,camera,x,y,marker,step,confidence\n1,a,2,3,LASI|RASI,exclusive,0.5\n1,a,2,4,,,0\n"
-    )
+    head = "frame,camera,x,y,marker,step,confidence\n"
+    files["labels"].write_text(head + "1,a,2,3,LASI|RASI,exclusive,0.5\n1,a,2,4,,,0\n")
     write_c3d(files["c3d"], take)
     files["dec"].write_bytes(Layout(processor=DEC).content())
     files["mips"].write_bytes(Layout(processor=MIPS).content())

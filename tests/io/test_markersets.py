@@ -71,9 +71,8 @@ def test_a_marker_set_comes_back_and_its_text_is_made_for_reading(tmp_path):
     assert found.skeleton.parents.dtype.kind == found.attachment.dtype.kind == "i"
     assert markerset_text(found) == path.read_text(encoding="utf-8")
     lines = markerset_text(toy_markerset()).splitlines()
-    assert any(
-        line.startswith('    {"name": "SACR", "segment": "pelvis", "offset": [-0.08, 0, 0.02]') for line in lines
-    )
+    sacrum = '    {"name": "SACR", "segment": "pelvis", "offset": [-0.08, 0, 0.02]'
+    assert any(line.startswith(sacrum) for line in lines)
     assert '    {"name": "pelvis", "parent": null, "offset": [0, 0, 0.53]},' in lines
     assert all(len(line) < 140 for line in lines if line.startswith('    {"name"'))
 
@@ -189,13 +188,12 @@ def test_the_built_in_sets_are_the_contracts_and_one_that_is_not_there_is_refuse
         open_markerset(tmp_path / "mine.markerset.json")
 
 
+PLACES = [("name",), ("segments", 2, "name"), ("markers", 3, "name"), ("markers", 3, "aliases")]
 ODD = ["LA\0SI", "LA\tSI", "LA\u2028SI", "LA\x85SI", "LA\ud800SI"]
 
 
 @pytest.mark.parametrize("name", ODD)
-@pytest.mark.parametrize(
-    "keys", [("name",), ("segments", 2, "name"), ("markers", 3, "name"), ("markers", 3, "aliases")]
-)
+@pytest.mark.parametrize("keys", PLACES)
 def test_names_that_some_format_cannot_give_back_are_refused(tmp_path, keys, name):
     path = tmp_path / "a.markerset.json"
     document = json.loads(damaged(toy_markerset(), *keys, value=[name] if keys[-1] == "aliases" else name))

@@ -101,15 +101,12 @@ def test_a_page_says_what_the_report_says(tmp_path):
         "Mocap Autolabel 1.2.3 on 2026-11-22", "by the program: by likelihood", "walk.c3d",
     ):  # fmt: skip
         assert words in said, words
-    svg = next(
-        each for each in ElementTree.fromstring(text).iter("svg") if "from the front" in "".join(each.itertext())
-    )
+    drawn = list(ElementTree.fromstring(text).iter("svg"))
+    svg = next(each for each in drawn if "from the front" in "".join(each.itertext()))
     rings = [each for each in svg.iter("circle") if each.get("class") == "ring"]
     assert len(rings) == 1
     assert "LKNE" in [each.text for each in svg.iter("text")]
-    strip = next(
-        e for e in ElementTree.fromstring(text).iter("svg") if (e.get("aria-label") or "").startswith("LKNE: ")
-    )
+    strip = next(each for each in drawn if (each.get("aria-label") or "").startswith("LKNE: "))
     assert {each.get("class") for each in strip.iter("path")} == {"base named", "base doubtful"}
     # Frames 31 to 34, and on both sides the one from which it jumps there.
     assert [each.get("d") for each in strip.iter("path") if each.get("class") == "base doubtful"] == ["M29 5h6"]

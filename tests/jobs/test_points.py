@@ -198,9 +198,8 @@ def test_one_blob_named_holds_and_hardly_costs_others_their_names(capture, tmp_p
     assert (again.labels.marker == chunk.labels.marker).all()
     counts = []
     for labels in (first.chunks[0][1].labels, chunk.labels):
-        given = [
-            (name, row["marker"].split("|")) for name, row in zip(names[labels.marker], truth, strict=True) if name
-        ]
+        rows = zip(names[labels.marker], truth, strict=True)
+        given = [(name, row["marker"].split("|")) for name, row in rows if name]
         counts.append((sum(name in true for name, true in given), sum(name not in true for name, true in given)))
     assert counts[1][1] <= min(counts[0][1], 2)
     assert counts[1][0] >= 0.998 * counts[0][0]

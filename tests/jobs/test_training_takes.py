@@ -53,9 +53,8 @@ def test_folders_or_patterns_tell_the_subjects(tmp_path):
 
 
 def test_markers_are_those_in_common_or_those_asked_for(tmp_path):
-    takes = read_takes(
-        [write(tmp_path / "1.c3d", (*NAMES, "X")), write(tmp_path / "2.c3d", ("Ann:Y", *NAMES[::-1]))], ()
-    )
+    paths = write(tmp_path / "1.c3d", (*NAMES, "X")), write(tmp_path / "2.c3d", ("Ann:Y", *NAMES[::-1]))
+    takes = read_takes(paths, ())
     assert chosen_markers(takes, None) == NAMES
     assert chosen_markers(takes, ["B", "C", "X", "A"]) == ("B", "C", "X", "A")
     with pytest.raises(InputError, match="no take has a marker Z"):

@@ -212,9 +212,8 @@ def markerset():
 @pytest.fixture
 def cells(markerset):
     xy = np.array([[10, 10], [20, 20], [10, 10], [30, 30], [11, 10], [21, 20]], float)
-    blobs = Blobs(
-        np.array([20, 21]), np.array([0, 0, 0, 0, 1, 1]), np.array([0, 0, 1, 1, 0, 0]), xy, np.full(6, np.nan)
-    )
+    frame, camera = np.array([0, 0, 0, 0, 1, 1]), np.array([0, 0, 1, 1, 0, 0])
+    blobs = Blobs(np.array([20, 21]), frame, camera, xy, np.full(6, np.nan))
     return cells_of_blobs(blobs, ("cam1", "cam2"), markerset.by_name, len(markerset))
 
 

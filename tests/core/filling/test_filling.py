@@ -161,9 +161,8 @@ def test_the_fitted_body_fills_what_its_markers_leave_open():
     assert off(found, truth, knee, 30, 70) < 0.01
     assert all(one.expected < 0.02 for one in found.gaps)
     alone = finished(fill_take(cut, RATE, FillOptions("body")))
-    assert [one.reason for one in alone.left] == [
-        "has no body to be filled by: that needs a model of these markers"
-    ] * 2
+    words = "has no body to be filled by: that needs a model of these markers"
+    assert [one.reason for one in alone.left] == [words] * 2
     elsewhere = finished(fill_take(cut, RATE, FillOptions("body"), markerset, np.where(columns == knee, -1, columns)))
     assert [one.gap.marker for one in elsewhere.gaps] == [ankle]
     both = finished(fill_take(cut, RATE, FillOptions(), markerset, columns))

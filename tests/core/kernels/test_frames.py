@@ -324,9 +324,8 @@ def test_indices_and_shapes_beyond_are_refused():
 def test_a_take_gets_the_same_labels(name):
     markerset = toy_markerset() if name == "toy" else built_in(name)
     rig = paper_rig() if name == "toy" else ring_rig(6, radius=4.5, volume_radius=1.3)
-    taken = act(
-        markerset, rig, [Act(0.4, stride=0.9)], seed=5, options=CaptureOptions(noise=0.3, reflections=1, flicker=0.3)
-    )
+    options = CaptureOptions(noise=0.3, reflections=1, flicker=0.3)
+    taken = act(markerset, rig, [Act(0.4, stride=0.9)], seed=5, options=options)
 
     def labels():
         return [chunk.labels for chunk in label_take([taken.blobs], rig, markerset, 60.0)]
@@ -382,11 +381,9 @@ def compare(track, view, setup, fixed=None):
     return one
 
 
-@pytest.mark.parametrize(
-    ("name", "occlusion"), [("toy", None), ("gait15", None), ("gait15", Nothing()), ("body26", None)]
-)
-def test_frames_are_followed_the_same(name, occlusion):
-    setup, views, track = begun(name, occlusion)
+@pytest.mark.parametrize(("name", "how"), [("toy", None), ("gait15", None), ("gait15", Nothing()), ("body26", None)])
+def test_frames_are_followed_the_same(name, how):
+    setup, views, track = begun(name, how)
     for view in views[1:12]:
         track = compare(track, view, setup).track
     assert not track.lost

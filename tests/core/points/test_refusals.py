@@ -66,9 +66,8 @@ def robot(seed: int, frames: int = 300, form: int = 7) -> np.ndarray:
         swing = rotations.exponential(
             np.column_stack([0.3 * np.sin(time + seed), 0.4 * np.sin(2 * time + rigid_body), time])
         )[0]
-        parts.append(
-            np.einsum("fij,mj->fmi", swing, flat) + np.array([0.35 * rigid_body - 0.35, 0, 0.5 + 0.3 * rigid_body])
-        )
+        place = np.array([0.35 * rigid_body - 0.35, 0, 0.5 + 0.3 * rigid_body])
+        parts.append(np.einsum("fij,mj->fmi", swing, flat) + place)
     whole = np.concatenate(parts, axis=1)
     return whole + chance.normal(0, 0.0004, whole.shape)
 
@@ -215,9 +214,7 @@ def test_a_wrong_unit_is_named(model, walk, times, too_small, turn):
 
 
 def test_the_unit_is_said_where_frames_are_sure_of_it_and_who_is_slow_can_be_at_any_rate(model, walk):
-    with pytest.raises(
-        JobError, match=r"seems to be in cm and is taken for mm: its points are 0\.1 times as far apart"
-    ):
+    with pytest.raises(JobError, match=r"seems to be in cm and is taken for mm: its points are 0\.1 times as far"):
         labelled(walk / 10, RATE, model)
     generator = np.random.default_rng(1)
     standing = walk[:1] + generator.normal(0, 0.001, walk.shape)

@@ -292,6 +292,5 @@ def test_rows_of_parts_make_the_rows_of_the_take(model, points):
     for name in ("markers", "expected", "confidence"):
         found = np.concatenate([getattr(chunk.motion, name) for _, chunk in parts])
         np.testing.assert_array_equal(found, getattr(motion, name)[: len(found)])
-    assert labelled.motion.suspects(model.markerset.markers, RATE) == find_suspects(
-        motion, model.markerset.markers, RATE
-    )
+    names = model.markerset.markers
+    assert labelled.motion.suspects(names, RATE) == find_suspects(motion, names, RATE)

@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The bones of rigs by name or form; their turns by a body's motion: where limbs reach, which feet are planted."""
+"""The bones of rigs by name, form or map; their turns by a body's motion: where limbs reach, which feet are planted."""
 
 import numpy as np
 import pytest
 
 from addon.core.body.bodies import BodyModel
+from addon.core.data.errors import InputError
 from addon.core.geometry.rotations import exponential
 from addon.core.posing.character import BONE_NAMES, character_of
 from addon.core.retarget.matching import CONTROLS, RestBones, match_bones, match_map, read_as
 from addon.core.retarget.retargeting import Rig, _planted, _reaching, axes_at_rest, retarget
+from addon.io.bone_maps import read_bone_map
 from addon.io.markersets import open_markerset
 from tests.inputs.rigs import A_POSE, HANGING, MAYA, MIXAMO, NAMELESS, T_POSE, UNREAL, VRM, rig_bones
 
@@ -20,9 +22,8 @@ def rig(arms=T_POSE, size=1.0, thigh=0.5, raised=0.0):
     parts = [bone.part for bone in bones]
     follows = np.array([-1 if bone.parent is None else parts.index(bone.parent) for bone in bones])
     up = np.array([0, 0, raised])
-    return Rig(
-        tuple(parts), follows, *(np.array([getattr(bone, end) + up for bone in bones]) for end in ("head", "tail"))
-    )
+    ends = (np.array([getattr(bone, end) + up for bone in bones]) for end in ("head", "tail"))
+    return Rig(tuple(parts), follows, *ends)
 
 
 @pytest.fixture(scope="module")
@@ -205,3 +206,24 @@ def test_names_are_read(name, part):
 def test_a_map_of_another_rig_says_the_parts():
     moved = {name: f"own {part}" for part, name in BONE_NAMES["HUMANIK"].items()} | {"Spine2": "own chest"}
     assert match_map(moved) == {part: f"own {part}" for part in BONE_NAMES["HUMANIK"]}
+
+
+def test_bones_without_a_partner_are_left_out(tmp_path):
+    path = tmp_path / "a.bmap"
+    path.write_bytes(b"c_head.x%False%\r\nHead\r\nFalse\r\nFalse\r\n\r\nNone%False%\r\nEnd\r\nFalse\r\nFalse\r\n")
+    assert read_bone_map(path) == {"Head": "c_head.x"}
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.json", "[]"),
+        ("a.json", '{"bones": 3}'),
+        ("a.json", '{"bones": [1, {"SourceBoneName": ["a"], "DestinationBoneName": "b"}]}'),
+        ("a.bmap", "one\n\n\n\n"),
+    ],
+)
+def test_what_maps_nothing_is_refused(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=r"maps no bones; expected a \.bmap"):
+        read_bone_map(tmp_path / name)

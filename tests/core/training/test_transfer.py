@@ -80,9 +80,8 @@ def test_nothing_hangs_on_a_limb_that_nobody_marks(known, take):
 
 def test_limbs_hang_from_the_trunk_and_takes_without_the_known_markers_are_refused(known):
     skeleton = open_markerset("body39").skeleton
-    limb = dict(
-        zip(skeleton.segments, (skeleton.segments[at] if at >= 0 else "" for at in skeleton.limbs), strict=True)
-    )
+    limbs = (skeleton.segments[at] if at >= 0 else "" for at in skeleton.limbs)
+    limb = dict(zip(skeleton.segments, limbs, strict=True))
     assert limb["hand.L"] == limb["upper_arm.L"] == "upper_arm.L" and limb["foot.R"] == "thigh.R"
     assert not (limb["pelvis"] or limb["thorax"] or limb["head"])
     body = known[0]

@@ -120,9 +120,8 @@ def test_weak_classifiers_accept_all_they_learned_from():
 def test_intervals_end_at_values_that_were_seen():
     points = moving(4, 50)
     pool = pool_of(points)
-    pair = np.flatnonzero(
-        (pool.kind == FUNCTIONS.index("distance")) & (pool.points[:, 0] == 1) & (pool.points[:, 1] == 3)
-    )
+    of_pair = (pool.points[:, :2] == [1, 3]).all(axis=1)
+    pair = np.flatnonzero((pool.kind == FUNCTIONS.index("distance")) & of_pair)
     seen = np.linalg.norm(points[:, 1] - points[:, 3], axis=1)
     assert pool.low[pair[0]] == pytest.approx(seen.min())
     assert pool.high[pair[0]] == pytest.approx(seen.max())

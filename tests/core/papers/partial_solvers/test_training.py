@@ -21,10 +21,9 @@ from addon.core.papers.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
 from addon.core.papers.partial_solvers.search import Genetics
 from addon.core.papers.partial_solvers.solver import TreeSearch
 from addon.core.papers.partial_solvers.training import SEARCHES, Training
-from tests.accuracy.partial.clouds import Clouds, Trouble, spoilt
+from tests.accuracy.partial.clouds import Clouds, Trouble, score, spoilt
 from tests.accuracy.partial.measuring import TARGETS
 from tests.accuracy.partial.report import BLOCKS, Results, added
-from tests.accuracy.partial.scores import score
 from tests.core.papers.partial_solvers.plain import moving, named_by, trained
 
 NAMES = tuple("ABCDEFG")
@@ -81,9 +80,7 @@ def test_a_hit_rate_outside_the_subset_is_undefined(partial_solvers):
 
 def test_the_same_seed_gives_the_same_ensemble(partial_solvers, points):
     again = trained(points, NAMES, 0.99, OPTIONS)
-    assert [solver.markers.tolist() for solver in again.solvers] == [
-        s.markers.tolist() for s in partial_solvers.solvers
-    ]
+    assert [s.markers.tolist() for s in again.solvers] == [s.markers.tolist() for s in partial_solvers.solvers]
     for mine, theirs in zip(again.solvers, partial_solvers.solvers, strict=True):
         assert np.array_equal(mine.strong.chosen, theirs.strong.chosen)
         assert np.array_equal(mine.strong.weights, theirs.strong.weights)
@@ -264,9 +261,8 @@ def random_names(seed: int, count=200, markers=5, points=6):
     truth = np.where(truth < markers, truth, -1)
     shown = np.where(generator.random(truth.shape) < 0.3, np.roll(truth, 1, axis=1), truth)
     first = np.array([[point not in row[:at] for at, point in enumerate(row)] for row in shown.tolist()])
-    return np.where(first & (generator.random(truth.shape) < 0.8), shown, -1), Clouds(
-        np.zeros((*truth.shape, 3)), truth, 5
-    )
+    named = np.where(first & (generator.random(truth.shape) < 0.8), shown, -1)
+    return named, Clouds(np.zeros((*truth.shape, 3)), truth, 5)
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -77,9 +77,7 @@ def test_nine_parameters_are_equation_6(seed):
 
 
 def to_points(points, deviation=0.01):
-    return lambda markers: point_pull(
-        markers, np.broadcast_to(points, markers.shape), np.full(markers.shape[:2], deviation)
-    )
+    return lambda m: point_pull(m, np.broadcast_to(points, m.shape), np.full(m.shape[:2], deviation))
 
 
 def test_quaternions_stay_units_step_after_step():
@@ -288,9 +286,8 @@ def test_the_front_image_discards_the_back_markers_and_the_back_image_the_front_
     markerset, bodies, posed = standing(height, yaw)
     ahead = np.array([np.cos(yaw), np.sin(yaw), 0])
     eyes = np.array([4 * ahead + [0, 0, 1.2], -4 * ahead + [0, 0, 1.2]])
-    front, back = CapsuleOcclusion(markerset).hidden(posed.rotations, posed.joints, bodies.scale, posed.markers, eyes)[
-        0
-    ]
+    body = posed.rotations, posed.joints, bodies.scale, posed.markers
+    front, back = CapsuleOcclusion(markerset).hidden(*body, eyes)[0]
     for name in ("FRONT", "LASI", "RASI", "LFHD"):
         assert (front[markerset.index(name)], back[markerset.index(name)]) == (False, True), name
     for name in ("BACK", "SACR", "RBHD"):

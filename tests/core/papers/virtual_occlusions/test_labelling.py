@@ -83,18 +83,15 @@ def test_every_visible_marker_is_exclusive_or_in_conflict_or_not_associated(seed
     generator = np.random.default_rng(seed)
     points = generator.uniform([-0.4, -0.4, 0.6], [0.4, 0.4, 1.4], (12, 3))
     visible = generator.random((4, 12)) < 0.8
-    pixels = [
-        np.vstack([row[generator.random(12) < 0.8], generator.uniform(100, 500, (6, 2))]) for row in pixels_of(points)
-    ]
+    own = [row[generator.random(12) < 0.8] for row in pixels_of(points)]
+    pixels = [np.vstack([row, generator.uniform(100, 500, (6, 2))]) for row in own]
     frame = frame_of(pixels, expect_at(points + generator.normal(0, 0.02, points.shape), 0.03, visible))
     naming = Naming.empty(frame)
     claims = identify_visible(frame, naming)
     exclusive, conflicting = naming.step == EXCLUSIVE, claims.any(axis=2)
     misfit = np.where(visible[..., None], frame.nll, TOO_FAR)
     free = ~exclusive & ~conflicting
-    assert (
-        not (exclusive & conflicting).any() and not (exclusive & ~visible).any() and not (conflicting & ~visible).any()
-    )
+    assert not ((exclusive & conflicting) | (exclusive & ~visible) | (conflicting & ~visible)).any()
     assert ((exclusive.sum(1) + conflicting.sum(1) + (free & visible).sum(1)) == visible.sum(1)).all()
     # A visible marker is without association only where every blob in reach is another's or clearly nearer to another.
     best = misfit.min(axis=1)

@@ -208,9 +208,8 @@ def things(count: int, markers: int, seed: int = 0) -> np.ndarray:
     for _ in range(count):
         form = rng.normal(0, 0.06, (markers, 3))
         turn = Rotation.from_rotvec(time * rng.normal(0, 2, 3)).as_matrix()
-        parts.append(
-            np.einsum("fij,nj->fni", turn, form) + rng.normal(0, 0.5, 3) + (time * rng.normal(0, 1, 3))[:, None]
-        )
+        way = rng.normal(0, 0.5, 3) + (time * rng.normal(0, 1, 3))[:, None]
+        parts.append(np.einsum("fij,nj->fni", turn, form) + way)
     return np.concatenate(parts, axis=1) + rng.normal(0, 0.0004, (FRAMES, count * markers, 3))
 
 
