@@ -83,8 +83,9 @@ def test_every_visible_marker_is_exclusive_or_in_conflict_or_not_associated(seed
     generator = np.random.default_rng(seed)
     points = generator.uniform([-0.4, -0.4, 0.6], [0.4, 0.4, 1.4], (12, 3))
     visible = generator.random((4, 12)) < 0.8
-    own = [row[generator.random(12) < 0.8] for row in pixels_of(points)]
-    pixels = [np.vstack([row, generator.uniform(100, 500, (6, 2))]) for row in own]
+    pixels = [
+        np.vstack([row[generator.random(12) < 0.8], generator.uniform(100, 500, (6, 2))]) for row in pixels_of(points)
+    ]
     frame = frame_of(pixels, expect_at(points + generator.normal(0, 0.02, points.shape), 0.03, visible))
     naming = Naming.empty(frame)
     claims = identify_visible(frame, naming)
