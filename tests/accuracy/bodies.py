@@ -229,10 +229,12 @@ def main():
             floor.append([title, how, *on_floor(take, markerset, fitted, shown, tips)])
         if title in ON_RIGS:
             rigs += [[title, *row] for row in on_rigs(take, markerset, fitted)]
-    head = ["take", "body", "feet > 5 mm in the floor, %", "> 20 mm, %", "plants", "slide, mm", "99 %"]
-    print(markdown([*head, "largest turn, °", "from its markers, mm", "99 %"], floor))
-    head = ["take", "rig", "arms off, °", "99 %", "legs off, °", "99 %", "planted feet off their place, mm", "99 %"]
-    print(markdown([*head, "hips' way off, mm", "largest turn, °"], rigs))
+    head = ["take", "body", "feet 5 mm in the floor, %", "20 mm, %", "plants", "slide, mm", "slide at 99 %, mm"]
+    head += ["largest turn, °", "from its markers, mm", "from them at 99 %, mm"]
+    print(markdown(head, floor))
+    head = ["take", "rig", "arms off, °", "arms at 99 %, °", "legs off, °", "legs at 99 %, °"]
+    head += ["planted feet off, mm", "feet at 99 %, mm", "hips' way off, mm", "largest turn, °"]
+    print(markdown(head, rigs))
 
 
 if __name__ == "__main__":
