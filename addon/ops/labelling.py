@@ -32,6 +32,7 @@ from ..scene.occlusion import meshes_on, occlusion_of
 from ..scene.ownership import persons_in
 from ..scene.performers import usual_colour
 from ..scene.relabelled import kept_changes, show_again
+from ..scene.roots import in_world
 from ..scene.take import Take
 from .base import lacks_object_mode, once, takes_of_file
 from .filling import fills_kept, kept_before
@@ -168,7 +169,7 @@ class LabelsTake(WorksInSteps):
         follow_soon()  # frames around those that were labelled may have been corrected a moment before
         refresh_review(context.window_manager, context.scene)
         if isinstance(take.rows, Blobs):
-            show_take_whole(context, take.motion.markers.reshape(-1, 3))
+            show_take_whole(context, in_world(settings.take, take.motion.markers.reshape(-1, 3)))
         else:
             fit_timelines(context)
         for words in take.doubts or ():

@@ -13,7 +13,7 @@ from ..ops.reposing import follow_soon, forget_reposing
 from ..props import list_trouble, refresh_review
 from ..scene import naming
 from ..scene.opened import opened
-from ..scene.take import takes_of
+from ..scene.take import RATE, takes_of
 from . import figure, label_tool, overlay, panels, quality, review, timeline
 
 PANEL_MODULES = (panels, review, label_tool)  # a panel behind the one that it is in
@@ -84,7 +84,7 @@ def adopt_takes():
         settings, takes = scene.mocap_autolabel, takes_of(scene)
         if settings.take is None and settings.source.preview is None and takes:
             settings.take = takes[-1]
-            settings.source.rate = scene.render.fps / scene.render.fps_base
+            settings.source.rate = float(takes[-1][RATE])
         if settings.source.cameras is None and takes:
             settings.source.cameras = takes[-1].get(naming.CAMERAS)
     refresh_review(bpy.context.window_manager, bpy.context.scene)

@@ -22,7 +22,7 @@ from addon.scene import naming
 from tests.faults.stage import SECONDS, wait_for
 
 from .conftest import open_room, write_room
-from .hands import ours, refused, reopen, stored_take
+from .hands import only, ours, refused, reopen, stored_take
 
 KINDS = ["objects", "meshes", "armatures", "actions", "collections", "cameras", "materials", "texts", "libraries"]
 
@@ -88,7 +88,7 @@ def test_files_become_named_markers(ready, files):
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     collection = ready.scene.mocap_autolabel.take
     assert collection.name == "Mocap: walk"
-    empties = [item for item in collection.all_objects if item.type == "EMPTY"]
+    empties = only(collection, "EMPTY")
     assert [item[naming.MARKER] for item in empties] == list(open_markerset(files.markerset).markers)
     state = ready.window_manager.mocap_autolabel
     assert {row.name for row in state.markers} == {item[naming.MARKER] for item in empties}

@@ -21,7 +21,7 @@ from tests.io.c3d_layouts import DEC, Layout
 from tests.io.kept import otherwise
 from tests.io.qtm_file import Recording, Trajectory, write_qtm
 
-from .hands import ours, refused
+from .hands import only, ours, refused
 
 GHOSTS = 2
 MOTIVE = """Format Version,1.23,Take Name,walk,Export Frame Rate,100.000000,Length Units,Meters
@@ -78,6 +78,33 @@ def visible_points() -> int:
     clouds = [item for item in bpy.context.scene.objects if item.modifiers and not item.hide_viewport]
     sets = [item.evaluated_get(shown).evaluated_geometry() for item in clouds]
     return sum(len(made.pointcloud.points) for made in sets if made.pointcloud is not None)
+
+
+def animated(scene):
+    """Something of a person's that is animated, in a scene of 24 frames a second."""
+    item = bpy.data.objects.new("mine", None)
+    scene.collection.objects.link(item)
+    item.keyframe_insert("location", frame=1)
+
+
+def with_a_strip(scene):
+    scene.sequence_editor_create().strips.new_scene("mine", bpy.data.scenes.new("other"), 1, 1)
+
+
+@pytest.mark.parametrize("made_before", [animated, with_a_strip])
+def test_a_scene_that_a_person_animates_keeps_its_time_until_the_button_is_pressed(
+    extension, empty, files, made_before
+):
+    scene = empty.scene
+    made_before(scene)
+    scene.render.fps, scene.frame_start, scene.frame_end = 24, 5, 80
+    words = ours("ops.importing").take_points(empty, files.folder / "walk.c3d")
+    assert "the scene keeps its 24 frames a second, because something in it is animated" in words
+    assert (scene.render.fps, scene.frame_start, scene.frame_end) == (24, 5, 80)
+    assert scene.frame_current == 101
+    assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
+    assert scene.render.fps / scene.render.fps_base == pytest.approx(59.94)
+    assert (scene.frame_start, scene.frame_end) == (101, 130)
 
 
 def test_points_are_seen_before_they_are_labelled_and_imported_again_in_place_of_what_was_there(imported, files):
@@ -152,7 +179,7 @@ def test_anonymous_points_become_named_markers(imported, files, naming_known):
     collection = imported.scene.mocap_autolabel.take
     assert naming.CAMERAS not in collection
     assert not [item for item in bpy.data.collections if item.name.startswith("Mocap: cameras")]
-    empties = {item[naming.MARKER]: item for item in collection.all_objects if item.type == "EMPTY"}
+    empties = {item[naming.MARKER]: item for item in only(collection, "EMPTY")}
     names = list(empties)
     assert {name for name, _ in imported.window_manager.mocap_autolabel.markers.items()} == set(names)
     armature = next(item for item in collection.all_objects if item.type == "ARMATURE")
