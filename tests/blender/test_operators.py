@@ -460,6 +460,15 @@ def test_a_marker_set_of_ones_own(ready, files, tmp_path):
     assert ready.scene.mocap_autolabel.subjects.markerset_path == str(path)
 
 
+@pytest.mark.parametrize("there", [True, False])
+def test_the_preferences_say_where_the_compiled_library_is_missing(extension, monkeypatch, there):
+    monkeypatch.setattr(ours("core.kernels"), "in_use", lambda: there)
+    said = []
+    layout = SimpleNamespace(prop=lambda *_: None, label=lambda text, icon: said.append(text))
+    ours("prefs").MocapPreferences.draw(SimpleNamespace(layout=layout), None)
+    assert said == ([] if there else ["Without the compiled library NumPy does the same work, more slowly"])
+
+
 def test_own_marker_sets_are_found_in_the_extensions_folder(extension, empty, made):
     prefs = ours("prefs")
     props = ours("props")

@@ -10,12 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from scripts import build, build_kernels
+from kernels import build_kernels
+from scripts import build
 
 pytest.importorskip("setuptools", reason="setuptools, which builds the package, is not installed")
 LEFT_OUT = shutil.ignore_patterns(".*", "__pycache__", "build", "dist", "wheels", "*.egg-info", "demo-out")
 BUILDS = (
-    "import sys; sys.path.insert(0, 'scripts'); import backend; getattr(backend, 'build_' + sys.argv[1])(sys.argv[2])"
+    "import sys; sys.path[:0] = ['scripts', 'kernels']; import backend; "
+    "getattr(backend, 'build_' + sys.argv[1])(sys.argv[2])"
 )
 NEVER_BUILT = "no compiled library of these sources has been built here"
 
@@ -99,7 +101,7 @@ def test_the_wheel_is_of_one_platform_and_brings_the_compiled_library(wheel, ins
 def test_the_source_distribution_holds_what_is_needed_and_without_a_compiler_its_wheel_is_for_all(sources, tmp_path):
     """Where the compiler is installed, or the library was built, there would be one: so the sources are changed."""
     shutil.copytree(sources, tmp_path / "sources", ignore=LEFT_OUT)
-    (tmp_path / "sources" / "scripts" / "compiler.txt").write_text("ziglang==0.0.0", encoding="utf-8")
+    (tmp_path / "sources" / "kernels" / "compiler.txt").write_text("ziglang==0.0.0", encoding="utf-8")
     (tmp_path / "out").mkdir()
     assert wheel_of(tmp_path / "sources", tmp_path / "out").name.endswith("-py3-none-any.whl")
     assert "built without the compiled library, NumPy does its work" in (tmp_path / "out" / "said").read_text("utf-8")

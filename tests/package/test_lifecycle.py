@@ -24,12 +24,13 @@ def life(request, make_zip, tmp_path_factory):
     if request.param == "module":
         import bpy
 
-        blender = real_blender.RealBlender((sys.executable, str(SCRIPT)), version=bpy.app.version)
+        python = "{}{}".format(*sys.version_info)
+        blender = real_blender.RealBlender((sys.executable, str(SCRIPT)), version=bpy.app.version, python=python)
         before = []
     else:
         blender = request.getfixturevalue("blender_program")
         before = ["--background", "--factory-startup", "--python-exit-code", "3", "--python", str(SCRIPT)]
-    name = zip_for(blender.version[:2])
+    name = zip_for(blender)
     report = folder / "report.json"
     zips = str(make_zip(name)), str(make_zip(name, NEWER))
     done = blender.run(*before, "--", *zips, str(report), home=folder / "home")

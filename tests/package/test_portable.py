@@ -10,7 +10,8 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
-from scripts import build, build_kernels
+from kernels import build_kernels
+from scripts import build
 
 ADDON = sorted((build.ROOT / "addon").rglob("*.py"))
 SOURCES = [*ADDON, *sorted((build.ROOT / "scripts").glob("*.py")), *sorted(build.ROOT.glob("*.py"))]
