@@ -55,8 +55,7 @@ def watch(blender_program, make_zip) -> Callable[..., dict]:
         log = done.stdout + done.stderr
         assert (folder / "seen.json").exists(), log
         assert "Traceback" not in log and "olicy violation" not in log
-        blank = [path.name for path in folder.glob("*.png") if imread(path)[..., :3].std() < 0.05]
-        assert not blank
+        assert not [path.name for path in folder.glob("*.png") if imread(path)[..., :3].std() < 0.05]
         return json.loads((folder / "seen.json").read_text()) | {"folder": folder}
 
     return run

@@ -42,11 +42,10 @@ def wheel(sources, tmp_path_factory) -> Path:
 
 
 def wheel_of(sources: Path, folder: Path) -> Path:
-    no_network = os.environ | {"PIP_NO_INDEX": "1", "PIP_CONFIG_FILE": os.devnull, "PIP_FIND_LINKS": ""}
     done = subprocess.run(
         [sys.executable, "-c", BUILDS, "wheel", folder],
         cwd=sources,
-        env=no_network,
+        env=os.environ | {"PIP_NO_INDEX": "1", "PIP_CONFIG_FILE": os.devnull, "PIP_FIND_LINKS": ""},
         check=True,
         capture_output=True,
         text=True,
@@ -66,8 +65,7 @@ def installed(wheel, tmp_path_factory) -> Path:
 
 
 def run(installed: Path, *command) -> str:
-    environment = os.environ | {"PYTHONPATH": str(installed)}
-    return subprocess.check_output(command, cwd=installed, env=environment, text=True)
+    return subprocess.check_output(command, cwd=installed, env=os.environ | {"PYTHONPATH": str(installed)}, text=True)
 
 
 def test_what_is_installed_runs_anywhere_with_all_of_the_extension_no_script_and_the_manifests_version(installed):

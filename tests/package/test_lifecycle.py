@@ -63,6 +63,5 @@ def test_enabling_again_restores_all_of_it_an_update_replaces_it_and_uninstallin
     assert life["updated"]["version"] == NEWER
     assert life["updated"] == life["installed"] | {"version": NEWER}
     # What stays is Blender's own: its list of checked extensions, and the byte code beside wheels it removed.
-    ours = [name for name in life["files left"] if name != ".cache/compat.dat" and "/__pycache__/" not in name]
-    assert ours == []
+    assert [name for name in life["files left"] if name != ".cache/compat.dat" and "/__pycache__/" not in name] == []
     assert not any("mocap" in name for name in life["files left"])

@@ -82,8 +82,7 @@ def test_its_permissions_are_what_the_code_does():
     needed = {"files"} | ({"network"} if networked else set())
     needed |= {"clipboard" for _, text in attributes() if text.endswith("window_manager.clipboard")}
     assert set(MANIFEST["permissions"]) == needed
-    asking = {name for name, text in attributes() if text == "bpy.app.online_access"}
-    assert networked == [] or asking
+    assert networked == [] or {name for name, text in attributes() if text == "bpy.app.online_access"}
     assert [text for _, text in attributes() if text.endswith("ops.wm.url_open")] == []
 
 

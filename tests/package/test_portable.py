@@ -21,8 +21,7 @@ OPENS = {"open", "read_text", "write_text", "TextIOWrapper", "fdopen"}
 def offenders(paths: list[Path], offends: Callable[[str, str, set[str]], bool]) -> list[str]:
     """The calls in sources that offend, told by what is called, a file's mode, and the words that are given."""
     found = []
-    texts = {path: path.read_text(encoding="utf-8") for path in paths}
-    for path, text in texts.items():
+    for path, text in {path: path.read_text(encoding="utf-8") for path in paths}.items():
         if not any(f"{name}(" in text for name in OPENS):
             continue
         for node in ast.walk(ast.parse(text)):

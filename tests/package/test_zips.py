@@ -52,8 +52,7 @@ def test_its_wheels_are_those_of_its_manifest_and_never_numpy(archive):
 
 def test_the_same_sources_give_the_same_bytes(make_zip, tmp_path):
     first = make_zip("5.1")
-    platform = first.stem.split("blender5.1-")[1]
-    assert build.build("5.1", platform, tmp_path).read_bytes() == first.read_bytes()
+    assert build.build("5.1", first.stem.split("blender5.1-")[1], tmp_path).read_bytes() == first.read_bytes()
 
 
 @pytest.mark.parametrize(("name", "platform"), FLAVOURS)
@@ -107,8 +106,7 @@ def test_every_system_takes_all_names_of_a_zip_and_its_plain_files_have_the_same
     assert faults_of_names(archive.namelist()) == []
     assert all(name.isascii() for name in archive.namelist())
     assert max(len(BESIDE[""] + name) for name in archive.namelist()) <= LONGEST
-    kinds = {entry.external_attr >> 16 & 0o170000 for entry in archive.infolist()}
-    assert kinds <= {0, 0o100000}
+    assert {entry.external_attr >> 16 & 0o170000 for entry in archive.infolist()} <= {0, 0o100000}
     assert not any(entry.is_dir() for entry in archive.infolist())
     texts = [name for name in archive.namelist() if PurePosixPath(name).suffix in TEXTS]
     assert len(texts) > 100
