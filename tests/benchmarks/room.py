@@ -21,7 +21,9 @@ def main():
         folder = Path(name)
         try:
             blender = real_blender.find()
-            package = build.build("{}.{}".format(*blender.version), "linux-x64", folder)
+            package = build.build(
+                build.for_blender(blender.version, blender.python), "linux-x64", folder, compiled=True
+            )
             (folder / "task.json").write_text(json.dumps({"zip": str(package)}))
             script = Path(__file__).with_name("window_room.py")
             done = blender.window(script, folder, home=folder / "home", seconds=500)

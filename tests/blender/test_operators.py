@@ -69,8 +69,7 @@ def labelling(extension, monkeypatch, made, tmp_path_factory):
 
     monkeypatch.setattr(pipeline, "label_take", label_take)
     # Names by row number meet in no room, which real labelling would be refused for.
-    check = ours("core.review.odd_cameras").CameraCheck
-    monkeypatch.setattr(check, "names_apart", "")
+    monkeypatch.setattr(ours("core.review.odd_cameras").CameraCheck, "names_apart", "")
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
     return SimpleNamespace(module=module, pipeline=pipeline, given=given, gate=gate, folder=folder)
 
@@ -399,8 +398,7 @@ def test_trouble_on_the_way_gives_everything_back(extension, files, labelling, w
 
 def test_the_review_names_gaps_and_suspects(ready, labelling, suspects):
     bpy.ops.mocap_autolabel.label()
-    state = ready.window_manager.mocap_autolabel
-    rows = {row.name: row for row in state.markers}
+    rows = {row.name: row for row in ready.window_manager.mocap_autolabel.markers}
     # The fifth frames of `made.motion` are lost, and its third marker is not seen for a sixth of the take.
     assert (rows["SACR"].gaps, rows["SACR"].longest_gap, rows["SACR"].first_gap) == (1, 2, 104)
     assert (rows["RASI"].gaps, rows["RASI"].longest_gap) == (2, 5)
@@ -427,8 +425,7 @@ def test_clearing_removes_the_take_and_nothing_else(ready, labelling):
     bpy.ops.mocap_autolabel.label()
     assert counts() != before
     assert bpy.ops.mocap_autolabel.clear() == {"FINISHED"}
-    after = counts()
-    assert {**after, "materials": 0} == {**before, "materials": 0}
+    assert {**counts(), "materials": 0} == {**before, "materials": 0}
     assert len(ready.window_manager.mocap_autolabel.markers) == 0
 
 
@@ -458,6 +455,15 @@ def test_a_marker_set_of_ones_own(ready, files, tmp_path):
     assert saved.name == "mine"
     assert saved.skeleton.segments[saved.attachment[saved.index("LKNE")]] == "l_shank"
     assert ready.scene.mocap_autolabel.subjects.markerset_path == str(path)
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_the_preferences_say_where_the_compiled_library_is_missing(extension, monkeypatch, there):
+    monkeypatch.setattr(ours("core.kernels"), "in_use", lambda: there)
+    said = []
+    layout = SimpleNamespace(prop=lambda *_: None, label=lambda text, icon: said.append(text))
+    ours("prefs").MocapPreferences.draw(SimpleNamespace(layout=layout), None)
+    assert said == ([] if there else ["Without the compiled library NumPy does the same work, more slowly"])
 
 
 def test_own_marker_sets_are_found_in_the_extensions_folder(extension, empty, made):
@@ -519,15 +525,13 @@ def test_labels_of_a_file_that_has_changed_are_not_written(ready, labelling, fil
     copy.write_text((files.folder / "walk.csv").read_text())
     bpy.ops.mocap_autolabel.import_blobs(filepath=str(copy))
     bpy.ops.mocap_autolabel.label()
-    rows = copy.read_text().splitlines()
-    copy.write_text("\n".join(rows[:-1]) + "\n")
+    copy.write_text("\n".join(copy.read_text().splitlines()[:-1]) + "\n")
     refused("other blobs than those that were labelled", "export_labels", filepath=str(tmp_path / "out.labels.csv"))
     assert [path.name for path in tmp_path.iterdir()] == ["walk.csv"]
 
 
 def test_a_take_that_was_shown_without_the_extension_is_reviewed_with_it(extension, empty, made, tmp_path, suspects):
-    take_module = importlib.import_module("addon.scene.take")
-    take_module.show_take(empty, made.take())
+    importlib.import_module("addon.scene.take").show_take(empty, made.take())
     assert empty.scene.mocap_autolabel.take is None
     reopen(tmp_path / "elsewhere.blend")
     settings = bpy.context.scene.mocap_autolabel

@@ -42,8 +42,7 @@ def files(tmp_path_factory, made):
     markerset = made.markerset()
     motion = made.motion(markerset, 30)
     rng = np.random.default_rng(3)
-    ghosts = np.tile(rng.uniform(-2, 2, (GHOSTS, 3)), (30, 1, 1))
-    xyz = np.concatenate([motion.markers, ghosts], axis=1)
+    xyz = np.concatenate([motion.markers, np.tile(rng.uniform(-2, 2, (GHOSTS, 3)), (30, 1, 1))], axis=1)
     order = rng.permutation(xyz.shape[1])
     residual = np.where(np.isfinite(xyz[:, order, 0]), 0.0002 + 0.0001 * np.arange(len(order)), np.nan)
     take = Points(("",) * len(order), xyz[:, order], residual, 59.94, 101)
@@ -118,8 +117,7 @@ def test_points_are_seen_before_they_are_labelled_and_imported_again_in_place_of
         assert visible_points() == expected
         overlay, marks = ours("ui.overlay"), ours("ui.marks")
         stored = overlay.shown(imported.scene)
-        seen = marks.point_marks(stored, stored.index_of(frame))
-        assert len(seen.unnamed) == expected
+        assert len(marks.point_marks(stored, stored.index_of(frame)).unnamed) == expected
     before = len(bpy.data.objects), len(bpy.data.meshes)
     bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "walk.trc"))
     assert (len(bpy.data.objects), len(bpy.data.meshes)) == before
@@ -189,8 +187,7 @@ def test_anonymous_points_become_named_markers(imported, files, naming_known):
         if marker != NO_MARKER:
             place = empties[names[marker]].matrix_world.translation
             np.testing.assert_allclose(place, files.take.xyz[19, point], atol=1e-5)
-    curves = armature.animation_data.action.layers[0].strips[0].channelbags[0].fcurves
-    assert len(curves), "the armature moves"
+    assert len(armature.animation_data.action.layers[0].strips[0].channelbags[0].fcurves), "the armature moves"
     gap = imported.window_manager.mocap_autolabel.markers["RASI"]
     assert (gap.gaps, gap.longest_gap) == (2, 5)
 
@@ -248,8 +245,7 @@ def test_the_lab_s_file_is_exported_with_names_in_it(imported, files, naming_kno
     source.write_bytes(layout.content(xyz + 1))
     for _ in range(2):
         assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(out)) == {"FINISHED"}
-        alone = read_points(out)
-        np.testing.assert_allclose(alone.xyz[:, own], named.xyz[:, own], atol=1e-6)
+        np.testing.assert_allclose(read_points(out).xyz[:, own], named.xyz[:, own], atol=1e-6)
         assert C3dFile(out.read_bytes(), out).whole("ANALOG:USED") == 0
         source.unlink(missing_ok=True)
     items = len(bpy.data.objects)
@@ -313,8 +309,7 @@ def test_a_take_whose_keys_would_fill_the_memory_is_refused_and_a_part_of_it_is_
 ):
     poses = ours("io.poses")
     settings = imported.scene.mocap_autolabel
-    keys = 3 * len(open_markerset(files.markerset)) + 7 * 9
-    monkeypatch.setattr(poses, "MOST_SHOWN", 20 * keys)
+    monkeypatch.setattr(poses, "MOST_SHOWN", 20 * (3 * len(open_markerset(files.markerset)) + 7 * 9))
     refused(r"walk\.c3d: has 30 frames, .*expected at most 20: .*Label Folder", "label")
     assert settings.take is None
     settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 101, 120
@@ -369,7 +364,5 @@ def test_what_is_refused_can_be_labelled_regardless(extension, imported, files, 
     plain = [tuple(vertex.co) for vertex in settings.source.preview.vertices]
     for importer in (bpy.ops.mocap_autolabel.import_points, bpy.ops.mocap_autolabel.import_take):
         assert importer(filepath=path, mirror=True) == {"FINISHED"}
-        seen = [tuple(vertex.co) for vertex in settings.source.preview.vertices]
-        assert seen == [(x, -y, z) for x, y, z in plain]
-    labelling = ours("ops.labelling")
-    assert labelling.job_of(bpy.context).mirror
+        assert [tuple(vertex.co) for vertex in settings.source.preview.vertices] == [(x, -y, z) for x, y, z in plain]
+    assert ours("ops.labelling").job_of(bpy.context).mirror

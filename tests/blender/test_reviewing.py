@@ -93,8 +93,7 @@ def test_rings_are_only_around_what_the_list_asks_about(state):
     assert figure.meant(bpy.context, collection, stored).reason == state.review.trouble_shown
 
     def rings() -> list:
-        stored = stored_take()
-        return figure.missing(stored, 0, known(collection, scene)).tolist()
+        return figure.missing(stored_take(), 0, known(collection, scene)).tolist()
 
     assert rings() == [stored.motion.expected[0, state.knee].tolist()]
     number, _ = rows(state, kind="missing", name=LOST)[0]

@@ -104,8 +104,7 @@ def test_a_process_that_is_killed_names_its_take(label, takes, monkeypatch):
 
     monkeypatch.setattr(workers.Worker, "run", killed)
     answer = label(*FEW, "--jobs", "2", "--json", blobs=takes)
-    assert answer.status == 1
-    assert "two.csv: its process was killed (SIGKILL)" in answer.reason
+    assert "two.csv: its process was killed (SIGKILL)" in answer.refusal(1)
     assert [take["take"] for take in json.loads(answer.out)["takes"]] == ["one", "three"]
 
 
@@ -139,12 +138,9 @@ def test_a_full_temporary_folder_is_called_by_its_name(label, temporary, monkeyp
 
     begin = tables.RowFile.__enter__
     monkeypatch.setattr(tables.RowFile, "__enter__", begun)
-    answer = label(*FEW)
-    assert answer.status == 1
-    assert answer.reason.startswith(f"{temporary}{os.sep}mocap-autolabel-")
-    assert (
-        "cannot hold temporary files (No space left on device); expected room there, or another TMPDIR" in answer.reason
-    )
+    reason = label(*FEW).refusal(1)
+    assert reason.startswith(f"{temporary}{os.sep}mocap-autolabel-")
+    assert "cannot hold temporary files (No space left on device); expected room there, or another TMPDIR" in reason
     assert not list(temporary.iterdir())
     assert not list((tmp_path / "out").iterdir())
 
@@ -216,8 +212,7 @@ def test_processes_side_by_side_end_with_the_one_that_started_them(room, takes, 
     for take in takes:
         lengthened(room.blobs, take, LONG)
     out = tmp_path / "out"
-    words = ["label", *takes, f"--model={MODEL}", f"--cameras={room.cameras}", f"--out={out}", "--jobs", "2"]
-    batch = door(*words)
+    batch = door(*["label", *takes, f"--model={MODEL}", f"--cameras={room.cameras}", f"--out={out}", "--jobs", "2"])
     wait_for(lambda: len(at_work(temporary)) == 3 and len(list(temporary.glob("mocap*"))) == 3)
     batch.send_signal(getattr(signal, kind))
     batch.wait()

@@ -20,7 +20,6 @@ import warnings
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -38,15 +37,6 @@ THERE = "mocap_autolabel.addon.cli.label.farm"  # this file, as workers know it
 CONNECT_S = 10.0  # s, within which a scheduler has to answer
 AHEAD = 2  # takes sent for each thread of the workers: one at work, and one so that nobody waits for the next
 UNFIT = 0  # an exit status that no failed take has: the worker can do no take of this batch
-
-
-def check_farm(engine: str):
-    """Raises InputError where takes cannot be spread over machines as the options have it."""
-    if engine != "dask":
-        raise InputError("--scheduler is of --engine dask; expected both of them or neither")
-    if find_spec("distributed") is None:
-        words = "--engine dask needs the Python package distributed, which is not here"
-        raise InputError(f"{words}; expected it installed, as pip install 'mocap-autolabel[farm]' does")
 
 
 def farm_out(

@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Builds the compiled library for every platform on any one of them: one wheel each, into wheels/kernels/.
 
-    python scripts/build_kernels.py                        all platforms
-    python scripts/build_kernels.py --platform linux-x64   one of them
-    python scripts/build_kernels.py --install              this machine's, for the Python that runs this
-    python scripts/build_kernels.py --sanitize             its tests with every access to memory watched
+    python kernels/build_kernels.py                        all platforms
+    python kernels/build_kernels.py --platform linux-x64   one of them
+    python kernels/build_kernels.py --install              this machine's, for the Python that runs this
+    python kernels/build_kernels.py --sanitize             its tests with every access to memory watched
+    pip wheel ./kernels                                    this machine's, as it is published
 
 The compiler is a package (`ziglang`), fetched once into build/compiler/, so nobody needs a toolchain; only --sanitize
 takes the system's. The library is plain C11 without a Python ABI: one wheel serves every Python. What the same sources
@@ -20,19 +21,23 @@ import platform
 import shutil
 import subprocess
 import sys
+import tarfile
 import tempfile
 import tomllib
 import zipfile
 from contextlib import suppress
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-SOURCES = ROOT / "kernels" / "src"
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent
+SOURCES = HERE / "src"
+PROJECT = HERE / "pyproject.toml"
 WHEELS = ROOT / "wheels" / "kernels"
 COMPILER = ROOT / "build" / "compiler"
-COMPILER_PINNED = "scripts/compiler.txt"  # its version, and what its files hash to
-COMPILER_PACKAGE = (ROOT / COMPILER_PINNED).read_text(encoding="utf-8").split()[0]
+COMPILER_PINNED = HERE / "compiler.txt"  # its version, and what its files hash to
+COMPILER_PACKAGE = COMPILER_PINNED.read_text(encoding="utf-8").split()[0]
 PACKAGE = "mocap_autolabel_kernels"
 # Contraction would make sums differ from machine to machine.
 FLAGS = ("-std=c11", "-O3", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-Wall", "-Wextra", "-Werror")
@@ -104,7 +109,8 @@ def unpack_library(folder: Path) -> str:
     """Put this machine's library into `folder`, where it lies beside other packages; gives its wheel's platform tag."""
     name = _this_target()
     with zipfile.ZipFile(build(name)) as wheel:
-        wheel.extractall(folder, [entry for entry in wheel.namelist() if ".dist-info/" not in entry])
+        for entry in (entry for entry in wheel.namelist() if ".dist-info/" not in entry):
+            wheel.extract(entry, folder)
     return TARGETS[name].tag
 
 
@@ -115,10 +121,36 @@ def _this_target() -> str:
     return name
 
 
-def build(name: str, folder: Path = WHEELS) -> Path:
-    """Build the wheel of a platform, unless the one of these sources is there; gives its path."""
+def build_wheel(folder: str, *_asked: dict | str | None) -> str:
+    """What pip calls: builds this machine's wheel into a folder as the index takes it, and gives its name."""
+    return build(_this_target(), Path(folder), version().partition("+")[0]).name
+
+
+def build_sdist(folder: str, *_asked: dict | None) -> str:
+    """What pip calls: packs all that builds the wheel into a folder, and gives the archive's name."""
+    number = version().partition("+")[0]
+    name, about = f"{PACKAGE}-{number}", _metadata(number).encode()
+    with tarfile.open(Path(folder, f"{name}.tar.gz"), "w:gz") as packed:
+        entry = tarfile.TarInfo(f"{name}/PKG-INFO")
+        entry.size = len(about)
+        packed.addfile(entry, BytesIO(about))
+        for path in (PROJECT, Path(__file__), COMPILER_PINNED, SOURCES):
+            packed.add(path, f"{name}/{path.name}")
+    return f"{name}.tar.gz"
+
+
+def get_requires_for_build_wheel(*_asked: dict | None) -> list[str]:
+    """What pip asks for: the compiler."""
+    return [COMPILER_PACKAGE]
+
+
+def build(name: str, folder: Path = WHEELS, number: str = "") -> Path:
+    """Build the wheel of a platform, unless the one of these sources is there; gives its path.
+
+    Its version is `number`, else the one that is of these sources alone.
+    """
     target = TARGETS[name]
-    wheel = folder / f"{PACKAGE}-{version()}-py3-none-{target.tag}.whl"
+    wheel = folder / f"{PACKAGE}-{number or version()}-py3-none-{target.tag}.whl"
     if wheel.is_file():
         return wheel
     with tempfile.TemporaryDirectory() as scratch:
@@ -128,19 +160,19 @@ def build(name: str, folder: Path = WHEELS) -> Path:
         part = wheel.with_suffix(".part")
         pack(part, target, library.read_bytes())
         part.replace(wheel)
-    for other in folder.glob(f"*-py3-none-{target.tag}.whl"):
+    for other in folder.glob(f"{PACKAGE}-*-py3-none-{target.tag}.whl"):
         if other != wheel:
             other.unlink()
     return wheel
 
 
 def version() -> str:
-    """The project's version, and what tells these sources from others."""
-    manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
+    """The library's version, and what tells these sources from others, which no package index would take."""
+    project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
     digest = hashlib.sha256("\0".join((*FLAGS, *NAMED, COMPILER_PACKAGE, FINDING)).encode())
     for path in sorted(SOURCES.glob("*.[ch]")):
         digest.update(path.name.encode() + path.read_bytes())
-    return f"{manifest['version']}+{digest.hexdigest()[:12]}"
+    return f"{project['version']}+{digest.hexdigest()[:12]}"
 
 
 def compile_library(target: Target, library: Path) -> None:
@@ -169,12 +201,13 @@ def pack(wheel: Path, target: Target, library: bytes) -> None:
     Each version has a folder of its own: Windows neither removes nor replaces a library that is in use, so in an update
     Blender could put the new one in the place of the old one only after a restart, and does not try again.
     """
-    info, folder = f"{PACKAGE}-{version()}.dist-info", f"{PACKAGE}_{version().partition('+')[2]}"
+    number = wheel.name.split("-")[1]
+    info, folder = f"{PACKAGE}-{number}.dist-info", f"{PACKAGE}_{version().partition('+')[2]}"
     start = BEGIN + FINDING.format(folder=folder, library=target.library)
     files = {
         f"{PACKAGE}/__init__.py": start.encode(),
         f"{folder}/{target.library}": library,
-        f"{info}/METADATA": f"Metadata-Version: 2.1\nName: {PACKAGE}\nVersion: {version()}\n".encode(),
+        f"{info}/METADATA": _metadata(number).encode(),
         f"{info}/WHEEL": f"{BEFORE_TAG}Tag: py3-none-{target.tag}\n".encode(),
     }
     rows = [f"{name},sha256={_digest(content)},{len(content)}" for name, content in files.items()]
@@ -182,6 +215,13 @@ def pack(wheel: Path, target: Target, library: bytes) -> None:
     with zipfile.ZipFile(wheel, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, content in files.items():
             archive.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED)
+
+
+def _metadata(number: str) -> str:
+    project = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]
+    about = {"Metadata-Version": "2.4", "Name": PACKAGE, "Version": number, "Summary": project["description"]}
+    about |= {"License-Expression": project["license"], "Requires-Python": project["requires-python"]}
+    return "".join(f"{name}: {value}\n" for name, value in about.items())
 
 
 def sanitize() -> int:
@@ -221,7 +261,7 @@ def _compiler() -> dict[str, str]:
     if stamp.is_file() and stamp.read_text(encoding="utf-8") == COMPILER_PACKAGE:
         return found
     shutil.rmtree(COMPILER, ignore_errors=True)
-    _pip("install", "--target", str(COMPILER), "--require-hashes", "--requirement", str(ROOT / COMPILER_PINNED))
+    _pip("install", "--target", str(COMPILER), "--require-hashes", "--requirement", str(COMPILER_PINNED))
     stamp.write_text(COMPILER_PACKAGE, encoding="utf-8")
     return found
 
