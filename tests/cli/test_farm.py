@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import pytest
 
 from addon.cli import workers
-from addon.cli.label import farm
+from addon.cli.label import farm, options
 from addon.core.data.errors import JobError
 from addon.demo.take import MODEL
 from addon.version import version
@@ -202,7 +202,7 @@ def test_what_a_farm_needs_is_asked_for_before_any_work(label, monkeypatch):
         return answer.reason
 
     assert "--scheduler is of --engine dask" in refused("--scheduler", "tcp://127.0.0.1:8786")
-    monkeypatch.setattr(farm, "find_spec", lambda name: None)
+    monkeypatch.setattr(options, "find_spec", lambda *_: None)
     reason = refused("--engine", "dask", "--scheduler", "tcp://127.0.0.1:8786")
     assert "needs the Python package distributed, which is not here" in reason
 

@@ -5,6 +5,7 @@ import argparse
 import math
 import re
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -202,9 +203,7 @@ def summary_of(arguments) -> "BatchSummary | None":
 def check(arguments):
     """Everything that can be known to be wrong before any work; raises InputError."""
     if arguments.scheduler is not None or arguments.engine != "local":
-        from .farm import check_farm
-
-        check_farm(arguments.engine)
+        _check_farm(arguments.engine)
     _check_inputs(arguments)
     blobs = [path for path in arguments.inputs if not holds_points(path, arguments.use)]
     for path in blobs:
@@ -278,3 +277,13 @@ def _check_inputs(arguments):
         other = stems.setdefault(path.stem.casefold(), path)
         if other is not path:
             raise InputError(f"would have the same results as {other}; expected inputs with different names", path)
+
+
+def _check_farm(engine: str):
+    """Raises InputError where takes cannot be spread over machines as the options have it."""
+    if engine != "dask":
+        raise InputError("--scheduler is of --engine dask; expected both of them or neither")
+    # The zips for Blender have no `farm`: it goes with threads of dask's, which would be Blender's.
+    if find_spec("distributed") is None or find_spec(".farm", __package__) is None:
+        words = "--engine dask needs the Python package distributed, which is not here"
+        raise InputError(f"{words}; expected it installed, as pip install 'mocap-autolabel[farm]' does")
