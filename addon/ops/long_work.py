@@ -51,8 +51,9 @@ class LongWork(Ours):
     _shown = float("-inf")
 
     def work(self, context):
+        asked = self.asked(context)
         try:
-            found = finished(self.asked(context)())
+            found = finished(asked())
         except UserError as error:
             raise self._said(context, error) from error
         return self._show(context, found)

@@ -82,6 +82,7 @@ def test_cameras_that_were_changed_meanwhile_stay(extension, scene, files, monke
     refused(r"which are in \S+\.toml; expected them to stay", "refine_calibration")
     assert settings.source.cameras == other
     assert not other.hide_viewport
+    (files.folder / "walk.refined.toml").unlink()
 
 
 def test_the_panel_tells_errors_and_offers_to_label_again(extension, scene, files):
