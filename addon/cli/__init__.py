@@ -9,7 +9,7 @@ import sys
 from ..io.scratch import take_away_own
 from .console import as_trouble, complain, open_streams, stoppable, telling
 from .parser import build_parser
-from .serving import SERVE, WORK, run_work, serve, try_libraries, uncollected
+from .serving import HANDED, SERVE, run_work, serve, try_libraries, uncollected
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 
@@ -43,7 +43,7 @@ def main(argv: list[str] | None = None) -> int:
 def _run(argv: list[str]) -> int:
     if argv == [SERVE]:
         return serve(main)
-    if argv[:2] == [WORK, "--result"]:
+    if argv[:2] == [HANDED, "--result"]:
         return run_work(argv[2:])
     with uncollected():
         arguments = build_parser(argv).parse_args(argv)

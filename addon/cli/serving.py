@@ -81,12 +81,12 @@ def load_labelling():
 
 
 SERVE = "serve"  # the word that makes a process one
-WORK = "work"  # the word of a command that only such a process gets: work --result FILE PARCEL
+HANDED = "work"  # the word of a command that only such a process gets: work --result FILE PARCEL
 ANSWER = "mocap-autolabel answers: "  # which an answer begins with
 SHARE = "mocap-autolabel has done: "  # which the share that is done begins with
 PATIENCE = 10.0  # s, in which what is stopped may clean up
 POLL = 0.5  # s between two looks at whether whoever sent a command is there
-TELL_EVERY = 0.1  # s between two words on how far the work is
+WORD_EVERY = 0.1  # s between two words on how far the work is
 
 
 def serve(run: Callable[[list[str]], int]) -> int:
@@ -160,7 +160,7 @@ def run_work(argv: list[str]) -> int:
 
     def tell(step: Progress | float):
         nonlocal told
-        if time.monotonic() < told + TELL_EVERY:
+        if time.monotonic() < told + WORD_EVERY:
             return
         told = time.monotonic()
         share = step.fraction if isinstance(step, Progress) else step

@@ -22,7 +22,7 @@ from .arguments import a_model, add_options, job_of, names, number, whole
 from .console import ProgressLine, print_results
 from .models import SHOWN_DIGITS
 from .parcels import write_parcel
-from .serving import WORK
+from .serving import HANDED
 from .workers import crew
 
 # How many processes try, where nobody says.
@@ -53,7 +53,7 @@ def _tried_side_by_side(works: Sequence[TrialWork], jobs: int) -> Iterator[Trial
             write_parcel(path, partial(_tried, work))
         found, given = {}, 0
         with crew(min(jobs, len(works))) as run:
-            for number, answer in run([[WORK, str(path)] for path in paths]):
+            for number, answer in run([[HANDED, str(path)] for path in paths]):
                 if isinstance(answer, UserError):
                     raise type(answer)(f"a trial could not be made: {answer.message}")
                 found[number] = answer

@@ -20,14 +20,14 @@ from ..core.data.errors import InputError, JobError, UserError
 from ..io.scratch import naming_scratch, scratch_folder
 from ..io.source import read_bytes
 from .parcels import read_parcel, write_parcel
-from .serving import ANSWER, PATIENCE, POLL, SERVE, SHARE, WORK
+from .serving import ANSWER, HANDED, PATIENCE, POLL, SERVE, SHARE
 
 Answers = Generator[tuple[int, dict | UserError], None, None]  # the number of each command line, and what came of it
 ROOT = Path(__file__).resolve().parents[2]
 EXTENSION = "mocap_autolabel"
 NO_MORE = object()  # of the command lines
 FILES = count()  # in scratch folders, that no two have one name
-LOOK_S = 0.02  # s between two looks at what processes have said
+HEAR_S = 0.02  # s between two looks at what processes have said
 # Opens the package from where it lies, whatever it is called and wherever it was installed.
 SCRIPT = """
 import importlib.util, json, sys
@@ -81,7 +81,7 @@ class Worker:
         """Hands it a function of ours with what it is given; what that returns, which is not None, is looked at."""
         parcel = self.scratch / f"{next(FILES)}.parcel"
         write_parcel(parcel, work)
-        self.begin([WORK, str(parcel)])
+        self.begin([HANDED, str(parcel)])
 
     def look(self) -> Any:
         """What came of the command line, or how the process ended where that is all; None while it is at work."""
@@ -102,7 +102,7 @@ class Worker:
 
     def _answer(self, status: int, errors: str) -> Any:
         """What came of a command line, or why nothing did, by its exit status and what it said on standard error."""
-        self.busy, handed = False, self.line[0] == WORK
+        self.busy, handed = False, self.line[0] == HANDED
         if status == 0 and self.result.is_file():
             found = read_parcel(self.result) if handed else json.loads(read_bytes(self.result))
             self.result.unlink()  # results of a whole session are many
@@ -170,7 +170,7 @@ class Crew:
                     worker.close()
                 yield at_work.pop(worker), answer
             if not done:
-                time.sleep(LOOK_S)
+                time.sleep(HEAR_S)
 
     def _free(self) -> Worker | JobError:
         """A process with nothing to do, another one, or why there is none."""
