@@ -118,8 +118,8 @@ class Worker:
             killed = signal.Signals(-status).name
         except ValueError:
             killed = str(status)
-        words = f"its process was killed ({killed}), as systems do when memory is full; expected it to finish"
-        return JobError(words + jobs, take)
+        words = f"its process was killed ({killed}), as systems do when memory is full"
+        return JobError(f"{words}; expected it to finish{jobs}", take)
 
     def close(self):
         """Lets go of the pipe to the process, which ends itself then; at once where it starts up or cannot hear it."""
