@@ -8,6 +8,7 @@ from bpy.app.handlers import persistent
 
 from ..ops.correcting import review_now
 from ..ops.label_folder import follow, leave_batch, show_batch
+from ..ops.long_work import end_process
 from ..ops.picking import picked_points, restore_picked
 from ..ops.reposing import follow_soon, forget_reposing
 from ..props import list_trouble, refresh_review
@@ -26,7 +27,14 @@ def add_handlers(stack: ExitStack):
         stack.callback(bpy.types.SpaceView3D.draw_handler_remove, drawing, "WINDOW")
     timeline.add_timeline(stack)
     label_tool.add_tool(stack)
-    for forget in (opened.forget, forget_reposing, overlay.letters.forget, overlay.discs.forget, leave_batch):
+    for forget in (
+        opened.forget,
+        forget_reposing,
+        overlay.letters.forget,
+        overlay.discs.forget,
+        leave_batch,
+        end_process,
+    ):
         stack.callback(forget)
     events = bpy.app.handlers
     for listeners, function in (

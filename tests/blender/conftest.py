@@ -14,6 +14,7 @@ bpy = pytest.importorskip("bpy", reason="needs the bpy module")
 from addon.core.body.bodies import BodyModel  # noqa: E402
 from addon.core.data import takes  # noqa: E402
 from addon.core.data.markersets import MarkerSet  # noqa: E402
+from addon.core.data.progress import finished  # noqa: E402
 from addon.core.geometry import rotations  # noqa: E402
 from addon.core.geometry.cameras import NO_CAMERAS, Cameras  # noqa: E402
 from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion  # noqa: E402
@@ -177,7 +178,10 @@ def empty():
 
 @pytest.fixture(scope="session")
 def extension(tmp_path_factory):
-    """The name of the real extension, enabled from a symlinked repository of its own."""
+    """The name of the real extension, enabled from a symlinked repository of its own.
+
+    What its operators ask of another process, and what comes of that, goes through files as between two.
+    """
     import addon_utils
 
     folder = tmp_path_factory.mktemp("repository")
@@ -185,6 +189,18 @@ def extension(tmp_path_factory):
     repos = bpy.context.preferences.extensions.repos
     repository = repos.new(name="Mocap tests", module="mocap_tests", custom_directory=str(folder), source="USER")
     assert addon_utils.enable(MODULE, default_set=True) is not None
+    parcels, parcel = ours("cli.parcels"), folder / "parcel"
+
+    def work(self, context):
+        parcels.write_parcel(parcel, self.asked(context))
+        try:
+            found = finished(parcels.read_parcel(parcel)())
+        except ours("core.data.errors").UserError as error:
+            raise self._said(context, error) from error
+        parcels.write_parcel(parcel, found)
+        return self._show(context, parcels.read_parcel(parcel))
+
+    ours("ops.long_work").LongWork.work = work
     yield MODULE
     addon_utils.disable(MODULE, default_set=True)
     repos.remove(repository)

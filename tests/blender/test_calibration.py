@@ -71,19 +71,18 @@ def test_a_moved_camera_is_refined_and_the_new_file_chosen(scene, files):
 def test_cameras_that_were_changed_meanwhile_stay(extension, scene, files, monkeypatch):
     made = scene("moved.toml")
     settings = made.mocap_autolabel
-    module = ours("ops.calibration")
-    other = scene_cameras.add_cameras(made, files.room)
+    operator = ours("ops.calibration").MOCAP_AUTOLABEL_OT_refine_calibration
+    show, other = operator._show, scene_cameras.add_cameras(made, files.room)
 
-    def changed_meanwhile(_):
-        yield 0.5
+    def changed_meanwhile(self, context, refined):
         settings.source.cameras = other
-        report = {"cameras": {"cam 0": {"before_px": 2.0, "after_px": 0.4}}, "camera_doubts": [], "refined": True}
-        return module.Refined({**report, "out": "there/new.toml"}, files.room)
+        return show(self, context, refined)
 
-    monkeypatch.setattr(module, "beside", changed_meanwhile)
-    refused(r"which are in new\.toml; expected them to stay", "refine_calibration")
+    monkeypatch.setattr(operator, "_show", changed_meanwhile)
+    refused(r"which are in \S+\.toml; expected them to stay", "refine_calibration")
     assert settings.source.cameras == other
     assert not other.hide_viewport
+    (files.folder / "walk.refined.toml").unlink()
 
 
 def test_the_panel_tells_errors_and_offers_to_label_again(extension, scene, files):

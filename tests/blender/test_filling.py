@@ -148,16 +148,16 @@ def test_filled_ones_stand_out_in_the_overlay_and_are_no_labels(filled, files, e
 
 
 def test_what_was_filled_goes_into_no_other_take(labelled, made, monkeypatch, extension):
-    filling = ours("ops.filling")
+    filling = ours("ops.filling").MOCAP_AUTOLABEL_OT_fill_gaps
     settings = labelled.scene.mocap_autolabel
     after = show_take(labelled, made.take(40))
 
-    def changed_meanwhile(work):
-        yield 0.5
+    def changed_meanwhile(self, context, filled):
         settings.take = after
-        return work(lambda _: None)
+        return show(self, context, filled)
 
-    monkeypatch.setattr(filling, "in_background", changed_meanwhile)
+    show = filling._show
+    monkeypatch.setattr(filling, "_show", changed_meanwhile)
     settings.filling.method = "rigid"
     refused("another take is shown than the one whose gaps were filled; expected", "fill_gaps", extent="TAKE")
     assert rows() == []

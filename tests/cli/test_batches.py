@@ -95,14 +95,14 @@ def test_what_was_sent_by_one_who_is_gone_is_not_begun(room, takes, tmp_path):
 
 @pytest.mark.skipif(os.name == "nt", reason="needs a system where a process can be killed")
 def test_a_process_that_is_killed_names_its_take(label, takes, monkeypatch):
-    run = workers.Worker.run
+    begin = workers.Worker.begin
 
-    def killed(self, line, result):
+    def killed(self, line):
         if line[-1].endswith("two.csv"):
             self.process.kill()
-        return run(self, line, result)
+        begin(self, line)
 
-    monkeypatch.setattr(workers.Worker, "run", killed)
+    monkeypatch.setattr(workers.Worker, "begin", killed)
     answer = label(*FEW, "--jobs", "2", "--json", blobs=takes)
     assert "two.csv: its process was killed (SIGKILL)" in answer.refusal(1)
     assert [take["take"] for take in json.loads(answer.out)["takes"]] == ["one", "three"]
@@ -122,7 +122,6 @@ def test_processes_that_cannot_be_started_leave_the_takes_to_the_others(label, t
     answer = label(*FEW, "--jobs", "2", "--json", blobs=takes[:2])
     assert [take["take"] for take in json.loads(answer.out)["takes"]] == labelled
     assert answer.status == (0 if labelled else 1)
-    # Two threads start them, so either may be the last.
     assert labelled or ".csv: no process can be started for it" in answer.reason
 
 

@@ -98,6 +98,7 @@ def test_what_stops_the_work_is_noted_while_blender_is_at_work_and_raised_behind
         signal.signal(kind, before)
 
 
+@pytest.mark.skipif(os.name != "posix", reason="needs a timer that interrupts")
 def test_a_request_to_stop_where_python_raises_nothing_stops_all_the_same():
     class Gone:
         def __del__(self):

@@ -30,7 +30,7 @@ from ...io.whole import check_targets
 from ...jobs.job import LabelJob, results_of
 from ...version import version
 from ..console import complain, of_take
-from ..serving import PATIENCE, POLL, waited_for
+from ..serving import PATIENCE, POLL
 from ..workers import crew
 
 THERE = "mocap_autolabel.addon.cli.label.farm"  # this file, as workers know it
@@ -131,8 +131,15 @@ def _answers_of(
             at_work[future.key] = future, number, line
             future.add_done_callback(answers.put)
         if at_work:
-            future, number, line = at_work.pop(waited_for(answers).key)
+            future, number, line = at_work.pop(_waited_for(answers).key)
             yield number, _answer_of(client, future, line, job_of)
+
+
+def _waited_for(answers: queue.SimpleQueue):
+    """The next answer, however long it takes; an interruption is heard meanwhile, on Windows too."""
+    while True:
+        with suppress(queue.Empty):
+            return answers.get(timeout=POLL)
 
 
 def _check_place(job: LabelJob, line: list[str]):

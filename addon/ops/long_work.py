@@ -1,29 +1,36 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Long work in Blender: a little at a time, with progress in sidebar and status bar, all shown at the end.
+"""Long work of the window: done by a process of its own, with progress in sidebar and status bar, shown at the end.
 
-What ends it early is the operator Cancel alone: the cross beside the progress asks for it, and Esc over a 3D view, the
-editor that shows the progress. Esc anywhere else belongs to whatever is there.
+The process goes through the same door as the command line, is kept for the session, and ends with Blender, however that
+ends. What ends its work early is the operator Cancel alone: the cross beside the progress asks for it, and Esc over a
+3D view, the editor that shows the progress. Esc anywhere else belongs to whatever is there.
 """
 
-from collections.abc import Generator
+from contextlib import ExitStack
+from functools import partial
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 
-from ..core.data.background import drained, in_background
-from ..core.data.errors import InputError
-from ..core.data.progress import Progress, finished
+from ..core.data.errors import InputError, UserError
+from ..core.data.progress import finished
+from ..io.scratch import scratch_folder
 from ..scene.redrawing import redraw
 from .base import Ours, reports_trouble, unless
 from .gestures import is_over
 
-BUDGET = 0.1  # s of work between two looks at the keyboard
-TICK = 0.02  # s
+if TYPE_CHECKING:
+    from ..cli.workers import Worker
+
+LOOK_EVERY = 0.1  # s between two looks at what the process has said
 TELL_EVERY = 0.25  # s between two words on how far it is: Blender draws the whole window again for each
 TELLING_AFTER, TELLING_FROM = 3.0, 0.02  # s and share of the work from which on its end can be told
 ASKED_FROM = 10.0  # s of work that is not given up unasked; paper: Miller 1968, people who wait longer turn away
 
+# The process of this session, once something was asked of it, and what closes it with its folder.
+_workers: "list[Worker]" = []
+_kept = ExitStack()
 
 nothing_goes_on = unless(
     lambda context: not context.window_manager.mocap_autolabel.doing,
@@ -31,11 +38,12 @@ nothing_goes_on = unless(
 )
 
 
-class WorksInSteps(Ours):
-    """An operator whose `steps` yields how much is done (0 to 1) and returns what `_show` puts into the scene.
+class LongWork(Ours):
+    """An operator whose `asked` gives work, a function of ours with all it is given, and which shows what comes of it.
 
-    Either raises UserError where something is missing. What is done may also be told as `Progress`.
-    Nothing of Blender is touched before `_show`, so that cancelling leaves nothing behind and undo is one step.
+    In the window it is done by a process of its own; without one it is done at once. Both `asked` and `_show`, which
+    alone touches Blender, raise UserError where something is missing, so cancelling leaves nothing behind and undo is
+    one step. `_said` makes a sentence of the work one for the window.
     """
 
     doing = "Working"
@@ -43,7 +51,15 @@ class WorksInSteps(Ours):
     _shown = float("-inf")
 
     def work(self, context):
-        return self._show(context, finished(self.steps(context)))
+        asked = self.asked(context)
+        try:
+            found = finished(asked())
+        except UserError as error:
+            raise self._said(context, error) from error
+        return self._show(context, found)
+
+    def _said(self, _context, error: UserError) -> UserError:
+        return error
 
     def invoke(self, context, event):
         return self.execute(context) if bpy.app.background else self._begin(context)
@@ -64,8 +80,8 @@ class WorksInSteps(Ours):
         if manager.mocap_autolabel.doing:
             words = f"{manager.mocap_autolabel.doing.split(':')[0].lower()} goes on"
             raise InputError(f"{words}; expected it to come to its end first, or to be cancelled")
-        self._steps = self.steps(context)
-        self._timer = manager.event_timer_add(TICK, window=context.window)
+        self._worker = hand_over(self.asked(context))
+        self._timer = manager.event_timer_add(LOOK_EVERY, window=context.window)
         manager.progress_begin(0, 100)
         self._began, self._shown = perf_counter(), float("-inf")
         manager.mocap_autolabel.cancelled, manager.mocap_autolabel.spent = False, 0.0
@@ -89,25 +105,21 @@ class WorksInSteps(Ours):
 
     @reports_trouble
     def _tick(self, context) -> set[str]:
-        """Works for as long as the budget lasts."""
-        running = False
-        try:
-            until = perf_counter() + BUDGET
-            fraction = next(self._steps)
-            while perf_counter() < until:
-                fraction = next(self._steps)
-            running = True
-        except StopIteration as done:
-            self._end(context)
-            return self._show(context, done.value)
-        finally:
-            if not running:
-                self._end(context)
-        self._tell(context, fraction.fraction if isinstance(fraction, Progress) else fraction)
-        return {"RUNNING_MODAL"}
+        """Looks for what came of the work."""
+        found = self._worker.look()
+        if found is None:
+            self._tell(context, self._worker.share)
+            return {"RUNNING_MODAL"}
+        self._end(context)
+        if isinstance(found, UserError):
+            raise self._said(context, found)
+        return self._show(context, found)
 
     def cancel(self, context):
+        """Another file is opened, or Blender ends: what is not done is given up, and whoever is there then is told."""
         self._end(context)
+        words = f"{self.doing} was given up, as another file was opened"
+        bpy.app.timers.register(partial(_pop_up, words), persistent=True)
 
     def _tell(self, context, fraction: float):
         now = perf_counter()
@@ -122,10 +134,11 @@ class WorksInSteps(Ours):
         redraw("VIEW_3D", "UI")
 
     def _end(self, context):
-        """Gives back the timer, the progress and the status bar; once."""
+        """Gives back the timer, the progress and the status bar, and ends what is not done; once."""
         if self._timer is None:
             return
-        self._steps.close()
+        if self._worker.busy:
+            end_process()
         context.window_manager.event_timer_remove(self._timer)
         context.window_manager.progress_end()
         context.workspace.status_text_set(None)
@@ -134,9 +147,31 @@ class WorksInSteps(Ours):
         self._timer = None
 
 
-def beside(job: Generator) -> Generator[float, None, Any]:
-    """A job, done beside the window: it touches nothing of Blender. Yields how much is done (0 to 1)."""
-    return in_background(lambda tell: drained(job, tell))
+def _pop_up(words: str):
+    manager = bpy.context.window_manager
+    with bpy.context.temp_override(window=manager.windows[0]):
+        manager.popup_menu(lambda menu, _: menu.layout.label(text=words), title="Mocap Autolabel", icon="INFO")
+
+
+def hand_over(work: partial) -> "Worker":
+    """Hands work to this session's process, which is started where there is none; JobError where that cannot be."""
+    if not _workers or _workers[0].process.poll() is not None:
+        from ..cli.workers import Worker  # nobody who starts Blender waits for it
+
+        end_process()
+        with ExitStack() as stack:
+            worker = Worker(stack.enter_context(scratch_folder()))
+            stack.callback(worker.close)
+            _kept.push(stack.pop_all())
+        _workers.append(worker)
+    _workers[0].hand(work)
+    return _workers[0]
+
+
+def end_process():
+    """Ends the process of this session, as Blender or the extension ends, or as what it does is not wanted any more."""
+    _workers.clear()
+    _kept.close()
 
 
 def ends_work(context: bpy.types.Context, event: bpy.types.Event) -> bool:
