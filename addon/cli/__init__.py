@@ -9,7 +9,7 @@ import sys
 from ..io.scratch import take_away_own
 from .console import as_trouble, complain, open_streams, stoppable, telling
 from .parser import build_parser
-from .serving import SERVE, TRY, serve, try_libraries, uncollected
+from .serving import SERVE, TRY, WINDOWS, serve, try_libraries, uncollected
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 
@@ -47,6 +47,10 @@ def _run(argv: list[str]) -> int:
         from .train import run_trial
 
         return run_trial(argv[1:])
+    if argv[:1] == [WINDOWS]:
+        from .live import solve_windows
+
+        return solve_windows(*argv[1:])
     with uncollected():
         arguments = build_parser(argv).parse_args(argv)
     return arguments.run(arguments)

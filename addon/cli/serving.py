@@ -78,6 +78,7 @@ def load_labelling():
 
 SERVE = "serve"  # the word that makes a process one
 TRY = "try"  # the word of a command that only such a process gets: try --result FILE TRIAL
+WINDOWS = "windows"  # of a process that solves what `live` sends it: windows MODEL FOLDER
 ANSWER = "mocap-autolabel answers: "  # which an answer begins with
 PATIENCE = 10.0  # s, in which what is stopped may clean up
 POLL = 0.5  # s; Windows hears no interruption while it waits without end

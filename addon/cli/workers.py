@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -44,15 +44,15 @@ sys.exit(main(sys.argv[3:]))
 class Worker:
     """A process that takes one command after the other; `begun` once it had any."""
 
-    def __init__(self, scratch: Path):
-        """Starts it; JobError where there can be none."""
+    def __init__(self, scratch: Path, words: Sequence[str] = (SERVE,)):
+        """Starts it with such words; JobError where there can be none."""
         self.errors, self.begun = scratch / f"{time.monotonic_ns()}.stderr", False
         with naming_scratch(scratch):
             output = self.errors.open("wb")
         with output:
             try:
                 self.process = subprocess.Popen(  # noqa: S603 - it is ourselves
-                    [*door(), SERVE],
+                    [*door(), *words],
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
                     stderr=output,
@@ -66,14 +66,22 @@ class Worker:
     def run(self, line: list[str], result: Path) -> dict | UserError:
         """What comes of a command line, which leaves that in a file; how the process ended where that is all."""
         self.begun = True
-        with suppress(OSError):  # that it is gone shows where it would have answered
-            self.pipe.write(json.dumps([line[0], "--result", str(result), *line[1:]]).encode() + b"\n")
-            self.pipe.flush()
+        self.say(json.dumps([line[0], "--result", str(result), *line[1:]]).encode() + b"\n")
         for reply in cast("IO[bytes]", self.process.stdout):
             if reply.startswith(ANSWER.encode()):
                 return _answer(line[-1], result, **json.loads(reply[len(ANSWER) :]))
+        return self.ended(line[-1], result)
+
+    def say(self, line: bytes):
+        """Sends a line to the process; that it is gone shows where it would have answered."""
+        with suppress(OSError):
+            self.pipe.write(line)
+            self.pipe.flush()
+
+    def ended(self, take: str, result: Path) -> dict | UserError:
+        """What has come of a process that has ended."""
         errors = self.errors.read_bytes().decode("utf-8", "replace")
-        return _answer(line[-1], result, self.process.wait(), errors)
+        return _answer(take, result, self.process.wait(), errors)
 
     def close(self):
         """Lets go of the pipe to the process, which ends itself then; at once where it is still starting up."""

@@ -65,7 +65,7 @@ def test_each_manifest_is_narrowed_to_its_platform_and_blender(name, platform):
     manifest = tomllib.loads(build.narrowed(text, build.BLENDERS[name], platform, WHEELS))
     assert manifest["id"] == "mocap_autolabel"
     assert manifest["license"] == ["SPDX:GPL-3.0-or-later"]
-    assert list(manifest["permissions"]) == ["files"]
+    assert list(manifest["permissions"]) == ["files", "network"]
     assert manifest["platforms"] == [platform]
     assert manifest["blender_version_min"].startswith(name)
     assert manifest["wheels"] == ["./wheels/" + wheel for wheel in WHEELS]
