@@ -25,7 +25,8 @@ from .solving import ROUNDS
 WINDOW_S = 2.0  # s of the past that are solved at once: measured, with half of it twice as many names are wrong
 FIRST_S = LIKENESS.sample_s  # s of it that are enough to begin with
 REMEMBERED = 2000  # frames of a subject whose distances are known by them: memory
-MOST_DOUBTS = 2  # windows in a row that leave a trajectory without a name, after which it has none: measured
+STRICT = 2.0  # times more is asked of what is not where the marker was a moment ago: measured, for ghosts beside it
+MOST_DOUBTS = 2  # windows that leave a trajectory unnamed, after which a name of ours is taken back: measured
 NO_POINTS = np.zeros((0, 3))
 
 
@@ -95,14 +96,15 @@ class WindowSolver:
 class _Trail:
     """A trajectory that is followed: its last point, when it came, the marker that it is, and what speaks for each.
 
-    doubts  how often in a row the solver had no name for it
+    solved  whether the solver has named it
+    doubts  else how often it had no name for it
     looks   frames in which it was compared with every marker: `odds` (M,) in all, in `count` (M,) of them, and what
             spoke for each marker `before`, when the trajectory began
     """
 
     def __init__(self, number: int, place: np.ndarray, row: int):
         self.number, self.place, self.row, self.marker = number, place, row, NO_MARKER
-        self.doubts = self.looks = 0
+        self.solved, self.doubts, self.looks = False, 0, 0
         self.odds = self.count = self.before = np.zeros(0)
 
 
@@ -203,7 +205,7 @@ class LiveNamer:
             ends = at, then, gap, xyz[fresh], self.placed, nobody[fresh], self._near_within, self._within
             before = of_ends(*ends, self.rate, LIKENESS)
             # What was seen a moment ago is not far from there.
-            before[(then >= 0) & (before < ROUNDS.margin)] = -np.inf
+            before -= STRICT * ROUNDS.margin * ((then >= 0) & (before < ROUNDS.margin))
             for one, said in zip(new[fresh], before, strict=True):
                 trails[one].odds, trails[one].count = np.zeros((2, self.markers))
                 trails[one].before = said
@@ -257,11 +259,13 @@ class LiveNamer:
             marker = said.get(trail.number, NO_MARKER)
             if marker != NO_MARKER:
                 self._rename(trail, marker)
-                trail.doubts, latest[marker] = 0, max(latest.get(marker, 0), trail.number)
+                trail.solved, latest[marker] = True, max(latest.get(marker, 0), trail.number)
         for trail in self.trails.values():
-            trail.doubts += said.get(trail.number) == NO_MARKER
-            if trail.doubts >= MOST_DOUBTS or (trail.doubts and latest.get(trail.marker, 0) > trail.number):
+            doubted = said.get(trail.number) == NO_MARKER
+            trail.doubts += doubted and not trail.solved
+            if trail.doubts >= MOST_DOUBTS or (doubted and latest.get(trail.marker, 0) > trail.number):
                 self._rename(trail, NO_MARKER)
+                trail.before = np.full(self.markers, -np.inf)
 
     def _rename(self, trail: _Trail, marker: int):
         if trail.marker not in (NO_MARKER, marker):

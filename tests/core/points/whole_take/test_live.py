@@ -66,10 +66,21 @@ def test_a_settled_name_is_taken_back_only_by_a_line_that_says_so():
     assert namer.renamed == [(0, 1), (1, 0)]
     assert namer.name(41, body(41), np.arange(MARKERS))[0].tolist() == swapped.tolist()
     namer.hear(WindowNames(number, np.full(MARKERS, -1), NO_PAIRS, "who is this; expected somebody"))
-    for _ in range(MOST_DOUBTS - 1):
+    assert namer.renamed == []
+
+
+def test_a_name_that_the_solver_never_gave_is_taken_back_where_it_goes_on_giving_none():
+    ids = np.arange(MARKERS)
+    namer = settled(ids)
+    namer.name(40, body(40)[1:], ids[1:])
+    for frame in range(41, 41 + MOST_DOUBTS):
         assert namer.renamed == []
-        namer.hear(WindowNames(number, np.where(swapped == 0, -1, swapped), NO_PAIRS))
+        marker, number = namer.name(frame, body(frame), np.append(77, ids[1:]))
+        assert marker.tolist() == list(range(MARKERS))
+        namer.hear(WindowNames(number, np.append(-1, ids[1:]), NO_PAIRS))
     assert namer.renamed == [(0, -1)]
+    for frame in range(50, 60):
+        assert namer.name(frame, body(frame), np.append(77, ids[1:]))[0].tolist() == [-1, *range(1, MARKERS)]
 
 
 def test_a_sender_that_begins_anew_or_was_away_is_named_anew():
