@@ -154,7 +154,7 @@ def install(folder, version, interpreter):
 
 def bring_kernels(python):
     """Puts the compiled library into an environment; where it cannot be had, NumPy does its work."""
-    if call([python, "scripts/build_kernels.py", "--install"]):
+    if call([python, "kernels/build_kernels.py", "--install"]):
         say("The compiled library could not be built, see above: NumPy does its work, which takes longer")
 
 

@@ -9,7 +9,7 @@ import sys
 import tomllib
 from pathlib import Path
 
-import build_kernels  # beside backend.py, which runs this
+import build_kernels  # in kernels/, which the build has on its path
 from setuptools import find_packages, setup
 from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_py import build_py

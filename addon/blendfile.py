@@ -6,7 +6,6 @@ import importlib.util
 import os
 import signal
 import sys
-import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, redirect_stdout, suppress
 from pathlib import Path
@@ -99,9 +98,6 @@ def unbroken() -> Iterator[None]:
 
     Raised while Blender is at work it is lost, as in a handler of an add-on, or leaves a Blender that crashes.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
     # Windows has no SIGHUP. What Python does not handle, such as what nohup ignores, stays as it is.
     kinds = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
     before = {kind: handler for kind in kinds if callable(handler := signal.getsignal(kind))}

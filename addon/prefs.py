@@ -28,6 +28,10 @@ class MocapPreferences(bpy.types.AddonPreferences):
     def draw(self, context):
         self.layout.prop(self, "markerset_folder")
         self.layout.prop(self, "taught_by")
+        from .core.kernels import in_use
+
+        if not in_use():
+            self.layout.label(text="Without the compiled library NumPy does the same work, more slowly", icon="INFO")
 
 
 def _chosen(name: str) -> str:

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Builds the installable extension, one zip for each platform and Blender, into dist/.
+"""Builds the installable extension, one zip for each platform and Python of a Blender, into dist/.
 
-    python scripts/build.py                                    all of them
-    python scripts/build.py --platform linux-x64 --blender 5.2   one of them
+    python scripts/build.py                                      all of them
+    python scripts/build.py --platform linux-x64 --blender 5.1   one of them
+    python scripts/build.py --compiled                           with the compiled library, for a site of one's own
 
 Run it in an environment with `bpy` (`.venv` of run.py): Blender's own packager and checker come with it. Wheels are
-fetched once into wheels/; that of the compiled library is built there by `build_kernels.py`. NumPy is never among them,
-because Blender brings its own and extensions share their wheels.
+fetched once into wheels/. NumPy is never among them, because Blender brings its own and extensions share their wheels;
+nor is the compiled library unless it is asked for, as Blender's platform takes wheels of the package index only.
 """
 
 import argparse
@@ -24,7 +25,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from scripts import build_kernels
+from kernels import build_kernels
 
 MANIFEST = "blender_manifest.toml"
 LIBRARIES = ("olefile==0.47", "threadpoolctl==3.8.0")
@@ -45,18 +46,20 @@ SCIPY = {"311": "scipy==1.17.1", "313": "scipy==1.18.1", "314": "scipy==1.18.1"}
 
 @dataclass(frozen=True)
 class Blender:
-    """A Blender that zips are built for: versions from `first` to before `last`, and the Pythons for each platform."""
+    """Blenders that a zip is built for: versions from `first` to before `last` with one Python, and their platforms."""
 
-    pythons: dict[str, tuple[str, ...]]
+    python: str
+    platforms: tuple[str, ...]
     first: str
     last: str = ""
 
 
 BLENDERS = {
-    "4.5": Blender(dict.fromkeys(WHEEL_TAGS, ("311",)), "4.5.0", "5.0.0"),
-    # Blender 5 no longer comes for Macs with Intel processors, and Linux distributions build it with a newer Python
-    # than blender.org does. Blender unpacks the wheels that fit its own.
-    "5.2": Blender({"linux-x64": ("313", "314"), "windows-x64": ("313",), "macos-arm64": ("313",)}, "5.2.0"),
+    "4.5": Blender("311", tuple(WHEEL_TAGS), "4.5.0", "5.1.0"),
+    # Blender 5 no longer comes for Macs with Intel processors.
+    "5.1": Blender("313", ("linux-x64", "windows-x64", "macos-arm64"), "5.1.0"),
+    # Linux distributions build it with a newer Python than blender.org does, whose platform cannot tell the two apart.
+    "5.1-python3.14": Blender("314", ("linux-x64",), "5.1.0"),
 }
 
 
@@ -65,31 +68,40 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--platform", choices=WHEEL_TAGS, action="append", help="only this platform; may be repeated")
     parser.add_argument("--blender", choices=BLENDERS, action="append", help="only this Blender; may be repeated")
+    parser.add_argument("--compiled", action="store_true", help="with the compiled library, which no index has yet")
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder of the zips (dist)")
     parser.add_argument("--version", help="a version other than the manifest's, for trying updates")
     arguments = parser.parse_args()
     for name in arguments.blender or BLENDERS:
-        for platform in BLENDERS[name].pythons:
+        for platform in BLENDERS[name].platforms:
             if platform in (arguments.platform or WHEEL_TAGS):
-                print(build(name, platform, arguments.out, arguments.version), flush=True)
+                print(build(name, platform, arguments.out, arguments.version, arguments.compiled), flush=True)
     return 0
 
 
-def build(name: str, platform: str, out: Path, as_version: str | None = None) -> Path:
+def for_blender(version: tuple[int, ...], python: str) -> str:
+    """Which of BLENDERS a Blender of this version and Python takes; LookupError where no zip is built for it."""
+    for name, blender in BLENDERS.items():
+        first, last = (tuple(map(int, text.split("."))) for text in (blender.first, blender.last or "999"))
+        if first <= version < last and python == blender.python:
+            return name
+    raise LookupError(f"no zip is built for Blender {'.'.join(map(str, version))} with Python {python}")
+
+
+def build(name: str, platform: str, out: Path, as_version: str | None = None, compiled: bool = False) -> Path:
     """Build and check the zip for the Blender `name` on `platform`; gives its path in the folder `out`."""
     blender = BLENDERS[name]
     manifest = (ROOT / MANIFEST).read_text(encoding="utf-8")
     if as_version:
         manifest = re.sub(r'(?m)^version = ".*"$', f'version = "{as_version}"', manifest)
-    wheels = {path.name: path for python in blender.pythons[platform] for path in fetch_wheels(python, platform)}
-    kernels = build_kernels.build(platform)
-    wheels[kernels.name] = kernels
+    wheels = fetch_wheels(blender.python, platform) + ([build_kernels.build(platform)] if compiled else [])
     out.mkdir(parents=True, exist_ok=True)
-    target = out / f"mocap_autolabel-{version(manifest)}-blender{name}-{platform}.zip"
+    ending = "-compiled" if compiled else ""
+    target = out / f"mocap_autolabel-{version(manifest)}-blender{name}-{platform}{ending}.zip"
     with tempfile.TemporaryDirectory() as folder:
         sources = Path(folder) / "sources.zip"
         blender_ext("build", "--source-dir", str(ROOT), "--output-filepath", str(sources))
-        pack(target, sources, narrowed(manifest, blender, platform, wheels), wheels)
+        pack(target, sources, narrowed(manifest, blender, platform, [path.name for path in wheels]), wheels)
     blender_ext("validate", str(target))
     return target
 
@@ -125,7 +137,7 @@ def narrowed(manifest: str, blender: Blender, platform: str, wheels: Iterable[st
     return text[: text.index("[build]")].rstrip() + "\n"
 
 
-def pack(target: Path, sources: Path, manifest: str, wheels: dict[str, Path]) -> None:
+def pack(target: Path, sources: Path, manifest: str, wheels: list[Path]) -> None:
     """Write the zip anew from the packed sources, the narrowed manifest and the wheels."""
     with zipfile.ZipFile(sources) as packed, zipfile.ZipFile(target, "w") as archive:
         for entry, content in _entries(packed, manifest, wheels):
@@ -134,13 +146,13 @@ def pack(target: Path, sources: Path, manifest: str, wheels: dict[str, Path]) ->
             archive.writestr(zipfile.ZipInfo(entry), content, compression)
 
 
-def _entries(packed: zipfile.ZipFile, manifest: str, wheels: dict[str, Path]) -> Iterator[tuple[str, bytes]]:
+def _entries(packed: zipfile.ZipFile, manifest: str, wheels: list[Path]) -> Iterator[tuple[str, bytes]]:
     yield MANIFEST, manifest.encode()
     for name in sorted(packed.namelist()):
         if name != MANIFEST and not name.endswith("/"):
             yield name, packed.read(name)
-    for name, path in wheels.items():
-        yield f"wheels/{name}", path.read_bytes()
+    for path in wheels:
+        yield f"wheels/{path.name}", path.read_bytes()
 
 
 def blender_ext(command: str, *arguments: str) -> None:

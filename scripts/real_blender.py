@@ -20,6 +20,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 TOOL = ROOT.parent / "shared" / "tools" / "real-blender"
+ABOUT = 'import bpy, sys; print("About", *bpy.app.version, "{}{}".format(*sys.version_info))'
 # It takes a number that is free, and ends with its one window.
 XVFB = ("Xvfb", "-displayfd", "1", "-screen", "0", "1600x1000x24", "-terminate")
 WINDOW = (
@@ -36,11 +37,15 @@ WINDOW = (
 
 @dataclass(frozen=True)
 class RealBlender:
-    """A Blender program: `command` starts it; `tool` says that the command is the tool beside the repository."""
+    """A Blender program: `command` starts it; `tool` says that the command is the tool beside the repository.
+
+    `python` is that of its Python, such as 313.
+    """
 
     command: tuple[str, ...]
     tool: bool = False
-    version: tuple[int, int, int] = (0, 0, 0)
+    version: tuple[int, ...] = (0, 0, 0)
+    python: str = ""
 
     def run(self, *arguments: str, home: Path, seconds: float = 300) -> subprocess.CompletedProcess:
         """Run `blender ARGUMENTS…` with its settings in the folder `home`; output is text."""
@@ -101,13 +106,14 @@ def find() -> RealBlender:
 def _started(blender: RealBlender, where: str) -> RealBlender:
     with tempfile.TemporaryDirectory(prefix="mocap-blender-") as home:
         try:
-            done = blender.run("--background", "--version", home=Path(home), seconds=60)
+            done = blender.run("--background", "--factory-startup", "--python-expr", ABOUT, home=Path(home), seconds=60)
         except OSError as error:
             raise LookupError(f"no real Blender: {where} does not start ({error})") from None
-    version = re.search(r"^Blender (\d+)\.(\d+)\.(\d+)", done.stdout, re.MULTILINE)
-    if done.returncode or not version:
+    about = re.search(r"^About (\d+) (\d+) (\d+) (\d+)$", done.stdout, re.MULTILINE)
+    if done.returncode or not about:
         raise LookupError(f"no real Blender: {where} does not start ({(done.stdout + done.stderr).strip()[-200:]})")
-    return replace(blender, version=tuple(int(number) for number in version.groups()))
+    *version, python = about.groups()
+    return replace(blender, version=tuple(map(int, version)), python=python)
 
 
 def _run(command: list[str], environment: dict[str, str], seconds: float) -> subprocess.CompletedProcess:

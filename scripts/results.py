@@ -29,6 +29,7 @@ PAGES = {
     "virtual-occlusions": "The first paper: virtual occlusions",
     "partial-solvers": "The second paper: partial solvers",
     "filling": "Filled gaps",
+    "bodies": "The body on the floor, and on rigs",
     "placement-quality": "Marker placement",
     "speed": "Speed",
     "memory": "Memory",

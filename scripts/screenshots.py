@@ -42,7 +42,7 @@ def main() -> int:
         write_virtual_movies(folder / "movies", read_cameras(folder / "cameras.toml"), MOVIE_FRAMES)
         takes(folder)
         people = [train(folder / name) for name in ("ann.c3d", "bob.c3d")]
-        package = build.build("{}.{}".format(*blender.version), "linux-x64", folder)
+        package = build.build(build.for_blender(blender.version, blender.python), "linux-x64", folder, compiled=True)
         files = {"cameras": "cameras.toml", "blobs": "take.csv", "points": "walk.c3d", "duet": "duet.c3d"}
         files |= {"movies": "movies", "takes": "takes"}
         task = {"zip": str(package), "people": people, **{what: str(folder / name) for what, name in files.items()}}

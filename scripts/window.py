@@ -48,7 +48,7 @@ def until(done: Callable[[], bool], pause: float = 0.2) -> Iterator[float]:
 @contextmanager
 def held() -> Iterator[None]:
     """As long as it lasts, no work of the add-on comes to its end, however fast the machine and slow the window."""
-    working = importlib.import_module("bl_ext.user_default.mocap_autolabel.addon.ops.stepping").WorksInSteps
+    working = importlib.import_module("bl_ext.user_default.mocap_autolabel.addon.ops.long_work").LongWork
     tick, working._tick = working._tick, lambda *_: {"RUNNING_MODAL"}
     try:
         yield

@@ -26,5 +26,5 @@ def test_takes_come_from_the_named_folders_alone(tmp_path):
 
 def test_no_test_goes_through_all_of_the_recorded_data():
     sources = {path: path.read_text(encoding="utf-8") for path in HERE.rglob("*.py") if path != Path(__file__)}
-    assert len(sources) > 200
+    assert len(sources) > 150
     assert [path.name for path, text in sources.items() if OVER_EVERYTHING.search(text)] == []

@@ -9,7 +9,7 @@ import sys
 from ..io.scratch import take_away_own
 from .console import as_trouble, complain, open_streams, stoppable, telling
 from .parser import build_parser
-from .serving import SERVE, TRY, serve, try_libraries, uncollected
+from .serving import HANDED, SERVE, run_work, serve, try_libraries, uncollected
 
 DONE, FAILED, BAD_INPUT = 0, 1, 2
 
@@ -43,10 +43,8 @@ def main(argv: list[str] | None = None) -> int:
 def _run(argv: list[str]) -> int:
     if argv == [SERVE]:
         return serve(main)
-    if argv[:2] == [TRY, "--result"]:
-        from .train import run_trial
-
-        return run_trial(argv[1:])
+    if argv[:2] == [HANDED, "--result"]:
+        return run_work(argv[2:])
     with uncollected():
         arguments = build_parser(argv).parse_args(argv)
     return arguments.run(arguments)

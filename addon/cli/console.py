@@ -1,13 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a command says: results on standard output, progress and the reason of a failure on standard error."""
 
-import _thread
 import errno
 import json
 import os
 import signal
 import sys
-import threading
 import time
 import traceback
 import warnings
@@ -185,9 +183,6 @@ def stoppable() -> Iterator[None]:
 
     Blender keeps Ctrl-C for itself otherwise.
     """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
     kinds = [signal.SIGINT, signal.SIGTERM]
     # Windows has no SIGHUP, and under nohup it stays ignored.
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
@@ -203,11 +198,15 @@ def stoppable() -> Iterator[None]:
 
 
 def _say_again(hook: Callable) -> Callable:
-    """A hook for what Python cannot raise: a request to stop that fell into such a moment is made again behind it."""
+    """A hook for what Python cannot raise: a request to stop that fell into such a moment is made again behind it.
+
+    Windows has no timer for that: there it has to be asked for again.
+    """
 
     def handler(lost):
-        if lost.exc_type is KeyboardInterrupt:
-            threading.Timer(AGAIN, _thread.interrupt_main).start()
+        if lost.exc_type is KeyboardInterrupt and sys.platform != "win32":
+            signal.signal(signal.SIGALRM, signal.default_int_handler)
+            signal.setitimer(signal.ITIMER_REAL, AGAIN)
         else:
             hook(lost)
 

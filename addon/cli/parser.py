@@ -22,6 +22,7 @@ VERBS = (
     "evaluate",
     "verify",
     "simulate",
+    "live",
     "models",
     "quality",
     "demo",

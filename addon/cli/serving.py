@@ -2,26 +2,30 @@
 """A process that works for another: command lines come to it one after the other, so that it starts up once.
 
 Each comes as a line of JSON on standard input, and has one as its answer on standard output, where Blender may write
-too.
+too. The command `work` does what a window, or another process, hands over in a file, and tells how far it is.
 """
 
-import _thread
 import gc
 import json
 import os
-import queue
+import select
+import signal
 import subprocess
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from importlib import import_module
 from io import StringIO
+from pathlib import Path
 
-from ..core.data.errors import JobError
+from ..core.data.errors import JobError, UserError
+from ..core.data.progress import Progress, finished
 
-if sys.platform != "win32":
+if sys.platform == "win32":
+    import ctypes
+    import msvcrt
+else:
     import resource
 
 # 16 MB are what this program has taken before it loads them, generously; measured.
@@ -77,53 +81,101 @@ def load_labelling():
 
 
 SERVE = "serve"  # the word that makes a process one
-TRY = "try"  # the word of a command that only such a process gets: try --result FILE TRIAL
+HANDED = "work"  # the word of a command that only such a process gets: work --result FILE PARCEL
 ANSWER = "mocap-autolabel answers: "  # which an answer begins with
+SHARE = "mocap-autolabel has done: "  # which the share that is done begins with
 PATIENCE = 10.0  # s, in which what is stopped may clean up
-POLL = 0.5  # s; Windows hears no interruption while it waits without end
+POLL = 0.5  # s between two looks at whether whoever sent a command is there
+WORD_EVERY = 0.1  # s between two words on how far the work is
 
 
 def serve(run: Callable[[list[str]], int]) -> int:
-    """Runs command lines until there are no more; ends as by Ctrl-C when whoever sends them is gone in the middle."""
-    lines: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
-    busy, left = threading.Event(), threading.Event()
-    threading.Thread(target=_listen, args=(lines, busy, left), daemon=True).start()
+    """Runs command lines until there are no more; ends as by Ctrl-C when whoever sends them is gone in the middle.
+
+    Where no timer can interrupt the work, as on Windows, it ends at its next word on how far it is, or behind it.
+    """
     load_labelling()  # while whoever sends the first line is still at its files
     out = sys.stdout
-    while (line := waited_for(lines)) is not None:
-        busy.set()
-        if left.is_set():  # what was sent before that is not wanted any more
+    for line in _lines():
+        if _left():  # what was sent before that is not wanted any more
             break
         errors = StringIO()
-        with redirect_stdout(StringIO()), redirect_stderr(errors):
+        with _looking_out(), redirect_stdout(StringIO()), redirect_stderr(errors):
             status = run(json.loads(line))
-        busy.clear()
         out.write(f"\n{ANSWER}{json.dumps({'status': status, 'errors': errors.getvalue()})}\n")
         out.flush()
     return 0
 
 
-def waited_for(what: queue.SimpleQueue):
-    """The next thing in a queue, however long it takes; an interruption is heard meanwhile."""
-    while True:
-        with suppress(queue.Empty):
-            return what.get(timeout=POLL)
-
-
-def _listen(lines: queue.SimpleQueue, busy: threading.Event, left: threading.Event):
-    """Hands on what comes, and ends the process when whoever sent it has `left`: the pipe closes then.
-
-    That holds on every system, however the other process ended.
-    """
+def _lines() -> Iterator[bytes]:
+    """What comes, until whoever sends it is gone."""
     rest = b""
     with suppress(OSError):
         while got := os.read(0, 65536):
             *whole, rest = (rest + got).split(b"\n")
-            for line in whole:
-                lines.put(line)
-    left.set()
-    lines.put(None)
-    if busy.is_set():
-        _thread.interrupt_main()
-        time.sleep(PATIENCE)
-        os._exit(JobError.exit_status)
+            yield from whole
+
+
+def _left() -> bool:
+    """Whether whoever sent the command lines is gone: the pipe is closed then, however the other process ended."""
+    if sys.platform == "win32":
+        pipe = ctypes.c_void_p(msvcrt.get_osfhandle(0))
+        return not ctypes.windll.kernel32.PeekNamedPipe(pipe, None, 0, None, None, None)
+    pipe = select.poll()
+    pipe.register(0, 0)  # that it was closed is told unasked
+    return bool(pipe.poll(0))
+
+
+@contextmanager
+def _looking_out() -> Iterator[None]:
+    """Ends the block as by Ctrl-C when whoever sent its work is gone, and the process once it had time to clean up."""
+
+    def look(*_):
+        if _left():
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            signal.setitimer(signal.ITIMER_REAL, PATIENCE)
+            signal.raise_signal(signal.SIGINT)
+
+    if sys.platform == "win32":
+        yield
+        return
+    signal.signal(signal.SIGALRM, look)
+    signal.siginterrupt(signal.SIGALRM, False)
+    signal.setitimer(signal.ITIMER_REAL, POLL, POLL)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+def run_work(argv: list[str]) -> int:
+    """Does the work of a parcel, a function with what it is given; what it returns, or its trouble, goes into another.
+
+    Where that is a generator it is stepped to its end, and the share that it yields is told on standard output.
+    """
+    from .parcels import read_parcel, write_parcel
+
+    result, parcel = map(Path, argv)
+    told = 0.0
+
+    def tell(step: Progress | float):
+        nonlocal told
+        if time.monotonic() < told + WORD_EVERY:
+            return
+        told = time.monotonic()
+        share = step.fraction if isinstance(step, Progress) else step
+        sys.__stdout__.write(f"\n{SHARE}{share:.4f}\n")
+        sys.__stdout__.flush()
+        if _left():
+            raise KeyboardInterrupt
+
+    try:
+        work = read_parcel(parcel)
+        parcel.unlink()  # those of a whole session are many
+        outcome = work()
+        if isinstance(outcome, Generator):
+            outcome = finished(outcome, tell)
+    except UserError as error:
+        outcome = error
+    write_parcel(result, outcome)
+    return 0

@@ -2,7 +2,6 @@
 """`train TAKE… --out MODEL`: a model from labelled takes, or from words; trials are made side by side, in processes."""
 
 import argparse
-import json
 import os
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -15,16 +14,15 @@ from ..core.evaluation.comparing import difference_lines
 from ..core.papers.partial_solvers.training import SEARCHES
 from ..core.points.likelihood.trying import TrialOutcome, TrialWork, in_turn, tried
 from ..io.markersets import SUFFIX
-from ..io.models import pack, unpack
-from ..io.scratch import naming_scratch, scratch_folder
-from ..io.source import read_bytes
+from ..io.scratch import scratch_folder
 from ..jobs.models import system_user
 from ..jobs.train import TrainJob, train_file
 from ..jobs.training_takes import KnownBetter
 from .arguments import a_model, add_options, job_of, names, number, whole
 from .console import ProgressLine, print_results
 from .models import SHOWN_DIGITS
-from .serving import TRY
+from .parcels import write_parcel
+from .serving import HANDED
 from .workers import crew
 
 # How many processes try, where nobody says.
@@ -33,19 +31,10 @@ MAX_JOBS = 4  # a core each; assumed: what goes before the trials is soon longer
 WORTH_POINTS = 40_000
 
 
-def run_trial(argv: Sequence[str]) -> int:
-    """Tries the trial of a scratch file, as it would be tried in the process that wrote it; writes what comes of it."""
-    result, path = map(Path, argv[1:])  # behind the word itself
-    work = unpack(TrialWork, json.loads(read_bytes(path)), "trial", path)
+def _tried(work: TrialWork) -> TrialOutcome:
+    """The outcome of a trial, as it would be in the process that handed it over."""
     with threadpool_limits(1, user_api="blas"):
-        outcome = tried(work)
-    _write(result, outcome)
-    return 0
-
-
-def _write(path: Path, what: TrialWork | TrialOutcome):
-    with naming_scratch(path.parent):
-        path.write_text(json.dumps(pack(what)), encoding="utf-8", newline="\n")
+        return tried(work)
 
 
 def try_in(jobs: int | None, works: Sequence[TrialWork]) -> Iterator[TrialOutcome]:
@@ -61,13 +50,13 @@ def _tried_side_by_side(works: Sequence[TrialWork], jobs: int) -> Iterator[Trial
     with scratch_folder() as scratch:
         paths = [scratch / f"{number}.trial" for number in range(len(works))]
         for path, work in zip(paths, works, strict=True):
-            _write(path, work)
+            write_parcel(path, partial(_tried, work))
         found, given = {}, 0
         with crew(min(jobs, len(works))) as run:
-            for number, answer in run([[TRY, str(path)] for path in paths]):
+            for number, answer in run([[HANDED, str(path)] for path in paths]):
                 if isinstance(answer, UserError):
                     raise type(answer)(f"a trial could not be made: {answer.message}")
-                found[number] = unpack(TrialOutcome, answer, "trial", paths[number])
+                found[number] = answer
                 while given in found:
                     yield found.pop(given)
                     given += 1

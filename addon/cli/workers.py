@@ -1,33 +1,33 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Takes side by side, in processes that go through the same door as this one and take one take after the other.
+"""Work in processes that go through the same door as this one: a window's own, or takes side by side.
 
 Neither threads (NumPy's small steps hold Python's lock) nor `multiprocessing` (it starts `sys.executable`, which in
 Blender is not what runs us, and imports a main module that Blender does not have) would do.
 """
 
 import json
-import queue
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
-from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import IO, cast
+from typing import IO, Any, cast
 
 from ..core.data.errors import InputError, JobError, UserError
 from ..io.scratch import naming_scratch, scratch_folder
 from ..io.source import read_bytes
-from .serving import ANSWER, PATIENCE, POLL, SERVE
+from .parcels import read_parcel, write_parcel
+from .serving import ANSWER, HANDED, PATIENCE, POLL, SERVE, SHARE
 
 Answers = Generator[tuple[int, dict | UserError], None, None]  # the number of each command line, and what came of it
 ROOT = Path(__file__).resolve().parents[2]
 EXTENSION = "mocap_autolabel"
 NO_MORE = object()  # of the command lines
+FILES = count()  # in scratch folders, that no two have one name
+HEAR_S = 0.02  # s between two looks at what processes have said
 # Opens the package from where it lies, whatever it is called and wherever it was installed.
 SCRIPT = """
 import importlib.util, json, sys
@@ -42,20 +42,26 @@ sys.exit(main(sys.argv[3:]))
 
 
 class Worker:
-    """A process that takes one command after the other; `begun` once it had any."""
+    """A process that takes one command after the other; `share` of the last is done, as far as it tells.
+
+    `line` is that command, empty before the first; `busy` whether it is at work.
+    """
 
     def __init__(self, scratch: Path):
         """Starts it; JobError where there can be none."""
-        self.errors, self.begun = scratch / f"{time.monotonic_ns()}.stderr", False
+        self.scratch, self.share, self.line, self.busy = scratch, 0.0, [], False
+        name = scratch / str(next(FILES))
+        self.said, self.errors = name.with_suffix(".stdout"), name.with_suffix(".stderr")
+        self._read, self._rest = 0, b""
         with naming_scratch(scratch):
-            output = self.errors.open("wb")
-        with output:
+            output, errors = self.said.open("wb"), self.errors.open("wb")
+        with output, errors:
             try:
                 self.process = subprocess.Popen(  # noqa: S603 - it is ourselves
                     [*door(), SERVE],
                     stdin=subprocess.PIPE,
-                    stdout=subprocess.PIPE,
-                    stderr=output,
+                    stdout=output,
+                    stderr=errors,
                     start_new_session=True,  # a Ctrl-C reaches us only, and we stop them once
                 )
             except OSError as error:
@@ -63,43 +69,64 @@ class Worker:
                 raise JobError(f"no process can be started for it ({reason}); expected fewer --jobs") from None
         self.pipe = cast("IO[bytes]", self.process.stdin)
 
-    def run(self, line: list[str], result: Path) -> dict | UserError:
-        """What comes of a command line, which leaves that in a file; how the process ended where that is all."""
-        self.begun = True
+    def begin(self, line: list[str]):
+        """Sends it a command line, which leaves its result in a file; what comes of it is there to be looked at."""
+        self.line, self.busy, self.share = line, True, 0.0
+        self.result = self.scratch / f"{next(FILES)}.result"
         with suppress(OSError):  # that it is gone shows where it would have answered
-            self.pipe.write(json.dumps([line[0], "--result", str(result), *line[1:]]).encode() + b"\n")
+            self.pipe.write(json.dumps([line[0], "--result", str(self.result), *line[1:]]).encode() + b"\n")
             self.pipe.flush()
-        for reply in cast("IO[bytes]", self.process.stdout):
-            if reply.startswith(ANSWER.encode()):
-                return _answer(line[-1], result, **json.loads(reply[len(ANSWER) :]))
-        errors = self.errors.read_bytes().decode("utf-8", "replace")
-        return _answer(line[-1], result, self.process.wait(), errors)
+
+    def hand(self, work: Callable):
+        """Hands it a function of ours with what it is given; what that returns, which is not None, is looked at."""
+        parcel = self.scratch / f"{next(FILES)}.parcel"
+        write_parcel(parcel, work)
+        self.begin([HANDED, str(parcel)])
+
+    def look(self) -> Any:
+        """What came of the command line, or how the process ended where that is all; None while it is at work."""
+        ended = self.process.poll() is not None  # before what it said is read
+        with self.said.open("rb") as file:
+            file.seek(self._read)
+            said = file.read()
+        self._read += len(said)
+        *lines, self._rest = (self._rest + said).split(b"\n")
+        for line in (line.decode("utf-8", "replace") for line in lines):
+            if line.startswith(SHARE):
+                self.share = float(line[len(SHARE) :])
+            elif line.startswith(ANSWER):
+                return self._answer(**json.loads(line[len(ANSWER) :]))
+        if ended:
+            return self._answer(self.process.returncode, self.errors.read_bytes().decode("utf-8", "replace"))
+        return None
+
+    def _answer(self, status: int, errors: str) -> Any:
+        """What came of a command line, or why nothing did, by its exit status and what it said on standard error."""
+        self.busy, handed = False, self.line[0] == HANDED
+        if status == 0 and self.result.is_file():
+            found = read_parcel(self.result) if handed else json.loads(read_bytes(self.result))
+            self.result.unlink()  # results of a whole session are many
+            return found
+        take, jobs = ("", "") if handed else (self.line[-1], ", see --jobs")
+        lines = errors.strip().splitlines()
+        reason = next((line for line in reversed(lines) if line.startswith("mocap-autolabel: ")), "")
+        if reason:
+            return (InputError if status == InputError.exit_status else JobError)(reason.partition(": ")[2])
+        if status >= 0:
+            return JobError(f"its process ended with status {status} and said nothing; expected it to finish", take)
+        try:
+            killed = signal.Signals(-status).name
+        except ValueError:
+            killed = str(status)
+        words = f"its process was killed ({killed}), as systems do when memory is full"
+        return JobError(f"{words}; expected it to finish{jobs}", take)
 
     def close(self):
-        """Lets go of the pipe to the process, which ends itself then; at once where it is still starting up."""
-        if not self.begun:
+        """Lets go of the pipe to the process, which ends itself then; at once where it starts up or cannot hear it."""
+        if not self.line or (self.busy and sys.platform == "win32"):
             self.process.kill()
         with suppress(OSError):
             self.pipe.close()
-
-
-def _answer(take: str, result: Path, status: int, errors: str) -> dict | UserError:
-    """What came of a command line, or why nothing did, by its exit status and what it said on standard error."""
-    if status == 0 and result.is_file():
-        return json.loads(read_bytes(result))
-    lines = errors.strip().splitlines()
-    reason = next((line for line in reversed(lines) if line.startswith("mocap-autolabel: ")), "")
-    if reason:
-        return (InputError if status == InputError.exit_status else JobError)(reason.partition(": ")[2])
-    if status >= 0:
-        return JobError(f"its process ended with status {status} and said nothing; expected it to finish", take)
-    try:
-        killed = signal.Signals(-status).name
-    except ValueError:
-        killed = str(status)
-    return JobError(
-        f"its process was killed ({killed}), as systems do when memory is full; expected it to finish, see --jobs", take
-    )
 
 
 class Crew:
@@ -108,7 +135,7 @@ class Crew:
     def __init__(self, jobs: int, scratch: Path):
         self.jobs, self.scratch = jobs, scratch
         self.workers: list[Worker] = []
-        self.idle: queue.SimpleQueue[Worker] = queue.SimpleQueue()
+        self.idle: list[Worker] = []
 
     def start(self) -> Worker:
         """Another process; JobError where there can be none."""
@@ -116,48 +143,41 @@ class Crew:
         self.workers.append(worker)
         return worker
 
-    def run(self, pool: ThreadPoolExecutor, commands: Iterable[list[str] | None]) -> Answers:
+    def run(self, commands: Iterable[list[str] | None]) -> Answers:
         """Number and answer of each command line, as they come; processes that ended meanwhile are replaced."""
-        at_work: dict[Future, int] = {}
-        lines, numbers, more = iter(commands), count(), True
+        at_work: dict[Worker, int] = {}
+        lines, numbers, more, again = iter(commands), count(), True, 0.0
         while more or at_work:
-            while more and len(at_work) < self.jobs:
+            while more and len(at_work) < self.jobs and time.monotonic() >= again:
+                worker = self._free()
+                if isinstance(worker, JobError) and at_work:
+                    break  # the next of these that is done takes the line
                 line = next(lines, NO_MORE)
-                more = line is not NO_MORE
-                if not isinstance(line, list):
-                    break
-                number = next(numbers)
-                at_work[pool.submit(self._do, line, self.scratch / f"{number}.json")] = number
-            if not at_work and more:
-                time.sleep(POLL)
-            for future in wait(at_work, POLL, FIRST_COMPLETED).done:
-                yield at_work.pop(future), future.result()
+                more, again = line is not NO_MORE, time.monotonic() + (POLL if line is None else 0)
+                if isinstance(line, list) and isinstance(worker, Worker):
+                    worker.begin(line)
+                    at_work[worker] = next(numbers)
+                elif isinstance(line, list):
+                    yield next(numbers), JobError(worker.message, worker.file or line[-1])
+                elif isinstance(worker, Worker):
+                    self.idle.append(worker)
+            done = [(worker, answer) for worker in at_work if (answer := worker.look()) is not None]
+            for worker, answer in done:
+                if worker.process.poll() is None:
+                    self.idle.append(worker)
+                else:
+                    self.workers.remove(worker)
+                    worker.close()
+                yield at_work.pop(worker), answer
+            if not done:
+                time.sleep(HEAR_S)
 
-    def _do(self, line: list[str], result: Path) -> dict | UserError:
+    def _free(self) -> Worker | JobError:
+        """A process with nothing to do, another one, or why there is none."""
         try:
-            worker = self._free()
+            return self.idle.pop() if self.idle else self.start()
         except JobError as error:
-            return JobError(error.message, error.file or line[-1])
-        answer = worker.run(line, result)
-        if worker.process.poll() is None:
-            self.idle.put(worker)
-        else:
-            self.workers.remove(worker)
-            worker.close()
-        return answer
-
-    def _free(self) -> Worker:
-        """A process with nothing to do; where none can be started, the next of the others that is done."""
-        with suppress(queue.Empty):
-            return self.idle.get_nowait()
-        while True:
-            try:
-                return self.start()
-            except JobError:
-                if not self.workers:
-                    raise
-            with suppress(queue.Empty):
-                return self.idle.get(timeout=POLL)
+            return error
 
     def stop(self):
         """Lets the processes end, which lets them clean up, and insists where one does not."""
@@ -180,13 +200,13 @@ def crew(jobs: int) -> Iterator[Callable[[Iterable[list[str] | None]], Answers]]
     each asked for when a process has time for it; None among them stands for none at the moment. The processes start up
     while whoever has begun them looks at what they are to do, and end with this block, or with this process.
     """
-    with scratch_folder() as scratch, ThreadPoolExecutor(jobs) as pool:
+    with scratch_folder() as scratch:
         workers = Crew(jobs, scratch)
         try:
             with suppress(JobError):  # said of the takes, where none can be started then either
                 for _ in range(jobs):
-                    workers.idle.put(workers.start())
-            yield partial(workers.run, pool)
+                    workers.idle.append(workers.start())
+            yield workers.run
         finally:
             workers.stop()
 

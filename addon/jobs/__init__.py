@@ -1,11 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One take from file to files. The command line and Blender's operators step these generators of progress alike."""
+"""One take from file to files: generators of progress, which the command line steps, for itself or for a window."""
 
 from collections.abc import Generator
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..core.data.progress import Progress
+from ..core.review.changes import Change
+from ..io.labels import changes_of_part
 from ..io.points import holds_points
+from ..io.scratch import scratch_folder
 from .job import LabelJob, Labelled
 
 if TYPE_CHECKING:
@@ -22,6 +27,22 @@ def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     return label_take(job, _kind_of)
 
 
+def label_to_show(
+    job: LabelJob, whole: Path | None = None
+) -> Generator[Progress, None, tuple[Labelled, tuple[Change, ...] | None]]:
+    """The same for a window, with the files in a folder that goes.
+
+    Of a part of a take it gives how its names are otherwise than in the label file of the `whole`, None where nobody
+    can tell.
+    """
+    with scratch_folder() as folder:
+        job = replace(job, out=folder)
+        labelled, changed = (yield from label_file(job)), None
+        if whole is not None:
+            changed = changes_of_part(whole, job.path(".labels.csv"), labelled.worn.markers, job.frames)
+    return labelled, changed
+
+
 def _kind_of(job: LabelJob) -> "type[OpenTake]":
     """What opens the take; of blobs it takes long to load, and takes of points need none of it."""
     if holds_points(job.source, job.use):
@@ -33,4 +54,4 @@ def _kind_of(job: LabelJob) -> "type[OpenTake]":
     return BlobTake
 
 
-__all__ = ["LabelJob", "Labelled", "label_file"]
+__all__ = ["LabelJob", "Labelled", "label_file", "label_to_show"]

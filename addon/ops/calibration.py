@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Refine Calibration: cameras that were moved are put where the take's own blobs show them to stand."""
 
+from functools import partial
 from pathlib import Path
 
 import bpy
@@ -14,13 +15,13 @@ from ..scene import cameras as scene_cameras
 from ..scene.cameras import show_refined
 from .base import once, unless
 from .importing import lacks_cameras
-from .stepping import WorksInSteps, beside
+from .long_work import LongWork
 
 ENDING = ".refined.toml"
 BLOBS_FIRST = "Import the blobs first: the cameras are refined by them"
 
 
-class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_refine_calibration(LongWork, bpy.types.Operator):
     """Move and turn the cameras so that the take's own named blobs meet; a new calibration is written beside them."""
 
     filepath: once(
@@ -35,7 +36,7 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
         unless(lambda context: context.scene.mocap_autolabel.source.blobs_path, BLOBS_FIRST),
     )
 
-    def steps(self, context):
+    def asked(self, context):
         settings, path = context.scene.mocap_autolabel, self.filepath
         self._of = settings.source.cameras.session_uid
         source = Path(bpy.path.abspath(settings.source.blobs_path))
@@ -49,7 +50,7 @@ class MOCAP_AUTOLABEL_OT_refine_calibration(WorksInSteps, bpy.types.Operator):
             overwrite=bool(path),
             if_refined=True,
         )
-        return beside(refine_file(job))
+        return partial(refine_file, job)
 
     def _show(self, context, refined: Refined) -> set[str]:
         scene, report = context.scene, refined.report

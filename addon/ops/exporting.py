@@ -27,6 +27,7 @@ from ..props import keeps_items
 from ..scene.character import BLENDER_AXES, BVH_AXES, add_character
 from ..scene.opened import opened
 from ..scene.performers import homes
+from ..scene.roots import root_of
 from ..scene.stored import Stored, alone
 from ..scene.take import is_take, set_time
 from .base import OfTake, ToldWhere, WithTake, taken
@@ -281,7 +282,9 @@ class MOCAP_AUTOLABEL_OT_add_character(OfTake, bpy.types.Operator):
         stored, added = opened.take(settings.take, context.scene), []
         for one in stored.performers:
             home = homes(settings.take).get(one.name, settings.take)
-            added.append(add_character(context, home, alone(stored, one), settings.bone_names, BLENDER_AXES).name)
+            character = add_character(context, home, alone(stored, one), settings.bone_names, BLENDER_AXES)
+            character.parent = root_of(settings.take)
+            added.append(character.name)
         self.report({"INFO"}, f"Added {', '.join(added)}")
 
 

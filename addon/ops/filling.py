@@ -1,16 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Gaps filled and markers smoothed in the scene, and both taken back: kept beside labels and edits."""
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import bpy
 import numpy as np
 from bpy.props import EnumProperty, IntProperty
 
-from ..core.data.background import in_background
 from ..core.data.errors import InputError, UserError
-from ..core.data.progress import finished
 from ..core.data.takes import Blobs
 from ..core.filling.filling import FilledTake, FillOptions, SubjectMarkers, fill_subjects, kept_fills_of
 from ..core.filling.kept import KeptFill, replaced_fills
@@ -27,8 +25,8 @@ from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
 from .base import OfTake, once, taken, takes_of_file, unless
 from .correcting import selected_markers
+from .long_work import LongWork
 from .reposing import follow_soon
-from .stepping import WorksInSteps
 
 EXTENTS = (
     ("GAP", "Gap", "The gaps at the current frame: of the selected markers, of all where none is selected"),
@@ -75,13 +73,13 @@ def wanted_markers(context: bpy.types.Context, stored: Stored, extent: str) -> t
     return None if extent == "TAKE" or not names else tuple(stored.names.index(name) for name in names)
 
 
-class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, LongWork, bpy.types.Operator):
     """Fill gaps by what the rest of the take says; what was measured stays, and what is filled is marked as such."""
 
     extent: extent_property("Which gaps to fill")
     doing = "Filling gaps"
 
-    def steps(self, context) -> Generator[float, None, FilledTake]:
+    def asked(self, context) -> partial:
         settings, stored = context.scene.mocap_autolabel, taken(context)
         frame = stored.index_here(context.scene.frame_current) if self.extent == "GAP" else None
         longest = settings.filling.longest if settings.filling.use_longest else None
@@ -89,8 +87,7 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, WorksInSteps, bpy.types.Operator):
         options = FillOptions(settings.filling.method, longest, markers, frame)
         self._of = context.scene.mocap_autolabel.take.session_uid
         subjects = [subject_of(context, stored, one, options.method) for one in stored.performers]
-        work = partial(fill_subjects, stored.unfilled.markers, stored.rate, options, subjects, _rays(stored))
-        return in_background(lambda tell: finished(work(), tell))
+        return partial(fill_subjects, stored.unfilled.markers, stored.rate, options, subjects, _rays(stored))
 
     def _show(self, context, filled: FilledTake) -> set[str]:
         settings = context.scene.mocap_autolabel

@@ -23,7 +23,7 @@ from ..props import refresh_review
 from ..scene import cameras as scene_cameras
 from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
-from ..scene.take import frame_shift, set_time
+from ..scene.take import fps_of, frame_shift, give_time, set_time
 from .base import Ours, once, unless
 from .viewing import MAX_PLACES, fit_timelines, show_take_whole
 
@@ -157,10 +157,10 @@ def take_blobs(context: bpy.types.Context, path: Path) -> str:
     source.preview = store_preview(path.stem, blobs, cameras)
     source.blobs_path, source.blob_count = str(path), len(blobs)
     source.rate = blob_rate(path, None) or source.rate
-    _set_frames(context, blobs.frames)
+    kept = _set_frames(context, blobs.frames)
     fit_timelines(context)
     summary = f"{count_of(len(blobs), 'blob')} in {count_of(len(blobs.frames), 'frame')}"
-    return "; ".join([summary, *(cameras.remarks if own else ()), *capture_notes(path, False, cameras)])
+    return "; ".join([summary, *kept, *(cameras.remarks if own else ()), *capture_notes(path, False, cameras)])
 
 
 def _cameras_for(scene: bpy.types.Scene, path: Path) -> tuple[Cameras, bool]:
@@ -192,12 +192,12 @@ def take_points(
     source.points_path, source.blob_count = str(path), len(source.preview.vertices)
     source.up, source.mirror = up or "", mirror
     source.trajectories, source.rate = len(take.names), take.rate
-    _set_frames(context, take.first_frame + np.arange(len(take.xyz)))
+    kept = _set_frames(context, take.first_frame + np.arange(len(take.xyz)))
     show_take_whole(context, take.xyz[evenly_spread(len(take.xyz), MAX_PLACES)].reshape(-1, 3))
     edits = edits_beside(path)
     more = [] if edits is None else [f"{edits.name} beside it will be applied"]
     summary = f"{count_of(source.trajectories, 'trajectory')} in {count_of(len(take.xyz), 'frame')}"
-    return "; ".join([summary, *take.notes, *more, *capture_notes(path, True)])
+    return "; ".join([summary, *kept, *take.notes, *more, *capture_notes(path, True)])
 
 
 def forget_take(context: bpy.types.Context):
@@ -213,11 +213,25 @@ def forget_take(context: bpy.types.Context):
     refresh_review(context.window_manager, context.scene)
 
 
-def _set_frames(context: bpy.types.Context, frames: np.ndarray):
+def _set_frames(context: bpy.types.Context, frames: np.ndarray) -> list[str]:
+    """Notes the frames of the take and has the scene play them; what there is to say where it does not."""
     source, labelling = context.scene.mocap_autolabel.source, context.scene.mocap_autolabel.labelling
     source.first_frame, source.last_frame = int(frames[0]), int(frames[-1])
     labelling.range_first, labelling.range_last = source.first_frame, source.last_frame
-    set_time(context.scene, source.rate, frames + frame_shift(frames))
+    if give_time(context.scene, source.rate, frames + frame_shift(frames)):
+        return []
+    return [f"the scene keeps its {fps_of(context.scene):g} frames a second, because something in it is animated"]
+
+
+class MOCAP_AUTOLABEL_OT_play_as_take(Ours, bpy.types.Operator):
+    """Give the scene the frame rate and the frames of the take; what else is animated in it keeps its frames."""
+
+    bl_label = "Play as the Take"
+
+    def work(self, context):
+        source = context.scene.mocap_autolabel.source
+        frames = np.array([source.first_frame, source.last_frame])
+        set_time(context.scene, source.rate, frames + frame_shift(frames))
 
 
 class DropsIntoView:

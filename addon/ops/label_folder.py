@@ -1,11 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Label Folder: the command line's batch in a process of its own, followed by its table while Blender is used."""
 
-import queue
 import time
 from contextlib import ExitStack
 from pathlib import Path
-from threading import Thread
 
 import bpy
 from bpy.props import IntProperty
@@ -42,7 +40,6 @@ class FolderBatch:
         self.rows: list[TakeRow] = []
         self.trouble: UserError | None = None
         self._seen: int | None = None
-        self._answers: queue.SimpleQueue[dict | UserError] = queue.SimpleQueue()
         with ExitStack() as stack:
             scratch = stack.enter_context(scratch_folder())
             if cameras is not None:
@@ -52,20 +49,20 @@ class FolderBatch:
             self._worker = Worker(scratch)
             stack.callback(self._worker.close)
             self._kept = stack.pop_all()
-        Thread(target=lambda: self._answers.put(self._worker.run(line, scratch / "result.json")), daemon=True).start()
+        self._worker.begin(line)
 
     def look(self) -> bool:
         """Takes in what is new; False once it has come to its end."""
-        ended = not self._answers.empty()
+        answer = self._worker.look()
         try:
             changed = self.table.stat().st_mtime_ns
             if changed != self._seen:
                 self.rows, self._seen = read_table(self.table), changed
         except (OSError, UserError):  # not there yet
             pass
-        if ended:
-            self._end(self._answers.get())
-        return not ended
+        if answer is not None:
+            self._end(answer)
+        return answer is None
 
     def stop(self):
         """Lets it end, which it does in a moment; nothing half-written stays."""

@@ -18,7 +18,7 @@ from ..scene.stored import Stored
 from .base import OfTake, reports_trouble, taken
 from .correcting import correct, edit_of, frames_in_scope, marker_items
 from .gestures import gesture, is_over_view, place_in, window_region
-from .picking import InView, dot_at, image_in, selected_markers, show_picked
+from .picking import InView, dot_at, image_in, selected_markers, show_picked, take_to_view
 
 # Keys that change what is looked at, which go on meaning what they mean while dots are named.
 LOOKING = ("ARROW", "NUMPAD", "WHEEL", "MOUSE", "TRACKPAD", "TIMER", "HOME", "ACCENT_GRAVE", "NDOF", "WINDOW")
@@ -211,7 +211,8 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
         gesture.marker, self._stored = marker, stored
         self._near = predicted(stored, index)[marker]
         if not np.isfinite(self._near).all():
-            self._near = np.array(self._area.spaces.active.region_3d.view_location)
+            ahead = self._area.spaces.active.region_3d.view_location
+            self._near = (np.linalg.inv(take_to_view(context, stored, self._area)) @ [*ahead, 1.0])[:3]
         self.moved(context)
         self._help = (
             f"It Is Here: click where {self.marker} is, turn the view and click again, then Enter    Esc: cancel"
@@ -237,9 +238,11 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
                 return on_ray(*ray_of(stored, int(dots.trajectory[found])), near)
         ways = region_2d_to_origin_3d, region_2d_to_vector_3d
         origin, direction = (np.array(way(self._region, view, gesture.mouse), dtype=float) for way in ways)
+        back = np.linalg.inv(take_to_view(bpy.context, stored, self._area))
+        origin, direction = back[:3, :3] @ origin + back[:3, 3], back[:3, :3] @ direction
         if view.is_perspective:
             return on_ray(origin, direction, near)
-        return origin + direction * float((near - origin) @ direction)
+        return origin + direction * float((near - origin) @ direction) / float(direction @ direction)
 
     def click(self, context) -> set[str]:
         self._at = self._under_pointer()

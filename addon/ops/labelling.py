@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The one button: names blobs or points by the command line's own job, and shows the take when all of it is done."""
 
-from collections.abc import Callable, Generator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import bpy
 from bpy.props import BoolProperty
 
-from ..core.data.background import drained, in_background
 from ..core.data.errors import ForceableError, InputError, UserError
 from ..core.data.takes import Blobs
 from ..core.data.wording import count_of
@@ -19,12 +18,12 @@ from ..core.pipelines.misfits import HOW_TO_TURN
 from ..core.points.handedness import HOW_TO_MIRROR
 from ..core.points.refusals import HOW_TO_ASK
 from ..core.points.several.wearers import AUTO
-from ..core.review.changes import summary_of_changes
+from ..core.review.changes import Change, summary_of_changes
 from ..io.markersets import AUTO_MODEL, open_markerset
 from ..io.qtm.capture import USE_BLOBS, USE_POINTS
-from ..io.scratch import scratch_folder
 from ..io.text import written
-from ..jobs import LabelJob, Labelled, label_file
+from ..jobs import LabelJob, Labelled, label_to_show
+from ..jobs.job import occlusion_here
 from ..props import SceneSettings, choose_model, colours_asked, frames_wanted, refresh_review, subjects_asked, take_name
 from ..scene import cameras as scene_cameras
 from ..scene.corrections import kept_edits
@@ -32,12 +31,13 @@ from ..scene.occlusion import meshes_on, occlusion_of
 from ..scene.ownership import persons_in
 from ..scene.performers import usual_colour
 from ..scene.relabelled import kept_changes, show_again
+from ..scene.roots import in_world
 from ..scene.take import Take
 from .base import lacks_object_mode, once, takes_of_file
 from .filling import fills_kept, kept_before
 from .importing import cameras_at_hand
+from .long_work import LongWork, nothing_goes_on
 from .reposing import follow_soon
-from .stepping import WorksInSteps, nothing_goes_on
 from .viewing import fit_timelines, show_take_whole
 
 ASK_HERE = "by Label All Performers, or under Performers"
@@ -72,7 +72,7 @@ def job_of(context: bpy.types.Context) -> LabelJob:
         rate=given.rate,
         height=labelling.height if labelling.use_height else None,
         facing=labelling.facing if labelling.use_facing else None,
-        occlusion=labelling.occlusion,
+        occlusion=occlusion_here(labelling.occlusion),  # Blender's own, whichever door the process goes through
         body=body,
         edits=edits_so_far(context.scene, source),
         keep=True,
@@ -115,35 +115,6 @@ def edits_so_far(scene: bpy.types.Scene, source: Path) -> Edits | None:
     return next((edits for edits in map(kept_edits, same) if edits is not None), None)
 
 
-def label_steps(
-    job: LabelJob, name: str, look: Callable[[LabelJob, Labelled], None] | None = None
-) -> Generator[float, None, Take]:
-    """Labels the take, yielding how much is done (0 to 1), and returns it. Touches nothing of Blender.
-
-    The job goes on beside the window, with its files in a folder that goes; `look` looks at them before. Raises
-    UserError with the file where it can be told.
-    """
-
-    def label(tell: Callable[[float], None]) -> Take:
-        try:
-            with scratch_folder() as folder:
-                there = replace(job, out=folder)
-                labelled = drained(label_file(there), tell)
-                if look is not None:
-                    look(there, labelled)
-            doubts = tuple(labelled.report.get("camera_doubts", ()))
-            # An empty list that was given stays one: what lies beside the take was taken back in the scene.
-            edits = labelled.edits if labelled.edits or job.edits is not None else None
-            given = name, labelled.report["rate"], job.cameras or NO_CAMERAS, labelled.worn, labelled.chunks
-            return Take.of(*given, written(str(job.source)), doubts=doubts, edits=edits, lab=labelled.lab)
-        except UserError as error:
-            words = error.message.replace(HOW_TO_ASK, ASK_HERE).replace(HOW_TO_MIRROR, MIRROR_HERE)
-            words = words.replace(HOW_TO_TURN, TURN_HERE).replace(HOW_TO_CHOOSE, CHOOSE_HERE)
-            raise type(error)(words, error.file or job.source, error.line) from error
-
-    return in_background(label)
-
-
 def lacks_input(context: bpy.types.Context) -> str:
     """What to import before anything can be labelled; else nothing."""
     source = context.scene.mocap_autolabel.source
@@ -154,12 +125,24 @@ def lacks_input(context: bpy.types.Context) -> str:
     return "" if source.blobs_path else "Import the blobs first, or 3D points"
 
 
-class LabelsTake(WorksInSteps):
-    """Operators that label, and show the take as the scene's settings have it."""
+class LabelsTake(LongWork):
+    """Operators that label by their `_job`, and show the take as the scene's settings have it, under their `_name`."""
 
     doing, needs = "Labelling", (lacks_object_mode, nothing_goes_on)
 
-    def _show(self, context, take: Take) -> set[str]:
+    def _said(self, _context, error: UserError) -> UserError:
+        """What it is refused for, with the button's words for what can be done about it."""
+        words = error.message.replace(HOW_TO_ASK, ASK_HERE).replace(HOW_TO_MIRROR, MIRROR_HERE)
+        words = words.replace(HOW_TO_TURN, TURN_HERE).replace(HOW_TO_CHOOSE, CHOOSE_HERE)
+        return type(error)(words, error.file or self._job.source, error.line)
+
+    def _show(self, context, found: tuple[Labelled, tuple[Change, ...] | None]) -> set[str]:
+        job, (labelled, _) = self._job, found
+        doubts = tuple(labelled.report.get("camera_doubts", ()))
+        # An empty list that was given stays one: what lies beside the take was taken back in the scene.
+        edits = labelled.edits if labelled.edits or job.edits is not None else None
+        given = self._name, labelled.report["rate"], job.cameras or NO_CAMERAS, labelled.worn, labelled.chunks
+        take = Take.of(*given, written(str(job.source)), doubts=doubts, edits=edits, lab=labelled.lab)
         if context.mode != "OBJECT":  # where the user went meanwhile
             bpy.ops.object.mode_set(mode="OBJECT")
         settings = context.scene.mocap_autolabel
@@ -168,7 +151,7 @@ class LabelsTake(WorksInSteps):
         follow_soon()  # frames around those that were labelled may have been corrected a moment before
         refresh_review(context.window_manager, context.scene)
         if isinstance(take.rows, Blobs):
-            show_take_whole(context, take.motion.markers.reshape(-1, 3))
+            show_take_whole(context, in_world(settings.take, take.motion.markers.reshape(-1, 3)))
         else:
             fit_timelines(context)
         for words in take.doubts or ():
@@ -201,29 +184,27 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
 
     needs = (lacks_input, *LabelsTake.needs)
 
-    def steps(self, context):
+    def asked(self, context) -> partial:
         """The labelling; what the take is refused for stays beside the button where something can be done about it."""
         settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
         if self.everybody:
             settings.subjects.performing = "AUTO"
         settings.source.forced |= self.force
         state.refused = ""
-        job = job_of(context)
-        return _remembering(context, job, take_name(settings.source))
+        self._job, self._name = job_of(context), take_name(settings.source)
+        return partial(label_to_show, self._job)
 
-
-def _remembering(context: bpy.types.Context, job: LabelJob, name: str) -> Generator[float, None, Take]:
-    """Labels the take; a marker set that is found is chosen then, and the sidebar knows why a take is refused."""
-    state, subjects = context.window_manager.mocap_autolabel, context.scene.mocap_autolabel.subjects
-    found: list[str] = []
-    try:
-        take = yield from label_steps(job, name, lambda _, labelled: found.append(labelled.model))
-    except UserError as error:
+    def _said(self, context, error: UserError) -> UserError:
+        """The sidebar knows why a take is refused."""
+        state, error = context.window_manager.mocap_autolabel, LabelsTake._said(self, context, error)
         if isinstance(error, ForceableError):
             state.refused = error.message
         if ASK_HERE in error.message:
-            state.crowded = written(str(job.source))
-        raise
-    if job.model == AUTO_MODEL:
-        choose_model(subjects, found[0])
-    return take
+            state.crowded = written(str(self._job.source))
+        return error
+
+    def _show(self, context, found):
+        """Shows the take; a marker set that was found is chosen then."""
+        if self._job.model == AUTO_MODEL:
+            choose_model(context.scene.mocap_autolabel.subjects, found[0].model)
+        return LabelsTake._show(self, context, found)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A marker set of one's own: laid out in the view, moved and re-attached there, judged, and saved as a file."""
 
+from functools import partial
 from pathlib import Path
 
 import bpy
@@ -29,7 +30,7 @@ from ..scene.markerset_edit import (
     take_advice,
 )
 from .base import Ours, ToldWhere, lacks_object_mode, unless
-from .stepping import WorksInSteps, beside
+from .long_work import LongWork
 
 
 @keeps_items
@@ -135,20 +136,20 @@ class MOCAP_AUTOLABEL_OT_save_markerset(ToldWhere, Laid, bpy.types.Operator):
         self.report({"INFO"}, f"Saved {path}")
 
 
-class MOCAP_AUTOLABEL_OT_judge_markers(Laid, WorksInSteps, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_judge_markers(Laid, LongWork, bpy.types.Operator):
     """Find out which markers are easily taken for each other, and what to move; a locked location stays as it is."""
 
     bl_label = "Judge Placement"
 
     doing = "Judging the markers"
 
-    def steps(self, context):
+    def asked(self, context):
         collection = edited_collection(context.scene)
         model = open_model(bpy.path.abspath(collection[naming.EDITED]))
         # Those whose location is locked stay where they are.
         keep = [name for name, item in marker_items(collection).items() if all(item.lock_location)]
         markerset = read_markerset(collection, model.markerset, model.markerset.name)
-        return beside(judge_placement(markerset, model.markerset, model.likelihood, keep=keep))
+        return partial(judge_placement, markerset, model.markerset, model.likelihood, keep=keep)
 
     def _show(self, context, result: dict) -> set[str]:
         collection = edited_collection(context.scene)

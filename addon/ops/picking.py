@@ -19,6 +19,7 @@ from ..scene.cameras import camera_name, camera_through
 from ..scene.markers import marker_empties
 from ..scene.opened import opened
 from ..scene.picking import Dots, combined, dots_of, inside_box, inside_lasso, nearest, to_region
+from ..scene.roots import placed
 from ..scene.stored import Stored
 from ..scene.take import holds_points, is_take
 from .base import OfTake, once, reports_trouble, taken
@@ -123,10 +124,17 @@ def image_in(stored: Stored, scene: bpy.types.Scene, area: bpy.types.Area) -> tu
     return stored.cameras.names.index(camera_name(camera)), pose
 
 
+def take_to_view(context: bpy.types.Context, stored: Stored, area: bpy.types.Area) -> np.ndarray:
+    """(4, 4) from a take's coordinates to where a view shows it: as its root is; the room's through its cameras."""
+    if image_in(stored, context.scene, area) is not None:
+        return np.eye(4)
+    return placed(context.scene.mocap_autolabel.take)
+
+
 def dots_in_view(context: bpy.types.Context, stored: Stored, area: bpy.types.Area) -> tuple[Dots, np.ndarray]:
     """The dots of the current frame, and (K, 2) where they are in a 3D view, px of its region."""
     dots, region = dots_here(stored, context.scene, area), window_region(area)
-    perspective = np.array(area.spaces.active.region_3d.perspective_matrix, dtype=float)
+    perspective = np.array(area.spaces.active.region_3d.perspective_matrix) @ take_to_view(context, stored, area)
     return dots, to_region(dots.xyz, perspective, (region.width, region.height))
 
 

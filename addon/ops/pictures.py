@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Blobs out of pictures: bright spots in movies of calibrated cameras, and tracks of Blender's own movie clips."""
 
-from collections.abc import Generator
+from functools import partial
 from pathlib import Path
 
 import bpy
 from bpy.props import CollectionProperty, EnumProperty, FloatProperty, StringProperty
 
 from ..core.data.errors import InputError, UserError
-from ..core.data.progress import Progress
 from ..core.data.wording import count_of
 from ..core.pictures.spots import SpotOptions
 from ..io.blobs import write_blobs
@@ -27,7 +26,7 @@ from ..scene import cameras as scene_cameras
 from ..scene.pictures import blobs_of_clips, clip_of, lens_of
 from .base import Ours, once, unless
 from .importing import NEEDS_CAMERA, cameras_at_hand, lacks_cameras, take_blobs
-from .stepping import WorksInSteps, nothing_goes_on
+from .long_work import LongWork, nothing_goes_on
 
 BLOBS_ENDING = ".blobs.csv"
 FIRST_PIXEL_ITEMS = [
@@ -57,7 +56,7 @@ class CountsPixels:
         return Path(bpy.path.abspath(self.out)) if self.out else free_path(beside.with_suffix(""), BLOBS_ENDING)
 
 
-class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, WorksInSteps, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, LongWork, bpy.types.Operator):
     """Find bright round spots in movies or image sequences of the calibrated cameras, a file or folder for each."""
 
     bl_label = "Blobs from Pictures"
@@ -84,7 +83,7 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, WorksInSteps, bpy.types.Operat
     def invoke(self, context, event):
         return super().invoke(context, event) if self.directory else self.ask_for_file(context)
 
-    def steps(self, context) -> Generator[Progress, None, dict]:
+    def asked(self, context) -> partial:
         scene, settings = context.scene, context.scene.mocap_autolabel
         cameras = scene_cameras.cameras_of(settings.source.cameras, scene)
         pictures = pictures_by_camera([(None, path) for path in self._chosen(cameras.names)], cameras.names)
@@ -96,7 +95,7 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, WorksInSteps, bpy.types.Operat
             overwrite=bool(self.out),
             spots=SpotOptions(threshold=self.threshold or None, min_area=self.min_area, max_area=self.max_area),
         )
-        return blobs_of_pictures(job)
+        return partial(blobs_of_pictures, job)
 
     def _chosen(self, names: tuple[str, ...]) -> list[Path]:
         """The files that were chosen, or all in the folder that have a camera's name."""

@@ -3,6 +3,7 @@
 
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import bpy
@@ -10,10 +11,9 @@ from bpy.props import BoolProperty, IntProperty, StringProperty
 
 from ..core.data.errors import InputError
 from ..core.review.changes import summary_of_changes
-from ..io.labels import changes_of_part
 from ..io.poses import check_cache
 from ..io.qtm.capture import USE_POINTS
-from ..jobs import LabelJob, Labelled
+from ..jobs import LabelJob, label_to_show
 from ..jobs.job import part_job
 from ..props import refresh_review
 from ..scene import cameras as scene_cameras
@@ -31,7 +31,7 @@ from ..scene.relabelled import keep_changes
 from ..scene.take import SHIFT
 from .base import Ours, once, unless
 from .importing import forget_take
-from .labelling import LabelsTake, choose_job, edits_so_far, label_steps
+from .labelling import LabelsTake, choose_job, edits_so_far
 
 
 class OfPlayed(Ours):
@@ -90,16 +90,12 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
         self.filepath = source
         return self.ask_for_file(context)
 
-    def steps(self, context):
+    def asked(self, context) -> partial:
         take = self.played(context)
         self._job, self._ends = self._asked(context, take)
+        self._name = str(take[PLAYED])
         whole = motion_path(take).with_name(Path(for_a_part(take)["source"]).stem + ".labels.csv")
-
-        def compare(job: LabelJob, labelled: Labelled):
-            part = job.path(".labels.csv")
-            self._changed = changes_of_part(whole, part, labelled.worn.markers, job.frames)
-
-        return label_steps(self._job, str(take[PLAYED]), compare)
+        return partial(label_to_show, self._job, whole)
 
     def _asked(self, context: bpy.types.Context, take: bpy.types.Collection) -> tuple[LabelJob, tuple[int, int]]:
         """What labels the part, and the first and last frame of all of the take."""
@@ -116,18 +112,19 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
         job = part_job({**kept, "source": source}, cameras, frames)
         return replace(job, edits=edits_so_far(scene, job.source), keep=True, shown=True), ends
 
-    def _show(self, context, take):
+    def _show(self, context, found):
+        _, changed = found
         settings, played = context.scene.mocap_autolabel, self.played(context)
         forget_take(context)
         if self._job.cameras is not None:
             settings.source.cameras = scene_cameras.find_or_add_cameras(context.scene, self._job.cameras)
         choose_job(settings, self._job, self._ends)
-        done = super()._show(context, take)
+        done = super()._show(context, found)
         played.hide_viewport = True  # the part moves in the same place
-        if self._changed is not None:
-            keep_changes(settings.take, self._changed)
+        if changed is not None:
+            keep_changes(settings.take, changed)
             refresh_review(context.window_manager, context.scene)
-            summary = summary_of_changes(self._changed) or "Nothing is otherwise"
+            summary = summary_of_changes(changed) or "Nothing is otherwise"
             self.report({"INFO"}, f"{summary} than where all of the take was labelled")
         return done
 

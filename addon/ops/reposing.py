@@ -23,7 +23,8 @@ from ..scene.redrawing import redraw
 from ..scene.reposing import is_out_of_date, lacks_to_repose, put_body, show_posed_frame
 from ..scene.stored import Stored
 from ..scene.take import is_take
-from .stepping import BUDGET, TICK
+
+BUDGET, TICK = 0.1, 0.02  # s of work between two looks at the keyboard, and until the next
 
 # What poses the active take again: the take, by the session's number of its collection and the digests of its labels,
 # and the work.

@@ -11,6 +11,7 @@ from ..core.edits.kinds import AssignPoint, Edit, Swap, UnlabelMarker
 from ..core.review.trouble import DELETE, FILL, LABEL, NAME_IT, REFINE, RIGHT, SWAP, UNLABEL, Trouble
 from ..props import list_trouble
 from ..scene.cameras import camera_name
+from ..scene.roots import in_world
 from ..scene.stored import Stored
 from ..scene.trouble import trouble_of
 from .base import WithTake, once, taken
@@ -75,7 +76,7 @@ def show(context: bpy.types.Context, trouble: Trouble):
     scene.frame_set(frame + stored.shift)
     _select(context, trouble, stored)
     places = places_of(trouble, stored, frame)
-    bring_into_view(context, places)
+    bring_into_view(context, in_world(scene.mocap_autolabel.take, places))
 
 
 def _select(context: bpy.types.Context, trouble: Trouble, stored: Stored):

@@ -4,6 +4,7 @@
 import glob
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,7 +26,7 @@ from ..props import ReviewState, SceneSettings, choose_own, chosen_markerset, ch
 from ..scene.stored import Stored
 from .base import Need, Ours, lacks_one_performer, lacks_take, remove_chosen, taken, unless
 from .importing import POINTS, ReadsPoints
-from .stepping import WorksInSteps, beside
+from .long_work import LongWork
 
 if TYPE_CHECKING:
     from ..jobs.train import TrainJob
@@ -69,7 +70,7 @@ class MOCAP_AUTOLABEL_OT_remove_training_take(Ours, bpy.types.Operator):
         remove_chosen(context.scene.mocap_autolabel.training, "takes")
 
 
-class Trains(WorksInSteps):
+class Trains(LongWork):
     """What the trainings share: the marker set is chosen, and what is doubted of its takes is said.
 
     They differ in `job`, which says what to learn, and where to; UserError where nothing can be.
@@ -77,13 +78,13 @@ class Trains(WorksInSteps):
 
     doing = "Training"
 
-    def steps(self, context):
-        """The training beside the window, with who teaches the model for its history."""
+    def asked(self, context):
+        """The training, with who teaches the model for its history."""
         from ..jobs.models import system_user
         from ..jobs.train import train_file  # with all that can be learned, which nobody who starts waits for
 
         job = replace(self.job(context, context.scene.mocap_autolabel), by=taught_by() or system_user())
-        return beside(train_file(job))
+        return partial(train_file, job)
 
     def _show(self, context, result: dict):
         settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel

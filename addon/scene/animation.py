@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Keys in bulk: thousands of frames of many channels into few actions, one slot an object."""
+"""Keys in bulk: thousands of frames of many channels into few actions, one slot an object.
+
+Keys and not samples (`FCurve.convert_to_samples`), though 30 empties of 10,000 frames are 15 MB as those and 65 MB as
+keys, 5 and 15 compressed: of samples none can be moved or inserted, and neither gaps nor what was filled is told.
+"""
 
 from dataclasses import dataclass
 

@@ -171,7 +171,7 @@ def _read(items: list[bpy.types.Object], scene: bpy.types.Scene) -> Cameras:
     lenses = list(zip(*(_read_lens(item, scene) for item in items), strict=True)) or [()] * 4
     shapes = (-1, 2), (-1, 3, 3), (-1, 5), (-1, 3)
     size, matrix, distortion, inverse = (np.array(one).reshape(to) for one, to in zip(lenses, shapes, strict=True))
-    poses = np.array([_pose(item).normalized() for item in items]).reshape(-1, 4, 4)
+    poses = np.array([pose_of(item).normalized() for item in items]).reshape(-1, 4, 4)
     left, _, right = np.linalg.svd(FLIP @ poses[:, :3, :3].transpose(0, 2, 1))
     rotation = left @ right  # the nearest to matrices in single precision
     translation = -np.einsum("cij,cj->ci", rotation, poses[:, :3, 3])
@@ -179,7 +179,7 @@ def _read(items: list[bpy.types.Object], scene: bpy.types.Scene) -> Cameras:
     return Cameras(names, size, matrix, distortion, rotation, translation, inverse)
 
 
-def _pose(item: bpy.types.Object) -> Matrix:
+def pose_of(item: bpy.types.Object) -> Matrix:
     """Where an object is in the world.
 
     Blender works `matrix_world` out later than it opens a file, and not at all where a collection is switched off.
@@ -187,7 +187,7 @@ def _pose(item: bpy.types.Object) -> Matrix:
     if item.constraints or (item.parent is not None and item.parent_type != "OBJECT"):
         return item.matrix_world
     own = item.matrix_basis
-    return own if item.parent is None else _pose(item.parent) @ item.matrix_parent_inverse @ own
+    return own if item.parent is None else pose_of(item.parent) @ item.matrix_parent_inverse @ own
 
 
 def _read_lens(item: bpy.types.Object, scene: bpy.types.Scene) -> tuple[np.ndarray, ...]:

@@ -7,6 +7,7 @@ which side of it a marker beyond its rim sits is asked of the whole skin at rest
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import bpy
 import numpy as np
@@ -27,6 +28,20 @@ MIN_DIVISOR_M = 1e-9  # what is divided by is never less
 
 
 @dataclass(frozen=True, eq=False)
+class Mesh:
+    """Corners (V, 3) m and faces, (T, 3) where all are triangles, and a tree of them once it is asked for."""
+
+    corners: np.ndarray
+    faces: np.ndarray | list
+
+    @cached_property
+    def tree(self) -> BVHTree:
+        """What rays are cast at."""
+        faces = self.faces.tolist() if isinstance(self.faces, np.ndarray) else self.faces
+        return BVHTree.FromPolygons(self.corners.tolist(), faces)
+
+
+@dataclass(frozen=True, eq=False)
 class Volume:
     """A mesh fixed to segment `segment`, in its axes from its joint, m, and a capsule around it for quick answers.
 
@@ -35,7 +50,7 @@ class Volume:
     """
 
     segment: int
-    tree: BVHTree
+    mesh: Mesh
     start: np.ndarray
     axis: np.ndarray
     radius: float
@@ -46,25 +61,28 @@ class Volume:
 class Skin:
     """A whole mesh at rest, around a piece of it.
 
-    joint  (3,) m where the piece's own axes start in those of the tree
+    joint  (3,) m where the piece's own axes start in those of the mesh
     rim    (T,) True for the piece's triangles that touch a cut
     """
 
-    tree: BVHTree
+    mesh: Mesh
     joint: np.ndarray
     rim: np.ndarray
 
 
+@dataclass(eq=False)
 class MeshOcclusion:
     """Meshes on a skeleton as the volume in the way: an `addon.core.papers.virtual_occlusions.occlusion.Occlusion`.
 
-    volumes  the meshes, each with a tree built once in its segment's own axes: rays are brought there
+    volumes  the meshes, each in its segment's own axes: rays are brought there
     scale    (3,) m for one unit of the marker set, of the body that the meshes were made for; other bodies stretch them
     """
 
-    def __init__(self, volumes: list[Volume], scale: np.ndarray):
-        self.volumes = volumes
-        self.scale = np.asarray(scale, dtype=float)
+    volumes: list[Volume]
+    scale: np.ndarray
+
+    def __post_init__(self):
+        volumes = self.volumes
         self._segment = np.array([volume.segment for volume in volumes])
         self._start = np.array([volume.start for volume in volumes])
         self._axis = np.array([volume.axis for volume in volumes])
@@ -143,8 +161,8 @@ def capsule_meshes(markerset: MarkerSet, shrink: float = OCCLUDING.fitted_shrink
         capsule = Capsule.of(markerset, index, scale)
         radius, place, along = capsule.radius * shrink, capsule.place, capsule.half * capsule.place[:3, 2]
         corners, faces = capsule_shape(capsule.half, radius)
-        tree = BVHTree.FromPolygons((corners @ place[:3, :3].T + place[:3, 3]).tolist(), faces)
-        volumes.append(Volume(int(segment), tree, place[:3, 3] - along, 2 * along, radius))
+        mesh = Mesh(corners @ place[:3, :3].T + place[:3, 3], faces)
+        volumes.append(Volume(int(segment), mesh, place[:3, 3] - along, 2 * along, radius))
     return MeshOcclusion(volumes, scale)
 
 
@@ -167,7 +185,7 @@ def _hides(volume: Volume, point: np.ndarray, eyes: np.ndarray, standoff: float)
     ahead = eyes - start
     reach = np.linalg.norm(ahead, axis=1)
     rows = zip((ahead / reach[:, None]).tolist(), reach.tolist(), strict=True)
-    return [volume.tree.ray_cast(start, way, far)[0] is not None for way, far in rows]
+    return [volume.mesh.tree.ray_cast(start, way, far)[0] is not None for way, far in rows]
 
 
 def _outside(volume: Volume, point: np.ndarray, standoff: float) -> np.ndarray | None:
@@ -175,11 +193,11 @@ def _outside(volume: Volume, point: np.ndarray, standoff: float) -> np.ndarray |
 
     None where it is so deep inside that nobody can tell on which side of the body it sits.
     """
-    surface, normal, face, distance = volume.tree.find_nearest(point.tolist())
+    surface, normal, face, distance = volume.mesh.tree.find_nearest(point.tolist())
     along = abs((point - np.array(surface)) @ np.array(normal))
     if volume.skin is None or not volume.skin.rim[face] or along > SQUARELY * distance:
-        return _moved_out(volume.tree, point, standoff)
-    moved = _moved_out(volume.skin.tree, point + volume.skin.joint, standoff)
+        return _moved_out(volume.mesh.tree, point, standoff)
+    moved = _moved_out(volume.skin.mesh.tree, point + volume.skin.joint, standoff)
     return None if moved is None else moved - volume.skin.joint
 
 
@@ -238,7 +256,7 @@ def _volumes(
     joints = [np.array(armature.data.bones[name].head_local, dtype=float) for name in markerset.skeleton.segments]
     if shrink < 1:
         placed = _shrunk(placed, triangles, owner, shrink)
-    whole = _tree(placed, triangles)
+    whole = Mesh(placed, triangles)
     return [
         _piece(int(segment), placed, triangles, owner == segment, whole, joints[segment])
         for segment in np.unique(owner)
@@ -246,7 +264,7 @@ def _volumes(
 
 
 def _piece(
-    segment: int, points: np.ndarray, triangles: np.ndarray, part: np.ndarray, whole: BVHTree, joint: np.ndarray
+    segment: int, points: np.ndarray, triangles: np.ndarray, part: np.ndarray, whole: Mesh, joint: np.ndarray
 ) -> Volume:
     """The triangles `part` (T,) of a mesh as a volume of the segment whose joint (3,) is there."""
     used, rows = np.unique(triangles[part], return_inverse=True)
@@ -255,11 +273,7 @@ def _piece(
     shared[triangles[~part]] = True
     rim = shared[triangles[part]].any(axis=1)
     skin = Skin(whole, joint, rim) if rim.any() else None
-    return Volume(segment, _tree(own, rows.reshape(-1, 3)), *_around(own), skin)
-
-
-def _tree(points: np.ndarray, triangles: np.ndarray) -> BVHTree:
-    return BVHTree.FromPolygons(points.tolist(), triangles.tolist(), all_triangles=True)
+    return Volume(segment, Mesh(own, rows.reshape(-1, 3)), *_around(own), skin)
 
 
 def _shrunk(points: np.ndarray, triangles: np.ndarray, owner: np.ndarray, shrink: float) -> np.ndarray:
@@ -275,7 +289,7 @@ def _shrunk(points: np.ndarray, triangles: np.ndarray, owner: np.ndarray, shrink
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), MIN_DIVISOR_M)
     thick = np.full(len(points), np.inf)
     for part in (*(owner == segment for segment in np.unique(owner)), np.ones(len(owner), dtype=bool)):
-        tree = _tree(points, triangles[part])
+        tree = Mesh(points, triangles[part]).tree
         for corner in np.unique(triangles[part]):
             if np.isinf(thick[corner]):
                 thick[corner] = _ball_radius(tree, points[corner], normals[corner])

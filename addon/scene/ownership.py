@@ -125,9 +125,11 @@ def former_of(items: Iterable[bpy.types.Object]) -> Former:
 def set_aside(collection: bpy.types.Collection, but: Iterable[bpy.types.Object] = ()) -> Former:
     """Takes what is the add-on's out of the collections of a take; what is a person's stays, with its keys.
 
-    `but` is a person's for another reason. The keys of what goes are gone at once, and its names are free.
+    `but` is a person's for another reason. The take's root stays. The keys of what goes are gone at once, and its names
+    are free.
     """
-    made, kept = [item for item in collection.all_objects if is_made_for(item, collection)], set(but)
+    made = [one for one in collection.all_objects if is_made_for(one, collection) and naming.TAKE_ROOT not in one]
+    kept = set(but)
     going = [item for item in made if item not in kept and is_untouched(item)]
     former = former_of(going)
     for item in set(made) - set(going):
@@ -277,7 +279,7 @@ def _of_object(item: bpy.types.Object) -> list:
     action = None if data is None else data.action
     keyed = {curve.data_path for curve in _curves(item)}
     content = [
-        None if parent is None else role_of(parent),
+        None if parent is None or naming.TAKE_ROOT in parent else role_of(parent),
         item.parent_type,
         item.parent_bone,
         item.rotation_mode,

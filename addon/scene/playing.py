@@ -26,7 +26,7 @@ from . import naming
 from .body import add_body
 from .markers import add_marker
 from .performers import body_material, home_of, performers_of
-from .take import SHIFT, SOURCE, SUSPECTS, frame_shift, set_time
+from .take import SHIFT, SOURCE, SUSPECTS, frame_shift, give_time
 
 if TYPE_CHECKING:
     from ..io.poses import PoseFile
@@ -100,7 +100,7 @@ def show_playing(context: bpy.types.Context, take: Playing, cache: Path) -> bpy.
     scene, poses = context.scene, take.poses
     ends = np.array([poses.first_frame, poses.first_frame + poses.frames - 1])
     shift = frame_shift(ends)
-    set_time(scene, take.rate, ends + shift)
+    give_time(scene, take.rate, ends + shift)
     collection = _child(scene.collection, naming.title(take.name))
     bones, sample, empties = [], poses.sampled(), {}
     # The hidden mesh whose vertices the file moves.

@@ -2,6 +2,7 @@
 """A labelled take as a whole: gathered from the labelling, shown in a scene, kept in the file and read back."""
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, field, fields, replace
 from typing import Any, Self
@@ -30,6 +31,7 @@ from .corrections import keep_edits, kept_text
 from .fills import FILL_PATHS, keep_cutoff, keep_fills
 from .lab import forget_events, show_lab
 from .performers import Colour, Performer, body_material, home_of, homes, performers_in_row, performers_of, rows_of
+from .roots import ensure_root, remove_root, root_of
 from .storage import FRAME, add_cloud, cloud_table
 from .stored import Stored, changed_between, digest_of, digests_of
 
@@ -130,10 +132,10 @@ def show_take(
 ) -> bpy.types.Collection:
     """Builds a take in the context's scene: cameras, armature, body and keyed markers in a collection `Mocap: NAME`.
 
-    Or in the collection of a take that was cleared by `clear_take`, with whatever of a person's is in there.
-    Performers with names have a collection each in it. The points that have no name are one object. Returns that
-    collection, which also keeps the take itself (`stored_take`). The scene's frames and rate become the take's. Needs
-    object mode; adds no undo step of its own.
+    Or in the collection of a take that was cleared by `clear_take`, with whatever of a person's is in there. All hangs
+    on one root. Performers with names have a collection each in it. The points that have no name are one object.
+    Returns that collection, which also keeps the take itself (`stored_take`). The scene's frames and rate become the
+    take's, unless what a person made goes by them. Needs object mode; adds no undo step of its own.
     """
     scene = context.scene
     shift = frame_shift(take.motion.frames)
@@ -143,7 +145,7 @@ def show_take(
         collection = bpy.data.collections.new(naming.title(take.name))
         scene.collection.children.link(collection)
         ownership.sign(collection, collection.name)
-    actions = TakeActions(collection.name)
+    actions, root = TakeActions(collection.name), ensure_root(collection, take.name)
     names = take.markerset.markers
     motion, unfit = put_fills(take.motion, names, take.fills)
     if take.cutoff is not None:
@@ -154,6 +156,7 @@ def show_take(
         home, own = home_of(collection, performer, take.colours), performer.motion_of(motion)
         build = armatures.build_of(markerset, own)
         armature = armatures.add_armature(context, home, f"{performer.name or take.name} armature", markerset, build)
+        armature.parent = root
         shown = armatures.on_ground(own, markerset, build, take.rate, take.cutoff)
         armatures.pose_armature(armature, actions, markerset, shown, frames)
         ownership.sign(armature, f"{performer.name} armature", collection)
@@ -166,6 +169,7 @@ def show_take(
         place = ownership.made_collection(collection, home, f"{home.name} markers", f"{performer.name} markers")
         for index, name in enumerate(names[mine]):
             item = scene_markers.add_marker(place, name)
+            item.parent = root
             action = actions.for_keys(int(np.isfinite(own.markers[:, index]).sum()))
             scene_markers.show_marker(item, action, own, index, frames, filled[:, mine.start + index])
             ownership.sign(item, f"marker {name}", collection)
@@ -173,7 +177,7 @@ def show_take(
         show_unnamed(collection, f"{take.name} unnamed", take.rows, take.labels, shift)
     show_lab(scene, collection, take.name, take.lab, take.motion.frames, shift, actions)
     _store(collection, take, camera_collection, shift)
-    set_time(scene, take.rate, frames)
+    give_time(scene, take.rate, frames)
     return collection
 
 
@@ -186,7 +190,9 @@ def show_unnamed(collection: bpy.types.Collection, name: str, rows: PointRows, l
         return
     table = cloud_table(name, rows.frames[rows.frame[left]] + shift, rows.xyz[left])
     if item is None:
-        ownership.sign(add_cloud(collection, table), ownership.WITHOUT_NAMES, collection)
+        item = add_cloud(collection, table)
+        item.parent = root_of(collection)
+        ownership.sign(item, ownership.WITHOUT_NAMES, collection)
         return
     with ownership.changed_by_us(item):
         before, item.data = item.data, table
@@ -257,6 +263,7 @@ def remove_take(collection: bpy.types.Collection) -> bpy.types.Collection | None
     places = ownership.made_places(collection)
     linked = [item for item in collection.all_objects if not set(item.users_collection) <= set(places)]
     ownership.let_go(clear_take(collection, linked))
+    remove_root(collection)
     left = ownership.remove_collections(collection, name)
     for material in materials:
         ownership.remove_or_keep(material)
@@ -434,6 +441,26 @@ def with_kept_body(collection: bpy.types.Collection, stored: Stored) -> Stored:
 def _by_marker(values: np.ndarray) -> np.ndarray:
     """The same (F, M, …) with what is one marker's side by side in memory: so curves, tables and edits want it."""
     return np.ascontiguousarray(values.swapaxes(0, 1)).swapaxes(0, 1)
+
+
+def give_time(scene: bpy.types.Scene, rate: float, frames: np.ndarray) -> bool:
+    """Makes the scene play the take, unless something of a person's goes by its time already; whether it does."""
+    strips = scene.sequence_editor is not None and len(scene.sequence_editor.strips_all) > 0
+    if not strips and not any(one.users > one.use_fake_user and ownership.MADE not in one for one in bpy.data.actions):
+        set_time(scene, rate, frames)
+    elif len(frames) and not frames[0] <= scene.frame_current <= frames[-1]:
+        scene.frame_set(int(frames[0]))
+    return plays_at(scene, rate)
+
+
+def fps_of(scene: bpy.types.Scene) -> float:
+    """How many frames a second a scene plays."""
+    return scene.render.fps / scene.render.fps_base
+
+
+def plays_at(scene: bpy.types.Scene, rate: float) -> bool:
+    """Whether a scene has a rate, but for what Blender rounds."""
+    return math.isclose(fps_of(scene), rate, rel_tol=1e-4)
 
 
 def set_time(scene: bpy.types.Scene, rate: float, frames: np.ndarray):

@@ -8,12 +8,13 @@ from bpy.app.handlers import persistent
 
 from ..ops.correcting import review_now
 from ..ops.label_folder import follow, leave_batch, show_batch
+from ..ops.long_work import end_process
 from ..ops.picking import picked_points, restore_picked
 from ..ops.reposing import follow_soon, forget_reposing
 from ..props import list_trouble, refresh_review
 from ..scene import naming
 from ..scene.opened import opened
-from ..scene.take import takes_of
+from ..scene.take import RATE, takes_of
 from . import figure, label_tool, overlay, panels, quality, review, timeline
 
 PANEL_MODULES = (panels, review, label_tool)  # a panel behind the one that it is in
@@ -26,7 +27,14 @@ def add_handlers(stack: ExitStack):
         stack.callback(bpy.types.SpaceView3D.draw_handler_remove, drawing, "WINDOW")
     timeline.add_timeline(stack)
     label_tool.add_tool(stack)
-    for forget in (opened.forget, forget_reposing, overlay.letters.forget, overlay.discs.forget, leave_batch):
+    for forget in (
+        opened.forget,
+        forget_reposing,
+        overlay.letters.forget,
+        overlay.discs.forget,
+        leave_batch,
+        end_process,
+    ):
         stack.callback(forget)
     events = bpy.app.handlers
     for listeners, function in (
@@ -84,7 +92,7 @@ def adopt_takes():
         settings, takes = scene.mocap_autolabel, takes_of(scene)
         if settings.take is None and settings.source.preview is None and takes:
             settings.take = takes[-1]
-            settings.source.rate = scene.render.fps / scene.render.fps_base
+            settings.source.rate = float(takes[-1][RATE])
         if settings.source.cameras is None and takes:
             settings.source.cameras = takes[-1].get(naming.CAMERAS)
     refresh_review(bpy.context.window_manager, bpy.context.scene)

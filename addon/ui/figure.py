@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core.body.sides import side_in
 from ..core.review.trouble import MISSING, Trouble
-from ..ops.picking import selected_markers
+from ..ops.picking import selected_markers, take_to_view
 from ..ops.reviewing import places_of
 from ..scene.armature import KEPT_SIDES, SIDE_COLOURS
 from ..scene.opened import opened
@@ -45,7 +45,6 @@ def draw():
     index = stored.index_of(context.scene.frame_current)
     if index < 0:
         return
-    found = known_trouble(settings.take, context.scene) or ()
     with Canvas(context) as canvas:
         if settings.display.show_figure:
             colours, shown = colours_in(settings.take), armatures_of(settings.take)
@@ -54,14 +53,23 @@ def draw():
                     draw_bones(canvas, armature, colours.get(name))
             if len(_colours_of_bones) > len(shown):  # those of other takes
                 _colours_of_bones.clear()
-            canvas.rings(canvas.place(missing(stored, index, found)), MISSING_COLOUR, MISSING_RADIUS)
-        if settings.display.show_trails:
-            names = [name for name in selected_markers(context) if name in stored.words]
-            draw_trails(canvas, stored, index, [stored.words[name] for name in names], settings.take)
-        if (trouble := meant(context, settings.take, stored)) is not None:
-            places = canvas.place(places_of(trouble, stored, context.scene.frame_current - stored.shift))
-            for radius in (MEANT_RADIUS, MEANT_RADIUS + 1.5):
-                canvas.rings(places, MEANT_COLOUR, radius)
+        canvas.perspective = canvas.perspective @ take_to_view(context, stored, context.area)
+        draw_places(canvas, context, stored, index)
+
+
+def draw_places(canvas: Canvas, context: bpy.types.Context, stored: Stored, index: int):
+    """What is drawn where the take has it: what is missing in a frame, trails of what is selected, what is meant."""
+    settings = context.scene.mocap_autolabel
+    if settings.display.show_figure:
+        found = known_trouble(settings.take, context.scene) or ()
+        canvas.rings(canvas.place(missing(stored, index, found)), MISSING_COLOUR, MISSING_RADIUS)
+    if settings.display.show_trails:
+        names = [name for name in selected_markers(context) if name in stored.words]
+        draw_trails(canvas, stored, index, [stored.words[name] for name in names], settings.take)
+    if (trouble := meant(context, settings.take, stored)) is not None:
+        places = canvas.place(places_of(trouble, stored, context.scene.frame_current - stored.shift))
+        for radius in (MEANT_RADIUS, MEANT_RADIUS + 1.5):
+            canvas.rings(places, MEANT_COLOUR, radius)
 
 
 def draw_bones(canvas: Canvas, armature: bpy.types.Object, own: Colour | None):

@@ -10,7 +10,7 @@ from ..core.data.takes import NO_MARKER, PointRows
 from ..ops.base import lacks_take
 from ..ops.correcting import likely_here
 from ..ops.gestures import gesture
-from ..ops.picking import image_in, picked_points, selected_markers
+from ..ops.picking import image_in, picked_points, selected_markers, take_to_view
 from ..scene.blob_dots import blob_dots, marker_dots, on_rays
 from ..scene.opened import opened
 from ..scene.performers import homes
@@ -163,6 +163,7 @@ def draw():
     stored = opened.take(collection, scene)
     index = stored.index_of(scene.frame_current)
     with Canvas(context) as canvas:
+        canvas.perspective = canvas.perspective @ take_to_view(context, stored, context.area)
         if index >= 0:
             draw_picked(canvas, stored, index, *shown_of(context, stored, index))
         if gesture.is_in(context.region):

@@ -20,6 +20,7 @@ from ..scene.opened import opened
 from ..scene.performers import colours_in, marker_colours
 from ..scene.picking import to_region
 from ..scene.preview import holds_points
+from ..scene.roots import placed
 from ..scene.take import Stored, is_take
 from . import marks
 from .boxes import Discs
@@ -68,8 +69,10 @@ def draw_frame(canvas: "Canvas", context: bpy.types.Context):
     camera = camera_through(context.space_data, context.scene)
     if camera is not None and camera_name(camera) in stored.cameras.names:
         draw_camera(canvas, stored, index, camera, settings)
-    else:
-        draw_markers(canvas, stored, index, settings, settings.take if is_take(settings.take) else None)
+        return
+    collection = settings.take if is_take(settings.take) else None
+    canvas.perspective = canvas.perspective @ placed(collection)
+    draw_markers(canvas, stored, index, settings, collection)
 
 
 def shown(scene: bpy.types.Scene) -> Stored | None:

@@ -17,7 +17,7 @@ from ..scene import naming
 from ..scene.cameras import camera_name, kept_health, kept_refinement
 from ..scene.markerset_edit import changed_since, edited_collection, kept_report
 from ..scene.performers import homes
-from ..scene.take import holds_points, is_take
+from ..scene.take import fps_of, holds_points, is_take, plays_at
 from .parts import (
     DrawsRows,
     draw_cells,
@@ -110,6 +110,9 @@ def take(layout, context):
         column.label(text=f"{source.rate:g} frames a second")
     else:
         layout.prop(source, "rate")
+    if not plays_at(context.scene, source.rate):
+        layout.label(text=f"The scene plays {fps_of(context.scene):g} frames a second", icon="INFO")
+        layout.operator("mocap_autolabel.play_as_take", icon="TIME")
 
 
 @panel("3. Marker Set")

@@ -29,15 +29,7 @@ def vicon12() -> Cameras:
     return Cameras(found.names, found.size, found.matrix, 0 * found.distortion, found.rotation, found.translation)
 
 
-def walking(
-    markers,
-    persons,
-    count: int | None,
-    seed: int = 0,
-    options: CaptureOptions | None = None,
-    room: str = "vicon12",
-    cameras: tuple[int, int] = (6, 8),
-) -> Iterator[Trial]:
+def walking(markers, persons, count, seed=0, options=None, room="vicon12", cameras=(6, 8)) -> Iterator[Trial]:
     """`count` whole takes at 60 Hz, each seen by a random choice of cameras in `room` ("vicon12" or "ring").
 
     They are every walk and turn of `persons` in turn; None: each once.
@@ -101,9 +93,7 @@ def room_middle() -> np.ndarray:
     return np.append(np.nanmean(walk, axis=(0, 1))[:2], 0.0)
 
 
-def standing(
-    markers, persons, count: int, seed: int = 0, options: CaptureOptions | None = None, cameras: int | None = None
-) -> Iterator[Trial]:
+def standing(markers, persons, count: int, seed=0, options=None, cameras: int | None = None) -> Iterator[Trial]:
     """`count` captures of one frame each of `persons` wearing `markers`, everything about them drawn from `seed`.
 
     cameras  that many in a ring instead of the paper's four
@@ -127,16 +117,7 @@ def moved_anywhere(middle: np.ndarray, generator: np.random.Generator) -> Move:
     return Move(yaw, middle, np.append(place, 0.0))
 
 
-def captured(
-    title: str,
-    take: Take,
-    body: Flesh,
-    frame: int,
-    move: Move,
-    rig: Cameras,
-    generator: np.random.Generator,
-    options: CaptureOptions,
-) -> Trial:
+def captured(title: str, take: Take, body: Flesh, frame: int, move: Move, rig: Cameras, generator, options) -> Trial:
     """What cameras see of a take's frame."""
     part = slice(frame, frame + 1)
     xyz, options = move(take.xyz[part]), replace(options, seed=int(generator.integers(2**31)))

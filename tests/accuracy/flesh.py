@@ -84,9 +84,8 @@ class Move:
 
 def moved_flesh(body: Flesh, frames: slice, move: Move) -> Flesh:
     """The flesh of some frames, moved along with the person."""
-    return Flesh(
-        move(body.start[frames]), move(body.end[frames]), body.radius, move.turn @ body.pelvis[frames], body.stature
-    )
+    start, end = move(body.start[frames]), move(body.end[frames])
+    return Flesh(start, end, body.radius, move.turn @ body.pelvis[frames], body.stature)
 
 
 class _Parts:

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The recorded people beside the project: their takes as marker arrays, and who is left out of whose training."""
+"""The recorded people beside the project: their takes as marker arrays, who is left out of whose training, and how."""
 
+import hashlib
 import sys
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -9,8 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
+from addon.core.blobs.pipeline import label_take
+from addon.core.data.markersets import MarkerSet
 from addon.core.data.takes import Blobs
 from addon.core.geometry.cameras import Cameras
+from addon.io.markersets import read_markerset, write_markerset
+from scripts import learn_markersets
 from scripts.learn_markersets import MISLABELLED, WALKERS
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
@@ -144,3 +150,34 @@ def read_c3d(path: Path) -> tuple[tuple[str, ...], np.ndarray, float]:
     unit = {"mm": 0.001, "m": 1.0}[points["UNITS"]["value"][0]]
     missing = np.isnan(xyz).any(axis=-1) | (xyz == 0).all(axis=-1) | (file["data"]["meta_points"]["residuals"][0].T < 0)
     return names, np.where(missing[..., None], np.nan, xyz * unit), float(points["RATE"]["value"][0])
+
+
+CACHE = Path(tempfile.gettempdir()) / "mocap-autolabel-accuracy"
+LEARNED_BY = (
+    "scripts/anatomy.py",
+    "scripts/people_study.py",
+    "addon/core/posing/posing.py",
+    "scripts/learn_markersets.py",
+)
+
+
+def left_out_model(set_name: str, left_out: tuple[str, ...]) -> MarkerSet:
+    """The built-in marker set learned without the people `left_out`; kept for the next run."""
+    path = CACHE / f"{set_name}-without-{'-'.join(left_out)}-{_learning_version()}.json"
+    if not path.exists():
+        learned = learn_markersets.learn_set(learn_markersets.read_people(DATA / "people", left_out), set_name)
+        CACHE.mkdir(parents=True, exist_ok=True)
+        write_markerset(path, learned)
+    return read_markerset(path)
+
+
+@cache
+def _learning_version() -> str:
+    root = Path(__file__).resolve().parents[2]
+    return hashlib.sha256(b"".join((root / name).read_bytes() for name in LEARNED_BY)).hexdigest()[:10]
+
+
+def labelled(markerset: MarkerSet, trial: Trial) -> np.ndarray:
+    """(N,) the names that the product gives to a capture's blobs without any hint, "" for none."""
+    (chunk,) = label_take([trial.blobs], trial.cameras, markerset, trial.rate)
+    return np.array([*markerset.markers, ""], object)[chunk.labels.marker]

@@ -14,9 +14,7 @@ GHOST_FRAMES = 20  # that a ghost lasts at least
 MARGIN = 5  # frames at either end that no tracklet is cut in
 
 
-def cut_up(
-    labelled: np.ndarray, tracklets: int, hidden: int, ghosts: int, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+def cut_up(labelled: np.ndarray, tracklets: int, hidden: int, ghosts: int, rng) -> tuple[np.ndarray, np.ndarray]:
     """Anonymous trajectories (T, P, 3) m of a labelled take (T, M, 3), and the marker (P,) of each, -1 for ghosts."""
     frames, markers = labelled.shape[:2]
     cuts = rng.multinomial(max(tracklets - markers, 0), np.full(markers, 1 / markers))

@@ -30,9 +30,9 @@ from addon.io.models import open_model, write_model
 from addon.io.points import read_points
 from addon.scoring import compare
 
-from . import actor_blobs, actors, people, plates, real_blobs, strangers, whole_takes
+from . import actors, people, plates, real_blobs, strangers, whole_takes
 from .captures import standing, walking
-from .models import labelled, left_out_model
+from .people import labelled, left_out_model
 
 PEERS = people.DATA.parent / "tools" / "peers" / "strangers.py"
 STANDING = 40  # captures of one frame of each group of left-out people
@@ -171,11 +171,11 @@ def _several(points: Points, truth: np.ndarray, asked: SeveralOptions, people_th
 
 def together_in_images(kind: str, keep: Path, most: int, first_alone: bool = False) -> Iterator[Trial]:
     """Strangers in eight cameras, or the first of them asked for by name, learned from a turn of their own."""
-    for seed, meeting in enumerate(islice(actor_blobs.meetings(kind), most)):
+    for seed, meeting in enumerate(islice(actors.meetings(kind), most)):
         case = actors.own_turn(meeting.people[0].subject) if first_alone else meeting.training
         if case is None:
             continue  # a turn that lacks a marker
-        shot, model = actor_blobs.seen(meeting, seed, kind == "behind"), whole_takes.model_of(case, keep)
+        shot, model = actors.seen(meeting, seed, kind == "behind"), whole_takes.model_of(case, keep)
         asked = SeveralOptions(model=model, count=len(meeting.people))
         if first_alone:
             own = np.array([true if "1:" in true else "" for true in shot.truth], object)
@@ -184,13 +184,13 @@ def together_in_images(kind: str, keep: Path, most: int, first_alone: bool = Fal
         yield Trial(f"blobs of several {kind}", meeting.name, partial(_several_in_images, shot, asked, count))
 
 
-def _several_in_images(shot: actor_blobs.Seen, asked: SeveralOptions, count: int) -> Outcome:
-    names, refused, seconds = timed(lambda: actor_blobs.named(shot, asked), np.full(len(shot.blobs), "", object))
+def _several_in_images(shot: actors.Seen, asked: SeveralOptions, count: int) -> Outcome:
+    names, refused, seconds = timed(lambda: actors.named(shot, asked), np.full(len(shot.blobs), "", object))
     outcomes = []
     for order in permutations(range(1, count + 1)):
         called = {str(number): str(other) for number, other in enumerate(order, 1)}
         own = [called.get(n.partition(":")[0], "?") + ":" + n.partition(":")[2] if n else "" for n in names]
-        outcomes.append(of_blobs(own, shot.truth, shot.blobs.frame, actor_blobs.RATE, seconds, refused))
+        outcomes.append(of_blobs(own, shot.truth, shot.blobs.frame, actors.RATE, seconds, refused))
     return min(outcomes, key=lambda outcome: outcome.wrong.sum())
 
 
@@ -270,9 +270,8 @@ def of_other_labs(kind: str, keep: Path) -> Iterator[Trial]:
 def taught(files: list[Path]) -> Model:
     """The model that files of labelled takes teach."""
     takes = [read_points(file) for file in files]
-    known = [
-        LabelledTake(file.stem, file.parent.name, take.names, take.xyz) for file, take in zip(files, takes, strict=True)
-    ]
+    pairs = zip(files, takes, strict=True)
+    known = [LabelledTake(file.stem, file.parent.name, take.names, take.xyz) for file, take in pairs]
     markers = tuple(name for name in known[0].names if all(name in one.names for one in known))
     return whole_takes.learned("own", known, markers)
 

@@ -129,9 +129,8 @@ def _arms_set(xyz: np.ndarray, generator, difference: Difference = DIFFERENCE) -
     alike, angles = generator.uniform() < 0.5, []
     for side, sign in (("L", 1), ("R", -1)):
         if not (alike and angles):
-            angles = [
-                generator.uniform(*limits) for limits in (difference.abducted, difference.flexed, difference.bent)
-            ]
+            limits = difference.abducted, difference.flexed, difference.bent
+            angles = [generator.uniform(*both) for both in limits]
         abducted, flexed, bent = angles
         arm = [index(side + name) for name in ("ELB", "WRA", "WRB", "FIN")]
         shoulder = xyz[0, index(side + "SHO")] - [0, 0, 0.05]

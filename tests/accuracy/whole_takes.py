@@ -28,6 +28,7 @@ from .people import BODY26, DATA, GAIT15, OTHERS, Take, everyone, files_of, read
 
 BURST_FRAMES = 20  # that a marker is hidden
 MIN_PIECE_FRAMES = 3
+CMU = ("bd", "s135", "s02", "ball")
 CLOUDS = 600  # frames of a take, at most, that are tried in random order
 
 # Takes of other labs: each lab's own markers stand in for those of `gait15`, so that people, places of markers and
@@ -148,23 +149,22 @@ PHYSICAL = frozenset(
 
 def case_own() -> Iterator[Case]:
     """One person's first part of a take learned, a later part labelled: the same person, another motion."""
-    for name, first, after, last in (("bd", 0, 800, 3800), ("s135", 0, 800, 3800), ("s02", 0, 500, 1854)):
+    for name, after, last in (("bd", 800, 3800), ("s135", 800, 3800), ("s02", 500, 1854)):
         take = actors("cmu41")[name]
-        yield Case(f"own {name}", (take.part(first, after),), (take.part(after, last),), take.markers)
+        yield Case(f"own {name}", (take.part(0, after),), (take.part(after, last),), take.markers)
 
 
 def case_others() -> Iterator[Case]:
     """Everybody else of cmu41 learned, one person labelled: no person and no motion in training."""
     found = actors("cmu41")
-    for name in ("bd", "s135", "s02", "ball"):
+    for name in CMU:
         rest = tuple(take for other, take in found.items() if other != name)
         yield Case(f"others {name}", rest, (found[name].part(0, 3000),), found[name].markers)
 
 
 def case_frame() -> Iterator[Case]:
     """One labelled frame of a person learned, all of that person's take labelled."""
-    for name in ("bd", "s135", "s02", "ball"):
-        take = actors("cmu41")[name]
+    for name, take in ((name, actors("cmu41")[name]) for name in CMU):
         yield Case(f"frame {name}", (take.part(0, 1),), (take.part(1, 3001),), take.markers)
 
 

@@ -12,21 +12,9 @@ import pytest
 bpy = pytest.importorskip("bpy", reason="needs the bpy module")
 
 from addon.core.body.bodies import BodyModel  # noqa: E402
+from addon.core.data import takes  # noqa: E402
 from addon.core.data.markersets import MarkerSet  # noqa: E402
-from addon.core.data.takes import (  # noqa: E402
-    BY_FIT,
-    CONFLICT,
-    EXCLUSIVE,
-    NO_MARKER,
-    NO_STEP,
-    REMAINING,
-    Blobs,
-    Labels,
-    Motion,
-    PointRows,
-    Points,
-    Suspect,
-)
+from addon.core.data.progress import finished  # noqa: E402
 from addon.core.geometry import rotations  # noqa: E402
 from addon.core.geometry.cameras import NO_CAMERAS, Cameras  # noqa: E402
 from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion  # noqa: E402
@@ -35,9 +23,9 @@ from addon.core.points.several.wearers import SetsWorn, Wearer  # noqa: E402
 from addon.core.simulation.rigs import ring_rig  # noqa: E402
 from addon.io.blobs import write_blobs  # noqa: E402
 from addon.io.cameras import write_cameras  # noqa: E402
-from addon.io.markersets import write_markerset  # noqa: E402
+from addon.io.markersets import open_markerset, write_markerset  # noqa: E402
 from addon.io.points import write_c3d  # noqa: E402
-from addon.scene.take import Take  # noqa: E402
+from addon.scene.take import Take, show_take  # noqa: E402
 from tests.core.toybody import made_up  # noqa: E402
 
 from .hands import FRAMES, GHOST, MODULE, ours, stored_take  # noqa: E402
@@ -86,11 +74,10 @@ def make_cameras(lens: float = 0.0) -> Cameras:
     return replace(rig, names=names, matrix=matrix, distortion=np.tile([lens, 0, 0, 0, 0], (4, 1)))
 
 
-def make_motion(markerset: MarkerSet, count: int, first: int = 101) -> Motion:
+def make_motion(markerset: MarkerSet, count: int, first: int = 101) -> takes.Motion:
     """A person who wanders, turns and bends for `count` frames, with a gap of one marker and two frames lost."""
     model, time = BodyModel(markerset), np.linspace(0, 1, count)
-    wave = np.sin(time[:, None, None] * 6 + np.arange(len(markerset.skeleton))[None, :, None] + np.arange(3))
-    bends = 0.5 * wave
+    bends = 0.5 * np.sin(time[:, None, None] * 6 + np.arange(len(markerset.skeleton))[None, :, None] + np.arange(3))
     bends[:, 0] = 0
     bodies = replace(
         model.rest(count, 1.6),
@@ -108,7 +95,7 @@ def make_motion(markerset: MarkerSet, count: int, first: int = 101) -> Motion:
             part[3:5] = np.nan
         confidence[3:5] = 0
     residual = np.where(np.isfinite(markers).all(axis=2), 0.001, np.nan)
-    return Motion(
+    return takes.Motion(
         np.arange(first, first + count),
         markers,
         residual=residual,
@@ -120,7 +107,7 @@ def make_motion(markerset: MarkerSet, count: int, first: int = 101) -> Motion:
     )
 
 
-def make_blobs(markerset: MarkerSet, cameras: Cameras, motion: Motion) -> tuple[Blobs, Labels]:
+def make_blobs(markerset: MarkerSet, cameras: Cameras, motion: takes.Motion) -> tuple[takes.Blobs, takes.Labels]:
     """What the cameras see of a motion with the body in the way, one ghost a frame, and the true labels."""
     hidden = CapsuleOcclusion(markerset).hidden(
         np.nan_to_num(motion.rotations), np.nan_to_num(motion.joints), motion.scale, motion.expected, cameras.centres
@@ -131,14 +118,14 @@ def make_blobs(markerset: MarkerSet, cameras: Cameras, motion: Motion) -> tuple[
     count = len(motion.frames)
     frame = np.concatenate([frame, np.arange(count)])
     camera = np.concatenate([camera, np.zeros(count, dtype=int)])
-    marker = np.concatenate([marker, np.full(count, NO_MARKER)])
+    marker = np.concatenate([marker, np.full(count, takes.NO_MARKER)])
     places = np.concatenate([xy[seen], np.tile([30.0, 40.0], (count, 1))])
     order = np.lexsort((camera, frame))
     frame, camera, marker, places = frame[order], camera[order], marker[order], places[order]
-    named = marker != NO_MARKER
-    step = np.where(named, np.array([EXCLUSIVE, CONFLICT, REMAINING])[marker % 3], 0)
-    blobs = Blobs(motion.frames, frame, camera, places, np.full(len(frame), np.nan))
-    return blobs, Labels(marker, step, np.where(named, 0.9, 0.0))
+    named = marker != takes.NO_MARKER
+    step = np.where(named, np.array([takes.EXCLUSIVE, takes.CONFLICT, takes.REMAINING])[marker % 3], 0)
+    blobs = takes.Blobs(motion.frames, frame, camera, places, np.full(len(frame), np.nan))
+    return blobs, takes.Labels(marker, step, np.where(named, 0.9, 0.0))
 
 
 def make_take(frames: int = 20, lens: float = 0.0, name: str = "walk") -> Take:
@@ -146,7 +133,7 @@ def make_take(frames: int = 20, lens: float = 0.0, name: str = "walk") -> Take:
     markerset, cameras = make_markerset(), make_cameras(lens)
     motion = make_motion(markerset, frames)
     blobs, labels = make_blobs(markerset, cameras, motion)
-    suspects = (Suspect(104, 105, "nobody found"), Suspect(110, 112, "left and right may be exchanged"))
+    suspects = (takes.Suspect(104, 105, "nobody found"), takes.Suspect(110, 112, "left and right may be exchanged"))
     return Take(name, 59.94, cameras, markerset, blobs, labels, motion, suspects)
 
 
@@ -164,14 +151,13 @@ def make_pair(frames: int = 20, name: str = "duet", markerset: MarkerSet | None 
     both = {part: np.concatenate([getattr(one, part) for one in (alone, other)], axis=1) for part in joined}
     motion = replace(alone, **both)
     worn = SetsWorn((Wearer("ann", Model(markerset)), Wearer("bob", Model(markerset))))
-    ghost = np.tile([2.0, 2.0, 0.3], (frames, 1, 1))
-    xyz = np.concatenate([motion.markers, ghost], axis=1)
+    xyz = np.concatenate([motion.markers, np.tile([2.0, 2.0, 0.3], (frames, 1, 1))], axis=1)
     residual = np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan)
-    rows = PointRows.of(Points(("",) * xyz.shape[1], xyz, residual, 59.94, 101))
-    marker = np.where(rows.trajectory < len(worn), rows.trajectory, NO_MARKER)
-    named = marker != NO_MARKER
-    labels = Labels(marker, np.where(named, BY_FIT, NO_STEP), named * 0.99)
-    suspects = (Suspect(110, 112, "bob: left and right may be exchanged", None, ("bob:LASI", "bob:RASI")),)
+    rows = takes.PointRows.of(takes.Points(("",) * xyz.shape[1], xyz, residual, 59.94, 101))
+    marker = np.where(rows.trajectory < len(worn), rows.trajectory, takes.NO_MARKER)
+    named = marker != takes.NO_MARKER
+    labels = takes.Labels(marker, np.where(named, takes.BY_FIT, takes.NO_STEP), named * 0.99)
+    suspects = (takes.Suspect(110, 112, "bob: left and right may be exchanged", None, ("bob:LASI", "bob:RASI")),)
     return Take(name, 59.94, NO_CAMERAS, worn, rows, labels, motion, suspects, f"{name}.c3d")
 
 
@@ -192,7 +178,10 @@ def empty():
 
 @pytest.fixture(scope="session")
 def extension(tmp_path_factory):
-    """The name of the real extension, enabled from a symlinked repository of its own."""
+    """The name of the real extension, enabled from a symlinked repository of its own.
+
+    What its operators ask of another process, and what comes of that, goes through files as between two.
+    """
     import addon_utils
 
     folder = tmp_path_factory.mktemp("repository")
@@ -200,9 +189,32 @@ def extension(tmp_path_factory):
     repos = bpy.context.preferences.extensions.repos
     repository = repos.new(name="Mocap tests", module="mocap_tests", custom_directory=str(folder), source="USER")
     assert addon_utils.enable(MODULE, default_set=True) is not None
+    parcels, parcel = ours("cli.parcels"), folder / "parcel"
+
+    def work(self, context):
+        parcels.write_parcel(parcel, self.asked(context))
+        try:
+            found = finished(parcels.read_parcel(parcel)())
+        except ours("core.data.errors").UserError as error:
+            raise self._said(context, error) from error
+        parcels.write_parcel(parcel, found)
+        return self._show(context, parcels.read_parcel(parcel))
+
+    ours("ops.long_work").LongWork.work = work
     yield MODULE
     addon_utils.disable(MODULE, default_set=True)
     repos.remove(repository)
+
+
+@pytest.fixture
+def shown(empty, made, extension) -> Take:
+    """A take of a whole body, in the scene, that bends every joint while it walks and turns, two frames of it lost."""
+    small, markerset = made.take(24), open_markerset("body26")
+    motion = made.motion(markerset, 24)
+    rows, labels = made.blobs(markerset, small.cameras, motion)
+    take = replace(small, rate=60.0, markerset=markerset, motion=motion, rows=rows, labels=labels)
+    empty.scene.mocap_autolabel.take = show_take(empty, take)
+    return take
 
 
 @pytest.fixture
@@ -214,9 +226,8 @@ def name_as(extension, monkeypatch) -> Callable[[np.ndarray], None]:
 
     def know(truth: np.ndarray):
         def name(points, rate):
-            there = np.isfinite(points).all(axis=2)
-            marker = np.where(there, truth, NO_MARKER)
-            named = marker != NO_MARKER
+            marker = np.where(np.isfinite(points).all(axis=2), truth, takes.NO_MARKER)
+            named = marker != takes.NO_MARKER
             yield takes.Labels(marker, np.where(named, takes.BY_FIT, takes.NO_STEP), named * 1.0, named * 1.0)
 
         monkeypatch.setattr(pipeline, "namer_of", lambda *_: SimpleNamespace(step=takes.BY_FIT, name=name))
@@ -240,7 +251,7 @@ def suspects(extension) -> Callable[[], list[tuple[int, int, str]]]:
 def write_walk(folder: Path, xyz: np.ndarray, markerset: MarkerSet, rate: float = 60.0) -> SimpleNamespace:
     """Writes a take of points without names, walk.c3d, and the marker set that is worn in it."""
     residual = np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan)
-    write_c3d(folder / "walk.c3d", Points(("",) * xyz.shape[1], xyz, residual, rate, 101))
+    write_c3d(folder / "walk.c3d", takes.Points(("",) * xyz.shape[1], xyz, residual, rate, 101))
     write_markerset(folder / "small.markerset.json", markerset)
     take, edits = folder / "walk.c3d", folder / "walk.edits.json"
     return SimpleNamespace(folder=folder, take=take, edits=edits, xyz=xyz, names=markerset.markers)
@@ -287,7 +298,7 @@ def files(tmp_path, made):
 @pytest.fixture
 def labelled(extension, empty, files, name_as):
     """The take in a scene, named as it is, by a naming that knows."""
-    name_as(np.where(np.arange(GHOST + 1) == GHOST, NO_MARKER, np.arange(GHOST + 1)))
+    name_as(np.where(np.arange(GHOST + 1) == GHOST, takes.NO_MARKER, np.arange(GHOST + 1)))
     label_walk(files.folder)
     empty.scene.frame_set(120)
     return empty

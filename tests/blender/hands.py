@@ -42,7 +42,7 @@ def shown() -> dict[str, bpy.types.Object]:
 
 
 def only(collection: bpy.types.Collection, kind: str) -> list[bpy.types.Object]:
-    return [item for item in collection.all_objects if item.type == kind]
+    return [item for item in collection.all_objects if item.type == kind and naming.TAKE_ROOT not in item]
 
 
 def bones(frames=range(101, 101 + FRAMES), home=None) -> np.ndarray:

@@ -71,19 +71,18 @@ def test_a_moved_camera_is_refined_and_the_new_file_chosen(scene, files):
 def test_cameras_that_were_changed_meanwhile_stay(extension, scene, files, monkeypatch):
     made = scene("moved.toml")
     settings = made.mocap_autolabel
-    module = ours("ops.calibration")
-    other = scene_cameras.add_cameras(made, files.room)
+    operator = ours("ops.calibration").MOCAP_AUTOLABEL_OT_refine_calibration
+    show, other = operator._show, scene_cameras.add_cameras(made, files.room)
 
-    def changed_meanwhile(_):
-        yield 0.5
+    def changed_meanwhile(self, context, refined):
         settings.source.cameras = other
-        report = {"cameras": {"cam 0": {"before_px": 2.0, "after_px": 0.4}}, "camera_doubts": [], "refined": True}
-        return module.Refined({**report, "out": "there/new.toml"}, files.room)
+        return show(self, context, refined)
 
-    monkeypatch.setattr(module, "beside", changed_meanwhile)
-    refused(r"which are in new\.toml; expected them to stay", "refine_calibration")
+    monkeypatch.setattr(operator, "_show", changed_meanwhile)
+    refused(r"which are in \S+\.toml; expected them to stay", "refine_calibration")
     assert settings.source.cameras == other
     assert not other.hide_viewport
+    (files.folder / "walk.refined.toml").unlink()
 
 
 def test_the_panel_tells_errors_and_offers_to_label_again(extension, scene, files):
@@ -104,8 +103,7 @@ def test_the_panel_tells_errors_and_offers_to_label_again(extension, scene, file
         def operator(self, name, text="", icon="NONE"):
             buttons.append((name, text))
 
-    draw = panel.calibration.draw
-    draw(SimpleNamespace(layout=Layout()), bpy.context)
+    panel.calibration.draw(SimpleNamespace(layout=Layout()), bpy.context)
     assert buttons == [("mocap_autolabel.refine_calibration", ""), ("mocap_autolabel.label", "Label Again")]
     assert said[-6:] == ["cam 0", "2.19 px", "0.41 px", "cam 1", "–", "–"]
     assert "Shown when a take is labelled" in said
@@ -119,8 +117,7 @@ def test_what_is_odd_about_cameras_stays_with_the_take(scene, files):
 
 
 def test_without_cameras_or_blobs_the_button_says_why(extension, empty, files):
-    module = ours("ops.calibration")
-    operator, said = module.MOCAP_AUTOLABEL_OT_refine_calibration, []
+    operator, said = ours("ops.calibration").MOCAP_AUTOLABEL_OT_refine_calibration, []
     cls = SimpleNamespace(poll_message_set=said.append, lacks=operator.lacks)
     assert not operator.poll.__func__(cls, empty)
     assert bpy.ops.mocap_autolabel.import_cameras(filepath=str(files.folder / "room.toml")) == {"FINISHED"}
@@ -234,15 +231,13 @@ def test_of_a_calibration_pixels_begin_at_a_centre_and_its_lens_stays(extension,
     for name in NAMES:  # found by their names
         clip = bpy.data.movieclips.load(str(folder / "movies" / f"{name}.mp4"))
         clip.tracking.camera.k1 = -0.3
-        track = clip.tracking.tracks.new(name="disc", frame=2)
-        track.markers.insert_frame(2, co=(0.5, 0.25))
+        clip.tracking.tracks.new(name="disc", frame=2).markers.insert_frame(2, co=(0.5, 0.25))
     out = str(tmp_path / "tracks.csv")
     assert bpy.ops.mocap_autolabel.import_clip_tracks(out=out) == {"FINISHED"}
     found = scene_cameras.cameras_of(empty.scene.mocap_autolabel.source.cameras, empty.scene)
     assert found.distortion == pytest.approx(cameras.distortion)
     blobs = blobs_in(out, cameras)
-    at = blobs.frames[blobs.frame] == 2
-    assert blobs.xy[at] == pytest.approx(np.array([[79.5, 89.5]] * 2), abs=1e-3)
+    assert blobs.xy[blobs.frames[blobs.frame] == 2] == pytest.approx(np.array([[79.5, 89.5]] * 2), abs=1e-3)
 
 
 def test_clips_that_cannot_be_used_are_one_sentence(extension, empty, studio, tmp_path):

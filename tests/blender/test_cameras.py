@@ -26,8 +26,7 @@ def test_blender_sees_points_where_the_calibration_puts_them(empty, made):
         empty.view_layer.update()
         view = np.array([world_to_camera_view(scene, camera, Vector(point)) for point in points])
         width, height = cameras.size[index]
-        found = np.column_stack([view[:, 0] * width, (1 - view[:, 1]) * height])
-        assert np.abs(found - expected[index]).max() < 0.01
+        assert np.abs(np.column_stack([view[:, 0] * width, (1 - view[:, 1]) * height]) - expected[index]).max() < 0.01
 
 
 def test_calibrations_survive_blender(empty, made):
@@ -109,8 +108,7 @@ def test_a_users_own_cameras_are_read_as_blender_draws_them(empty, fit, size):
     points = np.random.default_rng(3).uniform(-1, 1, (20, 3))
     found = scene_cameras.cameras_of_scene(scene).project(points)[0]
     view = np.array([world_to_camera_view(scene, camera, Vector(point)) for point in points])
-    expected = np.column_stack([view[:, 0] * size[0], (1 - view[:, 1]) * size[1]])
-    assert np.abs(found - expected).max() < 0.01
+    assert np.abs(found - np.column_stack([view[:, 0] * size[0], (1 - view[:, 1]) * size[1]])).max() < 0.01
 
 
 def test_cameras_of_a_blend_file_leave_nothing_behind_and_what_is_none_is_one_sentence(empty, made, tmp_path):

@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The take's character: usual bones, exported, read again, copied onto a rig of one's own; and its keys in bulk."""
 
-from dataclasses import replace
 from functools import partial
 
 import bpy
@@ -10,16 +9,15 @@ import pytest
 
 from addon.core.data.errors import InputError
 from addon.core.posing.character import BONE_NAMES
-from addon.io.markersets import open_markerset
 from addon.scene import animation
 from addon.scene import character as characters
 from addon.scene import take as takes
 from addon.scene.animation import KeyOptions
 from addon.scene.opened import Opened
 
-FRAMES = 24
 # What a retargeted joint or marker may be off: the root alone moves, and floats of single precision are in between.
 MOST_OFF_M = 0.0001
+LIMBS = {"Arm": "upper_arm", "ForeArm": "forearm", "Hand": "hand", "UpLeg": "thigh", "Leg": "shank", "Foot": "foot"}
 JOINTS = {
     "Hips": "pelvis",
     "Spine": "thorax",
@@ -27,37 +25,13 @@ JOINTS = {
     **{
         f"{word}{bone}": f"{segment}.{side}"
         for side, word in (("L", "Left"), ("R", "Right"))
-        for bone, segment in (
-            ("Arm", "upper_arm"),
-            ("ForeArm", "forearm"),
-            ("Hand", "hand"),
-            ("UpLeg", "thigh"),
-            ("Leg", "shank"),
-            ("Foot", "foot"),
-        )
+        for bone, segment in LIMBS.items()
     },
 }
 
 
-def person(made, frames=FRAMES):
-    """A take of a whole body that bends every joint while it walks and turns, two frames of it lost."""
-    small, markerset = made.take(frames), open_markerset("body26")
-    motion = made.motion(markerset, frames)
-    rows, labels = made.blobs(markerset, small.cameras, motion)
-    return replace(small, rate=60.0, markerset=markerset, motion=motion, rows=rows, labels=labels)
-
-
 def found(take):
     return np.flatnonzero(np.isfinite(take.motion.joints).all(axis=(1, 2)))
-
-
-@pytest.fixture
-def shown(empty, made, extension):
-    """The take in a scene, with the extension."""
-    take = person(made)
-    collection = takes.show_take(bpy.context, take)
-    bpy.context.scene.mocap_autolabel.take = collection
-    return take
 
 
 def marker_errors(take, armature, first):
@@ -131,8 +105,7 @@ def plain_rig(source):
     for number, bone in enumerate(source.data.bones):
         own = data.edit_bones.new(bone.name)
         own.head = world @ bone.head_local
-        tip = world @ bone.tail_local - own.head
-        own.tail = own.head + tip.normalized() * 0.07
+        own.tail = own.head + (world @ bone.tail_local - own.head).normalized() * 0.07
         own.roll = 0.4 * number
         if bone.parent is not None:
             own.parent = data.edit_bones[bone.parent.name]
@@ -172,16 +145,14 @@ def test_a_rig_that_copies_the_file_by_bone_names_moves_as_the_body(shown, tmp_p
     assert set(bpy.data.objects) == before
     assert (scene.frame_start, scene.frame_end, scene.frame_current) == played
     read(str(path))
-    source = next(item for item in bpy.data.objects if item not in before and item.type == "ARMATURE")
-    rig = plain_rig(source)
+    rig = plain_rig(next(item for item in bpy.data.objects if item not in before and item.type == "ARMATURE"))
     errors = joint_errors(shown, rig, JOINTS, first)
     assert max(errors.values()) < MOST_OFF_M, errors
     assert np.nanmax(marker_errors(shown, rig, first)) < MOST_OFF_M
 
 
 def test_who_is_no_person_has_no_character(empty, made, extension):
-    take = made.take()
-    collection = takes.show_take(empty, take)
+    collection = takes.show_take(empty, made.take())
     stored = Opened().take(collection, empty.scene)
     with pytest.raises(InputError, match="no person's skeleton"):
         characters.add_character(empty, collection, stored, "HUMANIK")
@@ -239,8 +210,7 @@ def test_moved_keys_are_those_that_keying_anew_makes(bag, after, most_single, fi
     was, made = (None if span is None else (span[0] <= KEYED) & (span[1] > KEYED) for span in filled)
     animation.key(bag, "location", KEYED, BEFORE, "LKNE", was)
     moved = animation.move(bag, "location", KEYED, (BEFORE, was), (after, made))
-    fewer = np.isfinite(BEFORE[:, 0]).sum() - np.isfinite(after[:, 0]).sum()
-    assert moved == (fewer <= most_single)
+    assert moved == ((np.isfinite(BEFORE[:, 0]).sum() - np.isfinite(after[:, 0]).sum()) <= most_single)
     if not moved:
         return
     found = keys_of(bag)

@@ -40,8 +40,7 @@ def test_two_names_are_swapped_everywhere(labelled, files):
         take = read_points(files.folder / f"ours{ending}")
         np.testing.assert_allclose(take.xyz[25, take.names.index("LKNE")], files.xyz[25, other], atol=1e-5)
         np.testing.assert_allclose(take.xyz[5, take.names.index("LKNE")], files.xyz[5, one], atol=1e-5)
-    rows = rows_of_export(files.folder / "ours.labels.csv")
-    named = {(row[0], row[1]): row for row in rows}
+    named = {(row[0], row[1]): row for row in rows_of_export(files.folder / "ours.labels.csv")}
     for frame, point in (("125", other), ("115", one)):
         assert "LKNE" in named[frame, str(point)]
         assert ("edit" in named[frame, str(point)]) == (frame == "125")
@@ -86,8 +85,7 @@ def test_a_name_is_taken_away_and_given_to_what_was_picked(labelled, files):
     follows(files, "LKNE", GHOST, slice(0, 20))
     assert keys_of("LKNE")[-1, 0] == 120
     assert not shown()["LKNE"].hide_viewport
-    rows = rows_of_export(files.folder / "ours.labels.csv")
-    assert sum("LKNE" in row and "edit" in row for row in rows) == 20
+    assert sum("LKNE" in row and "edit" in row for row in rows_of_export(files.folder / "ours.labels.csv")) == 20
 
 
 @pytest.mark.parametrize(
@@ -130,8 +128,7 @@ def test_each_is_one_undo_step_and_can_be_removed(labelled, files):
     choose("LWRA", "RWRA")
     bpy.ops.mocap_autolabel.swap_markers(scope="WHOLE")
     bpy.ops.ed.undo_push(message="Swap")
-    state = bpy.context.window_manager.mocap_autolabel
-    assert [row.name for row in state.corrections] == [
+    assert [row.name for row in bpy.context.window_manager.mocap_autolabel.corrections] == [
         f"Trajectory {knee} has no name, all frames",
         "LWRA and RWRA swapped, all frames",
     ]

@@ -46,8 +46,7 @@ def test_a_take_is_as_the_version_that_saved_it_read_it(take):
     assert np.bincount(now.labels.marker[now.labels.named], minlength=len(now.names)).tolist() == take["rows"]
     assert now.motion.frames[[0, -1]].tolist() == take["frames"]
     assert now.rate == pytest.approx(take["rate"])
-    places = np.array(take["places"], dtype=float)
-    np.testing.assert_allclose(now.motion.markers[[0, 9, -1]], places, atol=1e-5)
+    np.testing.assert_allclose(now.motion.markers[[0, 9, -1]], np.array(take["places"], dtype=float), atol=1e-5)
     assert (len(now.edits), now.cutoff) == (take["edits"], take["cutoff"])
     assert not [outcome for outcome in now.outcomes if outcome.reason]
     assert [[fill.marker, fill.first, fill.last] for fill in now.fills] == take["fills"]

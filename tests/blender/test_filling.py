@@ -148,16 +148,16 @@ def test_filled_ones_stand_out_in_the_overlay_and_are_no_labels(filled, files, e
 
 
 def test_what_was_filled_goes_into_no_other_take(labelled, made, monkeypatch, extension):
-    filling = ours("ops.filling")
+    filling = ours("ops.filling").MOCAP_AUTOLABEL_OT_fill_gaps
     settings = labelled.scene.mocap_autolabel
     after = show_take(labelled, made.take(40))
 
-    def changed_meanwhile(work):
-        yield 0.5
+    def changed_meanwhile(self, context, filled):
         settings.take = after
-        return work(lambda _: None)
+        return show(self, context, filled)
 
-    monkeypatch.setattr(filling, "in_background", changed_meanwhile)
+    show = filling._show
+    monkeypatch.setattr(filling, "_show", changed_meanwhile)
     settings.filling.method = "rigid"
     refused("another take is shown than the one whose gaps were filled; expected", "fill_gaps", extent="TAKE")
     assert rows() == []
@@ -180,8 +180,7 @@ def test_what_cannot_be_filled_is_one_sentence(labelled):
     refused("Nothing was filled", "take_back_fills")
     settings.filling.use_longest, settings.filling.longest = True, 1
     assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"CANCELLED"}
-    left = labelled.window_manager.mocap_autolabel.left_gaps
-    assert {row.reason for row in left} == {"is longer than 1 frames"}
+    assert {row.reason for row in labelled.window_manager.mocap_autolabel.left_gaps} == {"is longer than 1 frames"}
     settings.filling.use_longest, settings.filling.method = False, "body"
     settings.subjects.markerset, settings.subjects.markerset_path = "FILE", ""
     refused("is not the take's; expected", "fill_gaps", extent="TAKE")
@@ -261,8 +260,7 @@ def test_keys_and_exports_are_smooth_and_labels_stay(calm, files):
 
 
 def test_it_is_kept_through_files_corrections_and_labelling_again(calm, files):
-    path = str(files.folder / "walk.blend")
-    reopen(path)
+    reopen(str(files.folder / "walk.blend"))
     choose("LKNE", "RKNE")
     bpy.ops.mocap_autolabel.swap_markers(scope="WHOLE")
     bpy.ops.mocap_autolabel.clear_corrections()

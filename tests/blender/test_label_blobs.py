@@ -42,8 +42,7 @@ def labelled(extension, empty, files, made, monkeypatch):
             yield takes.LabelledChunk(takes.Labels(marker, step, np.where(marker == NO_MARKER, 0, 0.9)), motion)
 
     monkeypatch.setattr(pipeline, "label_take", label_take)
-    beside = files.folder / "walk.edits.json"
-    beside.unlink(missing_ok=True)
+    (files.folder / "walk.edits.json").unlink(missing_ok=True)
     open_room(files)
     empty.scene.mocap_autolabel.labelling.occlusion = "capsules"
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
@@ -53,8 +52,7 @@ def labelled(extension, empty, files, made, monkeypatch):
 
 def row_of(files, name: str, camera: int, frame: int = 115) -> int:
     """The row of a marker's blob."""
-    index = files.names.index(name)
-    own = (files.truth.marker == index) & (files.seen.camera == camera)
+    own = (files.truth.marker == files.names.index(name)) & (files.seen.camera == camera)
     return int(np.flatnonzero(own & (files.seen.frame == frame - 101))[0])
 
 
@@ -101,14 +99,11 @@ def test_a_marker_that_is_named_in_two_cameras_is_in_space_at_once(labelled, fil
     np.testing.assert_allclose(shown()[LOST].matrix_world.translation, truth, atol=1e-4)
     words = [row.name for row in bpy.context.window_manager.mocap_autolabel.corrections]
     assert len(words) == 2 and all("RKNE is the blob at" in one and one.endswith("frame 115") for one in words)
-    stored = stored_take()
-    assert (stored.labels.step == BY_EDIT).sum() == 2
+    assert (stored_take().labels.step == BY_EDIT).sum() == 2
     bpy.ops.mocap_autolabel.export_c3d(filepath=str(files.folder / "ours.c3d"))
     take = read_points(files.folder / "ours.c3d")
-    own = take.xyz[:, take.names.index(LOST)]
-    assert np.flatnonzero(np.isfinite(own[:, 0])).tolist() == [14]
-    rows = rows_of_export(files.folder / "ours.labels.csv")
-    assert sum(row[4:6] == [LOST, "edit"] for row in rows) == 2
+    assert np.flatnonzero(np.isfinite(take.xyz[:, take.names.index(LOST)][:, 0])).tolist() == [14]
+    assert sum(row[4:6] == [LOST, "edit"] for row in rows_of_export(files.folder / "ours.labels.csv")) == 2
 
 
 def test_a_name_holds_along_the_track_of_the_blob(labelled, files):
@@ -117,9 +112,7 @@ def test_a_name_holds_along_the_track_of_the_blob(labelled, files):
     assert len(keys) > 10
     truth = files.motion.expected[keys[:, 0].astype(int) - 101, files.names.index(LOST)]
     np.testing.assert_allclose(keys[:, 1:], truth, atol=1e-3)
-    stored = stored_take()
-    by_hand = stored.labels.step == BY_EDIT
-    assert (files.truth.marker[by_hand] == files.names.index(LOST)).all()
+    assert (files.truth.marker[stored_take().labels.step == BY_EDIT] == files.names.index(LOST)).all()
     for scope, wanted in (("ON", slice(14, None)), ("BACK", slice(None, 15))):
         bpy.ops.mocap_autolabel.clear_corrections()
         name_in_two(files, scope)
@@ -165,14 +158,12 @@ def test_blobs_lose_their_names_swap_and_are_none(labelled, files):
     labels = stored_take().labels.marker
     assert (labels[[row, other]] == NO_MARKER).all()
     bpy.ops.mocap_autolabel.save_corrections()
-    kinds = [type(edit) for edit in read_edits(files.folder / "walk.edits.json")]
-    assert kinds == [UnlabelBlob, DeleteBlob]
+    assert [type(edit) for edit in read_edits(files.folder / "walk.edits.json")] == [UnlabelBlob, DeleteBlob]
 
 
 def test_a_picked_blob_is_picked_along_its_track(labelled, files, extension):
     module = ours("ops.picking")
-    row = row_of(files, "LANK", 1)
-    bpy.ops.mocap_autolabel.pick(point=row)
+    bpy.ops.mocap_autolabel.pick(point=row_of(files, "LANK", 1))
     for frame in (116, 114):
         bpy.context.scene.frame_set(frame)
         assert module.picked_points(bpy.context) == [row_of(files, "LANK", 1, frame)]
@@ -223,8 +214,7 @@ def test_who_looks_through_a_camera_points_at_its_blobs(labelled, files, extensi
         ]
     )
     np.testing.assert_allclose(places, np.column_stack([x, size[1] - y]), atol=0.1)
-    screen = SimpleNamespace(system=SimpleNamespace(ui_scale=1.0))
-    context = SimpleNamespace(scene=scene, preferences=screen)
+    context = SimpleNamespace(scene=scene, preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0)))
     assert [module.dot_at(context, stored, area, place + 0.4)[1] for place in places] == list(range(len(places)))
     assert module.dot_at(context, stored, area, (-50, -50))[1] is None
 

@@ -98,8 +98,7 @@ def test_the_missing_marker_that_is_nearest_is_the_likeliest(stored):
 def test_a_right_hand_is_offered_what_is_around_it_and_missing_first_and_no_left_thigh():
     markerset = open_markerset("body39")
     names, at = markerset.markers, markerset.rest_markers
-    of = markerset.by_name
-    off = np.linalg.norm(at - at[of["RFIN"]], axis=1)
+    off = np.linalg.norm(at - at[markerset.by_name["RFIN"]], axis=1)
     free = np.isin(names, ["LTHI", "RWRB"])
     offered = [names[marker] for marker in ranked(off, free, np.array([NO_MARKER]), names)]
     assert offered[:2] == ["RWRB", "RFIN"]
@@ -194,5 +193,4 @@ def test_every_key_of_the_tool_does_something_of_ours_and_is_free_in_blender_but
         assert module == "mocap_autolabel" or hasattr(bpy.types, given["name"])
     tool = ours("ui.label_tool")
     alone = [event["type"] for _, event, _ in tool.KEYMAP if set(event) == {"type", "value"}]
-    letters = {key for key in alone if len(key) == 1} - {"X"}
-    assert not letters & set("ABCDGHIKMNOQRSTWZ"), "object mode has these"
+    assert not ({key for key in alone if len(key) == 1} - {"X"}) & set("ABCDGHIKMNOQRSTWZ"), "object mode has these"

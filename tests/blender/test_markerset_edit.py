@@ -60,8 +60,7 @@ def test_a_marker_moved_by_hand(empty, laid_out):
     empty.view_layer.update()
     item.matrix_world.translation += type(item.location)((0.017, 0, 0.034))
     empty.view_layer.update()
-    found = markerset_edit.read_markerset(collection, markerset, "mine")
-    moved = found.offsets - markerset.offsets
+    moved = markerset_edit.read_markerset(collection, markerset, "mine").offsets - markerset.offsets
     np.testing.assert_allclose(moved[markerset.index("LKNE")], [0.01, 0, 0.02], atol=1e-6)
     assert np.abs(np.delete(moved, markerset.index("LKNE"), axis=0)).max() < 1e-6
 
@@ -88,8 +87,7 @@ def test_a_marker_attached_to_another_segment_stays_where_it_stands(empty, laid_
     empty.view_layer.update()
     np.testing.assert_allclose(item.matrix_world.translation, before, atol=1e-6)
     found = markerset_edit.read_markerset(collection, markerset, "mine")
-    index = markerset.index("LKNE")
-    assert found.skeleton.segments[found.attachment[index]] == "l_shank"
+    assert found.skeleton.segments[found.attachment[markerset.index("LKNE")]] == "l_shank"
     np.testing.assert_allclose(found.rest_markers, markerset.rest_markers, atol=1e-6)
 
 

@@ -54,8 +54,7 @@ def test_meshes_of_several_agree_with_the_closed_form(made):
     centres = made.cameras().centres
     meshes, capsules = ((kind(markerset, 1.0),) * 2 for kind in (capsule_meshes, CapsuleOcclusion))
     wide = hidden_by_any(capsules, each, markers, centres)
-    alone = hidden_by_any(capsules[:1], each[:1], markers, centres)
-    assert (wide & ~alone).any()
+    assert (wide & ~hidden_by_any(capsules[:1], each[:1], markers, centres)).any()
     narrow = hidden_by_any((CapsuleOcclusion(markerset, 0.985),) * 2, each, markers, centres)
     clear = wide == narrow  # a mesh of 24 sides is up to 1 % thinner than its capsule
     assert (hidden_by_any(meshes, each, markers, centres) == wide)[clear].mean() > 0.99
@@ -98,10 +97,8 @@ def test_a_skinned_mesh_is_cut_at_its_bones(empty, made, body):
         skin.vertex_groups.new(name=bone).add([i for i, owner in enumerate(owners) if owner == bone], 1.0, "REPLACE")
     skin.modifiers.new("Skin", "ARMATURE").object = armature
     armature.pose.bones["l_thigh"].rotation_quaternion = (0.9, 0.4, 0, 0)
-    motion = made.motion(markerset, 20)
-    given = arguments(motion, made.cameras().centres)
-    found = occlusion_of(empty, armature, [skin], markerset).hidden(*given)
-    assert (found == capsules.hidden(*given)).mean() > 0.998
+    given = arguments(made.motion(markerset, 20), made.cameras().centres)
+    assert (occlusion_of(empty, armature, [skin], markerset).hidden(*given) == capsules.hidden(*given)).mean() > 0.998
     assert armature.data.pose_position == "POSE"
 
 
@@ -132,8 +129,7 @@ def test_at_rest_a_skin_in_pieces_hides_what_the_whole_skin_hides(empty, body):
 
 def skin_points(corners, generator, count):
     """Points up to 1 cm within or without corners of a mesh around the origin."""
-    chosen = corners[generator.integers(len(corners), size=count)]
-    return chosen * generator.uniform(0.9, 1.1, (count, 1))
+    return corners[generator.integers(len(corners), size=count)] * generator.uniform(0.9, 1.1, (count, 1))
 
 
 def test_a_mesh_on_no_bone_is_refused(empty, body):

@@ -5,7 +5,7 @@ import importlib
 import subprocess
 import sys
 import tempfile
-import threading
+import time
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,10 +19,10 @@ import pytest
 from addon.io.markersets import open_markerset, write_markerset
 from addon.io.points import read_points
 from addon.scene import naming
-from tests.faults.stage import SECONDS, wait_for
+from tests.faults.stage import SECONDS
 
 from .conftest import open_room, write_room
-from .hands import ours, refused, reopen, stored_take
+from .hands import only, ours, refused, reopen, stored_take
 
 KINDS = ["objects", "meshes", "armatures", "actions", "collections", "cameras", "materials", "texts", "libraries"]
 
@@ -49,38 +49,60 @@ def ready(extension, empty, files):
 def labelling(extension, monkeypatch, made, tmp_path_factory):
     """The module of the label operator, with a labelling that is quick and known: names by row number.
 
-    The job's files go into `folder`. While `gate` is closed, the labelling waits behind its first chunk.
+    The job's files go into `folder`. In the window the process of this session is played by this one.
     """
     module = ours("ops.labelling")
     pipeline = ours("core.pipelines.blobs")
     takes = ours("core.data.takes")
-    given, gate = [], threading.Event()
-    gate.set()
-    folder = tmp_path_factory.mktemp("files-of-the-job")
+    given, folder = [], tmp_path_factory.mktemp("files-of-the-job")
 
     def label_take(chunks, cameras, markerset, rate, options, occlusion=None, edits=()):
         for blobs in chunks:
-            if given:
-                assert gate.wait(SECONDS)
             given.append(SimpleNamespace(cameras=cameras, rate=rate, options=options, occlusion=occlusion, blobs=blobs))
-            motion = made.motion(made.markerset(), len(blobs.frames))
+            motion = takes.Motion(**vars(made.motion(made.markerset(), len(blobs.frames))))
             labels = takes.Labels(np.arange(len(blobs)) % 3, np.arange(len(blobs)) % 4, np.full(len(blobs), 0.8))
             yield takes.LabelledChunk(labels, motion, (takes.Suspect(104, 105, "nobody found"),))
 
     monkeypatch.setattr(pipeline, "label_take", label_take)
     # Names by row number meet in no room, which real labelling would be refused for.
-    check = ours("core.review.odd_cameras").CameraCheck
-    monkeypatch.setattr(check, "names_apart", "")
+    monkeypatch.setattr(ours("core.review.odd_cameras").CameraCheck, "names_apart", "")
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
-    return SimpleNamespace(module=module, pipeline=pipeline, given=given, gate=gate, folder=folder)
+    long_work, at_work = ours("ops.long_work"), []
+
+    def hand_over(work):
+        at_work[:] = [Here(work, ours("core.data.errors").UserError)]
+        return at_work[0]
+
+    def end_process():
+        at_work[0].steps.close()
+
+    monkeypatch.setattr(long_work, "hand_over", hand_over)
+    monkeypatch.setattr(long_work, "end_process", end_process)
+    return SimpleNamespace(module=module, pipeline=pipeline, given=given, folder=folder, long_work=long_work)
+
+
+class Here:
+    """Work that is done by this process, a step at each look."""
+
+    def __init__(self, work, trouble):
+        self.steps, self.trouble, self.share, self.busy = work(), trouble, 0.0, True
+
+    def look(self):
+        try:
+            self.share = next(self.steps).fraction
+        except StopIteration as done:
+            self.busy = False
+            return done.value
+        except self.trouble as error:
+            self.busy = False
+            return error
 
 
 @pytest.fixture
 def in_fives(extension, labelling, monkeypatch):
-    """The job's blobs come five frames at a time, and a look at the keyboard after every step."""
+    """The job's blobs come five frames at a time."""
     job = ours("jobs.blobs")
     monkeypatch.setattr(job, "read_blobs", partial(job.read_blobs, chunk_frames=5))
-    monkeypatch.setattr(ours("ops.stepping"), "BUDGET", 0.0)
 
 
 def test_files_become_named_markers(ready, files):
@@ -88,7 +110,7 @@ def test_files_become_named_markers(ready, files):
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     collection = ready.scene.mocap_autolabel.take
     assert collection.name == "Mocap: walk"
-    empties = [item for item in collection.all_objects if item.type == "EMPTY"]
+    empties = only(collection, "EMPTY")
     assert [item[naming.MARKER] for item in empties] == list(open_markerset(files.markerset).markers)
     state = ready.window_manager.mocap_autolabel
     assert {row.name for row in state.markers} == {item[naming.MARKER] for item in empties}
@@ -231,7 +253,7 @@ class Modal:
     def __init__(self, module):
         self.reports, self.removed = [], 0
         kind = module.MOCAP_AUTOLABEL_OT_label
-        for name in ("_begin", "_tick", "_tell", "_end", "_show", "steps", "work", "execute", "modal"):
+        for name in ("_begin", "_tick", "_tell", "_end", "_show", "_said", "asked", "work", "execute", "modal"):
             setattr(self, name, getattr(kind, name).__get__(self))
         self._timer, self.doing, self.everybody, self.force = None, kind.doing, False, False
 
@@ -260,7 +282,7 @@ def escape(x: int = 400, value: str = "PRESS", is_repeat: bool = False) -> Simpl
 
 
 @pytest.fixture
-def window(ready, labelling):
+def window(ready):
     """A context with a window manager that counts, and the operator in it."""
     manager = MagicMock(mocap_autolabel=ready.window_manager.mocap_autolabel, windows=[])
     manager.invoke_confirm.return_value = {"RUNNING_MODAL"}
@@ -277,11 +299,10 @@ def window(ready, labelling):
         workspace=workspace,
         view_layer=ready.view_layer,
     )
-    return SimpleNamespace(context=context, manager=manager, status=status, operator=Modal(labelling.module))
+    return SimpleNamespace(context=context, manager=manager, status=status, operator=Modal(ours("ops.labelling")))
 
 
 def test_escape_leaves_nothing_behind(ready, labelling, in_fives, window):
-    labelling.gate.clear()
     before = counts()
     operator, context = window.operator, window.context
     assert operator._begin(context) == {"RUNNING_MODAL"}
@@ -294,13 +315,11 @@ def test_escape_leaves_nothing_behind(ready, labelling, in_fives, window):
     assert (*taken(window.manager), window.status[-1]) == (0, 0, None)
     assert counts() == before
     assert ready.scene.mocap_autolabel.take is None
-    labelling.gate.set()
-    wait_for(lambda: not list(labelling.folder.iterdir()))  # the job ends beside the window
+    assert not list(labelling.folder.iterdir())
     assert len(labelling.given) <= 2, "it stopped before its end"
 
 
 def test_escape_ends_only_what_it_is_meant_for(ready, labelling, in_fives, window):
-    labelling.gate.clear()
     operator, context = window.operator, window.context
     operator._begin(context)
     for other in (escape(value="RELEASE"), escape(x=1000), escape(is_repeat=True)):
@@ -309,14 +328,12 @@ def test_escape_ends_only_what_it_is_meant_for(ready, labelling, in_fives, windo
     assert operator.modal(context, escape()) == {"PASS_THROUGH"}
     context.window.screen = screen()
     assert operator.modal(context, escape()) == {"CANCELLED"}
-    labelling.gate.set()
-    wait_for(lambda: not list(labelling.folder.iterdir()))
+    assert not list(labelling.folder.iterdir())
 
 
 def test_much_work_is_not_given_up_unasked(ready, labelling, window):
     state = window.manager.mocap_autolabel
-    cancel = importlib.import_module(labelling.module.__name__.replace("labelling", "stepping"))
-    cancel = cancel.MOCAP_AUTOLABEL_OT_cancel
+    cancel = labelling.long_work.MOCAP_AUTOLABEL_OT_cancel
     state.doing, state.spent, state.cancelled = "Labelling: 40%, 2 min left", 80.0, False
     asked = SimpleNamespace(execute=cancel.execute)
     try:
@@ -332,7 +349,6 @@ def test_much_work_is_not_given_up_unasked(ready, labelling, window):
 
 
 def test_the_panel_says_how_long_it_takes_and_its_button_cancels(ready, labelling, in_fives, window, monkeypatch):
-    labelling.gate.clear()
     operator, context, state = window.operator, window.context, window.manager.mocap_autolabel
     assert operator._begin(context) == {"RUNNING_MODAL"}
     assert state.doing.startswith("Labelling: 0%")
@@ -343,10 +359,8 @@ def test_the_panel_says_how_long_it_takes_and_its_button_cancels(ready, labellin
     assert bpy.ops.mocap_autolabel.cancel() == {"FINISHED"}
     assert operator.modal(context, SimpleNamespace(type="TIMER")) == {"CANCELLED"}
     assert state.doing == ""
-    labelling.gate.set()
-    wait_for(lambda: not list(labelling.folder.iterdir()))  # the job ends beside the window
-    stepping = importlib.import_module(labelling.module.__name__.replace("labelling", "stepping"))
-    told = [stepping.time_left(10, 0.5), stepping.time_left(1, 0.5), stepping.time_left(60, 0.1)]
+    time_left = labelling.long_work.time_left
+    told = [time_left(10, 0.5), time_left(1, 0.5), time_left(60, 0.1)]
     assert told == ["10 s", "", "9 min"]
 
 
@@ -368,12 +382,39 @@ def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, in_fives, wi
     assert shares == sorted(shares)
 
 
-@pytest.mark.parametrize("fault", [True, False])
-def test_trouble_on_the_way_gives_everything_back(extension, files, labelling, window, monkeypatch, fault):
+def test_work_is_done_by_one_process_and_shown_here_and_its_death_is_one_sentence(ready, window):
+    context = window.context
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    here, long_work = stored_take().labels, ours("ops.long_work")
+    shares, processes = [], set()
+    for killed in (False, False, True):
+        operator = Modal(ours("ops.labelling"))
+        answer = operator._begin(context)
+        processes.add(operator._worker.process.pid)
+        until = time.monotonic() + SECONDS
+        while answer == {"RUNNING_MODAL"} and time.monotonic() < until:
+            if killed:
+                operator._worker.process.kill()
+            answer = operator.modal(context, SimpleNamespace(type="TIMER"))
+            shares.append(operator._worker.share)
+            time.sleep(0.01)
+        assert answer == ({"CANCELLED"} if killed else {"FINISHED"}), operator.reports
+    assert len(processes) == 1
+    assert max(shares) > 0
+    assert "its process was killed" in operator.reports[0][1]
+    for name in ("marker", "step", "confidence"):
+        np.testing.assert_array_equal(getattr(stored_take().labels, name), getattr(here, name))
+    assert operator._begin(context) == {"RUNNING_MODAL"}
+    assert operator._worker.process.pid not in processes, "another one was started"
+    operator._end(context)
+    assert long_work._workers == []
+
+
+def test_trouble_on_the_way_gives_everything_back(files, labelling, window, monkeypatch):
     errors = ours("core.data.errors")
 
     def label_take(*_, **__):
-        raise RuntimeError("a fault of ours") if fault else errors.JobError("nobody is here; expected a person")
+        raise errors.JobError("nobody is here; expected a person")
         yield
 
     monkeypatch.setattr(labelling.pipeline, "label_take", label_take)
@@ -387,20 +428,15 @@ def test_trouble_on_the_way_gives_everything_back(extension, files, labelling, w
             answer = operator.modal(context, SimpleNamespace(type="TIMER"))
         return answer
 
-    if fault:
-        with pytest.raises(RuntimeError, match="a fault of ours"):
-            work()
-    else:
-        assert work() == {"CANCELLED"}
-        assert operator.reports == [("ERROR", f"{files.blobs}: nobody is here; expected a person")]
+    assert work() == {"CANCELLED"}
+    assert operator.reports == [("ERROR", f"{files.blobs}: nobody is here; expected a person")]
     assert (*taken(window.manager), window.status[-1]) == (0, 0, None)
     assert counts() == before
 
 
 def test_the_review_names_gaps_and_suspects(ready, labelling, suspects):
     bpy.ops.mocap_autolabel.label()
-    state = ready.window_manager.mocap_autolabel
-    rows = {row.name: row for row in state.markers}
+    rows = {row.name: row for row in ready.window_manager.mocap_autolabel.markers}
     # The fifth frames of `made.motion` are lost, and its third marker is not seen for a sixth of the take.
     assert (rows["SACR"].gaps, rows["SACR"].longest_gap, rows["SACR"].first_gap) == (1, 2, 104)
     assert (rows["RASI"].gaps, rows["RASI"].longest_gap) == (2, 5)
@@ -427,8 +463,7 @@ def test_clearing_removes_the_take_and_nothing_else(ready, labelling):
     bpy.ops.mocap_autolabel.label()
     assert counts() != before
     assert bpy.ops.mocap_autolabel.clear() == {"FINISHED"}
-    after = counts()
-    assert {**after, "materials": 0} == {**before, "materials": 0}
+    assert {**counts(), "materials": 0} == {**before, "materials": 0}
     assert len(ready.window_manager.mocap_autolabel.markers) == 0
 
 
@@ -458,6 +493,15 @@ def test_a_marker_set_of_ones_own(ready, files, tmp_path):
     assert saved.name == "mine"
     assert saved.skeleton.segments[saved.attachment[saved.index("LKNE")]] == "l_shank"
     assert ready.scene.mocap_autolabel.subjects.markerset_path == str(path)
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_the_preferences_say_where_the_compiled_library_is_missing(extension, monkeypatch, there):
+    monkeypatch.setattr(ours("core.kernels"), "in_use", lambda: there)
+    said = []
+    layout = SimpleNamespace(prop=lambda *_: None, label=lambda text, icon: said.append(text))
+    ours("prefs").MocapPreferences.draw(SimpleNamespace(layout=layout), None)
+    assert said == ([] if there else ["Without the compiled library NumPy does the same work, more slowly"])
 
 
 def test_own_marker_sets_are_found_in_the_extensions_folder(extension, empty, made):
@@ -519,15 +563,13 @@ def test_labels_of_a_file_that_has_changed_are_not_written(ready, labelling, fil
     copy.write_text((files.folder / "walk.csv").read_text())
     bpy.ops.mocap_autolabel.import_blobs(filepath=str(copy))
     bpy.ops.mocap_autolabel.label()
-    rows = copy.read_text().splitlines()
-    copy.write_text("\n".join(rows[:-1]) + "\n")
+    copy.write_text("\n".join(copy.read_text().splitlines()[:-1]) + "\n")
     refused("other blobs than those that were labelled", "export_labels", filepath=str(tmp_path / "out.labels.csv"))
     assert [path.name for path in tmp_path.iterdir()] == ["walk.csv"]
 
 
 def test_a_take_that_was_shown_without_the_extension_is_reviewed_with_it(extension, empty, made, tmp_path, suspects):
-    take_module = importlib.import_module("addon.scene.take")
-    take_module.show_take(empty, made.take())
+    importlib.import_module("addon.scene.take").show_take(empty, made.take())
     assert empty.scene.mocap_autolabel.take is None
     reopen(tmp_path / "elsewhere.blend")
     settings = bpy.context.scene.mocap_autolabel

@@ -39,8 +39,7 @@ def test_blobs_lie_on_their_markers_with_the_lens_taken_out(empty, shown):
     take, stored = shown
     for number in range(4):
         camera = camera_of(stored, number)
-        pose = np.array(camera.matrix_world.normalized())
-        seen = blob_dots(stored, 10, number, pose)
+        seen = blob_dots(stored, 10, number, np.array(camera.matrix_world.normalized()))
         named = seen.marker != NO_MARKER
         assert named.sum() > 3
         look_through(empty.scene, camera)
@@ -87,8 +86,7 @@ def test_words_never_lie_on_each_other_on_marks_only_where_they_must_and_off_wha
     for index, one in enumerate(kept):
         for other in kept[:index]:
             assert abs(one[0] - other[0]) >= 30 or abs(one[1] - other[1]) >= 11
-    alone = marks.room_for_words(np.array([[50.0, 50.0]]), widths[:1], 11.0, 6.0)
-    assert alone[0, 0] == 56.0
+    assert marks.room_for_words(np.array([[50.0, 50.0]]), widths[:1], 11.0, 6.0)[0, 0] == 56.0
     places = np.array([[50.0, 50.0], [70.0, 50.0], [20.0, 50.0]])
     starts = marks.room_for_words(places, np.full(3, 30.0), 11.0, 6.0, 3.5)
     assert starts[0].tolist() == [35.0, 56.0]  # above: a mark is on its right, and one on its left
@@ -122,8 +120,7 @@ def test_sides_are_told_apart_by_people_who_see_few_colours(extension):
     ]
     for seen in [np.eye(3), *map(np.array, blind)]:
         shown = np.clip(linear @ seen.T, 0, 1) ** (1 / 2.2)
-        away = np.linalg.norm(shown[:, None] - shown[None], axis=2)
-        assert away[np.triu_indices(3, 1)].min() > 0.3
+        assert np.linalg.norm(shown[:, None] - shown[None], axis=2)[np.triu_indices(3, 1)].min() > 0.3
     names = ("LKNE", "RKNE", "SACR", "LBUL", "hand.L", "hand.R")
     assert [sides.side_in(name, names) for name in names] == ["L", "R", "", "", "L", "R"]
 
@@ -136,8 +133,7 @@ def test_blobs_can_be_looked_at_before_they_are_labelled(empty, made):
     np.testing.assert_array_equal(stored.rows.frame, take.rows.frame)
     np.testing.assert_allclose(stored.rows.xy, take.rows.xy, atol=1e-4)
     assert len(blob_dots(stored, 4, 0, np.eye(4)).xyz) == 1
-    fewer = read_preview(mesh, take.cameras.select([1, 2]))
-    assert len(fewer.rows) == np.isin(take.rows.camera, [1, 2]).sum()
+    assert len(read_preview(mesh, take.cameras.select([1, 2])).rows) == np.isin(take.rows.camera, [1, 2]).sum()
 
 
 @pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="this Blender draws nothing without a window")

@@ -75,8 +75,7 @@ def over(request, tmp_path):
 def duet(empty, made):
     """A take of two in a scene, with the points that have no name."""
     take = made.pair()
-    collection = takes.show_take(empty, take)
-    return SimpleNamespace(take=take, collection=collection)
+    return SimpleNamespace(take=take, collection=takes.show_take(empty, take))
 
 
 def curve_of(item: bpy.types.Object) -> bpy.types.FCurve:
@@ -158,12 +157,11 @@ def test_what_a_person_changed_is_that_persons(duet, over, kind, change):
         assert left.name == "Kept from duet"
         assert not takes.is_take(left)
         assert not [child for child in left.children_recursive if ownership.MADE in child]
-        ours = [one for one in left.all_objects if ownership.MADE in one]
-        assert not ours
+        assert not [one for one in left.all_objects if ownership.MADE in one]
     else:
         assert takes.is_take(left)
         same = [one for one in left.all_objects if ownership.role_of(one)]
-        assert len(same) == 2 * (1 + 9 + 13) + 1
+        assert len(same) == 2 * (1 + 9 + 13) + 2
         assert all(ownership.is_untouched(one) for one in same)
 
 
@@ -213,8 +211,7 @@ def test_a_copy_of_what_was_made_is_who_copied_its(duet, over):
 
 def test_corrections_go_to_the_marker_and_not_to_its_copy(duet):
     item = item_of(duet.collection, "marker")
-    copy = item.copy()
-    item.users_collection[0].objects.link(copy)
+    item.users_collection[0].objects.link(item.copy())
     assert takes.scene_markers.marker_empties(duet.collection)["bob:LKNE"] == item
 
 
@@ -222,10 +219,8 @@ def test_what_was_promised_stays_even_unchanged(empty, made, over):
     take = made.pair(markerset=open_markerset("body26"))
     collection = takes.show_take(empty, take)
     stored = Opened().take(collection, empty.scene)
-    names = []
-    for one in stored.performers:
-        home = performers.homes(collection)[one.name]
-        names.append(add_character(empty, home, alone(stored, one), "HUMANIK").name)
+    homes = performers.homes(collection)
+    names = [add_character(empty, homes[one.name], alone(stored, one), "HUMANIK").name for one in stored.performers]
     bpy.data.objects[names[0]].name = "hero"
     over(take)
     for name in ("hero", names[1]):
@@ -241,8 +236,7 @@ def test_what_hangs_on_the_take_stays_where_it_is_or_follows_what_comes(duet, ov
     on_marker, on_bone = (new_mesh(name) for name in ("on marker", "on bone"))
     on_marker.parent = marker
     on_bone.parent, on_bone.parent_type, on_bone.parent_bone = armature, "BONE", "head"
-    follower = new_mesh("follower")
-    constraint = follower.constraints.new("COPY_LOCATION")
+    constraint = new_mesh("follower").constraints.new("COPY_LOCATION")
     constraint.target = marker
     skin = new_mesh("skin")
     skin.modifiers.new("skin", "ARMATURE").object = armature
@@ -306,10 +300,8 @@ def test_nothing_that_nobody_changed_is_left(empty, made, over):
     collection = takes.show_take(empty, take)
     shown = counts()
     stored = Opened().take(collection, empty.scene)
-    edits = stored.edits.added(Swap(("bob:LKNE", "bob:RKNE"), frames=(103, 110)))
-    takes.keep_edits(collection, edits)
-    after = Opened().take(collection, empty.scene)
-    takes.show_edits(collection, stored, after)
+    takes.keep_edits(collection, stored.edits.added(Swap(("bob:LKNE", "bob:RKNE"), frames=(103, 110))))
+    takes.show_edits(collection, stored, Opened().take(collection, empty.scene))
     performers.set_colour(collection, "bob", (0.1, 0.2, 0.3))
     for item in list(collection.all_objects):
         item.select_set(True)
@@ -362,7 +354,7 @@ def test_another_take_in_the_collection_is_left_alone(duet, made, over):
     over(duet.take)
     for name in guests:
         assert ownership.is_untouched(bpy.data.objects[name])
-    assert [len(bpy.data.collections[name].all_objects) for name in names] == [23, 23]
+    assert [len(bpy.data.collections[name].all_objects) for name in names] == [24, 24]
     assert {one.name for one in takes.takes_of(bpy.context.scene)} >= set(names)
 
 
@@ -380,7 +372,7 @@ def test_a_take_out_of_another_file_goes(duet, tmp_path, link, again):
         show_again(bpy.context, duet.take, whole=True)
     else:
         assert takes.remove_take(collection) is None
-    assert len(bpy.data.objects) == again * (2 * (1 + 9 + 13) + 1)
+    assert len(bpy.data.objects) == again * (2 * (1 + 9 + 13) + 2)
     assert all(item.library is None for item in bpy.data.objects)
 
 
@@ -398,8 +390,7 @@ def test_twice_again_keeps_what_was_kept_once(duet):
 
 def test_a_take_in_other_markers_is_hidden_with_all_that_is_in_it(duet, made):
     own_mesh("stage", duet.collection)
-    other = replace(made.take(name="duet"), source=duet.take.source)
-    shown = show_again(bpy.context, other, whole=True)
+    shown = show_again(bpy.context, replace(made.take(name="duet"), source=duet.take.source), whole=True)
     assert shown != duet.collection
     assert duet.collection.hide_viewport
     assert "stage" in duet.collection.objects

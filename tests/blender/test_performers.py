@@ -40,8 +40,7 @@ def test_each_has_a_collection_with_all_that_is_theirs(empty, made):
         for frame in (101, 115):
             empty.scene.frame_set(frame)
             joints = motion.joints[frame - 101, number * len(armature.pose.bones) :]
-            segments = made.markerset().skeleton.segments
-            heads = np.array([armature.pose.bones[segment].head for segment in segments])
+            heads = np.array([armature.pose.bones[segment].head for segment in made.markerset().skeleton.segments])
             np.testing.assert_allclose(heads, joints[: len(heads)], atol=1e-5)
             places = np.array([item.matrix_world.translation for item in only(home, "EMPTY")])
             seen = motion.markers[frame - 101, number * count : (number + 1) * count]
@@ -92,8 +91,7 @@ def test_two_where_one_is_asked_for_are_labelled_by_the_button_that_is_offered(e
 
 
 def test_a_colour_is_the_bodys_and_of_all_that_is_drawn(empty, made):
-    take = made.pair()
-    collection = takes.show_take(empty, take)
+    collection = takes.show_take(empty, made.pair())
     stored = Opened().take(collection, empty.scene)
     performers.set_colour(collection, "bob", (0.1, 0.2, 0.3))
     performers.set_colour(collection, "nobody", (0, 0, 0))
@@ -135,8 +133,7 @@ def test_one_performer_has_no_name(empty, made):
 
 def test_labelled_again_they_take_their_own_place_and_colours(empty, made):
     take = made.pair()
-    before = takes.show_take(empty, take)
-    performers.set_colour(before, "ann", (0.5, 0.25, 0.125))
+    performers.set_colour(takes.show_take(empty, take), "ann", (0.5, 0.25, 0.125))
     after = show_again(empty, take, whole=True)
     assert takes.takes_of(empty.scene) == [after]
     assert performers.colours_in(after)["ann"] == pytest.approx((0.5, 0.25, 0.125), abs=1e-4)
@@ -183,8 +180,7 @@ def test_as_many_are_named_as_are_asked_for(imported, performing, tmp_path):
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     markers = open_markerset(WORN).markers
     assert names_of_markers(imported.take) == {f"{number}:{name}" for number in (1, 2) for name in markers}
-    state = bpy.context.window_manager.mocap_autolabel
-    assert {row.name for row in state.markers} == names_of_markers(imported.take)
+    assert {row.name for row in bpy.context.window_manager.mocap_autolabel.markers} == names_of_markers(imported.take)
     assert bpy.ops.mocap_autolabel.jump(frame=20, marker="2:LASI") == {"FINISHED"}
     assert [item[naming.MARKER] for item in bpy.context.selected_objects] == ["2:LASI"]
     assert bpy.ops.mocap_autolabel.export_labels(filepath=str(tmp_path / "own.labels.csv")) == {"FINISHED"}
@@ -238,8 +234,7 @@ def test_keys_of_two_that_would_fill_the_memory_are_refused_before_anybody_is_na
         bpy.ops.mocap_autolabel.import_blobs(filepath=str(tmp_path / "seen.csv"))
     settings.subjects.markerset, settings.subjects.performing = WORN, "SO_MANY"
     poses, pipeline = map(ours, ("io.poses", "core.points.several.pipeline"))
-    most = FRAMES * (3 * len(worn) + 7 * len(worn.skeleton)) * 3 // 2
-    monkeypatch.setattr(poses, "MOST_SHOWN", most)
+    monkeypatch.setattr(poses, "MOST_SHOWN", FRAMES * (3 * len(worn) + 7 * len(worn.skeleton)) * 3 // 2)
     monkeypatch.setattr(pipeline, "cut", lambda *_, **__: pytest.fail("it was begun"))
     refused(f"has {FRAMES} frames, whose keys .* expected at most 30: choose a part", "label")
 

@@ -75,8 +75,7 @@ def both(empty, made, tmp_path):
     frames = take.motion.frames
     keyed = places(empty, collection, frames)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    path = saved(bpy.context, take, tmp_path)
-    return SimpleNamespace(path=path, frames=frames, keyed=keyed, take=take)
+    return SimpleNamespace(path=saved(bpy.context, take, tmp_path), frames=frames, keyed=keyed, take=take)
 
 
 @pytest.fixture
@@ -171,8 +170,7 @@ def test_the_sidebars_operators_step_and_find(extension, both, tmp_path):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     folder = tmp_path / "more"
     folder.mkdir()
-    suspects = (Suspect(2, 3, "one"), Suspect(4, 4, "two"))
-    path = saved(bpy.context, replace(both.take, suspects=suspects), folder)
+    path = saved(bpy.context, replace(both.take, suspects=(Suspect(2, 3, "one"), Suspect(4, 4, "two"))), folder)
     collection, scene = opened(path), bpy.context.scene
     scene.frame_set(1)
     assert bpy.ops.mocap_autolabel.next_suspect() == {"FINISHED"}

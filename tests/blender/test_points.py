@@ -21,7 +21,7 @@ from tests.io.c3d_layouts import DEC, Layout
 from tests.io.kept import otherwise
 from tests.io.qtm_file import Recording, Trajectory, write_qtm
 
-from .hands import ours, refused
+from .hands import only, ours, refused
 
 GHOSTS = 2
 MOTIVE = """Format Version,1.23,Take Name,walk,Export Frame Rate,100.000000,Length Units,Meters
@@ -42,8 +42,7 @@ def files(tmp_path_factory, made):
     markerset = made.markerset()
     motion = made.motion(markerset, 30)
     rng = np.random.default_rng(3)
-    ghosts = np.tile(rng.uniform(-2, 2, (GHOSTS, 3)), (30, 1, 1))
-    xyz = np.concatenate([motion.markers, ghosts], axis=1)
+    xyz = np.concatenate([motion.markers, np.tile(rng.uniform(-2, 2, (GHOSTS, 3)), (30, 1, 1))], axis=1)
     order = rng.permutation(xyz.shape[1])
     residual = np.where(np.isfinite(xyz[:, order, 0]), 0.0002 + 0.0001 * np.arange(len(order)), np.nan)
     take = Points(("",) * len(order), xyz[:, order], residual, 59.94, 101)
@@ -80,6 +79,33 @@ def visible_points() -> int:
     return sum(len(made.pointcloud.points) for made in sets if made.pointcloud is not None)
 
 
+def animated(scene):
+    """Something of a person's that is animated, in a scene of 24 frames a second."""
+    item = bpy.data.objects.new("mine", None)
+    scene.collection.objects.link(item)
+    item.keyframe_insert("location", frame=1)
+
+
+def with_a_strip(scene):
+    scene.sequence_editor_create().strips.new_scene("mine", bpy.data.scenes.new("other"), 1, 1)
+
+
+@pytest.mark.parametrize("made_before", [animated, with_a_strip])
+def test_a_scene_that_a_person_animates_keeps_its_time_until_the_button_is_pressed(
+    extension, empty, files, made_before
+):
+    scene = empty.scene
+    made_before(scene)
+    scene.render.fps, scene.frame_start, scene.frame_end = 24, 5, 80
+    words = ours("ops.importing").take_points(empty, files.folder / "walk.c3d")
+    assert "the scene keeps its 24 frames a second, because something in it is animated" in words
+    assert (scene.render.fps, scene.frame_start, scene.frame_end) == (24, 5, 80)
+    assert scene.frame_current == 101
+    assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
+    assert scene.render.fps / scene.render.fps_base == pytest.approx(59.94)
+    assert (scene.frame_start, scene.frame_end) == (101, 130)
+
+
 def test_points_are_seen_before_they_are_labelled_and_imported_again_in_place_of_what_was_there(imported, files):
     settings = imported.scene.mocap_autolabel
     assert (settings.source.first_frame, settings.source.last_frame, settings.source.trajectories) == (101, 130, 15)
@@ -91,8 +117,7 @@ def test_points_are_seen_before_they_are_labelled_and_imported_again_in_place_of
         assert visible_points() == expected
         overlay, marks = ours("ui.overlay"), ours("ui.marks")
         stored = overlay.shown(imported.scene)
-        seen = marks.point_marks(stored, stored.index_of(frame))
-        assert len(seen.unnamed) == expected
+        assert len(marks.point_marks(stored, stored.index_of(frame)).unnamed) == expected
     before = len(bpy.data.objects), len(bpy.data.meshes)
     bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "walk.trc"))
     assert (len(bpy.data.objects), len(bpy.data.meshes)) == before
@@ -152,7 +177,7 @@ def test_anonymous_points_become_named_markers(imported, files, naming_known):
     collection = imported.scene.mocap_autolabel.take
     assert naming.CAMERAS not in collection
     assert not [item for item in bpy.data.collections if item.name.startswith("Mocap: cameras")]
-    empties = {item[naming.MARKER]: item for item in collection.all_objects if item.type == "EMPTY"}
+    empties = {item[naming.MARKER]: item for item in only(collection, "EMPTY")}
     names = list(empties)
     assert {name for name, _ in imported.window_manager.mocap_autolabel.markers.items()} == set(names)
     armature = next(item for item in collection.all_objects if item.type == "ARMATURE")
@@ -162,8 +187,7 @@ def test_anonymous_points_become_named_markers(imported, files, naming_known):
         if marker != NO_MARKER:
             place = empties[names[marker]].matrix_world.translation
             np.testing.assert_allclose(place, files.take.xyz[19, point], atol=1e-5)
-    curves = armature.animation_data.action.layers[0].strips[0].channelbags[0].fcurves
-    assert len(curves), "the armature moves"
+    assert len(armature.animation_data.action.layers[0].strips[0].channelbags[0].fcurves), "the armature moves"
     gap = imported.window_manager.mocap_autolabel.markers["RASI"]
     assert (gap.gaps, gap.longest_gap) == (2, 5)
 
@@ -221,8 +245,7 @@ def test_the_lab_s_file_is_exported_with_names_in_it(imported, files, naming_kno
     source.write_bytes(layout.content(xyz + 1))
     for _ in range(2):
         assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(out)) == {"FINISHED"}
-        alone = read_points(out)
-        np.testing.assert_allclose(alone.xyz[:, own], named.xyz[:, own], atol=1e-6)
+        np.testing.assert_allclose(read_points(out).xyz[:, own], named.xyz[:, own], atol=1e-6)
         assert C3dFile(out.read_bytes(), out).whole("ANALOG:USED") == 0
         source.unlink(missing_ok=True)
     items = len(bpy.data.objects)
@@ -286,8 +309,7 @@ def test_a_take_whose_keys_would_fill_the_memory_is_refused_and_a_part_of_it_is_
 ):
     poses = ours("io.poses")
     settings = imported.scene.mocap_autolabel
-    keys = 3 * len(open_markerset(files.markerset)) + 7 * 9
-    monkeypatch.setattr(poses, "MOST_SHOWN", 20 * keys)
+    monkeypatch.setattr(poses, "MOST_SHOWN", 20 * (3 * len(open_markerset(files.markerset)) + 7 * 9))
     refused(r"walk\.c3d: has 30 frames, .*expected at most 20: .*Label Folder", "label")
     assert settings.take is None
     settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 101, 120
@@ -342,7 +364,5 @@ def test_what_is_refused_can_be_labelled_regardless(extension, imported, files, 
     plain = [tuple(vertex.co) for vertex in settings.source.preview.vertices]
     for importer in (bpy.ops.mocap_autolabel.import_points, bpy.ops.mocap_autolabel.import_take):
         assert importer(filepath=path, mirror=True) == {"FINISHED"}
-        seen = [tuple(vertex.co) for vertex in settings.source.preview.vertices]
-        assert seen == [(x, -y, z) for x, y, z in plain]
-    labelling = ours("ops.labelling")
-    assert labelling.job_of(bpy.context).mirror
+        assert [tuple(vertex.co) for vertex in settings.source.preview.vertices] == [(x, -y, z) for x, y, z in plain]
+    assert ours("ops.labelling").job_of(bpy.context).mirror

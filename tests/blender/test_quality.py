@@ -58,8 +58,7 @@ def test_advice_is_shown_where_it_goes_and_taken(judged, empty):
     np.testing.assert_allclose(item.matrix_world.translation, first.end, atol=1e-5)
     assert quality.changed_since(collection)
     assert 1 not in [target.number for target in quality.targets(collection)]
-    base = open_markerset("gait15")
-    read = quality.read_markerset(collection, base, "mine")
+    read = quality.read_markerset(collection, open_markerset("gait15"), "mine")
     np.testing.assert_allclose(read.offsets[read.markers.index(row["marker"])], row["offset"], atol=1e-5)
 
 

@@ -87,8 +87,7 @@ def bvh(files, name: str) -> np.ndarray:
 def test_a_correction_that_is_taken_back_after_labelling_again_leaves_the_body_as_it_was(labelled, files):
     before = bones(), rests(), capsules()
     swap()
-    path = str(files.folder / "walk.blend")
-    reopen(path)
+    reopen(str(files.folder / "walk.blend"))
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert np.abs(bones() - before[0]).max() > 0.1, "the arm goes to the knee"
     assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
@@ -155,8 +154,7 @@ def test_undo_and_redo_leave_no_body_of_other_labels(labelled, reposing):
     before = bones()
     swap()
     bpy.ops.ed.undo_push(message="Swapped")
-    after = bones()
-    for step, wanted in ((bpy.ops.ed.undo, before), (bpy.ops.ed.redo, after)) * 2:
+    for step, wanted in ((bpy.ops.ed.undo, before), (bpy.ops.ed.redo, bones())) * 2:
         assert step() == {"FINISHED"}
         np.testing.assert_allclose(bones(), wanted, atol=NEAR)
 
@@ -295,8 +293,7 @@ def test_frames_around_those_that_are_labelled_again_stay_marked(labelled, repos
 
 
 def test_of_two_performers_both_are_right(extension, empty, made, files, reposing):
-    markerset = made.markerset()
-    write_markerset(files.folder / "small.markerset.json", markerset)
+    write_markerset(files.folder / "small.markerset.json", made.markerset())
     collection = takes.show_take(empty, replace(made.pair(), source=""))
     settings = empty.scene.mocap_autolabel
     settings.take = collection

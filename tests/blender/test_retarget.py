@@ -11,19 +11,8 @@ from addon.io.markersets import open_markerset
 from addon.scene import take as takes
 from tests.inputs.rigs import A_POSE, HANGING, MIXAMO, NAMELESS, UNREAL, VRM, add_rig, rig_bones
 
-from .test_character import person
-
 LIMBS = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 MOST_OFF = np.radians(0.1)  # without feet to be kept, limbs point as the body's do
-
-
-@pytest.fixture
-def shown(empty, made, extension):
-    """A take of a person in a scene, with the extension."""
-    take = person(made)
-    collection = takes.show_take(bpy.context, take)
-    bpy.context.scene.mocap_autolabel.take = collection
-    return take
 
 
 def retargeted(rig, feet=False, **settings):
@@ -83,8 +72,7 @@ def nameless():
 @pytest.mark.parametrize("kind", [mixamo, unreal, hanging, nameless])
 def test_limbs_point_as_the_body_s(shown, kind):
     rig, names = kind()
-    action = retargeted(rig)
-    assert action.name == f"{shown.name} retargeted"
+    assert retargeted(rig).name == f"{shown.name} retargeted"
     assert ways_off(shown, rig, names).max() < MOST_OFF
 
 
@@ -134,13 +122,11 @@ def test_of_several_performers_one_moves_the_rig(empty, made, extension):
     bpy.context.scene.mocap_autolabel.take = takes.show_take(bpy.context, take)
     rig = add_rig(rig_bones(), MIXAMO)
     bpy.context.view_layer.objects.active = rig
-    action = retargeted(rig, performer="bob")
-    assert action.name == "duet bob retargeted"
+    assert retargeted(rig, performer="bob").name == "duet bob retargeted"
     bpy.context.scene.frame_set(int(take.motion.frames[0]))
     hips = [rig.pose.bones[MIXAMO[f"thigh.{side}"]].head for side in "LR"]
     segments = list(open_markerset("body26").skeleton.segments)
-    bob = [len(segments) + segments.index(f"thigh.{side}") for side in "LR"]
-    body = take.motion.joints[0, bob]
+    body = take.motion.joints[0, [len(segments) + segments.index(f"thigh.{side}") for side in "LR"]]
     apart = np.array(hips[0] - hips[1])[:2], (body[0] - body[1])[:2]
     assert apart[0] @ apart[1] > 0.99 * np.linalg.norm(apart[0]) * np.linalg.norm(apart[1])
 
@@ -156,8 +142,7 @@ def test_what_a_person_made_is_kept_and_what_was_retargeted_replaced(shown):
     assert [one.name for one in bpy.data.actions if "retargeted" in one.name] == [again.name]
     bag = again.layers[0].strips[0].channelbag(again.slots[0])
     bag.fcurves[0].keyframe_points[0].co.y += 1  # by hand
-    third = retargeted(rig)
-    assert third != again
+    assert retargeted(rig) != again
     assert again.use_fake_user
     assert len(bpy.data.actions) >= 3
 

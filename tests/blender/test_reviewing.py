@@ -93,8 +93,7 @@ def test_rings_are_only_around_what_the_list_asks_about(state):
     assert figure.meant(bpy.context, collection, stored).reason == state.review.trouble_shown
 
     def rings() -> list:
-        stored = stored_take()
-        return figure.missing(stored, 0, known(collection, scene)).tolist()
+        return figure.missing(stored_take(), 0, known(collection, scene)).tolist()
 
     assert rings() == [stored.motion.expected[0, state.knee].tolist()]
     number, _ = rows(state, kind="missing", name=LOST)[0]
@@ -213,10 +212,11 @@ def test_a_range_labelled_first_leaves_the_scene_its_frames(state):
 def test_what_is_said_while_labelling_goes_on_is_not_lost(state):
     labelling = ours("ops.labelling")
     context, again = bpy.context, SimpleNamespace(report=lambda *_: None)
-    steps = labelling.label_steps(labelling.job_of(context), "walk")
+    again._job, again._name = labelling.job_of(context), "walk"
+    steps = labelling.label_to_show(again._job)
     next(steps)
     choose("RKNE")
     assert bpy.ops.mocap_autolabel.unlabel(scope="WHOLE") == {"FINISHED"}
-    labelling.MOCAP_AUTOLABEL_OT_label._show(again, context, finished(steps))
+    labelling.LabelsTake._show(again, context, finished(steps))
     assert len(state.review.corrections) == 1
     assert rows(state, kind="missing", name="RKNE")

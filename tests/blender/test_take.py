@@ -71,8 +71,7 @@ def test_markers_are_keyed_where_they_were_seen_and_nowhere_else(empty, made):
             np.testing.assert_array_equal(keyed[:, 0], take.motion.frames[seen])
             np.testing.assert_allclose(keyed[:, 1], take.motion.markers[seen, index, axis], atol=1e-6)
             assert {key.interpolation for key in curve.keyframe_points} == {"LINEAR"}
-    gap = take.motion.frames[np.isnan(take.motion.markers[:, 2, 0])]
-    assert len(gap) > 2
+    assert len(take.motion.frames[np.isnan(take.motion.markers[:, 2, 0])]) > 2
 
 
 def test_the_scene_plays_the_take(empty, made):
@@ -83,6 +82,15 @@ def test_the_scene_plays_the_take(empty, made):
     assert scene.camera[naming.CAMERA] == "cam 0"
 
 
+def test_a_scene_with_an_action_of_a_person_keeps_its_time(empty, made):
+    scene = empty.scene
+    scene.camera = bpy.data.objects.new("mine", bpy.data.cameras.new("mine"))
+    scene.camera.keyframe_insert("location", frame=1)
+    played = scene.render.fps, scene.frame_start, scene.frame_end
+    takes.show_take(empty, made.take())
+    assert (scene.render.fps, scene.frame_start, scene.frame_end) == played
+
+
 def test_a_take_of_many_keys_has_several_actions(empty, made, tmp_path, monkeypatch):
     monkeypatch.setattr(animation, "KEYING", animation.KeyOptions(most_keys=600))
     take = made.take()
@@ -91,8 +99,7 @@ def test_a_take_of_many_keys_has_several_actions(empty, made, tmp_path, monkeypa
     kinds = [{item.animation_data.action.name for item in only(collection, kind)} for kind in ("ARMATURE", "EMPTY")]
     assert kinds[0] == {"Mocap: walk"} and len(kinds[1]) > 1
     assert {action.name for action in bpy.data.actions} == kinds[0] | kinds[1]
-    last = int(take.motion.frames[-1])
-    empty.scene.frame_set(last)
+    empty.scene.frame_set(int(take.motion.frames[-1]))
     for index, item in enumerate(empties):
         if np.isfinite(take.motion.markers[-1, index]).all():
             np.testing.assert_allclose(item.location, take.motion.markers[-1, index], atol=1e-5)
@@ -139,8 +146,7 @@ def test_the_file_keeps_the_take(empty, made, tmp_path):
 def test_two_takes_share_their_cameras_and_keep_their_markers_names(empty, made):
     first, second = (takes.show_take(empty, made.take(name=name)) for name in ("one", "two"))
     assert first[naming.CAMERAS] == second[naming.CAMERAS]
-    names = [item[naming.MARKER] for item in only(second, "EMPTY")]
-    assert names == list(made.markerset().markers)
+    assert [item[naming.MARKER] for item in only(second, "EMPTY")] == list(made.markerset().markers)
     assert only(second, "EMPTY")[0].name == "SACR.001"
 
 
@@ -274,8 +280,7 @@ def test_a_place_is_the_row_that_is_seen_there(extension, empty):
     for row in (8, 12, 20):
         assert places.at(places.upper(row) - 1) == places.at(places.upper(row + 1) + 1) == row
     assert places.at(places.top + 1) == places.at(places.bottom - 1) == -1
-    most = places.most_scroll(100)
-    end = timeline.RowPlaces(600.0, 1.5, most)
+    end = timeline.RowPlaces(600.0, 1.5, places.most_scroll(100))
     assert end.upper(100) == pytest.approx(end.bottom)
     assert places.most_scroll(3) == 0
     assert timeline.RowPlaces(90.0, 1.0, 0.0).bottom == 0, "a low editor has room for rows, not for a legend"

@@ -4,6 +4,7 @@
 import importlib
 import shutil
 from dataclasses import replace
+from functools import wraps
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -60,6 +61,7 @@ def jobs_given(extension, monkeypatch):
     """The jobs of trainings, which are not done: a report says that nothing is against its model, and `said`."""
     given = SimpleNamespace(jobs=[], said={})
 
+    @wraps(ours("jobs.train").train_file)
     def train_file(job):
         given.jobs.append(job)
         yield SimpleNamespace(fraction=0.5)

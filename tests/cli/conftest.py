@@ -48,6 +48,11 @@ class Answer:
         assert "; expected " in line
         return line.removeprefix("mocap-autolabel: ")
 
+    def done(self) -> "Answer":
+        """Itself, of one that did its job."""
+        assert self.status == 0, self.err
+        return self
+
     def refusal(self, status: int) -> str:
         """The same of one that ended with a status."""
         assert self.status == status
@@ -115,9 +120,7 @@ def figures(run):
     """Compares labels with the truth, and gives the figures."""
 
     def call(labels, truth, *words) -> dict:
-        answer = run("evaluate", labels, truth, "--json", *words)
-        assert answer.status == 0, answer.err
-        return json.loads(answer.out)
+        return json.loads(run("evaluate", labels, truth, "--json", *words).done().out)
 
     return call
 

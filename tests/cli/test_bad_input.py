@@ -34,11 +34,9 @@ def test_one_camera_is_read_but_cannot_do_the_job(label, room, tmp_path):
     alone = tmp_path / "alone.toml"
     alone.write_text(first + "\n")
     rows = [line for line in room.blobs.read_text().splitlines()[1:] if ",cam1," in line]
-    answer = label(
+    assert "expected two or more" in label(
         cameras=alone, blobs=[blob_file(tmp_path, HEADER + "".join(f"{','.join(r.split(',')[:4])}\n" for r in rows))]
-    )
-    assert answer.status == 1
-    assert "expected two or more" in answer.reason
+    ).refusal(1)
 
 
 def test_frames_without_blobs_and_nobody_there_are_no_error(label, room, tmp_path):
@@ -47,9 +45,8 @@ def test_frames_without_blobs_and_nobody_there_are_no_error(label, room, tmp_pat
     answer = label(blobs=[blob_file(tmp_path, "".join(kept))])
     assert (answer.status, answer.err) == (0, "")
     assert "20 frames" in answer.out
-    answer = label("--overwrite", blobs=[blob_file(tmp_path, HEADER + "1,cam1,3,4\n2,cam2,300,200\n")])
-    assert answer.status == 0
-    assert "0 of 2 blobs named" in answer.out
+    said = label("--overwrite", blobs=[blob_file(tmp_path, HEADER + "1,cam1,3,4\n2,cam2,300,200\n")]).done().out
+    assert "0 of 2 blobs named" in said
 
 
 def test_more_ghosts_than_any_capture_end_soon(label, tmp_path):
@@ -83,20 +80,17 @@ def test_models_that_are_not_there(run, room, tmp_path, model):
 )
 def test_arguments(run, words):
     answer = run(*words)
-    assert answer.status == 2
-    assert answer.reason
+    assert answer.refusal(2)
     assert answer.out == ""
 
 
 def test_a_model_of_a_later_version_and_a_folder_are_said_so(run, room, tmp_path):
     later = tmp_path / "later.markerset.json"
     later.write_text('{"mocap_autolabel": 2, "name": "later"}')
-    answer = run("label", room.c3d, "--out", tmp_path / "out", "--model", later)
-    assert answer.status == 2
-    assert "version 2; expected 1, so a newer Mocap Autolabel is needed" in answer.reason
-    answer = run("label", room.folder, "--out", tmp_path / "out", "--model", "gait15")
-    assert answer.status == 2
-    assert "is a folder; expected takes" in answer.reason
+    reason = run("label", room.c3d, "--out", tmp_path / "out", "--model", later).refusal(2)
+    assert "version 2; expected 1, so a newer Mocap Autolabel is needed" in reason
+    reason = run("label", room.folder, "--out", tmp_path / "out", "--model", "gait15").refusal(2)
+    assert "is a folder; expected takes" in reason
 
 
 def test_a_fault_of_our_own_is_one_sentence_too(run, monkeypatch):

@@ -95,17 +95,16 @@ def test_what_was_sent_by_one_who_is_gone_is_not_begun(room, takes, tmp_path):
 
 @pytest.mark.skipif(os.name == "nt", reason="needs a system where a process can be killed")
 def test_a_process_that_is_killed_names_its_take(label, takes, monkeypatch):
-    run = workers.Worker.run
+    begin = workers.Worker.begin
 
-    def killed(self, line, result):
+    def killed(self, line):
         if line[-1].endswith("two.csv"):
             self.process.kill()
-        return run(self, line, result)
+        begin(self, line)
 
-    monkeypatch.setattr(workers.Worker, "run", killed)
+    monkeypatch.setattr(workers.Worker, "begin", killed)
     answer = label(*FEW, "--jobs", "2", "--json", blobs=takes)
-    assert answer.status == 1
-    assert "two.csv: its process was killed (SIGKILL)" in answer.reason
+    assert "two.csv: its process was killed (SIGKILL)" in answer.refusal(1)
     assert [take["take"] for take in json.loads(answer.out)["takes"]] == ["one", "three"]
 
 
@@ -123,7 +122,6 @@ def test_processes_that_cannot_be_started_leave_the_takes_to_the_others(label, t
     answer = label(*FEW, "--jobs", "2", "--json", blobs=takes[:2])
     assert [take["take"] for take in json.loads(answer.out)["takes"]] == labelled
     assert answer.status == (0 if labelled else 1)
-    # Two threads start them, so either may be the last.
     assert labelled or ".csv: no process can be started for it" in answer.reason
 
 
@@ -139,12 +137,9 @@ def test_a_full_temporary_folder_is_called_by_its_name(label, temporary, monkeyp
 
     begin = tables.RowFile.__enter__
     monkeypatch.setattr(tables.RowFile, "__enter__", begun)
-    answer = label(*FEW)
-    assert answer.status == 1
-    assert answer.reason.startswith(f"{temporary}{os.sep}mocap-autolabel-")
-    assert (
-        "cannot hold temporary files (No space left on device); expected room there, or another TMPDIR" in answer.reason
-    )
+    reason = label(*FEW).refusal(1)
+    assert reason.startswith(f"{temporary}{os.sep}mocap-autolabel-")
+    assert "cannot hold temporary files (No space left on device); expected room there, or another TMPDIR" in reason
     assert not list(temporary.iterdir())
     assert not list((tmp_path / "out").iterdir())
 
@@ -216,8 +211,7 @@ def test_processes_side_by_side_end_with_the_one_that_started_them(room, takes, 
     for take in takes:
         lengthened(room.blobs, take, LONG)
     out = tmp_path / "out"
-    words = ["label", *takes, f"--model={MODEL}", f"--cameras={room.cameras}", f"--out={out}", "--jobs", "2"]
-    batch = door(*words)
+    batch = door(*["label", *takes, f"--model={MODEL}", f"--cameras={room.cameras}", f"--out={out}", "--jobs", "2"])
     wait_for(lambda: len(at_work(temporary)) == 3 and len(list(temporary.glob("mocap*"))) == 3)
     batch.send_signal(getattr(signal, kind))
     batch.wait()

@@ -49,9 +49,7 @@ def test_pictures_of_two_cameras_become_blobs(find, studio, tmp_path):
 def test_movies_are_read_frame_by_frame(find, studio, tmp_path):
     folder, cameras = studio
     movies = [folder / "movies" / f"{name}.mp4" for name in NAMES]
-    answer = find(*movies, "--frames", "3:10", "--first-pixel", "corner")
-    assert answer.status == 0, answer.err
-    assert "30 frames a second" in answer.out
+    assert "30 frames a second" in find(*movies, "--frames", "3:10", "--first-pixel", "corner").done().out
     # The first frame of a movie is 1; the pictures it is made of begin at 7.
     assert_places(tmp_path / "blobs.csv", cameras, range(3, 11), shift=0.5, offset=6)
 
@@ -59,9 +57,7 @@ def test_movies_are_read_frame_by_frame(find, studio, tmp_path):
 def test_missing_pictures_are_told(find, studio, tmp_path):
     folder, _ = studio
     save_pictures(tmp_path / "right", range(7, 15), 1)
-    answer = find(folder / "left", tmp_path / "right")
-    assert answer.status == 0
-    assert "right has pictures of frames 7 to 14 only" in answer.out
+    assert "right has pictures of frames 7 to 14 only" in find(folder / "left", tmp_path / "right").done().out
     assert "no pictures of right" in find(folder / "left", out="one.csv").out
 
 
@@ -94,13 +90,9 @@ def test_what_cannot_be_done(find, run, studio, tmp_path):
     save_pictures(tmp_path / "two" / "left", [1, 300_000], 0)
     cases["numbered by their frames"] = [tmp_path / "two" / "left"]
     for words, given in cases.items():
-        answer = find(*given)
-        assert answer.status == 2, words
-        assert words in answer.reason
+        assert words in find(*given).refusal(2)
         assert not (tmp_path / "blobs.csv").exists()
-    dark = find(left, "--threshold", "1")
-    assert dark.status == 1
-    assert "no picture shows a bright round spot" in dark.reason
+    assert "no picture shows a bright round spot" in find(left, "--threshold", "1").refusal(1)
     assert not (tmp_path / "blobs.csv").exists()
     assert find(left).status == 0
     assert "exists already" in find(left).reason

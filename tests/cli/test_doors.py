@@ -56,8 +56,7 @@ def test_blenders_door_is_the_same_command_line(capsys):
 
 
 def test_inside_blender_its_own_program_is_started_again(monkeypatch):
-    blender = SimpleNamespace(app=SimpleNamespace(binary_path="/opt/blender/blender"))
-    monkeypatch.setitem(sys.modules, "bpy", blender)
+    monkeypatch.setitem(sys.modules, "bpy", SimpleNamespace(app=SimpleNamespace(binary_path="/opt/blender/blender")))
     assert door() == ["/opt/blender/blender", "--background", "--command", "mocap_autolabel"]
 
 

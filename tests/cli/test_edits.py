@@ -37,8 +37,7 @@ def edited(tmp_path):
 
 def once_an_image(rows: list[dict], keys) -> bool:
     """Whether no marker is twice in an image, or a frame of points."""
-    counts = Counter((*(row[key] for key in keys), row["marker"]) for row in rows if row["marker"])
-    return max(counts.values()) == 1
+    return max(Counter((*(row[key] for key in keys), row["marker"]) for row in rows if row["marker"]).values()) == 1
 
 
 def test_what_is_said_of_markers_holds_in_every_file_of_blobs(label, tmp_path, edited):
@@ -55,9 +54,8 @@ def test_what_is_said_of_markers_holds_in_every_file_of_blobs(label, tmp_path, e
     assert report["provenance"]["edits"] == []
     assert not any(row["hand"] for row in report["provenance"]["markers"].values())
     was, at_first = positions(tmp_path / "out" / "walk.c3d", "LFHD")[0], rows_of(tmp_path / "out" / "walk.labels.csv")
-    answer = label("--overwrite", "--trc", "--edits", edited(*said))
-    assert answer.status == 0
-    assert "edit 5 (assign) found nothing: cam1 has no blob within 2 px of 2, 3 in frame 104" in answer.out
+    said = label("--overwrite", "--trc", "--edits", edited(*said)).done().out
+    assert "edit 5 (assign) found nothing: cam1 has no blob within 2 px of 2, 3 in frame 104" in said
     rows = rows_of(tmp_path / "out" / "walk.labels.csv")
     assert not [row for row in rows if row["marker"] == "C7" and 105 <= int(row["frame"]) <= 110]
     swapped = {"LFHD": "RFHD", "RFHD": "LFHD"}
@@ -67,12 +65,10 @@ def test_what_is_said_of_markers_holds_in_every_file_of_blobs(label, tmp_path, e
     assert all((row["marker"], row["step"]) == (swapped[old["marker"]], "edit") for old, row in heads)
     assert once_an_image(rows, ("frame", "camera"))
     places, residual = positions(tmp_path / "out" / "walk.c3d", "C7")
-    there = np.isfinite(places[:, 0])
-    assert there[5:11].tolist() == [False, False, True, False, False, False]
+    assert np.isfinite(places[:, 0])[5:11].tolist() == [False, False, True, False, False, False]
     assert places[7] == pytest.approx([100, 200, 1500], abs=0.01)
     assert (residual[5:11] == [-1, -1, 0, -1, -1, -1]).all()
-    now = positions(tmp_path / "out" / "walk.c3d", "RFHD")[0]
-    assert np.nanmax(np.abs(now[12:] - was[12:])) < 1
+    assert np.nanmax(np.abs(positions(tmp_path / "out" / "walk.c3d", "RFHD")[0][12:] - was[12:])) < 1
     lines = (tmp_path / "out" / "walk.trc").read_text().splitlines()
     column = 2 + 3 * [name for name in lines[3].split("\t")[2:] if name].index("C7")
     values = {line.split("\t")[0]: line.split("\t")[column : column + 3] for line in lines[5:] if line.strip()}
@@ -109,8 +105,7 @@ def test_edits_beside_a_take_of_points_hold_in_every_file(run, cloud, tmp_path, 
         {"kind": "swap", "markers": ["LFHD", "RFHD"], "frames": [110, 119]},
         name="cloud.edits.json",
     )
-    answer = run("label", path, "--model", MODEL, "--out", tmp_path / "out")
-    assert answer.status == 0
+    answer = run("label", path, "--model", MODEL, "--out", tmp_path / "out").done()
     assert "the edits of cloud.edits.json beside it are applied" in answer.err
     assert "5 edits applied" in answer.out
     rows = rows_of(tmp_path / "out" / "cloud.labels.csv")
@@ -122,8 +117,7 @@ def test_edits_beside_a_take_of_points_hold_in_every_file(run, cloud, tmp_path, 
     assert all(label[frame, wrist] == ("", "", "0") for frame in range(*FRAMES))
     assert label[115, whose.index("LFHD")] == ("RFHD", "edit", "1")
     toes, residual = positions(tmp_path / "out" / "cloud.c3d", "LTOE")
-    truth = read_points(path)
-    assert toes[5:10] == pytest.approx(1000 * truth.xyz[5:10, heel], abs=0.01)
+    assert toes[5:10] == pytest.approx(1000 * read_points(path).xyz[5:10, heel], abs=0.01)
     wrists, residual = positions(tmp_path / "out" / "cloud.c3d", "LWRA")
     assert np.flatnonzero(np.isfinite(wrists[:, 0])).tolist() == [3]
     assert wrists[3] == pytest.approx([100, 200, 900], abs=0.01)
@@ -160,8 +154,7 @@ def test_results_of_other_edits_are_not_passed_over(run, cloud, tmp_path, edited
 def test_edits_that_cannot_be_of_a_take_are_refused(run, label, cloud, tmp_path, edited, blobs, row, said):
     words = "--edits", edited(row)
     answer = label(*words) if blobs else run("label", cloud[0], "--model", MODEL, "--out", tmp_path / "out", *words)
-    assert answer.status == 2
-    assert "mine.json: " in answer.reason
+    assert "mine.json: " in answer.refusal(2)
     assert said in answer.reason
     assert not list(tmp_path.glob("out/*.labels.csv"))
 
@@ -182,9 +175,7 @@ def test_of_several_takes_each_has_its_own_edits(run, cloud, tmp_path, edited):
     edited({"kind": "delete", "point": whose.index("C7")}, name="cloud.edits.json")
     edited({"kind": "delete", "point": 99}, name="other.edits.json")
     answer = run("label", path, other, "--model", MODEL, "--out", tmp_path / "out")
-    assert answer.status == 2
-    assert "other.edits.json: edit 1 is of trajectory 99" in answer.reason
+    assert "other.edits.json: edit 1 is of trajectory 99" in answer.refusal(2)
     assert "cloud: 20 frames" in answer.out
-    rows = rows_of(tmp_path / "out" / "cloud.labels.csv")
-    assert not [row for row in rows if row["marker"] == "C7"]
+    assert not [row for row in rows_of(tmp_path / "out" / "cloud.labels.csv") if row["marker"] == "C7"]
     assert not (tmp_path / "out" / "other.labels.csv").exists()

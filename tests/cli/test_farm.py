@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import pytest
 
 from addon.cli import workers
-from addon.cli.label import farm
+from addon.cli.label import farm, running
 from addon.core.data.errors import JobError
 from addon.demo.take import MODEL
 from addon.version import version
@@ -197,12 +197,10 @@ def test_a_scheduler_that_is_not_there_is_named(label, address, monkeypatch):
 
 def test_what_a_farm_needs_is_asked_for_before_any_work(label, monkeypatch):
     def refused(*words):
-        answer = label(*FEW, *words)
-        assert answer.status == 2
-        return answer.reason
+        return label(*FEW, *words).refusal(2)
 
     assert "--scheduler is of --engine dask" in refused("--scheduler", "tcp://127.0.0.1:8786")
-    monkeypatch.setattr(farm, "find_spec", lambda name: None)
+    monkeypatch.setattr(running, "find_spec", lambda name: None)
     reason = refused("--engine", "dask", "--scheduler", "tcp://127.0.0.1:8786")
     assert "needs the Python package distributed, which is not here" in reason
 
@@ -241,8 +239,7 @@ def test_without_a_scheduler_dask_has_as_many_workers_as_jobs_here_and_leaves_no
 
     monkeypatch.setattr(distributed, "LocalCluster", started_here)
     before = processes_of_ours()
-    farmed = label(*FEW, "--json", "--overwrite", "--engine", "dask", "--jobs", "2", blobs=takes[:3])
-    assert timeless(farmed) == here
+    assert timeless(label(*FEW, "--json", "--overwrite", "--engine", "dask", "--jobs", "2", blobs=takes[:3])) == here
     assert made(tmp_path / "out") == results
     [(workers_here, scratch)] = asked
     assert workers_here == 2 and not scratch.exists()
@@ -256,9 +253,8 @@ def test_a_cluster_that_does_not_start_is_one_sentence(label, takes, monkeypatch
         raise RuntimeError("can't start new thread")
 
     monkeypatch.setattr(distributed, "LocalCluster", refused)
-    answer = label(*FEW, "--engine", "dask", "--jobs", "2", blobs=takes[:2])
-    assert answer.status == 1
-    assert answer.reason == "dask's own cluster does not start (can't start new thread); expected fewer --jobs"
+    reason = label(*FEW, "--engine", "dask", "--jobs", "2", blobs=takes[:2]).refusal(1)
+    assert reason == "dask's own cluster does not start (can't start new thread); expected fewer --jobs"
 
 
 def processes_of_ours() -> set[int]:

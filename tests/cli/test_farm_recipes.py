@@ -129,7 +129,6 @@ def test_every_task_of_a_flamenco_job_labels_its_part(blender, takes, tmp_path):
         assert (command["name"], command["parameters"]["exe"]) == ("exec", "{blender}")
         run([blender, *command["parameters"]["args"]])
     assert labelled(tmp_path / "out") == ["one", "walk 2"]
-    other = {"cameras": "room.xcp", "html": True, "takes_per_task": 2}
-    [task] = compiled(takes=found, **settings | other)["tasks"]
+    [task] = compiled(takes=found, **settings | {"cameras": "room.xcp", "html": True, "takes_per_task": 2})["tasks"]
     words = task["commands"][0]["parameters"]["args"]
     assert words[4:6] == [str(take) for take in takes] and words[-3:] == ["--cameras", "room.xcp", "--html"]

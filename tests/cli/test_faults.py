@@ -17,8 +17,7 @@ def test_whatever_happens_to_a_batch_the_next_run_does_the_rest():
     command = [sys.executable, "-m", "tests.faults", *KINDS, "--count", "1", "--seed", "3"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    told = [line.partition(":")[0] for line in done.stdout.splitlines() if " tries, " in line]
-    assert told == KINDS
+    assert [line.partition(":")[0] for line in done.stdout.splitlines() if " tries, " in line] == KINDS
 
 
 def test_a_fault_is_seen(tmp_path):

@@ -49,8 +49,7 @@ def test_gaps_are_closed_and_told(run, holed, whole, tmp_path, name, measured):
     with (tmp_path / "full.filled.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == ["marker", "first", "last", "method", "expected_mm"]
-    told = {row["marker"]: (int(row["first"]) - FIRST, int(row["last"]) + 1 - FIRST) for row in rows}
-    assert told == GAPS
+    assert {row["marker"]: (int(row["first"]) - FIRST, int(row["last"]) + 1 - FIRST) for row in rows} == GAPS
     assert [float(row["expected_mm"]) for row in rows] == [row["expected_mm"] for row in said["filled"]]
     assert (said["samples_filled"], said["samples_missing"], said["left"]) == (6, 6, [])
     given, found = read_points(holed / name), read_points(tmp_path / "full.c3d")
@@ -108,8 +107,7 @@ def test_bad_inputs(run, holed, tmp_path):
     write_c3d(tmp_path / "anon.c3d", Points(("",) * len(take.names), take.xyz, take.residual, take.rate, 1))
     assert "has no marker with a name; expected a labelled" in run("fill", tmp_path / "anon.c3d", "--out", out).reason
     assert "over" in run("fill", holed / "walk.c3d", "--out", holed / "walk.c3d", "--overwrite").reason
-    few = Points(("A", "B", "C"), take.xyz[:, :3], take.residual[:, :3], take.rate, 1)
-    write_c3d(tmp_path / "few.c3d", few)
+    write_c3d(tmp_path / "few.c3d", Points(("A", "B", "C"), take.xyz[:, :3], take.residual[:, :3], take.rate, 1))
     answer = run("fill", tmp_path / "few.c3d", "--out", out, "--model", MODEL)
     assert "has 0 of the markers of body26; expected 4 or more" in answer.reason
     assert not out.exists()
@@ -181,8 +179,7 @@ def test_label_fills_in_the_same_job_and_labels_stay_what_was_seen(run, holed, t
     for row in report["filled"]:
         told[row["first"] - FIRST : row["last"] + 1 - FIRST, after.names.index(row["marker"])] = True
     assert ((after.residual == 0) == told).all()
-    origins = report["provenance"]["markers"]
-    for column, (name, row) in enumerate(origins.items()):
+    for column, (name, row) in enumerate(report["provenance"]["markers"].items()):
         assert sum(row["filled"].values()) == told[:, column].sum(), name
         assert (row["measured"], row["hand"]) == (before.present[:, column].sum(), 0)
         assert row["missing"] == (~after.present[:, column]).sum()

@@ -33,9 +33,7 @@ def walks(tmp_path_factory):
 
 
 def precision(run, folder, labels) -> float:
-    answer = run("evaluate", labels, folder / "truth.csv", "--json")
-    assert answer.status == 0, answer.err
-    return json.loads(answer.out)["precision"]
+    return json.loads(run("evaluate", labels, folder / "truth.csv", "--json").done().out)["precision"]
 
 
 def test_a_mirrored_take_is_refused_and_mended(run, walks, tmp_path):
@@ -44,10 +42,9 @@ def test_a_mirrored_take_is_refused_and_mended(run, walks, tmp_path):
 
     assert label(name="plain.c3d").status == 0
     before = sorted((tmp_path / "out").iterdir())
-    answer = label()
-    assert answer.status == 1
-    assert "is left-handed: one axis is mirrored, as RBAK would be on the other side of the body" in answer.reason
-    assert answer.reason.endswith("; --force goes on regardless")
+    reason = label().refusal(1)
+    assert "is left-handed: one axis is mirrored, as RBAK would be on the other side of the body" in reason
+    assert reason.endswith("; --force goes on regardless")
     assert sorted((tmp_path / "out").iterdir()) == before, "nothing is named"
 
     assert label("--mirror").status == 0
@@ -68,10 +65,9 @@ def test_a_mirrored_take_is_refused_and_mended(run, walks, tmp_path):
 
 
 def test_a_take_that_is_mirrored_once_too_often_is_not_told_to_be_mirrored(run, walks, tmp_path):
-    answer = run("label", walks / "plain.c3d", "--model", LOPSIDED, "--mirror", "--out", tmp_path)
-    assert answer.status == 1
-    assert "; expected points whose file is left-handed, so have these read as they are, without mir" in answer.reason
-    assert "--mirror" not in answer.reason
+    reason = run("label", walks / "plain.c3d", "--model", LOPSIDED, "--mirror", "--out", tmp_path).refusal(1)
+    assert "; expected points whose file is left-handed, so have these read as they are, without mir" in reason
+    assert "--mirror" not in reason
 
 
 def test_of_blobs_it_is_images_or_calibration_that_are_mirrored(walks, label, room):
@@ -82,17 +78,15 @@ def test_of_blobs_it_is_images_or_calibration_that_are_mirrored(walks, label, ro
     heard.add(take.xyz[:, [take.names.index(name) for name in body.markers]][:, exchanged])
     with pytest.raises(MirroredError, match=r"; expected images and a calibration of which none is mirrored$"):
         heard.refuse()
-    answer = label("--mirror", blobs=[room.blobs])
-    assert answer.status == 0
-    assert "--mirror is not looked at for blobs: what is mirrored of them is their images" in answer.err
+    said = label("--mirror", blobs=[room.blobs]).done().err
+    assert "--mirror is not looked at for blobs: what is mirrored of them is their images" in said
 
 
 def test_results_are_of_the_same_mirror_and_force(run, walks, tmp_path):
     words = ["label", walks / "mirrored.c3d", "--model", LOPSIDED, "--out", tmp_path]
     assert run(*words, "--mirror").status == 0
     for other in ("--force", "--force --mirror"):
-        again = run(*words, "--resume", *other.split())
-        assert again.status == 2, "these results were made otherwise"
+        assert run(*words, "--resume", *other.split()).status == 2, "these results were made otherwise"
     assert run(*words, "--resume", "--mirror").status == 0
 
 
@@ -112,9 +106,8 @@ def test_train_learns_from_what_is_right_handed(run, walks, tmp_path, turned):
     write_c3d(plain, replace(take, xyz=take.xyz * turned))
     write_c3d(path, replace(take, xyz=take.xyz * turned * [-1, 1, 1]))
     refuse_mirrored(read_takes([plain], ()), known_bodies())
-    answer = run("train", plain, path, "--out", out)
-    assert answer.status == 1
-    assert "left.c3d: is left-handed: one axis is mirrored, as the body of its labels is" in answer.reason
+    reason = run("train", plain, path, "--out", out).refusal(1)
+    assert "left.c3d: is left-handed: one axis is mirrored, as the body of its labels is" in reason
     assert not out.exists()
 
 
@@ -139,13 +132,10 @@ def renamed(row):
 )
 def test_nothing_is_named_in_another_room(label, room, tmp_path, change, words):
     moved_blobs(room, tmp_path / "odd.csv", change)
-    answer = label(blobs=[tmp_path / "odd.csv"])
-    assert answer.status == 1
-    assert words in answer.reason
-    assert answer.reason.endswith("; --force goes on regardless")
+    reason = label(blobs=[tmp_path / "odd.csv"]).refusal(1)
+    assert words in reason
+    assert reason.endswith("; --force goes on regardless")
     assert not list((tmp_path / "out").glob("odd.*"))
 
-    forced = label("--force", blobs=[tmp_path / "odd.csv"])
-    assert forced.status == 0
-    report = json.loads((tmp_path / "out" / "odd.report.json").read_text())
-    assert words in report["camera_doubts"][0]
+    label("--force", blobs=[tmp_path / "odd.csv"]).done()
+    assert words in json.loads((tmp_path / "out" / "odd.report.json").read_text())["camera_doubts"][0]

@@ -46,8 +46,7 @@ def test_a_bad_report_is_one_takes_trouble(run, takes):
         change(report)
         (out / "b.report.json").write_text(json.dumps(report), encoding="utf-8")
         answer = run(*words, "--resume", "--json")
-        assert answer.status == 2
-        assert "b.report.json: " in answer.reason
+        assert "b.report.json: " in answer.refusal(2)
         assert "fault of" not in answer.err
         result = json.loads(answer.out)
         assert [one["take"] for one in result["takes"]] == ["a", "c"]
@@ -62,8 +61,7 @@ def test_a_name_too_long_is_one_takes_trouble(run, takes, tmp_path):
         if os.name == "nt":  # which says of a path that is too long that nothing is there
             assert "cannot be" in answer.reason
         else:
-            assert answer.status == 2
-            assert "File name too long" in answer.reason
+            assert "File name too long" in answer.refusal(2)
         assert answer.out.startswith("a: 20 frames")
     assert (out / "a.report.json").exists()
 
@@ -99,9 +97,7 @@ def test_a_folder_that_is_left_alone_is_said_before_the_last_line(run, takes):
     parts.mkdir(parents=True)
     for name, content in ((".mocap-autolabel.lock", ""), (".mocap-autolabel.json", "[]")):
         (parts / name).write_text(content)
-    answer = run(*words)
-    assert answer.status == 0
-    assert answer.err.startswith(f"mocap-autolabel: {parts}: is left alone")
+    assert run(*words).done().err.startswith(f"mocap-autolabel: {parts}: is left alone")
     assert parts.exists()
 
 

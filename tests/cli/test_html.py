@@ -75,8 +75,7 @@ def test_a_take_of_blobs_has_a_page_beside_its_other_files(label, room, tmp_path
 
 def test_a_page_that_cannot_be_written_costs_all_files(label, tmp_path, monkeypatch):
     monkeypatch.setattr(take_pages, "write_take_page", full)
-    answer = label(*FEW, "--html")
-    assert "No space left on device" in answer.reason
+    assert "No space left on device" in label(*FEW, "--html").reason
     assert list((tmp_path / "out").iterdir()) == []
 
 
@@ -95,8 +94,7 @@ def test_several_takes_have_a_page_over_all_of_them(label, takes, tmp_path):
     assert "2 takes labelled, 1 failed" in said
     assert "broken" in said
     assert str(tmp_path) not in text
-    named_so = label(*FEWEST, "--html", blobs=takes("summary", "three"))
-    assert "would be written twice" in named_so.reason
+    assert "would be written twice" in label(*FEWEST, "--html", blobs=takes("summary", "three")).reason
 
 
 def test_a_page_over_takes_that_cannot_be_written_costs_nothing_else(label, takes, tmp_path, monkeypatch):
@@ -116,8 +114,7 @@ def test_a_page_over_takes_is_replaced_only_by_who_may(label, takes, tmp_path):
     (out / "two.report.json").unlink()
     for path in (*out.glob("one.*"), *out.glob("two.*")):
         path.unlink()
-    refused = label(*FEWEST, "--html", blobs=inputs)
-    assert "summary.report.html: exists already" in refused.reason
+    assert "summary.report.html: exists already" in label(*FEWEST, "--html", blobs=inputs).reason
     assert [path.name for path in out.iterdir()] == ["summary.report.html"]
     assert label(*FEWEST, "--html", "--resume", blobs=inputs).status == 0
     (out / "summary.report.html").write_text("my own")

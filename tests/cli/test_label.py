@@ -94,8 +94,7 @@ def test_a_take_that_fails_does_not_stop_the_others_and_processes_are_shared(
     popen, lines = subprocess.Popen, []
     monkeypatch.setattr(subprocess, "Popen", lambda line, **more: lines.append(line) or popen(line, **more))
     answer = label("--json", "--rate", "60", "--jobs", jobs, blobs=[other, broken, room.blobs])
-    assert answer.status == 2
-    assert "broken.csv:2: camera 'nowhere'" in answer.reason
+    assert "broken.csv:2: camera 'nowhere'" in answer.refusal(2)
     said = json.loads(answer.out)
     assert [take["take"] for take in said["takes"]] == ["other", "walk"]
     assert [(take["take"], take["status"]) for take in said["failed"]] == [("broken", 2)]
@@ -118,8 +117,7 @@ def test_blend_holds_the_take(label, tmp_path):
     import bpy
 
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out" / "walk.blend"))
-    markers = open_markerset(MODEL).markers
-    assert set(markers) <= {thing.name for thing in bpy.data.objects}
+    assert set(open_markerset(MODEL).markers) <= {thing.name for thing in bpy.data.objects}
     assert any(thing.type == "ARMATURE" for thing in bpy.data.objects)
     assert (bpy.context.scene.frame_start, bpy.context.scene.frame_end) == FRAMES
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
@@ -135,11 +133,11 @@ def test_without_blender_no_blend(label, monkeypatch):
 
 @pytest.mark.parametrize("axis", ["x", "-y"])
 def test_a_take_with_another_axis_up_says_which(run, room, tmp_path, axis):
-    answer = run("label", room.c3d, "--model", MODEL, "--up", axis, "--out", tmp_path / "out")
-    assert answer.refusal(1).endswith(
-        f"stands with z up, as which it looks like a take of model {MODEL}; expected that axis to be given, by --up z; "
-        "--force goes on regardless"
+    reason = run("label", room.c3d, "--model", MODEL, "--up", axis, "--out", tmp_path / "out").refusal(1)
+    words = (
+        f"stands with z up, as which it looks like a take of model {MODEL}; expected that axis to be given, by --up z"
     )
+    assert reason.endswith(f"{words}; --force goes on regardless")
 
 
 def test_a_take_of_another_marker_set_says_which_and_is_named_where_it_is_forced(run, room, tmp_path):
@@ -169,9 +167,8 @@ def test_rays_are_cast_where_nobody_chose_inside_blender(label, tmp_path, monkey
 def test_without_blender_rays_are_refused_and_the_closed_form_is_the_default(label, tmp_path, monkeypatch):
     monkeypatch.setattr(blendfile, "has_blender", lambda: False)
     monkeypatch.setattr("addon.jobs.job.inside_blender", lambda: False)
-    answer = label("--occlusion", "bvh", "--frames", "100:101")
-    assert answer.status == 2
-    assert "--occlusion bvh needs Blender or the bpy package" in answer.reason
+    reason = label("--occlusion", "bvh", "--frames", "100:101").refusal(2)
+    assert "--occlusion bvh needs Blender or the bpy package" in reason
     assert not (tmp_path / "out" / "walk.labels.csv").exists()
     assert label("--frames", "100:101").status == 0
     assert json.loads((tmp_path / "out" / "walk.report.json").read_text())["occlusion"] == "capsules"

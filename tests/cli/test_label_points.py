@@ -125,8 +125,7 @@ def test_points_of_something_else_name_no_blobs(room, run, tmp_path):
     blobs.write_text("\n".join(["frame,camera,x,y", *lines]) + "\n")
     words = ("label", blobs, "--cameras", room.cameras, "--model", "gait15", "--rate", "60", "--method", "evidence")
     assert "the room seems not to be this take's" in run(*words, "--out", tmp_path / "other").reason
-    answer = run(*words, "--out", tmp_path / "other", "--force", "--json")
-    [report] = json.loads(answer.out)["takes"]
+    [report] = json.loads(run(*words, "--out", tmp_path / "other", "--force", "--json").out)["takes"]
     assert report["unlabelled"] == report["blobs"]
     assert any("no subject that wears gait15" in row["reason"] for row in report["suspect"])
 
@@ -144,27 +143,22 @@ def test_a_model_names_only_in_the_ways_that_it_knows(run, room, label, tmp_path
     write_markerset(bare, replace(open_markerset("body26"), name="bare"))
     words = ("label", room.blobs, "--cameras", room.cameras, "--out", tmp_path / "o", "--model", bare)
     for answer in (run(*words, "--method", method), label("--method", method, model=bare)):
-        assert answer.status == 2
-        assert f"model bare {lack}" in answer.reason
+        assert f"model bare {lack}" in answer.refusal(2)
 
 
 def test_what_makes_no_difference_to_points_is_said(trained, room, label, run, tmp_path):
-    answer = label("--rate", "60", "--height", "1.7", "--facing", "0", model=trained)
-    assert answer.status == 0
-    assert answer.err.splitlines() == [
+    assert label("--rate", "60", "--height", "1.7", "--facing", "0", model=trained).done().err.splitlines() == [
         "mocap-autolabel: --rate is not looked at for 3D points whose files say their own rate",
         "mocap-autolabel: --height and --facing are not looked at for 3D points: that is for blobs and --method fit",
     ]
-    report = report_of(tmp_path / "out" / "anon.c3d")
-    assert report["rate"] == pytest.approx(59.94, abs=0.1)
+    assert report_of(tmp_path / "out" / "anon.c3d")["rate"] == pytest.approx(59.94, abs=0.1)
 
 
 def test_a_rate_that_cannot_be_is_one_sentence_and_nothing_is_named_without_force(run, tmp_path):
     markerset = open_markerset("gait15")
     generator, body = np.random.default_rng(3), BodyModel(markerset)
     markers = body.pose(perform(body, draw_person(markerset, generator), [Act(2.0, 0.8)], rate=60)).markers[:120]
-    take = Points(("",) * 15, markers, np.full(markers.shape[:2], 0.0005), 600.0, 1)
-    write_c3d(tmp_path / "fast.c3d", take)
+    write_c3d(tmp_path / "fast.c3d", Points(("",) * 15, markers, np.full(markers.shape[:2], 0.0005), 600.0, 1))
     given = "label", tmp_path / "fast.c3d", "--model", "gait15", "--out", tmp_path / "out"
     refused = run(*given)
     assert (refused.status, len(refused.err.splitlines())) == (1, 1)
@@ -213,9 +207,7 @@ def found(run, room, tmp_path):
 
 
 def test_the_set_that_points_show_is_found_told_and_verified(found, run, room, tmp_path):
-    answer = found()
-    assert answer.status == 0
-    assert f"{MODEL} was found among {len(builtin_markersets())} marker sets" in answer.out
+    assert f"{MODEL} was found among {len(builtin_markersets())} marker sets" in found().done().out
     report = report_of(tmp_path / "out" / f"{room.c3d.stem}.labels.csv")
     assert report["model"] == MODEL
     assert report["unlabelled"] == 0
@@ -232,9 +224,7 @@ def test_each_take_of_a_batch_is_found_its_own_and_done_before_is_passed_over(fo
     takes = room.c3d, shutil.copy(room.c3d, tmp_path / "other.c3d")
     assert found("--jobs", "2", takes=takes).status == 0
     assert {report_of(path)["model"] for path in (tmp_path / "out").glob("*.labels.csv")} == {MODEL}
-    again = found("--resume", takes=takes)
-    assert again.status == 0
-    assert again.out.count("done before") == 2
+    assert found("--resume", takes=takes).done().out.count("done before") == 2
     shutil.copy(builtin_markersets()["gait15"], tmp_path / f"more{SUFFIX}")
     assert "is of a run that differs in --models; " in found("--resume", "--models", tmp_path).refusal(2)
 
@@ -245,9 +235,7 @@ def test_a_set_of_the_same_markers_in_the_own_folder_is_no_other_and_versions_ar
     for name in (f"ours{SUFFIX}", f"ours.v1{SUFFIX}"):
         shutil.copy(builtin_markersets()[MODEL], own / name)
     assert known_models(own) == [*builtin_markersets(), str(own / f"ours{SUFFIX}")]
-    answer = found("--models", own)
-    assert answer.status == 0
-    assert f"was found among {len(builtin_markersets()) + 1} marker sets" in answer.out
+    assert f"was found among {len(builtin_markersets()) + 1} marker sets" in found("--models", own).done().out
 
 
 def test_where_two_fit_both_are_named(found, tmp_path):

@@ -34,8 +34,7 @@ def test_the_points_are_the_markers_without_names(reconstruct, room, tmp_path):
     assert found.rate == 60
     distance = np.linalg.norm(found.xyz[:, :, None] - truth.xyz[:, None], axis=3)
     assert (np.nanmin(distance, axis=1) < 0.01).mean() > 0.95
-    near = np.nanmin(distance[np.isfinite(found.xyz[..., 0])], axis=1) < 0.01
-    assert near.mean() > 0.98
+    assert (np.nanmin(distance[np.isfinite(found.xyz[..., 0])], axis=1) < 0.01).mean() > 0.98
     assert np.nanmax(found.residual) < 0.02
     said = json.loads(answer.out)
     assert said["trajectories"] == len(labels)
@@ -44,8 +43,7 @@ def test_the_points_are_the_markers_without_names(reconstruct, room, tmp_path):
 
 
 def test_trc_and_words_for_people_and_what_cannot_be_done(reconstruct, tmp_path, run, room):
-    answer = reconstruct("--frames", "105:114", out="points.trc")
-    assert answer.status == 0
+    answer = reconstruct("--frames", "105:114", out="points.trc").done()
     assert "10 frames" in answer.out
     assert "blobs explained" in answer.out
     assert read_points(tmp_path / "points.trc").xyz.shape[0] == 10
@@ -54,9 +52,8 @@ def test_trc_and_words_for_people_and_what_cannot_be_done(reconstruct, tmp_path,
     assert "exists already" in reconstruct().reason
     lone = tmp_path / "lone.csv"
     lone.write_text("".join(line for line in room.blobs.open() if line.split(",")[1] in ("camera", "cam1")))
-    answer = run("reconstruct", lone, "--cameras", room.cameras, "--out", tmp_path / "lone.c3d")
-    assert answer.status == 1
-    assert "no two cameras" in answer.reason
+    reason = run("reconstruct", lone, "--cameras", room.cameras, "--out", tmp_path / "lone.c3d").refusal(1)
+    assert "no two cameras" in reason
     assert not (tmp_path / "lone.c3d").exists()
 
 
@@ -75,8 +72,7 @@ def test_truth_lies_beside_the_blobs_row_for_row(simulate, tmp_path):
     blobs, truth = rows_of(tmp_path / "sim.csv"), rows_of(tmp_path / "sim.csv.truth.csv")
     keys = ("frame", "camera", "x", "y")
     assert [[row[key] for key in keys] for row in blobs] == [[row[key] for key in keys] for row in truth]
-    names = {name for row in truth for name in row["marker"].split("|")}
-    assert names == {"", *open_markerset(MODEL).markers}
+    assert {name for row in truth for name in row["marker"].split("|")} == {"", *open_markerset(MODEL).markers}
     assert {int(row["frame"]) for row in blobs} == set(range(103, FRAMES[1] + 1))
     assert all(float(row["area"]) > 0 for row in blobs)
 
@@ -95,8 +91,7 @@ def test_markers_that_no_model_has_and_subjects_names(simulate, room, tmp_path):
     there = read_points(room.c3d)
     names = (*(f"Anna:{name}" for name in there.names), "EXTRA", "")
     xyz = np.concatenate([there.xyz, there.xyz[:, :1] + 0.05, there.xyz[:, :1] + 0.1], axis=1)
-    residual = np.zeros(xyz.shape[:2])
-    write_trc(tmp_path / "anna.trc", Points(names, xyz, residual, there.rate, there.first_frame))
+    write_trc(tmp_path / "anna.trc", Points(names, xyz, np.zeros(xyz.shape[:2]), there.rate, there.first_frame))
     chosen = json.loads(simulate("--json", take=tmp_path / "anna.trc").out)
     assert chosen["markers"] == list(open_markerset(MODEL).markers)
 

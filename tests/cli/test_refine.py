@@ -77,8 +77,7 @@ def test_what_cannot_be_done(refine, run, room, tmp_path):
     few = refine("--frames", "100:101", out="few.toml").reason
     assert "named markers are seen by three cameras at a time; expected 100 or more, so a longer take" in few
     true, other = read_cameras(room.cameras), tmp_path / "other.toml"
-    order = [0, 3, 2, 1, *range(4, len(true))]
-    exchanged = replace(true.select(order), names=true.names)
+    exchanged = replace(true.select([0, 3, 2, 1, *range(4, len(true))]), names=true.names)
     for cameras, words in (
         (exchanged, "cam2 and cam4 seem to have each other's names"),
         (replace(true, translation=1000 * true.translation), "about 1000 times too large"),
@@ -96,10 +95,9 @@ def test_what_cannot_be_done(refine, run, room, tmp_path):
     write_cameras(two, read_cameras(room.cameras).select([0, 1]))
     blobs = tmp_path / "two.csv"
     blobs.write_text("".join(line for line in room.blobs.open() if line.split(",")[1] in ("camera", "cam1", "cam2")))
-    answer = refine(cameras=two, blobs=blobs, out="of-two.toml")
-    assert answer.status == 1
-    assert answer.reason.startswith(f"{blobs}: ")
-    assert "2 cameras cannot tell which of them was moved" in answer.reason
+    reason = refine(cameras=two, blobs=blobs, out="of-two.toml").refusal(1)
+    assert reason.startswith(f"{blobs}: ")
+    assert "2 cameras cannot tell which of them was moved" in reason
     assert sorted(path.name for path in tmp_path.iterdir()) == ["refined.toml", "two.csv", "two.toml"]
 
 
@@ -129,8 +127,7 @@ def test_a_built_in_model_is_judged(run, tmp_path):
 
 
 def test_a_model_without_evidence_is_judged_by_its_spread_and_keeps_the_markers_it_is_to_keep(run, bare):
-    answer = run("quality", bare, "--advice", 0)
-    assert answer.status == 0
+    answer = run("quality", bare, "--advice", 0).done()
     assert answer.out.startswith("bare: 15 markers, drawn from its spread")
     assert "ambiguous" in answer.out
     assert "advice" not in answer.out

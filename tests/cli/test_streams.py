@@ -98,6 +98,7 @@ def test_what_stops_the_work_is_noted_while_blender_is_at_work_and_raised_behind
         signal.signal(kind, before)
 
 
+@pytest.mark.skipif(os.name != "posix", reason="needs a timer that interrupts")
 def test_a_request_to_stop_where_python_raises_nothing_stops_all_the_same():
     class Gone:
         def __del__(self):
@@ -175,7 +176,6 @@ def test_values_that_begin_with_a_minus_are_values(label):
 
 @pytest.mark.parametrize("text", ["1_0:2_0", "\u0661:\u0662", "1" * 5000 + ":", ""])
 def test_only_plain_digits_are_frames(label, text):
-    answer = label("--frames", text)
-    assert answer.status == 2
-    assert "is no range of frames" in answer.reason
-    assert len(answer.reason) < 200
+    reason = label("--frames", text).refusal(2)
+    assert "is no range of frames" in reason
+    assert len(reason) < 200

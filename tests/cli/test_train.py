@@ -104,8 +104,7 @@ def test_the_model_names_a_creature_that_it_has_never_seen(trained, anonymous, r
     model, _ = trained
     answer = run("label", anonymous, "--model", model, "--out", tmp_path / "out", "--method", method)
     assert (answer.status, answer.err) == (0, "")
-    said = run("evaluate", tmp_path / "out" / "anon.labels.csv", tmp_path / "truth.csv", "--json")
-    figures = json.loads(said.out)
+    figures = json.loads(run("evaluate", tmp_path / "out" / "anon.labels.csv", tmp_path / "truth.csv", "--json").out)
     assert figures["precision"] > 0.99
     assert figures["recall"] > least
 
@@ -113,9 +112,7 @@ def test_the_model_names_a_creature_that_it_has_never_seen(trained, anonymous, r
 def test_a_model_is_given_its_partial_solvers_later(trained, anonymous, run, tmp_path):
     model, _ = trained
     more = tmp_path / "more.markerset.json"
-    answer = run("train", "--from", model, "--search", "bottom-up", "--out", more, "--json")
-    assert answer.status == 0
-    report = json.loads(answer.out)
+    report = json.loads(run("train", "--from", model, "--search", "bottom-up", "--out", more, "--json").done().out)
     assert set(report["ensemble"]["of_marker"]) == set(NAMES)
     assert (report["ensemble"]["search"], report["ensemble"]["hit_rate"]) == ("bottom-up", 0.9999)
     before, after = content_of(model), content_of(more)
@@ -124,8 +121,7 @@ def test_a_model_is_given_its_partial_solvers_later(trained, anonymous, run, tmp
     assert [(one.version, len(one.takes)) for one in read_model(more).history.versions] == [(1, 2), (2, 0)]
     assert read_model(model).partial_solvers is None
     assert run("label", anonymous, "--model", more, "--out", tmp_path / "out", "--method", "ensemble").status == 0
-    again = run("train", "--from", model, "--out", more, "--overwrite")
-    assert "no take was given" in again.reason
+    assert "no take was given" in run("train", "--from", model, "--out", more, "--overwrite").reason
     named = run("train", "--from", model, "--search", "top-down", "--name", "x", "--out", more, "--overwrite")
     assert "only partial solvers are found" in named.reason
 
@@ -157,9 +153,7 @@ def test_training_on_keeps_what_was_known(trained, takes, run, tmp_path):
     model, _ = trained
     out = tmp_path / "more.markerset.json"
     options = ("--from", model, "--out", out, "--search", "none", "--json")
-    answer = run("train", *options, "--subject", "c2=*.c3d", takes[2])
-    assert answer.status == 0
-    report = json.loads(answer.out)
+    report = json.loads(run("train", *options, "--subject", "c2=*.c3d", takes[2]).done().out)
     assert [row["subject"] for row in report["subjects"]] == ["c0", "c1", "c2"]
     assert report["trained_on"] == str(model)
     assert report["ensemble"] is None
@@ -199,8 +193,7 @@ def test_what_is_named_worse_waits_until_it_is_adopted(trained, takes, run, tmp_
     wrong = write(tmp_path / "wrong.c3d", creature(2), [*NAMES[1:], NAMES[0]])
     words = ("--search", "none", "--jobs", 1, "--by", "Ann", "--report", tmp_path / "report.json", "--overwrite")
     answer = run("train", wrong, "--from", model, "--out", model, "--check", kept, *words)
-    assert answer.status == 1
-    assert answer.reason.startswith(f"{model}: the model trained on does not take this place (")
+    assert answer.refusal(1).startswith(f"{model}: the model trained on does not take this place (")
     assert "lab.v2-candidate.markerset.json; expected nothing worse, or models --adopt" in answer.reason
     assert model.read_bytes() == before
     candidate = model.with_name("lab.v2-candidate.markerset.json")
@@ -220,8 +213,7 @@ def test_what_is_named_worse_waits_until_it_is_adopted(trained, takes, run, tmp_
     assert read_model(new).history.versions[-1].told
 
     waiting = read_model(candidate)
-    adopted = run("models", "--adopt", candidate)
-    assert adopted.status == 0
+    adopted = run("models", "--adopt", candidate).done()
     assert "version 2    " in adopted.out and ", by Ann, from " in adopted.out
     assert "it was adopted all the same" in adopted.out
     assert not candidate.exists()
@@ -245,8 +237,7 @@ def test_only_what_waits_for_the_model_that_is_there_is_adopted(trained, run, tm
     assert "is another model than the one" in run("models", "--adopt", candidate).reason
     assert candidate.exists()
     model.unlink()
-    answer = run("models", "--adopt", candidate)
-    assert (answer.status, read_model(model).fingerprint) == (0, base.fingerprint)
+    assert (run("models", "--adopt", candidate).status, read_model(model).fingerprint) == (0, base.fingerprint)
 
 
 def test_what_checks_a_model_is_not_learned(trained, takes, run, tmp_path):
@@ -275,8 +266,7 @@ def test_a_corrected_take_replaces_what_was_learned_from_it(takes, run, tmp_path
         ("c2", ("walk2.c3d",)),
         ("c1", ("walk1.c3d",)),
     ]
-    kept = read_model(better).subjects["c1"]
-    np.testing.assert_allclose(kept, read_points(right).xyz, atol=1e-5)
+    np.testing.assert_allclose(read_model(better).subjects["c1"], read_points(right).xyz, atol=1e-5)
 
 
 def test_what_cannot_be_trained_is_said_and_leaves_nothing(takes, run, tmp_path):

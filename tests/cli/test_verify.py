@@ -184,8 +184,7 @@ def test_no_report_leads_anywhere_else(run, lab, file):
 
 
 def test_a_report_of_an_earlier_version_is_one_sentence(run, tmp_path):
-    earlier = max(Path(__file__).parents[1].glob("earlier/*/walk.report.json"))
-    shutil.copy(earlier, tmp_path)
+    shutil.copy(max(Path(__file__).parents[1].glob("earlier/*/walk.report.json")), tmp_path)
     reason = run("verify", tmp_path / "walk.report.json").refusal(2)
     assert "does not say which files it was made of; expected the report of a take as this version" in reason
 
@@ -238,8 +237,7 @@ def test_figures_for_people(evaluate):
 
 def test_only_frames_asked_for_rows_with_truth_and_markers_of_the_model_count_and_points_too(evaluate):
     assert json.loads(evaluate(LABELS, TRUTH, "--json", "--frames", "1:1").out)["frames"] == 1
-    some = "\n".join(TRUTH.splitlines()[:4])
-    figures = json.loads(evaluate(LABELS, some, "--json").out)
+    figures = json.loads(evaluate(LABELS, "\n".join(TRUTH.splitlines()[:4]), "--json").out)
     assert (figures["rows"], figures["rows_without_truth"]) == (5, 2)
     truth = TRUTH.replace("2,a,5,6,", "2,a,5,6,NOSE")
     assert json.loads(evaluate(LABELS, truth, "--json").out)["marker_blobs"] == 5

@@ -89,8 +89,7 @@ def test_takes_are_labelled_as_they_arrive_until_somebody_stops_it(label, room, 
     assert sorted(line.partition(":")[0] for line in said[:4]) == ["bad", "bad", "one", "two"]
     assert sum(line.startswith("bad: failed, ") for line in said) == 1
     assert sorted(line.split()[0] for line in said[4:]) == ["bad", "one", "take", "two"]
-    page = read((out / "summary.report.html").read_text(encoding="utf-8"))
-    links = [each["href"] for each in page.of("a")]
+    links = [each["href"] for each in read((out / "summary.report.html").read_text(encoding="utf-8")).of("a")]
     assert sorted(links) == ["./bad.report.html", "./one.report.html", "./two.report.html"]
     assert all((out / link).is_file() for link in links)
     assert {path.suffix for path in out.iterdir()} == {".csv", ".c3d", ".html", ".json"}
@@ -110,9 +109,8 @@ def test_a_watch_goes_on_where_it_was_and_ends_when_nothing_comes_and_replaces_n
     assert before == {path: path.stat().st_mtime_ns for path in before}
     assert states(folder) == {"one.csv": "done before", "two.csv": "labelled"}
     (folder / "one.edits.json").write_text('{"version": 1, "edits": []}')
-    answer = label(*words, "--resume", blobs=[folder])
-    assert answer.status == 2
-    assert "differs in edits; expected the same as then, --overwrite to make it anew" in answer.reason
+    reason = label(*words, "--resume", blobs=[folder]).refusal(2)
+    assert "differs in edits; expected the same as then, --overwrite to make it anew" in reason
     assert before == {path: path.stat().st_mtime_ns for path in before}
     assert states(folder) == {"one.csv": "failed", "two.csv": "done before"}
 
@@ -138,16 +136,14 @@ def test_a_summary_is_written_only_where_it_may_be(label, folder, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "summary.csv").write_text("my own")
     for more in ((), ("--resume",)):
-        answer = label(*FEW, "--idle", "0", "--summary", *more, blobs=[folder])
-        assert "summary.csv: exists already" in answer.reason
+        assert "summary.csv: exists already" in label(*FEW, "--idle", "0", "--summary", *more, blobs=[folder]).reason
     assert (tmp_path / "out" / "summary.csv").read_text() == "my own"
 
 
 def test_a_batch_that_is_named_take_by_take_has_a_table_too(label, room, tmp_path):
     bad = tmp_path / "bad.csv"
     bad.write_text("frame,camera,x,y\n1,nobody,0,0\n")
-    answer = label("--frames", "100:100", "--summary", "--json", blobs=[room.blobs, bad])
-    said = json.loads(answer.out)
+    said = json.loads(label("--frames", "100:100", "--summary", "--json", blobs=[room.blobs, bad]).out)
     rows = read_table(tmp_path / "out" / "summary.csv")
     assert [(row.take, row.state) for row in rows] == [("bad", "failed"), ("walk", "labelled")]
     assert said["table"] == str(tmp_path / "out" / "summary.csv")

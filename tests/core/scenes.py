@@ -46,6 +46,13 @@ class Scene:
         """The frames, ready to be labelled."""
         return split_views(self.blobs, self.cameras)
 
+    def given(self, view: View, naming) -> tuple[np.ndarray, np.ndarray]:
+        """Which rows of the blobs have a name in a frame (K,), marker by marker, and whether it is theirs."""
+        camera, marker = np.nonzero(naming.slot >= 0)
+        row = view.row[camera, naming.slot[camera, marker]]
+        truth = zip(self.names(marker), self.truth[row], strict=True)
+        return row, np.array([name in true.split("|") for name, true in truth], bool)
+
     def right(self, names) -> np.ndarray:
         """(N,) whether each blob has a name that is right; a ghost is right without one."""
         return np.array([name in truth.split("|") for name, truth in zip(names, self.truth, strict=True)])
@@ -79,45 +86,32 @@ def motion_of(markers: np.ndarray, expected: np.ndarray, first: int = 1) -> Moti
     """A motion of markers (T, M, 3) m, and where a body that stays upright has them; nothing else of it matters."""
     count, residual = len(markers), np.where(np.isfinite(markers[..., 0]), 0.001, np.nan)
     pose = expected[:, :1], np.tile(np.eye(3), (count, 1, 1, 1)), np.ones((count, 3)), np.ones(count)
-    return Motion(first + np.arange(count), markers, residual, residual, 0 * residual, expected, *pose)
+    return Motion(first + np.arange(count), markers, residual, residual, np.zeros(residual.shape, int), expected, *pose)
 
 
 def film(markerset: MarkerSet, cameras: Cameras, bodies: Bodies, options: CaptureOptions = CLEAN) -> Scene:
     """A virtual capture of posed bodies, one a frame, with the body in the way."""
     posed = BodyModel(markerset).pose(bodies)
-    body = PosedBody(
-        CapsuleOcclusion(markerset), np.asarray(markerset.attachment), posed.rotations, posed.joints, bodies.scale
-    )
+    pose = posed.rotations, posed.joints, bodies.scale
+    body = PosedBody(CapsuleOcclusion(markerset), np.asarray(markerset.attachment), *pose)
     seen = joined(capture(posed.markers, markerset.markers, cameras, options, body))
     return Scene(markerset, cameras, bodies, seen.blobs, seen.truth)
 
 
-def stand(
-    markerset: MarkerSet,
-    cameras: Cameras,
-    seed: int = 0,
-    facing: float = 0.0,
-    height: float | None = None,
-    options: CaptureOptions = CLEAN,
-) -> Scene:
+def stand(markerset: MarkerSet, cameras: Cameras, seed=0, facing=0.0, height=None, options=CLEAN) -> Scene:
     """One frame of a standing person, up to 0.2 m off the middle."""
     bodies = perform(BodyModel(markerset), person_of(markerset, seed, height), [Act(0.1)], RATE, seed, facing).pick([0])
     place = np.append(np.random.default_rng(seed).uniform(-0.2, 0.2, 2), 0)
     return film(markerset, cameras, replace(bodies, translation=bodies.translation + place), options)
 
 
-def act(
-    markerset: MarkerSet, cameras: Cameras, acts, seed: int = 0, options: CaptureOptions = CLEAN, rate: float = RATE
-) -> Scene:
+def act(markerset: MarkerSet, cameras: Cameras, acts, seed=0, options=CLEAN, rate=RATE) -> Scene:
     """A person who performs."""
-    return film(
-        markerset, cameras, perform(BodyModel(markerset), person_of(markerset, seed), acts, rate, seed), options
-    )
+    bodies = perform(BodyModel(markerset), person_of(markerset, seed), acts, rate, seed)
+    return film(markerset, cameras, bodies, options)
 
 
-def abreast(
-    markerset: MarkerSet, seeds, frames: int, rate: float, apart: float, cameras: Cameras, options: CaptureOptions
-) -> Capture:
+def abreast(markerset: MarkerSet, seeds, frames: int, rate: float, apart: float, cameras: Cameras, options) -> Capture:
     """What cameras see of people, by their seeds, who walk side by side, so many m from each other."""
     model, bodies, markers = BodyModel(markerset), [], []
     for place, seed in enumerate(seeds):

@@ -98,9 +98,8 @@ def _taught(take: Path) -> Path:
     made = MADE | {"results": {".c3d": digest(take)}}
     filled = [{"marker": "M2", "first": 34, "last": 35, "method": "spline"}]
     doubtful = {"M1": [[33, 34]], "M3": [[36, 36]]}
-    report.write_text(
-        json.dumps(sealed({"take": take.stem, "provenance": made, "doubtful": doubtful, "filled": filled}))
-    )
+    rows = {"doubtful": doubtful, "filled": filled}
+    report.write_text(json.dumps(sealed({"take": take.stem, "provenance": made} | rows)))
     return report
 
 

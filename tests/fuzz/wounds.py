@@ -72,9 +72,8 @@ def mutated(content: bytes, chance: random.Random) -> bytes:
         at, other = (chance.randrange(len(changed) + 1) for _ in range(2))
         size = chance.choice([0, 1, 5, 12, 40, 64, 512, 4096])
         parts = [b"", bytes([chance.randrange(256)]), changed[other : other + size], *[chance.choice(TOKENS)] * 2]
-        changed[at : at + chance.choice([0, 1, size, size if chance.random() < 0.8 else len(changed)])] = chance.choice(
-            parts
-        )
+        size = chance.choice([0, 1, size, size if chance.random() < 0.8 else len(changed)])
+        changed[at : at + size] = chance.choice(parts)
     return bytes(changed)
 
 
@@ -212,9 +211,8 @@ def _other_parts(chance: random.Random) -> bytes:
         changed = bytearray(parts[name])
         _place_word(changed, chance)
         other, odd = parts[chance.choice(sorted(parts))], [b"", parts[name] * 50, bytes(1 << 16), b"\xff" * 4096]
-        parts[name] = chance.choice(
-            [bytes(changed), bytes(changed), mutated(parts[name], chance), other, chance.choice(odd)]
-        )
+        ways = [bytes(changed), bytes(changed), mutated(parts[name], chance), other, chance.choice(odd)]
+        parts[name] = chance.choice(ways)
     if chance.random() < 0.1:
         del parts[chance.choice(sorted(parts))]
     content = bytearray(compound_file(parts, chance.choice([512, 512, 4096])))

@@ -62,9 +62,8 @@ def _facts(file, key, record):
 
 
 def _of_data(files, layouts, part) -> Iterator[str]:
-    names = [
-        point_texts(file.all_texts(), "LABELS", layout.points) for file, layout in zip(files, layouts, strict=True)
-    ]
+    pairs = zip(files, layouts, strict=True)
+    names = [point_texts(file.all_texts(), "LABELS", layout.points) for file, layout in pairs]
     others = np.setdiff1d(np.arange(len(names[0])), marker_indices(names[0], files[0].all_texts()))
     behind = layouts[1].points - len(others)
     if names[1][behind:] != [names[0][index] for index in others]:

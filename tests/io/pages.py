@@ -40,9 +40,8 @@ def read(text: str) -> Elements:
     ElementTree.fromstring(text)
     page = Elements(text)
     assert page.open == []
-    assert {"script", "img", "iframe", "link", "object", "use", "image", "base"} & {
-        tag for tag, _ in page.found
-    } == set()
+    tags = {tag for tag, _ in page.found}
+    assert not {"script", "img", "iframe", "link", "object", "use", "image", "base"} & tags
     assert not [name for _, attributes in page.found for name in attributes if name.startswith("on") or name == "src"]
     assert not re.search(r"https?:|//|url\(|@import|javascript:", re.sub(r"<!DOCTYPE[^>]*>", "", text))
     assert any(each.get("content", "").startswith("default-src 'none'") for each in page.of("meta"))

@@ -244,9 +244,8 @@ class _Compound:
         where = np.full(109, FREE, "<u4")
         where[:tables] = len(self.chain) + np.arange(tables)
         large = self.sector != 512
-        head = struct.pack(
-            "<8s16sHHHHH6x", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", b"", 62, 3 + large, 0xFFFE, 9 + 3 * large, 6
-        )
+        sizes = 62, 3 + large, 0xFFFE, 9 + 3 * large, 6
+        head = struct.pack("<8s16sHHHHH6x", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", b"", *sizes)
         head += struct.pack("<III", large * -(-len(directory) // self.sector), tables, directory_start)
         head += struct.pack("<IIIIII", 0, CUTOFF, small_start, -(-len(table) // self.sector), END, 0)
         chain = np.array(self.chain + [TABLE] * tables, "<u4").tobytes()
@@ -296,6 +295,5 @@ def _chained(content: bytes, size: int, body: bytearray, chain: list[int]) -> in
 def _entry(entry: list) -> bytes:
     name, kind, left, right, child, start, size = entry
     letters = (name + "\0").encode("utf-16-le")
-    return struct.pack(
-        "<64sHBBIII16sIQQIQ", letters, len(letters), kind, 1, left, right, child, b"", 0, 0, 0, start, size
-    )
+    where = left, right, child, b"", 0, 0, 0, start, size
+    return struct.pack("<64sHBBIII16sIQQIQ", letters, len(letters), kind, 1, *where)

@@ -210,24 +210,13 @@ def capture() -> Recording:
 def write_all(folder: Path) -> dict[str, Path]:
     """One file of every format; the name says which reader it is for."""
     cameras, take = ring(), walk()
-    files = {
-        "toml": folder / "cameras.toml",
-        "xcp": folder / "cameras.xcp",
-        "qca": folder / "cameras.qca.txt",
-        "mcal": folder / "cameras.mcal",
-        "yml": folder / "cameras.yml",
-        "pmat": folder / "selfcal" / "camera1.Pmat.cal",
-        "rad": folder / "selfcal" / "basename2.rad",
-        "res": folder / "selfcal" / "Res.dat",
-        "blobs": folder / "blobs.csv",
-        "qtm": folder / "capture.qtm",
-        "labels": folder / "take.labels.csv",
-        "c3d": folder / "take.c3d",
-        "dec": folder / "dec.c3d",
-        "mips": folder / "mips.c3d",
-        "trc": folder / "take.trc",
-        "motive": folder / "motive.csv",
-    }
+    names = {
+        "toml": "cameras.toml", "xcp": "cameras.xcp", "qca": "cameras.qca.txt", "mcal": "cameras.mcal",
+        "yml": "cameras.yml", "pmat": "selfcal/camera1.Pmat.cal", "rad": "selfcal/basename2.rad",
+        "res": "selfcal/Res.dat", "blobs": "blobs.csv", "qtm": "capture.qtm", "labels": "take.labels.csv",
+        "c3d": "take.c3d", "dec": "dec.c3d", "mips": "mips.c3d", "trc": "take.trc", "motive": "motive.csv",
+    }  # fmt: skip
+    files = {kind: folder / name for kind, name in names.items()}
     write_cameras(files["toml"], cameras)
     files["xcp"].write_text(xcp(cameras))
     files["qca"].write_text(qca(cameras))
@@ -235,9 +224,8 @@ def write_all(folder: Path) -> dict[str, Path]:
     files["yml"].write_text(yml(cameras))
     write_selfcal(folder / "selfcal", cameras)
     files["blobs"].write_text(BLOBS)
-    files["labels"].write_text(
-        "frame,camera,x,y,marker,step,confidence\n1,a,2,3,LASI|RASI,exclusive,0.5\n1,a,2,4,,,0\n"
-    )
+    head = "frame,camera,x,y,marker,step,confidence\n"
+    files["labels"].write_text(head + "1,a,2,3,LASI|RASI,exclusive,0.5\n1,a,2,4,,,0\n")
     write_c3d(files["c3d"], take)
     files["dec"].write_bytes(Layout(processor=DEC).content())
     files["mips"].write_bytes(Layout(processor=MIPS).content())

@@ -1,14 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Takes that arrive in a folder: begun when they are whole, once, and nothing that is no take."""
+"""Takes that arrive in a folder, each begun once when it is whole; and the table over a batch of them."""
 
+import csv
 import json
 import os
+import re
 import time
+from dataclasses import replace
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from addon.core.data.errors import InputError
 from addon.io.arrivals import Arrivals
-from addon.io.batch import TakeRow, write_table
+from addon.io.batch import TABLE_COLUMNS, TAKE_STATES, TakeRow, is_table, read_table, row_of, worst_first, write_table
 
 
 def put(path, text="frame,camera,x,y\n"):
@@ -102,3 +108,90 @@ def test_a_folder_that_is_away_for_a_while_is_said_once_and_keeps_its_takes(watc
         assert watched.look(4) == watched.look(5) == []
     assert watched.passed == [f"{tmp_path}: cannot be read (Input/output error); expected a folder of takes"]
     assert watched.look(6) == watched.look(20) == []
+
+
+TROUBLE = {"kind": "left over", "stake": 40.0, "answered": False, "trajectories": [3, 4]}
+COUNTS = {"frames": 100, "frames_whole": 90, "points": 200, "unlabelled": 4}
+REPORT = COUNTS | {
+    "take": "walk",
+    "version": "1.2.3",
+    "to_look_at": "1 to look at",
+    "trouble": [TROUBLE, TROUBLE | {"answered": True, "trajectories": [9]}, TROUBLE | {"kind": "missing", "stake": 2}],
+    "timing": {"load": 1.0, "label": 2.5, "frames_per_second": 40.0},
+    "markers": {"LASI": {"labelled_frames": 100}, "RASI": {"labelled_frames": 96}},
+}
+
+
+def test_a_row_says_what_the_report_says_and_the_worst_take_comes_first():
+    row = row_of(REPORT, "walk.c3d")
+    assert (row.trouble, row.at_stake, row.on_body, row.seconds) == (2, 42.0, 2, 3.5)
+    assert (row.named, row.found, row.reason, row.gaps) == (0.98, 0.98, "1 to look at", None)
+    cameras = {"a": {"unnamed_beside_markers": 5}, "b": {"unnamed_beside_markers": 1}, "c": {}}
+    blobs = REPORT | {"blobs": 0, "cameras": cameras, "filled": [{}], "left": [{}, {}]}
+    del blobs["points"]
+    row = row_of(blobs, "walk.csv")
+    assert (row.named, row.on_body, row.gaps) == (None, 6, (1, 3))
+    labelled = row_of(REPORT, "b.c3d")
+    worse = replace(labelled, state="done before", at_stake=50.0)
+    less = replace(labelled, found=0.5)
+    others = [TakeRow(state, "x.c3d", state) for state in ("waiting", "at work", "failed")]
+    assert worst_first([labelled, *others, less, worse]) == [others[2], worse, less, labelled, others[1], others[0]]
+
+
+names = st.text(st.characters(exclude_categories=(), exclude_characters="\0/"), min_size=1, max_size=12)
+numbers = st.floats(0, 1e6)
+count = st.integers(0, 99)
+figures = count, numbers, st.none() | numbers, count, numbers, count, count, numbers
+measured = st.builds(TakeRow, names, names, st.sampled_from(("labelled", "done before")), *figures, names, names)
+others = st.builds(TakeRow, names, names, st.sampled_from(TAKE_STATES), reason=names)
+
+
+def whole(text: str) -> bool:
+    """Whether bytes that are no letters come back, as the names of files have them."""
+    try:
+        return text.encode("utf-8", "surrogateescape").decode("utf-8", "surrogateescape") == text
+    except UnicodeEncodeError:
+        return False
+
+
+@given(st.lists(measured | others.filter(lambda row: not row.measured), max_size=4))
+def test_a_table_comes_back(tmp_path_factory, rows):
+    rows = [row for row in rows if all(whole(text) for text in (row.take, row.source, row.reason, row.page))]
+    path = tmp_path_factory.getbasetemp() / "summary.csv"
+    write_table(path, rows)
+    assert is_table(path)
+    for was, row in zip(rows, read_table(path), strict=True):
+        for name in TABLE_COLUMNS:
+            value = getattr(was, name)
+            assert getattr(row, name) == (pytest.approx(value, rel=1e-5) if isinstance(value, float) else value)
+
+
+FORMULAS = ["=1+1", "@SUM(A1)", "+1", "-1", "'=1", "\uff1d1", "\x1b[2J", "\x9b2J", "a\nb", "\\u001b", "\\\x1b"]
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+def test_a_name_is_no_formula_and_moves_no_cursor_in_a_table(tmp_path, name):
+    path = tmp_path / "summary.csv"
+    write_table(path, [TakeRow(name, f"{name}.c3d", "failed", reason=name)])
+    text = path.read_text(encoding="utf-8")
+    assert not re.search(r"[\x00-\x09\x0b\x0c\x0e-\x1f\x7f-\x9f]", text)
+    [_, *rows] = text.splitlines()
+    [row] = csv.reader(rows)
+    assert not [cell for cell in row if re.match("[=+@\uff1d-]", cell)]
+    assert (read_table(path)[0].take, read_table(path)[0].reason) == (name, name)
+
+
+def test_what_is_no_table_is_refused(tmp_path):
+    path = tmp_path / "summary.csv"
+    for text in ("", "take,state\n", "frame,camera,x,y\n"):
+        path.write_text(text)
+        assert not is_table(path)
+        with pytest.raises(InputError, match="is no table of a batch; expected"):
+            read_table(path)
+    write_table(path, [TakeRow("a", "a.c3d", "labelled")])
+    for damaged in (b'"', b"a,b,c,no number\n", b"x," * 30 + b"\n"):
+        path.write_bytes(path.read_bytes() + damaged)
+        with pytest.raises(InputError, match="is damaged; expected the table of a batch"):
+            read_table(path)
+        path.write_bytes(path.read_bytes().removesuffix(damaged))
+    assert not is_table(tmp_path / "none.csv")

@@ -81,9 +81,7 @@ def test_vicon_lens_and_last_key_frame(tmp_path, radial):
     cameras = ring(distortion=np.zeros(5))
     square = cameras.matrix.copy()
     square[:, 1, 1] = square[:, 0, 0]
-    cameras = type(cameras)(
-        cameras.names, cameras.size, square, cameras.distortion, cameras.rotation, cameras.translation
-    )
+    cameras = replace(cameras, matrix=square)
     found = read_cameras(write(tmp_path / "a.xcp", xcp(cameras, radial)))
     assert found.names == cameras.names
     np.testing.assert_allclose(found.centres, cameras.centres, atol=1e-9)
@@ -190,9 +188,7 @@ def test_cameras_that_do_not_tell_which_way_is_up_are_left_as_they_are():
 
 @pytest.mark.parametrize("text", ["nested", "listed", "vector", "no name", "ignored"])
 def test_toml_in_the_ways_of_other_programs(tmp_path, text):
-    lines = (
-        "size = [640, 480]\nmatrix = [[600, 0, 320], [0, 600, 240], [0, 0, 1]]\ndistortions = [0.1, 0.2, 0.0, 0.0]\n"
-    )
+    lines = "size = [640, 480]\nmatrix = [[600, 0, 320], [0, 600, 240], [0, 0, 1]]\ndistortions = [0.1, 0.2, 0, 0]\n"
     pose = "rotation = [0.1, 0.2, 0.3]\ntranslation = [0, 0, 3]\n"
     texts = {
         "nested": (f"[cameras.0]\ncam_id = 0\n{lines}{pose}[cameras.1]\n{lines}{pose}", ("0", "1")),

@@ -151,6 +151,9 @@ def test_files_that_are_no_edits_are_refused(path, text, said):
     assert caught.value.file == str(path)
 
 
+BLOB, PLACED = '{"kind": "assign", "camera": "c"', '{"kind": "place", "marker": "A", "frame": 1, "xyz": '
+
+
 @pytest.mark.parametrize(
     ("row", "said"),
     [
@@ -162,10 +165,7 @@ def test_files_that_are_no_edits_are_refused(path, text, said):
         ('{"kind": "assign", "marker": "A", "camera": "c", "x": 1}', "lacks point"),
         ('{"kind": "assign", "point": 3}', "lacks marker"),
         ('{"kind": "assign", "point": 3, "marker": "A", "frame": 5}', "has 'frame' beside point marker"),
-        (
-            '{"kind": "assign", "camera": "c", "frame": 3, "x": 1, "y": 2, "marker": "A", "frames": [1, 2]}',
-            "of frame 3",
-        ),
+        (BLOB + ', "frame": 3, "x": 1, "y": 2, "marker": "A", "frames": [1, 2]}', "of frame 3"),
         ('{"kind": "unlabel", "camera": "c", "frame": 1, "x": 1}', "lacks marker"),
         ('{"kind": "delete", "camera": "c", "frame": 1, "x": 1}', "lacks point"),
         ('{"kind": "assign", "point": -1, "marker": "A"}', "has the point -1"),
@@ -175,11 +175,8 @@ def test_files_that_are_no_edits_are_refused(path, text, said):
         ('{"kind": "assign", "point": 1, "marker": 5}', "has the marker 5"),
         ('{"kind": "assign", "point": 1, "marker": " "}', "has the marker ' '"),
         ('{"kind": "assign", "point": 1, "marker": "\\ud800"}', "has the marker"),
-        ('{"kind": "assign", "camera": "c", "frame": 1, "x": NaN, "y": 2, "marker": "A"}', "looks for a blob at nan"),
-        (
-            '{"kind": "assign", "camera": "c", "frame": 1, "x": 1e9, "y": 2, "marker": "A"}',
-            "at 1000000000.0; expected x and y in px, up to 10,000,000",
-        ),
+        (BLOB + ', "frame": 1, "x": NaN, "y": 2, "marker": "A"}', "looks for a blob at nan"),
+        (BLOB + ', "frame": 1, "x": 1e9, "y": 2, "marker": "A"}', "1000000000.0; expected x and y in px, up to 10,0"),
         ('{"kind": "assign", "camera": "c", "frame": 1.5, "x": 1, "y": 2, "marker": "A"}', "has the frame 1.5"),
         ('{"kind": "unlabel"}', "lacks marker"),
         ('{"kind": "unlabel", "marker": "A", "point": 3}', "has 'point' beside marker"),
@@ -190,16 +187,10 @@ def test_files_that_are_no_edits_are_refused(path, text, said):
         ('{"kind": "right", "marker": "A", "frames": [1, Infinity]}', "has the frame inf; expected a whole number"),
         ('{"kind": "right", "marker": "A", "frames": [1, [2], {}, 4, 5, 6]}', "[1, a list, an object, 4, …]; expected"),
         ('{"kind": "right", "marker": "A", "frames": 5}', "has the frames 5"),
-        ('{"kind": "place", "marker": "A", "frame": 1, "xyz": [0, 0]}', "has the place [0, 0]; expected x, y and z"),
-        (
-            '{"kind": "place", "marker": "A", "frame": 1, "xyz": [0, 0, NaN]}',
-            "has the place [0, 0, nan]; expected x, y and z in m, finite and",
-        ),
-        (
-            '{"kind": "place", "marker": "A", "frame": 1, "xyz": [0, 0, 1e5]}',
-            "has the place [0, 0, 100000.0]; expected x, y and z in m, finite and up to 10,000 either",
-        ),
-        ('{"kind": "place", "marker": "A", "frame": 1, "xyz": [0, 0, "1"]}', """has the place [0, 0, '1'];"""),
+        (PLACED + "[0, 0]}", "has the place [0, 0]; expected x, y and z"),
+        (PLACED + "[0, 0, NaN]}", "has the place [0, 0, nan]; expected x, y and z in m, finite and"),
+        (PLACED + "[0, 0, 1e5]}", "[0, 0, 100000.0]; expected x, y and z in m, finite and up to 10,000 either"),
+        (PLACED + '[0, 0, "1"]}', """has the place [0, 0, '1'];"""),
         ('{"kind": "right", "marker": "A", "note": NaN}', "holds what JSON cannot hold"),
     ],
 )

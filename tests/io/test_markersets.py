@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Marker sets as text, and in words: nothing is lost but digits, and every part that cannot be is named."""
+"""Marker sets as text, and in words: nothing is lost but digits; those that ship are the contract's, of people."""
 
 import json
 from dataclasses import fields, replace
@@ -9,11 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from addon.core.body.sides import other_side
 from addon.core.data.errors import InputError
 from addon.core.data.layouts import Site
 from addon.core.data.markersets import MarkerSet
 from addon.io.layouts import open_layout, read_layout
 from addon.io.markersets import builtin_markersets, markerset_text, open_markerset, read_markerset, write_markerset
+from scripts import anatomy
+from tests.accuracy.people import BODY26, GAIT15
 from tests.core.toybody import toy_markerset
 
 
@@ -68,9 +71,8 @@ def test_a_marker_set_comes_back_and_its_text_is_made_for_reading(tmp_path):
     assert found.skeleton.parents.dtype.kind == found.attachment.dtype.kind == "i"
     assert markerset_text(found) == path.read_text(encoding="utf-8")
     lines = markerset_text(toy_markerset()).splitlines()
-    assert any(
-        line.startswith('    {"name": "SACR", "segment": "pelvis", "offset": [-0.08, 0, 0.02]') for line in lines
-    )
+    sacrum = '    {"name": "SACR", "segment": "pelvis", "offset": [-0.08, 0, 0.02]'
+    assert any(line.startswith(sacrum) for line in lines)
     assert '    {"name": "pelvis", "parent": null, "offset": [0, 0, 0.53]},' in lines
     assert all(len(line) < 140 for line in lines if line.startswith('    {"name"'))
 
@@ -176,7 +178,6 @@ def test_numbers_that_are_none_are_not_written(tmp_path):
 
 def test_the_built_in_sets_are_the_contracts_and_one_that_is_not_there_is_refused_with_those(tmp_path):
     builtin = builtin_markersets()
-    assert {"gait15", "body26", "body39", "actor41", "actor53"} <= builtin.keys()
     assert [len(open_markerset(name)) for name in builtin] == [41, 53, 26, 39, 15]
     for name, path in builtin.items():
         assert open_markerset(name).name == name
@@ -187,13 +188,12 @@ def test_the_built_in_sets_are_the_contracts_and_one_that_is_not_there_is_refuse
         open_markerset(tmp_path / "mine.markerset.json")
 
 
+PLACES = [("name",), ("segments", 2, "name"), ("markers", 3, "name"), ("markers", 3, "aliases")]
 ODD = ["LA\0SI", "LA\tSI", "LA\u2028SI", "LA\x85SI", "LA\ud800SI"]
 
 
 @pytest.mark.parametrize("name", ODD)
-@pytest.mark.parametrize(
-    "keys", [("name",), ("segments", 2, "name"), ("markers", 3, "name"), ("markers", 3, "aliases")]
-)
+@pytest.mark.parametrize("keys", PLACES)
 def test_names_that_some_format_cannot_give_back_are_refused(tmp_path, keys, name):
     path = tmp_path / "a.markerset.json"
     document = json.loads(damaged(toy_markerset(), *keys, value=[name] if keys[-1] == "aliases" else name))
@@ -288,3 +288,74 @@ def test_an_endless_file_is_not_read_and_one_that_is_not_there_is_said(tmp_path)
         open_layout("nobody")
     with pytest.raises(InputError):
         open_layout(tmp_path / "none.toml")
+
+
+BODY39 = (
+    "LFHD RFHD LBHD RBHD C7 T10 CLAV STRN RBAK LSHO LUPA LELB LFRM LWRA LWRB LFIN RSHO RUPA RELB RFRM RWRA RWRB RFIN "
+    "LASI RASI LPSI RPSI LTHI LKNE LTIB LANK LHEE LTOE RTHI RKNE RTIB RANK RHEE RTOE"
+)
+
+
+@pytest.fixture(scope="module", params=["gait15", "body26", "body39"])
+def markerset(request):
+    return open_markerset(request.param)
+
+
+@pytest.mark.parametrize(
+    ("name", "markers"), [("gait15", GAIT15), ("body26", BODY26), ("body39", tuple(BODY39.split()))]
+)
+def test_markers_are_the_contracts(name, markers):
+    """Checklist A2."""
+    assert open_markerset(name).markers == markers
+    assert name in builtin_markersets()
+
+
+def test_left_is_left_and_toes_are_ahead(markerset):
+    where = dict(zip(markerset.markers, markerset.rest_markers, strict=True))
+    for name, place in where.items():
+        if other_side(name) in where and other_side(name) != name:
+            assert place[1] * (-1 if name[0] == "R" else 1) > 0.01, name
+            np.testing.assert_allclose(where[other_side(name)], place * [1, -1, 1], atol=1e-5)
+    assert where["LTOE"][0] > where["LHEE"][0] + 0.08
+    assert where["LASI"][0] > where["LPSI" if "LPSI" in where else "SACR"][0] + 0.05
+
+
+@pytest.mark.parametrize(("name", "count"), [("actor41", 41), ("actor53", 53)])
+def test_the_sets_of_actors_are_whole_persons_with_poses(name, count):
+    markerset = open_markerset(name)
+    assert markerset.markers == anatomy.ACTOR_SETS[name].markers
+    assert len(markerset) == count
+    where = dict(zip(markerset.markers, markerset.rest_markers, strict=True))
+    for side, sign in (("L", 1), ("R", -1)):
+        assert all(sign * place[1] > 0.01 for marker, place in where.items() if marker[0] == side)
+        assert 0.25 < where[f"{side}KNE"][2] < 0.32
+        assert 0.9 < where[f"{side}FHD"][2] < 0.98
+        on = markerset.skeleton.segments[markerset.attachment[markerset.markers.index(f"{side}MT5")]]
+        assert on == f"foot.{side}"
+    assert {"head", "thorax", "forearm.L", "forearm.R"} <= {
+        markerset.skeleton.segments[segment] for segment in markerset.capsules.segment
+    }
+    assert markerset.spread.poses.shape == (400, 15, 3)
+    # Its licence asks to share alike.
+    assert "bd" not in markerset.source["people"].split()
+
+
+def test_markers_sit_on_their_skin_or_outside(markerset):
+    """Beside a capsule of its own segment, a marker's centre is not inside."""
+    capsules = markerset.capsules
+    for marker, segment in enumerate(markerset.attachment):
+        for index in np.flatnonzero(capsules.segment == segment):
+            line = capsules.end[index] - capsules.start[index]
+            along = (markerset.offsets[marker] - capsules.start[index]) @ line / (line @ line)
+            away = markerset.offsets[marker] - capsules.start[index] - np.clip(along, 0, 1) * line
+            distance = np.linalg.norm(away)
+            assert distance > capsules.radius[index] or distance < 0.6 * capsules.radius[index]
+
+
+def test_the_gait_papers_names_are_known():
+    gait = open_markerset("gait15")
+    assert gait.index("s2") == gait.index("SACR")
+    assert gait.index("r_l_thigh") == gait.index("RTHI")
+    assert gait.index("l_calf") == gait.index("LTIB")
+    with pytest.raises(KeyError):
+        gait.index("LFHD")

@@ -138,14 +138,8 @@ def test_reading_and_writing_again_changes_nothing(rigid):
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("mean", [[0, 0, 0]]),
-        ("noise", [0.1] * 7 + [-1]),
-        ("modes", [[1, 2]]),
-        ("ties", [[0, 99, 0.1, 0.1]]),
-        ("rates", [1.0, "all"]),
-        ("least", [[1.0]]),
-        ("subjects", "two"),
-        ("plates", [[0, 0, 1]]),
+        *(("mean", [[0, 0, 0]]), ("noise", [0.1] * 7 + [-1]), ("modes", [[1, 2]]), ("ties", [[0, 99, 0.1, 0.1]])),
+        *(("rates", [1.0, "all"]), ("least", [[1.0]]), ("subjects", "two"), ("plates", [[0, 0, 1]])),
     ],
 )
 def test_a_part_that_is_not_as_expected_is_named(key, value):
@@ -202,30 +196,23 @@ def test_readers_that_know_no_history_and_what_later_versions_keep_are_let_be(pa
     assert read_model(path).history.versions[0] == replace(HISTORY_OF_TWO.versions[0], by="")
 
 
+TAKES_DAMAGED = [{}], [{"take": "a", "frames": -1}], [{"take": "a", "rate": "fast"}], [{"take": "a", "rate": 10**400}]
+
+
 @pytest.mark.parametrize(
     "wound",
     [
-        lambda history: [],
-        lambda history: {},
-        lambda history: history | {"versions": 3},
-        lambda history: history | {"versions": [7]},
-        lambda history: history | {"versions": [{"version": 0}]},
-        lambda history: history | {"versions": [{"version": True}]},
-        lambda history: history | {"versions": [{"version": 2}, {"version": 2}]},
-        lambda history: history | {"versions": [{"version": 1, "by": 5}]},
-        lambda history: history | {"versions": [{"version": 1, "by": "a\nb"}]},
-        lambda history: history | {"versions": [{"version": 1, "takes": [{}]}]},
-        lambda history: history | {"versions": [{"version": 1, "takes": [{"take": "a", "frames": -1}]}]},
-        lambda history: history | {"versions": [{"version": 1, "takes": [{"take": "a", "rate": "fast"}]}]},
-        lambda history: history | {"versions": [{"version": 1, "checked": [{"take": "a", "recall": [1]}]}]},
-        lambda history: history | {"versions": [{"version": 1, "takes": [{"take": "a", "rate": 10**400}]}]},
-        lambda history: history | {"kept_takes": 1},
-        lambda history: history | {"kept_takes": ["a"]},
+        *([], {}, {"kept_takes": 1}, {"kept_takes": ["a"]}, {"versions": 3}, {"versions": [7]}),
+        *({"versions": [{"version": number}]} for number in (0, True)),
+        {"versions": [{"version": 2}, {"version": 2}]},
+        *({"versions": [{"version": 1, "by": who}]} for who in (5, "a\nb")),
+        *({"versions": [{"version": 1, "takes": takes}]} for takes in TAKES_DAMAGED),
+        {"versions": [{"version": 1, "checked": [{"take": "a", "recall": [1]}]}]},
     ],
 )
 def test_a_history_that_is_damaged_is_said(path, wound):
     document = json.loads(path.read_text(encoding="utf-8"))
-    document["history"] = wound(document["history"])
+    document["history"] = document["history"] | wound if wound else wound
     path.write_text(json.dumps(document), encoding="utf-8")
     with pytest.raises(InputError, match=r"toy\.markerset\.json: has a damaged history; expected"):
         read_model(path)

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The report: what chunks add up to is what the whole take says, however it was cut."""
+"""Reports and the pages that people pass on: what they say, that nothing runs or is fetched, and what they weigh."""
 
 import json
+import time
+import xml.etree.ElementTree as ElementTree
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,10 +12,206 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.data.takes import STEPS, LabelledChunk, Labels, Motion, Suspect
+from addon.core.data.takes import (
+    BY_EDIT,
+    NO_MARKER,
+    STEPS,
+    EditOutcome,
+    LabelledChunk,
+    Labels,
+    PointRows,
+    Suspect,
+)
+from addon.core.edits.kinds import AssignPoint, Edits, Place
+from addon.core.review.overview import OverviewSubject, TakeOverview
 from addon.core.review.summary import TakeSummary
-from addon.io.report import take_report
+from addon.core.review.take_trouble import TakeTrouble
+from addon.io.batch import TakeRow, row_of
+from addon.io.html.markup import is_page
+from addon.io.html.pages import write_folder_page, write_take_page
+from addon.io.report import facts_of_trouble, take_report
 from addon.io.text import write_json
+from tests.core.scenes import motion_of
+from tests.io.pages import read
+from tests.io.test_arrivals import REPORT
+
+HOSTILE = '</title><script>alert("1")</script><img src=x onerror=alert(1)>&\'"\u202e\x07\udc80'
+
+
+def take(frames: int, markers: int, first: int = 1, seed: int = 0) -> tuple[PointRows, LabelledChunk]:
+    """Points of somebody who walks on, every marker within 2 cm of where the body has it, gaps here and there."""
+    rng = np.random.default_rng(seed)
+    rest = rng.uniform((-0.3, -0.3, 0), (0.3, 0.3, 1.8), (markers, 3))
+    expected = rest + np.linspace(0, 3, frames)[:, None, None] * (1, 0, 0)
+    xyz = expected + rng.normal(0, 0.005, expected.shape)
+    for _ in range(markers // 2):
+        start = rng.integers(frames)
+        xyz[start : start + frames // 20 + 1, rng.integers(markers)] = np.nan
+    here = np.isfinite(xyz[..., 0])
+    frame, marker = np.nonzero(here)
+    joints = np.tile(rest[:3], (frames, 1, 1)) + np.linspace(0, 3, frames)[:, None, None] * (1, 0, 0)
+    motion = motion_of(xyz, expected, first)
+    motion = replace(motion, joints=joints, rotations=np.repeat(motion.rotations, 3, axis=1))
+    rows = PointRows(motion.frames, frame, marker, xyz[here], np.full(len(frame), 0.0005))
+    return rows, LabelledChunk(Labels(marker, np.full(len(frame), 4), np.ones(len(frame))), motion)
+
+
+def page_of(tmp_path, rows, chunk, names, said=None, **more) -> str:
+    """The text of the page of a take."""
+    subject = OverviewSubject(tuple(names), {name: i for i, name in enumerate(names)}, (-1, 0, 1))
+    overview = TakeOverview(subject, 100.0, edits=said or Edits())
+    overview.add(rows, chunk)
+    summary = TakeSummary(names)
+    summary.add(chunk)
+    report = take_report(summary, more.pop("take", "walk"), more.pop("model", "body26"), 100.0, "1.2.3", {})
+    report["points"] = report.pop("blobs")
+    report |= more
+    for row in report.get("filled", ()):
+        overview.fill(row["marker"], row["first"], row["last"])
+    trouble = TakeTrouble(subject.markers, 100.0, said or Edits())
+    trouble.add(rows, chunk.labels, chunk.motion)
+    report |= facts_of_trouble(trouble, chunk.suspects)
+    path = tmp_path / "walk.report.html"
+    write_take_page(path, report, overview, more.get("source", "walk.c3d"), "2026-11-22")
+    return path.read_text(encoding="utf-8")
+
+
+def test_a_page_says_what_the_report_says(tmp_path):
+    rows, chunk = take(80, 5)
+    names = ["LASI", "RASI", "SACR", "LKNE", "RKNE"]
+    markers = chunk.motion.markers.copy()
+    markers[30:34, 3] += (0, 0, 0.4)
+    chunk = replace(
+        chunk,
+        motion=replace(chunk.motion, markers=markers),
+        suspects=(Suspect(31, 34, "LKNE is far from where the body has it", markers=("LKNE",)),),
+    )
+    edits = Edits((AssignPoint(3, "LKNE", frames=(10, 12)), AssignPoint(4, "RKNE")))
+    chunk = replace(chunk, outcomes=(EditOutcome("assign", 3), EditOutcome("assign", 0, "it is so already")))
+    gaps = [{"marker": "LASI", "first": 3, "last": 4, "method": "spline", "expected_mm": 1.25}]
+    left = [{"marker": "RASI", "first": 70, "last": 80, "reason": "is longer than 5 frames"}]
+    made = {"method": "likelihood", "model_version": 3, "model_fingerprint": "0123abcd"}
+    text = page_of(tmp_path, rows, chunk, names, edits, filled=gaps, left=left, notes=["the file has no axis"], **made)
+    page = read(text)
+    said = " ".join(" ".join(page.said).split())
+    for words in (
+        "80 frames (0.8 s), marker set body26 , version 3", "Fingerprint of the marker set 0123abcd", "Frames 31 to 34",
+        "LKNE is far from where the body has it", "The file has no axis", "LKNE is trajectory 3, frames 10–12",
+        "it is so already", "1 gap filled by the program, 1 left", "It is longer than 5 frames", "likelihood",
+        "Mocap Autolabel 1.2.3 on 2026-11-22", "by the program: by likelihood", "walk.c3d",
+    ):  # fmt: skip
+        assert words in said, words
+    drawn = list(ElementTree.fromstring(text).iter("svg"))
+    svg = next(each for each in drawn if "from the front" in "".join(each.itertext()))
+    rings = [each for each in svg.iter("circle") if each.get("class") == "ring"]
+    assert len(rings) == 1
+    assert "LKNE" in [each.text for each in svg.iter("text")]
+    strip = next(each for each in drawn if (each.get("aria-label") or "").startswith("LKNE: "))
+    assert {each.get("class") for each in strip.iter("path")} == {"base named", "base doubtful"}
+    # Frames 31 to 34, and on both sides the one from which it jumps there.
+    assert [each.get("d") for each in strip.iter("path") if each.get("class") == "base doubtful"] == ["M29 5h6"]
+
+
+def test_whatever_names_hold_is_text(tmp_path):
+    rows, chunk = take(40, 3)
+    names = [HOSTILE, HOSTILE + "2", "LKNE"]
+    suspects = (Suspect(3, 9, f"{HOSTILE} jumps", markers=(HOSTILE,)),)
+    chunk = replace(chunk, suspects=suspects, outcomes=(EditOutcome("assign", 0, HOSTILE),))
+    words = dict.fromkeys(("take", "model", "source", "method"), HOSTILE)
+    words |= {name: [HOSTILE] for name in ("notes", "camera_doubts", "calibration")}
+    gap = {"marker": HOSTILE, "first": 1, "last": 2}
+    words |= {"filled": [gap | {"method": HOSTILE, "expected_mm": None}], "left": [gap | {"reason": HOSTILE}]}
+    words |= {"edits": {"file": HOSTILE}, "c3d_names": {HOSTILE: HOSTILE}, "steps": {HOSTILE: 2}}
+    text = page_of(tmp_path, rows, chunk, names, Edits((AssignPoint(0, HOSTILE),)), **words)
+    page = read(text)
+    assert "<script" not in text
+    assert text.count("alert(") == " ".join(page.said).count("alert(") + sum(
+        "".join(map(str, attributes.values())).count("alert(") for _, attributes in page.found
+    )
+    assert "\x07" not in text
+    assert "\\udc80" in text
+
+
+def test_a_long_take_is_a_small_page_soon(tmp_path):
+    rows, chunk = take(20_000, 62)
+    names = [f"MARK{index}" for index in range(62)]
+    rng = np.random.default_rng(1)
+    markers = chunk.motion.markers.copy()
+    markers[rng.random(markers.shape[:2]) < 0.02] += 0.2  # doubts all over it
+    chunk = replace(chunk, motion=replace(chunk.motion, markers=markers))
+    begin = time.process_time()
+    text = page_of(tmp_path, rows, chunk, names)
+    assert time.process_time() - begin < 6  # 2 s on a machine of its own
+    assert len(text) < 1_000_000
+    read(text)
+
+
+def test_a_take_of_one_frame_and_one_without_anybody_have_pages(tmp_path):
+    rows, chunk = take(1, 3)
+    read(page_of(tmp_path, rows, chunk, ["A", "B", "C"]))
+    nothing = np.full_like(chunk.motion.markers, np.nan)
+    motion = replace(
+        chunk.motion,
+        markers=nothing,
+        expected=nothing,
+        residual=nothing[..., 0],
+        joints=np.full_like(chunk.motion.joints, np.nan),
+        confidence=np.zeros(1),
+    )
+    labels = Labels.none(len(rows))
+    page = read(page_of(tmp_path, rows, replace(chunk, motion=motion, labels=labels), ["A", "B", "C"]))
+    assert "Never found: A, B, C" in page.said
+
+
+def test_cells_are_what_was_done_to_them(tmp_path):
+    rows, chunk = take(10, 2)
+    motion, present = chunk.motion, np.isfinite(chunk.motion.markers[..., 0])
+    assert present[:4].all()
+    residual = motion.residual.copy()
+    residual[0, 0] = 0.0  # filled
+    residual[1, 0] = 0.0  # placed
+    step = np.where((rows.frame == 2) & (chunk.labels.marker == 1), BY_EDIT, chunk.labels.step)
+    labels = Labels(chunk.labels.marker, step, chunk.labels.confidence)
+    subject = OverviewSubject(("A", "B"), {"A": 0, "B": 1})
+    overview = TakeOverview(subject, 100.0, edits=Edits((Place("A", 2, (0.0, 0.0, 1.0)),)))
+    overview.add(rows, replace(chunk, labels=labels, motion=replace(motion, residual=residual)))
+    cells = overview.cells.values[:4].argmax(axis=2)
+    assert cells.tolist() == [[3, 1], [4, 1], [1, 4], [1, 1]]
+    assert NO_MARKER not in labels.marker
+
+
+GOOD = REPORT | {"take": "good", "trouble": []}
+
+
+def test_the_page_over_a_folder_leads_to_each_take_the_worst_first(tmp_path):
+    doubt = {"kind": "missing", "stake": 90.0, "answered": False, "trajectories": []}
+    bad = GOOD | {"take": "bad & worse #1", "frames_whole": 0, "trouble": [doubt]}
+    hostile = GOOD | {"take": HOSTILE, "filled": [{}], "left": []}
+    path = tmp_path / "summary.report.html"
+    rows = [row_of(one, one["take"], page=f"{one['take']}.report.html") for one in (GOOD, bad, hostile)]
+    rows += [
+        TakeRow("broken", "broken.c3d", "failed", reason=f"is no take {HOSTILE}"),
+        TakeRow("a", "a.c3d", "waiting"),
+    ]
+    write_folder_page(path, rows, "2026-11-22")
+    page = read(path.read_text(encoding="utf-8"))
+    links = [each["href"] for each in page.of("a")]
+    assert links[0] == "./bad%20%26%20worse%20%231.report.html"
+    assert sorted(links[1:])[1] == "./good.report.html"
+    said = " ".join(page.said)
+    assert "3 takes labelled, 1 failed, 1 to come" in said
+    assert said.index("broken") < said.index("bad & worse #1") < said.index("good")
+    assert is_page(path)
+    path.write_text("<html></html>")
+    assert not is_page(path)
+    assert not is_page(tmp_path / "none.html")
+
+
+@pytest.mark.parametrize("share", [(0, "0 %"), (1, "100 %"), (0.99999, "99.9 %"), (1e-6, "<0.1 %"), (0.5, "50.0 %")])
+def test_all_and_nothing_are_said_of_all_and_nothing(share):
+    from addon.io.html.markup import percent
+
+    assert percent(share[0]) == share[1]
 
 
 def chunk(present: np.ndarray, first: int = 0, suspects=(), labels=(0, -1), conflicts: int = 1) -> LabelledChunk:
@@ -20,18 +219,9 @@ def chunk(present: np.ndarray, first: int = 0, suspects=(), labels=(0, -1), conf
     frames, count = present.shape
     value = np.where(present, 1.0, np.nan)
     marker = np.array(labels)
-    motion = Motion(
-        frames=np.arange(first, first + frames),
-        markers=np.repeat(value[..., None], 3, axis=2),
-        residual=0.002 * value,
-        residual_px=0.5 * value,
-        conflicts=np.full((frames, count), conflicts),
-        expected=np.zeros((frames, count, 3)),
-        joints=np.zeros((frames, 1, 3)),
-        rotations=np.tile(np.eye(3), (frames, 1, 1, 1)),
-        scale=np.ones((frames, 3)),
-        confidence=np.where(present.any(axis=1), 0.9, 0.0),
-    )
+    motion = motion_of(np.repeat(value[..., None], 3, axis=2), np.zeros((frames, count, 3)), first)
+    measured = {"residual": 0.002 * value, "residual_px": 0.5 * value, "conflicts": np.full((frames, count), conflicts)}
+    motion = replace(motion, **measured, confidence=np.where(present.any(axis=1), 0.9, 0.0))
     said = Labels(marker, np.where(marker < 0, 0, 1 + np.arange(len(marker)) % 3), np.ones(len(marker)))
     return LabelledChunk(said, motion, tuple(suspects), {"place": 0.5, "fit": 1.0, "label": 0.5})
 

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tables on disk are read and written as arrays are, and are gone with their folder."""
+"""The poses of a long take and other tables on disk, as arrays are; and the point caches that play them."""
 
+import re
 from contextlib import ExitStack
 
 import numpy as np
@@ -9,8 +10,115 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from addon.core.data.errors import JobError
+from addon.core.data.errors import InputError, JobError
+from addon.core.data.takes import Motion
+from addon.io import poses as pose_files
+from addon.io.poses import PC2_HEADER, PoseFile, cache_mark, check_cache, is_long, write_cache
 from addon.io.tables import FileTable, Room
+
+MARKERS, JOINTS = 4, 3
+
+
+def motion_of(first, last):
+    """Frames whose joints say their number; the body is found from frame 20 on."""
+    frames = np.arange(first, last)
+    joints = np.broadcast_to(frames[:, None, None], (len(frames), JOINTS, 3)).astype(float)
+    expected = np.where((frames >= 20)[:, None, None], np.tile(frames[:, None, None], (1, MARKERS, 3)), np.nan)
+    none = np.zeros((len(frames), MARKERS))
+    turns = np.tile(np.eye(3), (len(frames), JOINTS, 1, 1))
+    size = np.ones((len(frames), 3))
+    return Motion(frames, expected, none, none, none, expected, joints, turns, size, np.ones(len(frames)))
+
+
+@pytest.mark.parametrize("chunk", [1, 9, 50, 1000])
+def test_poses_come_back_and_the_sample_is_evenly_spaced(tmp_path, chunk, monkeypatch):
+    monkeypatch.setattr(pose_files, "SAMPLED_FRAMES", 32)
+    with PoseFile(tmp_path) as poses:
+        for start in range(11, 311, chunk):
+            poses.append(motion_of(start, min(start + chunk, 311)))
+        assert (poses.frames, poses.first_frame) == (300, 11)
+        parts = [(part, *pose) for part, _, *pose in poses.parts(64)]
+        np.testing.assert_array_equal(np.concatenate([joints for _, joints, _ in parts])[:, 0, 0], np.arange(11, 311))
+        assert [part.stop - part.start for part, _, _ in parts] == [64, 64, 64, 64, 44]
+        frames = poses.sampled().frames
+        assert 16 <= len(frames) <= 32
+        assert len(set(np.diff(frames).tolist())) == 1
+        np.testing.assert_array_equal(poses.expected, 20.0)
+
+
+def test_a_take_is_long_by_its_keys(monkeypatch):
+    monkeypatch.setattr(pose_files, "MOST_KEYS", 1000)
+    assert not is_long(10, 10, 10)
+    assert is_long(11, 10, 10)
+
+
+@pytest.mark.parametrize(("fraction", "long"), [(0.4, False), (0.04, True), (1.0, False)])
+def test_a_long_take_is_foreseen_from_what_was_read(tmp_path, fraction, long, monkeypatch):
+    keys = 3 * MARKERS + 7 * JOINTS
+    monkeypatch.setattr(pose_files, "MOST_KEYS", 1000 * keys)
+    monkeypatch.setattr(pose_files, "FORESEEN_FROM", 100)
+    with PoseFile(tmp_path) as poses:
+        poses.append(motion_of(0, 99), fraction)
+        assert not poses.long
+        poses.append(motion_of(99, 101), fraction)
+        assert poses.long == long
+
+
+FRAMES, VERTICES = 40, 3
+
+
+@pytest.fixture
+def known():
+    """(F, V, 3) frames with gaps at both ends, in the middle and between, and a vertex that is never known."""
+    frames = np.random.default_rng(5).normal(size=(FRAMES, VERTICES, 3))
+    frames[:7, 0] = frames[33:, 0] = frames[10:30, 0] = np.nan
+    frames[::2, 1, 0] = np.nan
+    frames[:, 2] = np.nan
+    return frames
+
+
+def expected(known, absent):
+    """The same with straight lines, column by column."""
+    flat, rest = known.reshape(FRAMES, -1).astype(np.float32).astype(float), absent.ravel()
+    for column in range(flat.shape[1]):
+        there = np.isfinite(flat[:, column])
+        at = np.arange(FRAMES)
+        flat[:, column] = np.interp(at, at[there], flat[there, column]) if there.any() else rest[column]
+    return flat.reshape(known.shape)
+
+
+@pytest.mark.parametrize("part", [1, 3, 7, 64])
+def test_gaps_are_straight_lines_whatever_the_parts(tmp_path, monkeypatch, known, part):
+    monkeypatch.setattr(pose_files, "PART_BYTES", part * 12 * VERTICES)
+    path, absent = tmp_path / "walk.pc2", np.arange(9.0).reshape(3, 3)
+    write_cache(path, (known[start : start + 11] for start in range(0, FRAMES, 11)), absent)
+    data = path.read_bytes()
+    assert PC2_HEADER.unpack(data[: PC2_HEADER.size]) == (b"POINTCACHE2\0", 1, VERTICES, 0.0, 1.0, FRAMES)
+    found = np.frombuffer(data[PC2_HEADER.size :], "<f4").reshape(known.shape)
+    np.testing.assert_allclose(found, expected(known, absent), rtol=1e-6)
+    there = np.isfinite(known)
+    np.testing.assert_array_equal(found[there], known[there].astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda path: path.unlink(), "is not there"),
+        (lambda path: path.write_bytes(path.read_bytes()[:-4]), "is shorter than it was saved"),
+        (lambda path: path.write_bytes(b"Something else altogether" * 99), "is no point cache"),
+        (lambda path: path.write_bytes(path.read_bytes()[:-4] + b"1234"), "is of another take"),
+        (lambda path: path.write_bytes(path.read_bytes() + b"1234"), "is of another take"),
+    ],
+)
+def test_another_file_is_told(tmp_path, known, spoil, words):
+    path = tmp_path / "walk.pc2"
+    write_cache(path, iter([known]), np.zeros((3, 3)))
+    mark = cache_mark(path)
+    check_cache(path, mark)
+    spoil(path)
+    with pytest.raises(InputError, match=re.escape(words)):
+        check_cache(path, mark)
+
 
 SHAPE = 7, 3, 2
 WANTED = st.one_of(

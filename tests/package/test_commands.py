@@ -16,8 +16,7 @@ pytestmark = pytest.mark.real_blender
 def command(blender_program, make_zip, tmp_path_factory):
     """Runs a command of the installed extension; the extension goes away again through Blender's own command line."""
     home = tmp_path_factory.mktemp("home")
-    package = make_zip(zip_for(blender_program.version[:2]))
-    install = ["install-file", "--repo", "user_default", "--enable", str(package)]
+    install = ["install-file", "--repo", "user_default", "--enable", str(make_zip(zip_for(blender_program)))]
     done = blender_program.run("--background", "--command", "extension", *install, home=home)
     assert done.returncode == 0, done.stdout + done.stderr
     yield lambda *arguments: blender_program.run("--background", "--command", "mocap_autolabel", *arguments, home=home)

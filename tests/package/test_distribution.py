@@ -10,12 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from scripts import build, build_kernels
+from kernels import build_kernels
+from scripts import build
 
 pytest.importorskip("setuptools", reason="setuptools, which builds the package, is not installed")
 LEFT_OUT = shutil.ignore_patterns(".*", "__pycache__", "build", "dist", "wheels", "*.egg-info", "demo-out")
 BUILDS = (
-    "import sys; sys.path.insert(0, 'scripts'); import backend; getattr(backend, 'build_' + sys.argv[1])(sys.argv[2])"
+    "import sys; sys.path[:0] = ['scripts', 'kernels']; import backend; "
+    "getattr(backend, 'build_' + sys.argv[1])(sys.argv[2])"
 )
 NEVER_BUILT = "no compiled library of these sources has been built here"
 
@@ -40,11 +42,10 @@ def wheel(sources, tmp_path_factory) -> Path:
 
 
 def wheel_of(sources: Path, folder: Path) -> Path:
-    no_network = os.environ | {"PIP_NO_INDEX": "1", "PIP_CONFIG_FILE": os.devnull, "PIP_FIND_LINKS": ""}
     done = subprocess.run(
         [sys.executable, "-c", BUILDS, "wheel", folder],
         cwd=sources,
-        env=no_network,
+        env=os.environ | {"PIP_NO_INDEX": "1", "PIP_CONFIG_FILE": os.devnull, "PIP_FIND_LINKS": ""},
         check=True,
         capture_output=True,
         text=True,
@@ -64,8 +65,7 @@ def installed(wheel, tmp_path_factory) -> Path:
 
 
 def run(installed: Path, *command) -> str:
-    environment = os.environ | {"PYTHONPATH": str(installed)}
-    return subprocess.check_output(command, cwd=installed, env=environment, text=True)
+    return subprocess.check_output(command, cwd=installed, env=os.environ | {"PYTHONPATH": str(installed)}, text=True)
 
 
 def test_what_is_installed_runs_anywhere_with_all_of_the_extension_no_script_and_the_manifests_version(installed):
@@ -99,7 +99,7 @@ def test_the_wheel_is_of_one_platform_and_brings_the_compiled_library(wheel, ins
 def test_the_source_distribution_holds_what_is_needed_and_without_a_compiler_its_wheel_is_for_all(sources, tmp_path):
     """Where the compiler is installed, or the library was built, there would be one: so the sources are changed."""
     shutil.copytree(sources, tmp_path / "sources", ignore=LEFT_OUT)
-    (tmp_path / "sources" / "scripts" / "compiler.txt").write_text("ziglang==0.0.0", encoding="utf-8")
+    (tmp_path / "sources" / "kernels" / "compiler.txt").write_text("ziglang==0.0.0", encoding="utf-8")
     (tmp_path / "out").mkdir()
     assert wheel_of(tmp_path / "sources", tmp_path / "out").name.endswith("-py3-none-any.whl")
     assert "built without the compiled library, NumPy does its work" in (tmp_path / "out" / "said").read_text("utf-8")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The compiled libraries as each system's loader reads them: what they offer, what they need, and from which version.
 
-Those that have been built here are looked at: `scripts/build_kernels.py` builds them for all systems on any of them.
+Those that have been built here are looked at: `kernels/build_kernels.py` builds them for all systems on any of them.
 """
 
 import hashlib
@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from scripts import build, build_kernels
+from kernels import build_kernels
+from scripts import build
 
 lief = pytest.importorskip("lief", reason="lief, which reads libraries, is not installed")
 

@@ -24,12 +24,13 @@ def life(request, make_zip, tmp_path_factory):
     if request.param == "module":
         import bpy
 
-        blender = real_blender.RealBlender((sys.executable, str(SCRIPT)), version=bpy.app.version)
+        python = "{}{}".format(*sys.version_info)
+        blender = real_blender.RealBlender((sys.executable, str(SCRIPT)), version=bpy.app.version, python=python)
         before = []
     else:
         blender = request.getfixturevalue("blender_program")
         before = ["--background", "--factory-startup", "--python-exit-code", "3", "--python", str(SCRIPT)]
-    name = zip_for(blender.version[:2])
+    name = zip_for(blender)
     report = folder / "report.json"
     zips = str(make_zip(name)), str(make_zip(name, NEWER))
     done = blender.run(*before, "--", *zips, str(report), home=folder / "home")
@@ -62,6 +63,5 @@ def test_enabling_again_restores_all_of_it_an_update_replaces_it_and_uninstallin
     assert life["updated"]["version"] == NEWER
     assert life["updated"] == life["installed"] | {"version": NEWER}
     # What stays is Blender's own: its list of checked extensions, and the byte code beside wheels it removed.
-    ours = [name for name in life["files left"] if name != ".cache/compat.dat" and "/__pycache__/" not in name]
-    assert ours == []
+    assert [name for name in life["files left"] if name != ".cache/compat.dat" and "/__pycache__/" not in name] == []
     assert not any("mocap" in name for name in life["files left"])

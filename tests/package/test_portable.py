@@ -10,7 +10,8 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
-from scripts import build, build_kernels
+from kernels import build_kernels
+from scripts import build
 
 ADDON = sorted((build.ROOT / "addon").rglob("*.py"))
 SOURCES = [*ADDON, *sorted((build.ROOT / "scripts").glob("*.py")), *sorted(build.ROOT.glob("*.py"))]
@@ -20,8 +21,7 @@ OPENS = {"open", "read_text", "write_text", "TextIOWrapper", "fdopen"}
 def offenders(paths: list[Path], offends: Callable[[str, str, set[str]], bool]) -> list[str]:
     """The calls in sources that offend, told by what is called, a file's mode, and the words that are given."""
     found = []
-    texts = {path: path.read_text(encoding="utf-8") for path in paths}
-    for path, text in texts.items():
+    for path, text in {path: path.read_text(encoding="utf-8") for path in paths}.items():
         if not any(f"{name}(" in text for name in OPENS):
             continue
         for node in ast.walk(ast.parse(text)):

@@ -28,6 +28,8 @@ def test_steps_stand_in_order_clicks_label_and_look_through_a_camera_and_esc_lea
     assert tour["labelled"]
     assert "mocap_autolabel.clear" in tour["to review"]
     assert tour["view"] == "CAMERA"
+    assert tour["running before another file"]
+    assert tour["another file"] == {"running": False, "doing": "", "take": True}
 
 
 KEPT = ("range", "edits", "fills", "answered")

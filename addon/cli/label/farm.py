@@ -20,7 +20,6 @@ import warnings
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -31,22 +30,13 @@ from ...io.whole import check_targets
 from ...jobs.job import LabelJob, results_of
 from ...version import version
 from ..console import complain, of_take
-from ..serving import PATIENCE, POLL, waited_for
+from ..serving import PATIENCE, POLL
 from ..workers import crew
 
 THERE = "mocap_autolabel.addon.cli.label.farm"  # this file, as workers know it
 CONNECT_S = 10.0  # s, within which a scheduler has to answer
 AHEAD = 2  # takes sent for each thread of the workers: one at work, and one so that nobody waits for the next
 UNFIT = 0  # an exit status that no failed take has: the worker can do no take of this batch
-
-
-def check_farm(engine: str):
-    """Raises InputError where takes cannot be spread over machines as the options have it."""
-    if engine != "dask":
-        raise InputError("--scheduler is of --engine dask; expected both of them or neither")
-    if find_spec("distributed") is None:
-        words = "--engine dask needs the Python package distributed, which is not here"
-        raise InputError(f"{words}; expected it installed, as pip install 'mocap-autolabel[farm]' does")
 
 
 def farm_out(
@@ -141,8 +131,15 @@ def _answers_of(
             at_work[future.key] = future, number, line
             future.add_done_callback(answers.put)
         if at_work:
-            future, number, line = at_work.pop(waited_for(answers).key)
+            future, number, line = at_work.pop(_waited_for(answers).key)
             yield number, _answer_of(client, future, line, job_of)
+
+
+def _waited_for(answers: queue.SimpleQueue):
+    """The next answer, however long it takes; an interruption is heard meanwhile, on Windows too."""
+    while True:
+        with suppress(queue.Empty):
+            return answers.get(timeout=POLL)
 
 
 def _check_place(job: LabelJob, line: list[str]):

@@ -201,10 +201,6 @@ def summary_of(arguments) -> "BatchSummary | None":
 
 def check(arguments):
     """Everything that can be known to be wrong before any work; raises InputError."""
-    if arguments.scheduler is not None or arguments.engine != "local":
-        from .farm import check_farm
-
-        check_farm(arguments.engine)
     _check_inputs(arguments)
     blobs = [path for path in arguments.inputs if not holds_points(path, arguments.use)]
     for path in blobs:

@@ -5,6 +5,7 @@ import json
 from collections.abc import Callable, Generator, Iterator
 from contextlib import AbstractContextManager, closing, nullcontext, suppress
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TypeVar
 
@@ -167,9 +168,15 @@ def run(arguments) -> int:
 def _runner(arguments) -> AbstractContextManager[Runner | None]:
     """What runs command lines side by side; None for one take after the other."""
     if arguments.engine == "dask":
+        # Nor is farm.py in a zip for Blender, which brings no package that it could use.
+        if not (find_spec("distributed") and find_spec(f"{__package__}.farm")):
+            words = "--engine dask needs the Python package distributed, which is not here"
+            raise InputError(f"{words}; expected it installed, as pip install 'mocap-autolabel[farm]' does")
         from .farm import farm_out
 
         return nullcontext(partial(farm_out, arguments.scheduler, arguments.jobs, partial(as_job, arguments)))
+    if arguments.scheduler is not None:
+        raise InputError("--scheduler is of --engine dask; expected both of them or neither")
     count = min(arguments.jobs, len(arguments.inputs))
     if count == 1:
         return nullcontext()

@@ -22,7 +22,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..data.errors import JobError
-from ..data.progress import Progress, Steps, in_stages, within
+from ..data.progress import Progress, Steps, finished, in_stages, within
 from ..data.takes import NO_MARKER, Points, evenly_spread
 from ..points.models import Model
 from ..points.refusals import REFUSAL, far_groups, refuse_floods
@@ -121,7 +121,7 @@ def _fitting(take: Points, tracklet: np.ndarray, model: Model) -> Steps[FittingS
     options, solution = PointOptions("likelihood", traced=True), None
     frames = yield from name_frames(take, tracklet, model, options)
     if frames.solvable:
-        solution = solve_take(take.xyz, tracklet, frames.labels, frames.model, take.rate, search=False)
+        solution = finished(solve_take(take.xyz, tracklet, frames.labels, frames.model, take.rate, search=False))
         marker = solution.tracklets.spread(solution.marker, NO_MARKER, slice(None))
         if _there(marker, len(model.markerset)).mean() < 1 - WORN.max_unfound:
             return None  # a search takes longest where a set is another

@@ -39,7 +39,7 @@ class CheckingBackOptions:
     most      measured: beyond which a blob is not its marker's, and
     lead      measured: by which it must be cheaper than by any marker of somebody else that can be seen there: else
               both explain it about as well, as where images melt into one blob. All three were chosen on the first
-              four takes of each kind in tests/accuracy/actor_blobs.py
+              four takes of each kind in tests/accuracy/actors.py
     share     measured: of the time of the work that is reconstruction
     """
 

@@ -90,4 +90,4 @@ def _nobody(model: Model, frames: np.ndarray) -> TakeMotion:
     """The motion in frames (T,) where nobody is."""
     shape = len(frames), len(model.markerset)
     nowhere = np.full((*shape, 3), np.nan)
-    return take_motion(nowhere, nowhere[..., 0], Labels.none(*shape), model.markerset, frames)
+    return finished(take_motion(nowhere, nowhere[..., 0], Labels.none(*shape), model.markerset, frames))

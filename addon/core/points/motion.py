@@ -2,7 +2,7 @@
 """From named points to a moving body."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,9 +13,10 @@ from ..data.columns import Columns, beside_of
 from ..data.lanes import PACKING, Lanes, blocks
 from ..data.made import Made, Table
 from ..data.markersets import MarkerSet
+from ..data.progress import finished
 from ..data.room import IN_MEMORY, MakeTable
 from ..data.takes import EditOutcome, LabelledChunk, Labels, Motion, PointRows, Points, Suspect, placed, places_of
-from ..posing.posing import POSING, fit_in_steps, fit_points, markers_there, pose_subject, subject_of
+from ..posing.posing import POSING, fit_in_steps, markers_there, pose_subject, subject_of
 from ..review.suspects import doubtful_flags, suspects_of
 from .tracklets import CUTTING
 
@@ -120,35 +121,29 @@ def take_motion(
     labels: Labels,
     markerset: MarkerSet,
     frames: np.ndarray,
-    progress: Callable[[float], None] | None = None,
     make_table: MakeTable = IN_MEMORY,
-) -> TakeMotion:
+) -> Generator[float, None, TakeMotion]:
     """The named markers and the body posed on them.
 
     markers (T, M, 3) m and residual (T, M) m, NaN where one is not, by the labels (T, L); frames (T,) the source's
-    numbers. `progress` hears the share that is done; `make_table` says where the poses are kept.
+    numbers. Yields the share that is done; `make_table` says where the poses are kept.
     """
     model = BodyModel(markerset)
     if any(
         (np.isfinite(markers[part][..., 0]).sum(axis=1) >= POSING.min_markers).any()
         for part in blocks(*markers.shape[:2])
     ):
-        bodies = fit_points(model, markers, subject_frames=SUBJECT_FRAMES, progress=progress, make_table=make_table)
+        bodies = yield from fit_in_steps(model, markers, Prior(model), SUBJECT_FRAMES, make_table)
     else:
         bodies = _nobody(model, len(markers))
     return TakeMotion(markers, residual, frames, labels, model, bodies)
 
 
 def motion_of(
-    markers: np.ndarray,
-    residual: np.ndarray,
-    labels: Labels,
-    markerset: MarkerSet,
-    frames: np.ndarray,
-    progress: Callable[[float], None] | None = None,
+    markers: np.ndarray, residual: np.ndarray, labels: Labels, markerset: MarkerSet, frames: np.ndarray
 ) -> Motion:
     """All of a `take_motion`."""
-    return take_motion(markers, residual, labels, markerset, frames, progress).part(slice(0, len(frames)))
+    return finished(take_motion(markers, residual, labels, markerset, frames)).part(slice(0, len(frames)))
 
 
 def _posed(model: BodyModel, bodies: Bodies, found: np.ndarray, at_once: int = 2000) -> tuple[np.ndarray, ...]:

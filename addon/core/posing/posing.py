@@ -67,17 +67,15 @@ def fit_points(
     model: BodyModel,
     points: Table,
     subject_frames: int = POSING.subject_frames,
-    progress: Callable[[float], None] | None = None,
     make_table: MakeTable = IN_MEMORY,
 ) -> Bodies:
     """T bodies of one subject posed on its markers.
 
     points (T, M, 3) m, NaN where missing, in the marker set's order. Scale, shape and own offsets are the same in every
     body. A frame with too few markers gets NaN translation, quaternion and bends. Size and shape are taken from so many
-    `subject_frames`. `progress` hears the share that is done; `make_table` says where the poses are kept. Raises
-    ValueError when no frame has more.
+    `subject_frames`; `make_table` says where the poses are kept. Raises ValueError when no frame has more.
     """
-    return finished(fit_in_steps(model, points, Prior(model), subject_frames, make_table), progress)
+    return finished(fit_in_steps(model, points, Prior(model), subject_frames, make_table))
 
 
 def fit_in_steps(

@@ -18,8 +18,7 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from .. import people
-from .measuring import run
-from .methods import METHODS
+from .measuring import METHODS, run
 from .report import BLOCKS, Results
 
 

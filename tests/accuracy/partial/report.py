@@ -10,8 +10,8 @@ import numpy as np
 from scripts.results import markdown
 
 from .. import people
+from .clouds import Score
 from .measuring import HIDDEN, SAME, TABLE_2, TARGETS, read
-from .scores import Score
 
 LEFT_OUT = "left out"
 # The paper's tables 3, 4 and 5, per cent.

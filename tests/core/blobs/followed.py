@@ -28,29 +28,31 @@ def followed():
     """The walk, its setup and views, and its frames by index as followed; the names are the caller's own."""
     scene = walk()
     setup, views, results = _followed()
-    copies = [replace(result, naming=_copied(result.naming)) for result in results]
+    arrays = ("slot", "step", "owner", "partner", "conflicts")
+    copied = [{name: getattr(result.naming, name).copy() for name in arrays} for result in results]
+    copies = [replace(one, naming=replace(one.naming, **own)) for one, own in zip(results, copied, strict=True)]
     return scene, setup, views, dict(enumerate(copies))
+
+
+def begun(scene, occlusion=None):
+    """The setup of a scene, its views, who is found in the first of them, and a track that begins there."""
+    setup, views = Setup.of(scene.cameras, scene.markerset, occlusion, rate=RATE), scene.views()
+    found = find_subject(views[0], setup, Hints())
+    track = Track.begin(found.subject, found.naming.meeting.points, found.expected.visible, setup.model)
+    return setup, views, found, track
 
 
 @cache
 def _followed():
     scene = walk()
-    setup = Setup.of(RIG, scene.markerset, rate=RATE)
-    views = scene.views()
-    found = find_subject(views[0], setup, Hints())
+    setup, views, found, track = begun(scene)
     sure = np.ones(len(scene.markerset))
     results = [FrameResult(found.subject.bodies, found.naming, found.expected, found.confidence, sure)]
-    track = Track.begin(found.subject, found.naming.meeting.points, found.expected.visible, setup.model)
     for view in views[1:]:
         one = follow(track, view, setup)
         track = one.track
         results.append(FrameResult(track.subject.bodies, one.naming, one.expected, found.confidence, sure))
     return setup, views, results
-
-
-def _copied(naming):
-    arrays = ("slot", "step", "owner", "partner", "conflicts")
-    return replace(naming, **{name: getattr(naming, name).copy() for name in arrays})
 
 
 def take_name(naming, marker: int):
@@ -63,13 +65,8 @@ def take_name(naming, marker: int):
 
 def wrong_names(scene, views, results):
     """(F,) how many blobs of each frame have a name that is not theirs."""
-    names = [*scene.markerset.markers]
-    count = []
-    for view, result in zip(views, results.values(), strict=True):
-        camera, marker = np.nonzero(result.naming.slot >= 0)
-        truth = scene.truth[view.row[camera, result.naming.slot[camera, marker]]]
-        count.append(sum(names[m] not in text.split("|") for m, text in zip(marker, truth, strict=True)))
-    return np.array(count)
+    frames = zip(views, results.values(), strict=True)
+    return np.array([(~scene.given(view, result.naming)[1]).sum() for view, result in frames])
 
 
 def exchange(scene, results, frames, *markers):

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from addon.core.blobs.confidence import CONFIDENCE, named_confidences, swap_doubts
-from addon.core.blobs.search import Hints, find_subject, first_starts, settle
+from addon.core.blobs.jointly import hypotheses_of, name_jointly
+from addon.core.blobs.search import HELD, Hints, find_subject, first_starts, settle, with_arms_held
 from addon.core.blobs.subject import Setup, refit
 from addon.core.blobs.swaps import Swaps, swap_names, withdraw_unexpected, without_own
+from addon.core.body.bodies import BodyModel
 from addon.core.body.prior import Prior
 from addon.core.data.takes import CONFLICT, EXCLUSIVE, REMAINING
 from addon.core.geometry.views import Sight, split_views
@@ -19,7 +21,7 @@ from addon.core.papers.virtual_occlusions.labelling import Expectation, Frame, N
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from tests.core.papers.virtual_occlusions.test_labelling import consistent
-from tests.core.scenes import CLEAN, FLAWLESS, blobs_at, built_in, stand
+from tests.core.scenes import CLEAN, FLAWLESS, blobs_at, built_in, film, person_of, stand
 
 PLAIN = CaptureOptions(noise=0.3, reflections=0, flicker=0.0)
 ROOM = CaptureOptions(noise=0.5, reflections=2, flicker=0.5)
@@ -36,11 +38,10 @@ def found_in(name, seed, facing, height, cameras=4, options=PLAIN):
 
 def marked(scene, found):
     """Which blobs are right, and which have a name, row for row with the scene's blobs."""
-    view, owner = found.naming.frame.view, found.naming.owner
-    marker = np.full(len(scene.blobs), -1)
-    camera, slot = np.nonzero(view.real)
-    marker[view.row[camera, slot]] = owner[camera, slot]
-    return scene.right(scene.names(marker)), marker >= 0
+    row, good = scene.given(found.naming.frame.view, found.naming)
+    right, given = scene.truth == "", np.zeros(len(scene.blobs), bool)
+    right[row], given[row] = good, True
+    return right, given
 
 
 def turn_off(scene, found):
@@ -84,12 +85,9 @@ def by_step(name, options, rules=None):
         rig = paper_rig(np.random.default_rng(number + 40))
         scene = stand(built_in(name), rig, number + 40, number * 0.8, 1.2 + 0.1 * (number % 8), options)
         found = find_subject(scene.views()[0], Setup.of(rig, scene.markerset, rules=rules), Hints())
-        right, _ = marked(scene, found)
-        camera, marker = np.nonzero(found.naming.slot >= 0)
-        rows = found.naming.frame.view.row[camera, found.naming.slot[camera, marker]]
-        step = found.naming.step[camera, marker]
+        step = found.naming.step[found.naming.slot >= 0]
         np.add.at(all_of, step, 1)
-        np.add.at(right_of, step, right[rows])
+        np.add.at(right_of, step, scene.given(found.naming.frame.view, found.naming)[1])
     return all_of, right_of
 
 
@@ -316,3 +314,79 @@ def test_a_name_that_the_body_would_not_expect_is_withdrawn(far):
     assert (consistent(haunted).slot[:, marker] == -1).all()
     kept = (haunted.slot >= 0).sum() / (naming.slot >= 0).sum()
     assert kept > 0.9
+
+
+FOUR = ring_rig(4, generator=np.random.default_rng(5))
+ROOM = CaptureOptions(noise=0.5, reflections=2, flicker=0.5)
+
+
+def standing(arms=None, moved=(), seed=4, options=ROOM):
+    """Somebody in `body26`, the arms held in one of the ways `HELD`, with markers worn (name, offset m) elsewhere."""
+    markerset = built_in("body26")
+    model = BodyModel(markerset)
+    person = person_of(markerset, seed, 1.75)
+    if arms is not None:
+        person = with_arms_held(person, model).pick([1 + arms])
+    own = person.own.copy()
+    for name, offset in moved:
+        own[0, markerset.index(name)] += np.array(offset) / 1.75
+    return film(markerset, FOUR, replace(person, own=own), replace(options, seed=seed))
+
+
+def wrong_in(scene, naming):
+    """Blobs with a name that is not theirs, and blobs of markers without one."""
+    view = scene.views()[0]
+    row, right = scene.given(view, naming)
+    return (~right).sum(), (scene.truth[np.setdiff1d(view.row[view.real], row)] != "").sum()
+
+
+def frame_of(scene, sd=0.015):
+    model = BodyModel(scene.markerset)
+    points = model.pose(replace(scene.bodies, own=0 * scene.bodies.own)).markers[0]
+    sight = Sight(FOUR)
+    inside = sight.inside(sight.image(sight.local(points[None])))[0]
+    expected = Expectation(points, np.tile(sd**2 * np.eye(3), (len(points), 1, 1)), inside)
+    return Frame(scene.views()[0], sight, expected, Rules(pixel=0.5))
+
+
+def test_a_marker_worn_elsewhere_is_named_and_said_to_be():
+    scene = standing(moved=[("LWRB", (0.0, 0.0, -0.11))])
+    naming, elsewhere = name_jointly(frame_of(scene))
+    marker = scene.markerset.index("LWRB")
+    named = [scene.truth[scene.views()[0].row[c, k]] for c, k in enumerate(naming.slot[:, marker]) if k >= 0]
+    assert len(named) >= 2 and all("LWRB" in one.split("|") for one in named)
+    assert elsewhere[marker]
+
+
+def test_every_marker_and_every_blob_is_used_once():
+    scene = standing()
+    frame = frame_of(scene)
+    naming, _ = name_jointly(frame)
+    for camera, slots in enumerate(naming.slot):
+        used = slots[slots >= 0]
+        assert len(np.unique(used)) == len(used)
+        assert (naming.owner[camera, used] == np.flatnonzero(slots >= 0)).all()
+    found = hypotheses_of(frame)
+    assert (found.gain > 0).all() and ((found.slot >= 0).sum(axis=1) >= 1).all()
+
+
+@pytest.mark.parametrize("arms", np.flatnonzero(~HELD[:, 1].any(axis=1)).tolist())
+def test_stretched_arms_are_found_wherever_they_point(arms):
+    scene = standing(arms, seed=arms)
+    found = find_subject(scene.views()[0], Setup.of(FOUR, scene.markerset), Hints(), alone=True)
+    wrong, missed = wrong_in(scene, found.naming)
+    assert wrong <= 1 and missed <= 2
+
+
+def test_bodies_without_arms_stay_as_they_are():
+    model = BodyModel(built_in("gait15"))
+    assert len(with_arms_held(model.rest(3, 1.7), model)) == 3
+    whole = BodyModel(built_in("body26"))
+    assert len(with_arms_held(whole.rest(3, 1.7), whole)) == 3 * (1 + len(HELD))
+
+
+def test_of_many_cameras_neighbours_do_not_crowd_out_a_marker():
+    cameras, markerset = ring_rig(20, generator=np.random.default_rng(5)), built_in("gait15")
+    scene = film(markerset, cameras, person_of(markerset, 2, 1.75), replace(ROOM, reflections=0, seed=2))
+    found = find_subject(scene.views()[0], Setup.of(cameras, markerset), Hints(), alone=True)
+    assert wrong_in(scene, found.naming) == (0, 0)

@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Labels taken apart, put together and given up; a range labelled again put into the take that is there."""
+"""Labels taken apart and put together, ranges merged, trajectories in lanes, copies; and the progress of long work."""
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from addon.core.data.errors import InputError
+from addon.core.data.copies import Copies
+from addon.core.data.errors import ForceableError, InputError, of_file
+from addon.core.data.lanes import PACKING, Lanes, blocks
 from addon.core.data.merging import LabelledRange, merged
+from addon.core.data.progress import Stage, finished, in_stages
 from addon.core.data.takes import (
     BY_FIT,
     BY_LIKELIHOOD,
@@ -140,3 +143,185 @@ def test_of_a_part_doubts_are_the_new_ones_and_what_the_program_said_is_kept():
     assert whole.unedited.marker[whole.unedited.named].tolist() == [1] * 3 + [2] * 3 + [1] * 4
     with pytest.raises(InputError, match="expected ranges of one take"):
         merged(labelled(1, 5, 1), labelled(1, 5, 1, joints=3))
+
+
+FRAMES = 30
+
+
+@st.composite
+def takes(draw) -> tuple[np.ndarray, Points]:
+    """Trajectories with gaps, some without a point, as a column each (T, P, 3), and the same packed."""
+    spans = st.tuples(st.integers(0, FRAMES - 1), st.integers(0, 12), st.lists(st.integers(1, 10), max_size=3))
+    xyz = np.full((FRAMES, draw(st.integers(1, 14)), 3), np.nan)
+    for column, (first, length, gone) in zip(range(xyz.shape[1]), iter(lambda: draw(spans), None), strict=False):
+        frames = [frame for frame in range(first, min(first + length, FRAMES)) if frame - first not in gone]
+        xyz[frames, column] = np.array(frames)[:, None] + [0, column, 0.5]
+    return xyz, packed(xyz)
+
+
+def packed(xyz: np.ndarray) -> Points:
+    """A take of trajectories (T, P, 3) in lanes, whose indices in the file are odd."""
+    there = np.isfinite(xyz[..., 0])
+    first, last = there.argmax(axis=0), len(xyz) - 1 - there[::-1].argmax(axis=0)
+    lanes = Lanes.packed(first, np.where(there.any(axis=0), last, -1))
+    places = np.full((len(xyz), max(lanes.count, 1), 3), np.nan)
+    for number, span, lane in lanes.each_alone():
+        own = there[span, number]
+        places[span, lane][own] = xyz[span, number][own]
+    residual = np.where(np.isfinite(places[..., 0]), places[..., 1], np.nan)
+    return Points(("",) * xyz.shape[1], places, residual, 100.0, 7, 2 * np.arange(xyz.shape[1]) + 1, lanes)
+
+
+@given(takes())
+def test_a_lane_holds_one_trajectory_at_a_time_and_there_are_no_more_than_needed(made):
+    xyz, take = made
+    lanes, there = take.lanes, np.isfinite(xyz[..., 0])
+    covered = np.zeros((FRAMES, lanes.count), int)
+    for _, span, lane in lanes.each_alone():
+        covered[span, lane] += 1
+    assert covered.max(initial=0) <= 1
+    at_once = max(int(_spanned(there).sum(axis=1).max()), 1)
+    assert lanes.count == (at_once if 2 * at_once <= xyz.shape[1] else xyz.shape[1])
+    table = lanes.table(slice(0, FRAMES))
+    frame, lane = np.nonzero(table >= 0)
+    np.testing.assert_array_equal(lanes.at(frame, lane), table[frame, lane])
+
+
+def _spanned(there: np.ndarray) -> np.ndarray:
+    """(T, P) True from the first to the last point of each trajectory (T, P)."""
+    return np.maximum.accumulate(there, axis=0) & np.maximum.accumulate(there[::-1], axis=0)[::-1]
+
+
+@given(takes(), st.integers(0, FRAMES - 1), st.integers(1, FRAMES))
+def test_every_point_is_found_again_by_its_trajectory(made, start, length):
+    xyz, take = made
+    np.testing.assert_array_equal(take.picked(range(xyz.shape[1])).xyz, xyz)
+    whole = Points(take.names, xyz, np.where(np.isfinite(xyz[..., 0]), xyz[..., 1], np.nan), 100.0, 7, take.columns)
+    for part in (None, slice(start, min(start + length, FRAMES))):
+        ours, theirs = PointRows.of(take, part), PointRows.of(whole, part)
+        for name in ("frames", "frame", "trajectory", "xyz", "residual"):
+            np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name), name)
+    few = take.lanes.between(start, FRAMES)
+    np.testing.assert_array_equal(few.table(slice(0, FRAMES - start)), take.lanes.table(slice(start, FRAMES)))
+
+
+@given(takes())
+def test_what_a_frame_shows_is_in_the_order_of_the_file_and_labels_find_their_way_back(made):
+    xyz, take = made
+    frames = np.arange(0, FRAMES, 2)
+    ordered = take.in_order(frames)
+    for row, shown in zip(xyz[frames], ordered.xyz, strict=True):
+        there = np.isfinite(row[:, 0])
+        np.testing.assert_array_equal(shown[: there.sum()], row[there])
+        assert np.isnan(shown[there.sum() :]).all()
+    number = np.where(np.isfinite(ordered.xyz[..., 0]), np.nan_to_num(ordered.xyz[..., 1]), -1).astype(int)
+    given_labels = Labels(number, np.zeros(number.shape, int), np.ones(number.shape), np.ones(number.shape))
+    back = ordered.labels(given_labels)
+    there = take.present[frames]
+    np.testing.assert_array_equal(back.marker, np.where(there, np.nan_to_num(take.xyz[frames, :, 1]), -1))
+    np.testing.assert_array_equal(back.rate, there)
+    np.testing.assert_array_equal(ordered.of(there) & np.isfinite(ordered.xyz[..., 0]), number >= 0)
+
+
+def test_blocks_are_all_frames_one_after_the_other():
+    for frames, width in ((0, 5), (7, 0), (1000, PACKING.block_cells), (5000, 500)):
+        parts = list(blocks(frames, width))
+        assert [frame for part in parts for frame in range(part.start, part.stop)] == list(range(frames))
+        assert all((part.stop - part.start) * width <= max(PACKING.block_cells, width) for part in parts)
+
+
+def written(copies: Copies, which: int, index, value):
+    copies.arrays[which][index] = value
+    copies.note(which, index)
+
+
+@given(st.lists(st.tuples(st.integers(0, 1), st.integers(0, 4), st.integers(0, 3)), max_size=30))
+def test_a_copy_is_what_the_arrays_were_as_long_as_it_is_held(steps):
+    copies, held = Copies(np.zeros(5), np.zeros(5, int)), {}
+    for number, (which, index, keep) in enumerate(steps):
+        written(copies, which, index, number)
+        given_out = copies.copy()
+        for one, now in zip(given_out, copies.arrays, strict=True):
+            np.testing.assert_array_equal(one, now)
+        # Some are held whole, some by a view alone, others not at all.
+        held[keep] = (given_out, [one.copy() for one in given_out]) if keep else None
+        if keep == 2:
+            held[keep] = ([one[:3] for one in given_out], [one[:3].copy() for one in given_out])
+        del given_out
+        for views, was in (pair for pair in held.values() if pair):
+            for one, other in zip(views, was, strict=True):
+                np.testing.assert_array_equal(one, other)
+
+
+def test_memory_that_nobody_holds_is_used_again():
+    copies = Copies(np.zeros(100))
+    [first], [second] = copies.copy(), copies.copy()
+    place = first.__array_interface__["data"][0]
+    assert second.__array_interface__["data"][0] != place
+    del first
+    written(copies, 0, slice(3, 5), 7.0)
+    [again] = copies.copy()
+    assert again.__array_interface__["data"][0] == place
+    np.testing.assert_array_equal(again, copies.arrays[0])
+    assert not second.any()
+
+
+BEGINS = {"read": 0.0, "skip": 0.25, "solve": 0.25, "write": 0.75}
+
+
+def work():
+    yield Stage("read", "read it")
+    yield 0.5
+    yield 1.0
+    yield Stage("skip", "nothing to do")
+    yield 0.5
+    yield Stage("solve", "solve it")
+    yield 0.5, "frame 7"
+    yield Stage("write", "write it")
+    return "done"
+
+
+def test_stages_are_told_as_parts_of_the_whole():
+    told = [(progress.fraction, progress.note) for progress in in_stages(work(), BEGINS)]
+    skipped = [(0.25, "nothing to do")] * 2
+    read, rest = [(0.0, "read it"), (0.125, "read it"), (0.25, "read it")], [(0.5, "frame 7"), (0.75, "write it")]
+    assert told == [*read, *skipped, (0.25, "solve it"), *rest]
+    assert finished(in_stages(work(), BEGINS)) == "done"
+
+
+def test_a_stage_that_nobody_planned_is_a_mistake_of_the_program():
+    with pytest.raises(KeyError):
+        finished(in_stages(iter([Stage("dance", "")]), BEGINS))
+
+
+def test_all_that_work_yields_is_told_and_who_is_told_can_end_it():
+    ended, told = [], []
+
+    def long():
+        try:
+            yield "a"
+            yield "b"
+        finally:
+            ended.append(True)
+        return 3
+
+    assert finished(long(), told.append) == 3
+    assert told == ["a", "b"]
+
+    def refuse(word):
+        raise RuntimeError(word)
+
+    with pytest.raises(RuntimeError, match="a"):
+        finished(going := long(), refuse)
+    assert len(ended) == 2
+    assert going.gi_frame is None, "it would go on when nobody waits any more"
+
+
+@pytest.mark.parametrize(
+    ("trouble", "file"),
+    [(InputError("bad"), "own.json"), (InputError("bad", "b.csv"), "b.csv"), (ForceableError("bad"), "")],
+)
+def test_trouble_of_the_kind_gets_the_file_it_lacks(trouble, file):
+    with pytest.raises(type(trouble), match="bad") as caught, of_file("own.json", InputError):
+        raise trouble
+    assert caught.value.file == file

@@ -48,14 +48,8 @@ def test_by_hand():
 
 
 def test_swaps_are_pairs_in_one_image_and_markers_of_several_subjects_each_their_own():
-    rows = [
-        (1, 0, "B", "A"),
-        (1, 0, "A", "B"),
-        (2, 0, "B", "A"),
-        (2, 1, "A", "B"),
-        (3, 0, "B", "A|C"),
-        (3, 0, "C", "B"),
-    ]
+    rows = [(1, 0, "B", "A"), (1, 0, "A", "B"), (2, 0, "B", "A"), (2, 1, "A", "B")]
+    rows += [(3, 0, "B", "A|C"), (3, 0, "C", "B")]
     assert figures(rows).swaps == {("A", "B"): 1, ("B", "C"): 1}
     assert figures([*rows, (4, 1, "A", "B"), (4, 1, "B", "A")]).swaps[("A", "B")] == 2
     rows = [(1, 0, "ann:A", "ann:sacrum"), (1, 0, "ann:B", "bob:B"), (1, 0, "", "bob:A"), (1, 0, "bob:Z", "bob:Z")]
@@ -184,20 +178,13 @@ def test_a_wrong_name_throughout_a_take_is_never_let_pass():
     comparison = Comparison(tuple(f"M{n}" for n in range(60)), tuple(takes))
     assert comparison.worse == ["3.c3d: 1.67 % wrong names, 0 % before"]
     rows = comparison.markers_worse(takes[3])
-    assert [(row["marker"], row["right"], row["wrong"]) for row in rows] == [
-        ("M7", [100, 0], [0, 0]),
-        ("M9", [100, 100], [0, 100]),
-    ]
+    found = [(row["marker"], row["right"], row["wrong"]) for row in rows]
+    assert found == [("M7", [100, 0], [0, 0]), ("M9", [100, 100], [0, 100])]
 
 
 def test_a_share_is_whole_only_where_it_is_all_or_nothing():
-    assert [share(value) for value in (0.0, 1e-9, 0.5, 1 - 1e-9, 1.0)] == [
-        "0 %",
-        "0.01 %",
-        "50.00 %",
-        "99.99 %",
-        "100 %",
-    ]
+    said = [share(value) for value in (0.0, 1e-9, 0.5, 1 - 1e-9, 1.0)]
+    assert said == ["0 %", "0.01 %", "50.00 %", "99.99 %", "100 %"]
 
 
 def test_the_difference_is_told_to_people():

@@ -16,18 +16,8 @@ RATE = 100.0
 SEGMENTS = ("pelvis", "thorax", "thigh.L", "shank.L", "foot.L", "thigh.R", "shank.R", "foot.R")
 PARENTS = (-1, 0, 0, 2, 3, 0, 5, 6)
 THIGH, SHANK, ANKLE, STEP = 0.42, 0.40, 0.08, 0.35
-OFFSETS = np.array(
-    [
-        [0, 0, 0],
-        [0, 0, 0.2],
-        [0, 0.09, 0],
-        [0, 0, -THIGH],
-        [0, 0, -SHANK],
-        [0, -0.09, 0],
-        [0, 0, -THIGH],
-        [0, 0, -SHANK],
-    ]
-)
+LEG = [[0, 0, -THIGH], [0, 0, -SHANK]]
+OFFSETS = np.array([[0, 0, 0], [0, 0, 0.2], [0, 0.09, 0], *LEG, [0, -0.09, 0], *LEG])
 TIP = np.array([0.16, 0.0, -ANKLE])
 ENDS = np.zeros((len(SEGMENTS), 3))
 ENDS[[4, 7]] = TIP

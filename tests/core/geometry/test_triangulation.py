@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Markers in space from named blobs; and rotations: the same turns as SciPy's, unit quaternions after every step."""
+"""Markers in space from named blobs; rotations, the same as SciPy's; and the push on a force plate."""
 
 import numpy as np
 import pytest
@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from addon.core.geometry import rotations
+from addon.core.geometry.force_plates import force_on_plate
 from addon.core.geometry.triangulation import Rays, meet_rows
 from addon.core.geometry.views import Sight, split_views
 from addon.core.simulation.rigs import paper_rig, ring_rig
@@ -99,11 +100,6 @@ def quaternion(vector):
     return rotations.turned(np.array([1.0, 0, 0, 0]), np.asarray(vector, dtype=float))
 
 
-def scipys(quaternion):
-    """SciPy's rotation of a quaternion in the order w x y z."""
-    return Rotation.from_quat(np.roll(quaternion, -1))
-
-
 @given(vectors, vectors)
 def test_the_skew_matrix_is_the_vector_product(first, second):
     """A5: equation 3."""
@@ -135,7 +131,8 @@ def test_quaternions_stay_units_and_turn_as_matrices_do(steps):
         matrix = Rotation.from_rotvec(direction * length).as_matrix() @ matrix
         assert np.linalg.norm(turn) == pytest.approx(1, abs=1e-14)
     assert rotations.quaternion_to_matrix(turn) == pytest.approx(matrix, abs=1e-12)
-    assert rotations.quaternion_to_matrix(turn) == pytest.approx(scipys(turn).as_matrix(), abs=1e-13)
+    scipys = Rotation.from_quat(np.roll(turn, -1))  # which has w last
+    assert rotations.quaternion_to_matrix(turn) == pytest.approx(scipys.as_matrix(), abs=1e-13)
 
 
 @given(vectors, vectors)
@@ -172,3 +169,37 @@ def test_half_turns_and_nearly_half_turns_are_found_again(direction, missing):
     matrix = rotations.exponential(vector)[0]
     found = rotations.exponential(rotations.rotation_vector(matrix))[0]
     assert found == pytest.approx(matrix, abs=1e-6)
+
+
+# A plate of 0.6 x 0.4 m whose own x is the room's -y and whose y is the room's -x; so its z is down.
+CORNERS = np.array([[0.0, 0.0, 0.1], [0.0, 0.6, 0.1], [0.4, 0.6, 0.1], [0.4, 0.0, 0.1]])
+FORCE, PLACE = np.array([30.0, -20.0, 700.0]), np.array([0.25, 0.2, 0.1])  # in the room
+PUSH, AT = np.array([20.0, -30.0, -700.0]), np.array([0.1, -0.05, 0.0])  # the same in the plate
+
+
+def measured(kind: int, origin: np.ndarray) -> np.ndarray:
+    """What the sensors of a plate say, from which the middle of the surface is `origin` away."""
+    if kind == 1:
+        return np.concatenate([PUSH, AT[:2], [0.0]])
+    if kind != 3:
+        return np.concatenate([PUSH, np.cross(AT + origin, PUSH)])
+    # Four sensors at (a, b), (-a, b), (-a, -b) and (a, -b), each of which bears a part.
+    by_x, by_y, _ = np.cross(AT + origin * [0, 0, 1], PUSH) / [origin[1], origin[0], 1]
+    bear = (PUSH[2] + np.array([by_x - by_y, by_x + by_y, by_y - by_x, -by_x - by_y])) / 4
+    return np.concatenate([PUSH[0] * np.array([0.25, 0.75]), PUSH[1] * np.array([0.5, 0.5]), bear])
+
+
+@pytest.mark.parametrize("kind", [1, 2, 3, 4])
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("depth", [-0.04, 0.0])
+def test_a_push_is_found_where_it_is(kind, sign, depth):
+    origin = np.array([0.25, 0.15, depth])
+    own = measured(kind, origin)
+    channels, matrix = np.stack([own, np.zeros_like(own)]), np.eye(6)
+    if kind == 4:
+        matrix = np.triu(np.ones((6, 6)))
+        channels = channels @ np.linalg.inv(matrix)
+    force, place = force_on_plate(kind, CORNERS, sign * origin, channels, matrix)
+    np.testing.assert_allclose(force, [FORCE, np.zeros(3)], atol=1e-9)
+    np.testing.assert_allclose(place[0], PLACE, atol=1e-9)
+    assert np.isnan(place[1]).all()

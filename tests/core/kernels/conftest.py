@@ -14,7 +14,7 @@ from addon.core.kernels import in_use
 def library():
     """Skips what compares, where there is nothing to compare."""
     if not in_use():
-        pytest.skip("the compiled library is not in use: `scripts/build_kernels.py --install` brings it")
+        pytest.skip("the compiled library is not in use: `kernels/build_kernels.py --install` brings it")
 
 
 @contextmanager

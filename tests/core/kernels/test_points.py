@@ -28,7 +28,7 @@ from addon.core.points.whole_take.pairs import distance_sums
 from addon.io.models import open_model
 
 from .conftest import numpy_everywhere
-from .test_bodies import refused, same
+from .test_frames import refused, same
 
 SEEDS = st.integers(0, 2**16)
 

@@ -31,9 +31,7 @@ def spots_of(picture, options=OPTIONS):
 
 
 @settings(max_examples=30, deadline=None)
-@given(
-    x=st.floats(10, 105), y=st.floats(10, 75), radius=st.floats(1.0, 8.0), background=st.sampled_from([0.0, 0.1, 0.3])
-)
+@given(x=st.floats(10, 105), y=st.floats(10, 75), radius=st.floats(1, 8), background=st.sampled_from([0.0, 0.1, 0.3]))
 def test_a_disc_is_found_where_it_is(x, y, radius, background):
     found = spots_of(drawn([(x, y, radius)], background=background))
     assert len(found) == 1

@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Takes that a model is not for are told from those that it is for, and takes that cannot be as they say."""
+"""Takes that a model is not for, or that cannot be as they say; and frames in no order, which teach their subject."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import BY_LIKELIHOOD, Labels
 from addon.core.geometry import rotations
+from addon.core.points import unordered
+from addon.core.points.likelihood.frames import label_frames
 from addon.core.points.likelihood.learn import learn_likelihood
+from addon.core.points.likelihood.trials import Trial, make_trial
 from addon.core.points.models import Model
 from addon.core.points.motion import LabelledPoints
 from addon.core.points.naming import Namer, namer_of
@@ -35,7 +38,9 @@ from addon.core.points.refusals import (
 )
 from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.wearers import SeveralOptions
-from addon.core.points.whole_take.pipeline import PointOptions, label_take
+from addon.core.points.tracklets import cut
+from addon.core.points.unordered import is_unordered, learn_subject
+from addon.core.points.whole_take.pipeline import PointOptions, label_points, label_take
 from addon.core.simulation.virtual import Act
 from addon.core.training.segments import segment_markerset
 from addon.io.models import open_model
@@ -61,9 +66,8 @@ def robot(seed: int, frames: int = 300, form: int = 7) -> np.ndarray:
         swing = rotations.exponential(
             np.column_stack([0.3 * np.sin(time + seed), 0.4 * np.sin(2 * time + rigid_body), time])
         )[0]
-        parts.append(
-            np.einsum("fij,mj->fmi", swing, flat) + np.array([0.35 * rigid_body - 0.35, 0, 0.5 + 0.3 * rigid_body])
-        )
+        place = np.array([0.35 * rigid_body - 0.35, 0, 0.5 + 0.3 * rigid_body])
+        parts.append(np.einsum("fij,mj->fmi", swing, flat) + place)
     whole = np.concatenate(parts, axis=1)
     return whole + chance.normal(0, 0.0004, whole.shape)
 
@@ -210,9 +214,7 @@ def test_a_wrong_unit_is_named(model, walk, times, too_small, turn):
 
 
 def test_the_unit_is_said_where_frames_are_sure_of_it_and_who_is_slow_can_be_at_any_rate(model, walk):
-    with pytest.raises(
-        JobError, match=r"seems to be in cm and is taken for mm: its points are 0\.1 times as far apart"
-    ):
+    with pytest.raises(JobError, match=r"seems to be in cm and is taken for mm: its points are 0\.1 times as far"):
         labelled(walk / 10, RATE, model)
     generator = np.random.default_rng(1)
     standing = walk[:1] + generator.normal(0, 0.001, walk.shape)
@@ -242,3 +244,102 @@ def test_recorded_people_are_far_from_what_cannot_be(shared_data, name):
         take = read_points(path)
         assert usual_acceleration(take.xyz, take.rate) < GRAVITY / POSSIBLE.part / 2, path
         assert times_nearer(take.xyz) < POSSIBLE.nearer / 2.5, path
+
+
+HERTZ, TARGET, SHOWN, HIDDEN = 100.0, 0.999, 120, 4
+RTHI = 3
+
+
+@pytest.fixture(scope="module")
+def odd_walk() -> np.ndarray:
+    """(T, 15, 3) m of a virtual person who walks and wears the right thigh's marker 12 cm higher and farther out."""
+    markers = walker("gait15", 5, [Act(1.2, 0.4), Act(1.2, 0.9)], HERTZ, noise=0.001)[:: 240 // SHOWN][:SHOWN]
+    outward = markers[:, 1] - markers[:, 2]
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    markers[:, RTHI] += 0.06 * outward + [0, 0, 0.1]
+    return markers
+
+
+@pytest.fixture(scope="module")
+def clouds(odd_walk) -> Trial:
+    """Its frames in random order, points without names."""
+    generator = np.random.default_rng(1)
+    return make_trial(odd_walk[generator.permutation(len(odd_walk))], (HIDDEN, HIDDEN), (0, 0), generator)
+
+
+@pytest.fixture(scope="module")
+def alone(model, clouds) -> Labels:
+    """What frames say on their own."""
+    return Labels.join(label_frames(model.likelihood, clouds.points))
+
+
+@pytest.fixture(scope="module")
+def learned(model, clouds, alone):
+    """The likelihood of the subject."""
+    return finished(learn_subject(model.likelihood, clouds.points, alone))
+
+
+def right(labels: Labels, clouds: Trial) -> float:
+    """The part of the points that have their own name, sure enough; none may have another's."""
+    marker = labels.sure(TARGET)
+    assert (marker == clouds.truth)[marker >= 0].mean() > 0.997
+    return float((marker == clouds.truth)[clouds.truth >= 0].mean())
+
+
+def test_what_is_sure_names_the_rest_and_finds_the_marker_worn_elsewhere(clouds, alone, learned):
+    assert (alone.sure(TARGET) == RTHI).sum() < 0.2 * (clouds.truth == RTHI).sum()
+    named = Labels.join(label_frames(learned, clouds.points))
+    assert right(named, clouds) > 0.98 > 0.95 > right(alone, clouds)
+    assert (named.sure(TARGET) == RTHI).sum() > 0.9 * (clouds.truth == RTHI).sum()
+
+
+def test_the_pipeline_learns_where_nothing_connects_frames(model, clouds):
+    points = clouds.points
+    assert is_unordered(model, cut(points, HERTZ))
+    work = label_points(anonymous(points, HERTZ), model, PointOptions("likelihood"))
+    shares = []
+    chunk = finished(work, lambda progress: shares.append(progress.fraction))
+    assert shares == sorted(shares)
+    marker = chunk.labels.marker
+    assert (marker == clouds.truth)[clouds.truth >= 0].mean() > 0.98
+    assert not any("behind a gap" in suspect.words for suspect in chunk.suspects)
+
+
+@settings(max_examples=25)
+@given(length=st.integers(1, 9), rate=st.integers(10, 240), in_order=st.booleans())
+@example(length=2, rate=120, in_order=False)
+@example(length=2, rate=120, in_order=True)
+@example(length=4, rate=60, in_order=True)
+def test_trajectories_of_few_frames_have_the_names_of_their_own_frames(model, odd_walk, length, rate, in_order):
+    # Each trajectory is so many frames long and has a column of its own; they follow on each other, or in no order.
+    generator = np.random.default_rng(length)
+    starts = np.arange(0, 60, length)
+    order = starts if in_order else generator.permutation(starts)
+    pieces = [odd_walk[start : min(start + length, 60)] for start in order]
+    points = np.full((60, 15 * len(pieces), 3), np.nan)
+    truth, first = np.full(points.shape[:2], -1), 0
+    for number, piece in enumerate(pieces):
+        frames, columns = slice(first, first + len(piece)), slice(15 * number, 15 * (number + 1))
+        marker = generator.permutation(15)
+        points[frames, columns], truth[frames, columns] = piece[:, marker], marker
+        first += len(piece)
+    marker = finished(label_points(anonymous(points, float(rate)), model, PointOptions("likelihood"))).labels.marker
+    assert (marker == truth)[marker >= 0].mean() > 0.999
+    assert (marker == truth)[truth >= 0].mean() > 0.99
+
+
+def test_too_little_that_is_sure_leaves_the_training(model, clouds, alone):
+    none = alone.kept(np.zeros(alone.marker.shape, dtype=bool))
+    assert finished(learn_subject(model.likelihood, clouds.points, none)) is model.likelihood
+
+
+def test_ghosts_are_no_marker_that_nobody_wears(model, odd_walk, monkeypatch):
+    generator = np.random.default_rng(2)
+    without = odd_walk.copy()
+    without[:, RTHI] = np.nan
+    clouds = make_trial(without, (2, 2), (3, 3), generator)
+    alone = Labels.join(label_frames(model.likelihood, clouds.points))
+    monkeypatch.setattr(unordered, "KEEPING_TRIALS", 1)
+    learned = finished(learn_subject(model.likelihood, clouds.points, alone))
+    marker = Labels.join(label_frames(learned, clouds.points)).sure(TARGET)
+    assert (marker == RTHI).mean() < 0.005

@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A body on named points, and as a character's bones."""
+"""The body model, what is known of people, a body on named points, and as a character's bones."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from addon.core.body.bodies import Bodies, BodyModel
+from addon.core.body.prior import Prior
 from addon.core.geometry import rotations
 from addon.core.posing import posing
 from addon.core.posing.character import character_of
@@ -16,6 +20,7 @@ from addon.io.markersets import open_markerset
 from scripts import learn_markersets
 from scripts.people_study import learn
 from tests.core.scenes import person_of
+from tests.core.toybody import toy_markerset
 
 PEOPLE = Path(__file__).resolve().parents[4] / "shared" / "data" / "people"
 needs_people = pytest.mark.skipif(not PEOPLE.is_dir(), reason="the recorded people are not beside the project")
@@ -140,3 +145,118 @@ def test_a_lower_body_has_hips_and_legs_and_who_was_not_found_is_nowhere():
     turns = rotations.exponential(np.full((1, count, 3), np.nan))[0]
     heads, _ = character.posed(np.full((1, count, 3), np.nan), turns)
     assert np.isnan(heads).all()
+
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def differences(bodies, pose, columns: int, step: float = 1e-6) -> np.ndarray:
+    """(B, M, 3, columns) slopes of the markers by moving every parameter both ways."""
+    slopes = []
+    for column in range(columns):
+        move = np.zeros((len(bodies), columns))
+        move[:, column] = step
+        slopes.append((pose(bodies.moved(move)) - pose(bodies.moved(-move))) / (2 * step))
+    return np.stack(slopes, axis=-1)
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=seeds)
+def test_derivatives_are_those_of_the_markers(seed):
+    toy = BodyModel(toy_markerset())
+    bodies = some_bodies(toy, seed)
+    bodies = replace(bodies, own=np.random.default_rng(seed).normal(0, 0.02, bodies.own.shape))
+    posed, columns = toy.derivatives(bodies)
+    np.testing.assert_allclose(posed.markers, toy.pose(bodies).markers, atol=1e-12)
+    expected = differences(bodies, lambda moved: toy.pose(moved).markers, toy.parameters)
+    np.testing.assert_allclose(columns, expected, atol=1e-7)
+
+
+def test_bending_an_elbow_moves_only_what_it_carries():
+    toy = BodyModel(toy_markerset())
+    bent = toy.rest(1)
+    elbow = toy.markerset.skeleton.segments.index("forearm.L")
+    bent.bends[0, elbow] = [0, -1, 0]
+    moved = np.linalg.norm(toy.pose(bent).markers - toy.pose(toy.rest(1)).markers, axis=2)[0]
+    carried = toy.attachment == elbow
+    assert (moved[carried] > 0.05).all()
+    np.testing.assert_allclose(moved[~carried], 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["gait15", "body26", "body39", "actor41", "actor53"])
+def test_rest_pose_reproduces_the_marker_table(name):
+    """Checklist A1."""
+    markerset = open_markerset(name)
+    posed = BodyModel(markerset).pose(BodyModel(markerset).rest())
+    np.testing.assert_allclose(posed.markers[0], markerset.rest_markers, atol=1e-6)
+    np.testing.assert_allclose(posed.joints[0], markerset.skeleton.rest_joints, atol=1e-6)
+    np.testing.assert_allclose(posed.rotations[0], np.broadcast_to(np.eye(3), posed.rotations[0].shape), atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def toy():
+    return BodyModel(toy_markerset())
+
+
+def some_bodies(toy: BodyModel, seed: int, count: int = 3) -> Bodies:
+    rng = np.random.default_rng(seed)
+    rest = toy.rest(count, 1.6)
+    bends = rng.normal(0, 0.3, rest.bends.shape)
+    bends[:, 0] = 0
+    return replace(
+        rest,
+        translation=rng.normal(size=(count, 3)),
+        quaternion=rotations.turned(rest.quaternion, rng.normal(0, 0.3, (count, 3))),
+        scale=rest.scale + rng.normal(0, 0.1, (count, 3)),
+        bends=bends,
+        shape=rng.normal(size=rest.shape.shape),
+    )
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_gradient_is_half_the_slope_of_the_cost(seed):
+    toy = BodyModel(toy_markerset())
+    prior = Prior(toy, height=1.7, height_sd=0.1, upright_sd=0.2)
+    bodies = some_bodies(toy, seed)
+    gradient, step = prior.terms(bodies)[1], 1e-6
+    for column in range(toy.parameters):
+        move = np.zeros((len(bodies), toy.parameters))
+        move[:, column] = step
+        slope = (prior.terms(bodies.moved(move))[0] - prior.terms(bodies.moved(-move))[0]) / (2 * step)
+        np.testing.assert_allclose(gradient[:, column], slope / 2, rtol=1e-5, atol=1e-5)
+
+
+def test_one_newton_step_reaches_the_least_cost(toy):
+    prior = Prior(toy)
+    bodies = some_bodies(toy, 1)
+    cost, gradient, hessian = prior.terms(bodies)
+    free = np.arange(6, toy.parameters)
+    step = np.zeros_like(gradient)
+    step[:, free] = -np.linalg.solve(hessian[np.ix_(free, free)], gradient[:, free, None])[..., 0]
+    after = bodies.moved(step)
+    np.testing.assert_allclose(prior.terms(after)[0], 0, atol=1e-9)
+    np.testing.assert_allclose(after.scale, toy.markerset.spread.height, atol=1e-9)
+    assert (cost > 0).all()
+
+
+def test_a_set_that_is_sure_of_the_height_is_held_to_it_and_where_one_stands_costs_nothing(toy):
+    spread = replace(toy.markerset.spread, height_sd=0.0)
+    sure = Prior(BodyModel(replace(toy.markerset, spread=spread)))
+    assert np.isfinite(sure.hessian).all()
+    tall, right = (toy.rest(1, height) for height in (spread.height + 0.01, spread.height))
+    assert sure.terms(tall)[0] - sure.terms(right)[0] == pytest.approx(100)
+    prior = Prior(toy, upright_sd=0.1)
+    bodies = toy.rest(2, 1.7)
+    turned = replace(bodies, quaternion=rotations.about_z(np.array([0.5, -2.0])), translation=np.ones((2, 3)))
+    np.testing.assert_allclose(prior.terms(turned)[0], prior.terms(bodies)[0], atol=1e-12)
+
+
+def test_options_hold_what_they_say(toy):
+    tall = replace(toy.rest(1, 1.9))
+    assert Prior(toy, height=1.9, height_sd=0.02).terms(tall)[0] < Prior(toy).terms(tall)[0]
+    leaning = replace(tall, quaternion=rotations.turned(tall.quaternion, np.array([[0.0, 0.3, 0.0]])))
+    held = Prior(toy, upright_sd=0.1)
+    assert held.terms(leaning)[0] - held.terms(tall)[0] == pytest.approx((np.sin(0.3) / 0.1) ** 2)
+    stretched = replace(tall, scale=tall.scale * [1.1, 0.9, 1.0])
+    assert held.terms(stretched)[0] > held.terms(tall)[0] + 1

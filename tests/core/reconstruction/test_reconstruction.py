@@ -128,9 +128,7 @@ def test_memory_does_not_grow_with_the_take():
     assert left < 50_000
 
 
-@pytest.mark.parametrize(
-    ("cameras", "most"), [(2, 3), (8, 60), (12, 40), (40, 90)], ids=["few", "usual", "many", "crowd"]
-)
+@pytest.mark.parametrize(("cameras", "most"), [(2, 3), (8, 60), (12, 40), (40, 90)])
 def test_sets_of_blobs_are_each_kept_once_in_order(cameras, most):
     """By one number for each set, where there is one that is large enough, as by all of its columns."""
     generator = np.random.default_rng(cameras)

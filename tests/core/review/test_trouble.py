@@ -83,9 +83,8 @@ def test_a_doubted_point_is_offered_a_name_on_the_body_only():
     asked = Suspect(FIRST, FIRST + 99, "may be LHEE, stays unnamed", 7, ("LHEE",))
     beside = np.tile(PLACES[1] + [0.1, 0, 0], (FRAMES, 1))
     for away, action in ((0.0, "name"), (2.7, "")):
-        doubt = next(
-            one for one in trouble(without("LHEE"), {7: beside + away}, suspects=[asked]) if one.kind == IN_DOUBT
-        )
+        found = trouble(without("LHEE"), {7: beside + away}, suspects=[asked])
+        doubt = next(one for one in found if one.kind == IN_DOUBT)
         assert (doubt.trajectories, doubt.action) == ((7,), action)
         assert ("off the body" in doubt.advice) == (away > 0)
 

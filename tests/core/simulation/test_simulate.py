@@ -262,9 +262,8 @@ def test_raised_arms_are_above_the_head_and_turns_turn():
 def test_a_marker_set_without_legs_is_told_so():
     from dataclasses import replace
 
-    skeleton = replace(
-        MARKERSET.skeleton, segments=tuple(name.replace("L", "X") for name in MARKERSET.skeleton.segments)
-    )
+    names = tuple(name.replace("L", "X") for name in MARKERSET.skeleton.segments)
+    skeleton = replace(MARKERSET.skeleton, segments=names)
     legless = replace(MARKERSET, skeleton=skeleton)
     with pytest.raises(ValueError, match=r"foot\.L"):
         perform(BodyModel(legless), draw_person(legless, np.random.default_rng(0)), DEMO, RATE)

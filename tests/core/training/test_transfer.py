@@ -1,17 +1,28 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Known bodies with other markers, markers that are hardly there, and skeletons found from how markers move."""
+"""Known bodies with other markers, or in words; markers hardly there, or exchanged; skeletons from movement."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from addon.core.body.bodies import BodyModel
+from addon.core.data.errors import InputError
+from addon.core.data.layouts import Layout, Site
 from addon.core.geometry import rotations
 from addon.core.posing.posing import fit_points
+from addon.core.simulation.virtual import Act
+from addon.core.training.contradictions import contradictions, leads
+from addon.core.training.described import DESCRIBING, described
 from addon.core.training.segments import find_segments, segment_markerset
 from addon.core.training.takes import LabelledTake, learnable, standing_apart
 from addon.core.training.transfer import known_body, transferred
 from addon.demo.take import make_performance
+from addon.io.layouts import open_layout, shipped_layouts
 from addon.io.markersets import open_markerset
+from addon.jobs.models import known_bodies
+from tests import recorded
+from tests.core.scenes import walker
 
 
 @pytest.fixture(scope="module")
@@ -69,9 +80,8 @@ def test_nothing_hangs_on_a_limb_that_nobody_marks(known, take):
 
 def test_limbs_hang_from_the_trunk_and_takes_without_the_known_markers_are_refused(known):
     skeleton = open_markerset("body39").skeleton
-    limb = dict(
-        zip(skeleton.segments, (skeleton.segments[at] if at >= 0 else "" for at in skeleton.limbs), strict=True)
-    )
+    limbs = (skeleton.segments[at] if at >= 0 else "" for at in skeleton.limbs)
+    limb = dict(zip(skeleton.segments, limbs, strict=True))
     assert limb["hand.L"] == limb["upper_arm.L"] == "upper_arm.L" and limb["foot.R"] == "thigh.R"
     assert not (limb["pelvis"] or limb["thorax"] or limb["head"])
     body = known[0]
@@ -130,14 +140,10 @@ def leg(frames: int = 120, size: float = 1.0, seed: int = 0, noise: float = 0.00
     ]
     knee, ankle = np.array([0, 0, -0.05]), np.array([0.02, 0, -0.5])
     place = np.column_stack([time * 0.5, 0 * time, 1 + 0 * time])
-    turn, parts = turn_of(swing[0]), []
-    parts.append(place[:, None] + np.einsum("fij,mj->fmi", turn, shapes[0]))
-    place = place + np.einsum("fij,j->fi", turn, knee)
-    turn = turn @ turn_of(swing[1])
-    parts.append(place[:, None] + np.einsum("fij,mj->fmi", turn, shapes[1]))
-    place = place + np.einsum("fij,j->fi", turn, ankle)
-    turn = turn @ turn_of(swing[2])
-    parts.append(place[:, None] + np.einsum("fij,mj->fmi", turn, shapes[2]))
+    turn, parts = np.eye(3), []
+    for shape, bend, joint in zip(shapes, swing, (np.zeros(3), knee, ankle), strict=True):
+        place, turn = place + turn @ joint, turn @ turn_of(bend)
+        parts.append(place[:, None] + np.einsum("fij,mj->fmi", turn, shape))
     return size * np.concatenate(parts, axis=1) + motion.normal(0, noise, (frames, 12, 3))
 
 
@@ -172,3 +178,149 @@ def test_the_marker_set_poses_takes_it_has_not_seen():
 def test_nothing_to_see_is_said():
     with pytest.raises(ValueError, match="three or more"):
         segment_markerset([np.full((5, 4, 3), np.nan)], list("ABCD"), "none")
+
+
+@pytest.fixture(scope="module")
+def bodies():
+    return known_bodies()
+
+
+def one(bodies, **words) -> np.ndarray:
+    """(3,) where a marker in words is in the rest pose, heights."""
+    return described(Layout("a", "", "", {"A": Site(**words)}), bodies).rest_markers[0]
+
+
+@pytest.mark.parametrize("name", shipped_layouts())
+def test_every_published_layout_is_a_marker_set(name, bodies):
+    layout = open_layout(name)
+    markerset = described(layout, bodies)
+    assert layout.name == name and layout.source
+    assert f"{len(markerset)} markers" in layout.description
+    at = markerset.rest_markers
+    apart = np.linalg.norm(at[:, None] - at, axis=2) + np.eye(len(at))
+    assert apart.min() > 0.01  # heights: no two of them are in one place
+    assert (at[:, 2] > 0).all() and (at[:, 2] < 1.05).all()
+
+
+def test_landmarks_and_places_between_beside_and_along_them_are_where_the_body_has_them(bodies):
+    usual, found = open_markerset("body39"), described(open_layout("plugin_gait"), bodies)
+    for name in usual.markers:
+        np.testing.assert_allclose(found.offsets[found.index(name)], usual.offsets[usual.index(name)], atol=1e-9)
+    for name in shipped_layouts():
+        markerset = described(open_layout(name), bodies)
+        for index, marker in enumerate(markerset.markers):
+            for left, right in (("L", "R"), ("Left", "Right")):
+                other = marker.replace(left, right)
+                if other != marker and other in markerset.markers and marker != "CLAV":
+                    mirrored = markerset.rest_markers[markerset.index(other)] * [1, -1, 1]
+                    np.testing.assert_allclose(markerset.rest_markers[index], mirrored, atol=2e-3)
+    lateral, medial = (one(bodies, segment="thigh.L", place=f"{side} epicondyle") for side in ("lateral", "medial"))
+    assert lateral[1] > medial[1] > 0
+    assert abs(lateral[2] - medial[2]) < 0.02
+    high, low = (one(bodies, segment="thigh.R", place="front", along=along) for along in (0.2, 0.8))
+    body = min(bodies, key=lambda body: len(body.skeleton))
+    hip = body.skeleton.rest_joints[body.skeleton.segments.index("thigh.R")]
+    assert high[2] > low[2] and high[0] > hip[0] and low[1] < 0
+    words = {"segment": "shank.L", "place": "outer", "along": 0.5}
+    skin, wand = one(bodies, **words), one(bodies, **words, off_m=0.08)
+    height = described(Layout("a", "", "", {"A": Site(**words)}), bodies).spread.height
+    assert np.linalg.norm(wand - skin) * height == pytest.approx(0.08)
+    assert wand[1] > skin[1]
+    sites = {"A": Site("thigh.L", "lateral epicondyle"), "B": Site("thigh.L", "outer", 0.5)}
+    sd = described(Layout("a", "", "", sites), bodies).spread.marker_sd
+    assert sd[0] < sd[1] == DESCRIBING.anywhere_sd
+
+
+@pytest.mark.parametrize(
+    ("site", "words"),
+    [
+        (Site("tail", "tip"), "A is on 'tail', which is no segment; expected one of pelvis, thorax"),
+        (Site("thigh.L", "kneecap"), "A is at 'kneecap', which is no place of thigh.L; expected one of outside"),
+        (Site("thigh.L", "front"), "which is no place of thigh.L"),
+        (Site("thigh.L", "outside", 0.5), "which is no place of thigh.L"),
+        (Site("pelvis", "ASIS"), "A is at 'ASIS', which is on both sides; expected left or right before it"),
+    ],
+)
+def test_an_unknown_word_is_said(site, words, bodies):
+    with pytest.raises(InputError, match=words):
+        described(Layout("a", "", "", {"A": site}), bodies)
+
+
+def test_it_stands_on_the_lower_body_where_that_is_enough(bodies):
+    legs = described(open_layout("helen_hayes"), bodies)
+    assert legs.skeleton.segments == open_markerset("gait15").skeleton.segments
+    layout = open_layout("helen_hayes")
+    more = replace(layout, sites=layout.sites | {"C7": Site("thorax", "C7")})
+    assert "head" in described(more, bodies).skeleton.segments
+
+
+MARKERS = open_markerset("body26").markers
+
+
+@pytest.fixture(scope="module")
+def takes() -> list[np.ndarray]:
+    """(T, 26, 3) m each: virtual people who walk."""
+    return [walker("body26", seed, [Act(1.5)], noise=0.0) for seed in range(5)]
+
+
+def found(takes) -> list[list[tuple[str, ...]]]:
+    return [
+        [tuple(MARKERS[place] for place in group) for group in groups]
+        for groups in contradictions([leads(points) for points in takes])
+    ]
+
+
+def exchanged(points: np.ndarray, *pairs: tuple[str, str]) -> np.ndarray:
+    points = points.copy()
+    for pair in pairs:
+        one, two = map(MARKERS.index, pair)
+        points[:, [one, two]] = points[:, [two, one]]
+    return points
+
+
+def test_takes_that_agree_contradict_nobody(takes):
+    assert found(takes) == [[]] * 5
+    assert found(takes[:2]) == [[], []]
+    assert found(takes[:1]) == [[]]
+
+
+@pytest.mark.parametrize(
+    "pairs",
+    [
+        [("LKNE", "RKNE")],
+        [("LANK", "RANK")],
+        [("LHEE", "LTOE")],
+        [("LWRA", "LWRB")],
+        [("LFHD", "RFHD"), ("LBHD", "RBHD")],
+    ],
+)
+def test_an_exchange_is_found_in_its_take_and_in_no_other(takes, pairs):
+    wrong = exchanged(takes[2], *pairs)
+    assert found([*takes[:2], wrong, *takes[3:]]) == [[], [], pairs, [], []]
+
+
+def test_missing_markers_are_no_contradiction(takes):
+    gaps = takes[1].copy()
+    gaps[:, MARKERS.index("LKNE")] = np.nan
+    gaps[20:, MARKERS.index("RANK")] = np.nan
+    assert found([takes[0], gaps, *takes[2:]]) == [[]] * 5
+    only = exchanged(gaps, ("LHEE", "RHEE"))
+    assert found([takes[0], only, *takes[2:]])[1] == [("LHEE", "RHEE")]
+
+
+def test_the_recorded_takes_with_exchanged_names_are_found(shared_data):
+    from addon.core.training.takes import contradicted
+    from addon.jobs.training_takes import read_takes
+
+    said = contradicted(read_takes(recorded.takes(shared_data, *recorded.MCGILL), ()), MARKERS)
+    assert [line.split(", if")[0] for line in said] == [
+        "LWRA and LWRB have each other's names in HC030A01.c3d",
+        "LWRA and LWRB have each other's names in HC030A05.c3d",
+        "LWRA and LWRB have each other's names in HC030A22.c3d",
+        "LWRA and LWRB have each other's names in HC038A11.c3d",
+        "RWRA and RWRB have each other's names in HC038A11.c3d",
+        "LFHD and LBHD have each other's names in HC039A17.c3d",
+        "RFHD and RBHD have each other's names in HC039A17.c3d",
+        "LFHD and RFHD have each other's names in HC055A34.c3d",
+        "LBHD and RBHD have each other's names in HC055A34.c3d",
+    ]

@@ -10,36 +10,20 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from stage import (
-    TASK,
-    Place,
-    asked,
-    corrections,
-    dot,
-    event,
-    in_window,
-    look_at_the_person,
-    module,
-    now,
-    picked,
-    play,
-    press_held,
-    running,
-    set_tool,
-    window,
-)
+import stage
+from stage import window
 
 
 def walk(seen: dict) -> Iterator[float]:
     """Install, import, label; pick in every way, name, swap, unlabel and relabel, place, play."""
     bpy.data.batch_remove(list(bpy.data.objects))
-    bpy.ops.mocap_autolabel.import_points(filepath=TASK["points"])
-    bpy.context.scene.mocap_autolabel.subjects.markerset = TASK["markerset"]
+    bpy.ops.mocap_autolabel.import_points(filepath=stage.TASK["points"])
+    bpy.context.scene.mocap_autolabel.subjects.markerset = stage.TASK["markerset"]
     bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
     yield from window.until(lambda: bpy.context.scene.mocap_autolabel.take is not None)
-    bpy.context.scene.frame_set(TASK["frame"])
-    look_at_the_person()
-    set_tool()
+    bpy.context.scene.frame_set(stage.TASK["frame"])
+    stage.look_at_the_person()
+    stage.set_tool()
     bpy.ops.ed.undo_push(message="Labelled")
     yield 1
     yield from picking(seen)
@@ -51,93 +35,93 @@ def walk(seen: dict) -> Iterator[float]:
 
 def picking(seen: dict) -> Iterator[float]:
     """Clicks, a box, a lasso."""
-    left, right = dot("LKNE"), dot("RKNE")
+    left, right = stage.dot("LKNE"), stage.dot("RKNE")
     seen["knees"] = [trajectory("LKNE"), trajectory("RKNE")]
     yield from window.click(*left)
-    seen["clicked"] = picked()
+    seen["clicked"] = stage.picked()
     seen["selected"] = [item.name for item in bpy.context.selected_objects]
     yield from window.click(*right, shift=True)
-    seen["with Shift"] = picked()
+    seen["with Shift"] = stage.picked()
     yield from window.screenshot("1-picked")
     yield from window.click(*left, shift=True)
-    seen["with Shift again"] = picked()
+    seen["with Shift again"] = stage.picked()
     yield from window.click(left[0] + 150, left[1])
-    seen["beside"] = picked()
+    seen["beside"] = stage.picked()
     corners = [min(left[0], right[0]) - 25, min(left[1], right[1]) - 25, max(left[0], right[0]) + 25]
     corners.append(max(left[1], right[1]) + 25)
     yield from window.drag((corners[0], corners[1]), (corners[2], corners[3]))
-    seen["in a box"] = picked()
+    seen["in a box"] = stage.picked()
     x, y = right
     yield from lasso([(x - 25, y - 25), (x + 25, y - 25), (x + 25, y + 25), (x - 25, y + 25), (x - 25, y - 15)])
-    seen["in a lasso"] = picked()
+    seen["in a lasso"] = stage.picked()
 
 
 def naming(seen: dict) -> Iterator[float]:
     """Two exchanged, taken back; a pie, a typed name."""
-    left, right = dot("LKNE"), dot("RKNE")
+    left, right = stage.dot("LKNE"), stage.dot("RKNE")
     yield from window.click(*left)
     yield from window.click(*right, shift=True)
     yield from window.press("E", *left)
-    seen["swapped"] = corrections()
-    yield from press_held("Z", left, ctrl=True)
+    seen["swapped"] = stage.corrections()
+    yield from stage.press_held("Z", left, ctrl=True)
     yield 1
-    seen["undone"] = corrections()
-    seen["picked after undo"] = picked()
-    yield from window.click(*dot("LANK"))
+    seen["undone"] = stage.corrections()
+    seen["picked after undo"] = stage.picked()
+    yield from window.click(*stage.dot("LANK"))
     yield from window.press("U", *left)
-    seen["unlabelled"] = corrections()
+    seen["unlabelled"] = stage.corrections()
     yield from window.tap("L", *left)
     yield from window.screenshot("2-pie")
     yield from window.press("FOUR", *left)  # the pie's first piece
-    seen["named by the pie"] = corrections()
+    seen["named by the pie"] = stage.corrections()
     yield from window.press("RET", *left)
     yield from window.screenshot("3-typed")
     yield from window.press("ESC", *left)
-    seen["after Esc"] = corrections()
+    seen["after Esc"] = stage.corrections()
 
 
 def quick_labelling(seen: dict) -> Iterator[float]:
     """Three names taken away and given again, one after the other, with second thoughts."""
-    places = {name: dot(name) for name in ("LELB", "RELB", "LTOE")}
+    places = {name: stage.dot(name) for name in ("LELB", "RELB", "LTOE")}
     seen["truth"] = {name: trajectory(name) for name in places}
     for place in places.values():
         yield from window.click(*place)
         yield from window.press("U", *place)
-    begun = len(corrections())
+    begun = len(stage.corrections())
     aside = places["LELB"]
     yield from window.press("F", *aside)
     yield from window.screenshot("4-quick-label")
     yield from skip_to(places, aside)
-    seen["asked"] = [asked().rstrip("?")]
-    yield from window.click(*places.pop(asked().rstrip("?")))
-    seen["asked"].append(asked().rstrip("?"))
+    seen["asked"] = [stage.asked().rstrip("?")]
+    yield from window.click(*places.pop(stage.asked().rstrip("?")))
+    seen["asked"].append(stage.asked().rstrip("?"))
     yield from window.press("BACK_SPACE", *aside)
-    seen["asked"].append(asked().rstrip("?"))
+    seen["asked"].append(stage.asked().rstrip("?"))
     yield from window.press("SPACE", *aside)
-    seen["asked"].append(asked().rstrip("?"))
+    seen["asked"].append(stage.asked().rstrip("?"))
     yield from skip_to(places, aside)
-    seen["asked"].append(asked().rstrip("?"))
-    yield from window.click(*places.pop(asked().rstrip("?")))
+    seen["asked"].append(stage.asked().rstrip("?"))
+    yield from window.click(*places.pop(stage.asked().rstrip("?")))
     yield from window.press("ESC", *aside)
-    seen["given"] = corrections()[begun:]
-    seen["quick label runs"] = running()
+    seen["given"] = stage.corrections()[begun:]
+    seen["quick label runs"] = stage.running()
 
 
-def skip_to(wanted: dict[str, Place], aside: Place) -> Iterator[float]:
+def skip_to(wanted: dict[str, stage.Place], aside: stage.Place) -> Iterator[float]:
     """Pass over the markers that are asked for until it is one of those wanted."""
     for _ in range(30):
-        if asked().rstrip("?") in wanted:
+        if stage.asked().rstrip("?") in wanted:
             return
         yield from window.press("SPACE", *aside)
 
 
 def placing(seen: dict) -> Iterator[float]:
     """A marker put where nothing was seen."""
-    stored, _ = now()
+    stored, _ = stage.now()
     hidden = np.isnan(stored.motion.markers[..., 0]) & np.isfinite(stored.motion.expected[..., 0])
     [frame, marker] = np.argwhere(hidden & np.isfinite(stored.motion.markers[..., 0]).any(axis=0))[0]
     bpy.context.scene.frame_set(int(stored.motion.frames[frame]) + stored.shift)
-    look_at_the_person()
+    stage.look_at_the_person()
     yield 1
     seen["gap"] = stored.names[marker]
     item = next(item for item in take().all_objects if item.get("mocap_marker") == seen["gap"])
@@ -145,12 +129,12 @@ def placing(seen: dict) -> Iterator[float]:
     for other in bpy.context.selected_objects:
         other.select_set(False)
     item.select_set(True)
-    place = in_window(stored.motion.expected[frame, marker])
+    place = stage.in_window(stored.motion.expected[frame, marker])
     yield from window.press("P", *place)
     yield from window.click(*place)
     yield from window.screenshot("5-it-is-here")
     yield from window.press("RET", *place)
-    seen["placed"] = [corrections()[-1], [float(value) for value in item.matrix_world.translation]]
+    seen["placed"] = [stage.corrections()[-1], [float(value) for value in item.matrix_world.translation]]
 
 
 def playing(seen: dict) -> Iterator[float]:
@@ -171,8 +155,8 @@ def take() -> bpy.types.Collection:
 
 def dots():
     """The dots of the current frame, and the names of the markers."""
-    stored, index = now()
-    return module("scene.picking").dots_of(stored, index), stored.names
+    stored, index = stage.now()
+    return stage.module("scene.picking").dots_of(stored, index), stored.names
 
 
 def trajectory(marker: str) -> int:
@@ -181,19 +165,19 @@ def trajectory(marker: str) -> int:
     return int(here.trajectory[here.marker == names.index(marker)][0])
 
 
-def lasso(path: list[Place]) -> Iterator[float]:
+def lasso(path: list[stage.Place]) -> Iterator[float]:
     """Drag along a path with Ctrl held, which Blender has to see pressed before a drag counts as such."""
-    event("MOUSEMOVE", "NOTHING", path[0])
+    stage.event("MOUSEMOVE", "NOTHING", path[0])
     yield 0.2
-    event("LEFT_CTRL", "PRESS", path[0], ctrl=True)
-    event("LEFTMOUSE", "PRESS", path[0], ctrl=True)
+    stage.event("LEFT_CTRL", "PRESS", path[0], ctrl=True)
+    stage.event("LEFTMOUSE", "PRESS", path[0], ctrl=True)
     for place in path[1:]:
         yield 0.3
-        event("MOUSEMOVE", "NOTHING", place, ctrl=True)
+        stage.event("MOUSEMOVE", "NOTHING", place, ctrl=True)
     yield 0.3
-    event("LEFTMOUSE", "RELEASE", path[-1], ctrl=True)
-    event("LEFT_CTRL", "RELEASE", path[-1])
+    stage.event("LEFTMOUSE", "RELEASE", path[-1], ctrl=True)
+    stage.event("LEFT_CTRL", "RELEASE", path[-1])
     yield 0.5
 
 
-play(walk)
+stage.play(walk)

@@ -12,21 +12,8 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from stage import (
-    OUT,
-    TASK,
-    Place,
-    corrections,
-    dot,
-    look_at_the_person,
-    module,
-    now,
-    play,
-    press_held,
-    set_tool,
-    settings,
-    window,
-)
+import stage
+from stage import window
 
 RANGE = (5, 25)  # frames that a person takes off the scene at its start and end
 LOST, RIGHT = "LKNE", "RKNE"
@@ -35,22 +22,22 @@ LOST, RIGHT = "LKNE", "RKNE"
 def walk(seen: dict) -> Iterator[float]:
     """Does all of it, once."""
     bpy.data.batch_remove(list(bpy.data.objects))
-    bpy.ops.mocap_autolabel.import_points(filepath=TASK["points"])
-    bpy.context.scene.mocap_autolabel.subjects.markerset = TASK["markerset"]
+    bpy.ops.mocap_autolabel.import_points(filepath=stage.TASK["points"])
+    bpy.context.scene.mocap_autolabel.subjects.markerset = stage.TASK["markerset"]
     bpy.ops.ed.undo_push(message="Imported")
     yield from label()
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = scene.frame_start + RANGE[0], scene.frame_end - RANGE[1]
-    scene.frame_set(TASK["frame"])
+    scene.frame_set(stage.TASK["frame"])
     bpy.ops.ed.undo_push(message="Range")
-    set_tool()
-    look_at_the_person()
+    stage.set_tool()
+    stage.look_at_the_person()
     yield 1
     seen["labelled"] = take_now("labelled")
 
-    yield from window.click(*dot(LOST))
-    yield from window.press("U", *dot(RIGHT))
-    view, here = window.area().spaces.active.region_3d, dot(RIGHT)
+    yield from window.click(*stage.dot(LOST))
+    yield from window.press("U", *stage.dot(RIGHT))
+    view, here = window.area().spaces.active.region_3d, stage.dot(RIGHT)
     view.view_location, turn = (9, 9, 9), list(view.view_rotation)
     yield from window.press("J", *here)
     yield 1
@@ -58,7 +45,7 @@ def walk(seen: dict) -> Iterator[float]:
     worst = bpy.context.window_manager.mocap_autolabel.trouble_index
     bpy.ops.mocap_autolabel.accept_trouble("INVOKE_DEFAULT", index=worst)
     bpy.ops.ed.undo_push(message="It Is Right")
-    scene.frame_set(TASK["frame"])
+    scene.frame_set(stage.TASK["frame"])
     yield 1
     seen["corrected"] = take_now("corrected")
     bpy.ops.mocap_autolabel.fill_gaps("INVOKE_DEFAULT", extent="TAKE")
@@ -69,17 +56,17 @@ def walk(seen: dict) -> Iterator[float]:
 
     yield from label()
     seen["labelled again"] = take_now("labelled-again")
-    yield from press_held("Z", middle(), ctrl=True)
+    yield from stage.press_held("Z", middle(), ctrl=True)
     yield 1
     seen["undone"] = take_now("undone")
-    yield from press_held("Z", middle(), ctrl=True, shift=True)
+    yield from stage.press_held("Z", middle(), ctrl=True, shift=True)
     yield 1
     seen["redone"] = take_now("redone")
 
-    bpy.ops.wm.save_as_mainfile(filepath=str(OUT / "room.blend"))
+    bpy.ops.wm.save_as_mainfile(filepath=str(stage.OUT / "room.blend"))
     bpy.ops.wm.read_homefile(app_template="")
     yield 1
-    bpy.ops.wm.open_mainfile(filepath=str(OUT / "room.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(stage.OUT / "room.blend"))
     yield 2
     seen["reopened"] = take_now("reopened")
     yield from window.screenshot("2-reopened")
@@ -90,19 +77,19 @@ def label() -> Iterator[float]:
     bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
     yield 0.5
     yield from window.until(
-        lambda: settings().take is not None and not bpy.context.window_manager.mocap_autolabel.doing
+        lambda: stage.settings().take is not None and not bpy.context.window_manager.mocap_autolabel.doing
     )
     yield 1
 
 
 def take_now(name: str) -> dict:
     """What a person has at a step: names, corrections, fills, answers, the scene's frames, and the file exported."""
-    file, scene, take = OUT / f"{name}.c3d", bpy.context.scene, now()[0]
+    file, scene, take = stage.OUT / f"{name}.c3d", bpy.context.scene, stage.now()[0]
     bpy.ops.mocap_autolabel.export_c3d(filepath=str(file))
-    troubles = module("scene.trouble").trouble_of(settings().take, scene)
+    troubles = stage.module("scene.trouble").trouble_of(stage.settings().take, scene)
     return {
         "range": [scene.frame_start, scene.frame_end],
-        "edits": corrections(),
+        "edits": stage.corrections(),
         "fills": [[fill.marker, fill.first, fill.last] for fill in take.fitting],
         "answered": sorted(one.topic for one in troubles if one.answered),
         "lost": int((take.labels.marker == take.names.index(LOST)).sum()),
@@ -111,10 +98,10 @@ def take_now(name: str) -> dict:
     }
 
 
-def middle() -> Place:
+def middle() -> stage.Place:
     """The middle of the 3D view."""
     region = window.region("WINDOW")
     return region.x + region.width // 2, region.y + region.height // 2
 
 
-play(walk)
+stage.play(walk)

@@ -9,7 +9,7 @@ import bpy
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from stage import TASK, play, running, settings, window
+from stage import OUT, TASK, play, running, settings, state, window
 
 LABEL, CLEAR, LOOK = "mocap_autolabel.label", "mocap_autolabel.clear", "mocap_autolabel.look_through"
 
@@ -49,6 +49,17 @@ def walk(seen: dict) -> Iterator[float]:
     yield 1
     seen["view"] = window.area().spaces.active.region_3d.view_perspective
     yield from window.screenshot("4-through-a-camera")
+
+    file = str(OUT / "tour.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=file)
+    with window.held():
+        with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):
+            bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
+        seen["running before another file"] = running()
+        bpy.ops.wm.open_mainfile(filepath=file)
+        yield 1
+    seen["another file"] = {"running": running(), "doing": state().doing, "take": settings().take is not None}
+    yield from window.screenshot("5-given-up")
 
 
 play(walk)

@@ -8,6 +8,7 @@ from typing import Self
 import numpy as np
 
 from ...data.lanes import blocks
+from ...data.progress import finished
 from ...data.takes import NO_MARKER, Labels, Points, Suspect, Verdict
 from ..motion import by_marker, take_motion
 from ..refusals import refuse_unlike, refuse_unrecognised
@@ -93,8 +94,8 @@ def motion_of_all(
         put = {(frame, marker - first): xyz for (frame, marker), xyz in _of_range(places, first, size)}
         markers = by_marker(take.xyz, own, size, put)
         residual = by_marker(take.residual, own, size, dict.fromkeys(put, 0.0))  # not measured
-        given = markers, residual, own, subject.model.markerset, take.frames, None, options.room
-        parts.append(take_motion(*given))
+        given = markers, residual, own, subject.model.markerset, take.frames, options.room
+        parts.append(finished(take_motion(*given)))
     return SubjectsMotion.of(parts)
 
 

@@ -14,7 +14,6 @@ from time import perf_counter
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ...data.background import in_background
 from ...data.lanes import PACKING
 from ...data.made import Made
 from ...data.progress import Progress, Stage, Steps, in_stages
@@ -27,7 +26,7 @@ from ...review.suspects import called_by, summarised
 from ..adaptation import Adaptation, adapt, borne_out
 from ..deciding import FrameLabels
 from ..models import Model
-from ..motion import LabelledPoints, TakeMotion, by_marker, take_motion
+from ..motion import LabelledPoints, by_marker, take_motion
 from ..naming import USUAL_TARGET, Namer, namer_of
 from ..possible import refuse_impossible
 from ..refusals import Sample, refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
@@ -161,11 +160,8 @@ def _labelled(
     markers = by_marker(take.xyz, verdict.labels, len(model.markerset), places)
     nothing = dict.fromkeys(places, 0.0)  # they were not measured
     residual = by_marker(take.residual, verdict.labels, len(model.markerset), nothing)
-
-    def pose(tell) -> TakeMotion:
-        return take_motion(markers, residual, verdict.labels, model.markerset, take.frames, tell, options.room)
-
-    motion = yield from in_background(pose)
+    of_take = verdict.labels, model.markerset, take.frames, options.room
+    motion = yield from take_motion(markers, residual, *of_take)
     seconds = {"label": named - begin, "fit": perf_counter() - named}
     yield Stage("write", "write")
     doubts = motion.suspects(model.markerset.markers, take.rate)
@@ -288,7 +284,7 @@ def solution_for(
     if not frames.solvable:
         return None
     given = frames.take.xyz, tracklet, named, frames.model, frames.take.rate
-    return (yield from in_background(lambda tell: solve_take(*given, progress=tell, rulings=rulings)))
+    return (yield from solve_take(*given, rulings))
 
 
 def decided_of(

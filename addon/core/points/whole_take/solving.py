@@ -7,7 +7,7 @@ markers at once; what is far enough ahead is believed in the next round, with mo
 there the `search` climbs the `objective`, in which what is always there beside the markers competes with them.
 """
 
-from collections.abc import Callable
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -89,15 +89,14 @@ def solve_take(
     named: FrameLabels,
     model: Model,
     rate: float,
-    progress: Callable[[float], None] | None = None,
     rulings: Rulings | None = None,
     search: bool = True,
-) -> Solution:
+) -> Generator[float, None, Solution]:
     """Names the tracklets (T, P), -1 where there is none, of points (T, P, 3) m at `rate` frames a second.
 
     named is what frames say on their own, of which the likeliest names are begun with. The model has a likelihood.
-    `progress` hears the share that is done; `rulings` is what a person said, whose tracklets these are: it begins with
-    what the take was solved to without them. Without a `search` names are as they spread.
+    Yields the share that is done. `rulings` is what a person said, whose tracklets these are: it begins with what the
+    take was solved to without them. Without a `search` names are as they spread.
     """
     tracklets = tracklets_of(points, tracklet, named, len(model.markerset))
     del tracklet  # a long take's is large
@@ -107,7 +106,7 @@ def solve_take(
         begun = rulings.begun(tracklets)
     solving = _Solving(points, tracklets, model, rate, begun)
     if rulings is None:
-        return solving.solved(progress, search)
+        return (yield from solving.solved(search))
     solving.objective.extras = rulings.extras
     solution = solving.solved_again(rulings)
     return replace(solution, margin=rulings.sure(tracklets, solution.marker, solution.margin))
@@ -122,14 +121,13 @@ class _Solving:
         self.objective = Objective(points, tracklets, model, rate, begun)
         self.best = self.margin = self.odds = np.zeros(0)
 
-    def solved(self, progress: Callable[[float], None] | None, mended: bool) -> Solution:
+    def solved(self, mended: bool) -> Generator[float, None, Solution]:
         """What frames came to spread over the take, and mended where it is to be."""
         questions: tuple[Question, ...] = ()
         last = len(ROUNDS.freedoms)
         # Once more at the end of a crowd: what nothing else could be may be in the place of a marker.
         for number, freedom in enumerate((*ROUNDS.freedoms, *ROUNDS.freedoms[-1:] * self.crowd)):
-            if progress is not None:
-                progress(number / (last + 1))
+            yield number / (last + 1)
             if number and self.crowd and not self._add_extras() and number == last:
                 break
             self._spread(freedom)

@@ -92,9 +92,7 @@ def test_every_visible_marker_is_exclusive_or_in_conflict_or_not_associated(seed
     exclusive, conflicting = naming.step == EXCLUSIVE, claims.any(axis=2)
     misfit = np.where(visible[..., None], frame.nll, TOO_FAR)
     free = ~exclusive & ~conflicting
-    assert (
-        not (exclusive & conflicting).any() and not (exclusive & ~visible).any() and not (conflicting & ~visible).any()
-    )
+    assert not ((exclusive & conflicting) | (exclusive & ~visible) | (conflicting & ~visible)).any()
     assert ((exclusive.sum(1) + conflicting.sum(1) + (free & visible).sum(1)) == visible.sum(1)).all()
     # A visible marker is without association only where every blob in reach is another's or clearly nearer to another.
     best = misfit.min(axis=1)

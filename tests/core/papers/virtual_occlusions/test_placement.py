@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Section 3: translation by equations 1 to 5, height and facing from the cloud, starts all around."""
+"""Section 3: translation by equations 1 to 5, height and facing from the cloud; equation 7 and its derivatives."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import JobError
+from addon.core.geometry.cameras import Cameras
 from addon.core.geometry.views import Sight, split_views
 from addon.core.papers.virtual_occlusions.cloud import Cloud, build_cloud
+from addon.core.papers.virtual_occlusions.cost import BlobPull, RayPull
 from addon.core.papers.virtual_occlusions.placement import (
     blob_centroids,
     make_starts,
@@ -19,7 +21,7 @@ from addon.core.papers.virtual_occlusions.placement import (
 )
 from addon.core.simulation.rigs import paper_rig, ring_rig
 from tests.core.papers.virtual_occlusions.stages import bounding_box_guess
-from tests.core.scenes import blobs_at, built_in, stand
+from tests.core.scenes import FLAWLESS, blobs_at, built_in, stand
 
 RIG = paper_rig()
 
@@ -147,3 +149,164 @@ def test_starts_stand_around_the_point():
     assert posed.markers.mean(axis=1) == pytest.approx(np.tile(point, (3, 1)))
     assert posed.rotations[:, 0, :, 0] == pytest.approx(np.stack([np.cos(facings), np.sin(facings), 0 * facings], 1))
     assert (starts.scale == 1.5).all()
+
+
+def two_cameras() -> Cameras:
+    """One looks along +x from (-2, 0, 0), one along +y from (0, -4, 0): focal length 100 px, no lens."""
+    rotation = np.array([[[0, -1, 0], [0, 0, -1], [1, 0, 0]], [[1, 0, 0], [0, 0, -1], [0, 1, 0]]], dtype=float)
+    centres = np.array([[-2.0, 0, 0], [0, -4.0, 0]])
+    return Cameras(
+        ("a", "b"),
+        np.full((2, 2), 400),
+        np.tile([[100.0, 0, 200], [0, 100, 200], [0, 0, 1]], (2, 1, 1)),
+        np.zeros((2, 5)),
+        rotation,
+        -np.einsum("cij,cj->ci", rotation, centres),
+    )
+
+
+PAIR = two_cameras()
+# Two markers in the plane x = 0, y = 0: 2 m before camera a, 4 m before camera b.
+MARKERS = np.array([[[0.0, 0, 0], [0, 0, 0.5]]])
+# Camera a shows the markers at (200, 200) and (200, 175): 1 px is 0.02 m there, 0.04 m for camera b at (200, 187.5).
+TOY_BLOBS = [np.array([[203.0, 204.0], [200.0, 175.0]]), np.array([[200.0, 190.0]])]
+
+
+def toy(visible, blobs=TOY_BLOBS, softness=0.01, reach=0.2):
+    view = split_views(blobs_at(blobs), PAIR)[0]
+    return BlobPull(np.array(visible, dtype=bool)[None], view, Sight(PAIR), softness, reach)(MARKERS)
+
+
+def test_two_cameras_by_hand():
+    """A8: over cameras, over visible markers, the distance to the nearest blob, truncated; and the same from the blobs.
+
+    Camera a: the first marker's blob is 3 and 4 px off, 0.1 m; the second's exactly there. Camera b, in which only the
+    second is visible: 2.5 px, 0.1 m. The first marker, hidden from b, has no blob there to answer for it: it stays at
+    the truncation, whatever the pose.
+    """
+    reach = 0.2
+    markers = 0.1**2 + 0 + reach**2 + 0.1**2
+    blobs = 0.1**2 + 0 + 0.1**2
+    cost = toy([[1, 1], [0, 1]], reach=reach).cost
+    assert cost * 0.01**2 == pytest.approx([(markers + blobs) / 2], abs=1e-9)
+
+
+def test_a_hidden_marker_pulls_at_nothing():
+    """A8: equation 7 sums over visible markers only."""
+    pull = toy([[0, 1], [0, 1]])
+    assert (pull.gradient[0, 0] == 0).all() and (pull.hessian[0, 0] == 0).all()
+    assert np.abs(pull.gradient[0, 1]).max() > 0
+
+
+@pytest.mark.parametrize("far", [0.5, 1.0, 3.0])
+def test_a_far_blob_does_not_pull(far):
+    """A14: only small values of equation 7 are considered; what is beyond the reach costs, but does not pull."""
+    softness, reach = 0.02, 0.1
+    alone = toy([[1, 1], [1, 1]], softness=softness, reach=reach)
+    ghosts = [np.vstack([TOY_BLOBS[0], [[200 + far / 0.02, 200]]]), TOY_BLOBS[1]]
+    more = toy([[1, 1], [1, 1]], ghosts, softness, reach)
+    assert more.gradient == pytest.approx(alone.gradient, abs=1e-6 * np.abs(alone.gradient).max())
+    assert more.cost - alone.cost == pytest.approx([(reach / softness) ** 2 / 2], rel=1e-6)
+
+
+def reference(markers, visible, image, cameras, depth, softness, reach):
+    """F of one body by loops, halved as in the code, with the body's depth in every camera given."""
+    outside = np.exp(-(reach**2) / (2 * softness**2))
+    total = 0.0
+    for camera, blobs in enumerate(image):
+        seen = cameras.normalised(markers)[camera]
+        chance = np.array(
+            [
+                [np.exp(-((np.linalg.norm(b - m) * depth[camera]) ** 2) / (2 * softness**2)) * shown for b in blobs]
+                for m, shown in zip(seen, visible[camera], strict=True)
+            ]
+        )
+        total += np.log(chance.sum(axis=1) + outside).sum() + np.log(chance.sum(axis=0) + outside).sum()
+    return -total
+
+
+@given(st.integers(0, 2**16), st.sampled_from([(0.2, 0.6), (0.05, 0.2), (0.02, 0.08)]))
+def test_equation_7_and_its_gradient_against_finite_differences(seed, stage):
+    """A8, A9: the code's cost is the formula's, its gradient half the formula's slope at the body's depth."""
+    softness, reach = stage
+    rig, generator, small = paper_rig(), np.random.default_rng(seed), 1e-6
+    markers = generator.uniform([-0.4, -0.4, 0.4], [0.4, 0.4, 1.6], (4, 3))
+    visible = generator.random((4, 4)) < 0.7
+    pixels = list(rig.project(markers + generator.normal(0, 0.05, markers.shape)))
+    view, sight = split_views(blobs_at(pixels), rig)[0], Sight(rig)
+    depth = sight.local(markers[None])[0, ..., 2].mean(axis=1)
+    pull = BlobPull(visible[None], view, sight, softness, reach)(markers[None])
+
+    def cost(moved):
+        return reference(moved, visible, view.image, rig, depth, softness, reach)
+
+    assert pull.cost == pytest.approx([cost(markers)], rel=1e-9)
+    for marker in range(4):
+        for axis in range(3):
+            step = np.zeros_like(markers)
+            step[marker, axis] = small
+            slope = (cost(markers + step) - cost(markers - step)) / (2 * small)
+            assert 2 * pull.gradient[0, marker, axis] == pytest.approx(slope, rel=1e-4, abs=1e-3 / softness)
+
+
+def test_named_rays_by_hand_and_switched_off():
+    """A marker 0.06 m to the side of its ray at a deviation of 0.02 m is three deviations off: cost 9."""
+    sight = Sight(PAIR)
+    image = np.zeros((1, 2, 1, 2))
+    off = np.array([[[0.02], [np.inf]]])
+    pull = RayPull(image, off, sight)(np.array([[[0.0, 0.06, 0]]]))
+    assert pull.cost == pytest.approx([9])
+    assert pull.gradient[0, 0, 1] == pytest.approx(0.06 / 0.02**2)
+    assert pull.hessian[0, 0, 1, 1] == pytest.approx(0.02**-2)
+    nothing = RayPull(image, np.full((1, 2, 1), np.inf), sight)(np.array([[[0.0, 0.06, 0]]]))
+    assert nothing.cost == 0 and not nothing.gradient.any() and not nothing.hessian.any()
+
+
+RIG = paper_rig()
+
+
+def cloud_of(points, cameras=RIG, drop=()):
+    """The cloud of points that every camera sees, but for dropped (camera, point) pairs."""
+    pixels = cameras.project(points)
+    kept = [np.array([p for i, p in enumerate(row) if (c, i) not in drop]) for c, row in enumerate(pixels)]
+    return build_cloud(split_views(blobs_at(kept), cameras)[0], Sight(cameras))
+
+
+SPREAD = np.array([[0.1, 0.3, 0.3], [-0.4, 0.1, 0.8], [0.3, -0.35, 1.2], [-0.1, -0.2, 1.7], [0.5, 0.5, 1.0]])
+
+
+def test_points_that_two_cameras_or_all_see_are_the_cloud():
+    cloud = cloud_of(SPREAD)
+    distance = np.linalg.norm(cloud.points[:, None] - SPREAD[None], axis=-1)
+    assert (distance.min(axis=0) < 1e-6).all()
+    assert (cloud.support[distance.argmin(axis=0)] == 4).all()
+    assert (cloud.weight[distance.argmin(axis=0)] == 1).all()
+    cloud = cloud_of(SPREAD, drop={(0, 2), (1, 2)})
+    nearest = np.linalg.norm(cloud.points - SPREAD[2], axis=1)
+    assert nearest.min() < 1e-6 and cloud.support[nearest.argmin()] == 2
+    cloud = cloud_of(np.zeros((0, 3)))
+    assert cloud.points.shape == (0, 3) and cloud.support.shape == (0,)
+
+
+@pytest.mark.parametrize("name", ["gait15", "body26"])
+def test_a_persons_cloud_holds_what_two_cameras_see_and_little_else(name):
+    scene = stand(built_in(name), RIG, seed=3, facing=1.0, options=FLAWLESS)
+    cloud = build_cloud(scene.views()[0], Sight(RIG))
+    seen = [sum(mark in text.split("|") for text in scene.truth) for mark in scene.markerset.markers]
+    distance = np.linalg.norm(cloud.points[:, None] - scene.points[0][None], axis=-1)
+    merged = {mark for text in scene.truth if "|" in text for mark in text.split("|")}
+    alone = np.array([mark not in merged for mark in scene.markerset.markers])
+    reachable = (np.array(seen) >= 2) & alone
+    assert (distance.min(axis=0)[reachable] < 0.01).mean() > 0.9
+    real = distance.min(axis=1) < 0.03
+    assert cloud.weight[~real].sum() < 0.5 * cloud.weight[real].sum()
+
+
+def test_of_many_cameras_the_neighbours_are_enough():
+    cameras = ring_rig(16)
+    scene = stand(built_in("body26"), cameras, seed=3, facing=1.0, options=FLAWLESS)
+    cloud = build_cloud(scene.views()[0], Sight(cameras))
+    seen = np.array([sum(mark in text.split("|") for text in scene.truth) for mark in scene.markerset.markers])
+    distance = np.linalg.norm(cloud.points[:, None] - scene.points[0][None], axis=-1)
+    assert (distance.min(axis=0)[seen >= 4] < 0.01).all()
+    assert cloud.weight[distance.min(axis=1) > 0.03].sum() < 3

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from addon.core.data.errors import JobError
+from addon.core.data.progress import finished
 from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels
 from addon.core.points.likelihood.distances import DistanceConstraints
 from addon.core.points.likelihood.latent import Latent
@@ -161,7 +162,7 @@ def test_a_crowd_is_told_from_the_set_where_frames_know_the_trunk_only(model, ma
     points, whose = shuffled(np.concatenate([markers, beside(markers)], axis=1), markers.shape[1])
     trunk = [model.markerset.markers.index(name) for name in ("LASI", "RASI", "SACR", "LSHO", "RSHO", "LELB", "RELB")]
     named = said(points, np.broadcast_to(np.where(np.isin(whose, trunk), whose, NO_MARKER), points.shape[:2]))
-    solution = solve_take(points, cut(points, RATE), named, model, RATE)
+    solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
     given = labels_of(solution, named, 0.999, model.markerset.markers).labels.marker
     truth = np.where(np.isfinite(points[..., 0]), whose, NO_MARKER)
     assert solution.crowd

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.lanes import LaneOptions
+from addon.core.data.progress import finished
 from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Points
 from addon.core.edits.applying import apply_edits, cells_of_take
 from addon.core.edits.kinds import AssignPoint, Delete, Edits, UnlabelMarker
@@ -67,7 +68,7 @@ def test_a_third_of_the_frames_name_the_whole_take_and_no_less_of_it_with_a_lax_
     points, whose = pieces(markers)
     early = np.arange(FRAMES)[:, None] < FRAMES // 3
     named = said(points, whose, np.broadcast_to(early, points.shape[:2]))
-    solution = solve_take(points, cut(points, RATE), named, model, RATE)
+    solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
     labels = labels_of(solution, named, 0.999, model.markerset.markers).labels
     wrong, missing = wrong_and_missing(labels.marker, points, whose)
     assert wrong == 0
@@ -93,7 +94,7 @@ def test_points_that_are_no_marker_get_no_name(model, markers):
         ghosts[first : first + 50, column] += np.cumsum(rng.normal(0, 0.002, (50, 3)), axis=0)
     points, whose = np.concatenate([points, ghosts], axis=1), np.r_[whose, np.full(6, NO_MARKER)]
     named = said(points, whose, whose >= 0)
-    solution = solve_take(points, cut(points, RATE), named, model, RATE)
+    solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
     labels = labels_of(solution, named, 0.999, model.markerset.markers).labels
     assert (labels.marker[:, whose == NO_MARKER] == NO_MARKER).all()
 
@@ -101,7 +102,7 @@ def test_points_that_are_no_marker_get_no_name(model, markers):
 def test_two_names_that_nothing_has_are_not_asked_about(model, markers):
     points, whose = pieces(markers)
     named, names = said(points, whose, np.ones(points.shape[:2], bool)), model.markerset.markers
-    solution = solve_take(points, cut(points, RATE), named, model, RATE)
+    solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
     pair = names.index("LELB"), names.index("RELB")
     words = "LELB and RELB may have each other's names in the whole take"
     for unworn, asks in (((), True), (pair[:1], True), (pair, False)):
@@ -128,7 +129,7 @@ def exchanged_for_a_while(markers: np.ndarray, names) -> tuple[np.ndarray, np.nd
 def test_an_exchange_for_a_while_is_undone(model, markers):
     points, whose, given = exchanged_for_a_while(markers, model.markerset.markers)
     named = said(points, given, np.ones(points.shape[:2], bool), 0.6)
-    solution = solve_take(points, cut(points, RATE), named, model, RATE)
+    solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
     assert solution.marker.tolist() == whose[solution.tracklets.lane].tolist()
 
 
@@ -140,7 +141,7 @@ def test_a_limb_that_is_one_place_off_is_put_right(model, markers, limb):
     for one, other in zip(limb, [*limb[1:], NO_MARKER], strict=True):
         given[whose == one] = other
     named = said(points, given, np.ones(points.shape[:2], bool), 0.9)
-    solution = solve_take(points, cut(points, RATE), named, model, RATE)
+    solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
     right = solution.marker == whose[solution.tracklets.lane]
     assert right.mean() > 0.95
 
@@ -211,7 +212,7 @@ def test_what_a_ghost_bears_out_itself_is_not_said_of_a_marker_that_is_not_there
     ghost[100:180, 0] = markers[100:180, hidden] + [0.01, 0.0, 0.01]
     points, whose = np.concatenate([points, ghost], axis=1), np.r_[whose, NO_MARKER]
     named = said(points, whose, whose >= 0)
-    solution = solve_take(points, cut(points, RATE), named, model, RATE)
+    solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
     assert hidden in solution.marker
     for target in (0.9, 0.999):
         labels = labels_of(solution, named, target, model.markerset.markers).labels
@@ -300,7 +301,7 @@ def solved(model, markers, labels: Labels, rulings: Rulings) -> np.ndarray:
     """(T, P) the markers of the take once it is solved with the rulings."""
     pieces = rulings.parted()
     heard = rulings.applied_to(labels)
-    solution = solve_take(markers, pieces, heard, model, RATE, rulings=rulings)
+    solution = finished(solve_take(markers, pieces, heard, model, RATE, rulings=rulings))
     return labels_of(solution, heard, 0.999, model.markerset.markers).labels.marker
 
 

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`live SOURCE`: names from a stream, a JSON line for each frame."""
+
+import json
+import signal
+import sys
+from contextlib import ExitStack
+from functools import lru_cache, partial
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+from ..core.data.errors import JobError, UserError
+from ..core.points.whole_take.live import Window, WindowNames, WindowSolver
+from ..io.models import open_model
+from ..io.scratch import scratch_folder
+from ..jobs.live import LiveJob, name_stream
+from .arguments import add_options, job_of, number
+from .console import ProgressLine, print_results
+from .workers import Worker
+
+DESCRIPTION = """Names the points of a stream frame by frame: a line of JSON for each on standard output, until the
+sender ends or Ctrl-C. Settled names only: what is not sure yet is unnamed."""
+
+
+def add_parser(verbs):
+    """Adds the verb to the command line's grammar."""
+    parser = verbs.add_parser("live", help="names from a stream", description=DESCRIPTION)
+    what = "qtm://HOST (Qualisys), natnet://HOST (OptiTrack) or vicon://HOST; :PORT where it is not the usual one"
+    parser.add_argument("source", metavar="SOURCE", help=what)
+    add_options(parser, "--model", required=True)
+    parser.add_argument("--out", type=Path, metavar="FILE.c3d", help="also keep all frames in this .c3d")
+    wait = number(0.1, 3600, "number of seconds")
+    parser.add_argument("--wait", type=wait, default=5.0, metavar="S", help="end after S seconds without a frame (5)")
+    parser.add_argument("--anywhere", action="store_true", help="also a sender outside of this machine's own network")
+    add_options(parser, "--up", "--rate", "--overwrite")
+    parser.set_defaults(run=run)
+
+
+def run(arguments) -> int:
+    """Names a stream."""
+    refuse_offline()
+    job, shown = job_of(LiveJob, arguments), ProgressLine(arguments.progress)
+    stops: list[int] = []
+
+    def stop(kind: int, _frame):
+        if stops:  # for the second time: at once
+            raise KeyboardInterrupt
+        stops.append(kind)
+
+    def tell(line: dict):
+        print_results([json.dumps(line, separators=(",", ":"), ensure_ascii=False)], line, as_json=False)
+        count = len(line["markers"])
+        state = f"frame {line['frame']}: {count} named, {len(line['unnamed'])} not, {line['late']} late"
+        shown.tell(f"{state}, {line['ms']} ms")
+
+    with ExitStack() as stack:
+        solver = stack.enter_context(SolverProcess(stack.enter_context(scratch_folder()), job.model))
+        for kind in (signal.SIGINT, signal.SIGTERM):
+            stack.callback(signal.signal, kind, signal.signal(kind, stop))
+        try:
+            result = name_stream(job, solver, tell, lambda: bool(stops))
+        finally:
+            shown.clear()
+    shown.tell(f"{result['frames']} frames, {result['late']} late", at_once=True)
+    return 0
+
+
+def refuse_offline():
+    """JobError where Blender's user does not allow it to go online."""
+    blender = sys.modules.get("bpy")
+    if blender is not None and blender.app.binary_path and not blender.app.online_access:
+        raise JobError("Allow Online Access is off in Blender's preferences; expected it on, or blender --online-mode")
+
+
+class SolverProcess:
+    """A process beside this one that solves windows; use it as a context manager."""
+
+    def __init__(self, scratch: Path, model: str):
+        """Starts it."""
+        self.worker, self.model = Worker(scratch), model
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_: object):
+        self.worker.process.kill()
+        self.worker.process.wait()
+        self.worker.close()
+
+    @property
+    def free(self) -> bool:
+        """Whether it has nothing to do."""
+        return not self.worker.busy
+
+    def send(self, window: Window):
+        """Gives it a window."""
+        self.worker.hand(partial(solved_window, self.model, window))
+
+    def answer(self) -> WindowNames | None:
+        """What came of it; None while it is at work. The JobError of how it ended where it has."""
+        found = self.worker.look()
+        if isinstance(found, UserError):
+            raise found
+        return found
+
+
+def solved_window(model: str, window: Window) -> WindowNames:
+    """What the process beside does with a window, with what it remembers of those before."""
+    with threadpool_limits(1, user_api="blas"):
+        return _solver(model).solve(window)
+
+
+@lru_cache(maxsize=1)
+def _solver(model: str) -> WindowSolver:
+    return WindowSolver(open_model(model))

@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Names from a stream: a line for each frame at once and, where wanted, all frames in a C3D at the end."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Protocol
+
+import numpy as np
+
+from ..core.data.errors import InputError, UserError
+from ..core.data.lanes import Lanes
+from ..core.data.takes import NO_MARKER, Points
+from ..core.points.whole_take.live import LiveNamer, Window, WindowNames
+from ..core.reconstruction.trajectories import Reconstructed
+from ..io.models import open_model
+from ..io.points import write_c3d
+from ..io.scratch import scratch_folder
+from ..io.streams.sources import open_stream
+from ..io.streams.wire import LiveStream, StreamFrame
+from ..io.whole import whole_file
+from .rebuild import REST_S, TrajectoryFile
+
+RATE_FRAMES = 30  # by which the frame rate is known where the sender does not say
+KEPT_FRAMES = 200  # that go to the disk at once
+
+
+class SolverBeside(Protocol):
+    """What solves windows while frames go on, one at a time."""
+
+    free: bool
+
+    def send(self, window: Window):
+        """Gives it a window, if it is `free`."""
+
+    def answer(self) -> WindowNames | None:
+        """What came of it; None while it is at work."""
+
+
+@dataclass(frozen=True)
+class LiveJob:
+    """What to name.
+
+    source    the address of a stream
+    model     a built-in model's name or the path of one
+    out       the `.c3d` to write at the end, None for none
+    up        the axis that points up in the sender's world, None for what it says
+    rate      frames a second, None for what the sender says or shows
+    wait      s without a frame after which the stream has ended in trouble
+    anywhere  also a sender outside of this machine's own network
+    """
+
+    source: str
+    model: str
+    out: Path | None = None
+    up: str | None = None
+    rate: float | None = None
+    wait: float = 5.0
+    anywhere: bool = False
+    overwrite: bool = False
+
+
+class LiveFile(TrajectoryFile):
+    """All frames of a stream, in a scratch file: the markers' columns first, then what stayed without a name."""
+
+    def __init__(self, folder: Path, rate: float, names: tuple[str, ...]):
+        super().__init__(folder, rate)
+        self.names = names
+        self.spans.table = np.tile([0, np.iinfo(np.int64).max, -1], (len(names), 1))
+        self.waiting: list[tuple[int, np.ndarray, np.ndarray]] = []
+
+    def keep(self, row: int, points: np.ndarray, marker: np.ndarray, trajectory: np.ndarray):
+        """Keeps the points (P, 3) m of a frame, a marker or else a trajectory each (P,)."""
+        self.waiting.append((row, points, np.where(marker == NO_MARKER, len(self.names) + trajectory, marker)))
+        if len(self.waiting) >= KEPT_FRAMES:
+            self.put()
+
+    def put(self):
+        """Writes what is waiting."""
+        if not self.waiting:
+            return
+        first = len(self.counts)
+        frames = np.arange(first, self.waiting[-1][0] + 1)
+        frame = np.repeat([row - first for row, *_ in self.waiting], [len(points) for _, points, _ in self.waiting])
+        points, which = (np.concatenate([part[at] for part in self.waiting]) for at in (1, 2))
+        nothing = np.full(len(points), np.nan)
+        self.add(Reconstructed(frames, frame, which, points, nothing, np.zeros((len(points), 0)), 0.0))
+        self.waiting = []
+
+    def take(self, first_frame: int) -> Points:
+        """The whole take, its first frame called so."""
+        self.put()
+        points = self.points()
+        names = (*self.names, *[""] * (len(points.names) - len(self.names)))
+        return replace(points, names=names, first_frame=first_frame)
+
+    def _columns(self) -> np.ndarray:
+        own = len(self.names)
+        column = np.full(len(self.spans.table), -1)
+        column[:own] = np.arange(own)
+        rest = own + np.flatnonzero(self.spans.table[own:, 0])
+        first, last = self.spans.table[rest, 1:].T
+        column[rest] = own + Lanes.packed(first, last + round(REST_S * self.rate)).lane
+        return column
+
+
+def name_stream(job: LiveJob, beside: SolverBeside, tell: Callable[[dict], None], stopped: Callable[[], bool]) -> dict:
+    """Names frames until the sender ends, or somebody has `stopped` it; `tell` hears each. Gives what there is to say.
+
+    Raises UserError where the stream ends in trouble; what came until then is kept.
+    """
+    model = open_model(job.model)
+    if model.likelihood is None or not model.has_learned:
+        words = "is learned from nobody, by whom frames could be named"
+        raise InputError(f"{words}; expected a trained model", job.model)
+    if job.out is not None and job.out.suffix.lower() != ".c3d":
+        raise InputError("is no file of 3D points; expected a name that ends in .c3d", job.out)
+    trouble: Exception | None = None
+    with ExitStack() as stack:
+        target = stack.enter_context(whole_file(job.out, job.overwrite)) if job.out else None
+        folder = stack.enter_context(scratch_folder()) if job.out else None
+        stream = stack.enter_context(open_stream(job.source, job.up or "", job.wait, job.anywhere))
+        live = _Live(job, stream, beside, model.markerset.markers, folder, stack)
+        try:
+            for frame in stream:
+                if (line := live.line(frame)) is not None:
+                    tell(line)
+                live.ask()
+                if stopped():
+                    break
+        except (UserError, OSError) as error:
+            trouble = error
+        if live.file is not None and target is not None:
+            write_c3d(target, live.file.take(live.first))
+        elif trouble is not None:
+            raise trouble
+    if trouble is not None:
+        raise trouble
+    return {"frames": live.frames, "late": live.late, "rate": live.rate, "out": str(job.out) if live.file else None}
+
+
+class _Live:
+    """A stream that is being named."""
+
+    def __init__(
+        self,
+        job: LiveJob,
+        stream: LiveStream,
+        beside: SolverBeside,
+        names: tuple[str, ...],
+        folder: Path | None,
+        stack: ExitStack,
+    ):
+        self.job, self.stream, self.beside, self.names, self.folder, self.stack = (
+            job, stream, beside, names, folder, stack,
+        )  # fmt: skip
+        self.rate = job.rate or stream.rate
+        self.frames, self.late, self.first = 0, 0, 0
+        self.waiting: list[tuple[float, StreamFrame]] = []
+        self.namer: LiveNamer | None = None
+        self.file: LiveFile | None = None
+
+    def line(self, frame: StreamFrame) -> dict | None:
+        """What a frame comes to; None where the next is there already, which is told instead."""
+        came = perf_counter()
+        self.first = self.first if self.frames else frame.number
+        self.frames += 1
+        marker, renamed = np.full(len(frame.points), NO_MARKER), []
+        if self.namer is None:
+            self.waiting.append((came, frame))
+            self._begin()
+        else:
+            answer = None if self.beside.free else self.beside.answer()
+            if answer is not None:
+                self.namer.hear(answer)
+                renamed = [[self.names[old], self.names[new] if new >= 0 else None] for old, new in self.namer.renamed]
+            marker = self._named(self.namer, frame)
+        if self.stream.behind and not renamed:
+            self.late += 1
+            return None
+        places = np.round(frame.points, 4).tolist()
+        pairs = list(zip(marker.tolist(), places, strict=True))
+        return {
+            "frame": frame.number,
+            "seconds": round(frame.seconds, 6) if np.isfinite(frame.seconds) else None,
+            "markers": {self.names[one]: place for one, place in sorted(pairs) if one != NO_MARKER},
+            "unnamed": [place for one, place in pairs if one == NO_MARKER],
+            "renamed": renamed,
+            "late": self.late,
+            "ms": round(1000 * (perf_counter() - came), 2),
+        }
+
+    def ask(self):
+        """Sends the last moment to whoever solves it."""
+        if self.namer is not None and self.beside.free and (window := self.namer.window()) is not None:
+            self.beside.send(window)
+
+    def _begin(self):
+        """Begins to name once the frame rate is known."""
+        if not self.rate and len(self.waiting) >= RATE_FRAMES:
+            (begin, first), (end, last) = self.waiting[0], self.waiting[-1]
+            seconds = last.seconds - first.seconds
+            seconds = seconds if seconds > 0 else end - begin  # not so where it is no number
+            self.rate = abs(last.number - first.number) / seconds
+        if self.rate:
+            self.namer = LiveNamer(len(self.names), self.rate)
+            if self.folder is not None:
+                self.file = self.stack.enter_context(LiveFile(self.folder, self.rate, self.names))
+            for _, frame in self.waiting:
+                self._named(self.namer, frame)
+            self.waiting = []
+
+    def _named(self, namer: LiveNamer, frame: StreamFrame) -> np.ndarray:
+        marker, trajectory = namer.name(frame.number, frame.points, frame.ids)
+        if self.file is not None:
+            self.file.keep(namer.row, frame.points, marker, trajectory)
+        return marker

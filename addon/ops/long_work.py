@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Long work of the window: done by a process of its own, with progress in sidebar and status bar, shown at the end.
+
+The process goes through the same door as the command line, is kept for the session, and ends with Blender, however that
+ends. What ends its work early is the operator Cancel alone: the cross beside the progress asks for it, and Esc over a
+3D view, the editor that shows the progress. Esc anywhere else belongs to whatever is there.
+"""
+
+from contextlib import ExitStack
+from functools import partial
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import bpy
+
+from ..core.data.errors import InputError, UserError
+from ..core.data.progress import finished
+from ..io.scratch import scratch_folder
+from ..scene.redrawing import redraw
+from .base import Ours, reports_trouble, unless
+from .gestures import is_over
+
+if TYPE_CHECKING:
+    from ..cli.workers import Worker
+
+LOOK_EVERY = 0.1  # s between two looks at what the process has said
+TELL_EVERY = 0.25  # s between two words on how far it is: Blender draws the whole window again for each
+TELLING_AFTER, TELLING_FROM = 3.0, 0.02  # s and share of the work from which on its end can be told
+ASKED_FROM = 10.0  # s of work that is not given up unasked; paper: Miller 1968, people who wait longer turn away
+
+# The process of this session, once something was asked of it, and what closes it with its folder.
+_workers: "list[Worker]" = []
+_kept = ExitStack()
+
+nothing_goes_on = unless(
+    lambda context: not context.window_manager.mocap_autolabel.doing,
+    "Something is going on already; wait for it, or cancel it",
+)
+
+
+class LongWork(Ours):
+    """An operator whose `asked` gives work, a function of ours with all it is given, and which shows what comes of it.
+
+    In the window it is done by a process of its own; without one it is done at once. Both `asked` and `_show`, which
+    alone touches Blender, raise UserError where something is missing, so cancelling leaves nothing behind and undo is
+    one step. `_said` makes a sentence of the work one for the window.
+    """
+
+    doing = "Working"
+    _timer, _asked_for_it = None, False
+    _shown = float("-inf")
+
+    def work(self, context):
+        asked = self.asked(context)
+        try:
+            found = finished(asked())
+        except UserError as error:
+            raise self._said(context, error) from error
+        return self._show(context, found)
+
+    def _said(self, _context, error: UserError) -> UserError:
+        return error
+
+    def invoke(self, context, event):
+        return self.execute(context) if bpy.app.background else self._begin(context)
+
+    def ask_for_file(self, context) -> set[str]:
+        """Lets a person choose a file; in the window the work then goes on beside it."""
+        self._asked_for_it = True
+        context.window_manager.fileselect_add(self)
+        return {"RUNNING_MODAL"}
+
+    def execute(self, context):
+        beside = self._asked_for_it and not bpy.app.background
+        return self._begin(context) if beside else super().execute(context)
+
+    @reports_trouble
+    def _begin(self, context) -> set[str]:
+        manager = context.window_manager
+        if manager.mocap_autolabel.doing:
+            words = f"{manager.mocap_autolabel.doing.split(':')[0].lower()} goes on"
+            raise InputError(f"{words}; expected it to come to its end first, or to be cancelled")
+        self._worker = hand_over(self.asked(context))
+        self._timer = manager.event_timer_add(LOOK_EVERY, window=context.window)
+        manager.progress_begin(0, 100)
+        self._began, self._shown = perf_counter(), float("-inf")
+        manager.mocap_autolabel.cancelled, manager.mocap_autolabel.spent = False, 0.0
+        manager.modal_handler_add(self)
+        self._tell(context, 0.0)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        state = context.window_manager.mocap_autolabel
+        if ends_work(context, event):
+            bpy.ops.mocap_autolabel.cancel("INVOKE_DEFAULT")
+            if not state.cancelled:
+                return {"RUNNING_MODAL"}  # it asks
+        if state.cancelled:
+            self._end(context)
+            self.report({"INFO"}, f"{self.doing} was cancelled")
+            return {"CANCELLED"}
+        if event.type != "TIMER":
+            return {"PASS_THROUGH"}  # meanwhile Blender can be used
+        return self._tick(context)
+
+    @reports_trouble
+    def _tick(self, context) -> set[str]:
+        """Looks for what came of the work."""
+        found = self._worker.look()
+        if found is None:
+            self._tell(context, self._worker.share)
+            return {"RUNNING_MODAL"}
+        self._end(context)
+        if isinstance(found, UserError):
+            raise self._said(context, found)
+        return self._show(context, found)
+
+    def cancel(self, context):
+        """Another file is opened, or Blender ends: what is not done is given up, and whoever is there then is told."""
+        self._end(context)
+        words = f"{self.doing} was given up, as another file was opened"
+        bpy.app.timers.register(partial(_pop_up, words), persistent=True)
+
+    def _tell(self, context, fraction: float):
+        now = perf_counter()
+        if now - self._shown < TELL_EVERY:
+            return
+        self._shown, spent = now, now - self._began
+        left = f", {time_left(spent, fraction)} left" if time_left(spent, fraction) else ""
+        state = context.window_manager.mocap_autolabel
+        state.doing, state.share, state.spent = f"{self.doing}: {fraction:.0%}{left}", fraction, spent
+        context.window_manager.progress_update(round(100 * fraction))
+        context.workspace.status_text_set(f"{state.doing}. Esc over a 3D view cancels")
+        redraw("VIEW_3D", "UI")
+
+    def _end(self, context):
+        """Gives back the timer, the progress and the status bar, and ends what is not done; once."""
+        if self._timer is None:
+            return
+        if self._worker.busy:
+            end_process()
+        context.window_manager.event_timer_remove(self._timer)
+        context.window_manager.progress_end()
+        context.workspace.status_text_set(None)
+        context.window_manager.mocap_autolabel.doing = ""
+        redraw("VIEW_3D", "UI")
+        self._timer = None
+
+
+def _pop_up(words: str):
+    manager = bpy.context.window_manager
+    with bpy.context.temp_override(window=manager.windows[0]):
+        manager.popup_menu(lambda menu, _: menu.layout.label(text=words), title="Mocap Autolabel", icon="INFO")
+
+
+def hand_over(work: partial) -> "Worker":
+    """Hands work to this session's process, which is started where there is none; JobError where that cannot be."""
+    if not _workers or _workers[0].process.poll() is not None:
+        from ..cli.workers import Worker  # nobody who starts Blender waits for it
+
+        end_process()
+        with ExitStack() as stack:
+            worker = Worker(stack.enter_context(scratch_folder()))
+            stack.callback(worker.close)
+            _kept.push(stack.pop_all())
+        _workers.append(worker)
+    _workers[0].hand(work)
+    return _workers[0]
+
+
+def end_process():
+    """Ends the process of this session, as Blender or the extension ends, or as what it does is not wanted any more."""
+    _workers.clear()
+    _kept.close()
+
+
+def ends_work(context: bpy.types.Context, event: bpy.types.Event) -> bool:
+    """Whether an event is Esc meant for the work: pressed over a 3D view, and not to stop what plays."""
+    if event.type != "ESC" or event.value != "PRESS" or event.is_repeat:
+        return False  # Esc is let go after it has closed a menu, and repeated while it is held
+    if any(window.screen.is_animation_playing for window in context.window_manager.windows):
+        return False
+    return any(area.type == "VIEW_3D" and is_over(area, event) for area in context.window.screen.areas)
+
+
+def time_left(spent: float, fraction: float) -> str:
+    """How long work goes on that took `spent` seconds for a fraction, such as "2 min"; empty where nobody can tell."""
+    if spent < TELLING_AFTER or fraction < TELLING_FROM:
+        return ""
+    seconds = spent / fraction * (1 - fraction)
+    return f"{max(round(seconds), 1)} s" if seconds < 90 else f"{round(seconds / 60)} min"
+
+
+class MOCAP_AUTOLABEL_OT_cancel(Ours, bpy.types.Operator):
+    """Stop what is going on; nothing of it stays, so more than ten seconds of work are asked about."""
+
+    bl_options = {"INTERNAL"}
+
+    def invoke(self, context, event):
+        state = context.window_manager.mocap_autolabel
+        if state.spent <= ASKED_FROM:
+            return self.execute(context)
+        return context.window_manager.invoke_confirm(
+            self,
+            event,
+            title=f"Throw away {state.spent:.0f} s of work?",
+            message=state.doing,
+            confirm_text="Throw It Away",
+        )
+
+    def work(self, context):
+        context.window_manager.mocap_autolabel.cancelled = True

@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How the body stands on the floor, and moves rigs of people's own: python -m tests.accuracy.bodies.
+
+Recorded takes under their own names. When a foot is planted is told by the markers on it. Prints the tables of
+results/bodies.json; needs `bpy` with its Rigify.
+"""
+
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+
+import bpy
+import numpy as np
+
+from addon.core.data.markersets import MarkerSet
+from addon.core.data.takes import BY_FIT, NO_MARKER, Labels, Motion, PointRows, Points
+from addon.core.filling.ground import BALL
+from addon.core.geometry.cameras import NO_CAMERAS
+from addon.core.geometry.rotations import carried
+from addon.core.points.motion import motion_of
+from addon.core.posing.character import Character, character_of
+from addon.core.retarget.matching import match_bones
+from addon.core.review.suspects import runs
+from addon.io.models import open_model
+from addon.scene.armature import bone_tails, build_of, on_ground
+from addon.scene.character import ends_in
+from addon.scene.opened import Opened
+from addon.scene.retargeting import rest_bones, retarget_take
+from addon.scene.take import Take, show_take
+from scripts.results import markdown
+from tests.inputs.rigs import A_POSE, HANGING, MIXAMO, NAMELESS, UNREAL, VRM, add_rig, rig_bones
+
+from . import people
+
+SLOW_M_S, SPAN_S, PLANT_S, LOW_M, STILL_M = 0.1, 0.05, 0.15, 0.05, 0.01  # of markers on a planted foot
+LIMBS = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
+ON_RIGS = ("karate", "basketball", "walk 1")
+
+
+def cases() -> Iterator[tuple[str, str, people.Take]]:
+    """What each take is called, and its marker set."""
+    takes = {"karate": ("actor41", "s135"), "break dance": ("actor41", "bd"), "basketball": ("actor41", "ball")}
+    for title, (model, name) in (takes | {"tennis serve": ("body39", "serve")}).items():
+        yield title, model, people.read(people.DATA / people.OTHERS[name], name)
+    for number, walk in enumerate(people.takes(people.everyone()[:3], "walk"), 1):
+        yield f"walk {number}", "body26", walk
+
+
+def posed(take: people.Take, markerset: MarkerSet) -> Motion:
+    """The body as it is fitted to a take whose markers have their names."""
+    xyz = take.pick(markerset.markers)
+    there = np.isfinite(xyz[..., 0])
+    labels = Labels(np.where(there, np.arange(len(markerset)), NO_MARKER), there * BY_FIT, there * 1.0)
+    return motion_of(xyz, np.where(there, 1e-4, np.nan), labels, markerset, np.arange(len(xyz)))
+
+
+def plants(take: people.Take, side: str) -> list[tuple[int, int]]:
+    """First frames and ends of when the ball of a foot is planted."""
+    toe = take.pick([next(side + one for one in ("TOE", "MT1") if side + one in take.markers)])[:, 0]
+    span = max(round(SPAN_S * take.rate), 1)
+    slow = np.zeros(len(toe), bool)
+    slow[span:-span] = np.linalg.norm(toe[2 * span :] - toe[: -2 * span], axis=1) < SLOW_M_S * 2 * span / take.rate
+    if slow.any():
+        slow &= toe[:, 2] < np.nanquantile(toe[slow, 2], 0.1) + LOW_M
+    long = [(first, end) for first, end in runs(slow, 1) if end - first >= PLANT_S * take.rate]
+    return [part for part in long if slide(toe[slice(*part)]) <= STILL_M]
+
+
+def slide(path: np.ndarray) -> float:
+    """M, how far a path (F, 3) spreads over the floor."""
+    return float(np.linalg.norm(np.ptp(path[:, :2], axis=0)))
+
+
+def largest_turn(rotated: np.ndarray) -> float:
+    """Degrees, of rotations (F, J, 3, 3) from one frame to the next, both of them known."""
+    cosine = (np.einsum("fjik,fjik->fj", rotated[1:], rotated[:-1]) - 1) / 2
+    return float(np.degrees(np.arccos(np.clip(np.nanmin(cosine), -1, 1))))
+
+
+def on_floor(take: people.Take, markerset: MarkerSet, fitted: Motion, shown: Motion, tips: np.ndarray) -> list[str]:
+    """A row of the first table of a motion as it is shown; `tips` (J, 3) m is where bones end, in their axes."""
+    segments, at = markerset.skeleton.segments, markerset.attachment
+    heights, slides = [], []
+    for side in "LR":
+        foot = segments.index(f"foot.{side}")
+        ankle, way = shown.joints[:, foot], carried(shown.rotations[:, foot], tips[foot])
+        heights.append(np.minimum(ankle[:, 2], (ankle + way)[:, 2]))
+        slides += [slide((ankle + BALL * way)[first:end]) for first, end in plants(take, side)]
+    heights = np.concatenate(heights)
+    heights = heights[np.isfinite(heights)]
+    # Where markers are on the fitted body, on the one that is shown.
+    own = np.einsum("fmji,fmj->fmi", fitted.rotations[:, at], fitted.expected - fitted.joints[:, at])
+    off = shown.joints[:, at] + np.einsum("fmij,fmj->fmi", shown.rotations[:, at], own) - take.pick(markerset.markers)
+    return [
+        *(f"{100 * (heights < -deep).mean():.1f}" for deep in (0.005, 0.02)),
+        f"{len(slides)}",
+        *quantiles(1000 * np.array(slides)),
+        f"{largest_turn(shown.rotations):.0f}",
+        *quantiles(1000 * np.linalg.norm(off, axis=2)),
+    ]
+
+
+def quantiles(values: np.ndarray) -> list[str]:
+    """The median and what 99 % are below, as cells."""
+    return [f"{value:.1f}" for value in np.nanquantile(values, (0.5, 0.99))] if values.size else ["", ""]
+
+
+def as_fbx(point: np.ndarray) -> tuple[float, float, float]:
+    """A point in centimetres with y up, as imported files have it."""
+    return point[0] * 100, point[2] * 100, -point[1] * 100
+
+
+def metarig() -> bpy.types.Object:
+    """Rigify's human as it is laid out."""
+    bpy.ops.object.armature_basic_human_metarig_add()
+    return bpy.context.object
+
+
+def generated() -> bpy.types.Object:
+    """Rigify's human with its controls."""
+    metarig()
+    bpy.ops.pose.rigify_generate()
+    return bpy.context.object
+
+
+def mixamo() -> bpy.types.Object:
+    """As Mixamo's FBX files come in."""
+    rig = add_rig(rig_bones(size=1.05, thigh=0.52), MIXAMO, as_fbx)
+    rig.rotation_euler, rig.scale = (np.pi / 2, 0, 0), (0.01, 0.01, 0.01)
+    return rig
+
+
+def unreal() -> bpy.types.Object:
+    """In an A-pose, elsewhere in the scene, with bones that roll."""
+    rig = add_rig(rig_bones(A_POSE, 1.02, 0.48, 0.7), UNREAL)
+    rig.location, rig.rotation_euler = (1, 2, 0), (0, 0, 1)
+    return rig
+
+
+RIGS: dict[str, Callable[[], bpy.types.Object]] = {
+    "Rigify's metarig": metarig,
+    "Rigify, generated": generated,
+    "Mixamo's names, as FBX": mixamo,
+    "Unreal's names, A-pose": unreal,
+    "VRM's names, hanging arms": lambda: add_rig(rig_bones(HANGING, 0.9, 0.54, -0.4), VRM),
+    "no names": lambda: add_rig(rig_bones(30, 1.3, 0.5, 1.1), NAMELESS),
+}
+# What Rigify's controls move.
+MOVED = {"torso": "ORG-spine", "chest": "ORG-spine.003", "neck": "ORG-spine.004", "head": "ORG-spine.006"}
+
+
+def on_rigs(take: people.Take, markerset: MarkerSet, motion: Motion) -> Iterator[list[str]]:
+    """The rows of the second table."""
+    bpy.ops.wm.read_homefile(use_empty=True)
+    context, scene = bpy.context, bpy.context.scene
+    marker = np.where(np.isfinite(motion.residual), np.arange(len(markerset)), NO_MARKER)
+    rows = PointRows.of(Points(markerset.markers, motion.markers, motion.residual, take.rate, 0))
+    labels = Labels(*(table[marker >= 0] for table in (marker, np.full(marker.shape, BY_FIT), np.ones(marker.shape))))
+    collection = show_take(context, Take(take.name, take.rate, NO_CAMERAS, markerset, rows, labels, motion))
+    stored = Opened().take(collection, scene)
+    begins, ends = ends_in(collection, stored)
+    character = character_of(stored.segments, begins, ends)
+    shown = on_ground(motion, markerset, build_of(markerset, motion), take.rate)
+    body = character.posed(shown.joints, shown.rotations)[0]
+    context.view_layer.layer_collection.children[collection.name].exclude = True  # only rigs have to move
+    for title, make in RIGS.items():
+        rig = make()
+        context.view_layer.update()
+        matched = match_bones(rest_bones(rig))
+        retarget_take(context, rig, collection, stored, matched, True, False)
+        yield [title, *followed(take, character, body, rig, matched)]
+        bpy.data.objects.remove(rig)
+
+
+def followed(
+    take: people.Take, character: Character, body: np.ndarray, rig: bpy.types.Object, matched: dict[str, str]
+) -> list[str]:
+    """How a rig follows a body's joints (F, J, 3): angles of limbs, its planted feet, its hips' way, its turns."""
+    bones = matched
+    if "torso" in matched.values():
+        bones = {part: MOVED.get(bone, "ORG-" + bone.replace("_fk", "")) for part, bone in matched.items()}
+    parts, found = [part for part in bones if part in character.names], np.isfinite(body).all(axis=(1, 2))
+    posed = np.full((len(body), len(parts), 4, 4), np.nan)
+    for frame in np.flatnonzero(found):
+        bpy.context.scene.frame_set(int(frame))
+        posed[frame] = [rig.matrix_world @ rig.pose.bones[bones[part]].matrix for part in parts]
+    theirs = {part: posed[:, at, :3, 3] for at, part in enumerate(parts)}
+    ours = {part: body[:, character.names.index(part)] for part in parts}
+    angles: dict[str, list[np.ndarray]] = {"arm": [], "leg": []}
+    for begin, end in LIMBS.items():
+        for side in "LR":
+            ways = [places[f"{end}.{side}"] - places[f"{begin}.{side}"] for places in (theirs, ours)]
+            ways = [way / np.linalg.norm(way, axis=1, keepdims=True) for way in ways]
+            off = np.degrees(np.arccos(np.clip((ways[0] * ways[1]).sum(axis=1), -1, 1)))
+            angles["arm" if "arm" in begin else "leg"].append(off[found])
+    scale = np.divide(*(leg_of(places) for places in (theirs, ours)))
+    hips = [(places["thigh.L"] + places["thigh.R"]) / 2 for places in (theirs, ours)]
+    off = hips[0] - scale * hips[1]
+    planted = [theirs[f"toes.{side}"][first:end] for side in "LR" for first, end in plants(take, side)]
+    slips = np.concatenate([np.linalg.norm((path - np.nanmedian(path, axis=0))[:, :2], axis=1) for path in planted])
+    axes = posed[..., :3, :3]
+    return [
+        *quantiles(np.concatenate(angles["arm"])),
+        *quantiles(np.concatenate(angles["leg"])),
+        *quantiles(1000 * slips),
+        f"{1000 * np.nanmax(np.linalg.norm(off - np.nanmedian(off, axis=0), axis=1)):.1f}",
+        f"{largest_turn(axes / np.linalg.norm(axes, axis=-2, keepdims=True)):.0f}",
+    ]
+
+
+def leg_of(places: dict[str, np.ndarray]) -> float:
+    """M, how long legs are."""
+    ends = [np.stack([places[f"{part}.{side}"] for side in "LR"]) for part in ("thigh", "shank", "foot")]
+    return float(sum(np.nanmedian(np.linalg.norm(end - begin, axis=2)) for begin, end in pairwise(ends)))
+
+
+def main():
+    """Prints both tables."""
+    import addon_utils
+
+    people.need_people()
+    addon_utils.enable("rigify", default_set=True)
+    floor, rigs = [], []
+    for title, model, take in cases():
+        markerset = open_model(model).markerset
+        fitted = posed(take, markerset)
+        build = build_of(markerset, fitted)
+        tips = bone_tails(markerset, build) - build.joints
+        for how, shown in (("fitted", fitted), ("shown", on_ground(fitted, markerset, build, take.rate))):
+            floor.append([title, how, *on_floor(take, markerset, fitted, shown, tips)])
+        if title in ON_RIGS:
+            rigs += [[title, *row] for row in on_rigs(take, markerset, fitted)]
+    head = ["take", "body", "feet 5 mm in the floor, %", "20 mm, %", "plants", "slide, mm", "slide at 99 %, mm"]
+    head += ["largest turn, °", "from its markers, mm", "from them at 99 %, mm"]
+    print(markdown(head, floor))
+    head = ["take", "rig", "arms off, °", "arms at 99 %, °", "legs off, °", "legs at 99 %, °"]
+    head += ["planted feet off, mm", "feet at 99 %, mm", "hips' way off, mm", "largest turn, °"]
+    print(markdown(head, rigs))
+
+
+if __name__ == "__main__":
+    main()

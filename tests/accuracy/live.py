@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How well and how fast a stream is named: python -m tests.accuracy.live --keep FOLDER.
+
+Prints the table of results/live.json. Takes are played frame by frame in their own time: a window's names are heard
+when the core that solves them would be done. In the middle everything is out of sight for a second. Nobody who is named
+is in the training of the model.
+"""
+
+import argparse
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from addon.core.data.takes import Points
+from addon.core.points.models import Model
+from addon.core.points.whole_take.live import LiveNamer, WindowSolver
+from addon.io.models import open_model
+from scripts.results import markdown
+
+from . import people, whole_takes
+from .known_sets import serve, strangers_in_body26
+from .whole_takes import Case, Pieces, cut_up
+
+LEAST_S, MOST_S = 10.0, 16.0  # of a take: shorter ones are played there and back, again and again
+AWAY_S = 1.0
+FOUND = 0.9  # of the markers in sight, of who is found
+FOLDS, ACTORS = 1, 2  # by time: five walkers and two actors
+FEW = Pieces(hidden=2, ghosts=10)
+
+
+@dataclass
+class Tally:
+    """What came of a take."""
+
+    seconds: float = 0.0
+    there: int = 0
+    right: int = 0
+    wrong: int = 0
+    given: int = 0
+    renamed: int = 0
+    first: float = math.nan
+    again: float = math.nan
+    ms: list[float] = field(default_factory=list)
+
+
+def there_and_back(take: people.Take) -> people.Take:
+    """A take that is long enough, and not too long."""
+    xyz = take.xyz[: int(MOST_S * take.rate)]
+    while len(xyz) < LEAST_S * take.rate:
+        xyz = np.concatenate([xyz, xyz[-2::-1]])
+    return people.Take(take.subject, take.name, take.markers, xyz, take.rate)
+
+
+def played(points: Points, truth: np.ndarray, model: Model) -> Tally:
+    """Names the points (T, P, 3) of a take whose markers are `truth` (P,) or (T, P)."""
+    xyz, truth = points.xyz[:], np.broadcast_to(truth, points.xyz.shape[:2])
+    namer, solver, found = LiveNamer(len(model.markerset), points.rate), WindowSolver(model), Tally()
+    done, names, away = 0, None, len(xyz) // 2
+    found.seconds = len(xyz) / points.rate
+    back = away + round(AWAY_S * points.rate)
+    with threadpool_limits(1, user_api="blas"):
+        warm_up(points, solver)
+        for frame, every in enumerate(xyz):
+            at = np.flatnonzero(np.isfinite(every[:, 0])) if not away <= frame < back else np.zeros(0, int)
+            begin = process_time()
+            if names is not None and frame >= done:
+                namer.hear(names)
+                found.renamed += len(namer.renamed)
+                names = None
+            marker, _ = namer.name(frame, every[at], at + len(truth[0]) * (frame >= back))
+            found.ms.append(1000 * (process_time() - begin))
+            if names is None and (window := namer.window()) is not None:
+                begin = process_time()
+                names = solver.solve(window)
+                done = frame + max(math.ceil((process_time() - begin) * points.rate), 1)
+            _count(found, marker, truth[frame, at], frame, back, points.rate)
+    return found
+
+
+def warm_up(points: Points, solver: WindowSolver):
+    """Solves what is far from any stream: a process that works for long has all loaded."""
+    namer = LiveNamer(solver.placed.shape[1], points.rate)
+    for frame in range(round(points.rate / 2)):
+        every = points.xyz[len(points.xyz) - 1 - frame]
+        at = np.flatnonzero(np.isfinite(every[:, 0]))
+        namer.name(frame, every[at], at)
+    window = namer.window()
+    assert window is not None
+    solver.solve(window)
+    solver.placed, solver.row = solver.placed[:0], 0
+
+
+def _count(found: Tally, marker: np.ndarray, true: np.ndarray, frame: int, back: int, rate: float):
+    """Adds a frame; what counts as there is what is there once somebody was found, and was again."""
+    right, given = (marker == true) & (true >= 0), marker >= 0
+    share = right.sum() / max((true >= 0).sum(), 1)
+    if math.isnan(found.first) and share >= FOUND:
+        found.first = frame / rate
+    if math.isnan(found.again) and frame >= back and share >= FOUND:
+        found.again = (frame - back) / rate
+    found.right, found.given = found.right + int(right.sum()), found.given + int(given.sum())
+    found.wrong += int((given & ~right).sum())
+    settled = not math.isnan(found.again) if frame >= back else not math.isnan(found.first)
+    found.there += int((true >= 0).sum()) if settled else int(right.sum())
+
+
+Group = Iterator[tuple[Model, Points, np.ndarray]]  # who names it, points, and their truth
+
+
+def of_cases(some: list[Case], keep: Path) -> Group:
+    """The takes of cases of whole takes, or of as many."""
+    for case in some:
+        model = whole_takes.model_of(case, keep)
+        for take in case.tested:
+            yield model, *cut_up(there_and_back(take), case.markers, FEW)
+
+
+def of_actor(keep: Path) -> Group:
+    """One of two actors, by the other's model."""
+    one, other = (whole_takes.actors("actors53")[name] for name in ("p1", "p2"))
+    return of_cases([Case("actors53 p1", (other,), (one,), one.markers)], keep)
+
+
+def built_in(name: str, takes: Iterator[people.Take]) -> Group:
+    """Takes of other labs in a built-in set."""
+    model = open_model(name)
+    for take in takes:
+        yield model, *cut_up(there_and_back(take), model.markerset.markers, FEW)
+
+
+def groups(keep: Path) -> dict[str, Callable[[], Group]]:
+    """What is tried."""
+    known = whole_takes.CASES
+    strangers = (take for take in strangers_in_body26() if take.subject in STRANGERS)
+    return {
+        "walks, `body26` of other people": lambda: of_cases([*known["pieces-body26"]()][:FOLDS], keep),
+        "`cmu41`, the others learned": lambda: of_cases([*known["others"]()][:ACTORS], keep),
+        "tennis serve, `body39`": lambda: built_in("body39", serve()),
+        "strangers, `body26`": lambda: built_in("body26", strangers),
+        "`actors53`, one learned": lambda: of_actor(keep),
+    }
+
+
+def row(title: str, some: list[Tally]) -> list[str]:
+    """A row of the table."""
+    ms = np.concatenate([one.ms for one in some])
+    there, right, wrong, given = (
+        sum(getattr(one, name) for one in some) for name in ("there", "right", "wrong", "given")
+    )
+    missed = sum(math.isnan(one.first) for one in some)
+    times = [np.array([getattr(one, name) for one in some]) for name in ("first", "again")]
+    shown = [f"{np.nanmedian(one):.1f}, {np.nanmax(one):.1f}" if np.isfinite(one).any() else "never" for one in times]
+    return [
+        title, str(len(some)), f"{sum(one.seconds for one in some):.0f}", f"{100 * right / max(there, 1):.2f} %",
+        f"{100 * wrong / max(given, 1):.3f} %", str(sum(one.renamed for one in some)), *shown, str(missed),
+        " / ".join(f"{np.quantile(ms, share):.1f}" for share in (0.5, 0.99, 0.999)),
+    ]  # fmt: skip
+
+
+COLUMNS = [
+    "takes", "number", "s", "settled recall", "wrong", "renamed", "first found, s (median, most)",
+    "found again, s (median, most)", "never found", "ms of a core a frame (50, 99, 99.9 %)",
+]  # fmt: skip
+STRANGERS = ("ball", "bd")
+
+
+def main():
+    """Prints what came of each group of takes."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--keep", type=Path, required=True, help="where models are kept")
+    parser.add_argument("--only", default="", help="how the groups begin")
+    given = parser.parse_args()
+    rows = []
+    for title, takes in groups(given.keep).items():
+        if title.startswith(given.only):
+            rows.append(row(title, [played(points, truth, model) for model, points, truth in takes()]))
+            print(rows[-1], flush=True)
+    print(markdown(COLUMNS, rows))
+
+
+if __name__ == "__main__":
+    main()

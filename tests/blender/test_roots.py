@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The root of a take: what is shown follows it, what is kept and exported does not, and no labelling moves it."""
+
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Matrix, Vector
+
+from .hands import follows, only, ours, shown, stored_take
+
+PLACE = Matrix.LocRotScale((3, -1, 0.5), Matrix.Rotation(1.0, 3, "Z").to_quaternion(), Vector((2, 2, 2)))
+
+
+@pytest.fixture
+def moved(labelled):
+    """The root of a take that somebody moved, turned and scaled."""
+    root = ours("scene.roots").root_of(labelled.scene.mocap_autolabel.take)
+    root.matrix_world = PLACE
+    labelled.view_layer.update()
+    return root
+
+
+def at_root(places):
+    """Where the root has places (N, 3)."""
+    matrix = np.array(PLACE)
+    return places @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def test_all_that_is_shown_follows_the_root(moved):
+    take, stored = bpy.context.scene.mocap_autolabel.take, stored_take()
+    index = stored.index_of(bpy.context.scene.frame_current)
+    for name, item in shown().items():
+        seen = stored.motion.markers[index, stored.words[name]]
+        if np.isfinite(seen).all():
+            np.testing.assert_allclose(item.matrix_world.translation, at_root(seen), atol=1e-4)
+    [armature] = only(take, "ARMATURE")
+    assert all(item.matrix_world == PLACE for item in (armature, *only(take, "MESH")) if item.parent == moved)
+    assert not [item for item in take.all_objects if item.parent is None and item != moved]
+
+
+def test_dots_are_drawn_and_picked_where_they_are_shown(moved):
+    picking, context, stored = ours("ops.picking"), bpy.context, stored_take()
+    view = SimpleNamespace(view_perspective="PERSP", perspective_matrix=np.eye(4))
+    regions = [SimpleNamespace(type="WINDOW", width=100, height=100)]
+    area = SimpleNamespace(spaces=SimpleNamespace(active=SimpleNamespace(region_3d=view)), regions=regions)
+    dots, places = picking.dots_in_view(context, stored, area)
+    np.testing.assert_allclose(places, (at_root(dots.xyz)[:, :2] + 1) / 2 * 100, atol=1e-3)
+
+
+def test_what_is_kept_and_exported_is_the_room_s(moved, files, tmp_path):
+    follows(files, "LASI", 1)
+    assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(tmp_path / "out.c3d")) == {"FINISHED"}
+    points = ours("io.points").read_points(tmp_path / "out.c3d")
+    np.testing.assert_allclose(points.xyz[:, 1], files.xyz[:, 1], atol=1e-5)
+
+
+def test_the_character_and_the_scene_s_own_things_hang_on_it(moved):
+    hung = bpy.data.objects.new("hat", None)
+    bpy.context.scene.collection.objects.link(hung)
+    hung.parent = moved
+    bpy.ops.mocap_autolabel.clear()
+    assert moved.name in bpy.data.objects and hung.parent == moved
+
+
+def test_labelled_again_a_take_stays_where_its_root_is(moved, files):
+    take = bpy.context.scene.mocap_autolabel.take
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert ours("scene.roots").root_of(take) == moved and moved.matrix_world == PLACE
+    assert only(take, "ARMATURE")[0].parent == moved
+    assert "kept" not in take.name
+
+
+def test_a_root_that_was_deleted_is_made_again(moved, files):
+    bpy.data.objects.remove(moved)
+    take = bpy.context.scene.mocap_autolabel.take
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    follows(files, "LASI", 1)
+    assert len(only(take, "ARMATURE")) == 1 and len(shown()) == len(stored_take().names)
+    assert only(take, "ARMATURE")[0].parent == ours("scene.roots").root_of(take)
+
+
+def test_a_moved_root_goes_with_its_take(moved):
+    bpy.ops.mocap_autolabel.clear()
+    assert not [item for item in bpy.data.objects if item.name.endswith("root")]
+    assert not [item for item in bpy.data.collections if "Kept" in item.name]

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`live`: a stream in, a line for each frame out, and all of it in a C3D."""
+
+import json
+import signal
+import subprocess
+import sys
+from itertools import chain, count, cycle
+from types import SimpleNamespace
+
+import ezc3d
+import numpy as np
+import pytest
+
+from addon.cli.live import refuse_offline
+from addon.cli.workers import door
+from addon.core.data.errors import JobError
+from addon.demo.take import MODEL
+from addon.io.markersets import open_markerset
+from addon.io.points import read_points
+from addon.io.streams.wire import StreamFrame
+from scripts.virtual_take import write_virtual_take
+from tests.io.streams.servers import NatNetServer, QtmServer, frames_of_points
+
+RATE = 100.0
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory):
+    """Frames of somebody who goes there and back for ever, numbered on and on; with the true place of each marker."""
+    take = write_virtual_take(tmp_path_factory.mktemp("live"), 300, 1, "walk.csv", "room.toml")
+    frames = frames_of_points(take.xyz, RATE)
+
+    def played():
+        for number, frame in zip(count(1), cycle(chain(frames, frames[-2:0:-1])), strict=False):
+            yield StreamFrame(number, number / RATE, frame.points, frame.ids)
+
+    return SimpleNamespace(names=take.names, xyz=take.xyz, played=played)
+
+
+def place(walk, number: int) -> np.ndarray:
+    at = (number - 1) % (2 * len(walk.xyz) - 2)
+    return walk.xyz[min(at, 2 * len(walk.xyz) - 2 - at)]
+
+
+@pytest.mark.parametrize("server", [QtmServer, NatNetServer])
+def test_a_stream_is_named_and_kept_until_it_is_stopped(walk, server, tmp_path):
+    out = tmp_path / "live.c3d"
+    with server(walk.played(), RATE) as one:
+        command = [*door(), "live", one.source, "--model", MODEL, "--out", str(out)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+            lines = [json.loads(process.stdout.readline())]
+            while len(lines[-1]["markers"]) < 0.9 * len(walk.names):
+                lines.append(json.loads(process.stdout.readline()))
+            process.send_signal(signal.SIGINT)
+            rest, errors = process.communicate(timeout=60)
+    assert process.returncode == 0, errors
+    assert errors == b""
+    lines += map(json.loads, rest.splitlines())
+    for line in lines:
+        assert line.keys() == {"frame", "seconds", "markers", "unnamed", "renamed", "late", "ms"}
+        true = dict(zip(walk.names, place(walk, line["frame"]), strict=True))
+        assert all(np.allclose(spot, true[name], atol=1e-3) for name, spot in line["markers"].items())
+    assert lines[0]["markers"] == {} and len(lines[0]["unnamed"]) > 20
+    assert (np.diff([line["frame"] for line in lines]) > 0).all()
+    labels = ezc3d.c3d(str(out))["parameters"]["POINT"]["LABELS"]["value"]
+    markers = open_markerset(MODEL).markers
+    assert tuple(labels[: len(markers)]) == markers and labels[len(markers)] == "*1"
+    kept = read_points(out)
+    assert kept.rate == pytest.approx(RATE, rel=0.01) and kept.first_frame <= lines[0]["frame"]
+    last, kept = lines[-1], kept.picked(range(len(kept.names)))
+    for name, spot in last["markers"].items():
+        np.testing.assert_allclose(kept.xyz[last["frame"] - kept.first_frame, labels.index(name)], spot, atol=1e-3)
+    assert np.isfinite(kept.xyz[0, len(markers) :, 0]).sum() == len(walk.names)
+
+
+def test_a_stream_that_ends_or_ends_in_trouble_is_kept(walk, run, tmp_path):
+    few = [frame for frame, _ in zip(walk.played(), range(50), strict=False)]
+    with QtmServer(few, RATE) as one:
+        assert run("live", one.source, "--model", MODEL, "--out", tmp_path / "whole.c3d").status == 0
+    assert len(read_points(tmp_path / "whole.c3d").xyz) == 50
+    with NatNetServer(few, RATE) as one:  # after which it says nothing any more
+        words = ("live", one.source, "--model", MODEL, "--out", tmp_path / "half.c3d", "--wait", "0.5", "--rate", "100")
+        answer = run(*words)
+    assert "has sent nothing that is new for 0.5 s" in answer.refusal(1)
+    assert len(read_points(tmp_path / "half.c3d").xyz) == 50
+    assert len(answer.out.splitlines()) <= 50
+
+
+def test_what_cannot_be_is_said_before_anybody_is_asked(run, tmp_path):
+    def refused(*words) -> str:
+        return run("live", *words).refusal(2)
+
+    assert "is no address of a stream" in refused("take.c3d", "--model", MODEL)
+    assert "outside of this machine's own network" in refused("qtm://8.8.8.8", "--model", MODEL)
+    assert "expected a name that ends in .c3d" in refused("qtm://127.0.0.1", "--model", MODEL, "--out", "a.trc")
+    (tmp_path / "a.c3d").write_bytes(b"mine")
+    assert "exists" in refused("qtm://127.0.0.1", "--model", MODEL, "--out", tmp_path / "a.c3d")
+    bare = tmp_path / "bare.markerset.json"
+    bare.write_text(json.dumps({"version": 1}))
+    assert "bare.markerset.json" in refused("qtm://127.0.0.1", "--model", bare)
+
+
+@pytest.mark.parametrize(("binary", "online", "fine"), [("", False, True), ("b", True, True), ("b", False, False)])
+def test_blender_must_be_allowed_to_go_online(monkeypatch, binary, online, fine):
+    app = SimpleNamespace(binary_path=binary, online_access=online)
+    monkeypatch.setitem(sys.modules, "bpy", SimpleNamespace(app=app))
+    if fine:
+        refuse_offline()
+    else:
+        with pytest.raises(JobError, match="Allow Online Access is off in Blender's preferences; expected it on, or"):
+            refuse_offline()

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Work that is handed to another process: what comes of it is what would here, and its end is told in a sentence."""
+
+import time
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from addon.cli.parcels import read_parcel, write_parcel
+from addon.cli.workers import Worker
+from addon.core.data.errors import ForceableError
+from addon.core.data.progress import finished
+from addon.demo.take import MODEL
+from addon.io.markersets import open_markerset
+from addon.jobs import LabelJob, label_to_show
+from tests.faults.stage import wait_for
+
+PATIENCE = 120.0  # s; a busy machine starts slowly
+
+
+def looked_at(worker, seconds=PATIENCE):
+    """What comes of what a process does."""
+    until = time.monotonic() + seconds
+    while (found := worker.look()) is None:
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    return found
+
+
+@pytest.fixture
+def worker(tmp_path):
+    worker = Worker(tmp_path)
+    yield worker
+    worker.close()
+    worker.process.wait(PATIENCE)
+
+
+def test_what_is_handed_over_is_the_same_on_the_other_side(tmp_path):
+    body, table = open_markerset(MODEL), np.asfortranarray(np.arange(6.0).reshape(2, 3))
+    given = [1, 0.5, float("nan"), None, True, "ü\ud800", (Path("a b"), {Path("c"): (np.int64(3),)}), table, body, body]
+    write_parcel(tmp_path / "one", given)
+    found = read_parcel(tmp_path / "one")
+    assert repr(found[:7]) == repr([*given[:6], (Path("a b"), {Path("c"): (3,)})])
+    assert np.array_equal(found[7], table)
+    assert found[8] is found[9]
+    assert found[8].markers == body.markers
+    assert np.array_equal(found[8].skeleton.offsets, body.skeleton.offsets)
+    write_parcel(tmp_path / "two", ForceableError("odd; expected even", "a.c3d", 3))
+    trouble = read_parcel(tmp_path / "two")
+    assert (type(trouble), str(trouble)) == (ForceableError, "a.c3d:3: odd; expected even")
+
+
+@pytest.mark.parametrize("thing", [object(), open, np.dtype(float), {1, 2}, lambda: None])
+def test_nothing_else_is_handed_over(tmp_path, thing):
+    with pytest.raises((TypeError, AttributeError)):
+        write_parcel(tmp_path / "one", [thing])
+
+
+def test_a_take_is_labelled_elsewhere_as_it_is_here_by_a_process_that_is_kept(worker, room):
+    job = LabelJob(room.c3d, None, MODEL, Path(), keep=True, html=True)
+    work, shares = partial(label_to_show, job), []
+    here, _ = finished(work())
+    for _ in range(2):
+        worker.hand(work)
+        until = time.monotonic() + PATIENCE
+        while (found := worker.look()) is None and time.monotonic() < until:
+            shares.append(worker.share)
+        there, changed = found
+        assert changed is None
+        assert not worker.busy
+        [(rows, chunk)], [(own_rows, own)] = there.chunks, here.chunks
+        for name in ("marker", "step", "confidence"):
+            assert np.array_equal(getattr(chunk.labels, name), getattr(own.labels, name), equal_nan=True)
+        assert np.array_equal(chunk.motion.markers, own.motion.markers, equal_nan=True)
+        assert np.array_equal(rows.xyz, own_rows.xyz)
+        assert there.report["markers"] == here.report["markers"]
+        assert there.worn.markers == here.worn.markers
+    assert shares[-1] > 0
+
+
+def test_trouble_elsewhere_is_the_trouble_here(worker, tmp_path):
+    worker.hand(partial(label_to_show, LabelJob(tmp_path / "none.c3d", None, MODEL, Path())))
+    trouble = looked_at(worker)
+    assert str(trouble).startswith(f"{tmp_path / 'none.c3d'}: there is no such file")
+
+
+def test_a_process_that_is_killed_says_so_and_one_that_nobody_waits_for_ends(worker, room, tmp_path):
+    job = LabelJob(room.c3d, None, MODEL, Path(), keep=True)
+    worker.hand(partial(label_to_show, job))
+    worker.process.kill()
+    assert "its process was killed" in str(looked_at(worker)) or worker.process.returncode > 0
+    other = Worker(tmp_path)
+    other.hand(partial(label_to_show, job))
+    other.close()
+    wait_for(lambda: other.process.poll() is not None)

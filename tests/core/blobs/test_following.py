@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A subject followed, frames read again, names that jump or are lost put right along what goes on in one image."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from addon.core.blobs.continuity import renamed
+from addon.core.blobs.image_tracklets import name_by_tracklets
+from addon.core.blobs.rereading import Rereader
+from addon.core.blobs.tracking import FOLLOWING_STEPS, difference, follow
+from addon.core.body.bodies import BodyModel
+from addon.core.simulation.rigs import ring_rig
+from addon.core.simulation.simulate import CaptureOptions
+from addon.core.simulation.virtual import Act
+from tests.core.blobs.followed import begun, exchange, followed, take_name, wrong_names
+from tests.core.scenes import RATE, act, built_in
+from tests.core.toybody import toy_markerset
+
+FOOT = ("LANK", "LHEE", "LTOE")
+
+
+def part_of(results, first, end):
+    """Some of the frames, as a chunk of their own."""
+    return {index - first: results[index] for index in range(first, end)}
+
+
+@pytest.mark.parametrize("frames", [range(12), range(25, 50), range(60, 72)], ids=["begin", "middle", "end"])
+def test_one_foot_of_exchanged_markers_is_put_right(frames):
+    """At either end of the take, and within."""
+    scene, setup, views, results = followed()
+    exchange(scene, results, frames, *FOOT)
+    assert wrong_names(scene, views, results)[list(frames)].min() > 10
+    (stretch,) = Rereader(setup).read_again(results, None)
+    assert stretch.first <= frames[0] and stretch.last >= frames[-1]
+    assert not wrong_names(scene, views, results).any()
+    assert stretch.track is not None or stretch.last < len(views) - 1
+
+
+def test_what_suits_the_subject_is_left_alone_and_a_few_frames_are_not_judged():
+    _, setup, _, results = followed()
+    as_they_were = dict(results)
+    assert Rereader(setup).read_again(results, None) == []
+    assert results == as_they_were
+    scene, setup, _, results = followed()
+    exchange(scene, results, range(10), *FOOT)
+    assert Rereader(setup).read_again(part_of(results, 0, 20), None) == []
+
+
+def test_a_chunk_that_begins_wrong_is_read_from_the_one_before():
+    """Where no frame after it can be read from, the last frame of the chunk before can."""
+    scene, setup, views, results = followed()
+    rereader = Rereader(setup)
+    rereader.read_again(part_of(results, 0, 40), None)
+    rest = part_of(results, 40, len(results))
+    exchange(scene, results, range(40, 46), *FOOT)
+    assert rereader.read_again(rest, results[39])
+    assert not wrong_names(scene, views[40:], rest).any()
+
+
+def test_a_name_that_a_hidden_neighbour_lent_goes_back():
+    """LWRA was hidden at first, and LFIN had its name."""
+    scene, _, views, results = followed()
+    for index in range(14):
+        take_name(results[index].naming, scene.markerset.index("LWRA"))
+    exchange(scene, results, range(14), "LWRA", "LFIN")
+    assert wrong_names(scene, views, results).any()
+    changes = renamed(results, RATE)
+    assert [(first, last) for first, last, _ in changes] == [(0, 13)]
+    assert {scene.markerset.markers[index] for index in changes[0][2]} == {"LWRA", "LFIN"}
+    assert not wrong_names(scene, views, results).any()
+
+
+def test_an_exchange_is_undone_and_what_never_jumped_keeps_its_names():
+    scene, _, views, results = followed()
+    exchange(scene, results, range(20, 40), "LANK", "LHEE", "LTOE")
+    assert [(first, last) for first, last, _ in renamed(results, RATE)] == [(20, 39)]
+    assert not wrong_names(scene, views, results).any()
+    _, _, _, results = followed()
+    before = [result.naming.slot.copy() for result in results.values()]
+    assert renamed(results, RATE) == []
+    assert all(np.array_equal(slot, result.naming.slot) for slot, result in zip(before, results.values(), strict=True))
+
+
+FRAMES = range(30, 38)
+
+
+def slots(results):
+    return [result.naming.slot.copy() for result in results.values()]
+
+
+def seen_by(results, marker: int) -> int:
+    """A camera that names the marker in all of FRAMES and a dozen around them, as others do."""
+    named = np.array([(result.naming.rays >= 0)[:, marker] for result in results.values()])[20:50]
+    assert named.sum(axis=1).min() >= 3
+    return int(np.flatnonzero(named.all(axis=0))[0])
+
+
+def test_names_that_one_camera_or_all_lost_come_back():
+    scene, _, views, results = followed()
+    marker = scene.markerset.index("LKNE")
+    camera, before = seen_by(results, marker), slots(results)
+    for frame in FRAMES:
+        results[frame].naming.withdraw(np.array([camera]), np.array([marker]))
+    changed = name_by_tracklets(views, results, RATE)
+    assert all(marker in changed[frame] for frame in FRAMES)
+    assert all(results[frame].naming.slot[camera, marker] == before[frame][camera, marker] for frame in FRAMES)
+    assert not wrong_names(scene, views, results)[FRAMES.start : FRAMES.stop].any()
+    scene, _, views, results = followed()
+    marker = scene.markerset.index("LKNE")
+    for frame in FRAMES:
+        take_name(results[frame].naming, marker)
+    name_by_tracklets(views, results, RATE)
+    assert all((results[frame].naming.rays[:, marker] >= 0).sum() >= 2 for frame in FRAMES)
+    assert not wrong_names(scene, views, results)[FRAMES.start : FRAMES.stop].any()
+
+
+def test_most_of_an_exchange_is_undone_and_names_that_suit_stay():
+    scene, _, views, results = followed()
+    exchange(scene, results, FRAMES, "LANK", "LHEE")
+    before = wrong_names(scene, views, results)[FRAMES.start : FRAMES.stop].sum()
+    name_by_tracklets(views, results, RATE)
+    assert wrong_names(scene, views, results)[FRAMES.start : FRAMES.stop].sum() < before / 2
+    scene, _, views, results = followed()
+    before, wrong = slots(results), wrong_names(scene, views, results).sum()
+    name_by_tracklets(views, results, RATE)
+    lost = [((old >= 0) & (now != old)).sum() for old, now in zip(before, slots(results), strict=True)]
+    assert sum(lost) == 0
+    assert wrong_names(scene, views, results).sum() <= wrong
+
+
+def test_what_a_person_named_stays():
+    scene, _, views, results = followed()
+    marker, other = scene.markerset.index("LKNE"), scene.markerset.index("LTOE")
+    camera, frame = seen_by(results, marker), FRAMES[0]
+    naming = results[frame].naming
+    slot = naming.slot[camera, marker]
+    naming.withdraw(np.array([camera]), np.array([marker]))
+    if naming.slot[camera, other] >= 0:
+        naming.withdraw(np.array([camera]), np.array([other]))
+    naming.frame.fixed[camera, other] = slot
+    naming.give(camera, other, slot, 1)
+    try:
+        name_by_tracklets(views, results, RATE)
+        assert naming.owner[camera, slot] == other
+    finally:
+        naming.frame.fixed[camera, other] = -1  # the frame is not this test's own
+
+
+RIG = ring_rig(6, radius=4.5, volume_radius=1.3)
+ROOM = CaptureOptions(noise=0.4, reflections=1, flicker=0.1)
+MODEL = BodyModel(toy_markerset())
+
+
+@cache
+def walk(name="gait15", noise=0.4):
+    acts = [Act(0.2), Act(1.2, stride=0.9), Act(0.6, stride=0.4, turn=1.5)]
+    return act(built_in(name), RIG, acts, seed=3, options=replace(ROOM, noise=noise))
+
+
+def random_bodies(seed, count=3):
+    generator = np.random.default_rng(seed)
+    step = generator.normal(0, 0.3, (count, MODEL.parameters))
+    return MODEL.rest(count, 1.7).moved(step), generator
+
+
+@given(st.integers(0, 2**16))
+def test_a_difference_is_the_step_that_leads_there(seed):
+    bodies, generator = random_bodies(seed)
+    step = generator.normal(0, 0.4, (3, MODEL.parameters))
+    assert difference(bodies.moved(step), bodies) == pytest.approx(step, abs=1e-9)
+    assert difference(bodies, bodies) == pytest.approx(np.zeros_like(step), abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["gait15", "body26"])
+def test_a_walk_is_followed_with_two_iterations_a_frame(name):
+    """A34: at 60 frames a second from the previous pose: iterations a frame, lost-track rate, right names."""
+    assert FOLLOWING_STEPS == 2
+    scene = walk(name)
+    setup, views, _, track = begun(scene)
+    named = right = 0
+    errors = []
+    for index, view in enumerate(views[1:], 1):
+        followed = follow(track, view, setup)
+        track = followed.track
+        assert not track.lost
+        assert np.linalg.norm(track.subject.bodies.quaternion) == pytest.approx(1, abs=1e-12)
+        good = scene.given(view, followed.naming)[1]
+        named, right = named + len(good), right + good.sum()
+        errors.append(np.linalg.norm(followed.expected.points - scene.points[index], axis=1).mean())
+    assert right / named > 0.9995
+    assert right > 0.99 * (scene.truth[scene.blobs.frame > 0] != "").sum()
+    assert np.mean(errors) < 0.006
+
+
+@pytest.mark.parametrize("noise", [0.3, 1.2])
+def test_it_learns_the_takes_noise(noise):
+    scene = walk("gait15", noise)
+    setup, views, _, track = begun(scene)
+    for view in views[1:]:
+        track = follow(track, view, setup).track
+    assert track.subject.pixel == pytest.approx(noise, rel=0.35)

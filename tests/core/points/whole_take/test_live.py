@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Frames named one by one, by what a window came to."""
+
+import numpy as np
+import pytest
+
+from addon.core.points.whole_take.live import MOST_DOUBTS, LiveNamer, WindowNames
+
+RATE, MARKERS = 100.0, 8
+PLACES = np.random.default_rng(4).uniform(-0.5, 0.5, (MARKERS, 3)) + np.array([0, 0, 1.0])
+NO_IDS = np.full(MARKERS, -1)
+NO_PAIRS = np.zeros((0, 0, 0))
+
+
+def body(frame: int) -> np.ndarray:
+    """A stiff body that goes ahead by a metre a second."""
+    return PLACES + np.array([frame / RATE, 0, 0])
+
+
+def known() -> np.ndarray:
+    """Its distances, known to a millimetre."""
+    mean = np.linalg.norm(PLACES[:, None] - PLACES, axis=2)
+    return np.stack([mean, np.full_like(mean, 1e-6), np.full_like(mean, 1e-6)])
+
+
+def settled(ids: np.ndarray, frames: int = 40) -> LiveNamer:
+    """A namer that has heard who is who in some frames."""
+    namer = LiveNamer(MARKERS, RATE)
+    for frame in range(frames):
+        marker, _ = namer.name(frame, body(frame), ids)
+        assert (marker == -1).all()
+    window = namer.window()
+    assert window.xyz.shape == (frames, MARKERS, 3) and window.row == 0 and window.rate == RATE
+    namer.hear(WindowNames(window.number, np.arange(MARKERS), known()))
+    assert namer.renamed == []
+    return namer
+
+
+@pytest.mark.parametrize("ids", [np.arange(MARKERS) + 5, NO_IDS, np.where(np.arange(MARKERS) % 2, 3, -1)])
+def test_names_stay_with_their_points_whatever_the_sender_says_of_them(ids):
+    namer = settled(ids)
+    for frame in range(40, 60):
+        order = np.random.default_rng(frame).permutation(MARKERS)
+        marker, _ = namer.name(frame, body(frame)[order], ids[order])
+        assert marker.tolist() == order.tolist()
+
+
+def test_a_point_that_comes_back_is_named_at_once_and_what_is_elsewhere_is_not():
+    ids = np.arange(MARKERS)
+    namer = settled(ids)
+    for frame in range(40, 50):
+        namer.name(frame, body(frame)[1:], ids[1:])
+    marker, _ = namer.name(50, body(50), np.append(77, ids[1:]))
+    assert marker.tolist() == list(range(MARKERS))
+    ghost = np.vstack([body(51)[1:], [9.0, 9.0, 1.0]])
+    marker, _ = namer.name(51, ghost, np.append(ids[1:], 99))
+    assert marker.tolist() == [*range(1, MARKERS), -1]
+
+
+def test_a_settled_name_is_taken_back_only_by_a_line_that_says_so():
+    namer = settled(np.arange(MARKERS))
+    _, number = namer.name(40, body(40), np.arange(MARKERS))
+    swapped = np.arange(MARKERS)
+    swapped[:2] = 1, 0
+    namer.hear(WindowNames(number, swapped, NO_PAIRS))
+    assert namer.renamed == [(0, 1), (1, 0)]
+    assert namer.name(41, body(41), np.arange(MARKERS))[0].tolist() == swapped.tolist()
+    namer.hear(WindowNames(number, np.full(MARKERS, -1), NO_PAIRS, "who is this; expected somebody"))
+    assert namer.renamed == []
+
+
+def test_a_name_that_the_solver_never_gave_is_taken_back_where_it_goes_on_giving_none():
+    ids = np.arange(MARKERS)
+    namer = settled(ids)
+    namer.name(40, body(40)[1:], ids[1:])
+    for frame in range(41, 41 + MOST_DOUBTS):
+        assert namer.renamed == []
+        marker, number = namer.name(frame, body(frame), np.append(77, ids[1:]))
+        assert marker.tolist() == list(range(MARKERS))
+        namer.hear(WindowNames(number, np.append(-1, ids[1:]), NO_PAIRS))
+    assert namer.renamed == [(0, -1)]
+    for frame in range(50, 60):
+        assert namer.name(frame, body(frame), np.append(77, ids[1:]))[0].tolist() == [-1, *range(1, MARKERS)]
+
+
+def test_a_sender_that_begins_anew_or_was_away_is_named_anew():
+    for number in (0, 40, 10**9):
+        namer = settled(np.arange(MARKERS))
+        namer.name(40, body(40), np.arange(MARKERS))
+        marker, trajectory = namer.name(number, body(41), np.arange(MARKERS))
+        assert (marker == -1).all() and trajectory.min() >= MARKERS and namer.row == 41
+        assert namer.window() is None
+
+
+def test_frames_that_are_lost_are_gaps_and_names_go_on_behind_them():
+    namer = settled(NO_IDS)
+    marker, _ = namer.name(43, body(43), NO_IDS)
+    assert marker.tolist() == list(range(MARKERS)) and namer.row == 43
+    window = namer.window()
+    assert np.isnan(window.xyz[40:43]).all() and len(window.xyz) == 44
+
+
+def test_what_a_sender_lies_of_ids_names_nobody_twice_and_fills_no_memory():
+    namer = settled(np.arange(MARKERS))
+    rng = np.random.default_rng(1)
+    for frame in range(40, 800):
+        points = rng.uniform(-1, 1, (rng.integers(0, 30), 3))
+        marker, trajectory = namer.name(frame, points, rng.integers(-1, 10**9 if frame % 2 else 5, len(points)))
+        assert np.bincount(marker[marker >= 0], minlength=1).max() <= 1
+        assert len(set(trajectory.tolist())) == len(points)
+    assert len(namer.trails) < 100 * 30 and len(namer.past) <= 200

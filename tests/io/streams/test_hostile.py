@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whatever a stream sends, its reader gives frames or one sentence, in the time that it says and with little memory."""
+
+import random
+import socket
+import struct
+import time
+import tracemalloc
+from collections.abc import Callable
+from contextlib import suppress
+from itertools import chain, count, repeat
+
+import numpy as np
+import pytest
+
+from addon.core.data.errors import InputError, JobError, UserError
+from addon.io.streams.natnet import NatNetStream
+from addon.io.streams.qtm_rt import QtmStream
+from addon.io.streams.sources import open_stream
+from addon.io.streams.vicon import ViconStream
+from addon.io.streams.wire import StreamFrame
+from tests.fuzz.wounds import LONGS, REALS, mutated
+from tests.io.streams.servers import NatNetServer, QtmServer, Server, ViconServer
+from tests.io.streams.test_streams import WALK
+
+PATIENCE = 0.4
+DATA, XML = b"\3\0\0\0", b"\2\0\0\0"
+
+
+class RawServer(Server):
+    """Sends whatever there is, again and again or once, to whoever connects."""
+
+    scheme = "qtm"
+
+    def talk(self, connection):
+        for content in self.frames:
+            connection.sendall(content)
+            if self.ended:
+                return
+            time.sleep(1 / self.rate if self.rate else 0)
+        connection.shutdown(socket.SHUT_WR)
+        while connection.recv(4096):
+            pass
+
+
+def packet(kind: int, content: bytes, size: int | None = None) -> bytes:
+    return struct.pack("<II", 8 + len(content) if size is None else size, kind) + content
+
+
+def frame_of(parts: int, *content: bytes) -> bytes:
+    return packet(3, struct.pack("<qII", 0, 1, parts) + b"".join(content))
+
+
+def in_place_of(kind: bytes, other: bytes) -> Callable[[bytes], bytes]:
+    return lambda sound: other if sound[4:8] == kind else sound
+
+
+def part(kind: int, size: int, number: int) -> bytes:
+    return struct.pack("<IIIhh", size, kind, number, 0, 0)
+
+
+def told_of(source: str, patience: float = 5.0) -> str:
+    """The sentence that a stream ends with."""
+    with pytest.raises(UserError) as caught, open_stream(source, patience=patience) as stream:
+        list(stream)
+    assert "; expected" in caught.value.message and caught.value.file == source
+    return caught.value.message
+
+
+CUT = "cut short or makes no sense"
+
+
+@pytest.mark.parametrize(
+    ("wound", "sentence"),
+    [
+        (in_place_of(DATA, packet(3, b"", 2**31)), "sends a packet of over 16 MB"),
+        (in_place_of(DATA, packet(3, b"", 7)), "sends a packet of 7 bytes"),
+        (in_place_of(DATA, packet(3, b"", 0)), "sends a packet of 0 bytes"),
+        (in_place_of(DATA, packet(3, b"abc")), CUT),
+        (in_place_of(DATA, frame_of(1, part(2, 16, 2**32 - 1))), CUT),
+        (in_place_of(DATA, frame_of(2**32 - 1, part(2, 0, 0))), CUT),
+        (in_place_of(DATA, frame_of(2, part(2, 0, 0))), CUT),
+        (in_place_of(DATA, frame_of(2, part(2, 2**31, 0))), CUT),
+        (in_place_of(DATA, frame_of(1, part(1, 16, 30_000), bytes(360_000))), "with 30000 points"),
+        (in_place_of(DATA, frame_of(1, part(1, 28, 1), struct.pack("<3f", 1e9, 0, 0))), "with a point or a time that"),
+        (in_place_of(DATA, packet(0, b"Wrong component\0")), "sends no frames (Wrong component)"),
+        (in_place_of(DATA, packet(6, b"\6")), "changes its cameras"),
+        (in_place_of(DATA, packet(6, b"\14")), "ended before its first frame"),
+        (in_place_of(XML, packet(0, b"Parameters not available\0")), "has no General parameters (Parameters not"),
+    ],
+)
+def test_a_qualisys_stream_that_lies_is_told_in_one_sentence(wound, sentence):
+    with QtmServer(WALK, wound=wound) as server:
+        assert sentence in told_of(server.source)
+
+
+HELLO = packet(1, b"QTM RT Interface connected\0")
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        ([b"HTTP/1.1 400 Bad Request\r\n\r\n"], "sends a packet of over 16 MB"),
+        ([b""], "closes the connection; expected Qualisys Track Manager"),
+        ([b"\50\0\0\0\1\0"], "broke off within a packet"),
+        ([HELLO[:-3]], "broke off within a packet"),
+        ([HELLO, *repeat(packet(1, b"Version NOT supported\0"), 7)], "no version of its protocol that is known"),
+    ],
+)
+def test_what_is_no_qualisys_program_is_told(content, sentence):
+    with RawServer(content) as server:
+        assert sentence in told_of(server.source)
+
+
+@pytest.mark.parametrize(
+    ("content", "rate"),
+    [
+        (chain([struct.pack("<II", 1 << 20, 7)], repeat(b"\0")), 200),  # a byte now and then
+        (repeat(packet(6, b"\3")), None),  # events as fast as can be
+        (repeat(packet(7, bytes(1 << 23))), None),  # gigabytes of what is not asked for
+        (repeat(b"", 100), 20),  # nothing
+    ],
+)
+def test_a_stream_without_frames_ends_in_the_time_that_it_says_and_fills_no_memory(content, rate):
+    tracemalloc.start()
+    try:
+        begin = time.monotonic()
+        with RawServer(content, rate) as server, pytest.raises(JobError, match=r"nothing that is new for 0\.4 s; exp"):
+            open_stream(server.source, patience=PATIENCE)
+            raise AssertionError("it opened")
+        assert time.monotonic() - begin < 5 and tracemalloc.get_traced_memory()[1] < 64 << 20
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_stream_that_stalls_or_only_repeats_itself_ends_in_the_time_that_it_says():
+    for frames in (repeat(WALK[0]), (WALK[0] if at < 1 else time.sleep(3 * PATIENCE) for at in range(2))):
+        with QtmServer(frames) as server, open_stream(server.source, patience=PATIENCE) as stream:
+            next(stream)
+            begin = time.monotonic()
+            with pytest.raises(JobError, match="has sent nothing that is new"):
+                next(stream)
+            assert time.monotonic() - begin < 5
+
+
+def test_an_hour_of_frames_takes_no_more_memory_than_some():
+    frames = (StreamFrame(number, 0.0, WALK[0].points, WALK[0].ids) for number in count(1))
+    with QtmServer(frames) as server, open_stream(server.source) as stream:
+        next(stream)
+        tracemalloc.start()
+        for _, _frame in zip(range(1500), stream, strict=False):
+            pass
+        assert tracemalloc.get_traced_memory()[1] < 1 << 20
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("version", [(2, 9), (5, 0)])
+def test_a_version_of_natnet_that_is_not_known_is_told(version):
+    with NatNetServer(WALK, version=version) as server:
+        assert f"speaks NatNet {version[0]}.{version[1]}; expected Motive" in told_of(server.source)
+
+
+def test_datagrams_of_others_are_no_frames():
+    with NatNetServer([], 1.0) as server, open_stream(server.source, patience=PATIENCE) as stream:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+            other.bind(("127.0.0.2", 0))
+            frame = server.message(7, server.frame(WALK[0]))
+            for _ in range(5):
+                other.sendto(frame, ("127.0.0.1", stream.sockets[0].getsockname()[1]))
+        with pytest.raises(JobError, match="has sent nothing that is new"):
+            next(stream)
+
+
+def test_what_is_no_vicon_program_or_sends_no_points_is_told():
+    def none(sound: bytes) -> bytes:
+        return sound.replace(struct.pack("<I", 7), struct.pack("<I", 8))
+
+    for wound, sentence in (
+        (none, "offers no points without labels"),
+        (lambda sound: b"\0" + sound[1:], "sends a packet of the kind 0x1a2b0000"),
+        (lambda sound: sound[:16], "has sent nothing that is new for 0.4 s"),
+    ):
+        with ViconServer(WALK, wound=wound) as server:
+            assert sentence in told_of(server.source, patience=PATIENCE if "nothing" in sentence else 5.0)
+
+
+@pytest.mark.parametrize(
+    "source",
+    ["", "qtm", "qtm://", "qtm:127.0.0.1", "http://127.0.0.1", "qtm://127.0.0.1/a", "qtm://a@127.0.0.1", "qtm://[::1",
+     "qtm://127.0.0.1:70000", "take.c3d", "vicon://127.0.0.1?x=1", "natnet://127.0.0.1#x"],
+)  # fmt: skip
+def test_what_is_no_address_is_refused(source):
+    with pytest.raises(InputError, match="is no address of a stream; expected qtm://HOST, natnet://HOST or vicon://"):
+        open_stream(source)
+
+
+def test_hosts_outside_of_the_own_network_or_unknown_or_silent_are_refused():
+    with pytest.raises(InputError, match=r"outside of this machine's own network \(8.8.8.8\); expected a private add"):
+        open_stream("natnet://8.8.8.8")
+    with pytest.raises(InputError, match="is a host that is not known; expected its name or address"):
+        open_stream(f"qtm://{'a' * 300}")
+    for scheme in ("qtm", "vicon"):
+        with pytest.raises(InputError, match=r"cannot be reached \(.+\); expected .+ at port 1"):
+            open_stream(f"{scheme}://127.0.0.1:1")
+    with pytest.raises(UserError, match="; expected Motive"):
+        open_stream("natnet://127.0.0.1:9", patience=PATIENCE)
+
+
+class Fed:
+    """A stream that is fed by hand: packets over a pair of sockets, or datagrams."""
+
+    def connect_tcp(self):
+        ours, theirs = socket.socketpair()
+        self.sockets += [ours, theirs]
+        theirs.settimeout(0.01)
+        with suppress(TimeoutError):  # it takes no more: cut off
+            theirs.sendall(b"".join(self.packets))
+        theirs.shutdown(socket.SHUT_WR)
+
+    def open_udp(self, *_):
+        self.sockets = self.sockets or [socket.socket(socket.AF_INET, socket.SOCK_DGRAM)]
+
+    def datagram(self, most):
+        if not self.packets:
+            raise EOFError
+        return self.packets.pop(0)
+
+
+KINDS = {
+    "points": (QtmStream, QtmServer, {"labelled": 2}),
+    "natnet 3.0": (NatNetStream, NatNetServer, {"version": (3, 0)}),
+    "natnet 4.1": (NatNetStream, NatNetServer, {}),
+    "vicon": (ViconStream, ViconServer, {}),
+}
+
+
+def wounded(sound: bytes, chance: random.Random) -> bytes:
+    """A packet with other bytes, or with another number somewhere."""
+    if chance.random() < 0.4:
+        return mutated(sound, chance)
+    content, number = bytearray(sound), chance.choice([*LONGS, chance.randrange(64)])
+    at = chance.randrange(max(len(content) - 3, 1))
+    real = struct.pack("<f", chance.choice(REALS[:8]))
+    content[at : at + 4] = real if chance.random() < 0.2 else number.to_bytes(4, "little")
+    return bytes(content)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_streams_with_broken_packets_give_frames_or_one_sentence(name):
+    kind, server, options = KINDS[name]
+    sound: list[bytes] = []
+    frames = WALK[:12]
+    one = server(frames, 2000.0, wound=lambda packet: sound.append(packet) or packet, **options)
+    with one, open_stream(one.source) as stream:
+        for _ in frames:
+            next(stream)
+    told, read = 0, 0
+    fed = type("FedStream", (Fed, kind), {})
+    for seed in range(200):
+        chance, packets = random.Random(f"{name} {seed}"), list(sound)
+        for _ in range(chance.choice([1, 1, 3])):
+            at = chance.randrange(len(packets))
+            packets[at] = wounded(packets[at], chance)
+        stream = fed("qtm://fed", ("127.0.0.1", 9), PATIENCE, "")
+        stream.packets = packets
+        try:
+            with stream.start():
+                for frame in stream:
+                    read += 1
+                    assert np.isfinite(frame.points).all() and len(frame.ids) == len(frame.points), seed
+                    assert 0 <= frame.number < 2**32, seed
+        except UserError as error:
+            told += 1
+            assert "; expected" in error.message and error.file == "qtm://fed", (seed, error)
+    assert told > 20 and read > 200

@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Streams of points: what a server plays is what is read, frame for frame, and by the makers' clients too."""
+
+import asyncio
+import struct
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from addon.io.points import read_points
+from addon.io.streams.natnet import NatNetStream
+from addon.io.streams.sources import open_stream
+from addon.io.streams.wire import LATE_FRAMES, StreamFrame
+from tests.io.samples import walk
+from tests.io.streams.servers import NatNetServer, QtmServer, ViconServer, frames_of_points
+
+WALK = frames_of_points(walk(frames=40, points=6).xyz, 120.0)
+
+
+def same_points(read: list[StreamFrame], played: list[StreamFrame], without_id: int = 0):
+    """Whether these are the frames, to what float32 holds of them; the first points of each have no number."""
+    assert [one.number for one in read] == [one.number for one in played]
+    for one, other in zip(read, played, strict=True):
+        assert one.points.dtype == float and one.ids.dtype == np.int64
+        np.testing.assert_allclose(one.points, other.points, atol=1e-6)
+        assert one.seconds == pytest.approx(other.seconds, abs=1e-6)
+        assert one.ids.tolist() == [-1] * without_id + other.ids[without_id:].tolist()
+
+
+@pytest.mark.parametrize(("minor", "labelled"), [(25, 0), (25, 2), (19, 1)])
+def test_qualisys_points_come_as_they_were_played(minor, labelled):
+    with QtmServer(WALK, 2000.0, minor=minor, labelled=labelled) as server, open_stream(server.source) as stream:
+        assert stream.rate == 2000
+        same_points(list(stream), WALK, labelled)
+        assert stream.late == 0
+
+
+def test_a_qualisys_world_is_turned_to_z_up_and_markers_that_are_missing_are_left_out():
+    hidden = [StreamFrame(1, 0.0, np.array([[1.0, 2.0, 3.0], [np.nan] * 3]), np.array([5, 6]))]
+    with QtmServer(hidden, up="+Y") as server:
+        with open_stream(server.source) as stream:
+            [frame] = stream
+        assert frame.points.tolist() == [[1, -3, 2]] and frame.ids.tolist() == [5]
+        with open_stream(server.source, up="-x") as stream:
+            assert next(stream).points.tolist() == [[2, -3, -1]]
+
+
+@pytest.mark.parametrize("version", [(3, 0), (4, 1)])
+@pytest.mark.parametrize("shared", [False, True], ids=["to us", "to a group"])
+def test_motive_points_come_as_they_were_played(version, shared):
+    with NatNetServer(WALK, 1000.0, version=version, shared=shared) as server:
+        with open_stream(server.source) as stream:
+            same_points([next(stream) for _ in WALK], WALK)
+        if not shared:
+            with open_stream(server.source, up="z") as stream:
+                np.testing.assert_allclose(next(stream).points, WALK[0].points[:, [0, 2, 1]] * [1, 1, -1], atol=1e-6)
+
+
+def test_markers_that_motive_sends_without_numbers_are_taken_where_there_are_no_others():
+    with NatNetServer(WALK, legacy=True) as server, open_stream(server.source) as stream:
+        frame = next(stream)
+        np.testing.assert_allclose(frame.points, WALK[0].points, atol=1e-6)
+        assert set(frame.ids.tolist()) == {-1}
+
+
+def test_vicon_points_come_as_they_were_played_also_those_that_are_not_sent_again():
+    # The server says of every other frame from the fourth on that its points are those of the one before.
+    before = [WALK[at - (at > 1 and at % 2)] for at in range(len(WALK))]
+    played = [replace(one, number=own.number, seconds=own.seconds) for one, own in zip(before, WALK, strict=True)]
+    with ViconServer(WALK, 120.0) as server, open_stream(server.source) as stream:
+        same_points([next(stream) for _ in WALK], played)
+        assert stream.rate == pytest.approx(120, rel=1e-6)
+
+
+def test_frames_that_a_network_loses_or_swaps_leave_numbers_that_ascend():
+    take = frames_of_points(walk(frames=600).xyz, 120.0)
+    with (
+        NatNetServer(take, 2000.0, jitter=0.001, loss=0.1, swapped=0.1) as server,
+        open_stream(server.source) as stream,
+    ):
+        numbers = [frame.number for frame, _ in zip(stream, range(400), strict=False)]
+        assert (np.diff(numbers) > 0).all() and 10 < stream.late < 80
+
+
+def test_frames_that_come_twice_are_left_out_and_a_sender_may_begin_anew():
+    twice = [WALK[0], WALK[1], WALK[1], WALK[0], WALK[2]]
+    again = [StreamFrame(5 + LATE_FRAMES, 0.0, WALK[0].points, WALK[0].ids), WALK[0]]
+    with QtmServer([*twice, *again]) as server, open_stream(server.source) as stream:
+        assert [frame.number for frame in stream] == [1, 2, 3, 5 + LATE_FRAMES, 1]
+        assert stream.late == 2
+
+
+def test_who_is_slow_is_told_that_more_has_come():
+    with QtmServer(WALK, 50.0) as server, open_stream(server.source) as stream:
+        next(stream)
+        assert not stream.behind
+        time.sleep(0.2)
+        assert stream.behind
+
+
+@pytest.mark.parametrize("server", [QtmServer, NatNetServer])
+@pytest.mark.parametrize("take", ["tennis/kinematics_tennis_serve.c3d", "actors53/p1"])
+def test_recorded_people_are_played_to_the_last_point(shared_data, server, take):
+    path = shared_data / "people" / take
+    points = read_points(path if path.is_file() else min(path.glob("*.c3d")))
+    played = frames_of_points(points.xyz[:100], points.rate)
+    played = [one for one in played if len(one.points)]
+    with server(played, 1000.0) as one, open_stream(one.source) as stream:
+        same_points([next(stream) for _ in played], played)
+
+
+def motive_packets(shared_data) -> list[bytes]:
+    """The datagrams of a recording of Motive 2.1, in their order."""
+    content = (shared_data / "streams" / "natnet3_motive21_traffic.pcapng").read_bytes()
+    found, at = [], 0
+    while at < len(content):
+        kind, size = struct.unpack_from("<II", content, at)
+        if kind == 6:  # a packet, behind 20 bytes, on Ethernet, in IPv4 without options
+            (length,) = struct.unpack_from(">H", content, at + 28 + 38)
+            if content[at + 28 + 12 : at + 28 + 14] == b"\x08\0" and content[at + 28 + 23] == 17:
+                found.append(content[at + 28 + 42 : at + 28 + 34 + length])
+        at += size
+    return found
+
+
+def test_what_motive_itself_sent_is_read(shared_data):
+    frames = [one for one in motive_packets(shared_data) if one[:2] == b"\7\0"]
+    stream = NatNetStream("natnet://1", ("127.0.0.1", 1), 1.0, "+Y")
+    stream.sized = False
+    read = [stream.decoded(one) for one in frames]
+    assert len(read) == 518 and (np.diff([one.number for one in read]) == 1).all()
+    assert np.diff([one.seconds for one in read]) == pytest.approx(1 / 120, abs=1e-6)
+    assert {tuple(one.ids.tolist()) for one in read} == {(131073, 131074, 131075, 131076, 131077, 50007)}
+    np.testing.assert_allclose(read[0].points[-1], [0.17081165, 0.84023464, 1.50765908], atol=1e-8)
+
+
+def test_the_makers_client_of_qualisys_reads_the_servers():
+    qtm_rt = pytest.importorskip("qtm_rt", reason="qtm-rt is not installed")
+
+    async def read(server: QtmServer, *components: str) -> list:
+        connection = await qtm_rt.connect("127.0.0.1", server.port, version="1.25")
+        assert b"<Frequency>500" in await connection.get_parameters(["general"])
+        packets = []
+        await connection.stream_frames(components=components, on_packet=packets.append)
+        for _ in range(100):
+            await asyncio.sleep(0.02)
+            if len(packets) == len(server.frames):
+                break
+        connection.disconnect()
+        return packets
+
+    with QtmServer(WALK, 500.0, labelled=1) as server:
+        packets = asyncio.run(read(server, "3d", "3dnolabels"))
+    assert [one.framenumber for one in packets] == [one.number for one in WALK]
+    for packet, played in zip(packets, WALK, strict=True):
+        markers = [*packet.get_3d_markers()[1], *packet.get_3d_markers_no_label()[1]]
+        np.testing.assert_allclose([one[:3] for one in markers], played.points * 1000, rtol=1e-6)
+        assert [one.id for one in markers[1:]] == played.ids[1:].tolist()
+        assert packet.timestamp == round(played.seconds * 1e6)
+
+
+@pytest.mark.parametrize("version", [(3, 0), (4, 0), (4, 1)])
+def test_an_open_client_of_motive_reads_the_servers(version):
+    natnet = pytest.importorskip("natnet", reason="natnet is not installed")
+    client, frames = None, []
+    with NatNetServer(WALK, 500.0, version=version) as server:
+        client = natnet.NatNetClient(command_port=server.port, use_multicast=False)
+        client.on_data_frame_received_event.handlers.append(frames.append)
+        with client:
+            end = time.monotonic() + 5
+            while len(frames) < len(WALK) and time.monotonic() < end:
+                client.update_sync()
+    assert [one.prefix.frame_number for one in frames] == [one.number for one in WALK]
+    for frame, played in zip(frames, WALK, strict=True):
+        y_up = played.points[:, [0, 2, 1]] * [1, 1, -1]
+        *seen, hidden = frame.labeled_markers
+        np.testing.assert_allclose([one.pos for one in seen], y_up, rtol=1e-6)
+        np.testing.assert_allclose(frame.unlabeled_marker_pos, y_up, rtol=1e-6)
+        assert [one.id_num for one in seen] == played.ids.tolist() and hidden.occluded
+        assert frame.suffix.timestamp == played.seconds and len(frame.skeletons[1].rigid_bodies) == 2
+        assert frame.devices[1].channel_arrays == ((5.0,), (6.0, 7.0))
