@@ -68,8 +68,8 @@ def run(arguments) -> int:
 
 def refuse_offline():
     """JobError where Blender's user does not allow it to go online."""
-    blender = sys.modules.get("bpy")
-    if blender is not None and blender.app.binary_path and not blender.app.online_access:
+    bpy = sys.modules.get("bpy")
+    if bpy is not None and bpy.app.binary_path and not bpy.app.online_access:
         raise JobError("Allow Online Access is off in Blender's preferences; expected it on, or blender --online-mode")
 
 
