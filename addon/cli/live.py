@@ -5,13 +5,13 @@ import json
 import signal
 import sys
 from contextlib import ExitStack
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
 from ..core.data.errors import JobError, UserError
-from ..core.points.whole_take.live import Window, WindowNames, WindowSolver
+from ..core.points.whole_take.live import Window, WindowNames, solved_window
 from ..io.models import open_model
 from ..io.scratch import scratch_folder
 from ..jobs.live import LiveJob, name_stream
@@ -95,7 +95,7 @@ class SolverProcess:
 
     def send(self, window: Window):
         """Gives it a window."""
-        self.worker.hand(partial(solved_window, self.model, window))
+        self.worker.hand(partial(solved, self.model, window))
 
     def answer(self) -> WindowNames | None:
         """What came of it; None while it is at work. The JobError of how it ended where it has."""
@@ -105,12 +105,7 @@ class SolverProcess:
         return found
 
 
-def solved_window(model: str, window: Window) -> WindowNames:
-    """What the process beside does with a window, with what it remembers of those before."""
+def solved(model: str, window: Window) -> WindowNames:
+    """What the process beside does with a window."""
     with threadpool_limits(1, user_api="blas"):
-        return _solver(model).solve(window)
-
-
-@lru_cache(maxsize=1)
-def _solver(model: str) -> WindowSolver:
-    return WindowSolver(open_model(model))
+        return solved_window(open_model(model), window)

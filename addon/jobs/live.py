@@ -13,7 +13,9 @@ import numpy as np
 from ..core.data.errors import InputError, UserError
 from ..core.data.lanes import Lanes
 from ..core.data.takes import NO_MARKER, Points
+from ..core.points.models import Model
 from ..core.points.whole_take.live import LiveNamer, Window, WindowNames
+from ..core.points.whole_take.pairs import trained_pairs
 from ..core.reconstruction.trajectories import Reconstructed
 from ..io.models import open_model
 from ..io.points import write_c3d
@@ -122,7 +124,7 @@ def name_stream(job: LiveJob, beside: SolverBeside, tell: Callable[[dict], None]
         target = stack.enter_context(whole_file(job.out, job.overwrite)) if job.out else None
         folder = stack.enter_context(scratch_folder()) if job.out else None
         stream = stack.enter_context(open_stream(job.source, job.up or "", job.wait, job.anywhere))
-        live = _Live(job, stream, beside, model.markerset.markers, folder, stack)
+        live = _Live(job, stream, beside, model, folder, stack)
         try:
             for frame in stream:
                 if (line := live.line(frame)) is not None:
@@ -149,13 +151,14 @@ class _Live:
         job: LiveJob,
         stream: LiveStream,
         beside: SolverBeside,
-        names: tuple[str, ...],
+        model: Model,
         folder: Path | None,
         stack: ExitStack,
     ):
-        self.job, self.stream, self.beside, self.names, self.folder, self.stack = (
-            job, stream, beside, names, folder, stack,
+        self.job, self.stream, self.beside, self.model, self.folder, self.stack = (
+            job, stream, beside, model, folder, stack,
         )  # fmt: skip
+        self.names = model.markerset.markers
         self.rate = job.rate or stream.rate
         self.frames, self.late, self.first = 0, 0, 0
         self.waiting: list[tuple[float, StreamFrame]] = []
@@ -205,7 +208,7 @@ class _Live:
             seconds = seconds if seconds > 0 else end - begin  # not so where it is no number
             self.rate = abs(last.number - first.number) / seconds
         if self.rate:
-            self.namer = LiveNamer(len(self.names), self.rate)
+            self.namer = LiveNamer(trained_pairs(self.model).within, self.rate)
             if self.folder is not None:
                 self.file = self.stack.enter_context(LiveFile(self.folder, self.rate, self.names))
             for _, frame in self.waiting:

@@ -18,7 +18,8 @@ from threadpoolctl import threadpool_limits
 
 from addon.core.data.takes import Points
 from addon.core.points.models import Model
-from addon.core.points.whole_take.live import LiveNamer, WindowSolver
+from addon.core.points.whole_take.live import LiveNamer, solved_window
+from addon.core.points.whole_take.pairs import trained_pairs
 from addon.io.models import open_model
 from scripts.results import markdown
 
@@ -59,12 +60,12 @@ def there_and_back(take: people.Take) -> people.Take:
 def played(points: Points, truth: np.ndarray, model: Model) -> Tally:
     """Names the points (T, P, 3) of a take whose markers are `truth` (P,) or (T, P)."""
     xyz, truth = points.xyz[:], np.broadcast_to(truth, points.xyz.shape[:2])
-    namer, solver, found = LiveNamer(len(model.markerset), points.rate), WindowSolver(model), Tally()
+    namer, found = LiveNamer(trained_pairs(model).within, points.rate), Tally()
     done, names, away = 0, None, len(xyz) // 2
     found.seconds = len(xyz) / points.rate
     back = away + round(AWAY_S * points.rate)
     with threadpool_limits(1, user_api="blas"):
-        warm_up(points, solver)
+        warm_up(points, model)
         for frame, every in enumerate(xyz):
             at = np.flatnonzero(np.isfinite(every[:, 0])) if not away <= frame < back else np.zeros(0, int)
             begin = process_time()
@@ -76,23 +77,22 @@ def played(points: Points, truth: np.ndarray, model: Model) -> Tally:
             found.ms.append(1000 * (process_time() - begin))
             if names is None and (window := namer.window()) is not None:
                 begin = process_time()
-                names = solver.solve(window)
+                names = solved_window(model, window)
                 done = frame + max(math.ceil((process_time() - begin) * points.rate), 1)
             _count(found, marker, truth[frame, at], frame, back, points.rate)
     return found
 
 
-def warm_up(points: Points, solver: WindowSolver):
+def warm_up(points: Points, model: Model):
     """Solves what is far from any stream: a process that works for long has all loaded."""
-    namer = LiveNamer(solver.placed.shape[1], points.rate)
+    namer = LiveNamer(trained_pairs(model).within, points.rate)
     for frame in range(round(points.rate / 2)):
         every = points.xyz[len(points.xyz) - 1 - frame]
         at = np.flatnonzero(np.isfinite(every[:, 0]))
         namer.name(frame, every[at], at)
     window = namer.window()
     assert window is not None
-    solver.solve(window)
-    solver.placed, solver.row = solver.placed[:0], 0
+    solved_window(model, window)
 
 
 def _count(found: Tally, marker: np.ndarray, true: np.ndarray, frame: int, back: int, rate: float):
@@ -136,12 +136,11 @@ def built_in(name: str, takes: Iterator[people.Take]) -> Group:
 def groups(keep: Path) -> dict[str, Callable[[], Group]]:
     """What is tried."""
     known = whole_takes.CASES
-    strangers = (take for take in strangers_in_body26() if take.subject in STRANGERS)
     return {
         "walks, `body26` of other people": lambda: of_cases([*known["pieces-body26"]()][:FOLDS], keep),
         "`cmu41`, the others learned": lambda: of_cases([*known["others"]()][:ACTORS], keep),
         "tennis serve, `body39`": lambda: built_in("body39", serve()),
-        "strangers, `body26`": lambda: built_in("body26", strangers),
+        "strangers, `body26`": lambda: built_in("body26", strangers_in_body26()),
         "`actors53`, one learned": lambda: of_actor(keep),
     }
 
@@ -166,7 +165,6 @@ COLUMNS = [
     "takes", "number", "s", "settled recall", "wrong", "renamed", "first found, s (median, most)",
     "found again, s (median, most)", "never found", "ms of a core a frame (50, 99, 99.9 %)",
 ]  # fmt: skip
-STRANGERS = ("ball", "bd")
 
 
 def main():

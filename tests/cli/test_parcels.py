@@ -1,13 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Work that is handed to another process: what comes of it is what would here, and its end is told in a sentence."""
 
+import sys
 import time
 from functools import partial
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from addon.cli import serving
 from addon.cli.parcels import read_parcel, write_parcel
 from addon.cli.workers import Worker
 from addon.core.data.errors import ForceableError
@@ -59,15 +62,11 @@ def test_nothing_else_is_handed_over(tmp_path, thing):
 
 
 def test_a_take_is_labelled_elsewhere_as_it_is_here_by_a_process_that_is_kept(worker, room):
-    job = LabelJob(room.c3d, None, MODEL, Path(), keep=True, html=True)
-    work, shares = partial(label_to_show, job), []
+    work = partial(label_to_show, LabelJob(room.c3d, None, MODEL, Path(), keep=True, html=True))
     here, _ = finished(work())
     for _ in range(2):
         worker.hand(work)
-        until = time.monotonic() + PATIENCE
-        while (found := worker.look()) is None and time.monotonic() < until:
-            shares.append(worker.share)
-        there, changed = found
+        there, changed = looked_at(worker)
         assert changed is None
         assert not worker.busy
         [(rows, chunk)], [(own_rows, own)] = there.chunks, here.chunks
@@ -77,7 +76,18 @@ def test_a_take_is_labelled_elsewhere_as_it_is_here_by_a_process_that_is_kept(wo
         assert np.array_equal(rows.xyz, own_rows.xyz)
         assert there.report["markers"] == here.report["markers"]
         assert there.worn.markers == here.worn.markers
-    assert shares[-1] > 0
+
+
+def test_how_far_the_work_is_is_told(monkeypatch, room, tmp_path):
+    said = StringIO()
+    monkeypatch.setattr(sys, "__stdout__", said)
+    monkeypatch.setattr(serving, "WORD_EVERY", 0.0)
+    monkeypatch.setattr(serving, "_left", lambda: False)
+    write_parcel(tmp_path / "work", partial(label_to_show, LabelJob(room.c3d, None, MODEL, Path(), keep=True)))
+    assert serving.run_work([str(tmp_path / "result"), str(tmp_path / "work")]) == 0
+    words = [line.partition(serving.SHARE)[2] for line in said.getvalue().splitlines()]
+    shares = [float(word) for word in words if word]
+    assert shares == sorted(shares) and 0.0 < shares[-1] <= 1.0
 
 
 def test_trouble_elsewhere_is_the_trouble_here(worker, tmp_path):

@@ -9,7 +9,6 @@ from addon.core.points.whole_take.live import MOST_DOUBTS, LiveNamer, WindowName
 RATE, MARKERS = 100.0, 8
 PLACES = np.random.default_rng(4).uniform(-0.5, 0.5, (MARKERS, 3)) + np.array([0, 0, 1.0])
 NO_IDS = np.full(MARKERS, -1)
-NO_PAIRS = np.zeros((0, 0, 0))
 
 
 def body(frame: int) -> np.ndarray:
@@ -17,21 +16,15 @@ def body(frame: int) -> np.ndarray:
     return PLACES + np.array([frame / RATE, 0, 0])
 
 
-def known() -> np.ndarray:
-    """Its distances, known to a millimetre."""
-    mean = np.linalg.norm(PLACES[:, None] - PLACES, axis=2)
-    return np.stack([mean, np.full_like(mean, 1e-6), np.full_like(mean, 1e-6)])
-
-
 def settled(ids: np.ndarray, frames: int = 40) -> LiveNamer:
     """A namer that has heard who is who in some frames."""
-    namer = LiveNamer(MARKERS, RATE)
+    namer = LiveNamer(np.full((MARKERS, MARKERS), 1e-6), RATE)
     for frame in range(frames):
         marker, _ = namer.name(frame, body(frame), ids)
         assert (marker == -1).all()
     window = namer.window()
     assert window.xyz.shape == (frames, MARKERS, 3) and window.row == 0 and window.rate == RATE
-    namer.hear(WindowNames(window.number, np.arange(MARKERS), known()))
+    namer.hear(WindowNames(window.number, np.arange(MARKERS)))
     assert namer.renamed == []
     return namer
 
@@ -57,15 +50,24 @@ def test_a_point_that_comes_back_is_named_at_once_and_what_is_elsewhere_is_not()
     assert marker.tolist() == [*range(1, MARKERS), -1]
 
 
+def test_a_point_that_was_away_for_long_waits_for_the_solver():
+    ids = np.arange(MARKERS)
+    namer = settled(ids)
+    for frame in range(40, 240):
+        namer.name(frame, body(frame)[1:], ids[1:])
+    for frame in range(240, 260):
+        assert namer.name(frame, body(frame), np.append(77, ids[1:]))[0].tolist() == [-1, *range(1, MARKERS)]
+
+
 def test_a_settled_name_is_taken_back_only_by_a_line_that_says_so():
     namer = settled(np.arange(MARKERS))
     _, number = namer.name(40, body(40), np.arange(MARKERS))
     swapped = np.arange(MARKERS)
     swapped[:2] = 1, 0
-    namer.hear(WindowNames(number, swapped, NO_PAIRS))
+    namer.hear(WindowNames(number, swapped))
     assert namer.renamed == [(0, 1), (1, 0)]
     assert namer.name(41, body(41), np.arange(MARKERS))[0].tolist() == swapped.tolist()
-    namer.hear(WindowNames(number, np.full(MARKERS, -1), NO_PAIRS, "who is this; expected somebody"))
+    namer.hear(WindowNames(number, np.full(MARKERS, -1), "who is this; expected somebody"))
     assert namer.renamed == []
 
 
@@ -77,7 +79,7 @@ def test_a_name_that_the_solver_never_gave_is_taken_back_where_it_goes_on_giving
         assert namer.renamed == []
         marker, number = namer.name(frame, body(frame), np.append(77, ids[1:]))
         assert marker.tolist() == list(range(MARKERS))
-        namer.hear(WindowNames(number, np.append(-1, ids[1:]), NO_PAIRS))
+        namer.hear(WindowNames(number, np.append(-1, ids[1:])))
     assert namer.renamed == [(0, -1)]
     for frame in range(50, 60):
         assert namer.name(frame, body(frame), np.append(77, ids[1:]))[0].tolist() == [-1, *range(1, MARKERS)]
