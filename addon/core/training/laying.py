@@ -22,7 +22,7 @@ from ..points.likelihood.sides import mirror_order
 from ..posing.posing import labelled_pull
 from .poses import known_poses, posed_bodies
 from .spread import MAJORITY, some_of
-from .transfer import off_surface
+from .transfer import off_surface, places_in_segments
 
 HEADINGS = 12  # in which a body is tried: every 30 degrees, less than half of how far the fit turns it
 MATCHINGS, FIT_STEPS = 10, 4  # of matching, from the first gate to the last, and of the fit's iterations after each
@@ -99,9 +99,10 @@ def _laid(frame: np.ndarray, body: MarkerSet, poses: np.ndarray, sides: np.ndarr
     found = matched >= 0
     away = np.where(found, np.linalg.norm(markers - cloud[matched], axis=2) / height, gate)
     size = bodies.scale.mean(axis=1)  # a hand and a rat fit bodies of 0.2 to 0.7 m
-    alone = np.array([~np.isin(np.arange(len(cloud)), one) for one in matched])
-    off_skin = np.where(alone, np.minimum(_off_skin(model, bodies, cloud), gate), 0)
-    off = (away.sum(axis=1) + off_skin.sum(axis=1)) / (len(body) + len(cloud))
+    alone = ~(matched[..., None] == np.arange(len(cloud))).any(axis=1)
+    places = places_in_segments(model, bodies, cloud)
+    off_skin = np.minimum([off_surface(body, own).min(axis=1) for own in places], gate)
+    off = (away.sum(axis=1) + (alone * off_skin).sum(axis=1)) / (len(body) + len(cloud))
     fits = (off <= LAYING.max_off) & (size == GUESSING.possible_height(size))
     if not fits.any():
         return None
@@ -110,14 +111,6 @@ def _laid(frame: np.ndarray, body: MarkerSet, poses: np.ndarray, sides: np.ndarr
     place = np.full(len(frame), -1)
     place[there[matched[best, mine]]] = mine
     return LaidBody(body, place, float(off[best]))
-
-
-def _off_skin(model: BodyModel, bodies: Bodies, cloud: np.ndarray) -> np.ndarray:
-    """(B, P) how far the points of a cloud (P, 3) m are off the bodies' surfaces, heights."""
-    posed = model.pose(bodies)
-    away = cloud[:, None] - posed.joints[:, None]
-    places = np.einsum("bjik,bpji->bpjk", posed.rotations, away) / bodies.scale.mean(axis=1)[:, None, None, None]
-    return np.array([off_surface(model.markerset, own).min(axis=1) for own in places])
 
 
 def _on_worn_limbs(body: MarkerSet, found: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..body.bodies import BodyModel
+from ..body.bodies import Bodies, BodyModel
 from ..data.markersets import MarkerSet
 from ..posing.posing import POSING, fit_points
 from .segments import distance_to_axis
@@ -151,17 +151,20 @@ def _in_segments(model: BodyModel, points: np.ndarray, here: np.ndarray) -> tupl
     points = some_of(points[full_frames(points[:, here], POSING.min_markers)])
     if not len(points):
         return None
-    bodies = fit_points(model, points[:, here])
-    posed = model.pose(bodies)
-    size = bodies.scale.mean(axis=1)[:, None, None, None]
-    offset = points[:, :, None] - posed.joints[:, None]
-    local = np.einsum("fjba,fmjb->fmja", posed.rotations, offset) / size
+    local = places_in_segments(model, fit_points(model, points[:, here]), points)
     seen = np.isfinite(local).all(axis=3).any(axis=0)
     mean, spread = np.full(local.shape[1:], np.nan), np.full(local.shape[1:3], np.nan)
     mean[seen] = np.nanmedian(local[:, seen], axis=0)
     away = np.sqrt(np.square(local - mean).sum(axis=3))
     spread[seen] = np.nanmedian(away[:, seen], axis=0)
     return mean, spread
+
+
+def places_in_segments(model: BodyModel, bodies: Bodies, points: np.ndarray) -> np.ndarray:
+    """(F, M, J, 3) points, (F, M, 3) m or (M, 3) of all bodies, in the axes of every segment of F bodies, heights."""
+    posed = model.pose(bodies)
+    offset = points[..., None, :] - posed.joints[:, None]
+    return np.einsum("fjba,fmjb->fmja", posed.rotations, offset) / bodies.scale.mean(axis=1)[:, None, None, None]
 
 
 def off_surface(body: MarkerSet, places: np.ndarray) -> np.ndarray:

@@ -69,7 +69,7 @@ def solved_window(model: Model, window: Window) -> WindowNames:
     except JobError as error:
         return WindowNames(window.number, np.full(len(window.number), NO_MARKER), error.message)
     last = len(there) - 1 - there[::-1].argmax(axis=0)
-    return WindowNames(window.number, np.where(there.any(axis=0), marker[last, np.arange(len(last))], NO_MARKER))
+    return WindowNames(window.number, marker[last, np.arange(len(last))])
 
 
 class _Trail:
@@ -77,6 +77,7 @@ class _Trail:
 
     solved  whether the solver has named it
     doubts  else how often it had no name for it
+    fresh   whether it begins with this frame
     """
 
     def __init__(self, number: int, place: np.ndarray, row: int):
@@ -103,7 +104,7 @@ class LiveNamer:
         self._forget()
 
     def _forget(self):
-        """Follows nothing any more; who the subject is stays known."""
+        """Follows nothing any more."""
         self.trails: dict[int, _Trail] = {}
         self.links = Links.at(self.rate)
         self.past: list[tuple[int, np.ndarray, np.ndarray]] = []
@@ -122,10 +123,7 @@ class LiveNamer:
         self.last, self.row = number, self.row + step
         trails = self._followed(points, ids, step)
         marker = np.array([trail.marker for trail in trails], int)
-        _, first = np.unique(marker, return_index=True)
-        twice = np.ones(len(marker), bool)
-        twice[first] = False
-        marker[twice] = NO_MARKER
+        marker[_said_before(marker)] = NO_MARKER
         for missed in range(self.row - step + 1, self.row + 1):
             self.placed[missed % len(self.placed)] = np.nan
         now = self.placed[self.row % len(self.placed)]
@@ -142,9 +140,7 @@ class LiveNamer:
         """The trail of each point: by the sender's number or, where it has none or says one twice, by where it goes."""
         for _ in range(step - 1):
             self.links.link(NO_POINTS)
-        loose = np.ones(len(ids), bool)
-        loose[np.unique(ids, return_index=True)[1]] = False
-        loose |= ids == NO_POINT
+        loose = _said_before(ids) | (ids == NO_POINT)
         key = 2 * ids + 1
         key[loose] = 2 * self.links.link(points[loose])
         found = []
@@ -211,7 +207,6 @@ class LiveNamer:
             trail.doubts += doubted and not trail.solved
             if trail.doubts >= MOST_DOUBTS or (doubted and latest.get(trail.marker, 0) > trail.number):
                 self._rename(trail, NO_MARKER)
-
         now = self.placed[self.row % len(self.placed)]
         for trail in self.trails.values():
             if trail.marker != NO_MARKER and trail.row == self.row:
@@ -221,3 +216,10 @@ class LiveNamer:
         if trail.marker not in (NO_MARKER, marker):
             self.renamed.append((trail.marker, marker))
         trail.marker = marker
+
+
+def _said_before(values: np.ndarray) -> np.ndarray:
+    """(P,) whether the same stands before each of the values (P,)."""
+    before = np.ones(len(values), bool)
+    before[np.unique(values, return_index=True)[1]] = False
+    return before
