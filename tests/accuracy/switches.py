@@ -102,7 +102,6 @@ STAGES: dict[str, dict[str, Callable]] = {
     "frames: limbs exchanged": {"points.likelihood.solving._exchanged": lambda *_: []},
     "blobs: rereading": {"blobs.rereading.Rereader.read_again": lambda *_: ()},
     "blobs: review of swaps": {"blobs.pipeline.TakeLabeller._review": lambda _, track, *__: track},
-    "blobs: continuity": {"blobs.pipeline.renamed": lambda *_: ()},
     "blobs: image tracklets": {"blobs.pipeline.name_by_tracklets": lambda *_: None},
     "blobs: swaps in a found frame": {"blobs.search.settle": try_swaps},
     "blobs: occlusion": {"blobs.subject.CapsuleOcclusion": lambda *_: NothingInTheWay()},
@@ -110,7 +109,7 @@ STAGES: dict[str, dict[str, Callable]] = {
 if has_blender():
     # Rays are cast at the capsules' meshes instead.
     STAGES["blobs: closed form"] = {"blobs.subject.CapsuleOcclusion": lambda markerset, _: mesh_occlusion(markerset)}
-LOOK_AGAIN = ("rereading", "review of swaps", "continuity", "image tracklets")
+LOOK_AGAIN = ("rereading", "review of swaps", "image tracklets")
 TOGETHER = {"blobs: all that look again": [f"blobs: {name}" for name in LOOK_AGAIN]}
 
 

@@ -24,7 +24,6 @@ from ..papers.virtual_occlusions.occlusion import Occlusion
 from ..review.doubtful import WHOLE_FRAME
 from ..review.suspects import find_suspects
 from .confidence import CONFIDENCE, named_confidences, swap_doubts
-from .continuity import renamed
 from .image_tracklets import name_by_tracklets
 from .rereading import REREADING, Rereader
 from .search import FINDING, MAX_FINALISTS, NO_HINTS, Found, Hints, find_subject
@@ -37,23 +36,20 @@ PARTS_LOOKED_IN = 8  # of a chunk, in which a lost subject is looked for, one fr
 
 @dataclass(frozen=True)
 class TakeOptions:
-    """How a take is gone through, and what is believed.
+    """How a take is gone through, and what is believed."""
 
-    min_rate               physical: frames a second; below it nobody is followed, every frame is looked at on its own:
-                           a limb moves farther between two frames than it is from the next
-    good_named             physical: share of the markers that a good placement, one that is clear, names of those that
-                           it lets the cameras see; after `MAX_FINALISTS` of them the best will do
-    min_confidence         physical: a placement less sure than this names nothing, a third of such would be wrong
-    review_frames          physical: until it is asked whether neighbours have changed names, a third of a second, as a
-                           wrong start stays wrong; and again at a chunk's end
-    min_label_confidence   paper, 5: rather no label than one that is as likely to be wrong
-    """
-
-    min_rate: float = 20.0
-    good_named: float = 0.8
-    min_confidence: float = 0.7
-    review_frames: int = 20
-    min_label_confidence: float = 0.5
+    # frames a second; below it nobody is followed, every frame is looked at on its own: a limb moves farther between
+    # two frames than it is from the next
+    min_rate: float = 20.0  # physical
+    # share of the markers that a good placement, one that is clear, names of those that it lets the cameras see;
+    # after `MAX_FINALISTS` of them the best will do
+    good_named: float = 0.8  # physical
+    # a placement less sure than this names nothing, a third of such would be wrong
+    min_confidence: float = 0.7  # physical
+    # until it is asked whether neighbours have changed names, a third of a second, as a wrong start stays wrong; and
+    # again at a chunk's end
+    review_frames: int = 20  # physical
+    min_label_confidence: float = 0.5  # paper, 5: rather no label than one that is as likely to be wrong
 
 
 TAKES = TakeOptions()
@@ -149,8 +145,6 @@ class TakeLabeller:
                 if stretch.last == end and stretch.track is not None and self.track is not None:
                     self.track = stretch.track
                 chunk.suspect(stretch.first, stretch.last, "names did not suit the rest of the take and are new")
-            for first, last, moved in renamed(results, self.setup.rate):
-                self._say_exchanged(chunk, first, last, moved)
             name_by_tracklets(chunk.views, results, self.setup.rate)
         self.last = results.get(end) if chunk.views else self.last
 

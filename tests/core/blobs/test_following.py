@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from addon.core.blobs.continuity import renamed
 from addon.core.blobs.image_tracklets import name_by_tracklets
 from addon.core.blobs.rereading import Rereader
 from addon.core.blobs.tracking import FOLLOWING_STEPS, difference, follow
@@ -60,30 +59,6 @@ def test_a_chunk_that_begins_wrong_is_read_from_the_one_before():
     exchange(scene, results, range(40, 46), *FOOT)
     assert rereader.read_again(rest, results[39])
     assert not wrong_names(scene, views[40:], rest).any()
-
-
-def test_a_name_that_a_hidden_neighbour_lent_goes_back():
-    """LWRA was hidden at first, and LFIN had its name."""
-    scene, _, views, results = followed()
-    for index in range(14):
-        take_name(results[index].naming, scene.markerset.index("LWRA"))
-    exchange(scene, results, range(14), "LWRA", "LFIN")
-    assert wrong_names(scene, views, results).any()
-    changes = renamed(results, RATE)
-    assert [(first, last) for first, last, _ in changes] == [(0, 13)]
-    assert {scene.markerset.markers[index] for index in changes[0][2]} == {"LWRA", "LFIN"}
-    assert not wrong_names(scene, views, results).any()
-
-
-def test_an_exchange_is_undone_and_what_never_jumped_keeps_its_names():
-    scene, _, views, results = followed()
-    exchange(scene, results, range(20, 40), "LANK", "LHEE", "LTOE")
-    assert [(first, last) for first, last, _ in renamed(results, RATE)] == [(20, 39)]
-    assert not wrong_names(scene, views, results).any()
-    _, _, _, results = followed()
-    before = [result.naming.slot.copy() for result in results.values()]
-    assert renamed(results, RATE) == []
-    assert all(np.array_equal(slot, result.naming.slot) for slot, result in zip(before, results.values(), strict=True))
 
 
 FRAMES = range(30, 38)
