@@ -12,14 +12,10 @@ from .swaps import Swaps
 
 @dataclass(frozen=True)
 class ConfidenceOptions:
-    """By how many squared deviations a marker that should not be seen is less likely to have made a blob.
+    """By how many squared deviations a marker that should not be seen is less likely to have made a blob."""
 
-    hidden    a marker that the fitted body hides: bodies are fitted well but not exactly
-    shadowed  physical: a marker behind another one on the same line, twenty times less likely
-    """
-
-    hidden: float = Rules.min_lead
-    shadowed: float = 6.0
+    hidden: float = Rules.min_lead  # a marker that the fitted body hides: bodies are fitted well but not exactly
+    shadowed: float = 6.0  # physical: a marker behind another one on the same line, twenty times less likely
 
 
 CONFIDENCE = ConfidenceOptions()

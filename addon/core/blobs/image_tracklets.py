@@ -20,21 +20,16 @@ from .tracking import FrameResult
 
 @dataclass(frozen=True)
 class ImageTrackletOptions:
-    """When blobs are one tracklet, and when its name overrules a frame's.
+    """When blobs are one tracklet, and when its name overrules a frame's."""
 
-    noise_m      physical: by which a blob may be off beside what moves it, partly hidden ones jump; another blob must
-                 be farther off by that
-    speed_m_s    physical: at most, of a blob of which nothing is known yet
-    other_ratio  physical: another blob must be so many times as far off, so that the nearest is the same either way
-    min_frames   physical: of a tracklet that have its name, more than a marker is in doubt at a time, and
-    min_ratio    physical: times as many as have any other
-    """
-
-    noise_m: float = 0.004
-    speed_m_s: float = 4.0
-    other_ratio: float = 2.0
-    min_frames: int = 12
-    min_ratio: float = 4.0
+    # by which a blob may be off beside what moves it, partly hidden ones jump; another blob must be farther off by
+    # that
+    noise_m: float = 0.004  # physical
+    speed_m_s: float = 4.0  # physical: at most, of a blob of which nothing is known yet
+    # another blob must be so many times as far off, so that the nearest is the same either way
+    other_ratio: float = 2.0  # physical
+    min_frames: int = 12  # physical: of a tracklet that have its name, more than a marker is in doubt at a time, and
+    min_ratio: float = 4.0  # physical: times as many as have any other
 
 
 IMAGE_TRACKLETS = ImageTrackletOptions()

@@ -26,24 +26,19 @@ HYPOTHESES, MORE_HYPOTHESES = 40, 15
 
 @dataclass(frozen=True)
 class AtOnceOptions:
-    """What is likely in a frame that is named at once.
+    """What is likely in a frame that is named at once."""
 
-    seen             physical: chance that a camera has a blob of a marker which the body does not hide from it, and
-    seen_hidden      physical: of one that it should hide, as nobody's body is exactly the model's
-    elsewhere        measured: chance that a subject has a marker elsewhere than the set has it. On `s02`, `p1` and `p2`
-                     of `tests.accuracy.strangers` one marker in ten is 4 to 8 cm from where the fitted body has it
-    elsewhere_m      measured: by so much, standard deviation along each axis, on the same; no marker is farther off
-                     than four of them
-    seen_behind      physical: chance that a camera has a blob of a marker behind a nearer one on the same line, and
-    seen_before      physical: of the nearer one, if it has one of either, as nothing else is in the way
-    """
-
-    seen: float = 0.93
-    seen_hidden: float = 0.25
-    elsewhere: float = 0.1
-    elsewhere_m: float = 0.05
-    seen_behind: float = 0.1
-    seen_before: float = 0.99
+    # chance that a camera has a blob of a marker which the body does not hide from it, and
+    seen: float = 0.93  # physical
+    seen_hidden: float = 0.25  # physical: of one that it should hide, as nobody's body is exactly the model's
+    # chance that a subject has a marker elsewhere than the set has it. On `s02`, `p1` and `p2` of
+    # `tests.accuracy.strangers` one marker in ten is 4 to 8 cm from where the fitted body has it
+    elsewhere: float = 0.1  # measured
+    # by so much, standard deviation along each axis, on the same; no marker is farther off than four of them
+    elsewhere_m: float = 0.05  # measured
+    # chance that a camera has a blob of a marker behind a nearer one on the same line, and
+    seen_behind: float = 0.1  # physical
+    seen_before: float = 0.99  # physical: of the nearer one, if it has one of either, as nothing else is in the way
 
     @property
     def max_distance_m(self) -> float:

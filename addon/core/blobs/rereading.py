@@ -26,14 +26,12 @@ JUDGING_STEPS = 3
 
 @dataclass(frozen=True)
 class RereadOptions:
-    """Which frames are read again, and which reading is better.
+    """Which frames are read again, and which reading is better."""
 
-    min_frames     physical: that show a subject, half a second: a marker that is in half of them has its place in them
-    around         physical: frames around a doubtful one that are looked at, and that may lie between two of a stretch
-    """
-
-    min_frames: int = 30
-    around: int = 6
+    # that show a subject, half a second: a marker that is in half of them has its place in them
+    min_frames: int = 30  # physical
+    # frames around a doubtful one that are looked at, and that may lie between two of a stretch
+    around: int = 6  # physical
 
 
 REREADING = RereadOptions()

@@ -23,41 +23,33 @@ from .swaps import MAX_EXCHANGES, SWAPS, Swaps, swap_names, try_swaps, withdraw_
 
 @dataclass(frozen=True)
 class FindOptions:
-    """How a subject is looked for in one frame.
+    """How a subject is looked for in one frame."""
 
-    facings           paper, 6: a start is good within 20° of the subject; of eight all around one is within 23°
-    upright_sd_rad    physical: how far a subject who is looked for leans, somebody who walks, stands or bends
-    good_cost         measured: for each blob, and each image of a marker that should be seen; a body that costs more
-                      may hold its arms otherwise. On people with their arms set (`tests.accuracy.strangers`) right
-                      bodies and wrong ones overlap between 2.5 and 2.7
-    min_distance_m    physical: two fits whose markers are farther from each other than this on average are two
-                      solutions, as limbs are that thick; the finalists differ by half as much
-    temper            physical: by how much costs overstate their differences, as a marker's blobs share its error
-    clear_confidence  physical: a placement surer than this needs no second opinion, one in fifty is wrong
-    noise_rate        physical: share of the noise that a round shows which is taken over, and
-    own_rate          physical: share of what a marker is off that its own offset takes over; nearly all, as little is
-                      known yet
-    max_facing_error_rad  how far off a user's idea of the facing may be
-    hint_cost         physical: squared deviations that a placement against a hint, or against a blob that a person
-                      named, must be better by; people err less often than fits do
-    height_sd_m       physical: standard deviation of a height, with shoes or without, measured or remembered
-    min_confirmed     physical: third rays a marker that show a subject in a crowd, beyond those that meet by chance
-    chance_factor     physical: how much better than chance third rays may come out by trying many placements
-    """
-
-    facings: int = 8
-    upright_sd_rad: float = 0.35
-    good_cost: float = 2.3
-    min_distance_m: float = 0.10
-    temper: float = 12.0
-    clear_confidence: float = 0.98
-    noise_rate: float = 0.7
-    own_rate: float = 0.9
-    max_facing_error_rad: float = float(np.radians(60))
-    hint_cost: float = 60.0
-    height_sd_m: float = 0.08
-    min_confirmed: float = 0.5
-    chance_factor: float = 2.0
+    facings: int = 8  # paper, 6: a start is good within 20° of the subject; of eight all around one is within 23°
+    # how far a subject who is looked for leans, somebody who walks, stands or bends
+    upright_sd_rad: float = 0.35  # physical
+    # for each blob, and each image of a marker that should be seen; a body that costs more may hold its arms
+    # otherwise. On people with their arms set (`tests.accuracy.strangers`) right bodies and wrong ones overlap
+    # between 2.5 and 2.7
+    good_cost: float = 2.3  # measured
+    # two fits whose markers are farther from each other than this on average are two solutions, as limbs are that
+    # thick; the finalists differ by half as much
+    min_distance_m: float = 0.10  # physical
+    temper: float = 12.0  # physical: by how much costs overstate their differences, as a marker's blobs share its error
+    # a placement surer than this needs no second opinion, one in fifty is wrong
+    clear_confidence: float = 0.98  # physical
+    noise_rate: float = 0.7  # physical: share of the noise that a round shows which is taken over, and
+    # share of what a marker is off that its own offset takes over; nearly all, as little is known yet
+    own_rate: float = 0.9  # physical
+    max_facing_error_rad: float = float(np.radians(60))  # how far off a user's idea of the facing may be
+    # squared deviations that a placement against a hint, or against a blob that a person named, must be better by;
+    # people err less often than fits do
+    hint_cost: float = 60.0  # physical
+    height_sd_m: float = 0.08  # physical: standard deviation of a height, with shoes or without, measured or remembered
+    # third rays a marker that show a subject in a crowd, beyond those that meet by chance
+    min_confirmed: float = 0.5  # physical
+    # how much better than chance third rays may come out by trying many placements
+    chance_factor: float = 2.0  # physical
 
 
 FINDING = FindOptions()

@@ -25,29 +25,24 @@ TIMED_STAGES = ("place", "fit", "label")
 
 @dataclass(frozen=True)
 class SubjectOptions:
-    """What is taken for granted of a subject, and what it may be found to be.
+    """What is taken for granted of a subject, and what it may be found to be."""
 
-    min_marker_sd   measured: heights; a subject's markers are never taken to sit surer than this where the marker set
-                    has them. Other labs than the one it was learned from put them elsewhere by a centimetre, as five
-                    people of three of them show
-    max_own         physical: own offsets stay within so many deviations of the marker set's own spread, as those of 99
-                    people in 100 do, so that a wrong name cannot drag one along
-    min_noise_px    physical: the blobs' noise is never taken to be less, a few frames may look better than cameras are
-    max_noise_px    physical: nor more; beyond it names are wrong, not blobs
-    reference_rate  paper, 6: frames a second for which movement from frame to frame is stated elsewhere
-    min_named       physical: of a frame's blobs that a subject has where there is no crowd of ghosts, and of its
-                    markers where it is one at all or is not lost; less than half, as bodies hide one side
-    min_pace        physical: movement a frame, as a share of that at the reference rate, is never taken to be less:
-                    what the prediction misses does not shrink with the time between frames
-    """
-
-    min_marker_sd: float = 0.008
-    max_own: float = 3.0
-    min_noise_px: float = 0.25
-    max_noise_px: float = 3.0
-    reference_rate: float = 60.0
-    min_named: float = 0.4
-    min_pace: float = 0.6
+    # heights; a subject's markers are never taken to sit surer than this where the marker set has them. Other labs
+    # than the one it was learned from put them elsewhere by a centimetre, as five people of three of them show
+    min_marker_sd: float = 0.008  # measured
+    # own offsets stay within so many deviations of the marker set's own spread, as those of 99 people in 100 do, so
+    # that a wrong name cannot drag one along
+    max_own: float = 3.0  # physical
+    # the blobs' noise is never taken to be less, a few frames may look better than cameras are
+    min_noise_px: float = 0.25  # physical
+    max_noise_px: float = 3.0  # physical: nor more; beyond it names are wrong, not blobs
+    reference_rate: float = 60.0  # paper, 6: frames a second for which movement from frame to frame is stated elsewhere
+    # of a frame's blobs that a subject has where there is no crowd of ghosts, and of its markers where it is one at
+    # all or is not lost; less than half, as bodies hide one side
+    min_named: float = 0.4  # physical
+    # movement a frame, as a share of that at the reference rate, is never taken to be less: what the prediction
+    # misses does not shrink with the time between frames
+    min_pace: float = 0.6  # physical
 
 
 SUBJECT = SubjectOptions()
@@ -137,16 +132,11 @@ class Setup:
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """One person in one frame.
+    """One person in one frame."""
 
-    bodies    a single body
-    own_sd    (M,) m, how sure the subject's own offset of each marker is
-    pixel     px, standard deviation of a blob's position, as far as known
-    """
-
-    bodies: Bodies
-    own_sd: np.ndarray
-    pixel: float
+    bodies: Bodies  # a single body
+    own_sd: np.ndarray  # (M,) m, how sure the subject's own offset of each marker is
+    pixel: float  # px, standard deviation of a blob's position, as far as known
 
 
 def slots_pull(frame: Frame, slots: np.ndarray, subject: Subject, setup: Setup) -> RayPull:

@@ -17,18 +17,16 @@ from .subject import Setup, Subject, refit, slots_pull
 
 @dataclass(frozen=True)
 class SwapOptions:
-    """When names are thought over.
+    """When names are thought over."""
 
-    max_unexpected    physical: squared deviations, of three of them, beyond which two blobs that meet are not the
-                      marker's: one marker in 135 is farther off. An unnamed blob, or a missing marker, costs as much
-    layout_room       physical: how much wider than over the recorded people a new subject's marker layout may vary
-    min_gain          measured: squared deviations that an exchange must gain before a track is doubted; with 4 walks in
-                      five noisy cameras (`body26`) have 1,230 wrong labels for 992
-    """
-
-    max_unexpected: float = 12.0
-    layout_room: float = 1.25
-    min_gain: float = 5.0
+    # squared deviations, of three of them, beyond which two blobs that meet are not the marker's: one marker in 135
+    # is farther off. An unnamed blob, or a missing marker, costs as much
+    max_unexpected: float = 12.0  # physical
+    # how much wider than over the recorded people a new subject's marker layout may vary
+    layout_room: float = 1.25  # physical
+    # squared deviations that an exchange must gain before a track is doubted; with 4 walks in five noisy cameras
+    # (`body26`) have 1,230 wrong labels for 992
+    min_gain: float = 5.0  # measured
 
 
 MAX_FITS = 10  # of exchanges, those that promise most
@@ -60,14 +58,10 @@ def withdraw_unexpected(naming: Naming, state: State, subject: Subject, setup: S
 
 @dataclass(frozen=True, eq=False)
 class Swaps:
-    """Exchanges of names that were tried on a frame.
+    """Exchanges of names that were tried on a frame."""
 
-    orders  (B, M) marker m got the blobs that had the name of marker orders[b, m]
-    loss    (B,) how much worse the body explains the blobs then; below zero: better
-    """
-
-    orders: np.ndarray
-    loss: np.ndarray
+    orders: np.ndarray  # (B, M) marker m got the blobs that had the name of marker orders[b, m]
+    loss: np.ndarray  # (B,) how much worse the body explains the blobs then; below zero: better
 
 
 def try_swaps(naming: Naming, subject: Subject, state: State, setup: Setup, prior) -> Swaps:

@@ -22,38 +22,30 @@ from .subject import SUBJECT, Setup, Subject, expect, learn_noise, learn_own, na
 
 @dataclass(frozen=True)
 class AnchorOptions:
-    """Standard deviations of what a frame's body is off its prediction at `SUBJECT.reference_rate`.
+    """Standard deviations of what a frame's body is off its prediction at `SUBJECT.reference_rate`."""
 
-    translation_m  physical: of the root, and
-    turn_rad       physical: its turn; what acceleration and braking add to the last velocity in a sixtieth of a second
-    stretch_m      physical: of the scale; a size does not change, it is only known better
-    bend_rad       physical: of every joint; hands and feet turn fastest
-    shape          physical: in the modes' own standard deviations; known better, as the size
-    """
-
-    translation_m: float = 0.03
-    turn_rad: float = 0.10
-    stretch_m: float = 0.002
-    bend_rad: float = 0.20
-    shape: float = 0.05
+    translation_m: float = 0.03  # physical: of the root, and
+    # its turn; what acceleration and braking add to the last velocity in a sixtieth of a second
+    turn_rad: float = 0.10  # physical
+    stretch_m: float = 0.002  # physical: of the scale; a size does not change, it is only known better
+    bend_rad: float = 0.20  # physical: of every joint; hands and feet turn fastest
+    shape: float = 0.05  # physical: in the modes' own standard deviations; known better, as the size
 
 
 @dataclass(frozen=True)
 class TrackOptions:
-    """How a subject is followed.
+    """How a subject is followed."""
 
-    velocity_kept  measured: share of the last frame's change that is carried on: limbs swing, and slow down; with all
-                   of it 0.8 % of walks in five noisy cameras (`gait15`) are lost
-    marker_sd_m    measured: a marker may be off its prediction, standard deviation; twice as much loses 0.6 % of walks
-                   in five noisy cameras (`body26`), half of it nothing
-    own_rate       physical: share of what a marker is off that the subject's own offset takes over in a frame
-    noise_rate     physical: share of the noise that a frame shows which is taken over, a memory of twenty frames
-    """
-
-    velocity_kept: float = 0.85
-    marker_sd_m: float = 0.010
-    own_rate: float = 0.15
-    noise_rate: float = 0.05
+    # share of the last frame's change that is carried on: limbs swing, and slow down; with all of it 0.8 % of walks
+    # in five noisy cameras (`gait15`) are lost
+    velocity_kept: float = 0.85  # measured
+    # a marker may be off its prediction, standard deviation; twice as much loses 0.6 % of walks in five noisy cameras
+    # (`body26`), half of it nothing
+    marker_sd_m: float = 0.010  # measured
+    # share of what a marker is off that the subject's own offset takes over in a frame
+    own_rate: float = 0.15  # physical
+    # share of the noise that a frame shows which is taken over, a memory of twenty frames
+    noise_rate: float = 0.05  # physical
 
 
 # Iterations of a frame's fit, which starts from the prediction: docs/results/virtual-occlusions.md has more and fewer.

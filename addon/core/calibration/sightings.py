@@ -18,20 +18,13 @@ CELL_M = 0.2  # edge of the cubes over which points are spread: a step of somebo
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
-    """N blobs of P points, each a marker in a frame.
+    """N blobs of P points, each a marker in a frame."""
 
-    camera  (N,) index
-    xy      (N, 2) px, lens included
-    image   (N, 2) normalised image, lens taken out
-    point   (N,) index of the point
-    count   P
-    """
-
-    camera: np.ndarray
-    xy: np.ndarray
-    image: np.ndarray
-    point: np.ndarray
-    count: int
+    camera: np.ndarray  # (N,) index
+    xy: np.ndarray  # (N, 2) px, lens included
+    image: np.ndarray  # (N, 2) normalised image, lens taken out
+    point: np.ndarray  # (N,) index of the point
+    count: int  # P
 
     @classmethod
     def of(cls, parts: Sequence[tuple[Blobs, Labels]], cameras: Cameras) -> Self:

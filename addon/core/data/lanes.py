@@ -16,18 +16,14 @@ import numpy as np
 
 @dataclass(frozen=True)
 class LaneOptions:
-    """How tables (T, L) are worked on.
+    """How tables (T, L) are worked on."""
 
-    block_cells   memory: at once, a few megabytes of whatever is made of them, and
-    block_frames  memory: at most
-    spread_out    memory: frames, spread evenly over a take or a subject, that distances and forms are learned from
-    whole_cells   memory: beyond which what follows from other tables is not kept, but worked out block by block
-    """
-
-    block_cells: int = 100_000
-    block_frames: int = 4096
-    spread_out: int = 600
-    whole_cells: int = 2_000_000
+    block_cells: int = 100_000  # memory: at once, a few megabytes of whatever is made of them, and
+    block_frames: int = 4096  # memory: at most
+    # frames, spread evenly over a take or a subject, that distances and forms are learned from
+    spread_out: int = 600  # memory
+    # beyond which what follows from other tables is not kept, but worked out block by block
+    whole_cells: int = 2_000_000  # memory
 
 
 PACKING = LaneOptions()

@@ -10,26 +10,22 @@ SIGMAS = 3.0  # standard deviations beyond which something is no chance: 0.3 % o
 
 @dataclass(frozen=True)
 class MarkerLimits:
-    """Limits of motion. "Recorded" are about 45 labelled takes at 100 to 120 Hz.
+    """Limits of motion. "Recorded" are about 45 labelled takes at 100 to 120 Hz."""
 
-    push_sd_m_s2       measured: m/s², how hard a marker's velocity changes, standard deviation; 99 % of the samples of
-                       every recorded walk are below 46, three of it hold 99 % of dance and ball games (102 to 124)
-    max_impact_m_s2    physical: m/s², a foot that hits the floor or a ball; 99.9 % of the samples of the hardest takes
-                       recorded are below 280
-    noise_px           measured: px, standard deviation of blobs about where calibrations have them, 0.3 to 0.6 in rooms
-    fastest_m_s        physical: m/s, of any marker: a hand goes 10 where it strikes and 15 where it throws
-    skin_m             measured: m, standard deviation by which skin lets a marker move against its bone, as markers of
-                       recorded actors do on a fitted body
-    noise_m            measured: m, standard deviation of a point that was reconstructed, beside its motion: blobs that
-                       merge or are partly hidden, and rays that come and go; with 4 mm as reach trajectories break
-    """
-
-    push_sd_m_s2: float = 40.0
-    max_impact_m_s2: float = 600.0
-    fastest_m_s: float = 15.0
-    skin_m: float = 0.006
-    noise_px: float = 0.5
-    noise_m: float = 0.003
+    # m/s², how hard a marker's velocity changes, standard deviation; 99 % of the samples of every recorded walk are
+    # below 46, three of it hold 99 % of dance and ball games (102 to 124)
+    push_sd_m_s2: float = 40.0  # measured
+    # m/s², a foot that hits the floor or a ball; 99.9 % of the samples of the hardest takes recorded are below 280
+    max_impact_m_s2: float = 600.0  # physical
+    fastest_m_s: float = 15.0  # physical: m/s, of any marker: a hand goes 10 where it strikes and 15 where it throws
+    # m, standard deviation by which skin lets a marker move against its bone, as markers of recorded actors do on a
+    # fitted body
+    skin_m: float = 0.006  # measured
+    # px, standard deviation of blobs about where calibrations have them, 0.3 to 0.6 in rooms
+    noise_px: float = 0.5  # measured
+    # m, standard deviation of a point that was reconstructed, beside its motion: blobs that merge or are partly
+    # hidden, and rays that come and go; with 4 mm as reach trajectories break
+    noise_m: float = 0.003  # measured
 
     @property
     def max_push_m_s2(self) -> float:

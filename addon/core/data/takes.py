@@ -71,18 +71,12 @@ class Blobs:
 
 @dataclass(frozen=True, eq=False)
 class Labels:
-    """The names of blobs or of points: arrays of one shape, N rows or P trajectories over T frames.
+    """The names of blobs or of points: arrays of one shape, N rows or P trajectories over T frames."""
 
-    marker      index into the marker set's markers, NO_MARKER where unnamed
-    step        index into STEPS, NO_STEP where unnamed
-    confidence  0 to 1; 0 where unnamed
-    rate        the part of labels like this one that is right, where that was measured; else None
-    """
-
-    marker: np.ndarray
-    step: np.ndarray
-    confidence: np.ndarray
-    rate: np.ndarray | None = None
+    marker: np.ndarray  # index into the marker set's markers, NO_MARKER where unnamed
+    step: np.ndarray  # index into STEPS, NO_STEP where unnamed
+    confidence: np.ndarray  # 0 to 1; 0 where unnamed
+    rate: np.ndarray | None = None  # the part of labels like this one that is right, where that was measured; else None
 
     @property
     def measured_rate(self) -> np.ndarray:
@@ -396,20 +390,13 @@ class InOrder:
 
 @dataclass(frozen=True, eq=False)
 class PointRows:
-    """The points of F frames, N in all, one after the other as label files have them.
+    """The points of F frames, N in all, one after the other as label files have them."""
 
-    frames      (F,) the source's own frame numbers
-    frame       (N,) index into `frames`
-    trajectory  (N,) the index of the point's trajectory in its file
-    xyz         (N, 3) m
-    residual    (N,) m, NaN where unknown; None where nobody kept it
-    """
-
-    frames: np.ndarray
-    frame: np.ndarray
-    trajectory: np.ndarray
-    xyz: np.ndarray
-    residual: np.ndarray | None
+    frames: np.ndarray  # (F,) the source's own frame numbers
+    frame: np.ndarray  # (N,) index into `frames`
+    trajectory: np.ndarray  # (N,) the index of the point's trajectory in its file
+    xyz: np.ndarray  # (N, 3) m
+    residual: np.ndarray | None  # (N,) m, NaN where unknown; None where nobody kept it
 
     def __len__(self) -> int:
         return len(self.frame)

@@ -108,18 +108,12 @@ def cells_of_blobs(blobs: Blobs, cameras: tuple[str, ...], names: Mapping[str, i
 
 @dataclass(frozen=True, eq=False)
 class AppliedEdits:
-    """Labels as the edits have them.
+    """Labels as the edits have them."""
 
-    labels    of the cells
-    edited    what the edits say of them, for whoever labels again
-    outcomes  of each edit
-    places    markers by frame index and marker, and where they were placed (3,) m
-    """
-
-    labels: Labels
-    edited: Edited
-    outcomes: tuple[EditOutcome, ...]
-    places: Mapping[tuple[int, int], np.ndarray]
+    labels: Labels  # of the cells
+    edited: Edited  # what the edits say of them, for whoever labels again
+    outcomes: tuple[EditOutcome, ...]  # of each edit
+    places: Mapping[tuple[int, int], np.ndarray]  # markers by frame index and marker, and where they were placed (3,) m
 
 
 def refuse_unknown(

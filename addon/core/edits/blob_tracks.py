@@ -27,18 +27,12 @@ TRACK_APART_PX = 8.0  # measured: this far at least, as nearer ones merge and pa
 
 @dataclass(frozen=True, eq=False)
 class BlobsOfCamera:
-    """The N blobs of one camera in F frames that follow each other.
+    """The N blobs of one camera in F frames that follow each other."""
 
-    first   the source's number of the first frame
-    rows    (N,) which of the take's they are, in the order of the frames
-    starts  (F + 1,) where the blobs of each frame begin
-    xy      (N, 2) px
-    """
-
-    first: int
-    rows: np.ndarray
-    starts: np.ndarray
-    xy: np.ndarray
+    first: int  # the source's number of the first frame
+    rows: np.ndarray  # (N,) which of the take's they are, in the order of the frames
+    starts: np.ndarray  # (F + 1,) where the blobs of each frame begin
+    xy: np.ndarray  # (N, 2) px
 
     @classmethod
     def of(cls, blobs: Blobs, camera: int) -> "BlobsOfCamera":

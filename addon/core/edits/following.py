@@ -18,20 +18,13 @@ from .kinds import Edit, Edits
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """Which point or blob of a take is each of M markers in each of T rows, frames or images.
+    """Which point or blob of a take is each of M markers in each of T rows, frames or images."""
 
-    cells    (M, T), NO_MARKER where none is, and
-    program  (M, T) as the program named them
-    by_edit  (M, T) True where a person said that it is
-    places   the markers that a person placed, by frame index and marker, (3,) m
-    images   rows of a frame
-    """
-
-    cells: np.ndarray
-    program: np.ndarray
-    by_edit: np.ndarray
-    places: Mapping[tuple[int, int], np.ndarray]
-    images: int
+    cells: np.ndarray  # (M, T), NO_MARKER where none is, and
+    program: np.ndarray  # (M, T) as the program named them
+    by_edit: np.ndarray  # (M, T) True where a person said that it is
+    places: Mapping[tuple[int, int], np.ndarray]  # the markers that a person placed, by frame index and marker, (3,) m
+    images: int  # rows of a frame
 
 
 def changed_frames(before: Held | None, after: Held | None, by_hand: bool = True) -> dict[int, slice]:

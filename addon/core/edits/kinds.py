@@ -24,18 +24,12 @@ BLOB_RADIUS_PX = 2.0  # format: px from where an edit says that its blob is, the
 
 @dataclass(frozen=True)
 class Verb:
-    """What is done to a target.
+    """What is done to a target."""
 
-    kind     the word of files and reports
-    words    how an edit reads: `{target}`, with a capital `{Target}`, `{marker}`
-    missing  how it reads where it found nothing
-    change   applies it: a method of `Replay`, which gives how many labels or frames it is about
-    """
-
-    kind: str
-    words: str
-    missing: str
-    change: Callable[..., int]
+    kind: str  # the word of files and reports
+    words: str  # how an edit reads: `{target}`, with a capital `{Target}`, `{marker}`
+    missing: str  # how it reads where it found nothing
+    change: Callable[..., int]  # applies it: a method of `Replay`, which gives how many labels or frames it is about
 
 
 ASSIGNS = Verb("assign", "{marker} is {target}", "{target} is not seen", Replay.assign)
@@ -214,13 +208,10 @@ class Accepted(Edit):
 
 @dataclass(frozen=True)
 class Edits:
-    """Edits in the order in which they are applied: a later one wins over an earlier one.
-
-    more  what the file says beside its edits, let be
-    """
+    """Edits in the order in which they are applied: a later one wins over an earlier one."""
 
     items: tuple[Edit, ...] = ()
-    more: Mapping[str, object] = field(default_factory=dict, hash=False)
+    more: Mapping[str, object] = field(default_factory=dict, hash=False)  # what the file says beside its edits, let be
 
     def __len__(self) -> int:
         return len(self.items)

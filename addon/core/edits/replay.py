@@ -18,22 +18,14 @@ NOBODY, ANYBODY = -2, -1  # of a marker in a row: nothing is it; no edit says wh
 
 @dataclass(frozen=True, eq=False)
 class Edited:
-    """Labels of cells as the edits have them, and what these say, for whoever labels again; all in one shape.
+    """Labels of cells as the edits have them, and what these say, for whoever labels again; all in one shape."""
 
-    labels   with the step BY_EDIT and confidence 1 where a person gave the name
-    row      which of T rows each cell is of
-    rule     FREE; a marker, which the cell then is; M, which is none whoever asks; M + 1, which has no name
-    refused  the marker that a cell certainly is not, NO_MARKER where nobody said so
-    claim    (T, M) the cell that is each marker by an edit, NOBODY, or ANYBODY
-    swaps    rows and the two markers of each exchange, in their order
-    """
-
-    labels: Labels
-    row: np.ndarray
-    rule: np.ndarray
-    refused: np.ndarray
-    claim: np.ndarray
-    swaps: tuple[tuple[slice, int, int], ...]
+    labels: Labels  # with the step BY_EDIT and confidence 1 where a person gave the name
+    row: np.ndarray  # which of T rows each cell is of
+    rule: np.ndarray  # FREE; a marker, which the cell then is; M, which is none whoever asks; M + 1, which has no name
+    refused: np.ndarray  # the marker that a cell certainly is not, NO_MARKER where nobody said so
+    claim: np.ndarray  # (T, M) the cell that is each marker by an edit, NOBODY, or ANYBODY
+    swaps: tuple[tuple[slice, int, int], ...]  # rows and the two markers of each exchange, in their order
 
     @property
     def named(self) -> np.ndarray:

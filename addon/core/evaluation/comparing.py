@@ -17,16 +17,14 @@ class WorseOptions:
     """What a training on may make worse before a person is asked, in shares of the points of markers.
 
     Every training moves single markers of single takes, to the better and to the worse (results/training_on.json).
-
-    recall       that right names may fall by in all takes together; measured: right takes
-                 move it by 0.23 % at most (results/training_on.json)
-    wrong        that wrong names may rise by there; measured: exchanged names of one take in three add more
-    of_one_take  times as much in one take; physical: one marker of sixty is wrong for its whole length at 1.7 %
     """
 
-    recall: float = 0.005
-    wrong: float = 0.001
-    of_one_take: float = 10.0
+    # that right names may fall by in all takes together; measured: right takes move it by 0.23 % at most
+    # (see results/training_on.json)
+    recall: float = 0.005  # measured
+    wrong: float = 0.001  # that wrong names may rise by there; measured: exchanged names of one take in three add more
+    # times as much in one take; physical: one marker of sixty is wrong for its whole length at 1.7 %
+    of_one_take: float = 10.0  # physical
 
 
 WORSE = WorseOptions()

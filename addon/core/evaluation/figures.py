@@ -14,26 +14,16 @@ FOREIGN = -2
 
 @dataclass(frozen=True)
 class Counts:
-    """Whole numbers behind the figures of a labelling, or of one marker in it.
+    """Whole numbers behind the figures of a labelling, or of one marker in it."""
 
-    given     labels given
-    right     of them, right ones
-    present   blobs of real markers
-    found     of them, labelled right
-    absent    how often a marker got no label in an image, whether it was there or not
-    missed    of those, how often it was there, and no label of a merged blob stands for it
-    spoilt    frames in which a blob is not right
-    frames    all frames
-    """
-
-    given: int
-    right: int
-    present: int
-    found: int
-    absent: int
-    missed: int
-    spoilt: int
-    frames: int
+    given: int  # labels given
+    right: int  # of them, right ones
+    present: int  # blobs of real markers
+    found: int  # of them, labelled right
+    absent: int  # how often a marker got no label in an image, whether it was there or not
+    missed: int  # of those, how often it was there, and no label of a merged blob stands for it
+    spoilt: int  # frames in which a blob is not right
+    frames: int  # all frames
 
     def as_dict(self) -> dict[str, float | int | None]:
         """The contract's figures by name, None where there is nothing to divide by, and the counts behind them."""

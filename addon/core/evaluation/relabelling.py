@@ -19,15 +19,13 @@ NO_NAME, UNTOLD = -1, -2  # a point that is known to be none of the named; one o
 
 @dataclass(frozen=True)
 class RelabelOptions:
-    """How a take is made one without names.
+    """How a take is made one without names."""
 
-    max_s    s from its middle that are labelled again; physical: of a gait or sports trial that is all of it
-    piece_s  s of a trajectory at most; physical: raw trajectories break about as often, and a whole one would be named
-             by its easiest moment
-    """
-
-    max_s: float = 60.0
-    piece_s: float = 2.0
+    # s from its middle that are labelled again; physical: of a gait or sports trial that is all of it
+    max_s: float = 60.0  # physical
+    # s of a trajectory at most; physical: raw trajectories break about as often, and a whole one would be named by
+    # its easiest moment
+    piece_s: float = 2.0  # physical
 
 
 RELABELLING = RelabelOptions()
@@ -35,18 +33,12 @@ RELABELLING = RelabelOptions()
 
 @dataclass(frozen=True, eq=False)
 class KnownNames:
-    """A take whose names are known.
+    """A take whose names are known."""
 
-    name    of its file
-    names   of its markers
-    points  the same without names: trajectories in pieces, in an order that tells nothing
-    truth   (T, L) which of `names` each point is, NO_NAME or UNTOLD
-    """
-
-    name: str
-    names: tuple[str, ...]
-    points: Points
-    truth: np.ndarray
+    name: str  # of its file
+    names: tuple[str, ...]  # of its markers
+    points: Points  # the same without names: trajectories in pieces, in an order that tells nothing
+    truth: np.ndarray  # (T, L) which of `names` each point is, NO_NAME or UNTOLD
 
 
 def without_names(

@@ -26,22 +26,15 @@ TRIALS = 4  # gaps cut into the take to see how a method errs that does not say 
 
 @dataclass(frozen=True)
 class FillOptions:
-    """How gaps are filled.
+    """How gaps are filled."""
 
-    method      one of FILL_METHODS
-    max_gap     frames of the longest gap to fill; None for any
-    markers     indices of the markers to fill; None for all
-    frame       index of a frame that is in every gap to fill; None for gaps anywhere
-    max_off_m   physical: a gap is left where the error to expect is larger, m: the motion would not be the subject's
-    max_open_m  physical: the same at an end of the take, where nothing is measured on the far side
-    """
-
-    method: str = "auto"
-    max_gap: int | None = None
-    markers: tuple[int, ...] | None = None
-    frame: int | None = None
-    max_off_m: float = 0.1
-    max_open_m: float = 0.03
+    method: str = "auto"  # one of FILL_METHODS
+    max_gap: int | None = None  # frames of the longest gap to fill; None for any
+    markers: tuple[int, ...] | None = None  # indices of the markers to fill; None for all
+    frame: int | None = None  # index of a frame that is in every gap to fill; None for gaps anywhere
+    # a gap is left where the error to expect is larger, m: the motion would not be the subject's
+    max_off_m: float = 0.1  # physical
+    max_open_m: float = 0.03  # physical: the same at an end of the take, where nothing is measured on the far side
 
     def asks_for(self, gap: Gap) -> bool:
         """Whether a gap is one of those to fill."""

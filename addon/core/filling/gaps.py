@@ -14,19 +14,17 @@ from ..review.suspects import runs
 
 @dataclass(frozen=True)
 class NeighbourOptions:
-    """What the rest of a take must show before it says anything of a marker.
+    """What the rest of a take must show before it says anything of a marker."""
 
-    min_frames  measured: with all that is looked at together, before anything is learned of it; 100 errs as much, but
-                with 40 a take of 30 frames has no neighbours to fill by
-    help_ratio  measured: a filled sample helps to fill gaps this many times as long as its own; with 1 four markers
-                that are missing together err by twice what is expected
-    of_axes     measured: nearest neighbours that make axes, carry a marker, and tell how fast it moves; 6 err by 10 %
-                more, as they follow joints
-    """
-
-    min_frames: int = 10
-    help_ratio: int = 4
-    of_axes: int = 4
+    # with all that is looked at together, before anything is learned of it; 100 errs as much, but with 40 a take of
+    # 30 frames has no neighbours to fill by
+    min_frames: int = 10  # measured
+    # a filled sample helps to fill gaps this many times as long as its own; with 1 four markers that are missing
+    # together err by twice what is expected
+    help_ratio: int = 4  # measured
+    # nearest neighbours that make axes, carry a marker, and tell how fast it moves; 6 err by 10 % more, as they
+    # follow joints
+    of_axes: int = 4  # measured
 
 
 LEARNED_BY = NeighbourOptions()
@@ -34,13 +32,11 @@ LEARNED_BY = NeighbourOptions()
 
 @dataclass(frozen=True)
 class StrayOptions:
-    """Which samples cannot be the marker's, by how it would have to get there.
+    """Which samples cannot be the marker's, by how it would have to get there."""
 
-    longest_s  measured: s that strays last at most, then it is the marker's own path or another's; half and twice of
-               it find the same in 43 recorded takes
-    """
-
-    longest_s: float = 0.2
+    # s that strays last at most, then it is the marker's own path or another's; half and twice of it find the same in
+    # 43 recorded takes
+    longest_s: float = 0.2  # measured
 
 
 STRAYS = StrayOptions()

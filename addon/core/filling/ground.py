@@ -20,29 +20,23 @@ from .smoothing import smoothed
 
 @dataclass(frozen=True)
 class GroundOptions:
-    """When a foot is planted, and how it gets there.
+    """When a foot is planted, and how it gets there."""
 
-    lowest_part    physical: of the frames in which feet rest that are on the floor at least, and not on a step
-    slow_m_s       physical: a part of a foot that is slower may be planted; walking it swings at 4 m/s
-    span_s         physical: of that, of the shortest plant, as when running, and in which a correction fades
-    low_m          physical: how high above where it rests a planted part may be; a kick is higher; so near to z = 0 is
-                   the floor
-    reach_m        physical: how far from its place a planted part may be posed, as skin moves; farther it is elsewhere
-    deepest_m      physical: what is farther below the floor is on a step or in a pit, and not posed a little too low
-    upright        physical: cosine of how far resting feet lean in the middle; farther there is no floor, or not below
-    tilt_rad       physical: how far a foot is turned out of the ground at most; then it is lifted
-    straight       physical: part of its length that a leg is stretched to at most; a straight knee has no direction
-    """
-
-    lowest_part: float = 0.1
-    slow_m_s: float = 0.15
-    span_s: float = 0.1
-    low_m: float = 0.06
-    reach_m: float = 0.03
-    deepest_m: float = 0.1
-    upright: float = 0.87
-    tilt_rad: float = 0.35
-    straight: float = 0.9995
+    # of the frames in which feet rest that are on the floor at least, and not on a step
+    lowest_part: float = 0.1  # physical
+    slow_m_s: float = 0.15  # physical: a part of a foot that is slower may be planted; walking it swings at 4 m/s
+    span_s: float = 0.1  # physical: of that, of the shortest plant, as when running, and in which a correction fades
+    # how high above where it rests a planted part may be; a kick is higher; so near to z = 0 is the floor
+    low_m: float = 0.06  # physical
+    # how far from its place a planted part may be posed, as skin moves; farther it is elsewhere
+    reach_m: float = 0.03  # physical
+    # what is farther below the floor is on a step or in a pit, and not posed a little too low
+    deepest_m: float = 0.1  # physical
+    # cosine of how far resting feet lean in the middle; farther there is no floor, or not below
+    upright: float = 0.87  # physical
+    tilt_rad: float = 0.35  # physical: how far a foot is turned out of the ground at most; then it is lifted
+    # part of its length that a leg is stretched to at most; a straight knee has no direction
+    straight: float = 0.9995  # physical
 
 
 ON_GROUND = GroundOptions()

@@ -22,14 +22,10 @@ from .gaps import LEARNED_BY, Gap, KnownMarkers
 
 @dataclass(frozen=True)
 class PlainOptions:
-    """What the usual ways look at.
+    """What the usual ways look at."""
 
-    spline_side  measured: frames at either side of a gap that a spline goes through; 4 err as much
-    pca_share    measured: of the variance that components are kept for; 0.999 errs as much
-    """
-
-    spline_side: int = 8
-    pca_share: float = 0.9999
+    spline_side: int = 8  # measured: frames at either side of a gap that a spline goes through; 4 err as much
+    pca_share: float = 0.9999  # measured: of the variance that components are kept for; 0.999 errs as much
 
 
 PLAIN_FILLING = PlainOptions()

@@ -22,20 +22,16 @@ from .regression import MEAN_OF_DISTANCE
 
 @dataclass(frozen=True)
 class RayOptions:
-    """How rays constrain a fill, beside how exactly `MARKER_LIMITS` says that blobs and points are known.
+    """How rays constrain a fill, beside how exactly `MARKER_LIMITS` says that blobs and points are known."""
 
-    lasts_s   measured: s in which the error of a fill becomes another, on virtual rooms with takes that are not among
-             those of the table
-    usual_m  measured: m, error of a fill of which nothing is known, and what a ray may always pass it by: `auto` is off
-             by less over 2 s, however many are missing
-    wrong_by measured: factor by which errors to expect are themselves off at most; 10 says the same
-    window   memory: frames of a gap that are worked out together, at a cost of their number's cube
-    """
-
-    lasts_s: float = 0.15
-    usual_m: float = 0.02
-    wrong_by: float = 3.0
-    window: int = 300
+    # s in which the error of a fill becomes another, on virtual rooms with takes that are not among those of the
+    # table
+    lasts_s: float = 0.15  # measured
+    # m, error of a fill of which nothing is known, and what a ray may always pass it by: `auto` is off by less over 2
+    # s, however many are missing
+    usual_m: float = 0.02  # measured
+    wrong_by: float = 3.0  # measured: factor by which errors to expect are themselves off at most; 10 says the same
+    window: int = 300  # memory: frames of a gap that are worked out together, at a cost of their number's cube
 
 
 RAY_LIMITS = RayOptions()
@@ -43,20 +39,13 @@ RAY_LIMITS = RayOptions()
 
 @dataclass(frozen=True, eq=False)
 class MarkerRays:
-    """K rays, each of a marker in a frame in which one camera alone has a blob of it, sorted by marker and frame.
+    """K rays, each of a marker in a frame in which one camera alone has a blob of it, sorted by marker and frame."""
 
-    marker     (K,) index
-    frame      (K,) 0-based
-    origin     (K, 3) m
-    direction  (K, 3) of length 1
-    spread     (K,) m that the ray is off for each metre from its camera
-    """
-
-    marker: np.ndarray
-    frame: np.ndarray
-    origin: np.ndarray
-    direction: np.ndarray
-    spread: np.ndarray
+    marker: np.ndarray  # (K,) index
+    frame: np.ndarray  # (K,) 0-based
+    origin: np.ndarray  # (K, 3) m
+    direction: np.ndarray  # (K, 3) of length 1
+    spread: np.ndarray  # (K,) m that the ray is off for each metre from its camera
 
     def __len__(self) -> int:
         return len(self.marker)

@@ -26,27 +26,18 @@ class KernelPrior:
     """What the parts are like before the take is asked: medians, and how many e-folds they may well be off.
 
     Medians of what was learned with a wide prior on three takes (`s02`, `ball` and `p1` of the recorded people).
-
-    linear    learned: share of the marker's own variance
-    curved    learned: share of the same
-    reach     learned: of the curved part, in standard deviations of the pose
-    slow_m    learned: standard deviation of what comes and goes, and
-    slow_s    learned: over which time
-    jitter_m  learned: standard deviation of jitter, and
-    jitter_s  learned: over which time, as recordings are smoothed over a few frames
-    noise_m   learned: standard deviation of noise that no other frame knows of
-    folds     measured: one for all errs as one for each, within 2 %; without learning from the take errors grow by 9 %
     """
 
-    linear: float = 1.5
-    curved: float = 0.4
-    reach: float = 1.0
-    slow_m: float = 0.0013
-    slow_s: float = 0.4
-    jitter_m: float = 0.0006
-    jitter_s: float = 0.02
-    noise_m: float = 0.00012
-    folds: float = 0.7
+    linear: float = 1.5  # learned: share of the marker's own variance
+    curved: float = 0.4  # learned: share of the same
+    reach: float = 1.0  # learned: of the curved part, in standard deviations of the pose
+    slow_m: float = 0.0013  # learned: standard deviation of what comes and goes, and
+    slow_s: float = 0.4  # learned: over which time
+    jitter_m: float = 0.0006  # learned: standard deviation of jitter, and
+    jitter_s: float = 0.02  # learned: over which time, as recordings are smoothed over a few frames
+    noise_m: float = 0.00012  # learned: standard deviation of noise that no other frame knows of
+    # one for all errs as one for each, within 2 %; without learning from the take errors grow by 9 %
+    folds: float = 0.7  # measured
 
     @property
     def medians(self) -> np.ndarray:
@@ -60,24 +51,17 @@ PRIOR_SCALES = KernelPrior()
 
 @dataclass(frozen=True)
 class RegressionOptions:
-    """How a marker is learned from its neighbours.
+    """How a marker is learned from its neighbours."""
 
-    features    measured: neighbours whose places count; 10 err as much, within 3 %
-    rows        measured: frames learned from; 200 and 900 err as much
-    near        measured: of them, the nearest to the gap; 200 err by 5 % more
-    keep_share  measured: of the marker's frames that must have all features; rarer ones are none; 0.7 errs as much
-    sharpness   measured: power of how near a feature is, as its weight; 1 errs by 7 % more
-    blocks      memory: of frames that scales are learned from, spread over the take
-    doublings   measured: frames of each, by their distance from its first: 0, 1, 2, 4 and 8; with 16 errors grow by 5 %
-    """
-
-    features: int = 20
-    rows: int = 400
-    near: int = 100
-    keep_share: float = 0.3
-    sharpness: float = 2.0
-    blocks: int = 40
-    doublings: int = 4
+    features: int = 20  # measured: neighbours whose places count; 10 err as much, within 3 %
+    rows: int = 400  # measured: frames learned from; 200 and 900 err as much
+    near: int = 100  # measured: of them, the nearest to the gap; 200 err by 5 % more
+    # of the marker's frames that must have all features; rarer ones are none; 0.7 errs as much
+    keep_share: float = 0.3  # measured
+    sharpness: float = 2.0  # measured: power of how near a feature is, as its weight; 1 errs by 7 % more
+    blocks: int = 40  # memory: of frames that scales are learned from, spread over the take
+    # frames of each, by their distance from its first: 0, 1, 2, 4 and 8; with 16 errors grow by 5 %
+    doublings: int = 4  # measured
 
 
 REGRESSION = RegressionOptions()
@@ -91,18 +75,12 @@ AXES = 3
 
 @dataclass(frozen=True, eq=False)
 class Alikeness:
-    """What the covariance of frames A with frames B is made of.
+    """What the covariance of frames A with frames B is made of."""
 
-    pose    (A, B) products of pose features
-    square  (A, B) squares of their distances
-    lag     (A, B) seconds
-    variance of the marker in its neighbours' axes, m²
-    """
-
-    pose: np.ndarray
-    square: np.ndarray
-    lag: np.ndarray
-    variance: float
+    pose: np.ndarray  # (A, B) products of pose features
+    square: np.ndarray  # (A, B) squares of their distances
+    lag: np.ndarray  # (A, B) seconds
+    variance: float  # of the marker in its neighbours' axes, m²
 
     @classmethod
     def of(cls, features: tuple[np.ndarray, np.ndarray], seconds: tuple[np.ndarray, np.ndarray], variance: float):

@@ -17,60 +17,46 @@ PIXEL_VARIANCE = 1 / 12  # px²: of an evenly bright pixel about its middle
 
 @dataclass(frozen=True)
 class SpotOptions:
-    """What is a spot. Measured on discs drawn in noise, and on the demo's markers as Blender renders them.
+    """What is a spot. Measured on discs drawn in noise, and on the demo's markers as Blender renders them."""
 
-    threshold        a pixel of a spot is brighter than this, 0 to 1; None where the pictures are to show it
-    peak_share       of the way from the background to the brightest, where the threshold lies then; measured: above lit
-                     walls and below small spots, which movies blur to less than half
-    noises           standard deviations of the noise that it lies above the background at least; physical: one pixel in
-                     a billion
-    min_contrast     brightness above the background at least; measured: movies have blocks that are not quite black
-    min_area         px²; physical: less is noise, or a marker so far off that its middle says little
-    max_area         px²; physical: more is a lamp or a window
-    min_roundness    shortest over longest diameter; physical: less is an edge, or the light of something long
-    split_roundness  spots below it are looked at for two peaks; physical: two that touch are half as wide as long
-    split_size       and spots this many times larger than half of them; physical: two that touch are twice as large
-    split_blur       px of blur for a spot 1 px in half its width; measured: a flat top has its peak in its middle then
-    split_dip        of the lower of two peaks, below which it is dark between two spots; measured on discs that touch
-    """
-
+    # a pixel of a spot is brighter than this, 0 to 1; None where the pictures are to show it
     threshold: float | None = None
-    peak_share: float = 0.3
-    noises: float = 6.0
-    min_contrast: float = 0.06
-    min_area: float = 2.0
-    max_area: float = 600.0
-    min_roundness: float = 0.4
-    split_roundness: float = 0.8
-    split_size: float = 1.6
-    split_blur: float = 0.4
-    split_dip: float = 0.95
+    # of the way from the background to the brightest, where the threshold lies then; measured: above lit walls and
+    # below small spots, which movies blur to less than half
+    peak_share: float = 0.3  # measured
+    # standard deviations of the noise that it lies above the background at least; physical: one pixel in a billion
+    noises: float = 6.0  # physical
+    # brightness above the background at least; measured: movies have blocks that are not quite black
+    min_contrast: float = 0.06  # measured
+    min_area: float = 2.0  # px²; physical: less is noise, or a marker so far off that its middle says little
+    max_area: float = 600.0  # px²; physical: more is a lamp or a window
+    # shortest over longest diameter; physical: less is an edge, or the light of something long
+    min_roundness: float = 0.4  # physical
+    # spots below it are looked at for two peaks; physical: two that touch are half as wide as long
+    split_roundness: float = 0.8  # physical
+    # and spots this many times larger than half of them; physical: two that touch are twice as large
+    split_size: float = 1.6  # physical
+    # px of blur for a spot 1 px in half its width; measured: a flat top has its peak in its middle then
+    split_blur: float = 0.4  # measured
+    # of the lower of two peaks, below which it is dark between two spots; measured on discs that touch
+    split_dip: float = 0.95  # measured
 
 
 @dataclass(frozen=True)
 class Brightness:
-    """What is dark and what is bright in a camera's pictures, 0 to 1.
+    """What is dark and what is bright in a camera's pictures, 0 to 1."""
 
-    background  of most of the picture
-    threshold   a pixel of a spot is brighter
-    """
-
-    background: float
-    threshold: float
+    background: float  # of most of the picture
+    threshold: float  # a pixel of a spot is brighter
 
 
 @dataclass(frozen=True, eq=False)
 class Spots:
-    """N spots of a picture, from the top down.
+    """N spots of a picture, from the top down."""
 
-    xy         (N, 2) px
-    area       (N,) px², as of an evenly bright spot with the same brightest pixel
-    roundness  (N,) shortest over longest diameter, 0 to 1
-    """
-
-    xy: np.ndarray
-    area: np.ndarray
-    roundness: np.ndarray
+    xy: np.ndarray  # (N, 2) px
+    area: np.ndarray  # (N,) px², as of an evenly bright spot with the same brightest pixel
+    roundness: np.ndarray  # (N,) shortest over longest diameter, 0 to 1
 
     def __len__(self) -> int:
         return len(self.area)

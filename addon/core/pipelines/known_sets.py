@@ -37,22 +37,17 @@ HOW_TO_CHOOSE = "by --model"  # on the command line; Blender puts words of its s
 
 @dataclass(frozen=True)
 class WornOptions:
-    """When a set may be worn.
+    """When a set may be worn."""
 
-    max_absent       measured: part of its markers that are hardly there: 0.1 at most in takes of the set, in which a
-                     camera saw no hand; 0.2 at least of the largest set in takes of others
-    max_absent_sure  measured: the same of one that is found for sure: one of fifteen is now and then
-    max_unfound      measured: the same before the search, which finds as many again in takes of other labs
-    max_beside       measured: times its markers that are worn beside it: 0.1 at most with props, 0.4 at least where
-                     another set is worn that nobody knows
-    there            measured: log odds of a marker that is worn to be there: gaps are 2 to 7 % of recorded takes
-    """
-
-    max_absent: float = 0.15
-    max_absent_sure: float = 0.07
-    max_unfound: float = 0.3
-    max_beside: float = 0.3
-    there: float = 3.0
+    # part of its markers that are hardly there: 0.1 at most in takes of the set, in which a camera saw no hand; 0.2
+    # at least of the largest set in takes of others
+    max_absent: float = 0.15  # measured
+    max_absent_sure: float = 0.07  # measured: the same of one that is found for sure: one of fifteen is now and then
+    max_unfound: float = 0.3  # measured: the same before the search, which finds as many again in takes of other labs
+    # times its markers that are worn beside it: 0.1 at most with props, 0.4 at least where another set is worn that
+    # nobody knows
+    max_beside: float = 0.3  # measured
+    there: float = 3.0  # measured: log odds of a marker that is worn to be there: gaps are 2 to 7 % of recorded takes
 
 
 WORN = WornOptions()

@@ -20,21 +20,16 @@ AXIS_WORDS = (("forward", "back"), ("to the left", "to the right"), ("up", "down
 
 @dataclass(frozen=True)
 class AdviceOptions:
-    """What is looked for, and where.
+    """What is looked for, and where."""
 
-    goal         standard deviations by which every pair of markers should be separate; physical: at 4 one is taken for
-                 the other in 2.3 % of all cases
-    steps        changes that are advised; format: `quality --advice`
-    stride_m     between places that are tried; physical: as exactly as markers are put on
-    max_move_m   and the farthest of them; physical: farther is another place on the body
-    noticed      standard deviations of a separation that count; physical: at 4 they change how often by a ninth
-    """
-
-    goal: float = 4.0
-    steps: int = 3
-    stride_m: float = 0.01
-    max_move_m: float = 0.06
-    noticed: float = 0.1
+    # standard deviations by which every pair of markers should be separate; physical: at 4 one is taken for the other
+    # in 2.3 % of all cases
+    goal: float = 4.0  # physical
+    steps: int = 3  # changes that are advised; format: `quality --advice`
+    stride_m: float = 0.01  # between places that are tried; physical: as exactly as markers are put on
+    max_move_m: float = 0.06  # and the farthest of them; physical: farther is another place on the body
+    # standard deviations of a separation that count; physical: at 4 they change how often by a ninth
+    noticed: float = 0.1  # physical
 
 
 ADVICE = AdviceOptions()

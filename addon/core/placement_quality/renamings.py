@@ -20,16 +20,11 @@ MIN_TURN_RAD = np.pi / 4 - 1e-6  # an eighth of a turn: a body that is turned le
 
 @dataclass(frozen=True, eq=False)
 class Renaming:
-    """Many markers that take each other's points at once.
+    """Many markers that take each other's points at once."""
 
-    kind   OTHER_SIDE: a limb and its mirror image; TURNED_ROUND: the whole set, turned about the vertical
-    order  (M,) the marker whose point each marker takes, itself where nothing changes
-    yaw    rad
-    """
-
-    kind: str
-    order: np.ndarray
-    yaw: float
+    kind: str  # OTHER_SIDE: a limb and its mirror image; TURNED_ROUND: the whole set, turned about the vertical
+    order: np.ndarray  # (M,) the marker whose point each marker takes, itself where nothing changes
+    yaw: float  # rad
 
     @property
     def moved(self) -> np.ndarray:

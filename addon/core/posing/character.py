@@ -26,24 +26,15 @@ UPWARDS, DOWNWARDS, FORWARDS = (0.0, 0, 1), (0.0, 0, -1), (0.0, -1, 0)
 
 @dataclass(frozen=True)
 class BoneSite:
-    """A bone of a character.
+    """A bone of a character."""
 
-    name       as in `BONE_NAMES`
-    parent     None for the root
-    segment    of the body, that moves it
-    towards    the segment whose joint is ahead of it; None for the own far end
-    part       it begins so far, and ends so far, of the way there
-    direction  of the bone at rest, None for as the body has it
-    start      the segment whose joint that way begins at, None for its own
-    """
-
-    name: str
-    parent: str | None
-    segment: str
-    towards: str | None
-    direction: tuple[float, float, float] | None
-    part: tuple[float, float] = WHOLE_WAY
-    start: str | None = None
+    name: str  # as in `BONE_NAMES`
+    parent: str | None  # None for the root
+    segment: str  # of the body, that moves it
+    towards: str | None  # the segment whose joint is ahead of it; None for the own far end
+    direction: tuple[float, float, float] | None  # of the bone at rest, None for as the body has it
+    part: tuple[float, float] = WHOLE_WAY  # it begins so far, and ends so far, of the way there
+    start: str | None = None  # the segment whose joint that way begins at, None for its own
 
 
 def _arm_and_leg(side: str) -> tuple[BoneSite, ...]:
@@ -108,24 +99,15 @@ BONE_NAMES = {
 
 @dataclass(frozen=True, eq=False)
 class Character:
-    """The B bones of a character of one size, at rest.
+    """The B bones of a character of one size, at rest."""
 
-    names    as in `BONE_NAMES`, parents before children
-    parents  (B,) -1 for the root
-    heads    (B, 3) m, where each begins in the T-pose, and
-    tails    (B, 3) m, where it ends
-    segment  (B,) index of the segment of the body that moves it
-    starts   (B, 3) m, where it begins in that segment's axes from its joint
-    turns    (B, 3, 3) from that segment's axes to those of the T-pose
-    """
-
-    names: tuple[str, ...]
-    parents: np.ndarray
-    heads: np.ndarray
-    tails: np.ndarray
-    segment: np.ndarray
-    starts: np.ndarray
-    turns: np.ndarray
+    names: tuple[str, ...]  # as in `BONE_NAMES`, parents before children
+    parents: np.ndarray  # (B,) -1 for the root
+    heads: np.ndarray  # (B, 3) m, where each begins in the T-pose, and
+    tails: np.ndarray  # (B, 3) m, where it ends
+    segment: np.ndarray  # (B,) index of the segment of the body that moves it
+    starts: np.ndarray  # (B, 3) m, where it begins in that segment's axes from its joint
+    turns: np.ndarray  # (B, 3, 3) from that segment's axes to those of the T-pose
 
     def posed(self, joints: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Where bones begin (F, B, 3) m and how they are turned from the rest (F, B, 3, 3), world.

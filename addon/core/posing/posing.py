@@ -29,27 +29,20 @@ BATCH_FRAMES = 256  # posed at once, few enough for the processor's cache
 
 @dataclass(frozen=True)
 class PosingOptions:
-    """How a body is posed on labelled points.
+    """How a body is posed on labelled points."""
 
-    marker_sd_m      physical: how far a marker sits from where a well fitted body carries it, as skin moves
-    reach_m          physical: farther off than this a point pulls less and less, it may be labelled wrongly
-    own_sd           physical: heights, how far a subject's own markers stray from where the shape puts them
-    min_markers      physical: a frame with fewer has no pose; three points fix one, a fourth tells it from its mirror
-    subject_frames   memory: which one subject's size and shape are taken from
-    max_cost_ratio   physical: of a frame's cost to the median; one that is posed worse than this is tried again
-    max_size_ratio   physical: of a body's first size to the prior's height, either way: a grown person on a child's
-                     marker set
-    limb_weight      physical: of a marker in the first alignment, for every joint between it and the root; limbs move
-    """
-
-    marker_sd_m: float = 0.01
-    reach_m: float = 0.2
-    own_sd: float = 0.02
-    min_markers: int = 4
-    subject_frames: int = 40
-    max_cost_ratio: float = 3.0
-    max_size_ratio: float = 1.6
-    limb_weight: float = 0.25
+    marker_sd_m: float = 0.01  # physical: how far a marker sits from where a well fitted body carries it, as skin moves
+    reach_m: float = 0.2  # physical: farther off than this a point pulls less and less, it may be labelled wrongly
+    own_sd: float = 0.02  # physical: heights, how far a subject's own markers stray from where the shape puts them
+    # a frame with fewer has no pose; three points fix one, a fourth tells it from its mirror
+    min_markers: int = 4  # physical
+    subject_frames: int = 40  # memory: which one subject's size and shape are taken from
+    # of a frame's cost to the median; one that is posed worse than this is tried again
+    max_cost_ratio: float = 3.0  # physical
+    # of a body's first size to the prior's height, either way: a grown person on a child's marker set
+    max_size_ratio: float = 1.6  # physical
+    # of a marker in the first alignment, for every joint between it and the root; limbs move
+    limb_weight: float = 0.25  # physical
 
 
 # Iterations, at most: frames that are still go no further. Of a pose that begins far off, of one that begins near, and

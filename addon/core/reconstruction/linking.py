@@ -12,21 +12,18 @@ from .matching import Expected
 
 @dataclass(frozen=True)
 class LinkingOptions:
-    """How markers move, so far as it links points, beside what `MARKER_LIMITS` says.
+    """How markers move, so far as it links points, beside what `MARKER_LIMITS` says."""
 
-    max_start_m_s   measured: by which the velocity of a trajectory that has just begun may differ from its neighbours'
-    max_gap_s       measured: without a point, after which a trajectory ends; half of it breaks three times as many
-    velocity_share  measured: of the newest step in the velocity; without the older steps and the neighbours one of two
-                    who walk one behind the other (`blobs of several behind`) has 520 wrong labels for 11
-    settled_points  measured: of a trajectory after which its velocity counts for others, on the same take
-    neighbour_m     measured: within which a trajectory that begins moves as those around it do, on the same take
-    """
-
-    max_start_m_s: float = 3.0
-    max_gap_s: float = 0.12
-    velocity_share: float = 0.6
-    settled_points: int = 6
-    neighbour_m: float = 0.4
+    # by which the velocity of a trajectory that has just begun may differ from its neighbours'
+    max_start_m_s: float = 3.0  # measured
+    # without a point, after which a trajectory ends; half of it breaks three times as many
+    max_gap_s: float = 0.12  # measured
+    # of the newest step in the velocity; without the older steps and the neighbours one of two who walk one behind
+    # the other (`blobs of several behind`) has 520 wrong labels for 11
+    velocity_share: float = 0.6  # measured
+    settled_points: int = 6  # measured: of a trajectory after which its velocity counts for others, on the same take
+    # within which a trajectory that begins moves as those around it do, on the same take
+    neighbour_m: float = 0.4  # measured
 
 
 LINKING = LinkingOptions()

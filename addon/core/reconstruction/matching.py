@@ -23,19 +23,13 @@ class MatchingOptions:
     """Which blobs are taken to be one marker's, beside how far `Rules` lets them be off.
 
     Measured on walks in 4 to 8 cameras: half or twice of each number changes 1 % of the points at most.
-
-    room_m3  physical: about the space in which a marker may be
-    min_distance_m  physical: between two markers; nearer, two points are one
-    max_blur_m  measured: standard deviation along its worst axis of a point; one less certain is none
-    min_lead  measured: log likelihood by which a point of two rays must lead any other use of its blobs
-    max_alone_m  physical: from all other markers, as they are on one subject
     """
 
-    room_m3: float = 10.0
-    min_distance_m: float = 0.006
-    max_blur_m: float = 0.02
-    min_lead: float = 1.5
-    max_alone_m: float = 1.0
+    room_m3: float = 10.0  # physical: about the space in which a marker may be
+    min_distance_m: float = 0.006  # physical: between two markers; nearer, two points are one
+    max_blur_m: float = 0.02  # measured: standard deviation along its worst axis of a point; one less certain is none
+    min_lead: float = 1.5  # measured: log likelihood by which a point of two rays must lead any other use of its blobs
+    max_alone_m: float = 1.0  # physical: from all other markers, as they are on one subject
 
 
 MATCHING = MatchingOptions()
@@ -43,16 +37,11 @@ MATCHING = MatchingOptions()
 
 @dataclass(frozen=True)
 class Circumstances:
-    """What a capture is like; learned from the capture itself.
+    """What a capture is like; learned from the capture itself."""
 
-    pixel  px, standard deviation of a blob's position, calibration included
-    seen   how likely a camera that has a marker in its image shows a blob of it
-    ghosts (C,) how many blobs a frame are no marker's, in each camera
-    """
-
-    pixel: float
-    seen: float
-    ghosts: np.ndarray
+    pixel: float  # px, standard deviation of a blob's position, calibration included
+    seen: float  # how likely a camera that has a marker in its image shows a blob of it
+    ghosts: np.ndarray  # (C,) how many blobs a frame are no marker's, in each camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,22 +60,14 @@ class Expected:
 
 @dataclass(frozen=True, eq=False)
 class FramePoints:
-    """The Q points of some frames, one frame after the other.
+    """The Q points of some frames, one frame after the other."""
 
-    frame     (Q,) which of the frames they are of
-    points    (Q, 3) m
-    slots     (Q, C) which blob of each camera is the point's, -1 where none
-    residual  (Q,) m, root mean square distance of the point from its rays
-    squares   (Q,) px², sum of the squared reprojection errors
-    watching  (Q,) how many cameras have the point in their image
-    """
-
-    frame: np.ndarray
-    points: np.ndarray
-    slots: np.ndarray
-    residual: np.ndarray
-    squares: np.ndarray
-    watching: np.ndarray
+    frame: np.ndarray  # (Q,) which of the frames they are of
+    points: np.ndarray  # (Q, 3) m
+    slots: np.ndarray  # (Q, C) which blob of each camera is the point's, -1 where none
+    residual: np.ndarray  # (Q,) m, root mean square distance of the point from its rays
+    squares: np.ndarray  # (Q,) px², sum of the squared reprojection errors
+    watching: np.ndarray  # (Q,) how many cameras have the point in their image
 
     @classmethod
     def nothing(cls, cameras: int) -> "FramePoints":

@@ -27,24 +27,16 @@ class ReconstructionOptions:
 
     Measured on walks in 4 to 8 cameras: half or twice of each number changes 1 % of the points at most; of the two
     shares, `first_seen` and `max_seen`, half of it, as twice of it would be more than all.
-
-    min_points  measured: of a trajectory; a shorter one is a passing coincidence of rays
-    first_seen  measured: assumed before anything is seen: `Circumstances.seen`, and
-    first_ghosts  measured: `Circumstances.ghosts`
-    min_seen  measured: least that may be assumed; points of many rays, which say it, are the ones that are seen well,
-        and
-    max_seen  measured: most
-    min_ghosts  measured: a frame, in every camera
-    new_share  measured: of what a chunk shows in what is believed from then on
     """
 
-    min_points: int = 5
-    first_seen: float = 0.6
-    first_ghosts: float = 3.0
-    min_seen: float = 0.2
-    max_seen: float = 0.7
-    min_ghosts: float = 0.2
-    new_share: float = 0.3
+    min_points: int = 5  # measured: of a trajectory; a shorter one is a passing coincidence of rays
+    first_seen: float = 0.6  # measured: assumed before anything is seen: `Circumstances.seen`, and
+    first_ghosts: float = 3.0  # measured: `Circumstances.ghosts`
+    # least that may be assumed; points of many rays, which say it, are the ones that are seen well, and
+    min_seen: float = 0.2  # measured
+    max_seen: float = 0.7  # measured: most
+    min_ghosts: float = 0.2  # measured: a frame, in every camera
+    new_share: float = 0.3  # measured: of what a chunk shows in what is believed from then on
 
 
 RECONSTRUCTION = ReconstructionOptions()
@@ -52,24 +44,15 @@ RECONSTRUCTION = ReconstructionOptions()
 
 @dataclass(frozen=True, eq=False)
 class Reconstructed:
-    """The points of one chunk of F frames, Q in all, frame after frame.
+    """The points of one chunk of F frames, Q in all, frame after frame."""
 
-    frames      (F,) the source's own frame numbers
-    frame       (Q,) index into `frames`
-    trajectory  (Q,) number of the trajectory, from nought, the same over all chunks
-    points      (Q, 3) m
-    residual    (Q,) m, root mean square distance of the point from its rays
-    rows        (Q, C) the row of each camera's blob of the point in the chunk, -1 where it has none
-    pixel       px, standard deviation of a blob's position, as the take shows it
-    """
-
-    frames: np.ndarray
-    frame: np.ndarray
-    trajectory: np.ndarray
-    points: np.ndarray
-    residual: np.ndarray
-    rows: np.ndarray
-    pixel: float
+    frames: np.ndarray  # (F,) the source's own frame numbers
+    frame: np.ndarray  # (Q,) index into `frames`
+    trajectory: np.ndarray  # (Q,) number of the trajectory, from nought, the same over all chunks
+    points: np.ndarray  # (Q, 3) m
+    residual: np.ndarray  # (Q,) m, root mean square distance of the point from its rays
+    rows: np.ndarray  # (Q, C) the row of each camera's blob of the point in the chunk, -1 where it has none
+    pixel: float  # px, standard deviation of a blob's position, as the take shows it
 
     @property
     def support(self) -> np.ndarray:

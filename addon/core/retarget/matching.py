@@ -65,18 +65,12 @@ FINGERS = 3  # physical: bones that a hand carries at least
 
 @dataclass(frozen=True, eq=False)
 class RestBones:
-    """The N bones of an armature at rest.
+    """The N bones of an armature at rest."""
 
-    names    of each
-    parents  (N,) index of the one above, -1 for none
-    heads    (N, 3) where each begins, and
-    tails    (N, 3) where it ends, in the armature's axes and unit
-    """
-
-    names: tuple[str, ...]
-    parents: np.ndarray
-    heads: np.ndarray
-    tails: np.ndarray
+    names: tuple[str, ...]  # of each
+    parents: np.ndarray  # (N,) index of the one above, -1 for none
+    heads: np.ndarray  # (N, 3) where each begins, and
+    tails: np.ndarray  # (N, 3) where it ends, in the armature's axes and unit
 
     def above(self, index: int) -> list[int]:
         """A bone and those above it, up to the root."""

@@ -18,27 +18,23 @@ from ..geometry.cameras import Cameras
 
 @dataclass(frozen=True)
 class HealthOptions:
-    """When something is said of cameras. Virtual rooms have ghosts, dropouts and errors of calibration.
+    """When something is said of cameras. Virtual rooms have ghosts, dropouts and errors of calibration."""
 
-    enough         measured: blobs or markers before anything is said of them: of 100 a share is known to 5 %
-    beside         measured: times what counts as on an epipolar line, from where to where blobs are there by chance
-    min_meeting    measured: share of a camera's blobs, beyond chance, that meet those of the camera it goes best with:
-                   0.11 at most for the median camera in 15 wrong rooms, 0.43 at least for any in 9 sound ones
-    min_same_name  measured: the same of blobs of one name, of the usual camera: 0.97 to 1 in 10 sound rooms, 0.71 where
-                   all cameras are 3 px off, 0.08 to 0.6 where blobs were moved by 25 to 40 px
-    max_lacking    measured: of the usual share of named markers, with which a camera is looked for beside where it was:
-                   one that was turned by 2° has less, one by 0.3° keeps all
-    max_tried      measured: cameras that are tried under each other's names: 12 take seconds, 24 would take minutes
-    frames         memory: of a take that are looked at, spread over it
-    """
-
-    enough: int = 100
-    beside: tuple[float, float] = (3.0, 13.0)
-    min_meeting: float = 0.2
-    min_same_name: float = 0.66
-    max_lacking: float = 0.8
-    max_tried: int = 12
-    frames: int = 40
+    enough: int = 100  # measured: blobs or markers before anything is said of them: of 100 a share is known to 5 %
+    # times what counts as on an epipolar line, from where to where blobs are there by chance
+    beside: tuple[float, float] = (3.0, 13.0)  # measured
+    # share of a camera's blobs, beyond chance, that meet those of the camera it goes best with: 0.11 at most for the
+    # median camera in 15 wrong rooms, 0.43 at least for any in 9 sound ones
+    min_meeting: float = 0.2  # measured
+    # the same of blobs of one name, of the usual camera: 0.97 to 1 in 10 sound rooms, 0.71 where all cameras are 3 px
+    # off, 0.08 to 0.6 where blobs were moved by 25 to 40 px
+    min_same_name: float = 0.66  # measured
+    # of the usual share of named markers, with which a camera is looked for beside where it was: one that was turned
+    # by 2° has less, one by 0.3° keeps all
+    max_lacking: float = 0.8  # measured
+    # cameras that are tried under each other's names: 12 take seconds, 24 would take minutes
+    max_tried: int = 12  # measured
+    frames: int = 40  # memory: of a take that are looked at, spread over it
 
 
 CAMERA_HEALTH = HealthOptions()

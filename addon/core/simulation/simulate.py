@@ -27,35 +27,26 @@ CHUNK_FRAMES = 256  # captured at once, so that memory does not grow; each draws
 
 @dataclass(frozen=True)
 class CaptureOptions:
-    """What goes wrong in a virtual capture, and how much of it.
+    """What goes wrong in a virtual capture, and how much of it."""
 
-    seed              of everything that is random; format: any whole number
-    noise             standard deviation of a blob's centre, px, in x and in y; physical: of 10 px² and more
-    dropout           probability that a visible marker gives no blob in a camera and frame; physical: a scratch, a hair
-    marker_radius     m; gives the blobs' areas; physical: a ball of 14 mm, the usual one
-    merge_gap         blobs whose edges come nearer than this are one blob, px; physical: half a pixel between them is
-                      not dark; a negative gap lets them overlap
-    min_area          smaller blobs are not detected, px²; physical: less is no whole pixel
-    reflections       fixed ghosts in every camera; physical: a lamp, a screw
-    reflection_on     probability that a fixed ghost shows in a frame; physical: the subject stands before it at times
-    flicker           mean number of ghosts a camera and frame at random places; physical: one in five frames
-    calibration_mm    how far the cameras really stand from where their calibration says, mm; physical: not at all
-    calibration_mrad  how far they are really turned from it, mrad; physical: not at all
-    marker_offset     markers sit up to this far from where they should, each in a fixed direction, m; physical: none
-    """
-
-    seed: int = 0
-    noise: float = 0.3
-    dropout: float = 0.002
-    marker_radius: float = 0.007
-    merge_gap: float = 0.5
-    min_area: float = 0.5
-    reflections: int = 2
-    reflection_on: float = 0.8
-    flicker: float = 0.2
-    calibration_mm: float = 0.0
-    calibration_mrad: float = 0.0
-    marker_offset: float = 0.0
+    seed: int = 0  # of everything that is random; format: any whole number
+    noise: float = 0.3  # standard deviation of a blob's centre, px, in x and in y; physical: of 10 px² and more
+    # probability that a visible marker gives no blob in a camera and frame; physical: a scratch, a hair
+    dropout: float = 0.002  # physical
+    marker_radius: float = 0.007  # m; gives the blobs' areas; physical: a ball of 14 mm, the usual one
+    # blobs whose edges come nearer than this are one blob, px; physical: half a pixel between them is not dark; a
+    # negative gap lets them overlap
+    merge_gap: float = 0.5  # physical
+    min_area: float = 0.5  # smaller blobs are not detected, px²; physical: less is no whole pixel
+    reflections: int = 2  # fixed ghosts in every camera; physical: a lamp, a screw
+    # probability that a fixed ghost shows in a frame; physical: the subject stands before it at times
+    reflection_on: float = 0.8  # physical
+    flicker: float = 0.2  # mean number of ghosts a camera and frame at random places; physical: one in five frames
+    # how far the cameras really stand from where their calibration says, mm; physical: not at all
+    calibration_mm: float = 0.0  # physical
+    calibration_mrad: float = 0.0  # how far they are really turned from it, mrad; physical: not at all
+    # markers sit up to this far from where they should, each in a fixed direction, m; physical: none
+    marker_offset: float = 0.0  # physical
 
 
 class BodyInTheWay(Protocol):

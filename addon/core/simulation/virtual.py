@@ -37,20 +37,13 @@ SWAY_RAD, SWAY_HZ = 0.02, (0.1, 0.6)  # how far waist, arms and head wander, and
 
 @dataclass(frozen=True)
 class Act:
-    """A part of a performance.
+    """A part of a performance."""
 
-    seconds   how long it lasts
-    stride    format: length of the steps, 0 (standing) to 1 (a brisk walk)
-    turn      physical: rad, how far the person turns to the left meanwhile
-    left      format: how far the left arm is raised, 0 (hanging) to 1 (up)
-    right     format: the same of the right arm
-    """
-
-    seconds: float
-    stride: float = 0.0
-    turn: float = 0.0
-    left: float = 0.0
-    right: float = 0.0
+    seconds: float  # how long it lasts
+    stride: float = 0.0  # format: length of the steps, 0 (standing) to 1 (a brisk walk)
+    turn: float = 0.0  # physical: rad, how far the person turns to the left meanwhile
+    left: float = 0.0  # format: how far the left arm is raised, 0 (hanging) to 1 (up)
+    right: float = 0.0  # format: the same of the right arm
 
 
 # Twelve seconds that stay within a square of three metres.
