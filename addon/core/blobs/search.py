@@ -91,19 +91,14 @@ NO_HINTS = Hints()
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A subject found in a frame, with the names that follow from it.
-
-    confidence  0 to 1, against the next best placement
-    swaps       what exchanging neighbours would cost
-    cost        of the last fit to the names, and of the blobs that it leaves unnamed
-    """
+    """A subject found in a frame, with the names that follow from it."""
 
     subject: Subject
     naming: Naming
     expected: Expectation
-    confidence: float
-    swaps: Swaps
-    cost: float
+    confidence: float  # 0 to 1, against the next best placement
+    swaps: Swaps  # what exchanging neighbours would cost
+    cost: float  # of the last fit to the names, and of the blobs that it leaves unnamed
 
     @property
     def named(self) -> float:

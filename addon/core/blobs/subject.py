@@ -73,12 +73,7 @@ class Clock:
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What stays the same through a take.
-
-    marker_sd  (M,) heights, how far a subject's own markers sit from where the marker set has them
-    rate       frames a second
-    exchanges  (B, M) see `standing_exchanges`
-    """
+    """What stays the same through a take."""
 
     cameras: Cameras
     sight: Sight
@@ -86,10 +81,10 @@ class Setup:
     prior: Prior
     occlusion: Occlusion
     rules: Rules
-    marker_sd: np.ndarray
+    marker_sd: np.ndarray  # (M,) heights, how far a subject's own markers sit from where the marker set has them
     clock: Clock
-    rate: float
-    exchanges: np.ndarray
+    rate: float  # frames a second
+    exchanges: np.ndarray  # (B, M) see `standing_exchanges`
 
     @classmethod
     def of(

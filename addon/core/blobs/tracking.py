@@ -96,19 +96,13 @@ def difference(bodies: Bodies, origin: Bodies) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """A subject on the move.
+    """A subject on the move."""
 
-    subject   after the last frame
-    velocity  (1, P) change of the parameters a frame
-    lag       (M, 3) m, how far each marker was from where the body had it; 0 where it was not found in space
-    visible   (C, M) which markers each camera could see
-    lost      True when too little was named in the last frame: after one dropout the feet may have changed places
-    """
-
-    subject: Subject
-    velocity: np.ndarray
-    lag: np.ndarray
-    visible: np.ndarray
+    subject: Subject  # after the last frame
+    velocity: np.ndarray  # (1, P) change of the parameters a frame
+    lag: np.ndarray  # (M, 3) m, how far each marker was from where the body had it; 0 where it was not found in space
+    visible: np.ndarray  # (C, M) which markers each camera could see
+    # True when too little was named in the last frame: after one dropout the feet may have changed places
     lost: bool = False
 
     @classmethod

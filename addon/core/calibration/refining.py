@@ -30,30 +30,19 @@ REFINING_ROUNDS = 3  # of labelling and adjusting: cameras that were moved get t
 
 @dataclass(frozen=True, eq=False)
 class Refinement:
-    """What became of C cameras.
+    """What became of C cameras."""
 
-    cameras  refined, or as they were where nothing was to be refined
-    refined  whether they were
-    before   (C,) px: reprojection error with the calibration as it was, median over blobs that nothing was fitted to
-    after    (C,) px: the same with `cameras`; NaN in both where a camera has no such blobs
-    blobs    (C,) how many these are
-    shifted  (C,) m that each camera was moved
-    turned   (C,) rad that each was turned
-    rounds   of labelling
-    frames   that were labelled
-    doubts   sentences about what was odd of the cameras
-    """
-
-    cameras: Cameras
-    refined: bool
+    cameras: Cameras  # refined, or as they were where nothing was to be refined
+    refined: bool  # whether they were
+    # (C,) px: reprojection error with the calibration as it was, median over blobs that nothing was fitted to
     before: np.ndarray
-    after: np.ndarray
-    blobs: np.ndarray
-    shifted: np.ndarray
-    turned: np.ndarray
-    rounds: int
-    frames: int
-    doubts: tuple[str, ...] = ()
+    after: np.ndarray  # (C,) px: the same with `cameras`; NaN in both where a camera has no such blobs
+    blobs: np.ndarray  # (C,) how many these are
+    shifted: np.ndarray  # (C,) m that each camera was moved
+    turned: np.ndarray  # (C,) rad that each was turned
+    rounds: int  # of labelling
+    frames: int  # that were labelled
+    doubts: tuple[str, ...] = ()  # sentences about what was odd of the cameras
 
 
 def parts_of(first: int, last: int) -> list[tuple[int, int]]:

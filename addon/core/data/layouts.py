@@ -25,14 +25,9 @@ class Site:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """A marker set in words.
+    """A marker set in words."""
 
-    name, description  for people to read
-    source             who has published it, for people to read
-    sites              where each marker sits, in the order of everything that is written
-    """
-
-    name: str
+    name: str  # for people to read, as the next two
     description: str
-    source: str
-    sites: Mapping[str, Site]
+    source: str  # who has published it
+    sites: Mapping[str, Site]  # where each marker sits, in the order of everything that is written

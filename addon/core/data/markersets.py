@@ -14,15 +14,11 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
-    """A tree of J segments; each turns about the joint at its near end.
+    """A tree of J segments; each turns about the joint at its near end."""
 
-    segments  J names, parents before children; the first is the root
-    parents   (J,) index of the parent, -1 for the root
-    offsets   (J, 3) the joint in its parent's axes at rest; for the root, its position above the floor's origin
-    """
-
-    segments: tuple[str, ...]
-    parents: np.ndarray
+    segments: tuple[str, ...]  # J names, parents before children; the first is the root
+    parents: np.ndarray  # (J,) index of the parent, -1 for the root
+    # (J, 3) the joint in its parent's axes at rest; for the root, its position above the floor's origin
     offsets: np.ndarray
 
     def __len__(self) -> int:
@@ -76,25 +72,18 @@ class Capsules:
 
 @dataclass(frozen=True, eq=False)
 class Spread:
-    """How people differ from the mean of the marker set, in shape and in pose.
+    """How people differ from the mean of the marker set, in shape and in pose."""
 
-    height           mean stature, m
-    height_sd        its standard deviation, m
-    modes            (K, J + M, 3) change of joint offsets then marker offsets for one standard deviation of each of
-                     the K main ways in which bodies and marker placements differ, heights
-    marker_sd        (M,) what the modes leave over, marker by marker, heights
-    pose_mean        (J, 3) mean rotation vector of each joint over the recorded motion; the root's is zero
-    pose_covariance  (3J, 3J) its covariance, rad²; the root's rows and columns are zero
-    poses            (P, J, 3) rotation vectors of the joints in the most different poses that were recorded, of the
-                     root how it leans against upright and facing along x; none where they were not kept
-    """
-
-    height: float
-    height_sd: float
+    height: float  # mean stature, m
+    height_sd: float  # its standard deviation, m
+    # (K, J + M, 3) change of joint offsets then marker offsets for one standard deviation of each of the K main ways
+    # in which bodies and marker placements differ, heights
     modes: np.ndarray
-    marker_sd: np.ndarray
-    pose_mean: np.ndarray
-    pose_covariance: np.ndarray
+    marker_sd: np.ndarray  # (M,) what the modes leave over, marker by marker, heights
+    pose_mean: np.ndarray  # (J, 3) mean rotation vector of each joint over the recorded motion; the root's is zero
+    pose_covariance: np.ndarray  # (3J, 3J) its covariance, rad²; the root's rows and columns are zero
+    # (P, J, 3) rotation vectors of the joints in the most different poses that were recorded, of the root how it
+    # leans against upright and facing along x; none where they were not kept
     poses: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
 
 

@@ -12,19 +12,13 @@ from .takes import Blobs, Labels, Motion, PointRows, Suspect
 
 @dataclass(frozen=True, eq=False)
 class LabelledRange:
-    """Consecutive frames of a take with all that is said of them.
+    """Consecutive frames of a take with all that is said of them."""
 
-    rows      N blobs or points
-    labels    (N,) row for row
-    motion    frame for frame with `rows.frames`
-    suspects  what to look at
-    unedited  (N,) the program's own labels, of which the edits give `labels`; None where they are these
-    """
-
-    rows: Blobs | PointRows
-    labels: Labels
-    motion: Motion
-    suspects: tuple[Suspect, ...] = ()
+    rows: Blobs | PointRows  # N blobs or points
+    labels: Labels  # (N,) row for row
+    motion: Motion  # frame for frame with `rows.frames`
+    suspects: tuple[Suspect, ...] = ()  # what to look at
+    # (N,) the program's own labels, of which the edits give `labels`; None where they are these
     unedited: Labels | None = None
 
     @property

@@ -160,49 +160,33 @@ def touched_samples(blobs: Blobs, before: Labels, after: Labels, shape: tuple[in
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """The person in F frames: the markers in space and the pose of the fitted body.
+    """The person in F frames: the markers in space and the pose of the fitted body."""
 
-    frames       (F,) the source's own frame numbers
-    markers      (F, M, 3) m, triangulated from two or more cameras; NaN in gaps
-    residual     (F, M) how far the rays of a marker's blobs miss its point, root mean square, m
-    residual_px  (F, M) the same as reprojection error, px
-    conflicts    (F, M) number of blobs of the marker that were in conflict
-    expected     (F, M, 3) m, where the fitted body carries each marker, seen or not
-    joints       (F, J, 3) m, positions of the skeleton's joints
-    rotations    (F, J, 3, 3) world rotation of each segment; the identity is the rest pose
-    scale        (F, 3) S of the paper's equation 6: m for one unit of the marker set, along x y z; (F, 3 K) of K
-                 subjects side by side, as their markers and joints are
-    confidence   (F,) 0 to 1, how sure the placement is; 0 where nobody was found (poses are NaN there)
-    """
-
-    frames: np.ndarray
-    markers: np.ndarray
-    residual: np.ndarray
-    residual_px: np.ndarray
-    conflicts: np.ndarray
-    expected: np.ndarray
-    joints: np.ndarray
-    rotations: np.ndarray
+    frames: np.ndarray  # (F,) the source's own frame numbers
+    markers: np.ndarray  # (F, M, 3) m, triangulated from two or more cameras; NaN in gaps
+    residual: np.ndarray  # (F, M) how far the rays of a marker's blobs miss its point, root mean square, m
+    residual_px: np.ndarray  # (F, M) the same as reprojection error, px
+    conflicts: np.ndarray  # (F, M) number of blobs of the marker that were in conflict
+    expected: np.ndarray  # (F, M, 3) m, where the fitted body carries each marker, seen or not
+    joints: np.ndarray  # (F, J, 3) m, positions of the skeleton's joints
+    rotations: np.ndarray  # (F, J, 3, 3) world rotation of each segment; the identity is the rest pose
+    # (F, 3) S of the paper's equation 6: m for one unit of the marker set, along x y z; (F, 3 K) of K subjects side
+    # by side, as their markers and joints are
     scale: np.ndarray
-    confidence: np.ndarray
+    confidence: np.ndarray  # (F,) 0 to 1, how sure the placement is; 0 where nobody was found (poses are NaN there)
 
 
 @dataclass(frozen=True)
 class Suspect:
-    """A range of frames (the source's numbers, both included) that a person should look at, and why.
-
-    words       what is the matter; of one trajectory only what it does, such as "goes over from A to B"
-    trajectory  the number of that trajectory, None where it is about something else
-    markers     the names of the markers that it is about, where it is about some
-    doubtful    in how many frames of the range, None for all of them
-    """
+    """A range of frames (the source's numbers, both included) that a person should look at, and why."""
 
     first: int
     last: int
-    words: str
-    trajectory: int | None = None
+    words: str  # what is the matter; of one trajectory only what it does, such as "goes over from A to B"
+    trajectory: int | None = None  # the number of that trajectory, None where it is about something else
+    # the names of the markers that it is about, where it is about some
     markers: tuple[str, ...] = field(default=(), compare=False)
-    doubtful: int | None = field(default=None, compare=False)
+    doubtful: int | None = field(default=None, compare=False)  # in how many frames of the range, None for all of them
 
     @property
     def frames(self) -> int:

@@ -22,24 +22,16 @@ NOT_AMONG = "not among what is labelled"
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """What edits of a take go by: N cells, each a point or a blob, in rows that are frames or images.
+    """What edits of a take go by: N cells, each a point or a blob, in rows that are frames or images."""
 
-    names        index of each marker by its name, aliases too
-    count        how many markers
-    first_frame  the source's number of the first frame
-    frame_count  how many frames there are
-    row          the row of each cell, in the shape of the labels
-    images       rows of a frame: 1, or the cameras one after the other
-    meant_by     gives of some frames, from start to stop, the cells (K,) that an edit's target is there, each of
-                 another row, and why there are none
-    """
-
-    names: Mapping[str, int]
-    count: int
-    first_frame: int
-    frame_count: int
-    row: np.ndarray
-    images: int
+    names: Mapping[str, int]  # index of each marker by its name, aliases too
+    count: int  # how many markers
+    first_frame: int  # the source's number of the first frame
+    frame_count: int  # how many frames there are
+    row: np.ndarray  # the row of each cell, in the shape of the labels
+    images: int  # rows of a frame: 1, or the cameras one after the other
+    # gives of some frames, from start to stop, the cells (K,) that an edit's target is there, each of another row,
+    # and why there are none
     meant_by: Callable[[Any, slice], tuple[np.ndarray, str]]
 
     def replay(self, labels: Labels) -> Replay:

@@ -39,14 +39,11 @@ DELETES = Verb("delete", "{Target} is no marker", "{target} is not seen", Replay
 
 @dataclass(frozen=True, kw_only=True)
 class Edit:
-    """One thing that a person said.
-
-    frames  the first and the last, both included; None for the whole take
-    more    what its file says beside, such as who said it, and is let be
-    """
+    """One thing that a person said."""
 
     verb: ClassVar[Verb]
-    frames: tuple[int, int] | None = None
+    frames: tuple[int, int] | None = None  # the first and the last, both included; None for the whole take
+    # what its file says beside, such as who said it, and is let be
     more: Mapping[str, object] = field(default_factory=dict, hash=False)
 
     @property

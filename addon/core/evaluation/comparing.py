@@ -32,16 +32,11 @@ WORSE = WorseOptions()
 
 @dataclass(frozen=True, eq=False)
 class TakeDifference:
-    """A take as the model before and the one after name it.
+    """A take as the model before and the one after name it."""
 
-    name    of its file, or of whose frames they are
-    kind    where its names are from: "kept", "taught" or "frames"
-    frames  that were labelled again
-    """
-
-    name: str
-    kind: str
-    frames: int
+    name: str  # of its file, or of whose frames they are
+    kind: str  # where its names are from: "kept", "taught" or "frames"
+    frames: int  # that were labelled again
     before: NameCounts
     after: NameCounts
 
@@ -55,12 +50,9 @@ class TakeDifference:
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """All takes that were labelled by both models, and those that could not be, each with the reason.
+    """All takes that were labelled by both models, and those that could not be, each with the reason."""
 
-    markers  that were counted, in their order
-    """
-
-    markers: tuple[str, ...]
+    markers: tuple[str, ...]  # that were counted, in their order
     takes: tuple[TakeDifference, ...]
     left_out: tuple[tuple[str, str], ...] = ()
     options: WorseOptions = WORSE

@@ -65,16 +65,11 @@ class LeftGap:
 
 @dataclass(frozen=True, eq=False)
 class FilledTake:
-    """A take whose gaps were filled.
+    """A take whose gaps were filled."""
 
-    xyz     (T, M, 3) m; measured samples as they were
-    filled  (T, M) True where a sample was filled
-    gaps    that were filled, in the order of the markers and of time; so is what was left
-    """
-
-    xyz: np.ndarray
-    filled: np.ndarray
-    gaps: tuple[FilledGap, ...]
+    xyz: np.ndarray  # (T, M, 3) m; measured samples as they were
+    filled: np.ndarray  # (T, M) True where a sample was filled
+    gaps: tuple[FilledGap, ...]  # that were filled, in the order of the markers and of time; so is what was left
     left: tuple[LeftGap, ...]
 
 
@@ -105,14 +100,11 @@ def fill_take(
 
 @dataclass(frozen=True, eq=False)
 class SubjectMarkers:
-    """Which of a take's markers are one subject's, (K,), and the set that is worn, if it is known.
-
-    columns  (M,) the places in `own` of the set's markers, -1 where the take has none
-    """
+    """Which of a take's markers are one subject's, (K,), and the set that is worn, if it is known."""
 
     own: np.ndarray
     markerset: MarkerSet | None = None
-    columns: np.ndarray | None = None
+    columns: np.ndarray | None = None  # (M,) the places in `own` of the set's markers, -1 where the take has none
 
     @classmethod
     def side_by_side(cls, worn: Iterable[MarkerSet]) -> "list[SubjectMarkers]":

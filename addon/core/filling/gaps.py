@@ -124,15 +124,12 @@ def _beyond_reach(path: np.ndarray, at: np.ndarray, rate: float) -> tuple[np.nda
 
 @dataclass(eq=False)
 class KnownMarkers:
-    """The markers of a take while their gaps are filled, the shortest first.
+    """The markers of a take while their gaps are filled, the shortest first."""
 
-    xyz     (T, M, 3) m, NaN where neither measured nor filled yet
-    length  (T, M) frames of the gap that a filled sample is of; 0 where measured or still missing
-    spread  (M, M) m, by how much the distance of two markers varies: standard deviation, inf where not known
-    """
-
-    xyz: np.ndarray
+    xyz: np.ndarray  # (T, M, 3) m, NaN where neither measured nor filled yet
+    # (T, M) frames of the gap that a filled sample is of; 0 where measured or still missing
     length: np.ndarray = field(init=False)
+    # (M, M) m, by how much the distance of two markers varies: standard deviation, inf where not known
     spread: np.ndarray = field(init=False)
 
     def __post_init__(self):

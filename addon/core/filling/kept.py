@@ -16,19 +16,14 @@ SAME_PLACE_M = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class KeptFill:
-    """A gap that was filled, from frame `first` to `last` of the source's numbers, both included.
+    """A gap that was filled, from frame `first` to `last` of the source's numbers, both included."""
 
-    marker    its name
-    method    that filled it, such as "regression+pca"
-    expected  the mean error to expect, m; NaN where no trial could say
-    path      (L + 2, 3) m; between the marker's places right before and right after, NaN at an end of the take
-    """
-
-    marker: str
+    marker: str  # its name
     first: int
     last: int
-    method: str
-    expected: float
+    method: str  # that filled it, such as "regression+pca"
+    expected: float  # the mean error to expect, m; NaN where no trial could say
+    # (L + 2, 3) m; between the marker's places right before and right after, NaN at an end of the take
     path: np.ndarray
 
     @property

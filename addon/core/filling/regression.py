@@ -122,23 +122,15 @@ class Alikeness:
 
 @dataclass(frozen=True, eq=False)
 class MarkerModel:
-    """A marker as its neighbours tell it.
+    """A marker as its neighbours tell it."""
 
-    neighbours (N,) indices, those of the axes first
-    form       (K, 3) m, of the neighbours that the axes are made of
-    mean       (3 N,) and weight (3 N,): features are (place − mean) · weight
-    middle     (3,) m, the marker's mean place in the axes
-    variance   m² of it, for an axis
-    scales     (8,) of the covariance, logarithms as in KernelPrior
-    """
-
-    neighbours: np.ndarray
-    form: np.ndarray
-    mean: np.ndarray
-    weight: np.ndarray
-    middle: np.ndarray
-    variance: float
-    scales: np.ndarray
+    neighbours: np.ndarray  # (N,) indices, those of the axes first
+    form: np.ndarray  # (K, 3) m, of the neighbours that the axes are made of
+    mean: np.ndarray  # (3 N,), and
+    weight: np.ndarray  # (3 N,): features are (place − mean) · weight
+    middle: np.ndarray  # (3,) m, the marker's mean place in the axes
+    variance: float  # m² of it, for an axis
+    scales: np.ndarray  # (8,) of the covariance, logarithms as in KernelPrior
 
     def seen_from(self, xyz: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Features (F, 3 N) of frames (F, M, 3) m, and the turns (F, 3, 3) and places (F, 3) of the axes."""

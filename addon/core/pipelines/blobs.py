@@ -37,22 +37,15 @@ from .through_points import label_through_points
 
 @dataclass(frozen=True, eq=False)
 class BlobOptions:
-    """How blobs are named.
+    """How blobs are named."""
 
-    rate       frames a second
-    method     one of `naming.METHODS`
-    target     of labels through points: the part that must be right; what is less sure is left unnamed
-    hints      what the user may say about the take, for the fitted body
-    occlusion  the body in the way; None for the marker set's capsules
-    edits      what a person said of the labels; those that `edits.applying.refuse_unknown` lets pass
-    """
-
-    rate: float
-    method: str = "auto"
+    rate: float  # frames a second
+    method: str = "auto"  # one of `naming.METHODS`
+    # of labels through points: the part that must be right; what is less sure is left unnamed
     target: float = USUAL_TARGET
-    hints: Hints = NO_HINTS
-    occlusion: Occlusion | None = None
-    edits: Edits = NO_EDITS
+    hints: Hints = NO_HINTS  # what the user may say about the take, for the fitted body
+    occlusion: Occlusion | None = None  # the body in the way; None for the marker set's capsules
+    edits: Edits = NO_EDITS  # what a person said of the labels; those that `edits.applying.refuse_unknown` lets pass
 
 
 def blob_method(options: BlobOptions) -> str:

@@ -55,17 +55,12 @@ WORN = WornOptions()
 
 @dataclass(frozen=True, eq=False)
 class FittingSet:
-    """A model that may be of a take, and what it makes of its points.
-
-    marker  (T, L) the name of each, NO_MARKER where it has none
-    odds    (T, L) log odds of the names, NaN where the take is not solved as a whole
-    beside  times its markers that are always there beside them
-    """
+    """A model that may be of a take, and what it makes of its points."""
 
     model: Model
-    marker: np.ndarray
-    odds: np.ndarray
-    beside: float
+    marker: np.ndarray  # (T, L) the name of each, NO_MARKER where it has none
+    odds: np.ndarray  # (T, L) log odds of the names, NaN where the take is not solved as a whole
+    beside: float  # times its markers that are always there beside them
 
     @property
     def absent(self) -> float:

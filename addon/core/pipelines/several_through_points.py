@@ -54,20 +54,14 @@ CHECKING_BACK = CheckingBackOptions()
 
 @dataclass(frozen=True, eq=False)
 class SubjectsInImages:
-    """A take of blobs whose points are named: what these say of its blobs, for whoever reads them again.
-
-    labelled  that of everybody in the take, those who were asked for before the others
-    worn    the sets of those who were asked for
-    bodies  what is in the way, a volume for everybody
-    seconds that reconstruction took
-    """
+    """A take of blobs whose points are named: what these say of its blobs, for whoever reads them again."""
 
     cameras: Cameras
     points: PointsOfBlobs
-    labelled: LabelledSubjects
-    worn: SetsWorn
-    bodies: tuple[Occlusion, ...]
-    seconds: float
+    labelled: LabelledSubjects  # that of everybody in the take, those who were asked for before the others
+    worn: SetsWorn  # the sets of those who were asked for
+    bodies: tuple[Occlusion, ...]  # what is in the way, a volume for everybody
+    seconds: float  # that reconstruction took
 
     def chunks(self, chunks: Iterable[Blobs]) -> Iterator[LabelledChunk]:
         """The same chunks as were reconstructed, with the names of their blobs."""

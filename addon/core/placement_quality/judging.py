@@ -34,20 +34,14 @@ JUDGED_CLOUDS = 16  # drawn from the shape, for each trial the same
 
 @dataclass(frozen=True, eq=False)
 class Ambiguity:
-    """How much namings of a set of M markers look alike, as overlaps: 0 never mistaken, 1 always.
+    """How much namings of a set of M markers look alike, as overlaps: 0 never mistaken, 1 always."""
 
-    markers   M names
-    seen      (M, M) with every marker seen: the pair exchanged, by itself or with the whole limb or body
-    hidden    (M, M) with a part of the markers hidden, a neighbour's point that passes for a hidden marker included
-    whole     the renamings of limbs and of the whole body that were tried
-    overlaps  of each of these, with every marker seen
-    """
-
-    markers: tuple[str, ...]
-    seen: np.ndarray
+    markers: tuple[str, ...]  # M names
+    seen: np.ndarray  # (M, M) with every marker seen: the pair exchanged, by itself or with the whole limb or body
+    # (M, M) with a part of the markers hidden, a neighbour's point that passes for a hidden marker included
     hidden: np.ndarray
-    whole: tuple[Renaming, ...]
-    overlaps: np.ndarray
+    whole: tuple[Renaming, ...]  # the renamings of limbs and of the whole body that were tried
+    overlaps: np.ndarray  # of each of these, with every marker seen
 
     @property
     def of_markers(self) -> np.ndarray:

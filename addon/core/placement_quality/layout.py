@@ -42,15 +42,12 @@ class Turns:
 
 @dataclass(frozen=True, eq=False)
 class MarkerLayout:
-    """A marker set, the shape of its cloud, and how its segments turn.
-
-    subjects  how many the shape was learned from; None where it was drawn from the set's own spread
-    """
+    """A marker set, the shape of its cloud, and how its segments turn."""
 
     markerset: MarkerSet
     shape: Shape
     turns: Turns
-    subjects: int | None = None
+    subjects: int | None = None  # how many the shape is learned from; None where it is drawn from the set's own spread
 
     def moved(self, marker: int, offset: np.ndarray) -> "MarkerLayout":
         """The same with a marker at another offset (3,) of its segment, heights."""

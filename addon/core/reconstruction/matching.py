@@ -250,18 +250,14 @@ class Matcher:
 
 @dataclass(frozen=True, eq=False)
 class _Hypotheses:
-    """Q sets of blobs that may each be one marker, one frame after the other, and of each the likeliest first.
+    """Q sets of blobs that may each be one marker, one frame after the other, and of each the likeliest first."""
 
-    frame  (Q,); slots (Q, C); points (Q, 3) m; residual (Q,) m; miss (Q, C) deviations
-    score  (Q,) log of how much likelier a marker is than ghosts
-    """
-
-    frame: np.ndarray
-    slots: np.ndarray
-    points: np.ndarray
-    residual: np.ndarray
-    miss: np.ndarray
-    score: np.ndarray
+    frame: np.ndarray  # (Q,)
+    slots: np.ndarray  # (Q, C)
+    points: np.ndarray  # (Q, 3) m
+    residual: np.ndarray  # (Q,) m
+    miss: np.ndarray  # (Q, C) deviations
+    score: np.ndarray  # (Q,) log of how much likelier a marker is than ghosts
 
     @classmethod
     def of(cls, matcher: Matcher, slots: np.ndarray, expected: Expected) -> "_Hypotheses":

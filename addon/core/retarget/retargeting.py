@@ -26,18 +26,13 @@ FLOOR_NEAR = 0.1  # physical: of a leg's length, that a rig's lowest bone may be
 
 @dataclass(frozen=True, eq=False)
 class Rig:
-    """The C bones of a rig that are to be moved, at rest; a bone comes after what it follows.
+    """The C bones of a rig that are to be moved, at rest; a bone comes after what it follows."""
 
-    parts    of the body that they stand for; "between" for those of the spine between `spine` and `chest`
-    follows  (C,) index of the bone that carries each, -1 for none of them
-    heads    (C, 3) m where they begin, and
-    tails    (C, 3) m where they end, in the axes of a character, from the origin of the rig
-    """
-
+    # of the body that they stand for; "between" for those of the spine between `spine` and `chest`
     parts: tuple[str, ...]
-    follows: np.ndarray
-    heads: np.ndarray
-    tails: np.ndarray
+    follows: np.ndarray  # (C,) index of the bone that carries each, -1 for none of them
+    heads: np.ndarray  # (C, 3) m where they begin, and
+    tails: np.ndarray  # (C, 3) m where they end, in the axes of a character, from the origin of the rig
 
     @property
     def at(self) -> Mapping[str, int]:

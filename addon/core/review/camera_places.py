@@ -24,16 +24,12 @@ TURN_BIN_RAD = 0.004  # measured
 
 @dataclass(frozen=True, eq=False)
 class CameraPlace:
-    """Where a camera was found: rotation (3, 3) and translation (3,) m from world to camera.
-
-    turned  rad from where it stood by its calibration
-    shifted m between where it was and is
-    """
+    """Where a camera was found: rotation (3, 3) and translation (3,) m from world to camera."""
 
     rotation: np.ndarray
     translation: np.ndarray
-    turned: float
-    shifted: float
+    turned: float  # rad from where it stood by its calibration
+    shifted: float  # m between where it was and is
 
 
 def find_again(camera: Cameras, points: np.ndarray, blobs: list[np.ndarray], least: float) -> CameraPlace | None:

@@ -15,17 +15,13 @@ GAINED, LOST, OTHER = "gained", "lost", "other"
 
 @dataclass(frozen=True)
 class Change:
-    """One marker in a range of frames (the source's numbers, both included).
-
-    what    GAINED where it had nothing, LOST where it has nothing now, OTHER where it is something else now
-    frames  in how many frames of the range
-    """
+    """One marker in a range of frames (the source's numbers, both included)."""
 
     marker: str
-    what: str
+    what: str  # GAINED where it had nothing, LOST where it has nothing now, OTHER where it is something else now
     first: int
     last: int
-    frames: int
+    frames: int  # in how many frames of the range
 
     @property
     def words(self) -> str:

@@ -17,27 +17,18 @@ AROUND_M = 1.5  # physical
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """A frame that a person should look at.
+    """A frame that a person should look at."""
 
-    suspect   why, and of which frames
-    frame     by the source's number, the one of these in which it shows most
-    badness   m s: how far its markers are from where the body has them, for how long
-    doubtful  indices of its markers
-    markers   (M, 3) m, NaN where missing, and where the body has them, `expected`; joints (J, 3) m
-    heading   (2,) where the subject faces, seen from above
-    others    (U, 3) m, points without a name around; `asked` (3,) m, the one that it is about, NaN where it is none
-    """
-
-    suspect: Suspect
-    frame: int
-    badness: float
-    doubtful: tuple[int, ...]
-    markers: np.ndarray
-    expected: np.ndarray
-    joints: np.ndarray
-    heading: np.ndarray
-    others: np.ndarray
-    asked: np.ndarray
+    suspect: Suspect  # why, and of which frames
+    frame: int  # by the source's number, the one of these in which it shows most
+    badness: float  # m s: how far its markers are from where the body has them, for how long
+    doubtful: tuple[int, ...]  # indices of its markers
+    markers: np.ndarray  # (M, 3) m, NaN where missing
+    expected: np.ndarray  # (M, 3) m, where the body has them
+    joints: np.ndarray  # (J, 3) m
+    heading: np.ndarray  # (2,) where the subject faces, seen from above
+    others: np.ndarray  # (U, 3) m, points without a name around
+    asked: np.ndarray  # (3,) m, the one of them that it is about, NaN where it is none
 
 
 class MomentKeeper:

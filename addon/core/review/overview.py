@@ -27,15 +27,11 @@ GAP_CELL, NAMED_CELL, DOUBTFUL_CELL, FILLED_CELL, EDITED_CELL = range(len(CELL_S
 
 @dataclass(frozen=True, eq=False)
 class OverviewSubject:
-    """Whose take it is.
+    """Whose take it is."""
 
-    markers  M names, in the order of everything that is written
-    words    index of each marker by its name, aliases too
-    parents  (J,) the skeleton's tree, -1 for the root, of several one after the other; empty where nobody knows
-    """
-
-    markers: tuple[str, ...]
-    words: Mapping[str, int]
+    markers: tuple[str, ...]  # M names, in the order of everything that is written
+    words: Mapping[str, int]  # index of each marker by its name, aliases too
+    # (J,) the skeleton's tree, -1 for the root, of several one after the other; empty where nobody knows
     parents: tuple[int, ...] = ()
 
     @classmethod
