@@ -24,9 +24,10 @@ from addon.core.pipelines.several_through_points import label_several_blobs
 from addon.core.points.several.wearers import SeveralOptions
 from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.simulation.rigs import ring_rig
-from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, capture, joined
+from addon.core.simulation.simulate import BodiesTogether, CaptureOptions, capture
 from addon.io.models import open_model
 from addon.io.points import read_points
+from tests.core.scenes import joined
 
 from .captures import RATE, at_rate, best_way, vicon12
 from .flesh import Move, flesh

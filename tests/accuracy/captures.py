@@ -9,8 +9,9 @@ import numpy as np
 
 from addon.core.geometry.cameras import Cameras
 from addon.core.simulation.rigs import paper_rig, ring_rig
-from addon.core.simulation.simulate import CaptureOptions, capture, joined
+from addon.core.simulation.simulate import CaptureOptions, capture
 from addon.io.cameras import read_cameras
+from tests.core.scenes import joined
 
 from . import people
 from .flesh import Flesh, Move, flesh, moved_flesh

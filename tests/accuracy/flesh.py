@@ -28,7 +28,7 @@ class Flesh:
     stature: float
 
     def hidden(self, frames: slice, markers: np.ndarray, centres: np.ndarray) -> np.ndarray:
-        """(F, C, M) as `addon.core.simulation.simulate.BodyInTheWay` has it."""
+        """(F, C, M) as `addon.core.simulation.simulate.PosedBody` has it."""
         start, axis = self.start[frames], self.end[frames] - self.start[frames]
         found = np.empty((len(markers), len(centres), markers.shape[1]), dtype=bool)
         for first in range(0, len(markers), BLOCK):

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Virtual people in virtual rooms for tests: a few calls from a marker set to blobs whose names are known."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -12,13 +13,19 @@ from addon.core.data.takes import Blobs, Motion, Points
 from addon.core.geometry.cameras import Cameras
 from addon.core.geometry.views import View, split_views
 from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion
-from addon.core.simulation.simulate import BodiesTogether, Capture, CaptureOptions, PosedBody, capture, joined
+from addon.core.simulation.simulate import BodiesTogether, Capture, CaptureOptions, PosedBody, capture
 from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.io.markersets import open_markerset
 
 RATE = 60.0
 CLEAN = CaptureOptions(noise=0.2, dropout=0.0, reflections=0, flicker=0.0)
 FLAWLESS = CaptureOptions(noise=0.0, dropout=0.0, reflections=0, flicker=0.0)
+
+
+def joined(captures: Iterator[Capture]) -> Capture:
+    """All chunks of a capture as one."""
+    chunks = list(captures)
+    return Capture(Blobs.join(chunk.blobs for chunk in chunks), np.concatenate([chunk.truth for chunk in chunks]))
 
 
 @cache

@@ -35,20 +35,18 @@ class ImageTrackletOptions:
 IMAGE_TRACKLETS = ImageTrackletOptions()
 
 
-def name_by_tracklets(views: Sequence[View], results: Mapping[int, FrameResult], rate: float) -> dict[int, list[int]]:
-    """Gives blobs the names of their tracklets where these meet in space; returns the markers changed, by frame.
+def name_by_tracklets(views: Sequence[View], results: Mapping[int, FrameResult], rate: float):
+    """Gives blobs the names of their tracklets where these meet in space.
 
     `results` are those of the views that are labelled, by index.
     """
     if not results:
-        return {}
+        return
     tracklet, count = _tracklets_of(views, results, rate)
     claims = _claims([tracklet[index] for index in results], count, [one.naming for one in results.values()])
-    changed = {}
-    for (index, result), claim in zip(results.items(), claims, strict=True):
-        if claim is not None and (moved := _settle(result.naming, claim)):
-            changed[index] = moved
-    return changed
+    for result, claim in zip(results.values(), claims, strict=True):
+        if claim is not None:
+            _settle(result.naming, claim)
 
 
 def _tracklets_of(
@@ -144,18 +142,19 @@ def _mostly(own: np.ndarray, owner: np.ndarray, count: int, markers: int) -> np.
     return mostly
 
 
-def _settle(naming: Naming, claim: np.ndarray) -> list[int]:
-    """Gives markers the blobs that tracklets claim (C, K) for them, as far as they meet; returns those changed."""
+def _settle(naming: Naming, claim: np.ndarray):
+    """Gives markers the blobs that tracklets claim (C, K) for them, as far as they meet."""
     fixed = naming.frame.fixed
     camera, slot = np.nonzero((claim >= 0) & (claim != naming.owner))
     marker, owner = claim[camera, slot], naming.owner[camera, slot]
     left = (fixed[camera, marker] >= 0) | (fixed[camera] == slot[:, None]).any(axis=1)
     left |= (owner >= 0) & (naming.partner[camera, owner] >= 0)  # either of two markers may give it its name
-    return [one for one in np.unique(marker[~left]).tolist() if _settled(naming, claim, one)]
+    for one in np.unique(marker[~left]).tolist():
+        _settle_marker(naming, claim, one)
 
 
-def _settled(naming: Naming, claim: np.ndarray, marker: int) -> bool:
-    """Names one marker's blobs by where most of what its tracklets and the frame say meet; True if any changed."""
+def _settle_marker(naming: Naming, claim: np.ndarray, marker: int):
+    """Names one marker's blobs by where most of what its tracklets and the frame say meet."""
     frame, cameras = naming.frame, naming.frame.cameras
     old = naming.slot[:, marker].copy()
     of_old = np.where(old >= 0, claim[cameras, np.maximum(old, 0)], -1)
@@ -168,7 +167,7 @@ def _settled(naming: Naming, claim: np.ndarray, marker: int) -> bool:
     points = frame.rays.meet(np.stack([slot, undecided, rays], axis=1)).points
     points = points[np.isfinite(points[:, 0])]
     if not len(points):
-        return False
+        return
     room = frame.metres[:, marker]
     mine, other = (_off(frame, points, marker, one) for one in (slot, old))
     near, kept = mine < (frame.rules.min_behind_m + room)[:, None], other < (frame.rules.max_off_point * room)[:, None]
@@ -178,10 +177,8 @@ def _settled(naming: Naming, claim: np.ndarray, marker: int) -> bool:
     new = np.where(kept, old, np.where(near, slot, -1))
     held = (new >= 0) & (new != old) & _suits_its_marker(naming, new)
     new = np.where(held, old, new)
-    if (new >= 0).sum() < 2 or (new == old).all():
-        return False
-    _give(naming, marker, new, off > frame.rules.max_off_point * room)
-    return True
+    if (new >= 0).sum() >= 2 and (new != old).any():
+        _give(naming, marker, new, off > frame.rules.max_off_point * room)
 
 
 def _off(frame: Frame, points: np.ndarray, marker: int, slot: np.ndarray) -> np.ndarray:

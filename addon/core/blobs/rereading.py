@@ -130,10 +130,7 @@ class Rereader:
         return Reread(first, last, forth[-1].track if split == count else None)
 
     def _follow(
-        self,
-        start: tuple[FrameResult | None, FrameResult | None],
-        frames: Sequence[FrameResult],
-        known: KnownSubject,
+        self, start: tuple[FrameResult | None, FrameResult | None], frames: Sequence[FrameResult], known: KnownSubject
     ) -> list[Followed]:
         """The frames followed from the last one of `start`, in their order; fewer where the subject is lost."""
         found: list[Followed] = []

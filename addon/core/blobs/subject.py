@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import permutations
 from time import perf_counter
+from typing import Self
 
 import numpy as np
 
@@ -87,32 +88,15 @@ class Setup:
     exchanges: np.ndarray  # (B, M) see `standing_exchanges`
 
     @classmethod
-    def of(
-        cls,
-        cameras: Cameras,
-        markerset: MarkerSet,
-        occlusion: Occlusion | None = None,
-        rules: Rules | None = None,
-        rate: float = 60.0,
-    ) -> "Setup":
+    def of(cls, cameras: Cameras, markerset: MarkerSet, occlusion: Occlusion | None = None, rate: float = 60.0) -> Self:
         """Everything that `cameras` and `markerset` fix; `occlusion` defaults to the marker set's capsules.
 
         `rate` is frames a second.
         """
-        model = BodyModel(markerset)
+        model, sd = BodyModel(markerset), np.maximum(markerset.spread.marker_sd, SUBJECT.min_marker_sd)
         body = occlusion or CapsuleOcclusion(markerset, OCCLUDING.fitted_shrink)
-        return cls(
-            cameras,
-            Sight(cameras),
-            model,
-            Prior(model),
-            body,
-            rules or Rules(),
-            np.maximum(markerset.spread.marker_sd, SUBJECT.min_marker_sd),
-            Clock(),
-            rate,
-            standing_exchanges(markerset),
-        )
+        known = cameras, Sight(cameras), model, Prior(model), body, Rules(), sd
+        return cls(*known, Clock(), rate, standing_exchanges(markerset))
 
     @property
     def pace(self) -> float:

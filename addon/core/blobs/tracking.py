@@ -145,7 +145,10 @@ def followed_by_numpy(track: Track, view: View, setup: Setup, fixed: np.ndarray 
     predicted = replace(track.subject, bodies=track.subject.bodies.moved(TRACKING.velocity_kept * track.velocity))
     prior = Anchor(setup.prior, predicted.bodies, setup.pace)
     with setup.clock("label"):
-        naming = name(view, _forecast(predicted, track, setup), predicted, setup, step1_only=True, fixed=fixed)
+        spread = np.broadcast_to((TRACKING.marker_sd_m * setup.pace) ** 2 * np.eye(3), (len(track.lag), 3, 3))
+        points = setup.model.pose(predicted.bodies).markers[0] + track.lag
+        forecast = Expectation(points, spread, track.visible)
+        naming = name(view, forecast, predicted, setup, step1_only=True, fixed=fixed)
     with setup.clock("fit"):
         subject, state = refit(naming, predicted, setup, FOLLOWING_STEPS, prior)
         expected = expect(subject, state, setup)
@@ -213,13 +216,6 @@ def follower_of(setup: Setup) -> Follower:
         model, setup.sight, setup.prior, capsules, setup.marker_sd, anchor, setup.rules, DAMPING, CONDITION,
         LABEL_STEPS, numbers,
     )  # fmt: skip
-
-
-def _forecast(predicted: Subject, track: Track, setup: Setup) -> Expectation:
-    """Where the markers should be before the frame is looked at."""
-    posed = setup.model.pose(predicted.bodies)
-    spread = np.broadcast_to((TRACKING.marker_sd_m * setup.pace) ** 2 * np.eye(3), (len(track.lag), 3, 3))
-    return Expectation(posed.markers[0] + track.lag, spread, track.visible)
 
 
 def advanced(

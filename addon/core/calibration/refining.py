@@ -79,12 +79,17 @@ def refine_cameras(
         rounds += 1
         places, more = check.moved, rounds < REFINING_ROUNDS
         if places and more:
-            given = _with_places(given, places)
+            rotation, translation = given.rotation.copy(), given.translation.copy()
+            for index, place in places.items():
+                rotation[index], translation[index] = place.rotation, place.translation
+            given = replace(given, rotation=rotation, translation=translation)
             continue
         yield span[1], "adjust the cameras"
         with threadpool_limits(1, user_api="blas"):
             fitted, kept_back = (_seen(parts, labelled, cameras, first) for first in (0, 1))
-            adjusted_now = _adjusted(cameras, given, fitted)
+            chosen = fitted.spread(given)
+            free = chosen.blobs(len(given)) >= CAMERA_HEALTH.enough
+            adjusted_now = held(cameras, adjusted(given, chosen, free), chosen)
             still = _image_shift(given, adjusted_now, fitted) < MARKER_LIMITS.noise_px
         given = adjusted_now
         if still or not more:
@@ -135,13 +140,6 @@ def _refuse_nobody(check: CameraCheck, name: str):
         )
 
 
-def _with_places(cameras: Cameras, places: dict) -> Cameras:
-    rotation, translation = cameras.rotation.copy(), cameras.translation.copy()
-    for index, place in places.items():
-        rotation[index], translation[index] = place.rotation, place.translation
-    return replace(cameras, rotation=rotation, translation=translation)
-
-
 def _seen(parts: Sequence[Blobs], labelled: Sequence[LabelledChunk], cameras: Cameras, first: int) -> Sightings:
     """What every other part shows, from the first or the second on."""
     pairs = [(part, chunk.labels) for part, chunk in zip(parts, labelled, strict=True)]
@@ -152,13 +150,6 @@ def _seen(parts: Sequence[Blobs], labelled: Sequence[LabelledChunk], cameras: Ca
             "more, so a longer take, or more cameras that look at the same place"
         )
     return found
-
-
-def _adjusted(before: Cameras, given: Cameras, fitted: Sightings) -> Cameras:
-    """The cameras adjusted, in the world that they were in before."""
-    chosen = fitted.spread(given)
-    free = chosen.blobs(len(given)) >= CAMERA_HEALTH.enough
-    return held(before, adjusted(given, chosen, free), chosen)
 
 
 def _image_shift(one: Cameras, other: Cameras, seen: Sightings) -> float:
@@ -182,16 +173,6 @@ def _judged(
         better = gain > SIGMAS * np.maximum(old, MARKER_LIMITS.noise_px) / np.sqrt(count)
     refined = bool(better.any() and np.nanmean(gain) > 0)
     cameras, errors = (after, new) if refined else (before, old)
-    turn = np.linalg.norm(cameras.rotation - before.rotation, axis=(1, 2)) / np.sqrt(8)
-    return Refinement(
-        cameras,
-        refined,
-        old,
-        errors,
-        count,
-        np.linalg.norm(cameras.centres - before.centres, axis=1),
-        2 * np.arcsin(turn),
-        rounds,
-        frames,
-        doubts,
-    )
+    shifted = np.linalg.norm(cameras.centres - before.centres, axis=1)
+    turned = 2 * np.arcsin(np.linalg.norm(cameras.rotation - before.rotation, axis=(1, 2)) / np.sqrt(8))
+    return Refinement(cameras, refined, old, errors, count, shifted, turned, rounds, frames, doubts)

@@ -79,21 +79,16 @@ class Sightings:
         chosen[order[:SIGHTED_POINTS]] = True
         return self.kept(chosen & sound)
 
-    def misses(self, cameras: Cameras) -> np.ndarray:
-        """(N,) px between each blob and where its camera sees the point that the rays of all cameras make."""
-        points = self.met(cameras)
-        off = np.full(len(self.camera), np.nan)
+    def errors(self, cameras: Cameras) -> np.ndarray:
+        """(C,) px: how far each camera's blobs are from where it sees the points that all rays make, median; or NaN."""
+        points, errors = self.met(cameras), np.full(len(cameras), np.nan)
         for index in np.unique(self.camera):
             mine = self.camera == index
             seen = cameras.select([index]).project(points[self.point[mine]])[0]
-            off[mine] = np.linalg.norm(seen - self.xy[mine], axis=1)
-        return off
-
-    def errors(self, cameras: Cameras) -> np.ndarray:
-        """(C,) px: each camera's reprojection error, the median of `misses`; NaN without blobs."""
-        off = self.misses(cameras)
-        of_each = [off[(self.camera == index) & np.isfinite(off)] for index in range(len(cameras))]
-        return np.array([np.median(part) if len(part) else np.nan for part in of_each])
+            off = np.linalg.norm(seen - self.xy[mine], axis=1)
+            if np.isfinite(off).any():
+                errors[index] = np.nanmedian(off)
+        return errors
 
     def blobs(self, count: int) -> np.ndarray:
         """(C,) how many blobs each of C cameras has."""

@@ -31,15 +31,11 @@ PACKING = LaneOptions()
 
 @dataclass(frozen=True, eq=False)
 class Lanes:
-    """Where each of P trajectories of a take stands: in one lane, from its first point to its last.
+    """Where each of P trajectories of a take stands: in one lane, from its first point to its last."""
 
-    lane         (P,) which
-    first, last  (P,) frames, both included, 0-based; of a trajectory without a point, the last is -1
-    """
-
-    lane: np.ndarray
-    first: np.ndarray
-    last: np.ndarray
+    lane: np.ndarray  # (P,) which
+    first: np.ndarray  # (P,) frame, 0-based, and
+    last: np.ndarray  # (P,) the same, included; -1 of a trajectory without a point
 
     @classmethod
     def each(cls, count: int, frames: int) -> Self:

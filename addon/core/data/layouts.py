@@ -7,20 +7,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Site:
-    """Where a marker sits.
+    """Where a marker sits."""
 
-    segment  of the body, such as thigh.L
-    place    a landmark of the segment; or one or two sides of the segment with a space between, and `along`
-    along    from the segment's own joint, 0, to the next, 1; None at a landmark
-    side     L or R of a landmark that a segment in the middle has on both sides; empty for none
-    off_m    m, from the skin to the marker, as on a wand
-    """
-
-    segment: str
-    place: str
-    along: float | None = None
-    side: str = ""
-    off_m: float = 0.0  # format: most markers are on the skin
+    segment: str  # of the body, such as thigh.L
+    place: str  # a landmark of the segment; or one or two sides of the segment with a space between, and `along`
+    along: float | None = None  # from the segment's own joint, 0, to the next, 1; None at a landmark
+    side: str = ""  # L or R of a landmark that a segment in the middle has on both sides; empty for none
+    off_m: float = 0.0  # m, from the skin to the marker, as on a wand; format: most markers are on the skin
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,11 +34,7 @@ Steps = Generator[Progress | Stage | float | tuple[float, str], None, Result]
 
 
 def within(
-    work: Steps[Result],
-    first: float,
-    last: float,
-    note: str = "",
-    spans: Mapping[str, tuple[float, float]] = NO_SPANS,
+    work: Steps[Result], first: float, last: float, note: str = "", spans: Mapping[str, tuple[float, float]] = NO_SPANS
 ) -> Generator[Progress, None, Result]:
     """Work as part of a whole, from `first` to `last` of it; gives its result.
 

@@ -135,8 +135,7 @@ class Labels:
 
     def sure(self, target: float) -> np.ndarray:
         """The markers to accept so that a part `target` of them is right, NO_MARKER elsewhere."""
-        measured = np.zeros(self.marker.shape) if self.rate is None else self.rate
-        return np.where(measured >= target, self.marker, NO_MARKER)
+        return np.where(self.measured_rate >= target, self.marker, NO_MARKER)
 
 
 def placed(marker: np.ndarray, points: np.ndarray, markers: int) -> np.ndarray:

@@ -187,17 +187,11 @@ def _when(edit: Edit) -> str:
 
 def joined(chunks: Iterable[tuple[EditOutcome, ...]]) -> tuple[EditOutcome, ...]:
     """What became of edits over the chunks of a take: the labels of all, and of an edit that found none why."""
-    found: tuple[EditOutcome, ...] = ()
-    for outcomes in chunks:
-        found = tuple(map(_both, found, outcomes)) if found else outcomes
-    return found
-
-
-def _both(one: EditOutcome, two: EditOutcome) -> EditOutcome:
-    count = one.labels + two.labels
-    if count:
-        return EditOutcome(one.kind, count)
-    return one if NOT_AMONG in two.reason else two
+    found = []
+    for outcomes in zip(*chunks, strict=True):
+        count, told = sum(one.labels for one in outcomes), [one for one in outcomes if NOT_AMONG not in one.reason]
+        found.append(EditOutcome(outcomes[0].kind, count) if count else (told or outcomes[:1])[-1])
+    return tuple(found)
 
 
 def summary_of(outcomes: Iterable[EditOutcome]) -> dict:

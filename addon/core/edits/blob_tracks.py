@@ -127,18 +127,12 @@ class BlobTracks:
     def _with_trail(self, edit: BlobEdit) -> BlobEdit:
         key = (edit.camera, edit.frame, edit.x, edit.y, edit.frames)
         if key not in self._trails:
-            self._trails[key] = self._trail(edit)
+            own = self.camera(self.cameras.index(edit.camera))
+            found = own.at(edit.frame, edit.x, edit.y)
+            track = np.zeros(0, int) if found is None else own.track(edit.frame, found, edit.span)
+            number = self.blobs.frames[self.blobs.frame[own.rows[track]]]
+            self._trails[key] = np.column_stack([number, own.xy[track]]).astype(float)
         return replace(edit, trail=self._trails[key])
-
-    def _trail(self, edit: BlobEdit) -> np.ndarray:
-        """(K, 3) frame, x and y px of the track of an edit's blob; none where it finds no blob."""
-        own = self.camera(self.cameras.index(edit.camera))
-        found = own.at(edit.frame, edit.x, edit.y)
-        if found is None:
-            return np.empty((0, 3))
-        track = own.track(edit.frame, found, edit.span)
-        number = self.blobs.frames[self.blobs.frame[own.rows[track]]]
-        return np.column_stack([number, own.xy[track]]).astype(float)
 
 
 def wants_tracks(edits: Edits) -> Mapping[str, tuple[int, int]]:

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How good a labelling is, in the contract's figures, when the truth is known."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 
 import numpy as np
 
@@ -27,10 +28,13 @@ class Counts:
 
     def as_dict(self) -> dict[str, float | int | None]:
         """The contract's figures by name, None where there is nothing to divide by, and the counts behind them."""
+        precision, recall, f1 = _ratio(self.right, self.given), _ratio(self.found, self.present), None
+        if precision is not None and recall is not None:
+            f1 = 2 * precision * recall / (precision + recall) if precision + recall else 0.0
         return {
-            "precision": _ratio(self.right, self.given),
-            "recall": _ratio(self.found, self.present),
-            "f1": _f1(_ratio(self.right, self.given), _ratio(self.found, self.present)),
+            "precision": precision,
+            "recall": recall,
+            "f1": f1,
             "false_assignments": _ratio(self.given - self.right, self.given),
             "false_occlusions": _ratio(self.missed, self.absent),
             "perfect_frames": _ratio(self.frames - self.spoilt, self.frames),
@@ -56,7 +60,7 @@ class Figures:
 
     def __post_init__(self):
         self._index: dict[str, int] = {name: index for index, name in enumerate(self.markers or ())}
-        self._texts = _Numbers()
+        self._texts: defaultdict[str, int] = defaultdict(count().__next__)  # numbered as they are first asked for
         self._members: list[tuple[int, ...]] = []
         self._total = np.zeros(5, dtype=np.int64)  # labels, right ones, blobs of markers, frames, frames with errors
         self._views = 0
@@ -80,11 +84,13 @@ class Figures:
         lengths = {len(column) for column in (frame, camera, labels, truth, step) if column is not None}
         if len(lengths) != 1:
             raise ValueError("columns of different lengths; expected one value for every blob")
-        label = self._codes(labels)
+        known = {name: self._code(name) for name in set(labels)}
+        label = np.fromiter(map(known.__getitem__, labels), dtype=np.int64, count=len(labels))
         text = self._text_codes(truth)
         frames, frame_of = np.unique(np.asarray(frame), return_inverse=True)
         views, view = _views(frame_of, camera)
-        self._grow()
+        room = np.zeros((len(self._index) - len(self._names), self._names.shape[1]), dtype=np.int64)
+        self._names = np.concatenate([self._names, room])  # for names that were not there before
         rows = _Rows(frame_of, view, label, text, *self._truth_tables())
         self._count(rows, len(frames), views)
         if step is not None:
@@ -132,11 +138,6 @@ class Figures:
         known = self.markers is None or (subject and self.aliases.get(own, own) in self._index)
         return self._index.setdefault(name, len(self._index)) if known else self._index.get(name, FOREIGN)
 
-    def _codes(self, labels: Sequence[str]) -> np.ndarray:
-        """(N,) marker numbers of labels."""
-        known: dict[str, int] = {name: self._code(name) for name in set(labels)}
-        return np.fromiter(map(known.__getitem__, labels), dtype=np.int64, count=len(labels))
-
     def _text_codes(self, truth: Sequence[str]) -> np.ndarray:
         """(N,) numbers of truth texts; `_members` has the markers that each stands for."""
         codes = np.fromiter(map(self._texts.__getitem__, truth), dtype=np.int64, count=len(truth))
@@ -144,11 +145,6 @@ class Figures:
             codes_of = (self._code(name) for name in text.split("|"))
             self._members.append(tuple(sorted({code for code in codes_of if code >= 0})))
         return codes
-
-    def _grow(self):
-        """Makes room for names that were not there before."""
-        room = np.zeros((len(self._index) - len(self._names), self._names.shape[1]), dtype=np.int64)
-        self._names = np.concatenate([self._names, room])
 
     def _truth_tables(self) -> tuple[np.ndarray, np.ndarray]:
         """(texts, markers) whether a text stands for a marker; and the members of the texts, (members, 2) pairs."""
@@ -199,14 +195,6 @@ class Figures:
             before[1] += int((rows.right & chosen).sum())
 
 
-class _Numbers(dict):
-    """Numbers keys in the order in which they are first asked for."""
-
-    def __missing__(self, key):
-        self[key] = number = len(self)
-        return number
-
-
 class _Rows:
     """The blobs of one call: frame, view and label (N,) as whole numbers, and how label and truth agree."""
 
@@ -239,9 +227,3 @@ def _views(frame: np.ndarray, camera: Sequence | None) -> tuple[int, np.ndarray]
 
 def _ratio(part: int, whole: int) -> float | None:
     return part / whole if whole else None
-
-
-def _f1(precision: float | None, recall: float | None) -> float | None:
-    if precision is None or recall is None:
-        return None
-    return 2 * precision * recall / (precision + recall) if precision + recall else 0.0

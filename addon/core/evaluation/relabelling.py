@@ -15,20 +15,9 @@ from ..points.naming import chosen_method
 from ..points.whole_take.pipeline import PointOptions, label_take
 
 NO_NAME, UNTOLD = -1, -2  # a point that is known to be none of the named; one of which nobody knows
-
-
-@dataclass(frozen=True)
-class RelabelOptions:
-    """How a take is made one without names."""
-
-    # s from its middle that are labelled again; physical: of a gait or sports trial that is all of it
-    max_s: float = 60.0  # physical
-    # s of a trajectory at most; physical: raw trajectories break about as often, and a whole one would be named by
-    # its easiest moment
-    piece_s: float = 2.0  # physical
-
-
-RELABELLING = RelabelOptions()
+RELABELLED_S = 60.0  # physical: from a take's middle that are labelled again; of a gait or sports trial that is all
+# physical: of a trajectory at most; raw ones break about as often, and a whole one would be named by its easiest moment
+PIECE_S = 2.0  # physical
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,38 +31,32 @@ class KnownNames:
 
 
 def without_names(
-    name: str, names: Sequence[str], points: Points, truth: np.ndarray, options: RelabelOptions = RELABELLING
+    name: str,
+    names: Sequence[str],
+    points: Points,
+    truth: np.ndarray,
+    most_s: float = RELABELLED_S,
+    piece_s: float = PIECE_S,
 ) -> KnownNames:
     """A take of trajectories (T, P), each in a lane of its own, as if nobody had named it; `truth` (T, P) says who is.
 
     The same take is always cut and shuffled the same way.
     """
-    middle = _middle(len(truth), max(round(options.max_s * points.rate), 1))
+    most = min(len(truth), max(round(most_s * points.rate), 1))
+    middle = slice((len(truth) - most) // 2, (len(truth) + most) // 2)
     chance = np.random.default_rng(points.xyz.shape[1])
     order = chance.permutation(points.xyz.shape[1])
     xyz, residual = points.xyz[middle][:, order], points.residual[middle][:, order]
-    longest = max(round(options.piece_s * points.rate), 1)
+    longest = max(round(piece_s * points.rate), 1)
     pieces = []
     for lane, there in enumerate(np.isfinite(xyz).all(axis=2).T):
         # Not all at once: then a frame would be where everything begins.
         ends = np.arange(int(chance.integers(1, longest + 1)), len(there), longest)
         pieces += [(lane, *piece) for piece in _pieces(there, ends)]
     lane, first, last = np.array(pieces, int).reshape(-1, 3)[chance.permutation(len(pieces))].T
-    unnamed = Points(
-        ("",) * len(pieces),
-        xyz,
-        residual,
-        points.rate,
-        points.first_frame + middle.start,
-        np.arange(len(pieces)),
-        Lanes(lane, first, last),
-    )
+    lanes, begin = Lanes(lane, first, last), points.first_frame + middle.start
+    unnamed = Points(("",) * len(pieces), xyz, residual, points.rate, begin, np.arange(len(pieces)), lanes)
     return KnownNames(name, tuple(names), unnamed, truth[middle][:, order])
-
-
-def _middle(frames: int, most: int) -> slice:
-    start = max(frames - most, 0) // 2
-    return slice(start, start + min(frames, most))
 
 
 def _pieces(there: np.ndarray, ends: np.ndarray) -> list[tuple[int, int]]:

@@ -118,11 +118,7 @@ class SubjectMarkers:
 
 
 def fill_subjects(
-    xyz: np.ndarray,
-    rate: float,
-    options: FillOptions,
-    subjects: Sequence[SubjectMarkers],
-    rays: MarkerRays = NO_RAYS,
+    xyz: np.ndarray, rate: float, options: FillOptions, subjects: Sequence[SubjectMarkers], rays: MarkerRays = NO_RAYS
 ) -> Generator[float, None, FilledTake]:
     """The same of the markers (T, M, 3) m of several subjects, each by itself: no body moves as another."""
     whole, filled, gaps, left = xyz.copy(), np.zeros(xyz.shape[:2], bool), [], []

@@ -28,18 +28,9 @@ class NeighbourOptions:
 
 
 LEARNED_BY = NeighbourOptions()
-
-
-@dataclass(frozen=True)
-class StrayOptions:
-    """Which samples cannot be the marker's, by how it would have to get there."""
-
-    # s that strays last at most, then it is the marker's own path or another's; half and twice of it find the same in
-    # 43 recorded takes
-    longest_s: float = 0.2  # measured
-
-
-STRAYS = StrayOptions()
+# s that strays last at most, then it is the marker's own path or another's; half and twice of it find the same in 43
+# recorded takes
+STRAYS_LAST_S = 0.2  # measured
 
 
 @dataclass(frozen=True, order=True)
@@ -107,7 +98,7 @@ def _beyond_reach(path: np.ndarray, at: np.ndarray, rate: float) -> tuple[np.nda
         return at[:0], at[:0]
     pieces = np.split(at, np.flatnonzero((np.diff(at) > 1) | leaps) + 1)
     most = max(len(piece) for piece in pieces)
-    long = [min(most, STRAYS.longest_s * rate) <= len(piece) for piece in pieces]
+    long = [min(most, STRAYS_LAST_S * rate) <= len(piece) for piece in pieces]
     strays, jumps, before = [at[:0]], [], None
     behind = np.append(np.flatnonzero(long), len(pieces))
     for index, piece in enumerate(pieces):

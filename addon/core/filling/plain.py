@@ -19,16 +19,8 @@ from ..geometry.rigid import MIN_POINTS, laid_on
 from ..posing.posing import POSING, pose_subject, subject_of
 from .gaps import LEARNED_BY, Gap, KnownMarkers
 
-
-@dataclass(frozen=True)
-class PlainOptions:
-    """What the usual ways look at."""
-
-    spline_side: int = 8  # measured: frames at either side of a gap that a spline goes through; 4 err as much
-    pca_share: float = 0.9999  # measured: of the variance that components are kept for; 0.999 errs as much
-
-
-PLAIN_FILLING = PlainOptions()
+SPLINE_SIDE = 8  # measured: frames at either side of a gap that a spline goes through; 4 err as much
+PCA_SHARE = 0.9999  # measured: of the variance that components are kept for; 0.999 errs as much
 SLOPE = 2  # frames at either side that a cubic spline has its slopes from; of fewer the shape is kept
 
 
@@ -36,8 +28,8 @@ def spline(take: KnownMarkers, gap: Gap, _: np.ndarray, own: np.ndarray) -> np.n
     """A cubic spline through the frames around; shape-preserving where they are too few. Never beyond them."""
     from scipy.interpolate import CubicSpline, PchipInterpolator
 
-    before = np.flatnonzero(own[: gap.start])[-PLAIN_FILLING.spline_side :]
-    after = gap.stop + np.flatnonzero(own[gap.stop :])[: PLAIN_FILLING.spline_side]
+    before = np.flatnonzero(own[: gap.start])[-SPLINE_SIDE:]
+    after = gap.stop + np.flatnonzero(own[gap.stop :])[:SPLINE_SIDE]
     if not len(before) or not len(after):
         return None
     at = np.r_[before, after]
@@ -85,7 +77,7 @@ def pca(take: KnownMarkers, gap: Gap, neighbours: np.ndarray, own: np.ndarray) -
     mean = whole.mean(axis=0)
     values, axes = np.linalg.eigh((whole - mean).T @ (whole - mean))
     values = np.maximum(values[::-1], 0)
-    kept = 1 + int(np.searchsorted(np.cumsum(values), PLAIN_FILLING.pca_share * values.sum()))
+    kept = 1 + int(np.searchsorted(np.cumsum(values), PCA_SHARE * values.sum()))
     axes = axes[:, ::-1][:, :kept]
     around, middle = _about_middle(take.xyz[part][:, neighbours])
     weights = np.linalg.lstsq(axes[:-3], (around - mean[:-3]).T, rcond=None)[0]

@@ -84,15 +84,9 @@ def rays_of(blobs: Blobs, labels: Labels, cameras: Cameras, missing: np.ndarray)
     usable = np.isfinite(image).all(axis=1)
     rows, image = rows[usable], image[usable]
     camera = blobs.camera[rows]
-    ahead = cameras.directions(image, camera)
-    found = MarkerRays(
-        labels.marker[rows].astype(int),
-        blobs.frame[rows],
-        cameras.centres[camera],
-        ahead,
-        MARKER_LIMITS.noise_px / cameras.focal[camera],
-    )
-    return MarkerRays.join([(0, found)])
+    ahead, spread = cameras.directions(image, camera), MARKER_LIMITS.noise_px / cameras.focal[camera]
+    marker, frame = labels.marker[rows].astype(int), blobs.frame[rows]
+    return MarkerRays.join([(0, MarkerRays(marker, frame, cameras.centres[camera], ahead, spread))])
 
 
 def constrained(
@@ -150,19 +144,14 @@ def _prior(gap: Gap, around: slice, own: np.ndarray, rate: float, deviation: flo
     time = np.arange(around.start, around.stop) / rate
     ends = (np.array(gap.ends(own)) - gap.start) / rate
     whole = np.concatenate([time, ends])
-    alike = _matern(np.abs(whole[:, None] - whole))
+    apart = np.sqrt(3) * np.abs(whole[:, None] - whole) / RAY_LIMITS.lasts_s
+    alike = (1 + apart) * np.exp(-apart)
     inner, beside = alike[: len(time), : len(time)], alike[: len(time), len(time) :]
     if len(ends):
         at_ends = alike[len(time) :, len(time) :] + (MARKER_LIMITS.noise_m / deviation) ** 2 * np.eye(len(ends))
         inner = inner - beside @ np.linalg.solve(at_ends, beside.T)
     # The error that is expected is the mean over the gap, ends and middle.
     return inner * (deviation**2 / np.diag(inner).mean())
-
-
-def _matern(apart: np.ndarray) -> np.ndarray:
-    """How alike an error is at times that are so many seconds apart."""
-    scaled = np.sqrt(3) * apart / RAY_LIMITS.lasts_s
-    return (1 + scaled) * np.exp(-scaled)
 
 
 def _likeliest(

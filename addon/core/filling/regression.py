@@ -235,16 +235,11 @@ def regress(
     off = in_axes(turn[:count], place[:count], take.xyz[rows, gap.marker][:, None])[:, 0] - model.middle
     there = model.middle + across @ cho_solve(factor, off)
     explained = (solve_triangular(factor[0], across.T, lower=True) ** 2).sum(axis=0)
-    before = _variance_alone(features[count:], model)
+    zero = np.zeros(len(across))
+    # What each frame may vary by before any other is looked at.
+    before = Alikeness((features[count:] ** 2).sum(axis=1), zero, zero, model.variance).covariance(model.scales)
     positions = np.einsum("fij,fj->fi", turn[count:], there) + place[count:]
     return positions, np.sqrt(np.maximum(before - explained, 0) + np.exp(2 * model.scales[7]))
-
-
-def _variance_alone(features: np.ndarray, model: MarkerModel) -> np.ndarray:
-    """(L,) m², what each frame may vary by before any other is looked at."""
-    zero = np.zeros(len(features))
-    alike = Alikeness((features**2).sum(axis=1), zero, zero, model.variance)
-    return alike.covariance(model.scales)
 
 
 def _axes(form: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

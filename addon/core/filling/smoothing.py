@@ -13,13 +13,6 @@ from ..review.suspects import runs
 FILTER_ORDER = 2  # of the source above; it runs twice, once forth, once back, so that nothing lags
 
 
-def cutoff_of_one_run(cutoff: float, rate: float) -> float:
-    """Hz, so that after both runs the amplitude at `cutoff` is down by 3 dB."""
-    # The filter made of samples bends frequencies by a tangent, and is exact where it was asked to be.
-    bent = np.tan(np.pi * cutoff / rate) / (np.sqrt(2) - 1) ** (1 / (2 * FILTER_ORDER))
-    return float(rate / np.pi * np.arctan(bent))
-
-
 def smoothed(xyz: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
     """Trajectories (T, M, 3) m, NaN where missing, without what is faster than `cutoff`, Hz.
 
@@ -30,7 +23,10 @@ def smoothed(xyz: np.ndarray, rate: float, cutoff: float) -> np.ndarray:
     if not 0 < cutoff < rate / 2:
         words = f"the cut-off of the smoothing is {cutoff:g} Hz at {rate:g} frames a second"
         raise InputError(f"{words}; expected one above 0 and below {rate / 2:g} Hz, half of that")
-    sections = butter(FILTER_ORDER, cutoff_of_one_run(cutoff, rate), fs=rate, output="sos")
+    # After both runs the amplitude at the cut-off is down by 3 dB. The filter made of samples bends frequencies by a
+    # tangent, and is exact where it was asked to be.
+    bent = np.tan(np.pi * cutoff / rate) / (np.sqrt(2) - 1) ** (1 / (2 * FILTER_ORDER))
+    sections = butter(FILTER_ORDER, rate / np.pi * np.arctan(bent), fs=rate, output="sos")
     calm, present = xyz.copy(), np.isfinite(xyz).all(axis=2)
     for marker in range(xyz.shape[1]):
         for start, stop in _long_stretches(present[:, marker]):

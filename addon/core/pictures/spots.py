@@ -64,17 +64,13 @@ class Spots:
 
 def brightness_of(pictures: Sequence[np.ndarray], options: SpotOptions) -> Brightness:
     """Background and threshold of a camera by some of its pictures (H, W), from 0 to 1."""
-    backgrounds, noises, peaks = [], [], []
-    for picture in pictures:
-        middle = float(np.median(picture))
-        backgrounds.append(middle)
-        noises.append(MEDIAN_SD * float(np.median(np.abs(picture - middle))))
-        peaks.append(float(picture.max()))
-    background = float(np.median(backgrounds))
+    middles = [float(np.median(picture)) for picture in pictures]
+    noises = [MEDIAN_SD * float(np.median(np.abs(one - own))) for one, own in zip(pictures, middles, strict=True)]
+    background = float(np.median(middles))
     if options.threshold is not None:
         return Brightness(min(background, options.threshold), options.threshold)
     above = max(
-        options.peak_share * (float(np.median(peaks)) - background),
+        options.peak_share * (float(np.median([float(picture.max()) for picture in pictures])) - background),
         options.noises * float(np.median(noises)),
         options.min_contrast,
     )

@@ -17,7 +17,7 @@ from ..geometry.views import Sight, split_views
 from ..points.models import Model
 from ..points.naming import chosen_method, namer_of
 from ..points.refusals import REFUSAL, SubjectsError, UnsuitedError, is_crowd, refuse_others, refuse_two_groups
-from ..reconstruction.matching import Circumstances, Matcher
+from ..reconstruction.matching import Circumstances, Matcher, padded
 from ..reconstruction.trajectories import RECONSTRUCTION
 
 FIRST = 4  # frames of a take's beginning, whose points are counted before any is named, in 0.1 s
@@ -85,12 +85,9 @@ class OtherSubjects:
         frames = [crowded[index] for index in evenly_spread(len(crowded), count)]
         sight, believed = Sight(self.cameras), self._circumstances()
         views = split_views(Blobs.join(frames), self.cameras)
-        matched = [Matcher([view], sight, self.cameras.size, believed) for view in views]
-        found = [one.match(0, 1).points for one in matched]
-        points = np.full((len(found), max(map(len, found)), 3), np.nan)
-        for frame, own in enumerate(found):
-            points[frame, : len(own)] = own
-        return points
+        found = [Matcher([view], sight, self.cameras.size, believed).match(0, 1).points for view in views]
+        frame = np.repeat(np.arange(len(found)), [len(points) for points in found])
+        return padded(np.concatenate(found), frame, len(found), np.nan)
 
     def _circumstances(self) -> Circumstances:
         """What the capture is like, by how far the rays of named blobs miss where they meet."""

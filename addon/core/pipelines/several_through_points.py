@@ -34,19 +34,17 @@ from .points_of_blobs import PointsOfBlobs, without_number
 class CheckingBackOptions:
     """When a blob keeps the name of its point. Costs are in nats: half the square of a distance over the blobs' noise.
 
-    hidden    measured: what it costs that a body is in the way: nobody's body is exactly the model's, so a blob that
-              goes well with its marker's other blobs keeps its name all the same
-    most      measured: beyond which a blob is not its marker's, and
-    lead      measured: by which it must be cheaper than by any marker of somebody else that can be seen there: else
-              both explain it about as well, as where images melt into one blob. All three were chosen on the first
-              four takes of each kind in tests/accuracy/actors.py
-    share     measured: of the time of the work that is reconstruction
+    The first three were chosen on the first four takes of each kind in tests/accuracy/actors.py.
     """
 
-    hidden: float = 15.0
-    most: float = 24.0
-    lead: float = 2.0
-    share: float = 0.4
+    # what it costs that a body is in the way: nobody's body is exactly the model's, so a blob that goes well with its
+    # marker's other blobs keeps its name all the same
+    hidden: float = 15.0  # measured
+    most: float = 24.0  # measured: beyond which a blob is not its marker's, and
+    # by which it must be cheaper than by any marker of somebody else that can be seen there: else both explain it about
+    # as well, as where images melt into one blob
+    lead: float = 2.0  # measured
+    share: float = 0.4  # measured: of the time of the work that is reconstruction
 
 
 CHECKING_BACK = CheckingBackOptions()

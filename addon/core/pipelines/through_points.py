@@ -27,12 +27,7 @@ VOTING_FRAMES = 1024  # whose trajectories vote together, so that memory does no
 
 
 def label_through_points(
-    chunks: Iterable[Blobs],
-    cameras: Cameras,
-    model: Model,
-    rate: float,
-    options: PointOptions,
-    edits: Edits = NO_EDITS,
+    chunks: Iterable[Blobs], cameras: Cameras, model: Model, rate: float, options: PointOptions, edits: Edits = NO_EDITS
 ) -> Iterator[LabelledChunk]:
     """Names the blobs of a take as `blobs.pipeline.label_take` does: a `LabelledChunk` for each chunk, in their order.
 

@@ -37,22 +37,15 @@ ADVICE = AdviceOptions()
 
 @dataclass(frozen=True, eq=False)
 class Advice:
-    """One change of a marker set.
+    """One change of a marker set."""
 
-    marker   the marker to move
-    segment  index of the segment that carries it
-    old, new (3,) heights, in the segment's axes
-    pair     the two markers that it is for
-    before, after  the pair's separation, standard deviations, when earlier advice has been taken
-    """
-
-    marker: str
-    segment: int
-    old: np.ndarray
-    new: np.ndarray
-    pair: tuple[str, str]
-    before: float
-    after: float
+    marker: str  # the marker to move
+    segment: int  # index of the segment that carries it
+    old: np.ndarray  # (3,) heights, in the segment's axes, and
+    new: np.ndarray  # (3,) the same
+    pair: tuple[str, str]  # the two markers that it is for
+    before: float  # the pair's separation, standard deviations, when earlier advice has been taken, and
+    after: float  # with this as well
 
     def shift(self, markerset: MarkerSet) -> np.ndarray:
         """(3,) m from the old to the new place on a mean person: forward, left and up of the body at rest."""

@@ -56,19 +56,14 @@ HOLD = 1e9  # 1/m², holds a column against any data, yet is not so large that t
 POSING = PosingOptions()
 
 
-def fit_points(
-    model: BodyModel,
-    points: Table,
-    subject_frames: int = POSING.subject_frames,
-    make_table: MakeTable = IN_MEMORY,
-) -> Bodies:
+def fit_points(model: BodyModel, points: Table) -> Bodies:
     """T bodies of one subject posed on its markers.
 
     points (T, M, 3) m, NaN where missing, in the marker set's order. Scale, shape and own offsets are the same in every
-    body. A frame with too few markers gets NaN translation, quaternion and bends. Size and shape are taken from so many
-    `subject_frames`; `make_table` says where the poses are kept. Raises ValueError when no frame has more.
+    body. A frame with too few markers gets NaN translation, quaternion and bends. Raises ValueError when no frame has
+    more.
     """
-    return finished(fit_in_steps(model, points, Prior(model), subject_frames, make_table))
+    return finished(fit_in_steps(model, points, Prior(model)))
 
 
 def fit_in_steps(
@@ -79,13 +74,16 @@ def fit_in_steps(
     make_table: MakeTable = IN_MEMORY,
     subject: Bodies | None = None,
 ) -> Generator[float, None, Bodies]:
-    """What `fit_points` does, a little at a time; yields the share that is done. The `subject` may be known already."""
+    """What `fit_points` does, a little at a time; yields the share that is done. The `subject` may be known already.
+
+    Else its size and shape are taken from so many `subject_frames`. `make_table` says where the poses are kept.
+    """
     enough = np.flatnonzero(markers_there(points) >= POSING.min_markers)
     if subject is None:
         subject = subject_of(model, points, prior, subject_frames)
     count = _counter(len(enough))
     poses = {name: (len(points), *getattr(subject, name).shape[1:]) for name in ("translation", "quaternion", "bends")}
-    fields = {name: _each(getattr(subject, name), len(points)) for name in ("scale", "shape", "own")}
+    fields = _same_in(subject, len(points))
     for name, shape in poses.items():
         fields[name] = make_table(shape, float)
         for rows in blocks(len(points), int(np.prod(shape[1:]))):
@@ -115,7 +113,9 @@ def subject_of(model: BodyModel, points: Table, prior: Prior, frames: int = POSI
     enough = np.flatnonzero(there >= POSING.min_markers)
     if not len(enough):
         raise ValueError("no frame has enough markers to pose a body on")
-    return fit_subject(model, points[_fullest(there, enough, frames)], prior).pick(slice(0, 1))
+    stretches = np.array_split(enough, min(frames, len(enough)))
+    fullest = np.array([stretch[np.argmax(there[stretch])] for stretch in stretches])
+    return fit_subject(model, points[fullest], prior).pick(slice(0, 1))
 
 
 def fit_subject(model: BodyModel, points: np.ndarray, prior: Prior) -> Bodies:
@@ -162,12 +162,12 @@ def _pose_in_steps(
         start = _between(posed, keys, len(points))
         posed = yield from _fit_batches(stiff, start, points, held, NEAR_STEPS, count)
         posed = yield from _tried_again(stiff, posed, points, held, count)
-    return replace(
-        posed,
-        scale=_each(subject.scale, len(points)),
-        shape=_each(subject.shape, len(points)),
-        own=_each(subject.own, len(points)),
-    )
+    return replace(posed, **_same_in(subject, len(points)))
+
+
+def _same_in(subject: Bodies, count: int) -> dict[str, np.ndarray]:
+    """What is the same of one subject in every one of so many frames."""
+    return {name: _each(getattr(subject, name), count) for name in ("scale", "shape", "own")}
 
 
 def _each(values: np.ndarray, count: int) -> np.ndarray:
@@ -175,9 +175,9 @@ def _each(values: np.ndarray, count: int) -> np.ndarray:
     return np.broadcast_to(values, (count, *values.shape[1:]))
 
 
-def labelled_pull(points: np.ndarray, noise: float = POSING.marker_sd_m, reach: float = POSING.reach_m) -> PointPull:
+def labelled_pull(points: np.ndarray, noise: float = POSING.marker_sd_m) -> PointPull:
     """The data of a fit on labelled points (B, M, 3) m, NaN where missing."""
-    return PointPull(points, noise, reach)
+    return PointPull(points, noise, POSING.reach_m)
 
 
 def aligned(model: BodyModel, points: np.ndarray, prior: Prior) -> Bodies:
@@ -277,12 +277,6 @@ def _with_own(model: BodyModel, bodies: Bodies, points: np.ndarray) -> Bodies:
     return replace(bodies, own=bodies.own + shrinkage * mean)
 
 
-def _fullest(there: np.ndarray, enough: np.ndarray, count: int) -> np.ndarray:
-    """So many frames of those with `enough`, by how many markers show (T,): the fullest of each stretch."""
-    stretches = np.array_split(enough, min(count, len(enough)))
-    return np.array([stretch[np.argmax(there[stretch])] for stretch in stretches])
-
-
 def baked(model: BodyModel, subject: Bodies) -> MarkerSet:
     """The marker set of one subject: the mean is the subject, and no modes are left."""
     offsets = model.shaped_offsets(subject)[0]
@@ -325,11 +319,8 @@ def _fit_batches(
 
 def _until_still(model: BodyModel, start: Bodies, points: np.ndarray, steps: int, prior) -> Bodies:
     """Bodies moved on from where they start, each until it is still, so many steps at most."""
-
-    def pull_on(some: np.ndarray) -> PointPull:
-        return labelled_pull(points[some])
-
-    return fit_until_still(model, start, pull_on, steps, prior, STEPS_AT_ONCE, STILL_GAIN)
+    still = STEPS_AT_ONCE, STILL_GAIN
+    return fit_until_still(model, start, lambda some: labelled_pull(points[some]), steps, prior, *still)
 
 
 def _tried_again(

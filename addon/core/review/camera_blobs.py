@@ -18,7 +18,7 @@ class CameraBlobs:
     def __init__(self, cameras: Cameras):
         self.cameras, self.names = cameras, cameras.names
         count = len(cameras.names)
-        self._blobs, self._named, self._beside = (np.zeros(count, np.int64) for _ in range(3))
+        self.blobs, self._named, self._beside = (np.zeros(count, np.int64) for _ in range(3))
         self._errors = np.zeros((count, len(ERROR_EDGES) - 1), np.int64)
 
     def add(self, blobs: Blobs, labels: Labels, motion: Motion):
@@ -31,7 +31,7 @@ class CameraBlobs:
     def _add(self, frame, camera, xy, marker, motion: Motion, frames: slice):
         count = len(self.names)
         named = marker != NO_MARKER
-        self._blobs += np.bincount(camera, minlength=count)
+        self.blobs += np.bincount(camera, minlength=count)
         self._named += np.bincount(camera[named], minlength=count)
         own = camera[named], frame[named], marker[named]
         error = np.linalg.norm(self.cameras.project(motion.markers[frames])[own] - xy[named], axis=1)
@@ -49,10 +49,6 @@ class CameraBlobs:
             near = (away < MAX_OFF_BODY_M * self.cameras.focal[left[0], None] / ahead[left]).any(axis=1)
         self._beside += np.bincount(left[0][near], minlength=count)
 
-    def blobs_of(self, name: str) -> int:
-        """How many blobs a camera has."""
-        return int(self._blobs[self.names.index(name)])
-
     def figures(self) -> dict[str, dict]:
         """What a report says of each camera.
 
@@ -65,7 +61,7 @@ class CameraBlobs:
             place = int(np.searchsorted(upto, upto[-1] / 2))
             error = float(f"{np.sqrt(ERROR_EDGES[place] * ERROR_EDGES[place + 1]):.3g}")
             found[name] = {
-                "blobs": int(self._blobs[index]),
+                "blobs": int(self.blobs[index]),
                 "named_blobs": int(self._named[index]),
                 "unnamed_beside_markers": int(self._beside[index]),
                 "reprojection_px": error if upto[-1] else None,

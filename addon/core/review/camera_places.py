@@ -38,7 +38,10 @@ def find_again(camera: Cameras, points: np.ndarray, blobs: list[np.ndarray], lea
     `camera` is that one alone. None unless it has a blob for the share `least` of the points where it is found, and for
     fewer where its calibration says.
     """
-    image = _padded([camera.undistort(xy, np.zeros(len(xy), int)) for xy in blobs])
+    rays = [camera.undistort(xy, np.zeros(len(xy), int)) for xy in blobs]
+    image = np.full((len(rays), max(map(len, rays), default=0), 2), np.nan)
+    for index, part in enumerate(rays):
+        image[index, : len(part)] = part
     local = points @ camera.rotation[0].T + camera.translation[0]
     with np.errstate(invalid="ignore"):
         frame, marker = np.nonzero(_inside(camera, points) & (local[..., 2] > 0))
@@ -64,14 +67,6 @@ def _inside(camera: Cameras, points: np.ndarray) -> np.ndarray:
     with np.errstate(invalid="ignore"):
         inside = ((pixels > -margin) & (pixels < camera.size[0] + margin)).all(axis=-1)
         return inside & (np.einsum("fmi,fmi->fm", ideal, ideal) < camera.reach[0] ** 2)
-
-
-def _padded(rows: list[np.ndarray]) -> np.ndarray:
-    """(F, K, 2) of lists of (N, 2), NaN where there is nothing."""
-    table = np.full((len(rows), max(map(len, rows), default=0), 2), np.nan)
-    for index, part in enumerate(rows):
-        table[index, : len(part)] = part
-    return table
 
 
 def _voted_turn(seen: np.ndarray, image: np.ndarray) -> np.ndarray:

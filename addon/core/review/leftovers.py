@@ -16,20 +16,14 @@ LEFT_SAMPLES = 7  # measured
 
 @dataclass(frozen=True)
 class Leftover:
-    """A part of a trajectory that is on the body and has no name.
+    """A part of a trajectory that is on the body and has no name, from frame `first` to `last` of the source's."""
 
-    trajectory   its index in the file
-    first, last  the source's numbers of its frames, and `frames` how many of them have a point without a name
-    beside       the marker (an index) that is missing there and should be where it is, None where none is
-    distance     how far it is from there, m; NaN without one
-    """
-
-    trajectory: int
+    trajectory: int  # its index in the file
     first: int
     last: int
-    frames: int
-    beside: int | None
-    distance: float
+    frames: int  # in how many of them it has a point without a name
+    beside: int | None  # the marker (an index) that is missing there and should be where it is, None where none is
+    distance: float  # how far it is from there, m; NaN without one
 
 
 def find_leftovers(rows: PointRows, labels: Labels, motion: Motion, rate: float) -> tuple[Leftover, ...]:

@@ -118,7 +118,7 @@ class TakeTrouble:
         if one.words.startswith(OF_ROOM):
             return of_cameras(one, (), float(one.frames * len(self.names)))  # no name can be relied on
         if cameras := cameras_in(one.words, self.by_camera.names):
-            blobs = sum(self.by_camera.blobs_of(name) for name in cameras)
+            blobs = sum(int(self.by_camera.blobs[self.by_camera.names.index(name)]) for name in cameras)
             return of_cameras(one, cameras, blobs / max(len(self.by_camera.names), 1))
         frames = float(one.frames)
         if one.trajectory is not None and len(one.markers) == PAIR:  # a change of names; in the gap there is none

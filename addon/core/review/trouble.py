@@ -17,14 +17,8 @@ from .summary import MM_PER_M
 from .suspects import OF_ROOM
 
 # What is the matter, in the words of the list and of reports.
-MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA, NOBODY_THERE = (
-    "missing",
-    "left over",
-    "off the body",
-    "doubtful",
-    "camera",
-    "nobody",
-)
+MISSING, LEFT_OVER, OFF_BODY = "missing", "left over", "off the body"
+IN_DOUBT, OF_CAMERA, NOBODY_THERE = "doubtful", "camera", "nobody"
 # What helps.
 NAME_IT, FILL, UNLABEL, RIGHT, SWAP = "name", "fill", "unlabel", "right", "swap"
 REFINE, LABEL, DELETE = "refine", "label", "delete"
@@ -36,40 +30,24 @@ Spans = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True)
 class Trouble:
-    """One thing that is the matter with a take.
+    """One thing that is the matter with a take."""
 
-    kind          what is the matter: MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA or NOBODY_THERE
-    first, last   the frames to look at, the source's numbers, both included
-    reason        what it is, in full
-    advice        what to do, in words
-    stake         marker-frames that are wrong or missing if it is as it looks; 0 once it is answered
-    markers       the markers that it is about, and
-    trajectories  the trajectories of points, by their index in the file, and
-    cameras       the cameras
-    action        what does it: NAME_IT, FILL, UNLABEL, RIGHT, SWAP, REFINE, LABEL or DELETE; empty where only a person
-                  can
-    answer        what a person says who finds that nothing is to be mended, in the words of a button
-    ranges        all frames that it is about, where that is not one range
-    named_in      where it is advised to name the first trajectory: the frames in which it has no name
-    lasting       what it says, without what changes when a take is labelled again; empty where nothing does
-    answered      whether a person has answered it
-    """
-
-    kind: str
-    first: int
+    kind: str  # what is the matter: MISSING, LEFT_OVER, OFF_BODY, IN_DOUBT, OF_CAMERA or NOBODY_THERE
+    first: int  # the frames to look at, the source's numbers, both included
     last: int
-    reason: str
-    advice: str
-    stake: float
-    markers: tuple[str, ...] = ()
-    trajectories: tuple[int, ...] = ()
-    cameras: tuple[str, ...] = ()
+    reason: str  # what it is, in full
+    advice: str  # what to do, in words
+    stake: float  # marker-frames that are wrong or missing if it is as it looks; 0 once it is answered
+    markers: tuple[str, ...] = ()  # the markers that it is about, and
+    trajectories: tuple[int, ...] = ()  # the trajectories of points, by their index in the file, and
+    cameras: tuple[str, ...] = ()  # the cameras
+    # what does it: NAME_IT, FILL, UNLABEL, RIGHT, SWAP, REFINE, LABEL or DELETE; empty where only a person can
     action: str = ""
-    answer: str = IT_IS_RIGHT
-    ranges: Spans = ()
-    named_in: Spans = ()
-    lasting: str = ""
-    answered: bool = False
+    answer: str = IT_IS_RIGHT  # what a person says who finds that nothing is to be mended, in the words of a button
+    ranges: Spans = ()  # all frames that it is about, where that is not one range
+    named_in: Spans = ()  # where it is advised to name the first trajectory: the frames in which it has no name
+    lasting: str = ""  # what it says, without what changes when a take is labelled again; empty where nothing does
+    answered: bool = False  # whether a person has answered it
 
     @property
     def about(self) -> str:

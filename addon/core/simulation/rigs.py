@@ -8,13 +8,7 @@ from ..geometry.cameras import Cameras
 PAPER_SIZE_PX = (656, 491)  # the first paper, 5: its images
 PAPER_CORNER_M, PAPER_HEIGHT_M = (2.4, 2.15), 2.4  # the same: its cameras, from the middle of the volume and high
 VOLUME_RADIUS_M, VOLUME_HEIGHT_M = 0.6, 2.0  # the same: a person with arms out who is as tall as people are is in it
-RIG_LENS = (
-    -0.06,
-    0.03,
-    0.0004,
-    -0.0003,
-    0.0,
-)  # k1, k2, p1, p2, k3 of a good 6 mm lens: 3 px of barrel at corners
+RIG_LENS = (-0.06, 0.03, 0.0004, -0.0003, 0.0)  # k1, k2, p1, p2, k3 of a good 6 mm lens: 3 px of barrel at corners
 MARGIN_PX = 6.0  # at the edge of the images that stays free: a marker's image
 RING_RADIUS_M = 3.2  # of a ring of cameras, in a room of 7 m
 # Of a rig put up by hand: by how much a camera is off its place along the axes, as tripods stand, and aims beside the

@@ -7,7 +7,7 @@ the take's seed and the chunk's number: the same options give the same blobs.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,18 +49,6 @@ class CaptureOptions:
     marker_offset: float = 0.0  # physical
 
 
-class BodyInTheWay(Protocol):
-    """A moving body, frame for frame with the markers of a take."""
-
-    def hidden(self, frames: slice, markers: np.ndarray, centres: np.ndarray) -> np.ndarray:
-        """(F, C, M) True where the body in these frames hides markers (F, M, 3) m from cameras at centres (C, 3) m."""
-        ...
-
-    def carry(self, frames: slice, offsets: np.ndarray) -> np.ndarray:
-        """(F, M, 3) world directions of offsets (M, 3) m that are fixed to what carries each marker."""
-        ...
-
-
 @dataclass(frozen=True, eq=False)
 class PosedBody:
     """A marker set's body over T frames: rotations (T, J, 3, 3), joints (T, J, 3) m, scale (T, 3), attachment (M,)."""
@@ -72,12 +60,12 @@ class PosedBody:
     scale: np.ndarray
 
     def hidden(self, frames: slice, markers: np.ndarray, centres: np.ndarray) -> np.ndarray:
-        """See `BodyInTheWay.hidden`."""
+        """(F, C, M) True where the body in these frames hides markers (F, M, 3) m from cameras at centres (C, 3) m."""
         pose = (self.rotations[frames], self.joints[frames], self.scale[frames])
         return self.occlusion.hidden(*pose, markers, centres)
 
     def carry(self, frames: slice, offsets: np.ndarray) -> np.ndarray:
-        """See `BodyInTheWay.carry`."""
+        """(F, M, 3) world directions of offsets (M, 3) m that are fixed to what carries each marker."""
         return (self.rotations[frames][:, self.attachment] @ offsets[..., None])[..., 0]
 
 
@@ -85,15 +73,15 @@ class PosedBody:
 class BodiesTogether:
     """Several bodies, the markers of one after those of the other, each in the way of all: sizes are their counts."""
 
-    bodies: tuple[BodyInTheWay, ...]
+    bodies: tuple[PosedBody, ...]
     sizes: tuple[int, ...]
 
     def hidden(self, frames: slice, markers: np.ndarray, centres: np.ndarray) -> np.ndarray:
-        """See `BodyInTheWay.hidden`."""
+        """See `PosedBody.hidden`."""
         return np.any([body.hidden(frames, markers, centres) for body in self.bodies], axis=0)
 
     def carry(self, frames: slice, offsets: np.ndarray) -> np.ndarray:
-        """See `BodyInTheWay.carry`."""
+        """See `PosedBody.carry`."""
         own = np.split(offsets, np.cumsum(self.sizes)[:-1])
         carried = [body.carry(frames, part) for body, part in zip(self.bodies, own, strict=True)]
         return np.concatenate(carried, axis=1)
@@ -112,7 +100,7 @@ def capture(
     names: Sequence[str],
     cameras: Cameras,
     options: CaptureOptions | None = None,
-    body: BodyInTheWay | None = None,
+    body: PosedBody | BodiesTogether | None = None,
     first_frame: int = 1,
 ) -> Iterator[Capture]:
     """What `cameras` see of markers (T, M, 3) m, NaN where there is none, chunk by chunk.
@@ -125,7 +113,8 @@ def capture(
         raise ValueError(f"markers have shape {markers.shape}; expected (T, {len(names)}, 3)")
     generator = np.random.default_rng([options.seed, TAKE_STREAM])
     real = disturbed(cameras, options.calibration_mm, options.calibration_mrad, generator)
-    offsets = _in_ball(generator, len(names)) * options.marker_offset
+    away = _directions(generator, len(names))  # evenly in direction and length
+    offsets = away * generator.uniform(0, 1, (len(names), 1)) * options.marker_offset
     size = cameras.size[:, None]
     ghosts = generator.uniform(0, 1, (len(cameras), options.reflections, 2)) * size
     ghost_area = generator.uniform(*GHOST_AREA, (len(cameras), options.reflections))
@@ -140,12 +129,6 @@ def capture(
         images = _Images(*(np.concatenate(pair, axis=2) for pair in zip(seen, false, strict=True)))
         frames = first_frame + np.arange(part.start, part.stop)
         yield _read_out(images, names, frames, cameras.size, options, chunk_generator)
-
-
-def joined(captures: Iterator[Capture]) -> Capture:
-    """All chunks of a capture as one."""
-    chunks = list(captures)
-    return Capture(Blobs.join(chunk.blobs for chunk in chunks), np.concatenate([chunk.truth for chunk in chunks]))
 
 
 def disturbed(cameras: Cameras, millimetres: float, milliradians: float, generator: np.random.Generator) -> Cameras:
@@ -180,20 +163,14 @@ def _marker_images(
     with np.errstate(invalid="ignore", divide="ignore"):
         area = np.pi * (cameras.focal[:, None] * options.marker_radius / depth) ** 2
     area = area * (1 + AREA_NOISE * generator.standard_normal(area.shape))
-    there = _in_image(xy, cameras.size[:, None]) & np.moveaxis(_through_lens(ideal, cameras), 0, 1)
+    # Beyond where the lens polynomial turns back it would show inside the image what no lens shows there.
+    with np.errstate(invalid="ignore"):
+        through = np.einsum("cfmi,cfmi->cfm", ideal, ideal) < cameras.reach[:, None, None] ** 2
+    there = _in_image(xy, cameras.size[:, None]) & np.moveaxis(through, 0, 1)
     there &= generator.random(there.shape) >= options.dropout
     if hidden is not None:
         there &= ~hidden
     return _Images(xy, area, there)
-
-
-def _through_lens(ideal: np.ndarray, cameras: Cameras) -> np.ndarray:
-    """(C, F, M) whether light from normalised image coordinates (C, F, M, 2) really comes through each lens.
-
-    Beyond the radius where the lens polynomial turns back, it would show inside the image what no lens shows there.
-    """
-    with np.errstate(invalid="ignore"):
-        return np.einsum("cfmi,cfmi->cfm", ideal, ideal) < cameras.reach[:, None, None] ** 2
 
 
 def _ghost_images(
@@ -291,8 +268,3 @@ def _directions(generator: np.random.Generator, count: int) -> np.ndarray:
     """(count, 3) unit vectors, evenly over the sphere."""
     vector = generator.standard_normal((count, 3))
     return vector / np.linalg.norm(vector, axis=1, keepdims=True)
-
-
-def _in_ball(generator: np.random.Generator, count: int) -> np.ndarray:
-    """(count, 3) vectors of length 0 to 1, evenly in length and direction."""
-    return _directions(generator, count) * generator.uniform(0, 1, (count, 1))

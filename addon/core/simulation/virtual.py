@@ -68,12 +68,7 @@ def draw_person(markerset: MarkerSet, generator: np.random.Generator) -> Bodies:
 
 
 def perform(
-    model: BodyModel,
-    person: Bodies,
-    acts: Sequence[Act] = DEMO,
-    rate: float = 60.0,
-    seed: int = 0,
-    facing: float = 0.0,
+    model: BodyModel, person: Bodies, acts: Sequence[Act] = DEMO, rate: float = 60.0, seed: int = 0, facing: float = 0.0
 ) -> Bodies:
     """The person (a batch of one) over the frames of the acts, with the middle of the way at the world's origin.
 
@@ -187,26 +182,19 @@ def _soles(model: BodyModel, bodies: Bodies, cycles: np.ndarray, stride: np.ndar
     part = next((part for part in ("foot", "shank") if f"{part}.L" in names and f"{part}.R" in names), None)
     if part is None:
         raise ValueError(f"marker set {model.markerset.name} has no segments foot.L and foot.R to stand on")
-    points, carries = [], []
+    points, carries, posed = [], [], model.pose(bodies)
     for side, lag in (("L", 0.0), ("R", 0.5)):
-        chosen = np.flatnonzero(capsules.segment == names.index(f"{part}.{side}"))
-        local = np.concatenate([capsules.start[chosen], capsules.end[chosen]])
-        posed = model.pose(bodies)
         index = names.index(f"{part}.{side}")
+        chosen = np.flatnonzero(capsules.segment == index)
+        local = np.concatenate([capsules.start[chosen], capsules.end[chosen]])
         turned = (local * bodies.scale[:, None]) @ posed.rotations[:, index].transpose(0, 2, 1)
         below = np.tile(capsules.radius[chosen], 2) * bodies.scale.mean(axis=1)[:, None]
         points.append(posed.joints[:, index, None] + turned - below[..., None] * [0, 0, 1])
-        stands = _stands(cycles + lag)
+        since = (cycles + lag + STANCE_EASE / 2) % 1
+        stands = np.clip(np.minimum(since, STANCE_SHARE + STANCE_EASE - since) / STANCE_EASE, 0, 1)
         carried = 1 - np.minimum(stride / MIN_STRIDE, 1) * (1 - stands)
         carries.append(np.repeat(carried[:, None], len(local), axis=1))
     return np.concatenate(points, axis=1), np.concatenate(carries, axis=1)
-
-
-def _stands(phase: np.ndarray) -> np.ndarray:
-    """(T,) how much a foot at `phase` of its stride carries, 0 to 1."""
-    ease = STANCE_EASE
-    since = (phase + ease / 2) % 1
-    return np.clip(np.minimum(since, STANCE_SHARE + ease - since) / ease, 0, 1)
 
 
 def _way(soles: np.ndarray, carries: np.ndarray, rate: float) -> np.ndarray:

@@ -106,7 +106,7 @@ def test_points_are_spread_over_space(monkeypatch):
     assert chosen.count == 60
     places = chosen.met(cameras)
     assert (np.abs(places - middle).max(axis=1) > 0.05).sum() == pytest.approx(38, abs=3)
-    assert chosen.misses(cameras).max() < 1e-3
+    assert chosen.errors(cameras).max() < 1e-3
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 19, 20, 57, 480, 481, 20000])

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from addon.core.data.takes import Points
 from addon.core.evaluation.comparing import Comparison, TakeDifference, WorseOptions, difference_lines, share
 from addon.core.evaluation.figures import Figures
-from addon.core.evaluation.relabelling import NO_NAME, UNTOLD, NameCounts, RelabelOptions, count_names, without_names
+from addon.core.evaluation.relabelling import NO_NAME, UNTOLD, NameCounts, count_names, without_names
 
 MARKERS = ("A", "B", "C")
 
@@ -110,7 +110,7 @@ def test_every_point_is_there_once_with_its_name_and_in_a_piece_of_its_own(frame
     xyz = np.where(chance.random((frames, count, 1)) < 0.7, chance.normal(size=(frames, count, 3)), np.nan)
     truth = np.broadcast_to(np.arange(count), xyz.shape[:2])
     names = tuple(f"M{number}" for number in range(count))
-    found = without_names("take", names, named(xyz), truth, RelabelOptions(1000.0, longest / 10))
+    found = without_names("take", names, named(xyz), truth, 1000.0, longest / 10)
     points, standing = found.points, found.points.lanes
     assert set(points.names) <= {""}
     there = np.isfinite(points.xyz[..., 0])
@@ -123,13 +123,13 @@ def test_every_point_is_there_once_with_its_name_and_in_a_piece_of_its_own(frame
         assert there[span, lane].all()
         covered[span, lane] += 1
     np.testing.assert_array_equal(covered, there)
-    again = without_names("take", names, named(xyz), truth, RelabelOptions(1000.0, longest / 10))
+    again = without_names("take", names, named(xyz), truth, 1000.0, longest / 10)
     np.testing.assert_array_equal(again.truth, found.truth)
 
 
 def test_of_a_long_take_the_middle_is_taken():
     xyz = np.broadcast_to(np.arange(100.0)[:, None, None], (100, 2, 3))
-    found = without_names("take", ("M0", "M1"), named(xyz), np.zeros((100, 2), int), RelabelOptions(max_s=3.0))
+    found = without_names("take", ("M0", "M1"), named(xyz), np.zeros((100, 2), int), most_s=3.0)
     assert found.points.first_frame == 40
     np.testing.assert_array_equal(found.points.xyz[:, 0, 0], np.arange(35.0, 65.0))
 

@@ -13,8 +13,8 @@ from addon.core.reconstruction.linking import Links
 from addon.core.reconstruction.matching import each_once
 from addon.core.reconstruction.trajectories import Reconstructor, reconstruct_take
 from addon.core.simulation.rigs import ring_rig
-from addon.core.simulation.simulate import CaptureOptions, capture, joined
-from tests.core.scenes import keep
+from addon.core.simulation.simulate import CaptureOptions, capture
+from tests.core.scenes import joined, keep
 
 RATE = 100.0
 

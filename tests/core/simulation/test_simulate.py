@@ -10,8 +10,9 @@ from addon.core.body.bodies import BodyModel
 from addon.core.geometry.cameras import Cameras
 from addon.core.papers.virtual_occlusions.occlusion import CapsuleOcclusion
 from addon.core.simulation.rigs import paper_rig, ring_rig
-from addon.core.simulation.simulate import CaptureOptions, PosedBody, capture, disturbed, joined
+from addon.core.simulation.simulate import CaptureOptions, PosedBody, capture, disturbed
 from addon.core.simulation.virtual import DEMO, Act, draw_person, perform
+from tests.core.scenes import joined
 from tests.core.toybody import toy_markerset
 
 PERFECT = CaptureOptions(noise=0, dropout=0, reflections=0, flicker=0, merge_gap=-100)
