@@ -202,10 +202,6 @@ def test_the_rules(suggested):
             assert (row[point] == marker) == (suggested[frame, point, marker] and alone)
 
 
-def test_no_points():
-    assert resolve(np.zeros((3, 0, 4), dtype=bool)).shape == (3, 0)
-
-
 @pytest.mark.parametrize("hide", range(6))
 def test_clouds_lack_as_many_markers_as_asked_in_any_order(hide):
     frames = moving(7, 200)
