@@ -27,7 +27,7 @@ from addon.scene.opened import Opened
 from addon.scene.retargeting import rest_bones, retarget_take
 from addon.scene.take import Take, show_take
 from scripts.results import markdown
-from tests.inputs.rigs import A_POSE, HANGING, MIXAMO, NAMELESS, UNREAL, VRM, add_rig, rig_bones
+from tests.inputs.rigs import generated, hanging, metarig, mixamo, nameless, unreal
 
 from . import people
 
@@ -104,45 +104,13 @@ def quantiles(values: np.ndarray) -> list[str]:
     return [f"{value:.1f}" for value in np.nanquantile(values, (0.5, 0.99))] if values.size else ["", ""]
 
 
-def as_fbx(point: np.ndarray) -> tuple[float, float, float]:
-    """A point in centimetres with y up, as imported files have it."""
-    return point[0] * 100, point[2] * 100, -point[1] * 100
-
-
-def metarig() -> bpy.types.Object:
-    """Rigify's human as it is laid out."""
-    bpy.ops.object.armature_basic_human_metarig_add()
-    return bpy.context.object
-
-
-def generated() -> bpy.types.Object:
-    """Rigify's human with its controls."""
-    metarig()
-    bpy.ops.pose.rigify_generate()
-    return bpy.context.object
-
-
-def mixamo() -> bpy.types.Object:
-    """As Mixamo's FBX files come in."""
-    rig = add_rig(rig_bones(size=1.05, thigh=0.52), MIXAMO, as_fbx)
-    rig.rotation_euler, rig.scale = (np.pi / 2, 0, 0), (0.01, 0.01, 0.01)
-    return rig
-
-
-def unreal() -> bpy.types.Object:
-    """In an A-pose, elsewhere in the scene, with bones that roll."""
-    rig = add_rig(rig_bones(A_POSE, 1.02, 0.48, 0.7), UNREAL)
-    rig.location, rig.rotation_euler = (1, 2, 0), (0, 0, 1)
-    return rig
-
-
 RIGS: dict[str, Callable[[], bpy.types.Object]] = {
     "Rigify's metarig": metarig,
     "Rigify, generated": generated,
     "Mixamo's names, as FBX": mixamo,
     "Unreal's names, A-pose": unreal,
-    "VRM's names, hanging arms": lambda: add_rig(rig_bones(HANGING, 0.9, 0.54, -0.4), VRM),
-    "no names": lambda: add_rig(rig_bones(30, 1.3, 0.5, 1.1), NAMELESS),
+    "VRM's names, hanging arms": hanging,
+    "no names": nameless,
 }
 # What Rigify's controls move.
 MOVED = {"torso": "ORG-spine", "chest": "ORG-spine.003", "neck": "ORG-spine.004", "head": "ORG-spine.006"}

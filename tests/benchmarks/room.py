@@ -8,7 +8,6 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,31 +15,23 @@ import numpy as np
 from scripts import build, real_blender
 
 
-def walked(script: str, prepare: Callable[[Path], object] = lambda _: None) -> tuple[dict, str]:
-    """What a script of this folder saw in the window, and Blender's version; ends with the reason where none can be.
-
-    `prepare` puts files into its folder.
-    """
+def main():
+    """Prints the figures, or the reason where there is no window."""
     with tempfile.TemporaryDirectory(prefix="mocap-window-") as name:
         folder = Path(name)
-        prepare(folder)
         try:
             blender = real_blender.find()
-            package = build.build(
-                build.for_blender(blender.version, blender.python), "linux-x64", folder, compiled=True
-            )
+            kind = build.for_blender(blender.version, blender.python)
+            package = build.build(kind, "linux-x64", folder, compiled=True)
             (folder / "task.json").write_text(json.dumps({"zip": str(package)}))
-            done = blender.window(Path(__file__).with_name(script), folder, home=folder / "home", seconds=500)
+            script = Path(__file__).with_name("window_room.py")
+            done = blender.window(script, folder, home=folder / "home", seconds=500)
         except LookupError as reason:
             sys.exit(f"tests.benchmarks: {reason}")
         if not (folder / "seen.json").exists():
             sys.exit(f"tests.benchmarks: the window closed early\n{done.stdout}{done.stderr}")
-        return json.loads((folder / "seen.json").read_text()), "{}.{}.{}".format(*blender.version)
-
-
-def main():
-    """Prints the figures."""
-    seen, version = walked("window_room.py")
+        seen = json.loads((folder / "seen.json").read_text())
+    version = ".".join(map(str, blender.version))
     print(f"Blender {version}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, drawn by software\n")
     print("| what | by the clock | least | of the processor | least |\n| --- | ---: | ---: | ---: | ---: |")
     for what, times in seen.items():

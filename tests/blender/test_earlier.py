@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What earlier versions saved is opened by this one: takes in Blender files, edits, reports, calibrations, models.
 
-The files were made by those versions themselves, see `tests/earlier/keep.py`.
+The files were made by those versions themselves, see `scripts/keep_version.py`.
 """
 
 import json
@@ -17,11 +17,10 @@ from addon.io.cameras import read_cameras
 from addon.io.edits import read_edits
 from addon.io.models import open_model, write_model
 from addon.io.points import read_points
-from tests.earlier.keep import FEW, MODEL
+from scripts.keep_version import EARLIER, FEW, MODEL
 
 from .hands import choose, reopen, stored_take
 
-EARLIER = Path(__file__).resolve().parents[1] / "earlier"
 VERSIONS = sorted(path.parent.name for path in EARLIER.glob("*/expected.json"))
 
 

@@ -10,7 +10,7 @@ import pytest
 from addon.core.data.errors import InputError
 from addon.core.papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion, hidden_by_any
 from addon.scene.armature import add_armature, mean_build
-from addon.scene.body import add_body, capsule_shape
+from addon.scene.body import add_body
 from addon.scene.occlusion import capsule_meshes, occlusion_of
 
 
@@ -100,36 +100,6 @@ def test_a_skinned_mesh_is_cut_at_its_bones(empty, made, body):
     given = arguments(made.motion(markerset, 20), made.cameras().centres)
     assert (occlusion_of(empty, armature, [skin], markerset).hidden(*given) == capsules.hidden(*given)).mean() > 0.998
     assert armature.data.pose_position == "POSE"
-
-
-def test_at_rest_a_skin_in_pieces_hides_what_the_whole_skin_hides(empty, body):
-    markerset, armature, _ = body
-    middle = np.array(armature.data.bones["l_thigh"].head_local)
-    corners, faces = capsule_shape(0.1, 0.1)
-    skin = bpy.data.objects.new("Skin", bpy.data.meshes.new("Skin"))
-    skin.data.from_pydata((corners + middle).tolist(), [], faces)
-    empty.scene.collection.objects.link(skin)
-    skin.modifiers.new("Skin", "ARMATURE").object = armature
-    generator = np.random.default_rng(1)
-    markers = skin_points(corners, generator, 300) + middle
-    eyes = generator.normal(size=(40, 3))
-    eyes *= 3 / np.linalg.norm(eyes, axis=1, keepdims=True)
-    rest = np.tile(np.eye(3), (1, len(markerset.skeleton), 1, 1))
-    found = []
-    for pieces in ({"l_thigh": corners[:, 2] < 9}, {"l_thigh": corners[:, 1] > 0.05, "pelvis": corners[:, 1] <= 0.05}):
-        skin.vertex_groups.clear()
-        for bone, part in pieces.items():
-            skin.vertex_groups.new(name=bone).add(np.flatnonzero(part).tolist(), 1.0, "REPLACE")
-        occlusion = occlusion_of(empty, armature, [skin], markerset, 1.0)
-        assert len(occlusion.volumes) == len(pieces)
-        joints = markerset.skeleton.rest_joints * occlusion.scale
-        found.append(occlusion.hidden(rest, joints[None], occlusion.scale[None], markers[None], eyes + middle))
-    assert (found[0] == found[1]).mean() > 0.995
-
-
-def skin_points(corners, generator, count):
-    """Points up to 1 cm within or without corners of a mesh around the origin."""
-    return corners[generator.integers(len(corners), size=count)] * generator.uniform(0.9, 1.1, (count, 1))
 
 
 def test_a_mesh_on_no_bone_is_refused(empty, body):

@@ -9,7 +9,20 @@ import pytest
 
 from addon.io.markersets import open_markerset
 from addon.scene import take as takes
-from tests.inputs.rigs import A_POSE, HANGING, MIXAMO, NAMELESS, UNREAL, VRM, add_rig, rig_bones
+from tests.inputs.rigs import (
+    HANGING,
+    MIXAMO,
+    NAMELESS,
+    UNREAL,
+    VRM,
+    add_rig,
+    generated,
+    hanging,
+    mixamo,
+    nameless,
+    rig_bones,
+    unreal,
+)
 
 LIMBS = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 MOST_OFF = np.radians(0.1)  # without feet to be kept, limbs point as the body's do
@@ -42,36 +55,11 @@ def ways_off(take, rig, names):
     return np.array(off)
 
 
-def as_fbx(point):
-    """In centimetres with y up, as imported files have it."""
-    return point[0] * 100, point[2] * 100, -point[1] * 100
-
-
-def mixamo():
-    rig = add_rig(rig_bones(size=1.1, thigh=0.45), MIXAMO, as_fbx)
-    rig.rotation_euler, rig.scale = (np.pi / 2, 0, 0), (0.01, 0.01, 0.01)
-    return rig, MIXAMO
-
-
-def unreal():
-    rig = add_rig(rig_bones(A_POSE, 0.9, 0.55, roll=0.9), UNREAL)
-    rig.location, rig.rotation_euler = (3, 1, 0), (0, 0, 2)
-    for number, bone in enumerate(rig.pose.bones):
+@pytest.mark.parametrize(("make", "names"), [(mixamo, MIXAMO), (unreal, UNREAL), (hanging, VRM), (nameless, NAMELESS)])
+def test_limbs_point_as_the_body_s(shown, make, names):
+    rig = make()
+    for number, bone in enumerate(rig.pose.bones if make is unreal else ()):
         bone.rotation_mode = ("XYZ", "AXIS_ANGLE", "ZXY")[number % 3]
-    return rig, UNREAL
-
-
-def hanging():
-    return add_rig(rig_bones(HANGING, roll=-0.5), VRM), VRM
-
-
-def nameless():
-    return add_rig(rig_bones(30, 1.4, roll=2.0), NAMELESS), NAMELESS
-
-
-@pytest.mark.parametrize("kind", [mixamo, unreal, hanging, nameless])
-def test_limbs_point_as_the_body_s(shown, kind):
-    rig, names = kind()
     assert retargeted(rig).name == f"{shown.name} retargeted"
     assert ways_off(shown, rig, names).max() < MOST_OFF
 
@@ -96,23 +84,14 @@ def test_rest_poses_make_no_difference(shown):
     np.testing.assert_allclose(turns[1][:, 2], turns[0][:, 2], atol=0.05)
 
 
-def generated():
-    """Rigify's human with its controls, and the bones that those move."""
+def test_rigify_is_moved_by_its_controls(shown):
     import addon_utils
 
     if addon_utils.enable("rigify", default_set=True) is None:
         pytest.skip("this Blender has no Rigify")
-    bpy.ops.object.armature_basic_human_metarig_add()
-    bpy.ops.pose.rigify_generate()
-    rig = bpy.context.object
-    words = {"upper_arm": "upper_arm", "forearm": "forearm", "hand": "hand"}
-    words |= {"thigh": "thigh", "shank": "shin", "foot": "foot"}
-    return rig, {f"{part}.{side}": f"ORG-{word}.{side}" for part, word in words.items() for side in "LR"}
-
-
-def test_rigify_is_moved_by_its_controls(shown):
-    rig, names = generated()
+    rig, words = generated(), {part: part for part in LIMBS} | {"hand": "hand", "shank": "shin", "foot": "foot"}
     retargeted(rig)
+    names = {f"{part}.{side}": f"ORG-{word}.{side}" for part, word in words.items() for side in "LR"}
     assert ways_off(shown, rig, names).max() < MOST_OFF
     assert rig.pose.bones["thigh_parent.L"]["IK_FK"] == 1.0
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from addon.cli.console import ProgressLine, as_trouble, print_results
+from addon.cli.console import ProgressLine, print_results
 from addon.demo.take import MODEL
 from addon.io.batch import read_table
 from addon.io.labels import LabelFile
@@ -99,24 +99,6 @@ def test_a_folder_that_is_left_alone_is_said_before_the_last_line(run, takes):
         (parts / name).write_text(content)
     assert run(*words).done().err.startswith(f"mocap-autolabel: {parts}: is left alone")
     assert parts.exists()
-
-
-@pytest.mark.parametrize(
-    "error",
-    [
-        MemoryError(),
-        ImportError("numpy.so: failed to map segment from shared object"),
-        OSError(12, os.strerror(12)),
-        RuntimeError("can't start new thread"),
-    ],
-)
-def test_lack_of_memory_is_called_so(error):
-    outer = ImportError("something of a library")
-    outer.__cause__ = error
-    for one in (error, outer):
-        trouble = as_trouble(one)
-        assert trouble.exit_status == 1
-        assert trouble.message.startswith("the memory is full; expected")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs a limit that the system keeps")

@@ -98,3 +98,49 @@ def add_rig(bones: list[RigBone], names: Mapping[str, str], place: Callable = la
             own.parent = data.edit_bones[names[bone.parent]]
     bpy.ops.object.mode_set(mode="OBJECT")
     return rig
+
+
+def as_fbx(point: np.ndarray) -> tuple[float, float, float]:
+    """A point in centimetres with y up, as imported files have it."""
+    return point[0] * 100, point[2] * 100, -point[1] * 100
+
+
+def mixamo():
+    """As Mixamo's FBX files come in."""
+    rig = add_rig(rig_bones(size=1.05, thigh=0.52), MIXAMO, as_fbx)
+    rig.rotation_euler, rig.scale = (np.pi / 2, 0, 0), (0.01, 0.01, 0.01)
+    return rig
+
+
+def unreal():
+    """In an A-pose, elsewhere in the scene, with bones that roll."""
+    rig = add_rig(rig_bones(A_POSE, 1.02, 0.48, 0.7), UNREAL)
+    rig.location, rig.rotation_euler = (1, 2, 0), (0, 0, 1)
+    return rig
+
+
+def hanging():
+    """Small, with arms that hang, and VRM's names."""
+    return add_rig(rig_bones(HANGING, 0.9, 0.54, -0.4), VRM)
+
+
+def nameless():
+    """Large, between two poses, and without names."""
+    return add_rig(rig_bones(30, 1.3, 0.5, 1.1), NAMELESS)
+
+
+def metarig():
+    """Rigify's human as it is laid out."""
+    import bpy
+
+    bpy.ops.object.armature_basic_human_metarig_add()
+    return bpy.context.object
+
+
+def generated():
+    """Rigify's human with its controls."""
+    import bpy
+
+    metarig()
+    bpy.ops.pose.rigify_generate()
+    return bpy.context.object

@@ -12,14 +12,12 @@ import numpy as np
 import pytest
 
 from addon.core.data.errors import InputError
-from addon.core.papers.partial_solvers.frames import SolversNamer
 from addon.core.points.history import NO_HISTORY, ModelHistory, ModelVersion
 from addon.core.points.likelihood.learn import learn_likelihood
 from addon.io.markersets import Reader, read_markerset
 from addon.io.model_history import HISTORY, beside, is_beside, model_of, moved, seen_at, seen_from
 from addon.io.models import likelihood_document, open_model, read_likelihood, read_model, write_model
 from tests.core.toybody import toy_markerset
-from tests.fuzz import case, samples
 from tests.io.samples import HISTORY_OF_TWO, SHOWN, WALK, toy_model
 
 
@@ -81,23 +79,6 @@ def test_an_ensemble_of_other_markers_is_refused(tmp_path):
     path.write_text(json.dumps(document))
     with pytest.raises(InputError, match="other markers than its own"):
         read_model(path)
-
-
-def test_whatever_is_read_of_a_broken_model_names_points(tmp_path):
-    files, points, refused = samples(tmp_path), np.random.default_rng(8).normal(size=(3, 5, 3)), 0
-    contents = {name: file.read_bytes() for name, file in files.items()}
-    for number in range(600):
-        files["model"].write_bytes(case("model", contents, 8, number))
-        try:
-            model = read_model(files["model"])
-        except InputError as error:
-            refused += 1
-            assert "; expected" in error.message
-            continue
-        if model.partial_solvers is not None:
-            list(SolversNamer(model.partial_solvers).name(points))
-        assert {take.points.shape[1:] for take in model.training_takes} <= {(len(model.markerset), 3)}
-    assert 200 < refused < 600
 
 
 def test_arrays_that_say_that_they_are_huge_are_not_unpacked(tmp_path):

@@ -13,14 +13,12 @@ from hypothesis import strategies as st
 from addon.core.data.columns import Columns, beside_of
 from addon.core.data.errors import InputError
 from addon.core.data.lanes import Lanes
-from addon.core.data.progress import finished
 from addon.core.data.takes import Points
 from addon.io.c3d.writing import write_c3d_file
 from addon.io.points import holds_points, marker_columns, read_points, write_c3d, write_trc
 from addon.io.textpoints import read_trc
 from addon.io.whole import whole_file
 from addon.io.world import SIGNED_AXES, UNSURE_WORDS, find_up, guess_unit, up_rotation
-from addon.jobs.fill import FillJob, fill_file
 from tests import recorded
 from tests.accuracy.people import BODY26
 from tests.io.c3d_layouts import Layout
@@ -563,17 +561,3 @@ def test_lanes_hold_what_the_columns_of_a_file_hold_and_texts_are_packed_too(tak
     text = read_trc(tmp_path / "raw.trc")
     trc, _ = dense(text.frames, COUNT, text.parts())
     np.testing.assert_array_equal(found.picked(range(COUNT)).xyz, trc * 0.001)
-
-
-def test_gaps_of_a_marker_among_thousands_of_trajectories_are_filled(take, path, tmp_path):
-    said = finished(fill_file(FillJob(path, tmp_path / "whole.c3d", up="z")))
-    assert said["samples_filled"] == said["samples_missing"] == 5
-    before, after = read_points(path, up="z"), read_points(tmp_path / "whole.c3d", up="z")
-    assert after.names == before.names
-    named = before.names.index("LASI")
-    was, now = before.picked([named]), after.picked([named])
-    assert np.isnan(was.xyz[400:405]).all()
-    assert np.isfinite(now.xyz).all()
-    assert (now.residual[400:405] == 0).all()
-    others = [index for index in range(COUNT) if index != named]
-    np.testing.assert_array_equal(after.picked(others).xyz, before.picked(others).xyz)

@@ -20,7 +20,6 @@ from addon.io.cameras import read_cameras
 from addon.io.points import holds_points, read_points, write_c3d
 from addon.io.qtm import records
 from addon.io.qtm.capture import held_in
-from addon.io.qtm.container import Container, Schema, read_items, read_schema
 
 from .qtm_file import (
     EDITED,
@@ -280,18 +279,6 @@ def test_a_file_that_is_cut_off_anywhere_is_refused(take, tmp_path):
         path = tmp_path / "cut.qtm"
         path.write_bytes(content[: int(share * len(content))])
         refusal(path)
-
-
-def test_records_are_read_by_the_names_that_the_file_gives(take, tmp_path):
-    """A capture whose samples begin with another number, and say so, is read; one that is not described is not."""
-    with Container(take) as container:
-        schema = read_schema(container)
-        assert read_items(container, schema).number("Series Compression") == 1
-    assert schema.record("Trajectory")[0].names == ("X", "Y", "Z", "Residual", "Point Type", "Padding")
-    assert schema.record("2dCameraData")[1].names == ("X", "Y", "Diameter X", "Diameter Y", "Flags")
-    assert schema.bits("Trajectory", "Point Type")["Point Type Edited"] == EDITED
-    with pytest.raises(InputError, match="describes the data of Bone in a way that is not known"):
-        Schema(take, schema.kinds, schema.fields).record("Bone")
 
 
 def test_a_bomb_is_refused_before_it_fills_the_memory(tmp_path):

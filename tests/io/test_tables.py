@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 from addon.core.data.errors import InputError, JobError
 from addon.core.data.takes import Motion
 from addon.io import poses as pose_files
-from addon.io.poses import PC2_HEADER, PoseFile, cache_mark, check_cache, is_long, write_cache
+from addon.io.poses import PC2_HEADER, PoseFile, cache_mark, check_cache, write_cache
 from addon.io.tables import FileTable, Room
 
 MARKERS, JOINTS = 4, 3
@@ -44,12 +44,6 @@ def test_poses_come_back_and_the_sample_is_evenly_spaced(tmp_path, chunk, monkey
         assert 16 <= len(frames) <= 32
         assert len(set(np.diff(frames).tolist())) == 1
         np.testing.assert_array_equal(poses.expected, 20.0)
-
-
-def test_a_take_is_long_by_its_keys(monkeypatch):
-    monkeypatch.setattr(pose_files, "MOST_KEYS", 1000)
-    assert not is_long(10, 10, 10)
-    assert is_long(11, 10, 10)
 
 
 @pytest.mark.parametrize(("fraction", "long"), [(0.4, False), (0.04, True), (1.0, False)])

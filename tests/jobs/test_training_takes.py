@@ -16,15 +16,15 @@ from addon.core.edits.kinds import Edits, Right
 from addon.core.evaluation.relabelling import NO_NAME, UNTOLD
 from addon.core.points.history import ModelHistory, ModelVersion
 from addon.core.points.models import Model, TrainingTake, by_subject
-from addon.core.training.takes import KEEPING, gathered, most_different, of_markers, training_takes_of, without_replaced
+from addon.core.training.takes import gathered, of_markers, training_takes_of, without_replaced
 from addon.io.edits import write_edits
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model, write_model
 from addon.io.points import read_points, write_c3d
 from addon.io.source import digest
-from addon.jobs import checking, models, train
+from addon.jobs import checking, train
 from addon.jobs.checking import FRAMES, KEPT, TAUGHT, files_of, kept_file, takes_to_check
-from addon.jobs.models import VersionPlaces, adopt, system_user
+from addon.jobs.models import VersionPlaces, adopt
 from addon.jobs.train import TrainJob, train_file
 from addon.jobs.training_takes import KnownBetter, chosen_markers, read_takes, unseen_markers
 from tests.core.toybody import toy_markerset
@@ -148,16 +148,6 @@ def test_a_take_in_another_unit_is_found_by_its_size(tmp_path):
         read_takes([*paths, write(tmp_path / "big.c3d", size=10.0)], ())
 
 
-def test_what_is_kept_is_the_most_different():
-    points = np.zeros((500, 4, 3))
-    points[:, 0, 0] = np.linspace(0, 0.01, 500)
-    points[[100, 321], 1, 2] = 3.0, -3.0
-    kept = points[most_different(points, 20)]
-    assert len(kept) == 20
-    assert {3.0, -3.0} <= set(kept[:, 1, 2].tolist())
-    assert most_different(points[:7], 20).tolist() == list(range(7))
-
-
 def test_a_row_is_kept_of_every_take_and_a_subject_has_its_takes_together(tmp_path):
     paths = [write(tmp_path / who / f"{take}.c3d", seed=take) for who, take in (("ann", 1), ("bob", 2), ("ann", 3))]
     kept = training_takes_of(read_takes(paths, ()), NAMES)
@@ -171,17 +161,6 @@ def test_a_row_is_kept_of_every_take_and_a_subject_has_its_takes_together(tmp_pa
     whole = by_subject(kept)
     assert list(whole) == ["ann", "bob"]
     np.testing.assert_array_equal(whole["ann"], np.concatenate([row.points for row in kept[:2]]))
-
-
-def test_frames_of_long_takes_are_shared_out_and_stay_their_own(tmp_path):
-    paths = [write(tmp_path / "ann" / f"{take}.c3d", frames=700, seed=take) for take in (1, 2)]
-    takes = read_takes(paths, ())
-    kept = training_takes_of(takes, NAMES)
-    assert sum(len(row.points) for row in kept) == KEEPING.max_frames
-    for row, take in zip(kept, takes, strict=True):
-        assert row.frames == 700
-        own = {frame.tobytes() for frame in take.xyz.astype(np.float32)}
-        assert {frame.tobytes() for frame in row.points} <= own
 
 
 def test_another_take_of_the_same_name_is_added_and_said(tmp_path):
@@ -307,13 +286,6 @@ def test_what_is_given_again_or_had_wrong_names_checks_nothing(tmp_path):
     assert told(check) == [("ann.c3d", TAUGHT)], "the names of the old file are not right"
 
 
-def test_of_many_takes_some_of_all_are_chosen(tmp_path, monkeypatch):
-    monkeypatch.setattr(checking, "MAX_TAUGHT", 3)
-    takes = [written(tmp_path / f"s{n}" / f"{n}.c3d") for n in range(7)]
-    base, file = base_of(tmp_path, takes, subjects=())
-    assert told(takes_to_check(base, file, [], [], ())) == [(f"{n}.c3d", TAUGHT) for n in (0, 3, 6)]
-
-
 def test_what_nobody_knows_of_a_take_is_not_counted(tmp_path):
     names = (*WORN[:-1], "", f"Ann:{WORN[0]}")
     residual = np.full((20, len(names)), 0.0004)
@@ -397,14 +369,3 @@ def test_what_somebody_else_taught_meanwhile_is_not_written_over(tmp_path, monke
         "m.v1.markerset.json",
         "m.v3-candidate.markerset.json",
     ]
-
-
-def test_who_is_logged_in_need_not_be_known(monkeypatch):
-    monkeypatch.setattr(models.getpass, "getuser", lambda: "ann")
-    assert system_user() == "ann"
-
-    def unknown():
-        raise OSError("no such user")
-
-    monkeypatch.setattr(models.getpass, "getuser", unknown)
-    assert system_user() == ""

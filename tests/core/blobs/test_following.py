@@ -6,19 +6,15 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from addon.core.blobs.image_tracklets import name_by_tracklets
 from addon.core.blobs.rereading import Rereader
-from addon.core.blobs.tracking import FOLLOWING_STEPS, difference, follow
-from addon.core.body.bodies import BodyModel
+from addon.core.blobs.tracking import FOLLOWING_STEPS, follow
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from addon.core.simulation.virtual import Act
 from tests.core.blobs.followed import begun, exchange, followed, take_name, wrong_names
 from tests.core.scenes import RATE, act, built_in
-from tests.core.toybody import toy_markerset
 
 FOOT = ("LANK", "LHEE", "LTOE")
 
@@ -127,27 +123,12 @@ def test_what_a_person_named_stays():
 
 RIG = ring_rig(6, radius=4.5, volume_radius=1.3)
 ROOM = CaptureOptions(noise=0.4, reflections=1, flicker=0.1)
-MODEL = BodyModel(toy_markerset())
 
 
 @cache
 def walk(name="gait15", noise=0.4):
     acts = [Act(0.2), Act(1.2, stride=0.9), Act(0.6, stride=0.4, turn=1.5)]
     return act(built_in(name), RIG, acts, seed=3, options=replace(ROOM, noise=noise))
-
-
-def random_bodies(seed, count=3):
-    generator = np.random.default_rng(seed)
-    step = generator.normal(0, 0.3, (count, MODEL.parameters))
-    return MODEL.rest(count, 1.7).moved(step), generator
-
-
-@given(st.integers(0, 2**16))
-def test_a_difference_is_the_step_that_leads_there(seed):
-    bodies, generator = random_bodies(seed)
-    step = generator.normal(0, 0.4, (3, MODEL.parameters))
-    assert difference(bodies.moved(step), bodies) == pytest.approx(step, abs=1e-9)
-    assert difference(bodies, bodies) == pytest.approx(np.zeros_like(step), abs=1e-12)
 
 
 @pytest.mark.parametrize("name", ["gait15", "body26"])

@@ -1,14 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cameras moved until their blobs meet, by points spread over space and parts spread over the take."""
+"""Cameras moved until their blobs meet."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from addon.core.calibration.adjusting import adjusted, held
-from addon.core.calibration.refining import REFINED_AT_ONCE, parts_of
 from addon.core.calibration.sightings import MIN_RAYS, Sightings
 from addon.core.geometry.cameras import Cameras
 from addon.core.geometry.rotations import exponential
@@ -89,32 +87,3 @@ def test_the_world_is_that_of_the_cameras_that_stayed(seed):
     assert np.abs(found.centres - alone.centres)[stayed].max() < 5e-4
     assert np.abs(found.rotation - alone.rotation).max() < 2e-4
     assert image_error(found, alone).max() < 0.1
-
-
-def test_points_are_spread_over_space(monkeypatch):
-    """A place where somebody stood for long does not crowd out where somebody passed."""
-    monkeypatch.setattr("addon.core.calibration.sightings.SIGHTED_POINTS", 60)
-    cameras = ring_rig(5, generator=np.random.default_rng(5))
-    stood, passed = np.random.default_rng(6).uniform(-0.04, 0.04, (500, 3)), np.linspace([-0.9, 0, 1], [0.9, 0, 1], 40)
-    middle = np.array([0.1, 0.1, 1.1])
-    points = np.concatenate([stood + middle, passed])
-    pixels = cameras.project(points)
-    camera, point = np.divmod(np.arange(5 * len(points)), len(points))
-    xy = pixels[camera, point]
-    seen = Sightings(camera, xy, cameras.undistort(xy, camera), point, len(points))
-    chosen = seen.spread(cameras)
-    assert chosen.count == 60
-    places = chosen.met(cameras)
-    assert (np.abs(places - middle).max(axis=1) > 0.05).sum() == pytest.approx(38, abs=3)
-    assert chosen.errors(cameras).max() < 1e-3
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 19, 20, 57, 480, 481, 20000])
-def test_parts_are_spread_over_the_take(count):
-    parts = parts_of(11, 10 + count)
-    assert parts[0][0] == 11
-    assert parts[-1][1] == 10 + count
-    assert all(first <= last for first, last in parts)
-    assert all(last < following for (_, last), (following, _) in pairwise(parts))
-    assert all(last - first < REFINED_AT_ONCE for first, last in parts)
-    assert len(parts) == min(12, count)

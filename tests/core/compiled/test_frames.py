@@ -177,14 +177,6 @@ def test_fits_until_bodies_are_still(seed, model, steps, at_once):
     same([model.pose(bodies).markers], [model.pose(expected).markers], 1e-7)
 
 
-def test_a_fit_that_cannot_be_solved_is_left_to_numpy():
-    model = MODELS[0]
-    start = people(model, np.random.default_rng(0), 1)
-    broken = replace(start, translation=start.translation * np.nan)
-    pull = cost.CloudPull(np.zeros((3, 3)), np.ones(3), 0.1, 0.3)
-    assert fit.descend(model, broken, pull, 2, Prior(model), model.parameters) is None
-
-
 @FEW
 @given(SEEDS, st.integers(1, 3), st.integers(1, 6), st.integers(1, 4), st.integers(1, 5))
 def test_capsules_hide_the_same(seed, bodies, capsules, markers, cameras):

@@ -18,7 +18,6 @@ from addon.core.kernels import library
 from addon.core.kernels.structures import ADDRESS, COUNT, NUMBER, SIGNATURES, STRUCTURES
 from addon.core.points.likelihood import naming, starts, swaps
 from addon.core.points.likelihood.distances import DistanceConstraints
-from addon.core.points.likelihood.frames import label_some
 from addon.core.points.likelihood.latent import Latent
 from addon.core.points.likelihood.naming import Settled, name_worth
 from addon.core.points.likelihood.shape import Shape
@@ -27,7 +26,6 @@ from addon.core.points.whole_take.likeness import LIKENESS, of_ends, of_frames
 from addon.core.points.whole_take.pairs import distance_sums
 from addon.io.models import open_model
 
-from .conftest import numpy_everywhere
 from .test_frames import refused, same
 
 SEEDS = st.integers(0, 2**16)
@@ -206,22 +204,6 @@ def test_median_volumes(seed, frames, things, gone):
     quads = np.sort(generator.permuted(np.tile(np.arange(things), (20, 1)), axis=1)[:, :4], axis=1)
     same([median_volumes.kernel(place, quads)], [median_volumes.reference(place, quads)])
     refused(*(partial(median_volumes.kernel, place, wrong) for wrong in (quads + things, quads[:, :3])))
-
-
-@pytest.mark.parametrize("name", ["gait15", "actor41"])
-def test_frames_get_the_same_labels(name):
-    known = learned(name)
-    generator = np.random.default_rng(4)
-    points, present, _ = cloud(known.known.fine, generator, 12, 4)
-    points = np.where(present[..., None], points, np.nan)
-    points = np.take_along_axis(
-        points, generator.permuted(np.tile(np.arange(points.shape[1]), (12, 1)), axis=1)[..., None], axis=1
-    )
-    found = label_some(known, points)
-    with numpy_everywhere():
-        expected = label_some(known, points)
-    assert (found.marker == expected.marker).all() and (found.marker >= 0).sum() > 100
-    same([found.confidence, found.rate], [expected.confidence, expected.rate])
 
 
 ROOT = Path(__file__).resolve().parents[3]

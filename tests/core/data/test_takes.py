@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from addon.core.data.copies import Copies
 from addon.core.data.errors import ForceableError, InputError, of_file
-from addon.core.data.lanes import PACKING, Lanes, blocks
+from addon.core.data.lanes import Lanes
 from addon.core.data.merging import LabelledRange, merged
 from addon.core.data.progress import Stage, finished, in_stages
 from addon.core.data.takes import (
@@ -223,13 +223,6 @@ def test_what_a_frame_shows_is_in_the_order_of_the_file_and_labels_find_their_wa
     np.testing.assert_array_equal(ordered.of(there) & np.isfinite(ordered.xyz[..., 0]), number >= 0)
 
 
-def test_blocks_are_all_frames_one_after_the_other():
-    for frames, width in ((0, 5), (7, 0), (1000, PACKING.block_cells), (5000, 500)):
-        parts = list(blocks(frames, width))
-        assert [frame for part in parts for frame in range(part.start, part.stop)] == list(range(frames))
-        assert all((part.stop - part.start) * width <= max(PACKING.block_cells, width) for part in parts)
-
-
 def written(copies: Copies, which: int, index, value):
     copies.arrays[which][index] = value
     copies.note(which, index)
@@ -253,19 +246,6 @@ def test_a_copy_is_what_the_arrays_were_as_long_as_it_is_held(steps):
                 np.testing.assert_array_equal(one, other)
 
 
-def test_memory_that_nobody_holds_is_used_again():
-    copies = Copies(np.zeros(100))
-    [first], [second] = copies.copy(), copies.copy()
-    place = first.__array_interface__["data"][0]
-    assert second.__array_interface__["data"][0] != place
-    del first
-    written(copies, 0, slice(3, 5), 7.0)
-    [again] = copies.copy()
-    assert again.__array_interface__["data"][0] == place
-    np.testing.assert_array_equal(again, copies.arrays[0])
-    assert not second.any()
-
-
 BEGINS = {"read": 0.0, "skip": 0.25, "solve": 0.25, "write": 0.75}
 
 
@@ -287,11 +267,6 @@ def test_stages_are_told_as_parts_of_the_whole():
     read, rest = [(0.0, "read it"), (0.125, "read it"), (0.25, "read it")], [(0.5, "frame 7"), (0.75, "write it")]
     assert told == [*read, *skipped, (0.25, "solve it"), *rest]
     assert finished(in_stages(work(), BEGINS)) == "done"
-
-
-def test_a_stage_that_nobody_planned_is_a_mistake_of_the_program():
-    with pytest.raises(KeyError):
-        finished(in_stages(iter([Stage("dance", "")]), BEGINS))
 
 
 def test_all_that_work_yields_is_told_and_who_is_told_can_end_it():

@@ -274,21 +274,6 @@ def test_they_are_those_of_all_edits_at_once(seed, lists):
 
 
 @settings(max_examples=40, deadline=None)
-@given(seeds, edits)
-def test_it_knows_which_row_each_marker_is(seed, said):
-    take_of, rows, _ = followed(*take(seed))
-    after = take_of.apply(said)
-    held = np.full((len(NAMES), FRAMES), -1)
-    named = np.flatnonzero(after.labels.named)
-    held[after.labels.marker[named], rows.frame[named]] = named
-    np.testing.assert_array_equal(after.held.cells, held)
-    by_edit = np.zeros(held.shape, bool)
-    named = named[after.labels.step[named] == BY_EDIT]
-    by_edit[after.labels.marker[named], rows.frame[named]] = True
-    np.testing.assert_array_equal(after.held.by_edit, by_edit)
-
-
-@settings(max_examples=40, deadline=None)
 @given(seeds, edits, edit)
 def test_what_one_more_edit_changes_is_known_by_its_markers(seed, said, one):
     take_of, rows, _ = followed(*take(seed))

@@ -127,13 +127,6 @@ def test_every_point_is_there_once_with_its_name_and_in_a_piece_of_its_own(frame
     np.testing.assert_array_equal(again.truth, found.truth)
 
 
-def test_of_a_long_take_the_middle_is_taken():
-    xyz = np.broadcast_to(np.arange(100.0)[:, None, None], (100, 2, 3))
-    found = without_names("take", ("M0", "M1"), named(xyz), np.zeros((100, 2), int), most_s=3.0)
-    assert found.points.first_frame == 40
-    np.testing.assert_array_equal(found.points.xyz[:, 0, 0], np.arange(35.0, 65.0))
-
-
 def test_names_are_counted_where_they_are_known():
     truth = np.array([[0, 1, NO_NAME, UNTOLD], [0, 1, NO_NAME, UNTOLD]])
     given_names = np.array([[0, 0, 1, 1], [0, NO_NAME, NO_NAME, 0]])

@@ -12,7 +12,7 @@ from addon.core.data.takes import NO_MARKER, Blobs, Labels
 from addon.core.filling.filling import FILL_METHODS, FilledGap, FilledTake, FillOptions, fill_take, kept_fills_of
 from addon.core.filling.gaps import Gap
 from addon.core.filling.kept import KeptFill, put_fills, replaced_fills, resting_on
-from addon.core.filling.rays import RAY_LIMITS, MarkerRays, constrained, rays_of
+from addon.core.filling.rays import MarkerRays, constrained, rays_of
 from addon.core.filling.smoothing import count_smoothed, smoothed
 from addon.core.geometry.rotations import exponential
 from addon.core.simulation.rigs import ring_rig
@@ -383,11 +383,3 @@ def test_only_a_blob_that_is_alone_makes_a_ray():
     np.testing.assert_allclose(rays.origin + along[:, None] * rays.direction, path()[rays.frame], atol=1e-6)
     nobody = Labels(np.full(len(blobs), NO_MARKER), labels.step, labels.confidence)
     assert len(rays_of(blobs, nobody, CAMERAS, missing)) == 0
-
-
-def test_a_long_gap_is_held_part_by_part(rays, monkeypatch):
-    slow = 20.0  # so that what is looked at around a part is none of all
-    whole = constrained(off_by(), GAP, 0.01, rays, own(), slow)
-    monkeypatch.setattr("addon.core.filling.rays.RAY_LIMITS", type(RAY_LIMITS)(window=13))
-    parted = constrained(off_by(), GAP, 0.01, rays, own(), slow)
-    np.testing.assert_allclose(parted[0], whole[0], atol=5e-4)

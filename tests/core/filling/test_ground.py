@@ -5,12 +5,8 @@ import numpy as np
 import pytest
 
 from addon.core.data.errors import InputError
-from addon.core.data.takes import Labels
 from addon.core.filling.ground import settled
 from addon.core.geometry import rotations
-from addon.core.points.motion import motion_of
-from addon.demo.take import make_performance
-from addon.io.markersets import open_markerset
 
 RATE = 100.0
 SEGMENTS = ("pelvis", "thorax", "thigh.L", "shank.L", "foot.L", "thigh.R", "shank.R", "foot.R")
@@ -177,35 +173,3 @@ def test_smoothing_takes_shaking_out_of_the_body_and_leaves_its_lengths():
     assert np.linalg.norm(off, axis=1)[20:-20].max() < np.radians(5)
     with pytest.raises(InputError, match="the cut-off of the smoothing is 60 Hz"):
         settled(joints, turned, SEGMENTS, PARENTS, ENDS, RATE, cutoff=60.0)
-
-
-def test_the_take_that_ships_with_the_project_stands_on_its_floor():
-    markerset = open_markerset("body26")
-    take = make_performance(markerset).take
-    rng = np.random.default_rng(2)
-    slow = np.cumsum(rng.normal(0, 1, take.xyz.shape), axis=0)
-    slow -= np.linspace(0, 1, len(slow))[:, None, None] * slow[-1]
-    skin = slow * (0.006 / slow.std(axis=0)) + rng.normal(0, 0.0005, slow.shape)
-    points, shape = take.xyz + skin, take.xyz.shape[:2]
-    posed = motion_of(points, np.zeros(shape), Labels.none(*shape), markerset, take.frames)
-    skeleton = markerset.skeleton
-    feet = [skeleton.segments.index(f"foot.{side}") for side in "LR"]
-    ends = np.zeros((len(skeleton), 3))
-    ends[feet] = [np.array([0.085, 0.0, -0.02]) * posed.scale[0]] * 2
-    now, turned = settled(posed.joints, posed.rotations, skeleton.segments, skeleton.parents, ends, take.rate)
-    right = motion_of(take.xyz, np.zeros(shape), Labels.none(*shape), markerset, take.frames)
-    before, after = [], []
-    for foot in feet:
-        tip = right.joints[:, foot] + right.rotations[:, foot] @ ends[foot]
-        still = np.zeros(len(tip), bool)
-        still[2:-2] = np.linalg.norm(tip[4:] - tip[:-4], axis=1) < 0.05 * 4 / take.rate
-        for start, stop in np.flatnonzero(np.diff(np.r_[0, still, 0])).reshape(-1, 2):
-            if stop - start > 0.2 * take.rate:
-                for found, joints, turns in ((before, posed.joints, posed.rotations), (after, now, turned)):
-                    part = slice(start + 3, stop - 3)
-                    place = joints[part, foot] + turns[part, foot] @ (0.87 * ends[foot])
-                    found.append(np.linalg.norm(np.ptp(place[:, :2], axis=0)))
-        assert ((now[:, foot] + turned[:, foot] @ ends[foot])[:, 2] > -0.002).all()
-    assert len(after) >= 4
-    assert np.median(before) > 0.004
-    assert np.quantile(after, 0.99) < 0.002

@@ -13,7 +13,7 @@ from addon.core.data.takes import Blobs
 from addon.core.edits.kinds import AssignBlob, Edits, Place, Swap
 from addon.core.geometry.cameras import Cameras
 from addon.core.pipelines.blobs import with_edits
-from addon.core.pipelines.others import MOST_FRAMES, OtherSubjects, refuse_two
+from addon.core.pipelines.others import OtherSubjects, refuse_two
 from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_several_blobs
 from addon.core.points.refusals import SubjectsError
 from addon.core.points.several import pipeline
@@ -264,16 +264,3 @@ def test_who_is_beside_for_a_moment_is_not(model, cameras):
     others = looked_at(late, cameras, model)
     assert any(one is not None for one in others.kept)
     others.refuse()
-
-
-def test_as_much_is_kept_of_a_take_of_any_length(model, cameras):
-    blobs = blobs_of(model, cameras, (1, 2))
-    part = blobs.between(1, CHUNK)
-    chunk = next(iter(label_take([part], cameras, model.markerset, RATE)))
-    others = OtherSubjects(cameras, model)
-    for count in range(1, 41):
-        others.add(part, chunk)
-        assert len(others.kept) <= 2 * MOST_FRAMES
-        assert others.frames == count * CHUNK
-    assert len(others.kept) > MOST_FRAMES / 2
-    assert len(others.kept) == len(others.residual)

@@ -12,7 +12,6 @@ from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from addon.core.placement_quality import advise, judge, marker_layout, separation
 from addon.core.placement_quality.layout import MarkerLayout
 from addon.core.placement_quality.renamings import OTHER_SIDE, Renaming
-from addon.core.placement_quality.surface import in_view, nearby
 from addon.core.points.likelihood.latent import Latent
 from addon.core.points.likelihood.shape import Shape
 from tests.core.toybody import toy_markerset
@@ -126,17 +125,3 @@ def test_a_good_set_needs_no_advice_and_two_markers_are_too_few():
     assert list(advise(marker_layout(prop(KITE)), goal=0.5)) == []
     with pytest.raises(InputError, match="2 markers; expected 3 or more"):
         marker_layout(prop(SQUARE[:2]))
-
-
-def test_places_nearby_lie_on_the_surface_and_what_the_body_hides_is_none():
-    toy = toy_markerset()
-    marker = toy.markers.index("LTHI")
-    places = nearby(toy, marker, 0.02)
-    assert 4 <= len(places) <= 8
-    radius = np.linalg.norm(toy.offsets[marker][:2])
-    np.testing.assert_allclose(np.linalg.norm(places[:, :2], axis=1), radius)
-    assert np.linalg.norm(places - toy.offsets[marker], axis=1) == pytest.approx(0.02, rel=0.05)
-    toy = toy_markerset()
-    thigh = toy.skeleton.segments.index("thigh.L")
-    outside, inside = in_view(toy, thigh, np.array([[0.0, 0.05, -0.05], [0.0, -0.046, -0.05]]))
-    assert outside > 0.5 > inside

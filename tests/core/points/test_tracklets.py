@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from addon.core.data.progress import finished
-from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, PointRows, Points
+from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, Points
 from addon.core.edits.kinds import AssignPoint, Delete, Edits, Right, Swap, UnlabelPoint
 from addon.core.points.deciding import Votes, decide
 from addon.core.points.motion import labelled_points
 from addon.core.points.tracklets import VOTE, cut, renamed, vote
 from addon.core.points.whole_take.pipeline import PointOptions, label_take
-from addon.core.review.suspects import find_suspects
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
 from tests.core.data.test_takes import packed
@@ -280,17 +279,3 @@ def test_a_change_of_trajectory_parts_tracklets_however_near_the_next_one_begins
     marker = np.where(np.arange(60)[:, None] < 30, 0, 1) * np.ones((1, 2), int)
     assert renamed(marker, tracklet, ["A", "B"], lanes=take.lanes) == ()
     assert len(renamed(marker, tracklet, ["A", "B"])) == 2, "of one trajectory each it would be said"
-
-
-def test_rows_of_parts_make_the_rows_of_the_take(model, points):
-    _, take = both(points)
-    labelled = finished(label_take(take, model, PointOptions("likelihood")))
-    whole, motion = PointRows.of(take), labelled.whole().motion
-    parts = [labelled.part(take, slice(first, first + 50)) for first in range(0, LENGTH - 20, 50)]
-    count = sum(len(rows) for rows, _ in parts)
-    np.testing.assert_array_equal(np.concatenate([rows.trajectory for rows, _ in parts]), whole.trajectory[:count])
-    for name in ("markers", "expected", "confidence"):
-        found = np.concatenate([getattr(chunk.motion, name) for _, chunk in parts])
-        np.testing.assert_array_equal(found, getattr(motion, name)[: len(found)])
-    names = model.markerset.markers
-    assert labelled.motion.suspects(names, RATE) == find_suspects(motion, names, RATE)

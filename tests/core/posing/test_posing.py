@@ -250,13 +250,3 @@ def test_a_set_that_is_sure_of_the_height_is_held_to_it_and_where_one_stands_cos
     bodies = toy.rest(2, 1.7)
     turned = replace(bodies, quaternion=rotations.about_z(np.array([0.5, -2.0])), translation=np.ones((2, 3)))
     np.testing.assert_allclose(prior.terms(turned)[0], prior.terms(bodies)[0], atol=1e-12)
-
-
-def test_options_hold_what_they_say(toy):
-    tall = replace(toy.rest(1, 1.9))
-    assert Prior(toy, height=1.9, height_sd=0.02).terms(tall)[0] < Prior(toy).terms(tall)[0]
-    leaning = replace(tall, quaternion=rotations.turned(tall.quaternion, np.array([[0.0, 0.3, 0.0]])))
-    held = Prior(toy, upright_sd=0.1)
-    assert held.terms(leaning)[0] - held.terms(tall)[0] == pytest.approx((np.sin(0.3) / 0.1) ** 2)
-    stretched = replace(tall, scale=tall.scale * [1.1, 0.9, 1.0])
-    assert held.terms(stretched)[0] > held.terms(tall)[0] + 1

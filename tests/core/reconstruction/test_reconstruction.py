@@ -10,7 +10,6 @@ import pytest
 from addon.core.data.errors import JobError
 from addon.core.data.takes import Blobs
 from addon.core.reconstruction.linking import Links
-from addon.core.reconstruction.matching import each_once
 from addon.core.reconstruction.trajectories import Reconstructor, reconstruct_take
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions, capture
@@ -126,13 +125,3 @@ def test_memory_does_not_grow_with_the_take():
     left = tracemalloc.get_traced_memory()[0]
     tracemalloc.stop()
     assert left < 50_000
-
-
-@pytest.mark.parametrize(("cameras", "most"), [(2, 3), (8, 60), (12, 40), (40, 90)])
-def test_sets_of_blobs_are_each_kept_once_in_order(cameras, most):
-    """By one number for each set, where there is one that is large enough, as by all of its columns."""
-    generator = np.random.default_rng(cameras)
-    slots = generator.integers(-1, most, (300, cameras))
-    slots = slots[generator.integers(0, 300, 900)]
-    np.testing.assert_array_equal(each_once(slots), np.unique(slots, axis=0))
-    assert each_once(slots[:0]).shape == (0, cameras)

@@ -10,7 +10,6 @@ from addon.core.data.progress import finished
 from addon.core.geometry import rotations
 from addon.core.points.likelihood import learn
 from addon.core.points.likelihood.frames import LikelihoodNamer
-from addon.core.training import laying, pipeline
 from addon.core.training.imagining import IMAGINING
 from addon.core.training.laying import laid_body, marker_sides
 from addon.core.training.people import person_in
@@ -19,7 +18,6 @@ from addon.core.training.poses import known_poses
 from addon.core.training.takes import LabelledTake
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
-from addon.io.models import likelihood_document
 
 FRAME = 40
 
@@ -77,20 +75,6 @@ def test_a_body_is_laid_into_a_frame_without_known_names(known, take):
     assert laid_body(scattered, [(body, poses)], np.zeros(26, dtype=int)) is None
 
 
-def test_a_few_markers_found_on_a_limb_are_not_that_limb_and_names_say_their_side(known):
-    body = next(one for one in known if one.name == "body39")
-    found = np.ones(len(body), bool)
-    for name in ("LUPA", "LELB", "LFRM", "LWRA"):
-        found[body.index(name)] = False
-    kept = laying._on_worn_limbs(body, found)
-    assert [name for name, on in zip(body.markers, kept, strict=True) if not on] == [
-        "LUPA", "LELB", "LFRM", "LWRA", "LWRB", "LFIN",
-    ]  # fmt: skip
-    names = ("LASI", "RASI", "SACR", "left_knee", "right_knee", "toe.L", "toe.R")
-    assert marker_sides(names).tolist() == [1, -1, 0, 1, -1, 1, -1]
-    assert marker_sides(("A", "B", "C")).tolist() == [0, 0, 0]
-
-
 def test_one_person_who_moves_learns_of_others_too(known, take, monkeypatch):
     monkeypatch.setattr(learn, "LEARN", replace(learn.LEARN, max_frames=40))
     names = open_markerset("body26").markers
@@ -117,9 +101,6 @@ def test_one_frame_of_what_is_no_person_names_it_bent(known, monkeypatch):
     sure = np.concatenate([one.rate for one in labels]) >= 0.99
     assert right.mean() > 0.9
     assert (sure & ~right).mean() < 0.02
-
-
-FRAMES = 100
 
 
 @pytest.fixture(scope="module")
@@ -151,22 +132,3 @@ def test_markers_in_usual_places_are_known_without_their_names_and_what_is_no_pe
     points = np.concatenate(parts, axis=1)
     names = [f"B{number}" for number in range(18)]
     assert person_in([points], names, "box", actors[:1]) is None
-
-
-def test_points_are_named_the_same_however_the_subject_is_drawn(actors, monkeypatch):
-    body = open_markerset("body26")
-    points = make_performance(body).take.xyz[::6]
-    names = tuple(f"M{number}" for number in range(len(body)))
-    take = LabelledTake("walk.c3d", "ann", names, points)
-    monkeypatch.setattr(learn, "LEARN", replace(learn.LEARN, max_frames=40))
-    drawn = replace(body, name="ann", markers=names, aliases={})
-    models = []
-    for person in (None, (drawn, "body26")):
-        monkeypatch.setattr(pipeline, "person_in", lambda *_, person=person: person)
-        models.append(finished(train([take], names, TrainingOptions("ann", search="none"), None, actors)))
-    groups, whole = models
-    assert whole.model.markerset.skeleton.segments == body.skeleton.segments
-    assert whole.body == "the body of body26, by how the markers move"
-    assert any(doubt.startswith("no person's body was found") for doubt in groups.doubts)
-    assert not any(doubt.startswith("no person's body was found") for doubt in whole.doubts)
-    assert likelihood_document(groups.model.likelihood) == likelihood_document(whole.model.likelihood)

@@ -175,11 +175,6 @@ def test_the_marker_set_poses_takes_it_has_not_seen():
     assert np.median(away) < 0.006
 
 
-def test_nothing_to_see_is_said():
-    with pytest.raises(ValueError, match="three or more"):
-        segment_markerset([np.full((5, 4, 3), np.nan)], list("ABCD"), "none")
-
-
 @pytest.fixture(scope="module")
 def bodies():
     return known_bodies()

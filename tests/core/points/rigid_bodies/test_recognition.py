@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_POINT, NO_STEP, Labels, Verdict
+from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Verdict
 from addon.core.points.adaptation import adapt, borne_out
 from addon.core.points.likelihood.model import Likelihood
 from addon.core.points.models import Model, TrainingTake
 from addon.core.points.rigid_bodies.cluster_matching import NO_CLUSTER
 from addon.core.points.rigid_bodies.clustering import find_clusters, sampled
-from addon.core.points.rigid_bodies.marker_matching import correspondences
 from addon.core.points.rigid_bodies.model import learn_rigid_bodies
 from addon.core.points.rigid_bodies.recognition import recognise
 from addon.core.points.rigid_bodies.structure import learn_structure
@@ -175,26 +174,6 @@ def test_people_in_another_marker_set_are_nobody_whose_plates_it_could_learn(rec
     folder, _, learned = recorded
     other = read_points(folder / take)
     assert recognise(*learned, other.xyz, cut(other.xyz, other.rate), other.rate).known is None
-
-
-@pytest.mark.parametrize(("wobble", "markers"), [(0.012, 6), (0.026, 5)])
-@pytest.mark.parametrize("turn", [(0, 0, 0), (0, 54.7356, 45)])
-def test_how_loose_a_marker_may_be_does_not_depend_on_where_the_plate_faces(wobble, markers, turn):
-    around = np.linspace(0, 2 * np.pi, 5, endpoint=False)
-    flat = np.stack([*np.column_stack([np.cos(around), np.sin(around), 0 * around]) * 0.15, np.zeros(3)])
-    points = np.tile(flat, (200, 1, 1))
-    points[:, 5, 2] += wobble * np.sin(np.arange(200))
-    points = points @ Rotation.from_euler("zyx", turn, degrees=True).as_matrix().T
-    groups = find_clusters(sampled(points, cut(points, RATE), RATE))
-    assert [len(group.form) for group in groups] == [markers]
-
-
-@pytest.mark.parametrize(("markers", "points", "ways"), [(3, 3, 6), (3, 5, 60), (4, 3, 24), (3, 12, 210)])
-def test_all_ways_in_which_points_may_be_markers_are_tried(markers, points, ways):
-    rng = np.random.default_rng(0)
-    tried = correspondences(markers, rng.normal(size=(points, 3)))
-    assert len(np.unique(tried, axis=0)) == ways
-    assert ((tried != NO_POINT).sum(axis=1) == min(markers, points)).all()
 
 
 FRAMES = 100

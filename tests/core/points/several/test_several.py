@@ -11,18 +11,17 @@ from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import JobError
 from addon.core.data.lanes import LaneOptions
 from addon.core.data.progress import finished
-from addon.core.data.takes import Labels, Points, Suspect, Verdict
+from addon.core.data.takes import Labels, Points
 from addon.core.geometry.rotations import exponential
 from addon.core.points.refusals import RefusalOptions
-from addon.core.points.several import affinity, bodies, pipeline, places
+from addon.core.points.several import affinity, bodies, pipeline
 from addon.core.points.several.affinity import Affinity
-from addon.core.points.several.identification import IDENTIFICATION, PersonBuild, UnidentifiedPresence
+from addon.core.points.several.identification import UnidentifiedPresence
 from addon.core.points.several.parting import parted
 from addon.core.points.several.pipeline import is_prop, label_several
-from addon.core.points.several.places import NO_BODY, PlacesOptions, bodies_by_place
-from addon.core.points.several.sharing import share, shared_out
-from addon.core.points.several.together import joined
-from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer
+from addon.core.points.several.places import NO_BODY, bodies_by_place
+from addon.core.points.several.sharing import share
+from addon.core.points.several.wearers import AUTO, SeveralOptions, Wearer
 from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.simulation.virtual import Act, draw_person
 from addon.core.training.pipeline import TrainingOptions, train
@@ -135,12 +134,6 @@ def test_people_of_two_models_who_are_as_like_one_as_the_other_cannot_be_told_ap
         labelled(take, asked)
 
 
-def test_the_surer_keeps_what_two_claim():
-    may = np.array([[True, True], [True, True], [True, False], [True, True]])
-    certainty = np.array([[9.0, 9.0 - IDENTIFICATION.lead], [5.0, 5.0], [0.0, 8.0], [0.0, 3.0]])
-    assert shared_out(may, certainty).tolist() == [[True, False], [False, False], [True, False], [True, True]]
-
-
 def absent(whole: np.ndarray, first: int, after: int, elsewhere: float = 0.0) -> np.ndarray:
     """Somebody (T, M, 3) m who is not there in some frames, and so far aside (y, m) after them."""
     found = whole.copy()
@@ -203,24 +196,6 @@ def test_two_who_stand_still_for_long_are_as_sure_as_for_a_moment(count):
     found = labelled(take, count)
     right, wrong = matched(found.labels.marker, np.arange(30), take.present)
     assert (right, wrong) == (take.present.sum(), 0)
-
-
-def test_of_whom_nobody_asked_for_nothing_is_to_be_looked_at():
-    model = open_model("gait15")
-    worn = SetsWorn((Wearer("ann", model), Wearer("?0", model, asked=False)))
-    said = Verdict(Labels.none(2, 3), (Suspect(1, 2, "left and right may be exchanged", markers=("LKNE",)),))
-    assert [one.markers for one in joined(worn, [said, said]).suspects] == [("ann:LKNE",)]
-    assert worn.asked.markers == worn.markers[:15]
-
-
-def test_builds_of_other_sets_and_of_which_nothing_is_shown_do_not_go_together():
-    mean, steady = np.random.default_rng(4).uniform(0.1, 1.5, (15, 15)), np.full((15, 15), 1e-4)
-    markers = open_model("gait15").markerset.markers
-    own = PersonBuild(markers, mean, steady)
-    assert own.cost(PersonBuild(markers, mean * 1.002, steady), 0.003) < 1
-    assert own.cost(PersonBuild(markers, mean * 1.2, steady), 0.003) > 1
-    assert own.cost(PersonBuild(markers[::-1], mean, steady), 0.003) == np.inf
-    assert own.cost(PersonBuild(markers, np.full((15, 15), np.nan), steady), 0.003) == np.inf
 
 
 def test_a_presence_that_a_person_has_named_is_asked_no_more():
@@ -350,49 +325,3 @@ def test_what_is_left_where_somebody_went_away_does_not_become_them():
     found = bodies_by_place(points, tracklet, np.arange(0, len(points), 3), len(truth) + THING, 2)
     assert (found[: len(truth)] != NO_BODY).sum() > 2 * MARKERS
     assert wrong(found[: len(truth)], truth) <= MARKERS
-
-
-@pytest.mark.parametrize(("frames", "followed"), [(9, True), (30, False)])
-def test_who_is_not_seen_for_a_moment_is_followed_and_no_longer(frames, followed):
-    points, tracklet, truth = standing(1.0, 12.0)
-    empty = slice(300, 300 + frames)
-    tracklet[empty], points[empty] = NO_BODY, np.nan
-    looked = np.arange(0, len(points), 3)
-    found = bodies_by_place(points, tracklet, looked, len(truth), 2)
-    assert wrong(found, truth) == 0
-    ends = [tracklet[part][tracklet[part] >= 0] for part in (slice(200), slice(500, None))]
-    assert all((found[own] != NO_BODY).mean() > 0.8 for own in ends) == followed
-
-
-def test_what_lies_between_two_or_now_with_one_and_now_with_the_other_is_left_to_what_it_holds_on_to(monkeypatch):
-    points, tracklet, truth = standing(1.0, 4.0)
-    points[:, 0, :2] = [0.4, 0.0]
-    assert_left(points, tracklet, truth)
-    points, tracklet, truth = standing(1.0, 4.0)
-    points[:, 0, 0] = np.arange(len(points)) // 5 % 2
-    monkeypatch.setattr(places, "BY_PLACE", PlacesOptions(gone_over=0.1))
-    assert_left(points, tracklet, truth)
-
-
-def assert_left(points: np.ndarray, tracklet: np.ndarray, truth: np.ndarray):
-    """That the first marker's tracklets are on no body, but for that in the frame that is begun with."""
-    found = bodies_by_place(points, tracklet, np.arange(1, len(points)), len(truth), 2)
-    rest = np.setdiff1d(tracklet[:, 1:], [NO_BODY])
-    assert wrong(found[rest], truth[rest]) == 0
-    assert (found != NO_BODY).mean() > 0.7
-    own = np.unique(tracklet[tracklet[:, 0] >= 0, 0])
-    assert (found[own] == NO_BODY).sum() >= len(own) - 1
-    on = np.append(found, 0)[tracklet[1:]] != NO_BODY
-    assert on.all(axis=1).any()
-
-
-@pytest.mark.parametrize("followed", [False, True])
-def test_whose_feet_come_to_another_is_followed_no_farther(monkeypatch, followed):
-    points, tracklet, truth = standing(1.0, 8.0)
-    lying = np.arange(MARKERS, MARKERS + 10)
-    way = np.clip((np.arange(len(points)) - 120) / 60, 0, 1)[:, None]
-    points[:, lying, 0] += way * (0.05 - points[:, lying, 0])
-    monkeypatch.setattr(places, "BY_PLACE", PlacesOptions(gone_over=1.0) if followed else PlacesOptions())
-    found = bodies_by_place(points, tracklet, np.arange(100, len(points)), len(truth), 2)
-    assert (found != NO_BODY).sum() > 2 * MARKERS
-    assert (wrong(found, truth) > 10) == followed

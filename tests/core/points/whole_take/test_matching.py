@@ -12,7 +12,7 @@ from addon.core.data.progress import finished
 from addon.core.data.takes import NO_MARKER, Points
 from addon.core.edits.kinds import AssignPoint, Edits
 from addon.core.points.tracklets import VOTE
-from addon.core.points.whole_take.matching import cliques, margins, matched
+from addon.core.points.whole_take.matching import margins, matched
 from addon.core.points.whole_take.pipeline import PointOptions, label_points
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
@@ -56,20 +56,6 @@ def test_the_matching_is_the_best_of_all(seed):
 def test_of_equals_the_first_tracklet_has_the_first_marker():
     odds = np.array([[3.0, 3.0, 5.0], [3.0, 3.0 + 1e-12, 5.0], [3.0 + 1e-12, 3.0, 5.0]])
     assert matched(odds, np.zeros(3, int), np.full(3, 9)).tolist() == [0, 1, 2]
-
-
-@given(st.integers(0, 10**6))
-def test_cliques_hold_all_that_meet_and_nothing_else(seed):
-    rng = np.random.default_rng(seed)
-    first = rng.integers(0, 60, 7)
-    end = first + rng.integers(0, 40, 7)
-    meet = (first[:, None] <= end) & (first <= end[:, None])
-    np.fill_diagonal(meet, False)
-    held = np.zeros(meet.shape, bool)
-    for clique in cliques(first, end):
-        held[np.ix_(clique, clique)] = True
-    np.fill_diagonal(held, False)
-    assert (held == meet).all()
 
 
 def test_a_margin_is_what_the_next_best_naming_lacks_and_what_nothing_speaks_for_has_no_name():

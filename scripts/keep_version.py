@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Saves what this version saves, so that every later one is tried on it: `python -m tests.earlier.keep NAME`.
+"""Saves what this version saves, so that every later one is tried on it: `python -m scripts.keep_version NAME`.
 
 To be run when a version is released, in a Python with the older of the two Blenders (`.venv-3.11`), whose files both
 open. It writes to tests/earlier/NAME/: `takes.blend` with a scene of 3D points and one of blobs, both with corrections,
@@ -21,7 +21,7 @@ import bpy
 import numpy as np
 
 MODULE = "bl_ext.mocap_earlier.mocap_autolabel"
-HERE = Path(__file__).resolve().parent
+EARLIER = Path(__file__).resolve().parents[1] / "tests" / "earlier"
 MODEL, RATE = "gait15", 60.0
 FEW = ("LASI", "RASI", "LKNE", "RKNE", "LANK", "RANK", "RHEE")
 
@@ -57,7 +57,7 @@ class Version:
 
 def make_inputs(version: Version, folder: Path) -> None:
     """Copies walk.csv and room.toml, and writes walk.c3d without names and named/one.c3d with them."""
-    before = max(HERE.glob("*/walk.csv")).parent
+    before = max(EARLIER.glob("*/walk.csv")).parent
     blobs, room = (shutil.copy(before / name, folder / name) for name in ("walk.csv", "room.toml"))
     version.command("reconstruct", blobs, "--cameras", room, "--rate", RATE, "--out", folder / "walk.c3d")
     more = ("--model", MODEL, "--rate", RATE, "--out", folder / "named")
@@ -177,7 +177,7 @@ def main(name: str) -> None:
         version = Version(Path.cwd(), extension)
         make_inputs(version, inputs)
         save(version, inputs, out)
-        shutil.copytree(out, HERE / name)
+        shutil.copytree(out, EARLIER / name)
         print(*(f"{path.name} {path.stat().st_size}" for path in sorted(out.iterdir())), sep="\n", flush=True)
         os._exit(0)  # Blender 4.5 as a module may wait for ever for itself when Python ends
 
