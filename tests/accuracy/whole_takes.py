@@ -23,7 +23,7 @@ from addon.io.models import open_model, write_model
 
 from .. import recorded
 from ..core.scenes import anonymous as without_names
-from .clouds import Trouble, drawn, placed_differently, spoilt
+from .partial.clouds import Trouble, drawn, placed_differently, spoilt
 from .people import BODY26, DATA, GAIT15, OTHERS, Take, everyone, files_of, read, worn_as
 
 BURST_FRAMES = 20  # that a marker is hidden
