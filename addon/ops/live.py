@@ -15,6 +15,7 @@ import bpy
 import numpy as np
 
 from ..core.data.errors import UserError
+from ..core.data.markersets import MarkerSet
 from ..core.data.takes import PointRows
 from ..core.data.wording import count_of
 from ..io.scratch import scratch_folder
@@ -34,13 +35,14 @@ WORDS_EVERY = 0.25  # s between two states in the sidebar
 class WatchedStream:
     """A stream that a process names, which ends with Blender or sooner; what was recorded until then is kept.
 
-    markers  the names of the marker set
-    names    those that are named in the latest frame, and their points (N, 3) m
+    worn     the marker set
+    names    the markers that are named in the latest frame
+    named    (N, 3) m their points
     unnamed  (U, 3) m its other points
     words    the state for the sidebar
     """
 
-    def __init__(self, job: "LiveJob", markers: tuple[str, ...]):
+    def __init__(self, job: "LiveJob", worn: MarkerSet):
         """Starts it; JobError where there can be no process."""
         from ..cli.live import LATEST, RECORD, STOP, name_beside
         from ..cli.workers import Worker
@@ -52,7 +54,7 @@ class WatchedStream:
             self._kept = stack.pop_all()
         self._worker.hand(partial(name_beside, job, folder))
         self._latest, self._record, self._stop = (folder / name for name in (LATEST, RECORD, STOP))
-        self.out, self.markers, self.words = job.out, markers, "Connecting"
+        self.out, self.worn, self.words = job.out, worn, "Connecting"
         self._frame, self._told = -1, 0.0
         self.names: list[str] = []
         self.named = self.unnamed = np.empty((0, 3))
@@ -77,7 +79,7 @@ class WatchedStream:
         now = time.time()
         if now - self._told > WORDS_EVERY and not self._stop.exists():
             self._told, delay = now, 1000 * (now - line["at"]) + line["ms"]
-            found_words = f"{len(self.names)} of {len(self.markers)} markers named, {len(self.unnamed)} points not"
+            found_words = f"{len(self.names)} of {len(self.worn)} markers named, {len(self.unnamed)} points not"
             changed = f", {count_of(line['changed'], 'name')} changed" if line["changed"] else ""
             self.words = f"{found_words}{changed}; {delay:.0f} ms, {count_of(line['late'], 'frame')} dropped"
             redraw("VIEW_3D", "UI")
@@ -125,7 +127,7 @@ def follow_live() -> float | None:
 def _take_in(stream: WatchedStream):
     """Imports what was recorded, and labels it as a whole in the background."""
     path = str(stream.out)
-    _recorded[:] = [(written(path), stream.markers)]
+    _recorded[:] = [(written(path), stream.worn.markers)]
     windows = bpy.context.window_manager.windows
     try:
         with bpy.context.temp_override(window=windows[0] if len(windows) else None):
@@ -187,7 +189,7 @@ class MOCAP_AUTOLABEL_OT_connect(Ours, bpy.types.Operator):
     def work(self, context):
         settings = context.scene.mocap_autolabel
         job = live_job(settings)
-        _going.append(WatchedStream(job, chosen_markerset(settings.subjects).markers))
+        _going.append(WatchedStream(job, chosen_markerset(settings.subjects)))
         _ended.clear()
         bpy.app.timers.register(follow_live, persistent=True)
 

@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 import pytest
 
+from addon.io.markersets import open_markerset
 from addon.io.points import read_points
 from addon.scene.take import is_take
 from scripts.virtual_take import write_virtual_take
@@ -58,7 +59,7 @@ def test_a_stream_is_shown_and_what_is_recorded_of_it_becomes_a_take(live, walk,
         for name, true in zip(walk.names, walk.xyz[min(at, 2 * len(walk.xyz) - 2 - at)], strict=True):
             assert name not in places or np.allclose(places[name], true, atol=1e-3)
         live.until(lambda: live.now()._frame > frame)  # they move
-        assert f"of {len(stream.markers)} markers named" in stream.words and "dropped" in stream.words
+        assert f"of {len(stream.worn)} markers named" in stream.words and "dropped" in stream.words
         assert len(bpy.data.objects) == before and len(bpy.data.actions) == 0
         assert not stream.out.exists() and not stream.recording
         assert bpy.ops.mocap_autolabel.record() == {"FINISHED"}
@@ -114,3 +115,16 @@ def test_another_file_ends_the_stream_and_what_was_recorded_stays(live, walk, tm
         assert live.now() is None and live.module.follow_live() is None
         stream._worker.process.wait(PATIENCE)
     assert len(read_points(stream.out).xyz) > 50
+
+
+def test_sticks_join_segments_of_which_something_is_named(extension):
+    worn = open_markerset("body26")
+    sticks = ours("ui.live").sticks
+    names = ["LASI", "RASI", "LANK", "LHEE", "RKNE"]
+    places = worn.rest_markers[[worn.index(name) for name in names]]
+    ends, colours = sticks(worn, names, places)
+    hips = places[:2].mean(axis=0)
+    # Shank, foot and the other thigh, by the order of the skeleton; of the left thigh nothing is named.
+    np.testing.assert_allclose(ends, [[hips, places[2]], [places[2], places[3]], [hips, places[4]]])
+    assert (colours[0] == colours[1]).all() and (colours[0] != colours[2]).any()
+    assert [len(part) for part in sticks(worn, [], np.empty((0, 3)))] == [0, 0]
