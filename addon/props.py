@@ -23,6 +23,7 @@ from bpy.props import (
 from .core.data.errors import InputError
 from .core.edits.kinds import counted_on, words_of
 from .core.filling.kept import resting_on
+from .core.geometry.camera_up import AXIS_NAMES
 from .core.points.several.wearers import AUTO, MAX_SUBJECTS, NAME_RULE, as_compared, is_subject_name
 from .io.markersets import AUTO_MODEL, SUFFIX, builtin_markersets, open_markerset
 from .io.model_history import own_models
@@ -282,6 +283,24 @@ class FolderSettings(bpy.types.PropertyGroup):
     )
 
 
+class LiveSettings(bpy.types.PropertyGroup):
+    """What is named while it is recorded."""
+
+    source: StringProperty(
+        name="Source",
+        description="Where the stream comes from: qtm://HOST (Qualisys), natnet://HOST (OptiTrack) or vicon://HOST",
+    )
+    up: EnumProperty(
+        name="Up",
+        description="The axis that points up in the sender's world",
+        items=[("AUTO", "As the Sender Says", "Y of Motive, which does not say")]
+        + [(axis, axis.upper(), f"{axis.upper()} points up") for axis in AXIS_NAMES],
+    )
+    folder: StringProperty(
+        name="Recordings", description="The folder that Record writes into, empty to watch only", subtype="DIR_PATH"
+    )
+
+
 class FillingSettings(bpy.types.PropertyGroup):
     """How gaps are filled and markers smoothed."""
 
@@ -343,6 +362,7 @@ class SceneSettings(bpy.types.PropertyGroup):
     training: PointerProperty(type=TrainingSettings)
     labelling: PointerProperty(type=LabellingSettings)
     folder: PointerProperty(type=FolderSettings)
+    live: PointerProperty(type=LiveSettings)
     filling: PointerProperty(type=FillingSettings)
     display: PointerProperty(type=DisplaySettings)
     take: PointerProperty(

@@ -4,6 +4,7 @@
 import json
 import signal
 import sys
+import time
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -17,6 +18,7 @@ from ..io.scratch import scratch_folder
 from ..jobs.live import LiveJob, name_stream
 from .arguments import add_options, job_of, number
 from .console import ProgressLine, print_results
+from .serving import left
 from .workers import Worker
 
 DESCRIPTION = """Names the points of a stream frame by frame: a line of JSON for each on standard output, until the
@@ -64,6 +66,31 @@ def run(arguments) -> int:
             shown.clear()
     shown.tell(f"{result['frames']} frames, {result['late']} late", at_once=True)
     return 0
+
+
+LATEST, RECORD, STOP = "frame", "record", "stop"  # files by which Blender and the process beside it speak
+
+
+def name_beside(job: LiveJob, folder: Path) -> dict:
+    """Names a stream for a window, with which it shares a `folder`. Gives what `name_stream` does.
+
+    The line of the latest frame is in one file, over the one before, so that nothing grows or waits while the window is
+    busy; `at` is when it was written, `changed` how many names were taken back. It records from when another file is
+    there, and ends when a third is, or whoever sent it is gone: what was recorded is kept then, too.
+    """
+    changed = 0
+    with ExitStack() as stack:
+        stack.callback(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.SIG_IGN))
+        latest = stack.enter_context((folder / LATEST).open("wb", buffering=0))
+        solver = stack.enter_context(SolverProcess(stack.enter_context(scratch_folder()), job.model))
+
+        def tell(line: dict):
+            nonlocal changed
+            changed += len(line["renamed"])
+            latest.seek(0)
+            latest.write(json.dumps(line | {"at": time.time(), "changed": changed}).encode() + b"\n")
+
+        return name_stream(job, solver, tell, lambda: (folder / STOP).exists() or left(), (folder / RECORD).exists)
 
 
 def refuse_offline():

@@ -97,7 +97,7 @@ def serve(run: Callable[[list[str]], int]) -> int:
     load_labelling()  # while whoever sends the first line is still at its files
     out = sys.stdout
     for line in _lines():
-        if _left():  # what was sent before that is not wanted any more
+        if left():  # what was sent before that is not wanted any more
             break
         errors = StringIO()
         with _looking_out(), redirect_stdout(StringIO()), redirect_stderr(errors):
@@ -116,7 +116,7 @@ def _lines() -> Iterator[bytes]:
             yield from whole
 
 
-def _left() -> bool:
+def left() -> bool:
     """Whether whoever sent the command lines is gone: the pipe is closed then, however the other process ended."""
     if sys.platform == "win32":
         pipe = ctypes.c_void_p(msvcrt.get_osfhandle(0))
@@ -131,7 +131,7 @@ def _looking_out() -> Iterator[None]:
     """Ends the block as by Ctrl-C when whoever sent its work is gone, and the process once it had time to clean up."""
 
     def look(*_):
-        if _left():
+        if left():
             signal.signal(signal.SIGALRM, signal.SIG_DFL)
             signal.setitimer(signal.ITIMER_REAL, PATIENCE)
             signal.raise_signal(signal.SIGINT)
@@ -166,7 +166,7 @@ def run_work(argv: list[str]) -> int:
         share = step.fraction if isinstance(step, Progress) else step
         sys.__stdout__.write(f"\n{SHARE}{share:.4f}\n")
         sys.__stdout__.flush()
-        if _left():
+        if left():
             raise KeyboardInterrupt
 
     try:

@@ -108,10 +108,17 @@ class LiveFile(TrajectoryFile):
         return column
 
 
-def name_stream(job: LiveJob, beside: SolverBeside, tell: Callable[[dict], None], stopped: Callable[[], bool]) -> dict:
+def name_stream(
+    job: LiveJob,
+    beside: SolverBeside,
+    tell: Callable[[dict], None],
+    stopped: Callable[[], bool],
+    recording: Callable[[], bool] = lambda: True,
+) -> dict:
     """Names frames until the sender ends, or somebody has `stopped` it; `tell` hears each. Gives what there is to say.
 
-    Raises UserError where the stream ends in trouble; what came until then is kept.
+    From when it is `recording` on all frames are kept. Raises UserError where the stream ends in trouble; what came
+    until then is kept.
     """
     model = open_model(job.model)
     if model.likelihood is None or not model.has_learned:
@@ -124,7 +131,7 @@ def name_stream(job: LiveJob, beside: SolverBeside, tell: Callable[[dict], None]
         target = stack.enter_context(whole_file(job.out, job.overwrite)) if job.out else None
         folder = stack.enter_context(scratch_folder()) if job.out else None
         stream = stack.enter_context(open_stream(job.source, job.up or "", job.wait, job.anywhere))
-        live = _Live(job, stream, beside, model, folder, stack)
+        live = _Live(job, stream, beside, model, folder, stack, recording)
         try:
             for frame in stream:
                 if (line := live.line(frame)) is not None:
@@ -154,13 +161,14 @@ class _Live:
         model: Model,
         folder: Path | None,
         stack: ExitStack,
+        recording: Callable[[], bool],
     ):
-        self.job, self.stream, self.beside, self.model, self.folder, self.stack = (
-            job, stream, beside, model, folder, stack,
+        self.job, self.stream, self.beside, self.model, self.folder, self.stack, self.recording = (
+            job, stream, beside, model, folder, stack, recording,
         )  # fmt: skip
         self.names = model.markerset.markers
         self.rate = job.rate or stream.rate
-        self.frames, self.late, self.first = 0, 0, 0
+        self.frames, self.late, self.first, self.kept_from = 0, 0, 0, 0
         self.waiting: list[tuple[float, StreamFrame]] = []
         self.namer: LiveNamer | None = None
         self.file: LiveFile | None = None
@@ -168,7 +176,6 @@ class _Live:
     def line(self, frame: StreamFrame) -> dict | None:
         """What a frame comes to; None where the next is there already, which is told instead."""
         came = perf_counter()
-        self.first = self.first if self.frames else frame.number
         self.frames += 1
         marker, renamed = np.full(len(frame.points), NO_MARKER), []
         if self.namer is None:
@@ -209,14 +216,15 @@ class _Live:
             self.rate = abs(last.number - first.number) / seconds
         if self.rate:
             self.namer = LiveNamer(trained_pairs(self.model).within, self.rate)
-            if self.folder is not None:
-                self.file = self.stack.enter_context(LiveFile(self.folder, self.rate, self.names))
             for _, frame in self.waiting:
                 self._named(self.namer, frame)
             self.waiting = []
 
     def _named(self, namer: LiveNamer, frame: StreamFrame) -> np.ndarray:
         marker, trajectory = namer.name(frame.number, frame.points, frame.ids)
+        if self.file is None and self.folder is not None and self.rate and self.recording():
+            self.file = self.stack.enter_context(LiveFile(self.folder, self.rate, self.names))
+            self.first, self.kept_from = frame.number, namer.row
         if self.file is not None:
-            self.file.keep(namer.row, frame.points, marker, trajectory)
+            self.file.keep(namer.row - self.kept_from, frame.points, marker, trajectory)
         return marker

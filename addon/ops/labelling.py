@@ -36,6 +36,7 @@ from ..scene.take import Take
 from .base import lacks_object_mode, once, takes_of_file
 from .filling import fills_kept, kept_before
 from .importing import cameras_at_hand
+from .live import changed_since_live
 from .long_work import LongWork, nothing_goes_on
 from .reposing import follow_soon
 from .viewing import fit_timelines, show_take_whole
@@ -160,7 +161,7 @@ class LabelsTake(LongWork):
         named, frames = int(take.labels.named.sum()), len(take.motion.frames)
         words = f"{named} of {len(take.rows)} {things} named in {count_of(frames, 'frame')}"
         words += f"; {count_of(len(take.edits), 'correction')} kept" if take.edits else ""
-        words += fills_kept(context)
+        words += fills_kept(context) + changed_since_live(take)
         yours, changed = persons_in(settings.take), summary_of_changes(kept_changes(settings.take))
         words += f"; kept in {settings.take.name}: {yours}" if yours else ""
         self.report({"INFO"}, words + (f"; {changed} than before" if changed else ""))

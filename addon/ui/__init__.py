@@ -8,6 +8,7 @@ from bpy.app.handlers import persistent
 
 from ..ops.correcting import review_now
 from ..ops.label_folder import follow, leave_batch, show_batch
+from ..ops.live import follow_live, leave_live
 from ..ops.long_work import end_process
 from ..ops.picking import picked_points, restore_picked
 from ..ops.reposing import follow_soon, forget_reposing
@@ -15,14 +16,14 @@ from ..props import list_trouble, refresh_review
 from ..scene import naming
 from ..scene.opened import opened
 from ..scene.take import RATE, takes_of
-from . import figure, label_tool, overlay, panels, quality, review, timeline
+from . import figure, label_tool, live, overlay, panels, quality, review, timeline
 
-PANEL_MODULES = (panels, review, label_tool)  # a panel behind the one that it is in
+PANEL_MODULES = (panels, live, review, label_tool)  # a panel behind the one that it is in
 
 
 def add_handlers(stack: ExitStack):
     """Adds the overlay and what listens to Blender; each brings its way back to `stack`."""
-    for draw in (figure.draw, overlay.draw, quality.draw, label_tool.draw):
+    for draw in (figure.draw, overlay.draw, live.draw, quality.draw, label_tool.draw):
         drawing = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_PIXEL")
         stack.callback(bpy.types.SpaceView3D.draw_handler_remove, drawing, "WINDOW")
     timeline.add_timeline(stack)
@@ -33,6 +34,7 @@ def add_handlers(stack: ExitStack):
         overlay.letters.forget,
         overlay.discs.forget,
         leave_batch,
+        leave_live,
         end_process,
     ):
         stack.callback(forget)
@@ -49,7 +51,7 @@ def add_handlers(stack: ExitStack):
     # While an extension is being enabled the file is out of bounds; a moment later it is not. The timer is persistent
     # because Blender 4.5 as a module hangs at its end when a file is opened under one that is not.
     bpy.app.timers.register(adopt_takes, first_interval=0.0, persistent=True)
-    for timer in (list_trouble, adopt_takes, review_now, follow):
+    for timer in (list_trouble, adopt_takes, review_now, follow, follow_live):
         stack.callback(_stop_timer, timer)
 
 
@@ -61,6 +63,7 @@ def _stop_timer(function):
 @persistent
 def after_load(*_):
     """A file was opened: what was read from the last one is forgotten, and takes made elsewhere are found."""
+    leave_live()
     opened.forget()
     forget_reposing()
     bpy.context.view_layer.update()  # constraints of cameras, which what was edited in takes of blobs is measured by

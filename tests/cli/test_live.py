@@ -5,7 +5,7 @@ import json
 import signal
 import subprocess
 import sys
-from itertools import chain, count, cycle
+from functools import partial
 from types import SimpleNamespace
 
 import ezc3d
@@ -18,24 +18,17 @@ from addon.core.data.errors import JobError
 from addon.demo.take import MODEL
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points
-from addon.io.streams.wire import StreamFrame
 from scripts.virtual_take import write_virtual_take
-from tests.io.streams.servers import NatNetServer, QtmServer, frames_of_points
+from tests.io.streams.servers import NatNetServer, QtmServer, there_and_back
 
 RATE = 100.0
 
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory):
-    """Frames of somebody who goes there and back for ever, numbered on and on; with the true place of each marker."""
+    """Frames of somebody who goes there and back for ever, with the true place of each marker."""
     take = write_virtual_take(tmp_path_factory.mktemp("live"), 300, 1, "walk.csv", "room.toml")
-    frames = frames_of_points(take.xyz, RATE)
-
-    def played():
-        for number, frame in zip(count(1), cycle(chain(frames, frames[-2:0:-1])), strict=False):
-            yield StreamFrame(number, number / RATE, frame.points, frame.ids)
-
-    return SimpleNamespace(names=take.names, xyz=take.xyz, played=played)
+    return SimpleNamespace(names=take.names, xyz=take.xyz, played=partial(there_and_back, take.xyz, RATE))
 
 
 def place(walk, number: int) -> np.ndarray:

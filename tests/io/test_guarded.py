@@ -38,6 +38,7 @@ OWN = {
     ("cli/console.py", "open_streams"): "the null device",
     ("cli/parcels.py", "read_parcel"): "what is open",
     ("cli/workers.py", "look"): "scratch files",
+    ("ops/live.py", "look"): "a scratch file",
     ("version.py", "version"): "ships with the program",
 }
 

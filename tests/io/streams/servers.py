@@ -6,6 +6,7 @@ import struct
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from itertools import chain, count, cycle
 from random import Random
 from threading import Thread
 
@@ -23,6 +24,13 @@ def frames_of_points(xyz: np.ndarray, rate: float, first: int = 1) -> list[Strea
         seen = np.isfinite(points).all(axis=1)
         found.append(StreamFrame(number, number / rate, points[seen], np.flatnonzero(seen) + 100))
     return found
+
+
+def there_and_back(xyz: np.ndarray, rate: float) -> Iterator[StreamFrame]:
+    """The same for ever, there and back, numbered on and on."""
+    frames = frames_of_points(xyz, rate)
+    for number, frame in zip(count(1), cycle(chain(frames, frames[-2:0:-1])), strict=False):
+        yield StreamFrame(number, number / rate, frame.points, frame.ids)
 
 
 class Server:

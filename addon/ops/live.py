@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Names while somebody records: a process beside Blender reads a stream, and the window shows its latest frame.
+
+Nothing of it is in the file until it ends: no keys, no step of undo. Then what was recorded is imported and labelled.
+"""
+
+import json
+import time
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import bpy
+import numpy as np
+
+from ..core.data.errors import UserError
+from ..core.data.markersets import MarkerSet
+from ..core.data.takes import PointRows
+from ..core.data.wording import count_of
+from ..io.scratch import scratch_folder
+from ..io.text import written
+from ..props import SceneSettings, chosen_markerset, chosen_model
+from ..scene.redrawing import redraw
+from ..scene.take import Take
+from .base import Ours, unless
+
+if TYPE_CHECKING:
+    from ..jobs.live import LiveJob
+
+SHOWN_EVERY = 1 / 60  # s between two looks for a frame
+WORDS_EVERY = 0.25  # s between two states in the sidebar
+
+
+class WatchedStream:
+    """A stream that a process names, which ends with Blender or sooner; what was recorded until then is kept.
+
+    worn     the marker set
+    names    the markers that are named in the latest frame
+    named    (N, 3) m their points
+    unnamed  (U, 3) m its other points
+    words    the state for the sidebar
+    """
+
+    def __init__(self, job: "LiveJob", worn: MarkerSet):
+        """Starts it; JobError where there can be no process."""
+        from ..cli.live import LATEST, RECORD, STOP, name_beside
+        from ..cli.workers import Worker
+
+        with ExitStack() as stack:
+            folder = stack.enter_context(scratch_folder())
+            self._worker = Worker(folder)
+            stack.callback(self._worker.pipe.close)  # which it hears
+            self._kept = stack.pop_all()
+        self._worker.hand(partial(name_beside, job, folder))
+        self._latest, self._record, self._stop = (folder / name for name in (LATEST, RECORD, STOP))
+        self.out, self.worn, self.words = job.out, worn, "Connecting"
+        self._frame, self._told = -1, 0.0
+        self.names: list[str] = []
+        self.named = self.unnamed = np.empty((0, 3))
+
+    @property
+    def recording(self) -> bool:
+        return self._record.exists()
+
+    def look(self) -> dict | UserError | None:
+        """Takes in the latest frame where it is new; how the stream ended, None where it has not."""
+        found = self._worker.look()
+        try:
+            line = json.loads(self._latest.read_bytes().partition(b"\n")[0])
+        except (OSError, ValueError):  # none is there yet, or it is just being written
+            return found
+        if line["frame"] == self._frame:
+            return found
+        self._frame, self.names = line["frame"], list(line["markers"])
+        self.named = np.array([*line["markers"].values()], float).reshape(-1, 3)
+        self.unnamed = np.array(line["unnamed"], float).reshape(-1, 3)
+        redraw("VIEW_3D", "WINDOW")
+        now = time.time()
+        if now - self._told > WORDS_EVERY and not self._stop.exists():
+            self._told, delay = now, 1000 * (now - line["at"]) + line["ms"]
+            found_words = f"{len(self.names)} of {len(self.worn)} markers named, {len(self.unnamed)} points not"
+            changed = f", {count_of(line['changed'], 'name')} changed" if line["changed"] else ""
+            self.words = f"{found_words}{changed}; {delay:.0f} ms, {count_of(line['late'], 'frame')} dropped"
+            redraw("VIEW_3D", "UI")
+        return found
+
+    def record(self):
+        self._record.touch()
+
+    def stop(self):
+        self._stop.touch()
+        self.words = "Stopping"
+
+    def leave(self):
+        """Lets it end, and forgets it."""
+        self._kept.close()
+
+
+# The stream that goes on, what became of the last one, and the latest recording with the markers that it was named by.
+_going: list[WatchedStream] = []
+_ended: list[str] = []
+_recorded: list[tuple[str, tuple[str, ...]]] = []
+
+
+def going_on() -> WatchedStream | None:
+    """The stream that is being named; None where there is none."""
+    return _going[0] if _going else None
+
+
+def follow_live() -> float | None:
+    """Shows the latest frame, and at the end makes a take of what was recorded; a timer."""
+    if not _going:
+        return None
+    stream = _going[0]
+    found = stream.look()
+    if found is None:
+        return SHOWN_EVERY
+    leave_live()
+    _ended[:] = [written(str(found))] if isinstance(found, UserError) else []
+    if stream.out is not None and stream.out.exists():
+        _take_in(stream)
+    redraw("VIEW_3D")
+    return None
+
+
+def _take_in(stream: WatchedStream):
+    """Imports what was recorded, and labels it as a whole in the background."""
+    path = str(stream.out)
+    _recorded[:] = [(written(path), stream.worn.markers)]
+    windows = bpy.context.window_manager.windows
+    try:
+        with bpy.context.temp_override(window=windows[0] if len(windows) else None):
+            bpy.ops.mocap_autolabel.import_points(filepath=path)
+            bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
+    except RuntimeError as error:  # what an operator of ours reports
+        _ended.append(str(error).strip().removeprefix("Error: "))
+
+
+def leave_live():
+    """Lets the stream that goes on end, as Blender or the extension ends or another file is opened."""
+    while _going:
+        _going.pop().leave()
+
+
+def how_it_ended() -> str:
+    """What there is to say of the last stream."""
+    return ". ".join(_ended)
+
+
+def changed_since_live(take: Take) -> str:
+    """What labelling the recording as a whole changed of the names that it had live; empty for any other take."""
+    names = take.markerset.markers
+    if (take.source, names) not in _recorded or not isinstance(take.rows, PointRows):
+        return ""
+    live = take.rows.trajectory < len(names)  # the first columns of the recording
+    changed = int((live & (take.labels.marker != take.rows.trajectory)).sum())
+    words = f"{changed:,} of {int(live.sum()):,} names given live changed"
+    _recorded.clear()  # labelled once more it is compared with the labelling before
+    _ended.append(words)
+    return f"; {words}"
+
+
+def live_job(settings: SceneSettings) -> "LiveJob":
+    """What the settings ask for; InputError where that is not clear, JobError where Blender may not go online."""
+    from ..cli.live import refuse_offline
+    from ..jobs.live import LiveJob
+
+    refuse_offline()
+    live = settings.live
+    folder = Path(bpy.path.abspath(live.folder)) if live.folder else None
+    out = folder / time.strftime("live_%Y-%m-%d_%H%M%S.c3d") if folder else None
+    up = None if live.up == "AUTO" else live.up
+    return LiveJob(live.source.strip(), chosen_model(settings.subjects), out, up)
+
+
+goes_on = unless(lambda _: _going, "Connect first")
+
+
+class MOCAP_AUTOLABEL_OT_connect(Ours, bpy.types.Operator):
+    """Name what a capture program streams by the chosen marker set, and show it in the 3D views."""
+
+    bl_options = {"INTERNAL"}
+    needs = (
+        unless(lambda _: not _going, "A stream is being named already"),
+        unless(lambda context: context.scene.mocap_autolabel.live.source.strip(), "Say where the stream comes from"),
+    )
+
+    def work(self, context):
+        settings = context.scene.mocap_autolabel
+        job = live_job(settings)
+        _going.append(WatchedStream(job, chosen_markerset(settings.subjects)))
+        _ended.clear()
+        bpy.app.timers.register(follow_live, persistent=True)
+
+
+class MOCAP_AUTOLABEL_OT_record(Ours, bpy.types.Operator):
+    """Keep all frames from now on, as they come and with their names, until Stop Live makes them a take."""
+
+    bl_options = {"INTERNAL"}
+    needs = (
+        goes_on,
+        unless(lambda _: _going[0].out, "Choose the folder for recordings, then connect again"),
+        unless(lambda _: not _going[0].recording, "It is being recorded"),
+    )
+
+    def work(self, context):
+        _going[0].record()
+
+
+class MOCAP_AUTOLABEL_OT_stop_live(Ours, bpy.types.Operator):
+    """End the stream; what was recorded becomes a take, which is labelled as a whole in the background."""
+
+    bl_options = {"INTERNAL"}
+    needs = (goes_on,)
+
+    def work(self, context):
+        _going[0].stop()

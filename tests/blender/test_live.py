@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""*Live*: a stream named by a process beside Blender, shown in its window, recorded, and made a take."""
+
+import sys
+import time
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.io.markersets import open_markerset
+from addon.io.points import read_points
+from addon.scene.take import is_take
+from scripts.virtual_take import write_virtual_take
+from tests.io.streams.servers import NatNetServer, QtmServer, there_and_back
+
+from .hands import ours, refused, reopen
+
+RATE, PATIENCE = 100.0, 120.0  # frames a second, s; a busy machine is slow
+
+
+@pytest.fixture(scope="module")
+def walk(tmp_path_factory):
+    """Somebody who walks, and the true place of each marker."""
+    return write_virtual_take(tmp_path_factory.mktemp("live"), 300, 1, "walk.csv", "room.toml")
+
+
+@pytest.fixture
+def live(extension, empty, tmp_path):
+    """The module, with settings in which only the source is left to say, and a wait for what comes."""
+    settings = empty.scene.mocap_autolabel
+    settings.subjects.markerset, settings.live.folder = "body26", str(tmp_path / "recordings")
+    module = ours("ops.live")
+
+    def until(comes) -> list:
+        end, ticks = time.monotonic() + PATIENCE, []
+        while not comes():
+            assert time.monotonic() < end, module.how_it_ended()
+            ticks.append(module.follow_live())
+            time.sleep(0.01)
+        return ticks
+
+    yield SimpleNamespace(module=module, settings=settings, until=until, now=module.going_on)
+    module.leave_live()
+
+
+@pytest.mark.parametrize("server", [QtmServer, NatNetServer])
+def test_a_stream_is_shown_and_what_is_recorded_of_it_becomes_a_take(live, walk, server):
+    before = len(bpy.data.objects)
+    with server(there_and_back(walk.xyz, RATE), RATE) as one:
+        live.settings.live.source = one.source
+        assert bpy.ops.mocap_autolabel.connect() == {"FINISHED"}
+        assert not bpy.ops.mocap_autolabel.connect.poll()
+        live.until(lambda: len(live.now().names) > 0.9 * len(walk.names))
+        stream = live.now()
+        frame, places = stream._frame, dict(zip(stream.names, stream.named, strict=True))
+        at = (frame - 1) % (2 * len(walk.xyz) - 2)
+        for name, true in zip(walk.names, walk.xyz[min(at, 2 * len(walk.xyz) - 2 - at)], strict=True):
+            assert name not in places or np.allclose(places[name], true, atol=1e-3)
+        live.until(lambda: live.now()._frame > frame)  # they move
+        assert f"of {len(stream.worn)} markers named" in stream.words and "dropped" in stream.words
+        assert len(bpy.data.objects) == before and len(bpy.data.actions) == 0
+        assert not stream.out.exists() and not stream.recording
+        assert bpy.ops.mocap_autolabel.record() == {"FINISHED"}
+        assert not bpy.ops.mocap_autolabel.record.poll()
+        start = stream._frame
+        live.until(lambda: live.now()._frame > start + 2 * RATE)
+        end = stream._frame
+        assert bpy.ops.mocap_autolabel.stop_live() == {"FINISHED"}
+        assert stream.words == "Stopping"
+        live.until(lambda: live.now() is None)
+    kept = read_points(stream.out)
+    assert start - 5 <= kept.first_frame and kept.first_frame + len(kept.xyz) > end > start + 2 * RATE
+    assert is_take(live.settings.take) and live.settings.take["mocap_source"] == str(stream.out)
+    assert "names given live changed" in live.module.how_it_ended()
+
+
+def test_what_ends_a_stream_is_said(live, walk, monkeypatch):
+    live.settings.live.source = " "
+    refused("Say where the stream comes from", "connect")
+    refused("Connect first", "record")
+    live.settings.live.source, live.settings.live.folder = "take.c3d", ""
+    app = SimpleNamespace(binary_path="blender", online_access=False)
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "bpy", SimpleNamespace(app=app))
+        refused("Allow Online Access is off in Blender's preferences; expected it on", "connect")
+    live.settings.subjects.markerset = "auto"
+    refused("expected a set from the list", "connect")
+    live.settings.subjects.markerset = "body26"
+    bpy.ops.mocap_autolabel.connect()
+    refused("Choose the folder for recordings, then connect again", "record")
+    live.until(lambda: live.now() is None)
+    assert live.module.how_it_ended().startswith("take.c3d: is no address of a stream; expected qtm://HOST,")
+    with QtmServer(there_and_back(walk.xyz, RATE), RATE) as one:
+        live.settings.live.source = one.source
+        bpy.ops.mocap_autolabel.connect()
+        live.until(lambda: live.now()._frame > 0)
+        live.now()._worker.process.kill()
+        live.until(lambda: live.now() is None)
+    assert live.module.how_it_ended().startswith("its process was killed (SIGKILL)")
+
+
+def test_another_file_ends_the_stream_and_what_was_recorded_stays(live, walk, tmp_path):
+    with QtmServer(there_and_back(walk.xyz, RATE), RATE) as one:
+        live.settings.live.source = one.source
+        bpy.ops.mocap_autolabel.connect()
+        live.until(lambda: live.now()._frame > 0)
+        bpy.ops.mocap_autolabel.record()
+        stream, start = live.now(), live.now()._frame
+        live.until(lambda: live.now()._frame > start + 50)
+        bpy.ops.ed.undo_push(message="Something else")
+        assert live.now() is stream
+        reopen(tmp_path / "other.blend")
+        assert live.now() is None and live.module.follow_live() is None
+        stream._worker.process.wait(PATIENCE)
+    assert len(read_points(stream.out).xyz) > 50
+
+
+def test_sticks_join_segments_of_which_something_is_named(extension):
+    worn = open_markerset("body26")
+    sticks = ours("ui.live").sticks
+    names = ["LASI", "RASI", "LANK", "LHEE", "RKNE"]
+    places = worn.rest_markers[[worn.index(name) for name in names]]
+    ends, colours = sticks(worn, names, places)
+    hips = places[:2].mean(axis=0)
+    # Shank, foot and the other thigh, by the order of the skeleton; of the left thigh nothing is named.
+    np.testing.assert_allclose(ends, [[hips, places[2]], [places[2], places[3]], [hips, places[4]]])
+    assert (colours[0] == colours[1]).all() and (colours[0] != colours[2]).any()
+    assert [len(part) for part in sticks(worn, [], np.empty((0, 3)))] == [0, 0]
