@@ -38,6 +38,8 @@ WALKERS = (
 HEAD_TURNED = {"LFHD": "LBHD", "LBHD": "LFHD", "RFHD": "RBHD", "RBHD": "RFHD"}
 HEAD_MIRRORED = {"LFHD": "RFHD", "RFHD": "LFHD", "LBHD": "RBHD", "RBHD": "LBHD"}
 LEFT_WRIST, RIGHT_WRIST = {"LWRA": "LWRB", "LWRB": "LWRA"}, {"RWRA": "RWRB", "RWRB": "RWRA"}
+PLATE = ("R_LL_PROX_ANT", "R_LL_PROX_POST", "R_LL_DIST_ANT", "R_LL_DIST_POST")
+PLATE_TURNED = dict(zip(PLATE, (PLATE[1], PLATE[0], PLATE[3], PLATE[2]), strict=True))
 # Labels that contradict the same person's other takes, or everybody else's: what each name in the file really is.
 MISLABELLED = {
     "HC030A01": LEFT_WRIST,
@@ -48,6 +50,7 @@ MISLABELLED = {
     "HC055A34": HEAD_MIRRORED,
     "freeform": {"LFSH": "LBSH", "LBSH": "LFSH", "RFSH": "RBSH", "RBSH": "RFSH"},
     "squat": {"LMT1": "LMT5", "LMT5": "LMT1", "RMT1": "RMT5", "RMT5": "RMT1"},
+    "amputee_a01_standing": PLATE_TURNED,
 }
 # Who wears the actors' sets. Of cmu41 `bd` is left out always: its licence asks to share alike.
 ACTORS = {"actor41": ("cmu41", ("ball", "s02", "s135")), "actor53": ("actors53", ("p1", "p2"))}

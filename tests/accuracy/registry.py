@@ -269,9 +269,11 @@ def of_other_labs(kind: str, keep: Path) -> Iterator[Trial]:
 
 def taught(files: list[Path]) -> Model:
     """The model that files of labelled takes teach."""
-    takes = [read_points(file) for file in files]
-    pairs = zip(files, takes, strict=True)
-    known = [LabelledTake(file.stem, file.parent.name, take.names, take.xyz) for file, take in pairs]
+    known = []
+    for file in files:
+        take, really = read_points(file), people.MISLABELLED.get(f"{file.parent.name}_standing", {})
+        names = tuple(really.get(name, name) for name in take.names)
+        known.append(LabelledTake(file.stem, file.parent.name, names, take.xyz))
     markers = tuple(name for name in known[0].names if all(name in one.names for one in known))
     return whole_takes.learned("own", known, markers)
 

@@ -319,3 +319,15 @@ def test_the_recorded_takes_with_exchanged_names_are_found(shared_data):
         "LFHD and RFHD have each other's names in HC055A34.c3d",
         "LBHD and RBHD have each other's names in HC055A34.c3d",
     ]
+
+
+def test_a_plate_that_is_named_front_to_back_in_a_standing_trial_is_found(shared_data):
+    from addon.core.training.takes import contradicted
+    from addon.jobs.training_takes import read_takes
+
+    trials = [shared_data.parent / f"strangers/still/amputee_a01_{kind}.trc" for kind in ("standing", "walk_fast")]
+    takes = read_takes(trials, ())
+    assert [line.split(" in one")[0] for line in contradicted(takes, takes[0].names)] == [
+        "R_LL_PROX_POST and R_LL_PROX_ANT have each other's names",
+        "R_LL_DIST_ANT and R_LL_DIST_POST have each other's names",
+    ]
