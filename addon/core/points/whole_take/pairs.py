@@ -24,7 +24,8 @@ from ..models import Model
 class PairOptions:
     """How distances are learned.
 
-    min_frames        physical: of a subject, or of a tracklet, that show how it moves: a third of a second
+    min_frames        physical: of a subject of the training, that show how it moves: a third of a second
+    min_s             physical: s, the same of a tracklet
     shapes            memory: drawn from a likelihood of which few frames were kept
     length_sd         physical: of a distance of other subjects than those of the training, besides their size, in
                       parts of it,
@@ -40,6 +41,7 @@ class PairOptions:
     """
 
     min_frames: int = 30
+    min_s: float = 0.3
     shapes: int = 400
     length_sd: float = 0.04
     place_sd_m: float = 0.015

@@ -117,7 +117,7 @@ class _Solving:
 
     def __init__(self, points: Table, tracklets: Tracklets, model: Model, rate: float, begun: np.ndarray):
         self.tracklets, self.marker, self.markers = tracklets, begun, len(model.markerset)
-        self.crowd = is_crowd(tracklets, self.markers)
+        self.crowd = is_crowd(tracklets, self.markers, rate)
         self.objective = Objective(points, tracklets, model, rate, begun)
         self.best = self.margin = self.odds = np.zeros(0)
 
@@ -201,7 +201,9 @@ class _Solving:
         marker[marker >= self.markers] = self.markers + number
         self.objective.extras = len(before)
         refused = (tracklets.votes <= -RULING.odds).any(axis=1)
-        free = np.flatnonzero((marker == NO_MARKER) & (tracklets.count >= PAIRING.min_frames) & ~refused)
+        free = np.flatnonzero(
+            (marker == NO_MARKER) & (tracklets.count >= PAIRING.min_s * self.objective.rate) & ~refused
+        )
         if not len(free):
             return False
         first, last = tracklets.first[free], tracklets.last[free]
@@ -278,9 +280,9 @@ class _Solving:
         return (min(one, name), max(one, name)) if (turned == other).all() else None
 
 
-def is_crowd(tracklets: Tracklets, markers: int) -> bool:
-    """Whether many more tracklets than markers are there in the usual frame."""
-    long = tracklets.count >= PAIRING.min_frames
+def is_crowd(tracklets: Tracklets, markers: int, rate: float) -> bool:
+    """Whether many more tracklets than markers are there in the usual frame, of so many a second."""
+    long = tracklets.count >= PAIRING.min_s * rate
     frames = np.arange(int(tracklets.last.max(initial=0)) + 1)
     begun = np.searchsorted(np.sort(tracklets.first[long]), frames, side="right")
     ended = np.searchsorted(np.sort(tracklets.last[long]), frames, side="left")

@@ -98,6 +98,17 @@ def test_points_that_are_no_marker_get_no_name(model, markers):
     assert (labels.marker[:, whose == NO_MARKER] == NO_MARKER).all()
 
 
+@pytest.mark.parametrize("every", [1, 4])
+def test_an_unmodelled_marker_that_lasts_half_a_second_competes_at_any_rate(model, markers, every):
+    """Not by its frames: at 25 a second it has few."""
+    beside = markers[:, :1] + [0.3, 0.0, 0.3]
+    beside[int(0.5 * RATE) :] = np.nan
+    points, rate = np.concatenate([markers, beside], axis=1)[::every], RATE / every
+    whose = np.append(np.arange(markers.shape[1]), NO_MARKER)
+    named = said(points, whose, whose >= 0)
+    assert finished(solve_take(points, cut(points, rate), named, model, rate)).extras == 1
+
+
 def test_two_names_that_nothing_has_are_not_asked_about(model, markers):
     points, whose = pieces(markers)
     named, names = said(points, whose, np.ones(points.shape[:2], bool)), model.markerset.markers
