@@ -94,7 +94,7 @@ def add_parser(verbs):
     add("--markers", type=names, metavar="A,B,…", help="default: those of --from, or that all takes have")
     add("--name", help="the model's name; default: that of --from, or the file's")
     several: dict = {"action": "extend", "nargs": "+", "default": []}
-    add("--subject", dest="subjects", type=subject_or_take, metavar="ID=GLOB", help=SUBJECT_HELP, **several)
+    add("--subject", dest="subjects", type=subject, metavar="ID=GLOB", help=SUBJECT_HELP, **several)
     hits = "asked of the ensemble's partial solvers (default 0.9999); finds them at once, as does --search"
     add("--hit-rate", type=number(0.5, 1, "rate"), metavar="P", help=hits)
     add("--search", choices=(*SEARCHES, "none"), help=SEARCH_HELP)
@@ -111,17 +111,14 @@ def add_parser(verbs):
     parser.set_defaults(run=run)
 
 
-def subject(text: str) -> tuple[str, str]:
-    """`ID=GLOB`."""
+def subject(text: str) -> tuple[str, str] | Path:
+    """`ID=GLOB`, or a take that follows the subjects on the command line."""
     name, equals, glob = text.partition("=")
+    if text and not equals and Path(text).exists():
+        return Path(text)
     if not equals or not name.strip() or not glob:
         raise argparse.ArgumentTypeError(f"{text!r} is no subject; expected ID=GLOB, such as ann='*/ann_*.c3d'")
     return name.strip(), glob
-
-
-def subject_or_take(text: str) -> tuple[str, str] | Path:
-    """`ID=GLOB`, or a take that follows the subjects on the command line."""
-    return Path(text) if text and "=" not in text and Path(text).exists() else subject(text)
 
 
 def run(arguments) -> int:

@@ -56,7 +56,9 @@ def rows_to_samples(
             raise InputError(f"goes from frame {before} to {frame}; expected ascending frames", path, line)
         first, before, count = frame if not count else first, frame, count + 1
         row = [_value(fields, column + axis, path, line) for column in columns for axis in range(3)]
-        values.append(_samples_of(np.array(row, dtype=float).reshape(1, -1, 3), frame - first))
+        xyz = np.array(row, dtype=float).reshape(1, -1, 3)
+        xyz[(xyz == 0).all(axis=2)] = np.nan
+        values.append(Samples.of(xyz, frame - first))
         if len(values) == ROWS_AT_ONCE:
             parts.append(_joined(values))
             values = []
@@ -69,12 +71,6 @@ def rows_to_samples(
 def count_in(text: str) -> int:
     """A number of frames or markers as a head says it, 0 where it is none; Python makes none of thousands of digits."""
     return int(text) if text.isascii() and text.isdigit() and len(text) < 100 else 0
-
-
-def _samples_of(xyz: np.ndarray, frame: int) -> Samples:
-    """Those of a frame (1, P, 3) that are there."""
-    xyz[(xyz == 0).all(axis=2)] = np.nan
-    return Samples.of(xyz, frame)
 
 
 def _joined(parts: Sequence[Samples]) -> Samples:

@@ -117,7 +117,7 @@ def test_a_zip_is_small_and_holds_sources_to_read_and_wheels_as_the_package_inde
     with zipfile.ZipFile(package) as archive:
         names = set(archive.namelist())
         assert {name for name in names if name.endswith(".py")} == set(SHIPPED)
-        assert {PurePosixPath(name).suffix for name in names} == {".py", ".json", ".toml", ".whl", ""}
+        assert {PurePosixPath(name).suffix for name in names} == {".css", ".py", ".json", ".toml", ".whl", ""}
         digests = {name: hashlib.sha256(archive.read(name)).hexdigest() for name in names if name.endswith(".whl")}
     assert {name.split("/")[1].split("-")[0] for name in digests} == OF_WHEELS
     assert [name for name, digest in digests.items() if f"--hash=sha256:{digest}" not in pinned] == []

@@ -387,18 +387,8 @@ def _takes(takes: Sequence[TakeRow]) -> Html | None:
     if not takes:
         return None
     filled = any(row.gaps for row in takes)
-    heads = [
-        "Take",
-        "To look at",
-        "At stake",
-        "Named",
-        "On the body",
-        "Samples found",
-        "Frames whole",
-        "Frames",
-        "Time",
-    ]
-    heads += ["Gaps filled"] if filled else []
+    heads = ["Take", "To look at", "At stake", "Named", "On the body", "Samples found", "Frames whole", "Frames"]
+    heads += ["Time", *(["Gaps filled"] if filled else [])]
     cells = [
         _cells(row) + ([("–" if row.gaps is None else f"{row.gaps[0]:,} of {row.gaps[1]:,}")] if filled else [])
         for row in takes

@@ -170,7 +170,9 @@ class QtmCapture:
     def _cameras(self, blobs: Item | None) -> list[QtmCamera]:
         """All cameras in their order, the first of which has the first series of blobs."""
         items = [] if blobs is None else [item for item in blobs.within if item.kind == CAMERA_DATA]
-        named = {int(name.removeprefix("Camera - ")) for name in self._camera_names()}
+        names = [name for name in self.container.names("Measurement/Cameras") if name.startswith("Camera - ")]
+        numbers = [name.removeprefix("Camera - ") for name in names]
+        named = {int(number) for number in numbers if number.isdecimal()}
         refuse_crowd(len(named), self.path)
         if named != set(range(1, len(named) + 1)) or (items and len(items) != len(named)):
             raise InputError(
@@ -178,10 +180,6 @@ class QtmCapture:
             )
         cameras = [read_camera(self.container, number) for number in sorted(named)]
         return [self._recorded(camera, item) for camera, item in zip_longest(cameras, items)]
-
-    def _camera_names(self) -> list[str]:
-        names = self.container.names("Measurement/Cameras")
-        return [name for name in names if name.startswith("Camera - ") and name[len("Camera - ") :].isdecimal()]
 
     def _recorded(self, camera: QtmCamera, item: Item | None) -> QtmCamera:
         """The camera with what is known of its blobs."""
