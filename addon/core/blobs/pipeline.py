@@ -141,10 +141,10 @@ class TakeLabeller:
         chunk.results = results = dict(sorted(chunk.results.items()))
         end = len(chunk.views) - 1
         with self.setup.clock("fit"):
-            for stretch in self.rereader.read_again(results, self.last):
-                if stretch.last == end and stretch.track is not None and self.track is not None:
-                    self.track = stretch.track
-                chunk.suspect(stretch.first, stretch.last, "names did not suit the rest of the take and are new")
+            for first, last, track in self.rereader.read_again(results, self.last):
+                if last == end and track is not None and self.track is not None:
+                    self.track = track
+                chunk.suspect(first, last, "names did not suit the rest of the take and are new")
             name_by_tracklets(chunk.views, results, self.setup.rate)
         self.last = results.get(end) if chunk.views else self.last
 

@@ -49,13 +49,8 @@ class KnownSubject:
         return _with_body_of(self.subject.bodies, poses)
 
 
-@dataclass(frozen=True)
-class Reread:
-    """Frames that were read again, first and last both included; `track` is where one read forwards to its end was."""
-
-    first: int
-    last: int
-    track: Track | None
+# Frames that were read again, first and last both included, and the track where one read forwards to its end was.
+Stretch = tuple[int, int, Track | None]
 
 
 class Rereader:
@@ -65,7 +60,7 @@ class Rereader:
         self.setup = setup
         self.known: KnownSubject | None = None
 
-    def read_again(self, results: dict[int, FrameResult], before: FrameResult | None) -> list[Reread]:
+    def read_again(self, results: dict[int, FrameResult], before: FrameResult | None) -> list[Stretch]:
         """Puts better readings into the labelled frames, by index in their order; returns the stretches it changed.
 
         `before` is the frame before the first, None where there is none.
@@ -107,7 +102,7 @@ class Rereader:
 
     def _read_stretch(
         self, results: dict[int, FrameResult], before: FrameResult | None, first: int, last: int, known: KnownSubject
-    ) -> Reread | None:
+    ) -> Stretch | None:
         """Keeps the best of three readings: as it was, or forwards up to some frame and backwards down to it."""
         labelled = [results[index] for index in range(first, last + 1)]
         old, _ = self._judged(labelled, known)
@@ -127,7 +122,7 @@ class Rereader:
         if not both[split] < old.sum():
             return None
         results.update(enumerate([*ahead[:split], *behind[len(behind) - count + split :]], first))
-        return Reread(first, last, forth[-1].track if split == count else None)
+        return first, last, forth[-1].track if split == count else None
 
     def _follow(
         self, start: tuple[FrameResult | None, FrameResult | None], frames: Sequence[FrameResult], known: KnownSubject

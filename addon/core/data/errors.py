@@ -21,7 +21,9 @@ class UserError(Exception):
     exit_status = 2
 
     def __init__(self, message: str, file: str | Path = "", line: int = 0):
-        message = _readable(message)
+        message = re.sub(f"{UNSEEN.pattern}+", " ", message)
+        if len(message) > MAX_LETTERS:  # what was expected comes last
+            message = f"{message[: MAX_LETTERS // 2]} … {message[-MAX_LETTERS // 2 :]}"
         super().__init__(message)
         self.message = message
         self.file = str(file)
@@ -35,13 +37,6 @@ class UserError(Exception):
 def spelt_out(text: str) -> str:
     r"""The text with each sign that moves a terminal's cursor or ends a line as an escape, such as `\u001b`."""
     return UNSEEN.sub(lambda sign: f"\\u{ord(sign[0]):04x}", text)
-
-
-def _readable(message: str) -> str:
-    """The message in one line; where it is endless its middle goes, for what was expected comes last."""
-    message = re.sub(f"{UNSEEN.pattern}+", " ", message)
-    half = MAX_LETTERS // 2
-    return message if len(message) <= MAX_LETTERS else f"{message[:half]} … {message[-half:]}"
 
 
 class InputError(UserError):

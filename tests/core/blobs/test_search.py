@@ -84,7 +84,7 @@ def by_step(name, options, rules=None):
     for number in range(20):
         rig = paper_rig(np.random.default_rng(number + 40))
         scene = stand(built_in(name), rig, number + 40, number * 0.8, 1.2 + 0.1 * (number % 8), options)
-        found = find_subject(scene.views()[0], replace(Setup.of(rig, scene.markerset), rules=rules), Hints())
+        found = find_subject(scene.views()[0], replace(Setup.of(rig, scene.markerset), rules=rules or Rules()), Hints())
         step = found.naming.step[found.naming.slot >= 0]
         np.add.at(all_of, step, 1)
         np.add.at(right_of, step, scene.given(found.naming.frame.view, found.naming)[1])
