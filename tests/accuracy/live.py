@@ -152,10 +152,11 @@ def row(title: str, some: list[Tally]) -> list[str]:
         sum(getattr(one, name) for one in some) for name in ("there", "right", "wrong", "given")
     )
     missed = sum(math.isnan(one.first) for one in some)
+    recall = f"{100 * right / there:.2f} %" if missed < len(some) else "none"
     times = [np.array([getattr(one, name) for one in some]) for name in ("first", "again")]
     shown = [f"{np.nanmedian(one):.1f}, {np.nanmax(one):.1f}" if np.isfinite(one).any() else "never" for one in times]
     return [
-        title, str(len(some)), f"{sum(one.seconds for one in some):.0f}", f"{100 * right / max(there, 1):.2f} %",
+        title, str(len(some)), f"{sum(one.seconds for one in some):.0f}", recall,
         f"{100 * wrong / max(given, 1):.3f} %", str(sum(one.renamed for one in some)), *shown, str(missed),
         " / ".join(f"{np.quantile(ms, share):.1f}" for share in (0.5, 0.99, 0.999)),
     ]  # fmt: skip
