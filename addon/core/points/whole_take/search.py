@@ -79,6 +79,8 @@ class Search:
             for tracklet in self._unsure():
                 if self.best.marker[tracklet] != NO_MARKER:
                     self.propose(self._turned(tracklet))
+                    self.propose(self._turned(tracklet, on=True))
+                    self.propose(self._renamed(tracklet, NO_MARKER))
             for order in self._chains():
                 self.propose(self._exchanged(order))
             for order in self._exchanges():
@@ -144,10 +146,10 @@ class Search:
         some = np.flatnonzero((self.best.marker != NO_MARKER) & (margin < SEARCH.margin))
         return some[np.argsort(margin[some], kind="stable")].tolist()
 
-    def _turned(self, tracklet: int) -> np.ndarray:
+    def _turned(self, tracklet: int, on: bool = False) -> np.ndarray:
         """(N,) the names with that of a tracklet and its likeliest other exchanged, for as long as they hang together.
 
-        One of two is exchanged with the other until a moment comes at which neither is there.
+        One of two is exchanged with the other until a moment comes at which neither is there, or from there `on`.
         """
         marker, tracklets = self.best.marker.copy(), self.objective.tracklets
         odds = self._odds()[tracklet].copy()
@@ -158,7 +160,8 @@ class Search:
         own = own[np.argsort(tracklets.first[own], kind="stable")]
         ends = np.maximum.accumulate(tracklets.last[own])
         part = np.cumsum(np.append(False, tracklets.first[own][1:] > ends[:-1] - VOTE.max_overlap_frames))
-        turned = own[part == part[own == tracklet][0]] if (own == tracklet).any() else own[:0]
+        here = part[own == tracklet]  # of what a person named there is none
+        turned = own[(part == here) | (on & (part > here))] if len(here) else own[:0]
         marker[turned] = one + other - marker[turned]
         return marker
 
