@@ -43,6 +43,13 @@ def label_to_show(
     return labelled, changed
 
 
+def worn_to_show(job: LabelJob) -> Generator[Progress, None, tuple[list[str], bool]]:
+    """What the sidebar tells of a take before it is labelled, as `find_worn`."""
+    from .labelling import find_worn
+
+    return find_worn(job, _kind_of)
+
+
 def _kind_of(job: LabelJob) -> "type[OpenTake]":
     """What opens the take; of blobs it takes long to load, and takes of points need none of it."""
     if holds_points(job.source, job.use):
@@ -54,4 +61,4 @@ def _kind_of(job: LabelJob) -> "type[OpenTake]":
     return BlobTake
 
 
-__all__ = ["LabelJob", "Labelled", "label_file", "label_to_show"]
+__all__ = ["LabelJob", "Labelled", "label_file", "label_to_show", "worn_to_show"]

@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a take needs before it can be labelled: blobs and a calibration, or 3D points, from files or dropped."""
+"""Open Take: whatever a take comes in, blobs and a calibration, 3D points, pictures or a folder, chosen or dropped."""
 
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..core.data.errors import InputError
@@ -13,13 +15,15 @@ from ..core.data.takes import Blobs, evenly_spread
 from ..core.data.wording import count_of
 from ..core.geometry.camera_up import AXIS_NAMES
 from ..core.geometry.cameras import Cameras
+from ..io.arrivals import TAKE_ENDINGS, Arrivals
 from ..io.blobs import read_blobs
-from ..io.cameras import read_cameras
+from ..io.cameras import calibration_files, read_cameras
 from ..io.edits import edits_beside
+from ..io.markersets import AUTO_MODEL, SUFFIX, open_markerset
 from ..io.points import holds_points, read_points
 from ..io.qtm.capture import USE_BLOBS, held_in, is_qtm
 from ..jobs.job import blob_rate, capture_notes
-from ..props import refresh_review
+from ..props import choose_own, refresh_review
 from ..scene import cameras as scene_cameras
 from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
@@ -32,6 +36,7 @@ UP_ITEMS = [("AUTO", "As the File Says", "Or, where it does not say, as what is 
     (axis, axis.upper(), f"{axis.upper()} points up in the file") for axis in AXIS_NAMES
 ]
 CALIBRATIONS = ".toml;.xcp;.txt;.xml;.qca;.qtm;.mcal;.yml;.yaml;.cal;.rad;.blend"
+OWN_CALIBRATIONS = (".qtm", ".blend")  # of files that are no mere calibration
 USE_ITEMS = [
     ("AUTO", "Blobs if They Can Be Used", "The blobs where their cameras are calibrated, else the 3D points"),
     ("blobs", "Blobs", "What the cameras saw"),
@@ -69,11 +74,14 @@ class MOCAP_AUTOLABEL_OT_import_cameras(ImportsFile, bpy.types.Operator):
     up: once(EnumProperty, "Up", "The axis that points up in the calibration", items=UP_ITEMS)
 
     def take_in(self, context, path: Path) -> str:
-        up = None if self.up == "AUTO" else self.up
-        cameras = read_cameras(path, read_blend=scene_cameras.cameras_of_blend, up=up)
-        collection = scene_cameras.find_or_add_cameras(context.scene, cameras)
-        context.scene.mocap_autolabel.source.cameras = collection
-        return "; ".join([f"{count_of(len(cameras), 'camera')}: {', '.join(cameras.names)}", *cameras.remarks])
+        return take_cameras(context, path, None if self.up == "AUTO" else self.up)
+
+
+def take_cameras(context: bpy.types.Context, path: Path, up: str | None = None) -> str:
+    """Makes a calibration's cameras the scene's and says which; InputError where it cannot be used."""
+    cameras = read_cameras(path, read_blend=scene_cameras.cameras_of_blend, up=up)
+    context.scene.mocap_autolabel.source.cameras = scene_cameras.find_or_add_cameras(context.scene, cameras)
+    return "; ".join([f"{count_of(len(cameras), 'camera')}: {', '.join(cameras.names)}", *cameras.remarks])
 
 
 class MOCAP_AUTOLABEL_OT_use_cameras(Ours, bpy.types.Operator):
@@ -96,7 +104,7 @@ class MOCAP_AUTOLABEL_OT_import_blobs(ImportsFile, bpy.types.Operator):
 
     def take_in(self, context, path: Path) -> str:
         if holds_points(path, USE_BLOBS if is_qtm(path) else None):
-            raise InputError("holds 3D points; expected blobs, or Import 3D Points", path)
+            raise InputError("holds 3D points; expected blobs, or Open Take", path)
         return take_blobs(context, path)
 
 
@@ -135,15 +143,123 @@ class MOCAP_AUTOLABEL_OT_import_points(ReadsPoints, ImportsFile, bpy.types.Opera
 
 
 class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operator):
-    """Read a take to label, whether it holds blobs, 3D points, or, as a Qualisys QTM may, both."""
+    """Open a take: 3D points, or blobs or pictures with the calibration of their cameras; or a folder of takes."""
 
-    filter_glob: StringProperty(default=POINTS, options={"HIDDEN"})
+    bl_label = "Open Take"
+    directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE", "HIDDEN"})
+    files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"SKIP_SAVE", "HIDDEN"})
     use: once(EnumProperty, "Use", "What to label of a .qtm that holds both", items=USE_ITEMS)
+
+    def work(self, context):
+        folder = Path(bpy.path.abspath(self.directory))
+        chosen = [folder / item.name for item in self.files if item.name]
+        chosen = chosen or [Path(bpy.path.abspath(self.filepath or self.directory))]
+        found = dict(_sorted_out(chosen))
+        if list(found.values()) == ["folder"]:
+            found = dict(_inside(chosen[0]))
+        of = {kind: [path for path, own in found.items() if own == kind] for kind in OPENED_KINDS}
+        if len(of["take"]) > 1 and not chosen[0].is_dir():
+            raise InputError(f"{len(of['take'])} takes are chosen; expected one, or their folder", of["take"][1])
+        said = [self._choose(context, path) for path in of["markerset"]] + list(_take_calibrations(context, found))
+        if len(of["take"]) > 1:
+            said.append(_take_folder(context, chosen[0], len(of["take"])))
+        elif of["take"]:
+            said.append(self.take_in(context, of["take"][0]))
+        elif of["pictures"]:
+            try:
+                _take_pictures(context, of["pictures"])
+            except RuntimeError as error:  # of the operator that finds the blobs
+                self.report({"ERROR"}, str(error).removeprefix("Error: ").strip())
+                return {"CANCELLED"}
+        self.report({"INFO"}, "; ".join(said))
+        if of["take"] and not of["take"][1:]:
+            look_who_is_there(context)
+        return {"FINISHED"}
+
+    def _choose(self, context, path: Path) -> str:
+        words = f"{path.name}: {count_of(len(open_markerset(path)), 'marker')}"
+        choose_own(context.scene.mocap_autolabel.subjects, path)
+        return words
 
     def take_in(self, context, path: Path) -> str:
         if holds_points(path, self.use if is_qtm(path) and self.use != USE_ITEMS[0][0] else None):
             return take_points(context, path, self.known_up, self.rate, self.mirror)
         return take_blobs(context, path)
+
+
+OPENED_KINDS = ("take", "calibration", "markerset", "pictures", "folder")
+KNOWN = "expected 3D points, blobs, a calibration, a marker set, pictures of calibrated cameras, or a folder of them"
+
+
+def _sorted_out(paths: list[Path]) -> Iterator[tuple[Path, str]]:
+    """Files with the kind of each; InputError for one of none. A folder beside others holds a camera's pictures."""
+    for path in paths:
+        suffix, pictures = path.suffix.lower(), (*bpy.path.extensions_movie, *bpy.path.extensions_image)
+        if path.is_dir():
+            yield path, "pictures" if len(paths) > 1 else "folder"
+        elif path.name.endswith(SUFFIX):
+            yield path, "markerset"
+        elif suffix in TAKE_ENDINGS:
+            yield path, "take"
+        elif suffix in CALIBRATIONS.split(";"):
+            yield path, "calibration"
+        elif suffix in pictures:
+            yield path, "pictures"
+        else:
+            raise InputError(f"is of a kind that is not known ({suffix or 'no suffix'}); {KNOWN}", path)
+
+
+def _inside(folder: Path) -> Iterator[tuple[Path, str]]:
+    """What is in a folder: its takes, the first calibration that can be read, and pictures where there is no take."""
+    takes = Arrivals([folder], settled_s=0.0).look(0.0)
+    yield from ((path, "take") for path in takes)
+    for path in sorted(folder.iterdir()):
+        if path.suffix.lower() in CALIBRATIONS.split(";") and path.suffix.lower() not in OWN_CALIBRATIONS:
+            with suppress(InputError):
+                read_cameras(path)
+                yield path, "calibration"
+                break
+    if not takes:
+        inside = list(folder.iterdir())
+        if not any(path.is_dir() or path.suffix.lower() in bpy.path.extensions_movie for path in inside):
+            raise InputError(f"holds no take; {KNOWN}", folder)
+        yield folder, "pictures"
+
+
+def _take_calibrations(context: bpy.types.Context, found: dict[Path, str]) -> Iterator[str]:
+    """Takes in the calibrations that were chosen, each that is in several files once."""
+    read: set[Path] = set()
+    for path in (path for path, kind in found.items() if kind == "calibration" and path not in read):
+        if path not in read:
+            read.update(calibration_files(path))
+            yield take_cameras(context, path)
+
+
+def _take_folder(context: bpy.types.Context, folder: Path, count: int) -> str:
+    """Makes a folder of several takes the one that Label Folder labels."""
+    own = context.scene.mocap_autolabel.folder
+    forget_take(context)
+    own.path, own.out = str(folder), own.out or str(folder / "labelled")
+    return f"{count_of(count, 'take')} in {folder.name}"
+
+
+def _take_pictures(context: bpy.types.Context, paths: list[Path]):
+    """Has blobs found in pictures, which goes on for a while."""
+    if not cameras_at_hand(context.scene):
+        words = "holds pictures, which need the calibration of their cameras; expected that to be chosen with them"
+        raise InputError(words, paths[0])
+    inside = paths[0].is_dir() and len(paths) == 1
+    files = [] if inside else [{"name": path.name} for path in paths]
+    bpy.ops.mocap_autolabel.find_blobs(
+        "INVOKE_DEFAULT", directory=str(paths[0] if inside else paths[0].parent), files=files
+    )
+
+
+def look_who_is_there(context: bpy.types.Context):
+    """Has the marker set of the take found, in the window and where none was chosen; a script labels at once."""
+    settings, going = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel.doing
+    if settings.subjects.markerset == AUTO_MODEL and not (bpy.app.background or going):
+        bpy.ops.mocap_autolabel.find_markerset("INVOKE_DEFAULT")
 
 
 def take_blobs(context: bpy.types.Context, path: Path) -> str:
@@ -174,7 +290,9 @@ def _cameras_for(scene: bpy.types.Scene, path: Path) -> tuple[Cameras, bool]:
         if chosen is None or (own and not set(own) <= set(chosen.names)):
             return read_cameras(path), True
     if chosen is None:
-        raise InputError("holds blobs, which need the calibration of their cameras; expected that to be imported", path)
+        raise InputError(
+            "holds blobs, which need the calibration of their cameras; expected that to be opened with them", path
+        )
     return chosen, False
 
 
@@ -190,7 +308,7 @@ def take_points(
     forget_take(context)
     source.preview = show_points(context.scene, path.stem, take)
     source.points_path, source.blob_count = str(path), len(source.preview.vertices)
-    source.up, source.mirror = up or "", mirror
+    source.up, source.up_found, source.mirror = up or "", take.up.removeprefix("+"), mirror
     source.trajectories, source.rate = len(take.names), take.rate
     kept = _set_frames(context, take.first_frame + np.arange(len(take.xyz)))
     show_take_whole(context, take.xyz[evenly_spread(len(take.xyz), MAX_PLACES)].reshape(-1, 3))
@@ -209,8 +327,16 @@ def forget_take(context: bpy.types.Context):
         remove_preview(preview)
         opened.forget()
     settings.source.blobs_path = settings.source.points_path = context.window_manager.mocap_autolabel.refused = ""
-    settings.source.forced = False
+    settings.source.forced, settings.folder.path = False, ""
+    forget_found(context)
     refresh_review(context.window_manager, context.scene)
+
+
+def forget_found(context: bpy.types.Context):
+    """Forgets what Automatic found, of another take or as the file was read otherwise."""
+    subjects, state = context.scene.mocap_autolabel.subjects, context.window_manager.mocap_autolabel
+    subjects.found = subjects.found_words = state.unsure = state.crowded = ""
+    state.likely.clear()
 
 
 def _set_frames(context: bpy.types.Context, frames: np.ndarray) -> list[str]:
@@ -234,28 +360,16 @@ class MOCAP_AUTOLABEL_OT_play_as_take(Ours, bpy.types.Operator):
         set_time(context.scene, source.rate, frames + frame_shift(frames))
 
 
-class DropsIntoView:
-    """What is dropped goes into a 3D view."""
+class MOCAP_AUTOLABEL_FH_take(bpy.types.FileHandler):
+    """Drop a take, its calibration or both into the 3D view; what a `.csv` holds is told from its first line."""
+
+    bl_label = "Mocap: take to label"
+    bl_import_operator = "mocap_autolabel.import_take"
+    bl_file_extensions = ".csv;.c3d;.trc;" + CALIBRATIONS.removesuffix(";.blend")
 
     @classmethod
     def poll_drop(cls, context):
         return context.area is not None and context.area.type == "VIEW_3D"
-
-
-class MOCAP_AUTOLABEL_FH_cameras(DropsIntoView, bpy.types.FileHandler):
-    """Drop a calibration into the 3D view."""
-
-    bl_label = "Mocap: camera calibration"
-    bl_import_operator = "mocap_autolabel.import_cameras"
-    bl_file_extensions = ".toml;.xcp;.txt;.xml;.qca;.mcal;.yml;.yaml;.cal;.rad"
-
-
-class MOCAP_AUTOLABEL_FH_take(DropsIntoView, bpy.types.FileHandler):
-    """Drop blobs or 3D points into the 3D view; what a `.csv` holds is told from its first line."""
-
-    bl_label = "Mocap: take to label"
-    bl_import_operator = "mocap_autolabel.import_take"
-    bl_file_extensions = ".csv;.c3d;.trc;.qtm"
 
 
 def cameras_at_hand(scene: bpy.types.Scene) -> bool:
@@ -264,4 +378,4 @@ def cameras_at_hand(scene: bpy.types.Scene) -> bool:
     return collection is not None and any(item.type == "CAMERA" for item in collection.all_objects)
 
 
-lacks_cameras = unless(lambda context: cameras_at_hand(context.scene), "Import the calibration of the cameras first")
+lacks_cameras = unless(lambda context: cameras_at_hand(context.scene), "Open the calibration of the cameras first")

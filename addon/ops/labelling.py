@@ -19,10 +19,10 @@ from ..core.points.handedness import HOW_TO_MIRROR
 from ..core.points.refusals import HOW_TO_ASK
 from ..core.points.several.wearers import AUTO
 from ..core.review.changes import Change, summary_of_changes
-from ..io.markersets import AUTO_MODEL, open_markerset
+from ..io.markersets import AUTO_MODEL, builtin_markersets, open_markerset
 from ..io.qtm.capture import USE_BLOBS, USE_POINTS
 from ..io.text import written
-from ..jobs import LabelJob, Labelled, label_to_show
+from ..jobs import LabelJob, Labelled, label_to_show, worn_to_show
 from ..jobs.job import occlusion_here
 from ..props import SceneSettings, choose_model, colours_asked, frames_wanted, refresh_review, subjects_asked, take_name
 from ..scene import cameras as scene_cameras
@@ -35,21 +35,23 @@ from ..scene.roots import in_world
 from ..scene.take import Take
 from .base import lacks_object_mode, once, takes_of_file
 from .filling import fills_kept, kept_before
-from .importing import cameras_at_hand
+from .importing import cameras_at_hand, forget_found
 from .long_work import LongWork, nothing_goes_on
 from .reposing import follow_soon
 from .viewing import fit_timelines, show_take_whole
 
-ASK_HERE = "by Label All Performers, or under Performers"
-MIRROR_HERE = "by Mirror in the options of Import 3D Points"
+ASK_HERE = "by Label All Performers, or by How Many"
+MIRROR_HERE = "by Mirror in the options of Open Take"
 CHOOSE_HERE = "under Marker Set, as"
-TURN_HERE = "by Up in the options of Import 3D Points, as"
+TURN_HERE = "by Up, under Take, as"
 
 
 def job_of(context: bpy.types.Context) -> LabelJob:
     """What the scene's settings ask for, of blobs or of points; InputError when something is missing."""
     settings = context.scene.mocap_autolabel
     given, labelling, asked = settings.source, settings.labelling, subjects_asked(settings.subjects)
+    if asked["model"] == AUTO_MODEL and settings.subjects.found:
+        asked |= {"model": settings.subjects.found, "own": None}
     points = bool(given.points_path)
     if not points and not given.blobs_path:
         raise InputError("no blobs are chosen; expected a file of camera blobs")
@@ -121,8 +123,8 @@ def lacks_input(context: bpy.types.Context) -> str:
     if source.points_path:
         return ""
     if not cameras_at_hand(context.scene):
-        return "Import the calibration of the cameras first, or 3D points"
-    return "" if source.blobs_path else "Import the blobs first, or 3D points"
+        return "Open the calibration of the cameras first, or 3D points"
+    return "" if source.blobs_path else "Open the blobs first, or 3D points"
 
 
 class LabelsTake(LongWork):
@@ -190,7 +192,7 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
         if self.everybody:
             settings.subjects.performing = "AUTO"
         settings.source.forced |= self.force
-        state.refused = ""
+        state.refused = state.unsure = ""
         self._job, self._name = job_of(context), take_name(settings.source)
         return partial(label_to_show, self._job)
 
@@ -204,7 +206,43 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
         return error
 
     def _show(self, context, found):
-        """Shows the take; a marker set that was found is chosen then."""
+        """Shows the take, whose marker set is known then."""
         if self._job.model == AUTO_MODEL:
-            choose_model(context.scene.mocap_autolabel.subjects, found[0].model)
+            note_found(context, found[0].model)
         return LabelsTake._show(self, context, found)
+
+
+def note_found(context: bpy.types.Context, model: str):
+    """Keeps which marker set Automatic found in the take, and says what it is."""
+    subjects, markerset = context.scene.mocap_autolabel.subjects, open_markerset(model)
+    words = markerset.description.partition(":")[0] if model in builtin_markersets() else "Your own marker set"
+    subjects.found, subjects.found_words = model, f"{words}: {count_of(len(markerset), 'marker')} ({markerset.name})"
+
+
+class MOCAP_AUTOLABEL_OT_find_markerset(LabelsTake, bpy.types.Operator):
+    """Find out which of the marker sets that are known the take shows, and whether two performers are in it."""
+
+    bl_options = {"INTERNAL"}
+    doing = "Looking who is there"
+    needs = (lacks_input, nothing_goes_on)
+
+    def asked(self, context) -> partial:
+        forget_found(context)
+        self._job = job_of(context)
+        return partial(worn_to_show, self._job)
+
+    def _said(self, context, error: UserError) -> UserError:
+        """The card says why none was found."""
+        error = LabelsTake._said(self, context, error)
+        context.window_manager.mocap_autolabel.unsure = error.message
+        return error
+
+    def _show(self, context, found: tuple[list[str], bool]):
+        state, (models, several) = context.window_manager.mocap_autolabel, found
+        if len(models) == 1:
+            note_found(context, models[0])
+            state.crowded = written(str(self._job.source)) if several else ""
+            return
+        state.likely.clear()
+        for model in models:
+            state.likely.add().name = model

@@ -15,9 +15,9 @@ from ..props import list_trouble, refresh_review
 from ..scene import naming
 from ..scene.opened import opened
 from ..scene.take import RATE, takes_of
-from . import figure, label_tool, overlay, panels, quality, review, timeline
+from . import advanced, figure, label_tool, overlay, panels, quality, review, timeline
 
-PANEL_MODULES = (panels, review, label_tool)  # a panel behind the one that it is in
+PANEL_MODULES = (panels, review, advanced, label_tool)  # from above; a panel behind the one that it is in
 
 
 def add_handlers(stack: ExitStack):
@@ -27,6 +27,8 @@ def add_handlers(stack: ExitStack):
         stack.callback(bpy.types.SpaceView3D.draw_handler_remove, drawing, "WINDOW")
     timeline.add_timeline(stack)
     label_tool.add_tool(stack)
+    bpy.types.TOPBAR_MT_file_import.append(panels.draw_import)
+    stack.callback(bpy.types.TOPBAR_MT_file_import.remove, panels.draw_import)
     for forget in (
         opened.forget,
         forget_reposing,

@@ -126,7 +126,7 @@ def test_without_cameras_or_blobs_the_button_says_why(extension, empty, files):
     assert not operator.poll.__func__(cls, empty)
     assert [words.split(":")[0] for words in said] == [
         "Import the calibration of the cameras first",
-        "Import the blobs first",
+        "Open the blobs first",
         "3D points need no cameras",
     ]
 
