@@ -86,6 +86,7 @@ def _take_changed(self, context):
     if self.take is not None:
         self.display.stage = "REVIEW"
         self.take.hide_viewport = False  # one of another marker set may have hidden it
+    know_markerset(self, context.scene)
     refresh_review(context.window_manager, context.scene)
 
 
@@ -191,7 +192,6 @@ class SubjectSettings(WearsMarkers, bpy.types.PropertyGroup):
     performers: CollectionProperty(type=PerformerRow)
     performer_index: IntProperty()
     found: StringProperty(name="Found", description="The marker set that Automatic found in the take; empty for none")
-    found_words: StringProperty(name="Found", description="What that is")
 
 
 class TrainingSettings(bpy.types.PropertyGroup):
@@ -590,6 +590,16 @@ def colours_asked(subjects: SubjectSettings) -> dict[str, Colour]:
 def chosen_markerset(asked: SubjectSettings | PerformerRow):
     """The marker set that is chosen for all, or for a performer; InputError when there is none."""
     return open_markerset(chosen_model(asked))
+
+
+def know_markerset(settings: SceneSettings, scene: bpy.types.Scene):
+    """Notes what the active take was labelled by, where that is at hand and nothing is found, as found."""
+    if settings.subjects.found or not is_take(settings.take):
+        return
+    model, *others = {one.model for one in opened.take(settings.take, scene).performers}
+    own = markerset_folder() / f"{model}{SUFFIX}"
+    if not others and (model in builtin_markersets() or own.is_file()):
+        settings.subjects.found = model if model in builtin_markersets() else str(own)
 
 
 def own_model(asked: SubjectSettings) -> str | None:

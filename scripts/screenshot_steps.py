@@ -36,11 +36,10 @@ def steps() -> Iterator[float]:
     with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):
         bpy.ops.mocap_autolabel.find_blobs("INVOKE_DEFAULT")
     yield from window.browse(task["movies"], picture="blobs-from-pictures")
-    yield from window.until(lambda: bpy.context.scene.mocap_autolabel.source.blobs_path)
-    bpy.ops.mocap_autolabel.import_blobs(filepath=task["blobs"])
-    settings = bpy.context.scene.mocap_autolabel
+    settings, state = bpy.context.scene.mocap_autolabel, bpy.context.window_manager.mocap_autolabel
+    yield from window.until(lambda: settings.source.blobs_path and not state.doing)
     settings.source.rate = 60
-    bpy.ops.mocap_autolabel.find_markerset("INVOKE_DEFAULT")
+    bpy.ops.mocap_autolabel.import_take(filepath=task["blobs"])
     yield from window.until(lambda: settings.subjects.found)
     yield from window.look_through_first()
     yield from window.screenshot("blobs-through-camera")
@@ -54,9 +53,6 @@ def steps() -> Iterator[float]:
     middle = body.matrix_world @ (sum((Vector(corner) for corner in body.bound_box), Vector()) / 8)
     look_at((middle.x, middle.y, 1.0), distance=6.5)
     yield from window.screenshot("labelled")
-    look_at((middle.x, middle.y, 1.0), distance=3.2)
-    bpy.ops.mocap_autolabel.next_trouble(back=False)
-    yield from window.screenshot("review")
 
     bpy.ops.mocap_autolabel.clear()
     bpy.data.batch_remove(list(settings.source.cameras.all_objects))
@@ -68,6 +64,10 @@ def steps() -> Iterator[float]:
     yield from label()
     bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)
     yield from window.screenshot("points-labelled")
+    bpy.ops.mocap_autolabel.next_trouble(back=False)
+    bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)
+    look_at((middle.x, middle.y, 1.0), distance=3.2)
+    yield from window.screenshot("review")
     yield from character(middle)
     yield from correct()
     yield from fill_and_correct()

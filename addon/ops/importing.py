@@ -1,7 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Open Take: whatever a take comes in, blobs and a calibration, 3D points, pictures or a folder, chosen or dropped."""
 
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -36,7 +35,6 @@ UP_ITEMS = [("AUTO", "As the File Says", "Or, where it does not say, as what is 
     (axis, axis.upper(), f"{axis.upper()} points up in the file") for axis in AXIS_NAMES
 ]
 CALIBRATIONS = ".toml;.xcp;.txt;.xml;.qca;.qtm;.mcal;.yml;.yaml;.cal;.rad;.blend"
-OWN_CALIBRATIONS = (".qtm", ".blend")  # of files that are no mere calibration
 USE_ITEMS = [
     ("AUTO", "Blobs if They Can Be Used", "The blobs where their cameras are calibrated, else the 3D points"),
     ("blobs", "Blobs", "What the cameras saw"),
@@ -154,32 +152,37 @@ class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operato
         folder = Path(bpy.path.abspath(self.directory))
         chosen = [folder / item.name for item in self.files if item.name]
         chosen = chosen or [Path(bpy.path.abspath(self.filepath or self.directory))]
-        found = dict(_sorted_out(chosen))
-        if list(found.values()) == ["folder"]:
-            found = dict(_inside(chosen[0]))
-        of = {kind: [path for path, own in found.items() if own == kind] for kind in OPENED_KINDS}
-        if len(of["take"]) > 1 and not chosen[0].is_dir():
-            raise InputError(f"{len(of['take'])} takes are chosen; expected one, or their folder", of["take"][1])
-        said = [self._choose(context, path) for path in of["markerset"]] + list(_take_calibrations(context, found))
-        if len(of["take"]) > 1:
-            said.append(_take_folder(context, chosen[0], len(of["take"])))
-        elif of["take"]:
-            said.append(self.take_in(context, of["take"][0]))
-        elif of["pictures"]:
-            try:
-                _take_pictures(context, of["pictures"])
-            except RuntimeError as error:  # of the operator that finds the blobs
-                self.report({"ERROR"}, str(error).removeprefix("Error: ").strip())
-                return {"CANCELLED"}
+        whole = len(chosen) == 1 and chosen[0].is_dir()
+        of: dict[str, list[Path]] = {}
+        for path in _inside(chosen[0]) if whole else chosen:
+            of.setdefault(_kind_of(path), []).append(path)
+        takes = of.get(IS_TAKE, ())
+        if len(takes) > 1 and not whole:
+            raise InputError(f"{len(takes)} takes are chosen; expected one, or their folder", takes[1])
+        said = _take_beside(context, of)
+        if len(takes) > 1:
+            said.append(_take_folder(context, chosen[0], len(takes)))
+        elif takes:
+            said.append(self.take_in(context, takes[0]))
         self.report({"INFO"}, "; ".join(said))
-        if of["take"] and not of["take"][1:]:
+        if len(takes) == 1:
             look_who_is_there(context)
-        return {"FINISHED"}
+        return self._find_blobs(context, of[IS_PICTURES]) if IS_PICTURES in of and not takes else {"FINISHED"}
 
-    def _choose(self, context, path: Path) -> str:
-        words = f"{path.name}: {count_of(len(open_markerset(path)), 'marker')}"
-        choose_own(context.scene.mocap_autolabel.subjects, path)
-        return words
+    def _find_blobs(self, context, pictures: list[Path]) -> set[str]:
+        """Has blobs found in pictures, or in those of a folder, which goes on for a while."""
+        if not cameras_at_hand(context.scene):
+            words = "holds pictures, which need the calibration of their cameras; expected that to be chosen with them"
+            raise InputError(words, pictures[0])
+        inside = len(pictures) == 1 and pictures[0].is_dir()
+        where, files = pictures[0] if inside else pictures[0].parent, [] if inside else pictures
+        given = {"directory": str(where), "files": [{"name": path.name} for path in files]}
+        try:
+            bpy.ops.mocap_autolabel.find_blobs("INVOKE_DEFAULT", **given)
+        except RuntimeError as error:
+            self.report({"ERROR"}, str(error).removeprefix("Error: ").strip())
+            return {"CANCELLED"}
+        return {"FINISHED"}
 
     def take_in(self, context, path: Path) -> str:
         if holds_points(path, self.use if is_qtm(path) and self.use != USE_ITEMS[0][0] else None):
@@ -187,52 +190,50 @@ class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operato
         return take_blobs(context, path)
 
 
-OPENED_KINDS = ("take", "calibration", "markerset", "pictures", "folder")
+IS_TAKE, IS_CALIBRATION, IS_MARKERSET, IS_PICTURES = "take", "calibration", "marker set", "pictures"
 KNOWN = "expected 3D points, blobs, a calibration, a marker set, pictures of calibrated cameras, or a folder of them"
 
 
-def _sorted_out(paths: list[Path]) -> Iterator[tuple[Path, str]]:
-    """Files with the kind of each; InputError for one of none. A folder beside others holds a camera's pictures."""
-    for path in paths:
-        suffix, pictures = path.suffix.lower(), (*bpy.path.extensions_movie, *bpy.path.extensions_image)
-        if path.is_dir():
-            yield path, "pictures" if len(paths) > 1 else "folder"
-        elif path.name.endswith(SUFFIX):
-            yield path, "markerset"
-        elif suffix in TAKE_ENDINGS:
-            yield path, "take"
-        elif suffix in CALIBRATIONS.split(";"):
-            yield path, "calibration"
-        elif suffix in pictures:
-            yield path, "pictures"
-        else:
-            raise InputError(f"is of a kind that is not known ({suffix or 'no suffix'}); {KNOWN}", path)
+def _kind_of(path: Path) -> str:
+    """What a file is; InputError where it is none of these."""
+    suffix = path.suffix.lower()
+    if path.name.endswith(SUFFIX):
+        return IS_MARKERSET
+    if suffix in TAKE_ENDINGS:
+        return IS_TAKE
+    if suffix in CALIBRATIONS.split(";"):
+        return IS_CALIBRATION
+    if path.is_dir() or suffix in (*bpy.path.extensions_movie, *bpy.path.extensions_image):
+        return IS_PICTURES
+    raise InputError(f"is of a kind that is not known ({suffix or 'no suffix'}); {KNOWN}", path)
 
 
-def _inside(folder: Path) -> Iterator[tuple[Path, str]]:
-    """What is in a folder: its takes, the first calibration that can be read, and pictures where there is no take."""
-    takes = Arrivals([folder], settled_s=0.0).look(0.0)
-    yield from ((path, "take") for path in takes)
-    for path in sorted(folder.iterdir()):
-        if path.suffix.lower() in CALIBRATIONS.split(";") and path.suffix.lower() not in OWN_CALIBRATIONS:
+def _inside(folder: Path) -> list[Path]:
+    """What a folder is opened for: its takes, itself where it holds pictures, and the first calibration of it."""
+    found, inside = Arrivals([folder], settled_s=0.0).look(0.0), sorted(folder.iterdir())
+    if not found and any(path.is_dir() or path.suffix.lower() in bpy.path.extensions_movie for path in inside):
+        found = [folder]
+    for path in inside:
+        if path.suffix.lower() in CALIBRATIONS.split(";") and path.suffix.lower() not in TAKE_ENDINGS:
             with suppress(InputError):
                 read_cameras(path)
-                yield path, "calibration"
-                break
-    if not takes:
-        inside = list(folder.iterdir())
-        if not any(path.is_dir() or path.suffix.lower() in bpy.path.extensions_movie for path in inside):
-            raise InputError(f"holds no take; {KNOWN}", folder)
-        yield folder, "pictures"
+                return [*found, path]
+    if not found:
+        raise InputError(f"holds no take; {KNOWN}", folder)
+    return found
 
 
-def _take_calibrations(context: bpy.types.Context, found: dict[Path, str]) -> Iterator[str]:
-    """Takes in the calibrations that were chosen, each that is in several files once."""
-    read: set[Path] = set()
-    for path in (path for path, kind in found.items() if kind == "calibration" and path not in read):
-        if path not in read:
+def _take_beside(context: bpy.types.Context, of: dict[str, list[Path]]) -> list[str]:
+    """Takes in the marker set and the calibration that were chosen; gives what is in them."""
+    said, read = [], set()
+    for path in of.get(IS_MARKERSET, ()):
+        said.append(f"{path.name}: {count_of(len(open_markerset(path)), 'marker')}")
+        choose_own(context.scene.mocap_autolabel.subjects, path)
+    for path in of.get(IS_CALIBRATION, ()):
+        if path not in read:  # one may be in several files
+            said.append(take_cameras(context, path))
             read.update(calibration_files(path))
-            yield take_cameras(context, path)
+    return said
 
 
 def _take_folder(context: bpy.types.Context, folder: Path, count: int) -> str:
@@ -243,22 +244,11 @@ def _take_folder(context: bpy.types.Context, folder: Path, count: int) -> str:
     return f"{count_of(count, 'take')} in {folder.name}"
 
 
-def _take_pictures(context: bpy.types.Context, paths: list[Path]):
-    """Has blobs found in pictures, which goes on for a while."""
-    if not cameras_at_hand(context.scene):
-        words = "holds pictures, which need the calibration of their cameras; expected that to be chosen with them"
-        raise InputError(words, paths[0])
-    inside = paths[0].is_dir() and len(paths) == 1
-    files = [] if inside else [{"name": path.name} for path in paths]
-    bpy.ops.mocap_autolabel.find_blobs(
-        "INVOKE_DEFAULT", directory=str(paths[0] if inside else paths[0].parent), files=files
-    )
-
-
 def look_who_is_there(context: bpy.types.Context):
     """Has the marker set of the take found, in the window and where none was chosen; a script labels at once."""
     settings, going = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel.doing
-    if settings.subjects.markerset == AUTO_MODEL and not (bpy.app.background or going):
+    open_now = settings.source.points_path or settings.source.blobs_path
+    if open_now and settings.subjects.markerset == AUTO_MODEL and not (bpy.app.background or going):
         bpy.ops.mocap_autolabel.find_markerset("INVOKE_DEFAULT")
 
 
@@ -335,7 +325,7 @@ def forget_take(context: bpy.types.Context):
 def forget_found(context: bpy.types.Context):
     """Forgets what Automatic found, of another take or as the file was read otherwise."""
     subjects, state = context.scene.mocap_autolabel.subjects, context.window_manager.mocap_autolabel
-    subjects.found = subjects.found_words = state.unsure = state.crowded = ""
+    subjects.found = state.unsure = state.crowded = ""
     state.likely.clear()
 
 

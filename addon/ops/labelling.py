@@ -19,7 +19,7 @@ from ..core.points.handedness import HOW_TO_MIRROR
 from ..core.points.refusals import HOW_TO_ASK
 from ..core.points.several.wearers import AUTO
 from ..core.review.changes import Change, summary_of_changes
-from ..io.markersets import AUTO_MODEL, builtin_markersets, open_markerset
+from ..io.markersets import AUTO_MODEL, open_markerset
 from ..io.qtm.capture import USE_BLOBS, USE_POINTS
 from ..io.text import written
 from ..jobs import LabelJob, Labelled, label_to_show, worn_to_show
@@ -35,7 +35,7 @@ from ..scene.roots import in_world
 from ..scene.take import Take
 from .base import lacks_object_mode, once, takes_of_file
 from .filling import fills_kept, kept_before
-from .importing import cameras_at_hand, forget_found
+from .importing import cameras_at_hand, forget_found, look_who_is_there
 from .long_work import LongWork, nothing_goes_on
 from .reposing import follow_soon
 from .viewing import fit_timelines, show_take_whole
@@ -205,19 +205,6 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
             state.crowded = written(str(self._job.source))
         return error
 
-    def _show(self, context, found):
-        """Shows the take, whose marker set is known then."""
-        if self._job.model == AUTO_MODEL:
-            note_found(context, found[0].model)
-        return LabelsTake._show(self, context, found)
-
-
-def note_found(context: bpy.types.Context, model: str):
-    """Keeps which marker set Automatic found in the take, and says what it is."""
-    subjects, markerset = context.scene.mocap_autolabel.subjects, open_markerset(model)
-    words = markerset.description.partition(":")[0] if model in builtin_markersets() else "Your own marker set"
-    subjects.found, subjects.found_words = model, f"{words}: {count_of(len(markerset), 'marker')} ({markerset.name})"
-
 
 class MOCAP_AUTOLABEL_OT_find_markerset(LabelsTake, bpy.types.Operator):
     """Find out which of the marker sets that are known the take shows, and whether two performers are in it."""
@@ -231,18 +218,16 @@ class MOCAP_AUTOLABEL_OT_find_markerset(LabelsTake, bpy.types.Operator):
         self._job = job_of(context)
         return partial(worn_to_show, self._job)
 
-    def _said(self, context, error: UserError) -> UserError:
-        """The card says why none was found."""
-        error = LabelsTake._said(self, context, error)
-        context.window_manager.mocap_autolabel.unsure = error.message
-        return error
-
-    def _show(self, context, found: tuple[list[str], bool]):
-        state, (models, several) = context.window_manager.mocap_autolabel, found
+    def _show(self, context, found: tuple[list[str], bool, UserError | None]):
+        state, (models, several, trouble) = context.window_manager.mocap_autolabel, found
+        now = None if lacks_input(context) else job_of(context)
+        if now is None or any(getattr(now, name) != getattr(self._job, name) for name in ("source", "up", "mirror")):
+            look_who_is_there(context)  # another take was opened meanwhile
+            return
+        state.unsure = "" if trouble is None else self._said(context, trouble).message
         if len(models) == 1:
-            note_found(context, models[0])
+            context.scene.mocap_autolabel.subjects.found = models[0]
             state.crowded = written(str(self._job.source)) if several else ""
             return
-        state.likely.clear()
         for model in models:
             state.likely.add().name = model

@@ -11,7 +11,7 @@ from ..ops.label_folder import follow, leave_batch, show_batch
 from ..ops.long_work import end_process
 from ..ops.picking import picked_points, restore_picked
 from ..ops.reposing import follow_soon, forget_reposing
-from ..props import list_trouble, refresh_review
+from ..props import know_markerset, list_trouble, refresh_review
 from ..scene import naming
 from ..scene.opened import opened
 from ..scene.take import RATE, takes_of
@@ -97,4 +97,5 @@ def adopt_takes():
             settings.source.rate = float(takes[-1][RATE])
         if settings.source.cameras is None and takes:
             settings.source.cameras = takes[-1].get(naming.CAMERAS)
+        know_markerset(settings, scene)  # a take was made by the command line, or by an earlier version
     refresh_review(bpy.context.window_manager, bpy.context.scene)

@@ -76,10 +76,10 @@ def cameras(layout, context):
         button = grid.operator("mocap_autolabel.look_through", text=camera_name(camera), icon=icon)
         button.camera = camera.name
     if settings.source.blobs_path and not settings.source.points_path:
-        _draw_health(layout, context)
+        draw_health(layout, context)
 
 
-def _draw_health(layout: bpy.types.UILayout, context):
+def draw_health(layout: bpy.types.UILayout, context):
     """Whether the cameras go together, and what to do where they do not."""
     settings = context.scene.mocap_autolabel
     report = kept_refinement(settings.source.cameras)

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The sidebar tab "Mocap": a take and what is known of it, and what to do with it in the end."""
 
+from functools import lru_cache
 from pathlib import Path
 
 import bpy
 
+from ..core.data.errors import InputError
 from ..core.data.wording import count_of
-from ..io.markersets import AUTO_MODEL, SUFFIX
+from ..io.markersets import AUTO_MODEL, SUFFIX, builtin_markersets, open_markerset
 from ..io.qtm.capture import is_qtm
 from ..io.text import written
 from ..ops.importing import USE_ITEMS, cameras_at_hand
@@ -81,7 +83,8 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
         row = column.split(factor=0.45, align=True)
         row.label(text="Up:")
         axes = row.operator_menu_enum("mocap_autolabel.import_take", "up", text=source.up.upper() or source.up_found)
-        axes.filepath, axes.mirror, axes.use = path, source.mirror, "points" if is_qtm(Path(path)) else USE_ITEMS[0][0]
+        axes.filepath, axes.mirror, axes.rate = path, source.mirror, source.rate
+        axes.use = "points" if is_qtm(Path(path)) else USE_ITEMS[0][0]
     else:
         draw_choice(column, source, "rate")
     if not plays_at(context.scene, source.rate):
@@ -94,7 +97,7 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
     row.operator("mocap_autolabel.open_markerset", text="", icon="FILE_FOLDER")
     if subjects.markerset == OWN_FILE:
         column.prop(subjects, "markerset_path", text="")
-    if subjects.markerset == AUTO_MODEL:
+    if subjects.markerset == AUTO_MODEL and subjects.performing != "LISTED":
         _draw_found(context, column, subjects, state)
     draw_choice(layout, subjects, "performing")
     if subjects.performing == "SO_MANY":
@@ -114,7 +117,7 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
 def _draw_found(context, layout: bpy.types.UILayout, subjects, state):
     """What Automatic found in the take, or the sets that it may be, a user's own ones first."""
     if subjects.found:
-        draw_text(context, layout, subjects.found_words, icon="CHECKMARK")
+        draw_text(context, layout, _set_in_words(subjects.found), icon="CHECKMARK")
         if crowded_here(state, context.scene.mocap_autolabel):
             layout.label(text="Two performers or more", icon="ERROR")
     elif len(state.likely):
@@ -125,6 +128,17 @@ def _draw_found(context, layout: bpy.types.UILayout, subjects, state):
             choose.data_path, choose.value = "scene.mocap_autolabel.subjects.markerset", one.name
     elif state.unsure:
         draw_text(context, layout, f"The take {state.unsure}", icon="ERROR")
+
+
+@lru_cache
+def _set_in_words(model: str) -> str:
+    """What a marker set is, such as "Plug-in Gait full body: 39 markers (body39)"; its name where it is gone."""
+    try:
+        markerset = open_markerset(model)
+    except InputError:
+        return model
+    words = markerset.description.partition(":")[0] if model in builtin_markersets() else "Your own marker set"
+    return f"{words}: {count_of(len(markerset), 'marker')} ({markerset.name})"
 
 
 def _draw_progress(layout: bpy.types.UILayout, state: bpy.types.PropertyGroup):

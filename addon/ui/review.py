@@ -10,7 +10,6 @@ from ..ops.picking import picked_points, selected_markers, words_of_picked
 from ..ops.reposing import words_behind
 from ..ops.reviewing import is_listed, words_for
 from ..scene.fills import kept_cutoff
-from ..scene.opened import opened
 from ..scene.performers import body_material, homes
 from ..scene.playing import PLAYED, part_here, played_takes, suspects_of, what_is_wrong
 from ..scene.take import is_take
@@ -261,8 +260,6 @@ def _draw_gaps(layout: bpy.types.UILayout, context, state):
     draw_optional(layout, filling, "Longest", "use_longest", "longest")
     layout.label(text="Fill Gaps of:")
     extent_buttons(layout, "mocap_autolabel.fill_gaps")
-    for words in filled_here(context):
-        layout.label(text=words, icon="KEYTYPE_GENERATED_VEC")
     if len(state.fills):
         _draw_fills(layout, context, state)
     if len(state.left_gaps):
@@ -297,19 +294,6 @@ def extent_buttons(layout: bpy.types.UILayout, operator: str):
     row = layout.row(align=True)
     for extent, words, _ in EXTENTS:
         row.operator(operator, text=words).extent = extent
-
-
-def filled_here(context: bpy.types.Context) -> list[str]:
-    """What the selected markers were filled with in the current frame, a line each."""
-    scene = context.scene
-    stored = opened.take(scene.mocap_autolabel.take, scene)
-    frame, lines = scene.frame_current - stored.shift, []
-    for name in selected_markers(context)[:3]:
-        fill = next((one for one in stored.fitting if one.marker == name and one.first <= frame <= one.last), None)
-        if fill is not None:
-            off = f"±{1000 * fill.expected:.1f} mm" if fill.expected == fill.expected else "error unknown"
-            lines.append(f"{name}: filled {fill.first + stored.shift}–{fill.last + stored.shift}, {off}")
-    return lines
 
 
 class MOCAP_AUTOLABEL_UL_gaps(DrawsRows, bpy.types.UIList):

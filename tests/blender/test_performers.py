@@ -65,7 +65,6 @@ def test_the_marker_set_that_automatic_finds_is_told_and_used_until_another_take
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert settings.subjects.markerset == "auto"
     assert settings.subjects.found == "body39"
-    assert settings.subjects.found_words == "Plug-in Gait full body: 39 markers (body39)"
     assert bpy.ops.mocap_autolabel.edit_markerset() == {"FINISHED"}
     bpy.ops.mocap_autolabel.add_performer()
     assert settings.subjects.performers[0].markerset == "body39"

@@ -25,7 +25,7 @@ def walk(seen: dict) -> Iterator[float]:
     yield from window.choose(OPEN, TASK["points"])  # two clicks: the button, and Open Take in the browser
     yield from window.until(lambda: settings().subjects.found and not running())
     yield 1
-    seen["found"] = [settings().subjects.found, settings().subjects.found_words]
+    seen["found"] = settings().subjects.found
     yield from look("2-opened", seen)
     places = yield from window.all_buttons()
     seen["opened"] = places
