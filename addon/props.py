@@ -66,7 +66,7 @@ def keeps_items(items: Callable[..., Iterable[tuple]]) -> Callable[..., list[tup
 @keeps_items
 def _markerset_items(_self, _context) -> list[tuple[str, str, str, str, int]]:
     own = own_models(markerset_folder())
-    items = [(AUTO_MODEL, "Auto", "The one of these that the take shows, which is chosen then")]
+    items = [(AUTO_MODEL, "Automatic", "The one of these that the take shows")]
     items += [(name, name, f"Built-in marker set {name}") for name in builtin_markersets()]
     items += [(str(path), path.name.removesuffix(SUFFIX), f"Your own marker set, {path}") for path in own]
     items.append((OWN_FILE, "From a File…", "A marker set file that you choose"))
@@ -85,7 +85,9 @@ def _take_changed(self, context):
     state.timeline_scroll, state.timeline_unfolded = 0.0, False
     hide_preview(self.source.preview, self.take is not None)
     if self.take is not None:
+        self.display.stage = "REVIEW"
         self.take.hide_viewport = False  # one of another marker set may have hidden it
+    know_markerset(self, context.scene)
     refresh_review(context.window_manager, context.scene)
 
 
@@ -121,7 +123,7 @@ class WearsMarkers:
         name="Marker Set",
         description="Which markers are worn; a set learned from somebody's own take tells them from others",
         items=_markerset_items,
-        default=_item_number(USUAL_MARKERSET),
+        default=_item_number(AUTO_MODEL),
     )
     markerset_path: StringProperty(name="File", description="A *.markerset.json file", subtype="FILE_PATH")
 
@@ -157,6 +159,7 @@ class SourceSettings(bpy.types.PropertyGroup):
     up: StringProperty(
         name="Up", description="The axis that points up in the file of the 3D points, empty for what it says or tells"
     )
+    up_found: StringProperty(name="Up", description="The axis of the file that was taken to point up", default="Z")
     mirror: BoolProperty(
         name="Mirror", description="Reverse an axis of the 3D points, as those of their file are left-handed"
     )
@@ -189,6 +192,7 @@ class SubjectSettings(WearsMarkers, bpy.types.PropertyGroup):
     )
     performers: CollectionProperty(type=PerformerRow)
     performer_index: IntProperty()
+    found: StringProperty(name="Found", description="The marker set that Automatic found in the take; empty for none")
 
 
 class TrainingSettings(bpy.types.PropertyGroup):
@@ -352,6 +356,14 @@ class DisplaySettings(bpy.types.PropertyGroup):
     show_links: BoolProperty(
         name="Links", description="Through a camera, link each blob to where the body expects its marker", default=True
     )
+    stage: EnumProperty(
+        name="Stage",
+        description="What the sidebar is for, once a take is labelled",
+        items=(
+            ("REVIEW", "Review", "Look at what may be wrong, and mend it"),
+            ("USE", "Use It", "Move a rig by the take, and export it"),
+        ),
+    )
 
 
 class SceneSettings(bpy.types.PropertyGroup):
@@ -508,6 +520,20 @@ class ReviewState(bpy.types.PropertyGroup):
     spent: FloatProperty(name="Spent", description="Seconds of work that would be lost by cancelling", min=0.0)
     crowded: StringProperty(name="Crowded", description="The file that shows more performers than were asked for")
     refused: StringProperty(name="Refused", description="Why nothing was named that can be named regardless")
+    unsure: StringProperty(name="Unsure", description="Why Automatic found no marker set")
+    likely: CollectionProperty(type=bpy.types.PropertyGroup)
+    unfolded: BoolProperty(name="What Was Opened", description="Show what was opened, and how it is labelled")
+    listed: EnumProperty(
+        name="Listed",
+        description="What of the take is listed",
+        items=(
+            ("TROUBLES", "To Look at", "What may be wrong, the worst first"),
+            ("MARKERS", "Markers", "Every marker with its gaps and residual, the one that was found least first"),
+            ("CORRECTIONS", "Corrections", "What a person said of the labels"),
+            ("FILLS", "Gaps and Fills", "What gaps were filled with, and those that are left"),
+            ("CHANGES", "Changes", "What labelling again changed"),
+        ),
+    )
     cancelled: BoolProperty(name="Cancel", description="Whether what is going on is to stop")
     folder_doing: StringProperty(name="Doing", description="How far Label Folder is; empty where it does not go on")
     folder_share: FloatProperty(name="Done", description="How much of it is done", subtype="FACTOR", min=0.0, max=1.0)
@@ -536,7 +562,9 @@ class ReviewState(bpy.types.PropertyGroup):
 def chosen_model(asked: SubjectSettings | PerformerRow) -> str:
     """The name or path of the marker set that is chosen for all, or for a performer; InputError without one."""
     if asked.markerset == AUTO_MODEL:
-        raise InputError("Auto finds what one performer wears while a take is labelled; expected a set from the list")
+        if found := getattr(asked, "found", ""):
+            return found
+        raise InputError("Automatic finds what a take of one performer shows; expected a marker set from the list")
     if asked.markerset not in (OWN_FILE, ""):
         return asked.markerset
     if not asked.markerset:
@@ -584,10 +612,20 @@ def chosen_markerset(asked: SubjectSettings | PerformerRow):
     return open_markerset(chosen_model(asked))
 
 
+def know_markerset(settings: SceneSettings, scene: bpy.types.Scene):
+    """Notes what the active take was labelled by, where that is at hand and nothing is found, as found."""
+    if settings.subjects.found or not is_take(settings.take):
+        return
+    model, *others = {one.model for one in opened.take(settings.take, scene).performers}
+    own = markerset_folder() / f"{model}{SUFFIX}"
+    if not others and (model in builtin_markersets() or own.is_file()):
+        settings.subjects.found = model if model in builtin_markersets() else str(own)
+
+
 def own_model(asked: SubjectSettings) -> str | None:
     """The path of the chosen marker set, where it is one of the user's own."""
-    own = asked.markerset == OWN_FILE or asked.markerset.endswith(SUFFIX)
-    return chosen_model(asked) if own else None
+    model = asked.found if asked.markerset == AUTO_MODEL else chosen_model(asked)
+    return model if asked.markerset == OWN_FILE or model.endswith(SUFFIX) else None
 
 
 def choose_own(asked: SubjectSettings | PerformerRow, path: Path):

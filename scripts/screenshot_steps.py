@@ -19,10 +19,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 import window
 
 OUT = Path(os.environ["MOCAP_OUT"])
-FIND_BLOBS = "mocap_autolabel.find_blobs"
 SEEN_BY_FIRST = "RELB"  # in the frame that is shown
-TO_FIRST_BELOW = 48  # px from the upper end of the button Label to the middle of the first panel below it
-CLOSED_PANEL = 26  # px from the middle of a closed panel to that of the next
+OPEN = "mocap_autolabel.import_take"
+TO_ADVANCED, TO_MARKER_SET = 90, 358  # px below the button Open Take, where nothing is open
 
 
 def steps() -> Iterator[float]:
@@ -34,11 +33,14 @@ def steps() -> Iterator[float]:
     yield from window.screenshot("sidebar")
 
     bpy.ops.mocap_autolabel.import_cameras(filepath=task["cameras"])
-    yield from window.choose_folder(FIND_BLOBS, task["movies"], picture="blobs-from-pictures")
-    yield from window.until(lambda: bpy.context.scene.mocap_autolabel.source.blobs_path)
-    bpy.ops.mocap_autolabel.import_blobs(filepath=task["blobs"])
-    settings = bpy.context.scene.mocap_autolabel
-    settings.subjects.markerset, settings.source.rate = "body26", 60
+    with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):
+        bpy.ops.mocap_autolabel.find_blobs("INVOKE_DEFAULT")
+    yield from window.browse(task["movies"], picture="blobs-from-pictures")
+    settings, state = bpy.context.scene.mocap_autolabel, bpy.context.window_manager.mocap_autolabel
+    yield from window.until(lambda: settings.source.blobs_path and not state.doing)
+    settings.source.rate = 60
+    bpy.ops.mocap_autolabel.import_take(filepath=task["blobs"])
+    yield from window.until(lambda: settings.subjects.found)
     yield from window.look_through_first()
     yield from window.screenshot("blobs-through-camera")
 
@@ -51,20 +53,21 @@ def steps() -> Iterator[float]:
     middle = body.matrix_world @ (sum((Vector(corner) for corner in body.bound_box), Vector()) / 8)
     look_at((middle.x, middle.y, 1.0), distance=6.5)
     yield from window.screenshot("labelled")
-    look_at((middle.x, middle.y, 1.0), distance=3.2)
-    yield from window.scroll_sidebar()
-    yield from window.screenshot("review")
 
-    yield from window.scroll_sidebar(down=False)
     bpy.ops.mocap_autolabel.clear()
     bpy.data.batch_remove(list(settings.source.cameras.all_objects))
-    bpy.ops.mocap_autolabel.import_points(filepath=task["points"])
+    bpy.ops.mocap_autolabel.import_take(filepath=task["points"])
+    yield from window.until(lambda: settings.subjects.found)
     bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)
     look_at((middle.x, middle.y, 1.0), distance=3.2)
     yield from window.screenshot("points")
     yield from label()
     bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)
     yield from window.screenshot("points-labelled")
+    bpy.ops.mocap_autolabel.next_trouble(back=False)
+    bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)
+    look_at((middle.x, middle.y, 1.0), distance=3.2)
+    yield from window.screenshot("review")
     yield from character(middle)
     yield from correct()
     yield from fill_and_correct()
@@ -77,8 +80,13 @@ def steps() -> Iterator[float]:
     bpy.ops.mocap_autolabel.clear()
     yield from performers(task)
     yield from folder_of_takes(task)
-    bpy.data.batch_remove([settings.source.preview])
+    settings.subjects.markerset, settings.folder.path = "body26", ""
+    bpy.context.window_manager.mocap_autolabel.folder_takes.clear()
     bpy.ops.mocap_autolabel.edit_markerset()
+    places = yield from window.all_buttons()
+    for below in (TO_ADVANCED, TO_MARKER_SET):
+        yield from window.click(places[OPEN][0], places[OPEN][1] - below)
+        yield 1
     look_at((0, 0, 0.9), distance=3.2)
     yield from window.screenshot("marker-set")
 
@@ -110,9 +118,9 @@ def character(middle: Vector) -> Iterator[float]:
             added.data.pose_position = "REST"
             added.location = (middle.x + aside, middle.y, 0.0)
     look_at((middle.x + 1.15, middle.y, 1.0), distance=4.6, about=15)
-    yield from window.scroll_sidebar()
+    settings.display.stage = "USE"
     yield from window.screenshot("character")
-    yield from window.scroll_sidebar(down=False)
+    settings.display.stage = "REVIEW"
     bpy.data.batch_remove([item for item in bpy.data.objects if "mocap_character" in item])
     settings.display.show_overlay = True
     look_at((middle.x, middle.y, 1.0), distance=3.2)
@@ -122,6 +130,7 @@ def performers(task: dict) -> Iterator[float]:
     """Ask for two by name, each in a marker set of their own, and label them."""
     settings = bpy.context.scene.mocap_autolabel
     bpy.ops.mocap_autolabel.import_points(filepath=task["duet"])
+    bpy.context.window_manager.mocap_autolabel.unfolded = True
     settings.subjects.performing, before = "LISTED", settings.subjects.markerset
     prefs = importlib.import_module("bl_ext.user_default.mocap_autolabel.addon.prefs")
     for own in task["people"]:
@@ -131,14 +140,10 @@ def performers(task: dict) -> Iterator[float]:
     yield from label()
     scene = bpy.context.scene
     scene.frame_set(scene.frame_start + 100)
-    places = yield from window.scroll_to("mocap_autolabel.label")
-    x, y = places["mocap_autolabel.label"]
-    yield from window.click(x, y - TO_FIRST_BELOW)  # opens the panel below the button
     people = [item for item in settings.take.all_objects if item.type == "ARMATURE"]
     middle = sum((item.pose.bones[0].head for item in people), Vector()) / len(people)
     look_at((middle.x, middle.y, 0.9), distance=4.4)
     yield from window.screenshot("performers")
-    yield from window.scroll_sidebar(down=False)
     bpy.ops.mocap_autolabel.clear()
     settings.subjects.performing = "ONE"
     settings.subjects.performers.clear()
@@ -146,29 +151,20 @@ def performers(task: dict) -> Iterator[float]:
 
 def folder_of_takes(task: dict) -> Iterator[float]:
     """Label the takes of a folder, of which one holds nothing, and show the list of them."""
-    places = yield from window.scroll_to("mocap_autolabel.label")
-    x, y = places["mocap_autolabel.label"]
-    performers, folder = y - TO_FIRST_BELOW, y - TO_FIRST_BELOW - 2 * CLOSED_PANEL
-    yield from window.click(x, performers)  # it was opened
-    yield from window.click(x, folder)
     settings, state = bpy.context.scene.mocap_autolabel, bpy.context.window_manager.mocap_autolabel
-    settings.folder.path, settings.folder.out = task["takes"], str(OUT / "labelled")
-    settings.folder.watch = True
     bpy.ops.mocap_autolabel.import_cameras(filepath=task["cameras"])
+    settings.folder.out, settings.folder.watch = str(OUT / "labelled"), True
+    bpy.ops.mocap_autolabel.import_take(directory=task["takes"])
     bpy.ops.mocap_autolabel.label_folder("INVOKE_DEFAULT")
     ended = ("failed", "labelled")
     yield from window.until(lambda: len(state.folder_takes) == 3 and all(r.state in ended for r in state.folder_takes))
     state.folder_take_index = 1
-    yield from window.scroll_to("mocap_autolabel.stop_folder", "mocap_autolabel.open_folder_take")
     window.point(400, 300)  # off the buttons, which would tell what they are for
     yield 1
     yield from window.screenshot("label-folder")
     bpy.ops.mocap_autolabel.stop_folder()
     yield from window.until(lambda: not state.folder_doing)
     bpy.data.batch_remove(list(settings.source.cameras.all_objects))
-    yield from window.scroll_to("mocap_autolabel.label")
-    yield from window.click(x, folder)
-    yield from window.scroll_sidebar(down=False)
 
 
 def fill_and_correct() -> Iterator[float]:

@@ -101,6 +101,15 @@ def scroll_to(*names: str) -> Iterator[float]:
     return found
 
 
+def height() -> Iterator[float]:
+    """Gives how high what is in the sidebar is, as a part of the sidebar's height; 1 at least."""
+    yield from scroll_sidebar()
+    sidebar = region("UI")
+    whole = -sidebar.view2d.region_to_view(0, 0)[1] / sidebar.height
+    yield from scroll_sidebar(down=False)
+    return whole / (-sidebar.view2d.region_to_view(0, 0)[1] / sidebar.height)
+
+
 def grow(kind: str, pixels: int) -> Iterator[float]:
     """Move the upper edge of the window's largest area of a kind up, or down where `pixels` is less than nothing."""
     shown = area(kind)
@@ -112,13 +121,19 @@ def grow(kind: str, pixels: int) -> Iterator[float]:
     yield 1
 
 
-def choose_folder(operator: str, folder: str, picture: str = "") -> Iterator[float]:
-    """Press an operator's button and choose a folder in the file browser that it opens, of which a picture is taken."""
+def choose(operator: str, path: str, picture: str = "") -> Iterator[float]:
+    """Press an operator's button and choose a file, or a folder, in the file browser that it opens; a picture of it."""
     places = yield from scroll_to(operator)
     yield from click(*places[operator])
+    yield from browse(path, picture)
+
+
+def browse(path: str, picture: str = "") -> Iterator[float]:
+    """Choose a file, or a folder, in the file browser that is being opened."""
     yield from until(lambda: _browser() is not None)
     shown, browser = _browser()
-    browser.spaces.active.params.directory = folder.encode()
+    folder, name = (Path(path), "") if Path(path).is_dir() else (Path(path).parent, Path(path).name)
+    browser.spaces.active.params.directory, browser.spaces.active.params.filename = str(folder).encode(), name
     yield 1
     if picture:
         yield from screenshot(picture)

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ..core.data.errors import UserError
 from ..core.data.progress import Progress
 from ..core.review.changes import Change
 from ..io.labels import changes_of_part
@@ -43,6 +44,16 @@ def label_to_show(
     return labelled, changed
 
 
+def worn_to_show(job: LabelJob) -> Generator[Progress, None, tuple[list[str], bool, UserError | None]]:
+    """What the sidebar tells of a take before it is labelled, as `find_worn`; or why it can tell nothing."""
+    from .labelling import find_worn
+
+    try:
+        return *(yield from find_worn(job, _kind_of)), None
+    except UserError as error:
+        return [], False, error
+
+
 def _kind_of(job: LabelJob) -> "type[OpenTake]":
     """What opens the take; of blobs it takes long to load, and takes of points need none of it."""
     if holds_points(job.source, job.use):
@@ -54,4 +65,4 @@ def _kind_of(job: LabelJob) -> "type[OpenTake]":
     return BlobTake
 
 
-__all__ = ["LabelJob", "Labelled", "label_file", "label_to_show"]
+__all__ = ["LabelJob", "Labelled", "label_file", "label_to_show", "worn_to_show"]

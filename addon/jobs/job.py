@@ -266,7 +266,7 @@ def calibration_for(source: Path, cameras: Path | None) -> Path:
     if is_qtm(source):
         return source
     words = "holds blobs, and there is no calibration of their cameras"
-    raise InputError(f"{words}; expected --cameras or, in Blender, Import Calibration", source)
+    raise InputError(f"{words}; expected --cameras or, in Blender, the calibration to be opened", source)
 
 
 def blob_rate(source: Path, rate: float | None) -> float | None:

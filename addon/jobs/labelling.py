@@ -12,7 +12,7 @@ from ..blendfile import Chunks, refuse_long, save_blend, save_played
 from ..core.data.errors import InputError, JobError, of_file
 from ..core.data.markersets import Worn
 from ..core.data.progress import Progress
-from ..core.data.takes import MAX_FRAME, Blobs, EditOutcome, LabelledChunk, PointRows, Points, Suspect
+from ..core.data.takes import MAX_FRAME, Blobs, EditOutcome, LabelledChunk, PointRows, Points, Suspect, evenly_spread
 from ..core.edits.applying import joined
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
 from ..core.geometry.force_plates import NO_LAB, LabRecords
@@ -23,7 +23,7 @@ from ..core.points.models import Model
 from ..core.points.motion import labelled_points
 from ..core.points.naming import chosen_method
 from ..core.points.possible import refuse_impossible, slow_words
-from ..core.points.refusals import SubjectsError, UnsuitedError
+from ..core.points.refusals import FRAMES_ASKED, SubjectsError, UnsuitedError, refuse_two_groups
 from ..core.points.several.wearers import SetsWorn, SeveralOptions, Wearer, kinds
 from ..core.points.whole_take.pipeline import PointOptions
 from ..core.points.whole_take.pipeline import label_take as name_points
@@ -234,26 +234,51 @@ def _points_of(job: LabelJob, room: Room) -> FilePoints:
     return read_points(job.source, frames=job.frames, up=job.up, rate=job.rate, make_table=room, mirror=job.mirror)
 
 
-def _find_model(job: LabelJob, take: Points) -> Generator[Progress, None, tuple[str, str]]:
-    """The one of the known models that a take wears, as a job has it, and a note of that.
+def _worn_in(job: LabelJob, take: Points) -> Generator[Progress, None, tuple[Model | None, dict[Model, str]]]:
+    """The known model that a take wears, None where that is not sure; and all that it may, each as a job has it.
 
-    Raises JobError where several may be, or none is.
+    Raises JobError where there are none.
     """
     known = {open_model(name): name for name in job.models}
     learned = [model for model in known if model.likelihood is not None]
     if isinstance(take, FilePoints) and not job.force:
         refuse_impossible(take.xyz, take.rate, take.lanes, learned)
     worn, likely = yield from set_worn(take, learned)
-    if worn is not None:
-        return known[worn], f"{known[worn]} was found among {len(known)} marker sets"
     if likely:
-        words = f"looks like a take of {' as well as '.join(known[model] for model in likely)}"
-        raise JobError(f"{words}; expected the one that is worn, {HOW_TO_CHOOSE} {known[likely[0]]}")
+        return worn, {model: known[model] for model in likely}
     words = f"looks like a take of none of the {len(learned)} known marker sets"
     error = UnsuitedError(f"{words}; expected the one that is worn, {HOW_TO_CHOOSE} MODEL, or a model that is trained")
     if isinstance(take, FilePoints):
         error = yield from misfit_of(error, take, learned, PointOptions("likelihood"), turns_from(take.up), ())
     raise JobError(error.message)  # there is no model that could be forced
+
+
+def _find_model(job: LabelJob, take: Points) -> Generator[Progress, None, tuple[str, str]]:
+    """The model that a take wears, as a job has it, and a note of that; JobError where several may be, or none is."""
+    worn, likely = yield from _worn_in(job, take)
+    if worn is not None:
+        return likely[worn], f"{likely[worn]} was found among {len(job.models)} marker sets"
+    first, *_ = names = list(likely.values())
+    raise JobError(
+        f"looks like a take of {' as well as '.join(names)}; expected the one that is worn, {HOW_TO_CHOOSE} {first}"
+    )
+
+
+def find_worn(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> Generator[Progress, None, tuple]:
+    """What can be told of a take before it is labelled: the known models that it may wear, and whether two wear it.
+
+    There is one model where that is sure, else those of a user come first. Raises UserError where there is none.
+    """
+    with ExitStack() as read:
+        take = kind_of(job).shown(job, read)
+        worn, likely = yield from _worn_in(job, take)
+        if worn is None:
+            return sorted(likely.values(), key=lambda name: name in builtin_markersets()), False
+        try:
+            refuse_two_groups(worn, take.in_order(evenly_spread(len(take.xyz), FRAMES_ASKED)).xyz)
+        except SubjectsError:
+            return [likely[worn]], True
+    return [likely[worn]], False
 
 
 def label_take(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> Generator[Progress, None, Labelled]:

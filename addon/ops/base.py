@@ -17,7 +17,7 @@ from ..scene.stored import Stored
 from ..scene.take import SOURCE, is_take, takes_of
 
 Need = Callable[[bpy.types.Context], str]
-PLAYED_WORDS = "This take plays from a file and has no keys: open a part of it, with Open Part under Long Take"
+PLAYED_WORDS = "This take plays from a file and has no keys: open a part of it, with Open Part under Review"
 
 
 def reports_trouble(method: Callable[..., set[str]]) -> Callable[..., set[str]]:

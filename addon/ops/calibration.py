@@ -18,7 +18,7 @@ from .importing import lacks_cameras
 from .long_work import LongWork
 
 ENDING = ".refined.toml"
-BLOBS_FIRST = "Import the blobs first: the cameras are refined by them"
+BLOBS_FIRST = "Open the blobs first: the cameras are refined by them"
 
 
 class MOCAP_AUTOLABEL_OT_refine_calibration(LongWork, bpy.types.Operator):

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a take needs before it can be labelled: blobs and a calibration, or 3D points, from files or dropped."""
+"""Open Take: whatever a take comes in, blobs and a calibration, 3D points, pictures or a folder, chosen or dropped."""
 
+from contextlib import suppress
 from pathlib import Path
 
 import bpy
 import numpy as np
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..core.data.errors import InputError
@@ -13,13 +14,15 @@ from ..core.data.takes import Blobs, evenly_spread
 from ..core.data.wording import count_of
 from ..core.geometry.camera_up import AXIS_NAMES
 from ..core.geometry.cameras import Cameras
+from ..io.arrivals import TAKE_ENDINGS, Arrivals
 from ..io.blobs import read_blobs
-from ..io.cameras import read_cameras
+from ..io.cameras import calibration_files, read_cameras
 from ..io.edits import edits_beside
+from ..io.markersets import AUTO_MODEL, SUFFIX, open_markerset
 from ..io.points import holds_points, read_points
 from ..io.qtm.capture import USE_BLOBS, held_in, is_qtm
 from ..jobs.job import blob_rate, capture_notes
-from ..props import refresh_review
+from ..props import choose_own, refresh_review
 from ..scene import cameras as scene_cameras
 from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
@@ -69,11 +72,14 @@ class MOCAP_AUTOLABEL_OT_import_cameras(ImportsFile, bpy.types.Operator):
     up: once(EnumProperty, "Up", "The axis that points up in the calibration", items=UP_ITEMS)
 
     def take_in(self, context, path: Path) -> str:
-        up = None if self.up == "AUTO" else self.up
-        cameras = read_cameras(path, read_blend=scene_cameras.cameras_of_blend, up=up)
-        collection = scene_cameras.find_or_add_cameras(context.scene, cameras)
-        context.scene.mocap_autolabel.source.cameras = collection
-        return "; ".join([f"{count_of(len(cameras), 'camera')}: {', '.join(cameras.names)}", *cameras.remarks])
+        return take_cameras(context, path, None if self.up == "AUTO" else self.up)
+
+
+def take_cameras(context: bpy.types.Context, path: Path, up: str | None = None) -> str:
+    """Makes a calibration's cameras the scene's and says which; InputError where it cannot be used."""
+    cameras = read_cameras(path, read_blend=scene_cameras.cameras_of_blend, up=up)
+    context.scene.mocap_autolabel.source.cameras = scene_cameras.find_or_add_cameras(context.scene, cameras)
+    return "; ".join([f"{count_of(len(cameras), 'camera')}: {', '.join(cameras.names)}", *cameras.remarks])
 
 
 class MOCAP_AUTOLABEL_OT_use_cameras(Ours, bpy.types.Operator):
@@ -96,7 +102,7 @@ class MOCAP_AUTOLABEL_OT_import_blobs(ImportsFile, bpy.types.Operator):
 
     def take_in(self, context, path: Path) -> str:
         if holds_points(path, USE_BLOBS if is_qtm(path) else None):
-            raise InputError("holds 3D points; expected blobs, or Import 3D Points", path)
+            raise InputError("holds 3D points; expected blobs, or Open Take", path)
         return take_blobs(context, path)
 
 
@@ -135,15 +141,115 @@ class MOCAP_AUTOLABEL_OT_import_points(ReadsPoints, ImportsFile, bpy.types.Opera
 
 
 class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operator):
-    """Read a take to label, whether it holds blobs, 3D points, or, as a Qualisys QTM may, both."""
+    """Open a take: 3D points, or blobs or pictures with the calibration of their cameras; or a folder of takes."""
 
-    filter_glob: StringProperty(default=POINTS, options={"HIDDEN"})
+    bl_label = "Open Take"
+    directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE", "HIDDEN"})
+    files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"SKIP_SAVE", "HIDDEN"})
     use: once(EnumProperty, "Use", "What to label of a .qtm that holds both", items=USE_ITEMS)
+
+    def work(self, context):
+        folder = Path(bpy.path.abspath(self.directory))
+        chosen = [folder / item.name for item in self.files if item.name]
+        chosen = chosen or [Path(bpy.path.abspath(self.filepath or self.directory))]
+        whole = len(chosen) == 1 and chosen[0].is_dir()
+        of: dict[str, list[Path]] = {}
+        for path in _inside(chosen[0]) if whole else chosen:
+            of.setdefault(_kind_of(path), []).append(path)
+        takes = of.get(IS_TAKE, ())
+        if len(takes) > 1 and not whole:
+            raise InputError(f"{len(takes)} takes are chosen; expected one, or their folder", takes[1])
+        said = _take_beside(context, of)
+        if len(takes) > 1:
+            said.append(_take_folder(context, chosen[0], len(takes)))
+        elif takes:
+            said.append(self.take_in(context, takes[0]))
+        self.report({"INFO"}, "; ".join(said))
+        if len(takes) == 1:
+            look_who_is_there(context)
+        return self._find_blobs(context, of[IS_PICTURES]) if IS_PICTURES in of and not takes else {"FINISHED"}
+
+    def _find_blobs(self, context, pictures: list[Path]) -> set[str]:
+        """Has blobs found in pictures, or in those of a folder, which goes on for a while."""
+        if not cameras_at_hand(context.scene):
+            words = "holds pictures, which need the calibration of their cameras; expected that to be chosen with them"
+            raise InputError(words, pictures[0])
+        inside = len(pictures) == 1 and pictures[0].is_dir()
+        where, files = pictures[0] if inside else pictures[0].parent, [] if inside else pictures
+        given = {"directory": str(where), "files": [{"name": path.name} for path in files]}
+        try:
+            bpy.ops.mocap_autolabel.find_blobs("INVOKE_DEFAULT", **given)
+        except RuntimeError as error:
+            self.report({"ERROR"}, str(error).removeprefix("Error: ").strip())
+            return {"CANCELLED"}
+        return {"FINISHED"}
 
     def take_in(self, context, path: Path) -> str:
         if holds_points(path, self.use if is_qtm(path) and self.use != USE_ITEMS[0][0] else None):
             return take_points(context, path, self.known_up, self.rate, self.mirror)
         return take_blobs(context, path)
+
+
+IS_TAKE, IS_CALIBRATION, IS_MARKERSET, IS_PICTURES = "take", "calibration", "marker set", "pictures"
+KNOWN = "expected 3D points, blobs, a calibration, a marker set, pictures of calibrated cameras, or a folder of them"
+
+
+def _kind_of(path: Path) -> str:
+    """What a file is; InputError where it is none of these."""
+    suffix = path.suffix.lower()
+    if path.name.endswith(SUFFIX):
+        return IS_MARKERSET
+    if suffix in TAKE_ENDINGS:
+        return IS_TAKE
+    if suffix in CALIBRATIONS.split(";"):
+        return IS_CALIBRATION
+    if path.is_dir() or suffix in (*bpy.path.extensions_movie, *bpy.path.extensions_image):
+        return IS_PICTURES
+    raise InputError(f"is of a kind that is not known ({suffix or 'no suffix'}); {KNOWN}", path)
+
+
+def _inside(folder: Path) -> list[Path]:
+    """What a folder is opened for: its takes, itself where it holds pictures, and the first calibration of it."""
+    found, inside = Arrivals([folder], settled_s=0.0).look(0.0), sorted(folder.iterdir())
+    if not found and any(path.is_dir() or path.suffix.lower() in bpy.path.extensions_movie for path in inside):
+        found = [folder]
+    for path in inside:
+        if path.suffix.lower() in CALIBRATIONS.split(";") and path.suffix.lower() not in TAKE_ENDINGS:
+            with suppress(InputError):
+                read_cameras(path)
+                return [*found, path]
+    if not found:
+        raise InputError(f"holds no take; {KNOWN}", folder)
+    return found
+
+
+def _take_beside(context: bpy.types.Context, of: dict[str, list[Path]]) -> list[str]:
+    """Takes in the marker set and the calibration that were chosen; gives what is in them."""
+    said, read = [], set()
+    for path in of.get(IS_MARKERSET, ()):
+        said.append(f"{path.name}: {count_of(len(open_markerset(path)), 'marker')}")
+        choose_own(context.scene.mocap_autolabel.subjects, path)
+    for path in of.get(IS_CALIBRATION, ()):
+        if path not in read:  # one may be in several files
+            said.append(take_cameras(context, path))
+            read.update(calibration_files(path))
+    return said
+
+
+def _take_folder(context: bpy.types.Context, folder: Path, count: int) -> str:
+    """Makes a folder of several takes the one that Label Folder labels."""
+    own = context.scene.mocap_autolabel.folder
+    forget_take(context)
+    own.path, own.out = str(folder), own.out or str(folder / "labelled")
+    return f"{count_of(count, 'take')} in {folder.name}"
+
+
+def look_who_is_there(context: bpy.types.Context):
+    """Has the marker set of the take found, in the window and where none was chosen; a script labels at once."""
+    settings, going = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel.doing
+    open_now = settings.source.points_path or settings.source.blobs_path
+    if open_now and settings.subjects.markerset == AUTO_MODEL and not (bpy.app.background or going):
+        bpy.ops.mocap_autolabel.find_markerset("INVOKE_DEFAULT")
 
 
 def take_blobs(context: bpy.types.Context, path: Path) -> str:
@@ -174,7 +280,9 @@ def _cameras_for(scene: bpy.types.Scene, path: Path) -> tuple[Cameras, bool]:
         if chosen is None or (own and not set(own) <= set(chosen.names)):
             return read_cameras(path), True
     if chosen is None:
-        raise InputError("holds blobs, which need the calibration of their cameras; expected that to be imported", path)
+        raise InputError(
+            "holds blobs, which need the calibration of their cameras; expected that to be opened with them", path
+        )
     return chosen, False
 
 
@@ -190,7 +298,7 @@ def take_points(
     forget_take(context)
     source.preview = show_points(context.scene, path.stem, take)
     source.points_path, source.blob_count = str(path), len(source.preview.vertices)
-    source.up, source.mirror = up or "", mirror
+    source.up, source.up_found, source.mirror = up or "", take.up.removeprefix("+"), mirror
     source.trajectories, source.rate = len(take.names), take.rate
     kept = _set_frames(context, take.first_frame + np.arange(len(take.xyz)))
     show_take_whole(context, take.xyz[evenly_spread(len(take.xyz), MAX_PLACES)].reshape(-1, 3))
@@ -209,8 +317,16 @@ def forget_take(context: bpy.types.Context):
         remove_preview(preview)
         opened.forget()
     settings.source.blobs_path = settings.source.points_path = context.window_manager.mocap_autolabel.refused = ""
-    settings.source.forced = False
+    settings.source.forced, settings.folder.path = False, ""
+    forget_found(context)
     refresh_review(context.window_manager, context.scene)
+
+
+def forget_found(context: bpy.types.Context):
+    """Forgets what Automatic found, of another take or as the file was read otherwise."""
+    subjects, state = context.scene.mocap_autolabel.subjects, context.window_manager.mocap_autolabel
+    subjects.found = state.unsure = state.crowded = ""
+    state.likely.clear()
 
 
 def _set_frames(context: bpy.types.Context, frames: np.ndarray) -> list[str]:
@@ -234,28 +350,16 @@ class MOCAP_AUTOLABEL_OT_play_as_take(Ours, bpy.types.Operator):
         set_time(context.scene, source.rate, frames + frame_shift(frames))
 
 
-class DropsIntoView:
-    """What is dropped goes into a 3D view."""
+class MOCAP_AUTOLABEL_FH_take(bpy.types.FileHandler):
+    """Drop a take, its calibration or both into the 3D view; what a `.csv` holds is told from its first line."""
+
+    bl_label = "Mocap: take to label"
+    bl_import_operator = "mocap_autolabel.import_take"
+    bl_file_extensions = ".csv;.c3d;.trc;" + CALIBRATIONS.removesuffix(";.blend")
 
     @classmethod
     def poll_drop(cls, context):
         return context.area is not None and context.area.type == "VIEW_3D"
-
-
-class MOCAP_AUTOLABEL_FH_cameras(DropsIntoView, bpy.types.FileHandler):
-    """Drop a calibration into the 3D view."""
-
-    bl_label = "Mocap: camera calibration"
-    bl_import_operator = "mocap_autolabel.import_cameras"
-    bl_file_extensions = ".toml;.xcp;.txt;.xml;.qca;.mcal;.yml;.yaml;.cal;.rad"
-
-
-class MOCAP_AUTOLABEL_FH_take(DropsIntoView, bpy.types.FileHandler):
-    """Drop blobs or 3D points into the 3D view; what a `.csv` holds is told from its first line."""
-
-    bl_label = "Mocap: take to label"
-    bl_import_operator = "mocap_autolabel.import_take"
-    bl_file_extensions = ".csv;.c3d;.trc;.qtm"
 
 
 def cameras_at_hand(scene: bpy.types.Scene) -> bool:
@@ -264,4 +368,4 @@ def cameras_at_hand(scene: bpy.types.Scene) -> bool:
     return collection is not None and any(item.type == "CAMERA" for item in collection.all_objects)
 
 
-lacks_cameras = unless(lambda context: cameras_at_hand(context.scene), "Import the calibration of the cameras first")
+lacks_cameras = unless(lambda context: cameras_at_hand(context.scene), "Open the calibration of the cameras first")

@@ -143,7 +143,7 @@ def show_batch():
 
 def _row(row: TakeRow) -> tuple:
     """What the list shows of a take."""
-    reason = written(row.reason).replace(HOW_TO_ASK, "under Performers")
+    reason = written(row.reason).replace(HOW_TO_ASK, "by How Many")
     counts = row.measured, row.trouble, row.on_body, -1.0 if row.named is None else row.named, row.found
     return written(row.take), row.state, reason, round(row.at_stake), *counts
 
@@ -211,7 +211,7 @@ class OfFolderTake(Ours):
 class MOCAP_AUTOLABEL_OT_open_folder_take(OfFolderTake, bpy.types.Operator):
     """Open the labelled take in the place of this file, which is asked about where it has changes."""
 
-    bl_label = "Open Take"
+    bl_label = "Open Labelled"
     bl_options = {"INTERNAL"}
     ending = ".blend"
 

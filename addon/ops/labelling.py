@@ -22,7 +22,7 @@ from ..core.review.changes import Change, summary_of_changes
 from ..io.markersets import AUTO_MODEL, open_markerset
 from ..io.qtm.capture import USE_BLOBS, USE_POINTS
 from ..io.text import written
-from ..jobs import LabelJob, Labelled, label_to_show
+from ..jobs import LabelJob, Labelled, label_to_show, worn_to_show
 from ..jobs.job import occlusion_here
 from ..props import SceneSettings, choose_model, colours_asked, frames_wanted, refresh_review, subjects_asked, take_name
 from ..scene import cameras as scene_cameras
@@ -35,22 +35,24 @@ from ..scene.roots import in_world
 from ..scene.take import Take
 from .base import lacks_object_mode, once, takes_of_file
 from .filling import fills_kept, kept_before
-from .importing import cameras_at_hand
+from .importing import cameras_at_hand, forget_found, look_who_is_there
 from .live import changed_since_live
 from .long_work import LongWork, nothing_goes_on
 from .reposing import follow_soon
 from .viewing import fit_timelines, show_take_whole
 
-ASK_HERE = "by Label All Performers, or under Performers"
-MIRROR_HERE = "by Mirror in the options of Import 3D Points"
+ASK_HERE = "by Label All Performers, or by How Many"
+MIRROR_HERE = "by Mirror in the options of Open Take"
 CHOOSE_HERE = "under Marker Set, as"
-TURN_HERE = "by Up in the options of Import 3D Points, as"
+TURN_HERE = "by Up, under Take, as"
 
 
 def job_of(context: bpy.types.Context) -> LabelJob:
     """What the scene's settings ask for, of blobs or of points; InputError when something is missing."""
     settings = context.scene.mocap_autolabel
     given, labelling, asked = settings.source, settings.labelling, subjects_asked(settings.subjects)
+    if asked["model"] == AUTO_MODEL and settings.subjects.found:
+        asked |= {"model": settings.subjects.found, "own": None}
     points = bool(given.points_path)
     if not points and not given.blobs_path:
         raise InputError("no blobs are chosen; expected a file of camera blobs")
@@ -122,8 +124,8 @@ def lacks_input(context: bpy.types.Context) -> str:
     if source.points_path:
         return ""
     if not cameras_at_hand(context.scene):
-        return "Import the calibration of the cameras first, or 3D points"
-    return "" if source.blobs_path else "Import the blobs first, or 3D points"
+        return "Open the calibration of the cameras first, or 3D points"
+    return "" if source.blobs_path else "Open the blobs first, or 3D points"
 
 
 class LabelsTake(LongWork):
@@ -191,7 +193,7 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
         if self.everybody:
             settings.subjects.performing = "AUTO"
         settings.source.forced |= self.force
-        state.refused = ""
+        state.refused = state.unsure = ""
         self._job, self._name = job_of(context), take_name(settings.source)
         return partial(label_to_show, self._job)
 
@@ -204,8 +206,29 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
             state.crowded = written(str(self._job.source))
         return error
 
-    def _show(self, context, found):
-        """Shows the take; a marker set that was found is chosen then."""
-        if self._job.model == AUTO_MODEL:
-            choose_model(context.scene.mocap_autolabel.subjects, found[0].model)
-        return LabelsTake._show(self, context, found)
+
+class MOCAP_AUTOLABEL_OT_find_markerset(LabelsTake, bpy.types.Operator):
+    """Find out which of the marker sets that are known the take shows, and whether two performers are in it."""
+
+    bl_options = {"INTERNAL"}
+    doing = "Looking who is there"
+    needs = (lacks_input, nothing_goes_on)
+
+    def asked(self, context) -> partial:
+        forget_found(context)
+        self._job = job_of(context)
+        return partial(worn_to_show, self._job)
+
+    def _show(self, context, found: tuple[list[str], bool, UserError | None]):
+        state, (models, several, trouble) = context.window_manager.mocap_autolabel, found
+        now = None if lacks_input(context) else job_of(context)
+        if now is None or any(getattr(now, name) != getattr(self._job, name) for name in ("source", "up", "mirror")):
+            look_who_is_there(context)  # another take was opened meanwhile
+            return
+        state.unsure = "" if trouble is None else self._said(context, trouble).message
+        if len(models) == 1:
+            context.scene.mocap_autolabel.subjects.found = models[0]
+            state.crowded = written(str(self._job.source)) if several else ""
+            return
+        for model in models:
+            state.likely.add().name = model

@@ -25,7 +25,7 @@ from ..jobs.pictures import (
 from ..scene import cameras as scene_cameras
 from ..scene.pictures import blobs_of_clips, clip_of, lens_of
 from .base import Ours, once, unless
-from .importing import NEEDS_CAMERA, cameras_at_hand, lacks_cameras, take_blobs
+from .importing import NEEDS_CAMERA, cameras_at_hand, lacks_cameras, look_who_is_there, take_blobs
 from .long_work import LongWork, nothing_goes_on
 
 BLOBS_ENDING = ".blobs.csv"
@@ -111,7 +111,7 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, LongWork, bpy.types.Operator):
             raise InputError(f"{words}; expected one for each camera", folder)
         return there
 
-    def _show(self, context, made: dict) -> set[str]:
+    def _show(self, context, made: dict):
         _use(context, Path(made["out"]), made["rate"])
         for words in made["notes"]:
             self.report({"WARNING"}, words)
@@ -119,7 +119,7 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, LongWork, bpy.types.Operator):
             {"INFO"},
             f"{count_of(made['blobs'], 'blob')} in {count_of(made['frames'], 'frame')}, in {Path(made['out']).name}",
         )
-        return {"FINISHED"}
+        look_who_is_there(context)
 
 
 class MOCAP_AUTOLABEL_OT_import_clip_tracks(CountsPixels, Ours, bpy.types.Operator):

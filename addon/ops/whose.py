@@ -12,8 +12,8 @@ from ..core.data.errors import InputError
 from ..core.data.takes import NO_MARKER
 from ..core.edits.kinds import AssignPoint, Edit, Swap
 from ..core.points.several.wearers import MAX_SUBJECTS, as_compared, is_subject_name
-from ..io.markersets import SUFFIX
-from ..props import OWN_FILE, keeps_items
+from ..io.markersets import AUTO_MODEL, SUFFIX
+from ..props import OWN_FILE, USUAL_MARKERSET, choose_model, keeps_items
 from ..scene.opened import opened
 from ..scene.performers import homes, usual_colour
 from ..scene.stored import Stored
@@ -35,14 +35,19 @@ class MOCAP_AUTOLABEL_OT_add_performer(Ours, bpy.types.Operator):
     def work(self, context):
         subjects = context.scene.mocap_autolabel.subjects
         # As the marker set is called, where that is a person's own.
-        path = subjects.markerset_path if subjects.markerset == OWN_FILE else subjects.markerset
+        path = {OWN_FILE: subjects.markerset_path, AUTO_MODEL: subjects.found or USUAL_MARKERSET}.get(
+            subjects.markerset, subjects.markerset
+        )
         own = Path(bpy.path.abspath(path)).name.removesuffix(SUFFIX) if path.endswith(SUFFIX) else ""
         in_use, number = {as_compared(row.name) for row in subjects.performers}, len(subjects.performers)
         names = (own, *(f"performer{number}" for number in range(1, MAX_SUBJECTS + 2)))
         name = next(name for name in names if is_subject_name(name) and as_compared(name) not in in_use)
         row = subjects.performers.add()
         row.name, row.colour = name, usual_colour(number)
-        row.markerset, row.markerset_path = subjects.markerset, subjects.markerset_path
+        if subjects.markerset == AUTO_MODEL:
+            choose_model(row, path)
+        else:
+            row.markerset, row.markerset_path = subjects.markerset, subjects.markerset_path
         subjects.performer_index = number
 
 

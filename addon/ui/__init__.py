@@ -12,13 +12,13 @@ from ..ops.live import follow_live, leave_live
 from ..ops.long_work import end_process
 from ..ops.picking import picked_points, restore_picked
 from ..ops.reposing import follow_soon, forget_reposing
-from ..props import list_trouble, refresh_review
+from ..props import know_markerset, list_trouble, refresh_review
 from ..scene import naming
 from ..scene.opened import opened
 from ..scene.take import RATE, takes_of
-from . import figure, label_tool, live, overlay, panels, quality, review, timeline
+from . import advanced, figure, label_tool, live, overlay, panels, quality, review, timeline
 
-PANEL_MODULES = (panels, live, review, label_tool)  # a panel behind the one that it is in
+PANEL_MODULES = (panels, review, advanced, live, label_tool)  # from above; a panel behind the one that it is in
 
 
 def add_handlers(stack: ExitStack):
@@ -28,6 +28,8 @@ def add_handlers(stack: ExitStack):
         stack.callback(bpy.types.SpaceView3D.draw_handler_remove, drawing, "WINDOW")
     timeline.add_timeline(stack)
     label_tool.add_tool(stack)
+    bpy.types.TOPBAR_MT_file_import.append(panels.draw_import)
+    stack.callback(bpy.types.TOPBAR_MT_file_import.remove, panels.draw_import)
     for forget in (
         opened.forget,
         forget_reposing,
@@ -98,4 +100,5 @@ def adopt_takes():
             settings.source.rate = float(takes[-1][RATE])
         if settings.source.cameras is None and takes:
             settings.source.cameras = takes[-1].get(naming.CAMERAS)
+        know_markerset(settings, scene)  # a take was made by the command line, or by an earlier version
     refresh_review(bpy.context.window_manager, bpy.context.scene)

@@ -13,12 +13,13 @@ from .overlay import BLOB_RADIUS, Canvas
 from .parts import draw_choice, draw_text, panel
 
 
-@panel("Live", closed=True)
+@panel("Live", under="advanced", closed=True)
 def live(layout, context):
     """What a capture program streams, named while it is recorded."""
     settings, stream = context.scene.mocap_autolabel.live, going_on()
     column = layout.column(align=True)
     column.active = stream is None
+    draw_choice(column, context.scene.mocap_autolabel.subjects, "markerset", factor=0.35)
     for name in ("source", "up", "folder"):
         draw_choice(column, settings, name, factor=0.35)
     row = layout.row(align=True)

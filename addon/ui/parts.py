@@ -13,9 +13,17 @@ PANEL_NAME = "MOCAP_AUTOLABEL_PT_"
 MARGIN = 56  # px of the interface beside the words of a panel
 
 
-def has_take(context: bpy.types.Context) -> bool:
-    """Whether there is a take to review."""
-    return is_take(context.scene.mocap_autolabel.take)
+def shows(context: bpy.types.Context, stage: str) -> bool:
+    """Whether there is a labelled take, and the sidebar is for this stage of its way."""
+    settings = context.scene.mocap_autolabel
+    return is_take(settings.take) and settings.display.stage == stage
+
+
+def fold(layout: bpy.types.UILayout, words: str) -> bpy.types.UILayout | None:
+    """What lies under a heading that is folded at first; None while it is."""
+    header, body = layout.panel(f"mocap_autolabel_{words}", default_closed=True)
+    header.label(text=words)
+    return body
 
 
 def panel(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The panels below Review: what to look at, the worst first, what was said and filled, and who and what is there."""
+"""The panel Review: one list of what to look at, the worst first, of markers, or of what was done."""
 
 import bpy
 
@@ -7,11 +7,12 @@ from ..core.data.wording import count_of
 from ..core.review.trouble import IN_DOUBT, LEFT_OVER, MISSING, NOBODY_THERE, OF_CAMERA, OFF_BODY
 from ..ops.filling import EXTENTS
 from ..ops.picking import picked_points, selected_markers, words_of_picked
+from ..ops.reposing import words_behind
 from ..ops.reviewing import is_listed, words_for
 from ..scene.fills import kept_cutoff
-from ..scene.opened import opened
 from ..scene.performers import body_material, homes
 from ..scene.playing import PLAYED, part_here, played_takes, suspects_of, what_is_wrong
+from ..scene.take import is_take
 from ..scene.trouble import known_trouble
 from .parts import (
     DrawsRows,
@@ -20,9 +21,9 @@ from .parts import (
     draw_optional,
     draw_text,
     frames_in_short,
-    has_take,
     in_short,
     panel,
+    shows,
 )
 
 ICONS = {
@@ -37,24 +38,49 @@ NO_KEYS = "It plays from a file beside this one and has no keys."
 SAVE_THEM = "Save Corrections keeps them for the whole take, when it is labelled again from the command line."
 
 
-def _trouble_header(layout: bpy.types.UILayout, context):
+def _open_header(layout: bpy.types.UILayout, context):
     rows = context.window_manager.mocap_autolabel.troubles
     left = sum(not row.answered for row in rows)
-    layout.label(text=f"{left} open" if left else "nothing open", icon="NONE" if left else "CHECKMARK")
+    if is_take(context.scene.mocap_autolabel.take):
+        layout.label(text=f"{left} open" if left else "nothing open", icon="NONE" if left else "CHECKMARK")
 
 
-@panel("To Look at", under="review", seen=has_take, header=_trouble_header)
-def trouble(layout, context):
+@panel("Review", seen=lambda context: shows(context, "REVIEW") or played_takes(context.scene), header=_open_header)
+def review(layout, context):
+    """One list of the take, a box with what is the matter with the chosen row, and what mends all of it."""
+    settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
+    if is_take(settings.take):
+        if words := words_behind(context):
+            draw_text(context, layout, words, icon="ERROR")
+        row = layout.row(align=True)
+        row.prop(state, "listed", text="")
+        if state.listed == "TROUBLES" and len(state.troubles):
+            row.prop(state, "trouble_done", text="")
+        DRAWN[state.listed](layout, context, state)
+        column = layout.column(align=True)
+        row = column.row(align=True)
+        row.scale_y = 1.4
+        row.operator("mocap_autolabel.fill_gaps", text="Fill", icon="KEYTYPE_GENERATED_VEC").extent = "TAKE"
+        row.operator("mocap_autolabel.smooth", icon="MOD_SMOOTH")
+        row.operator("mocap_autolabel.label", text="Refit", icon="FILE_REFRESH")
+        cutoff = kept_cutoff(settings.take)
+        row = column.row(align=True)
+        row.prop(settings.filling, "cutoff", text="Smooth above (Hz)")
+        if cutoff is not None:
+            row.operator("mocap_autolabel.take_back_smoothing", text=f"Smoothed at {cutoff:g}", icon="X")
+    _draw_played(layout, context)
+
+
+def _draw_troubles(layout: bpy.types.UILayout, context, state):
     """What to look at before trusting the take."""
-    state = context.window_manager.mocap_autolabel
     if not len(state.troubles):
-        layout.label(text="Nothing", icon="CHECKMARK")
+        layout.label(text="Nothing to look at", icon="CHECKMARK")
         return
-    layout.row(align=True).prop(state, "trouble_done", expand=True)
-    draw_list(layout, state, "troubles", rows=5)
-    row = layout.row(align=True)
-    row.operator("mocap_autolabel.next_trouble", text="Previous", icon="TRIA_LEFT").back = True
-    row.operator("mocap_autolabel.next_trouble", text="Next", icon="TRIA_RIGHT").back = False
+    row = layout.row()
+    draw_list(row, state, "troubles", rows=5)
+    column = row.column(align=True)
+    column.operator("mocap_autolabel.next_trouble", text="", icon="TRIA_UP").back = True
+    column.operator("mocap_autolabel.next_trouble", text="", icon="TRIA_DOWN").back = False
     found, index = known_trouble(context.scene.mocap_autolabel.take, context.scene) or (), state.trouble_index
     if index < len(found) == len(state.troubles) and is_listed(state, state.troubles[index]):
         _draw_one(layout, context, found[index], index)
@@ -90,14 +116,11 @@ class MOCAP_AUTOLABEL_UL_troubles(DrawsRows, bpy.types.UIList):
         return [self.bitflag_filter_item if is_listed(data, row) else 0 for row in rows], []
 
 
-@panel(
-    "Changed by Labelling Again",
-    under="review",
-    seen=lambda context: len(context.window_manager.mocap_autolabel.changes),
-)
-def changes(layout, context):
+def _draw_changes(layout: bpy.types.UILayout, context, state):
     """What labelling again changed."""
-    state = context.window_manager.mocap_autolabel
+    if not len(state.changes):
+        layout.label(text="Labelling again changed nothing", icon="INFO")
+        return
     draw_list(layout, state, "changes")
     if state.change_index < len(state.changes):
         draw_text(context, layout, state.changes[state.change_index].words)
@@ -132,13 +155,12 @@ def has_residuals(context: bpy.types.Context) -> bool:
     return any(row.residual > 0 for row in context.window_manager.mocap_autolabel.markers)
 
 
-@panel("Markers", under="review", seen=has_take)
-def markers(layout, context):
+def _draw_markers(layout: bpy.types.UILayout, context, state):
     """Every marker with its gaps and residual, the one that was found least first."""
     measured = has_residuals(context)
     for cell, heading in zip(cells(layout, measured), ("Marker", "Found", "Gaps", "mm"), strict=False):
         cell.label(text=heading)
-    draw_list(layout, context.window_manager.mocap_autolabel, "markers", rows=6)
+    draw_list(layout, state, "markers", rows=6)
 
 
 class MOCAP_AUTOLABEL_UL_markers(DrawsRows, bpy.types.UIList):
@@ -156,10 +178,8 @@ class MOCAP_AUTOLABEL_UL_markers(DrawsRows, bpy.types.UIList):
             cell.label(text=f"{item.residual:.1f}" if item.residual == item.residual else "–")
 
 
-@panel("Corrections", under="review", seen=has_take)
-def corrections(layout, context):
-    """What a person says of the labels."""
-    state = context.window_manager.mocap_autolabel
+def _draw_corrections(layout: bpy.types.UILayout, context, state):
+    """What a person says of the labels, and of whom they are."""
     names, points = selected_markers(context), picked_points(context)
     if names:
         layout.label(text=", ".join(names), icon="EMPTY_DATA")
@@ -170,8 +190,16 @@ def corrections(layout, context):
     grid.operator("mocap_autolabel.unlabel", icon="X")
     grid.operator("mocap_autolabel.swap_markers", icon="UV_SYNC_SELECT")
     grid.operator("mocap_autolabel.is_right", icon="CHECKMARK")
-    if homes(context.scene.mocap_autolabel.take):
+    people = homes(context.scene.mocap_autolabel.take)
+    if people:
         column = layout.column(align=True)
+        for name, home in people.items():
+            row, material = column.row(align=True), body_material(home)
+            if material is not None:
+                colour = row.row()
+                colour.scale_x = 0.3
+                colour.prop(material, "diffuse_color", text="")
+            row.label(text=name)
         column.operator("mocap_autolabel.other_performer", icon="COMMUNITY")
         column.operator("mocap_autolabel.exchange_performers", icon="UV_SYNC_SELECT")
     if len(state.corrections):
@@ -194,8 +222,7 @@ class MOCAP_AUTOLABEL_UL_corrections(DrawsRows, bpy.types.UIList):
         layout.label(text=item.name, icon="ERROR" if item.idle else "NONE")
 
 
-@panel("Long Take", under="review", seen=lambda context: played_takes(context.scene))
-def playing(layout, context):
+def _draw_played(layout: bpy.types.UILayout, context):
     """Takes that are too long for keys."""
     for take in played_takes(context.scene):
         box = layout.box()
@@ -226,31 +253,13 @@ def _draw_suspects(context, box: bpy.types.UILayout, take: bpy.types.Collection)
         draw_text(context, box, f"{frames_in_short(first, last)}: {reason}", "DOT")
 
 
-@panel(
-    "Performers", under="review", seen=lambda context: has_take(context) and homes(context.scene.mocap_autolabel.take)
-)
-def people(layout, context):
-    """Those who were found."""
-    column = layout.column(align=True)
-    for name, home in homes(context.scene.mocap_autolabel.take).items():
-        row, material = column.row(align=True), body_material(home)
-        if material is not None:
-            colour = row.row()
-            colour.scale_x = 0.3
-            colour.prop(material, "diffuse_color", text="")
-        row.label(text=name)
-
-
-@panel("Fill Gaps", under="review", closed=True, seen=has_take)
-def fill_gaps(layout, context):
+def _draw_gaps(layout: bpy.types.UILayout, context, state):
     """Gaps and what they were filled with."""
     filling = context.scene.mocap_autolabel.filling
-    state = context.window_manager.mocap_autolabel
     draw_choice(layout, filling, "method", factor=0.35)
     draw_optional(layout, filling, "Longest", "use_longest", "longest")
+    layout.label(text="Fill Gaps of:")
     extent_buttons(layout, "mocap_autolabel.fill_gaps")
-    for words in filled_here(context):
-        layout.label(text=words, icon="KEYTYPE_GENERATED_VEC")
     if len(state.fills):
         _draw_fills(layout, context, state)
     if len(state.left_gaps):
@@ -287,19 +296,6 @@ def extent_buttons(layout: bpy.types.UILayout, operator: str):
         row.operator(operator, text=words).extent = extent
 
 
-def filled_here(context: bpy.types.Context) -> list[str]:
-    """What the selected markers were filled with in the current frame, a line each."""
-    scene = context.scene
-    stored = opened.take(scene.mocap_autolabel.take, scene)
-    frame, lines = scene.frame_current - stored.shift, []
-    for name in selected_markers(context)[:3]:
-        fill = next((one for one in stored.fitting if one.marker == name and one.first <= frame <= one.last), None)
-        if fill is not None:
-            off = f"±{1000 * fill.expected:.1f} mm" if fill.expected == fill.expected else "error unknown"
-            lines.append(f"{name}: filled {fill.first + stored.shift}–{fill.last + stored.shift}, {off}")
-    return lines
-
-
 class MOCAP_AUTOLABEL_UL_gaps(DrawsRows, bpy.types.UIList):
     """Gaps that were filled, or that were left."""
 
@@ -311,25 +307,10 @@ class MOCAP_AUTOLABEL_UL_gaps(DrawsRows, bpy.types.UIList):
             row.label(text=f"{item.expected:.1f} mm" if item.expected >= 0 else "–")
 
 
-@panel("Smoothing", under="review", closed=True, seen=has_take)
-def smoothing(layout, context):
-    """What is too fast to be the person taken from the markers."""
-    settings = context.scene.mocap_autolabel
-    layout.prop(settings.filling, "cutoff", text="Cut-Off (Hz)")
-    row = layout.row(align=True)
-    row.operator("mocap_autolabel.smooth", icon="MOD_SMOOTH")
-    row.operator("mocap_autolabel.take_back_smoothing", text="", icon="X")
-    cutoff = kept_cutoff(settings.take)
-    if cutoff is not None:
-        layout.label(text=f"Smoothed at {cutoff:g} Hz, exports too", icon="INFO")
-
-
-@panel("Trajectory Timeline", under="review", closed=True, seen=has_take)
-def timeline(layout, context):
-    """The trajectory timeline's switch."""
-    column, display = layout.column(), context.scene.mocap_autolabel.display
-    if display.show_timeline:
-        column.prop(display, "show_timeline", icon="NLA", toggle=True)
-    else:
-        column.operator("mocap_autolabel.show_timeline", icon="NLA")
-    column.prop(context.window_manager.mocap_autolabel, "timeline_unfolded")
+DRAWN = {
+    "TROUBLES": _draw_troubles,
+    "MARKERS": _draw_markers,
+    "CORRECTIONS": _draw_corrections,
+    "FILLS": _draw_gaps,
+    "CHANGES": _draw_changes,
+}

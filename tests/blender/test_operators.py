@@ -195,14 +195,14 @@ def test_dropped_files_are_read_at_once(extension, empty, files):
     assert bpy.ops.mocap_autolabel.import_cameras("INVOKE_DEFAULT", filepath=files.cameras) == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.import_blobs("INVOKE_DEFAULT", filepath=files.blobs) == {"FINISHED"}
     importing = ours("ops.importing")
-    for handler in (importing.MOCAP_AUTOLABEL_FH_cameras, importing.MOCAP_AUTOLABEL_FH_take):
-        assert handler.is_registered
-        assert handler.poll_drop(SimpleNamespace(area=SimpleNamespace(type="VIEW_3D")))
-        assert not handler.poll_drop(SimpleNamespace(area=SimpleNamespace(type="IMAGE_EDITOR")))
-        group, _, name = handler.bl_import_operator.partition(".")
-        assert "filepath" in getattr(getattr(bpy.ops, group), name).get_rna_type().properties
-    suffixes = importing.MOCAP_AUTOLABEL_FH_cameras.bl_file_extensions.split(";")
-    assert {".toml", ".xcp", ".mcal", ".yml", ".txt", ".cal"} <= set(suffixes)
+    handler = importing.MOCAP_AUTOLABEL_FH_take
+    assert handler.is_registered
+    assert handler.poll_drop(SimpleNamespace(area=SimpleNamespace(type="VIEW_3D")))
+    assert not handler.poll_drop(SimpleNamespace(area=SimpleNamespace(type="IMAGE_EDITOR")))
+    assert handler.bl_import_operator == "mocap_autolabel.import_take"
+    suffixes = handler.bl_file_extensions.split(";")
+    assert {".toml", ".xcp", ".mcal", ".yml", ".txt", ".cal", ".csv", ".c3d", ".trc", ".qtm"} <= set(suffixes)
+    assert ".blend" not in suffixes, "which Blender opens"
 
 
 def test_a_scenes_own_cameras_can_be_used(extension, empty, files):
@@ -511,7 +511,7 @@ def test_own_marker_sets_are_found_in_the_extensions_folder(extension, empty, ma
     assert folder == type(folder)(bpy.utils.extension_path_user(extension, path="markersets"))
     write_markerset(folder / "house.markerset.json", made.markerset())
     settings = empty.scene.mocap_autolabel
-    assert settings.subjects.markerset == "body26"
+    assert settings.subjects.markerset == "auto"
     settings.subjects.markerset = str(folder / "house.markerset.json")
     assert props.chosen_markerset(settings.subjects).name == "small"
     write_markerset(folder / "annex.markerset.json", made.markerset())  # before it in the list

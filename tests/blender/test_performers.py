@@ -54,16 +54,37 @@ def test_each_has_a_collection_with_all_that_is_theirs(empty, made):
         assert shown == [pytest.approx(colours[name], abs=1e-4)]
 
 
-def test_a_marker_set_that_is_found_is_chosen_then(extension, empty, tmp_path):
+def test_the_marker_set_that_automatic_finds_is_told_and_used_until_another_take_is_opened(extension, empty, tmp_path):
     settings = empty.scene.mocap_autolabel
     write_c3d(tmp_path / "one.c3d", standing(drawn("body39")))
     bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "one.c3d"))
-    settings.subjects.markerset = "auto"
-    refused("Auto finds what one performer wears", "edit_markerset")
+    refused("Automatic finds what a take of one performer shows", "edit_markerset")
+    settings.subjects.performing = "SO_MANY"
+    refused("Automatic finds what a take of one performer shows", "label")
+    settings.subjects.performing = "ONE"
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
-    assert settings.subjects.markerset == "body39"
-    settings.subjects.markerset, settings.subjects.performing = "auto", "SO_MANY"
-    refused("Auto finds what one performer wears", "label")
+    assert settings.subjects.markerset == "auto"
+    assert settings.subjects.found == "body39"
+    assert bpy.ops.mocap_autolabel.edit_markerset() == {"FINISHED"}
+    bpy.ops.mocap_autolabel.add_performer()
+    assert settings.subjects.performers[0].markerset == "body39"
+    bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "one.c3d"))
+    assert not settings.subjects.found
+
+
+def test_two_are_seen_before_anything_is_labelled_and_labelled_by_the_button_that_is_offered(
+    extension, empty, tmp_path
+):
+    settings, state = empty.scene.mocap_autolabel, bpy.context.window_manager.mocap_autolabel
+    write_c3d(
+        tmp_path / "two.c3d", standing(np.concatenate([drawn("body39"), drawn("body39", 1) + np.array([2, 0, 0])]))
+    )
+    assert bpy.ops.mocap_autolabel.import_take(filepath=str(tmp_path / "two.c3d")) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.find_markerset() == {"FINISHED"}
+    assert settings.subjects.found == "body39"
+    assert ours("ui.panels").crowded_here(state, settings)
+    assert bpy.ops.mocap_autolabel.label(everybody=True) == {"FINISHED"}
+    assert list(performers.homes(settings.take)) == ["1", "2"]
 
 
 @pytest.mark.parametrize("of_blobs", [False, True])
@@ -78,9 +99,7 @@ def test_two_where_one_is_asked_for_are_labelled_by_the_button_that_is_offered(e
     settings.subjects.markerset, settings.subjects.performing, settings.source.rate = WORN, "ONE", RATE
     panels = ours("ui.panels")
     assert not panels.crowded_here(state, settings)
-    with pytest.raises(
-        RuntimeError, match=r"two subjects or more.*by Label All Performers, or under Performers"
-    ) as caught:
+    with pytest.raises(RuntimeError, match=r"two subjects or more.*by Label All Performers, or by How Many") as caught:
         bpy.ops.mocap_autolabel.label()
     assert "--" not in str(caught.value)
     assert panels.crowded_here(state, settings)

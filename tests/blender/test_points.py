@@ -292,7 +292,7 @@ def test_doubtful_points_are_told_from_sure_ones(extension):
 
 
 def test_trouble_is_one_sentence_and_leaves_nothing(extension, empty, files, tmp_path):
-    refused("Import the calibration of the cameras first, or 3D points", "label")
+    refused("Open the calibration of the cameras first, or 3D points", "label")
     bad = tmp_path / "bad.c3d"
     bad.write_bytes(b"\x02P" + b"\0" * 600)
     before = len(bpy.data.objects), len(bpy.data.meshes)

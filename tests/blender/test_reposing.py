@@ -211,7 +211,8 @@ def test_what_was_begun_of_other_labels_is_left(labelled, reposing, later, monke
 def test_until_then_viewport_panel_and_export_dialog_say_that_the_body_is_out_of_date(
     labelled, files, extension, reposing, later, monkeypatch
 ):
-    overlay, panels, exporting = map(ours, ("ui.overlay", "ui.panels", "ops.exporting"))
+    overlay, exporting = ours("ui.overlay"), ours("ops.exporting")
+    panels = {name: ours(f"ui.{name}") for name in ("review", "panels")}
 
     def said() -> list[str]:
         canvas, layout = MagicMock(foot=20.0, scale=1.0), MagicMock()
@@ -226,15 +227,15 @@ def test_until_then_viewport_panel_and_export_dialog_say_that_the_body_is_out_of
         words = [call.args[0] for call in canvas.text.mock_calls] + [
             one["text"] for _, _, one in layout.label.mock_calls
         ]
-        monkeypatch.setattr(panels, "draw_text", lambda _context, _layout, text, icon: words.append(text))
-        for name in ("review", "character"):
-            getattr(panels, name).draw(MagicMock(), bpy.context)
-        return words
+        for module, name in (("review", "review"), ("panels", "use_it")):
+            monkeypatch.setattr(panels[module], "draw_text", lambda _, __, text, icon="": words.append(text))
+            getattr(panels[module], name).draw(MagicMock(), bpy.context)
+        return [one for one in words if "body is out of date" in one]
 
     assert said() == []
     swap()
     words = said()
-    assert len(words) == 4 and all("body is out of date" in one for one in words)
+    assert len(words) == 4
     reposing.follow_now(bpy.context)
     assert said() == []
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A person's way through the sidebar, walked in a real Blender's window by pointer and keys."""
+"""A person's way through the sidebar, walked in a real Blender's window by pointer and keys, stage by stage."""
 
 import sys
 from collections.abc import Iterator
@@ -11,23 +11,24 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from stage import OUT, TASK, play, running, settings, state, window
 
-LABEL, CLEAR, LOOK = "mocap_autolabel.label", "mocap_autolabel.clear", "mocap_autolabel.look_through"
+OPEN, LABEL = "mocap_autolabel.import_take", "mocap_autolabel.label"
+THEMES = ("Blender_Light", "Blender_Dark")
 
 
 def walk(seen: dict) -> Iterator[float]:
-    """Install, import, label and stop, label, look through a camera."""
+    """Install, open, label and stop, label, review, use it."""
     yield from window.open_tab("Mocap")
-    yield from window.screenshot("1-empty")
+    seen["heights"] = {}
+    yield from look("1-empty", seen)
     seen["at first"] = yield from window.all_buttons()
 
-    bpy.ops.mocap_autolabel.import_cameras(filepath=TASK["cameras"])
-    bpy.ops.mocap_autolabel.import_blobs(filepath=TASK["blobs"])
-    settings().subjects.markerset, settings().source.rate = TASK["markerset"], 60
-    bpy.ops.ed.undo_push(message="Imported")
+    yield from window.choose(OPEN, TASK["points"])  # two clicks: the button, and Open Take in the browser
+    yield from window.until(lambda: settings().subjects.found and not running())
     yield 1
-    yield from window.screenshot("2-imported")
+    seen["found"] = settings().subjects.found
+    yield from look("2-opened", seen)
     places = yield from window.all_buttons()
-    seen["imported"] = places
+    seen["opened"] = places
 
     with window.held():
         yield from window.click(*places[LABEL])
@@ -36,19 +37,30 @@ def walk(seen: dict) -> Iterator[float]:
         yield from window.until(lambda: not running())
     seen["after Esc"] = {"running": running(), "take": settings().take is not None, "actions": len(bpy.data.actions)}
 
-    yield from window.click(*places[LABEL])
+    yield from window.click(*places[LABEL])  # the third
     yield from window.until(lambda: not running())
     yield 1
     seen["labelled"] = settings().take is not None
     window.show_all()
-    yield from window.screenshot("3-labelled")
-    seen["to review"] = yield from window.scroll_to(CLEAR)
+    bpy.ops.mocap_autolabel.next_trouble(back=False)
+    yield from look("3-review", seen)
+    seen["to review"] = yield from window.all_buttons()
+    settings().display.stage = "USE"
+    yield from look("4-use-it", seen)
+    seen["to use"] = yield from window.all_buttons()
+    settings().display.stage = "REVIEW"
 
-    places = yield from window.scroll_to(LOOK)
-    yield from window.click(*places[LOOK])
+    bpy.ops.mocap_autolabel.clear()
+    bpy.ops.mocap_autolabel.import_cameras(filepath=TASK["cameras"])
+    bpy.ops.mocap_autolabel.import_blobs(filepath=TASK["blobs"])
+    settings().source.rate = 60
+    bpy.ops.ed.undo_push(message="Imported")
+    yield from look("5-blobs", seen)
+    places = yield from window.all_buttons()
+    yield from window.click(*places[LABEL])
     yield 1
-    seen["view"] = window.area().spaces.active.region_3d.view_perspective
-    yield from window.screenshot("4-through-a-camera")
+    yield from window.until(lambda: not running())
+    yield from look("6-blobs-labelled", seen)
 
     file = str(OUT / "tour.blend")
     bpy.ops.wm.save_as_mainfile(filepath=file)
@@ -59,7 +71,17 @@ def walk(seen: dict) -> Iterator[float]:
         bpy.ops.wm.open_mainfile(filepath=file)
         yield 1
     seen["another file"] = {"running": running(), "doing": state().doing, "take": settings().take is not None}
-    yield from window.screenshot("5-given-up")
+    yield from window.screenshot("7-given-up")
+
+
+def look(name: str, seen: dict) -> Iterator[float]:
+    """How high a stage is, and a picture of it in a light and in a dark theme."""
+    seen["heights"][name] = yield from window.height()
+    window.point(400, 300)  # off the buttons, which would tell what they are for
+    for theme in THEMES:
+        path = next(Path(folder, f"{theme}.xml") for folder in bpy.utils.preset_paths("interface_theme"))
+        bpy.ops.script.execute_preset(filepath=str(path), menu_idname="USERPREF_MT_interface_theme_presets")
+        yield from window.screenshot(f"{name}-{theme.removeprefix('Blender_').lower()}")
 
 
 play(walk)

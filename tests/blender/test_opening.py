@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Open Take, which takes anything, and what the sidebar then tells of it before anything is labelled."""
+
+import shutil
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.io.markersets import SUFFIX, markerset_file
+from addon.io.points import write_c3d
+from tests.core.pipelines.test_known_sets import drawn, standing
+
+from .conftest import write_room
+from .hands import ours, refused
+
+MOST_PANELS, MOST_CLICKS = 8, 3
+
+
+@pytest.fixture
+def settings(extension, empty):
+    return empty.scene.mocap_autolabel
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    return write_room(tmp_path_factory.mktemp("room"), 30)
+
+
+def opened(folder, *names: str):
+    """Opens files of a folder, or with no names the folder, as the file browser does."""
+    files = [{"name": name} for name in names]
+    assert bpy.ops.mocap_autolabel.import_take(directory=str(folder), files=files) == {"FINISHED"}
+
+
+def test_panels_are_few_and_a_person_sees_those_of_one_stage(extension, settings):
+    ui, parts = ours("ui"), ours("ui.parts")
+    modules = (*ui.PANEL_MODULES, ui.timeline, ui.quality)
+    panels = {one for module in modules for one in vars(module).values() if isinstance(one, type)}
+    panels = {one for one in panels if issubclass(one, bpy.types.Panel)}
+    assert 4 <= len(panels) <= MOST_PANELS
+    assert len([one for one in panels if not hasattr(one, "bl_parent_id")]) == 4
+    assert not parts.shows(bpy.context, "REVIEW")
+
+
+def test_a_stage_follows_a_labelled_take(shown):
+    parts, settings = ours("ui.parts"), bpy.context.scene.mocap_autolabel
+    assert (parts.shows(bpy.context, "REVIEW"), parts.shows(bpy.context, "USE")) == (True, False)
+    settings.display.stage = "USE"
+    assert (parts.shows(bpy.context, "REVIEW"), parts.shows(bpy.context, "USE")) == (False, True)
+
+
+def test_files_of_a_built_in_and_of_an_own_set_are_named_after_three_clicks(settings, tmp_path):
+    """The button and the one of the file browser, which call one operator, and Label; what is worn is found."""
+    folder = ours("prefs").markerset_folder(create=True)
+    own = shutil.copy(markerset_file("gait15"), folder / f"house{SUFFIX}")
+    for name, found in (("body39", "body39"), ("gait15", str(own))):
+        write_c3d(tmp_path / f"{name}.c3d", standing(drawn(name)))
+        clicks = 2
+        opened(tmp_path, f"{name}.c3d")
+        assert bpy.ops.mocap_autolabel.find_markerset() == {"FINISHED"}  # which the window does by itself
+        told = settings.subjects.found or bpy.context.window_manager.mocap_autolabel.likely[0].name
+        assert told in (found, name)
+        clicks += 1
+        assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+        assert clicks <= MOST_CLICKS
+        assert settings.take is not None
+    own.unlink()
+
+
+def test_where_two_sets_fit_both_are_offered_an_own_one_first_and_none_is_taken(settings, tmp_path, monkeypatch):
+    state, own = bpy.context.window_manager.mocap_autolabel, tmp_path / f"house{SUFFIX}"
+    write_c3d(tmp_path / "one.c3d", standing(drawn("body39")))
+    opened(tmp_path, "one.c3d")
+    jobs = ours("jobs.labelling")
+    shutil.copy(markerset_file("body39"), own)
+
+    def both(_take, models):
+        yield from ()
+        return None, list(models)
+
+    monkeypatch.setattr(jobs, "set_worn", both)
+    monkeypatch.setattr(ours("jobs.job"), "known_models", lambda _: ["body39", str(own)])
+    assert bpy.ops.mocap_autolabel.find_markerset() == {"FINISHED"}
+    assert [one.name for one in state.likely] == [str(own), "body39"]
+    assert not settings.subjects.found
+    refused("as well as", "label")
+
+
+def test_why_no_set_was_found_is_told_in_the_card(settings, tmp_path):
+    state = bpy.context.window_manager.mocap_autolabel
+    write_c3d(tmp_path / "three.c3d", standing(np.eye(3)))
+    opened(tmp_path, "three.c3d")
+    assert bpy.ops.mocap_autolabel.find_markerset() == {"FINISHED"}
+    assert "none of the" in state.unsure
+    write_c3d(tmp_path / "other.c3d", standing(drawn("body39")))
+    opened(tmp_path, "other.c3d")
+    assert not state.unsure
+
+
+def test_blobs_come_with_their_calibration_and_a_marker_set_in_one_go_or_as_their_folder(settings, room):
+    opened(room.folder, "walk.csv", "room.toml", f"small{SUFFIX}")
+    assert settings.source.blobs_path == room.blobs
+    assert len(settings.source.cameras.objects) == 4
+    assert settings.subjects.markerset_path == room.markerset
+    settings.source.cameras = None
+    opened(room.folder)
+    assert settings.source.blobs_path == room.blobs
+    assert len(settings.source.cameras.objects) == 4
+
+
+def test_a_folder_of_several_takes_is_label_folders(settings, room, tmp_path):
+    for name in ("one.c3d", "two.c3d"):
+        write_c3d(tmp_path / name, standing(drawn("gait15")))
+    opened(tmp_path)
+    assert (settings.folder.path, settings.folder.out) == (str(tmp_path), str(tmp_path / "labelled"))
+    assert not settings.source.points_path
+    opened(tmp_path, "one.c3d")
+    assert not settings.folder.path
+
+
+def test_what_is_none_of_these_is_one_sentence(settings, room, tmp_path):
+    (tmp_path / "notes.docx").write_text("no take")
+    (tmp_path / "cam1.mp4").write_bytes(b"")
+    refused(r"notes\.docx: is of a kind that is not known \(\.docx\); expected 3D points", "import_take",
+            filepath=str(tmp_path / "notes.docx"))  # fmt: skip
+    refused("cam1.mp4: holds pictures, which need the calibration", "import_take", filepath=str(tmp_path / "cam1.mp4"))
+    (tmp_path / "cam1.mp4").unlink()
+    refused("holds no take; expected 3D points", "import_take", directory=str(tmp_path))
+    write_c3d(tmp_path / "one.c3d", standing(drawn("gait15")))
+    write_c3d(tmp_path / "two.c3d", standing(drawn("gait15")))
+    files = [{"name": "one.c3d"}, {"name": "two.c3d"}]
+    refused("2 takes are chosen; expected one", "import_take", directory=str(tmp_path), files=files)
+    refused("need the calibration of their cameras; expected that to be opened", "import_take", filepath=room.blobs)
+    bpy.ops.mocap_autolabel.import_cameras(filepath=room.cameras)
+    (tmp_path / "nobody.mp4").write_bytes(b"")
+    refused("nobody", "import_take", filepath=str(tmp_path / "nobody.mp4"))
