@@ -10,7 +10,7 @@ import pytest
 
 from addon.core.data.errors import InputError, JobError
 from addon.core.posing.character import BONE_NAMES
-from addon.scene import animation
+from addon.scene import animation, naming
 from addon.scene import character as characters
 from addon.scene import take as takes
 from addon.scene.animation import KeyOptions
@@ -208,6 +208,25 @@ def test_an_exporter_that_is_switched_off_writes_all_the_same_and_one_that_is_no
         bpy.ops.mocap_autolabel.export_bvh(filepath=str(tmp_path / "b.bvh"))
     monkeypatch.undo()
     addon_utils.enable("io_anim_bvh")
+
+
+def test_blender_s_own_usd_has_markers_and_armature_in_motion(shown, tmp_path):
+    scene, path = bpy.context.scene, str(tmp_path / "walk.usdc")
+    own = list(scene.mocap_autolabel.take.all_objects)
+    [armature] = [item for item in own if item.type == "ARMATURE"]
+    markers = {item.name: item for item in own if naming.MARKER in item}
+    bpy.ops.wm.usd_export(filepath=path, export_animation=True, only_deform_bones=False)
+    bpy.ops.wm.usd_import(filepath=path, set_frame_range=False)
+    read = [item for item in bpy.data.objects if item not in own]
+    [copy] = [item for item in read if item.type == "ARMATURE"]
+    points = {item.name.removesuffix(".001"): item for item in read if item.type == "EMPTY"}
+    for frame in shown.motion.frames[[0, 13, 20]].tolist():
+        scene.frame_set(frame)
+        for bone in armature.pose.bones:
+            head = copy.matrix_world @ copy.pose.bones[bone.name.replace(".", "_")].head
+            assert (head - armature.matrix_world @ bone.head).length < MOST_OFF_M
+        for name, item in markers.items():
+            assert (points[name].matrix_world.translation - item.matrix_world.translation).length < MOST_OFF_M
 
 
 def test_who_is_no_person_has_no_character(empty, made, extension):
