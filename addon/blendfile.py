@@ -6,7 +6,7 @@ import importlib.util
 import os
 import signal
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,10 +23,12 @@ from .core.geometry.force_plates import NO_LAB, LabRecords
 from .io.cameras import read_cameras
 from .io.scratch import lasting_scratch
 from .io.text import written
+from .io.whole import whole_file
 
 if TYPE_CHECKING:  # only some jobs need them
     from .core.filling.kept import KeptFill
     from .core.papers.virtual_occlusions.occlusion import Occlusion
+    from .core.retarget.moving import Moving
     from .io.poses import PoseFile
     from .scene.pictures import Movie
     from .scene.pictures import Sequence as PictureSequence
@@ -204,6 +206,28 @@ def save_played(
             find_or_add_cameras(bpy.context.scene, cameras)
         show_playing(bpy.context, take, cache)
         _save(path)
+
+
+def save_characters(
+    files: Sequence[tuple[Path, bool, "Moving"]], read: Sequence[Path], names: str, scale: float
+) -> Generator[float, Callable[[float], None] | None, list[Path]]:
+    """Saves bodies as `export_character` does, each in its file, which may be replaced or not; gives the files.
+
+    What is `read` is not written over. What is open in this Blender stays as it is.
+    """
+    start_blender()
+    from .scene.character import export_character
+
+    tell = yield 0.0
+    for number, (path, overwrite, body) in enumerate(files):
+
+        def hear(share: float, before: int = number):
+            if tell is not None:
+                tell((before + share) / len(files))
+
+        with whole_file(path, overwrite, read) as temporary:
+            export_character(temporary, body, names, scale, hear)
+    return [path for path, _, _ in files]
 
 
 def _open_nothing():

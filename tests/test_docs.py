@@ -25,7 +25,7 @@ DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.rglob("*.md"))]
 WRITTEN = [page for page in PAGES if page.name != "CHANGELOG.md" and page.parent != DOCS / "results"]
 MOST_WORDS = 35_000
-BLENDERS = {"bpy", "mathutils", "gpu", "blf", "gpu_extras", "bpy_extras"}
+BLENDERS = {"bpy", "addon_utils", "mathutils", "gpu", "blf", "gpu_extras", "bpy_extras"}
 PACKAGE = "mocap_autolabel"
 
 

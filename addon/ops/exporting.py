@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The labelled take as files for other programs, as the command line writes them; its body as a character as well."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import bpy
 import numpy as np
 from bpy.props import BoolProperty, EnumProperty
 
+from ..blendfile import save_characters
 from ..core.data.columns import Columns
 from ..core.data.errors import InputError, JobError
 from ..core.data.takes import LabelledChunk, PointRows, Points
@@ -24,13 +24,14 @@ from ..io.samples import TextHead
 from ..io.whole import whole_files
 from ..jobs.pages import write_kept_page
 from ..props import keeps_items
-from ..scene.character import BLENDER_AXES, BVH_AXES, add_character
+from ..scene.character import add_character, moving_in
 from ..scene.opened import opened
 from ..scene.performers import homes
 from ..scene.roots import root_of
 from ..scene.stored import Stored, alone
-from ..scene.take import is_take, set_time
+from ..scene.take import is_take
 from .base import OfTake, ToldWhere, WithTake, taken
+from .long_work import LongWork
 from .reposing import follow_now, words_behind
 
 # No performer is called so.
@@ -61,21 +62,28 @@ class ExportsTake(ToldWhere, WithTake):
         return []
 
     def work(self, context):
+        files, read = self.files(context)
+        for path, overwrite, name, part in files:
+            self.performer_name, self.path = name, path
+            with whole_files([path, *self.beside(path)], overwrite, read) as temporaries:
+                self.write(temporaries, part)
+        return self._show(context, [path for path, *_ in files])
+
+    def files(self, context) -> tuple[list[tuple[Path, bool, str, Stored]], list[Path]]:
+        """The files to write: whether each may be replaced, whose it is, and the take in it; and what is read."""
         if self.of_body:
             follow_now(context)
         stored, settings = taken(context), context.scene.mocap_autolabel
         # No export may replace what take and scene come from.
         named = stored.source, settings.source.blobs_path, settings.source.points_path, bpy.data.filepath
         read = [Path(bpy.path.abspath(name)) for name in (*named, settings.subjects.markerset_path) if name]
-        parts = self.parts(stored)
-        paths = [self.path_of(name) for name, _ in parts]
-        for path, (name, part) in zip(paths, parts, strict=True):
-            # Blender's own file browser has asked already whether to overwrite, of the file that it was told.
-            asked = path == Path(self.filepath)
-            self.performer_name, self.path = name, path
-            with whole_files([path, *self.beside(path)], overwrite=asked, read=read) as temporaries:
-                self.write(temporaries, part)
+        paths = [(self.path_of(name), name, part) for name, part in self.parts(stored)]
+        # Blender's own file browser has asked already whether to overwrite, of the file that it was told.
+        return [(path, path == Path(self.filepath), *whose) for path, *whose in paths], read
+
+    def _show(self, _context, paths: list[Path]) -> set[str]:
         self.report({"INFO"}, f"Saved {', '.join(map(str, paths))}")
+        return {"FINISHED"}
 
     def parts(self, stored: Stored) -> list[tuple[str, Stored]]:
         """What goes into a file of its own: a performer's name, empty for all of them, and the take of theirs."""
@@ -282,35 +290,37 @@ class MOCAP_AUTOLABEL_OT_add_character(OfTake, bpy.types.Operator):
         stored, added = opened.take(settings.take, context.scene), []
         for one in stored.performers:
             home = homes(settings.take).get(one.name, settings.take)
-            character = add_character(context, home, alone(stored, one), settings.bone_names, BLENDER_AXES)
+            body = moving_in(home, alone(stored, one))
+            character = add_character(context, home, body, settings.bone_names)
             character.parent = root_of(settings.take)
             added.append(character.name)
         self.report({"INFO"}, f"Added {', '.join(added)}")
 
 
-class ExportsCharacter(OfTake, ExportsPerformers):
-    """The exports of a performer's character by Blender's own exporters.
+class ExportsCharacter(OfTake, LongWork, ExportsPerformers):
+    """The exports of performers' characters by Blender's own exporters, which take a minute for a long take."""
 
-    They differ in `axes`, which the armature is turned into, and in `export`, which writes it: JobError if it cannot.
-    """
-
-    of_body = True
+    of_body, unit = True, ""
     performer: performer_property(together=False)
 
-    def write(self, paths: list[Path], stored: Stored):
-        context = bpy.context
-        settings = context.scene.mocap_autolabel
-        home = homes(settings.take).get(self.performer_name, settings.take)
-        added = add_character(context, home, stored, settings.bone_names, self.axes)
-        with _alone(context, added, stored):
-            self.export(paths[0], stored)
+    def invoke(self, context, event):
+        self._asked_for_it = True
+        return ExportsPerformers.invoke(self, context, event)
+
+    def asked(self, context) -> partial:
+        settings, (files, read) = context.scene.mocap_autolabel, self.files(context)
+        at = homes(settings.take)
+        bodies = [
+            (path, overwrite, moving_in(at.get(name, settings.take), part)) for path, overwrite, name, part in files
+        ]
+        return partial(save_characters, bodies, read, settings.bone_names, BVH_UNITS.get(self.unit, 1.0))
 
 
 class MOCAP_AUTOLABEL_OT_export_bvh(ExportsCharacter, bpy.types.Operator):
     """Write the take's body as BVH: usual bone names, a T-pose as its rest, y up."""
 
     bl_label = "Export BVH"
-    filename_ext, axes = ".bvh", BVH_AXES
+    filename_ext, doing = ".bvh", "Exporting BVH"
     unit: EnumProperty(
         name="Unit",
         items=(
@@ -323,65 +333,9 @@ class MOCAP_AUTOLABEL_OT_export_bvh(ExportsCharacter, bpy.types.Operator):
         super().draw(context)
         self.layout.prop(self, "unit")
 
-    def export(self, path: Path, stored: Stored):
-        frames = stored.motion.frames + stored.shift
-        _exporter("export_anim", "bvh", "BVH")(
-            filepath=str(path),
-            check_existing=False,
-            global_scale=BVH_UNITS[self.unit],
-            frame_start=int(frames[0]),
-            frame_end=int(frames[-1]),
-            rotate_mode="ZXY",
-            root_transform_only=True,
-        )
-
 
 class MOCAP_AUTOLABEL_OT_export_fbx(ExportsCharacter, bpy.types.Operator):
     """Write the take's body as FBX: usual bone names, and a T-pose as its rest."""
 
     bl_label = "Export FBX"
-    filename_ext, axes = ".fbx", BLENDER_AXES
-
-    def export(self, path: Path, stored: Stored):
-        _exporter("export_scene", "fbx", "FBX")(
-            filepath=str(path),
-            check_existing=False,
-            use_selection=True,
-            object_types={"ARMATURE"},
-            add_leaf_bones=False,
-            bake_anim_use_all_bones=True,
-            bake_anim_use_nla_strips=False,
-            bake_anim_use_all_actions=False,
-            bake_anim_simplify_factor=0.0,
-        )
-
-
-def _exporter(family: str, name: str, called: str) -> Callable[..., set[str]]:
-    """One of Blender's exporters, which are add-ons that can be switched off."""
-    operator = getattr(getattr(bpy.ops, family), name)
-    try:
-        operator.get_rna_type()
-    except KeyError:
-        raise JobError(
-            f"Blender's own {called} exporter is switched off; expected it enabled in the preferences, under Add-ons"
-        ) from None
-    return operator
-
-
-@contextmanager
-def _alone(context: bpy.types.Context, item: bpy.types.Object, stored: Stored) -> Iterator[None]:
-    """While a thing is the only one that is selected, in a scene that plays the take as it was recorded.
-
-    Afterwards the thing is gone, and the scene is as it was.
-    """
-    scene, render = context.scene, context.scene.render
-    played, rate = (scene.frame_start, scene.frame_end, scene.frame_current), (render.fps, render.fps_base)
-    try:
-        set_time(scene, stored.rate, stored.motion.frames + stored.shift)
-        with context.temp_override(object=item, active_object=item, selected_objects=[item]):
-            yield
-    finally:
-        bpy.data.batch_remove([item, item.data, item.animation_data.action])
-        render.fps, render.fps_base = rate
-        scene.frame_start, scene.frame_end = played[:2]
-        scene.frame_set(played[2])
+    filename_ext, doing = ".fbx", "Exporting FBX"

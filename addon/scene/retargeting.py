@@ -12,13 +12,11 @@ import numpy as np
 from mathutils import Euler, Matrix, Vector
 
 from ..core.data.errors import InputError
-from ..core.filling.ground import settled
-from ..core.posing.character import character_of
 from ..core.retarget.matching import PARTS, RestBones
 from ..core.retarget.retargeting import Rig, axes_at_rest, retarget
 from . import animation
 from .armature import armature_of, bone_path, continuous_quaternions
-from .character import ends_in
+from .character import moving_in
 from .ownership import is_keyed_by_us, is_made_for, is_untouched, role_of, sign
 from .stored import Stored
 
@@ -53,16 +51,15 @@ def retarget_take(
     An action that was made so before of the same take is replaced where nobody changed it; any other one stays.
     Raises InputError where the body or the rig is no person's.
     """
-    begins, ends = ends_in(collection, stored)
-    character = character_of(stored.segments, begins, ends)
+    body = moving_in(collection, stored)
+    character = body.character
     bones = _bones_by_part(rig, {part: bone for part, bone in matched.items() if part in character.names})
     source = armature_of(collection)
     place = np.array(source.matrix_world.inverted() @ rig.matrix_world)
     sizes = np.linalg.norm(place[:3, :3], axis=0)
     if np.linalg.det(place[:3, :3]) <= 0 or sizes.max() > SAME_SCALE * sizes.min():
         raise InputError(f"{rig.name} is mirrored or scaled unevenly; expected its scale applied, with Ctrl A")
-    pose = stored.motion.joints, stored.motion.rotations, stored.segments, stored.parents
-    joints, rotated = settled(*pose, ends - begins, stored.rate, stored.cutoff)
+    joints, rotated = body.settled()
     there = np.isfinite(joints).all(axis=(1, 2))
     if not there.any():
         raise InputError(f"{stored.name} has nobody in any frame; expected a take in which the body was found")
@@ -81,7 +78,7 @@ def retarget_take(
     turns = (place[:3, :3] / unit).T @ turns @ axes.T  # in the armature's own axes
     hips = (hips - place[:3, 3]) @ np.linalg.inv(place[:3, :3]).T
     bag = animation.bind(rig, action)
-    frames = (stored.motion.frames + stored.shift)[there]
+    frames = body.frames[there]
     first, way = bones[0][1], (hips - rest[0, :3, 3]) @ np.linalg.inv(steps)
     animation.key(bag, bone_path(first, "location"), frames, way, first)
     for index, (_, bone) in enumerate(bones):

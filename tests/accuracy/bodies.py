@@ -17,12 +17,12 @@ from addon.core.filling.ground import BALL
 from addon.core.geometry.cameras import NO_CAMERAS
 from addon.core.geometry.rotations import carried
 from addon.core.points.motion import motion_of
-from addon.core.posing.character import Character, character_of
+from addon.core.posing.character import Character
 from addon.core.retarget.matching import match_bones
 from addon.core.review.suspects import runs
 from addon.io.models import open_model
 from addon.scene.armature import bone_tails, build_of, on_ground
-from addon.scene.character import ends_in
+from addon.scene.character import moving_in
 from addon.scene.opened import Opened
 from addon.scene.retargeting import rest_bones, retarget_take
 from addon.scene.take import Take, show_take
@@ -125,8 +125,7 @@ def on_rigs(take: people.Take, markerset: MarkerSet, motion: Motion) -> Iterator
     labels = Labels(*(table[marker >= 0] for table in (marker, np.full(marker.shape, BY_FIT), np.ones(marker.shape))))
     collection = show_take(context, Take(take.name, take.rate, NO_CAMERAS, markerset, rows, labels, motion))
     stored = Opened().take(collection, scene)
-    begins, ends = ends_in(collection, stored)
-    character = character_of(stored.segments, begins, ends)
+    character = moving_in(collection, stored).character
     shown = on_ground(motion, markerset, build_of(markerset, motion), take.rate)
     body = character.posed(shown.joints, shown.rotations)[0]
     context.view_layer.layer_collection.children[collection.name].exclude = True  # only rigs have to move

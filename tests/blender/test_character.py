@@ -3,17 +3,20 @@
 
 from functools import partial
 
+import addon_utils
 import bpy
 import numpy as np
 import pytest
 
-from addon.core.data.errors import InputError
+from addon.core.data.errors import InputError, JobError
 from addon.core.posing.character import BONE_NAMES
-from addon.scene import animation
+from addon.scene import animation, naming
 from addon.scene import character as characters
 from addon.scene import take as takes
 from addon.scene.animation import KeyOptions
 from addon.scene.opened import Opened
+
+from .hands import ours, stored_take
 
 # What a retargeted joint or marker may be off: the root alone moves, and floats of single precision are in between.
 MOST_OFF_M = 0.0001
@@ -151,11 +154,86 @@ def test_a_rig_that_copies_the_file_by_bone_names_moves_as_the_body(shown, tmp_p
     assert np.nanmax(marker_errors(shown, rig, first)) < MOST_OFF_M
 
 
+def test_what_is_exported_beside_the_window_is_what_a_script_exports_and_tells_how_far_it_is(shown, tmp_path):
+    long_work, exporting = ours("ops.long_work"), ours("ops.exporting")
+    here, there = tmp_path / "here.bvh", tmp_path / "there.bvh"
+    assert bpy.ops.mocap_autolabel.export_bvh(filepath=str(here)) == {"FINISHED"}
+    kind = exporting.MOCAP_AUTOLABEL_OT_export_bvh
+    own = {"filepath": str(there), "unit": "CENTIMETRES", "performer": exporting.APART[0]}
+    operator = type("Exports", (), {name: getattr(kind, name) for name in ("asked", "files", "parts", "path_of")})()
+    vars(operator).update(own, of_body=True, filename_ext=".bvh")
+    shares = []
+    assert ours("core.data.progress").finished(operator.asked(bpy.context)(), shares.append) == [there]
+    assert 0.9 < max(shares) <= 1
+    assert len(shares) > len(shown.motion.frames)
+    try:
+        for ends in ("done", "killed", "cancelled"):
+            there.unlink(missing_ok=True)
+            worker, found = long_work.hand_over(operator.asked(bpy.context)), None
+            if ends == "cancelled":
+                long_work.end_process()
+                worker.process.wait(60)
+                break
+            while found is None:
+                found = worker.look()
+                if ends == "killed":
+                    worker.process.kill()
+            if ends == "done":
+                assert found == [there]
+                assert there.read_bytes() == here.read_bytes()
+            else:
+                assert "its process was killed" in str(found)
+    finally:
+        long_work.end_process()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["here.bvh"]
+
+
+@pytest.mark.parametrize("kind", ["bvh", "fbx"])
+def test_what_blender_s_exporter_cannot_write_is_one_sentence_and_leaves_the_file_as_it_was(shown, tmp_path, kind):
+    body = characters.moving_in(bpy.context.scene.mocap_autolabel.take, stored_take())
+    before = {name: len(getattr(bpy.data, name)) for name in ("scenes", "objects", "armatures", "actions")}
+    with pytest.raises(JobError, match=r"No such file.*; expected a place that can be written"):
+        characters.export_character(tmp_path / "gone" / f"a.{kind}", body, "HUMANIK", 1.0, list)
+    assert {name: len(getattr(bpy.data, name)) for name in before} == before
+
+
+def test_an_exporter_that_is_switched_off_writes_all_the_same_and_one_that_is_not_there_is_told(
+    shown, tmp_path, monkeypatch
+):
+    addon_utils.disable("io_anim_bvh")
+    assert bpy.ops.mocap_autolabel.export_bvh(filepath=str(tmp_path / "a.bvh")) == {"FINISHED"}
+    addon_utils.disable("io_anim_bvh")
+    monkeypatch.setattr(addon_utils, "enable", lambda _: None)
+    with pytest.raises(RuntimeError, match=r"no exporter io_anim_bvh.*; expected a whole Blender"):
+        bpy.ops.mocap_autolabel.export_bvh(filepath=str(tmp_path / "b.bvh"))
+    monkeypatch.undo()
+    addon_utils.enable("io_anim_bvh")
+
+
+def test_blender_s_own_usd_has_markers_and_armature_in_motion(shown, tmp_path):
+    scene, path = bpy.context.scene, str(tmp_path / "walk.usdc")
+    own = list(scene.mocap_autolabel.take.all_objects)
+    [armature] = [item for item in own if item.type == "ARMATURE"]
+    markers = {item.name: item for item in own if naming.MARKER in item}
+    bpy.ops.wm.usd_export(filepath=path, export_animation=True, only_deform_bones=False)
+    bpy.ops.wm.usd_import(filepath=path, set_frame_range=False)
+    read = [item for item in bpy.data.objects if item not in own]
+    [copy] = [item for item in read if item.type == "ARMATURE"]
+    points = {item.name.removesuffix(".001"): item for item in read if item.type == "EMPTY"}
+    for frame in shown.motion.frames[[0, 13, 20]].tolist():
+        scene.frame_set(frame)
+        for bone in armature.pose.bones:
+            head = copy.matrix_world @ copy.pose.bones[bone.name.replace(".", "_")].head
+            assert (head - armature.matrix_world @ bone.head).length < MOST_OFF_M
+        for name, item in markers.items():
+            assert (points[name].matrix_world.translation - item.matrix_world.translation).length < MOST_OFF_M
+
+
 def test_who_is_no_person_has_no_character(empty, made, extension):
     collection = takes.show_take(empty, made.take())
     stored = Opened().take(collection, empty.scene)
     with pytest.raises(InputError, match="no person's skeleton"):
-        characters.add_character(empty, collection, stored, "HUMANIK")
+        characters.add_character(empty, collection, characters.moving_in(collection, stored), "HUMANIK")
 
 
 KEYED = np.arange(11, 71)

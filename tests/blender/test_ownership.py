@@ -13,7 +13,7 @@ from addon.core.edits.kinds import Swap
 from addon.io.markersets import open_markerset
 from addon.scene import naming, ownership, performers
 from addon.scene import take as takes
-from addon.scene.character import add_character
+from addon.scene.character import add_character, moving_in
 from addon.scene.opened import Opened
 from addon.scene.relabelled import show_again
 from addon.scene.stored import alone
@@ -220,7 +220,8 @@ def test_what_was_promised_stays_even_unchanged(empty, made, over):
     collection = takes.show_take(empty, take)
     stored = Opened().take(collection, empty.scene)
     homes = performers.homes(collection)
-    names = [add_character(empty, homes[one.name], alone(stored, one), "HUMANIK").name for one in stored.performers]
+    at = [(homes[one.name], alone(stored, one)) for one in stored.performers]
+    names = [add_character(empty, home, moving_in(home, own), "HUMANIK").name for home, own in at]
     bpy.data.objects[names[0]].name = "hero"
     over(take)
     for name in ("hero", names[1]):

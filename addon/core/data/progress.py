@@ -6,7 +6,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
 from types import MappingProxyType
-from typing import TypeVar
+from typing import Any, TypeVar
 
 Result = TypeVar("Result")
 Item = TypeVar("Item")
@@ -59,13 +59,18 @@ def in_stages(work: Steps[Result], begins: Mapping[str, float]) -> Generator[Pro
     return within(work, 0.0, 0.0, spans=dict(zip(begins, pairwise((*begins.values(), 1.0)), strict=True)))
 
 
-def finished(work: Generator[Item, None, Result], tell: Callable[[Item], None] | None = None) -> Result:
-    """What work returns once it is stepped to its end; `tell` hears all that it yields, and ends it by raising."""
+def finished(work: Generator[Item, Any, Result], tell: Callable[[Item], None] | None = None) -> Result:
+    """What work returns once it is stepped to its end; `tell` hears all that it yields, and ends it by raising.
+
+    Work that cannot yield in the middle of what it does gets `tell` by its first `yield`.
+    """
     with closing(work):
+        told = None  # what a generator that has not begun takes
         while True:
             try:
-                item = next(work)
+                item = work.send(told)
             except StopIteration as end:
                 return end.value
+            told = tell
             if tell is not None:
                 tell(item)

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.sides import BODY_SIDES
-from ..filling.ground import LEG, ON_GROUND
+from ..filling.ground import BALL, LEG, ON_GROUND
 from ..geometry.rotations import NO_TURN, exponential, least_turn, rotation_vector
-from ..posing.character import FACING, Character
+from ..posing.character import FACING, TOES, Character
 
 SPINE = ("spine", "between", "chest")
 LEFTWARDS, SKYWARDS = np.array([1.0, 0, 0]), np.array([0.0, 0, 1])
@@ -215,14 +215,16 @@ def _planted_ankle(
     """
     (turns, hips), (scale, floor, rate), foot = posed, known, rig.at[f"foot.{side}"]
     ankle, ball = rig.heads[foot], _ball(rig, side)
-    tip, heel = [turns[:, foot] @ (place * (1, 1, 0) + floor * SKYWARDS - ankle) for place in (ball, ankle)]
-    ankle, ball = body.rest(f"foot.{side}"), body.rest(f"toes.{side}")
-    own = [body.begin(f"foot.{side}") + body.turned(f"foot.{side}") @ (at * (1, 1, 0) - ankle) for at in (ball, ankle)]
-    lowest = np.minimum(own[0][:, 2], own[1][:, 2])
-    goal = scale * own[0] - tip
-    goal[:, 2] = scale * lowest - np.minimum(tip[:, 2], heel[:, 2])
+    low = [(turns[:, foot] @ (place * (1, 1, 0) + floor * SKYWARDS - ankle))[:, 2] for place in (ball, ankle)]
+    goal = -turns[:, foot] @ (ball - ankle)
+    ankle, toes = body.rest(f"foot.{side}"), body.rest(f"toes.{side}")
+    begin, turned = body.begin(f"foot.{side}"), body.turned(f"foot.{side}")
+    sole, heel = (begin + turned @ (place * (1, 1, 0) - ankle) for place in (toes, ankle))
+    lowest = np.minimum(sole[:, 2], heel[:, 2])
+    goal += scale * (begin + turned @ (toes - ankle) * BALL / TOES)  # what of the body holds still
+    goal[:, 2] = scale * lowest - np.minimum(*low)
     off = _begin(rig, turns, hips, foot) - goal
-    rows = np.flatnonzero(_planted(own[0], lowest, rate))
+    rows = np.flatnonzero(_planted(sole, lowest, rate))
     if not len(rows):
         return goal + off
     missed = -off[rows]

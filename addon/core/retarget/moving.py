@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What another armature needs of a take to move as its body does."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..filling.ground import settled
+from ..posing.character import Character, character_of
+
+
+@dataclass(frozen=True, eq=False)
+class Moving:
+    """The body of a take as it was posed.
+
+    rate    Hz, and of what smooths it `cutoff`, None where it is not smoothed
+    segments, parents  of its J joints, -1 for the root
+    begins, ends  (J, 3) m where the bones of its own armature begin and end at rest
+    frames  (F,) Blender's
+    joints, rotations  (F, J, 3) m and (F, J, 3, 3), NaN where nobody was found
+    """
+
+    name: str
+    rate: float
+    cutoff: float | None
+    segments: tuple[str, ...]
+    parents: tuple[int, ...]
+    begins: np.ndarray
+    ends: np.ndarray
+    frames: np.ndarray
+    joints: np.ndarray
+    rotations: np.ndarray
+
+    @property
+    def character(self) -> Character:
+        """Its character; InputError where the body is no person's."""
+        return character_of(self.segments, self.begins, self.ends)
+
+    def settled(self) -> tuple[np.ndarray, np.ndarray]:
+        """Joints (F, J, 3) m and rotations (F, J, 3, 3) as they are shown: with planted feet, and smoothed."""
+        pose = self.joints, self.rotations, self.segments, self.parents
+        return settled(*pose, self.ends - self.begins, self.rate, self.cutoff)
