@@ -91,7 +91,7 @@ def test_what_ends_a_stream_is_said(live, walk, monkeypatch):
         patch.setitem(sys.modules, "bpy", SimpleNamespace(app=app))
         refused("Allow Online Access is off in Blender's preferences; expected it on", "connect")
     live.settings.subjects.markerset = "auto"
-    refused("expected a set from the list", "connect")
+    refused("expected a marker set from the list", "connect")
     live.settings.subjects.markerset = "body26"
     bpy.ops.mocap_autolabel.connect()
     refused("Choose the folder for recordings, then connect again", "record")
