@@ -24,8 +24,9 @@ from ..models import Model
 class PairOptions:
     """How distances are learned.
 
-    min_frames        physical: of a subject of the training, that show how it moves: a third of a second
-    min_s             physical: s, the same of a tracklet
+    min_frames        physical: of a subject, or of a tracklet, that show how it moves: a third of a second
+    min_s             physical: s, the same of a tracklet that has few frames a second; with 30 frames in its place, 4 %
+                      of names at 25 a second are wrong, and with this alone 6 % of a take at 240
     shapes            memory: drawn from a likelihood of which few frames were kept
     length_sd         physical: of a distance of other subjects than those of the training, besides their size, in
                       parts of it,

@@ -201,9 +201,8 @@ class _Solving:
         marker[marker >= self.markers] = self.markers + number
         self.objective.extras = len(before)
         refused = (tracklets.votes <= -RULING.odds).any(axis=1)
-        free = np.flatnonzero(
-            (marker == NO_MARKER) & (tracklets.count >= PAIRING.min_s * self.objective.rate) & ~refused
-        )
+        lasting = _lasting(tracklets, self.objective.rate)
+        free = np.flatnonzero((marker == NO_MARKER) & lasting & ~refused)
         if not len(free):
             return False
         first, last = tracklets.first[free], tracklets.last[free]
@@ -282,11 +281,16 @@ class _Solving:
 
 def is_crowd(tracklets: Tracklets, markers: int, rate: float) -> bool:
     """Whether many more tracklets than markers are there in the usual frame, of so many a second."""
-    long = tracklets.count >= PAIRING.min_s * rate
+    long = _lasting(tracklets, rate)
     frames = np.arange(int(tracklets.last.max(initial=0)) + 1)
     begun = np.searchsorted(np.sort(tracklets.first[long]), frames, side="right")
     ended = np.searchsorted(np.sort(tracklets.last[long]), frames, side="left")
     return float(np.median(begun - ended)) >= REFUSAL.crowd * markers
+
+
+def _lasting(tracklets: Tracklets, rate: float) -> np.ndarray:
+    """(N,) the tracklets that show how they move, by their frames or, where there are few a second, by how long."""
+    return tracklets.count >= min(PAIRING.min_frames, PAIRING.min_s * rate)
 
 
 def _likeliest(tracklets: Tracklets) -> np.ndarray:
