@@ -4,6 +4,7 @@
 import ctypes
 import importlib.util
 import os
+import shutil
 import signal
 import sys
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -21,9 +22,9 @@ from .core.edits.kinds import NO_EDITS, Edits
 from .core.geometry.cameras import Cameras
 from .core.geometry.force_plates import NO_LAB, LabRecords
 from .io.cameras import read_cameras
-from .io.scratch import lasting_scratch
+from .io.scratch import lasting_scratch, scratch_folder
 from .io.text import written
-from .io.whole import whole_file
+from .io.whole import check_targets, whole_file
 
 if TYPE_CHECKING:  # only some jobs need them
     from .core.filling.kept import KeptFill
@@ -209,12 +210,15 @@ def save_played(
 
 
 def save_characters(
-    files: Sequence[tuple[Path, bool, "Moving"]], read: Sequence[Path], names: str, scale: float
+    kind: str, files: Sequence[tuple[Path, bool, "Moving"]], read: Sequence[Path], names: str, scale: float
 ) -> Generator[float, Callable[[float], None] | None, list[Path]]:
     """Saves bodies as `export_character` does, each in its file, which may be replaced or not; gives the files.
 
-    What is `read` is not written over. What is open in this Blender stays as it is.
+    `kind` is "bvh" or "fbx", whatever they are called. What is `read` is not written over. What is open in this Blender
+    stays as it is.
     """
+    for path, overwrite, _ in files:
+        check_targets([path], overwrite, read)
     start_blender()
     from .scene.character import export_character
 
@@ -225,8 +229,12 @@ def save_characters(
             if tell is not None:
                 tell((before + share) / len(files))
 
-        with whole_file(path, overwrite, read) as temporary:
-            export_character(temporary, body, names, scale, hear)
+        # What is to end the work is lost in a handler of Blender's, so it may be killed: nothing is beside `path`.
+        with scratch_folder() as folder:
+            made = folder / f"body.{kind}"
+            export_character(made, body, names, scale, hear)
+            with whole_file(path, overwrite, read) as temporary:
+                shutil.copyfile(made, temporary)
     return [path for path, _, _ in files]
 
 

@@ -313,7 +313,8 @@ class ExportsCharacter(OfTake, LongWork, ExportsPerformers):
         bodies = [
             (path, overwrite, moving_in(at.get(name, settings.take), part)) for path, overwrite, name, part in files
         ]
-        return partial(save_characters, bodies, read, settings.bone_names, BVH_UNITS.get(self.unit, 1.0))
+        scale = BVH_UNITS.get(self.unit, 1.0)
+        return partial(save_characters, self.filename_ext[1:], bodies, read, settings.bone_names, scale)
 
 
 class MOCAP_AUTOLABEL_OT_export_bvh(ExportsCharacter, bpy.types.Operator):

@@ -18,6 +18,7 @@ from ..core.data.errors import UserError
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import PointRows
 from ..core.data.wording import count_of
+from ..io.markersets import AUTO_MODEL
 from ..io.scratch import scratch_folder
 from ..io.text import written
 from ..props import SceneSettings, chosen_markerset, chosen_model
@@ -35,7 +36,7 @@ WORDS_EVERY = 0.25  # s between two states in the sidebar
 class WatchedStream:
     """A stream that a process names, which ends with Blender or sooner; what was recorded until then is kept.
 
-    worn     the marker set
+    worn     the marker set, which is that of `model`, its name or path
     names    the markers that are named in the latest frame
     named    (N, 3) m their points
     unnamed  (U, 3) m its other points
@@ -54,7 +55,7 @@ class WatchedStream:
             self._kept = stack.pop_all()
         self._worker.hand(partial(name_beside, job, folder))
         self._latest, self._record, self._stop = (folder / name for name in (LATEST, RECORD, STOP))
-        self.out, self.worn, self.words = job.out, worn, "Connecting"
+        self.out, self.model, self.worn, self.words = job.out, job.model, worn, "Connecting"
         self._frame, self._told = -1, 0.0
         self.names: list[str] = []
         self.named = self.unnamed = np.empty((0, 3))
@@ -65,23 +66,23 @@ class WatchedStream:
 
     def look(self) -> dict | UserError | None:
         """Takes in the latest frame where it is new; how the stream ended, None where it has not."""
-        found = self._worker.look()
+        found, now = self._worker.look(), time.time()
         try:
             line = json.loads(self._latest.read_bytes().partition(b"\n")[0])
-        except (OSError, ValueError):  # none is there yet, or it is just being written
-            return found
-        if line["frame"] == self._frame:
-            return found
-        self._frame, self.names = line["frame"], list(line["markers"])
-        self.named = np.array([*line["markers"].values()], float).reshape(-1, 3)
-        self.unnamed = np.array(line["unnamed"], float).reshape(-1, 3)
-        redraw("VIEW_3D", "WINDOW")
-        now = time.time()
-        if now - self._told > WORDS_EVERY and not self._stop.exists():
-            self._told, delay = now, 1000 * (now - line["at"]) + line["ms"]
-            found_words = f"{len(self.names)} of {len(self.worn)} markers named, {len(self.unnamed)} points not"
+            places, unnamed = line["markers"], np.array(line["unnamed"], float).reshape(-1, 3)
+            if line["frame"] == self._frame or not places.keys() <= set(self.worn.markers):
+                return found
+            named = np.array([*places.values()], float).reshape(len(places), 3)
+            delay = 1000 * (now - line["at"]) + line["ms"]
+            found_words = f"{len(places)} of {len(self.worn)} markers named, {len(unnamed)} points not"
             changed = f", {count_of(line['changed'], 'name')} changed" if line["changed"] else ""
-            self.words = f"{found_words}{changed}; {delay:.0f} ms, {count_of(line['late'], 'frame')} dropped"
+            words = f"{found_words}{changed}; {delay:.0f} ms, {count_of(line['late'], 'frame')} dropped"
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):  # none is there, or it is just being written
+            return found
+        self._frame, self.names, self.named, self.unnamed = line["frame"], list(places), named, unnamed
+        redraw("VIEW_3D", "WINDOW")
+        if now - self._told > WORDS_EVERY and not self._stop.exists():
+            self._told, self.words = now, words
             redraw("VIEW_3D", "UI")
         return found
 
@@ -132,6 +133,9 @@ def _take_in(stream: WatchedStream):
     try:
         with bpy.context.temp_override(window=windows[0] if len(windows) else None):
             bpy.ops.mocap_autolabel.import_points(filepath=path)
+            subjects = bpy.context.scene.mocap_autolabel.subjects
+            if subjects.markerset == AUTO_MODEL:
+                subjects.found = stream.model  # the set that it was named by
             bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
     except RuntimeError as error:  # what an operator of ours reports
         _ended.append(str(error).strip().removeprefix("Error: "))

@@ -156,14 +156,20 @@ def test_a_rig_that_copies_the_file_by_bone_names_moves_as_the_body(shown, tmp_p
 
 def test_what_is_exported_beside_the_window_is_what_a_script_exports_and_tells_how_far_it_is(shown, tmp_path):
     long_work, exporting = ours("ops.long_work"), ours("ops.exporting")
-    here, there = tmp_path / "here.bvh", tmp_path / "there.bvh"
+    here, there = tmp_path / "here.bvh", tmp_path / "there.BVH"
     assert bpy.ops.mocap_autolabel.export_bvh(filepath=str(here)) == {"FINISHED"}
     kind = exporting.MOCAP_AUTOLABEL_OT_export_bvh
     own = {"filepath": str(there), "unit": "CENTIMETRES", "performer": exporting.APART[0]}
     operator = type("Exports", (), {name: getattr(kind, name) for name in ("asked", "files", "parts", "path_of")})()
     vars(operator).update(own, of_body=True, filename_ext=".bvh")
-    shares = []
-    assert ours("core.data.progress").finished(operator.asked(bpy.context)(), shares.append) == [there]
+    shares, beside = [], set()
+
+    def hear(share):
+        shares.append(share)
+        beside.update(tmp_path.iterdir())
+
+    assert ours("core.data.progress").finished(operator.asked(bpy.context)(), hear) == [there]
+    assert beside == {here}  # it may be killed
     assert 0.9 < max(shares) <= 1
     assert len(shares) > len(shown.motion.frames)
     try:

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """*Live*: a stream named by a process beside Blender, shown in its window, recorded, and made a take."""
 
+import json
 import sys
 import time
 from types import SimpleNamespace
@@ -79,6 +80,28 @@ def test_a_stream_is_shown_and_what_is_recorded_of_it_becomes_a_take(live, walk,
     said = live.module.how_it_ended()
     assert ("has sent nothing that is new" in said) == (server is NatNetServer)
     assert said.endswith("names given live changed")
+    # By the same set, as after a take of several of which Automatic found it.
+    subjects = live.settings.subjects
+    subjects.markerset, subjects.performing = "auto", "AUTO"
+    live.module._take_in(stream)
+    assert is_take(live.settings.take) and live.module.how_it_ended() == said
+
+
+def test_a_frame_that_is_just_being_written_is_not_shown(live, walk, tmp_path):
+    latest, whole = tmp_path / "frame", {"frame": 1, "unnamed": [], "at": 0.0, "ms": 1.0, "changed": 0, "late": 0}
+    with QtmServer(there_and_back(walk.xyz, RATE), RATE) as one:
+        live.settings.live.source = one.source
+        bpy.ops.mocap_autolabel.connect()
+        stream = live.now()
+    stream._latest = latest
+    torn = [{"markers": markers} for markers in ({"LASI": [1]}, [], {"LA": [1] * 3}, {"LASI": [1] * 6})]
+    for text in ("{", "7", *(json.dumps(whole | some) for some in ({}, *torn))):
+        latest.write_text(text)
+        live.module.follow_live()
+        assert stream._frame < 0
+    latest.write_text(json.dumps(whole | {"markers": {"LASI": [1, 2, 3]}}))
+    live.module.follow_live()
+    assert stream.names == ["LASI"]
 
 
 def test_what_ends_a_stream_is_said(live, walk, monkeypatch):
