@@ -74,16 +74,14 @@ def add_character(
     return armature
 
 
-# Blender's exporters, by the endings of their files: the add-on, its operator, the axes of what it writes, and how.
+# Blender's exporters, by the endings of their files: the operator, the axes of what it writes, and how.
 EXPORTERS = {
     "bvh": (
-        "io_anim_bvh",
         ("export_anim", "bvh"),
         BVH_AXES,
         {"rotate_mode": "ZXY", "root_transform_only": True},
     ),
     "fbx": (
-        "io_scene_fbx",
         ("export_scene", "fbx"),
         BLENDER_AXES,
         {
@@ -105,11 +103,15 @@ def export_character(path: Path, body: Moving, names: str, scale: float, tell: C
     `scale` is of BVH, which has no unit: how many of its units are a metre. `tell` hears which share is done. JobError
     where this Blender cannot write it.
     """
-    import addon_utils
-
-    module, (family, own), axes, options = EXPORTERS[path.suffix[1:]]
-    if not addon_utils.check(module)[1] and addon_utils.enable(module) is None:
-        raise JobError(f"this Blender has no exporter {module}, which comes with it; expected a whole Blender")
+    (family, own), axes, options = EXPORTERS[path.suffix[1:]]
+    exporter = getattr(getattr(bpy.ops, family), own)
+    try:
+        exporter.get_rna_type()
+    except KeyError:
+        called = own.upper()
+        raise JobError(
+            f"Blender's own {called} exporter is switched off; expected it enabled in the preferences, under Add-ons"
+        ) from None
     if own == "bvh":
         first, last = int(body.frames[0]), int(body.frames[-1])
         options = {**options, "global_scale": scale, "frame_start": first, "frame_end": last}
@@ -128,7 +130,7 @@ def export_character(path: Path, body: Moving, names: str, scale: float, tell: C
     try:
         set_time(scene, body.rate, body.frames)
         with context.temp_override(scene=scene, view_layer=scene.view_layers[0], **chosen):
-            getattr(getattr(bpy.ops, family), own)(filepath=str(path), check_existing=False, **options)
+            exporter(filepath=str(path), check_existing=False, **options)
     except RuntimeError as error:  # the exporter's trouble, of which the last line says what it was
         reason = str(error).partition("\nLocation: ")[0].strip().splitlines()[-1]
         raise JobError(f"Blender's exporter says {reason}; expected a place that can be written", path) from error

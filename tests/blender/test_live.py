@@ -111,7 +111,7 @@ def test_what_ends_a_stream_is_said(live, walk, monkeypatch):
     live.settings.live.source, live.settings.live.folder = "take.c3d", ""
     app = SimpleNamespace(binary_path="blender", online_access=False)
     with monkeypatch.context() as patch:
-        patch.setitem(sys.modules, "bpy", SimpleNamespace(app=app))
+        patch.setitem(sys.modules, "bpy", SimpleNamespace(app=app, context=bpy.context))
         refused("Allow Online Access is off in Blender's preferences; expected it on", "connect")
     live.settings.subjects.markerset = "auto"
     refused("expected a marker set from the list", "connect")
