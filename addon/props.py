@@ -579,8 +579,7 @@ def subjects_asked(subjects: SubjectSettings) -> dict:
     if subjects.performing != "LISTED":
         count = {"ONE": 1, "AUTO": AUTO}.get(subjects.performing, subjects.performer_count)
         if subjects.markerset == AUTO_MODEL and count == 1:
-            own = markerset_folder()
-            return {"model": AUTO_MODEL, "own": own if own.is_dir() else None, "subjects": count, "wearers": ()}
+            return anybody()
         return {"model": chosen_model(subjects), "subjects": count, "wearers": ()}
     rows = subjects.performers
     if not len(rows):
@@ -594,6 +593,12 @@ def subjects_asked(subjects: SubjectSettings) -> dict:
         raise InputError("two performers have the same name; expected a name for each")
     wearers = tuple((row.name, chosen_model(row)) for row in rows)
     return {"model": wearers[0][1], "subjects": 1, "wearers": wearers}
+
+
+def anybody() -> dict:
+    """The same for one who wears any of the marker sets that are known."""
+    own = markerset_folder()
+    return {"model": AUTO_MODEL, "own": own if own.is_dir() else None, "subjects": 1, "wearers": ()}
 
 
 def row_of(subjects: SubjectSettings, name: str) -> SubjectSettings | PerformerRow:

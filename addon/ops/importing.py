@@ -246,10 +246,11 @@ def _take_folder(context: bpy.types.Context, folder: Path, count: int) -> str:
 
 def look_who_is_there(context: bpy.types.Context):
     """Has the marker set of the take found, in the window and where none was chosen; a script labels at once."""
-    settings, going = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel.doing
-    open_now = settings.source.points_path or settings.source.blobs_path
-    if open_now and settings.subjects.markerset == AUTO_MODEL and not (bpy.app.background or going):
-        bpy.ops.mocap_autolabel.find_markerset("INVOKE_DEFAULT")
+    subjects, find = context.scene.mocap_autolabel.subjects, bpy.ops.mocap_autolabel.find_markerset
+    wanted = subjects.markerset == AUTO_MODEL and subjects.performing != "LISTED"
+    if wanted and not bpy.app.background and find.poll():
+        with suppress(RuntimeError):  # Label says the same
+            find("INVOKE_DEFAULT")
 
 
 def take_blobs(context: bpy.types.Context, path: Path) -> str:

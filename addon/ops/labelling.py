@@ -19,12 +19,22 @@ from ..core.points.handedness import HOW_TO_MIRROR
 from ..core.points.refusals import HOW_TO_ASK
 from ..core.points.several.wearers import AUTO
 from ..core.review.changes import Change, summary_of_changes
-from ..io.markersets import AUTO_MODEL, open_markerset
+from ..io.markersets import AUTO_MODEL
 from ..io.qtm.capture import USE_BLOBS, USE_POINTS
 from ..io.text import written
 from ..jobs import LabelJob, Labelled, label_to_show, worn_to_show
 from ..jobs.job import occlusion_here
-from ..props import SceneSettings, choose_model, colours_asked, frames_wanted, refresh_review, subjects_asked, take_name
+from ..props import (
+    SceneSettings,
+    anybody,
+    choose_model,
+    chosen_markerset,
+    colours_asked,
+    frames_wanted,
+    refresh_review,
+    subjects_asked,
+    take_name,
+)
 from ..scene import cameras as scene_cameras
 from ..scene.corrections import kept_edits
 from ..scene.occlusion import meshes_on, occlusion_of
@@ -47,10 +57,14 @@ CHOOSE_HERE = "under Marker Set, as"
 TURN_HERE = "by Up, under Take, as"
 
 
-def job_of(context: bpy.types.Context) -> LabelJob:
-    """What the scene's settings ask for, of blobs or of points; InputError when something is missing."""
+def job_of(context: bpy.types.Context, asked: dict | None = None) -> LabelJob:
+    """What the scene's settings ask for, of blobs or of points; InputError when something is missing.
+
+    Who is `asked` for may be otherwise than by the settings, as by `subjects_asked`.
+    """
     settings = context.scene.mocap_autolabel
-    given, labelling, asked = settings.source, settings.labelling, subjects_asked(settings.subjects)
+    given, labelling, own = settings.source, settings.labelling, settings.labelling.body if asked is None else None
+    asked = asked or subjects_asked(settings.subjects)
     if asked["model"] == AUTO_MODEL and settings.subjects.found:
         asked |= {"model": settings.subjects.found, "own": None}
     points = bool(given.points_path)
@@ -58,9 +72,9 @@ def job_of(context: bpy.types.Context) -> LabelJob:
         raise InputError("no blobs are chosen; expected a file of camera blobs")
     source = Path(bpy.path.abspath(given.points_path or given.blobs_path))
     # The meshes on the skeleton that the user named, else those of the marker sets' capsules, as of several.
-    own, body = labelling.body, None
+    body = None
     if own is not None and not points and labelling.occlusion == "bvh" and settings.subjects.performing == "ONE":
-        body = occlusion_of(context, own, meshes_on(own, context.scene), open_markerset(asked["model"]))
+        body = occlusion_of(context, own, meshes_on(own, context.scene), chosen_markerset(settings.subjects))
     return LabelJob(
         source=source,
         cameras=None if points else scene_cameras.cameras_of(given.cameras, context.scene),
@@ -190,11 +204,15 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
     def asked(self, context) -> partial:
         """The labelling; what the take is refused for stays beside the button where something can be done about it."""
         settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
-        if self.everybody:
-            settings.subjects.performing = "AUTO"
+        subjects, before = settings.subjects, settings.subjects.performing
+        subjects.performing = "AUTO" if self.everybody else before
         settings.source.forced |= self.force
         state.refused = state.unsure = ""
-        self._job, self._name = job_of(context), take_name(settings.source)
+        try:
+            self._job, self._name = job_of(context), take_name(settings.source)
+        except InputError:
+            subjects.performing = before  # so the button for all of them stays
+            raise
         return partial(label_to_show, self._job)
 
     def _said(self, context, error: UserError) -> UserError:
@@ -210,19 +228,19 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_find_markerset(LabelsTake, bpy.types.Operator):
     """Find out which of the marker sets that are known the take shows, and whether two performers are in it."""
 
-    bl_options = {"INTERNAL"}
+    bl_options = {"INTERNAL", "UNDO"}  # a step of its own, so undoing the next one keeps what was found
     doing = "Looking who is there"
     needs = (lacks_input, nothing_goes_on)
 
     def asked(self, context) -> partial:
         forget_found(context)
-        self._job = job_of(context)
+        self._source = _read_as(context)
+        self._job = job_of(context, anybody())
         return partial(worn_to_show, self._job)
 
     def _show(self, context, found: tuple[list[str], bool, UserError | None]):
         state, (models, several, trouble) = context.window_manager.mocap_autolabel, found
-        now = None if lacks_input(context) else job_of(context)
-        if now is None or any(getattr(now, name) != getattr(self._job, name) for name in ("source", "up", "mirror")):
+        if _read_as(context) != self._source:
             look_who_is_there(context)  # another take was opened meanwhile
             return
         state.unsure = "" if trouble is None else self._said(context, trouble).message
@@ -232,3 +250,9 @@ class MOCAP_AUTOLABEL_OT_find_markerset(LabelsTake, bpy.types.Operator):
             return
         for model in models:
             state.likely.add().name = model
+
+
+def _read_as(context: bpy.types.Context) -> tuple[str, str, str, bool]:
+    """What is opened, and how it was read."""
+    source = context.scene.mocap_autolabel.source
+    return source.points_path, source.blobs_path, source.up, source.mirror
