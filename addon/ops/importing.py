@@ -240,7 +240,8 @@ def _take_folder(context: bpy.types.Context, folder: Path, count: int) -> str:
     """Makes a folder of several takes the one that Label Folder labels."""
     own = context.scene.mocap_autolabel.folder
     forget_take(context)
-    own.path, own.out = str(folder), own.out or str(folder / "labelled")
+    same = not own.path or Path(bpy.path.abspath(own.path)) == folder
+    own.path, own.out = str(folder), own.out if own.out and same else str(folder / "labelled")
     return f"{count_of(count, 'take')} in {folder.name}"
 
 
@@ -318,7 +319,7 @@ def forget_take(context: bpy.types.Context):
         remove_preview(preview)
         opened.forget()
     settings.source.blobs_path = settings.source.points_path = context.window_manager.mocap_autolabel.refused = ""
-    settings.source.forced, settings.folder.path = False, ""
+    settings.source.forced = False
     forget_found(context)
     refresh_review(context.window_manager, context.scene)
 

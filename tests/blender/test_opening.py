@@ -116,7 +116,13 @@ def test_a_folder_of_several_takes_is_label_folders(settings, room, tmp_path):
     assert (settings.folder.path, settings.folder.out) == (str(tmp_path), str(tmp_path / "labelled"))
     assert not settings.source.points_path
     opened(tmp_path, "one.c3d")
-    assert not settings.folder.path
+    assert settings.folder.path == str(tmp_path)
+    settings.folder.out = "mine"
+    opened(tmp_path)
+    assert settings.folder.out == "mine"
+    other = shutil.copytree(tmp_path, tmp_path / "other")
+    opened(other)
+    assert (settings.folder.path, settings.folder.out) == (str(other), str(other / "labelled"))
 
 
 def test_what_is_none_of_these_is_one_sentence(settings, room, tmp_path):
