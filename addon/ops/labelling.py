@@ -30,6 +30,7 @@ from ..props import (
     choose_model,
     chosen_markerset,
     colours_asked,
+    found_here,
     frames_wanted,
     refresh_review,
     subjects_asked,
@@ -65,8 +66,8 @@ def job_of(context: bpy.types.Context, asked: dict | None = None) -> LabelJob:
     settings = context.scene.mocap_autolabel
     given, labelling, own = settings.source, settings.labelling, settings.labelling.body if asked is None else None
     asked = asked or subjects_asked(settings.subjects)
-    if asked["model"] == AUTO_MODEL and settings.subjects.found:
-        asked |= {"model": settings.subjects.found, "own": None}
+    if asked["model"] == AUTO_MODEL and (found := found_here(settings.subjects)):
+        asked |= {"model": found, "own": None}
     points = bool(given.points_path)
     if not points and not given.blobs_path:
         raise InputError("no blobs are chosen; expected a file of camera blobs")
@@ -238,13 +239,13 @@ class MOCAP_AUTOLABEL_OT_find_markerset(LabelsTake, bpy.types.Operator):
         self._job = job_of(context, anybody())
         return partial(worn_to_show, self._job)
 
-    def _show(self, context, found: tuple[list[str], bool, UserError | None]):
-        state, (models, several, trouble) = context.window_manager.mocap_autolabel, found
+    def _show(self, context, found: tuple[list[str], bool, bool, UserError | None]):
+        state, (models, sure, several, trouble) = context.window_manager.mocap_autolabel, found
         if _read_as(context) != self._source:
             look_who_is_there(context)  # another take was opened meanwhile
             return
         state.unsure = "" if trouble is None else self._said(context, trouble).message
-        if len(models) == 1:
+        if sure:
             context.scene.mocap_autolabel.subjects.found = models[0]
             state.crowded = written(str(self._job.source)) if several else ""
             return
