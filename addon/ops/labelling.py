@@ -46,7 +46,7 @@ from ..scene.roots import in_world
 from ..scene.take import Take
 from .base import lacks_object_mode, once, takes_of_file
 from .filling import fills_kept, kept_before
-from .importing import cameras_at_hand, forget_found, look_who_is_there
+from .importing import UP_ITEMS, cameras_at_hand, forget_found, look_who_is_there
 from .live import changed_since_live
 from .long_work import LongWork, nothing_goes_on
 from .reposing import follow_soon
@@ -106,7 +106,7 @@ def choose_job(settings: SceneSettings, job: LabelJob, ends: tuple[int, int]):
     """
     source, subjects, labelling, file = settings.source, settings.subjects, settings.labelling, str(job.source)
     source.points_path, source.blobs_path = (file, "") if job.use == USE_POINTS else ("", file)
-    source.up, source.blob_count, source.trajectories = job.up or "", 0, 0
+    source.up, source.up_found, source.blob_count, source.trajectories = job.up or "", UP_ITEMS[0][1], 0, 0
     source.mirror, source.forced, source.rate = job.mirror, job.force, job.rate or source.rate
     source.first_frame, source.last_frame = ends
     labelling.use_range, (labelling.range_first, labelling.range_last) = True, job.frames
@@ -143,6 +143,12 @@ def lacks_input(context: bpy.types.Context) -> str:
     return "" if source.blobs_path else "Open the blobs first, or 3D points"
 
 
+def in_sidebar(words: str, ask: str = ASK_HERE) -> str:
+    """A sentence of the command line with the sidebar's words for what can be done; `ask` is how to ask for several."""
+    words = words.replace(HOW_TO_ASK, ask).replace(HOW_TO_MIRROR, MIRROR_HERE)
+    return words.replace(HOW_TO_TURN, TURN_HERE).replace(HOW_TO_CHOOSE, CHOOSE_HERE)
+
+
 class LabelsTake(LongWork):
     """Operators that label by their `_job`, and show the take as the scene's settings have it, under their `_name`."""
 
@@ -150,9 +156,7 @@ class LabelsTake(LongWork):
 
     def _said(self, _context, error: UserError) -> UserError:
         """What it is refused for, with the button's words for what can be done about it."""
-        words = error.message.replace(HOW_TO_ASK, ASK_HERE).replace(HOW_TO_MIRROR, MIRROR_HERE)
-        words = words.replace(HOW_TO_TURN, TURN_HERE).replace(HOW_TO_CHOOSE, CHOOSE_HERE)
-        return type(error)(words, error.file or self._job.source, error.line)
+        return type(error)(in_sidebar(error.message), error.file or self._job.source, error.line)
 
     def _show(self, context, found: tuple[Labelled, tuple[Change, ...] | None]) -> set[str]:
         job, (labelled, _) = self._job, found
