@@ -137,6 +137,13 @@ def test_a_labelled_take_and_another_that_is_opened_are_told_apart(settings, tmp
     assert "'Label Again'" in drawn_in_take(monkeypatch)
 
 
+def test_an_own_set_that_was_found_can_be_trained_on(settings, tmp_path):
+    layout = MagicMock()
+    settings.subjects.found = shutil.copy(markerset_file("gait15"), tmp_path / f"house{SUFFIX}").as_posix()
+    ours("ui.advanced")._draw_training(layout, bpy.context)
+    assert "Train the Chosen One On" in str(layout.mock_calls)
+
+
 def test_why_no_set_was_found_is_told_in_the_card(settings, tmp_path):
     state = bpy.context.window_manager.mocap_autolabel
     write_c3d(tmp_path / "three.c3d", standing(np.eye(3)))
