@@ -36,7 +36,7 @@ from .scene.performers import Colour, homes, set_colour, usual_colour
 from .scene.preview import hide_preview
 from .scene.redrawing import redraw
 from .scene.relabelled import kept_changes
-from .scene.take import is_take
+from .scene.take import SOURCE, is_take
 from .scene.trouble import is_quick, marker_rows, trouble_of
 
 OWN_FILE = "FILE"
@@ -559,10 +559,16 @@ class ReviewState(bpy.types.PropertyGroup):
     picked_with: StringProperty()
 
 
+def found_here(asked: SubjectSettings | PerformerRow) -> str:
+    """The name or path of the marker set that Automatic found, where it is at hand: a file may name one that is not."""
+    found = getattr(asked, "found", "")
+    return found if not found.endswith(SUFFIX) or Path(found).is_file() else ""
+
+
 def chosen_model(asked: SubjectSettings | PerformerRow) -> str:
     """The name or path of the marker set that is chosen for all, or for a performer; InputError without one."""
     if asked.markerset == AUTO_MODEL:
-        if found := getattr(asked, "found", ""):
+        if found := found_here(asked):
             return found
         raise InputError("Automatic finds what a take of one performer shows; expected a marker set from the list")
     if asked.markerset not in (OWN_FILE, ""):
@@ -579,8 +585,7 @@ def subjects_asked(subjects: SubjectSettings) -> dict:
     if subjects.performing != "LISTED":
         count = {"ONE": 1, "AUTO": AUTO}.get(subjects.performing, subjects.performer_count)
         if subjects.markerset == AUTO_MODEL and count == 1:
-            own = markerset_folder()
-            return {"model": AUTO_MODEL, "own": own if own.is_dir() else None, "subjects": count, "wearers": ()}
+            return anybody()
         return {"model": chosen_model(subjects), "subjects": count, "wearers": ()}
     rows = subjects.performers
     if not len(rows):
@@ -594,6 +599,12 @@ def subjects_asked(subjects: SubjectSettings) -> dict:
         raise InputError("two performers have the same name; expected a name for each")
     wearers = tuple((row.name, chosen_model(row)) for row in rows)
     return {"model": wearers[0][1], "subjects": 1, "wearers": wearers}
+
+
+def anybody() -> dict:
+    """The same for one who wears any of the marker sets that are known."""
+    own = markerset_folder()
+    return {"model": AUTO_MODEL, "own": own if own.is_dir() else None, "subjects": 1, "wearers": ()}
 
 
 def row_of(subjects: SubjectSettings, name: str) -> SubjectSettings | PerformerRow:
@@ -613,8 +624,13 @@ def chosen_markerset(asked: SubjectSettings | PerformerRow):
 
 
 def know_markerset(settings: SceneSettings, scene: bpy.types.Scene):
-    """Notes what the active take was labelled by, where that is at hand and nothing is found, as found."""
-    if settings.subjects.found or not is_take(settings.take):
+    """Notes what the active take was labelled by, where that is at hand and nothing is found, as found.
+
+    Not where another take is opened.
+    """
+    if found_here(settings.subjects) or not is_take(settings.take):
+        return
+    if opened_file(settings.source) not in ("", settings.take[SOURCE]):
         return
     model, *others = {one.model for one in opened.take(settings.take, scene).performers}
     own = markerset_folder() / f"{model}{SUFFIX}"
@@ -624,7 +640,7 @@ def know_markerset(settings: SceneSettings, scene: bpy.types.Scene):
 
 def own_model(asked: SubjectSettings) -> str | None:
     """The path of the chosen marker set, where it is one of the user's own."""
-    model = asked.found if asked.markerset == AUTO_MODEL else chosen_model(asked)
+    model = found_here(asked) if asked.markerset == AUTO_MODEL else chosen_model(asked)
     return model if asked.markerset == OWN_FILE or model.endswith(SUFFIX) else None
 
 
@@ -650,6 +666,17 @@ def frames_wanted(labelling: LabellingSettings) -> tuple[int, int] | None:
         words = f"frames {labelling.range_first} to {labelling.range_last} are none"
         raise InputError(f"{words}; expected the first before the last")
     return labelling.range_first, labelling.range_last
+
+
+def opened_file(source: SourceSettings) -> str:
+    """The file that is opened, as takes tell theirs; empty for none."""
+    path = source.points_path or source.blobs_path
+    return written(str(Path(bpy.path.abspath(path)))) if path else ""
+
+
+def is_opened(settings: SceneSettings) -> bool:
+    """Whether the active take, which there is, is what was made of the opened file."""
+    return opened_file(settings.source) == settings.take[SOURCE] != ""
 
 
 def take_name(source: SourceSettings) -> str:

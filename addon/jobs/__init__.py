@@ -44,14 +44,14 @@ def label_to_show(
     return labelled, changed
 
 
-def worn_to_show(job: LabelJob) -> Generator[Progress, None, tuple[list[str], bool, UserError | None]]:
+def worn_to_show(job: LabelJob) -> Generator[Progress, None, tuple[list[str], bool, bool, UserError | None]]:
     """What the sidebar tells of a take before it is labelled, as `find_worn`; or why it can tell nothing."""
     from .labelling import find_worn
 
     try:
         return *(yield from find_worn(job, _kind_of)), None
     except UserError as error:
-        return [], False, error
+        return [], False, False, error
 
 
 def _kind_of(job: LabelJob) -> "type[OpenTake]":

@@ -265,7 +265,7 @@ def _find_model(job: LabelJob, take: Points) -> Generator[Progress, None, tuple[
 
 
 def find_worn(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> Generator[Progress, None, tuple]:
-    """What can be told of a take before it is labelled: the known models that it may wear, and whether two wear it.
+    """What can be told of a take before it is labelled: known models that it may wear, if that is sure, if two wear it.
 
     There is one model where that is sure, else those of a user come first. Raises UserError where there is none.
     """
@@ -273,12 +273,12 @@ def find_worn(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> G
         take = kind_of(job).shown(job, read)
         worn, likely = yield from _worn_in(job, take)
         if worn is None:
-            return sorted(likely.values(), key=lambda name: name in builtin_markersets()), False
+            return sorted(likely.values(), key=lambda name: name in builtin_markersets()), False, False
         try:
             refuse_two_groups(worn, take.in_order(evenly_spread(len(take.xyz), FRAMES_ASKED)).xyz)
         except SubjectsError:
-            return [likely[worn]], True
-    return [likely[worn]], False
+            return [likely[worn]], True, True
+    return [likely[worn]], True, False
 
 
 def label_take(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> Generator[Progress, None, Labelled]:

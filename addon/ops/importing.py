@@ -240,16 +240,18 @@ def _take_folder(context: bpy.types.Context, folder: Path, count: int) -> str:
     """Makes a folder of several takes the one that Label Folder labels."""
     own = context.scene.mocap_autolabel.folder
     forget_take(context)
-    own.path, own.out = str(folder), own.out or str(folder / "labelled")
+    same = not own.path or Path(bpy.path.abspath(own.path)) == folder
+    own.path, own.out = str(folder), own.out if own.out and same else str(folder / "labelled")
     return f"{count_of(count, 'take')} in {folder.name}"
 
 
 def look_who_is_there(context: bpy.types.Context):
     """Has the marker set of the take found, in the window and where none was chosen; a script labels at once."""
-    settings, going = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel.doing
-    open_now = settings.source.points_path or settings.source.blobs_path
-    if open_now and settings.subjects.markerset == AUTO_MODEL and not (bpy.app.background or going):
-        bpy.ops.mocap_autolabel.find_markerset("INVOKE_DEFAULT")
+    subjects, find = context.scene.mocap_autolabel.subjects, bpy.ops.mocap_autolabel.find_markerset
+    wanted = subjects.markerset == AUTO_MODEL and subjects.performing != "LISTED"
+    if wanted and not bpy.app.background and find.poll():
+        with suppress(RuntimeError):  # Label says the same
+            find("INVOKE_DEFAULT")
 
 
 def take_blobs(context: bpy.types.Context, path: Path) -> str:
@@ -317,7 +319,7 @@ def forget_take(context: bpy.types.Context):
         remove_preview(preview)
         opened.forget()
     settings.source.blobs_path = settings.source.points_path = context.window_manager.mocap_autolabel.refused = ""
-    settings.source.forced, settings.folder.path = False, ""
+    settings.source.forced = False
     forget_found(context)
     refresh_review(context.window_manager, context.scene)
 

@@ -10,7 +10,6 @@ from bpy.props import IntProperty
 
 from ..core.data.errors import InputError, UserError
 from ..core.geometry.cameras import Cameras
-from ..core.points.refusals import HOW_TO_ASK
 from ..io.batch import FAILING, TakeRow, read_table
 from ..io.cameras import write_cameras
 from ..io.scratch import naming_scratch, scratch_folder
@@ -21,6 +20,7 @@ from ..scene import cameras as scene_cameras
 from ..scene.redrawing import redraw
 from .base import Ours, unless
 from .importing import cameras_at_hand
+from .labelling import in_sidebar
 
 FOLLOWED_EVERY = 0.5  # s between two looks at what the process wrote
 
@@ -143,7 +143,7 @@ def show_batch():
 
 def _row(row: TakeRow) -> tuple:
     """What the list shows of a take."""
-    reason = written(row.reason).replace(HOW_TO_ASK, "by How Many")
+    reason = in_sidebar(written(row.reason), ask="by How Many")
     counts = row.measured, row.trouble, row.on_body, -1.0 if row.named is None else row.named, row.found
     return written(row.take), row.state, reason, round(row.at_stake), *counts
 

@@ -19,12 +19,23 @@ from ..core.points.handedness import HOW_TO_MIRROR
 from ..core.points.refusals import HOW_TO_ASK
 from ..core.points.several.wearers import AUTO
 from ..core.review.changes import Change, summary_of_changes
-from ..io.markersets import AUTO_MODEL, open_markerset
+from ..io.markersets import AUTO_MODEL
 from ..io.qtm.capture import USE_BLOBS, USE_POINTS
 from ..io.text import written
 from ..jobs import LabelJob, Labelled, label_to_show, worn_to_show
 from ..jobs.job import occlusion_here
-from ..props import SceneSettings, choose_model, colours_asked, frames_wanted, refresh_review, subjects_asked, take_name
+from ..props import (
+    SceneSettings,
+    anybody,
+    choose_model,
+    chosen_markerset,
+    colours_asked,
+    found_here,
+    frames_wanted,
+    refresh_review,
+    subjects_asked,
+    take_name,
+)
 from ..scene import cameras as scene_cameras
 from ..scene.corrections import kept_edits
 from ..scene.occlusion import meshes_on, occlusion_of
@@ -35,7 +46,7 @@ from ..scene.roots import in_world
 from ..scene.take import Take
 from .base import lacks_object_mode, once, takes_of_file
 from .filling import fills_kept, kept_before
-from .importing import cameras_at_hand, forget_found, look_who_is_there
+from .importing import UP_ITEMS, cameras_at_hand, forget_found, look_who_is_there
 from .live import changed_since_live
 from .long_work import LongWork, nothing_goes_on
 from .reposing import follow_soon
@@ -47,20 +58,24 @@ CHOOSE_HERE = "under Marker Set, as"
 TURN_HERE = "by Up, under Take, as"
 
 
-def job_of(context: bpy.types.Context) -> LabelJob:
-    """What the scene's settings ask for, of blobs or of points; InputError when something is missing."""
+def job_of(context: bpy.types.Context, asked: dict | None = None) -> LabelJob:
+    """What the scene's settings ask for, of blobs or of points; InputError when something is missing.
+
+    Who is `asked` for may be otherwise than by the settings, as by `subjects_asked`.
+    """
     settings = context.scene.mocap_autolabel
-    given, labelling, asked = settings.source, settings.labelling, subjects_asked(settings.subjects)
-    if asked["model"] == AUTO_MODEL and settings.subjects.found:
-        asked |= {"model": settings.subjects.found, "own": None}
+    given, labelling, own = settings.source, settings.labelling, settings.labelling.body if asked is None else None
+    asked = asked or subjects_asked(settings.subjects)
+    if asked["model"] == AUTO_MODEL and (found := found_here(settings.subjects)):
+        asked |= {"model": found, "own": None}
     points = bool(given.points_path)
     if not points and not given.blobs_path:
         raise InputError("no blobs are chosen; expected a file of camera blobs")
     source = Path(bpy.path.abspath(given.points_path or given.blobs_path))
     # The meshes on the skeleton that the user named, else those of the marker sets' capsules, as of several.
-    own, body = labelling.body, None
+    body = None
     if own is not None and not points and labelling.occlusion == "bvh" and settings.subjects.performing == "ONE":
-        body = occlusion_of(context, own, meshes_on(own, context.scene), open_markerset(asked["model"]))
+        body = occlusion_of(context, own, meshes_on(own, context.scene), chosen_markerset(settings.subjects))
     return LabelJob(
         source=source,
         cameras=None if points else scene_cameras.cameras_of(given.cameras, context.scene),
@@ -91,7 +106,7 @@ def choose_job(settings: SceneSettings, job: LabelJob, ends: tuple[int, int]):
     """
     source, subjects, labelling, file = settings.source, settings.subjects, settings.labelling, str(job.source)
     source.points_path, source.blobs_path = (file, "") if job.use == USE_POINTS else ("", file)
-    source.up, source.blob_count, source.trajectories = job.up or "", 0, 0
+    source.up, source.up_found, source.blob_count, source.trajectories = job.up or "", UP_ITEMS[0][1], 0, 0
     source.mirror, source.forced, source.rate = job.mirror, job.force, job.rate or source.rate
     source.first_frame, source.last_frame = ends
     labelling.use_range, (labelling.range_first, labelling.range_last) = True, job.frames
@@ -128,6 +143,12 @@ def lacks_input(context: bpy.types.Context) -> str:
     return "" if source.blobs_path else "Open the blobs first, or 3D points"
 
 
+def in_sidebar(words: str, ask: str = ASK_HERE) -> str:
+    """A sentence of the command line with the sidebar's words for what can be done; `ask` is how to ask for several."""
+    words = words.replace(HOW_TO_ASK, ask).replace(HOW_TO_MIRROR, MIRROR_HERE)
+    return words.replace(HOW_TO_TURN, TURN_HERE).replace(HOW_TO_CHOOSE, CHOOSE_HERE)
+
+
 class LabelsTake(LongWork):
     """Operators that label by their `_job`, and show the take as the scene's settings have it, under their `_name`."""
 
@@ -135,9 +156,7 @@ class LabelsTake(LongWork):
 
     def _said(self, _context, error: UserError) -> UserError:
         """What it is refused for, with the button's words for what can be done about it."""
-        words = error.message.replace(HOW_TO_ASK, ASK_HERE).replace(HOW_TO_MIRROR, MIRROR_HERE)
-        words = words.replace(HOW_TO_TURN, TURN_HERE).replace(HOW_TO_CHOOSE, CHOOSE_HERE)
-        return type(error)(words, error.file or self._job.source, error.line)
+        return type(error)(in_sidebar(error.message), error.file or self._job.source, error.line)
 
     def _show(self, context, found: tuple[Labelled, tuple[Change, ...] | None]) -> set[str]:
         job, (labelled, _) = self._job, found
@@ -190,11 +209,15 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
     def asked(self, context) -> partial:
         """The labelling; what the take is refused for stays beside the button where something can be done about it."""
         settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
-        if self.everybody:
-            settings.subjects.performing = "AUTO"
+        subjects, before = settings.subjects, settings.subjects.performing
+        subjects.performing = "AUTO" if self.everybody else before
         settings.source.forced |= self.force
         state.refused = state.unsure = ""
-        self._job, self._name = job_of(context), take_name(settings.source)
+        try:
+            self._job, self._name = job_of(context), take_name(settings.source)
+        except InputError:
+            subjects.performing = before  # so the button for all of them stays
+            raise
         return partial(label_to_show, self._job)
 
     def _said(self, context, error: UserError) -> UserError:
@@ -210,25 +233,31 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
 class MOCAP_AUTOLABEL_OT_find_markerset(LabelsTake, bpy.types.Operator):
     """Find out which of the marker sets that are known the take shows, and whether two performers are in it."""
 
-    bl_options = {"INTERNAL"}
+    bl_options = {"INTERNAL", "UNDO"}  # a step of its own, so undoing the next one keeps what was found
     doing = "Looking who is there"
     needs = (lacks_input, nothing_goes_on)
 
     def asked(self, context) -> partial:
         forget_found(context)
-        self._job = job_of(context)
+        self._source = _read_as(context)
+        self._job = job_of(context, anybody())
         return partial(worn_to_show, self._job)
 
-    def _show(self, context, found: tuple[list[str], bool, UserError | None]):
-        state, (models, several, trouble) = context.window_manager.mocap_autolabel, found
-        now = None if lacks_input(context) else job_of(context)
-        if now is None or any(getattr(now, name) != getattr(self._job, name) for name in ("source", "up", "mirror")):
+    def _show(self, context, found: tuple[list[str], bool, bool, UserError | None]):
+        state, (models, sure, several, trouble) = context.window_manager.mocap_autolabel, found
+        if _read_as(context) != self._source:
             look_who_is_there(context)  # another take was opened meanwhile
             return
         state.unsure = "" if trouble is None else self._said(context, trouble).message
-        if len(models) == 1:
+        if sure:
             context.scene.mocap_autolabel.subjects.found = models[0]
             state.crowded = written(str(self._job.source)) if several else ""
             return
         for model in models:
             state.likely.add().name = model
+
+
+def _read_as(context: bpy.types.Context) -> tuple[str, str, str, bool]:
+    """What is opened, and how it was read."""
+    source = context.scene.mocap_autolabel.source
+    return source.points_path, source.blobs_path, source.up, source.mirror

@@ -16,7 +16,7 @@ from ..io.text import json_text
 from ..io.whole import whole_file
 from ..jobs.quality import judge_placement
 from ..prefs import markerset_folder
-from ..props import OWN_FILE, chosen_markerset, keeps_items
+from ..props import OWN_FILE, chosen_markerset, chosen_model, keeps_items
 from ..scene import naming
 from ..scene.armature import armature_of
 from ..scene.markerset_edit import (
@@ -68,11 +68,9 @@ class MOCAP_AUTOLABEL_OT_edit_markerset(Ours, bpy.types.Operator):
     needs = (lacks_object_mode,)
 
     def work(self, context):
-        settings = context.scene.mocap_autolabel
-        markerset = chosen_markerset(settings.subjects)
-        subjects = settings.subjects
-        source = subjects.markerset_path if subjects.markerset == OWN_FILE else subjects.markerset
-        show_markerset(context, markerset, source)
+        subjects = context.scene.mocap_autolabel.subjects
+        source = subjects.markerset_path if subjects.markerset == OWN_FILE else chosen_model(subjects)
+        show_markerset(context, chosen_markerset(subjects), source)
 
 
 class MOCAP_AUTOLABEL_OT_reattach(Laid, bpy.types.Operator):

@@ -13,7 +13,7 @@ from ..core.data.takes import NO_MARKER
 from ..core.edits.kinds import AssignPoint, Edit, Swap
 from ..core.points.several.wearers import MAX_SUBJECTS, as_compared, is_subject_name
 from ..io.markersets import AUTO_MODEL, SUFFIX
-from ..props import OWN_FILE, USUAL_MARKERSET, choose_model, keeps_items
+from ..props import OWN_FILE, USUAL_MARKERSET, choose_model, found_here, keeps_items
 from ..scene.opened import opened
 from ..scene.performers import homes, usual_colour
 from ..scene.stored import Stored
@@ -35,7 +35,7 @@ class MOCAP_AUTOLABEL_OT_add_performer(Ours, bpy.types.Operator):
     def work(self, context):
         subjects = context.scene.mocap_autolabel.subjects
         # As the marker set is called, where that is a person's own.
-        path = {OWN_FILE: subjects.markerset_path, AUTO_MODEL: subjects.found or USUAL_MARKERSET}.get(
+        path = {OWN_FILE: subjects.markerset_path, AUTO_MODEL: found_here(subjects) or USUAL_MARKERSET}.get(
             subjects.markerset, subjects.markerset
         )
         own = Path(bpy.path.abspath(path)).name.removesuffix(SUFFIX) if path.endswith(SUFFIX) else ""

@@ -5,9 +5,9 @@ import bpy
 
 from ..core.data.wording import count_of
 from ..io.batch import AT_WORK, FAILING, WAITING
-from ..io.markersets import SUFFIX
+from ..io.markersets import AUTO_MODEL, SUFFIX
 from ..ops.importing import cameras_at_hand
-from ..props import OWN_FILE
+from ..props import OWN_FILE, found_here
 from ..scene import naming
 from ..scene.cameras import camera_name, kept_health, kept_refinement
 from ..scene.markerset_edit import changed_since, edited_collection, kept_report
@@ -129,7 +129,9 @@ def _draw_training(layout: bpy.types.UILayout, context):
         draw_list(layout, training, "takes")
         chosen = training.takes[min(training.take_index, len(training.takes) - 1)]
         layout.label(text=count_of(chosen.markers, "named marker"))
-    own = settings.subjects.markerset == OWN_FILE or settings.subjects.markerset.endswith(SUFFIX)
+    subjects = settings.subjects
+    chosen = found_here(subjects) if subjects.markerset == AUTO_MODEL else subjects.markerset
+    own = chosen == OWN_FILE or chosen.endswith(SUFFIX)
     if own:
         layout.prop(training, "train_on", text="Train the Chosen One On")
     if not (own and training.train_on):

@@ -10,13 +10,12 @@ from ..core.data.errors import InputError
 from ..core.data.wording import count_of
 from ..io.markersets import AUTO_MODEL, SUFFIX, builtin_markersets, open_markerset
 from ..io.qtm.capture import is_qtm
-from ..io.text import written
 from ..ops.importing import USE_ITEMS, cameras_at_hand
 from ..ops.reposing import words_behind
 from ..ops.retargeting import active_rig
-from ..props import OWN_FILE
+from ..props import OWN_FILE, found_here, is_opened, opened_file
 from ..scene.performers import homes
-from ..scene.take import fps_of, is_take, plays_at
+from ..scene.take import fps_of, is_take, plays_at, takes_of
 from .advanced import draw_folder
 from .parts import DrawsRows, draw_choice, draw_list, draw_operators, draw_text, fold, panel, shows
 
@@ -28,17 +27,10 @@ def take(layout, context):
     """What is open: nothing, a take and what will be done with it, or, in one line, one that is labelled."""
     settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
     path, labelled = settings.source.points_path or settings.source.blobs_path, is_take(settings.take)
+    if not labelled and takes_of(context.scene):
+        layout.prop(settings, "take", text="Labelled")
     if not (path or labelled):
-        row = layout.row()
-        row.scale_y = 1.6
-        row.operator("mocap_autolabel.import_take", icon="FILE_FOLDER")
-        if settings.folder.path:
-            draw_folder(layout, context)
-        elif cameras_at_hand(context.scene):
-            draw_text(context, layout, f"{_cameras_here(settings)}: open the blobs or pictures of them too", "INFO")
-        elif not state.doing:
-            draw_text(context, layout, f"Or drop files here: {FORMATS}", icon="INFO")
-        _draw_progress(layout, state)
+        _draw_nothing(layout, context, settings, state)
         return
     row = layout.row(align=True)
     if labelled:
@@ -59,6 +51,20 @@ def take(layout, context):
         layout.row(align=True).prop(settings.display, "stage", expand=True)
 
 
+def _draw_nothing(layout: bpy.types.UILayout, context, settings, state):
+    """What to begin with, where nothing is open."""
+    row = layout.row()
+    row.scale_y = 1.6
+    row.operator("mocap_autolabel.import_take", icon="FILE_FOLDER")
+    if settings.folder.path:
+        draw_folder(layout, context)
+    elif cameras_at_hand(context.scene):
+        draw_text(context, layout, f"{_cameras_here(settings)}: open the blobs or pictures of them too", "INFO")
+    elif not state.doing:
+        draw_text(context, layout, f"Or drop files here: {FORMATS}", icon="INFO")
+    _draw_progress(layout, state)
+
+
 def draw_import(self, _context):
     """The entry of the menu File > Import."""
     self.layout.operator("mocap_autolabel.import_take", text="Mocap Take (.c3d, .trc, .csv, .qtm, …)")
@@ -73,7 +79,10 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
     """What a take is, what will be done with it, and the button that does it."""
     settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
     source, subjects, points = settings.source, settings.subjects, settings.source.points_path
+    again = is_take(settings.take) and is_opened(settings)
     column = layout.column(align=True)
+    if is_take(settings.take) and not again:
+        column.label(text=bpy.path.basename(path), icon="FILE")
     frames, cameras = source.last_frame - source.first_frame + 1, _cameras_here(settings)
     words = f"{count_of(frames, 'frame')} at {source.rate:g} Hz"
     if source.blob_count:  # a take that was never read as a whole was not counted
@@ -99,11 +108,7 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
         column.prop(subjects, "markerset_path", text="")
     if subjects.markerset == AUTO_MODEL and subjects.performing != "LISTED":
         _draw_found(context, column, subjects, state)
-    draw_choice(layout, subjects, "performing")
-    if subjects.performing == "SO_MANY":
-        layout.prop(subjects, "performer_count")
-    if subjects.performing == "LISTED":
-        _draw_performers(layout, subjects)
+    _draw_performers(layout, subjects)
     if state.doing:
         return
     row = layout.row(align=True)
@@ -111,17 +116,18 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
     if crowded_here(state, settings):
         row.operator("mocap_autolabel.label", text="Label All Performers", icon="COMMUNITY").everybody = True
     else:
-        row.operator("mocap_autolabel.label", text="Label Again" if is_take(settings.take) else "Label", icon="PLAY")
+        row.operator("mocap_autolabel.label", text="Label Again" if again else "Label", icon="PLAY")
 
 
 def _draw_found(context, layout: bpy.types.UILayout, subjects, state):
     """What Automatic found in the take, or the sets that it may be, a user's own ones first."""
-    if subjects.found:
-        draw_text(context, layout, _set_in_words(subjects.found), icon="CHECKMARK")
+    if found := found_here(subjects):
+        draw_text(context, layout, _set_in_words(found), icon="CHECKMARK")
         if crowded_here(state, context.scene.mocap_autolabel):
             layout.label(text="Two performers or more", icon="ERROR")
     elif len(state.likely):
-        draw_text(context, layout, "More than one fits. Which was worn?", icon="ERROR")
+        words = "More than one fits. Which was worn?" if len(state.likely) > 1 else "It may be this one. Was it worn?"
+        draw_text(context, layout, words, icon="ERROR")
         for one in state.likely:
             text = Path(one.name).name.removesuffix(SUFFIX)
             choose = layout.operator("wm.context_set_enum", text=text)
@@ -158,12 +164,16 @@ def _draw_refused(layout: bpy.types.UILayout, context, state: bpy.types.Property
 
 def crowded_here(state: bpy.types.PropertyGroup, settings: bpy.types.PropertyGroup) -> bool:
     """Whether the take that is chosen was found to show more people than the one who is asked for."""
-    source = settings.source.points_path or settings.source.blobs_path
-    return settings.subjects.performing == "ONE" and state.crowded == written(str(Path(bpy.path.abspath(source))))
+    return settings.subjects.performing == "ONE" and opened_file(settings.source) == state.crowded != ""
 
 
 def _draw_performers(layout: bpy.types.UILayout, subjects: bpy.types.PropertyGroup):
-    """Those who are asked for by name."""
+    """How many are asked for, and who, where that is by name."""
+    draw_choice(layout, subjects, "performing")
+    if subjects.performing == "SO_MANY":
+        layout.prop(subjects, "performer_count")
+    if subjects.performing != "LISTED":
+        return
     row = layout.row()
     draw_list(row, subjects, "performers")
     column = row.column(align=True)

@@ -9,6 +9,7 @@ from ..ops.filling import EXTENTS
 from ..ops.picking import picked_points, selected_markers, words_of_picked
 from ..ops.reposing import words_behind
 from ..ops.reviewing import is_listed, words_for
+from ..props import is_opened
 from ..scene.fills import kept_cutoff
 from ..scene.performers import body_material, homes
 from ..scene.playing import PLAYED, part_here, played_takes, suspects_of, what_is_wrong
@@ -62,7 +63,9 @@ def review(layout, context):
         row.scale_y = 1.4
         row.operator("mocap_autolabel.fill_gaps", text="Fill", icon="KEYTYPE_GENERATED_VEC").extent = "TAKE"
         row.operator("mocap_autolabel.smooth", icon="MOD_SMOOTH")
-        row.operator("mocap_autolabel.label", text="Refit", icon="FILE_REFRESH")
+        refit = row.row(align=True)
+        refit.enabled = is_opened(settings)
+        refit.operator("mocap_autolabel.label", text="Refit", icon="FILE_REFRESH")
         cutoff = kept_cutoff(settings.take)
         row = column.row(align=True)
         row.prop(settings.filling, "cutoff", text="Smooth above (Hz)")

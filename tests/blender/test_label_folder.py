@@ -8,6 +8,10 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
+from addon.core.pipelines.known_sets import HOW_TO_CHOOSE
+from addon.core.pipelines.misfits import HOW_TO_TURN
+from addon.core.points.handedness import HOW_TO_MIRROR
+from addon.core.points.refusals import HOW_TO_ASK
 from addon.io.batch import read_table
 from addon.scene.take import is_take
 
@@ -82,6 +86,14 @@ def test_a_folder_that_is_watched_goes_on_beside_blender_until_it_is_stopped(rea
     assert (state().folder_doing, state().folder_trouble, module.follow()) == ("", "", None)
     assert [row.state for row in read_table(table)] == ["failed", "labelled"]
     assert bpy.ops.mocap_autolabel.label_folder.poll()
+
+
+def test_what_can_be_done_about_a_take_is_told_as_in_the_sidebar(extension):
+    told = {"take": "walk", "state": "failed", "at_stake": 0, "measured": False, "trouble": 0, "on_body": 0}
+    reason = f"expected one, {HOW_TO_CHOOSE} body39; or {HOW_TO_TURN} y; or {HOW_TO_ASK}; or {HOW_TO_MIRROR}"
+    _, _, words, *_ = ours("ops.label_folder")._row(SimpleNamespace(**told, reason=reason, named=None, found=0.0))
+    assert "--" not in words
+    assert "under Marker Set, as body39" in words
 
 
 def test_what_stops_a_folder_is_said(ready, files, tmp_path):

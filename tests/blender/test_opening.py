@@ -2,6 +2,8 @@
 """Open Take, which takes anything, and what the sidebar then tells of it before anything is labelled."""
 
 import shutil
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import bpy
 import numpy as np
@@ -31,6 +33,14 @@ def opened(folder, *names: str):
     """Opens files of a folder, or with no names the folder, as the file browser does."""
     files = [{"name": name} for name in names]
     assert bpy.ops.mocap_autolabel.import_take(directory=str(folder), files=files) == {"FINISHED"}
+
+
+def drawn_in_take(monkeypatch) -> str:
+    """All that the panel Take asks Blender to draw."""
+    panels, layout = ours("ui.panels"), MagicMock()
+    monkeypatch.setattr(panels, "draw_text", MagicMock())
+    panels.take.draw(SimpleNamespace(layout=layout), bpy.context)
+    return str(layout.mock_calls)
 
 
 def test_panels_are_few_and_a_person_sees_those_of_one_stage(extension, settings):
@@ -87,6 +97,53 @@ def test_where_two_sets_fit_both_are_offered_an_own_one_first_and_none_is_taken(
     refused("as well as", "label")
 
 
+@pytest.mark.parametrize("sure", [True, False])
+def test_a_set_that_is_not_sure_is_offered_and_not_taken(settings, tmp_path, monkeypatch, sure):
+    write_c3d(tmp_path / "one.c3d", standing(drawn("body39")))
+    opened(tmp_path, "one.c3d")
+
+    def one(_take, models):
+        yield from ()
+        [worn] = (model for model in models if model.markerset.name == "body39")
+        return worn if sure else None, [worn]
+
+    monkeypatch.setattr(ours("jobs.labelling"), "set_worn", one)
+    assert bpy.ops.mocap_autolabel.find_markerset() == {"FINISHED"}
+    assert settings.subjects.found == ("body39" if sure else "")
+    assert [one.name for one in bpy.context.window_manager.mocap_autolabel.likely] == ([] if sure else ["body39"])
+
+
+def test_a_labelled_take_and_another_that_is_opened_are_told_apart(settings, tmp_path, monkeypatch):
+    props, state = ours("props"), bpy.context.window_manager.mocap_autolabel
+    for name in ("body39", "gait15"):
+        write_c3d(tmp_path / f"{name}.c3d", standing(drawn(name)))
+    opened(tmp_path, "body39.c3d")
+    settings.subjects.markerset = "body39"
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    first, settings.subjects.markerset = settings.take, "auto"
+    assert props.is_opened(settings)
+    opened(tmp_path, "gait15.c3d")
+    assert "'Labelled'" in drawn_in_take(monkeypatch)
+    settings.take, state.unfolded = first, True
+    assert not props.is_opened(settings)
+    assert "'Label Again'" not in drawn_in_take(monkeypatch)
+    assert "gait15.c3d" in drawn_in_take(monkeypatch)
+    assert not settings.subjects.found
+    settings.subjects.found = str(tmp_path / f"gone{SUFFIX}")
+    assert not props.found_here(settings.subjects)
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert props.is_opened(settings)
+    assert settings.subjects.found == "gait15"
+    assert "'Label Again'" in drawn_in_take(monkeypatch)
+
+
+def test_an_own_set_that_was_found_can_be_trained_on(settings, tmp_path):
+    layout = MagicMock()
+    settings.subjects.found = shutil.copy(markerset_file("gait15"), tmp_path / f"house{SUFFIX}").as_posix()
+    ours("ui.advanced")._draw_training(layout, bpy.context)
+    assert "Train the Chosen One On" in str(layout.mock_calls)
+
+
 def test_why_no_set_was_found_is_told_in_the_card(settings, tmp_path):
     state = bpy.context.window_manager.mocap_autolabel
     write_c3d(tmp_path / "three.c3d", standing(np.eye(3)))
@@ -116,7 +173,13 @@ def test_a_folder_of_several_takes_is_label_folders(settings, room, tmp_path):
     assert (settings.folder.path, settings.folder.out) == (str(tmp_path), str(tmp_path / "labelled"))
     assert not settings.source.points_path
     opened(tmp_path, "one.c3d")
-    assert not settings.folder.path
+    assert settings.folder.path == str(tmp_path)
+    settings.folder.out = "mine"
+    opened(tmp_path)
+    assert settings.folder.out == "mine"
+    other = shutil.copytree(tmp_path, tmp_path / "other")
+    opened(other)
+    assert (settings.folder.path, settings.folder.out) == (str(other), str(other / "labelled"))
 
 
 def test_what_is_none_of_these_is_one_sentence(settings, room, tmp_path):

@@ -61,11 +61,19 @@ def test_the_marker_set_that_automatic_finds_is_told_and_used_until_another_take
     refused("Automatic finds what a take of one performer shows", "edit_markerset")
     settings.subjects.performing = "SO_MANY"
     refused("Automatic finds what a take of one performer shows", "label")
-    settings.subjects.performing = "ONE"
+    refused("Automatic finds what a take of one performer shows", "label", everybody=True)
+    assert settings.subjects.performing == "SO_MANY"
+    assert bpy.ops.mocap_autolabel.find_markerset() == {"FINISHED"}
+    assert settings.subjects.found == "body39"
+    settings.subjects.found, settings.subjects.performing = "", "ONE"
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert settings.subjects.markerset == "auto"
     assert settings.subjects.found == "body39"
     assert bpy.ops.mocap_autolabel.edit_markerset() == {"FINISHED"}
+    own = tmp_path / "mine.markerset.json"
+    assert bpy.ops.mocap_autolabel.save_markerset(filepath=str(own)) == {"FINISHED"}
+    assert own.exists()
+    settings.subjects.markerset = "auto"
     bpy.ops.mocap_autolabel.add_performer()
     assert settings.subjects.performers[0].markerset == "body39"
     bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "one.c3d"))

@@ -314,3 +314,4 @@ def test_what_cannot_be_opened_is_told_and_nothing_changes(long, tmp_path):
     found = str(tmp_path / "elsewhere.c3d")
     assert bpy.ops.mocap_autolabel.open_part(first=FIRST, last=FIRST + 9, filepath=found) == {"FINISHED"}
     assert scene.mocap_autolabel.source.points_path == found
+    assert scene.mocap_autolabel.source.up_found == "As the File Says"
