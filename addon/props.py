@@ -638,10 +638,15 @@ def know_markerset(settings: SceneSettings, scene: bpy.types.Scene):
         settings.subjects.found = model if model in builtin_markersets() else str(own)
 
 
+def wears_own(asked: SubjectSettings) -> bool:
+    """Whether the marker set that is chosen, or that Automatic found, is one of the user's own."""
+    chosen = found_here(asked) if asked.markerset == AUTO_MODEL else asked.markerset
+    return chosen == OWN_FILE or chosen.endswith(SUFFIX)
+
+
 def own_model(asked: SubjectSettings) -> str | None:
     """The path of the chosen marker set, where it is one of the user's own."""
-    model = found_here(asked) if asked.markerset == AUTO_MODEL else chosen_model(asked)
-    return model if asked.markerset == OWN_FILE or model.endswith(SUFFIX) else None
+    return chosen_model(asked) if wears_own(asked) else None
 
 
 def choose_own(asked: SubjectSettings | PerformerRow, path: Path):

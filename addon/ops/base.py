@@ -43,6 +43,11 @@ def reports_trouble(method: Callable[..., set[str]]) -> Callable[..., set[str]]:
     return wraps(method)(with_event if method.__code__.co_argcount > 2 else without)
 
 
+def reason_of(error: RuntimeError) -> str:
+    """Why an operator that was called could not be used, without the word that Blender puts before."""
+    return str(error).removeprefix("Error: ").strip()
+
+
 def unless(holds: Callable[[bpy.types.Context], object], words: str) -> Need:
     """A need: these words where something does not hold."""
     return lambda context: "" if holds(context) else words

@@ -27,7 +27,7 @@ from ..scene import cameras as scene_cameras
 from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
 from ..scene.take import fps_of, frame_shift, give_time, set_time
-from .base import Ours, once, unless
+from .base import Ours, once, reason_of, unless
 from .viewing import MAX_PLACES, fit_timelines, show_take_whole
 
 BLOBS, POINTS = "*.csv;*.qtm", "*.c3d;*.trc;*.csv;*.qtm"
@@ -180,7 +180,7 @@ class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operato
         try:
             bpy.ops.mocap_autolabel.find_blobs("INVOKE_DEFAULT", **given)
         except RuntimeError as error:
-            self.report({"ERROR"}, str(error).removeprefix("Error: ").strip())
+            self.report({"ERROR"}, reason_of(error))
             return {"CANCELLED"}
         return {"FINISHED"}
 

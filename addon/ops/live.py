@@ -24,7 +24,7 @@ from ..io.text import written
 from ..props import SceneSettings, chosen_markerset, chosen_model
 from ..scene.redrawing import redraw
 from ..scene.take import Take
-from .base import Ours, unless
+from .base import Ours, reason_of, unless
 
 if TYPE_CHECKING:
     from ..jobs.live import LiveJob
@@ -138,7 +138,7 @@ def _take_in(stream: WatchedStream):
                 subjects.found = stream.model  # the set that it was named by
             bpy.ops.mocap_autolabel.label("INVOKE_DEFAULT")
     except RuntimeError as error:  # what an operator of ours reports
-        _ended.append(str(error).strip().removeprefix("Error: "))
+        _ended.append(reason_of(error))
 
 
 def leave_live():

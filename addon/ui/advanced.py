@@ -5,9 +5,8 @@ import bpy
 
 from ..core.data.wording import count_of
 from ..io.batch import AT_WORK, FAILING, WAITING
-from ..io.markersets import AUTO_MODEL, SUFFIX
 from ..ops.importing import cameras_at_hand
-from ..props import OWN_FILE, found_here
+from ..props import wears_own
 from ..scene import naming
 from ..scene.cameras import camera_name, kept_health, kept_refinement
 from ..scene.markerset_edit import changed_since, edited_collection, kept_report
@@ -129,9 +128,7 @@ def _draw_training(layout: bpy.types.UILayout, context):
         draw_list(layout, training, "takes")
         chosen = training.takes[min(training.take_index, len(training.takes) - 1)]
         layout.label(text=count_of(chosen.markers, "named marker"))
-    subjects = settings.subjects
-    chosen = found_here(subjects) if subjects.markerset == AUTO_MODEL else subjects.markerset
-    own = chosen == OWN_FILE or chosen.endswith(SUFFIX)
+    own = wears_own(settings.subjects)
     if own:
         layout.prop(training, "train_on", text="Train the Chosen One On")
     if not (own and training.train_on):
