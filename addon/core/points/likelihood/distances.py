@@ -93,6 +93,12 @@ class DistanceConstraints:
         fit *= self.weight[constraint]
         return fit
 
+    @property
+    def usual_sizes(self) -> tuple[float, float, float]:
+        """The sizes of the smallest and the largest of twenty subjects, and of the mean one between them."""
+        far = float(np.exp(2 * self.size_sd))
+        return 1 / far, 1.0, far
+
     def size(self, apart: np.ndarray, known: np.ndarray, markers: int) -> np.ndarray:
         """(N,) the size of the subject of each naming of so many markers; 1 is the mean.
 

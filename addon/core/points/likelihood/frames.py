@@ -11,9 +11,9 @@ from ...data.takes import BY_LIKELIHOOD, Labels
 from .assembling import assemble
 from .calibration import chance, features, kinds, log_odds
 from .model import Known, Likelihood
-from .naming import is_crowded, put_rows, rows_of
+from .naming import is_crowded, is_half, put_rows, rows_of
 from .solving import Solved, solve
-from .starts import START_YAWS, guess
+from .starts import START_YAWS, Guesses, guess
 
 
 @dataclass(frozen=True)
@@ -87,13 +87,19 @@ def solve_frames(known: Known, points: np.ndarray) -> Solved:
     """The best naming of frames of points (F, P, 3) m, NaN where there is none; by rigid bodies if the set has them."""
     if known.rigid_bodies is not None:
         return assemble(known.rigid_bodies, points)
-    crowded = is_crowded(known.fine, np.isfinite(points[..., 0]))
+    there = np.isfinite(points[..., 0])
+    crowded, half = is_crowded(known.fine, there), is_half(known.fine, there)
     solved = Solved.none(len(points), len(known.fine))
-    # Apart, so that what is in other frames changes nothing in one.
-    for rows, guesses in ((np.flatnonzero(~crowded), GUESSES), (np.flatnonzero(crowded), MORE_GUESSES)):
+    # Apart, so that what is in other frames changes nothing in one. Half of a tall person is much like a short one.
+    for some, guesses, sizes in (
+        (~crowded & ~half, GUESSES, (1.0,)),
+        (crowded, MORE_GUESSES, (1.0,)),
+        (half, MORE_GUESSES, known.constraints.usual_sizes),
+    ):
+        rows = np.flatnonzero(some)
         if not len(rows):
             continue
-        put_rows(solved, _solved(known, points[rows], guesses), rows)
+        put_rows(solved, _solved(known, points[rows], guesses, sizes=sizes), rows)
         doubtful = rows[solved.mean_square[rows] > FRAME_NAMING.max_mean_square]
         if len(doubtful):
             again = _solved(known, points[doubtful], MORE_GUESSES, np.pi / START_YAWS)
@@ -102,10 +108,15 @@ def solve_frames(known: Known, points: np.ndarray) -> Solved:
     return solved
 
 
-def _solved(known: Known, points: np.ndarray, guesses: int, first: float = 0.0) -> Solved:
-    """The best naming that any of so many guesses leads to, the first of them looked for from the yaw `first`, rad."""
-    found = guess(known.coarse, known.fine, points, guesses, first)
-    return solve(known.fine, known.constraints, known.exchanges, found, np.isfinite(points[..., 0]))
+def _solved(
+    known: Known, points: np.ndarray, guesses: int, first: float = 0.0, sizes: tuple[float, ...] = (1.0,)
+) -> Solved:
+    """The best naming that any of so many guesses leads to, the first of them looked for from the yaw `first`, rad.
+
+    As many are followed of a subject of each of the `sizes`, 1 the mean.
+    """
+    found = [guess(known.coarse, known.fine, points / size, guesses, first).sized(size) for size in sizes]
+    return solve(known.fine, known.constraints, known.exchanges, Guesses.join(found), np.isfinite(points[..., 0]))
 
 
 @dataclass(frozen=True, eq=False)

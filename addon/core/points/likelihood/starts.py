@@ -5,15 +5,17 @@ Every point is shared among the markers in proportion to their likelihoods (a ma
 all), the shape is fitted to the shares, and so on while the softness falls. No frame knows of another.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 
 from ...geometry.upright import best_yaw, turned
 from ...kernels import point_calls, stands_for
 from .latent import FIRST_MODE, Latent, yaw_absorbed
-from .naming import crowd_density, is_crowded
+from .naming import crowd_density, is_crowded, is_half
 
 TWIN = 1e6  # what takes a solution out of the choice
 
@@ -74,6 +76,15 @@ class Guesses:
     share: np.ndarray
     latent: np.ndarray
 
+    @classmethod
+    def join(cls, parts: Sequence[Self]) -> Self:
+        """The solutions of several searches of the same frames as one's."""
+        return cls(*(np.concatenate([getattr(part, name) for part in parts], axis=1) for name in cls.__annotations__))
+
+    def sized(self, size: float) -> Self:
+        """The same with points so many times as large."""
+        return replace(self, points=self.points * size)
+
 
 def guess(coarse: Latent, fine: Latent, points: np.ndarray, kept: int, first: float = 0.0) -> Guesses:
     """Soft solutions for frames of points (F, P, 3) m, NaN where there is none.
@@ -107,11 +118,11 @@ def guess(coarse: Latent, fine: Latent, points: np.ndarray, kept: int, first: fl
 def _middles(model: Latent, points: np.ndarray, present: np.ndarray) -> np.ndarray:
     """(F, S, 3) m where the subject's middle may be.
 
-    That of all points or, where there are many more of them than markers, also that of the lowest and of the highest
-    part of the cloud as high as the subject.
+    That of all points or, where they are many more than the markers or those of half a body, also that of the lowest
+    and of the highest part of the cloud as high as the subject.
     """
     middle = _mean(points, present)
-    if not is_crowded(model, present).any():
+    if not (is_crowded(model, present) | is_half(model, present)).any():
         return middle[:, None]
     low, high = model.mean[:, 2].min(), model.mean[:, 2].max()
     height = np.where(present, points[..., 2], np.nan)
