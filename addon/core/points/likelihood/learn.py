@@ -47,16 +47,12 @@ CROWD_MARKERS, MAX_CROWD = 3, 80  # up to so many times as there are markers, an
 LEARNED_SHARE = 0.1  # of the time of a calibration, that is over when the trials begin
 
 
-def learn_likelihood(
-    takes: Sequence[tuple[np.ndarray, str]],
-    markers: Sequence[str],
-    seed: int = 0,
-) -> Likelihood:
+def learn_likelihood(takes: Sequence[tuple[np.ndarray, str]], markers: Sequence[str]) -> Likelihood:
     """What labelled takes teach: points (T, M, 3) m, z up, NaN where missing, each with the id of its subject.
 
-    The same seed gives the same result. Raises InputError when the takes do not show the markers together.
+    The same every time. Raises InputError when the takes do not show the markers together.
     """
-    return finished(learning(takes, markers, seed))
+    return finished(learning(takes, markers))
 
 
 def learning(
