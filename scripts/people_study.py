@@ -12,12 +12,11 @@ import numpy as np
 
 from addon.core.body.bodies import Bodies, BodyModel
 from addon.core.body.prior import Prior
-from addon.core.body.sides import UNPAIRED, is_right, other_side
+from addon.core.body.sides import MIRROR, UNPAIRED, is_right, other_side
 from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from addon.core.geometry import rotations
 from addon.core.geometry.rigid import best_turns
 from addon.core.papers.virtual_occlusions.fit import fit_body
-from addon.core.points.likelihood.sides import MIRROR
 from addon.core.posing.posing import aligned, baked, descend_subject, labelled_pull
 from addon.core.training.poses import mirrored_poses, posed_bodies
 from addon.core.training.segments import distance_to_axis

@@ -24,7 +24,7 @@ CORE = ROOT / "addon" / "core"
 DOCS = ROOT / "docs"
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.rglob("*.md"))]
 WRITTEN = [page for page in PAGES if page.name != "CHANGELOG.md" and page.parent != DOCS / "results"]
-MOST_WORDS = 35_000
+MOST_WORDS, MOST_IN_A_SENTENCE = 35_000, 30
 BLENDERS = {"bpy", "addon_utils", "mathutils", "gpu", "blf", "gpu_extras", "bpy_extras"}
 PACKAGE = "mocap_autolabel"
 
@@ -159,6 +159,18 @@ def test_the_papers_are_gone_through_claim_by_claim():
 
 def test_hand_written_pages_are_not_too_long():
     assert sum(len(page.read_text(encoding="utf-8").split()) for page in WRITTEN) <= MOST_WORDS
+
+
+def sentences(page: Path) -> list[str]:
+    """The page's sentences, without code blocks, tables, headings and where links lead."""
+    text = re.sub(r"^```.*?^```$|^[|#][^\n]*$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    bare = re.sub(r"\]\([^)]*\)", "]", text)
+    return re.split(r"(?<=[.!?:])\s|\n\n|\n *(?:[-*]|\d+\.) ", bare)
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *sorted(DOCS.glob("guide/*.md"))], ids=named)
+def test_sentences_for_users_are_short(page):
+    assert [one for one in sentences(page) if len(one.split()) > MOST_IN_A_SENTENCE] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=named)

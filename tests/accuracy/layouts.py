@@ -83,11 +83,9 @@ def model_of(name: str) -> Model:
     return finished(learned(described(open_layout(name), bodies), bodies))[0]
 
 
-def main() -> int:
+def main():
     """Prints how each take was named."""
-    if not STRANGERS.is_dir():
-        print("the recorded people (../shared) are not on this machine", file=sys.stderr)
-        return 1
+    people.need_people()
     models, rows = {}, []
     for name, take in trials():
         model = models[name] = models.get(name) or model_of(name)
@@ -100,8 +98,7 @@ def main() -> int:
         rows.append([name, take.subject, f"{len(worn)} of {len(model.markerset)}", *shares(counts_of(outcome))])
         print(*rows[-1], outcome.refused, file=sys.stderr, flush=True)
     print(markdown(["layout", "take", "markers worn", "labels", "right", "wrong"], rows))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -58,11 +58,9 @@ def fullest(take: people.Take) -> int:
     return int(np.isfinite(take.xyz[..., 0]).sum(axis=1).argmax())
 
 
-def main() -> int:
+def main():
     """Prints how each was named."""
-    if not STRANGERS.is_dir():
-        print("the recorded people (../shared) are not on this machine", file=sys.stderr)
-        return 1
+    people.need_people()
     rows, total = [], np.zeros(3, int)
     for name, frame, tested in trials():
         there = np.isfinite(frame.xyz[0, :, 0])
@@ -83,7 +81,6 @@ def main() -> int:
         print(*rows[-1], outcome.refused, file=sys.stderr, flush=True)
     rows.append(["all", "", *shares(total)])
     print(markdown(["take", "markers", "labels", "right", "wrong"], rows))
-    return 0
 
 
 def counts_of(outcome: Outcome) -> np.ndarray:
@@ -98,4 +95,4 @@ def shares(counts: np.ndarray) -> tuple[str, str, str]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -23,7 +23,7 @@ from addon.core.evaluation.figures import Figures
 from addon.core.points.models import Model
 from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.wearers import AUTO, SeveralOptions, Wearer
-from addon.core.points.whole_take.pipeline import PointOptions, label_points
+from addon.core.points.whole_take.pipeline import PointOptions, label_take
 from addon.core.simulation.simulate import CaptureOptions
 from addon.core.training.takes import LabelledTake
 from addon.io.models import open_model, write_model
@@ -114,8 +114,8 @@ def timed(naming: Callable[[], np.ndarray], nothing: np.ndarray) -> tuple[np.nda
 
 def labelled_points(points: Points, truth: np.ndarray, model: Model) -> Outcome:
     """The outcome of a take of one subject."""
-    work = label_points(points, model, PointOptions("likelihood"))
-    marker, refused, seconds = timed(lambda: finished(work).labels.marker, np.full(points.xyz.shape[:2], -1))
+    work = label_take(points, model, PointOptions("likelihood"))
+    marker, refused, seconds = timed(lambda: finished(work).whole().labels.marker, np.full(points.xyz.shape[:2], -1))
     return of_points(marker, truth, points.rate, refused, seconds)
 
 

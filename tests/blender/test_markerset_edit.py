@@ -78,33 +78,28 @@ def test_what_was_learned_of_markers_is_kept_only_while_they_are_where_they_were
     assert not markerset_edit.is_unmoved(markerset_edit.read_markerset(collection, markerset, "fewer"), markerset)
 
 
-def test_a_marker_attached_to_another_segment_stays_where_it_stands(empty, laid_out):
-    markerset, collection = laid_out
-    item, armature = marker(collection, "LKNE"), armature_of(collection)
-    empty.view_layer.update()
-    before = item.matrix_world.translation.copy()
-    markerset_edit.reattach(item, armature, "l_shank")
-    empty.view_layer.update()
-    np.testing.assert_allclose(item.matrix_world.translation, before, atol=1e-6)
-    found = markerset_edit.read_markerset(collection, markerset, "mine")
-    assert found.skeleton.segments[found.attachment[markerset.index("LKNE")]] == "l_shank"
-    np.testing.assert_allclose(found.rest_markers, markerset.rest_markers, atol=1e-6)
-
-
-def test_blenders_own_parenting_counts_too(empty, laid_out):
-    markerset, collection = laid_out
-    item, armature = marker(collection, "LANK"), armature_of(collection)
-    empty.view_layer.update()
-    before = item.matrix_world.translation.copy()
-    armature.data.bones.active = armature.data.bones["l_thigh"]
+def parented(item, armature, segment):
+    """Hangs a marker on a bone with Blender's own operator."""
+    armature.data.bones.active = armature.data.bones[segment]
     item.select_set(True)
     armature.select_set(True)
-    empty.view_layer.objects.active = armature
+    bpy.context.view_layer.objects.active = armature
     bpy.ops.object.parent_set(type="BONE", keep_transform=True)
+
+
+@pytest.mark.parametrize(
+    ("attach", "name", "segment"), [(markerset_edit.reattach, "LKNE", "l_shank"), (parented, "LANK", "l_thigh")]
+)
+def test_a_marker_attached_to_another_segment_stays_where_it_stands(empty, laid_out, attach, name, segment):
+    markerset, collection = laid_out
+    item = marker(collection, name)
+    empty.view_layer.update()
+    before = item.matrix_world.translation.copy()
+    attach(item, armature_of(collection), segment)
     empty.view_layer.update()
     np.testing.assert_allclose(item.matrix_world.translation, before, atol=1e-6)
     found = markerset_edit.read_markerset(collection, markerset, "mine")
-    assert found.skeleton.segments[found.attachment[markerset.index("LANK")]] == "l_thigh"
+    assert found.skeleton.segments[found.attachment[markerset.index(name)]] == segment
     np.testing.assert_allclose(found.rest_markers, markerset.rest_markers, atol=1e-6)
 
 

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from addon.core.body.sides import mirror_order
 from addon.core.data.takes import Points
 from addon.core.points.handedness import MEND_BLOBS, Handedness, MirroredError
-from addon.core.points.likelihood.sides import mirror_order
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
 from addon.io.points import of_frames, read_points, write_c3d

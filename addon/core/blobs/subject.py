@@ -12,6 +12,7 @@ import numpy as np
 
 from ..body.bodies import Bodies, BodyModel, Posed
 from ..body.prior import Prior
+from ..body.sides import limb_exchanges
 from ..data.markersets import MarkerSet
 from ..data.physical import MARKER_LIMITS
 from ..geometry.cameras import Cameras
@@ -196,21 +197,8 @@ def standing_exchanges(markerset: MarkerSet) -> np.ndarray:
 
     Marker m gets the blobs that had the name of marker order[m].
     """
-    orders = [*_limbs(markerset), *_clusters(markerset)]
+    orders = [*limb_exchanges(markerset.markers, markerset.rest_markers), *_clusters(markerset)]
     return np.unique(np.array(orders, dtype=int).reshape(-1, len(markerset)), axis=0)
-
-
-def _limbs(markerset: MarkerSet) -> Iterator[np.ndarray]:
-    """For every segment off the middle: all that it carries for its mirror image on the other side."""
-    rest, identity = markerset.rest_markers, np.arange(len(markerset))
-    mirror = np.linalg.norm(rest[:, None] * [1, -1, 1] - rest[None], axis=-1).argmin(axis=1)
-    paired = (mirror[mirror] == identity) & (mirror != identity)
-    for carried in markerset.skeleton.carries[np.asarray(markerset.attachment), 1:].T:
-        mine = identity[carried & paired]
-        if len(mine) and not np.isin(mirror[mine], mine).any():
-            order = identity.copy()
-            order[mine], order[mirror[mine]] = mirror[mine], mine
-            yield order
 
 
 def _clusters(markerset: MarkerSet) -> Iterator[np.ndarray]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 MIN_POINTS = 3  # with fewer a turn is not known
+MEAN_ROUNDS = 3  # of laying frames on their mean, which is settled then
 
 
 def laid_on(shape: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -44,12 +45,12 @@ def in_axes(turn: np.ndarray, place: np.ndarray, points: np.ndarray) -> np.ndarr
     return np.einsum("fji,fnj->fni", turn, points - place[:, None])
 
 
-def mean_form(form: np.ndarray, points: np.ndarray, rounds: int = 3) -> np.ndarray:
+def mean_form(form: np.ndarray, points: np.ndarray) -> np.ndarray:
     """The mean (N, 3) of what points (F, N, 3), NaN where missing, form when each frame is laid on the mean.
 
     It lies where `form` (N, 3), the first guess, does; points that are in no frame stay there (Procrustes analysis).
     """
-    for _ in range(rounds):
+    for _ in range(MEAN_ROUNDS):
         back = in_axes(*laid_on(form, points), points)
         seen = np.isfinite(back).all(axis=2)
         total = np.where(seen[..., None], back, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)[:, None]

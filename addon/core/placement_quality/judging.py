@@ -65,7 +65,7 @@ def judge(layout: MarkerLayout, whole: Sequence[Renaming] | None = None) -> Ambi
 
     `whole` are the renamings of limbs and of the whole body to judge, those of `renamings` unless given.
     """
-    whole = renamings(layout.markerset, layout.shape) if whole is None else whole
+    whole = renamings(layout.markerset.markers, layout.shape) if whole is None else whole
     with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
         return _judged(layout, whole)
 

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Whole namings that a cloud may be mistaken for: a limb for the other side's, the body for itself seen from behind."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..data.markersets import MarkerSet
+from ..body.sides import limb_exchanges
 from ..geometry.upright import turned
 from ..points.likelihood.shape import Shape
-from ..points.likelihood.sides import mirror_order
 
 OTHER_SIDE, TURNED_ROUND = "sides", "turn"
 
@@ -32,26 +32,10 @@ class Renaming:
         return np.flatnonzero(self.order != np.arange(len(self.order)))
 
 
-def renamings(markerset: MarkerSet, shape: Shape) -> list[Renaming]:
+def renamings(markers: Sequence[str], shape: Shape) -> list[Renaming]:
     """What to try: every limb with the other side's, and the turns after which the cloud looks most like itself."""
-    return [*_limbs(markerset), *_turns(shape)]
-
-
-def _limbs(markerset: MarkerSet) -> list[Renaming]:
-    order = mirror_order(markerset.markers)
-    if order is None:
-        return []
-    carried = markerset.skeleton.carries[np.asarray(markerset.attachment)].T
-    found = {}
-    for members in map(np.flatnonzero, carried):
-        if len(members) < 2 or np.intersect1d(order[members], members).size:
-            continue
-        both = np.union1d(members, order[members])
-        changed = np.arange(len(order))
-        changed[both] = order[both]
-        found[tuple(both)] = Renaming(OTHER_SIDE, changed, 0.0)
-    found[tuple(range(len(order)))] = Renaming(OTHER_SIDE, order, 0.0)
-    return list(found.values())
+    limbs = [Renaming(OTHER_SIDE, order, 0.0) for order in limb_exchanges(markers, shape.mean)]
+    return [*limbs, *_turns(shape)]
 
 
 def _turns(shape: Shape) -> list[Renaming]:

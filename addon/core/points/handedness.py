@@ -12,12 +12,12 @@ from threadpoolctl import threadpool_limits
 
 from ..body.bodies import BodyModel
 from ..body.prior import Prior
+from ..body.sides import MIRROR, mirror_order
 from ..data.errors import ForceableError
 from ..data.markersets import MarkerSet, Worn
 from ..data.takes import evenly_spread
 from ..geometry.rigid import MIN_POINTS, in_axes, laid_on
 from ..posing.posing import POSING, fit_subject, labelled_pull
-from .likelihood.sides import MIRROR, mirror_order
 from .naming import USUAL_TARGET
 from .refusals import FRAMES_ASKED
 

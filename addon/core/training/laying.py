@@ -12,13 +12,13 @@ import numpy as np
 
 from ..body.bodies import Bodies, BodyModel
 from ..body.prior import Prior
+from ..body.sides import mirror_order
 from ..data.markersets import MarkerSet
 from ..geometry import rotations
 from ..geometry.rigid import MIN_POINTS
 from ..geometry.upright import turned
 from ..papers.virtual_occlusions.fit import fit_body
 from ..papers.virtual_occlusions.placement import GUESSING
-from ..points.likelihood.sides import mirror_order
 from ..posing.posing import labelled_pull
 from .poses import known_poses, posed_bodies
 from .spread import MAJORITY, some_of

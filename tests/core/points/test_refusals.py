@@ -36,7 +36,7 @@ from addon.core.points.several.pipeline import label_several
 from addon.core.points.several.wearers import SeveralOptions
 from addon.core.points.tracklets import cut
 from addon.core.points.unordered import is_unordered, learn_subject
-from addon.core.points.whole_take.pipeline import PointOptions, label_points, label_take
+from addon.core.points.whole_take.pipeline import PointOptions, label_take
 from addon.core.simulation.virtual import Act
 from addon.core.training.segments import segment_markerset
 from addon.io.models import open_model
@@ -292,9 +292,9 @@ def test_what_is_sure_names_the_rest_and_finds_the_marker_worn_elsewhere(clouds,
 def test_the_pipeline_learns_where_nothing_connects_frames(model, clouds):
     points = clouds.points
     assert is_unordered(model, cut(points, HERTZ))
-    work = label_points(anonymous(points, HERTZ), model, PointOptions("likelihood"))
+    work = label_take(anonymous(points, HERTZ), model, PointOptions("likelihood"))
     shares = []
-    chunk = finished(work, lambda progress: shares.append(progress.fraction))
+    chunk = finished(work, lambda progress: shares.append(progress.fraction)).whole()
     assert shares == sorted(shares)
     marker = chunk.labels.marker
     assert (marker == clouds.truth)[clouds.truth >= 0].mean() > 0.98
@@ -319,7 +319,7 @@ def test_trajectories_of_few_frames_have_the_names_of_their_own_frames(model, od
         marker = generator.permutation(15)
         points[frames, columns], truth[frames, columns] = piece[:, marker], marker
         first += len(piece)
-    marker = finished(label_points(anonymous(points, float(rate)), model, PointOptions("likelihood"))).labels.marker
+    marker = labelled(points, float(rate), model).whole().labels.marker
     assert (marker == truth)[marker >= 0].mean() > 0.999
     assert (marker == truth)[truth >= 0].mean() > 0.99
 

@@ -39,7 +39,7 @@ def bottom_up(markers: int, good: Good, own: int | None = None) -> Iterator[tupl
         found |= reached
         yield size, found
         grown = {solver | 1 << new for solver in waiting - reached for new in range(markers) if not solver >> new & 1}
-        waiting = {solver for solver in grown if not _contains_any(solver, found)}
+        waiting = {solver for solver in grown if not any(other & solver == other for other in found)}
 
 
 def top_down(markers: int, good: Good, own: int | None = None) -> Iterator[tuple[int, set[int]]]:
@@ -62,10 +62,6 @@ def top_down(markers: int, good: Good, own: int | None = None) -> Iterator[tuple
             below.update(kept)
         waiting = below
         yield size, found
-
-
-def _contains_any(subset: int, others: set[int]) -> bool:
-    return any(other & subset == other for other in others)
 
 
 def covering(

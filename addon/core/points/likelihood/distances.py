@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from ...geometry.rigid import pairwise_distances
-from .shape import SUBJECT_PRIOR, SubjectPrior
+from .shape import SUBJECT_PRIOR
 
 
 @dataclass(frozen=True)
@@ -112,10 +112,7 @@ class DistanceConstraints:
 
 
 def learn_constraints(
-    subjects: Sequence[np.ndarray],
-    radius: float,
-    images: Sequence[np.ndarray] = (),
-    prior: SubjectPrior = SUBJECT_PRIOR,
+    subjects: Sequence[np.ndarray], radius: float, images: Sequence[np.ndarray] = ()
 ) -> DistanceConstraints:
     """The constraints of labelled clouds, one array (T, M, 3) m a subject, NaN where missing; of mirror images too.
 
@@ -136,6 +133,7 @@ def learn_constraints(
     between = _mean_seen((sized - length) ** 2) * count / np.maximum(count - 1, 1)
     # Mirror images show no other subject.
     others = np.maximum(count * len(subjects) / (len(subjects) + len(images)) - 1, 0)
+    prior = SUBJECT_PRIOR
     guess = (prior.marker_sd_radii * radius) ** 2 + (prior.length_sd * length) ** 2
     between = (others * prior.between**2 * between + guess) / (others + 1)
     sd = np.sqrt(within**2 + between + (CONSTRAINING.min_sd_radii * radius) ** 2)

@@ -6,15 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...body.sides import MIRROR, mirror_order
 from ...data.errors import InputError
 from ...data.progress import finished
+from ...geometry.upright import upright_aligned
 from ...posing.posing import POSING
 from ..rigid_bodies.model import RigidBodies, learn_rigid_bodies
 from .calibration import Calibration, learn_calibration
 from .distances import DistanceConstraints, learn_constraints
 from .model import Likelihood
 from .shape import Shape, as_other_subjects, learn_shape
-from .sides import mirrored
 from .trials import Trial, crowded, make_trial
 from .trying import TrialWork, Trying, in_turn
 
@@ -27,12 +28,15 @@ class LearnOptions:
     max_frames   memory and time: of each fold that are named
     max_labels   memory and time: that are enough of them
     max_hidden   part of the markers that is hidden in a trial; paper: 4 of 15 (partial solvers, table 3), and one more
+    max_mirrored_radii  that the mirrored mean may differ from the mean, where names mean sides; physical: 20 cm, half
+                        of what left and right are apart
     """
 
     min_frames: int = 10
     max_frames: int = 1000
     max_labels: int = 26000
     max_hidden: float = 1 / 3
+    max_mirrored_radii: float = 0.25
 
 
 LEARN = LearnOptions()
@@ -43,16 +47,12 @@ CROWD_MARKERS, MAX_CROWD = 3, 80  # up to so many times as there are markers, an
 LEARNED_SHARE = 0.1  # of the time of a calibration, that is over when the trials begin
 
 
-def learn_likelihood(
-    takes: Sequence[tuple[np.ndarray, str]],
-    markers: Sequence[str],
-    seed: int = 0,
-) -> Likelihood:
+def learn_likelihood(takes: Sequence[tuple[np.ndarray, str]], markers: Sequence[str]) -> Likelihood:
     """What labelled takes teach: points (T, M, 3) m, z up, NaN where missing, each with the id of its subject.
 
-    The same seed gives the same result. Raises InputError when the takes do not show the markers together.
+    The same every time. Raises InputError when the takes do not show the markers together.
     """
-    return finished(learning(takes, markers, seed))
+    return finished(learning(takes, markers))
 
 
 def learning(
@@ -95,9 +95,25 @@ def _by_subject(takes, markers: tuple[str, ...]) -> dict[str, np.ndarray]:
 
 
 def _learn(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int) -> tuple[Shape, DistanceConstraints]:
-    images = mirrored(subjects, markers)
+    images = _mirrored(subjects, markers)
     shape = learn_shape(subjects, seed, images)
     return shape, learn_constraints(subjects, shape.radius, images)
+
+
+def _mirrored(subjects: Sequence[np.ndarray], markers: Sequence[str]) -> list[np.ndarray]:
+    """The mirror images of labelled clouds, one array (T, M, 3) a subject, with the sides' names exchanged.
+
+    Empty where the names have no sides, or where the clouds do not look as if they meant sides.
+    """
+    order = mirror_order(tuple(markers))
+    if order is None:
+        return []
+    mean = learn_shape(subjects).mean
+    image = upright_aligned((mean[order] * MIRROR)[None], mean)[0]
+    differs = np.sqrt(((image - mean) ** 2).sum(axis=1).mean())
+    if differs > LEARN.max_mirrored_radii * np.sqrt((mean**2).sum(axis=1).mean()):
+        return []
+    return [points[:, order] * MIRROR for points in subjects]
 
 
 def _learn_calibration(

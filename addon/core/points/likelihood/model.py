@@ -6,12 +6,12 @@ from functools import cached_property
 
 import numpy as np
 
+from ...body.sides import limb_exchanges
 from ..rigid_bodies.model import RigidBodies
 from .calibration import Calibration
 from .distances import DistanceConstraints
 from .latent import Latent
 from .shape import Shape
-from .sides import limb_exchanges
 from .starts import COARSE_MODES
 
 

@@ -98,7 +98,7 @@ def place(
     found = [_triangles(lengths, base, distance, near) for base in bases]
     which = np.repeat(np.arange(len(bases)), [len(frame) for frame, _ in found])
     if not len(which):
-        return _none(len(points), len(group))
+        return Placements(np.full((len(points), 1, len(group)), NO_POINT), np.full((len(points), 1), -np.inf))
     frame, corners = (np.concatenate(parts) for parts in zip(*found, strict=True))
     whole = _completed(form, np.array(bases), which, points, frame, corners, PLACING.max_marker_m)
     rows = _unique_rows(np.concatenate([frame[:, None], whole], axis=1))
@@ -110,10 +110,6 @@ def _unique_rows(rows: np.ndarray) -> np.ndarray:
     """The different ones of rows (N, K), in their order; several times as fast as NumPy's."""
     rows = rows[np.lexsort(rows.T[::-1])]
     return rows[np.append(True, (rows[1:] != rows[:-1]).any(axis=1))]
-
-
-def _none(frames: int, markers: int) -> Placements:
-    return Placements(np.full((frames, 1, markers), NO_POINT), np.full((frames, 1), -np.inf))
 
 
 def _triangles(

@@ -69,12 +69,10 @@ class Guesses:
 
     points  (F, C, P, 3) m, the frame's points turned and moved as the guess has it, 0 where there is none
     share   (F, C, M, P) how far each point is each marker
-    latent  (F, C, L)
     """
 
     points: np.ndarray
     share: np.ndarray
-    latent: np.ndarray
 
     @classmethod
     def join(cls, parts: Sequence[Self]) -> Self:
@@ -109,10 +107,10 @@ def guess(coarse: Latent, fine: Latent, points: np.ndarray, kept: int, first: fl
     wide = np.zeros((len(rows), fine.size))
     wide[:, : coarse.size] = latent[rows]
     there, ghost = np.repeat(present, kept, axis=0), ghost_density(fine, present)
-    around, latent, share, fitness = softly(fine, ended[rows], there, np.repeat(ghost, kept), wide, STARTS.fine)
+    around, _, share, fitness = softly(fine, ended[rows], there, np.repeat(ghost, kept), wide, STARTS.fine)
     order = np.argsort(-fitness.reshape(frames, -1), axis=1)
     rows = np.arange(frames)[:, None] * order.shape[1] + order
-    return Guesses(around[rows], share[rows], latent[rows])
+    return Guesses(around[rows], share[rows])
 
 
 def _middles(model: Latent, points: np.ndarray, present: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What is said of each subject put together: labels that count the markers of all in a row, what to look at, motion."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -91,13 +91,9 @@ def motion_of_all(
     for subject, first in zip(worn.subjects, worn.firsts, strict=True):
         size = len(subject.model.markerset)
         own = own_labels(labels, first, size)
-        put = {(frame, marker - first): xyz for (frame, marker), xyz in _of_range(places, first, size)}
+        put = {(at, marker - first): xyz for (at, marker), xyz in places.items() if first <= marker < first + size}
         markers = by_marker(take.xyz, own, size, put)
         residual = by_marker(take.residual, own, size, dict.fromkeys(put, 0.0))  # not measured
         given = markers, residual, own, subject.model.markerset, take.frames, options.room
         parts.append(finished(take_motion(*given)))
     return SubjectsMotion.of(parts)
-
-
-def _of_range(places: Mapping, first: int, size: int) -> Iterable[tuple[tuple[int, int], np.ndarray]]:
-    return ((key, place) for key, place in places.items() if first <= key[1] < first + size)

@@ -18,7 +18,7 @@ from ...data.lanes import PACKING
 from ...data.made import Made
 from ...data.progress import Progress, Stage, Steps, in_stages
 from ...data.room import IN_MEMORY, MakeTable
-from ...data.takes import LabelledChunk, Labels, Points, Suspect, Verdict
+from ...data.takes import Labels, Points, Suspect, Verdict
 from ...edits.applying import AppliedEdits, apply_edits, cells_of_take
 from ...edits.kinds import NO_EDITS, Edits
 from ...review.answering import unanswered, without_accepted
@@ -74,11 +74,6 @@ class PointOptions:
     room: MakeTable = IN_MEMORY
     force: bool = False
     traced: bool = False
-
-
-def label_points(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, LabelledChunk]:
-    """All of what `label_take` gives at once: labels (T, L), and the motion frame for frame."""
-    return (yield from label_take(take, model, options)).whole()
 
 
 def label_take(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, LabelledPoints]:

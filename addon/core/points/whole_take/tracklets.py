@@ -235,13 +235,11 @@ class LabelsBetween:
         return np.where(apart[1] < apart[0], after, np.maximum(before, 0)), ~here
 
 
-def labels_between(
-    asked: Labels, frames: np.ndarray, tracklet: np.ndarray, options: LaneOptions = PACKING
-) -> Labels | LabelsBetween:
+def labels_between(asked: Labels, frames: np.ndarray, tracklet: np.ndarray) -> Labels | LabelsBetween:
     """What all frames of tracklets (T, P) say, where only some of them, (F,), were `asked` (F, P) on their own.
 
     A point has the name that its tracklet has in the nearest of those. Of a long take it is worked out when it is
     asked for, some frames at a time.
     """
     between = LabelsBetween.of(asked, frames, tracklet)
-    return between if tracklet.size > options.whole_cells else between.whole()
+    return between if tracklet.size > PACKING.whole_cells else between.whole()

@@ -13,7 +13,7 @@ from addon.core.data.takes import NO_MARKER, Points
 from addon.core.edits.kinds import AssignPoint, Edits
 from addon.core.points.tracklets import VOTE
 from addon.core.points.whole_take.matching import margins, matched
-from addon.core.points.whole_take.pipeline import PointOptions, label_points
+from addon.core.points.whole_take.pipeline import PointOptions, label_take
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model
@@ -107,7 +107,7 @@ def take(model):
 
 
 def labelled(take, model, *edits):
-    return finished(label_points(take, model, PointOptions("likelihood", edits=Edits(edits))))
+    return finished(label_take(take, model, PointOptions("likelihood", edits=Edits(edits)))).whole()
 
 
 def test_a_tie_is_one_question_which_its_own_answer_alone_settles(take, model):
