@@ -55,8 +55,9 @@ class Prior:
         self.height_sd = max(spread.height_sd if height_sd is None else float(height_sd), PRIOR.height_floor_m)
         self.bend_mean = np.asarray(spread.pose_mean, dtype=float)[1:].ravel()
         covariance = np.asarray(spread.pose_covariance, dtype=float)[3:, 3:]
-        stiffness = np.broadcast_to(spread.stiffness, np.shape(spread.pose_covariance))[3:, 3:]
-        self.bend_precision = np.linalg.inv(covariance + bend_floor**2 * np.eye(len(covariance))) + stiffness
+        self.bend_precision = np.linalg.inv(covariance + bend_floor**2 * np.eye(len(covariance)))
+        if spread.stiffness is not None:
+            self.bend_precision += spread.stiffness[3:, 3:]
         # Of S, 1/m²: its mean about the height, each axis about that mean.
         around = np.eye(3) - np.full((3, 3), 1 / 3)
         stretch = (stretch_sd * self.height) ** 2

@@ -21,8 +21,8 @@ STILL_RAD = 0.01  # physical: standard deviation of what a clavicle turns about 
 def finer(markerset: MarkerSet) -> MarkerSet:
     """The set with the joints that its markers can show; itself where they show no more than it has."""
     segments, shoulders = markerset.skeleton.segments, _on_shoulders(markerset)
-    on = np.bincount(markerset.attachment, minlength=len(segments))
-    if not shoulders or min(on[segments.index("thorax")] - len(shoulders), on[segments.index("pelvis")]) < LEAST_MARKERS:
+    on = dict(zip(segments, np.bincount(markerset.attachment, minlength=len(segments)), strict=True))
+    if not shoulders or min(on["thorax"] - len(shoulders), on["pelvis"]) < LEAST_MARKERS:
         return markerset
     rows = list(_segments(markerset, set(shoulders.values())))
     names = tuple(name for name, *_ in rows)
