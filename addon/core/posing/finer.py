@@ -45,10 +45,6 @@ def finer(markerset: MarkerSet) -> MarkerSet:
         modes[:, index] += modes[:, parent] if parent >= 0 else 0.0
     modes[:, count:] += modes[:, markerset.attachment]
     whole = np.kron(bends, np.eye(3))
-    stiffness = np.zeros_like(whole @ whole.T)
-    for at in (number for number, name in enumerate(names) if name.startswith("clavicle")):
-        along = offsets[at + 1] / np.linalg.norm(offsets[at + 1])  # to the arm, which comes next
-        stiffness[3 * at : 3 * at + 3, 3 * at : 3 * at + 3] = np.outer(along, along) / STILL_RAD**2
     segment = np.array([names.index(segments[one]) for one in capsules.segment], int)
     shift = (rest[capsules.segment] - (places @ rest)[segment]).reshape(-1, 3)
     return replace(
@@ -63,9 +59,18 @@ def finer(markerset: MarkerSet) -> MarkerSet:
             pose_mean=bends @ spread.pose_mean,
             pose_covariance=whole @ spread.pose_covariance @ whole.T,
             poses=np.zeros((0, 0, 3)),
-            stiffness=stiffness,
+            stiffness=_stiffness(names, offsets),
         ),
     )
+
+
+def _stiffness(names: tuple[str, ...], offsets: np.ndarray) -> np.ndarray:
+    """(3J, 3J) 1/rad² that keeps clavicles from turning about themselves; offsets (J, 3) of joints from those above."""
+    found = np.zeros((3 * len(names), 3 * len(names)))
+    for at in (number for number, name in enumerate(names) if name.startswith("clavicle")):
+        along = offsets[at + 1] / np.linalg.norm(offsets[at + 1])  # to the arm, which comes next
+        found[3 * at : 3 * at + 3, 3 * at : 3 * at + 3] = np.outer(along, along) / STILL_RAD**2
+    return found
 
 
 def _on_shoulders(markerset: MarkerSet) -> dict[int, str]:
@@ -73,6 +78,9 @@ def _on_shoulders(markerset: MarkerSet) -> dict[int, str]:
     segments, rest, places = markerset.skeleton.segments, markerset.skeleton.rest_joints, markerset.rest_markers
     arms = {side: f"upper_arm.{side}" for side in BODY_SIDES}
     if not {"pelvis", "thorax", "head", *arms.values()} <= set(segments):
+        return {}
+    above = dict(zip(segments, (segments[at] for at in markerset.skeleton.parents), strict=True))
+    if above["thorax"] != "pelvis" or {above[arm] for arm in arms.values()} != {"thorax"}:
         return {}
     found = {}
     for marker in np.flatnonzero(markerset.attachment == segments.index("thorax")).tolist():
