@@ -74,7 +74,7 @@ def test_the_guide_s_script_moves_a_rig_without_a_window(shown, tmp_path, monkey
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "walk.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "walk.blend"))
     guide = (Path(__file__).parents[2] / "docs" / "guide" / "export.md").read_text("utf-8")
-    exec(guide.partition("```python\n")[2].partition("```")[0], {})
+    exec(guide.partition("```py\n")[2].partition("```")[0], {})
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "walk on rig.blend"))
     action = bpy.data.objects["rig"].animation_data.action
     assert action.name == f"{shown.name} retargeted" and action.frame_range[1] == shown.motion.frames[-1]
