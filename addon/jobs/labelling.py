@@ -27,6 +27,7 @@ from ..core.points.refusals import FRAMES_ASKED, SubjectsError, UnsuitedError, r
 from ..core.points.several.wearers import SetsWorn, SeveralOptions, Wearer, kinds
 from ..core.points.whole_take.pipeline import PointOptions
 from ..core.points.whole_take.pipeline import label_take as name_points
+from ..core.posing.finer import finer
 from ..core.review.doubtful import add_ranges, doubtful_samples
 from ..core.review.provenance import SampleOrigins
 from ..core.review.summary import TakeSummary
@@ -170,7 +171,7 @@ class PointTake(OpenTake):
 
     def name(self) -> Generator[Progress, None, None]:
         """Names all of it."""
-        options = PointOptions(self.method, self.job.target, self.edits, self.room, self.job.force)
+        options = PointOptions(self.method, self.job.target, self.edits, self.room, self.job.force, finer=True)
         if self.several is None:
             try:
                 self.labelled = yield from name_points(self.take, self.model, options)
@@ -178,7 +179,7 @@ class PointTake(OpenTake):
                 raise
             except UnsuitedError as error:
                 raise (yield from self._misfit(error, options)) from None
-            self.worn = self.model.markerset
+            self.worn = finer(self.model.markerset)
         else:
             from ..core.points.several.pipeline import label_several
 

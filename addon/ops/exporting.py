@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The labelled take as files for other programs, as the command line writes them; its body as a character as well."""
 
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -39,14 +41,23 @@ TOGETHER = (":TOGETHER", "Together", "All performers in one file, markers called
 APART = (":APART", "A File Each", "A file for each performer, called after them")
 
 
-class ExportsTake(ToldWhere, WithTake):
+# Writes a part of a take, its own or all of it, to paths; gives what a person should know of that, or nothing.
+Writer = Callable[[Sequence[Path], Stored, Stored], str]
+
+
+class ExportsTake(LongWork, ToldWhere, WithTake):
     """What the exports share: they need a labelled take, and name the file after it.
 
-    They differ in `write`, which writes a take to a path and to those of the files `beside` it; UserError if it cannot.
-    What is `of_body` waits for that to follow the labels.
+    They differ in what `write` is, which goes to other processes, and in what is written `beside` a file. What is
+    `of_body` waits for that to follow the labels.
     """
 
     of_body = False
+    write: Writer
+
+    def invoke(self, context, event):
+        self._asked_for_it = True
+        return ToldWhere.invoke(self, context, event)
 
     def proposed(self, context) -> Path:
         stored = taken(context)
@@ -61,13 +72,12 @@ class ExportsTake(ToldWhere, WithTake):
     def beside(self, path: Path) -> list[Path]:
         return []
 
-    def work(self, context):
+    def asked(self, context) -> partial:
         files, read = self.files(context)
-        for path, overwrite, name, part in files:
-            self.performer_name, self.path = name, path
-            with whole_files([path, *self.beside(path)], overwrite, read) as temporaries:
-                self.write(temporaries, part)
-        return self._show(context, [path for path, *_ in files])
+        source = str(source_of(taken(context)) or "")
+        whole, *parts = (replace(one, source=source) for one in (taken(context), *(part for *_, part in files)))
+        given = [([path, *self.beside(path)], overwrite) for path, overwrite, *_ in files]
+        return partial(export_files, type(self).write, whole, parts, given, read)
 
     def files(self, context) -> tuple[list[tuple[Path, bool, str, Stored]], list[Path]]:
         """The files to write: whether each may be replaced, whose it is, and the take in it; and what is read."""
@@ -81,7 +91,10 @@ class ExportsTake(ToldWhere, WithTake):
         # Blender's own file browser has asked already whether to overwrite, of the file that it was told.
         return [(path, path == Path(self.filepath), *whose) for path, *whose in paths], read
 
-    def _show(self, _context, paths: list[Path]) -> set[str]:
+    def _show(self, _context, found: tuple[list[Path], list[str]]) -> set[str]:
+        paths, warnings = found
+        for words in warnings:
+            self.report({"WARNING"}, words)
         self.report({"INFO"}, f"Saved {', '.join(map(str, paths))}")
         return {"FINISHED"}
 
@@ -94,18 +107,40 @@ class ExportsTake(ToldWhere, WithTake):
         return Path(self.filepath)
 
 
+def export_files(
+    write: Writer,
+    whole: Stored,
+    parts: Sequence[Stored],
+    files: Sequence[tuple[Sequence[Path], bool]],
+    read: Sequence[Path],
+) -> Generator[float, None, tuple[list[Path], list[str]]]:
+    """Writes each part of a take to its files, which may be replaced or not; gives the first of each, and warnings.
+
+    What is `read` is not written over.
+    """
+    warnings = []
+    for number, (part, (paths, overwrite)) in enumerate(zip(parts, files, strict=True)):
+        yield number / len(files)
+        with whole_files(paths, overwrite, read) as temporaries:
+            warnings.append(write(temporaries, whole, part))
+    return [paths[0] for paths, _ in files], [words for words in warnings if words]
+
+
+def write_labels(paths: Sequence[Path], _whole: Stored, stored: Stored) -> str:
+    """Writes the labels; beside those of blobs is each row's own text, which only the file of the blobs has."""
+    [path] = paths
+    if isinstance(stored.rows, PointRows):
+        write_point_labels(path, stored.rows, stored.labels, stored.names)
+    else:
+        write_blob_labels(path, stored)
+    return ""
+
+
 class MOCAP_AUTOLABEL_OT_export_labels(ExportsTake, bpy.types.Operator):
     """Write the name of every blob or point, row for row with the file they are from."""
 
-    filename_ext = ".labels.csv"
-
-    def write(self, paths: list[Path], stored: Stored):
-        """Writes the labels; beside those of blobs is each row's own text, which only the file of the blobs has."""
-        [path] = paths
-        if isinstance(stored.rows, PointRows):
-            write_point_labels(path, stored.rows, stored.labels, stored.names)
-        else:
-            write_labels(path, stored)
+    filename_ext, doing = ".labels.csv", "Exporting labels"
+    write = write_labels
 
 
 def performer_property(together: bool):
@@ -146,32 +181,37 @@ class ExportsPerformers(ExportsTake):
 
 
 class ExportsPoints(ExportsPerformers):
-    """The exports of the points of the take; they differ in `write_points`, which writes those to a path."""
+    """The exports of the points of the take."""
 
     def beside(self, path: Path) -> list[Path]:
-        return [path.with_suffix(".filled.csv")]
-
-    def write(self, paths: list[Path], stored: Stored):
-        self.write_points(paths[0], points_of(stored))
         # An older list beside the file would speak of fills that are none any more.
-        if stored.fitting or self.beside(self.path)[0].exists():
-            write_filled(paths[1], kept_rows(stored.fitting))
+        fills = path.with_suffix(".filled.csv")
+        return [fills] if taken(bpy.context).fitting or fills.exists() else []
+
+
+def write_points(paths: Sequence[Path], whole: Stored, stored: Stored) -> str:
+    """Writes the markers of a take or of a part of it, with all else of the file that the take came from.
+
+    Or says of a C3D that it is not as it was.
+    """
+    path, *beside = paths
+    for fills in beside:
+        write_filled(fills, kept_rows(stored.fitting))
+    trial = trial_of(whole)
+    if path.suffix == ".trc":
+        write_trc(path, points_of(stored), trial)
+        return ""
+    write_c3d(path, points_of(stored), trial, [one.name for one in stored.performers if one.name])
+    if trial is not None or not whole.source.lower().endswith(".c3d"):
+        return ""
+    return f"{whole.source}: is gone, or its points are not as they were labelled, so those were saved alone"
 
 
 class MOCAP_AUTOLABEL_OT_export_c3d(ExportsPoints, bpy.types.Operator):
     """Write the named markers in space as C3D: gaps empty, filled samples with residual 0, all else as it came."""
 
-    filename_ext = ".c3d"
-
-    def write_points(self, path: Path, points: Points):
-        """Writes them with all else of the C3D file that the take came from, or says that it is not as it was."""
-        stored = taken(bpy.context)
-        trial, source = trial_of(stored), source_of(stored)
-        if trial is None and source is not None and source.suffix.lower() == ".c3d":
-            words = "is gone, or its points are not as they were labelled, so those were saved alone"
-            self.report({"WARNING"}, f"{source}: {words}")
-        together = [one.name for one in stored.performers if one.name and not self.performer_name]
-        write_c3d(path, points, trial, together)
+    filename_ext, doing = ".c3d", "Exporting C3D"
+    write = write_points
 
 
 def source_of(stored: Stored) -> Path | None:
@@ -187,8 +227,8 @@ def source_of(stored: Stored) -> Path | None:
 
 def trial_of(stored: Stored) -> TrialFile | TextHead | None:
     """What else the file of a take holds; None where that is nothing, or its points are not as they were labelled."""
-    source, frames = source_of(stored), stored.motion.frames
-    if source is None or not isinstance(stored.rows, PointRows):
+    source, frames = Path(stored.source), stored.motion.frames
+    if not stored.source or not isinstance(stored.rows, PointRows):
         return None
     for up in (None, *AXIS_NAMES):  # nobody kept what was said of that
         try:
@@ -206,11 +246,8 @@ class MOCAP_AUTOLABEL_OT_export_trc(ExportsPoints, bpy.types.Operator):
     """Write the named markers in space as TRC, for OpenSim."""
 
     bl_label = "Export TRC"
-    filename_ext = ".trc"
-
-    def write_points(self, path: Path, points: Points):
-        """Writes them with the head of the TRC or Motive `.csv` that the take came from."""
-        write_trc(path, points, trial_of(taken(bpy.context)))
+    filename_ext, doing = ".trc", "Exporting TRC"
+    write = write_points
 
 
 def points_of(stored: Stored) -> Points:
@@ -237,10 +274,10 @@ def points_of(stored: Stored) -> Points:
     return Points(names, of(motion.markers, rows.xyz), of(motion.residual, rows.residual), stored.rate, first)
 
 
-def write_labels(path: Path, stored: Stored):
+def write_blob_labels(path: Path, stored: Stored):
     """Writes the labels of a take of blobs; JobError when the file of its blobs has changed since."""
-    source, frames, first = source_of(stored), stored.motion.frames, 0
-    if source is None:
+    source, frames, first = Path(stored.source), stored.motion.frames, 0
+    if not stored.source:
         raise InputError(f"take {stored.name} names no file of blobs; expected the file that it was labelled from")
     with LabelWriter(path, stored.names) as writer:
         for part in read_blobs(source, stored.cameras, (int(frames[0]), int(frames[-1]))):
@@ -254,27 +291,30 @@ def write_labels(path: Path, stored: Stored):
         raise JobError("holds other blobs than those that were labelled; expected the file as it was", str(source))
 
 
+def write_report(paths: Sequence[Path], _whole: Stored, stored: Stored) -> str:
+    """Writes the page of a take."""
+    subject = OverviewSubject(stored.names, stored.words, stored.parents)
+    overview = TakeOverview(subject, stored.rate, stored.cameras, stored.edits)
+    labelled = LabelledChunk(stored.labels, stored.unfilled, stored.suspects, outcomes=stored.outcomes)
+    of_take = stored.name, stored.source, stored.model
+    smoothed = None if stored.cutoff is None else count_smoothed(stored.motion.markers)
+    write_kept_page(paths[0], *of_take, overview, stored.rows, labelled, stored.fitting, smoothed)
+    return ""
+
+
 class MOCAP_AUTOLABEL_OT_export_report(ExportsTake, bpy.types.Operator):
     """Save a page that shows how the take was labelled: one file that opens in any browser, to be passed on."""
 
     bl_label = "Save Report"
-    filename_ext, of_body = ".report.html", True
+    filename_ext, of_body, doing = ".report.html", True, "Saving the report"
+    write = write_report
     open_after: BoolProperty(name="Open It", description="Show the page in the browser once it is saved", default=True)
 
-    def execute(self, context):
-        done = super().execute(context)
-        if done == {"FINISHED"} and self.open_after and not bpy.app.background:
+    def _show(self, context, found):
+        done = super()._show(context, found)
+        if self.open_after and not bpy.app.background:
             bpy.ops.wm.path_open(filepath=self.filepath)
         return done
-
-    def write(self, paths: list[Path], stored: Stored):
-        source = bpy.path.abspath(stored.source) if stored.source else ""
-        subject = OverviewSubject(stored.names, stored.words, stored.parents)
-        overview = TakeOverview(subject, stored.rate, stored.cameras, stored.edits)
-        labelled = LabelledChunk(stored.labels, stored.unfilled, stored.suspects, outcomes=stored.outcomes)
-        of_take = stored.name, source, stored.model
-        smoothed = None if stored.cutoff is None else count_smoothed(stored.motion.markers)
-        write_kept_page(paths[0], *of_take, overview, stored.rows, labelled, stored.fitting, smoothed)
 
 
 # BVH has no unit: of each that is offered, how many are a metre.
@@ -297,15 +337,11 @@ class MOCAP_AUTOLABEL_OT_add_character(OfTake, bpy.types.Operator):
         self.report({"INFO"}, f"Added {', '.join(added)}")
 
 
-class ExportsCharacter(OfTake, LongWork, ExportsPerformers):
+class ExportsCharacter(OfTake, ExportsPerformers):
     """The exports of performers' characters by Blender's own exporters, which take a minute for a long take."""
 
     of_body, unit = True, ""
     performer: performer_property(together=False)
-
-    def invoke(self, context, event):
-        self._asked_for_it = True
-        return ExportsPerformers.invoke(self, context, event)
 
     def asked(self, context) -> partial:
         settings, (files, read) = context.scene.mocap_autolabel, self.files(context)
@@ -315,6 +351,9 @@ class ExportsCharacter(OfTake, LongWork, ExportsPerformers):
         ]
         scale = BVH_UNITS.get(self.unit, 1.0)
         return partial(save_characters, self.filename_ext[1:], bodies, read, settings.bone_names, scale)
+
+    def _show(self, context, found: list[Path]) -> set[str]:
+        return super()._show(context, (found, []))
 
 
 class MOCAP_AUTOLABEL_OT_export_bvh(ExportsCharacter, bpy.types.Operator):

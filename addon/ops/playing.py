@@ -28,6 +28,7 @@ from ..scene.playing import (
     suspects_of,
 )
 from ..scene.relabelled import keep_changes
+from ..scene.roots import put_where
 from ..scene.take import SHIFT
 from .base import Ours, once, unless
 from .importing import forget_take
@@ -120,6 +121,7 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
             settings.source.cameras = scene_cameras.find_or_add_cameras(context.scene, self._job.cameras)
         choose_job(settings, self._job, self._ends)
         done = super()._show(context, found)
+        put_where(settings.take, played)
         played.hide_viewport = True  # the part moves in the same place
         if changed is not None:
             keep_changes(settings.take, changed)

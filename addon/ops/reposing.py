@@ -14,6 +14,7 @@ from ..core.data.markersets import MarkerSet
 from ..core.data.progress import finished
 from ..core.points.motion import posed_again
 from ..core.points.several.wearers import MAX_SUBJECTS
+from ..core.posing.finer import finer
 from ..io.markersets import SUFFIX, builtin_markersets, markerset_file, read_markerset
 from ..prefs import markerset_folder
 from ..props import chosen_model, refresh_review, row_of
@@ -37,7 +38,10 @@ def sets_of(context: bpy.types.Context, stored: Stored) -> list[MarkerSet | None
 
 
 def _set_of(context: bpy.types.Context, stored: Stored, performer: Performer) -> MarkerSet | None:
-    """The one that is chosen, where it is the performer's, else the built-in one or the user's own of that name."""
+    """The one that is chosen, where it is the performer's, else the built-in one or the user's own of that name.
+
+    With as many joints as the take's body has.
+    """
     paths = [markerset_folder() / (performer.model + SUFFIX)]
     if performer.model in builtin_markersets():
         paths.insert(0, markerset_file(performer.model))
@@ -47,8 +51,9 @@ def _set_of(context: bpy.types.Context, stored: Stored, performer: Performer) ->
     for path in paths:
         with suppress(InputError):
             found = _read(path, path.stat().st_mtime_ns) if path.is_file() else None
-            if found is not None and found.markers == markers and len(found.skeleton) == performer.joints[1]:
-                return found
+            for one in (finer(found), found) if found is not None and found.markers == markers else ():
+                if len(one.skeleton) == performer.joints[1]:
+                    return one
     return None
 
 

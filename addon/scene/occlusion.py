@@ -140,6 +140,11 @@ def occlusion_of(
         raise InputError(
             f"{armature.name} has no bone {missing[0]}; expected a skeleton of marker set {markerset.name}"
         )
+    if "lumbar" in armature.data.bones and "lumbar" not in markerset.skeleton.segments:
+        raise InputError(
+            f"{armature.name} has the finer bones of a take of points; expected the skeleton of a take of blobs, or of "
+            f"marker set {markerset.name}, with Show and Edit"
+        )
     if not items:
         raise InputError(f"{armature.name} carries no mesh; expected one on a bone or skinned to it")
     before = armature.data.pose_position

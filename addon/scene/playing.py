@@ -3,7 +3,8 @@
 
 A hidden mesh has a vertex for every marker, which a Mesh Cache modifier moves, and the markers' empties hang on the
 vertices. Further vertices carry the numbers that bones would be keyed with, three each, in their x, y and z; empties
-on these drive the bones. Drivers without an expression and modifiers run in any Blender, with or without us.
+on these drive the bones. The mesh itself never moves: the armature hangs on the take's root, and the markers' empties
+follow that by a constraint. All of this runs in any Blender, with or without us.
 """
 
 import json
@@ -26,6 +27,7 @@ from . import naming
 from .body import add_body
 from .markers import add_marker
 from .performers import body_material, home_of, performers_of
+from .roots import ensure_root
 from .take import SHIFT, SOURCE, SUSPECTS, frame_shift, give_time
 
 if TYPE_CHECKING:
@@ -102,7 +104,7 @@ def show_playing(context: bpy.types.Context, take: Playing, cache: Path) -> bpy.
     shift = frame_shift(ends)
     give_time(scene, take.rate, ends + shift)
     collection = _child(scene.collection, naming.title(take.name))
-    bones, sample, empties = [], poses.sampled(), {}
+    bones, sample, empties, root = [], poses.sampled(), {}, ensure_root(collection, take.name)
     # The hidden mesh whose vertices the file moves.
     carrier = bpy.data.objects.new(f"{collection.name} motion", bpy.data.meshes.new(f"{collection.name} motion"))
     carrier.hide_viewport = carrier.hide_render = carrier.hide_select = True
@@ -111,6 +113,7 @@ def show_playing(context: bpy.types.Context, take: Playing, cache: Path) -> bpy.
         home = home_of(collection, performer, {})
         build = armatures.build_of(markerset, performer.motion_of(sample))
         armature = armatures.add_armature(context, home, f"{performer.name or take.name} armature", markerset, build)
+        armature.parent = root
         bones.append(_Bones(performer, armature, markerset, build))
         add_body(_child(home, f"{home.name} body"), armature, markerset, build.scale, body_material(home))
         place = _child(home, f"{home.name} markers")
@@ -118,6 +121,7 @@ def show_playing(context: bpy.types.Context, take: Playing, cache: Path) -> bpy.
             empties[index] = add_marker(place, take.worn.markers[index])
             empties[index].show_name = True
             _hang(empties[index], carrier, index)
+            empties[index].constraints.new("CHILD_OF").target = root
     numbers = BONE_NUMBERS * sum(len(one.segments) for one in bones)
     vertices = len(take.worn.markers) + -(-numbers // 3)
     carrier.data.vertices.add(vertices)

@@ -29,6 +29,13 @@ def ensure_root(collection: bpy.types.Collection, name: str) -> bpy.types.Object
     return root
 
 
+def put_where(collection: bpy.types.Collection, other: bpy.types.Collection):
+    """Puts a take where another one stands, which is the same recording."""
+    root, theirs = root_of(collection), root_of(other)
+    if root is not None and theirs is not None:
+        root.matrix_world = pose_of(theirs)
+
+
 def remove_root(collection: bpy.types.Collection):
     """Removes the root of a take that is gone; one that was animated, or moved with things of a person on it, stays."""
     root = root_of(collection)

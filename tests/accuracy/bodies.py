@@ -18,6 +18,7 @@ from addon.core.geometry.cameras import NO_CAMERAS
 from addon.core.geometry.rotations import carried
 from addon.core.points.motion import motion_of
 from addon.core.posing.character import Character
+from addon.core.posing.finer import finer
 from addon.core.retarget.matching import match_bones
 from addon.core.review.suspects import runs
 from addon.io.models import open_model
@@ -188,7 +189,7 @@ def main():
     addon_utils.enable("rigify", default_set=True)
     floor, rigs = [], []
     for title, model, take in cases():
-        markerset = open_model(model).markerset
+        markerset = finer(open_model(model).markerset)
         fitted = posed(take, markerset)
         build = build_of(markerset, fitted)
         tips = bone_tails(markerset, build) - build.joints

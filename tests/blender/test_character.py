@@ -2,6 +2,7 @@
 """The take's character: usual bones, exported, read again, copied onto a rig of one's own; and its keys in bulk."""
 
 from functools import partial
+from pathlib import Path
 
 import addon_utils
 import bpy
@@ -154,14 +155,36 @@ def test_a_rig_that_copies_the_file_by_bone_names_moves_as_the_body(shown, tmp_p
     assert np.nanmax(marker_errors(shown, rig, first)) < MOST_OFF_M
 
 
+def exporter(name: str, path: Path, **own):
+    """An operator that exports to a path, without Blender's own part of it."""
+    kind = getattr(ours("ops.exporting"), f"MOCAP_AUTOLABEL_OT_export_{name}")
+    methods = ("asked", "files", "parts", "path_of", "beside", "write")
+    operator = type("Exports", (), {one: getattr(kind, one) for one in methods if hasattr(kind, one)})()
+    vars(operator).update(own, filepath=str(path), of_body=kind.of_body, filename_ext=kind.filename_ext)
+    return operator
+
+
+@pytest.mark.parametrize("name", ["labels", "c3d", "trc", "report"])
+def test_what_is_written_in_a_process_of_its_own_is_what_a_script_writes(labelled, tmp_path, name):
+    long_work, paths = ours("ops.long_work"), [tmp_path / f"{one}.{name}" for one in ("here", "there")]
+    assert getattr(bpy.ops.mocap_autolabel, f"export_{name}")(filepath=str(paths[0])) == {"FINISHED"}
+    operator = exporter(name, paths[1], performer=ours("ops.exporting").TOGETHER[0])
+    try:
+        worker, found = long_work.hand_over(operator.asked(bpy.context)), None
+        while found is None:
+            found = worker.look()
+    finally:
+        long_work.end_process()
+    assert found == ([paths[1]], [])
+    here, there = (path.read_bytes().replace(b"there", b"here") for path in paths)
+    assert there == here
+
+
 def test_what_is_exported_beside_the_window_is_what_a_script_exports_and_tells_how_far_it_is(shown, tmp_path):
-    long_work, exporting = ours("ops.long_work"), ours("ops.exporting")
+    long_work = ours("ops.long_work")
     here, there = tmp_path / "here.bvh", tmp_path / "there.BVH"
     assert bpy.ops.mocap_autolabel.export_bvh(filepath=str(here)) == {"FINISHED"}
-    kind = exporting.MOCAP_AUTOLABEL_OT_export_bvh
-    own = {"filepath": str(there), "unit": "CENTIMETRES", "performer": exporting.APART[0]}
-    operator = type("Exports", (), {name: getattr(kind, name) for name in ("asked", "files", "parts", "path_of")})()
-    vars(operator).update(own, of_body=True, filename_ext=".bvh")
+    operator = exporter("bvh", there, unit="CENTIMETRES", performer=ours("ops.exporting").APART[0])
     shares, beside = [], set()
 
     def hear(share):

@@ -9,6 +9,8 @@ import pytest
 
 from addon.core.data.errors import InputError
 from addon.core.papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion, hidden_by_any
+from addon.core.posing.finer import finer
+from addon.io.markersets import open_markerset
 from addon.scene.armature import add_armature, mean_build
 from addon.scene.body import add_body
 from addon.scene.occlusion import capsule_meshes, occlusion_of
@@ -100,6 +102,16 @@ def test_a_skinned_mesh_is_cut_at_its_bones(empty, made, body):
     given = arguments(made.motion(markerset, 20), made.cameras().centres)
     assert (occlusion_of(empty, armature, [skin], markerset).hidden(*given) == capsules.hidden(*given)).mean() > 0.998
     assert armature.data.pose_position == "POSE"
+
+
+def test_the_finer_bones_of_a_take_of_points_are_refused(empty, made):
+    markerset = open_markerset("body39")
+    build = mean_build(finer(markerset))
+    armature = add_armature(empty, empty.scene.collection, "finer", finer(markerset), build)
+    with pytest.raises(InputError, match="has the finer bones of a take of points"):
+        occlusion_of(
+            empty, armature, add_body(empty.scene.collection, armature, finer(markerset), build.scale), markerset
+        )
 
 
 def test_a_mesh_on_no_bone_is_refused(empty, body):

@@ -9,6 +9,7 @@ import addon_utils
 import bpy
 import numpy as np
 import pytest
+from mathutils import Matrix
 
 from addon.cli import main as command
 from addon.core.body.bodies import BodyModel
@@ -19,7 +20,7 @@ from addon.io.edits import read_edits
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points
 from addon.io.poses import PoseFile
-from addon.scene import naming, playing
+from addon.scene import naming, playing, roots
 from addon.scene import take as takes
 from addon.scene.opened import Opened
 from tests.inputs.walkers import FIRST, FRAMES, WORN, write_seen
@@ -99,6 +100,21 @@ def test_it_moves_as_with_keys_without_the_extension(both, without_extension):
     assert (scene.frame_start, scene.frame_end) == (both.frames[0], both.frames[-1])
     assert not bpy.data.actions
     assert not takes.is_take(collection)
+
+
+def test_it_follows_its_root_and_so_does_a_part_of_it(both):
+    collection, place = opened(both.path), Matrix.LocRotScale((3, -1, 0.5), Matrix.Rotation(1.0, 3, "Z"), (2, 2, 2))
+    root = roots.root_of(collection)
+    root.matrix_world = place
+    markers, bones = places(bpy.context, collection, both.frames)
+    expected = np.array(place)
+    np.testing.assert_allclose(markers, both.keyed[0] @ expected[:3, :3].T + expected[:3, 3], atol=1e-5)
+    np.testing.assert_allclose(bones, both.keyed[1], atol=2e-6)  # in the armature
+    [armature] = [one for one in collection.all_objects if one.type == "ARMATURE"]
+    np.testing.assert_allclose(np.array(armature.matrix_world), expected, atol=1e-6)
+    part = takes.show_take(bpy.context, both.take)
+    roots.put_where(part, collection)
+    assert roots.root_of(part).matrix_world == root.matrix_world
 
 
 def test_its_feet_are_on_the_ground_as_with_keys_across_the_parts_of_the_file(empty, made, tmp_path, monkeypatch):

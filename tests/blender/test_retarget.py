@@ -2,6 +2,7 @@
 """The take's motion on rigs of people's own: any names, rest, size, place and rotation mode; what is theirs stays."""
 
 import json
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -62,6 +63,21 @@ def test_limbs_point_as_the_body_s(shown, make, names):
         bone.rotation_mode = ("XYZ", "AXIS_ANGLE", "ZXY")[number % 3]
     assert retargeted(rig).name == f"{shown.name} retargeted"
     assert ways_off(shown, rig, names).max() < MOST_OFF
+
+
+def test_the_guide_s_script_moves_a_rig_without_a_window(shown, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rig = mixamo()
+    rig.name = "rig"
+    bpy.data.libraries.write("rig.blend", {rig})
+    bpy.data.objects.remove(rig)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "walk.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "walk.blend"))
+    guide = (Path(__file__).parents[2] / "docs" / "guide" / "export.md").read_text("utf-8")
+    exec(guide.partition("```py\n")[2].partition("```")[0], {})
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "walk on rig.blend"))
+    action = bpy.data.objects["rig"].animation_data.action
+    assert action.name == f"{shown.name} retargeted" and action.frame_range[1] == shown.motion.frames[-1]
 
 
 def test_rest_poses_make_no_difference(shown):

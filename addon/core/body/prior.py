@@ -56,6 +56,8 @@ class Prior:
         self.bend_mean = np.asarray(spread.pose_mean, dtype=float)[1:].ravel()
         covariance = np.asarray(spread.pose_covariance, dtype=float)[3:, 3:]
         self.bend_precision = np.linalg.inv(covariance + bend_floor**2 * np.eye(len(covariance)))
+        if spread.stiffness is not None:
+            self.bend_precision += spread.stiffness[3:, 3:]
         # Of S, 1/m²: its mean about the height, each axis about that mean.
         around = np.eye(3) - np.full((3, 3), 1 / 3)
         stretch = (stretch_sd * self.height) ** 2

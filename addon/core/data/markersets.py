@@ -85,6 +85,8 @@ class Spread:
     # (P, J, 3) rotation vectors of the joints in the most different poses that were recorded, of the root how it
     # leans against upright and facing along x; none where they were not kept
     poses: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    # (3J, 3J) further precision of the bends, 1/rad², of axes that no marker shows a turn about; None where all do
+    stiffness: np.ndarray | None = None
 
 
 class Worn(Protocol):

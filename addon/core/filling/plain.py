@@ -16,6 +16,7 @@ from ..data.lanes import PACKING
 from ..data.markersets import MarkerSet
 from ..data.takes import evenly_spread
 from ..geometry.rigid import MIN_POINTS, laid_on
+from ..posing.finer import finer
 from ..posing.posing import POSING, pose_subject, subject_of
 from .gaps import LEARNED_BY, Gap, KnownMarkers
 
@@ -114,7 +115,7 @@ class FittedSubject:
     @classmethod
     def of(cls, markerset: MarkerSet, columns: np.ndarray, take: KnownMarkers) -> "FittedSubject | None":
         """The body that fits a take best; None where no frame has enough of the model's markers."""
-        model = BodyModel(markerset)
+        model = BodyModel(finer(markerset))
         prior = Prior(model)
         try:
             return cls(model, subject_of(model, _of_model(take.xyz, columns), prior), prior, columns)

@@ -64,6 +64,16 @@ BONES = (
     *_arm_and_leg("L"),
     *_arm_and_leg("R"),
 )
+# Those of a body that has a lumbar spine and clavicles of its own, as `posing.finer` gives it.
+LUMBAR_BONES = (
+    BoneSite("hips", None, "pelvis", "lumbar", None),
+    BoneSite("spine", "hips", "lumbar", "thorax", UPWARDS),
+    BoneSite("chest", "spine", "thorax", "head", UPWARDS),
+)
+CLAVICLE_BONES = tuple(
+    BoneSite(f"shoulder.{side}", "chest", f"clavicle.{side}", f"upper_arm.{side}", (out, 0.0, 0.0))
+    for side, out in zip(BODY_SIDES, (1.0, -1.0), strict=True)
+)
 _TRUNK_BONES = ("hips", "spine", "chest", "neck", "head")
 _LIMB_BONES = ("shoulder", "upper_arm", "forearm", "hand", "thigh", "shank", "foot", "toes")
 
@@ -125,7 +135,9 @@ def character_of(segments: Sequence[str], joints: np.ndarray, ends: np.ndarray) 
     It has the bones of what the body has: no arms on legs alone. Raises InputError where it is no person's.
     """
     there = set(segments)
-    sites = [site for site in BONES if {site.segment, site.start or site.segment} <= there]
+    finer = {site.name: site for site in CLAVICLE_BONES if site.segment in there}
+    finer |= {site.name: site for site in LUMBAR_BONES if "lumbar" in there}
+    sites = [finer.get(site.name, site) for site in BONES if {site.segment, site.start or site.segment} <= there]
     if not {"pelvis", "thigh.L", "thigh.R"} <= there:
         raise InputError(
             f"the marker set has no person's skeleton (its segments: {', '.join(segments[:4])}, …); expected one with "

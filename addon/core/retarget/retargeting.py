@@ -221,18 +221,21 @@ def _planted_ankle(
     begin, turned = body.begin(f"foot.{side}"), body.turned(f"foot.{side}")
     sole, heel = (begin + turned @ (place * (1, 1, 0) - ankle) for place in (toes, ankle))
     lowest = np.minimum(sole[:, 2], heel[:, 2])
-    goal += scale * (begin + turned @ (toes - ankle) * BALL / TOES)  # what of the body holds still
+    held = begin + turned @ (toes - ankle) * BALL / TOES  # what of the body holds still
+    goal += scale * held
     goal[:, 2] = scale * lowest - np.minimum(*low)
     off = _begin(rig, turns, hips, foot) - goal
-    rows = np.flatnonzero(_planted(sole, lowest, rate))
-    if not len(rows):
-        return goal + off
-    missed = -off[rows]
-    for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) > 1) + 1):
-        missed[run] += off[rows[run]].mean(axis=0) * (1, 1, 0)
-    # In between it comes from what was missed at one plant to what will be at the next.
-    between = [np.interp(np.arange(len(off)), rows, column) for column in missed.T]
-    return goal + off + np.column_stack(between)
+    kept, settled = _planted(held, lowest, rate), _planted(sole, lowest, rate)
+    for axis, planted in enumerate((kept, kept, settled)):  # while the heel lifts, the height is the leg's
+        rows = np.flatnonzero(planted)
+        if not len(rows):
+            continue
+        missed = -off[rows, axis]
+        for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(rows) > 1) + 1):
+            missed[run] += off[rows[run], axis].mean() if axis < 2 else 0.0
+        # In between it comes from what was missed at one plant to what will be at the next.
+        off[:, axis] += np.interp(np.arange(len(off)), rows, missed)
+    return goal + off
 
 
 def _planted(ball: np.ndarray, lowest: np.ndarray, rate: float) -> np.ndarray:

@@ -14,6 +14,7 @@ from addon.core.body.prior import Prior
 from addon.core.geometry import rotations
 from addon.core.posing import posing
 from addon.core.posing.character import character_of
+from addon.core.posing.finer import finer
 from addon.core.posing.posing import fit_points
 from addon.core.simulation.virtual import Act, perform
 from addon.io.markersets import open_markerset
@@ -123,6 +124,40 @@ def test_people_who_were_not_learned_from_are_posed_within_15_mm(name):
         assert np.nanpercentile(away, 99) < 0.015, stem
 
 
+@pytest.mark.parametrize("name", ["body39", "actor41", "actor53"])
+def test_a_finer_body_is_the_same_at_rest_and_follows_shrugged_shoulders_and_a_round_back(name):
+    coarse = open_markerset(name)
+    markerset = finer(coarse)
+    segments = markerset.skeleton.segments
+    assert set(segments) - set(coarse.skeleton.segments) == {"lumbar", "clavicle.L", "clavicle.R"}
+    assert finer(markerset) is markerset
+    np.testing.assert_allclose(markerset.rest_markers, coarse.rest_markers, atol=1e-12)
+    model, before = BodyModel(markerset), BodyModel(coarse)
+    bodies = replace(model.rest(9, 1.7), shape=np.full((9, len(model.modes)), 0.5))
+    same = replace(before.rest(9, 1.7), shape=bodies.shape)
+    np.testing.assert_allclose(model.pose(bodies).markers, before.pose(same).markers, atol=1e-12)
+    bend = np.linspace(0, 0.4, 9)
+    for segment, axis, most in (("clavicle.L", 0, 1), ("clavicle.R", 0, -1), ("lumbar", 1, 1), ("thorax", 1, -0.5)):
+        bodies.bends[:, segments.index(segment), axis] = most * bend
+    points = model.pose(bodies).markers
+    found = fit_points(model, points)
+    away, coarsely = off(model, found, points), off(before, fit_points(before, points), points)
+    assert away.max() < 0.5 * coarsely.max()
+    assert np.median(away) < 0.7 * np.median(coarsely)
+    joints, above = model.pose(found).joints, markerset.skeleton.parents[1:]
+    lengths = np.linalg.norm(joints[:, 1:] - joints[:, above], axis=2)
+    np.testing.assert_allclose(lengths, lengths[:1].repeat(9, axis=0), atol=1e-12)
+    turned = found.bends[:, segments.index("clavicle.L")]
+    arm = markerset.skeleton.offsets[segments.index("upper_arm.L")]
+    assert np.abs(turned @ arm / np.linalg.norm(arm)).max() < 0.02  # about itself: no marker shows that
+
+
+@pytest.mark.parametrize("name", ["gait15", "body26"])
+def test_what_markers_do_not_show_a_body_does_not_have(name):
+    markerset = open_markerset(name)
+    assert finer(markerset) is markerset
+
+
 HEIGHT = 1.7
 
 
@@ -145,6 +180,11 @@ def test_a_lower_body_has_hips_and_legs_and_who_was_not_found_is_nowhere():
     turns = rotations.exponential(np.full((1, count, 3), np.nan))[0]
     heads, _ = character.posed(np.full((1, count, 3), np.nan), turns)
     assert np.isnan(heads).all()
+    bodies = finer(markerset)
+    own = character_of(*at_rest(bodies))
+    assert own.names == character.names
+    parts = {"spine": "lumbar", "chest": "thorax", "shoulder.L": "clavicle.L", "shoulder.R": "clavicle.R"}
+    assert {part: bodies.skeleton.segments[own.segment[own.names.index(part)]] for part in parts} == parts
 
 
 seeds = st.integers(0, 2**32 - 1)

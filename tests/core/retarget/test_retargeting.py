@@ -6,6 +6,7 @@ import pytest
 
 from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import InputError
+from addon.core.filling.ground import BALL
 from addon.core.geometry.rotations import exponential
 from addon.core.posing.character import BONE_NAMES, character_of
 from addon.core.retarget.matching import CONTROLS, RestBones, match_bones, match_map, read_as
@@ -71,6 +72,20 @@ def test_planted_feet_do_not_slide_and_stand_on_the_floor(squats, size, thigh, r
     assert slid[True] < 0.001
     assert slid[True] < slid[False] / 5
     np.testing.assert_allclose(ankles[..., 2], 0.09 * size, atol=0.03 if raised else 0.012)
+
+
+def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot(squats):
+    character, (joints, rotations) = squats
+    lift = 0.9 * np.clip((np.arange(120) - 40) / 15, 0, 1)
+    still, turns = joints[:1].repeat(120, axis=0), rotations[:1].repeat(120, axis=0)
+    segments = [character.segment[character.names.index(f"foot.{side}")] for side in "LR"]
+    tip = np.array([0.15, 0, 0.03 - character.heads[character.names.index("foot.L"), 2]]) * BALL
+    turns[:, segments] = exponential(np.outer(lift, [0.0, 1, 0]))[0][:, None] @ turns[:, segments]
+    still += (turns[:1, segments[0]] @ tip - turns[:, segments[0]] @ tip)[:, None]
+    one = rig(size=1.15)
+    found = places(one, *retarget(character, (still, turns), RATE, one, feet=True, hands=False))
+    balls = found[:, [one.at["toes.L"], one.at["toes.R"]], :2]
+    assert np.ptp(balls, axis=0).max() < 0.003
 
 
 def test_hands_go_where_the_body_s_are_in_a_larger_room(squats):

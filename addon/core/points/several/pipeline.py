@@ -82,7 +82,7 @@ def label_several(
             work = with_edits(crowd, found, options.edits)
             edited = yield from within(work, 0.9, 0.92, "solve the take again with the edits")
             verdict = edited.verdict
-        labels, worn = verdict.labels, found.worn
+        labels, worn = verdict.labels, found.worn.finer if options.finer else found.worn
         suspects = verdict.suspects + _questions(crowd, found, labels)
         del crowd, found  # a long take's are large
         seconds = {"label": perf_counter() - begin}

@@ -3,11 +3,12 @@
 
 import re
 import unicodedata
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate
 
 from ...data.markersets import MarkerSet
+from ...posing.finer import finer
 from ..models import Model
 
 AUTO = 0  # how many subjects there are is for the take to say
@@ -103,6 +104,12 @@ class SetsWorn:
     def asked(self) -> "SetsWorn":
         """Those of the subjects who were asked for; the others come after them."""
         return SetsWorn(tuple(one for one in self.subjects if one.asked))
+
+    @property
+    def finer(self) -> "SetsWorn":
+        """The same with what joints their markers can show beside those that they are named by."""
+        models = (replace(one.model, markerset=finer(one.model.markerset)) for one in self.subjects)
+        return SetsWorn(tuple(replace(one, model=model) for one, model in zip(self.subjects, models, strict=True)))
 
     @cached_property
     def markers(self) -> tuple[str, ...]:

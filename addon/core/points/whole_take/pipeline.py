@@ -21,6 +21,7 @@ from ...data.room import IN_MEMORY, MakeTable
 from ...data.takes import Labels, Points, Suspect, Verdict
 from ...edits.applying import AppliedEdits, apply_edits, cells_of_take
 from ...edits.kinds import NO_EDITS, Edits
+from ...posing.finer import finer
 from ...review.answering import unanswered, without_accepted
 from ...review.suspects import called_by, summarised
 from ..adaptation import Adaptation, adapt, borne_out
@@ -66,6 +67,7 @@ class PointOptions:
     room    where large tables of what comes of a take are kept; with edits they are in memory
     force   name the points although the take cannot be as it says, or is not of the model's markers
     traced  the points are where rays of blobs meet: their cameras say what cannot be
+    finer   the body is posed with what joints its markers can show beside those that they are named by
     """
 
     method: str
@@ -74,6 +76,7 @@ class PointOptions:
     room: MakeTable = IN_MEMORY
     force: bool = False
     traced: bool = False
+    finer: bool = False
 
 
 def label_take(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, LabelledPoints]:
@@ -155,7 +158,8 @@ def _labelled(
     markers = by_marker(take.xyz, verdict.labels, len(model.markerset), places)
     nothing = dict.fromkeys(places, 0.0)  # they were not measured
     residual = by_marker(take.residual, verdict.labels, len(model.markerset), nothing)
-    of_take = verdict.labels, model.markerset, take.frames, options.room
+    body = finer(model.markerset) if options.finer else model.markerset
+    of_take = verdict.labels, body, take.frames, options.room
     motion = yield from take_motion(markers, residual, *of_take)
     seconds = {"label": named - begin, "fit": perf_counter() - named}
     yield Stage("write", "write")
