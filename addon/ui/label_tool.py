@@ -29,6 +29,7 @@ PATH_SECONDS = 2.0  # to each side of the current frame: farther off a walk cove
 PATH_LINES = 400  # most that are drawn of one path: a redraw has 6 ms
 Path = tuple[np.ndarray, np.ndarray]  # lines (S, 2, 3) m, and which of them (S,) lead from where there was a name
 MENU = "MOCAP_AUTOLABEL_MT_label"
+BEFORE_TEXTS = "_draw_orig"  # where Blender keeps how it draws the status bar while a text of a program's own is there
 
 
 def _key(operator: str, key: str, value: str = "PRESS", held: str = "", **properties):
@@ -59,6 +60,23 @@ KEYMAP = (
     _key("mocap_autolabel.next_trouble", "J", back=False),
     _key("mocap_autolabel.next_trouble", "J", held="shift", back=True),
 )
+# Of the keymap what the status bar shows, and the words for it; as Blender finds it, whatever keys a person gave it.
+OF_TOOL = "3D View Tool: Object, Label"
+SHOWN_KEYS = (
+    ("mocap_autolabel.pick", {"mode": "SET"}, "Pick"),
+    ("mocap_autolabel.pick", {"mode": "TOGGLE"}, "Add"),
+    ("mocap_autolabel.pick_region", {"shape": "BOX", "mode": "SET"}, "Box"),
+    ("mocap_autolabel.pick_region", {"shape": "LASSO", "mode": "SET"}, "Lasso"),
+    ("wm.call_menu_pie", {"name": "MOCAP_AUTOLABEL_MT_names_pie"}, "Name"),
+    ("wm.call_menu_pie", {"name": "MOCAP_AUTOLABEL_MT_names_from_here_pie"}, "Name from Here On"),
+    ("mocap_autolabel.quick_label", {}, "Quick Label"),
+    ("mocap_autolabel.unlabel", {}, "Unlabel"),
+    ("mocap_autolabel.swap_markers", {}, "Swap"),
+    ("mocap_autolabel.no_marker", {}, "No Marker"),
+    ("mocap_autolabel.is_right", {}, "It Is Right"),
+    ("mocap_autolabel.place_marker", {}, "It Is Here"),
+    ("mocap_autolabel.next_trouble", {"back": False}, "Next Trouble"),
+)
 
 
 class LabelTool(bpy.types.WorkSpaceTool):
@@ -68,11 +86,7 @@ class LabelTool(bpy.types.WorkSpaceTool):
     bl_context_mode = "OBJECT"
     bl_idname = TOOL
     bl_label = "Label"
-    bl_description = (
-        "Pick dots: click, drag a box, Ctrl drag a lasso, Shift adds.\n"
-        "L: name, F: quick label, U: unlabel, E: swap, Shift E: the other one's,\n"
-        "X: no marker, Y: it is right, P: it is here"
-    )
+    bl_description = "Pick dots and say what they are; the status bar has the keys"
     bl_icon = "ops.paint.eyedropper_add"
     bl_cursor = "DEFAULT"
     bl_keymap = KEYMAP
@@ -153,6 +167,26 @@ def draw_menu(self, context):
         self.layout.menu(MENU)
 
 
+def draw_keys(self, context):
+    """The tool's keys in the status bar, where it is the one in hand."""
+    tool = context.workspace.tools.from_space_view3d_mode(context.mode, create=False)
+    configs = context.window_manager.keyconfigs
+    keymap = configs.user.keymaps.get(OF_TOOL) or configs.addon.keymaps.get(OF_TOOL)
+    if tool is None or tool.idname != TOOL or keymap is None or lacks_take(context):
+        return
+    row = self.layout.row(align=True)
+    for operator, properties, words in SHOWN_KEYS:
+        items = [one for one in keymap.keymap_items if is_for(one, operator, properties)]
+        if items:
+            row.template_event_from_keymap_item(min(items, key=lambda one: one.id), text=words)
+
+
+def is_for(item: bpy.types.KeyMapItem, operator: str, properties: dict[str, object]) -> bool:
+    """Whether an active key is for an operator with these properties."""
+    wanted = item.active and item.idname == operator
+    return wanted and all(getattr(item.properties, key) == value for key, value in properties.items())
+
+
 def draw():
     """Draws what is picked with its trajectory, and what the hand does; Blender calls this at every redraw."""
     context = bpy.context
@@ -222,8 +256,25 @@ def draw_gesture(canvas: Canvas):
 
 
 def add_tool(stack: ExitStack):
-    """Adds the tool and the menu; each brings its way back to `stack`."""
+    """Adds the tool, its keys and the menu; each brings its way back to `stack`."""
     bpy.utils.register_tool(LabelTool, after={"builtin.measure"}, separator=True)
     stack.callback(bpy.utils.unregister_tool, LabelTool)
+    add_keys(stack)
     bpy.types.VIEW3D_MT_editor_menus.append(draw_menu)
     stack.callback(bpy.types.VIEW3D_MT_editor_menus.remove, draw_menu)
+
+
+def add_keys(stack: ExitStack):
+    """Lets the status bar say the tool's keys; brings its way back to `stack`."""
+    header = status_bar()
+    header.prepend(draw_keys)
+    if hasattr(header, BEFORE_TEXTS):
+        setattr(header, BEFORE_TEXTS, header.draw)
+    stack.callback(lambda: status_bar().remove(draw_keys))
+
+
+def status_bar() -> type[bpy.types.Header]:
+    """The status bar as it is when no program has put a text of its own in its place, such as Blender's installer."""
+    header = bpy.types.STATUSBAR_HT_header
+    header.draw = getattr(header, BEFORE_TEXTS, header.draw)
+    return header

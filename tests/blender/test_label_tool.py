@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The tool Label: which dots a hand means, what they are called most likely, and what its keys say of them."""
 
+from contextlib import ExitStack
 from dataclasses import replace
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import bpy
 import numpy as np
@@ -194,3 +197,43 @@ def test_every_key_of_the_tool_does_something_of_ours_and_is_free_in_blender_but
     tool = ours("ui.label_tool")
     alone = [event["type"] for _, event, _ in tool.KEYMAP if set(event) == {"type", "value"}]
     assert not ({key for key in alone if len(key) == 1} - {"X"}) & set("ABCDGHIKMNOQRSTWZ"), "object mode has these"
+
+
+def test_the_status_bar_says_the_keys_that_a_person_has_given_the_tool(labelled):
+    tool = ours("ui.label_tool")
+    items = [
+        SimpleNamespace(
+            active=event["type"] != "P", idname=name, id=-at, type=event["type"],
+            properties=SimpleNamespace(**dict((more or {}).get("properties", ()))),
+        )
+        for at, (name, event, more) in enumerate(tool.KEYMAP[::-1])
+    ]  # fmt: skip
+    next(item for item in items if item.type == "U").type = "K"
+    keymaps = {tool.OF_TOOL: SimpleNamespace(keymap_items=items)}
+    context = MagicMock(scene=labelled.scene)
+    context.window_manager.keyconfigs.user.keymaps = keymaps
+    context.workspace.tools.from_space_view3d_mode.return_value.idname = tool.TOOL
+    header = MagicMock()
+    tool.draw_keys(header, context)
+    said = header.layout.row.return_value.template_event_from_keymap_item.call_args_list
+    keys = {call.kwargs["text"]: call.args[0].type for call in said}
+    assert list(keys) == [words for _, _, words in tool.SHOWN_KEYS if words != "It Is Here"], "that has no key now"
+    assert (keys["Unlabel"], keys["No Marker"]) == ("K", "X")
+    context.workspace.tools.from_space_view3d_mode.return_value.idname = "builtin.select"
+    tool.draw_keys(other := MagicMock(), context)
+    assert not other.layout.mock_calls
+
+
+def test_the_keys_come_back_after_a_text_that_was_in_the_status_bar_when_they_were_added(extension):
+    tool, header, workspace = ours("ui.label_tool"), bpy.types.STATUSBAR_HT_header, bpy.context.workspace
+    with ExitStack() as stack:
+        tool.status_bar().remove(tool.draw_keys)
+        workspace.status_text_set(lambda *_: None)
+        tool.add_keys(stack)
+        workspace.status_text_set(lambda *_: None)
+        workspace.status_text_set(None)
+        assert tool.draw_keys in header.draw._draw_funcs
+        workspace.status_text_set(lambda *_: None)
+    workspace.status_text_set(None)
+    assert tool.draw_keys not in header.draw._draw_funcs
+    header.prepend(tool.draw_keys)
