@@ -17,7 +17,7 @@ from ..scene.trouble import trouble_of
 from .base import WithTake, once, taken
 from .correcting import correct
 from .picking import dots_here, show_picked
-from .viewing import bring_into_view
+from .viewing import bring_into_view, fit_graphs
 
 # The operators for what no edit mends, and the words of their buttons.
 BUTTONS = {
@@ -77,6 +77,8 @@ def show(context: bpy.types.Context, trouble: Trouble):
     _select(context, trouble, stored)
     places = places_of(trouble, stored, frame)
     bring_into_view(context, in_world(scene.mocap_autolabel.take, places))
+    around = round(stored.rate)
+    fit_graphs(context, trouble.first - around, trouble.last + around)
 
 
 def _select(context: bpy.types.Context, trouble: Trouble, stored: Stored):

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The tool Label in the 3D view: its keys, its menus, and what it draws over the view."""
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 
 import bpy
 import numpy as np
 
 from ..core.data.takes import NO_MARKER, PointRows
+from ..core.filling.kept import KeptFill
 from ..ops.base import lacks_take
 from ..ops.correcting import likely_here
+from ..ops.filling import proposed
 from ..ops.gestures import gesture
 from ..ops.picking import image_in, picked_points, selected_markers, take_to_view
 from ..scene.blob_dots import blob_dots, marker_dots, on_rays
@@ -98,6 +101,7 @@ class LabelTool(bpy.types.WorkSpaceTool):
             return
         layout.prop(context.scene.mocap_autolabel, "scope")
         layout.operator("mocap_autolabel.quick_label", icon="SORTALPHA")
+        layout.operator("mocap_autolabel.show_graph", text="Graph", icon="GRAPH")
 
 
 class NamesPie:
@@ -198,6 +202,7 @@ def draw():
     index = stored.index_of(scene.frame_current)
     with Canvas(context) as canvas:
         canvas.perspective = canvas.perspective @ take_to_view(context, stored, context.area)
+        draw_proposed(canvas, proposed(context))
         if index >= 0:
             draw_picked(canvas, stored, index, *shown_of(context, stored, index))
         if gesture.is_in(context.region):
@@ -238,6 +243,14 @@ def draw_picked(canvas: Canvas, stored: Stored, index: int, dots: Dots, points: 
     colours = np.where((dots.marker[picked] != NO_MARKER)[:, None], ORANGE, WHITE)
     canvas.discs(places, colours, BLOB_RADIUS)
     canvas.rings(places, WHITE, GLOW_RADIUS)
+
+
+def draw_proposed(canvas: Canvas, fills: Sequence[KeptFill]):
+    """The paths of fills that are not kept yet, dashed: from every second sample to the next."""
+    for fill in fills:
+        path = canvas.place(fill.path)
+        ends = np.stack([path[:-1], path[1:]], axis=1)[::2]
+        canvas.lines(ends, np.broadcast_to(np.array(ORANGE), (len(ends), 2, 4)), 2.2)
 
 
 def draw_gesture(canvas: Canvas):

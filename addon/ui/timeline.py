@@ -180,9 +180,12 @@ class Pixels:
 
     def boxes(self, ends: np.ndarray, colour: tuple[float, ...]):
         """Filled boxes (N, 4): left, lower, right, upper end."""
-        if not len(ends):
+        self.quads(ends[:, [[0, 1], [2, 1], [2, 3], [0, 3]]], colour)
+
+    def quads(self, corners: np.ndarray, colour: tuple[float, ...]):
+        """Filled figures of four corners (N, 4, 2), one after the other around each."""
+        if not len(corners):
             return
-        corners = ends[:, [[0, 1], [2, 1], [2, 3], [0, 3]]]
         self._flat.bind()
         self._flat.uniform_float("color", colour)
         box_batch(self._flat, pos=corners).draw(self._flat)
