@@ -359,6 +359,10 @@ class DisplaySettings(bpy.types.PropertyGroup):
     show_links: BoolProperty(
         name="Links", description="Through a camera, link each blob to where the body expects its marker", default=True
     )
+    show_rays: BoolProperty(
+        name="Rays",
+        description="Draw the rays of all blobs of the frame, and the points in which they meet, named or not",
+    )
     stage: EnumProperty(
         name="Stage",
         description="What the sidebar is for, once a take is labelled",
@@ -551,6 +555,8 @@ class ReviewState(bpy.types.PropertyGroup):
     troubles: CollectionProperty(type=TroubleRow)
     trouble_index: IntProperty()
     trouble_shown: StringProperty()
+    trouble_followed: IntProperty(default=-1)  # the line that was chosen because something was picked, -1 for none
+    trouble_left: IntProperty()  # the line that was chosen before
     trouble_done: EnumProperty(
         name="Answered",
         description="Whether what is answered is listed",

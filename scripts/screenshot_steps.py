@@ -179,7 +179,9 @@ def preview_fill() -> Iterator[float]:
     bpy.ops.mocap_autolabel.fill_gaps("INVOKE_DEFAULT", extent="MARKER", propose=True)
     yield from window.until(lambda: len(state.proposed_fills))
     gap = state.proposed_fills[0]
-    importlib.import_module("bl_ext.user_default.mocap_autolabel.addon.ops.viewing").fit_graphs(bpy.context, gap.first - 30, gap.last + 30)
+    importlib.import_module("bl_ext.user_default.mocap_autolabel.addon.ops.viewing").fit_graphs(
+        bpy.context, gap.first - 30, gap.last + 30
+    )
     yield from window.screenshot("fill-preview")
     bpy.ops.mocap_autolabel.discard_fills()
     state.listed = "TROUBLES"

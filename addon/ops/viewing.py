@@ -113,7 +113,7 @@ GRAPH_ROOM = np.array([0.05, 0.25])  # of what is meant, along frames and values
 
 
 class MOCAP_AUTOLABEL_OT_show_graph(WithTake, bpy.types.Operator):
-    """Show x, y and z of the selected markers over time, with their gaps and fills, in a Graph Editor below the view."""
+    """Show x, y and z of the selected markers over time, with gaps and fills, in a Graph Editor below the view."""
 
     bl_label = "Show in the Graph Editor"
     bl_options = {"REGISTER"}

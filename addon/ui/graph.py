@@ -16,6 +16,7 @@ import numpy as np
 from gpu_extras.batch import batch_for_shader
 
 from ..core.data.takes import NO_MARKER, PointRows
+from ..core.filling.gaps import find_gaps
 from ..core.filling.kept import KeptFill
 from ..ops.filling import proposed
 from ..ops.picking import picked_points, selected_markers
@@ -65,10 +66,14 @@ def draw():
     if not graph_shown(context):
         return
     stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
-    places, scale, names = GraphPlaces.of(context.region), context.preferences.system.ui_scale, selected_markers(context)
+    places, scale, names = (
+        GraphPlaces.of(context.region),
+        context.preferences.system.ui_scale,
+        selected_markers(context),
+    )
     with Pixels(context.region) as pixels:
         if names:  # of one, the active one: the gaps of many would cover everything
-            ends = gaps_of(stored, names[0]) + [stored.shift - 0.5, stored.shift + 0.5]
+            ends = gaps_of(stored, names[0]) + np.array([stored.shift - 0.5, stored.shift + 0.5])
             x = places.origin[0] + places.scale[0] * ends
             boxes = np.column_stack([x[:, 0], 0 * x[:, 0], x[:, 1], 0 * x[:, 1] + pixels.size[1]])
             pixels.boxes(boxes, (*STATE_COLOURS[GAP], GAP_OPACITY))
@@ -92,11 +97,9 @@ def words_of(fill: KeptFill) -> str:
 
 
 def gaps_of(stored: Stored, name: str) -> np.ndarray:
-    """(N, 2) first and last frame, of the source's numbers, of each stretch in which nothing was measured of a marker."""
-    lost = ~np.isfinite(stored.unfilled.markers[:, stored.names.index(name), 0])
-    steps = np.diff(np.concatenate([[0], lost, [0]]).astype(int))
-    ends = np.column_stack([np.flatnonzero(steps == 1), np.flatnonzero(steps == -1) - 1])
-    return stored.motion.frames[ends]
+    """(N, 2) first and last frame, of the source's numbers, of each gap of a marker, filled or not."""
+    gaps = find_gaps(np.isfinite(stored.unfilled.markers[:, [stored.names.index(name)], 0]))
+    return stored.motion.frames[np.array([(gap.start, gap.stop - 1) for gap in gaps], int).reshape(-1, 2)]
 
 
 def draw_points(context: bpy.types.Context, pixels: Pixels, places: GraphPlaces, stored: Stored):

@@ -6,9 +6,10 @@ import bpy
 from ..core.data.wording import count_of
 from ..core.review.trouble import IN_DOUBT, LEFT_OVER, MISSING, NOBODY_THERE, OF_CAMERA, OFF_BODY
 from ..ops.filling import EXTENTS
+from ..ops.listing import is_listed
 from ..ops.picking import picked_points, selected_markers, words_of_picked
 from ..ops.reposing import words_behind
-from ..ops.reviewing import is_listed, words_for
+from ..ops.reviewing import words_for
 from ..props import is_opened
 from ..scene.fills import kept_cutoff
 from ..scene.performers import body_material, homes

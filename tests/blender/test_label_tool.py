@@ -21,7 +21,7 @@ from addon.scene import picking
 from addon.scene.picking import NEAREST, likely_markers, on_ray, predicted, ranked
 from addon.scene.stored import Stored
 
-from .hands import GHOST, choose, follows, keys_of, ours, picked
+from .hands import GHOST, choose, follows, keys_of, ours, picked, stored_take
 
 
 @pytest.fixture
@@ -102,13 +102,31 @@ def test_a_right_hand_is_offered_what_is_around_it_and_missing_first_and_no_left
     markerset = open_markerset("body39")
     names, at = markerset.markers, markerset.rest_markers
     off = np.linalg.norm(at - at[markerset.by_name["RFIN"]], axis=1)
-    free = np.isin(names, ["LTHI", "RWRB"])
-    offered = [names[marker] for marker in ranked(off, free, np.array([NO_MARKER]), names)]
+    free, nowhere = np.isin(names, ["LTHI", "RWRB"]), np.full(len(names), -1)
+    offered = [names[marker] for marker in ranked(off, free, np.array([NO_MARKER]), names, nowhere)]
     assert offered[:2] == ["RWRB", "RFIN"]
     assert not [name for name in offered[: NEAREST + 2] if name.startswith("L")]
     assert sorted(offered) == sorted(names)
-    before = [names[marker] for marker in ranked(off, free, np.array([NO_MARKER, names.index("LTHI")]), names)]
+    known = np.array([NO_MARKER, names.index("LTHI")])
+    before = [names[marker] for marker in ranked(off, free, known, names, nowhere)]
     assert before[0] == "LTHI", "the same trajectory is that in other frames"
+
+
+def test_what_is_missing_on_the_limb_is_offered_though_much_is_nearer(shown):
+    stored = stored_take()
+    own = dict(zip(stored.names, picking.limbs(stored, 5).tolist(), strict=True))
+    legs = [{own[side + name] for name in ("KNE", "ANK", "HEE", "TOE")} for side in "LR"]
+    arms = [{own[side + name] for name in ("ELB", "WRA", "WRB", "FIN")} for side in "LR"]
+    assert all(len(limb) == 1 for limb in (*legs, *arms))
+    assert len(set.union(*legs, *arms)) == 4, "each is a limb of its own"
+    names, at = stored.names, stored.motion.expected[5]
+    off = np.linalg.norm(at - at[names.index("RELB")], axis=1)
+    free = np.isin(names, ["RFIN", "RTOE"])
+    off[names.index("RFIN")] = 1.0  # m: a body that has the hand elsewhere
+    assert names.index("RFIN") not in np.argsort(off)[:NEAREST]
+    offered = [names[one] for one in ranked(off, free, np.array([NO_MARKER]), names, picking.limbs(stored, 5))]
+    assert offered[0] == "RFIN"
+    assert "RTOE" not in offered[:NEAREST], "it is missing elsewhere"
 
 
 def test_a_marker_that_was_filled_is_missing_still_and_expected_where_it_was_filled(stored):

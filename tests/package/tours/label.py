@@ -119,8 +119,8 @@ def skip_to(wanted: dict[str, stage.Place], aside: stage.Place) -> Iterator[floa
 def graphing(seen: dict) -> Iterator[float]:
     """The graph of a marker that has a gap, with the fill before it is kept."""
     stored, _ = stage.now()
-    names = [name for name, lost in zip(stored.names, np.isnan(stored.motion.markers[..., 0]).T) if lost[5:-5].any()]
-    bpy.ops.mocap_autolabel.jump(frame=stage.TASK["frame"], marker=names[0])
+    name = stored.names[np.isnan(stored.motion.markers[5:-5, :, 0]).any(axis=0).argmax()]
+    bpy.ops.mocap_autolabel.jump(frame=stage.TASK["frame"], marker=name)
     bpy.ops.mocap_autolabel.show_graph()
     yield 1
     bpy.ops.mocap_autolabel.show_graph()  # there is one now, and it shows all of the marker
