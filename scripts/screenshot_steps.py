@@ -43,6 +43,12 @@ def steps() -> Iterator[float]:
     yield from window.until(lambda: settings.subjects.found)
     yield from window.look_through_first()
     yield from window.screenshot("blobs-through-camera")
+    settings.display.show_rays = True
+    bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)
+    look_at((-0.6, -0.3, 0.9), distance=6.5)
+    yield from window.screenshot("rays")
+    settings.display.show_rays = False
+    yield from window.look_through_first()
 
     yield from label()
     bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)

@@ -219,7 +219,7 @@ def draw_rays(canvas: Canvas, stored: Stored, index: int):
     for ends, colour in ((meeting.ends, RAY), (meeting.loose, LOOSE_RAY)):
         canvas.lines(canvas.place(ends), np.broadcast_to(np.array(colour), (len(ends), 2, 4)), 1.0)
     canvas.discs(canvas.place(meeting.points), np.tile(np.array(WHITE), (len(meeting.points), 1)), BLOB_RADIUS - 1, 1.0)
-    words = f"{count_of(len(meeting.points), 'point')}, {count_of(len(meeting.loose), 'ray')} beside all of them"
+    words = f"{count_of(len(meeting.points), 'point')}, {count_of(len(meeting.loose), 'blob')} in none of them"
     canvas.text(words, LEGEND_LEFT * canvas.scale, canvas.foot)
     canvas.foot += LINE * canvas.scale
 
