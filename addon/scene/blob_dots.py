@@ -47,7 +47,7 @@ def marker_dots(stored: Stored, index: int) -> Dots:
 
 
 @dataclass(frozen=True, eq=False)
-class Meeting:
+class FrameRays:
     """Where the rays of one frame's blobs meet, whatever they are called.
 
     points  (P, 3) m
@@ -60,7 +60,7 @@ class Meeting:
     loose: np.ndarray
 
     @classmethod
-    def of(cls, stored: Stored, index: int) -> "Meeting":
+    def of(cls, stored: Stored, index: int) -> "FrameRays":
         """Of frame `index` of a take of blobs by itself: no trajectory tells."""
         here, centres = rows_in_frame(stored.rows, index), stored.cameras.centres
         rows, cameras = np.arange(here.start, here.stop), stored.rows.camera[here]

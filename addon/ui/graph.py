@@ -8,7 +8,6 @@ until it is kept; and a trajectory without a name, which has no keys, has its cu
 from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from itertools import pairwise
 
 import bpy
 import gpu
@@ -127,24 +126,24 @@ def draw_fills(
 
     That is the mean error in space, which is that of no axis alone, but of none more.
     """
+    ends, bands = [np.zeros((0, 2, 2))], [np.zeros((0, 4, 2))]
     for fill in fills:
         frames = np.arange(fill.first - 1, fill.last + 2) + shift
         known = np.isfinite(fill.path).all(axis=1)
-        for values in fill.path.T:
-            line = places.at(frames[known], values[known])
+        for values in fill.path[known].T:
+            line = places.at(frames[known], values)
+            steps = np.stack([line[:-1], line[1:]], axis=1)
+            ends.append(dashed(line, dash, dash * SPACE / DASH) if dash else steps)
             if fill.expected == fill.expected:
-                band(pixels, line, fill.expected * places.scale[1], (*colour[:3], BAND_OPACITY))
-            ends = dashed(line, dash, dash * SPACE / DASH) if dash else np.stack([line[:-1], line[1:]], axis=1)
-            lines(pixels, ends, colour, FILL_WIDTH)
+                bands.append(around(steps, fill.expected * places.scale[1]))
+    pixels.quads(np.concatenate(bands), (*colour[:3], BAND_OPACITY))
+    lines(pixels, np.concatenate(ends), colour, FILL_WIDTH)
 
 
-def band(pixels: Pixels, line: np.ndarray, half: float, colour: tuple[float, ...]):
-    """All within `half` px above and below a line (K, 2) px."""
-    corners = [
-        [(one[0], one[1] - half), (other[0], other[1] - half), (other[0], other[1] + half), (one[0], one[1] + half)]
-        for one, other in pairwise(line.tolist())
-    ]
-    pixels.quads(np.array(corners).reshape(-1, 4, 2), colour)
+def around(steps: np.ndarray, half: float) -> np.ndarray:
+    """(K, 4, 2) the corners of all within `half` px above and below lines (K, 2, 2) px."""
+    up = np.array([0.0, half])
+    return np.stack([steps[:, 0] - up, steps[:, 1] - up, steps[:, 1] + up, steps[:, 0] + up], axis=1)
 
 
 def dashed(line: np.ndarray, dash: float, space: float) -> np.ndarray:

@@ -13,7 +13,7 @@ from ..core.data.takes import BY_EDIT, CONFLICT, EXCLUSIVE, NO_MARKER, NO_STEP, 
 from ..core.data.wording import count_of
 from ..ops.importing import cameras_at_hand
 from ..ops.reposing import words_behind
-from ..scene.blob_dots import Meeting, blob_dots
+from ..scene.blob_dots import FrameRays, blob_dots
 from ..scene.cameras import camera_name, camera_through
 from ..scene.markerset_edit import edited_collection, marker_items
 from ..scene.opened import opened
@@ -214,7 +214,7 @@ def draw_rays(canvas: Canvas, stored: Stored, index: int):
     """The rays of all blobs and the points in which they meet, whether they have names or not."""
     before, (known, meeting) = opened.looked_at.get("meeting", (None, (-1, None)))
     if before is not stored or known != index:
-        meeting = Meeting.of(stored, index)
+        meeting = FrameRays.of(stored, index)
         opened.looked_at["meeting"] = stored, (index, meeting)
     for ends, colour in ((meeting.ends, RAY), (meeting.loose, LOOSE_RAY)):
         canvas.lines(canvas.place(ends), np.broadcast_to(np.array(colour), (len(ends), 2, 4)), 1.0)

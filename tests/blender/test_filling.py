@@ -74,6 +74,8 @@ def test_a_dashed_line_lies_on_the_line_and_ends_where_it_does():
     found = ours("ui.graph").dashed(line, 6.0, 4.0)
     np.testing.assert_allclose(found[:, :, 0], [[0, 6], [10, 16], [20, 25]])
     np.testing.assert_allclose(found[:, :, 1], [[0, 12], [20, 20], [20, 20]])
+    band = ours("ui.graph").around(np.stack([line[:-1], line[1:]], axis=1), 3.0)
+    assert band[0].tolist() == [[0, -3], [10, 17], [10, 23], [0, 3]]
 
 
 def test_exports_tell_what_is_filled_and_what_was_measured(filled, files):
