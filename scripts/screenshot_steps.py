@@ -177,11 +177,11 @@ def folder_of_takes(task: dict) -> Iterator[float]:
 def preview_fill() -> Iterator[float]:
     """Show what a marker's gap would be filled with, in the Graph Editor."""
     state = bpy.context.window_manager.mocap_autolabel
-    row = next(row for row in state.markers if row.gaps)
+    row = next(row for row in state.markers if row.gaps and row.labelled > 0.5)  # the table may be of before
     bpy.ops.mocap_autolabel.jump(frame=row.first_gap, marker=row.name)
     bpy.ops.mocap_autolabel.show_graph()
     yield 1
-    state.listed = "FILLS"
+    state.listed, bpy.context.scene.mocap_autolabel.filling.propose = "FILLS", True
     bpy.ops.mocap_autolabel.fill_gaps("INVOKE_DEFAULT", extent="MARKER", propose=True)
     yield from window.until(lambda: len(state.proposed_fills))
     gap = state.proposed_fills[0]
@@ -190,7 +190,7 @@ def preview_fill() -> Iterator[float]:
     )
     yield from window.screenshot("fill-preview")
     bpy.ops.mocap_autolabel.discard_fills()
-    state.listed = "TROUBLES"
+    state.listed, bpy.context.scene.mocap_autolabel.filling.propose = "TROUBLES", False
     with bpy.context.temp_override(area=window.area("GRAPH_EDITOR")):
         bpy.ops.screen.area_close()
     yield 1

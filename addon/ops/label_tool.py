@@ -23,6 +23,9 @@ from .picking import InView, dot_at, image_in, selected_markers, show_picked, ta
 # Keys that change what is looked at, which go on meaning what they mean while dots are named.
 LOOKING = ("ARROW", "NUMPAD", "WHEEL", "MOUSE", "TRACKPAD", "TIMER", "HOME", "ACCENT_GRAVE", "NDOF", "WINDOW")
 
+# Spaces that the icons of keys are wider than Blender takes them for.
+WIDER = {"EVENT_SPACEKEY": 6, "EVENT_BACKSPACE": 2, "EVENT_RETURN": 2, "EVENT_ESC": 3}
+
 
 def camera_of(context: bpy.types.Context, stored: Stored, area: bpy.types.Area) -> int:
     """Which of a take's cameras a view looks through; InputError where through none."""
@@ -48,10 +51,7 @@ class WorksInView:
 
         def draw(header, _context):
             for icon, words in below.items():
-                room = " " * (
-                    3 if icon.startswith("EVENT") else 0
-                )  # icons of keys are wider than Blender takes them for
-                header.layout.label(text=f"{room}{words}", icon=icon)
+                header.layout.label(text=" " * WIDER.get(icon, 0) + words, icon=icon)
 
         context.workspace.status_text_set(draw)
         self._area.tag_redraw()

@@ -147,5 +147,4 @@ def fit_graphs(context: bpy.types.Context, first: int, last: int):
         ends = [region.view2d.view_to_region(*place, clip=False) for place in (lower - room, upper + room)]
         with context.temp_override(area=area, region=region):
             (left, bottom), (right, top) = ends
-            bpy.ops.graph.select_all(action="DESELECT")  # selected keys hide the colours of the axes
             bpy.ops.view2d.zoom_border(xmin=left, xmax=right, ymin=bottom, ymax=top, wait_for_input=False)

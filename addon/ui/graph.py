@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Over Blender's Graph Editor, whose curves are the keys of the selected markers: what these cannot tell.
 
-Blender draws a straight line across a gap. Here the gap is marked; in it lies the fill with the error to expect, dashed
-until it is kept; and a trajectory without a name, which has no keys, has its curves as well.
+Blender draws a straight line across a gap, and its keys hide the colours of the axes. Here what was seen has these, a
+gap is marked, in it lies the fill with the error to expect, dashed until it is kept, and a trajectory without a name,
+which has no keys, has its curves as well.
 """
 
 from collections.abc import Iterable
@@ -30,7 +31,7 @@ from .timeline import LETTERS, STATE_COLOURS, Pixels
 
 GAP_OPACITY, BAND_OPACITY = 0.14, 0.3
 DASH, SPACE = 6.0, 4.0  # px of the interface that a line is drawn and left out
-FILL_WIDTH, POINT_WIDTH, WORDS_FOOT = 2.0, 1.5, 16.0  # px of the interface
+FILL_WIDTH, SEEN_WIDTH, WORDS_FOOT = 2.0, 2.5, 16.0  # px of the interface
 _letters = Letters()
 
 
@@ -76,7 +77,7 @@ def draw():
             x = places.origin[0] + places.scale[0] * ends
             boxes = np.column_stack([x[:, 0], 0 * x[:, 0], x[:, 1], 0 * x[:, 1] + pixels.size[1]])
             pixels.boxes(boxes, (*STATE_COLOURS[GAP], GAP_OPACITY))
-        draw_points(context, pixels, places, stored)
+        draw_curves(context, pixels, places, stored)
         looked_at = [fill for fill in proposed(context) if fill.marker in names]
         again = [(fill.marker, fill.first) for fill in looked_at]
         kept = [fill for fill in stored.fitting if fill.marker in names and (fill.marker, fill.first) not in again]
@@ -101,17 +102,30 @@ def gaps_of(stored: Stored, name: str) -> np.ndarray:
     return stored.motion.frames[np.array([(gap.start, gap.stop - 1) for gap in gaps], int).reshape(-1, 2)]
 
 
-def draw_points(context: bpy.types.Context, pixels: Pixels, places: GraphPlaces, stored: Stored):
-    """The curves of the picked trajectories in the frames in which they have no name, in the colours of the axes."""
-    theme = context.preferences.themes[0].user_interface
+def draw_curves(context: bpy.types.Context, pixels: Pixels, places: GraphPlaces, stored: Stored):
+    """x, y and z, in the colours of the axes, of what was seen of the selected markers.
+
+    And of the picked trajectories, where these have no name.
+    """
+    seen = np.isfinite(stored.unfilled.markers)
+    markers = [stored.names.index(name) for name in selected_markers(context)]
+    curves = [np.where(seen[:, one], stored.motion.markers[:, one], np.nan) for one in markers]
     for point in picked_points(context) if isinstance(stored.rows, PointRows) else ():
         rows = opened.rows_of(stored, point)
         rows = rows[stored.labels.marker[rows] == NO_MARKER]
-        frames = stored.motion.frames[stored.rows.frame[rows]] + stored.shift
-        follow = np.diff(frames) == 1
-        for axis, colour in enumerate((theme.axis_x, theme.axis_y, theme.axis_z)):
-            line = places.at(frames, stored.rows.xyz[rows, axis])
-            lines(pixels, np.stack([line[:-1], line[1:]], axis=1)[follow], (*colour, 1.0), POINT_WIDTH)
+        curves.append(np.full((len(seen), 3), np.nan))
+        curves[-1][stored.rows.frame[rows]] = stored.rows.xyz[rows]
+    theme = context.preferences.themes[0].user_interface
+    first = int(stored.motion.frames[0]) + stored.shift
+    left, right = ((x - places.origin[0]) / places.scale[0] - first for x in (0, pixels.size[0]))
+    begin, end = max(int(left), 0), max(int(right) + 2, 0)
+    step = max(1, (end - begin) // pixels.size[0])  # more than one to a pixel is not seen
+    for xyz in (curve[begin:end:step] for curve in curves):
+        frames = first + begin + step * np.arange(len(xyz))
+        for values, colour in zip(xyz.T, (theme.axis_x, theme.axis_y, theme.axis_z), strict=True):
+            line = places.at(frames, values)
+            ends = np.stack([line[:-1], line[1:]], axis=1)
+            lines(pixels, ends[np.isfinite(ends).all(axis=(1, 2))], (*colour, 1.0), SEEN_WIDTH)
 
 
 def draw_fills(
