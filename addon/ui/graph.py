@@ -66,28 +66,30 @@ def draw():
     if not graph_shown(context):
         return
     stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
-    places, scale, names = (
-        GraphPlaces.of(context.region),
-        context.preferences.system.ui_scale,
-        selected_markers(context),
-    )
+    places, names, words = GraphPlaces.of(context.region), selected_markers(context), []
+    scale = context.preferences.system.ui_scale
+    first, last = (context.region.view2d.region_to_view(x, 0)[0] - stored.shift for x in (0, context.region.width))
     with Pixels(context.region) as pixels:
         if names:  # of one, the active one: the gaps of many would cover everything
-            ends = gaps_of(stored, names[0]) + np.array([stored.shift - 0.5, stored.shift + 0.5])
-            x = places.origin[0] + places.scale[0] * ends
-            boxes = np.column_stack([x[:, 0], 0 * x[:, 0], x[:, 1], 0 * x[:, 1] + pixels.size[1]])
-            pixels.boxes(boxes, (*STATE_COLOURS[GAP], GAP_OPACITY))
+            draw_gaps(pixels, places, gaps_of(stored, names[0]) + stored.shift)
         draw_curves(context, pixels, places, stored)
-        looked_at = [fill for fill in proposed(context) if fill.marker in names]
-        again = [(fill.marker, fill.first) for fill in looked_at]
-        kept = [fill for fill in stored.fitting if fill.marker in names and (fill.marker, fill.first) not in again]
-        words = []
+        looked_at = proposed(context)
+        again = {(fill.marker, fill.first) for fill in looked_at}
+        kept = [fill for fill in stored.fitting if (fill.marker, fill.first) not in again]
         for fills, colour, dash in ((kept, BLUE, 0.0), (looked_at, ORANGE, DASH * scale)):
-            draw_fills(pixels, places, fills, stored.shift, colour, dash)
-            for fill in fills:
+            seen = [one for one in fills if one.marker in names and one.first <= last and first <= one.last]
+            draw_fills(pixels, places, seen, stored.shift, colour, dash)
+            for fill in seen:
                 x = places.origin[0] + places.scale[0] * (fill.first + stored.shift)
                 words.append((words_of(fill), x, WORDS_FOOT * scale * (1 + names.index(fill.marker)), colour))
         _letters.draw(words, LETTERS * scale, shadow=True)
+
+
+def draw_gaps(pixels: Pixels, places: GraphPlaces, gaps: np.ndarray):
+    """Shades frames (N, 2) from the first to the last, both included."""
+    x = places.origin[0] + places.scale[0] * (gaps + np.array([-0.5, 0.5]))
+    boxes = np.column_stack([x[:, 0], 0 * x[:, 0], x[:, 1], 0 * x[:, 1] + pixels.size[1]])
+    pixels.boxes(boxes, (*STATE_COLOURS[GAP], GAP_OPACITY))
 
 
 def words_of(fill: KeptFill) -> str:
@@ -107,9 +109,9 @@ def draw_curves(context: bpy.types.Context, pixels: Pixels, places: GraphPlaces,
 
     And of the picked trajectories, where these have no name.
     """
-    seen = np.isfinite(stored.unfilled.markers)
+    seen, shown = stored.unfilled.markers, stored.motion.markers
     markers = [stored.names.index(name) for name in selected_markers(context)]
-    curves = [np.where(seen[:, one], stored.motion.markers[:, one], np.nan) for one in markers]
+    curves = [np.where(np.isfinite(seen[:, one]), shown[:, one], np.nan) for one in markers]
     for point in picked_points(context) if isinstance(stored.rows, PointRows) else ():
         rows = opened.rows_of(stored, point)
         rows = rows[stored.labels.marker[rows] == NO_MARKER]
