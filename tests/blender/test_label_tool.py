@@ -242,6 +242,11 @@ def test_the_status_bar_says_the_keys_that_a_person_has_given_the_tool(labelled)
     assert not other.layout.mock_calls
 
 
+def test_this_blender_has_the_icons_of_the_keys_that_are_asked_for(extension):
+    icons = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items.keys()
+    assert {"MOUSE_LMB", *ours("ops.label_tool").WIDER} <= set(icons)
+
+
 def test_the_keys_come_back_after_a_text_that_was_in_the_status_bar_when_they_were_added(extension):
     tool, header, workspace = ours("ui.label_tool"), bpy.types.STATUSBAR_HT_header, bpy.context.workspace
     with ExitStack() as stack:
