@@ -22,7 +22,7 @@ from bpy.props import (
 
 from .core.data.errors import InputError
 from .core.edits.kinds import counted_on, words_of
-from .core.filling.kept import resting_on
+from .core.filling.kept import KeptFill, resting_on
 from .core.geometry.camera_up import AXIS_NAMES
 from .core.points.several.wearers import AUTO, MAX_SUBJECTS, NAME_RULE, as_compared, is_subject_name
 from .io.markersets import AUTO_MODEL, SUFFIX, builtin_markersets, open_markerset
@@ -323,6 +323,9 @@ class FillingSettings(bpy.types.PropertyGroup):
     )
     use_longest: BoolProperty(name="Longest", description="Leave gaps that are longer")
     longest: IntProperty(name="Longest", description="Frames of the longest gap that is filled", default=100, min=1)
+    propose: BoolProperty(
+        name="Preview", description="Show the fills dashed, in the view and the Graph Editor, before any is kept"
+    )
     cutoff: FloatProperty(
         name="Cut-Off",
         description="What is faster is taken from the markers: 6 Hz is usual for walking, 10 to 20 Hz for sports",
@@ -355,6 +358,10 @@ class DisplaySettings(bpy.types.PropertyGroup):
     )
     show_links: BoolProperty(
         name="Links", description="Through a camera, link each blob to where the body expects its marker", default=True
+    )
+    show_rays: BoolProperty(
+        name="Rays",
+        description="Draw the rays of all blobs of the frame, and the points in which they meet, named or not",
     )
     stage: EnumProperty(
         name="Stage",
@@ -505,6 +512,8 @@ class ReviewState(bpy.types.PropertyGroup):
     candidate: StringProperty(name="Candidate", description="A marker set that waits to be adopted; empty for none")
     fills: CollectionProperty(type=GapRow)
     fill_index: IntProperty()
+    proposed_fills: CollectionProperty(type=GapRow)
+    proposed_fill_index: IntProperty()
     left_gaps: CollectionProperty(type=GapRow)
     left_gap_index: IntProperty()
     timeline_scroll: FloatProperty(
@@ -546,6 +555,8 @@ class ReviewState(bpy.types.PropertyGroup):
     troubles: CollectionProperty(type=TroubleRow)
     trouble_index: IntProperty()
     trouble_shown: StringProperty()
+    trouble_followed: IntProperty(default=-1)  # the line that was chosen because something was picked, -1 for none
+    trouble_left: IntProperty()  # the line that was chosen before
     trouble_done: EnumProperty(
         name="Answered",
         description="Whether what is answered is listed",
@@ -693,9 +704,11 @@ def take_name(source: SourceSettings) -> str:
 def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     """Fills the tables of the review from the scene's active take, or empties them; frames are Blender's."""
     state, collection = manager.mocap_autolabel, scene.mocap_autolabel.take
-    redraw("DOPESHEET_EDITOR")
+    for editor in ("DOPESHEET_EDITOR", "GRAPH_EDITOR"):
+        redraw(editor)
     if not is_take(collection):
-        for rows in (state.markers, state.corrections, state.fills, state.changes, state.troubles):
+        lists = state.markers, state.corrections, state.fills, state.proposed_fills, state.changes, state.troubles
+        for rows in lists:
             rows.clear()
         return
     stored = opened.take(collection, scene)
@@ -711,6 +724,13 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     edits = zip(stored.edits, stored.outcomes, strict=True)
     rows = [(words_of(edit, shift), counted_on(outcome.reason, shift)) for edit, outcome in edits]
     list_rows(state, "corrections", "name idle", rows)
+    list_fills(state, "fills", stored.fills, stored.unfit, shift)
+    proposed = opened.proposed_of(collection)
+    list_fills(state, "proposed_fills", proposed, [""] * len(proposed), shift)
+
+
+def list_fills(state: "ReviewState", listed: str, fills: Sequence[KeptFill], reasons: Sequence[str], shift: int):
+    """Makes a list hold fills, and why each does not go with the take; frames are then Blender's."""
     rows = [
         (
             fill.marker,
@@ -721,9 +741,9 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
             resting_on(fill.ends),
             1000 * fill.expected if math.isfinite(fill.expected) else -1,
         )
-        for fill, why in zip(stored.fills, stored.unfit, strict=True)
+        for fill, why in zip(fills, reasons, strict=True)
     ]
-    list_rows(state, "fills", "name first last method reason rests_on expected", rows)
+    list_rows(state, listed, "name first last method reason rests_on expected", rows)
 
 
 def list_rows(state: "ReviewState", listed: str, names: str, values: Iterable[Sequence]):

@@ -43,6 +43,12 @@ def steps() -> Iterator[float]:
     yield from window.until(lambda: settings.subjects.found)
     yield from window.look_through_first()
     yield from window.screenshot("blobs-through-camera")
+    settings.display.show_rays = True
+    bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)
+    look_at((-0.6, -0.3, 0.9), distance=6.5)
+    yield from window.screenshot("rays")
+    settings.display.show_rays = False
+    yield from window.look_through_first()
 
     yield from label()
     bpy.context.scene.frame_set(bpy.context.scene.frame_start + 100)
@@ -70,6 +76,7 @@ def steps() -> Iterator[float]:
     yield from window.screenshot("review")
     yield from character(middle)
     yield from correct()
+    yield from preview_fill()
     yield from fill_and_correct()
     yield from window.grow("DOPESHEET_EDITOR", 330)
     yield from window.screenshot("timeline")
@@ -165,6 +172,28 @@ def folder_of_takes(task: dict) -> Iterator[float]:
     bpy.ops.mocap_autolabel.stop_folder()
     yield from window.until(lambda: not state.folder_doing)
     bpy.data.batch_remove(list(settings.source.cameras.all_objects))
+
+
+def preview_fill() -> Iterator[float]:
+    """Show what a marker's gap would be filled with, in the Graph Editor."""
+    state = bpy.context.window_manager.mocap_autolabel
+    row = next(row for row in state.markers if row.gaps and row.labelled > 0.5)  # the table may be of before
+    bpy.ops.mocap_autolabel.jump(frame=row.first_gap, marker=row.name)
+    bpy.ops.mocap_autolabel.show_graph()
+    yield 1
+    state.listed, bpy.context.scene.mocap_autolabel.filling.propose = "FILLS", True
+    bpy.ops.mocap_autolabel.fill_gaps("INVOKE_DEFAULT", extent="MARKER", propose=True)
+    yield from window.until(lambda: len(state.proposed_fills))
+    gap = state.proposed_fills[0]
+    importlib.import_module("bl_ext.user_default.mocap_autolabel.addon.ops.viewing").fit_graphs(
+        bpy.context, gap.first - 30, gap.last + 30
+    )
+    yield from window.screenshot("fill-preview")
+    bpy.ops.mocap_autolabel.discard_fills()
+    state.listed, bpy.context.scene.mocap_autolabel.filling.propose = "TROUBLES", False
+    with bpy.context.temp_override(area=window.area("GRAPH_EDITOR")):
+        bpy.ops.screen.area_close()
+    yield 1
 
 
 def fill_and_correct() -> Iterator[float]:

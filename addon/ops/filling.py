@@ -6,7 +6,7 @@ from functools import partial
 
 import bpy
 import numpy as np
-from bpy.props import EnumProperty, IntProperty
+from bpy.props import BoolProperty, EnumProperty, IntProperty
 
 from ..core.data.errors import InputError, UserError
 from ..core.data.takes import Blobs
@@ -21,6 +21,7 @@ from ..props import chosen_markerset, list_rows, refresh_review, row_of
 from ..scene.fills import keep_cutoff, keep_fills, kept_cutoff, kept_fills
 from ..scene.opened import opened
 from ..scene.performers import Performer
+from ..scene.redrawing import redraw
 from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
 from .base import OfTake, once, taken, takes_of_file, unless
@@ -77,6 +78,7 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, LongWork, bpy.types.Operator):
     """Fill gaps by what the rest of the take says; what was measured stays, and what is filled is marked as such."""
 
     extent: extent_property("Which gaps to fill")
+    propose: once(BoolProperty, "Preview", "Only show the fills, dashed, until Keep Fills or Discard Fills is pressed")
     doing = "Filling gaps"
 
     def asked(self, context) -> partial:
@@ -97,13 +99,16 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, LongWork, bpy.types.Operator):
         if not filled.gaps and not filled.left:
             raise InputError("there is no gap to fill; expected a marker that is missing, and seen elsewhere")
         new = kept_fills_of(filled, stored.names, stored.motion.frames)
-        if new:
+        if new and self.propose:
+            propose(context, new)
+        elif new:
             keep_and_show(context, partial(keep_fills, fills=replaced_fills(stored.fitting, new)))
         # The gaps that were left, with the reasons; frames are Blender's.
         left = left_rows(filled.left, stored.names, int(stored.motion.frames[0]) + stored.shift)
         rows = [[gap[key] for key in ("marker", "first", "last", "reason")] for gap in left]
         list_rows(context.window_manager.mocap_autolabel, "left_gaps", "name first last reason", rows)
-        self.report({"INFO"} if new else {"WARNING"}, outcome_of(filled, new))
+        words = outcome_of(filled, new)
+        self.report({"INFO"} if new else {"WARNING"}, words.replace("filled", "previewed") if self.propose else words)
         return {"FINISHED"} if new else {"CANCELLED"}
 
 
@@ -144,6 +149,52 @@ def outcome_of(filled: FilledTake, new: Sequence[KeptFill]) -> str:
     if filled.left:
         words += f"; the first that was left {filled.left[0].reason}"
     return words
+
+
+def propose(context: bpy.types.Context, fills: Sequence[KeptFill]):
+    """Shows fills of the active take that are not kept yet, in place of those before."""
+    opened.propose(context.scene.mocap_autolabel.take, fills)
+    refresh_review(context.window_manager, context.scene)
+    redraw("VIEW_3D")
+
+
+def proposed(context: bpy.types.Context) -> tuple[KeptFill, ...]:
+    """The fills of the active take, if there is one, that are shown and not kept yet."""
+    take = context.scene.mocap_autolabel.take
+    return opened.proposed_of(take) if is_take(take) else ()
+
+
+class OfProposed(OfTake):
+    """Operators on fills that are shown and not kept yet."""
+
+    needs = (*OfTake.needs, unless(proposed, "No fill is previewed"))
+    index: once(IntProperty, "Index", "Which of the list alone, from 0; -1 for all", default=-1)
+
+    def parted(self, context) -> tuple[list[KeptFill], list[KeptFill]]:
+        """The fills that are meant, and the others; InputError where none is."""
+        shown = proposed(context)
+        meant = [fill for number, fill in enumerate(shown) if self.index in (-1, number)]
+        if not meant:
+            raise InputError(f"there is no fill {self.index + 1}; expected one of the {len(shown)} that are previewed")
+        return meant, [fill for fill in shown if fill not in meant]
+
+
+class MOCAP_AUTOLABEL_OT_keep_fills(OfProposed, bpy.types.Operator):
+    """Fill the gaps as the preview shows it."""
+
+    def work(self, context):
+        meant, others = self.parted(context)
+        keep_and_show(context, partial(keep_fills, fills=replaced_fills(taken(context).fitting, meant)))
+        propose(context, others)
+
+
+class MOCAP_AUTOLABEL_OT_discard_fills(OfProposed, bpy.types.Operator):
+    """Leave the gaps that the preview shows filled."""
+
+    bl_options = {"REGISTER"}  # nothing of the file is changed
+
+    def work(self, context):
+        propose(context, self.parted(context)[1])
 
 
 class MOCAP_AUTOLABEL_OT_take_back_fills(OfTake, bpy.types.Operator):

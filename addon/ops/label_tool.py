@@ -23,6 +23,9 @@ from .picking import InView, dot_at, image_in, selected_markers, show_picked, ta
 # Keys that change what is looked at, which go on meaning what they mean while dots are named.
 LOOKING = ("ARROW", "NUMPAD", "WHEEL", "MOUSE", "TRACKPAD", "TIMER", "HOME", "ACCENT_GRAVE", "NDOF", "WINDOW")
 
+# Spaces that the icons of keys are wider than Blender takes them for.
+WIDER = {"EVENT_SPACEKEY": 6, "EVENT_BACKSPACE": 2, "EVENT_RETURN": 2, "EVENT_ESC": 3}
+
 
 def camera_of(context: bpy.types.Context, stored: Stored, area: bpy.types.Area) -> int:
     """Which of a take's cameras a view looks through; InputError where through none."""
@@ -42,9 +45,15 @@ class WorksInView:
         context.window.cursor_modal_set("CROSSHAIR")
         context.window_manager.modal_handler_add(self)
 
-    def tell(self, context: bpy.types.Context, beside: str, below: str):
+    def tell(self, context: bpy.types.Context, beside: str, **below: str):
+        """Asks something beside the pointer, and says in the status bar what mouse buttons and keys do, by icon."""
         gesture.words = beside
-        context.workspace.status_text_set(below)
+
+        def draw(header, _context):
+            for icon, words in below.items():
+                header.layout.label(text=" " * WIDER.get(icon, 0) + words, icon=icon)
+
+        context.workspace.status_text_set(draw)
         self._area.tag_redraw()
 
     def cancel(self, context):
@@ -134,8 +143,14 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
         place = predicted(stored, stored.index_here(context.scene.frame_current))[gesture.marker]
         gesture.place = tuple(place) if np.isfinite(place).all() else None
         left, name = len(asked), stored.names[gesture.marker]
-        keys = "Space: not here    Backspace: take the last back    Esc: end"
-        self.tell(context, f"{name}?", f"Quick Label: click {name}, {left} missing in this frame    {keys}")
+        self.tell(
+            context,
+            f"{name}?",
+            MOUSE_LMB=f"{name}, {left} missing in this frame",
+            EVENT_SPACEKEY="Not Here",
+            EVENT_BACKSPACE="Take the Last Back",
+            EVENT_ESC="End",
+        )
         return {"RUNNING_MODAL"}
 
     def _asked(self, context, stored: Stored) -> np.ndarray:
@@ -214,10 +229,7 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
             ahead = self._area.spaces.active.region_3d.view_location
             self._near = (np.linalg.inv(take_to_view(context, stored, self._area)) @ [*ahead, 1.0])[:3]
         self.moved(context)
-        self._help = (
-            f"It Is Here: click where {self.marker} is, turn the view and click again, then Enter    Esc: cancel"
-        )
-        self.tell(context, f"{self.marker}: click where it is", self._help)
+        self.tell(context, f"{self.marker}: click where it is", **self._keys())
         return {"RUNNING_MODAL"}
 
     def moved(self, context):
@@ -247,8 +259,12 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
     def click(self, context) -> set[str]:
         self._at = self._under_pointer()
         gesture.place = tuple(self._at)
-        self.tell(context, f"{self.marker}: Enter, or click again", self._help)
+        self.tell(context, f"{self.marker}: Enter, or click again", **self._keys())
         return {"RUNNING_MODAL"}
+
+    def _keys(self) -> dict[str, str]:
+        place = f"{self.marker} Is Here" if self._at is None else "More Exactly, from Another Side"
+        return {"MOUSE_LMB": place} | {"EVENT_RETURN": "Confirm", "EVENT_ESC": "Cancel"}
 
     def confirm(self, context) -> set[str]:
         if self._at is None:

@@ -24,6 +24,7 @@ from ..scene.stored import Stored
 from ..scene.take import holds_points, is_take
 from .base import OfTake, once, reports_trouble, taken
 from .gestures import Drags, gesture, place_in, window_region
+from .listing import lists_follow
 
 PICK_RADIUS = 20.0  # px of the interface from the mouse to a dot that is meant, as for Blender's own picking of points
 LASSO_STEP = 3.0  # px that the pointer moves between two corners of a lasso
@@ -61,7 +62,7 @@ def picked_points(context: bpy.types.Context) -> list[int]:
 def show_picked(context: bpy.types.Context, stored: Stored, points: Sequence[int], markers: Iterable[int] = ()):
     """Picks trajectories, or rows of blobs, and selects the empties of what they are here and now, and of `markers`.
 
-    The last one becomes the active object.
+    The last one becomes the active object, and the lists of Review go along.
     """
     scene, state = context.scene, context.window_manager.mocap_autolabel
     for item in context.selected_objects:
@@ -74,8 +75,8 @@ def show_picked(context: bpy.types.Context, stored: Stored, points: Sequence[int
     else:
         marker = {row: int(stored.labels.marker[row]) for row in points if row < len(stored.rows)}
     wanted = [marker[point] for point in points if marker.get(point, NO_MARKER) != NO_MARKER]
-    empties = marker_empties(scene.mocap_autolabel.take)
-    for name in (stored.names[index] for index in (*markers, *wanted)):
+    empties, names = marker_empties(scene.mocap_autolabel.take), [stored.names[index] for index in (*markers, *wanted)]
+    for name in names:
         item = empties.get(name)
         if item is not None and item.visible_get():
             item.select_set(True)
@@ -84,6 +85,7 @@ def show_picked(context: bpy.types.Context, stored: Stored, points: Sequence[int
     for point in points:
         state.picked.add().point = point
     state.picked_with = _selection(context)
+    lists_follow(context, stored, names, points if isinstance(stored.rows, PointRows) else ())
 
 
 def words_of_picked(context: bpy.types.Context, points: Sequence[int]) -> str:

@@ -16,8 +16,9 @@ from ..scene.stored import Stored
 from ..scene.trouble import trouble_of
 from .base import WithTake, once, taken
 from .correcting import correct
+from .listing import is_listed
 from .picking import dots_here, show_picked
-from .viewing import bring_into_view
+from .viewing import bring_into_view, fit_graphs
 
 # The operators for what no edit mends, and the words of their buttons.
 BUTTONS = {
@@ -65,6 +66,11 @@ def places_of(trouble: Trouble, stored: Stored, frame: int) -> np.ndarray:
     return every[np.isfinite(every).all(axis=1)]
 
 
+def go_to(state: bpy.types.PropertyGroup, index: int):
+    """Chooses a line of the list, which is where the way through it is then."""
+    state.trouble_index, state.trouble_followed = index, -1
+
+
 def show(context: bpy.types.Context, trouble: Trouble):
     """Goes to the first frame of a trouble, selects what it is about and brings that into every 3D view."""
     scene = context.scene
@@ -77,6 +83,8 @@ def show(context: bpy.types.Context, trouble: Trouble):
     _select(context, trouble, stored)
     places = places_of(trouble, stored, frame)
     bring_into_view(context, in_world(scene.mocap_autolabel.take, places))
+    around = round(stored.rate)
+    fit_graphs(context, trouble.first - around, trouble.last + around)
 
 
 def _select(context: bpy.types.Context, trouble: Trouble, stored: Stored):
@@ -116,7 +124,7 @@ class MOCAP_AUTOLABEL_OT_show_trouble(OfTrouble, bpy.types.Operator):
 
     def work(self, context):
         trouble = self.trouble(context)
-        context.window_manager.mocap_autolabel.trouble_index = self.index
+        go_to(context.window_manager.mocap_autolabel, self.index)
         show(context, trouble)
 
 
@@ -132,12 +140,14 @@ class MOCAP_AUTOLABEL_OT_next_trouble(OfTrouble, bpy.types.Operator):
         if not listed:
             self.report({"INFO"}, "Nothing is left to look at")
             return {"CANCELLED"}
-        at = state.trouble_index
+        # The list may have gone along with what was picked since; the way through it goes on from where it was.
+        at = state.trouble_left if state.trouble_index == state.trouble_followed else state.trouble_index
+        at = min(at, len(state.troubles) - 1)
         # What was answered or mended left its place to another one, and at first none was shown: that one is next.
         here = not self.back and state.troubles[at].reason != state.trouble_shown
         later = [number for number in listed if (number < at if self.back else number > at or (here and number == at))]
         self.index = (later or listed)[-1 if self.back else 0]
-        state.trouble_index = self.index
+        go_to(state, self.index)
         show(context, self.trouble(context))
         return {"FINISHED"}
 
@@ -165,8 +175,3 @@ class MOCAP_AUTOLABEL_OT_mend_trouble(OfTrouble, bpy.types.Operator):
             raise InputError("nothing does that by itself; expected a person to look")
         show(context, trouble)
         return getattr(bpy.ops.mocap_autolabel, BUTTONS[trouble.action][0])("INVOKE_DEFAULT")
-
-
-def is_listed(state: bpy.types.PropertyGroup, row: bpy.types.PropertyGroup) -> bool:
-    """Whether the choice above the list lets a line of it be seen."""
-    return state.trouble_done == "ALL" or row.answered == (state.trouble_done == "DONE")

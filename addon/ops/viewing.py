@@ -11,8 +11,9 @@ from ..scene.cameras import is_mocap_camera, look_through
 from ..scene.opened import opened
 from ..scene.ownership import persons_in
 from ..scene.take import is_take, remove_take
-from .base import Ours, lacks_object_mode, once, taken, unless
-from .picking import show_picked
+from .base import Ours, WithTake, lacks_object_mode, once, taken, unless
+from .gestures import window_region
+from .picking import selected_markers, show_picked
 
 
 class MOCAP_AUTOLABEL_OT_look_through(Ours, bpy.types.Operator):
@@ -105,3 +106,45 @@ def fit_timelines(context: bpy.types.Context):
             with context.temp_override(area=area, region=region):
                 if bpy.ops.action.view_all.poll():
                     bpy.ops.action.view_all()
+
+
+GRAPH_SHARE = 0.35  # of the 3D view that a graph takes
+GRAPH_ROOM = np.array([0.05, 0.25])  # of what is meant, along frames and values, that a graph shows beside it
+
+
+class MOCAP_AUTOLABEL_OT_show_graph(WithTake, bpy.types.Operator):
+    """Show x, y and z of the selected markers over time, with gaps and fills, in a Graph Editor below the view."""
+
+    bl_label = "Show in the Graph Editor"
+    bl_options = {"REGISTER"}
+
+    def work(self, context):
+        areas = list(context.screen.areas) if context.screen else []
+        views = [area for area in areas if area.type == "VIEW_3D"]
+        if not any(area.ui_type == "FCURVES" for area in areas) and views:
+            view = max(views, key=lambda area: area.width * area.height)
+            with context.temp_override(area=view, region=window_region(view)):
+                bpy.ops.screen.area_split(direction="HORIZONTAL", factor=GRAPH_SHARE)
+            parts = [view, *(area for area in context.screen.areas if area not in areas)]
+            graph = min(parts, key=lambda area: area.y)
+            graph.ui_type, graph.spaces.active.show_region_ui = "FCURVES", False
+        frames = taken(context).motion.frames
+        fit_graphs(context, int(frames[0]), int(frames[-1]))
+
+
+def fit_graphs(context: bpy.types.Context, first: int, last: int):
+    """Lets Graph Editors show the selected markers from the first to the last frame, of the source's numbers."""
+    stored, names = taken(context), selected_markers(context)
+    rows = slice(*np.searchsorted(stored.motion.frames, [first, last + 1]).tolist())
+    seen = stored.motion.markers[rows, [stored.names.index(name) for name in names]]
+    if context.screen is None or not np.isfinite(seen).any():
+        return
+    lower = np.array([first + stored.shift, np.nanmin(seen)])
+    upper = np.array([last + stored.shift, np.nanmax(seen)])
+    room = np.maximum(GRAPH_ROOM * (upper - lower), [1, 0.01])
+    for area in (area for area in context.screen.areas if area.ui_type == "FCURVES"):
+        region = window_region(area)
+        ends = [region.view2d.view_to_region(*place, clip=False) for place in (lower - room, upper + room)]
+        with context.temp_override(area=area, region=region):
+            (left, bottom), (right, top) = ends
+            bpy.ops.view2d.zoom_border(xmin=left, xmax=right, ymin=bottom, ymax=top, wait_for_input=False)

@@ -5,15 +5,19 @@ The counterpart of `picking` for blobs. A blob goes by its row in the take, as a
 trajectory; what it is in other frames is told by its track in the camera.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..core.data.errors import InputError
-from ..core.data.takes import NO_MARKER, NO_POINT, rows_in_frame
+from ..core.data.takes import NO_MARKER, NO_POINT, Blobs, rows_in_frame
 from ..core.edits.blob_tracks import BlobTracks
 from ..core.edits.kinds import BlobEdit
-from .picking import Dots, missing, predicted, ranked
+from ..core.reconstruction.trajectories import Reconstructor
+from .picking import Dots, limbs, missing, predicted, ranked
 from .stored import Stored
 
+FAR = 5.0  # m that a ray is drawn where no point says how far the subject is
 PLACE_DIGITS = 2  # of a pixel that an edit keeps: the file's single precision is finer, and people read it
 
 
@@ -40,6 +44,41 @@ def marker_dots(stored: Stored, index: int) -> Dots:
     """The markers in frame `index`, which are no blobs of one camera."""
     markers = np.flatnonzero(~missing(stored, index))
     return Dots(np.full(len(markers), NO_POINT), markers, stored.unfilled.markers[index, markers])
+
+
+@dataclass(frozen=True, eq=False)
+class FrameRays:
+    """Where the rays of one frame's blobs meet, whatever they are called.
+
+    points  (P, 3) m
+    ends    (R, 2, 3) m, of each ray that makes a point: its camera and the point
+    loose   (K, 2, 3) m, of each ray that makes none: its camera, and as far away as the points are in the median
+    """
+
+    points: np.ndarray
+    ends: np.ndarray
+    loose: np.ndarray
+
+    @classmethod
+    def of(cls, stored: Stored, index: int) -> "FrameRays":
+        """Of frame `index` of a take of blobs by itself: no trajectory tells."""
+        here, centres = rows_in_frame(stored.rows, index), stored.cameras.centres
+        rows, cameras = np.arange(here.start, here.stop), stored.rows.camera[here]
+        points, point, used = np.zeros((0, 3)), np.zeros(0, int), np.zeros(0, int)
+        if len(stored.cameras) > 1:
+            one = np.zeros(len(rows), int)
+            blobs = Blobs(stored.rows.frames[[index]], one, cameras, stored.rows.xy[here], stored.rows.area[here])
+            found = Reconstructor(stored.cameras, stored.rate).reconstruct(blobs)
+            points, (point, camera) = found.points, np.nonzero(found.rows >= 0)
+            used = found.rows[point, camera]
+        left = np.setdiff1d(np.arange(len(rows)), used)
+        rays = [ray_of(stored, row) for row in rows[left].tolist()]
+        way = np.array([direction for _, direction in rays]).reshape(-1, 3)
+        begins = centres[cameras[left]]
+        far = np.median(np.linalg.norm(points[:, None] - centres, axis=2)) if len(points) else FAR
+        away = begins + far * way / np.linalg.norm(way, axis=1, keepdims=True)
+        ends = np.stack([centres[cameras[used]], points[point]], axis=1)
+        return cls(points, ends, np.stack([begins, away], axis=1))
 
 
 def rows_now(stored: Stored, tracks: BlobTracks, rows: list[int], index: int) -> list[int]:
@@ -73,7 +112,7 @@ def likely_of_blob(stored: Stored, tracks: BlobTracks, row: int) -> list[int]:
     place = np.where(np.isfinite(seen), seen, predicted(stored, index))
     off = np.linalg.norm(stored.cameras.project(place)[camera] - stored.rows.xy[row], axis=1)
     free = missing_in_image(stored, index, camera)
-    return ranked(off, free, stored.labels.marker[tracks.rows(row)], stored.names)
+    return ranked(off, free, stored.labels.marker[tracks.rows(row)], stored.names, limbs(stored, index))
 
 
 def ray_of(stored: Stored, row: int) -> tuple[np.ndarray, np.ndarray]:

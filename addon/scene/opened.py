@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Takes and blobs read out of the file, kept at hand so that drawing a frame reads nothing twice."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from ..core.data.takes import PointRows
 from ..core.edits.blob_tracks import BlobTracks
 from ..core.edits.kinds import Edits
+from ..core.filling.kept import KeptFill
 from ..core.filling.smoothing import smoothed
 from . import cameras as scene_cameras
 from .corrections import Correcting, kept_edits, kept_text, text_of
@@ -31,6 +33,7 @@ class Opened:
     filling  what puts the fills of each take in, beside their text
     following  what works the edits of each take out
     trajectories  rows of trajectories that were asked for, beside those of the whole take
+    proposed  the fills of each take that are looked at before they are kept
     looked_at  what was worked out of the take that was asked for last, which is the first of it, by what it is
     """
 
@@ -41,6 +44,7 @@ class Opened:
     filling: dict[int, tuple[str | None, FillsInTake]] = field(default_factory=dict)
     following: dict[int, Correcting] = field(default_factory=dict)
     trajectories: dict[int, tuple[PointRows, np.ndarray]] = field(default_factory=dict)
+    proposed: dict[int, tuple[KeptFill, ...]] = field(default_factory=dict)
     looked_at: dict[str, tuple[Stored | None, Any]] = field(default_factory=dict)
 
     def take(self, collection: bpy.types.Collection, scene: bpy.types.Scene, edits: Edits | None = None) -> Stored:
@@ -83,6 +87,14 @@ class Opened:
             self.stored[key] = with_kept_body(collection, self.stored[key])
         self.bodies[key] = body
         return self.stored[key]
+
+    def propose(self, collection: bpy.types.Collection, fills: Iterable[KeptFill]):
+        """Lets fills of a take be looked at, in place of those before."""
+        self.proposed[_number_of(collection)] = tuple(fills)
+
+    def proposed_of(self, collection: bpy.types.Collection) -> tuple[KeptFill, ...]:
+        """The fills of a take that are looked at; none once other labels are in their place."""
+        return self.proposed.get(_number_of(collection), ())
 
     def rows_of(self, stored: Stored, point: int) -> np.ndarray:
         """The rows of a trajectory of a take of points, in the order of the frames."""

@@ -138,16 +138,47 @@ def likely_markers(stored: Stored, index: int, rows: np.ndarray, xyz: np.ndarray
     """All markers, the likeliest for the dot of a trajectory with these rows, at xyz (3,) m in a frame, first."""
     free = missing(stored, index)
     off = np.linalg.norm(predicted(stored, index) - xyz, axis=1)
-    return ranked(off, free, stored.labels.marker[rows], stored.names)
+    return ranked(off, free, stored.labels.marker[rows], stored.names, limbs(stored, index))
 
 
-def ranked(off: np.ndarray, free: np.ndarray, named: np.ndarray, names: Sequence[str]) -> list[int]:
+def limbs(stored: Stored, index: int) -> np.ndarray:
+    """(M,) on which limb the body of frame `index` has each marker, by the limb's first joint; -1 where nothing tells.
+
+    A limb goes from where the skeleton branches to its end, or to where it branches again.
+    """
+    expected, joints, parents = (
+        stored.motion.expected[index],
+        stored.motion.joints[index],
+        np.array(stored.parents, int),
+    )
+    if not len(parents) or not np.isfinite(expected).any():
+        return np.full(len(expected), -1)
+    child = np.flatnonzero(parents >= 0)
+    children = np.bincount(parents[child], minlength=len(parents))
+    first = np.arange(len(parents))
+    for joint in child:  # behind its parent
+        if children[parents[joint]] == 1:
+            first[joint] = first[parents[joint]]
+    # The bones, each turning about the joint that it begins at; the last of a limb is known by its joint alone.
+    end = np.flatnonzero(children == 0)
+    begins, ends = np.append(parents[child], end), np.append(child, end)
+    along = joints[ends] - joints[begins]
+    away = expected[:, None] - joints[begins]
+    length = np.maximum((along**2).sum(axis=1), 1e-9)
+    share = np.clip((away * along).sum(axis=2) / length, 0, 1)
+    off = np.linalg.norm(away - share[..., None] * along, axis=2)
+    there = np.isfinite(off).any(axis=1)
+    return np.where(there, first[begins[np.nan_to_num(off, nan=np.inf).argmin(axis=1)]], -1)
+
+
+def ranked(off: np.ndarray, free: np.ndarray, named: np.ndarray, names: Sequence[str], limb: np.ndarray) -> list[int]:
     """The M markers, the likeliest for a dot first.
 
     off (M,) is how far each is from it, NaN where nothing tells; free (M,) those that nothing is, named (N,) those that
-    the same trajectory is in any frames. First come those that are both; then the NEAREST around the dot, of which the
-    free ones first; then the rest. What is on the other side than the nearest of all comes last: a right hand is no
-    left thigh, though that is all that is missing.
+    the same trajectory is in any frames; limb (M,) as `limbs` gives it. First come those that are both free and named;
+    then the NEAREST around the dot and what is free on the limb of the nearest of all, the free ones first; then the
+    rest. What is on the other side than that comes last: a right hand is no left thigh, though that is all that is
+    missing.
     """
     off, known, elsewhere = np.nan_to_num(off, nan=np.inf), set(names), np.isin(np.arange(len(names)), named)
     sides = np.array([side_in(name, known) for name in names])
@@ -155,6 +186,7 @@ def ranked(off: np.ndarray, free: np.ndarray, named: np.ndarray, names: Sequence
     other = (here != "") & (sides != "") & (sides != here)
     near = np.zeros(len(names), bool)
     near[np.lexsort((off, other))[:NEAREST]] = True
+    near |= free & (limb == limb[off.argmin()]) & (limb >= 0)
     return np.lexsort((off, ~(free & near), other, ~near, ~(free & elsewhere))).tolist()
 
 

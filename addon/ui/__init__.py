@@ -16,7 +16,7 @@ from ..props import know_markerset, list_trouble, refresh_review
 from ..scene import naming
 from ..scene.opened import opened
 from ..scene.take import RATE, takes_of
-from . import advanced, figure, label_tool, live, overlay, panels, quality, review, timeline
+from . import advanced, figure, graph, label_tool, live, overlay, panels, quality, review, timeline
 
 PANEL_MODULES = (panels, review, advanced, live, label_tool)  # from above; a panel behind the one that it is in
 
@@ -27,6 +27,7 @@ def add_handlers(stack: ExitStack):
         drawing = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_PIXEL")
         stack.callback(bpy.types.SpaceView3D.draw_handler_remove, drawing, "WINDOW")
     timeline.add_timeline(stack)
+    graph.add_graph(stack)
     label_tool.add_tool(stack)
     bpy.types.TOPBAR_MT_file_import.append(panels.draw_import)
     stack.callback(bpy.types.TOPBAR_MT_file_import.remove, panels.draw_import)

@@ -45,7 +45,13 @@ def advanced(layout, context):
     draw_optional(layout, labelling, "Facing", "use_facing", "facing")
     draw_optional(layout, labelling, "Frames", "use_range", "range_first", "range_last")
     display, grid = settings.display, layout.grid_flow(columns=3, even_columns=True, align=True)
-    for name in ("show_overlay", "show_names", "show_figure", "show_trails", *("show_links",) * (not points)):
+    for name in (
+        "show_overlay",
+        "show_names",
+        "show_figure",
+        "show_trails",
+        *("show_links", "show_rays") * (not points),
+    ):
         grid.prop(display, name, toggle=True)
     if display.show_timeline or not is_take(settings.take):
         grid.prop(display, "show_timeline", toggle=True)

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The tool Label in the 3D view: its keys, its menus, and what it draws over the view."""
 
+from collections.abc import Sequence
 from contextlib import ExitStack
 
 import bpy
 import numpy as np
 
 from ..core.data.takes import NO_MARKER, PointRows
+from ..core.filling.kept import KeptFill
 from ..ops.base import lacks_take
 from ..ops.correcting import likely_here
+from ..ops.filling import proposed
 from ..ops.gestures import gesture
 from ..ops.picking import image_in, picked_points, selected_markers, take_to_view
 from ..scene.blob_dots import blob_dots, marker_dots, on_rays
@@ -29,6 +32,7 @@ PATH_SECONDS = 2.0  # to each side of the current frame: farther off a walk cove
 PATH_LINES = 400  # most that are drawn of one path: a redraw has 6 ms
 Path = tuple[np.ndarray, np.ndarray]  # lines (S, 2, 3) m, and which of them (S,) lead from where there was a name
 MENU = "MOCAP_AUTOLABEL_MT_label"
+BEFORE_TEXTS = "_draw_orig"  # where Blender keeps how it draws the status bar while a text of a program's own is there
 
 
 def _key(operator: str, key: str, value: str = "PRESS", held: str = "", **properties):
@@ -59,6 +63,23 @@ KEYMAP = (
     _key("mocap_autolabel.next_trouble", "J", back=False),
     _key("mocap_autolabel.next_trouble", "J", held="shift", back=True),
 )
+# Of the keymap what the status bar shows, and the words for it; as Blender finds it, whatever keys a person gave it.
+OF_TOOL = "3D View Tool: Object, Label"
+SHOWN_KEYS = (
+    ("mocap_autolabel.pick", {"mode": "SET"}, "Pick"),
+    ("mocap_autolabel.pick", {"mode": "TOGGLE"}, "Add"),
+    ("mocap_autolabel.pick_region", {"shape": "BOX", "mode": "SET"}, "Box"),
+    ("mocap_autolabel.pick_region", {"shape": "LASSO", "mode": "SET"}, "Lasso"),
+    ("wm.call_menu_pie", {"name": "MOCAP_AUTOLABEL_MT_names_pie"}, "Name"),
+    ("wm.call_menu_pie", {"name": "MOCAP_AUTOLABEL_MT_names_from_here_pie"}, "Name from Here On"),
+    ("mocap_autolabel.quick_label", {}, "Quick Label"),
+    ("mocap_autolabel.unlabel", {}, "Unlabel"),
+    ("mocap_autolabel.swap_markers", {}, "Swap"),
+    ("mocap_autolabel.no_marker", {}, "No Marker"),
+    ("mocap_autolabel.is_right", {}, "It Is Right"),
+    ("mocap_autolabel.place_marker", {}, "It Is Here"),
+    ("mocap_autolabel.next_trouble", {"back": False}, "Next Trouble"),
+)
 
 
 class LabelTool(bpy.types.WorkSpaceTool):
@@ -68,11 +89,7 @@ class LabelTool(bpy.types.WorkSpaceTool):
     bl_context_mode = "OBJECT"
     bl_idname = TOOL
     bl_label = "Label"
-    bl_description = (
-        "Pick dots: click, drag a box, Ctrl drag a lasso, Shift adds.\n"
-        "L: name, F: quick label, U: unlabel, E: swap, Shift E: the other one's,\n"
-        "X: no marker, Y: it is right, P: it is here"
-    )
+    bl_description = "Pick dots and say what they are; the status bar has the keys"
     bl_icon = "ops.paint.eyedropper_add"
     bl_cursor = "DEFAULT"
     bl_keymap = KEYMAP
@@ -84,6 +101,7 @@ class LabelTool(bpy.types.WorkSpaceTool):
             return
         layout.prop(context.scene.mocap_autolabel, "scope")
         layout.operator("mocap_autolabel.quick_label", icon="SORTALPHA")
+        layout.operator("mocap_autolabel.show_graph", text="Graph", icon="GRAPH")
 
 
 class NamesPie:
@@ -153,6 +171,26 @@ def draw_menu(self, context):
         self.layout.menu(MENU)
 
 
+def draw_keys(self, context):
+    """The tool's keys in the status bar, where it is the one in hand."""
+    tool = context.workspace.tools.from_space_view3d_mode(context.mode, create=False)
+    configs = context.window_manager.keyconfigs
+    keymap = configs.user.keymaps.get(OF_TOOL) or configs.addon.keymaps.get(OF_TOOL)
+    if tool is None or tool.idname != TOOL or keymap is None or lacks_take(context):
+        return
+    row = self.layout.row(align=True)
+    for operator, properties, words in SHOWN_KEYS:
+        items = [one for one in keymap.keymap_items if is_for(one, operator, properties)]
+        if items:
+            row.template_event_from_keymap_item(min(items, key=lambda one: one.id), text=words)
+
+
+def is_for(item: bpy.types.KeyMapItem, operator: str, properties: dict[str, object]) -> bool:
+    """Whether an active key is for an operator with these properties."""
+    wanted = item.active and item.idname == operator
+    return wanted and all(getattr(item.properties, key) == value for key, value in properties.items())
+
+
 def draw():
     """Draws what is picked with its trajectory, and what the hand does; Blender calls this at every redraw."""
     context = bpy.context
@@ -164,6 +202,7 @@ def draw():
     index = stored.index_of(scene.frame_current)
     with Canvas(context) as canvas:
         canvas.perspective = canvas.perspective @ take_to_view(context, stored, context.area)
+        draw_proposed(canvas, proposed(context))
         if index >= 0:
             draw_picked(canvas, stored, index, *shown_of(context, stored, index))
         if gesture.is_in(context.region):
@@ -206,6 +245,14 @@ def draw_picked(canvas: Canvas, stored: Stored, index: int, dots: Dots, points: 
     canvas.rings(places, WHITE, GLOW_RADIUS)
 
 
+def draw_proposed(canvas: Canvas, fills: Sequence[KeptFill]):
+    """The paths of fills that are not kept yet, dashed: from every second sample to the next."""
+    for fill in fills:
+        path = canvas.place(fill.path)
+        ends = np.stack([path[:-1], path[1:]], axis=1)[::2]
+        canvas.lines(ends, np.broadcast_to(np.array(ORANGE), (len(ends), 2, 4)), 2.2)
+
+
 def draw_gesture(canvas: Canvas):
     """A box or a lasso; or a marker that is asked for, with its name at the pointer."""
     if len(gesture.outline) > 1:
@@ -222,8 +269,25 @@ def draw_gesture(canvas: Canvas):
 
 
 def add_tool(stack: ExitStack):
-    """Adds the tool and the menu; each brings its way back to `stack`."""
+    """Adds the tool, its keys and the menu; each brings its way back to `stack`."""
     bpy.utils.register_tool(LabelTool, after={"builtin.measure"}, separator=True)
     stack.callback(bpy.utils.unregister_tool, LabelTool)
+    add_keys(stack)
     bpy.types.VIEW3D_MT_editor_menus.append(draw_menu)
     stack.callback(bpy.types.VIEW3D_MT_editor_menus.remove, draw_menu)
+
+
+def add_keys(stack: ExitStack):
+    """Lets the status bar say the tool's keys; brings its way back to `stack`."""
+    header = status_bar()
+    header.prepend(draw_keys)
+    if hasattr(header, BEFORE_TEXTS):
+        setattr(header, BEFORE_TEXTS, header.draw)
+    stack.callback(lambda: status_bar().remove(draw_keys))
+
+
+def status_bar() -> type[bpy.types.Header]:
+    """The status bar as it is when no program has put a text of its own in its place, such as Blender's installer."""
+    header = bpy.types.STATUSBAR_HT_header
+    header.draw = getattr(header, BEFORE_TEXTS, header.draw)
+    return header

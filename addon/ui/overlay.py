@@ -9,11 +9,11 @@ import gpu
 import numpy as np
 from gpu_extras.batch import batch_for_shader
 
-from ..core.data.takes import BY_EDIT, CONFLICT, EXCLUSIVE, NO_MARKER, NO_STEP, REMAINING, PointRows
+from ..core.data.takes import BY_EDIT, CONFLICT, EXCLUSIVE, NO_MARKER, NO_STEP, REMAINING, Blobs, PointRows
 from ..core.data.wording import count_of
 from ..ops.importing import cameras_at_hand
 from ..ops.reposing import words_behind
-from ..scene.blob_dots import blob_dots
+from ..scene.blob_dots import FrameRays, blob_dots
 from ..scene.cameras import camera_name, camera_through
 from ..scene.markerset_edit import edited_collection, marker_items
 from ..scene.opened import opened
@@ -28,6 +28,7 @@ from .lettering import Letters, Word
 from .marks import BLUE, GREY, ORANGE, RED, STEP_COLOURS, WHITE
 
 BLOB_RADIUS, RING_RADIUS, LINK_WIDTH, TEXT_SIZE = 3.5, 5.5, 2.2, 11.0
+RAY, LOOSE_RAY = (1.0, 1.0, 1.0, 0.1), (1.0, 0.15, 0.2, 0.35)
 RING_COLOUR = (1.0, 1.0, 1.0, 0.45)
 CORNERS = 16
 LEGEND_LEFT, LEGEND_BOTTOM, LINE = 60, 20, 18
@@ -72,6 +73,8 @@ def draw_frame(canvas: "Canvas", context: bpy.types.Context):
         return
     collection = settings.take if is_take(settings.take) else None
     canvas.perspective = canvas.perspective @ placed(collection)
+    if settings.display.show_rays and isinstance(stored.rows, Blobs):
+        draw_rays(canvas, stored, index)
     draw_markers(canvas, stored, index, settings, collection)
 
 
@@ -205,6 +208,20 @@ def draw_camera(canvas: Canvas, stored: Stored, index: int, camera: bpy.types.Ob
         draw_colours(canvas, title, [(words, STEP_COLOURS[one]) for words, one in legend])
     else:
         canvas.text(f"{camera_name(camera)}: {count_of(len(places), 'blob')}", LEGEND_LEFT * canvas.scale, canvas.foot)
+
+
+def draw_rays(canvas: Canvas, stored: Stored, index: int):
+    """The rays of all blobs and the points in which they meet, whether they have names or not."""
+    before, (known, meeting) = opened.looked_at.get("meeting", (None, (-1, None)))
+    if before is not stored or known != index:
+        meeting = FrameRays.of(stored, index)
+        opened.looked_at["meeting"] = stored, (index, meeting)
+    for ends, colour in ((meeting.ends, RAY), (meeting.loose, LOOSE_RAY)):
+        canvas.lines(canvas.place(ends), np.broadcast_to(np.array(colour), (len(ends), 2, 4)), 1.0)
+    canvas.discs(canvas.place(meeting.points), np.tile(np.array(WHITE), (len(meeting.points), 1)), BLOB_RADIUS - 1, 1.0)
+    words = f"{count_of(len(meeting.points), 'point')}, {count_of(len(meeting.loose), 'blob')} in none of them"
+    canvas.text(words, LEGEND_LEFT * canvas.scale, canvas.foot)
+    canvas.foot += LINE * canvas.scale
 
 
 def draw_markers(canvas: Canvas, stored: Stored, index: int, settings, collection: bpy.types.Collection | None = None):

@@ -6,9 +6,10 @@ import bpy
 from ..core.data.wording import count_of
 from ..core.review.trouble import IN_DOUBT, LEFT_OVER, MISSING, NOBODY_THERE, OF_CAMERA, OFF_BODY
 from ..ops.filling import EXTENTS
+from ..ops.listing import is_listed
 from ..ops.picking import picked_points, selected_markers, words_of_picked
 from ..ops.reposing import words_behind
-from ..ops.reviewing import is_listed, words_for
+from ..ops.reviewing import words_for
 from ..props import is_opened
 from ..scene.fills import kept_cutoff
 from ..scene.performers import body_material, homes
@@ -19,6 +20,7 @@ from .parts import (
     DrawsRows,
     draw_choice,
     draw_list,
+    draw_operators,
     draw_optional,
     draw_text,
     frames_in_short,
@@ -261,8 +263,14 @@ def _draw_gaps(layout: bpy.types.UILayout, context, state):
     filling = context.scene.mocap_autolabel.filling
     draw_choice(layout, filling, "method", factor=0.35)
     draw_optional(layout, filling, "Longest", "use_longest", "longest")
+    row = layout.row(align=True)
+    row.prop(filling, "propose")
+    row.operator("mocap_autolabel.show_graph", text="Graph", icon="GRAPH")
     layout.label(text="Fill Gaps of:")
-    extent_buttons(layout, "mocap_autolabel.fill_gaps")
+    for button in extent_buttons(layout, "mocap_autolabel.fill_gaps"):
+        button.propose = filling.propose
+    if len(state.proposed_fills):
+        _draw_proposed(layout, state)
     if len(state.fills):
         _draw_fills(layout, context, state)
     if len(state.left_gaps):
@@ -270,6 +278,18 @@ def _draw_gaps(layout: bpy.types.UILayout, context, state):
         draw_list(layout, state, "left_gaps", rows=2, kind="gaps")
         if state.left_gap_index < len(state.left_gaps):
             draw_text(context, layout, f"The gap {state.left_gaps[state.left_gap_index].reason}")
+
+
+def _draw_proposed(layout: bpy.types.UILayout, state: bpy.types.PropertyGroup):
+    """The fills that are looked at before they are kept, all of them or one by one."""
+    box = layout.box()
+    box.label(text="Previewed, Not Kept Yet:")
+    row = box.row()
+    draw_list(row, state, "proposed_fills", kind="gaps")
+    column = row.column(align=True)
+    for name, icon in (("keep_fills", "CHECKMARK"), ("discard_fills", "REMOVE")):
+        column.operator(f"mocap_autolabel.{name}", text="", icon=icon).index = state.proposed_fill_index
+    draw_operators(box.row(align=True), "keep_fills", "discard_fills")
 
 
 def _draw_fills(layout: bpy.types.UILayout, context: bpy.types.Context, state: bpy.types.PropertyGroup):
@@ -292,11 +312,13 @@ def _draw_fills(layout: bpy.types.UILayout, context: bpy.types.Context, state: b
     extent_buttons(layout, "mocap_autolabel.take_back_fills")
 
 
-def extent_buttons(layout: bpy.types.UILayout, operator: str):
+def extent_buttons(layout: bpy.types.UILayout, operator: str) -> list[bpy.types.OperatorProperties]:
     """A button for each extent of an operator."""
-    row = layout.row(align=True)
+    row, buttons = layout.row(align=True), []
     for extent, words, _ in EXTENTS:
-        row.operator(operator, text=words).extent = extent
+        buttons.append(row.operator(operator, text=words))
+        buttons[-1].extent = extent
+    return buttons
 
 
 class MOCAP_AUTOLABEL_UL_gaps(DrawsRows, bpy.types.UIList):

@@ -37,11 +37,11 @@ STATE_HEIGHTS = {
     DOUBTFUL: (0.05, 0.95),
 }
 MIN_WIDTH = 2.0  # px of the interface of what is no name: a gap of one frame in 20,000 is seen as well
-GROUND, STRIPE = (0.105, 0.105, 0.105), (0.125, 0.125, 0.125)
-CHOSEN_ROW, LEGEND_EDGE = (0.2, 0.25, 0.33), (0.05, 0.05, 0.05)
 PREVIEW_EDGE, BEYOND_RANGE = (0.95, 0.5, 0.1, 1.0), (0.0, 0.0, 0.0, 0.5)
-BEHIND_NAMES = (0.05, 0.05, 0.05, 0.75)
-WORDS, WORDS_CHOSEN, WORDS_FAINT = (0.8, 0.8, 0.8, 1.0), (1.0, 1.0, 1.0, 1.0), (0.55, 0.55, 0.55, 1.0)
+BEHIND_NAMES = 0.75  # opacity of the ground under names that lie on the rows
+# How far from the theme's ground to its text: of every second row, and of words that are less than names; and to what
+# it selects rows of a list by, of chosen rows.
+STRIPE, FAINT, CHOSEN = 0.05, 0.6, 0.35
 LETTERS = 11.0  # px of the interface
 NAME_MARGIN = 8  # px of the interface beside names
 
@@ -78,7 +78,7 @@ void main()
   if (!inside && is_state == {NAMED}) {{ discard; }}
   if (is_state == {DOUBTFUL} && mod(gl_FragCoord.x + gl_FragCoord.y, 8.0) < 3.0) {{ fill *= 0.35; }}
   if (is_state == {CORRECTED} && abs(across - 0.5) < 0.1) {{ fill *= 0.25; }}
-  colour = vec4(inside ? fill : vec3{GROUND}, 1.0);
+  colour = vec4(inside ? fill : ground, 1.0);
 }}
 """
 
@@ -95,7 +95,7 @@ class DrawnRuns:
     def ready(self, runs: Runs):
         if self.shader is None:
             corners, between = "VEC4 run, VEC2 corner", "@FLOAT state, FLOAT across"
-            self.shader = made_shader("run", VERTEX, FRAGMENT, corners, between, "VEC4 view")
+            self.shader = made_shader("run", VERTEX, FRAGMENT, corners, between, "VEC4 view, VEC3 ground")
             self.legend = [buffer_of(self.shader, np.array([[0, 1, 0, state]])) for state in range(len(STATES))]
         if self.of is None or self.of() is not runs:
             # Left and right end in frames after the take's first, row and state, in the order of drawing.
@@ -108,6 +108,31 @@ class DrawnRuns:
 
 
 _drawn, _letters = DrawnRuns(), Letters()
+
+
+@dataclass(frozen=True)
+class Colours:
+    """What the rows are drawn in beside their states, as the theme of the Dope Sheet has it."""
+
+    ground: np.ndarray  # (3,), and all of them
+    stripe: np.ndarray
+    chosen: np.ndarray
+    words: np.ndarray
+    faint: np.ndarray
+    words_chosen: np.ndarray
+
+    @classmethod
+    def of(cls, theme: bpy.types.Theme) -> "Colours":
+        space = theme.dopesheet_editor.space
+        ground, words, chosen = np.array(space.back), np.array(space.text), np.array(space.text_hi)
+        selecting = np.array(theme.user_interface.wcol_list_item.inner_sel)[:3]
+        between = lambda other, share: ground + share * (other - ground)  # noqa: E731
+        return cls(ground, between(words, STRIPE), between(selecting, CHOSEN), words, between(words, FAINT), chosen)
+
+
+def solid(colour: np.ndarray, opacity: float = 1.0) -> tuple[float, ...]:
+    """A colour (3,) with its opacity."""
+    return (*colour.tolist(), opacity)
 
 
 def buffer_of(shader: gpu.types.GPUShader, runs: np.ndarray) -> gpu.types.GPUBatch:
@@ -123,15 +148,16 @@ def draw_rows(beside: bool = False):
         return
     runs, region = shown_runs(context), context.region
     places = RowPlaces.of(context, region, len(runs))
+    colours = Colours.of(context.preferences.themes[0])
     _drawn.ready(runs)
     with Pixels(region) as pixels:
-        draw_ground(context, pixels, runs, places)
+        draw_ground(context, pixels, runs, places, colours)
         if not beside:
-            draw_runs(context, pixels, runs, places)
+            draw_runs(context, pixels, runs, places, colours)
         if beside or not context.space_data.show_region_channels:
-            draw_names(context, pixels, runs, places)
+            draw_names(context, pixels, runs, places, colours)
         if beside:
-            pixels.box(0, 0, region.width, places.bottom, (*GROUND, 1.0))
+            pixels.box(0, 0, region.width, places.bottom, solid(colours.ground))
 
 
 def draw_names_beside():
@@ -139,11 +165,12 @@ def draw_names_beside():
     draw_rows(beside=True)
 
 
-def draw_runs(context: bpy.types.Context, pixels: "Pixels", runs: Runs, places: RowPlaces):
+def draw_runs(context: bpy.types.Context, pixels: "Pixels", runs: Runs, places: RowPlaces, colours: Colours):
     """The stretches of the rows, the frames that are played, and the legend."""
     left, right = (context.region.view2d.region_to_view(x, 0)[0] for x in (0, context.region.width))
     wide = context.region.width / max(right - left, 1e-6)
     _drawn.shader.bind()
+    _drawn.shader.uniform_float("ground", colours.ground.tolist())
     # What lies under the frame numbers, Blender draws over afterwards; under the legend, we do.
     with gpu.matrix.push_pop():
         gpu.matrix.translate((0.0, places.upper(0)))
@@ -151,7 +178,7 @@ def draw_runs(context: bpy.types.Context, pixels: "Pixels", runs: Runs, places: 
         _drawn.batch.draw(_drawn.shader)
     draw_preview_range(context.scene, pixels, places, (left, wide))
     if places.bottom:
-        draw_state_legend(pixels, places)
+        draw_state_legend(pixels, places, colours)
 
 
 class Pixels:
@@ -180,23 +207,26 @@ class Pixels:
 
     def boxes(self, ends: np.ndarray, colour: tuple[float, ...]):
         """Filled boxes (N, 4): left, lower, right, upper end."""
-        if not len(ends):
+        self.quads(ends[:, [[0, 1], [2, 1], [2, 3], [0, 3]]], colour)
+
+    def quads(self, corners: np.ndarray, colour: tuple[float, ...]):
+        """Filled figures of four corners (N, 4, 2), one after the other around each."""
+        if not len(corners):
             return
-        corners = ends[:, [[0, 1], [2, 1], [2, 3], [0, 3]]]
         self._flat.bind()
         self._flat.uniform_float("color", colour)
         box_batch(self._flat, pos=corners).draw(self._flat)
 
 
-def draw_ground(context: bpy.types.Context, pixels: Pixels, runs: Runs, places: RowPlaces):
+def draw_ground(context: bpy.types.Context, pixels: Pixels, runs: Runs, places: RowPlaces, colours: Colours):
     """The ground of the rows, every second one lighter and the chosen ones blue; it covers Blender's channels."""
     wide = pixels.size[0]
-    pixels.box(0, 0, wide, places.top, (*GROUND, 1.0))
+    pixels.box(0, 0, wide, places.top, solid(colours.ground))
     seen = rows_seen(runs, places)
-    for rows, colour in ((seen[seen % 2 == 1], STRIPE), (chosen_rows(context, runs, seen), CHOSEN_ROW)):
+    for rows, colour in ((seen[seen % 2 == 1], colours.stripe), (chosen_rows(context, runs, seen), colours.chosen)):
         upper = places.upper(rows)
         ends = np.column_stack([0 * upper, np.maximum(upper - places.row, 0), 0 * upper + wide, upper])
-        pixels.boxes(np.minimum(ends, [wide, wide + places.top, wide, places.top]), (*colour, 1.0))
+        pixels.boxes(np.minimum(ends, [wide, wide + places.top, wide, places.top]), solid(colour))
 
 
 def rows_seen(runs: Runs, places: RowPlaces) -> np.ndarray:
@@ -227,11 +257,11 @@ def draw_preview_range(scene: bpy.types.Scene, pixels: Pixels, places: RowPlaces
             pixels.box(x - thin, places.bottom, x + thin, places.top, PREVIEW_EDGE)
 
 
-def draw_state_legend(pixels: Pixels, places: RowPlaces):
+def draw_state_legend(pixels: Pixels, places: RowPlaces, colours: Colours):
     """What colours and forms mean, at the bottom."""
     scale, high = places.scale, places.bottom
-    pixels.box(0, 0, pixels.size[0], high, (*GROUND, 1.0))
-    pixels.box(0, high - scale, pixels.size[0], high, (*LEGEND_EDGE, 1.0))
+    pixels.box(0, 0, pixels.size[0], high, solid(colours.ground))
+    pixels.box(0, high - scale, pixels.size[0], high, solid(colours.faint))
     x, words = NAME_MARGIN * scale, []
     _drawn.shader.bind()
     for state, swatch in zip(range(len(STATES)), _drawn.legend, strict=True):
@@ -240,12 +270,12 @@ def draw_state_legend(pixels: Pixels, places: RowPlaces):
             _drawn.shader.uniform_float("view", (0.0, 26 * scale, high - 6 * scale, 0.0))
             swatch.draw(_drawn.shader)
         x += 32 * scale
-        words.append((STATES[state], x, high / 2 - 3 * scale, WORDS))
+        words.append((STATES[state], x, high / 2 - 3 * scale, solid(colours.words)))
         x += _letters.width(STATES[state], LETTERS * scale) + 18 * scale
     _letters.draw(words, LETTERS * scale)
 
 
-def draw_names(context: bpy.types.Context, pixels: Pixels, runs: Runs, places: RowPlaces):
+def draw_names(context: bpy.types.Context, pixels: Pixels, runs: Runs, places: RowPlaces, colours: Colours):
     """The names of the rows that are seen whole, and how much of the take each has, over the channels or the rows."""
     wide, beside = pixels.size[0], context.region.type == "CHANNELS"
     scale, frames = places.scale, max(runs.span[1] - runs.span[0] + 1, 1)
@@ -257,14 +287,14 @@ def draw_names(context: bpy.types.Context, pixels: Pixels, runs: Runs, places: R
     words = []
     for row in seen.tolist():
         y = places.upper(row) - 0.5 * places.row - 0.35 * size
-        words.append((runs.names[row], margin, y, WORDS_CHOSEN if row in chosen else WORDS))
+        words.append((runs.names[row], margin, y, solid(colours.words_chosen if row in chosen else colours.words)))
         share = f"{runs.found[row] / frames:.1%}"
         x = wide - _letters.width(share, size) - margin
         if beside and x > _letters.width(runs.names[row], size) + 3 * margin:
-            words.append((share, x, y, WORDS_FAINT))
+            words.append((share, x, y, solid(colours.faint)))
     if not beside and words:
         longest = max(_letters.width(text, size) for text, *_ in words)
-        pixels.box(0, places.bottom, longest + 2 * margin, places.top, BEHIND_NAMES)
+        pixels.box(0, places.bottom, longest + 2 * margin, places.top, solid(colours.ground, BEHIND_NAMES))
     _letters.draw(words, size)
 
 

@@ -49,6 +49,35 @@ def test_a_gap_is_filled_and_its_keys_are_marked(filled, files):
     assert row.labelled == pytest.approx(np.isfinite(files.xyz[:, 2, 0]).mean()), "what is filled was not found"
 
 
+def test_a_fill_is_looked_at_before_it_is_kept(labelled, files):
+    state, number = labelled.window_manager.mocap_autolabel, files.names.index("RASI")
+    labelled.scene.mocap_autolabel.filling.method = "spline"
+    refused("No fill is previewed", "keep_fills")
+    before = keys_of("RASI")
+    assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE", propose=True) == {"FINISHED"}
+    asked = [(row.name, row.first, row.last) for row in state.proposed_fills]
+    assert ("RASI", 101 + GAP.start, 100 + GAP.stop) in asked
+    assert (rows(), len(keys_of("RASI"))) == ([], len(before)), "nothing is filled yet"
+    gaps = ours("ui.graph").gaps_of(stored_take(), "RASI")
+    assert sum(last - first + 1 for first, last in gaps) == np.isnan(files.xyz[:, number, 0]).sum()
+    assert [101 + GAP.start, 100 + GAP.stop] in gaps.tolist()
+    at = asked.index(("RASI", 101 + GAP.start, 100 + GAP.stop))
+    assert bpy.ops.mocap_autolabel.keep_fills(index=at) == {"FINISHED"}
+    assert [row[:3] for row in rows()] == [asked[at]]
+    assert [(row.name, row.first, row.last) for row in state.proposed_fills] == [*asked[:at], *asked[at + 1 :]]
+    assert bpy.ops.mocap_autolabel.discard_fills() == {"FINISHED"}
+    assert (len(state.proposed_fills), len(rows())) == (0, 1)
+
+
+def test_a_dashed_line_lies_on_the_line_and_ends_where_it_does():
+    line = np.array([[0.0, 0.0], [10.0, 20.0], [25.0, 20.0]])
+    found = ours("ui.graph").dashed(line, 6.0, 4.0)
+    np.testing.assert_allclose(found[:, :, 0], [[0, 6], [10, 16], [20, 25]])
+    np.testing.assert_allclose(found[:, :, 1], [[0, 12], [20, 20], [20, 20]])
+    band = ours("ui.graph").around(np.stack([line[:-1], line[1:]], axis=1), 3.0)
+    assert band[0].tolist() == [[0, -3], [10, 17], [10, 23], [0, 3]]
+
+
 def test_exports_tell_what_is_filled_and_what_was_measured(filled, files):
     column = files.names.index("RASI")
     assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(files.folder / "ours.c3d")) == {"FINISHED"}

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The tool Label: which dots a hand means, what they are called most likely, and what its keys say of them."""
 
+from contextlib import ExitStack
 from dataclasses import replace
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import bpy
 import numpy as np
@@ -18,7 +21,7 @@ from addon.scene import picking
 from addon.scene.picking import NEAREST, likely_markers, on_ray, predicted, ranked
 from addon.scene.stored import Stored
 
-from .hands import GHOST, choose, follows, keys_of, ours, picked
+from .hands import GHOST, choose, follows, keys_of, ours, picked, stored_take
 
 
 @pytest.fixture
@@ -99,13 +102,31 @@ def test_a_right_hand_is_offered_what_is_around_it_and_missing_first_and_no_left
     markerset = open_markerset("body39")
     names, at = markerset.markers, markerset.rest_markers
     off = np.linalg.norm(at - at[markerset.by_name["RFIN"]], axis=1)
-    free = np.isin(names, ["LTHI", "RWRB"])
-    offered = [names[marker] for marker in ranked(off, free, np.array([NO_MARKER]), names)]
+    free, nowhere = np.isin(names, ["LTHI", "RWRB"]), np.full(len(names), -1)
+    offered = [names[marker] for marker in ranked(off, free, np.array([NO_MARKER]), names, nowhere)]
     assert offered[:2] == ["RWRB", "RFIN"]
     assert not [name for name in offered[: NEAREST + 2] if name.startswith("L")]
     assert sorted(offered) == sorted(names)
-    before = [names[marker] for marker in ranked(off, free, np.array([NO_MARKER, names.index("LTHI")]), names)]
+    known = np.array([NO_MARKER, names.index("LTHI")])
+    before = [names[marker] for marker in ranked(off, free, known, names, nowhere)]
     assert before[0] == "LTHI", "the same trajectory is that in other frames"
+
+
+def test_what_is_missing_on_the_limb_is_offered_though_much_is_nearer(shown):
+    stored = stored_take()
+    own = dict(zip(stored.names, picking.limbs(stored, 5).tolist(), strict=True))
+    legs = [{own[side + name] for name in ("KNE", "ANK", "HEE", "TOE")} for side in "LR"]
+    arms = [{own[side + name] for name in ("ELB", "WRA", "WRB", "FIN")} for side in "LR"]
+    assert all(len(limb) == 1 for limb in (*legs, *arms))
+    assert len(set.union(*legs, *arms)) == 4, "each is a limb of its own"
+    names, at = stored.names, stored.motion.expected[5]
+    off = np.linalg.norm(at - at[names.index("RELB")], axis=1)
+    free = np.isin(names, ["RFIN", "RTOE"])
+    off[names.index("RFIN")] = 1.0  # m: a body that has the hand elsewhere
+    assert names.index("RFIN") not in np.argsort(off)[:NEAREST]
+    offered = [names[one] for one in ranked(off, free, np.array([NO_MARKER]), names, picking.limbs(stored, 5))]
+    assert offered[0] == "RFIN"
+    assert "RTOE" not in offered[:NEAREST], "it is missing elsewhere"
 
 
 def test_a_marker_that_was_filled_is_missing_still_and_expected_where_it_was_filled(stored):
@@ -194,3 +215,48 @@ def test_every_key_of_the_tool_does_something_of_ours_and_is_free_in_blender_but
     tool = ours("ui.label_tool")
     alone = [event["type"] for _, event, _ in tool.KEYMAP if set(event) == {"type", "value"}]
     assert not ({key for key in alone if len(key) == 1} - {"X"}) & set("ABCDGHIKMNOQRSTWZ"), "object mode has these"
+
+
+def test_the_status_bar_says_the_keys_that_a_person_has_given_the_tool(labelled):
+    tool = ours("ui.label_tool")
+    items = [
+        SimpleNamespace(
+            active=event["type"] != "P", idname=name, id=-at, type=event["type"],
+            properties=SimpleNamespace(**dict((more or {}).get("properties", ()))),
+        )
+        for at, (name, event, more) in enumerate(tool.KEYMAP[::-1])
+    ]  # fmt: skip
+    next(item for item in items if item.type == "U").type = "K"
+    keymaps = {tool.OF_TOOL: SimpleNamespace(keymap_items=items)}
+    context = MagicMock(scene=labelled.scene)
+    context.window_manager.keyconfigs.user.keymaps = keymaps
+    context.workspace.tools.from_space_view3d_mode.return_value.idname = tool.TOOL
+    header = MagicMock()
+    tool.draw_keys(header, context)
+    said = header.layout.row.return_value.template_event_from_keymap_item.call_args_list
+    keys = {call.kwargs["text"]: call.args[0].type for call in said}
+    assert list(keys) == [words for _, _, words in tool.SHOWN_KEYS if words != "It Is Here"], "that has no key now"
+    assert (keys["Unlabel"], keys["No Marker"]) == ("K", "X")
+    context.workspace.tools.from_space_view3d_mode.return_value.idname = "builtin.select"
+    tool.draw_keys(other := MagicMock(), context)
+    assert not other.layout.mock_calls
+
+
+def test_this_blender_has_the_icons_of_the_keys_that_are_asked_for(extension):
+    icons = bpy.types.UILayout.bl_rna.functions["label"].parameters["icon"].enum_items.keys()
+    assert {"MOUSE_LMB", *ours("ops.label_tool").WIDER} <= set(icons)
+
+
+def test_the_keys_come_back_after_a_text_that_was_in_the_status_bar_when_they_were_added(extension):
+    tool, header, workspace = ours("ui.label_tool"), bpy.types.STATUSBAR_HT_header, bpy.context.workspace
+    with ExitStack() as stack:
+        tool.status_bar().remove(tool.draw_keys)
+        workspace.status_text_set(lambda *_: None)
+        tool.add_keys(stack)
+        workspace.status_text_set(lambda *_: None)
+        workspace.status_text_set(None)
+        assert tool.draw_keys in header.draw._draw_funcs
+        workspace.status_text_set(lambda *_: None)
+    workspace.status_text_set(None)
+    assert tool.draw_keys not in header.draw._draw_funcs
+    header.prepend(tool.draw_keys)

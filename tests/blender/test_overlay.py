@@ -9,7 +9,7 @@ from mathutils import Matrix, Vector
 
 from addon.core.data.takes import NO_MARKER
 from addon.scene import take as takes
-from addon.scene.blob_dots import blob_dots
+from addon.scene.blob_dots import FrameRays, blob_dots
 from addon.scene.cameras import look_through
 from addon.scene.opened import Opened
 from addon.scene.preview import read_preview, store_preview
@@ -136,6 +136,33 @@ def test_blobs_can_be_looked_at_before_they_are_labelled(empty, made):
     assert len(read_preview(mesh, take.cameras.select([1, 2])).rows) == np.isin(take.rows.camera, [1, 2]).sum()
 
 
+def test_rays_of_blobs_without_names_meet_where_markers_are(empty, made):
+    take = made.take()
+    stored = read_preview(store_preview("walk", take.rows, take.cameras), take.cameras)
+    found = FrameRays.of(stored, 10)
+    off = np.linalg.norm(found.points[:, None] - take.motion.markers[10], axis=2)
+    assert len(found.points) > 5
+    assert off.min(axis=1).max() < 0.02
+    here = take.rows.frame == 10
+    assert len(found.ends) + len(found.loose) == here.sum(), "each blob has one ray"
+    for ends in (found.ends, found.loose):
+        assert np.isin(ends[:, 0].round(6), take.cameras.centres.round(6)).all()
+    alone = FrameRays.of(read_preview(store_preview("one", take.rows, take.cameras), take.cameras.select([1])), 10)
+    assert (len(alone.points), len(alone.loose)) == (0, (take.rows.camera[here] == 1).sum())
+
+
+def test_the_timeline_is_drawn_in_the_colours_of_the_theme(extension):
+    theme = bpy.context.preferences.themes[0]
+    space, before = theme.dopesheet_editor.space, tuple(theme.dopesheet_editor.space.back)
+    for shade in (0.1, 0.8):
+        space.back, space.text = (shade,) * 3, (1 - shade,) * 3
+        colours = ours("ui.timeline").Colours.of(theme)
+        np.testing.assert_allclose(colours.ground, shade, atol=0.5 / 255)
+        assert (np.sign(colours.words - colours.ground) == np.sign(0.5 - shade)).all()
+        assert (abs(colours.stripe - shade) < abs(colours.faint - shade)).all()
+    space.back = before
+
+
 @pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="this Blender draws nothing without a window")
 def test_it_draws(extension, empty, made, monkeypatch):
     """Into a picture of its own: blobs and links leave their colours, and cameras and space have their views."""
@@ -184,6 +211,8 @@ def test_it_draws(extension, empty, made, monkeypatch):
     for x, y in take.rows.xy[rows]:
         red, green, blue, _ = picture[round(size[1] - y), round(x)]
         assert green > 0.5 > max(red, blue), "an exclusive blob is green"
+    rays = drawn(lambda canvas: overlay.draw_rays(canvas, stored, 10))
+    assert (np.abs(rays[..., 0] - 0.2) > 0.05).sum() > 50
     plain = drawn(lambda canvas: overlay.draw_markers(canvas, stored, 10, settings))
     assert (np.abs(plain[..., 0] - 0.2) > 0.3).sum() > 50
 

@@ -102,8 +102,9 @@ def test_rings_are_only_around_what_the_list_asks_about(state):
 
 
 def test_the_next_is_the_next_that_is_listed_and_open(state):
-    reviewing = ours("ops.reviewing")
-    listed = [number for number, row in enumerate(state.review.troubles) if reviewing.is_listed(state.review, row)]
+    listed = [
+        number for number, row in enumerate(state.review.troubles) if ours("ops.listing").is_listed(state.review, row)
+    ]
     assert listed == list(range(len(state.review.troubles)))
     assert len(listed) > 1
     state.review.trouble_shown, state.review.trouble_index = "", 0
@@ -220,3 +221,19 @@ def test_what_is_said_while_labelling_goes_on_is_not_lost(state):
     labelling.LabelsTake._show(again, context, finished(steps))
     assert len(state.review.corrections) == 1
     assert rows(state, kind="missing", name="RKNE")
+
+
+def test_the_lists_go_along_with_what_is_picked_and_the_next_is_still_the_next(state):
+    review = state.review
+    bpy.ops.mocap_autolabel.next_trouble()
+    shown = review.trouble_index
+    row = next(row for at, row in rows(state, kind="missing") if row.name != LOST and at != shown)
+    bpy.context.scene.frame_set(row.first)
+    bpy.ops.mocap_autolabel.timeline_pick(marker=row.name, first=row.first, last=row.first)
+    assert review.troubles[review.trouble_index].name == row.name
+    assert review.troubles[review.trouble_index].first <= row.first <= review.troubles[review.trouble_index].last
+    assert review.markers[review.marker_index].name == row.name
+    bpy.ops.mocap_autolabel.pick(point=state.knee)
+    assert LOST in review.troubles[review.trouble_index].reason, "a point that may be it"
+    bpy.ops.mocap_autolabel.next_trouble()
+    assert review.trouble_index == shown + 1

@@ -117,6 +117,17 @@ def test_a_marker_is_put_where_nothing_was_seen_and_playback_goes_on_with_the_to
     assert tool["tool"] == "mocap_autolabel.label_tool"
 
 
+PREVIEWED = (1.0, 0.75, 0.2)  # what a fill that is not kept yet is drawn in
+
+
+def test_a_fill_is_seen_in_the_graph_before_it_is_kept(tool):
+    assert tool["kept"][0] and not tool["kept"][1]
+    picture = imread(tool["folder"] / "6-graph.png")[..., :3]
+    x, y, wide, high = tool["graph"]
+    graph = picture[len(picture) - y - high : len(picture) - y, x : x + wide]
+    assert (np.abs(graph - PREVIEWED).max(axis=2) < 0.06).sum() > 50
+
+
 MARKERS, LONG_GHOSTS, FLICKERS = 62, 20, 600
 A_PIXEL = 3  # frames, about
 

@@ -29,6 +29,7 @@ def walk(seen: dict) -> Iterator[float]:
     yield from picking(seen)
     yield from naming(seen)
     yield from quick_labelling(seen)
+    yield from graphing(seen)
     yield from placing(seen)
     yield from playing(seen)
 
@@ -113,6 +114,29 @@ def skip_to(wanted: dict[str, stage.Place], aside: stage.Place) -> Iterator[floa
         if stage.asked().rstrip("?") in wanted:
             return
         yield from window.press("SPACE", *aside)
+
+
+def graphing(seen: dict) -> Iterator[float]:
+    """The graph of a marker that has a gap, with the fill before it is kept."""
+    stored, _ = stage.now()
+    name = stored.names[np.isnan(stored.motion.markers[5:-5, :, 0]).any(axis=0).argmax()]
+    bpy.ops.mocap_autolabel.jump(frame=stage.TASK["frame"], marker=name)
+    bpy.ops.mocap_autolabel.show_graph()
+    yield 1
+    bpy.ops.mocap_autolabel.show_graph()  # there is one now, and it shows all of the marker
+    bpy.context.scene.mocap_autolabel.filling.method = "pca"
+    bpy.ops.mocap_autolabel.fill_gaps("INVOKE_DEFAULT", extent="MARKER", propose=True)
+    yield from window.until(lambda: len(stage.state().proposed_fills))
+    yield from window.screenshot("6-graph")
+    area = window.area("GRAPH_EDITOR")
+    seen["graph"] = [area.x, area.y, area.width, area.height]
+    bpy.ops.mocap_autolabel.keep_fills()
+    yield 0.5
+    seen["kept"] = [len(stage.state().fills), len(stage.state().proposed_fills)]
+    bpy.ops.mocap_autolabel.take_back_fills()
+    with bpy.context.temp_override(area=area):
+        bpy.ops.screen.area_close()
+    yield 1
 
 
 def placing(seen: dict) -> Iterator[float]:
