@@ -518,7 +518,8 @@ class ReviewState(bpy.types.PropertyGroup):
     doing: StringProperty(name="Doing", description="What is going on, and how long it will; empty where nothing is")
     share: FloatProperty(name="Done", description="How much of it is done", subtype="FACTOR", min=0.0, max=1.0)
     spent: FloatProperty(name="Spent", description="Seconds of work that would be lost by cancelling", min=0.0)
-    crowded: StringProperty(name="Crowded", description="The file that shows more performers than were asked for")
+    about: StringProperty(name="About", description="The file that is refused, unsure, likely or crowded")
+    crowded: StringProperty(name="Crowded", description="The marker set that more performers wear than are asked for")
     refused: StringProperty(name="Refused", description="Why nothing was named that can be named regardless")
     unsure: StringProperty(name="Unsure", description="Why Automatic found no marker set")
     likely: CollectionProperty(type=bpy.types.PropertyGroup)
@@ -677,6 +678,12 @@ def opened_file(source: SourceSettings) -> str:
     """The file that is opened, as takes tell theirs; empty for none."""
     path = source.points_path or source.blobs_path
     return written(str(Path(bpy.path.abspath(path)))) if path else ""
+
+
+def forget_told(state: "ReviewState", file: str):
+    """Has the sidebar know of a file, and no more what it knew of another."""
+    state.about, state.crowded, state.refused, state.unsure = file, "", "", ""
+    state.likely.clear()
 
 
 def is_opened(settings: SceneSettings) -> bool:

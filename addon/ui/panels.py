@@ -125,6 +125,8 @@ def _draw_found(context, layout: bpy.types.UILayout, subjects, state):
         draw_text(context, layout, _set_in_words(found), icon="CHECKMARK")
         if crowded_here(state, context.scene.mocap_autolabel):
             layout.label(text="Two performers or more", icon="ERROR")
+    elif not told_here(state, context.scene.mocap_autolabel):
+        return
     elif len(state.likely):
         words = "More than one fits. Which was worn?" if len(state.likely) > 1 else "It may be this one. Was it worn?"
         draw_text(context, layout, words, icon="ERROR")
@@ -157,14 +159,19 @@ def _draw_progress(layout: bpy.types.UILayout, state: bpy.types.PropertyGroup):
 
 def _draw_refused(layout: bpy.types.UILayout, context, state: bpy.types.PropertyGroup):
     """Why a take was not labelled, where it can be all the same."""
-    if state.refused:
+    if state.refused and told_here(state, context.scene.mocap_autolabel):
         draw_text(context, layout, state.refused, icon="ERROR")
         layout.operator("mocap_autolabel.label", text="Label Regardless", icon="PLAY").force = True
 
 
 def crowded_here(state: bpy.types.PropertyGroup, settings: bpy.types.PropertyGroup) -> bool:
-    """Whether the take that is chosen was found to show more people than the one who is asked for."""
-    return settings.subjects.performing == "ONE" and opened_file(settings.source) == state.crowded != ""
+    """Whether the take that is opened was found to show more people than the one who is asked for."""
+    return settings.subjects.performing == "ONE" and state.crowded != "" and told_here(state, settings)
+
+
+def told_here(state: bpy.types.PropertyGroup, settings: bpy.types.PropertyGroup) -> bool:
+    """Whether what the sidebar knows is of the take that is opened, which an undo may have changed."""
+    return state.about == opened_file(settings.source) != ""
 
 
 def _draw_performers(layout: bpy.types.UILayout, subjects: bpy.types.PropertyGroup):
