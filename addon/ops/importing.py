@@ -28,7 +28,7 @@ from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
 from ..scene.take import fps_of, frame_shift, give_time, set_time
 from .base import Ours, once, reason_of, unless
-from .viewing import MAX_PLACES, fit_timelines, show_take_whole
+from .viewing import MAX_PLACES, fit_timelines, open_sidebar, show_take_whole
 
 BLOBS, POINTS = "*.csv;*.qtm", "*.c3d;*.trc;*.csv;*.qtm"
 UP_ITEMS = [("AUTO", "As the File Says", "Or, where it does not say, as what is in it tells")] + [
@@ -149,6 +149,14 @@ class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operato
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"SKIP_SAVE", "HIDDEN"})
     use: once(EnumProperty, "Use", "What to label of a .qtm that holds both", items=USE_ITEMS)
 
+    def draw(self, context):
+        """What can be said of the file that is chosen, which hardly ever has to be."""
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.label(text="Only where the file is wrong:")
+        for name in ("up", "rate", "mirror", *(("use",) if is_qtm(Path(self.filepath)) else ())):
+            layout.prop(self, name)
+
     def work(self, context):
         folder = Path(bpy.path.abspath(self.directory))
         chosen = [folder / item.name for item in self.files if item.name]
@@ -168,6 +176,7 @@ class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operato
         elif takes:
             said.append(self.take_in(context, takes[0]))
         self.report({"INFO"}, "; ".join(said))
+        open_sidebar(context)
         if len(takes) == 1:
             look_who_is_there(context)
         return self._find_blobs(context, of[IS_PICTURES]) if IS_PICTURES in of and not takes else {"FINISHED"}

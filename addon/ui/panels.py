@@ -101,7 +101,9 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
         row.label(text=f"The scene plays {fps_of(context.scene):g} Hz", icon="INFO")
         row.operator("mocap_autolabel.play_as_take", text="", icon="TIME")
     column = layout.column(align=True)
-    row = column.row(align=True)
+    row = column.split(factor=0.45, align=True)
+    row.label(text="Marker Set:")
+    row = row.row(align=True)
     row.prop(subjects, "markerset", text="")
     row.operator("mocap_autolabel.open_markerset", text="", icon="FILE_FOLDER")
     if subjects.markerset == OWN_FILE:
@@ -220,7 +222,7 @@ def use_it(layout, context):
     column.separator()
     draw_choice(column, settings, "bone_names")
     column.operator("mocap_autolabel.add_character", icon="OUTLINER_OB_ARMATURE")
-    layout.label(text="Export:")
+    layout.label(text="Export the Take:")
     grid = layout.grid_flow(columns=2, even_columns=True, align=True)
     for words in ("C3D", "FBX", "BVH", "TRC", "Labels", "Report"):
         grid.operator(f"mocap_autolabel.export_{words.lower()}", text=words)
