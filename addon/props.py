@@ -101,6 +101,11 @@ def _timeline_changed(_self, _context):
     redraw("DOPESHEET_EDITOR")
 
 
+def chosen_row():
+    """Which row of a list is chosen; Blender shows the words over every row."""
+    return IntProperty(name="Row", description="Choose this row")
+
+
 class TrainingTakeRow(bpy.types.PropertyGroup):
     """A labelled take to learn from."""
 
@@ -191,7 +196,7 @@ class SubjectSettings(WearsMarkers, bpy.types.PropertyGroup):
         name="Performers", description="How many wear the marker set", default=2, min=2, max=MAX_SUBJECTS
     )
     performers: CollectionProperty(type=PerformerRow)
-    performer_index: IntProperty()
+    performer_index: chosen_row()
     found: StringProperty(name="Found", description="The marker set that Automatic found in the take; empty for none")
 
 
@@ -199,7 +204,7 @@ class TrainingSettings(bpy.types.PropertyGroup):
     """What a marker set is learned from."""
 
     takes: CollectionProperty(type=TrainingTakeRow)
-    take_index: IntProperty()
+    take_index: chosen_row()
     trained_name: StringProperty(name="Name", description="What to call the marker set that is learned", default="mine")
     train_on: BoolProperty(
         name="Train On",
@@ -497,16 +502,16 @@ class ReviewState(bpy.types.PropertyGroup):
     """The tables of the active take: `WindowManager.mocap_autolabel`; filled by `refresh_review`, never saved."""
 
     markers: CollectionProperty(type=MarkerRow)
-    marker_index: IntProperty()
+    marker_index: chosen_row()
     corrections: CollectionProperty(type=CorrectionRow)
-    correction_index: IntProperty()
+    correction_index: chosen_row()
     doubts: CollectionProperty(type=bpy.types.PropertyGroup)
     differences: CollectionProperty(type=bpy.types.PropertyGroup)
     candidate: StringProperty(name="Candidate", description="A marker set that waits to be adopted; empty for none")
     fills: CollectionProperty(type=GapRow)
-    fill_index: IntProperty()
+    fill_index: chosen_row()
     left_gaps: CollectionProperty(type=GapRow)
-    left_gap_index: IntProperty()
+    left_gap_index: chosen_row()
     timeline_scroll: FloatProperty(
         name="Scroll", description="Rows of the trajectory timeline above the first that is seen", min=0.0
     )
@@ -541,11 +546,11 @@ class ReviewState(bpy.types.PropertyGroup):
     folder_trouble: StringProperty(name="Trouble", description="Why Label Folder ended before its time")
     folder_results: StringProperty(name="Results", description="The folder that the listed takes lie in")
     folder_takes: CollectionProperty(type=FolderTakeRow)
-    folder_take_index: IntProperty()
+    folder_take_index: chosen_row()
     changes: CollectionProperty(type=ChangeRow)
-    change_index: IntProperty()
+    change_index: chosen_row()
     troubles: CollectionProperty(type=TroubleRow)
-    trouble_index: IntProperty()
+    trouble_index: chosen_row()
     trouble_shown: StringProperty()
     trouble_done: EnumProperty(
         name="Answered",

@@ -115,6 +115,7 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
         return
     row = layout.row(align=True)
     row.scale_y = 1.6
+    row.enabled = not asks_which(state, settings)
     if crowded_here(state, settings):
         row.operator("mocap_autolabel.label", text="Label All Performers", icon="COMMUNITY").everybody = True
     else:
@@ -127,16 +128,14 @@ def _draw_found(context, layout: bpy.types.UILayout, subjects, state):
         draw_text(context, layout, _set_in_words(found), icon="CHECKMARK")
         if crowded_here(state, context.scene.mocap_autolabel):
             layout.label(text="Two performers or more", icon="ERROR")
-    elif not told_here(state, context.scene.mocap_autolabel):
-        return
-    elif len(state.likely):
+    elif asks_which(state, context.scene.mocap_autolabel):
         words = "More than one fits. Which was worn?" if len(state.likely) > 1 else "It may be this one. Was it worn?"
         draw_text(context, layout, words, icon="ERROR")
         for one in state.likely:
             text = Path(one.name).name.removesuffix(SUFFIX)
             choose = layout.operator("wm.context_set_enum", text=text)
             choose.data_path, choose.value = "scene.mocap_autolabel.subjects.markerset", one.name
-    elif state.unsure:
+    elif state.unsure and told_here(state, context.scene.mocap_autolabel):
         draw_text(context, layout, f"The take {state.unsure}", icon="ERROR")
 
 
@@ -169,6 +168,13 @@ def _draw_refused(layout: bpy.types.UILayout, context, state: bpy.types.Property
 def crowded_here(state: bpy.types.PropertyGroup, settings: bpy.types.PropertyGroup) -> bool:
     """Whether the take that is opened was found to show more people than the one who is asked for."""
     return settings.subjects.performing == "ONE" and state.crowded != "" and told_here(state, settings)
+
+
+def asks_which(state: bpy.types.PropertyGroup, settings: bpy.types.PropertyGroup) -> bool:
+    """Whether a person has to say first which of the sets that may be worn is, or Label would only ask the same."""
+    subjects = settings.subjects
+    unknown = subjects.markerset == AUTO_MODEL and subjects.performing != "LISTED" and not found_here(subjects)
+    return unknown and len(state.likely) > 0 and told_here(state, settings)
 
 
 def told_here(state: bpy.types.PropertyGroup, settings: bpy.types.PropertyGroup) -> bool:

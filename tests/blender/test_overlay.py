@@ -85,7 +85,7 @@ def test_words_never_lie_on_each_other_on_marks_only_where_they_must_and_off_wha
     assert len(kept) > 8
     for index, one in enumerate(kept):
         for other in kept[:index]:
-            assert abs(one[0] - other[0]) >= 30 or abs(one[1] - other[1]) >= 11
+            assert abs(one[0] - other[0]) >= 33 or abs(one[1] - other[1]) >= 11
     assert marks.room_for_words(np.array([[50.0, 50.0]]), widths[:1], 11.0, 6.0)[0, 0] == 56.0
     places = np.array([[50.0, 50.0], [70.0, 50.0], [20.0, 50.0]])
     starts = marks.room_for_words(places, np.full(3, 30.0), 11.0, 6.0, 3.5)
