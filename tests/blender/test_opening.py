@@ -94,7 +94,10 @@ def test_where_two_sets_fit_both_are_offered_an_own_one_first_and_none_is_taken(
     assert bpy.ops.mocap_autolabel.find_markerset() == {"FINISHED"}
     assert [one.name for one in state.likely] == [str(own), "body39"]
     assert not settings.subjects.found
+    assert ours("ui.panels").asks_which(state, settings), "Label waits for the answer"
     refused("as well as", "label")
+    settings.subjects.markerset = "body39"
+    assert not ours("ui.panels").asks_which(state, settings)
 
 
 @pytest.mark.parametrize("sure", [True, False])

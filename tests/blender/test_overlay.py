@@ -98,6 +98,18 @@ def test_words_never_lie_on_each_other_on_marks_only_where_they_must_and_off_wha
     assert np.isfinite(starts[1]).all()
 
 
+def test_names_keep_off_the_words_of_the_view(extension):
+    class Canvas(ours("ui.overlay").Canvas):
+        def __init__(self):
+            self.scale, self._words = 1.0, []
+
+    canvas = Canvas()
+    canvas.text("38 of 38 points named", 60, 20)
+    canvas.names(["LASI"], np.array([[70.0, 24.0]]))
+    (_, _, low, _), (_, _, high, _) = canvas._words
+    assert high >= low + 11
+
+
 def test_a_trail_is_broken_where_the_marker_was_not_seen(extension):
     figure = ours("ui.figure")
     path = np.column_stack([np.arange(20.0), np.zeros(20), np.zeros(20)])
