@@ -101,6 +101,11 @@ def _timeline_changed(_self, _context):
     redraw("DOPESHEET_EDITOR")
 
 
+def chosen_row():
+    """Which row of a list is chosen; Blender shows the words over every row."""
+    return IntProperty(name="Row", description="Choose this row")
+
+
 class TrainingTakeRow(bpy.types.PropertyGroup):
     """A labelled take to learn from."""
 
@@ -191,7 +196,7 @@ class SubjectSettings(WearsMarkers, bpy.types.PropertyGroup):
         name="Performers", description="How many wear the marker set", default=2, min=2, max=MAX_SUBJECTS
     )
     performers: CollectionProperty(type=PerformerRow)
-    performer_index: IntProperty()
+    performer_index: chosen_row()
     found: StringProperty(name="Found", description="The marker set that Automatic found in the take; empty for none")
 
 
@@ -199,7 +204,7 @@ class TrainingSettings(bpy.types.PropertyGroup):
     """What a marker set is learned from."""
 
     takes: CollectionProperty(type=TrainingTakeRow)
-    take_index: IntProperty()
+    take_index: chosen_row()
     trained_name: StringProperty(name="Name", description="What to call the marker set that is learned", default="mine")
     train_on: BoolProperty(
         name="Train On",
@@ -504,18 +509,18 @@ class ReviewState(bpy.types.PropertyGroup):
     """The tables of the active take: `WindowManager.mocap_autolabel`; filled by `refresh_review`, never saved."""
 
     markers: CollectionProperty(type=MarkerRow)
-    marker_index: IntProperty()
+    marker_index: chosen_row()
     corrections: CollectionProperty(type=CorrectionRow)
-    correction_index: IntProperty()
+    correction_index: chosen_row()
     doubts: CollectionProperty(type=bpy.types.PropertyGroup)
     differences: CollectionProperty(type=bpy.types.PropertyGroup)
     candidate: StringProperty(name="Candidate", description="A marker set that waits to be adopted; empty for none")
     fills: CollectionProperty(type=GapRow)
-    fill_index: IntProperty()
+    fill_index: chosen_row()
     proposed_fills: CollectionProperty(type=GapRow)
-    proposed_fill_index: IntProperty()
+    proposed_fill_index: chosen_row()
     left_gaps: CollectionProperty(type=GapRow)
-    left_gap_index: IntProperty()
+    left_gap_index: chosen_row()
     timeline_scroll: FloatProperty(
         name="Scroll", description="Rows of the trajectory timeline above the first that is seen", min=0.0
     )
@@ -527,7 +532,8 @@ class ReviewState(bpy.types.PropertyGroup):
     doing: StringProperty(name="Doing", description="What is going on, and how long it will; empty where nothing is")
     share: FloatProperty(name="Done", description="How much of it is done", subtype="FACTOR", min=0.0, max=1.0)
     spent: FloatProperty(name="Spent", description="Seconds of work that would be lost by cancelling", min=0.0)
-    crowded: StringProperty(name="Crowded", description="The file that shows more performers than were asked for")
+    about: StringProperty(name="About", description="The file that is refused, unsure, likely or crowded")
+    crowded: StringProperty(name="Crowded", description="The marker set that more performers wear than are asked for")
     refused: StringProperty(name="Refused", description="Why nothing was named that can be named regardless")
     unsure: StringProperty(name="Unsure", description="Why Automatic found no marker set")
     likely: CollectionProperty(type=bpy.types.PropertyGroup)
@@ -549,11 +555,11 @@ class ReviewState(bpy.types.PropertyGroup):
     folder_trouble: StringProperty(name="Trouble", description="Why Label Folder ended before its time")
     folder_results: StringProperty(name="Results", description="The folder that the listed takes lie in")
     folder_takes: CollectionProperty(type=FolderTakeRow)
-    folder_take_index: IntProperty()
+    folder_take_index: chosen_row()
     changes: CollectionProperty(type=ChangeRow)
-    change_index: IntProperty()
+    change_index: chosen_row()
     troubles: CollectionProperty(type=TroubleRow)
-    trouble_index: IntProperty()
+    trouble_index: chosen_row()
     trouble_shown: StringProperty()
     trouble_followed: IntProperty(default=-1)  # the line that was chosen because something was picked, -1 for none
     trouble_left: IntProperty()  # the line that was chosen before
@@ -688,6 +694,12 @@ def opened_file(source: SourceSettings) -> str:
     """The file that is opened, as takes tell theirs; empty for none."""
     path = source.points_path or source.blobs_path
     return written(str(Path(bpy.path.abspath(path)))) if path else ""
+
+
+def forget_told(state: "ReviewState", file: str):
+    """Has the sidebar know of a file, and no more what it knew of another."""
+    state.about, state.crowded, state.refused, state.unsure = file, "", "", ""
+    state.likely.clear()
 
 
 def is_opened(settings: SceneSettings) -> bool:

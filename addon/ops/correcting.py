@@ -147,7 +147,7 @@ def chosen_trajectories(context: bpy.types.Context, stored: Stored) -> list[int]
     frame, names = context.scene.frame_current, selected_markers(context)
     here = rows_in_frame(stored.rows, stored.index_here(frame))
     if not names:
-        raise InputError("nothing is selected; expected a marker, or a picked point or blob")
+        raise InputError("nothing is selected; expected markers, points or blobs, picked with the tool Label")
     rows = {one: here.start + np.flatnonzero(stored.labels.marker[here] == stored.words[one]) for one in names}
     if not isinstance(stored.rows, PointRows):
         if not any(map(len, rows.values())):
@@ -246,7 +246,7 @@ class MOCAP_AUTOLABEL_OT_swap_markers(Corrects, bpy.types.Operator):
         names = sorted(selected_markers(context))
         if len(names) != 2:
             words = f"the selection has {count_of(len(names), 'marker')}"
-            raise InputError(f"{words}; expected the two that have each other's names")
+            raise InputError(f"{words}; expected the two that have each other's names, picked with the tool Label")
         return [Swap((names[0], names[1]), frames=frames)]
 
 
@@ -258,7 +258,7 @@ class MOCAP_AUTOLABEL_OT_is_right(Corrects, bpy.types.Operator):
     def edits(self, context, stored: Stored, frames: tuple[int, int] | None) -> Sequence[Edit]:
         names = selected_markers(context)
         if not names:
-            raise InputError("no marker is selected; expected those that are right")
+            raise InputError("no marker is selected; expected those that are right, picked with the tool Label")
         return [Right(name, frames=frames) for name in names]
 
 

@@ -29,7 +29,7 @@ from ..props import keeps_items
 from ..scene.character import add_character, moving_in
 from ..scene.opened import opened
 from ..scene.performers import homes
-from ..scene.roots import root_of
+from ..scene.roots import parent_of
 from ..scene.stored import Stored, alone
 from ..scene.take import is_take
 from .base import OfTake, ToldWhere, WithTake, taken
@@ -332,7 +332,7 @@ class MOCAP_AUTOLABEL_OT_add_character(OfTake, bpy.types.Operator):
             home = homes(settings.take).get(one.name, settings.take)
             body = moving_in(home, alone(stored, one))
             character = add_character(context, home, body, settings.bone_names)
-            character.parent = root_of(settings.take)
+            character.parent = parent_of(settings.take)
             added.append(character.name)
         self.report({"INFO"}, f"Added {', '.join(added)}")
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Open Take: whatever a take comes in, blobs and a calibration, 3D points, pictures or a folder, chosen or dropped."""
 
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 
 import bpy
@@ -22,13 +22,13 @@ from ..io.markersets import AUTO_MODEL, SUFFIX, open_markerset
 from ..io.points import holds_points, read_points
 from ..io.qtm.capture import USE_BLOBS, held_in, is_qtm
 from ..jobs.job import blob_rate, capture_notes
-from ..props import choose_own, refresh_review
+from ..props import choose_own, forget_told, opened_file, refresh_review
 from ..scene import cameras as scene_cameras
 from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
 from ..scene.take import fps_of, frame_shift, give_time, set_time
 from .base import Ours, once, reason_of, unless
-from .viewing import MAX_PLACES, fit_timelines, show_take_whole
+from .viewing import MAX_PLACES, fit_timelines, open_sidebar, show_take_whole
 
 BLOBS, POINTS = "*.csv;*.qtm", "*.c3d;*.trc;*.csv;*.qtm"
 UP_ITEMS = [("AUTO", "As the File Says", "Or, where it does not say, as what is in it tells")] + [
@@ -42,6 +42,7 @@ USE_ITEMS = [
 ]
 
 
+LOOK_AGAIN = 1.0  # s, after which is asked again whether what goes on is done
 NEEDS_CAMERA = unless(
     lambda context: any(item.type == "CAMERA" for item in context.scene.objects), "This scene has no cameras"
 )
@@ -148,6 +149,14 @@ class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operato
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"SKIP_SAVE", "HIDDEN"})
     use: once(EnumProperty, "Use", "What to label of a .qtm that holds both", items=USE_ITEMS)
 
+    def draw(self, context):
+        """What can be said of the file that is chosen, which hardly ever has to be."""
+        layout = self.layout
+        layout.use_property_split, layout.use_property_decorate = True, False
+        layout.label(text="Only where the file is wrong:")
+        for name in ("up", "rate", "mirror", *(("use",) if is_qtm(Path(self.filepath)) else ())):
+            layout.prop(self, name)
+
     def work(self, context):
         folder = Path(bpy.path.abspath(self.directory))
         chosen = [folder / item.name for item in self.files if item.name]
@@ -159,12 +168,15 @@ class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operato
         takes = of.get(IS_TAKE, ())
         if len(takes) > 1 and not whole:
             raise InputError(f"{len(takes)} takes are chosen; expected one, or their folder", takes[1])
-        said = _take_beside(context, of)
+        said = _take_beside(context, of, whole)
+        if not (said or takes or IS_PICTURES in of):
+            raise InputError(f"holds no take; {KNOWN}", chosen[0])
         if len(takes) > 1:
             said.append(_take_folder(context, chosen[0], len(takes)))
         elif takes:
             said.append(self.take_in(context, takes[0]))
         self.report({"INFO"}, "; ".join(said))
+        open_sidebar(context)
         if len(takes) == 1:
             look_who_is_there(context)
         return self._find_blobs(context, of[IS_PICTURES]) if IS_PICTURES in of and not takes else {"FINISHED"}
@@ -209,30 +221,31 @@ def _kind_of(path: Path) -> str:
 
 
 def _inside(folder: Path) -> list[Path]:
-    """What a folder is opened for: its takes, itself where it holds pictures, and the first calibration of it."""
+    """What a folder is opened for: its takes, itself where it holds pictures, and what may be its calibration."""
     found, inside = Arrivals([folder], settled_s=0.0).look(0.0), sorted(folder.iterdir())
     if not found and any(path.is_dir() or path.suffix.lower() in bpy.path.extensions_movie for path in inside):
         found = [folder]
-    for path in inside:
-        if path.suffix.lower() in CALIBRATIONS.split(";") and path.suffix.lower() not in TAKE_ENDINGS:
-            with suppress(InputError):
-                read_cameras(path)
-                return [*found, path]
-    if not found:
-        raise InputError(f"holds no take; {KNOWN}", folder)
-    return found
+    endings = {*CALIBRATIONS.split(";")} - {*TAKE_ENDINGS, ".blend"}
+    return [*found, *(path for path in inside if path.suffix.lower() in endings)]
 
 
-def _take_beside(context: bpy.types.Context, of: dict[str, list[Path]]) -> list[str]:
-    """Takes in the marker set and the calibration that were chosen; gives what is in them."""
+def _take_beside(context: bpy.types.Context, of: dict[str, list[Path]], whole: bool) -> list[str]:
+    """Takes in the marker set and the calibration that were chosen; gives what is in them.
+
+    Of a `whole` folder that is the first that is a calibration.
+    """
     said, read = [], set()
     for path in of.get(IS_MARKERSET, ()):
         said.append(f"{path.name}: {count_of(len(open_markerset(path)), 'marker')}")
         choose_own(context.scene.mocap_autolabel.subjects, path)
     for path in of.get(IS_CALIBRATION, ()):
-        if path not in read:  # one may be in several files
+        if path in read:  # one may be in several files
+            continue
+        with suppress(InputError) if whole else nullcontext():
             said.append(take_cameras(context, path))
             read.update(calibration_files(path))
+            if whole:
+                break
     return said
 
 
@@ -248,10 +261,25 @@ def _take_folder(context: bpy.types.Context, folder: Path, count: int) -> str:
 def look_who_is_there(context: bpy.types.Context):
     """Has the marker set of the take found, in the window and where none was chosen; a script labels at once."""
     subjects, find = context.scene.mocap_autolabel.subjects, bpy.ops.mocap_autolabel.find_markerset
-    wanted = subjects.markerset == AUTO_MODEL and subjects.performing != "LISTED"
-    if wanted and not bpy.app.background and find.poll():
+    if bpy.app.background or subjects.markerset != AUTO_MODEL or subjects.performing == "LISTED":
+        return
+    if context.window_manager.mocap_autolabel.doing:
+        if not bpy.app.timers.is_registered(_look_when_free):
+            bpy.app.timers.register(_look_when_free, first_interval=LOOK_AGAIN)
+    elif find.poll():
         with suppress(RuntimeError):  # Label says the same
             find("INVOKE_DEFAULT")
+
+
+def _look_when_free() -> float | None:
+    """Looks at what was opened while something went on, once that is done; Label may have looked meanwhile."""
+    manager, settings = bpy.context.window_manager, bpy.context.scene.mocap_autolabel
+    if manager.mocap_autolabel.doing:
+        return LOOK_AGAIN
+    if opened_file(settings.source) and not settings.subjects.found:
+        with bpy.context.temp_override(window=manager.windows[0]):
+            look_who_is_there(bpy.context)
+    return None
 
 
 def take_blobs(context: bpy.types.Context, path: Path) -> str:
@@ -318,7 +346,7 @@ def forget_take(context: bpy.types.Context):
         preview, settings.source.preview = settings.source.preview, None
         remove_preview(preview)
         opened.forget()
-    settings.source.blobs_path = settings.source.points_path = context.window_manager.mocap_autolabel.refused = ""
+    settings.source.blobs_path = settings.source.points_path = ""
     settings.source.forced = False
     forget_found(context)
     refresh_review(context.window_manager, context.scene)
@@ -326,9 +354,9 @@ def forget_take(context: bpy.types.Context):
 
 def forget_found(context: bpy.types.Context):
     """Forgets what Automatic found, of another take or as the file was read otherwise."""
-    subjects, state = context.scene.mocap_autolabel.subjects, context.window_manager.mocap_autolabel
-    subjects.found = state.unsure = state.crowded = ""
-    state.likely.clear()
+    settings = context.scene.mocap_autolabel
+    settings.subjects.found = ""
+    forget_told(context.window_manager.mocap_autolabel, opened_file(settings.source))
 
 
 def _set_frames(context: bpy.types.Context, frames: np.ndarray) -> list[str]:

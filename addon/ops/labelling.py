@@ -25,13 +25,16 @@ from ..io.text import written
 from ..jobs import LabelJob, Labelled, label_to_show, worn_to_show
 from ..jobs.job import occlusion_here
 from ..props import (
+    ReviewState,
     SceneSettings,
     anybody,
     choose_model,
     chosen_markerset,
     colours_asked,
+    forget_told,
     found_here,
     frames_wanted,
+    opened_file,
     refresh_review,
     subjects_asked,
     take_name,
@@ -212,6 +215,8 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
         subjects, before = settings.subjects, settings.subjects.performing
         subjects.performing = "AUTO" if self.everybody else before
         settings.source.forced |= self.force
+        if self.everybody and subjects.markerset == AUTO_MODEL and state.about == opened_file(settings.source):
+            subjects.found = found_here(subjects) or state.crowded  # that it was found may have been undone
         state.refused = state.unsure = ""
         try:
             self._job, self._name = job_of(context), take_name(settings.source)
@@ -222,11 +227,16 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
 
     def _said(self, context, error: UserError) -> UserError:
         """The sidebar knows why a take is refused."""
-        state, error = context.window_manager.mocap_autolabel, LabelsTake._said(self, context, error)
+        error, file = LabelsTake._said(self, context, error), written(str(self._job.source))
+        if file != opened_file(context.scene.mocap_autolabel.source):
+            return error  # another take was opened meanwhile
+        state = told_of(context)
         if isinstance(error, ForceableError):
             state.refused = error.message
-        if ASK_HERE in error.message:
-            state.crowded = written(str(self._job.source))
+        if ASK_HERE in error.message and self._job.model == AUTO_MODEL:
+            look_who_is_there(context)  # all can be asked for once it is known what they wear
+        elif ASK_HERE in error.message:
+            state.crowded = self._job.model
         return error
 
 
@@ -244,17 +254,25 @@ class MOCAP_AUTOLABEL_OT_find_markerset(LabelsTake, bpy.types.Operator):
         return partial(worn_to_show, self._job)
 
     def _show(self, context, found: tuple[list[str], bool, bool, UserError | None]):
-        state, (models, sure, several, trouble) = context.window_manager.mocap_autolabel, found
+        state, (models, sure, several, trouble) = told_of(context), found
         if _read_as(context) != self._source:
             look_who_is_there(context)  # another take was opened meanwhile
             return
         state.unsure = "" if trouble is None else self._said(context, trouble).message
         if sure:
             context.scene.mocap_autolabel.subjects.found = models[0]
-            state.crowded = written(str(self._job.source)) if several else ""
+            state.crowded = models[0] if several else ""
             return
         for model in models:
             state.likely.add().name = model
+
+
+def told_of(context: bpy.types.Context) -> ReviewState:
+    """What the sidebar knows of the take that is opened; what was of another, before an undo, is forgotten."""
+    state, file = context.window_manager.mocap_autolabel, opened_file(context.scene.mocap_autolabel.source)
+    if state.about != file:
+        forget_told(state, file)
+    return state
 
 
 def _read_as(context: bpy.types.Context) -> tuple[str, str, str, bool]:

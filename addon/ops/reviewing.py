@@ -20,11 +20,11 @@ from .listing import is_listed
 from .picking import dots_here, show_picked
 from .viewing import bring_into_view, fit_graphs
 
-# The operators for what no edit mends, and the words of their buttons.
+# The operators for what no edit mends, the words of their buttons, and how they are called.
 BUTTONS = {
-    FILL: ("fill_gaps", "Fill Gaps"),
-    REFINE: ("refine_calibration", "Refine Calibration"),
-    LABEL: ("label", "Label Again"),
+    FILL: ("fill_gaps", "Fill {}", {"extent": "MARKER"}),
+    REFINE: ("refine_calibration", "Refine Calibration", {}),
+    LABEL: ("label", "Label Again", {}),
 }
 
 
@@ -50,7 +50,9 @@ def words_for(trouble: Trouble) -> str:
         return f"Name {trouble.trajectories[0]} {trouble.markers[0]}"
     if trouble.action == SWAP:
         return f"Swap {trouble.markers[0]} and {trouble.markers[1]}"
-    return f"Unlabel {trouble.markers[0]}" if trouble.action == UNLABEL else BUTTONS[trouble.action][1]
+    if trouble.action == UNLABEL:
+        return f"Unlabel {trouble.markers[0]}"
+    return BUTTONS[trouble.action][1].format(" ".join(trouble.markers))
 
 
 def places_of(trouble: Trouble, stored: Stored, frame: int) -> np.ndarray:
@@ -174,4 +176,5 @@ class MOCAP_AUTOLABEL_OT_mend_trouble(OfTrouble, bpy.types.Operator):
         if trouble.action not in BUTTONS:
             raise InputError("nothing does that by itself; expected a person to look")
         show(context, trouble)
-        return getattr(bpy.ops.mocap_autolabel, BUTTONS[trouble.action][0])("INVOKE_DEFAULT")
+        name, _, given = BUTTONS[trouble.action]
+        return getattr(bpy.ops.mocap_autolabel, name)("INVOKE_DEFAULT", **given)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Looking around in a take: through its cameras, at its doubtful frames; and putting it away."""
 
+from contextlib import suppress
+
 import bpy
 import numpy as np
 from bpy.props import IntProperty, StringProperty
@@ -65,6 +67,32 @@ class MOCAP_AUTOLABEL_OT_clear(Ours, bpy.types.Operator):
         refresh_review(context.window_manager, context.scene)
         if left is not None:
             self.report({"INFO"}, f"What is yours is kept in {left.name}: {persons_in(left) or 'collections'}")
+
+
+TAB = "Mocap"
+
+
+def open_sidebar(context: bpy.types.Context):
+    """Opens the sidebar of the largest 3D view at what to do next, where no view shows that."""
+    if bpy.app.background or context.screen is None:
+        return
+    views = [area for area in context.screen.areas if area.type == "VIEW_3D"]
+    sidebars = [next(one for one in area.regions if one.type == "UI") for area in views]
+    if views and not any(one.width > 1 and one.active_panel_category == TAB for one in sidebars):
+        largest = max(range(len(views)), key=lambda at: views[at].width * views[at].height)
+        views[largest].spaces.active.show_region_ui = True
+        _turn_to_tab(sidebars[largest])
+
+
+def _turn_to_tab(sidebar: bpy.types.Region):
+    """Chooses the tab of a sidebar, which has none before it is drawn."""
+
+    def turn():
+        with suppress(ReferenceError, TypeError):  # the view may be gone by now
+            sidebar.active_panel_category = TAB
+            sidebar.tag_redraw()
+
+    bpy.app.timers.register(turn, first_interval=0.2)
 
 
 ROOM = 4.0  # times the reach of what is meant that a view shows around it

@@ -112,7 +112,7 @@ class MOCAP_AUTOLABEL_OT_other_performer(ToldApart, bpy.types.Operator):
             return [edit for point in points for edit in given_over(context, stored, point, name, frames)]
         markers = [stored.names.index(marker) for marker in selected_markers(context)]
         if not markers:
-            raise InputError("nothing is selected; expected a marker, or a picked point")
+            raise InputError("nothing is selected; expected markers or points, picked with the tool Label")
         pairs = {tuple(sorted((marker, counterpart(stored, marker, name)))) for marker in markers}
         return [Swap((stored.names[one], stored.names[other]), frames=frames) for one, other in sorted(pairs)]
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.geometry.force_plates import LabRecords
 from . import animation, ownership
-from .roots import root_of
+from .roots import parent_of
 
 EVENTS = "mocap_events"  # on a take: the names and frames of its timeline markers, which hold no properties
 METRES_A_NEWTON = 0.001  # m, of an arrow; format
@@ -39,7 +39,7 @@ def show_lab(
         mesh.from_pydata(plate.corners.tolist(), OUTLINE, [])
         outline, arrow = bpy.data.objects.new(mesh.name, mesh), bpy.data.objects.new(f"{name} force {number}", None)
         for item in (outline, arrow):
-            item.hide_render, item.parent = True, root_of(collection)
+            item.hide_render, item.parent = True, parent_of(collection)
             place.objects.link(item)
         arrow.empty_display_type, arrow.empty_display_size = "SINGLE_ARROW", 1.0
         arrow.rotation_mode, arrow.show_in_front = "QUATERNION", True

@@ -15,7 +15,7 @@ TAKE = "mocap_take"
 PERFORMER = "mocap_performer"
 CAMERAS = "mocap_cameras"
 MARKERSET = "mocap_markerset"
-TAKE_ROOT = "mocap_root"  # on the empty that a take hangs on
+TAKE_ROOT = "mocap_root"  # on the empty that a take hangs on; False on the hidden one between it and the rest
 EDITED = "mocap_edited_markerset"
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The empty that all of a take hangs on: moved, turned or scaled, what is shown of the take follows."""
+"""The root, an empty that all of a take hangs on: moved, turned or scaled, what is shown of the take follows."""
 
 import bpy
 import numpy as np
@@ -14,19 +14,41 @@ ROOT_SIZE = 0.5  # m, of the axes that are drawn
 
 def root_of(collection: bpy.types.Collection) -> bpy.types.Object | None:
     """The root of a take; None where it was deleted, or the file is older than roots."""
-    items = (item for item in collection.objects if naming.TAKE_ROOT in item)
+    return _empty_of(collection, seen=True)
+
+
+def parent_of(collection: bpy.types.Collection) -> bpy.types.Object | None:
+    """What the things of a take are parented to: the hidden empty on its root; in files older than that the root."""
+    return _empty_of(collection, seen=False) or root_of(collection)
+
+
+def _empty_of(collection: bpy.types.Collection, seen: bool) -> bpy.types.Object | None:
+    items = (item for item in collection.objects if item.get(naming.TAKE_ROOT) == seen)
     return next((item for item in items if is_made_for(item, collection)), None)
 
 
 def ensure_root(collection: bpy.types.Collection, name: str) -> bpy.types.Object:
-    """The root of a take called `name`, where a person has put it; a new one at the origin where there is none."""
-    root = root_of(collection)
+    """What the things of a take called `name` are parented to; a new root at the origin where there is none.
+
+    Blender draws a dashed line from everything to its parent but for one that is hidden: so a hidden empty is between.
+    """
+    root, between = root_of(collection), _empty_of(collection, seen=False)
     if root is None:
-        root = bpy.data.objects.new(f"{name} root", None)
-        root.empty_display_type, root.empty_display_size, root[naming.TAKE_ROOT] = "PLAIN_AXES", ROOT_SIZE, True
-        collection.objects.link(root)
-        sign(root, "root", collection)
-    return root
+        root = _add_empty(collection, f"{name} root", "root", seen=True)
+        root.empty_display_type, root.empty_display_size = "PLAIN_AXES", ROOT_SIZE
+    if between is None:
+        between = _add_empty(collection, f"{name} room", "room", seen=False)
+        between.hide_viewport = between.hide_render = True
+    between.parent = root
+    return between
+
+
+def _add_empty(collection: bpy.types.Collection, name: str, role: str, seen: bool) -> bpy.types.Object:
+    empty = bpy.data.objects.new(name, None)
+    empty[naming.TAKE_ROOT] = seen
+    collection.objects.link(empty)
+    sign(empty, role, collection)
+    return empty
 
 
 def put_where(collection: bpy.types.Collection, other: bpy.types.Collection):
@@ -38,7 +60,11 @@ def put_where(collection: bpy.types.Collection, other: bpy.types.Collection):
 
 def remove_root(collection: bpy.types.Collection):
     """Removes the root of a take that is gone; one that was animated, or moved with things of a person on it, stays."""
-    root = root_of(collection)
+    root, between = root_of(collection), _empty_of(collection, seen=False)
+    if between is not None:
+        for item in between.children:
+            item.parent = root
+        bpy.data.objects.remove(between)
     if root is not None and (root.animation_data is not None or (root.children and pose_of(root) != Matrix())):
         release(root)
     elif root is not None:

@@ -31,7 +31,7 @@ from .corrections import keep_edits, kept_text
 from .fills import FILL_PATHS, keep_cutoff, keep_fills
 from .lab import forget_events, show_lab
 from .performers import Colour, Performer, body_material, home_of, homes, performers_in_row, performers_of, rows_of
-from .roots import ensure_root, remove_root, root_of
+from .roots import ensure_root, parent_of, remove_root
 from .storage import FRAME, add_cloud, cloud_table
 from .stored import Stored, changed_between, digest_of, digests_of
 
@@ -191,7 +191,7 @@ def show_unnamed(collection: bpy.types.Collection, name: str, rows: PointRows, l
     table = cloud_table(name, rows.frames[rows.frame[left]] + shift, rows.xyz[left])
     if item is None:
         item = add_cloud(collection, table)
-        item.parent = root_of(collection)
+        item.parent = parent_of(collection)
         ownership.sign(item, ownership.WITHOUT_NAMES, collection)
         return
     with ownership.changed_by_us(item):

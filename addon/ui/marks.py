@@ -97,7 +97,7 @@ def room_for_words(
     clear = ~_meets(boxes[:, :, None], discs).any(axis=2)
     # Which boxes meet is asked of all at once: one by one it would cost half a redraw's time.
     flat = boxes.reshape(-1, 4)
-    meets = _meets(flat[:, None], flat)
+    meets = _meets(flat[:, None], flat + np.array([-gap, 0, gap, 0]) / 2)  # a space is between two words
     taken = _meets(flat[:, None], covered).any(axis=1)
     for place, (index, alone) in enumerate(zip(there.tolist(), clear.tolist(), strict=True)):
         free = [way for way, full in enumerate(taken[4 * place : 4 * place + 4].tolist()) if not full]

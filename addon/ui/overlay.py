@@ -175,6 +175,10 @@ class Canvas:
         self.texts(zip((words[at] for at in there.tolist()), starts[there].tolist(), strict=True))
 
     def text(self, words: str, x: float, y: float, colour: tuple[float, ...] = WHITE):
+        """Words that no name goes onto."""
+        height = TEXT_SIZE * self.scale
+        box = [x, y - height / 3, x + letters.width(words, height), y + height]
+        self.covered = np.vstack([self.covered, box])
         self.texts([(words, (x, y))], colour)
 
     def texts(self, words: Iterable[tuple[str, tuple[float, float]]], colour: tuple[float, ...] = WHITE):
@@ -200,14 +204,14 @@ def draw_camera(canvas: Canvas, stored: Stored, index: int, camera: bpy.types.Ob
         canvas.lines(canvas.place(ends), colours, LINK_WIDTH)
     places = canvas.place(seen.xyz)
     canvas.discs(places, STEP_COLOURS[step, 0], BLOB_RADIUS, 1.2)
-    if settings.display.show_names:
-        canvas.names([stored.names[marker] for marker in seen.marker[named]], places[named])
     if stored.names:
         legend = (*LEGEND, BY_HAND) if (step == BY_EDIT).any() else LEGEND
         title = f"{camera_name(camera)}: {len(named)} of {len(places)} blobs named"
         draw_colours(canvas, title, [(words, STEP_COLOURS[one]) for words, one in legend])
     else:
         canvas.text(f"{camera_name(camera)}: {count_of(len(places), 'blob')}", LEGEND_LEFT * canvas.scale, canvas.foot)
+    if settings.display.show_names:
+        canvas.names([stored.names[marker] for marker in seen.marker[named]], places[named])
 
 
 def draw_rays(canvas: Canvas, stored: Stored, index: int):
@@ -239,19 +243,23 @@ def draw_markers(canvas: Canvas, stored: Stored, index: int, settings, collectio
     fills[asked] = RED
     canvas.discs(others, fills, BLOB_RADIUS - 1.5, 1.0)
     canvas.discs(places, found_as, BLOB_RADIUS - 1, 1.0)
+    if isinstance(stored.rows, PointRows):
+        _draw_counts(canvas, stored, seen, collection)
     if settings.display.show_names:
         words = [*stored.names, *seen.asked.values()]
         canvas.names(words, np.concatenate([places, others[asked]]))
-    if not isinstance(stored.rows, PointRows):
-        return
+
+
+def _draw_counts(canvas: Canvas, stored: Stored, seen: marks.PointMarks, collection: bpy.types.Collection | None):
+    """How many points have names, and what their colours mean."""
     if not stored.names:
-        canvas.text(count_of(len(others), "point"), LEGEND_LEFT * canvas.scale, canvas.foot)
+        canvas.text(count_of(len(seen.unnamed), "point"), LEGEND_LEFT * canvas.scale, canvas.foot)
         return
     found = int((np.isfinite(seen.named).all(axis=1) & ~seen.filled).sum())
     people = {} if collection is None else colours_in(collection)
     names = [(name, (*colour, 1.0)) for name, colour in people.items()] or [("named", ORANGE)]
     rows = (*names, ("doubtful", RED), ("unnamed", GREY)) + (("filled", BLUE),) * bool(stored.fills)
-    draw_colours(canvas, f"{found} of {found + len(others)} points named", rows)
+    draw_colours(canvas, f"{found} of {found + len(seen.unnamed)} points named", rows)
 
 
 def draw_colours(canvas: Canvas, title: str, rows):
@@ -262,5 +270,6 @@ def draw_colours(canvas: Canvas, title: str, rows):
     ends = np.stack([np.column_stack([0 * y + left, y]), np.column_stack([0 * y + left + 22 * canvas.scale, y])], 1)
     colours = np.array([np.broadcast_to(colour, (2, 4)) for _, colour in rows])
     canvas.lines(ends, colours, LINK_WIDTH * 1.5)
-    beside = [(words, (left + 30 * canvas.scale, y)) for (words, _), y in zip(rows, lower.tolist(), strict=True)]
-    canvas.texts([(title, (left, bottom + line * len(rows))), *beside])
+    canvas.text(title, left, bottom + line * len(rows))
+    for (words, _), y in zip(rows, lower.tolist(), strict=True):
+        canvas.text(words, left + 30 * canvas.scale, y)

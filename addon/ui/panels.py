@@ -101,7 +101,9 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
         row.label(text=f"The scene plays {fps_of(context.scene):g} Hz", icon="INFO")
         row.operator("mocap_autolabel.play_as_take", text="", icon="TIME")
     column = layout.column(align=True)
-    row = column.row(align=True)
+    row = column.split(factor=0.45, align=True)
+    row.label(text="Marker Set:")
+    row = row.row(align=True)
     row.prop(subjects, "markerset", text="")
     row.operator("mocap_autolabel.open_markerset", text="", icon="FILE_FOLDER")
     if subjects.markerset == OWN_FILE:
@@ -113,6 +115,7 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
         return
     row = layout.row(align=True)
     row.scale_y = 1.6
+    row.enabled = not asks_which(state, settings)
     if crowded_here(state, settings):
         row.operator("mocap_autolabel.label", text="Label All Performers", icon="COMMUNITY").everybody = True
     else:
@@ -125,14 +128,14 @@ def _draw_found(context, layout: bpy.types.UILayout, subjects, state):
         draw_text(context, layout, _set_in_words(found), icon="CHECKMARK")
         if crowded_here(state, context.scene.mocap_autolabel):
             layout.label(text="Two performers or more", icon="ERROR")
-    elif len(state.likely):
+    elif asks_which(state, context.scene.mocap_autolabel):
         words = "More than one fits. Which was worn?" if len(state.likely) > 1 else "It may be this one. Was it worn?"
         draw_text(context, layout, words, icon="ERROR")
         for one in state.likely:
             text = Path(one.name).name.removesuffix(SUFFIX)
             choose = layout.operator("wm.context_set_enum", text=text)
             choose.data_path, choose.value = "scene.mocap_autolabel.subjects.markerset", one.name
-    elif state.unsure:
+    elif state.unsure and told_here(state, context.scene.mocap_autolabel):
         draw_text(context, layout, f"The take {state.unsure}", icon="ERROR")
 
 
@@ -157,14 +160,26 @@ def _draw_progress(layout: bpy.types.UILayout, state: bpy.types.PropertyGroup):
 
 def _draw_refused(layout: bpy.types.UILayout, context, state: bpy.types.PropertyGroup):
     """Why a take was not labelled, where it can be all the same."""
-    if state.refused:
+    if state.refused and told_here(state, context.scene.mocap_autolabel):
         draw_text(context, layout, state.refused, icon="ERROR")
         layout.operator("mocap_autolabel.label", text="Label Regardless", icon="PLAY").force = True
 
 
 def crowded_here(state: bpy.types.PropertyGroup, settings: bpy.types.PropertyGroup) -> bool:
-    """Whether the take that is chosen was found to show more people than the one who is asked for."""
-    return settings.subjects.performing == "ONE" and opened_file(settings.source) == state.crowded != ""
+    """Whether the take that is opened was found to show more people than the one who is asked for."""
+    return settings.subjects.performing == "ONE" and state.crowded != "" and told_here(state, settings)
+
+
+def asks_which(state: bpy.types.PropertyGroup, settings: bpy.types.PropertyGroup) -> bool:
+    """Whether a person has to say first which of the sets that may be worn is, or Label would only ask the same."""
+    subjects = settings.subjects
+    unknown = subjects.markerset == AUTO_MODEL and subjects.performing != "LISTED" and not found_here(subjects)
+    return unknown and len(state.likely) > 0 and told_here(state, settings)
+
+
+def told_here(state: bpy.types.PropertyGroup, settings: bpy.types.PropertyGroup) -> bool:
+    """Whether what the sidebar knows is of the take that is opened, which an undo may have changed."""
+    return state.about == opened_file(settings.source) != ""
 
 
 def _draw_performers(layout: bpy.types.UILayout, subjects: bpy.types.PropertyGroup):
@@ -213,7 +228,7 @@ def use_it(layout, context):
     column.separator()
     draw_choice(column, settings, "bone_names")
     column.operator("mocap_autolabel.add_character", icon="OUTLINER_OB_ARMATURE")
-    layout.label(text="Export:")
+    layout.label(text="Export the Take:")
     grid = layout.grid_flow(columns=2, even_columns=True, align=True)
     for words in ("C3D", "FBX", "BVH", "TRC", "Labels", "Report"):
         grid.operator(f"mocap_autolabel.export_{words.lower()}", text=words)

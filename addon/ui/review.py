@@ -16,6 +16,7 @@ from ..scene.performers import body_material, homes
 from ..scene.playing import PLAYED, part_here, played_takes, suspects_of, what_is_wrong
 from ..scene.take import is_take
 from ..scene.trouble import known_trouble
+from .label_tool import TOOL
 from .parts import (
     DrawsRows,
     draw_choice,
@@ -53,14 +54,13 @@ def review(layout, context):
     """One list of the take, a box with what is the matter with the chosen row, and what mends all of it."""
     settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
     if is_take(settings.take):
-        if words := words_behind(context):
-            draw_text(context, layout, words, icon="ERROR")
         row = layout.row(align=True)
         row.prop(state, "listed", text="")
         if state.listed == "TROUBLES" and len(state.troubles):
             row.prop(state, "trouble_done", text="")
         DRAWN[state.listed](layout, context, state)
         column = layout.column(align=True)
+        column.operator("wm.tool_set_by_id", text="Pick Markers to Name", icon="EYEDROPPER").name = TOOL
         row = column.row(align=True)
         row.scale_y = 1.4
         row.operator("mocap_autolabel.fill_gaps", text="Fill", icon="KEYTYPE_GENERATED_VEC").extent = "TAKE"
@@ -73,6 +73,8 @@ def review(layout, context):
         row.prop(settings.filling, "cutoff", text="Smooth above (Hz)")
         if cutoff is not None:
             row.operator("mocap_autolabel.take_back_smoothing", text=f"Smoothed at {cutoff:g}", icon="X")
+        if words := words_behind(context):  # at the end, as it comes and goes: nothing moves from below the pointer
+            draw_text(context, layout, words, icon="ERROR")
     _draw_played(layout, context)
 
 

@@ -94,7 +94,10 @@ def test_where_two_sets_fit_both_are_offered_an_own_one_first_and_none_is_taken(
     assert bpy.ops.mocap_autolabel.find_markerset() == {"FINISHED"}
     assert [one.name for one in state.likely] == [str(own), "body39"]
     assert not settings.subjects.found
+    assert ours("ui.panels").asks_which(state, settings), "Label waits for the answer"
     refused("as well as", "label")
+    settings.subjects.markerset = "body39"
+    assert not ours("ui.panels").asks_which(state, settings)
 
 
 @pytest.mark.parametrize("sure", [True, False])
@@ -155,15 +158,34 @@ def test_why_no_set_was_found_is_told_in_the_card(settings, tmp_path):
     assert not state.unsure
 
 
-def test_blobs_come_with_their_calibration_and_a_marker_set_in_one_go_or_as_their_folder(settings, room):
+def test_a_take_that_was_opened_while_something_went_on_is_looked_at_after_it(settings, tmp_path, monkeypatch):
+    importing, state = ours("ops.importing"), bpy.context.window_manager.mocap_autolabel
+    write_c3d(tmp_path / "one.c3d", standing(drawn("body39")))
+    opened(tmp_path, "one.c3d")
+    bpy_there, find = MagicMock(wraps=bpy), MagicMock()
+    bpy_there.context, bpy_there.app.background, bpy_there.ops.mocap_autolabel.find_markerset = bpy.context, False, find
+    monkeypatch.setattr(importing, "bpy", bpy_there)
+    state.doing = "Labelling: 3%"
+    importing.look_who_is_there(bpy.context)
+    bpy_there.app.timers.is_registered.assert_called_with(importing._look_when_free)
+    assert importing._look_when_free() == importing.LOOK_AGAIN
+    state.doing = ""
+    assert importing._look_when_free() is None
+    find.assert_called_once_with("INVOKE_DEFAULT")
+
+
+def test_blobs_come_with_their_calibration_and_a_marker_set_in_one_go_or_as_their_folder(settings, room, monkeypatch):
     opened(room.folder, "walk.csv", "room.toml", f"small{SUFFIX}")
     assert settings.source.blobs_path == room.blobs
     assert len(settings.source.cameras.objects) == 4
     assert settings.subjects.markerset_path == room.markerset
-    settings.source.cameras = None
+    settings.source.cameras, importing = None, ours("ops.importing")
+    reads = MagicMock(wraps=importing.read_cameras)
+    monkeypatch.setattr(importing, "read_cameras", reads)
     opened(room.folder)
     assert settings.source.blobs_path == room.blobs
     assert len(settings.source.cameras.objects) == 4
+    assert len([one for one in reads.call_args_list if str(one.args[0]) == room.cameras]) == 1
 
 
 def test_a_folder_of_several_takes_is_label_folders(settings, room, tmp_path):

@@ -85,7 +85,7 @@ def test_words_never_lie_on_each_other_on_marks_only_where_they_must_and_off_wha
     assert len(kept) > 8
     for index, one in enumerate(kept):
         for other in kept[:index]:
-            assert abs(one[0] - other[0]) >= 30 or abs(one[1] - other[1]) >= 11
+            assert abs(one[0] - other[0]) >= 33 or abs(one[1] - other[1]) >= 11
     assert marks.room_for_words(np.array([[50.0, 50.0]]), widths[:1], 11.0, 6.0)[0, 0] == 56.0
     places = np.array([[50.0, 50.0], [70.0, 50.0], [20.0, 50.0]])
     starts = marks.room_for_words(places, np.full(3, 30.0), 11.0, 6.0, 3.5)
@@ -96,6 +96,18 @@ def test_words_never_lie_on_each_other_on_marks_only_where_they_must_and_off_wha
     starts = marks.room_for_words(places, np.full(2, 30.0), 11.0, 6.0, 3.5, toolbar)
     assert np.isnan(starts[0]).all()
     assert np.isfinite(starts[1]).all()
+
+
+def test_names_keep_off_the_words_of_the_view(extension):
+    class Canvas(ours("ui.overlay").Canvas):
+        def __init__(self):
+            self.scale, self._words = 1.0, []
+
+    canvas = Canvas()
+    canvas.text("38 of 38 points named", 60, 20)
+    canvas.names(["LASI"], np.array([[70.0, 24.0]]))
+    (_, _, low, _), (_, _, high, _) = canvas._words
+    assert high >= low + 11
 
 
 def test_a_trail_is_broken_where_the_marker_was_not_seen(extension):

@@ -161,7 +161,7 @@ def test_what_a_person_changed_is_that_persons(duet, over, kind, change):
     else:
         assert takes.is_take(left)
         same = [one for one in left.all_objects if ownership.role_of(one)]
-        assert len(same) == 2 * (1 + 9 + 13) + 2
+        assert len(same) == 2 * (1 + 9 + 13) + 3
         assert all(ownership.is_untouched(one) for one in same)
 
 
@@ -355,7 +355,7 @@ def test_another_take_in_the_collection_is_left_alone(duet, made, over):
     over(duet.take)
     for name in guests:
         assert ownership.is_untouched(bpy.data.objects[name])
-    assert [len(bpy.data.collections[name].all_objects) for name in names] == [24, 24]
+    assert [len(bpy.data.collections[name].all_objects) for name in names] == [25, 25]
     assert {one.name for one in takes.takes_of(bpy.context.scene)} >= set(names)
 
 
@@ -373,7 +373,7 @@ def test_a_take_out_of_another_file_goes(duet, tmp_path, link, again):
         show_again(bpy.context, duet.take, whole=True)
     else:
         assert takes.remove_take(collection) is None
-    assert len(bpy.data.objects) == again * (2 * (1 + 9 + 13) + 2)
+    assert len(bpy.data.objects) == again * (2 * (1 + 9 + 13) + 3)
     assert all(item.library is None for item in bpy.data.objects)
 
 

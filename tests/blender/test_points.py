@@ -353,6 +353,11 @@ def test_what_is_refused_can_be_labelled_regardless(extension, imported, files, 
     assert settings.take is None
     assert state.refused.startswith("is left-handed")
     assert "--force" not in state.refused
+    panels, path = ours("ui.panels"), settings.source.points_path
+    assert panels.told_here(state, settings)
+    settings.source.points_path = str(files.folder / "other.c3d")  # as by undo
+    assert not panels.told_here(state, settings)
+    settings.source.points_path = path
     assert bpy.ops.mocap_autolabel.label(force=True) == {"FINISHED"}
     assert settings.take is not None
     assert not state.refused

@@ -62,6 +62,19 @@ def test_a_marker_that_was_never_found_is_said_and_shown_and_named_by_one_button
     assert not rows(state, kind="left over")
 
 
+def test_the_gaps_of_one_marker_are_filled_by_its_button_and_no_other(state):
+    number, row = rows(state, kind="missing", action="fill")[0]
+    assert (
+        ours("ops.reviewing").words_for(
+            ours("scene.trouble").trouble_of(bpy.context.scene.mocap_autolabel.take, bpy.context.scene)[number]
+        )
+        == f"Fill {row.name}"
+    )
+    name = row.name
+    assert bpy.ops.mocap_autolabel.mend_trouble(index=number) == {"FINISHED"}
+    assert {fill.name for fill in state.review.fills} == {name}
+
+
 def test_what_is_right_is_done_and_does_not_come_back(state):
     number, _ = rows(state, kind="missing", name=LOST)[0]
     assert bpy.ops.mocap_autolabel.accept_trouble(index=number) == {"FINISHED"}

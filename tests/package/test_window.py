@@ -176,3 +176,13 @@ def test_the_rows_are_coloured(timeline, name):
 def test_switched_off_it_leaves_blenders_own(timeline):
     on, off = (imread(timeline["folder"] / f"timeline-{name}.png")[..., :3] for name in ("unfolded", "off"))
     assert abs(on - off).mean() > 0.02
+
+
+def test_a_second_person_comes_from_a_file_to_a_rig_without_a_detour(watch, tmp_path):
+    seen = walked(watch, "trial", tmp_path)
+    assert seen["tab"] == "Mocap"
+    assert seen["wrong"] and seen["mended"]
+    assert sum(clicks for clicks, _, _ in seen["steps"].values()) <= 17
+    assert {path.suffix for path in tmp_path.glob("trial.*")} >= {".c3d", ".fbx"}
+    for name, step in seen["steps"].items():
+        print(name, *step)

@@ -1,0 +1,92 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A second person's way: a take opened, labelled, a swap mended, gaps filled, on a Rigify rig, exported; counted."""
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import bpy
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+
+import stage
+from stage import settings, state, window
+
+OPERATOR = "mocap_autolabel."
+SWAPPED = ("LKNE", "RKNE")
+
+
+def walk(seen: dict) -> Iterator[float]:
+    """What is not counted is what a person has already: a swap to mend, and a rig that is selected."""
+    bpy.data.batch_remove(list(bpy.data.objects))
+    bpy.ops.preferences.addon_enable(module="rigify")
+    steps = seen["steps"] = {}
+    yield from window.open_tab("View")
+    bpy.ops.mocap_autolabel.import_take("INVOKE_DEFAULT")  # File > Import: two clicks, then the file and its button
+    yield from window.browse(stage.TASK["points"])
+    with waited(steps, "open", clicks=5):
+        yield from done(lambda: settings().subjects.found)
+    seen["tab"] = window.region("UI").active_panel_category
+    with waited(steps, "label", clicks=1):
+        yield from press("label")
+        yield from done(lambda: settings().take is not None)
+
+    bpy.context.scene.frame_set(stage.TASK["frame"])
+    stage.look_at_the_person()
+    yield 1
+    knee, other = map(stage.dot, SWAPPED)
+    for name in SWAPPED:
+        bpy.data.objects[name].select_set(True)
+    bpy.ops.mocap_autolabel.swap_markers(scope="WHOLE")
+    seen["wrong"] = stage.corrections()
+    with waited(steps, "mend a swap", clicks=3, keys=1):
+        places = yield from window.all_buttons()
+        yield from window.click(*places["wm.tool_set_by_id"])
+        yield from window.click(*knee)
+        yield from window.click(*other, shift=True)
+        yield from window.press("E", *other)
+    seen["mended"] = [stage.dot(name) for name in SWAPPED] == [knee, other]
+    with waited(steps, "fill all gaps", clicks=1):
+        places = yield from window.scroll_to(f"{OPERATOR}smooth")
+        yield from window.click(window.region("UI").x + 60, places[f"{OPERATOR}smooth"][1])  # Fill, beside it
+        yield from done(lambda: len(state().fills))
+
+    with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):
+        bpy.ops.object.armature_human_metarig_add()
+        bpy.ops.pose.rigify_generate()
+    rig = bpy.context.view_layer.objects.active
+    settings().display.stage = "USE"  # a click
+    yield 1
+    with waited(steps, "move a Rigify rig", clicks=2):
+        yield from press("retarget")
+        yield from done(lambda: rig.animation_data is not None and rig.animation_data.action is not None)
+    for name in ("c3d", "fbx"):
+        path = stage.OUT / f"trial.{name}"
+        with waited(steps, f"export {name.upper()}", clicks=2):
+            yield from window.choose(f"{OPERATOR}export_{name}", str(path))
+            yield from done(path.exists)
+    yield from window.screenshot("1-used")
+
+
+@contextmanager
+def waited(steps: dict, name: str, clicks: int, keys: int = 0) -> Iterator[None]:
+    """Counts a step, and the seconds that it goes on for."""
+    begun = time.monotonic()
+    yield
+    steps[name] = [clicks, keys, time.monotonic() - begun]
+
+
+def press(name: str) -> Iterator[float]:
+    """Presses an operator's button."""
+    places = yield from window.scroll_to(OPERATOR + name)
+    yield from window.click(*places[OPERATOR + name])
+
+
+def done(so) -> Iterator[float]:
+    """Waits until something is so and nothing goes on."""
+    yield from window.until(lambda: so() and not state().doing)
+
+
+stage.play(walk)
