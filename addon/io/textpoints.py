@@ -6,6 +6,7 @@ import csv
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -45,9 +46,9 @@ def rows_to_samples(
 ) -> tuple[int, int, tuple[Samples, ...]]:
     """Number of the first frame, how many there are and their samples, of rows: a line number and its fields each.
 
-    The first field is the frame's number, and `columns` are where the P markers begin. Empty fields, NaN and 0 0 0 are
-    missing; frames that the file leaves out are there without points. InputError with the line where a field is no
-    number or the frames do not ascend.
+    The first field is the frame's number, and `columns` are where the P markers begin, ascending. Empty fields, NaN and
+    0 0 0 are missing, and so is what a row is too short for; frames that the file leaves out are there without points.
+    InputError with the line where a field is no number or the frames do not ascend.
     """
     parts, values, first, before, count = [], [], 0, 0, 0
     for line, fields in rows:
@@ -55,7 +56,8 @@ def rows_to_samples(
         if count and not 0 < frame - before <= MAX_GAP:
             raise InputError(f"goes from frame {before} to {frame}; expected ascending frames", path, line)
         first, before, count = frame if not count else first, frame, count + 1
-        row = [_value(fields, column + axis, path, line) for column in columns for axis in range(3)]
+        here = takewhile(len(fields).__gt__, columns)
+        row = [_value(fields, column + axis, path, line) for column in here for axis in range(3)]
         xyz = np.array(row, dtype=float).reshape(1, -1, 3)
         xyz[(xyz == 0).all(axis=2)] = np.nan
         values.append(Samples.of(xyz, frame - first))
@@ -112,21 +114,28 @@ WIDTH_ROWS = 1000  # rows that are looked at where nothing else says how many ma
 
 
 def read_trc(path: Path) -> PointFile:
-    """Raises InputError with the line where the file is not as the format says."""
+    """Points of a TRC, with those beyond its names: EVaRT and Cortex write what they did not identify so.
+
+    Raises InputError with the line where the file is not as the format says.
+    """
     text = decode(read_bytes(path), path, TRC)
     lines, ended = text.splitlines(), text.endswith(("\n", "\r"))
-    if len(lines) < 5 or not lines[0].lstrip().lower().startswith("pathfiletype"):
+    if not lines or not lines[0].lstrip().lower().startswith("pathfiletype"):
         raise InputError(f"does not begin with PathFileType; expected {TRC}", path, 1)
+    if len(lines) < 5:
+        raise InputError(f"ends in its head; expected {TRC} (is the file cut off?)", path, len(lines))
     head = dict(zip(lines[1].split(), lines[2].split(), strict=False))
     rate = _trc_number(head.get("DataRate"), "DataRate", path)
     if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
         raise InputError(f"has a DataRate of {rate:g}; expected frames a second", path, 3)
     begin = next((index for index in (4, 5) if _is_trc_row(lines, index)), 5)
     labels = _trc_labels(lines[3], head.get("NumMarkers", ""), lines[begin:])
-    if not labels or not any(labels):
-        raise InputError(f"names no markers; expected {TRC}", path, 4)
+    named = 2 + 3 * len(labels)
+    labels += [""] * (max(map(_trc_points, lines[begin:]), default=0) - len(labels))
+    if not labels:
+        raise InputError(f"has no points; expected {TRC}", path, 4)
     columns = [2 + 3 * index for index in range(len(labels))]
-    rows, word = _trc_rows(lines, begin, ended, 2 + 3 * len(labels), path), "+Z" if Z_UP in lines[0] else ""
+    rows, word = _trc_rows(lines, begin, ended, named, path), "+Z" if Z_UP in lines[0] else ""
     take = text_file(rows, labels, columns, path, rate, head.get("Units", ""), word)
     promised = head.get("NumFrames", "")
     # One that begins later is a part that somebody took out.
@@ -138,17 +147,26 @@ def read_trc(path: Path) -> PointFile:
     return replace(take, trial=TextHead(own, {}, begin_s if begin_s == begin_s else -take.first_frame / rate))
 
 
-def _trc_rows(lines: list[str], begin: int, ended: bool, widest: int, path: Path) -> Iterator[tuple[int, list[str]]]:
-    """The number and the fields of each row from `begin` on, of a text that `ended` with a line's end."""
+def _trc_points(row: str) -> int:
+    """How many points a row has fields for."""
+    return (row.rstrip().count("\t") + 1) // 3
+
+
+def _trc_rows(lines: list[str], begin: int, ended: bool, named: int, path: Path) -> Iterator[tuple[int, list[str]]]:
+    """The number and the fields of each row from `begin` on, of a text that `ended` with a line's end.
+
+    The first `named` fields are as the head says; behind them are three for each point without a name.
+    """
     width = 0
     for number, line in enumerate(lines[begin:], begin + 1):
         if not line.strip():
             continue
         fields = line.split("\t")
-        if len(fields) > widest and any(field.strip() for field in fields[widest:]):
-            raise InputError(f"has {len(fields)} fields; expected {widest} as the names in line 4 say", path, number)
+        filled = line.rstrip().count("\t") + 1
+        if filled > named and (filled - 2) % 3:
+            raise InputError(f"has {filled} fields; expected {named}, and three for each point more", path, number)
         if number == len(lines) and (len(fields) < 3 or (not ended and len(fields) < width)):
-            raise InputError(f"ends in the middle of a row; expected {widest} fields", path, number)
+            raise InputError(f"ends in the middle of a row; expected {max(width, named)} fields", path, number)
         width = len(fields)
         yield number, fields
     if not width:

@@ -250,6 +250,32 @@ def test_trc_heads_of_other_programs(tmp_path, head, promised):
     np.testing.assert_array_equal(np.isnan(xyz[1, :, 0]), [False, True, False])
 
 
+@pytest.mark.parametrize("named", [0, 2])
+def test_a_trc_holds_points_without_a_name_behind_those_with_one(tmp_path, named):
+    """EVaRT and Cortex write what they did not identify into further columns that the head does not know."""
+    take, path = walk(), tmp_path / "take.trc"
+    xyz = take.xyz.copy()
+    xyz[0, 1:] = np.nan  # rows end where their last point does
+    write_trc(path, Points(take.names, xyz, take.residual, take.rate, take.first_frame))
+    lines = [line.rstrip("\t") + "\t" for line in path.read_text().splitlines()]
+    lines[3] = "\t".join(["Frame#", "Time", *(f"{name}\t\t" for name in take.names[:named])])
+    lines[4] = "\t" * (2 + 3 * named)
+    path.write_text("\n".join(lines) + "\n")
+    found = read_points(path)
+    assert found.names == (*take.names[:named], *[""] * (len(take.names) - named))
+    np.testing.assert_allclose(found.xyz, xyz, atol=1e-7)
+    path.write_text("\n".join(lines) + "1.5\n")
+    with pytest.raises(InputError, match="and three for each point more"):
+        read_points(path)
+
+
+def test_a_trc_that_is_cut_off_in_its_head_is_told(tmp_path):
+    (tmp_path / "take.trc").write_text("PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tCameraRate\n")
+    with pytest.raises(InputError, match="ends in its head") as caught:
+        read_points(tmp_path / "take.trc")
+    assert caught.value.line == 2
+
+
 def test_motive_export(tmp_path):
     path = tmp_path / "take.csv"
     path.write_text(motive(), encoding="utf-8")

@@ -119,11 +119,16 @@ def mistaken_unit(
 
 
 def usual_acceleration(points: Table, rate: float) -> float:
-    """m/s², beyond which half of points (T, L, 3) m accelerate in `part` of the frames; 0 where too few tell."""
+    """m/s², beyond which half of points (T, L, 3) m accelerate in `part` of the frames; 0 where too few tell.
+
+    A column that was empty in between may hold another point: some programs fill it with the next that appears.
+    """
     step = max(round(POSSIBLE.step_s * rate), 1)
     middle = step + evenly_spread(max(len(points) - 2 * step, 0), FRAMES_LOOKED_AT)
     before, now, after = (points[middle + off].astype(float) for off in (-step, 0, step))
     found = np.linalg.norm(before - 2 * now + after, axis=2) * (rate / step) ** 2
+    for off in range(1 - step, step):
+        found[np.isnan(points[middle + off][..., 0])] = np.nan
     enough = np.isfinite(found).sum(axis=1) >= MIN_POINTS
     if enough.sum() < FRAMES_THAT_TELL or np.median(_reach(now[enough])) < POSSIBLE.min_reach_m:
         return 0.0

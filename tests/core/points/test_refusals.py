@@ -234,6 +234,14 @@ def test_a_rate_too_low_is_something_to_look_at_and_neither_no_order_nor_a_shaki
     refuse_impossible(hand, 100.0, None, [model])
 
 
+def test_columns_that_programs_fill_with_the_next_point_that_appears_are_no_wrong_rate(walk, model):
+    refilled = walk.copy()
+    for begin in range(0, len(walk), 8):
+        refilled[begin : begin + 7] = walk[begin : begin + 7, np.random.default_rng(begin).permutation(walk.shape[1])]
+        refilled[begin + 7 : begin + 8] = np.nan
+    refuse_impossible(refilled, RATE, None, [model])
+
+
 HERTZ, TARGET, SHOWN, HIDDEN = 100.0, 0.999, 120, 4
 RTHI = 3
 
