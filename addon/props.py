@@ -36,6 +36,7 @@ from .scene.performers import Colour, homes, set_colour, usual_colour
 from .scene.preview import hide_preview
 from .scene.redrawing import redraw
 from .scene.relabelled import kept_changes
+from .scene.retargeting import is_rig
 from .scene.take import SOURCE, is_take
 from .scene.trouble import is_quick, marker_rows, trouble_of
 
@@ -307,6 +308,12 @@ class LiveSettings(bpy.types.PropertyGroup):
     )
     folder: StringProperty(
         name="Recordings", description="The folder that Record writes into, empty to watch only", subtype="DIR_PATH"
+    )
+    rig: PointerProperty(
+        name="Rig",
+        description="Your own armature that moves as the body does while the stream goes on, and then is as it was",
+        type=bpy.types.Object,
+        poll=lambda _, item: is_rig(item),
     )
 
 

@@ -6,13 +6,14 @@ import signal
 import sys
 import time
 from contextlib import ExitStack
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
 from ..core.data.errors import JobError, UserError
-from ..core.points.whole_take.live import Window, WindowNames, solved_window
+from ..core.points.whole_take.live import Window, WindowNames, solved_window, subject_in
 from ..io.models import open_model
 from ..io.scratch import scratch_folder
 from ..jobs.live import LiveJob, name_stream
@@ -76,13 +77,15 @@ def name_beside(job: LiveJob, folder: Path) -> dict:
 
     The line of the latest frame is in one file, over the one before, so that nothing grows or waits while the window is
     busy; `at` is when it was written, `changed` how many names were taken back. It records from when another file is
-    there, and ends when a third is, or whoever sent it is gone: what was recorded is kept then, too.
+    there, and ends when a third is, or whoever sent it is gone: what was recorded is kept then, too. Lines have the
+    body that the names make.
     """
     changed = 0
     with ExitStack() as stack:
         stack.callback(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.SIG_IGN))
+        stack.enter_context(threadpool_limits(1, user_api="blas"))
         latest = stack.enter_context((folder / LATEST).open("wb", buffering=0))
-        solver = stack.enter_context(SolverProcess(stack.enter_context(scratch_folder()), job.model))
+        solver = stack.enter_context(SolverProcess(stack.enter_context(scratch_folder()), job.model, posed=True))
 
         def tell(line: dict):
             nonlocal changed
@@ -103,9 +106,9 @@ def refuse_offline():
 class SolverProcess:
     """A process beside this one that solves windows; use it as a context manager."""
 
-    def __init__(self, scratch: Path, model: str):
-        """Starts it."""
-        self.worker, self.model = Worker(scratch), model
+    def __init__(self, scratch: Path, model: str, posed: bool = False):
+        """Starts it; where bodies are `posed` it also says whose names they are."""
+        self.worker, self.work = Worker(scratch), partial(solved, model, posed)
 
     def __enter__(self):
         return self
@@ -122,7 +125,7 @@ class SolverProcess:
 
     def send(self, window: Window):
         """Gives it a window."""
-        self.worker.hand(partial(solved, self.model, window))
+        self.worker.hand(partial(self.work, window))
 
     def answer(self) -> WindowNames | None:
         """What came of it; None while it is at work. The JobError of how it ended where it has."""
@@ -132,7 +135,9 @@ class SolverProcess:
         return found
 
 
-def solved(model: str, window: Window) -> WindowNames:
+def solved(name: str, posed: bool, window: Window) -> WindowNames:
     """What the process beside does with a window."""
+    model = open_model(name)
     with threadpool_limits(1, user_api="blas"):
-        return solved_window(open_model(model), window)
+        names = solved_window(model, window)
+        return replace(names, subject=subject_in(model, window, names)) if posed else names

@@ -10,12 +10,14 @@ from typing import Protocol
 
 import numpy as np
 
+from ..core.body.bodies import Bodies, BodyModel
 from ..core.data.errors import InputError, UserError
 from ..core.data.lanes import Lanes
 from ..core.data.takes import NO_MARKER, Points
 from ..core.points.models import Model
 from ..core.points.whole_take.live import LiveNamer, Window, WindowNames
 from ..core.points.whole_take.pairs import trained_pairs
+from ..core.posing.posing import FollowedBody
 from ..core.reconstruction.trajectories import Reconstructed
 from ..io.models import open_model
 from ..io.points import write_c3d
@@ -117,8 +119,8 @@ def name_stream(
 ) -> dict:
     """Names frames until the sender ends, or somebody has `stopped` it; `tell` hears each. Gives what there is to say.
 
-    From when it is `recording` on all frames are kept. Raises UserError where the stream ends in trouble; what came
-    until then is kept.
+    From when it is `recording` on all frames are kept. Where windows say whose names they are, that body is posed.
+    Raises UserError where the stream ends in trouble; what came until then is kept.
     """
     model = open_model(job.model)
     if model.likelihood is None or not model.has_learned:
@@ -172,6 +174,8 @@ class _Live:
         self.waiting: list[tuple[float, StreamFrame]] = []
         self.namer: LiveNamer | None = None
         self.file: LiveFile | None = None
+        self.body: FollowedBody | None = None
+        self.asked, self.shown = 0, 0  # frames of the last window, and of the one that the body is of
 
     def line(self, frame: StreamFrame) -> dict | None:
         """What a frame comes to; None where the next is there already, which is told instead."""
@@ -185,6 +189,7 @@ class _Live:
             answer = None if self.beside.free else self.beside.answer()
             if answer is not None:
                 self.namer.hear(answer)
+                self._know(answer.subject)
                 renamed = [[self.names[old], self.names[new] if new >= 0 else None] for old, new in self.namer.renamed]
             marker = self._named(self.namer, frame)
         if self.stream.behind and not renamed:
@@ -192,7 +197,8 @@ class _Live:
             return None
         places = np.round(frame.points, 4).tolist()
         pairs = list(zip(marker.tolist(), places, strict=True))
-        return {
+        posed = {} if self.body is None else {"body": self._posed(self.body, frame.points, marker)}
+        return posed | {
             "frame": frame.number,
             "seconds": round(frame.seconds, 6) if np.isfinite(frame.seconds) else None,
             "markers": {self.names[one]: place for one, place in sorted(pairs) if one != NO_MARKER},
@@ -205,7 +211,25 @@ class _Live:
     def ask(self):
         """Sends the last moment to whoever solves it."""
         if self.namer is not None and self.beside.free and (window := self.namer.window()) is not None:
+            self.asked = len(window.xyz)
             self.beside.send(window)
+
+    def _know(self, subject: Bodies | None):
+        """Takes who it is from a window that is longer than the last one that said so."""
+        if subject is not None and self.asked > self.shown:
+            self.shown, self.body = self.asked, FollowedBody(BodyModel(self.model.markerset), subject)
+
+    def _posed(self, body: FollowedBody, points: np.ndarray, marker: np.ndarray) -> dict | None:
+        """The body on points (P, 3) m that are markers (P,): joints, rotations, scale; None where too few are there."""
+        own, places = marker != NO_MARKER, np.full((len(self.names), 3), np.nan)
+        places[marker[own]] = points[own]
+        if not own.any():
+            self.shown = 0  # who is found then may be somebody else
+        posed = body.pose(places)
+        if posed is None:
+            return None
+        parts = {"joints": posed.joints[0], "rotations": posed.rotations[0], "scale": body.subject.scale[0]}
+        return {name: part.round(5).tolist() for name, part in parts.items()}
 
     def _begin(self):
         """Begins to name once the frame rate is known."""

@@ -7,6 +7,7 @@ Nothing of it is in the file until it ends: no keys, no step of undo. Then what 
 import json
 import time
 from contextlib import ExitStack
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,10 +19,14 @@ from ..core.data.errors import UserError
 from ..core.data.markersets import MarkerSet
 from ..core.data.takes import PointRows
 from ..core.data.wording import count_of
+from ..core.points.motion import PosedFrames
+from ..core.posing.character import character_of
 from ..io.markersets import AUTO_MODEL
 from ..io.scratch import scratch_folder
 from ..io.text import written
 from ..props import SceneSettings, chosen_markerset, chosen_model
+from ..scene.armature import bone_tails, build_of
+from ..scene.live_rig import MovedRig
 from ..scene.redrawing import redraw
 from ..scene.take import Take
 from .base import Ours, reason_of, unless
@@ -33,6 +38,40 @@ SHOWN_EVERY = 1 / 60  # s between two looks for a frame
 WORDS_EVERY = 0.25  # s between two states in the sidebar
 
 
+@dataclass(frozen=True, eq=False)
+class LiveBody:
+    """Who is posed on the latest frame.
+
+    begins, ends  (J, 3) m of the bones at rest
+    scale         (3,) m, which is of one subject
+    joints, rotations  (J, 3) m and (J, 3, 3) of the segments
+    """
+
+    begins: np.ndarray
+    ends: np.ndarray
+    scale: np.ndarray
+    joints: np.ndarray
+    rotations: np.ndarray
+
+    @classmethod
+    def of(cls, worn: MarkerSet, parts: dict, before: "LiveBody | None") -> "LiveBody":
+        """That of a line; the bones are those of the body `before` where it is the same subject's."""
+        joints, rotations, scale = (np.array(parts[name], float) for name in ("joints", "rotations", "scale"))
+        joints, rotations, scale = joints.reshape(-1, 3), rotations.reshape(-1, 3, 3), scale.reshape(3)
+        if len(joints) != len(worn.skeleton) or len(rotations) != len(joints):
+            raise ValueError("bones are missing")
+        if before is not None and (before.scale == scale).all():
+            return cls(before.begins, before.ends, scale, joints, rotations)
+        build = build_of(worn, PosedFrames(np.zeros((1, 0, 3)), joints[None], rotations[None], scale[None]))
+        return cls(build.joints, bone_tails(worn, build), scale, joints, rotations)
+
+    @property
+    def bones(self) -> np.ndarray:
+        """(J, 2, 3) m where the bones begin and end."""
+        ahead = self.rotations @ (self.ends - self.begins)[..., None]
+        return np.stack([self.joints, self.joints + ahead[..., 0]], axis=1)
+
+
 class WatchedStream:
     """A stream that a process names, which ends with Blender or sooner; what was recorded until then is kept.
 
@@ -40,6 +79,7 @@ class WatchedStream:
     names    the markers that are named in the latest frame
     named    (N, 3) m their points
     unnamed  (U, 3) m its other points
+    body     who is posed on it, None where too few are named
     words    the state for the sidebar
     """
 
@@ -59,6 +99,9 @@ class WatchedStream:
         self._frame, self._told = -1, 0.0
         self.names: list[str] = []
         self.named = self.unnamed = np.empty((0, 3))
+        self.body: LiveBody | None = None
+        self._rig: MovedRig | None = None
+        self._moving, self._trouble = 0, ""  # the number of the rig that is to move, and why it cannot
 
     @property
     def recording(self) -> bool:
@@ -73,13 +116,16 @@ class WatchedStream:
             if line["frame"] == self._frame or not places.keys() <= set(self.worn.markers):
                 return found
             named = np.array([*places.values()], float).reshape(len(places), 3)
+            body = LiveBody.of(self.worn, line["body"], self.body) if line.get("body") else None
             delay = 1000 * (now - line["at"]) + line["ms"]
             found_words = f"{len(places)} of {len(self.worn)} markers named, {len(unnamed)} points not"
             changed = f", {count_of(line['changed'], 'name')} changed" if line["changed"] else ""
-            words = f"{found_words}{changed}; {delay:.0f} ms, {count_of(line['late'], 'frame')} dropped"
+            words = f"{found_words}{changed}; {delay:.0f} ms, {count_of(line['late'], 'frame')} dropped{self._trouble}"
         except (OSError, ValueError, KeyError, TypeError, AttributeError):  # none is there, or it is just being written
             return found
         self._frame, self.names, self.named, self.unnamed = line["frame"], list(places), named, unnamed
+        self.body = body
+        self._move(bpy.context)
         redraw("VIEW_3D", "WINDOW")
         if now - self._told > WORDS_EVERY and not self._stop.exists():
             self._told, self.words = now, words
@@ -93,8 +139,32 @@ class WatchedStream:
         self._stop.touch()
         self.words = "Stopping"
 
+    def _move(self, context: bpy.types.Context):
+        """Moves the chosen rig as the body of the latest frame; one that moved before is as it was."""
+        rig, body = context.scene.mocap_autolabel.live.rig, self.body
+        number = 0 if rig is None else rig.session_uid
+        if number != self._moving:
+            self._leave_rig()
+            self._moving = number
+        if rig is None or body is None or self._trouble or rig.mode == "EDIT":
+            return
+        if not rig.visible_get(view_layer=context.view_layer):  # nobody can be asked how it moves
+            return
+        try:
+            character = character_of(self.worn.skeleton.segments, body.begins, body.ends)
+            self._rig = self._rig or MovedRig(context, rig, character)
+            self._rig.move(rig, character, body.joints, body.rotations)
+        except UserError as error:
+            self._trouble = f"; {written(str(error))}"
+
+    def _leave_rig(self):
+        if self._rig is not None:
+            self._rig.leave()
+        self._rig, self._trouble = None, ""
+
     def leave(self):
         """Lets it end, and forgets it."""
+        self._leave_rig()
         self._kept.close()
 
 

@@ -10,9 +10,8 @@ from bpy.props import StringProperty
 from ..core.data.errors import InputError
 from ..core.retarget.matching import PARTS, match_bones, match_map
 from ..io.bone_maps import read_bone_map
-from ..scene.armature import SCALE
 from ..scene.performers import homes
-from ..scene.retargeting import rest_bones, retarget_take
+from ..scene.retargeting import is_rig, rest_bones, retarget_take
 from ..scene.stored import alone
 from .base import Ours, lacks_take, taken, unless
 from .importing import ImportsFile
@@ -22,7 +21,7 @@ from .reposing import follow_now
 def active_rig(context: bpy.types.Context) -> bpy.types.Object | None:
     """The active object, where it is an armature that a person may change and no take's own."""
     rig = context.object
-    return rig if rig is not None and rig.type == "ARMATURE" and SCALE not in rig and rig.is_editable else None
+    return rig if rig is not None and is_rig(rig) else None
 
 
 lacks_rig = unless(active_rig, "Make the armature of your rig the active object first")

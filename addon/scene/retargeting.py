@@ -5,17 +5,19 @@ Blender itself is asked what carries each bone: all are turned at once, and what
 So constraints, drivers and bones in between count as they are.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
 from mathutils import Euler, Matrix, Vector
 
 from ..core.data.errors import InputError
+from ..core.posing.character import Character
 from ..core.retarget.matching import PARTS, RestBones
 from ..core.retarget.retargeting import Rig, axes_at_rest, retarget
 from . import animation
-from .armature import armature_of, bone_path, continuous_quaternions
+from .armature import SCALE, armature_of, bone_path, continuous_quaternions
 from .character import moving_in
 from .ownership import is_keyed_by_us, is_made_for, is_untouched, role_of, sign
 from .stored import Stored
@@ -52,46 +54,94 @@ def retarget_take(
     Raises InputError where the body or the rig is no person's.
     """
     body = moving_in(collection, stored)
-    character = body.character
-    bones = _bones_by_part(rig, {part: bone for part, bone in matched.items() if part in character.names})
     source = armature_of(collection)
-    place = np.array(source.matrix_world.inverted() @ rig.matrix_world)
-    sizes = np.linalg.norm(place[:3, :3], axis=0)
-    if np.linalg.det(place[:3, :3]) <= 0 or sizes.max() > SAME_SCALE * sizes.min():
-        raise InputError(f"{rig.name} is mirrored or scaled unevenly; expected its scale applied, with Ctrl A")
+    bones, place = checked(rig, matched, body.character, source.matrix_world)
     joints, rotated = body.settled()
     there = np.isfinite(joints).all(axis=(1, 2))
     if not there.any():
         raise InputError(f"{stored.name} has nobody in any frame; expected a take in which the body was found")
     action = _own_action(rig, collection, stored.name)
-    rig.data.pose_position = "POSE"
-    switched = _switch(rig)
-    follows, rest, steps = _probe(context, rig, [bone for _, bone in bones])
-    parts = tuple(part for part, _ in bones)
-    axes = axes_at_rest({part: matrix[:3, 3] for part, matrix in zip(parts, rest, strict=True)})
-    unit = sizes.mean()
-    heads = rest[:, :3, 3] @ axes * unit
-    lengths = np.array([rig.data.bones[bone].length for _, bone in bones])[:, None]
-    tails = heads + rest[:, :3, 1] @ axes * unit * lengths
+    ready = ReadyRig.of(context, rig, bones, place)
     motion = joints[there], rotated[there]
-    turns, hips = retarget(character, motion, stored.rate, Rig(parts, follows, heads, tails), feet, hands)
-    turns = (place[:3, :3] / unit).T @ turns @ axes.T  # in the armature's own axes
-    hips = (hips - place[:3, 3]) @ np.linalg.inv(place[:3, :3]).T
-    bag = animation.bind(rig, action)
-    frames = body.frames[there]
-    first, way = bones[0][1], (hips - rest[0, :3, 3]) @ np.linalg.inv(steps)
-    animation.key(bag, bone_path(first, "location"), frames, way, first)
-    for index, (_, bone) in enumerate(bones):
-        above, own = follows[index], rest[index, :3, :3]
-        carried = own.T if above < 0 else own.T @ turns[:, above].swapaxes(1, 2)
-        mode = rig.pose.bones[bone].rotation_mode
-        path, values = _rotation_channel(mode, carried @ turns[:, index] @ own)
-        animation.key(bag, bone_path(bone, path), frames, values, bone)
-    for path, value, bone in switched:
-        animation.key(bag, path, frames[:1], np.array([[value]]), bone)
+    moved = retarget(body.character, motion, stored.rate, ready.rest, feet, hands)
+    bag, frames = animation.bind(rig, action), body.frames[there]
+    for bone, channel, values in ready.channels(*moved):
+        animation.key(bag, bone_path(bone, channel), frames, values, bone)
+    for bone, name, _ in ready.switched:
+        path = f'{bone_path(bone, "")[:-1]}["{name}"]'
+        animation.key(bag, path, frames[:1], np.array([[SWITCHES[name]]]), bone)
     sign(action, _role(rig, stored.name), collection)
     context.scene.frame_set(context.scene.frame_current)
     return action
+
+
+def is_rig(item: bpy.types.Object) -> bool:
+    """Whether it is an armature that a person may change and no take's own."""
+    return item.type == "ARMATURE" and SCALE not in item and item.is_editable
+
+
+def checked(
+    rig: bpy.types.Object, matched: Mapping[str, str], character: Character, world: Matrix
+) -> tuple[list[tuple[str, str]], np.ndarray]:
+    """The parts that a character moves, with their bones, and (4, 4) the place of a rig in the character's `world`."""
+    bones = _bones_by_part(rig, {part: bone for part, bone in matched.items() if part in character.names})
+    place = np.array(world.inverted() @ rig.matrix_world)
+    sizes = np.linalg.norm(place[:3, :3], axis=0)
+    if np.linalg.det(place[:3, :3]) <= 0 or sizes.max() > SAME_SCALE * sizes.min():
+        raise InputError(f"{rig.name} is mirrored or scaled unevenly; expected its scale applied, with Ctrl A")
+    return bones, place
+
+
+@dataclass(frozen=True, eq=False)
+class ReadyRig:
+    """A rig that was asked how it moves.
+
+    bones     the names of its C bones that move, and
+    modes     how each turns
+    rest      what they are, and where, in the axes of a character
+    place     (4, 4) where it stands
+    axes      (3, 3) of a character in its own, and
+    matrices  (C, 4, 4) its bones at rest in its own
+    steps     (3, 3) how far the first one goes there for a unit of each of its location's channels
+    switched  bones and properties that were switched, with what they were
+    """
+
+    bones: tuple[str, ...]
+    modes: tuple[str, ...]
+    rest: Rig
+    place: np.ndarray
+    axes: np.ndarray
+    matrices: np.ndarray
+    steps: np.ndarray
+    switched: list[tuple[str, str, float]]
+
+    @classmethod
+    def of(
+        cls, context: bpy.types.Context, rig: bpy.types.Object, bones: list[tuple[str, str]], place: np.ndarray
+    ) -> "ReadyRig":
+        """Readies a rig, by the parts that its bones are: it is in pose position, switched to FK, and unturned."""
+        rig.data.pose_position = "POSE"
+        switched = _switch(rig)
+        parts, names = zip(*bones, strict=True)
+        follows, matrices, steps = _probe(context, rig, names)
+        axes = axes_at_rest({part: matrix[:3, 3] for part, matrix in zip(parts, matrices, strict=True)})
+        unit = np.linalg.norm(place[:3, :3], axis=0).mean()
+        heads = matrices[:, :3, 3] @ axes * unit
+        lengths = np.array([rig.data.bones[bone].length for bone in names])[:, None]
+        tails = heads + matrices[:, :3, 1] @ axes * unit * lengths
+        modes = tuple(rig.pose.bones[bone].rotation_mode for bone in names)
+        return cls(names, modes, Rig(parts, follows, heads, tails), place, axes, matrices, steps, switched)
+
+    def channels(self, turns: np.ndarray, hips: np.ndarray) -> Iterator[tuple[str, str, np.ndarray]]:
+        """The bones with the channels that move them, (F, …), by what `retarget` says."""
+        unit = np.linalg.norm(self.place[:3, :3], axis=0).mean()
+        turns = (self.place[:3, :3] / unit).T @ turns @ self.axes.T  # in the armature's own axes
+        hips = (hips - self.place[:3, 3]) @ np.linalg.inv(self.place[:3, :3]).T
+        yield self.bones[0], "location", (hips - self.matrices[0, :3, 3]) @ np.linalg.inv(self.steps)
+        for index, bone in enumerate(self.bones):
+            above, own = self.rest.follows[index], self.matrices[index, :3, :3]
+            carried = own.T if above < 0 else own.T @ turns[:, above].swapaxes(1, 2)
+            yield bone, *_rotation_channel(self.modes[index], carried @ turns[:, index] @ own)
 
 
 def _bones_by_part(rig: bpy.types.Object, matched: Mapping[str, str]) -> list[tuple[str, str]]:
@@ -137,19 +187,19 @@ def _own_action(rig: bpy.types.Object, collection: bpy.types.Collection, name: s
     return action
 
 
-def _switch(rig: bpy.types.Object) -> list[tuple[str, float, str]]:
-    """Switches a control rig to FK; the paths, values and bones of what is switched."""
+def _switch(rig: bpy.types.Object) -> list[tuple[str, str, float]]:
+    """Switches a control rig to FK; the bones and properties that are switched, with what they were."""
     switched = []
     for bone in rig.pose.bones:
         for name in SWITCHES.keys() & bone.keys():
+            switched.append((bone.name, name, bone[name]))
             bone[name] = type(bone[name])(SWITCHES[name])
-            switched.append((f'{bone_path(bone.name, "")[:-1]}["{name}"]', SWITCHES[name], bone.name))
     rig.update_tag()
     return switched
 
 
 def _probe(
-    context: bpy.types.Context, rig: bpy.types.Object, names: list[str]
+    context: bpy.types.Context, rig: bpy.types.Object, names: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What carries each of C bones (C,), -1 for none; where they are unturned (C, 4, 4), in the armature's axes.
 

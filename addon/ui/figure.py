@@ -84,7 +84,11 @@ def draw_bones(canvas: Canvas, armature: bpy.types.Object, own: Colour | None):
         bones.foreach_get(name, flat := np.empty(end.size, dtype=np.float32))
         end[:] = flat.reshape(-1, 3)
     ends = ends.swapaxes(0, 1) @ world[:3, :3].T + world[:3, 3]
-    colours, above = _bone_colours(armature, own)
+    draw_lines(canvas, ends, *_bone_colours(armature, own))
+
+
+def draw_lines(canvas: Canvas, ends: np.ndarray, colours: np.ndarray, above: np.ndarray):
+    """A line for every bone (J, 2, 3) m in its colours (J, 2, 4), and what hangs it on the one above (J,)."""
     apart, joining = links(ends, above)
     canvas.lines(canvas.place(np.concatenate([ends, joining])), np.concatenate([colours, colours[apart]]), FIGURE_WIDTH)
 
@@ -105,16 +109,23 @@ def _bone_colours(armature: bpy.types.Object, own: Colour | None) -> tuple[np.nd
     names = tuple(bone.name for bone in armature.data.bones)
     key, kept = (own, names, armature.get(KEPT_SIDES, "")), _colours_of_bones.get(armature.session_uid)
     if kept is None or kept[0] != key:
-        light = np.array([FAR_BONE if len(bone.parent_recursive) % 2 else 1.0 for bone in armature.data.bones])
         sides = json.loads(armature.get(KEPT_SIDES, "{}"))
-        colours = np.array([SIDE_COLOURS[sides.get(name, "")] for name in names]).reshape(-1, 3)
-        if own is not None:
-            colours = SIDE_TINT * colours + (1 - SIDE_TINT) * np.array(own)
-        whole = np.concatenate([colours * light[:, None], np.ones((len(names), 1))], axis=1)
         above = np.array([-1 if bone.parent is None else names.index(bone.parent.name) for bone in armature.data.bones])
-        kept = key, (np.repeat(whole[:, None], 2, axis=1), above)
+        kept = key, (bone_colours([sides.get(name, "") for name in names], above, own), above)
         _colours_of_bones[armature.session_uid] = kept
     return kept[1]
+
+
+def bone_colours(sides: list[str], above: Sequence[int], own: Colour | None = None) -> np.ndarray:
+    """(J, 2, 4) the colours of the ends of bones by their sides; above (J,) is the bone before that each hangs on."""
+    far = np.zeros(len(sides), bool)
+    for bone, parent in enumerate(above):
+        far[bone] = parent >= 0 and not far[parent]
+    colours = np.array([SIDE_COLOURS[side] for side in sides]).reshape(-1, 3)
+    if own is not None:
+        colours = SIDE_TINT * colours + (1 - SIDE_TINT) * np.array(own)
+    whole = np.concatenate([colours * np.where(far, FAR_BONE, 1.0)[:, None], np.ones((len(sides), 1))], axis=1)
+    return np.repeat(whole[:, None], 2, axis=1)
 
 
 def missing(stored: Stored, index: int, found: Sequence[Trouble]) -> np.ndarray:

@@ -16,10 +16,12 @@ from time import process_time
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from addon.core.body.bodies import BodyModel
 from addon.core.data.takes import Points
 from addon.core.points.models import Model
-from addon.core.points.whole_take.live import LiveNamer, solved_window
+from addon.core.points.whole_take.live import LiveNamer, Window, WindowNames, solved_window, subject_in
 from addon.core.points.whole_take.pairs import trained_pairs
+from addon.core.posing.posing import FollowedBody
 from addon.io.models import open_model
 from scripts.results import markdown
 
@@ -47,6 +49,7 @@ class Tally:
     first: float = math.nan
     again: float = math.nan
     ms: list[float] = field(default_factory=list)
+    posing: list[float] = field(default_factory=list)
 
 
 def there_and_back(take: people.Take) -> people.Take:
@@ -61,7 +64,7 @@ def played(points: Points, truth: np.ndarray, model: Model) -> Tally:
     """Names the points (T, P, 3) of a take whose markers are `truth` (P,) or (T, P)."""
     xyz, truth = points.xyz[:], np.broadcast_to(truth, points.xyz.shape[:2])
     namer, found = LiveNamer(trained_pairs(model).within, points.rate), Tally()
-    done, names, away = 0, None, len(xyz) // 2
+    done, names, body, away = 0, None, None, len(xyz) // 2
     found.seconds = len(xyz) / points.rate
     back = away + round(AWAY_S * points.rate)
     with threadpool_limits(1, user_api="blas"):
@@ -75,12 +78,24 @@ def played(points: Points, truth: np.ndarray, model: Model) -> Tally:
                 names = None
             marker, _ = namer.name(frame, every[at], at + len(truth[0]) * (frame >= back))
             found.ms.append(1000 * (process_time() - begin))
+            if body is not None:
+                begin, places = process_time(), np.full((len(model.markerset), 3), np.nan)
+                places[marker[marker >= 0]] = every[at[marker >= 0]]
+                if body.pose(places) is not None:
+                    found.posing.append(1000 * (process_time() - begin))
             if names is None and (window := namer.window()) is not None:
                 begin = process_time()
                 names = solved_window(model, window)
                 done = frame + max(math.ceil((process_time() - begin) * points.rate), 1)
+                body = body or _body(model, window, names)
             _count(found, marker, truth[frame, at], frame, back, points.rate)
     return found
+
+
+def _body(model: Model, window: Window, names: WindowNames) -> FollowedBody | None:
+    """Who is in a window, to be posed; None where that is not known."""
+    subject = subject_in(model, window, names)
+    return None if subject is None else FollowedBody(BodyModel(model.markerset), subject)
 
 
 def warm_up(points: Points, model: Model):
@@ -147,7 +162,7 @@ def groups(keep: Path) -> dict[str, Callable[[], Group]]:
 
 def row(title: str, some: list[Tally]) -> list[str]:
     """A row of the table."""
-    ms = np.concatenate([one.ms for one in some])
+    every_ms = [np.concatenate([getattr(one, name) for one in some]) for name in ("ms", "posing")]
     there, right, wrong, given = (
         sum(getattr(one, name) for one in some) for name in ("there", "right", "wrong", "given")
     )
@@ -158,13 +173,15 @@ def row(title: str, some: list[Tally]) -> list[str]:
     return [
         title, str(len(some)), f"{sum(one.seconds for one in some):.0f}", recall,
         f"{100 * wrong / max(given, 1):.3f} %", str(sum(one.renamed for one in some)), *shown, str(missed),
-        " / ".join(f"{np.quantile(ms, share):.1f}" for share in (0.5, 0.99, 0.999)),
+        *(" / ".join(f"{np.quantile(ms, share):.1f}" for share in (0.5, 0.99, 0.999)) if len(ms) else "none"
+          for ms in every_ms),
     ]  # fmt: skip
 
 
 COLUMNS = [
     "takes", "number", "s", "settled recall", "wrong", "renamed", "first found, s (median, most)",
     "found again, s (median, most)", "never found", "ms of a core a frame (50, 99, 99.9 %)",
+    "ms more to pose the body",
 ]  # fmt: skip
 
 

@@ -10,14 +10,18 @@ import bpy
 import numpy as np
 import pytest
 
+from addon.core.retarget.matching import match_bones
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points
+from addon.scene.retargeting import rest_bones
 from addon.scene.take import is_take
 from scripts.virtual_take import write_virtual_take
+from tests.inputs.rigs import MIXAMO, RigBone, add_rig, mixamo
 from tests.io.streams.servers import NatNetServer, QtmServer, there_and_back
 
 from .hands import ours, refused, reopen
 
+MOST_OFF = np.radians(0.1)  # of a limb of a rig from the body's
 RATE, PATIENCE = 100.0, 120.0  # frames a second, s; a busy machine is slow
 
 
@@ -145,14 +149,44 @@ def test_another_file_ends_the_stream_and_what_was_recorded_stays(live, walk, tm
     assert len(read_points(stream.out).xyz) > 50
 
 
-def test_sticks_join_segments_of_which_something_is_named(extension):
-    worn = open_markerset("body26")
-    sticks = ours("ui.live").sticks
-    names = ["LASI", "RASI", "LANK", "LHEE", "RKNE"]
-    places = worn.rest_markers[[worn.index(name) for name in names]]
-    ends, colours = sticks(worn, names, places)
-    hips = places[:2].mean(axis=0)
-    # Shank, foot and the other thigh, by the order of the skeleton; of the left thigh nothing is named.
-    np.testing.assert_allclose(ends, [[hips, places[2]], [places[2], places[3]], [hips, places[4]]])
-    assert (colours[0] == colours[1]).all() and (colours[0] != colours[2]).any()
-    assert [len(part) for part in sticks(worn, [], np.empty((0, 3)))] == [0, 0]
+def test_body_and_rig_move_without_keys_and_the_rig_is_then_as_it_was(live, walk):
+    rig, segments = mixamo(), open_markerset("body26").skeleton.segments
+    bone = rig.pose.bones[0]
+    bone.rotation_mode, bone.rotation_euler, bone["IK_FK"] = "XYZ", (0.1, 0.2, 0.3), 0.0
+
+    def state() -> list:
+        kept = [(one.location[:], one.rotation_euler[:], one.rotation_quaternion[:]) for one in rig.pose.bones]
+        return [*kept, [one.get("IK_FK") for one in rig.pose.bones], rig.data.pose_position]
+
+    before, objects = state(), len(bpy.data.objects)
+    with QtmServer(there_and_back(walk.xyz, RATE), RATE) as one:
+        live.settings.live.source, live.settings.live.rig = one.source, rig
+        bpy.ops.mocap_autolabel.connect()
+        live.until(lambda: live.now().body is not None)
+        body, names = live.now().body, live.now().names
+        assert np.linalg.norm(body.bones[0, 0] - live.now().named[names.index("SACR")]) < 0.2
+        np.testing.assert_allclose(body.bones[segments.index("shank.L"), 0], body.joints[segments.index("shank.L")])
+        live.until(lambda: live.now().body.joints[0, 0] != body.joints[0, 0])
+        bpy.context.view_layer.update()
+        bones = match_bones(rest_bones(rig))
+        knee, ankle = (np.array(rig.pose.bones[bones[f"{part}.L"]].head) for part in ("shank", "foot"))
+        begin, end = (live.now().body.joints[segments.index(f"{part}.L")] for part in ("shank", "foot"))
+        own, way = np.array(rig.matrix_world.to_3x3()) @ (ankle - knee), end - begin
+        assert own @ way / np.linalg.norm(own) / np.linalg.norm(way) > np.cos(MOST_OFF)
+        assert state() != before and len(bpy.data.actions) == 0 and len(bpy.data.objects) == objects
+        live.settings.live.rig = None
+        frame = live.now()._frame
+        live.until(lambda: live.now()._frame > frame)
+        assert state() == before
+        live.settings.live.rig = rig
+        live.until(lambda: state() != before)
+        live.module.leave_live()
+    assert state() == before
+
+
+def test_a_rig_that_cannot_move_is_told(live, walk):
+    rig = add_rig([RigBone("chest", None, np.zeros(3), np.ones(3))], MIXAMO)
+    with QtmServer(there_and_back(walk.xyz, RATE), RATE) as one:
+        live.settings.live.source, live.settings.live.rig = one.source, rig
+        bpy.ops.mocap_autolabel.connect()
+        live.until(lambda: "has no bone for hips" in live.now().words)

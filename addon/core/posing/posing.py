@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..body.bodies import PLACEMENT, Bodies, BodyModel
+from ..body.bodies import PLACEMENT, Bodies, BodyModel, Posed
 from ..body.prior import Prior
 from ..data.lanes import blocks
 from ..data.made import Table
@@ -153,8 +153,7 @@ def _pose_in_steps(
 
     `count` is called with the number of frames times the steps that they were moved on by; what it says is yielded.
     """
-    stiff = BodyModel(baked(model, subject))
-    held = _Held(Prior(stiff, height=prior.height), slice(6, PLACEMENT))
+    stiff, held = _stiff(model, subject, prior)
     keys = np.unique(np.append(np.arange(0, len(points), KEY_STRIDE), len(points) - 1))
     start = replace(aligned(stiff, points[keys], prior), scale=np.repeat(subject.scale, len(keys), axis=0))
     posed = yield from _fit_batches(stiff, start, points[keys], held, FAR_STEPS, count)
@@ -163,6 +162,36 @@ def _pose_in_steps(
         posed = yield from _fit_batches(stiff, start, points, held, NEAR_STEPS, count)
         posed = yield from _tried_again(stiff, posed, points, held, count)
     return replace(posed, **_same_in(subject, len(points)))
+
+
+def _stiff(model: BodyModel, subject: Bodies, prior: Prior) -> tuple[BodyModel, "_Held"]:
+    """The model of one subject (a batch of 1) and the prior of its poses: nothing else is fitted."""
+    stiff = BodyModel(baked(model, subject))
+    return stiff, _Held(Prior(stiff, height=prior.height), slice(6, PLACEMENT))
+
+
+class FollowedBody:
+    """One subject (a batch of 1) posed on frames as they come, each from where the body was in the one before."""
+
+    def __init__(self, model: BodyModel, subject: Bodies):
+        self.subject = subject
+        self._model, self._prior = _stiff(model, subject, Prior(model))
+        self._last: Bodies | None = None
+
+    def pose(self, points: np.ndarray) -> Posed | None:
+        """Where it is (a batch of 1) in a frame with its markers at points (M, 3) m, NaN where missing.
+
+        None where they are too few; after that it is looked for anew.
+        """
+        frame, start, steps = points[None], self._last, NEAR_STEPS
+        if markers_there(frame)[0] < POSING.min_markers:
+            self._last = None
+            return None
+        if start is None:
+            start = replace(aligned(self._model, frame, self._prior.prior), scale=self.subject.scale)
+            steps = FAR_STEPS
+        self._last = _until_still(self._model, start, frame, steps, self._prior)
+        return self._model.pose(self._last)
 
 
 def _same_in(subject: Bodies, count: int) -> dict[str, np.ndarray]:

@@ -59,6 +59,16 @@ def test_an_arm_that_is_in_another_fold_for_a_while_is_put_right_from_both_sides
     assert off(model, found, points).max() < 0.02
 
 
+def test_frames_are_posed_as_they_come_and_who_was_away_is_found_anew(model):
+    points = model.pose(walk(model)).markers
+    followed = posing.FollowedBody(model, posing.subject_of(model, points, Prior(model), 16))
+    assert max(np.abs(followed.pose(frame).markers[0] - frame).max() for frame in points) < 0.03
+    few = np.where(np.arange(len(points[0]))[:, None] < 3, points[0], np.nan)
+    assert followed.pose(few) is None
+    there = points[0] + np.array([7.0, 0, 0])
+    assert np.abs(followed.pose(there).markers[0] - there).max() < 0.03
+
+
 def test_a_made_up_walk_is_found_again(model):
     points = model.pose(walk(model)).markers
     found = fit_points(model, points)

@@ -10,12 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...body.bodies import Bodies, BodyModel
+from ...body.prior import Prior
 from ...data.errors import JobError
 from ...data.physical import MARKER_LIMITS
 from ...data.progress import finished, in_stages
 from ...data.takes import NO_MARKER, NO_POINT, Points
+from ...posing.posing import subject_of
 from ...reconstruction.linking import Links
 from ..models import Model
+from ..motion import SUBJECT_FRAMES
 from ..tracklets import CUTTING, cut
 from .likeness import LIKENESS, NO_EVIDENCE, of_ends, steadiest
 from .pipeline import PointOptions, as_a_whole, begins, name_frames
@@ -23,7 +27,6 @@ from .solving import ROUNDS
 
 WINDOW_S = 2.0  # s of the past that are solved at once: a step or two
 FIRST_S = LIKENESS.sample_s  # s of it that are enough to begin with
-MOST_DOUBTS = 2  # windows that leave a trajectory unnamed, after which a name of ours is taken back
 NO_POINTS = np.zeros((0, 3))
 
 
@@ -46,11 +49,13 @@ class WindowNames:
     """What came of a window: marker (L,) of trajectories number (L,), NO_MARKER where none is sure.
 
     refused  why, else empty
+    subject  the size and shape of who wears them, a batch of 1, where somebody has asked for it
     """
 
     number: np.ndarray
     marker: np.ndarray
     refused: str = ""
+    subject: Bodies | None = None
 
 
 def solved_window(model: Model, window: Window) -> WindowNames:
@@ -72,17 +77,30 @@ def solved_window(model: Model, window: Window) -> WindowNames:
     return WindowNames(window.number, marker[last, np.arange(len(last))])
 
 
+def subject_in(model: Model, window: Window, names: WindowNames) -> Bodies | None:
+    """The size and shape of whoever is in a window, by what its names are, a batch of 1; None where too few are."""
+    lanes = np.flatnonzero(names.marker != NO_MARKER)
+    points = np.full((len(window.xyz), len(model.markerset), 3), np.nan)
+    for lane, marker in zip(lanes, names.marker[lanes], strict=True):
+        there = np.isfinite(window.xyz[:, lane, 0])
+        points[there, marker] = window.xyz[there, lane]
+    body = BodyModel(model.markerset)
+    try:
+        return subject_of(body, points, Prior(body), SUBJECT_FRAMES)
+    except ValueError:
+        return None
+
+
 class _Trail:
-    """A trajectory that is followed: its last point, when it came, and the marker that it is.
+    """A trajectory that is followed: when it began, its last point, when it came, and the marker that it is.
 
     solved  whether the solver has named it
-    doubts  else how often it had no name for it
     fresh   whether it begins with this frame
     """
 
     def __init__(self, number: int, place: np.ndarray, row: int):
-        self.number, self.place, self.row, self.marker = number, place, row, NO_MARKER
-        self.solved, self.doubts, self.fresh = False, 0, True
+        self.number, self.begun, self.place, self.row, self.marker = number, row, place, row, NO_MARKER
+        self.solved, self.fresh = False, True
 
 
 class LiveNamer:
@@ -101,6 +119,7 @@ class LiveNamer:
         self.renamed: list[tuple[int, int]] = []
         self._kept = max(round(WINDOW_S * rate), 2)
         self._gap = max(round(CUTTING.max_gap_s * rate), 2)
+        self._asked = 0  # the row of the last window's end
         self._forget()
 
     def _forget(self):
@@ -184,6 +203,7 @@ class LiveNamer:
         """What there is to be solved; None where that is not enough."""
         if not self.past or self.row - self.past[0][0] < FIRST_S * self.rate:
             return None
+        self._asked = self.row
         every = np.concatenate([numbers for _, numbers, _ in self.past])
         number, lane = np.unique(every, return_inverse=True)
         first = self.past[0][0]
@@ -193,7 +213,10 @@ class LiveNamer:
         return Window(first, self.rate, number, xyz)
 
     def hear(self, names: WindowNames):
-        """Takes what a window came to for those that are still followed."""
+        """Takes what the last window came to for those that are still followed.
+
+        What of them it leaves unnamed loses a name of ours, if it was there for as long as naming takes.
+        """
         said = dict(zip(names.number.tolist(), names.marker.tolist(), strict=True))
         self.renamed = []
         latest: dict[int, int] = {}
@@ -203,9 +226,8 @@ class LiveNamer:
                 self._rename(trail, marker)
                 trail.solved, latest[marker] = True, max(latest.get(marker, 0), trail.number)
         for trail in self.trails.values():
-            doubted = said.get(trail.number) == NO_MARKER
-            trail.doubts += doubted and not trail.solved
-            if trail.doubts >= MOST_DOUBTS or (doubted and latest.get(trail.marker, 0) > trail.number):
+            shown = not trail.solved and self._asked - trail.begun >= FIRST_S * self.rate
+            if said.get(trail.number) == NO_MARKER and (shown or latest.get(trail.marker, 0) > trail.number):
                 self._rename(trail, NO_MARKER)
         now = self.placed[self.row % len(self.placed)]
         for trail in self.trails.values():

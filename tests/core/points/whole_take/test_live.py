@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from addon.core.points.whole_take.live import MOST_DOUBTS, LiveNamer, WindowNames
+from addon.core.points.whole_take.live import FIRST_S, LiveNamer, WindowNames
 
 RATE, MARKERS = 100.0, 8
 PLACES = np.random.default_rng(4).uniform(-0.5, 0.5, (MARKERS, 3)) + np.array([0, 0, 1.0])
@@ -71,18 +71,19 @@ def test_a_settled_name_is_taken_back_only_by_a_line_that_says_so():
     assert namer.renamed == []
 
 
-def test_a_name_that_the_solver_never_gave_is_taken_back_where_it_goes_on_giving_none():
+def test_a_name_that_the_solver_does_not_give_is_taken_back_once_it_was_shown_enough():
     ids = np.arange(MARKERS)
     namer = settled(ids)
     namer.name(40, body(40)[1:], ids[1:])
-    for frame in range(41, 41 + MOST_DOUBTS):
+    back = np.append(77, ids[1:])
+    for frame in range(41, 42 + round(FIRST_S * RATE)):
         assert namer.renamed == []
-        marker, number = namer.name(frame, body(frame), np.append(77, ids[1:]))
-        assert marker.tolist() == list(range(MARKERS))
+        marker, number = namer.name(frame, body(frame), back)
+        assert marker.tolist() == list(range(MARKERS)) and namer.window() is not None
         namer.hear(WindowNames(number, np.append(-1, ids[1:])))
     assert namer.renamed == [(0, -1)]
-    for frame in range(50, 60):
-        assert namer.name(frame, body(frame), np.append(77, ids[1:]))[0].tolist() == [-1, *range(1, MARKERS)]
+    for later in range(frame + 1, frame + 10):
+        assert namer.name(later, body(later), back)[0].tolist() == [-1, *range(1, MARKERS)]
 
 
 def test_a_sender_that_begins_anew_or_was_away_is_named_anew():
