@@ -123,8 +123,9 @@ def _middles(model: Latent, points: np.ndarray, present: np.ndarray) -> np.ndarr
     if not (is_crowded(model, present) | is_half(model, present)).any():
         return middle[:, None]
     low, high = model.mean[:, 2].min(), model.mean[:, 2].max()
-    height = np.where(present, points[..., 2], np.nan)
-    floor, top = np.nanmin(height, axis=1, keepdims=True), np.nanmax(height, axis=1, keepdims=True)
+    height = points[..., 2]
+    floor = np.where(present, height, np.inf).min(axis=1, keepdims=True)
+    top = np.where(present, height, -np.inf).max(axis=1, keepdims=True)
     below = _mean(points, present & (height <= floor + (high - low)))
     above = _mean(points, present & (height >= top - (high - low)))
     below[:, 2], above[:, 2] = floor[:, 0] - low, top[:, 0] - high
