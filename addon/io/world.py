@@ -97,7 +97,7 @@ STANDING_FRAMES = 400  # that are looked at, evenly spread: memory, 400 of 10,00
 # m, of the lowest marker above nought: physical, from one buried by a poor origin to one at half a shank
 FLOOR_M = (-0.3, 0.4)
 MIN_HEIGHT_M = 0.5  # that markers reach up from it: physical, half the legs of an adult
-MIN_LONGER = 1.3  # times as long as wide: measured, who kneels down from a run was 1.0 to 1.2 in three takes
+MIN_LONGER = 1.3  # times as long as wide who surely stands: measured, who kneels down from a run was 1.0 to 1.2
 MAX_WANDER = 0.25  # of the height, of the lowest marker: physical, a jump and a step are less than a shank
 
 
@@ -146,22 +146,24 @@ def _some_frames(xyz: np.ndarray | Scaled, names: Sequence[str], lanes: Lanes | 
 
 
 def _stands_along(frames: np.ndarray, base: str) -> str:
-    """The axis along which the points stand, longer than wide, on a floor at nought; else empty.
+    """The one axis along which the points stand on a floor at nought, and are not much shorter than wide; else empty.
 
+    In a T-pose they are as wide as tall, but of the two one has half of them far below the floor.
     Only of axes that files mean: the one called `base` and its opposite, y and z.
     """
     if not len(frames):
         return ""
     low, high = np.nanmin(frames, axis=1), np.nanmax(frames, axis=1)
     reach = np.median(high - low, axis=0)
-    *others, longest = sorted({1, 2, "XYZ".index(base[1])}, key=lambda index: reach[index])
-    if reach[longest] < MIN_HEIGHT_M or reach[longest] <= MIN_LONGER * reach[others].max():
-        return ""
+    axes = sorted({1, 2, "XYZ".index(base[1])})
     found = []
-    for sign, ground in (("+", low[:, longest]), ("-", -high[:, longest])):
-        tenth, last_tenth = np.percentile(ground, [10, 90])
-        on_floor = FLOOR_M[0] < tenth < FLOOR_M[1]
-        steady = last_tenth - tenth < MAX_WANDER * reach[longest]
-        if on_floor and steady and (sign == "+" or base[1] == "XYZ"[longest]):
-            found.append(sign + "XYZ"[longest])
+    for axis in axes:
+        if reach[axis] < max(MIN_HEIGHT_M, reach[axes].max() / MIN_LONGER):
+            continue
+        for sign, ground in (("+", low[:, axis]), ("-", -high[:, axis])):
+            tenth, last_tenth = np.percentile(ground, [10, 90])
+            on_floor = FLOOR_M[0] < tenth < FLOOR_M[1]
+            steady = last_tenth - tenth < MAX_WANDER * reach[axis]
+            if on_floor and steady and (sign == "+" or base[1] == "XYZ"[axis]):
+                found.append(sign + "XYZ"[axis])
     return found[0] if len(found) == 1 else ""
