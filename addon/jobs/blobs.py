@@ -98,6 +98,7 @@ class BlobTake(OpenTake):
             if self.edits:
                 self.work = with_edits(own, self.work, self.edits, cameras, self.worn)
             self.check = CameraCheck(cameras)
+        self.named_by = self.worn
         count = len(self.worn.markers)
         row = np.dtype([("xyz", "<f4", (count, 3)), ("residual", "<f4", (count,))])
         self.motion = self.stack.enter_context(RowFile(self.stack.enter_context(scratch_folder()), row))

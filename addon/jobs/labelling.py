@@ -106,6 +106,7 @@ class OpenTake:
     cameras   that saw it; none for points
     edits     those that the labels follow
     worn      whose markers are named, one set or those that several subjects wear; known once `name` has ended
+    named_by  the same with only the joints that they are named by, which `worn` may have more than
     trial     for what else of its file goes into the named one; None where there is nothing, or it is not wanted
     """
 
@@ -115,6 +116,7 @@ class OpenTake:
     long: bool | None = None
     cameras: Cameras = NO_CAMERAS
     worn: Worn
+    named_by: Worn
     trial: TrialFile | TextHead | None = None
 
     def __init__(self, job: LabelJob, models: dict[str, Model], stack: ExitStack, clock: dict[str, float]):
@@ -179,13 +181,13 @@ class PointTake(OpenTake):
                 raise
             except UnsuitedError as error:
                 raise (yield from self._misfit(error, options)) from None
-            self.worn = finer(self.model.markerset)
+            self.named_by, self.worn = self.model.markerset, finer(self.model.markerset)
         else:
             from ..core.points.several.pipeline import label_several
 
             with of_file(self.job.edits_file or self.job.source, InputError):
                 self.labelled = yield from label_several(self.take, self.several, options)
-            self.worn = self.labelled.worn
+            self.named_by, self.worn = self.labelled.worn, self.labelled.worn.finer
             if self.job.shown:
                 refuse_keys(len(self.take.frames), self.worn)
         joints = sum(len(one.skeleton) for _, one in self.worn.worn)
@@ -339,7 +341,7 @@ class Results:
         self.job, self.take = job, take
         worn = take.worn
         self.labels = stack.enter_context(LabelWriter(labels, worn.markers, take.keys))
-        self.summary, self.handedness = TakeSummary(worn.markers), Handedness(worn, take.mend)
+        self.summary, self.handedness = TakeSummary(worn.markers), Handedness(take.named_by, take.mend)
         self.trouble = TakeTrouble(worn.markers, take.rate, take.edits, take.cameras, worn.by_name)
         self.origins = SampleOrigins(worn.markers, take.edits, worn.by_name)
         self.overview: TakeOverview | None = None

@@ -64,6 +64,14 @@ def test_a_mirrored_take_is_refused_and_mended(run, walks, tmp_path):
     assert "--force" not in json.dumps(report["notes"])
 
 
+@pytest.mark.parametrize("words", [("--model", LOPSIDED), ("--subject", f"A={LOPSIDED}")])
+def test_a_mirrored_take_is_refused_by_the_joints_it_is_named_by(run, walks, tmp_path, words):
+    take = read_points(walks / "mirrored.c3d")
+    rest = [index for index, name in enumerate(take.names) if name != "T10"]
+    write_c3d(tmp_path / "without.c3d", take.picked(rest))
+    assert "is left-handed" in run("label", tmp_path / "without.c3d", *words, "--out", tmp_path / "out").refusal(1)
+
+
 def test_a_take_that_is_mirrored_once_too_often_is_not_told_to_be_mirrored(run, walks, tmp_path):
     reason = run("label", walks / "plain.c3d", "--model", LOPSIDED, "--mirror", "--out", tmp_path).refusal(1)
     assert "; expected points whose file is left-handed, so have these read as they are, without mir" in reason

@@ -82,12 +82,13 @@ def label_several(
             work = with_edits(crowd, found, options.edits)
             edited = yield from within(work, 0.9, 0.92, "solve the take again with the edits")
             verdict = edited.verdict
-        labels, worn = verdict.labels, found.worn.finer if options.finer else found.worn
+        labels, worn = verdict.labels, found.worn
         suspects = verdict.suspects + _questions(crowd, found, labels)
         del crowd, found  # a long take's are large
         seconds = {"label": perf_counter() - begin}
         yield Progress(0.92, "pose the bodies")
-        motion = motion_of_all(take, labels, worn, options, edited.applied.places if edited else {})
+        bodies, places = worn.finer if options.finer else worn, edited.applied.places if edited else {}
+        motion = motion_of_all(take, labels, bodies, options, places)
         seconds["fit"] = perf_counter() - begin - seconds["label"]
         own = set(worn.asked.markers)
         doubts = tuple(one for one in motion.suspects(worn.markers, take.rate) if own.issuperset(one.markers))
