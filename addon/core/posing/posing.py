@@ -181,17 +181,25 @@ class FollowedBody:
     def pose(self, points: np.ndarray) -> Posed | None:
         """Where it is (a batch of 1) in a frame with its markers at points (M, 3) m, NaN where missing.
 
-        None where they are too few; after that it is looked for anew.
+        None where they are too few. After that it is looked for anew, as it is where it does not fit.
         """
-        frame, start, steps = points[None], self._last, NEAR_STEPS
-        if markers_there(frame)[0] < POSING.min_markers:
+        frame, there = points[None], markers_there(points[None])[0]
+        if there < POSING.min_markers:
             self._last = None
             return None
-        if start is None:
+        near = None if self._last is None else self._fitted(self._last, frame, NEAR_STEPS)
+        # A marker that is a standard deviation off costs 1. A body that was turned round does not turn back by itself.
+        if near is None or near[1] > POSING.max_cost_ratio * there:
             start = replace(aligned(self._model, frame, self._prior.prior), scale=self.subject.scale)
-            steps = FAR_STEPS
-        self._last = _until_still(self._model, start, frame, steps, self._prior)
+            anew = self._fitted(start, frame, FAR_STEPS)
+            near = anew if near is None or anew[1] < near[1] else near
+        self._last = near[0]
         return self._model.pose(self._last)
+
+    def _fitted(self, start: Bodies, frame: np.ndarray, steps: int) -> tuple[Bodies, float]:
+        """The body moved on from where it starts, and its cost."""
+        found = _until_still(self._model, start, frame, steps, self._prior)
+        return found, float(_cost(self._model, found, frame, slice(None))[0])
 
 
 def _same_in(subject: Bodies, count: int) -> dict[str, np.ndarray]:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from addon.core.body.bodies import Bodies, BodyModel
 from addon.core.body.prior import Prior
+from addon.core.body.sides import mirror_order
 from addon.core.geometry import rotations
 from addon.core.posing import posing
 from addon.core.posing.character import character_of
@@ -67,6 +68,9 @@ def test_frames_are_posed_as_they_come_and_who_was_away_is_found_anew(model):
     assert followed.pose(few) is None
     there = points[0] + np.array([7.0, 0, 0])
     assert np.abs(followed.pose(there).markers[0] - there).max() < 0.03
+    for frame in points[:30, mirror_order(model.markerset.markers)] + np.array([7.0, 0, 0]):
+        followed.pose(frame)
+    assert np.abs(followed.pose(there).markers[0] - there).max() < 0.03, "it was turned round by wrong names"
 
 
 def test_a_made_up_walk_is_found_again(model):
