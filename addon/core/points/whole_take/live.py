@@ -215,10 +215,13 @@ class LiveNamer:
     def hear(self, names: WindowNames):
         """Takes what the last window came to for those that are still followed.
 
-        What of them it leaves unnamed loses a name of ours, if it was there for as long as naming takes.
+        What of them it leaves unnamed loses a name of ours, if it was there for as long as naming takes. A window that
+        is refused says nothing.
         """
-        said = dict(zip(names.number.tolist(), names.marker.tolist(), strict=True))
         self.renamed = []
+        if names.refused:
+            return
+        said = dict(zip(names.number.tolist(), names.marker.tolist(), strict=True))
         latest: dict[int, int] = {}
         for trail in self.trails.values():
             marker = said.get(trail.number, NO_MARKER)

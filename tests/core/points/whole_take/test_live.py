@@ -80,6 +80,8 @@ def test_a_name_that_the_solver_does_not_give_is_taken_back_once_it_was_shown_en
         assert namer.renamed == []
         marker, number = namer.name(frame, body(frame), back)
         assert marker.tolist() == list(range(MARKERS)) and namer.window() is not None
+        namer.hear(WindowNames(number, np.full(MARKERS, -1), "who is this; expected somebody"))
+        assert namer.renamed == [], "what is refused says nothing of any name"
         namer.hear(WindowNames(number, np.append(-1, ids[1:])))
     assert namer.renamed == [(0, -1)]
     for later in range(frame + 1, frame + 10):
