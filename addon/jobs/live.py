@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..core.body.bodies import Bodies, BodyModel
+from ..core.body.bodies import BodyModel
 from ..core.data.errors import InputError, UserError
 from ..core.data.lanes import Lanes
 from ..core.data.takes import NO_MARKER, Points
@@ -175,7 +175,8 @@ class _Live:
         self.namer: LiveNamer | None = None
         self.file: LiveFile | None = None
         self.body: FollowedBody | None = None
-        self.asked, self.shown = 0, 0  # frames of the last window, and of the one that the body is of
+        self.asked: Window | None = None  # the last one
+        self.shown = 0  # samples that were named in the one that the body is of
 
     def line(self, frame: StreamFrame) -> dict | None:
         """What a frame comes to; None where the next is there already, which is told instead."""
@@ -189,7 +190,7 @@ class _Live:
             answer = None if self.beside.free else self.beside.answer()
             if answer is not None:
                 self.namer.hear(answer)
-                self._know(answer.subject)
+                self._know(answer)
                 renamed = [[self.names[old], self.names[new] if new >= 0 else None] for old, new in self.namer.renamed]
             marker = self._named(self.namer, frame)
         if self.stream.behind and not renamed:
@@ -211,13 +212,18 @@ class _Live:
     def ask(self):
         """Sends the last moment to whoever solves it."""
         if self.namer is not None and self.beside.free and (window := self.namer.window()) is not None:
-            self.asked = len(window.xyz)
+            self.asked = window
             self.beside.send(window)
 
-    def _know(self, subject: Bodies | None):
-        """Takes who it is from a window that is longer than the last one that said so."""
-        if subject is not None and self.asked > self.shown:
-            self.shown, self.body = self.asked, FollowedBody(BodyModel(self.model.markerset), subject)
+    def _know(self, found: WindowNames):
+        """Takes who it is from a window with more samples named than the last one, or names that were wrong there."""
+        if self.namer is not None and self.namer.renamed:
+            self.shown = 0
+        if found.subject is None or self.asked is None:
+            return
+        samples = int(np.isfinite(self.asked.xyz[:, found.marker != NO_MARKER, 0]).sum())
+        if samples > self.shown:
+            self.shown, self.body = samples, FollowedBody(BodyModel(self.model.markerset), found.subject)
 
     def _posed(self, body: FollowedBody, points: np.ndarray, marker: np.ndarray) -> dict | None:
         """The body on points (P, 3) m that are markers (P,): joints, rotations, scale; None where too few are there."""

@@ -5,6 +5,7 @@ import json
 import signal
 import subprocess
 import sys
+from contextlib import nullcontext
 from functools import partial
 from types import SimpleNamespace
 
@@ -14,10 +15,15 @@ import pytest
 
 from addon.cli.live import refuse_offline
 from addon.cli.workers import door
+from addon.core.body.bodies import BodyModel
+from addon.core.body.sides import mirror_order
 from addon.core.data.errors import JobError
+from addon.core.points.whole_take.live import WINDOW_S, Window, WindowNames
 from addon.demo.take import MODEL
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points
+from addon.io.streams.wire import StreamFrame
+from addon.jobs import live
 from scripts.virtual_take import write_virtual_take
 from tests.io.streams.servers import NatNetServer, QtmServer, there_and_back
 
@@ -78,6 +84,40 @@ def test_a_stream_that_ends_or_ends_in_trouble_is_kept(walk, run, tmp_path):
     assert "has sent nothing that is new for 0.5 s" in answer.refusal(1)
     assert len(read_points(tmp_path / "half.c3d").xyz) == 50
     assert len(answer.out.splitlines()) <= 50
+
+
+class Solver:
+    """Says of each full window what is next: the height of the subject, and how many names, exchanged or not."""
+
+    free = True
+
+    def __init__(self, body: BodyModel, said: list[tuple[float, int, bool]]):
+        self.body, self.said = body, said
+
+    def send(self, window: Window):
+        self.window, self.free = window, False
+
+    def answer(self) -> WindowNames:
+        self.free = True
+        marker, subject = np.full(len(self.window.number), -1), None
+        if len(self.window.xyz) == WINDOW_S * RATE and self.said:
+            height, named, exchanged = self.said.pop(0)
+            subject, order = self.body.rest(1, height), np.arange(self.body.marker_count)
+            marker[:named] = (mirror_order(self.body.markerset.markers) if exchanged else order)[:named]
+        return WindowNames(self.window.number, marker, subject=subject)
+
+
+def test_who_it_is_is_taken_from_more_names_or_where_names_were_wrong(walk, monkeypatch):
+    body = BodyModel(open_markerset(MODEL))
+    order, none = [walk.names.index(name) for name in body.markerset.markers], np.full(body.marker_count, -1)
+    stream = type("Stream", (list,), {"rate": RATE, "behind": False})()
+    stream.extend(StreamFrame(number, number / RATE, place(walk, number)[order], none) for number in range(1, 230))
+    monkeypatch.setattr(live, "open_stream", lambda *_: nullcontext(stream))
+    lines: list[dict] = []
+    said = [(1.4, 4, False), (1.7, len(order), False), (1.5, 8, False), (1.8, len(order), True)]
+    live.name_stream(live.LiveJob("qtm://here", MODEL), Solver(body, said), lines.append, lambda: False)
+    heights = [line["body"]["scale"][0] for line in lines if line.get("body")]
+    assert list(dict.fromkeys(heights)) == [1.4, 1.7, 1.8]
 
 
 def test_what_cannot_be_is_said_before_anybody_is_asked(run, tmp_path):
