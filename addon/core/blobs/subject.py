@@ -12,7 +12,7 @@ import numpy as np
 
 from ..body.bodies import Bodies, BodyModel, Posed
 from ..body.prior import Prior
-from ..body.sides import limb_exchanges
+from ..body.sides import limb_exchanges, mirror_order, mirrored_places
 from ..data.markersets import MarkerSet
 from ..data.physical import MARKER_LIMITS
 from ..geometry.cameras import Cameras
@@ -197,7 +197,9 @@ def standing_exchanges(markerset: MarkerSet) -> np.ndarray:
 
     Marker m gets the blobs that had the name of marker order[m].
     """
-    orders = [*limb_exchanges(markerset.markers, markerset.rest_markers), *_clusters(markerset)]
+    rest, order = markerset.rest_markers, mirror_order(markerset.markers)
+    order = mirrored_places(rest) if order is None else order  # names may show no sides
+    orders = [*limb_exchanges(order, rest), *_clusters(markerset)]
     return np.unique(np.array(orders, dtype=int).reshape(-1, len(markerset)), axis=0)
 
 

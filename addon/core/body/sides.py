@@ -53,17 +53,23 @@ def mirror_order(markers: Sequence[str]) -> np.ndarray | None:
     return order if 2 * paired >= 1 and (order[order] == np.arange(len(markers))).all() else None
 
 
-def limb_exchanges(markers: Sequence[str], mean: np.ndarray) -> np.ndarray:
+def mirrored_places(mean: np.ndarray) -> np.ndarray:
+    """(M,) each marker's mirror image by where it is in the mean cloud (M, 3), itself where it has none."""
+    nearest = np.linalg.norm(mean[:, None] * MIRROR - mean, axis=-1).argmin(axis=1)
+    same = np.arange(len(mean))
+    return np.where(nearest[nearest] == same, nearest, same)
+
+
+def limb_exchanges(order: np.ndarray | None, mean: np.ndarray) -> np.ndarray:
     """(X, M) for each way to exchange left with right, the marker whose point each marker takes.
 
-    Limbs are whatever lies together in the mean cloud (M, 3): a foot, foot and shank, a hand, a side. None where the
-    names have no sides.
+    Limbs are whatever lies together in the mean cloud (M, 3): a foot, foot and shank, a hand, a side. `order` (M,) is
+    each marker's mirror image; None has no limbs.
     """
-    order = mirror_order(markers)
-    same = np.arange(len(markers))
-    side = same[:0] if order is None else np.flatnonzero(order > same)
+    same = np.arange(len(mean))
+    side = same[:0] if order is None else np.flatnonzero((order != same) & (mean[:, 1] > mean[order, 1]))
     if order is None or len(side) < MIN_LIMB_MARKERS:
-        return np.zeros((0, len(markers)), dtype=int)
+        return np.zeros((0, len(mean)), dtype=int)
     both = 0.5 * (mean[side] + mean[order[side]] * MIRROR)
     limbs = _grown_together(both)
     found = np.tile(same, (len(limbs), 1))

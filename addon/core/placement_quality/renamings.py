@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..body.sides import limb_exchanges
+from ..body.sides import limb_exchanges, mirror_order
 from ..geometry.upright import turned
 from ..points.likelihood.shape import Shape
 
@@ -34,7 +34,7 @@ class Renaming:
 
 def renamings(markers: Sequence[str], shape: Shape) -> list[Renaming]:
     """What to try: every limb with the other side's, and the turns after which the cloud looks most like itself."""
-    limbs = [Renaming(OTHER_SIDE, order, 0.0) for order in limb_exchanges(markers, shape.mean)]
+    limbs = [Renaming(OTHER_SIDE, order, 0.0) for order in limb_exchanges(mirror_order(markers), shape.mean)]
     return [*limbs, *_turns(shape)]
 
 

@@ -10,7 +10,7 @@ import pytest
 from addon.core.blobs.confidence import CONFIDENCE, named_confidences, swap_doubts
 from addon.core.blobs.jointly import hypotheses_of, name_jointly
 from addon.core.blobs.search import HELD, Hints, find_subject, first_starts, settle, with_arms_held
-from addon.core.blobs.subject import Setup, refit
+from addon.core.blobs.subject import Setup, refit, standing_exchanges
 from addon.core.blobs.swaps import Swaps, swap_names, withdraw_unexpected, without_own
 from addon.core.body.bodies import BodyModel
 from addon.core.body.prior import Prior
@@ -190,6 +190,12 @@ def test_doubts_of_twins_strangers_and_exchanges():
     assert swap_doubts(swaps, 4) == pytest.approx([0.5, 0.5, 1 / (1 + np.exp(-10)), 1])
     assert (swap_doubts(Swaps(np.zeros((0, 3), int), np.zeros(0)), 3) == 1).all()
     assert swap_doubts(Swaps(np.array([[1, 0]]), np.array([-1e9])), 2) == pytest.approx([0, 0])
+
+
+def test_limbs_are_exchanged_of_a_set_whose_names_show_no_sides():
+    named = built_in("body26")
+    plain = replace(named, markers=tuple(name.lower() for name in named.markers))
+    np.testing.assert_array_equal(standing_exchanges(plain), standing_exchanges(named))
 
 
 def test_wrong_labels_are_less_sure_than_right_ones():

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ...body.sides import limb_exchanges
+from ...body.sides import limb_exchanges, mirror_order
 from ..rigid_bodies.model import RigidBodies
 from .calibration import Calibration
 from .distances import DistanceConstraints
@@ -68,5 +68,5 @@ class Known:
             Latent(shape),
             constraints,
             rigid_bodies,
-            limb_exchanges(markers, shape.mean),
+            limb_exchanges(mirror_order(markers), shape.mean),
         )
