@@ -108,8 +108,8 @@ class SetsWorn:
     @property
     def finer(self) -> "SetsWorn":
         """The same with what joints their markers can show beside those that they are named by."""
-        models = (replace(one.model, markerset=finer(one.model.markerset)) for one in self.subjects)
-        return SetsWorn(tuple(replace(one, model=model) for one, model in zip(self.subjects, models, strict=True)))
+        models = {one.model: replace(one.model, markerset=finer(one.model.markerset)) for one in self.subjects}
+        return SetsWorn(tuple(replace(one, model=models[one.model]) for one in self.subjects))
 
     @cached_property
     def markers(self) -> tuple[str, ...]:

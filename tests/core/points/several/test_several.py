@@ -21,7 +21,7 @@ from addon.core.points.several.parting import parted
 from addon.core.points.several.pipeline import is_prop, label_several
 from addon.core.points.several.places import NO_BODY, bodies_by_place
 from addon.core.points.several.sharing import share
-from addon.core.points.several.wearers import AUTO, SeveralOptions, Wearer
+from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer, kinds
 from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.simulation.virtual import Act, draw_person
 from addon.core.training.pipeline import TrainingOptions, train
@@ -132,6 +132,14 @@ def test_people_of_two_models_who_are_as_like_one_as_the_other_cannot_be_told_ap
     asked = SeveralOptions(subjects=(Wearer("ann", model), Wearer("bob", replace(model, fingerprint="another"))))
     with pytest.raises(JobError, match="who is ann and bob cannot be told"):
         labelled(take, asked)
+
+
+def test_who_wears_one_model_does_so_with_what_joints_the_body_has_beside_its():
+    model = replace(open_model("body39"), fingerprint="")
+    worn = SetsWorn((Wearer("ann", model), Wearer("bob", model))).finer
+    assert worn.worn[0][1] is not model.markerset
+    first, _ = worn.subjects
+    assert kinds(worn.subjects) == (first, first)
 
 
 def absent(whole: np.ndarray, first: int, after: int, elsewhere: float = 0.0) -> np.ndarray:
