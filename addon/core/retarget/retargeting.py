@@ -210,8 +210,8 @@ def _planted_ankle(
 ) -> np.ndarray:
     """(F, 3) m where a foot is to begin: where the leg has it, but that it does not slide while it is planted.
 
-    Then its ball goes as the body's does, and the lower one of heel and ball is as high as the body's: a foot of
-    another length rolls on the floor, not in it.
+    Then its ball goes along the floor as the body's does. Until the heel lifts, the lower one of heel and ball is as
+    high as the body's: a foot of another length stands on the floor, not in it.
     """
     (turns, hips), (scale, floor, rate), foot = posed, known, rig.at[f"foot.{side}"]
     ankle, ball = rig.heads[foot], _ball(rig, side)
