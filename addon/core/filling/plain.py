@@ -16,7 +16,7 @@ from ..data.lanes import PACKING
 from ..data.markersets import MarkerSet
 from ..data.takes import evenly_spread
 from ..geometry.rigid import MIN_POINTS, laid_on
-from ..posing.finer import finer
+from ..posing.finer import finer, without
 from ..posing.posing import POSING, pose_subject, subject_of
 from .gaps import LEARNED_BY, Gap, KnownMarkers
 
@@ -137,7 +137,9 @@ class FittedSubject:
         points[:, found[0]] = np.nan
         if np.isfinite(points[..., 0]).sum(axis=1).min() < POSING.min_markers:
             return None
-        posed = self.model.pose(pose_subject(self.model, self.subject, points, self.prior))
+        markerset = without(self.model.markerset, found[0])
+        model = self.model if markerset is self.model.markerset else BodyModel(markerset)
+        posed = model.pose(pose_subject(model, self.subject, points, self.prior))
         path, turn = posed.markers[:, found[0]], posed.rotations[:, self.model.attachment[found[0]]]
         off = [turn[end - part.start].T @ (take.xyz[end, gap.marker] - path[end - part.start]) for end in ends]
         inner = slice(gap.start - part.start, gap.stop - part.start)

@@ -15,7 +15,7 @@ from ..data.markersets import MarkerSet, Skeleton
 from .character import SHOULDER
 
 LEAST_MARKERS = 3  # physical: that say how a part is turned
-STILL_RAD = 0.01  # physical: standard deviation of what a clavicle turns about itself, which no marker shows
+STILL_RAD = 0.01  # physical: standard deviation of what of a clavicle's turn no marker shows, as about itself
 
 
 def finer(markerset: MarkerSet) -> MarkerSet:
@@ -62,6 +62,19 @@ def finer(markerset: MarkerSet) -> MarkerSet:
             stiffness=_stiffness(names, offsets),
         ),
     )
+
+
+def without(markerset: MarkerSet, marker: int) -> MarkerSet:
+    """The finer set for frames in which a marker is missing: a clavicle that carries no other one keeps still."""
+    at = int(markerset.attachment[marker])
+    stiffness = markerset.spread.stiffness
+    if stiffness is None or not markerset.skeleton.segments[at].startswith("clavicle"):
+        return markerset
+    if np.count_nonzero(markerset.attachment == at) > 1:
+        return markerset
+    stiffness, own = stiffness.copy(), slice(3 * at, 3 * at + 3)
+    stiffness[own, own] = np.eye(3) / STILL_RAD**2
+    return replace(markerset, spread=replace(markerset.spread, stiffness=stiffness))
 
 
 def _stiffness(names: tuple[str, ...], offsets: np.ndarray) -> np.ndarray:

@@ -150,10 +150,22 @@ def test_a_gap_whose_error_would_be_large_is_left_and_what_stands_still_is_fille
         assert np.abs(found.xyz - still).max() < 1e-6, method
 
 
+def walking(markerset) -> np.ndarray:
+    """(T, M, 3) m: a virtual person who walks."""
+    model = BodyModel(markerset)
+    return model.pose(perform(model, person_of(markerset, 4), [Act(1.2, stride=1.0)], RATE, 4)).markers
+
+
+def test_a_clavicle_keeps_still_while_its_marker_is_missing():
+    markerset = built_in("body39")
+    truth, shoulder = walking(markerset), markerset.index("LSHO")
+    given = holed(truth, (shoulder, 20, 60)), RATE, FillOptions("body"), markerset, np.arange(len(markerset))
+    assert off(finished(fill_take(*given)), truth, shoulder, 20, 60) < 0.002
+
+
 def test_the_fitted_body_fills_what_its_markers_leave_open():
     markerset = built_in("gait15")
-    model = BodyModel(markerset)
-    truth = model.pose(perform(model, person_of(markerset, 4), [Act(1.2, stride=1.0)], RATE, 4)).markers
+    truth = walking(markerset)
     knee, ankle = markerset.index("RKNE"), markerset.index("RANK")
     cut, columns = holed(truth, (knee, 30, 70), (ankle, 40, 60)), np.arange(len(markerset))
     found = finished(fill_take(cut, RATE, FillOptions("body"), markerset, columns))
