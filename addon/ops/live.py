@@ -164,8 +164,8 @@ class WatchedStream:
 
     def leave(self):
         """Lets it end, and forgets it."""
-        self._leave_rig()
-        self._kept.close()
+        with self._kept:
+            self._leave_rig()
 
 
 # The stream that goes on, what became of the last one, and the latest recording with the markers that it was named by.
@@ -184,7 +184,11 @@ def follow_live() -> float | None:
     if not _going:
         return None
     stream = _going[0]
-    found = stream.look()
+    try:
+        found = stream.look()
+    except Exception:  # the program's fault: without this timer nothing else would end the stream
+        leave_live()
+        raise
     if found is None:
         return SHOWN_EVERY
     leave_live()
