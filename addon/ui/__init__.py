@@ -8,7 +8,7 @@ from bpy.app.handlers import persistent
 
 from ..ops.correcting import review_now
 from ..ops.label_folder import follow, leave_batch, show_batch
-from ..ops.live import follow_live, leave_live
+from ..ops.live import follow_live, leave_live, rest_rig
 from ..ops.long_work import end_process
 from ..ops.picking import picked_points, restore_picked
 from ..ops.reposing import follow_soon, forget_reposing
@@ -44,6 +44,7 @@ def add_handlers(stack: ExitStack):
     events = bpy.app.handlers
     for listeners, function in (
         (events.load_post, after_load),
+        (events.save_pre, before_save),
         (events.undo_pre, before_undo),
         (events.redo_pre, before_undo),
         (events.undo_post, after_undo),
@@ -75,6 +76,12 @@ def after_load(*_):
     if not bpy.app.background:
         follow_soon()
     show_batch()
+
+
+@persistent
+def before_save(*_):
+    """The file will be saved: no pose of a stream is to be in it."""
+    rest_rig()
 
 
 @persistent

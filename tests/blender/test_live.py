@@ -149,7 +149,7 @@ def test_another_file_ends_the_stream_and_what_was_recorded_stays(live, walk, tm
     assert len(read_points(stream.out).xyz) > 50
 
 
-def test_body_and_rig_move_without_keys_and_the_rig_is_then_as_it_was(live, walk):
+def test_body_and_rig_move_without_keys_and_the_rig_is_then_as_it_was(live, walk, tmp_path):
     rig, segments = mixamo(), open_markerset("body26").skeleton.segments
     bpy.context.view_layer.objects.active = rig
     bpy.ops.object.mode_set(mode="EDIT")
@@ -187,6 +187,9 @@ def test_body_and_rig_move_without_keys_and_the_rig_is_then_as_it_was(live, walk
         own.location = 0, 0, 0
         assert state() == before
         live.settings.live.rig = rig
+        live.until(lambda: state() != before)
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "live.blend"), copy=True)
+        assert state() == before
         live.until(lambda: state() != before)
         live.module.leave_live()
     assert state() == before
