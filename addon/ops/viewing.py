@@ -147,17 +147,29 @@ class MOCAP_AUTOLABEL_OT_show_graph(WithTake, bpy.types.Operator):
     bl_options = {"REGISTER"}
 
     def work(self, context):
-        areas = list(context.screen.areas) if context.screen else []
-        views = [area for area in areas if area.type == "VIEW_3D"]
-        if not any(area.ui_type == "FCURVES" for area in areas) and views:
-            view = max(views, key=lambda area: area.width * area.height)
-            with context.temp_override(area=view, region=window_region(view)):
-                bpy.ops.screen.area_split(direction="HORIZONTAL", factor=GRAPH_SHARE)
-            parts = [view, *(area for area in context.screen.areas if area not in areas)]
-            graph = min(parts, key=lambda area: area.y)
-            graph.ui_type, graph.spaces.active.show_region_ui = "FCURVES", False
+        if not any(area.ui_type == "FCURVES" for area in context.screen.areas):
+            _add_graph(context)
         frames = taken(context).motion.frames
         fit_graphs(context, int(frames[0]), int(frames[-1]))
+
+
+def _add_graph(context: bpy.types.Context):
+    """Splits the largest 3D view; InputError, and the views as they were, where that cannot be."""
+    areas = list(context.screen.areas)
+    view = max(
+        (area for area in areas if area.type == "VIEW_3D"), key=lambda area: area.width * area.height, default=None
+    )
+    if view is None:
+        raise InputError("there is no 3D view to split; expected one, or a Graph Editor")
+    with context.temp_override(area=view, region=window_region(view)):
+        if not bpy.ops.screen.area_split.poll():
+            raise InputError("a maximized view cannot be split; expected it restored, with Ctrl Space")
+        bpy.ops.screen.area_split(direction="HORIZONTAL", factor=GRAPH_SHARE)
+    new = [area for area in context.screen.areas if area not in areas]
+    if not new:
+        raise InputError("the 3D view is too small to split; expected it larger, or a Graph Editor")
+    graph = min([view, *new], key=lambda area: area.y)
+    graph.ui_type, graph.spaces.active.show_region_ui = "FCURVES", False
 
 
 def fit_graphs(context: bpy.types.Context, first: int, last: int):

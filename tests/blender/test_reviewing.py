@@ -2,6 +2,7 @@
 """The list of what is the matter with a take, in Blender: true, worst first, gone to, mended and answered for good."""
 
 import json
+from contextlib import suppress
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -250,3 +251,21 @@ def test_the_lists_go_along_with_what_is_picked_and_the_next_is_still_the_next(s
     assert LOST in review.troubles[review.trouble_index].reason, "a point that may be it"
     bpy.ops.mocap_autolabel.next_trouble()
     assert review.trouble_index == shown + 1
+
+
+def test_a_view_that_cannot_be_split_stays(labelled):
+    screen = bpy.context.screen
+    with suppress(RuntimeError):
+        while True:
+            bpy.ops.mocap_autolabel.show_graph()
+            small = next(area for area in screen.areas if area.ui_type == "FCURVES")
+            for area in screen.areas:
+                area.type = "VIEW_3D" if area == small else "PROPERTIES"
+    refused("the 3D view is too small to split; expected it larger", "show_graph")
+    assert small.type == "VIEW_3D"
+    with bpy.context.temp_override(area=small, region=small.regions[-1]):
+        bpy.ops.screen.screen_full_area()
+    refused("a maximized view cannot be split; expected it restored", "show_graph")
+    bpy.context.screen.areas[0].type = "PROPERTIES"
+    refused("there is no 3D view to split; expected one", "show_graph")
+    bpy.ops.screen.back_to_previous()
