@@ -102,6 +102,7 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, LongWork, bpy.types.Operator):
         if new and self.propose:
             propose(context, new)
         elif new:
+            opened.drop_proposed(settings.take, new)
             keep_and_show(context, partial(keep_fills, fills=replaced_fills(stored.fitting, new)))
         # The gaps that were left, with the reasons; frames are Blender's.
         left = left_rows(filled.left, stored.names, int(stored.motion.frames[0]) + stored.shift)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Takes and blobs read out of the file, kept at hand so that drawing a frame reads nothing twice."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from ..core.data.takes import PointRows
 from ..core.edits.blob_tracks import BlobTracks
 from ..core.edits.kinds import Edits
-from ..core.filling.kept import KeptFill
+from ..core.filling.kept import KeptFill, fills_beside
 from ..core.filling.smoothing import smoothed
 from . import cameras as scene_cameras
 from .corrections import Correcting, kept_edits, kept_text, text_of
@@ -91,6 +91,10 @@ class Opened:
     def propose(self, collection: bpy.types.Collection, fills: Iterable[KeptFill]):
         """Lets fills of a take be looked at, in place of those before."""
         self.proposed[_number_of(collection)] = tuple(fills)
+
+    def drop_proposed(self, collection: bpy.types.Collection, fills: Sequence[KeptFill]):
+        """Lets go of the fills of a take that are looked at and meet some of these, which may be their own."""
+        self.propose(collection, fills_beside(self.proposed_of(collection), fills))
 
     def proposed_of(self, collection: bpy.types.Collection) -> tuple[KeptFill, ...]:
         """The fills of a take that are looked at; none once other labels are in their place."""

@@ -69,6 +69,16 @@ def test_a_fill_is_looked_at_before_it_is_kept(labelled, files):
     assert (len(state.proposed_fills), len(rows())) == (0, 1)
 
 
+def test_what_is_filled_is_not_previewed_any_more(labelled):
+    state = labelled.window_manager.mocap_autolabel
+    choose("RASI")
+    for propose, extent in ((True, "TAKE"), (False, "MARKER")):
+        before = len(state.proposed_fills)
+        assert bpy.ops.mocap_autolabel.fill_gaps(extent=extent, propose=propose) == {"FINISHED"}
+    assert len(state.proposed_fills) == before - len(rows()) > 0
+    assert "RASI" not in {row.name for row in state.proposed_fills}
+
+
 def test_a_dashed_line_lies_on_the_line_and_ends_where_it_does():
     line = np.array([[0.0, 0.0], [10.0, 20.0], [25.0, 20.0]])
     found = ours("ui.graph").dashed(line, 6.0, 4.0)
