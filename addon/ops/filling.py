@@ -6,7 +6,7 @@ from functools import partial
 
 import bpy
 import numpy as np
-from bpy.props import BoolProperty, EnumProperty, IntProperty
+from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 
 from ..core.data.errors import InputError, UserError
 from ..core.data.takes import Blobs
@@ -78,6 +78,7 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, LongWork, bpy.types.Operator):
     """Fill gaps by what the rest of the take says; what was measured stays, and what is filled is marked as such."""
 
     extent: extent_property("Which gaps to fill")
+    markers: once(StringProperty, "Markers", "Names of the markers to fill, a line each; none for the extent")
     propose: once(BoolProperty, "Preview", "Only show the fills, dashed, until Keep Fills or Discard Fills is pressed")
     doing = "Filling gaps"
 
@@ -85,7 +86,8 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, LongWork, bpy.types.Operator):
         settings, stored = context.scene.mocap_autolabel, taken(context)
         frame = stored.index_here(context.scene.frame_current) if self.extent == "GAP" else None
         longest = settings.filling.longest if settings.filling.use_longest else None
-        markers = wanted_markers(context, stored, self.extent)
+        named = tuple(stored.words[name] for name in self.markers.splitlines() if name in stored.words)
+        markers = named or wanted_markers(context, stored, self.extent)
         options = FillOptions(settings.filling.method, longest, markers, frame)
         self._of = context.scene.mocap_autolabel.take.session_uid
         subjects = [subject_of(context, stored, one, options.method) for one in stored.performers]
