@@ -345,7 +345,7 @@ def forget_take(context: bpy.types.Context):
     if settings.source.preview is not None:
         preview, settings.source.preview = settings.source.preview, None
         remove_preview(preview)
-        opened.forget()
+        opened.forget_read()
     settings.source.blobs_path = settings.source.points_path = ""
     settings.source.forced = False
     forget_found(context)

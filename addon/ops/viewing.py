@@ -63,7 +63,7 @@ class MOCAP_AUTOLABEL_OT_clear(Ours, bpy.types.Operator):
         settings = context.scene.mocap_autolabel
         collection, settings.take = settings.take, None
         left = remove_take(collection)
-        opened.forget()
+        opened.forget_read()
         refresh_review(context.window_manager, context.scene)
         if left is not None:
             self.report({"INFO"}, f"What is yours is kept in {left.name}: {persons_in(left) or 'collections'}")

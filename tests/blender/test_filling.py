@@ -69,6 +69,31 @@ def test_a_fill_is_looked_at_before_it_is_kept(labelled, files):
     assert (len(state.proposed_fills), len(rows())) == (0, 1)
 
 
+def test_a_preview_is_there_again_once_keeping_it_is_undone_and_beside_another_take(labelled, files):
+    def listed() -> list[int]:
+        state = bpy.context.window_manager.mocap_autolabel
+        return [len(state.proposed_fills), len(state.fills)]
+
+    bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE", propose=True)
+    bpy.ops.ed.undo_push(message="Previewed")
+    count, _ = listed()
+    bpy.ops.mocap_autolabel.keep_fills()
+    bpy.ops.ed.undo_push(message="Kept")
+    assert listed() == [0, count]
+    bpy.ops.ed.undo()
+    assert listed() == [count, 0]
+    take = bpy.context.scene.mocap_autolabel.take
+    bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "walk.c3d"))
+    bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "walk.c3d"))
+    bpy.context.scene.mocap_autolabel.take = take
+    bpy.context.scene.frame_set(HERE)
+    ours("props").refresh_review(bpy.context.window_manager, bpy.context.scene)
+    assert listed() == [count, 0]
+    bpy.ops.mocap_autolabel.keep_fills()
+    bpy.ops.mocap_autolabel.take_back_fills(extent="TAKE")
+    assert listed() == [0, 0]
+
+
 def test_what_is_filled_is_not_previewed_any_more(labelled):
     state = labelled.window_manager.mocap_autolabel
     choose("RASI")
