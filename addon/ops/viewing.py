@@ -79,18 +79,27 @@ def open_sidebar(context: bpy.types.Context):
     views = [area for area in context.screen.areas if area.type == "VIEW_3D"]
     sidebars = [next(one for one in area.regions if one.type == "UI") for area in views]
     if views and not any(one.width > 1 and one.active_panel_category == TAB for one in sidebars):
-        largest = max(range(len(views)), key=lambda at: views[at].width * views[at].height)
-        views[largest].spaces.active.show_region_ui = True
-        _turn_to_tab(sidebars[largest])
+        largest = max(views, key=lambda area: area.width * area.height)
+        largest.spaces.active.show_region_ui = True
+        _turn_to_tab(context.window, context.screen, list(context.screen.areas).index(largest))
 
 
-def _turn_to_tab(sidebar: bpy.types.Region):
-    """Chooses the tab of a sidebar, which has none before it is drawn."""
+def _turn_to_tab(window: bpy.types.Window, screen: bpy.types.Screen, index: int):
+    """Chooses the tab of the sidebar of an area by its number, which has none before it is drawn.
+
+    All is asked for anew then: an area that is gone would be a place in memory that is something else's.
+    """
+    of_window, of_screen = window.as_pointer(), screen.name
 
     def turn():
-        with suppress(ReferenceError, TypeError):  # the view may be gone by now
-            sidebar.active_panel_category = TAB
-            sidebar.tag_redraw()
+        windows = bpy.context.window_manager.windows
+        shown = next((one.screen for one in windows if one.as_pointer() == of_window), None)
+        if shown is None or shown.name != of_screen or index >= len(shown.areas):
+            return
+        for sidebar in (one for one in shown.areas[index].regions if one.type == "UI"):
+            with suppress(TypeError):  # another editor is there by now
+                sidebar.active_panel_category = TAB
+                sidebar.tag_redraw()
 
     bpy.app.timers.register(turn, first_interval=0.2)
 
