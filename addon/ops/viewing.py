@@ -193,7 +193,9 @@ def fit_graphs(context: bpy.types.Context, first: int, last: int):
     room = np.maximum(GRAPH_ROOM * (upper - lower), [1, 0.01])
     for area in (area for area in context.screen.areas if area.ui_type == "FCURVES"):
         region = window_region(area)
-        ends = [region.view2d.view_to_region(*place, clip=False) for place in (lower - room, upper + room)]
-        with context.temp_override(area=area, region=region):
-            (left, bottom), (right, top) = ends
-            bpy.ops.view2d.zoom_border(xmin=left, xmax=right, ymin=bottom, ymax=top, wait_for_input=False)
+        for _ in range(2):  # whole pixels of a far view are coarse
+            left, bottom = region.view2d.view_to_region(*(lower - room), clip=False)
+            right, top = region.view2d.view_to_region(*(upper + room), clip=False)
+            ends = {"xmin": left, "xmax": max(right, left + 1), "ymin": bottom, "ymax": max(top, bottom + 1)}
+            with context.temp_override(area=area, region=region):
+                bpy.ops.view2d.zoom_border(**ends, wait_for_input=False)

@@ -271,3 +271,17 @@ def test_a_view_that_cannot_be_split_stays(labelled):
     bpy.context.screen.areas[0].type = "PROPERTIES"
     refused("there is no 3D view to split; expected one", "show_graph")
     bpy.ops.screen.back_to_previous()
+
+
+def test_a_graph_shows_just_what_is_meant_from_however_far_before(labelled):
+    area = max(bpy.context.screen.areas, key=lambda area: area.width * area.height)
+    area.ui_type = "FCURVES"
+    region, viewing = area.regions[-1], ours("ops.viewing")
+    choose("LASI")
+    ends = []
+    for reach in (100, 30_000):
+        with bpy.context.temp_override(area=area, region=region):
+            bpy.ops.view2d.zoom_border(xmin=-reach, xmax=reach, ymin=-reach, ymax=reach, wait_for_input=False)
+        viewing.fit_graphs(bpy.context, 110, 115)
+        ends.append([region.view2d.region_to_view(x, 0)[0] for x in (0, region.width)])
+    assert ends == pytest.approx(np.array([[109, 116]] * 2), abs=0.1)
