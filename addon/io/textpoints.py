@@ -165,8 +165,9 @@ def _trc_rows(lines: list[str], begin: int, ended: bool, named: int, path: Path)
         filled = line.rstrip().count("\t") + 1
         if filled > named and (filled - 2) % 3:
             raise InputError(f"has {filled} fields; expected {named}, and three for each point more", path, number)
-        if number == len(lines) and (len(fields) < 3 or (not ended and len(fields) < width)):
-            raise InputError(f"ends in the middle of a row; expected {max(width, named)} fields", path, number)
+        # What is behind the named points has no length of its own.
+        if number == len(lines) and (len(fields) < 3 or (not ended and len(fields) < min(width, named))):
+            raise InputError(f"ends in the middle of a row; expected {named} fields", path, number)
         width = len(fields)
         yield number, fields
     if not width:
@@ -184,23 +185,21 @@ def _trc_labels(line: str, promised: str, rows: list[str]) -> list[str]:
 
     The format has a name above the first of a marker's three columns. Other programs put one tab or two behind a name,
     a name above each column (`LASI_x`, `LASI_y`, `LASI_z`), or a space before the first; then it is the number of the
-    names that has to fit NumMarkers and the rows.
+    names that has to fit NumMarkers or the rows.
     """
     fields = [field.strip() for field in line.rstrip("\t ").split("\t")]
     if len(fields) > 1 and fields[1].lower().startswith("time "):
         fields[1:2] = fields[1].split(None, 1)
     labels = fields[2:]
     names = [label for label in labels if label]
-    stated = count_in(promised)
-    width = max(((len(row.rstrip().split("\t")) if row.strip() else 0) for row in rows[:WIDTH_ROWS]), default=0)
-    count = max(stated, -((2 - width) // 3))
-    if count == len(names):
-        return names
+    if not any(label for at, label in enumerate(labels) if at % 3):
+        return labels[::3]
     stems = [name[:-1].rstrip("_. ") for name in names]
     axes = "".join(name[-1].lower() for name in names)
-    if len(names) == 3 * count and axes == "xyz" * count and stems[::3] == stems[1::3] == stems[2::3] and all(stems):
+    stated, each = count_in(promised), len(names) // 3
+    if stated != len(names) and axes == "xyz" * each and all(stems) and stems[::3] == stems[1::3] == stems[2::3]:
         return stems[::3]
-    return labels[::3]
+    return names if len(names) in (stated, *map(_trc_points, rows[:WIDTH_ROWS])) else labels[::3]
 
 
 def _trc_number(text: str | None, what: str, path: Path) -> float:

@@ -8,6 +8,7 @@ other labs are made by ../shared/tools/peers/strangers.py into the folder of mod
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice, permutations
@@ -278,7 +279,33 @@ def taught(files: list[Path]) -> Model:
     return whole_takes.learned("own", known, markers)
 
 
-def _of_other_lab(place: Path, model: Model) -> Outcome:
+def of_parts(keep: Path) -> Iterator[Trial]:
+    """The strangers of Plug-in Gait with a part of the body alone, or without one."""
+    model = open_model("body39")
+    leg = {f"{side}{name}" for side in "LR" for name in ("THI", "KNE", "TIB", "ANK", "HEE", "TOE")}
+    arm = {f"{side}{name}" for side in "LR" for name in ("UPA", "ELB", "FRM", "WRA", "WRB", "FIN")}
+    pelvis, head, every = (
+        {"LASI", "RASI", "LPSI", "RPSI"},
+        {"LFHD", "RFHD", "LBHD", "RBHD"},
+        set(model.markerset.markers),
+    )
+    parts = {
+        "pelvis and legs": leg | pelvis,
+        "pelvis and left leg": {name for name in leg if name[0] == "L"} | pelvis,
+        "all but pelvis and legs": every - leg - pelvis,
+        "all but legs": every - leg,
+        "all but arms": every - arm,
+        "all but the head": every - head,
+        "head and trunk": every - leg - arm - pelvis,
+    }
+    for trial in of_other_labs("plugin_gait", keep):
+        if trial.take != "btk_two_sets":
+            place = keep / "strangers" / "plugin_gait" / trial.take
+            for part, worn in parts.items():
+                yield Trial("strangers in part", f"{trial.take} {part}", partial(_of_other_lab, place, model, worn))
+
+
+def _of_other_lab(place: Path, model: Model, worn: AbstractSet[str] | None = None) -> Outcome:
     points, index = read_points(place / "cloud.c3d"), {name: at for at, name in enumerate(model.markerset.markers)}
     rows = [line.split(",") for line in (place / "truth.csv").read_text(encoding="utf-8").splitlines()[1:]]
     # A piece is one marker's for as long as it lasts.
@@ -287,6 +314,9 @@ def _of_other_lab(place: Path, model: Model) -> Outcome:
     frame, lane = np.nonzero(points.present)
     truth = np.full(points.xyz.shape[:2], -1)
     truth[frame, lane] = of_column[points.numbers(points.standing.at(frame, lane))]
+    if worn is not None:
+        away = np.isin(truth, [at for name, at in index.items() if name not in worn])
+        points, truth = replace(points, xyz=np.where(away[..., None], np.nan, points.xyz)), np.where(away, -1, truth)
     return labelled_points(points, truth, model)
 
 
@@ -322,4 +352,5 @@ def registry(keep: Path) -> dict[str, Callable[[], Iterator[Trial]]]:
     found["blobs real"] = partial(recorded, keep)
     for kind in ("plugin_gait", "still", "plates", "animal_hand"):
         found[f"strangers {kind}"] = partial(of_other_labs, kind, keep)
+    found["strangers in part"] = partial(of_parts, keep)
     return found

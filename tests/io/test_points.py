@@ -248,6 +248,9 @@ def test_trc_heads_of_other_programs(tmp_path, head, promised):
     xyz, _ = dense(take.frames, 3, take.parts())
     np.testing.assert_array_equal(xyz[0], np.arange(1, 10).reshape(3, 3))
     np.testing.assert_array_equal(np.isnan(xyz[1, :, 0]), [False, True, False])
+    if promised == "3":  # and with two points more, which nobody named
+        path.write_text(path.read_text().replace("7\t8\t9", "7\t8\t9\t1\t1\t1\t2\t2\t2", 1).rstrip())
+        assert read_trc(path).labels == ["A", "B b", "C", "", ""]
 
 
 @pytest.mark.parametrize("named", [0, 2])

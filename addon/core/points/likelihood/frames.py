@@ -11,7 +11,7 @@ from ...data.takes import BY_LIKELIHOOD, Labels
 from .assembling import assemble
 from .calibration import chance, features, kinds, log_odds
 from .model import Known, Likelihood
-from .naming import is_crowded, is_half, put_rows, rows_of
+from .naming import is_crowded, put_rows, rows_of
 from .solving import Solved, solve
 from .starts import START_YAWS, Guesses, guess
 
@@ -87,35 +87,32 @@ def solve_frames(known: Known, points: np.ndarray) -> Solved:
     """The best naming of frames of points (F, P, 3) m, NaN where there is none; by rigid bodies if the set has them."""
     if known.rigid_bodies is not None:
         return assemble(known.rigid_bodies, points)
-    there = np.isfinite(points[..., 0])
-    crowded, half = is_crowded(known.fine, there), is_half(known.fine, there)
+    crowded = is_crowded(known.fine, np.isfinite(points[..., 0]))
     solved = Solved.none(len(points), len(known.fine))
-    # Apart, so that what is in other frames changes nothing in one. Half of a tall person is much like a short one.
-    for some, guesses, sizes in (
-        (~crowded & ~half, GUESSES, (1.0,)),
-        (crowded, MORE_GUESSES, (1.0,)),
-        (half, MORE_GUESSES, known.constraints.usual_sizes),
+    # Apart, so that what is in other frames changes nothing in one.
+    for rows, guesses, part in (
+        (np.flatnonzero(~crowded), GUESSES, True),
+        (np.flatnonzero(crowded), MORE_GUESSES, False),
     ):
-        rows = np.flatnonzero(some)
         if not len(rows):
             continue
-        put_rows(solved, _solved(known, points[rows], guesses, sizes=sizes), rows)
+        put_rows(solved, _solved(known, points[rows], guesses), rows)
         doubtful = rows[solved.mean_square[rows] > FRAME_NAMING.max_mean_square]
         if len(doubtful):
-            again = _solved(known, points[doubtful], MORE_GUESSES, np.pi / START_YAWS)
+            again = _solved(known, points[doubtful], MORE_GUESSES, np.pi / START_YAWS, part)
             better = again.score > solved.score[doubtful]
             put_rows(solved, rows_of(again, better), doubtful[better])
     return solved
 
 
-def _solved(
-    known: Known, points: np.ndarray, guesses: int, first: float = 0.0, sizes: tuple[float, ...] = (1.0,)
-) -> Solved:
+def _solved(known: Known, points: np.ndarray, guesses: int, first: float = 0.0, part: bool = False) -> Solved:
     """The best naming that any of so many guesses leads to, the first of them looked for from the yaw `first`, rad.
 
-    As many are followed of a subject of each of the `sizes`, 1 the mean.
+    Where the points may be of a `part` of the subject, as many are followed of small and of large people each: a part
+    of somebody tall is much like all of somebody short.
     """
-    found = [guess(known.coarse, known.fine, points / size, guesses, first).sized(size) for size in sizes]
+    sizes = known.constraints.usual_sizes if part else (1.0,)
+    found = [guess(known.coarse, known.fine, points / size, guesses, first, part).sized(size) for size in sizes]
     return solve(known.fine, known.constraints, known.exchanges, Guesses.join(found), np.isfinite(points[..., 0]))
 
 

@@ -174,11 +174,6 @@ def is_crowded(model: Latent, present: np.ndarray) -> np.ndarray:
     return present.sum(axis=1) > len(model) + GHOSTS_EXPECTED.max_usual
 
 
-def is_half(model: Latent, present: np.ndarray) -> np.ndarray:
-    """(N,) whether frames of points present (N, P) show half of a body: twice as many markers are hidden as usual."""
-    return present.sum(axis=1) < (1 - 2 * GHOSTS_EXPECTED.hidden_chance) * len(model)
-
-
 def shared_of(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """(..., 3, 3) m², what two markers' expected positions share, of the halves (..., 3, L) that `Settled` keeps."""
     return one @ other.swapaxes(-1, -2)

@@ -15,7 +15,7 @@ import numpy as np
 from ...geometry.upright import best_yaw, turned
 from ...kernels import point_calls, stands_for
 from .latent import FIRST_MODE, Latent, yaw_absorbed
-from .naming import crowd_density, is_crowded, is_half
+from .naming import crowd_density, is_crowded
 
 TWIN = 1e6  # what takes a solution out of the choice
 
@@ -84,14 +84,17 @@ class Guesses:
         return replace(self, points=self.points * size)
 
 
-def guess(coarse: Latent, fine: Latent, points: np.ndarray, kept: int, first: float = 0.0) -> Guesses:
+def guess(
+    coarse: Latent, fine: Latent, points: np.ndarray, kept: int, first: float = 0.0, part: bool = False
+) -> Guesses:
     """Soft solutions for frames of points (F, P, 3) m, NaN where there is none.
 
-    `kept` are followed to the end, of those that start from yaws all around, the first of them as given, rad.
+    `kept` are followed to the end, of those that start from yaws all around, the first of them as given, rad. The
+    points may be of a `part` of the subject alone, such as the legs.
     """
     frames, count = points.shape[:2]
     present = np.isfinite(points[..., 0])
-    middle = _middles(coarse, points, present)
+    middle = _middles(coarse, points, present, part)
     places = middle.shape[1]
     centred = np.where(present[:, None, :, None], points[:, None] - middle[:, :, None], 0)
     yaws = np.tile(first + 2 * np.pi / START_YAWS * np.arange(START_YAWS), places)
@@ -113,19 +116,21 @@ def guess(coarse: Latent, fine: Latent, points: np.ndarray, kept: int, first: fl
     return Guesses(around[rows], share[rows])
 
 
-def _middles(model: Latent, points: np.ndarray, present: np.ndarray) -> np.ndarray:
+def _middles(model: Latent, points: np.ndarray, present: np.ndarray, part: bool) -> np.ndarray:
     """(F, S, 3) m where the subject's middle may be.
 
-    That of all points or, where they are many more than the markers or those of half a body, also that of the lowest
+    That of all points or, where they are many more than the markers or of a `part` of them, also that of the lowest
     and of the highest part of the cloud as high as the subject.
     """
-    middle = _mean(points, present)
-    if not (is_crowded(model, present) | is_half(model, present)).any():
+    middle, height = _mean(points, present), model.mean[:, 2]
+    if part:
+        halves = [height[height < 0].mean(), 0.0, height[height > 0].mean()]
+        return np.stack([middle - np.array([0.0, 0.0, half]) for half in halves], axis=1)
+    if not is_crowded(model, present).any():
         return middle[:, None]
-    low, high = model.mean[:, 2].min(), model.mean[:, 2].max()
-    height = points[..., 2]
-    floor = np.where(present, height, np.inf).min(axis=1, keepdims=True)
-    top = np.where(present, height, -np.inf).max(axis=1, keepdims=True)
+    low, high = height.min(), height.max()
+    height = np.where(present, points[..., 2], np.nan)
+    floor, top = np.nanmin(height, axis=1, keepdims=True), np.nanmax(height, axis=1, keepdims=True)
     below = _mean(points, present & (height <= floor + (high - low)))
     above = _mean(points, present & (height >= top - (high - low)))
     below[:, 2], above[:, 2] = floor[:, 0] - low, top[:, 0] - high

@@ -54,17 +54,15 @@ def named(likelihood, trial, target=0.99):
 @pytest.mark.parametrize("legs", [True, False])
 @pytest.mark.parametrize("size", [1.0, 1.1])
 def test_half_a_body_is_named_of_a_tall_person_too(legs, size):
-    """Its middle is not the cloud's, and a larger half is much like a smaller whole."""
-    model = open_model("body39")
+    """Among ghosts; its middle is not the cloud's, and a larger half is much like a smaller whole."""
+    model, generator = open_model("body39"), np.random.default_rng(1)
     below = {f"{side}{name}" for side in "LR" for name in ("ASI", "PSI", "THI", "KNE", "TIB", "ANK", "HEE", "TOE")}
-    head = {name for name in model.markerset.markers if name.endswith("HD")}
-    worn = np.array(
-        [at for at, name in enumerate(model.markerset.markers) if (name in below) is legs and name not in head]
-    )
-    generator = np.random.default_rng(1)
+    worn = np.array([at for at, name in enumerate(model.markerset.markers) if (name in below) is legs])
     points = np.repeat(size * model.likelihood.shape.mean[None, worn] + np.array([1.0, 2.0, 0.9]), 12, axis=0)
-    points = turned(points, generator.uniform(-np.pi, np.pi, 12)) + generator.normal(0, 0.01, points.shape)
-    np.testing.assert_array_equal(label_some(model.likelihood, points).marker, np.tile(worn, (12, 1)))
+    ghosts = points.mean(axis=(0, 1)) + generator.normal(0, 0.6, (12, 4 * legs, 3))
+    points = turned(np.concatenate([points, ghosts], axis=1), generator.uniform(-np.pi, np.pi, 12))
+    given = label_some(model.likelihood, points + generator.normal(0, 0.01, points.shape)).marker[:, : len(worn)]
+    assert (given == worn).mean() > 0.95
 
 
 def test_a_stranger_is_named_with_markers_hidden_and_ghosts_about_and_none_twice_in_a_frame(likelihood):
