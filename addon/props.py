@@ -744,7 +744,7 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     rows = [(words_of(edit, shift), counted_on(outcome.reason, shift)) for edit, outcome in edits]
     list_rows(state, "corrections", "name idle", rows)
     list_fills(state, "fills", stored.fills, stored.unfit, shift)
-    proposed = opened.proposed_of(collection)
+    proposed = opened.proposed_of(collection, scene)
     list_fills(state, "proposed_fills", proposed, [""] * len(proposed), shift)
 
 

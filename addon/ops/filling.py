@@ -6,7 +6,7 @@ from functools import partial
 
 import bpy
 import numpy as np
-from bpy.props import BoolProperty, EnumProperty, IntProperty
+from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 
 from ..core.data.errors import InputError, UserError
 from ..core.data.takes import Blobs
@@ -78,6 +78,7 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, LongWork, bpy.types.Operator):
     """Fill gaps by what the rest of the take says; what was measured stays, and what is filled is marked as such."""
 
     extent: extent_property("Which gaps to fill")
+    markers: once(StringProperty, "Markers", "Names of the markers to fill, a line each; none for the extent")
     propose: once(BoolProperty, "Preview", "Only show the fills, dashed, until Keep Fills or Discard Fills is pressed")
     doing = "Filling gaps"
 
@@ -85,7 +86,8 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, LongWork, bpy.types.Operator):
         settings, stored = context.scene.mocap_autolabel, taken(context)
         frame = stored.index_here(context.scene.frame_current) if self.extent == "GAP" else None
         longest = settings.filling.longest if settings.filling.use_longest else None
-        markers = wanted_markers(context, stored, self.extent)
+        named = tuple(stored.words[name] for name in self.markers.splitlines() if name in stored.words)
+        markers = named or wanted_markers(context, stored, self.extent)
         options = FillOptions(settings.filling.method, longest, markers, frame)
         self._of = context.scene.mocap_autolabel.take.session_uid
         subjects = [subject_of(context, stored, one, options.method) for one in stored.performers]
@@ -100,8 +102,10 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, LongWork, bpy.types.Operator):
             raise InputError("there is no gap to fill; expected a marker that is missing, and seen elsewhere")
         new = kept_fills_of(filled, stored.names, stored.motion.frames)
         if new and self.propose:
-            propose(context, new)
+            opened.propose(settings.take, new)
+            _show_proposed(context)
         elif new:
+            opened.drop_proposed(settings.take, new)
             keep_and_show(context, partial(keep_fills, fills=replaced_fills(stored.fitting, new)))
         # The gaps that were left, with the reasons; frames are Blender's.
         left = left_rows(filled.left, stored.names, int(stored.motion.frames[0]) + stored.shift)
@@ -151,17 +155,15 @@ def outcome_of(filled: FilledTake, new: Sequence[KeptFill]) -> str:
     return words
 
 
-def propose(context: bpy.types.Context, fills: Sequence[KeptFill]):
-    """Shows fills of the active take that are not kept yet, in place of those before."""
-    opened.propose(context.scene.mocap_autolabel.take, fills)
-    refresh_review(context.window_manager, context.scene)
-    redraw("VIEW_3D")
-
-
 def proposed(context: bpy.types.Context) -> tuple[KeptFill, ...]:
     """The fills of the active take, if there is one, that are shown and not kept yet."""
     take = context.scene.mocap_autolabel.take
-    return opened.proposed_of(take) if is_take(take) else ()
+    return opened.proposed_of(take, context.scene) if is_take(take) else ()
+
+
+def _show_proposed(context: bpy.types.Context):
+    refresh_review(context.window_manager, context.scene)
+    redraw("VIEW_3D")
 
 
 class OfProposed(OfTake):
@@ -170,22 +172,22 @@ class OfProposed(OfTake):
     needs = (*OfTake.needs, unless(proposed, "No fill is previewed"))
     index: once(IntProperty, "Index", "Which of the list alone, from 0; -1 for all", default=-1)
 
-    def parted(self, context) -> tuple[list[KeptFill], list[KeptFill]]:
-        """The fills that are meant, and the others; InputError where none is."""
+    def meant(self, context) -> list[KeptFill]:
+        """The fills that are meant; InputError where there is none."""
         shown = proposed(context)
         meant = [fill for number, fill in enumerate(shown) if self.index in (-1, number)]
         if not meant:
             raise InputError(f"there is no fill {self.index + 1}; expected one of the {len(shown)} that are previewed")
-        return meant, [fill for fill in shown if fill not in meant]
+        return meant
 
 
 class MOCAP_AUTOLABEL_OT_keep_fills(OfProposed, bpy.types.Operator):
     """Fill the gaps as the preview shows it."""
 
     def work(self, context):
-        meant, others = self.parted(context)
-        keep_and_show(context, partial(keep_fills, fills=replaced_fills(taken(context).fitting, meant)))
-        propose(context, others)
+        fills = replaced_fills(taken(context).fitting, self.meant(context))
+        keep_and_show(context, partial(keep_fills, fills=fills))
+        redraw("VIEW_3D")
 
 
 class MOCAP_AUTOLABEL_OT_discard_fills(OfProposed, bpy.types.Operator):
@@ -194,7 +196,8 @@ class MOCAP_AUTOLABEL_OT_discard_fills(OfProposed, bpy.types.Operator):
     bl_options = {"REGISTER"}  # nothing of the file is changed
 
     def work(self, context):
-        propose(context, self.parted(context)[1])
+        opened.drop_proposed(context.scene.mocap_autolabel.take, self.meant(context))
+        _show_proposed(context)
 
 
 class MOCAP_AUTOLABEL_OT_take_back_fills(OfTake, bpy.types.Operator):
@@ -219,6 +222,7 @@ class MOCAP_AUTOLABEL_OT_take_back_fills(OfTake, bpy.types.Operator):
         if not gone:
             raise InputError("nothing that was filled is there; expected a filled gap")
         left = [fill for number, fill in enumerate(stored.fills) if number not in gone]
+        opened.drop_proposed(context.scene.mocap_autolabel.take, [stored.fills[number] for number in gone])
         keep_and_show(context, partial(keep_fills, fills=left))
         self.report({"INFO"}, f"{len(gone)} fills taken back")
 

@@ -264,21 +264,28 @@ def look_who_is_there(context: bpy.types.Context):
     if bpy.app.background or subjects.markerset != AUTO_MODEL or subjects.performing == "LISTED":
         return
     if context.window_manager.mocap_autolabel.doing:
-        if not bpy.app.timers.is_registered(_look_when_free):
-            bpy.app.timers.register(_look_when_free, first_interval=LOOK_AGAIN)
+        _waiting[:] = [context.scene.session_uid]
+        if not bpy.app.timers.is_registered(look_when_free):
+            bpy.app.timers.register(look_when_free, first_interval=LOOK_AGAIN)
     elif find.poll():
         with suppress(RuntimeError):  # Label says the same
             find("INVOKE_DEFAULT")
 
 
-def _look_when_free() -> float | None:
-    """Looks at what was opened while something went on, once that is done; Label may have looked meanwhile."""
-    manager, settings = bpy.context.window_manager, bpy.context.scene.mocap_autolabel
+_waiting: list[int] = []  # the scene in which a take was opened while something went on
+
+
+def look_when_free() -> float | None:
+    """Looks at what was opened while something went on, once that is done; Label may have looked meanwhile; a timer."""
+    manager = bpy.context.window_manager
     if manager.mocap_autolabel.doing:
         return LOOK_AGAIN
-    if opened_file(settings.source) and not settings.subjects.found:
-        with bpy.context.temp_override(window=manager.windows[0]):
-            look_who_is_there(bpy.context)
+    window = next((window for window in manager.windows if window.scene.session_uid in _waiting), None)
+    if window is not None:
+        settings = window.scene.mocap_autolabel
+        if opened_file(settings.source) and not settings.subjects.found:
+            with bpy.context.temp_override(window=window):
+                look_who_is_there(bpy.context)
     return None
 
 
@@ -345,7 +352,7 @@ def forget_take(context: bpy.types.Context):
     if settings.source.preview is not None:
         preview, settings.source.preview = settings.source.preview, None
         remove_preview(preview)
-        opened.forget()
+        opened.forget_read()
     settings.source.blobs_path = settings.source.points_path = ""
     settings.source.forced = False
     forget_found(context)

@@ -144,7 +144,7 @@ class WatchedStream:
         rig, body = context.scene.mocap_autolabel.live.rig, self.body
         number = 0 if rig is None else rig.session_uid
         if number != self._moving:
-            self._leave_rig()
+            self.leave_rig()
             self._moving = number
         if rig is None or body is None or self._trouble or rig.mode == "EDIT":
             return
@@ -157,15 +157,16 @@ class WatchedStream:
         except UserError as error:
             self._trouble = f"; {written(str(error))}"
 
-    def _leave_rig(self):
+    def leave_rig(self):
+        """Puts the rig that moves back as it was; another try is due."""
         if self._rig is not None:
             self._rig.leave()
         self._rig, self._trouble = None, ""
 
     def leave(self):
         """Lets it end, and forgets it."""
-        self._leave_rig()
-        self._kept.close()
+        with self._kept:
+            self.leave_rig()
 
 
 # The stream that goes on, what became of the last one, and the latest recording with the markers that it was named by.
@@ -184,7 +185,11 @@ def follow_live() -> float | None:
     if not _going:
         return None
     stream = _going[0]
-    found = stream.look()
+    try:
+        found = stream.look()
+    except Exception:  # the program's fault: without this timer nothing else would end the stream
+        leave_live()
+        raise
     if found is None:
         return SHOWN_EVERY
     leave_live()
@@ -193,6 +198,12 @@ def follow_live() -> float | None:
         _take_in(stream)
     redraw("VIEW_3D")
     return None
+
+
+def rest_rig():
+    """Puts the rig that moves back as it is in the file; the next frame moves it again."""
+    for stream in _going:
+        stream.leave_rig()
 
 
 def _take_in(stream: WatchedStream):

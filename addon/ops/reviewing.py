@@ -177,4 +177,6 @@ class MOCAP_AUTOLABEL_OT_mend_trouble(OfTrouble, bpy.types.Operator):
             raise InputError("nothing does that by itself; expected a person to look")
         show(context, trouble)
         name, _, given = BUTTONS[trouble.action]
+        if trouble.action == FILL:  # even where these are hidden and cannot be selected
+            given = given | {"markers": "\n".join(trouble.markers)}
         return getattr(bpy.ops.mocap_autolabel, name)("INVOKE_DEFAULT", **given)

@@ -63,7 +63,7 @@ class MOCAP_AUTOLABEL_OT_clear(Ours, bpy.types.Operator):
         settings = context.scene.mocap_autolabel
         collection, settings.take = settings.take, None
         left = remove_take(collection)
-        opened.forget()
+        opened.forget_read()
         refresh_review(context.window_manager, context.scene)
         if left is not None:
             self.report({"INFO"}, f"What is yours is kept in {left.name}: {persons_in(left) or 'collections'}")
@@ -79,18 +79,27 @@ def open_sidebar(context: bpy.types.Context):
     views = [area for area in context.screen.areas if area.type == "VIEW_3D"]
     sidebars = [next(one for one in area.regions if one.type == "UI") for area in views]
     if views and not any(one.width > 1 and one.active_panel_category == TAB for one in sidebars):
-        largest = max(range(len(views)), key=lambda at: views[at].width * views[at].height)
-        views[largest].spaces.active.show_region_ui = True
-        _turn_to_tab(sidebars[largest])
+        largest = max(views, key=lambda area: area.width * area.height)
+        largest.spaces.active.show_region_ui = True
+        _turn_to_tab(context.window, context.screen, list(context.screen.areas).index(largest))
 
 
-def _turn_to_tab(sidebar: bpy.types.Region):
-    """Chooses the tab of a sidebar, which has none before it is drawn."""
+def _turn_to_tab(window: bpy.types.Window, screen: bpy.types.Screen, index: int):
+    """Chooses the tab of the sidebar of an area by its number, which has none before it is drawn.
+
+    All is asked for anew then: an area that is gone would be a place in memory that is something else's.
+    """
+    of_window, of_screen = window.as_pointer(), screen.name
 
     def turn():
-        with suppress(ReferenceError, TypeError):  # the view may be gone by now
-            sidebar.active_panel_category = TAB
-            sidebar.tag_redraw()
+        windows = bpy.context.window_manager.windows
+        shown = next((one.screen for one in windows if one.as_pointer() == of_window), None)
+        if shown is None or shown.name != of_screen or index >= len(shown.areas):
+            return
+        for sidebar in (one for one in shown.areas[index].regions if one.type == "UI"):
+            with suppress(TypeError):  # another editor is there by now
+                sidebar.active_panel_category = TAB
+                sidebar.tag_redraw()
 
     bpy.app.timers.register(turn, first_interval=0.2)
 
@@ -147,17 +156,29 @@ class MOCAP_AUTOLABEL_OT_show_graph(WithTake, bpy.types.Operator):
     bl_options = {"REGISTER"}
 
     def work(self, context):
-        areas = list(context.screen.areas) if context.screen else []
-        views = [area for area in areas if area.type == "VIEW_3D"]
-        if not any(area.ui_type == "FCURVES" for area in areas) and views:
-            view = max(views, key=lambda area: area.width * area.height)
-            with context.temp_override(area=view, region=window_region(view)):
-                bpy.ops.screen.area_split(direction="HORIZONTAL", factor=GRAPH_SHARE)
-            parts = [view, *(area for area in context.screen.areas if area not in areas)]
-            graph = min(parts, key=lambda area: area.y)
-            graph.ui_type, graph.spaces.active.show_region_ui = "FCURVES", False
+        if not any(area.ui_type == "FCURVES" for area in context.screen.areas):
+            _add_graph(context)
         frames = taken(context).motion.frames
         fit_graphs(context, int(frames[0]), int(frames[-1]))
+
+
+def _add_graph(context: bpy.types.Context):
+    """Splits the largest 3D view; InputError, and the views as they were, where that cannot be."""
+    areas = list(context.screen.areas)
+    view = max(
+        (area for area in areas if area.type == "VIEW_3D"), key=lambda area: area.width * area.height, default=None
+    )
+    if view is None:
+        raise InputError("there is no 3D view to split; expected one, or a Graph Editor")
+    with context.temp_override(area=view, region=window_region(view)):
+        if not bpy.ops.screen.area_split.poll():
+            raise InputError("a maximized view cannot be split; expected it restored, with Ctrl Space")
+        bpy.ops.screen.area_split(direction="HORIZONTAL", factor=GRAPH_SHARE)
+    new = [area for area in context.screen.areas if area not in areas]
+    if not new:
+        raise InputError("the 3D view is too small to split; expected it larger, or a Graph Editor")
+    graph = min([view, *new], key=lambda area: area.y)
+    graph.ui_type, graph.spaces.active.show_region_ui = "FCURVES", False
 
 
 def fit_graphs(context: bpy.types.Context, first: int, last: int):
@@ -172,7 +193,9 @@ def fit_graphs(context: bpy.types.Context, first: int, last: int):
     room = np.maximum(GRAPH_ROOM * (upper - lower), [1, 0.01])
     for area in (area for area in context.screen.areas if area.ui_type == "FCURVES"):
         region = window_region(area)
-        ends = [region.view2d.view_to_region(*place, clip=False) for place in (lower - room, upper + room)]
-        with context.temp_override(area=area, region=region):
-            (left, bottom), (right, top) = ends
-            bpy.ops.view2d.zoom_border(xmin=left, xmax=right, ymin=bottom, ymax=top, wait_for_input=False)
+        for _ in range(2):  # whole pixels of a far view are coarse
+            left, bottom = region.view2d.view_to_region(*(lower - room), clip=False)
+            right, top = region.view2d.view_to_region(*(upper + room), clip=False)
+            ends = {"xmin": left, "xmax": max(right, left + 1), "ymin": bottom, "ymax": max(top, bottom + 1)}
+            with context.temp_override(area=area, region=region):
+                bpy.ops.view2d.zoom_border(**ends, wait_for_input=False)

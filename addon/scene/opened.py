@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Takes and blobs read out of the file, kept at hand so that drawing a frame reads nothing twice."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from ..core.data.takes import PointRows
 from ..core.edits.blob_tracks import BlobTracks
 from ..core.edits.kinds import Edits
-from ..core.filling.kept import KeptFill
+from ..core.filling.kept import KeptFill, fills_beside
 from ..core.filling.smoothing import smoothed
 from . import cameras as scene_cameras
 from .corrections import Correcting, kept_edits, kept_text, text_of
@@ -92,9 +92,19 @@ class Opened:
         """Lets fills of a take be looked at, in place of those before."""
         self.proposed[_number_of(collection)] = tuple(fills)
 
-    def proposed_of(self, collection: bpy.types.Collection) -> tuple[KeptFill, ...]:
-        """The fills of a take that are looked at; none once other labels are in their place."""
-        return self.proposed.get(_number_of(collection), ())
+    def drop_proposed(self, collection: bpy.types.Collection, fills: Sequence[KeptFill]):
+        """Lets go of the fills of a take that are looked at and meet some of these, which may be their own."""
+        key = _number_of(collection)
+        self.proposed[key] = tuple(fills_beside(self.proposed.get(key, ()), fills))
+
+    def proposed_of(self, collection: bpy.types.Collection, scene: bpy.types.Scene) -> tuple[KeptFill, ...]:
+        """The fills of a take that are looked at; none once other labels are in their place.
+
+        Those that are kept are not among them, and are again once that is undone.
+        """
+        proposed = self.proposed.get(_number_of(collection), ())
+        kept = {_words_of(fill) for fill in self.take(collection, scene).fills} if proposed else ()
+        return tuple(fill for fill in proposed if _words_of(fill) not in kept)
 
     def rows_of(self, stored: Stored, point: int) -> np.ndarray:
         """The rows of a trajectory of a take of points, in the order of the frames."""
@@ -124,9 +134,20 @@ class Opened:
         return self.stored[key]
 
     def forget(self):
-        """Lets go of everything: another file was loaded, something was undone, or the extension ends."""
-        for kept in vars(self).values():
-            kept.clear()
+        """Lets go of everything: another file was loaded, or the extension ends."""
+        self.forget_read()
+        self.proposed.clear()
+
+    def forget_read(self):
+        """Lets go of all that the file has, too: another take is in the place of one."""
+        for name, kept in vars(self).items():
+            if name != "proposed":
+                kept.clear()
+
+
+def _words_of(fill: KeptFill) -> tuple:
+    """What tells a fill from others, which the file keeps."""
+    return fill.marker, fill.first, fill.last, fill.method, f"{fill.expected:.6g}"
 
 
 def _number_of(collection: bpy.types.Collection) -> int:

@@ -57,7 +57,7 @@ def show_again(context: bpy.types.Context, take: Take, whole: bool) -> bpy.types
             remove_take(collection)
     shown = show_take(context, take, place)
     put_in_place(former, shown)
-    opened.forget()
+    opened.forget_read()
     shown.hide_viewport = False
     if found is not None:
         keep_changes(shown, found)

@@ -5,7 +5,8 @@ Blender itself is asked what carries each bone: all are turned at once, and what
 So constraints, drivers and bones in between count as they are.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import bpy
@@ -27,6 +28,8 @@ SWITCHES = {"IK_FK": 1.0, "ik_fk_switch": 1.0, "FK_limb_follow": 0.0, "neck_foll
 NEEDED_PARTS = ("hips", "thigh.L", "thigh.R", "shank.L", "shank.R")
 PROBE_TURN, PROBE_STEP = 0.5, 0.9  # rad by which bones are turned to see what follows them, and between their axes
 SAME_SCALE = 1.001  # of the axes of a rig that is scaled evenly
+LEAST_STEP = 1e-4  # that a bone goes at least where it is put one further; less is none
+BONE_CHANNELS = "location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale"
 
 
 def rest_bones(rig: bpy.types.Object) -> RestBones:
@@ -60,14 +63,14 @@ def retarget_take(
     there = np.isfinite(joints).all(axis=(1, 2))
     if not there.any():
         raise InputError(f"{stored.name} has nobody in any frame; expected a take in which the body was found")
-    action = _own_action(rig, collection, stored.name)
     ready = ReadyRig.of(context, rig, bones, place)
+    action = _own_action(rig, collection, stored.name)
     motion = joints[there], rotated[there]
     moved = retarget(body.character, motion, stored.rate, ready.rest, feet, hands)
     bag, frames = animation.bind(rig, action), body.frames[there]
     for bone, channel, values in ready.channels(*moved):
         animation.key(bag, bone_path(bone, channel), frames, values, bone)
-    for bone, name, _ in ready.switched:
+    for bone, name, _ in ready.before.switched:
         path = f'{bone_path(bone, "")[:-1]}["{name}"]'
         animation.key(bag, path, frames[:1], np.array([[SWITCHES[name]]]), bone)
     sign(action, _role(rig, stored.name), collection)
@@ -89,7 +92,42 @@ def checked(
     sizes = np.linalg.norm(place[:3, :3], axis=0)
     if np.linalg.det(place[:3, :3]) <= 0 or sizes.max() > SAME_SCALE * sizes.min():
         raise InputError(f"{rig.name} is mirrored or scaled unevenly; expected its scale applied, with Ctrl A")
+    if rig.animation_data is not None and rig.animation_data.use_tweak_mode:
+        raise InputError(f"a strip of {rig.name} is in tweak mode; expected you to leave that, with Tab in the editor")
     return bones, place
+
+
+@dataclass(frozen=True)
+class KeptPose:
+    """What bones of a rig had before it was readied.
+
+    channels  of each of the bones, the values of `BONE_CHANNELS`
+    switched  bones and properties that are switched, with what they were
+    shown     its pose position
+    """
+
+    channels: dict[str, list]
+    switched: list[tuple[str, str, float]]
+    shown: str
+
+    @classmethod
+    def of(cls, rig: bpy.types.Object, names: Iterable[str]) -> "KeptPose":
+        """That of the bones of these names."""
+        channels = {name: [getattr(rig.pose.bones[name], one)[:] for one in BONE_CHANNELS] for name in names}
+        bones = rig.pose.bones
+        switched = [(bone.name, name, bone[name]) for bone in bones for name in SWITCHES.keys() & bone.keys()]
+        return cls(channels, switched, rig.data.pose_position)
+
+    def put_back(self, rig: bpy.types.Object):
+        """Puts the rig back as it was; what else somebody posed meanwhile stays."""
+        for name in self.channels.keys() & rig.pose.bones.keys():
+            for channel, value in zip(BONE_CHANNELS, self.channels[name], strict=True):
+                setattr(rig.pose.bones[name], channel, value)
+        for bone, name, value in self.switched:
+            if bone in rig.pose.bones:
+                rig.pose.bones[bone][name] = value
+        rig.data.pose_position = self.shown
+        rig.update_tag()
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +141,7 @@ class ReadyRig:
     axes      (3, 3) of a character in its own, and
     matrices  (C, 4, 4) its bones at rest in its own
     steps     (3, 3) how far the first one goes there for a unit of each of its location's channels
-    switched  bones and properties that were switched, with what they were
+    before    what those bones had
     """
 
     bones: tuple[str, ...]
@@ -113,24 +151,37 @@ class ReadyRig:
     axes: np.ndarray
     matrices: np.ndarray
     steps: np.ndarray
-    switched: list[tuple[str, str, float]]
+    before: KeptPose
 
     @classmethod
     def of(
         cls, context: bpy.types.Context, rig: bpy.types.Object, bones: list[tuple[str, str]], place: np.ndarray
     ) -> "ReadyRig":
-        """Readies a rig, by the parts that its bones are: it is in pose position, switched to FK, and unturned."""
-        rig.data.pose_position = "POSE"
-        switched = _switch(rig)
+        """Readies a rig, by the parts that its bones are: it is in pose position, switched to FK, and unturned.
+
+        InputError, and the rig as it was, where its first bone does not go where it is put.
+        """
         parts, names = zip(*bones, strict=True)
-        follows, matrices, steps = _probe(context, rig, names)
+        before = KeptPose.of(rig, names)
+        rig.data.pose_position = "POSE"
+        for bone, name, value in before.switched:
+            rig.pose.bones[bone][name] = type(value)(SWITCHES[name])
+        rig.update_tag()
+        with _without_action(rig):
+            follows, matrices, steps = _probe(context, rig, names)
+        if np.linalg.svd(steps, compute_uv=False)[-1] < LEAST_STEP:
+            before.put_back(rig)
+            raise InputError(
+                f"{names[0]} of {rig.name} does not go where it is put; expected it not connected to its parent and "
+                "without constraints"
+            )
         axes = axes_at_rest({part: matrix[:3, 3] for part, matrix in zip(parts, matrices, strict=True)})
         unit = np.linalg.norm(place[:3, :3], axis=0).mean()
         heads = matrices[:, :3, 3] @ axes * unit
         lengths = np.array([rig.data.bones[bone].length for bone in names])[:, None]
         tails = heads + matrices[:, :3, 1] @ axes * unit * lengths
         modes = tuple(rig.pose.bones[bone].rotation_mode for bone in names)
-        return cls(names, modes, Rig(parts, follows, heads, tails), place, axes, matrices, steps, switched)
+        return cls(names, modes, Rig(parts, follows, heads, tails), place, axes, matrices, steps, before)
 
     def channels(self, turns: np.ndarray, hips: np.ndarray) -> Iterator[tuple[str, str, np.ndarray]]:
         """The bones with the channels that move them, (F, …), by what `retarget` says."""
@@ -171,8 +222,6 @@ def _role(rig: bpy.types.Object, name: str) -> str:
 def _own_action(rig: bpy.types.Object, collection: bpy.types.Collection, name: str) -> bpy.types.Action:
     """A new action of a rig, in the place of the one that was made for the same; what a person made is kept."""
     data = rig.animation_data_create()
-    if data.use_tweak_mode:
-        raise InputError(f"a strip of {rig.name} is in tweak mode; expected you to leave that, with Tab in the editor")
     former, called = data.action, f"{name} retargeted"
     for one in [one for one in bpy.data.actions if is_made_for(one, collection)]:
         if role_of(one).endswith(f"\n{_role(rig, name)}") and is_untouched(one) and one.slots:
@@ -187,15 +236,16 @@ def _own_action(rig: bpy.types.Object, collection: bpy.types.Collection, name: s
     return action
 
 
-def _switch(rig: bpy.types.Object) -> list[tuple[str, str, float]]:
-    """Switches a control rig to FK; the bones and properties that are switched, with what they were."""
-    switched = []
-    for bone in rig.pose.bones:
-        for name in SWITCHES.keys() & bone.keys():
-            switched.append((bone.name, name, bone[name]))
-            bone[name] = type(bone[name])(SWITCHES[name])
-    rig.update_tag()
-    return switched
+@contextmanager
+def _without_action(rig: bpy.types.Object) -> Iterator[None]:
+    """Lets a rig be posed without its action, which would pose it otherwise."""
+    data = rig.animation_data
+    action, slot = (None, None) if data is None else (data.action, data.action_slot)
+    if action is not None:
+        data.action = None
+    yield
+    if action is not None:
+        data.action, data.action_slot = action, slot
 
 
 def _probe(

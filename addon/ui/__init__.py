@@ -7,8 +7,9 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..ops.correcting import review_now
+from ..ops.importing import look_when_free
 from ..ops.label_folder import follow, leave_batch, show_batch
-from ..ops.live import follow_live, leave_live
+from ..ops.live import follow_live, leave_live, rest_rig
 from ..ops.long_work import end_process
 from ..ops.picking import picked_points, restore_picked
 from ..ops.reposing import follow_soon, forget_reposing
@@ -44,6 +45,7 @@ def add_handlers(stack: ExitStack):
     events = bpy.app.handlers
     for listeners, function in (
         (events.load_post, after_load),
+        (events.save_pre, before_save),
         (events.undo_pre, before_undo),
         (events.redo_pre, before_undo),
         (events.undo_post, after_undo),
@@ -54,7 +56,7 @@ def add_handlers(stack: ExitStack):
     # While an extension is being enabled the file is out of bounds; a moment later it is not. The timer is persistent
     # because Blender 4.5 as a module hangs at its end when a file is opened under one that is not.
     bpy.app.timers.register(adopt_takes, first_interval=0.0, persistent=True)
-    for timer in (list_trouble, adopt_takes, review_now, follow, follow_live):
+    for timer in (list_trouble, adopt_takes, review_now, look_when_free, follow, follow_live):
         stack.callback(_stop_timer, timer)
 
 
@@ -75,6 +77,12 @@ def after_load(*_):
     if not bpy.app.background:
         follow_soon()
     show_batch()
+
+
+@persistent
+def before_save(*_):
+    """The file will be saved: no pose of a stream is to be in it."""
+    rest_rig()
 
 
 @persistent

@@ -109,21 +109,24 @@ def draw_curves(context: bpy.types.Context, pixels: Pixels, places: GraphPlaces,
 
     And of the picked trajectories, where these have no name.
     """
-    seen, shown = stored.unfilled.markers, stored.motion.markers
+    first = int(stored.motion.frames[0]) + stored.shift
+    left, right = ((x - places.origin[0]) / places.scale[0] - first for x in (0, pixels.size[0]))
+    begin, end = max(int(left), 0), min(max(int(right) + 2, 0), len(stored.motion.frames))
+    step = max(1, (end - begin) // pixels.size[0])  # more than one to a pixel is not seen
+    here = slice(begin, end, step)
+    seen, shown = stored.unfilled.markers[here], stored.motion.markers[here]
     markers = [stored.names.index(name) for name in selected_markers(context)]
     curves = [np.where(np.isfinite(seen[:, one]), shown[:, one], np.nan) for one in markers]
     for point in picked_points(context) if isinstance(stored.rows, PointRows) else ():
         rows = opened.rows_of(stored, point)
-        rows = rows[stored.labels.marker[rows] == NO_MARKER]
+        after = stored.rows.frame[rows] - begin
+        there = (after >= 0) & (after < end - begin) & (after % step == 0)
+        there &= stored.labels.marker[rows] == NO_MARKER
         curves.append(np.full((len(seen), 3), np.nan))
-        curves[-1][stored.rows.frame[rows]] = stored.rows.xyz[rows]
+        curves[-1][after[there] // step] = stored.rows.xyz[rows[there]]
     theme = context.preferences.themes[0].user_interface
-    first = int(stored.motion.frames[0]) + stored.shift
-    left, right = ((x - places.origin[0]) / places.scale[0] - first for x in (0, pixels.size[0]))
-    begin, end = max(int(left), 0), max(int(right) + 2, 0)
-    step = max(1, (end - begin) // pixels.size[0])  # more than one to a pixel is not seen
-    for xyz in (curve[begin:end:step] for curve in curves):
-        frames = first + begin + step * np.arange(len(xyz))
+    frames = first + begin + step * np.arange(len(seen))
+    for xyz in curves:
         for values, colour in zip(xyz.T, (theme.axis_x, theme.axis_y, theme.axis_z), strict=True):
             line = places.at(frames, values)
             ends = np.stack([line[:-1], line[1:]], axis=1)
@@ -149,7 +152,7 @@ def draw_fills(
         for values in fill.path[known].T:
             line = places.at(frames[known], values)
             steps = np.stack([line[:-1], line[1:]], axis=1)
-            ends.append(dashed(line, dash, dash * SPACE / DASH) if dash else steps)
+            ends.append(dashed(line, dash, dash * SPACE / DASH, pixels.size[0]) if dash else steps)
             if fill.expected == fill.expected:
                 bands.append(around(steps, fill.expected * places.scale[1]))
     pixels.quads(np.concatenate(bands), (*colour[:3], BAND_OPACITY))
@@ -162,9 +165,13 @@ def around(steps: np.ndarray, half: float) -> np.ndarray:
     return np.stack([steps[:, 0] - up, steps[:, 1] - up, steps[:, 1] + up, steps[:, 0] + up], axis=1)
 
 
-def dashed(line: np.ndarray, dash: float, space: float) -> np.ndarray:
-    """(N, 2, 2) the dashes of a line (K, 2) px that goes from left to right, so long and so far apart along x."""
-    starts = np.arange(line[0, 0], line[-1, 0], dash + space)
+def dashed(line: np.ndarray, dash: float, space: float, wide: float) -> np.ndarray:
+    """(N, 2, 2) the dashes of a line (K, 2) px that goes from left to right, so long and so far apart along x.
+
+    Those alone that are seen between 0 and `wide` px.
+    """
+    left = line[0, 0] + max(0.0, -line[0, 0]) // (dash + space) * (dash + space)
+    starts = np.arange(left, min(line[-1, 0], wide), dash + space)
     x = np.column_stack([starts, np.minimum(starts + dash, line[-1, 0])])
     return np.stack([x, np.interp(x, line[:, 0], line[:, 1])], axis=-1)
 

@@ -63,7 +63,8 @@ def review(layout, context):
         column.operator("wm.tool_set_by_id", text="Pick Markers to Name", icon="EYEDROPPER").name = TOOL
         row = column.row(align=True)
         row.scale_y = 1.4
-        row.operator("mocap_autolabel.fill_gaps", text="Fill", icon="KEYTYPE_GENERATED_VEC").extent = "TAKE"
+        fill = row.operator("mocap_autolabel.fill_gaps", text="Fill", icon="KEYTYPE_GENERATED_VEC")
+        fill.extent, fill.propose = "TAKE", settings.filling.propose
         row.operator("mocap_autolabel.smooth", icon="MOD_SMOOTH")
         refit = row.row(align=True)
         refit.enabled = is_opened(settings)

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Gaps filled and markers smoothed in the scene: marked, exported, told, taken back, kept through all that happens."""
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
@@ -69,13 +71,64 @@ def test_a_fill_is_looked_at_before_it_is_kept(labelled, files):
     assert (len(state.proposed_fills), len(rows())) == (0, 1)
 
 
-def test_a_dashed_line_lies_on_the_line_and_ends_where_it_does():
+def test_a_preview_is_there_again_once_keeping_it_is_undone_and_beside_another_take(labelled, files):
+    def listed() -> list[int]:
+        state = bpy.context.window_manager.mocap_autolabel
+        return [len(state.proposed_fills), len(state.fills)]
+
+    bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE", propose=True)
+    bpy.ops.ed.undo_push(message="Previewed")
+    count, _ = listed()
+    bpy.ops.mocap_autolabel.keep_fills()
+    bpy.ops.ed.undo_push(message="Kept")
+    assert listed() == [0, count]
+    bpy.ops.ed.undo()
+    assert listed() == [count, 0]
+    take = bpy.context.scene.mocap_autolabel.take
+    bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "walk.c3d"))
+    bpy.ops.mocap_autolabel.import_points(filepath=str(files.folder / "walk.c3d"))
+    bpy.context.scene.mocap_autolabel.take = take
+    bpy.context.scene.frame_set(HERE)
+    ours("props").refresh_review(bpy.context.window_manager, bpy.context.scene)
+    assert listed() == [count, 0]
+    bpy.ops.mocap_autolabel.keep_fills()
+    bpy.ops.mocap_autolabel.take_back_fills(extent="TAKE")
+    assert listed() == [0, 0]
+
+
+def test_what_is_filled_is_not_previewed_any_more(labelled):
+    state = labelled.window_manager.mocap_autolabel
+    choose("RASI")
+    for propose, extent in ((True, "TAKE"), (False, "MARKER")):
+        before = len(state.proposed_fills)
+        assert bpy.ops.mocap_autolabel.fill_gaps(extent=extent, propose=propose) == {"FINISHED"}
+    assert len(state.proposed_fills) == before - len(rows()) > 0
+    assert "RASI" not in {row.name for row in state.proposed_fills}
+
+
+def test_a_dashed_line_lies_on_the_line_and_ends_where_it_does(extension):
     line = np.array([[0.0, 0.0], [10.0, 20.0], [25.0, 20.0]])
-    found = ours("ui.graph").dashed(line, 6.0, 4.0)
+    found = ours("ui.graph").dashed(line, 6.0, 4.0, 30.0)
     np.testing.assert_allclose(found[:, :, 0], [[0, 6], [10, 16], [20, 25]])
     np.testing.assert_allclose(found[:, :, 1], [[0, 12], [20, 20], [20, 20]])
+    np.testing.assert_allclose(ours("ui.graph").dashed(line - [11, 0], 6.0, 4.0, 8.0), found[1:2] - [11, 0])
     band = ours("ui.graph").around(np.stack([line[:-1], line[1:]], axis=1), 3.0)
     assert band[0].tolist() == [[0, -3], [10, 17], [10, 23], [0, 3]]
+
+
+@pytest.mark.parametrize(("left", "scale", "step"), [(105, 5.0, 1), (101, 0.4, 2)])
+def test_curves_are_of_what_is_seen(labelled, files, monkeypatch, left, scale, step):
+    graph, drawn, stored = ours("ui.graph"), [], stored_take()
+    monkeypatch.setattr(graph, "lines", lambda pixels, ends, *_: drawn.append(ends))
+    ours("ops.picking").show_picked(bpy.context, stored, [GHOST], [stored.names.index("LASI")])
+    places = graph.GraphPlaces(np.array([-left * scale, 0.0]), np.full(2, scale))
+    graph.draw_curves(bpy.context, SimpleNamespace(size=(12, 10)), places, stored)
+    assert len(drawn) == 6
+    for ends, name in ((drawn[0], "LASI"), (drawn[3], "")):
+        assert len(ends) and (np.diff(ends[:, :, 0], axis=1) == pytest.approx(step * scale))
+        at = np.round(ends[..., 0] / scale).astype(int) + left - 101
+        column = stored.motion.markers[:, stored.names.index(name), 0] if name else files.xyz[:, GHOST, 0]
+        np.testing.assert_allclose(ends[..., 1] / scale, column[at], atol=1e-5)
 
 
 def test_exports_tell_what_is_filled_and_what_was_measured(filled, files):

@@ -149,8 +149,12 @@ def test_another_file_ends_the_stream_and_what_was_recorded_stays(live, walk, tm
     assert len(read_points(stream.out).xyz) > 50
 
 
-def test_body_and_rig_move_without_keys_and_the_rig_is_then_as_it_was(live, walk):
+def test_body_and_rig_move_without_keys_and_the_rig_is_then_as_it_was(live, walk, tmp_path):
     rig, segments = mixamo(), open_markerset("body26").skeleton.segments
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    rig.data.edit_bones.new("coat").tail = 0, 0, 1
+    bpy.ops.object.mode_set(mode="OBJECT")
     bone = rig.pose.bones[0]
     bone.rotation_mode, bone.rotation_euler, bone["IK_FK"] = "XYZ", (0.1, 0.2, 0.3), 0.0
 
@@ -174,11 +178,18 @@ def test_body_and_rig_move_without_keys_and_the_rig_is_then_as_it_was(live, walk
         own, way = np.array(rig.matrix_world.to_3x3()) @ (ankle - knee), end - begin
         assert own @ way / np.linalg.norm(own) / np.linalg.norm(way) > np.cos(MOST_OFF)
         assert state() != before and len(bpy.data.actions) == 0 and len(bpy.data.objects) == objects
+        own = rig.pose.bones["coat"]
+        own.location = 1, 2, 3  # somebody's
         live.settings.live.rig = None
         frame = live.now()._frame
         live.until(lambda: live.now()._frame > frame)
+        assert own.location[:] == (1, 2, 3)
+        own.location = 0, 0, 0
         assert state() == before
         live.settings.live.rig = rig
+        live.until(lambda: state() != before)
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "live.blend"), copy=True)
+        assert state() == before
         live.until(lambda: state() != before)
         live.module.leave_live()
     assert state() == before
@@ -186,7 +197,25 @@ def test_body_and_rig_move_without_keys_and_the_rig_is_then_as_it_was(live, walk
 
 def test_a_rig_that_cannot_move_is_told(live, walk):
     rig = add_rig([RigBone("chest", None, np.zeros(3), np.ones(3))], MIXAMO)
+    held = mixamo()
+    held.pose.bones[0].constraints.new("LIMIT_LOCATION").use_min_x = True
+    held.pose.bones[0].constraints[0].use_max_x = True
+    held.pose.bones[0].location, held.pose.bones[0]["IK_FK"], held.data.pose_position = (1, 2, 3), 0.0, "REST"
     with QtmServer(there_and_back(walk.xyz, RATE), RATE) as one:
         live.settings.live.source, live.settings.live.rig = one.source, rig
         bpy.ops.mocap_autolabel.connect()
         live.until(lambda: "has no bone for hips" in live.now().words)
+        live.settings.live.rig = held
+        live.until(lambda: "does not go where it is put; expected it not connected" in live.now().words)
+        bone = held.pose.bones[0]
+        assert (bone.location[:], bone["IK_FK"], held.data.pose_position) == ((1, 2, 3), 0.0, "REST")
+
+
+def test_a_fault_of_the_program_ends_the_stream(live, walk, monkeypatch):
+    with QtmServer(there_and_back(walk.xyz, RATE), RATE) as one:
+        live.settings.live.source = one.source
+        bpy.ops.mocap_autolabel.connect()
+        monkeypatch.setattr(live.now(), "_worker", None)
+        with pytest.raises(AttributeError):
+            live.module.follow_live()
+    assert live.now() is None and bpy.ops.mocap_autolabel.connect.poll()

@@ -167,10 +167,10 @@ def test_a_take_that_was_opened_while_something_went_on_is_looked_at_after_it(se
     monkeypatch.setattr(importing, "bpy", bpy_there)
     state.doing = "Labelling: 3%"
     importing.look_who_is_there(bpy.context)
-    bpy_there.app.timers.is_registered.assert_called_with(importing._look_when_free)
-    assert importing._look_when_free() == importing.LOOK_AGAIN
+    bpy_there.app.timers.is_registered.assert_called_with(importing.look_when_free)
+    assert importing.look_when_free() == importing.LOOK_AGAIN
     state.doing = ""
-    assert importing._look_when_free() is None
+    assert importing.look_when_free() is None
     find.assert_called_once_with("INVOKE_DEFAULT")
 
 

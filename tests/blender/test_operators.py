@@ -609,7 +609,10 @@ def everything():
 
 
 def test_a_register_that_fails_leaves_nothing(extension, monkeypatch):
+    waiting = ours("ops.importing").look_when_free
+    bpy.app.timers.register(waiting, first_interval=60)
     addon_utils.disable(extension, default_set=False)
+    assert not bpy.app.timers.is_registered(waiting)
     before = everything()
     registration = sys.modules[f"{extension}.addon.registration"]
 

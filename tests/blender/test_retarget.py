@@ -25,6 +25,8 @@ from tests.inputs.rigs import (
     unreal,
 )
 
+from .hands import refused
+
 LIMBS = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 MOST_OFF = np.radians(0.1)  # without feet to be kept, limbs point as the body's do
 
@@ -188,3 +190,17 @@ def test_a_rig_that_cannot_be_moved_says_why(shown, change, words):
     with pytest.raises(RuntimeError, match=words):
         bpy.ops.mocap_autolabel.retarget()
     assert rig.animation_data is None or rig.animation_data.action is None
+
+
+def test_a_rig_whose_hips_stay_is_refused_and_keeps_its_action(shown):
+    rig = mixamo()
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    hips = rig.data.edit_bones[0]
+    root = rig.data.edit_bones.new("root")
+    root.head, root.tail = hips.head * 0.5, hips.head
+    hips.parent, hips.use_connect = root, True
+    bpy.ops.object.mode_set(mode="OBJECT")
+    rig.animation_data_create().action = own = bpy.data.actions.new("own")
+    refused("does not go where it is put; expected it not connected to its parent", "retarget")
+    assert rig.animation_data.action == own and not own.use_fake_user and len(bpy.data.actions) == 2

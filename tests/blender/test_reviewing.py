@@ -2,6 +2,7 @@
 """The list of what is the matter with a take, in Blender: true, worst first, gone to, mended and answered for good."""
 
 import json
+from contextlib import suppress
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -16,7 +17,7 @@ from addon.scene import naming
 from addon.scene.take import show_take
 
 from .conftest import label_walk, write_walk
-from .hands import choose, ours, refused, stored_take
+from .hands import choose, ours, refused, shown, stored_take
 
 FRAMES, FIRST, LOST, GHOST = 60, 101, "LKNE", 13
 
@@ -62,7 +63,7 @@ def test_a_marker_that_was_never_found_is_said_and_shown_and_named_by_one_button
     assert not rows(state, kind="left over")
 
 
-def test_the_gaps_of_one_marker_are_filled_by_its_button_and_no_other(state):
+def test_the_gaps_of_one_marker_though_hidden_are_filled_by_its_button(state):
     number, row = rows(state, kind="missing", action="fill")[0]
     assert (
         ours("ops.reviewing").words_for(
@@ -71,6 +72,8 @@ def test_the_gaps_of_one_marker_are_filled_by_its_button_and_no_other(state):
         == f"Fill {row.name}"
     )
     name = row.name
+    for empty in shown().values():
+        empty.hide_set(True)
     assert bpy.ops.mocap_autolabel.mend_trouble(index=number) == {"FINISHED"}
     assert {fill.name for fill in state.review.fills} == {name}
 
@@ -250,3 +253,35 @@ def test_the_lists_go_along_with_what_is_picked_and_the_next_is_still_the_next(s
     assert LOST in review.troubles[review.trouble_index].reason, "a point that may be it"
     bpy.ops.mocap_autolabel.next_trouble()
     assert review.trouble_index == shown + 1
+
+
+def test_a_view_that_cannot_be_split_stays(labelled):
+    screen = bpy.context.screen
+    with suppress(RuntimeError):
+        for _ in range(20):
+            bpy.ops.mocap_autolabel.show_graph()
+            small = next(area for area in screen.areas if area.ui_type == "FCURVES")
+            for area in screen.areas:
+                area.type = "VIEW_3D" if area == small else "PROPERTIES"
+    refused("the 3D view is too small to split; expected it larger", "show_graph")
+    assert small.type == "VIEW_3D"
+    with bpy.context.temp_override(area=small, region=small.regions[-1]):
+        bpy.ops.screen.screen_full_area()
+    refused("a maximized view cannot be split; expected it restored", "show_graph")
+    bpy.context.screen.areas[0].type = "PROPERTIES"
+    refused("there is no 3D view to split; expected one", "show_graph")
+    bpy.ops.screen.back_to_previous()
+
+
+def test_a_graph_shows_just_what_is_meant_from_however_far_before(labelled):
+    area = max(bpy.context.screen.areas, key=lambda area: area.width * area.height)
+    area.ui_type = "FCURVES"
+    region, viewing = area.regions[-1], ours("ops.viewing")
+    choose("LASI")
+    ends = []
+    for reach in (100, 30_000):
+        with bpy.context.temp_override(area=area, region=region):
+            bpy.ops.view2d.zoom_border(xmin=-reach, xmax=reach, ymin=-reach, ymax=reach, wait_for_input=False)
+        viewing.fit_graphs(bpy.context, 110, 115)
+        ends.append([region.view2d.region_to_view(x, 0)[0] for x in (0, region.width)])
+    assert ends == pytest.approx(np.array([[109, 116]] * 2), abs=0.1)

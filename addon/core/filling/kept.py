@@ -105,8 +105,12 @@ def filled_samples(frames: np.ndarray, names: Sequence[str], fills: Sequence[Kep
 
 def replaced_fills(old: Iterable[KeptFill], new: Sequence[KeptFill]) -> tuple[KeptFill, ...]:
     """The new fills beside those of the old ones that they leave, by marker and time."""
-    left = [one for one in old if not any(one.meets(other.marker, other.first, other.last) for other in new)]
-    return tuple(sorted([*left, *new], key=lambda fill: (fill.marker, fill.first)))
+    return tuple(sorted([*fills_beside(old, new), *new], key=lambda fill: (fill.marker, fill.first)))
+
+
+def fills_beside(old: Iterable[KeptFill], new: Sequence[KeptFill]) -> list[KeptFill]:
+    """Those of the old fills that meet none of the new ones."""
+    return [one for one in old if not any(one.meets(other.marker, other.first, other.last) for other in new)]
 
 
 def _why_not(own: np.ndarray, rows: slice, fill: KeptFill) -> str:
