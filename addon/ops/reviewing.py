@@ -20,11 +20,11 @@ from .listing import is_listed
 from .picking import dots_here, show_picked
 from .viewing import bring_into_view, fit_graphs
 
-# The operators for what no edit mends, the words of their buttons, and how they are called.
+# The operators for what no edit mends, and the words of their buttons.
 BUTTONS = {
-    FILL: ("fill_gaps", "Fill {}", {"extent": "MARKER"}),
-    REFINE: ("refine_calibration", "Refine Calibration", {}),
-    LABEL: ("label", "Label Again", {}),
+    FILL: ("fill_gaps", "Fill {}"),
+    REFINE: ("refine_calibration", "Refine Calibration"),
+    LABEL: ("label", "Label Again"),
 }
 
 
@@ -176,7 +176,6 @@ class MOCAP_AUTOLABEL_OT_mend_trouble(OfTrouble, bpy.types.Operator):
         if trouble.action not in BUTTONS:
             raise InputError("nothing does that by itself; expected a person to look")
         show(context, trouble)
-        name, _, given = BUTTONS[trouble.action]
-        if trouble.action == FILL:  # even where these are hidden and cannot be selected
-            given = given | {"markers": "\n".join(trouble.markers)}
-        return getattr(bpy.ops.mocap_autolabel, name)("INVOKE_DEFAULT", **given)
+        # By their names, as those that are hidden cannot be selected.
+        given = {"extent": "MARKER", "markers": "\n".join(trouble.markers)} if trouble.action == FILL else {}
+        return getattr(bpy.ops.mocap_autolabel, BUTTONS[trouble.action][0])("INVOKE_DEFAULT", **given)
