@@ -147,9 +147,14 @@ def read_trc(path: Path) -> PointFile:
     return replace(take, trial=TextHead(own, {}, begin_s if begin_s == begin_s else -take.first_frame / rate))
 
 
+def _trc_filled(row: str) -> int:
+    """How many fields a row has up to the last with something in it."""
+    return row.rstrip().count("\t") + 1
+
+
 def _trc_points(row: str) -> int:
-    """How many points a row has fields for."""
-    return (row.rstrip().count("\t") + 1) // 3
+    """How many points a row has fields for, behind its frame and time."""
+    return _trc_filled(row) // 3
 
 
 def _trc_rows(lines: list[str], begin: int, ended: bool, named: int, path: Path) -> Iterator[tuple[int, list[str]]]:
@@ -162,7 +167,7 @@ def _trc_rows(lines: list[str], begin: int, ended: bool, named: int, path: Path)
         if not line.strip():
             continue
         fields = line.split("\t")
-        filled = line.rstrip().count("\t") + 1
+        filled = _trc_filled(line)
         if filled > named and (filled - 2) % 3:
             raise InputError(f"has {filled} fields; expected {named}, and three for each point more", path, number)
         # What is behind the named points has no length of its own.
