@@ -119,8 +119,8 @@ def guess(
 def _middles(model: Latent, points: np.ndarray, present: np.ndarray, part: bool) -> np.ndarray:
     """(F, S, 3) m where the subject's middle may be.
 
-    That of all points or, where they are many more than the markers or of a `part` of them, also that of the lowest
-    and of the highest part of the cloud as high as the subject.
+    That of all points. Of those that may be a `part` of the subject also where it is if they are its lower or its upper
+    half; of many more than the markers also that of the lowest and of the highest part as high as the subject.
     """
     middle, height = _mean(points, present), model.mean[:, 2]
     if part:

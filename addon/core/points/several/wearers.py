@@ -105,7 +105,7 @@ class SetsWorn:
         """Those of the subjects who were asked for; the others come after them."""
         return SetsWorn(tuple(one for one in self.subjects if one.asked))
 
-    @property
+    @cached_property
     def finer(self) -> "SetsWorn":
         """The same with what joints their markers can show beside those that they are named by."""
         models = {one.model: replace(one.model, markerset=finer(one.model.markerset)) for one in self.subjects}
