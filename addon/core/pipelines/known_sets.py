@@ -25,12 +25,13 @@ from ..data.errors import JobError
 from ..data.progress import Progress, Steps, finished, in_stages, within
 from ..data.takes import NO_MARKER, Points, evenly_spread
 from ..points.models import Model
-from ..points.refusals import REFUSAL, far_groups, refuse_floods
+from ..points.possible import refuse_impossible
+from ..points.refusals import REFUSAL, UnsuitedError, far_groups, refuse_floods
 from ..points.tracklets import cut
 from ..points.whole_take.objective import OBJECTIVE, Objective
 from ..points.whole_take.pipeline import PointOptions, as_a_whole, begins, name_frames
 from ..points.whole_take.solving import solve_take
-from .misfits import FRAMES_TRIED, middle_of, worth_of
+from .misfits import FRAMES_TRIED, middle_of, misfit_of, worth_of
 
 HOW_TO_CHOOSE = "by --model"  # on the command line; Blender puts words of its sidebar there
 
@@ -73,6 +74,43 @@ class FittingSet:
         lead = np.nansum((self.odds - other.odds)[one & two]) - OBJECTIVE.extra * (two & ~one).sum()
         lead += WORN.there * ((one & ~two).sum() + one.sum() - two.sum())
         return float(lead / len(one) + WORN.there * (len(other.model.markerset) - len(self.model.markerset)))
+
+
+def model_worn(
+    take: Points, turns: dict[str, np.ndarray] | None, known: dict[Model, str], forced: bool = False
+) -> Generator[Progress, None, tuple[str, str]]:
+    """The name of the one of the known models that a take wears, and a note of that; else as `known_worn`.
+
+    Raises JobError where several may be worn, or none is.
+    """
+    worn, likely = yield from known_worn(take, turns, known, forced)
+    if worn is not None:
+        return likely[worn], f"{likely[worn]} was found among {len(known)} marker sets"
+    first, *_ = names = list(likely.values())
+    raise JobError(
+        f"looks like a take of {' as well as '.join(names)}; expected the one that is worn, {HOW_TO_CHOOSE} {first}"
+    )
+
+
+def known_worn(
+    take: Points, turns: dict[str, np.ndarray] | None, known: dict[Model, str], forced: bool = False
+) -> Generator[Progress, None, tuple[Model | None, dict[Model, str]]]:
+    """The known model that a take wears, None where that is not sure; and all that it may, with their names.
+
+    turns are rotations as `misfit_of` has them, None for points that cameras traced: these are as they say. Raises
+    JobError where there is no model, and ForceableError where the take cannot be as it says and is not `forced`.
+    """
+    learned = [model for model in known if model.likelihood is not None]
+    if turns is not None and not forced:
+        refuse_impossible(take.xyz, take.rate, take.lanes, learned)
+    worn, likely = yield from set_worn(take, learned)
+    if likely:
+        return worn, {model: known[model] for model in likely}
+    words = f"looks like a take of none of the {len(learned)} known marker sets"
+    error = UnsuitedError(f"{words}; expected the one that is worn, {HOW_TO_CHOOSE} MODEL, or a model that is trained")
+    if turns is not None:
+        error = yield from misfit_of(error, take, learned, PointOptions("likelihood"), turns, ())
+    raise JobError(error.message)  # there is no model that could be forced
 
 
 def set_worn(take: Points, models: Sequence[Model]) -> Generator[Progress, None, tuple[Model | None, list[Model]]]:
