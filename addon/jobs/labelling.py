@@ -36,11 +36,11 @@ from ..io.c3d.lab import read_lab
 from ..io.c3d.reading import TrialFile
 from ..io.edits import open_edits
 from ..io.labels import POINT_KEYS, LabelWriter, facts_of_changes, point_keys
-from ..io.markersets import AUTO_MODEL, builtin_markersets, markerset_file
+from ..io.markersets import AUTO_MODEL, builtin_markersets
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points, write_c3d, write_trc
 from ..io.poses import PoseFile, is_long, refuse_keys
-from ..io.provenance import REPORT, file_rows, sealed
+from ..io.provenance import REPORT, sealed
 from ..io.report import facts_of_edits, facts_of_trouble, renumbered, take_report
 from ..io.samples import TextHead
 from ..io.scratch import scratch_folder
@@ -271,8 +271,8 @@ def label_take(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> 
                 shown = kind_of(job).shown(job, read)
                 known = {open_model(name): name for name in job.models}
                 model, *found = yield from model_worn(*shown, known, job.force)
+                inputs["model"] = [inputs["model"][job.models.index(model)]]
                 job = replace(job, model=model)
-                inputs["model"] = file_rows([markerset_file(model)], job.path(REPORT))
         with timed(clock, "load"):
             models = {}
             for name in job.models:
