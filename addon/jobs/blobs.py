@@ -18,9 +18,9 @@ from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import Cameras
 from ..core.papers.virtual_occlusions.occlusion import Occlusion
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of, with_edits
-from ..core.pipelines.misfits import TRIED_S
+from ..core.pipelines.known_sets import TRIED_S
 from ..core.pipelines.others import OtherSubjects, refuse_two
-from ..core.pipelines.points_of_blobs import PointsOfBlobs
+from ..core.pipelines.through_points import PointsOfBlobs
 from ..core.points.models import chosen_method
 from ..core.points.possible import MEND_BLOBS
 from ..core.points.whole_take.pipeline import PointOptions

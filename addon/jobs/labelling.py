@@ -18,8 +18,7 @@ from ..core.data.takes import MAX_FRAME, Blobs, EditOutcome, LabelledChunk, Poin
 from ..core.edits.applying import joined
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
 from ..core.geometry.force_plates import NO_LAB, LabRecords
-from ..core.pipelines.known_sets import known_worn, model_worn
-from ..core.pipelines.misfits import misfit_of
+from ..core.pipelines.known_sets import known_worn, misfit_of, model_worn
 from ..core.points.models import Model, chosen_method
 from ..core.points.motion import labelled_points
 from ..core.points.possible import FRAMES_ASKED, MEND_MIRRORED, MEND_POINTS, Handedness, slow_words
@@ -28,7 +27,7 @@ from ..core.points.several.wearers import SetsWorn, SeveralOptions, Wearer, kind
 from ..core.points.whole_take.pipeline import PointOptions
 from ..core.points.whole_take.pipeline import label_take as name_points
 from ..core.posing.finer import finer
-from ..core.review.doubtful import add_ranges, doubtful_samples
+from ..core.review.answering import add_ranges, doubtful_samples
 from ..core.review.provenance import SampleOrigins
 from ..core.review.summary import TakeSummary
 from ..core.review.take_trouble import TakeTrouble
