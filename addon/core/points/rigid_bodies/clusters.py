@@ -344,14 +344,14 @@ def _from_volumes(structure: Structure, likeness: _Likeness, states, rigid_body:
         corners = list(others[first].T[..., None])
         corners.insert(quad.index(rigid_body), np.arange(clusters)[None])
         volume = likeness.volumes[tuple(corners)]
-        odds = mirror_odds(volume, structure.volume[row], structure.volume_sd[row], MAX_COST)
+        odds = mirror_odds(volume, structure.volume[row], structure.volume_sd[row])
         total += np.where(volume != 0, odds, 0)[same]
         known += (volume != 0)[same]
     return total * INDEPENDENT / np.maximum(known, INDEPENDENT)
 
 
-def mirror_odds(volume: np.ndarray, mean: np.ndarray, spread: np.ndarray, max_cost: float) -> np.ndarray:
-    """Log likelihood of a signed volume, beside that of either it or its mirror image, each of `max_cost` at most."""
-    right = -np.minimum(0.5 * ((volume - mean) / spread) ** 2, max_cost)
-    wrong = -np.minimum(0.5 * ((volume + mean) / spread) ** 2, max_cost)
+def mirror_odds(volume: np.ndarray, mean: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """Log likelihood of a signed volume, beside that of either it or its mirror image, each of MAX_COST at most."""
+    right = -np.minimum(0.5 * ((volume - mean) / spread) ** 2, MAX_COST)
+    wrong = -np.minimum(0.5 * ((volume + mean) / spread) ** 2, MAX_COST)
     return right - np.logaddexp(right, wrong) + np.log(2)

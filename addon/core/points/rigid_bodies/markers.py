@@ -138,18 +138,18 @@ def _away_fit(
     away = np.nanmean(distance[:, :, seen], axis=0)
     swing = MARKER_MATCH.swing_rad * np.linalg.norm(inner.form, axis=1, keepdims=True)
     spread = np.sqrt(inner.away_sd[:, seen] ** 2 + MARKER_MATCH.distance_sd_m**2 + swing**2)
-    cost = _costs(away, inner.away[:, seen], spread, tried, MAX_COST).sum(axis=1)
+    cost = _costs(away, inner.away[:, seen], spread, tried).sum(axis=1)
     return -cost * INDEPENDENT / max(int(seen.sum()), INDEPENDENT)
 
 
-def _costs(found: np.ndarray, wanted: np.ndarray, spread: np.ndarray, tried: np.ndarray, max_cost: float) -> np.ndarray:
+def _costs(found: np.ndarray, wanted: np.ndarray, spread: np.ndarray, tried: np.ndarray) -> np.ndarray:
     """(W, L) how ill distances (points, L) fit those that markers should have (markers, L), but for their means."""
     there = (tried >= 0)[..., None]
     count = np.maximum(there.sum(axis=1, keepdims=True), 1)
     found, wanted = found[tried], np.broadcast_to(wanted, (len(tried), *wanted.shape))
     found = found - np.where(there, found, 0).sum(axis=1, keepdims=True) / count
     wanted = wanted - np.where(there, wanted, 0).sum(axis=1, keepdims=True) / count
-    return np.where(there, np.minimum(0.5 * ((found - wanted) / spread) ** 2, max_cost), 0).sum(axis=1)
+    return np.where(there, np.minimum(0.5 * ((found - wanted) / spread) ** 2, MAX_COST), 0).sum(axis=1)
 
 
 def _joint_fit(form, points, wanted, found, tried: np.ndarray) -> np.ndarray:
@@ -158,7 +158,7 @@ def _joint_fit(form, points, wanted, found, tried: np.ndarray) -> np.ndarray:
     No pose changes that.
     """
     away, usual = (farther(markers[None], joints[None])[0] for markers, joints in ((points, found), (form, wanted)))
-    return -_costs(away, usual, np.array(MARKER_MATCH.distance_sd_m), tried, MAX_COST).sum(axis=1)
+    return -_costs(away, usual, np.array(MARKER_MATCH.distance_sd_m), tried).sum(axis=1)
 
 
 def _side_fit(
@@ -173,7 +173,7 @@ def _side_fit(
         found = volume[(*np.maximum(corners, 0).T, other)]
         there = (corners >= 0).all(axis=1) & np.isfinite(found)
         usual = inner.side[row, other], inner.side_sd[row, other]
-        score += np.where(there, mirror_odds(np.nan_to_num(found), *usual, MAX_COST), 0)
+        score += np.where(there, mirror_odds(np.nan_to_num(found), *usual), 0)
         asked += there
     return score * INDEPENDENT_SIDES / np.maximum(asked, INDEPENDENT_SIDES)
 

@@ -28,20 +28,25 @@ from .parting import NO_BODY, usual_count
 
 @dataclass(frozen=True)
 class IdentificationOptions:
-    """How the distances of one person differ.
+    """How the distances of one person differ, and how tracklets are shared out.
 
     lead        physical: log odds, 19 of 20 such are right, by which who is who must be ahead of any other way, and one
                 of two who want a tracklet of the other
     put_on_m    by which a distance of the same person differs from take to take; physical: markers are put on again
     bend        part of a distance by which it differs in other motions; physical: skin moves over a bent joint
+    fitting     measured: log odds, at best, that a tracklet is a marker which the body lacks at the time, for it to be
+                offered: what comes before and after may be stronger evidence; to offer all names two who touch alike,
+                in twice the time
     """
 
     lead: float = 3.0
     put_on_m: float = 0.008
     bend: float = 0.02
+    fitting: float = -4.0
 
 
 IDENTIFICATION = IdentificationOptions()
+ROUNDS_OF_SHARING = 3  # of solving those again that lost some; by time
 FRAMES_COMPARED = 300  # that are looked at, of all with two markers of somebody
 MIN_MET = 10  # frames in which two markers must be there for their distance to say anything
 MAX_OVERLAP = 0.1  # part of the shorter of two presences that may be one's: bodies are parted some frames off
@@ -169,22 +174,6 @@ class UnidentifiedPresence:
         return 2 * (~labels.named & own).sum() > own.sum()
 
 
-@dataclass(frozen=True)
-class SharingOptions:
-    """How tracklets are shared out.
-
-    fitting  measured: log odds, at best, that a tracklet is a marker which the body lacks at the time, for it to be
-             offered: what comes before and after may be stronger evidence; to offer all names two who touch alike, in
-             twice the time
-    """
-
-    fitting: float = -4.0
-
-
-SHARING = SharingOptions()
-ROUNDS_OF_SHARING = 3  # of solving those again that lost some; by time
-
-
 def share(crowd: Crowd, people: Sequence[NamedBody], may: np.ndarray) -> Generator[float, None, np.ndarray]:
     """Solves those again, in place, who may have tracklets (N, K) that nobody named, or lose some to another.
 
@@ -233,7 +222,7 @@ def _could_be(crowd: Crowd, one: NamedBody, some: np.ndarray) -> np.ndarray:
     odds = likeness(tracklets, placed, nobody, in_take(wide, placed), crowd.take.rate)
     free = _free(tracklets, seen_in(placed))
     found = np.zeros(len(some), bool)
-    found[np.unique(own[own >= 0])] = np.where(free, odds, -np.inf).max(axis=1) >= SHARING.fitting
+    found[np.unique(own[own >= 0])] = np.where(free, odds, -np.inf).max(axis=1) >= IDENTIFICATION.fitting
     return found
 
 
