@@ -19,7 +19,7 @@ from ...data.physical import SIGMAS
 from ...data.takes import NO_MARKER, Labels, evenly_spread
 from ..models import Model
 from ..whole_take.likeness import likeness
-from ..whole_take.pairs import in_take, trained_pairs, widened
+from ..whole_take.pairs import in_take, moments, trained_pairs, widened
 from ..whole_take.solving import ROUNDS, Solution
 from ..whole_take.tracklets import Tracklets, seen_in, tracklets_of
 from .bodies import Crowd, NamedBody
@@ -71,9 +71,9 @@ class PersonBuild:
         sure = np.where(one.solution.margin > 0, one.solution.marker, -1)
         placed = one.solution.tracklets.placed(one.frames.take.xyz, sure, size)
         there = np.flatnonzero(np.isfinite(np.asarray(placed[:])).all(axis=2).any(axis=1))
-        mean, spread, count = distances_in(placed[there[evenly_spread(len(there), FRAMES_COMPARED)]].astype(float))
-        known = count >= MIN_MET
-        return cls(markers, np.where(known, mean, np.nan), np.where(known, spread, np.nan))
+        shown = moments(placed[there[evenly_spread(len(there), FRAMES_COMPARED)]])
+        known = shown.count >= MIN_MET
+        return cls(markers, np.where(known, shown.mean, np.nan), np.where(known, shown.variance, np.nan))
 
     @classmethod
     def trained(cls, model: Model) -> Self:
@@ -103,16 +103,6 @@ def costs_of(named: list, models: tuple[Model, ...]) -> list[float]:
     builds, trained = [PersonBuild.of(one) for one in named], [PersonBuild.trained(model) for model in models]
     varies = IDENTIFICATION.put_on_m
     return [min((build.cost(other, varies) for build in builds), default=np.inf) for other in trained]
-
-
-def distances_in(markers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of every two of M markers in frames (F, M, 3) m: mean distance m, its variance m², and in how many (M, M)."""
-    distance = np.linalg.norm(markers[:, :, None] - markers[:, None], axis=3)
-    seen = np.isfinite(distance)
-    count = seen.sum(axis=0)
-    mean = np.where(seen, distance, 0).sum(axis=0) / np.maximum(count, 1)
-    spread = np.where(seen, (distance - mean) ** 2, 0).sum(axis=0) / np.maximum(count, 1)
-    return mean, spread, count
 
 
 def likeliest(ways: Sequence[tuple[int, ...]], cost: np.ndarray) -> tuple[tuple[int, ...], float]:
