@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..data.errors import ForceableError, JobError
+from ..data.lanes import blocks
 from ..data.made import Table
-from ..data.takes import NO_MARKER, Labels, evenly_spread, there_in
+from ..data.takes import NO_MARKER, Labels, evenly_spread
 from ..geometry.rigid import MIN_POINTS
 from .models import USUAL_TARGET, Model, Namer
 from .possible import FRAMES_ASKED, mistaken_unit
@@ -221,7 +222,10 @@ def _each_alone(namer: Namer, points: np.ndarray) -> Labels:
 
 def points_at_a_time(points: Table) -> np.ndarray:
     """(T,) how many of points (T, P, 3), NaN where missing, are there."""
-    return there_in(points).sum(axis=1)
+    count = np.zeros(len(points), int)
+    for part in blocks(*points.shape[:2]):
+        count[part] = np.isfinite(points[part]).all(axis=2).sum(axis=1)
+    return count
 
 
 def is_crowd(points: Table, model: Model) -> bool:
