@@ -259,23 +259,32 @@ class _Solving:
             changed = np.flatnonzero((best != other.marker) & (best != NO_MARKER) & (best < self.markers))
             if len(changed) and not (known[changed].any() and len(np.unique(best[changed])) == 2):
                 frames = np.bincount(best[changed], count[changed]).max()
-                lost = -self.objective.gain(other, search.best) * self.objective.length / frames
-                odds = max(lost, 0.0) * MARGINS.looks
+                gain, order = self.objective.gain(other, search.best), self._renaming(best, other.marker)
+                if order is not None:
+                    gain += self.objective.gain_of_poses(other, search.best, order)
+                odds = max(-gain * self.objective.length / frames, 0.0) * MARGINS.looks
                 nearer = changed[odds < found[changed]]
                 found[nearer], nearest[nearer] = odds, number
-                pair = self._exchange(best, other.marker, changed)
-                if pair is not None and odds < questions.get(pair, Question(*pair, np.inf)).odds:
+                pair = () if order is None else _renamed(order)
+                if len(pair) == 2 and odds < questions.get(pair, Question(*pair, np.inf)).odds:
                     questions[pair] = Question(*pair, odds)
         rivals = tuple(search.others[number].marker for number in np.unique(nearest[nearest >= 0]).tolist())
         return found, tuple(questions.values()), rivals
 
-    def _exchange(self, best: np.ndarray, other: np.ndarray, changed: np.ndarray) -> tuple[int, int] | None:
-        """Which two have each other's names all the time in other names (N,), if that is what is `changed`."""
-        one, name = int(best[changed[0]]), int(other[changed[0]])
-        if name == NO_MARKER or not np.isin(best[changed], (one, name)).all():
-            return None
-        turned = np.where(best == one, name, np.where(best == name, one, best))
-        return (min(one, name), max(one, name)) if (turned == other).all() else None
+    def _renaming(self, best: np.ndarray, other: np.ndarray) -> np.ndarray | None:
+        """(M + E,) what each name is in other names (N,), where that is the same all the time, and no two are one."""
+        order = np.arange(self.markers + self.objective.extras)
+        named = best != NO_MARKER
+        order[best[named]] = other[named]
+        there = np.unique(best[named])
+        same = (other == np.where(named, order[best], NO_MARKER)).all() and (order >= 0).all()
+        return order if same and len(np.unique(order[there])) == len(there) else None
+
+
+def _renamed(order: np.ndarray) -> tuple[int, ...]:
+    """The names that take part where `order` (M + E,) is what each is called now."""
+    moved = np.flatnonzero(order != np.arange(len(order)))
+    return tuple(sorted({*moved.tolist(), *order[moved].tolist()}))
 
 
 def is_crowd(tracklets: Tracklets, markers: int, rate: float) -> bool:

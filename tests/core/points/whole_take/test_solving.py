@@ -11,6 +11,7 @@ from addon.core.data.progress import finished
 from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Points
 from addon.core.edits.applying import apply_edits, cells_of_take
 from addon.core.edits.kinds import AssignPoint, Delete, Edits, UnlabelMarker
+from addon.core.geometry.upright import turned
 from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.deciding import can_be_solved, labels_of
 from addon.core.points.whole_take.layout import Question, named_by_layout
@@ -119,6 +120,24 @@ def test_two_names_that_nothing_has_are_not_asked_about(model, markers):
         marker = np.where(np.isin(solution.marker, unworn), NO_MARKER, solution.marker)
         worn = replace(solution, marker=marker, questions=(Question(*pair, 0.1),))
         assert (words in [one.words for one in labels_of(worn, named, 0.999, names).suspects]) == asks
+
+
+def test_an_exchange_is_surer_by_many_poses_than_by_one(model, markers):
+    names, more = model.markerset.markers, []
+    order = np.arange(len(names))
+    wrist = [names.index(name) for name in LEFT_WRIST]
+    order[wrist] = wrist[::-1]
+    still = np.repeat(markers[:1], FRAMES, axis=0)
+    turning, middle = still.copy(), still[:, wrist].mean(axis=1, keepdims=True)
+    turning[:, wrist] = turned(still[:, wrist] - middle, 1.5 * np.sin(np.arange(FRAMES) / 7)) + middle
+    for take in (still, turning):
+        named = said(take, np.arange(len(names)), np.isfinite(take[..., 0]))
+        tracklets = tracklets_of(take, cut(take, RATE), named, len(names))
+        objective = Objective(take, tracklets, model, RATE, tracklets.lane)
+        right, wrong = objective.of(tracklets.lane), objective.of(order[tracklets.lane])
+        more.append(objective.gain_of_poses(wrong, right, order))
+    assert more[0] == pytest.approx(0, abs=1e-6)
+    assert more[1] < -0.1
 
 
 def exchanged_for_a_while(markers: np.ndarray, names) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
