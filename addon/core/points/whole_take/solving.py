@@ -222,8 +222,9 @@ class _Solving:
         margin = margins(odds, marker, self.tracklets.first, self.tracklets.last)
         rivals: tuple[np.ndarray, ...] = ()
         if search is not None:
-            of_others, questions, rivals = self._of_others(search)
-            margin = np.minimum(margin, np.minimum(self._of_seldom(own), of_others))
+            alone = np.minimum(margin, self._of_seldom(own))
+            of_others, questions, rivals = self._of_others(search, alone)
+            margin = np.minimum(alone, of_others)
         likely = np.where(odds.max(axis=1) > 0, odds.argmax(axis=1), NO_MARKER)
         likely = np.where(likely < self.markers, likely, NO_MARKER)
         fit = usual_fit(objective.model.learned_likelihood, placed[:, : self.markers])
@@ -244,11 +245,13 @@ class _Solving:
         of_seldom = named & seldom[own] & (tracklets.held == NO_MARKER)
         return np.where(of_seldom, tracklets.votes[np.arange(len(own)), own], np.inf)
 
-    def _of_others(self, search: Search) -> tuple[np.ndarray, tuple[Question, ...], tuple[np.ndarray, ...]]:
+    def _of_others(
+        self, search: Search, alone: np.ndarray
+    ) -> tuple[np.ndarray, tuple[Question, ...], tuple[np.ndarray, ...]]:
         """(N,) what it would lose to go over to another naming that the search tried, of what it changes.
 
-        With questions and the nearest rivals. Whether two have each other's names is no question where a person has
-        named either of them at any time.
+        With questions, which say how sure names are `alone` (N,), and the nearest rivals. Whether two have each
+        other's names is no question where a person has named either of them at any time.
         """
         questions: dict[tuple[int, int], Question] = {}
         nearest = np.full(len(self.tracklets), -1)
@@ -267,7 +270,7 @@ class _Solving:
                 found[nearer], nearest[nearer] = odds, number
                 pair = () if order is None else _renamed(order)
                 if len(pair) == 2 and odds < questions.get(pair, Question(*pair, np.inf)).odds:
-                    questions[pair] = Question(*pair, odds)
+                    questions[pair] = Question(*pair, odds, float(alone[changed].max()))
         rivals = tuple(search.others[number].marker for number in np.unique(nearest[nearest >= 0]).tolist())
         return found, tuple(questions.values()), rivals
 

@@ -110,15 +110,15 @@ def test_an_unmodelled_marker_that_lasts_half_a_second_competes_at_any_rate(mode
     assert finished(solve_take(points, cut(points, rate), named, model, rate)).extras == 1
 
 
-def test_two_names_that_nothing_has_are_not_asked_about(model, markers):
+def test_names_that_nothing_has_or_that_no_answer_makes_sure_are_not_asked_about(model, markers):
     points, whose = pieces(markers)
     named, names = said(points, whose, np.ones(points.shape[:2], bool)), model.markerset.markers
     solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
     pair = names.index("LELB"), names.index("RELB")
     words = "LELB and RELB may have each other's names in the whole take"
-    for unworn, asks in (((), True), (pair[:1], True), (pair, False)):
+    for unworn, answered, asks in (((), 9.0, True), (pair[:1], 9.0, True), (pair, 9.0, False), ((), 1.0, False)):
         marker = np.where(np.isin(solution.marker, unworn), NO_MARKER, solution.marker)
-        worn = replace(solution, marker=marker, questions=(Question(*pair, 0.1),))
+        worn = replace(solution, marker=marker, questions=(Question(*pair, 0.1, answered),))
         assert (words in [one.words for one in labels_of(worn, named, 0.999, names).suspects]) == asks
 
 
