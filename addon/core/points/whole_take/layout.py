@@ -175,11 +175,15 @@ LAYOUT_ROUNDS = 12  # of asking, and asking again; by time
 
 @dataclass(frozen=True)
 class Question:
-    """A marker whose points may be another's, or an extra's, and the log odds of the names that they have."""
+    """A marker whose points may be another's, or an extra's, and the log odds of the names that they have.
+
+    `answered` are those that the surest of their names has once it is known.
+    """
 
     one: int
     other: int
     odds: float
+    answered: float = np.inf
 
 
 def named_by_layout(

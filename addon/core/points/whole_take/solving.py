@@ -222,8 +222,9 @@ class _Solving:
         margin = margins(odds, marker, self.tracklets.first, self.tracklets.last)
         rivals: tuple[np.ndarray, ...] = ()
         if search is not None:
-            of_others, questions, rivals = self._of_others(search)
-            margin = np.minimum(margin, np.minimum(self._of_seldom(own), of_others))
+            alone = np.minimum(margin, self._of_seldom(own))
+            of_others, questions, rivals = self._of_others(search, alone)
+            margin = np.minimum(alone, of_others)
         likely = np.where(odds.max(axis=1) > 0, odds.argmax(axis=1), NO_MARKER)
         likely = np.where(likely < self.markers, likely, NO_MARKER)
         fit = usual_fit(objective.model.learned_likelihood, placed[:, : self.markers])
@@ -244,11 +245,13 @@ class _Solving:
         of_seldom = named & seldom[own] & (tracklets.held == NO_MARKER)
         return np.where(of_seldom, tracklets.votes[np.arange(len(own)), own], np.inf)
 
-    def _of_others(self, search: Search) -> tuple[np.ndarray, tuple[Question, ...], tuple[np.ndarray, ...]]:
+    def _of_others(
+        self, search: Search, alone: np.ndarray
+    ) -> tuple[np.ndarray, tuple[Question, ...], tuple[np.ndarray, ...]]:
         """(N,) what it would lose to go over to another naming that the search tried, of what it changes.
 
-        With questions and the nearest rivals. Whether two have each other's names is no question where a person has
-        named either of them at any time.
+        With questions, which say how sure names are `alone` (N,), and the nearest rivals. Whether two have each
+        other's names is no question where a person has named either of them at any time.
         """
         questions: dict[tuple[int, int], Question] = {}
         nearest = np.full(len(self.tracklets), -1)
@@ -259,23 +262,32 @@ class _Solving:
             changed = np.flatnonzero((best != other.marker) & (best != NO_MARKER) & (best < self.markers))
             if len(changed) and not (known[changed].any() and len(np.unique(best[changed])) == 2):
                 frames = np.bincount(best[changed], count[changed]).max()
-                lost = -self.objective.gain(other, search.best) * self.objective.length / frames
-                odds = max(lost, 0.0) * MARGINS.looks
+                gain, order = self.objective.gain(other, search.best), self._renaming(best, other.marker)
+                if order is not None:
+                    gain += self.objective.gain_of_poses(other, search.best, order)
+                odds = max(-gain * self.objective.length / frames, 0.0) * MARGINS.looks
                 nearer = changed[odds < found[changed]]
                 found[nearer], nearest[nearer] = odds, number
-                pair = self._exchange(best, other.marker, changed)
-                if pair is not None and odds < questions.get(pair, Question(*pair, np.inf)).odds:
-                    questions[pair] = Question(*pair, odds)
+                pair = () if order is None else _renamed(order)
+                if len(pair) == 2 and odds < questions.get(pair, Question(*pair, np.inf)).odds:
+                    questions[pair] = Question(*pair, odds, float(alone[changed].max()))
         rivals = tuple(search.others[number].marker for number in np.unique(nearest[nearest >= 0]).tolist())
         return found, tuple(questions.values()), rivals
 
-    def _exchange(self, best: np.ndarray, other: np.ndarray, changed: np.ndarray) -> tuple[int, int] | None:
-        """Which two have each other's names all the time in other names (N,), if that is what is `changed`."""
-        one, name = int(best[changed[0]]), int(other[changed[0]])
-        if name == NO_MARKER or not np.isin(best[changed], (one, name)).all():
-            return None
-        turned = np.where(best == one, name, np.where(best == name, one, best))
-        return (min(one, name), max(one, name)) if (turned == other).all() else None
+    def _renaming(self, best: np.ndarray, other: np.ndarray) -> np.ndarray | None:
+        """(M + E,) what each name is in other names (N,), where that is the same all the time, and no two are one."""
+        order = np.arange(self.markers + self.objective.extras)
+        named = best != NO_MARKER
+        order[best[named]] = other[named]
+        there = np.unique(best[named])
+        same = (other == np.where(named, order[best], NO_MARKER)).all() and (order >= 0).all()
+        return order if same and len(np.unique(order[there])) == len(there) else None
+
+
+def _renamed(order: np.ndarray) -> tuple[int, ...]:
+    """The names that take part where `order` (M + E,) is what each is called now."""
+    moved = np.flatnonzero(order != np.arange(len(order)))
+    return tuple(sorted({*moved.tolist(), *order[moved].tolist()}))
 
 
 def is_crowd(tracklets: Tracklets, markers: int, rate: float) -> bool:

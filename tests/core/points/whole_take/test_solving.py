@@ -11,6 +11,7 @@ from addon.core.data.progress import finished
 from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Points
 from addon.core.edits.applying import apply_edits, cells_of_take
 from addon.core.edits.kinds import AssignPoint, Delete, Edits, UnlabelMarker
+from addon.core.geometry.upright import turned
 from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.deciding import can_be_solved, labels_of
 from addon.core.points.whole_take.layout import Question, named_by_layout
@@ -110,16 +111,46 @@ def test_an_unmodelled_marker_that_lasts_half_a_second_competes_at_any_rate(mode
     assert finished(solve_take(points, cut(points, rate), named, model, rate)).extras == 1
 
 
-def test_two_names_that_nothing_has_are_not_asked_about(model, markers):
+def test_names_that_nothing_has_or_that_no_answer_makes_sure_are_not_asked_about(model, markers):
     points, whose = pieces(markers)
     named, names = said(points, whose, np.ones(points.shape[:2], bool)), model.markerset.markers
     solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
     pair = names.index("LELB"), names.index("RELB")
     words = "LELB and RELB may have each other's names in the whole take"
-    for unworn, asks in (((), True), (pair[:1], True), (pair, False)):
+    for unworn, answered, asks in (((), 9.0, True), (pair[:1], 9.0, True), (pair, 9.0, False), ((), 1.0, False)):
         marker = np.where(np.isin(solution.marker, unworn), NO_MARKER, solution.marker)
-        worn = replace(solution, marker=marker, questions=(Question(*pair, 0.1),))
+        worn = replace(solution, marker=marker, questions=(Question(*pair, 0.1, answered),))
         assert (words in [one.words for one in labels_of(worn, named, 0.999, names).suspects]) == asks
+
+
+def exchanged(model, one: str, other: str) -> np.ndarray:
+    """(M,) the markers, of which two have each other's names."""
+    order, pair = np.arange(len(model.markerset)), [model.markerset.index(name) for name in (one, other)]
+    order[pair] = pair[::-1]
+    return order
+
+
+def objective_of(model, points: np.ndarray, whose: np.ndarray) -> tuple[Objective, np.ndarray]:
+    """The objective of points (T, P, 3) m of whose frames nothing is said, and what its tracklets are."""
+    nothing = said(points, whose, np.zeros(points.shape[:2], bool))
+    tracklets = tracklets_of(points, cut(points, RATE), nothing, len(model.markerset))
+    truth = whose[tracklets.lane]
+    objective = Objective(points, tracklets, model, RATE)
+    objective.look_at(truth)
+    return objective, truth
+
+
+def test_an_exchange_is_surer_by_many_poses_than_by_one(model, markers):
+    order, more = exchanged(model, *LEFT_WRIST), []
+    wrist = np.flatnonzero(order != np.arange(len(order)))
+    still = np.repeat(markers[:1], FRAMES, axis=0)
+    turning, middle = still.copy(), still[:, wrist].mean(axis=1, keepdims=True)
+    turning[:, wrist] = turned(still[:, wrist] - middle, 1.5 * np.sin(np.arange(FRAMES) / 7)) + middle
+    for take in (still, turning):
+        objective, truth = objective_of(model, take, np.arange(len(order)))
+        more.append(objective.gain_of_poses(objective.of(order[truth]), objective.of(truth), order))
+    assert more[0] == pytest.approx(0, abs=1e-6)
+    assert more[1] < -0.1
 
 
 def exchanged_for_a_while(markers: np.ndarray, names) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -171,18 +202,10 @@ def test_markers_of_a_long_take_are_looked_up_where_they_are_asked_for(model, ma
 
 
 def test_the_objective_is_highest_for_the_truth(model, markers):
-    points, whose = pieces(markers)
-    nothing = said(points, whose, np.zeros(points.shape[:2], bool))
-    tracklets = tracklets_of(points, cut(points, RATE), nothing, len(model.markerset))
-    truth = whose[tracklets.lane]
-    objective = Objective(points, tracklets, model, RATE)
-    objective.look_at(truth)
+    objective, truth = objective_of(model, *pieces(markers))
     right = objective.of(truth)
-    for one, other in (LEFT_WRIST, ("LANK", "LTOE"), ("LELB", "RELB")):
-        order = np.arange(len(model.markerset))
-        pair = [model.markerset.markers.index(name) for name in (one, other)]
-        order[pair] = pair[::-1]
-        assert objective.gain(objective.of(order[truth]), right) < 0
+    for pair in (LEFT_WRIST, ("LANK", "LTOE"), ("LELB", "RELB")):
+        assert objective.gain(objective.of(exchanged(model, *pair)[truth]), right) < 0
     hidden = np.where(truth == 3, NO_MARKER, truth)
     assert objective.gain(objective.of(hidden), right) < 0
     assert objective.gain(right, right) == 0
@@ -203,13 +226,10 @@ def layout_names(model, placed: np.ndarray, absent: bool):
 
 
 def test_names_exchanged_in_all_of_the_take_are_put_right_and_those_that_are_right_stay(model, markers):
-    names = model.markerset.markers
-    for one, other in (LEFT_WRIST, ("LANK", "LTOE"), ("LELB", "RELB")):
-        order = np.arange(len(names))
-        pair = [names.index(one), names.index(other)]
-        order[pair] = order[pair[::-1]]
+    for pair in (LEFT_WRIST, ("LANK", "LTOE"), ("LELB", "RELB")):
+        order = exchanged(model, *pair)
         name, _ = layout_names(model, markers[:, order], False)
-        assert name.tolist() == order.tolist(), (one, other)
+        assert name.tolist() == order.tolist(), pair
     name, questions = layout_names(model, markers, True)
     assert name.tolist() == list(range(len(model.markerset)))
     assert all(question.odds >= -1 for question in questions)
@@ -250,25 +270,16 @@ def test_a_plate_turned_round_is_worth_less_however_far_it_sits_from_its_place(m
     four = [model.markerset.index(name) for name in ("LKNE", "LANK", "LHEE", "LTOE")]
     moved = markers.copy()
     moved[:, four] += [0.0, 0.0, 0.12]
-    points, whose = pieces(moved, hidden=0)
-    tracklets = tracklets_of(points, cut(points, RATE), said(points, whose, np.zeros(points.shape[:2], bool)), 26)
-    truth, turned = whose[tracklets.lane], np.arange(26)
-    turned[four] = four[::-1]
-    objective = Objective(points, tracklets, model, RATE)
-    objective.look_at(truth)
-    assert objective.of(truth).layout > objective.of(turned[truth]).layout
-
-
-PAIR = "LWRA", "LWRB"
+    objective, truth = objective_of(model, *pieces(moved, hidden=0))
+    round_about = np.arange(len(model.markerset))
+    round_about[four] = four[::-1]
+    assert objective.of(truth).layout > objective.of(round_about[truth]).layout
 
 
 @pytest.fixture(scope="module")
 def everything(model, markers):
     """Labels by which both wrists' markers have each other's names in all of the take."""
-    one, other = (model.markerset.index(name) for name in PAIR)
-    whose = np.arange(len(model.markerset))
-    whose[[one, other]] = other, one
-    return said(markers, whose, np.ones(markers.shape[:2], bool))
+    return said(markers, exchanged(model, *LEFT_WRIST), np.ones(markers.shape[:2], bool))
 
 
 def rulings_of(model, markers, labels: Labels, *edits) -> Rulings:
@@ -287,8 +298,8 @@ def solved(model, markers, labels: Labels, rulings: Rulings) -> np.ndarray:
 
 def test_one_frame_of_one_marker_puts_the_whole_take_right(model, markers, everything):
     """The other marker too, before that frame and after it, though every frame says otherwise."""
-    one, other = (model.markerset.index(name) for name in PAIR)
-    rulings = rulings_of(model, markers, everything, AssignPoint(one, PAIR[0], frames=(100, 100)))
+    one, other = (model.markerset.index(name) for name in LEFT_WRIST)
+    rulings = rulings_of(model, markers, everything, AssignPoint(one, LEFT_WRIST[0], frames=(100, 100)))
     marker = solved(model, markers, everything, rulings)
     present = np.isfinite(markers[..., 0])
     assert (marker[:, one] == one)[present[:, one]].all()
