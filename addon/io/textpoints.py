@@ -188,7 +188,7 @@ def _trc_labels(line: str, promised: str, rows: list[str]) -> list[str]:
     """The markers' names, empty for those without one, in the order of their columns.
 
     The format has a name above the first of a marker's three columns. Other programs put one tab or two behind a name,
-    a name above each column (`LASI_x`, `LASI_y`, `LASI_z`), a space before the first, or nothing but spaces between them;
+    a name above each column (`LASI_x`, `LASI_y`, `LASI_z`), a space before the first, or only spaces between them;
     then it is the number of the names that has to fit NumMarkers or the rows.
     """
     fields = [field.strip() for field in line.rstrip("\t ").split("\t")]
