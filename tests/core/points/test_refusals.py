@@ -187,6 +187,7 @@ def labelled(points: np.ndarray, rate: float, model, **options) -> LabelledPoint
 
 def test_a_rate_ten_times_too_high_and_frames_out_of_their_order_are_named(model, walk):
     labelled(walk, RATE, model)
+    refuse_impossible(walk, 4.5 * RATE, None, [model])  # as hard as a sprinter's legs swing
     with pytest.raises(JobError, match=r"has a rate that cannot be: at 600 Hz .* such as 60 Hz"):
         labelled(walk, 10 * RATE, model)
     with pytest.raises(JobError, match="has a rate that cannot be"):
