@@ -80,13 +80,13 @@ class PairDistances:
 def trained_pairs(model: Model) -> PairDistances:
     """What training knows: of the frames that the model keeps or, where it keeps few, of its likelihood.
 
-    Who stood still shows no more than what keeps; how all else moves is in the likelihood, for which it was made up.
-    ValueError where the model has neither.
+    Who stood still shows no more than what keeps; how all else moves is in the likelihood, for which it was made up if
+    a body is known. ValueError where the model has neither.
     """
     own = [moments(points) for points in model.subjects.values() if len(points) >= PAIRING.min_frames]
     moving = [one for one in own if not is_still(one)]
-    if moving:
-        return _of_subjects(moving)
+    if moving or (own and not len(model.markerset.spread.modes)):
+        return _of_subjects(moving or own)
     made_up = _of_shape(model.learned_likelihood)
     if not own:
         return made_up
