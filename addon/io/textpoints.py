@@ -119,7 +119,10 @@ def read_trc(path: Path) -> PointFile:
     Raises InputError with the line where the file is not as the format says.
     """
     text = decode(read_bytes(path), path, TRC)
-    lines, ended = text.splitlines(), text.endswith(("\n", "\r"))
+    if "\t" not in text:
+        text = text.replace(",", "\t")  # a spreadsheet's
+    # Some programs put a tab before each row.
+    lines, ended = [line.lstrip("\t") for line in text.splitlines()], text.endswith(("\n", "\r"))
     if not lines or not lines[0].lstrip().lower().startswith("pathfiletype"):
         raise InputError(f"does not begin with PathFileType; expected {TRC}", path, 1)
     if len(lines) < 5:
@@ -137,10 +140,6 @@ def read_trc(path: Path) -> PointFile:
     columns = [2 + 3 * index for index in range(len(labels))]
     rows, word = _trc_rows(lines, begin, ended, named, path), "+Z" if Z_UP in lines[0] else ""
     take = text_file(rows, labels, columns, path, rate, head.get("Units", ""), word)
-    promised = head.get("NumFrames", "")
-    # One that begins later is a part that somebody took out.
-    if count_in(promised) > take.frames and head.get("OrigDataStartFrame", "") == str(take.first_frame):
-        raise InputError(f"has {take.frames} of {promised} frames; expected all of them (is the file cut off?)", path)
     row = next(line for line in lines[begin:] if line.strip()).split("\t")
     begin_s = _value(row, 1, path, begin + 1) - take.first_frame / rate
     own = head if len(lines[1].split()) == len(lines[2].split()) else {}
@@ -189,19 +188,21 @@ def _trc_labels(line: str, promised: str, rows: list[str]) -> list[str]:
     """The markers' names, empty for those without one, in the order of their columns.
 
     The format has a name above the first of a marker's three columns. Other programs put one tab or two behind a name,
-    a name above each column (`LASI_x`, `LASI_y`, `LASI_z`), or a space before the first; then it is the number of the
-    names that has to fit NumMarkers or the rows.
+    a name above each column (`LASI_x`, `LASI_y`, `LASI_z`), a space before the first, or only spaces between them;
+    then it is the number of the names that has to fit NumMarkers or the rows.
     """
     fields = [field.strip() for field in line.rstrip("\t ").split("\t")]
     if len(fields) > 1 and fields[1].lower().startswith("time "):
         fields[1:2] = fields[1].split(None, 1)
     labels = fields[2:]
-    names = [label for label in labels if label]
+    names, words, stated = [label for label in labels if label], line.split()[2:], count_in(promised)
+    if len(names) == 1 < len(words) == stated:
+        return words
     if not any(label for at, label in enumerate(labels) if at % 3):
         return labels[::3]
     stems = [name[:-1].rstrip("_. ") for name in names]
     axes = "".join(name[-1].lower() for name in names)
-    stated, each = count_in(promised), len(names) // 3
+    each = len(names) // 3
     if stated != len(names) and axes == "xyz" * each and all(stems) and stems[::3] == stems[1::3] == stems[2::3]:
         return stems[::3]
     return names if len(names) in (stated, *map(_trc_points, rows[:WIDTH_ROWS])) else labels[::3]

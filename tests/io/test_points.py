@@ -253,6 +253,24 @@ def test_trc_heads_of_other_programs(tmp_path, head, promised):
         assert read_trc(path).labels == ["A", "B b", "C", "", ""]
 
 
+def _padded(text: str) -> str:
+    """With nothing but spaces between the names, and a tab before each row."""
+    lines = text.splitlines()
+    names = "            ".join(name for name in lines[3].split("\t")[2:] if name)
+    lines[3:] = ["Frame#\tTime" + " " * 12 + names, *("\t" + line for line in lines[4:])]
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("written", [_padded, lambda text: text.replace("\t", ",")], ids=["padded", "a spreadsheet's"])
+def test_a_trc_need_not_have_tabs_where_the_format_has_them(tmp_path, written):
+    path = tmp_path / "take.trc"
+    write_trc(path, walk())
+    path.write_text(written(path.read_text()))
+    found = read_points(path)
+    assert found.names == walk().names
+    np.testing.assert_allclose(found.xyz, walk().xyz, atol=1e-7)
+
+
 @pytest.mark.parametrize("named", [0, 2])
 def test_a_trc_holds_points_without_a_name_behind_those_with_one(tmp_path, named):
     """EVaRT and Cortex write what they did not identify into further columns that the head does not know."""

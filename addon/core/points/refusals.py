@@ -116,7 +116,7 @@ def refuse_others(model: Model, namer: Namer, points: Table, solvable: bool = Fa
     if len(others) + found >= 2:
         raise _two_subjects(model)
     if not found and not (solvable and _are_together(model, some)):
-        raise _unrecognised(model, namer, some, alone)
+        raise _unrecognised(model, namer, some, _recognised(alone))
     return Sample(frames, first, found)
 
 
@@ -140,7 +140,7 @@ def refuse_unlike(model: Model, namer: Namer, points: Table, fit: SetFit, sure: 
     single frames were not `sure`, how likely the usual frame is.
     """
     if fit.residual > REFUSAL.max_residual or not (sure or fit.log_likelihood >= REFUSAL.min_log_likelihood):
-        raise _unrecognised(model, namer, points, 0.0)
+        raise _unrecognised(model, namer, points, "what could be its markers does not sit as it has them")
 
 
 def refuse_unrecognised(model: Model, namer: Namer, points: Table, given: Labels, sure: bool = True):
@@ -151,7 +151,7 @@ def refuse_unrecognised(model: Model, namer: Namer, points: Table, given: Labels
     """
     share = given.named.sum() / _possible(points, len(model.markerset))
     if share < (REFUSAL.min_named if sure else REFUSAL.min_all):
-        raise _unrecognised(model, namer, points, share)
+        raise _unrecognised(model, namer, points, _recognised(share))
 
 
 def sure_share(named: Labels, points: Table, markers: int) -> float:
@@ -254,7 +254,12 @@ def _two_subjects(model: Model) -> SubjectsError:
     return SubjectsError(f"{words}; expected a take of one, so ask for all of them {HOW_TO_ASK}")
 
 
-def _unrecognised(model: Model, namer: Namer, points: Table, share: float) -> UnsuitedError:
+def _recognised(share: float) -> str:
+    """A share of what points could be of a set's markers: of those of a part of a body there are fewer than it has."""
+    return f"{share:.0%} of what could be its markers was recognised for sure"
+
+
+def _unrecognised(model: Model, namer: Namer, points: Table, why: str) -> UnsuitedError:
     name, size = model.markerset.name, len(model.markerset)
     some = points[evenly_spread(len(points), FRAMES_ASKED)]
     sure = (lambda scaled: _sure(model, namer, scaled) >= REFUSAL.min_sure_rest) if not is_crowd(some, model) else None
@@ -265,6 +270,6 @@ def _unrecognised(model: Model, namer: Namer, points: Table, share: float) -> Un
     many = f" or of several subjects at once ({int(present.max())} points, {size} markers)"
     several, ask = (many, f", or ask for several {HOW_TO_ASK}") if is_crowd(points, model) else ("", "")
     return UnsuitedError(
-        f"does not look like a take of model {name}{several}: {share:.0%} of its markers were recognised for sure; "
+        f"does not look like a take of model {name}{several}: {why}; "
         f"expected a take of that marker set, so choose its model or train one{ask}"
     )

@@ -15,20 +15,19 @@ from ..data.markersets import MarkerSet
 from ..data.physical import MARKER_LIMITS
 from ..data.takes import evenly_spread
 from ..geometry import rotations
-from ..geometry.rigid import pairwise_distances
 from ..papers.virtual_occlusions.placement import GUESSING
 from ..points.likelihood.learn import LEARN
 from ..points.likelihood.shape import cloud_radius
+from ..points.whole_take.pairs import PAIRING, is_still, moments
 from ..posing.posing import fit_points
 from .poses import posed_bodies, poses_of, with_mirrored
-from .spread import SPREAD, TAILS, some_of
+from .spread import SPREAD, some_of
 
 
 @dataclass(frozen=True)
 class ImaginingOptions:
     """How frames are made up.
 
-    min_sway       of the subject's size, that distances vary by where poses are shown; physical: standing sways by 0.01
     frames         of each made-up subject; memory: a walk of three seconds
     link_sd_rad    that links of what is no person bend; measured on a hand and a rat learned from a frame: twice as
                    much names 81 % of the hand, four times as much 57 %, nothing wrong
@@ -38,7 +37,6 @@ class ImaginingOptions:
     joint_sd_m     how well a body laid into a frame shows where the joints are; physical: 1 cm
     """
 
-    min_sway: float = 0.03
     frames: int = 300
     link_sd_rad: float = 0.1
     people: int = 4
@@ -51,13 +49,7 @@ IMAGINING = ImaginingOptions()
 
 def shows_poses(points: np.ndarray) -> bool:
     """Whether a subject's labelled frames (T, M, 3) m show it in more than one pose."""
-    some = some_of(points)
-    distance = pairwise_distances(some)
-    known = np.isfinite(distance).sum(axis=0) > 1
-    if len(points) < LEARN.min_frames or not known.any():
-        return False
-    sway = np.quantile(np.nanstd(distance[:, known], axis=0), 1 - TAILS)
-    return bool(sway > IMAGINING.min_sway * size_of(some))
+    return len(points) >= LEARN.min_frames and not is_still(moments(some_of(points)))
 
 
 def size_of(points: np.ndarray) -> float:
@@ -113,7 +105,7 @@ def bent(points: np.ndarray) -> list[np.ndarray]:
 def moves(points: np.ndarray) -> bool:
     """Whether a subject's labelled frames (T, M, 3) m show it in more than one place, or turned."""
     shown = points[:, np.isfinite(points[..., 0]).any(axis=0)]
-    return bool((np.nanstd(shown, axis=0) > IMAGINING.min_sway * size_of(points)).any())
+    return bool((np.nanstd(shown, axis=0) > PAIRING.min_sway * size_of(points)).any())
 
 
 def strangers(markerset: MarkerSet, points: np.ndarray, count: int, seed: int = 0) -> list[np.ndarray]:

@@ -22,7 +22,7 @@ from ..papers.virtual_occlusions.placement import GUESSING
 from ..posing.posing import labelled_pull
 from .poses import known_poses, posed_bodies
 from .spread import MAJORITY, some_of
-from .transfer import off_surface, places_in_segments
+from .transfer import off_surface, on_worn_limbs, places_in_segments, without_markers
 
 HEADINGS = 12  # in which a body is tried: every 30 degrees, less than half of how far the fit turns it
 MATCHINGS, FIT_STEPS = 10, 4  # of matching, from the first gate to the last, and of the fit's iterations after each
@@ -80,12 +80,29 @@ def laid_body(frame: np.ndarray, bodies: Sequence[tuple[MarkerSet, np.ndarray]],
     Each body comes with the poses (P, J, 3) that it may be in, as `Spread.poses` has them. `sides` (M,) as
     `marker_sides` gives them. The options say when it fits.
     """
-    found = [one for body, poses in bodies if (one := _laid(frame, body, poses, sides)) is not None]
+    parts = [(body, chosen, poses) for body, poses in bodies for chosen in _parts(body)]
+    found = [one for part in parts if (one := _laid(frame, *part, sides)) is not None]
     return min(found, key=lambda one: one.off) if found else None
 
 
-def _laid(frame: np.ndarray, body: MarkerSet, poses: np.ndarray, sides: np.ndarray) -> LaidBody | None:
-    """The body as it fits best of all starts, on the sides that most names say; None where it does not fit."""
+def _parts(whole: MarkerSet) -> list[np.ndarray]:
+    """The markers (K,) of a whole body, of one without those on the head, and of one without those on head and arms.
+
+    What a set lacks up there is what makes a body too small or too large for it: its shoulders would be the head.
+    """
+    skeleton, segment = whole.skeleton, whole.attachment
+    head = np.array([name == "head" for name in skeleton.segments])[segment]
+    limb = skeleton.limbs[segment]
+    arm = (limb >= 0) & (np.array(skeleton.parents)[limb] != 0)
+    lacking = np.unique([head & False, head, head | arm], axis=0)
+    return [np.flatnonzero(~one) for one in lacking]
+
+
+def _laid(
+    frame: np.ndarray, whole: MarkerSet, chosen: np.ndarray, poses: np.ndarray, sides: np.ndarray
+) -> LaidBody | None:
+    """A body's markers `chosen` (K,) as they fit best of all starts, on the sides that most names say; None if not."""
+    body = without_markers(whole, chosen)
     there = np.flatnonzero(np.isfinite(frame).all(axis=1))
     if len(there) < MIN_POINTS:
         return None
@@ -101,7 +118,7 @@ def _laid(frame: np.ndarray, body: MarkerSet, poses: np.ndarray, sides: np.ndarr
     size = bodies.scale.mean(axis=1)  # a hand and a rat fit bodies of 0.2 to 0.7 m
     alone = ~(matched[..., None] == np.arange(len(cloud))).any(axis=1)
     places = places_in_segments(model, bodies, cloud)
-    off_skin = np.minimum([off_surface(body, own).min(axis=1) for own in places], gate)
+    off_skin = np.minimum([off_surface(body, own)[:, on_worn_limbs(body)].min(axis=1) for own in places], gate)
     off = (away.sum(axis=1) + (alone * off_skin).sum(axis=1)) / (len(body) + len(cloud))
     fits = (off <= LAYING.max_off) & (size == GUESSING.possible_height(size))
     if not fits.any():
@@ -109,8 +126,8 @@ def _laid(frame: np.ndarray, body: MarkerSet, poses: np.ndarray, sides: np.ndarr
     best = np.where(fits, off, np.inf).argmin()
     mine = np.flatnonzero(found[best] & _on_worn_limbs(body, found[best]))
     place = np.full(len(frame), -1)
-    place[there[matched[best, mine]]] = mine
-    return LaidBody(body, place, float(off[best]))
+    place[there[matched[best, mine]]] = chosen[mine]
+    return LaidBody(whole, place, float(off[best]))
 
 
 def _on_worn_limbs(body: MarkerSet, found: np.ndarray) -> np.ndarray:

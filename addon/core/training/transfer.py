@@ -105,7 +105,7 @@ def _hung(
     seen = np.flatnonzero(np.isfinite(spreads).any(axis=(0, 2)))
     carrier, offsets, sd = carrier.copy(), offsets.copy(), np.where(carrier < 0, SPREAD.marker_sd, sd)
     cost = np.nanmean((spreads + SURFACE_COST * away)[:, seen], axis=0)
-    nearest = np.where(_posed(body), cost, np.inf).argmin(axis=1)
+    nearest = np.where(on_worn_limbs(body), cost, np.inf).argmin(axis=1)
     carrier[seen] = np.where(carrier[seen] < 0, nearest, carrier[seen])
     own = means[:, seen, carrier[seen]]
     offsets[seen] = np.nanmean(own, axis=0)
@@ -115,7 +115,7 @@ def _hung(
     return carrier, offsets, sd
 
 
-def _posed(body: MarkerSet) -> np.ndarray:
+def on_worn_limbs(body: MarkerSet) -> np.ndarray:
     """(J,) whether a segment is where a body with these markers says: not on a limb that has none of them."""
     limbs = body.skeleton.limbs
     return (limbs < 0) | np.isin(limbs, limbs[body.attachment])

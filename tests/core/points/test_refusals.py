@@ -129,7 +129,7 @@ def test_too_few_points_or_labels_are_said_so_and_a_flood_of_points_before_it_fi
     few[:, :3] = person(1)[:, :3]
     assert "no frame with enough points" in refused(model, few)
     points = person(1)
-    with pytest.raises(JobError, match="20% of its markers were recognised for sure"):
+    with pytest.raises(JobError, match="20% of what could be its markers was recognised for sure"):
         refuse_unrecognised(model, by_likelihood(model), points, first(3))
     refuse_unrecognised(model, by_likelihood(model), points, first(5))
     with pytest.raises(JobError, match="has 16000 points in one frame"):
@@ -167,10 +167,10 @@ def test_where_frames_are_not_sure_the_whole_take_must_be(model):
     likely, unlikely = (SetFit(0.0, REFUSAL.min_log_likelihood + more) for more in (0.1, -0.1))
     refuse_unlike(model, namer, points, unlikely)
     refuse_unlike(model, namer, points, likely, sure=False)
-    with pytest.raises(JobError, match="does not look like a take of model gait15"):
+    with pytest.raises(JobError, match="of model gait15: what could be its markers does not sit as it has them"):
         refuse_unlike(model, namer, points, unlikely, sure=False)
     refuse_unrecognised(model, namer, points, first(12), sure=False)
-    with pytest.raises(JobError, match="73% of its markers"):
+    with pytest.raises(JobError, match="73% of what could be its markers"):
         refuse_unrecognised(model, namer, points, first(11), sure=False)
 
 
@@ -187,6 +187,7 @@ def labelled(points: np.ndarray, rate: float, model, **options) -> LabelledPoint
 
 def test_a_rate_ten_times_too_high_and_frames_out_of_their_order_are_named(model, walk):
     labelled(walk, RATE, model)
+    refuse_impossible(walk, 4.5 * RATE, None, [model])  # as hard as a sprinter's legs swing
     with pytest.raises(JobError, match=r"has a rate that cannot be: at 600 Hz .* such as 60 Hz"):
         labelled(walk, 10 * RATE, model)
     with pytest.raises(JobError, match="has a rate that cannot be"):

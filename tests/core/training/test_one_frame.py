@@ -10,6 +10,7 @@ from addon.core.data.progress import finished
 from addon.core.geometry import rotations
 from addon.core.points.likelihood import learn
 from addon.core.points.likelihood.frames import LikelihoodNamer
+from addon.core.points.whole_take.pairs import trained_pairs
 from addon.core.training.imagining import IMAGINING
 from addon.core.training.laying import laid_body, marker_sides
 from addon.core.training.pipeline import TrainingOptions, person_in, train
@@ -72,6 +73,29 @@ def test_a_body_is_laid_into_a_frame_without_known_names(known, take):
     assert faced_about is None or faced_about.off > 1.3 * turned.off
     scattered = np.random.default_rng(1).uniform(0, 1.7, (26, 3))
     assert laid_body(scattered, [(body, poses)], np.zeros(26, dtype=int)) is None
+
+
+@pytest.mark.parametrize("worn", ["arms and legs", "legs"])
+def test_a_body_is_laid_into_markers_that_it_wears_less_of(known, take, worn):
+    """Nobody's shoulders are its head, nor its hips its shoulders, where a set has nothing on the head or the arms."""
+    bodies = [(one, known_poses(one, known)) for one in known if one.name == "body26"]
+    lacking = ("FHD", "BHD") if "arms" in worn else ("FHD", "BHD", "ELB", "WRA", "WRB", "FIN")
+    here = np.array([not name.endswith(lacking) for name in bodies[0][0].markers])
+    laid = laid_body(np.where(here[:, None], take[FRAME], np.nan), bodies, np.zeros(26, dtype=int))
+    assert (laid.place == np.arange(26))[here].all()
+
+
+def test_who_stood_still_moves_as_it_was_made_up(trained):
+    """Distances that keep are those of who stood, to the millimetre; all others vary as people move."""
+    (shown,), body = trained.model.training_takes, open_markerset("body26").markers
+    standing = shown.points + np.random.default_rng(4).normal(0, 5e-4, (60, *shown.points.shape[1:]))
+    pairs = trained_pairs(replace(trained.model, training_takes=(replace(shown, points=standing),)))
+    foot, feet = ((body.index(one), body.index(other)) for one, other in (("LHEE", "LTOE"), ("LHEE", "RHEE")))
+    assert np.sqrt(pairs.within[foot]) < 0.002
+    assert np.sqrt(pairs.within[feet]) > 0.05
+    assert pairs.mean[foot] == pytest.approx(
+        np.linalg.norm(shown.points[0, foot[0]] - shown.points[0, foot[1]]), abs=2e-3
+    )
 
 
 def test_one_person_who_moves_learns_of_others_too(known, take, monkeypatch):

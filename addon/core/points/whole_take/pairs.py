@@ -5,6 +5,7 @@ What a single frame's likelihood asks, how usual a pose is, counts for nothing h
 bone or across a joint, and how well they keep, which the take tells best.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -36,6 +37,7 @@ class PairOptions:
                       1 % of still trials
     unknown_frames    measured: the same of a guess where training knows nothing; with as many, people of other labs
                       lose 5 %, and names of 2 % are wrong
+    min_sway          physical: of a subject's size, that distances vary by where poses are shown; standing is 0.01
     independent       measured: frames of a take that say as much as one independent one, as neighbours show the same
                       pose; with 1 plates lose 2 %
     block             memory: frames at once
@@ -49,6 +51,7 @@ class PairOptions:
     max_confused_m: float = 0.35
     within_frames: float = 8.0
     unknown_frames: float = 0.5
+    min_sway: float = 0.03
     independent: float = 4.0
     block: int = 64
 
@@ -77,16 +80,29 @@ class PairDistances:
 def trained_pairs(model: Model) -> PairDistances:
     """What training knows: of the frames that the model keeps or, where it keeps few, of its likelihood.
 
-    ValueError where it has neither.
+    Who stood still shows no more than what keeps; how all else moves is in the likelihood, for which it was made up if
+    a body is known. ValueError where the model has neither.
     """
-    everyone = [points for points in model.subjects.values() if len(points) >= PAIRING.min_frames]
-    if not everyone:
-        return _of_shape(model.learned_likelihood)
-    own = [moments(points) for points in everyone]
+    own = [moments(points) for points in model.subjects.values() if len(points) >= PAIRING.min_frames]
+    moving = [one for one in own if not is_still(one)]
+    if moving or (own and not len(model.markerset.spread.modes)):
+        return _of_subjects(moving or own)
+    made_up = _of_shape(model.learned_likelihood)
+    if not own:
+        return made_up
+    seen, keeps = _of_subjects(own), np.zeros(made_up.mean.shape, bool)
+    keeps[tuple(model.learned_likelihood.constraints.pair.T)] = True
+    keeps = (keeps | keeps.T) & np.isfinite(seen.mean)
+    shown = zip((seen.mean, seen.unsure, seen.within), (made_up.mean, made_up.unsure, made_up.within), strict=True)
+    return PairDistances(*(np.where(keeps, one, other) for one, other in shown))
+
+
+def _of_subjects(own: Sequence["Moments"]) -> PairDistances:
+    """What subjects show, of whatever size each is."""
     means, within, counts = (np.stack([getattr(one, name) for one in own]) for name in ("mean", "variance", "count"))
     seen = counts > 1
     number = seen.sum(axis=0)
-    size = np.ones(len(everyone))
+    size = np.ones(len(own))
     for _ in range(2):
         sized = np.where(seen, means / size[:, None, None], 0)
         mean = np.where(number > 0, sized.sum(axis=0) / np.maximum(number, 1), np.nan)
@@ -147,6 +163,15 @@ class Moments:
     variance: np.ndarray
     count: np.ndarray
     frames: int
+
+
+def is_still(shown: Moments) -> bool:
+    """Whether frames of a subject show it in one pose: nine of ten distances hardly vary."""
+    known = shown.count > 1
+    if not known.any():
+        return True
+    size = np.sqrt(np.mean(shown.mean[known] ** 2) / 2)  # from the middle, as `cloud_radius` has it
+    return bool(np.quantile(np.sqrt(shown.variance[known]), 0.9) <= PAIRING.min_sway * size)
 
 
 def in_take(trained: PairDistances, placed: np.ndarray) -> PairDistances:
