@@ -136,16 +136,18 @@ class ReadyRig:
 
     bones     the names of its C bones that move, and
     modes     how each turns
+    mover     the name of the one whose location moves all: the first, or what that is connected to
     rest      what they are, and where, in the axes of a character
     place     (4, 4) where it stands
     axes      (3, 3) of a character in its own, and
     matrices  (C, 4, 4) its bones at rest in its own
-    steps     (3, 3) how far the first one goes there for a unit of each of its location's channels
+    steps     (3, 3) how far the first one goes there for a unit of each channel of the mover's location
     before    what those bones had
     """
 
     bones: tuple[str, ...]
     modes: tuple[str, ...]
+    mover: str
     rest: Rig
     place: np.ndarray
     axes: np.ndarray
@@ -162,33 +164,33 @@ class ReadyRig:
         InputError, and the rig as it was, where its first bone does not go where it is put.
         """
         parts, names = zip(*bones, strict=True)
-        before = KeptPose.of(rig, names)
+        mover = rig.data.bones[names[0]]
+        while mover.use_connect and mover.parent is not None:
+            mover = mover.parent
+        before = KeptPose.of(rig, {*names, mover.name})
         rig.data.pose_position = "POSE"
         for bone, name, value in before.switched:
             rig.pose.bones[bone][name] = type(value)(SWITCHES[name])
         rig.update_tag()
         with _without_action(rig):
-            follows, matrices, steps = _probe(context, rig, names)
+            follows, matrices, steps = _probe(context, rig, names, mover.name)
         if np.linalg.svd(steps, compute_uv=False)[-1] < LEAST_STEP:
             before.put_back(rig)
-            raise InputError(
-                f"{names[0]} of {rig.name} does not go where it is put; expected it not connected to its parent and "
-                "without constraints"
-            )
+            raise InputError(f"{names[0]} of {rig.name} does not go where it is put; expected it without constraints")
         axes = axes_at_rest({part: matrix[:3, 3] for part, matrix in zip(parts, matrices, strict=True)})
         unit = np.linalg.norm(place[:3, :3], axis=0).mean()
         heads = matrices[:, :3, 3] @ axes * unit
         lengths = np.array([rig.data.bones[bone].length for bone in names])[:, None]
         tails = heads + matrices[:, :3, 1] @ axes * unit * lengths
         modes = tuple(rig.pose.bones[bone].rotation_mode for bone in names)
-        return cls(names, modes, Rig(parts, follows, heads, tails), place, axes, matrices, steps, before)
+        return cls(names, modes, mover.name, Rig(parts, follows, heads, tails), place, axes, matrices, steps, before)
 
     def channels(self, turns: np.ndarray, hips: np.ndarray) -> Iterator[tuple[str, str, np.ndarray]]:
         """The bones with the channels that move them, (F, …), by what `retarget` says."""
         unit = np.linalg.norm(self.place[:3, :3], axis=0).mean()
         turns = (self.place[:3, :3] / unit).T @ turns @ self.axes.T  # in the armature's own axes
         hips = (hips - self.place[:3, 3]) @ np.linalg.inv(self.place[:3, :3]).T
-        yield self.bones[0], "location", (hips - self.matrices[0, :3, 3]) @ np.linalg.inv(self.steps)
+        yield self.mover, "location", (hips - self.matrices[0, :3, 3]) @ np.linalg.inv(self.steps)
         for index, bone in enumerate(self.bones):
             above, own = self.rest.follows[index], self.matrices[index, :3, :3]
             carried = own.T if above < 0 else own.T @ turns[:, above].swapaxes(1, 2)
@@ -249,13 +251,15 @@ def _without_action(rig: bpy.types.Object) -> Iterator[None]:
 
 
 def _probe(
-    context: bpy.types.Context, rig: bpy.types.Object, names: Sequence[str]
+    context: bpy.types.Context, rig: bpy.types.Object, names: Sequence[str], mover: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What carries each of C bones (C,), -1 for none; where they are unturned (C, 4, 4), in the armature's axes.
 
-    And (3, 3) how far the first one goes there for a unit of each of its location's channels. Leaves them unturned.
+    And (3, 3) how far the first one goes there for a unit of each of the mover's location's channels. Leaves them
+    unturned.
     """
     bones = [rig.pose.bones[name] for name in names]
+    rig.pose.bones[mover].matrix_basis = Matrix()
 
     def posed(basis: list[Matrix]) -> np.ndarray:
         for bone, matrix in zip(bones, basis, strict=True):
@@ -265,7 +269,12 @@ def _probe(
 
     still = [Matrix()] * len(bones)
     rest = posed(still)
-    steps = [posed([Matrix.Translation(np.eye(3)[axis]), *still[1:]])[0, :3, 3] - rest[0, :3, 3] for axis in range(3)]
+    steps = []
+    for axis in np.eye(3):
+        rig.pose.bones[mover].location = axis
+        context.view_layer.update()
+        steps.append(np.array(bones[0].matrix)[:3, 3] - rest[0, :3, 3])
+    rig.pose.bones[mover].location = (0, 0, 0)
     axes = [
         Vector((np.sin(PROBE_STEP * index), np.cos(PROBE_STEP * index), np.sin(index))) for index in range(len(bones))
     ]

@@ -13,11 +13,10 @@ import numpy as np
 
 from addon.core.data.markersets import MarkerSet
 from addon.core.data.takes import BY_FIT, NO_MARKER, Labels, Motion, PointRows, Points
-from addon.core.filling.ground import BALL
 from addon.core.geometry.cameras import NO_CAMERAS
 from addon.core.geometry.rotations import carried
 from addon.core.points.motion import motion_of
-from addon.core.posing.character import Character
+from addon.core.posing.character import BALL, Character
 from addon.core.posing.finer import finer
 from addon.core.retarget.matching import match_bones
 from addon.core.review.suspects import runs

@@ -192,7 +192,7 @@ def test_a_rig_that_cannot_be_moved_says_why(shown, change, words):
     assert rig.animation_data is None or rig.animation_data.action is None
 
 
-def test_a_rig_whose_hips_stay_is_refused_and_keeps_its_action(shown):
+def test_hips_connected_to_a_root_go_with_it(shown):
     rig = mixamo()
     bpy.context.view_layer.objects.active = rig
     bpy.ops.object.mode_set(mode="EDIT")
@@ -201,6 +201,21 @@ def test_a_rig_whose_hips_stay_is_refused_and_keeps_its_action(shown):
     root.head, root.tail = hips.head * 0.5, hips.head
     hips.parent, hips.use_connect = root, True
     bpy.ops.object.mode_set(mode="OBJECT")
+    retargeted(rig)
+    other = mixamo()
+    retargeted(other)
+    for frame in (int(shown.motion.frames[0]), int(shown.motion.frames[-1])):
+        bpy.context.scene.frame_set(frame)
+        heads = [(one.matrix_world @ one.pose.bones[MIXAMO["hand.L"]].head) for one in (rig, other)]
+        assert (heads[0] - heads[1]).length < 1e-4
+
+
+def test_a_rig_whose_hips_stay_is_refused_and_keeps_its_action(shown):
+    rig = mixamo()
+    bpy.context.view_layer.objects.active = rig
+    rig.pose.bones[MIXAMO["hips"]].constraints.new("LIMIT_LOCATION").use_min_x = True
+    held = rig.pose.bones[MIXAMO["hips"]].constraints[0]
+    held.use_max_x = True
     rig.animation_data_create().action = own = bpy.data.actions.new("own")
-    refused("does not go where it is put; expected it not connected to its parent", "retarget")
+    refused("does not go where it is put; expected it without constraints", "retarget")
     assert rig.animation_data.action == own and not own.use_fake_user and len(bpy.data.actions) == 2
