@@ -113,7 +113,7 @@ RIGS: dict[str, Callable[[], bpy.types.Object]] = {
     "no names": nameless,
 }
 # What Rigify's controls move.
-MOVED = {"torso": "ORG-spine", "chest": "ORG-spine.003", "neck": "ORG-spine.004", "head": "ORG-spine.006"}
+MOVED = {"torso": "ORG-spine", "neck": "ORG-spine.004", "head": "ORG-spine.006"}
 
 
 def on_rigs(take: people.Take, markerset: MarkerSet, motion: Motion) -> Iterator[list[str]]:

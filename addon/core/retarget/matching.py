@@ -19,7 +19,7 @@ PARTS = tuple(BONE_NAMES["RIGIFY"])  # from the hips outwards
 # The controls of rigs that follow them by constraints, whose form says nothing: Rigify's and Auto-Rig Pro's, with FK.
 CONTROLS = (
     both_sides(
-        "torso - chest neck head",
+        "torso spine_fk.002 spine_fk.003 neck head",
         "shoulder.* upper_arm_fk.* forearm_fk.* hand_fk.* thigh_fk.* shin_fk.* foot_fk.* toe_fk.*",
         ("L", "R"),
     ),
@@ -89,8 +89,8 @@ class RestBones:
 def match_bones(bones: RestBones) -> dict[str, str]:
     """The bone of a rig for each part of a body that it has one for; none where it is no person's."""
     for table in CONTROLS:
-        if {name for name in table.values() if name != "-"} <= set(bones.names):
-            return {part: name for part, name in table.items() if name != "-"}
+        if set(table.values()) <= set(bones.names):
+            return dict(table)
     found = match_names(bones)
     if not {"thigh.L", "thigh.R", "shank.L", "shank.R"} <= found.keys():
         found = match_form(bones)

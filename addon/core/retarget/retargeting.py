@@ -234,7 +234,7 @@ def _planted_ankle(
     held = begin + turned @ (toes - ankle)  # what of the body holds still
     goal += scale * held
     goal[:, 2] = scale * lowest - np.minimum(*low)
-    off = _begin(rig, turns, hips, foot) - goal
+    off = place_of(rig, turns, hips, foot) - goal
     kept, settled = _planted(held, lowest, rate), _planted(sole, lowest, rate)
     for axis, planted in enumerate((kept, kept, settled)):  # while the heel lifts, the height is the leg's
         rows = np.flatnonzero(planted)
@@ -261,14 +261,14 @@ def _planted(ball: np.ndarray, lowest: np.ndarray, rate: float) -> np.ndarray:
     return binary_opening(binary_closing(np.pad(slow & low, wide, "edge"), kept), kept)[wide:-wide]
 
 
-def _begin(rig: Rig, turns: np.ndarray, hips: np.ndarray, index: int) -> np.ndarray:
-    """(F, 3) m where a bone begins, by the hips (F, 3) and the turns (F, C, 3, 3) of what carries it."""
+def place_of(rig: Rig, turns: np.ndarray, hips: np.ndarray, index: int) -> np.ndarray:
+    """(F, 3) m where a bone begins, by the hips (F, 3) m and the turns (F, C, 3, 3) of what carries it."""
     above = rig.follows[index]
     if rig.parts[index] == "hips":
         return hips
     if above < 0:
         return np.broadcast_to(rig.heads[index], hips.shape)
-    return _begin(rig, turns, hips, above) + turns[:, above] @ (rig.heads[index] - rig.heads[above])
+    return place_of(rig, turns, hips, above) + turns[:, above] @ (rig.heads[index] - rig.heads[above])
 
 
 def _bend(
@@ -286,7 +286,7 @@ def _bend(
     """
     upper, lower, end = (rig.at[part] for part in limb)
     lengths = rig.heads[lower] - rig.heads[upper], rig.heads[end] - rig.heads[lower]
-    both, far = (turns[:, upper], turns[:, lower]), goal - _begin(rig, turns, hips, upper)
+    both, far = (turns[:, upper], turns[:, lower]), goal - place_of(rig, turns, hips, upper)
     turns[:, upper], turns[:, lower] = _reaching(*both, *lengths, far, aligned[upper].T @ hinge)
 
 
