@@ -16,7 +16,7 @@ LIMBS = ("upper_arm", "forearm", "hand"), ("thigh", "shank", "foot")
 # What controls by IK are called where one by FK has these words: of the hand and the foot, and the poles.
 BY_IK = (("fk", "ik"), ("FK", "IK"))
 POLES = (("_fk", "_ik_target"), ("thigh_fk", "leg_pole"), ("arm_fk", "arms_pole"))
-LEAST = 1e-9  # m; a limb that never bends has no way to bend to
+NOT_ASIDE = 1e-9  # m; a limb that never bends has no way to bend to
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +81,6 @@ def _aside(upper: np.ndarray, lower: np.ndarray, end: np.ndarray, turns: np.ndar
     bent = lower - upper
     bent = bent - (bent * along).sum(axis=1, keepdims=True) * along
     mean = np.einsum("fji,fj->i", turns, bent)
-    mean *= STRAIGHT_PART * np.linalg.norm(lower - upper, axis=1).mean() / max(np.linalg.norm(mean), LEAST)
+    mean *= STRAIGHT_PART * np.linalg.norm(lower - upper, axis=1).mean() / max(np.linalg.norm(mean), NOT_ASIDE)
     way = bent + turns @ mean
-    return way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), LEAST)
+    return way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), NOT_ASIDE)
