@@ -766,14 +766,20 @@ def list_fills(state: "ReviewState", listed: str, fills: Sequence[KeptFill], rea
 
 
 def list_rows(state: "ReviewState", listed: str, names: str, values: Iterable[Sequence]):
-    """Makes a list of the sidebar hold these rows: the values of the properties that are named."""
-    rows, index = getattr(state, listed), f"{listed.removesuffix('s')}_index"
+    """Makes a list of the sidebar hold these rows: the values of the properties that are named.
+
+    A row that is as it was stays chosen, wherever it is now; else the one in its place is.
+    """
+    rows, index, asked = getattr(state, listed), f"{listed.removesuffix('s')}_index", names.split()
+    before, at = [[getattr(row, name) for name in asked] for row in rows], getattr(state, index)
     rows.clear()
     for row in values:
         item = rows.add()
-        for name, value in zip(names.split(), row, strict=True):
+        for name, value in zip(asked, row, strict=True):
             setattr(item, name, value)
-    setattr(state, index, max(min(getattr(state, index), len(rows) - 1), 0))
+    now = [[getattr(row, name) for name in asked] for row in rows]
+    same = at < len(before) and before[at] in now and before.count(before[at]) == 1
+    setattr(state, index, now.index(before[at]) if same else max(min(at, len(rows) - 1), 0))
 
 
 def list_trouble():

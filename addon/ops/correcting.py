@@ -137,7 +137,7 @@ class Corrects(OfTake):
         picked = picked_points(context)
         after = correct(context, stored.edits.added(*self.edits(context, stored, frames)))
         if picked:
-            show_picked(context, after, picked)
+            show_picked(context, after, picked, follow=False)
 
 
 def chosen_trajectories(context: bpy.types.Context, stored: Stored) -> list[int]:

@@ -169,7 +169,7 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
         frames = frames_in_scope(self.scope, stored, context.scene)
         edit = edit_of((AssignPoint, AssignBlob), stored, point, frames, name)
         after = correct(context, stored.edits.added(edit))
-        show_picked(context, after, [point])
+        show_picked(context, after, [point], follow=False)
         self._edits.append(edit)
         bpy.ops.ed.undo_push(message=f"Label {name}")
         self._last = gesture.marker
@@ -206,7 +206,7 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
         stored = taken(context)
         edit = Place(self.marker, stored.source_frame(scene.frame_current), tuple(map(float, self.location)))
         after = correct(context, stored.edits.added(edit))
-        show_picked(context, after, [], [stored.names.index(self.marker)])
+        show_picked(context, after, [], [stored.names.index(self.marker)], follow=False)
 
     @reports_trouble
     def invoke(self, context, event):

@@ -59,10 +59,16 @@ def picked_points(context: bpy.types.Context) -> list[int]:
     return rows_now(stored, opened.tracks(take, scene), picked, stored.index_of(scene.frame_current))
 
 
-def show_picked(context: bpy.types.Context, stored: Stored, points: Sequence[int], markers: Iterable[int] = ()):
+def show_picked(
+    context: bpy.types.Context,
+    stored: Stored,
+    points: Sequence[int],
+    markers: Iterable[int] = (),
+    follow: bool = True,
+):
     """Picks trajectories, or rows of blobs, and selects the empties of what they are here and now, and of `markers`.
 
-    The last one becomes the active object, and the lists of Review go along.
+    The last one becomes the active object, and the lists of Review `follow`, not where a correction picks anew.
     """
     scene, state = context.scene, context.window_manager.mocap_autolabel
     for item in context.selected_objects:
@@ -85,7 +91,8 @@ def show_picked(context: bpy.types.Context, stored: Stored, points: Sequence[int
     for point in points:
         state.picked.add().point = point
     state.picked_with = _selection(context)
-    lists_follow(context, stored, names, points if isinstance(stored.rows, PointRows) else ())
+    if follow:
+        lists_follow(context, stored, names, points if isinstance(stored.rows, PointRows) else ())
 
 
 def words_of_picked(context: bpy.types.Context, points: Sequence[int]) -> str:

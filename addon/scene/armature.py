@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
-from mathutils import Matrix
+from mathutils import Euler, Matrix
 
 from ..core.body.sides import side_in
 from ..core.data.errors import InputError
@@ -263,3 +263,20 @@ def continuous_quaternions(matrices: np.ndarray) -> np.ndarray:
     along = np.append(known[:1, 0], np.einsum("fi,fi->f", known[1:], known[:-1]))
     quaternions[there] = known * np.cumprod(np.where(along < 0, -1.0, 1.0))[:, None]
     return quaternions
+
+
+def rotation_channel(mode: str, matrices: np.ndarray) -> tuple[str, np.ndarray]:
+    """The channel of a bone with a rotation mode, and its values of rotations (F, 3, 3), without jumps."""
+    quaternions = continuous_quaternions(matrices)
+    if mode == "QUATERNION":
+        return "rotation_quaternion", quaternions
+    if mode == "AXIS_ANGLE":
+        length = np.linalg.norm(quaternions[:, 1:], axis=1, keepdims=True)
+        angle = 2 * np.arctan2(length, quaternions[:, :1])
+        return "rotation_axis_angle", np.hstack([angle, quaternions[:, 1:] / np.maximum(length, 1e-12)])
+    angles = np.empty((len(matrices), 3))
+    before = Euler((0, 0, 0), mode)
+    for row, matrix in enumerate(matrices.tolist()):
+        before = Matrix(matrix).to_euler(mode, before)
+        angles[row] = before
+    return "rotation_euler", angles

@@ -11,20 +11,24 @@ from dataclasses import dataclass
 
 import bpy
 import numpy as np
-from mathutils import Euler, Matrix, Vector
+from mathutils import Matrix, Vector
 
 from ..core.data.errors import InputError
 from ..core.posing.character import Character
 from ..core.retarget.matching import PARTS, RestBones
-from ..core.retarget.retargeting import Rig, axes_at_rest, retarget
+from ..core.retarget.retargeting import Rig, axes_at_rest, place_of, retarget
 from . import animation
-from .armature import SCALE, armature_of, bone_path, continuous_quaternions
+from .armature import SCALE, armature_of, bone_path, rotation_channel
 from .character import moving_in
+from .ik_controls import Along, controls_by_ik
 from .ownership import is_keyed_by_us, is_made_for, is_untouched, role_of, sign
 from .stored import Stored
 
 # What bones of control rigs are switched to, by the name of their property: limbs by FK, and all follow what is above.
 SWITCHES = {"IK_FK": 1.0, "ik_fk_switch": 1.0, "FK_limb_follow": 0.0, "neck_follow": 1.0, "head_follow": 1.0}
+SWITCHES |= {"pole_vector": 1.0}  # and limbs by IK, which go along, bend towards their poles
+# Constraints that hold a bone from turning by itself.
+HOLDING = {"IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "TRACK_TO", "LOCKED_TRACK"}
 NEEDED_PARTS = ("hips", "thigh.L", "thigh.R", "shank.L", "shank.R")
 PROBE_TURN, PROBE_STEP = 0.5, 0.9  # rad by which bones are turned to see what follows them, and between their axes
 SAME_SCALE = 1.001  # of the axes of a rig that is scaled evenly
@@ -70,9 +74,8 @@ def retarget_take(
     bag, frames = animation.bind(rig, action), body.frames[there]
     for bone, channel, values in ready.channels(*moved):
         animation.key(bag, bone_path(bone, channel), frames, values, bone)
-    for bone, name, _ in ready.before.switched:
-        path = f'{bone_path(bone, "")[:-1]}["{name}"]'
-        animation.key(bag, path, frames[:1], np.array([[SWITCHES[name]]]), bone)
+    for bone, path, value, _ in ready.before.switched:
+        animation.key(bag, path, frames[:1], np.array([[value]]), bone)
     sign(action, _role(rig, stored.name), collection)
     context.scene.frame_set(context.scene.frame_current)
     return action
@@ -102,30 +105,45 @@ class KeptPose:
     """What bones of a rig had before it was readied.
 
     channels  of each of the bones, the values of `BONE_CHANNELS`
-    switched  bones and properties that are switched, with what they were
+    switched  bones with the paths of what is switched, what to, and from what
     shown     its pose position
     """
 
     channels: dict[str, list]
-    switched: list[tuple[str, str, float]]
+    switched: list[tuple[str, str, float, float]]
     shown: str
 
     @classmethod
     def of(cls, rig: bpy.types.Object, names: Iterable[str]) -> "KeptPose":
         """That of the bones of these names."""
         channels = {name: [getattr(rig.pose.bones[name], one)[:] for one in BONE_CHANNELS] for name in names}
-        bones = rig.pose.bones
-        switched = [(bone.name, name, bone[name]) for bone in bones for name in SWITCHES.keys() & bone.keys()]
+        bones, driven = rig.pose.bones, {one.data_path for one in getattr(rig.animation_data, "drivers", ())}
+        switched = [
+            (bone.name, f'{bone_path(bone.name, "")[:-1]}["{name}"]', SWITCHES[name], bone[name])
+            for bone in bones
+            for name in SWITCHES.keys() & bone.keys()
+        ]
+        for bone in channels:  # what holds a bone that is to turn by itself
+            for held in (one for one in bones[bone].constraints if one.type in HOLDING):
+                path = held.path_from_id("influence")
+                if path not in driven and path.replace(".influence", ".mute") not in driven:
+                    switched.append((bone, path, 0.0, held.influence))
         return cls(channels, switched, rig.data.pose_position)
+
+    def switch(self, rig: bpy.types.Object):
+        """Switches the rig, and puts it in pose position."""
+        rig.data.pose_position = "POSE"
+        for _, path, value, _ in self.switched:
+            _set(rig, path, value)
+        rig.update_tag()
 
     def put_back(self, rig: bpy.types.Object):
         """Puts the rig back as it was; what else somebody posed meanwhile stays."""
         for name in self.channels.keys() & rig.pose.bones.keys():
             for channel, value in zip(BONE_CHANNELS, self.channels[name], strict=True):
                 setattr(rig.pose.bones[name], channel, value)
-        for bone, name, value in self.switched:
-            if bone in rig.pose.bones:
-                rig.pose.bones[bone][name] = value
+        for _, path, _, value in self.switched:
+            _set(rig, path, value)
         rig.data.pose_position = self.shown
         rig.update_tag()
 
@@ -136,21 +154,25 @@ class ReadyRig:
 
     bones     the names of its C bones that move, and
     modes     how each turns
+    mover     the name of the one whose location moves all: the first, or what that is connected to
     rest      what they are, and where, in the axes of a character
     place     (4, 4) where it stands
     axes      (3, 3) of a character in its own, and
     matrices  (C, 4, 4) its bones at rest in its own
-    steps     (3, 3) how far the first one goes there for a unit of each of its location's channels
+    steps     (3, 3) how far the first one goes there for a unit of each channel of the mover's location
+    along     the controls by IK that go along
     before    what those bones had
     """
 
     bones: tuple[str, ...]
     modes: tuple[str, ...]
+    mover: str
     rest: Rig
     place: np.ndarray
     axes: np.ndarray
     matrices: np.ndarray
     steps: np.ndarray
+    along: list[Along]
     before: KeptPose
 
     @classmethod
@@ -162,37 +184,46 @@ class ReadyRig:
         InputError, and the rig as it was, where its first bone does not go where it is put.
         """
         parts, names = zip(*bones, strict=True)
-        before = KeptPose.of(rig, names)
-        rig.data.pose_position = "POSE"
-        for bone, name, value in before.switched:
-            rig.pose.bones[bone][name] = type(value)(SWITCHES[name])
-        rig.update_tag()
+        mover = rig.data.bones[names[0]]
+        while mover.use_connect and mover.parent is not None:
+            mover = mover.parent
+        along = controls_by_ik(rig, bones)
+        before, count = KeptPose.of(rig, [*names, mover.name, *(name for name, *_ in along)]), len(names)
+        before.switch(rig)
         with _without_action(rig):
-            follows, matrices, steps = _probe(context, rig, names)
-        if np.linalg.svd(steps, compute_uv=False)[-1] < LEAST_STEP:
+            follows, matrices, steps = _probe(context, rig, names, [mover.name, *(name for name, *_ in along)])
+        if np.linalg.svd(steps[0], compute_uv=False)[-1] < LEAST_STEP:
             before.put_back(rig)
-            raise InputError(
-                f"{names[0]} of {rig.name} does not go where it is put; expected it not connected to its parent and "
-                "without constraints"
+            raise InputError(f"{names[0]} of {rig.name} does not go where it is put; expected it without constraints")
+        axes = axes_at_rest({part: matrix[:3, 3] for part, matrix in zip(parts, matrices, strict=False)})
+        controls = [
+            Along(name, limb, int(carrier), rig.pose.bones[name].rotation_mode, matrix, own)
+            for (name, limb), carrier, matrix, own in zip(
+                along, follows[count:], matrices[count:], steps[1:], strict=True
             )
-        axes = axes_at_rest({part: matrix[:3, 3] for part, matrix in zip(parts, matrices, strict=True)})
+        ]
+        follows, matrices = follows[:count], matrices[:count]
         unit = np.linalg.norm(place[:3, :3], axis=0).mean()
         heads = matrices[:, :3, 3] @ axes * unit
         lengths = np.array([rig.data.bones[bone].length for bone in names])[:, None]
         tails = heads + matrices[:, :3, 1] @ axes * unit * lengths
         modes = tuple(rig.pose.bones[bone].rotation_mode for bone in names)
-        return cls(names, modes, Rig(parts, follows, heads, tails), place, axes, matrices, steps, before)
+        rest = Rig(parts, follows, heads, tails)
+        return cls(names, modes, mover.name, rest, place, axes, matrices, steps[0], controls, before)
 
     def channels(self, turns: np.ndarray, hips: np.ndarray) -> Iterator[tuple[str, str, np.ndarray]]:
         """The bones with the channels that move them, (F, …), by what `retarget` says."""
         unit = np.linalg.norm(self.place[:3, :3], axis=0).mean()
+        heads = np.stack([place_of(self.rest, turns, hips, at) for at in range(len(self.bones))], axis=1)
         turns = (self.place[:3, :3] / unit).T @ turns @ self.axes.T  # in the armature's own axes
-        hips = (hips - self.place[:3, 3]) @ np.linalg.inv(self.place[:3, :3]).T
-        yield self.bones[0], "location", (hips - self.matrices[0, :3, 3]) @ np.linalg.inv(self.steps)
+        heads = (heads - self.place[:3, 3]) @ np.linalg.inv(self.place[:3, :3]).T
+        yield self.mover, "location", (heads[:, 0] - self.matrices[0, :3, 3]) @ np.linalg.inv(self.steps)
         for index, bone in enumerate(self.bones):
             above, own = self.rest.follows[index], self.matrices[index, :3, :3]
             carried = own.T if above < 0 else own.T @ turns[:, above].swapaxes(1, 2)
-            yield bone, *_rotation_channel(self.modes[index], carried @ turns[:, index] @ own)
+            yield bone, *rotation_channel(self.modes[index], carried @ turns[:, index] @ own)
+        for control in self.along:
+            yield from control.channels(heads, turns, self.matrices[:, :3, 3])
 
 
 def _bones_by_part(rig: bpy.types.Object, matched: Mapping[str, str]) -> list[tuple[str, str]]:
@@ -213,6 +244,20 @@ def _bones_by_part(rig: bpy.types.Object, matched: Mapping[str, str]) -> list[tu
     if twice := [bone for number, (_, bone) in enumerate(found) if bone in [one for _, one in found[:number]]]:
         raise InputError(f"{twice[0]} of {rig.name} stands for two parts of the body; expected a bone for each")
     return found
+
+
+def _set(rig: bpy.types.Object, path: str, value: float):
+    """Sets what a path from a rig leads to, a property or one that a person added, if it is still there."""
+    head, _, name = path.rpartition("." if not path.endswith("]") else "[")
+    try:
+        owner = rig.path_resolve(head)
+    except ValueError:  # what it led to was taken away
+        return
+    if path.endswith("]"):
+        name = name[1:-2]
+        owner[name] = type(owner[name])(value)
+    else:
+        setattr(owner, name, value)
 
 
 def _role(rig: bpy.types.Object, name: str) -> str:
@@ -249,13 +294,15 @@ def _without_action(rig: bpy.types.Object) -> Iterator[None]:
 
 
 def _probe(
-    context: bpy.types.Context, rig: bpy.types.Object, names: Sequence[str]
+    context: bpy.types.Context, rig: bpy.types.Object, names: Sequence[str], movers: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What carries each of C bones (C,), -1 for none; where they are unturned (C, 4, 4), in the armature's axes.
+    """What carries each of C bones and all but the first of the movers, -1 for none; and where these are unturned.
 
-    And (3, 3) how far the first one goes there for a unit of each of its location's channels. Leaves them unturned.
+    The last, (…, 4, 4), in the armature's axes. And (1 + K, 3, 3) how far the first bone goes there for a unit of each
+    channel of the first mover's location, and the K others for their own. Leaves them unturned.
     """
-    bones = [rig.pose.bones[name] for name in names]
+    bones = [rig.pose.bones[name] for name in (*names, *movers[1:])]
+    rig.pose.bones[movers[0]].matrix_basis = Matrix()
 
     def posed(basis: list[Matrix]) -> np.ndarray:
         for bone, matrix in zip(bones, basis, strict=True):
@@ -265,7 +312,14 @@ def _probe(
 
     still = [Matrix()] * len(bones)
     rest = posed(still)
-    steps = [posed([Matrix.Translation(np.eye(3)[axis]), *still[1:]])[0, :3, 3] - rest[0, :3, 3] for axis in range(3)]
+    steps = np.zeros((len(movers), 3, 3))
+    for number, mover in enumerate(movers):
+        at = 0 if number == 0 else len(names) + number - 1
+        for axis, way in enumerate(np.eye(3)):
+            rig.pose.bones[mover].location = way
+            context.view_layer.update()
+            steps[number, axis] = np.array(bones[at].matrix)[:3, 3] - rest[at, :3, 3]
+        rig.pose.bones[mover].location = (0, 0, 0)
     axes = [
         Vector((np.sin(PROBE_STEP * index), np.cos(PROBE_STEP * index), np.sin(index))) for index in range(len(bones))
     ]
@@ -280,27 +334,10 @@ def _probe(
         # The cosine of the angle between, which is one for what carries it.
         near = [np.trace(before[index]), *(np.trace(before[index] @ turn.T) for turn in turned[:index])]
         follows[index] = int(np.argmax(near)) - 1
-    return follows, rest, np.array(steps)
+    return follows, rest, steps
 
 
 def _turns(posed: np.ndarray, rest: np.ndarray) -> np.ndarray:
     """(C, 3, 3) how bones are turned from rest, by where they are (C, 4, 4) and were."""
     axes = posed[:, :3, :3] / np.linalg.norm(posed[:, :3, :3], axis=1)[:, None]
     return axes @ rest[:, :3, :3].swapaxes(1, 2)
-
-
-def _rotation_channel(mode: str, matrices: np.ndarray) -> tuple[str, np.ndarray]:
-    """The channel of a bone with a rotation mode, and its values of rotations (F, 3, 3), without jumps."""
-    quaternions = continuous_quaternions(matrices)
-    if mode == "QUATERNION":
-        return "rotation_quaternion", quaternions
-    if mode == "AXIS_ANGLE":
-        length = np.linalg.norm(quaternions[:, 1:], axis=1, keepdims=True)
-        angle = 2 * np.arctan2(length, quaternions[:, :1])
-        return "rotation_axis_angle", np.hstack([angle, quaternions[:, 1:] / np.maximum(length, 1e-12)])
-    angles = np.empty((len(matrices), 3))
-    before = Euler((0, 0, 0), mode)
-    for row, matrix in enumerate(matrices.tolist()):
-        before = Matrix(matrix).to_euler(mode, before)
-        angles[row] = before
-    return "rotation_euler", angles

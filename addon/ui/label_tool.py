@@ -31,6 +31,7 @@ ASKED = (1.0, 0.9, 0.2, 1.0)
 PATH_SECONDS = 2.0  # to each side of the current frame: farther off a walk covers itself
 PATH_LINES = 400  # most that are drawn of one path: a redraw has 6 ms
 Path = tuple[np.ndarray, np.ndarray]  # lines (S, 2, 3) m, and which of them (S,) lead from where there was a name
+SCOPE_WIDTH = 11  # in buttons' heights: its name and the longest of its choices
 MENU = "MOCAP_AUTOLABEL_MT_label"
 BEFORE_TEXTS = "_draw_orig"  # where Blender keeps how it draws the status bar while a text of a program's own is there
 
@@ -99,7 +100,9 @@ class LabelTool(bpy.types.WorkSpaceTool):
         if words := lacks_take(context):
             layout.label(text=words, icon="INFO")
             return
-        layout.prop(context.scene.mocap_autolabel, "scope")
+        row = layout.row()
+        row.ui_units_x = SCOPE_WIDTH
+        row.prop(context.scene.mocap_autolabel, "scope")
         layout.operator("mocap_autolabel.quick_label", icon="SORTALPHA")
         layout.operator("mocap_autolabel.show_graph", text="Graph", icon="GRAPH")
 
@@ -161,7 +164,7 @@ class MOCAP_AUTOLABEL_MT_label(bpy.types.Menu):
         draw_operators(layout, "quick_label", "", "swap_markers")
         draw_operators(layout, *("other_performer", "exchange_performers") * several)
         draw_operators(layout, "unlabel", "no_marker", "is_right", "place_marker", "", "next_trouble")
-        layout.operator("mocap_autolabel.next_trouble", text="Last Trouble").back = True
+        layout.operator("mocap_autolabel.next_trouble", text="Previous Trouble").back = True
         draw_operators(layout, "", "pick_none")
 
 

@@ -13,11 +13,10 @@ import numpy as np
 
 from addon.core.data.markersets import MarkerSet
 from addon.core.data.takes import BY_FIT, NO_MARKER, Labels, Motion, PointRows, Points
-from addon.core.filling.ground import BALL
 from addon.core.geometry.cameras import NO_CAMERAS
 from addon.core.geometry.rotations import carried
 from addon.core.points.motion import motion_of
-from addon.core.posing.character import Character
+from addon.core.posing.character import BALL, Character
 from addon.core.posing.finer import finer
 from addon.core.retarget.matching import match_bones
 from addon.core.review.suspects import runs
@@ -108,13 +107,14 @@ def quantiles(values: np.ndarray) -> list[str]:
 RIGS: dict[str, Callable[[], bpy.types.Object]] = {
     "Rigify's metarig": metarig,
     "Rigify, generated": generated,
+    "Rigify, generated, by IK": generated,
     "Mixamo's names, as FBX": mixamo,
     "Unreal's names, A-pose": unreal,
     "VRM's names, hanging arms": hanging,
     "no names": nameless,
 }
 # What Rigify's controls move.
-MOVED = {"torso": "ORG-spine", "chest": "ORG-spine.003", "neck": "ORG-spine.004", "head": "ORG-spine.006"}
+MOVED = {"torso": "ORG-spine", "neck": "ORG-spine.004", "head": "ORG-spine.006"}
 
 
 def on_rigs(take: people.Take, markerset: MarkerSet, motion: Motion) -> Iterator[list[str]]:
@@ -135,8 +135,20 @@ def on_rigs(take: people.Take, markerset: MarkerSet, motion: Motion) -> Iterator
         context.view_layer.update()
         matched = match_bones(rest_bones(rig))
         retarget_take(context, rig, collection, stored, matched, True, False)
+        if title.endswith("by IK"):
+            switch_to_ik(rig)
         yield [title, *followed(take, character, body, rig, matched)]
         bpy.data.objects.remove(rig)
+
+
+def switch_to_ik(rig: bpy.types.Object):
+    """Switches the limbs of Rigify's human to IK, as a person does after `Retarget`."""
+    curves = rig.animation_data.action.layers[0].strips[0].channelbags[0].fcurves
+    for curve in [curve for curve in curves if curve.data_path.endswith('["IK_FK"]')]:
+        curves.remove(curve)
+    for bone in (bone for bone in rig.pose.bones if "IK_FK" in bone):
+        bone["IK_FK"] = 0.0
+    rig.update_tag()
 
 
 def followed(

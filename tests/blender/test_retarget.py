@@ -7,6 +7,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
+from mathutils import Vector
 
 from addon.io.markersets import open_markerset
 from addon.scene import take as takes
@@ -29,6 +30,7 @@ from .hands import refused
 
 LIMBS = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 MOST_OFF = np.radians(0.1)  # without feet to be kept, limbs point as the body's do
+BY_IK_OFF = np.radians(5)  # as a knee that is hardly bent has no plane
 
 
 def retargeted(rig, feet=False, **settings):
@@ -111,7 +113,45 @@ def test_rigify_is_moved_by_its_controls(shown):
     retargeted(rig)
     names = {f"{part}.{side}": f"ORG-{word}.{side}" for part, word in words.items() for side in "LR"}
     assert ways_off(shown, rig, names).max() < MOST_OFF
-    assert rig.pose.bones["thigh_parent.L"]["IK_FK"] == 1.0
+    parents = [rig.pose.bones[f"{limb}_parent.{side}"] for limb in ("upper_arm", "thigh") for side in "LR"]
+    assert {parent["IK_FK"] for parent in parents} == {1.0}
+    rig.animation_data.action.layers[0].strips[0].channelbags[0].fcurves.remove(switch_of(rig, parents[2]))
+    parents[2]["IK_FK"] = 0.0
+    rig.update_tag()
+    off = ways_off(shown, rig, names)  # the left leg's are the third and the fourth
+    assert MOST_OFF < off[:, 2:4].max() < BY_IK_OFF
+
+
+def switch_of(rig, parent):
+    """The curve of the switch from IK to FK on a bone of Rigify's."""
+    curves = rig.animation_data.action.layers[0].strips[0].channelbags[0].fcurves
+    return curves.find(f'pose.bones["{parent.name}"]["IK_FK"]')
+
+
+def test_legs_by_ik_are_moved_by_fk_and_their_controls_go_along(shown):
+    rig = mixamo()
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    bones = rig.data.edit_bones
+    for name, place in (("control", bones[MIXAMO["foot.L"]].head), ("pole", bones[MIXAMO["shank.L"]].head)):
+        own = bones.new(name)
+        own.head = place + Vector((0, 0, 60 if name == "pole" else 0))
+        own.tail = own.head + Vector((0, 0, 10))
+    bpy.ops.object.mode_set(mode="OBJECT")
+    solver = rig.pose.bones[MIXAMO["shank.L"]].constraints.new("IK")
+    solver.target = solver.pole_target = rig
+    solver.subtarget, solver.pole_subtarget, solver.chain_count = "control", "pole", 2
+    copied = rig.pose.bones[MIXAMO["foot.L"]].constraints.new("COPY_ROTATION")
+    copied.target, copied.subtarget = rig, "control"
+    retargeted(rig)
+    assert ways_off(shown, rig, MIXAMO).max() < MOST_OFF
+    assert solver.influence == copied.influence == 0.0
+    for frame in shown.motion.frames[::20]:
+        bpy.context.scene.frame_set(int(frame))
+        hip, knee, ankle = (rig.pose.bones[MIXAMO[f"{part}.L"]].head for part in ("thigh", "shank", "foot"))
+        assert (rig.pose.bones["control"].head - ankle).length < 0.01  # cm
+        bent, pole = (place - hip.lerp(ankle, 0.5) for place in (knee, rig.pose.bones["pole"].head))
+        assert bent.dot(pole) > 0.9 * bent.length * pole.length
 
 
 def test_of_several_performers_one_moves_the_rig(empty, made, extension):
@@ -192,7 +232,7 @@ def test_a_rig_that_cannot_be_moved_says_why(shown, change, words):
     assert rig.animation_data is None or rig.animation_data.action is None
 
 
-def test_a_rig_whose_hips_stay_is_refused_and_keeps_its_action(shown):
+def test_hips_connected_to_a_root_go_with_it(shown):
     rig = mixamo()
     bpy.context.view_layer.objects.active = rig
     bpy.ops.object.mode_set(mode="EDIT")
@@ -201,6 +241,21 @@ def test_a_rig_whose_hips_stay_is_refused_and_keeps_its_action(shown):
     root.head, root.tail = hips.head * 0.5, hips.head
     hips.parent, hips.use_connect = root, True
     bpy.ops.object.mode_set(mode="OBJECT")
+    retargeted(rig)
+    other = mixamo()
+    retargeted(other)
+    for frame in (int(shown.motion.frames[0]), int(shown.motion.frames[-1])):
+        bpy.context.scene.frame_set(frame)
+        heads = [(one.matrix_world @ one.pose.bones[MIXAMO["hand.L"]].head) for one in (rig, other)]
+        assert (heads[0] - heads[1]).length < 1e-4
+
+
+def test_a_rig_whose_hips_stay_is_refused_and_keeps_its_action(shown):
+    rig = mixamo()
+    bpy.context.view_layer.objects.active = rig
+    rig.pose.bones[MIXAMO["hips"]].constraints.new("LIMIT_LOCATION").use_min_x = True
+    held = rig.pose.bones[MIXAMO["hips"]].constraints[0]
+    held.use_max_x = True
     rig.animation_data_create().action = own = bpy.data.actions.new("own")
-    refused("does not go where it is put; expected it not connected to its parent", "retarget")
+    refused("does not go where it is put; expected it without constraints", "retarget")
     assert rig.animation_data.action == own and not own.use_fake_user and len(bpy.data.actions) == 2

@@ -255,6 +255,20 @@ def test_the_lists_go_along_with_what_is_picked_and_the_next_is_still_the_next(s
     assert review.trouble_index == shown + 1
 
 
+def test_the_chosen_row_stays_when_a_correction_picks_and_what_is_above_it_goes(state):
+    review = state.review
+    at, row = next((at, row) for at, row in rows(state) if at > 0 and row.name != LOST)
+    review.trouble_index, reason = at, row.reason
+    lost = next(number for number, _ in rows(state, kind="missing", name=LOST))
+    assert lost < at
+    bpy.context.scene.frame_set(review.troubles[lost].first)
+    bpy.ops.mocap_autolabel.pick(point=state.knee)
+    review.trouble_index = at
+    bpy.ops.mocap_autolabel.name_point(marker=LOST, scope="WHOLE")
+    assert not rows(state, kind="missing", name=LOST)
+    assert review.troubles[review.trouble_index].reason == reason
+
+
 def test_a_view_that_cannot_be_split_stays(labelled):
     screen = bpy.context.screen
     with suppress(RuntimeError):

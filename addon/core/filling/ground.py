@@ -14,6 +14,7 @@ import numpy as np
 
 from ..body.sides import BODY_SIDES
 from ..geometry import rotations
+from ..posing.character import BALL
 from ..review.suspects import runs
 from .smoothing import smoothed
 
@@ -43,8 +44,6 @@ ON_GROUND = GroundOptions()
 # paper: the heel's end, of the way from the ankle to the toes' tip: 0.039 of 0.152 of the height (Winter, after
 # Drillis and Contini)
 HEEL = -0.35
-# learned: the same of the ball, where the built-in sets have the marker on the second metatarsal's head
-BALL = 0.87
 LEG = "thigh", "shank", "foot"
 
 

@@ -18,9 +18,12 @@ from ..geometry.rotations import least_turn
 # From the body's axes (x forward, y left) to a character's (-y forward, x left).
 FACING = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
 # Parts of the way at which bones begin that a body's segments have no joints for, as in people: from the back's joint
-# to the neck's, from there to the top of the head, from there to the shoulder's, and from the ankle to the toes' tips.
+# to the neck's, from there to the top of the head, and from there to the shoulder's.
 WHOLE_WAY = 0.0, 1.0
-CHEST, SKULL, SHOULDER, TOES = 0.5, 0.4, 0.15, 0.7
+CHEST, SKULL, SHOULDER = 0.5, 0.4, 0.15
+# learned: from the ankle to the toes' tips, of the ball, where the built-in sets have the marker on the second
+# metatarsal's head
+BALL = 0.87
 UPWARDS, DOWNWARDS, FORWARDS = (0.0, 0, 1), (0.0, 0, -1), (0.0, -1, 0)
 
 
@@ -50,8 +53,8 @@ def _arm_and_leg(side: str) -> tuple[BoneSite, ...]:
         BoneSite(hand, forearm, hand, None, out),
         BoneSite(thigh, "hips", thigh, shank, DOWNWARDS),
         BoneSite(shank, thigh, shank, foot, DOWNWARDS),
-        BoneSite(foot, shank, foot, None, None, part=(0.0, TOES)),
-        BoneSite(f"toes.{side}", foot, foot, None, FORWARDS, part=(TOES, 1.0)),
+        BoneSite(foot, shank, foot, None, None, part=(0.0, BALL)),
+        BoneSite(f"toes.{side}", foot, foot, None, FORWARDS, part=(BALL, 1.0)),
     )
 
 

@@ -39,6 +39,8 @@ class PosingOptions:
     subject_frames: int = 40  # memory: which one subject's size and shape are taken from
     # of a frame's cost to the median; one that is posed worse than this is tried again
     max_cost_ratio: float = 3.0  # physical
+    # and to that of the frame beside it, which a body that moves differs little from
+    max_cost_jump: float = 1.25  # physical
     # of a body's first size to the prior's height, either way: a grown person on a child's marker set
     max_size_ratio: float = 1.6  # physical
     # of a marker in the first alignment, for every joint between it and the root; limbs move
@@ -363,15 +365,19 @@ def _until_still(model: BodyModel, start: Bodies, points: np.ndarray, steps: int
 def _tried_again(
     model: BodyModel, posed: Bodies, points: np.ndarray, prior: _Held, count: Callable[[int], float]
 ) -> Generator[float, None, Bodies]:
-    """The frames that are posed worse than most, once more from where they are and from the frame before and after.
+    """The frames posed worse than most or than the one beside, once more from where they are and from those beside.
 
     What that makes better is tried on the frames beside it in turn: a limb may be in another fold for a while.
     """
     cost = np.concatenate([_cost(model, posed, points, part) for part in _batches(len(points))])
-    poor = cost > POSING.max_cost_ratio * np.median(cost)
+    median = np.median(cost)
     frames, news = np.arange(len(points)), np.ones(len(points), bool)
     while news.any():
-        before = cost.copy()
+        before, least = (
+            cost.copy(),
+            np.minimum(cost[np.maximum(frames - 1, 0)], cost[np.minimum(frames + 1, frames[-1])]),
+        )
+        poor = cost > np.minimum(POSING.max_cost_ratio * median, POSING.max_cost_jump * least + 1)
         for shift in (0, -1, 1):
             beside = np.clip(frames + shift, 0, len(points) - 1)
             at = np.flatnonzero(poor & news[beside])

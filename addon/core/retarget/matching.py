@@ -6,8 +6,9 @@ The parts are called as in `posing.character.BONES`. What lies between the trunk
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -18,7 +19,7 @@ PARTS = tuple(BONE_NAMES["RIGIFY"])  # from the hips outwards
 # The controls of rigs that follow them by constraints, whose form says nothing: Rigify's and Auto-Rig Pro's, with FK.
 CONTROLS = (
     both_sides(
-        "torso - chest neck head",
+        "torso spine_fk.002 spine_fk.003 neck head",
         "shoulder.* upper_arm_fk.* forearm_fk.* hand_fk.* thigh_fk.* shin_fk.* foot_fk.* toe_fk.*",
         ("L", "R"),
     ),
@@ -34,33 +35,33 @@ BONE_WORDS = {
     "hips": "hips hip pelvis",
     "neck": "neck",
     "head": "head",
-    "shoulder": "shoulder clavicle clav collar",
-    "upper_arm": "upperarm uparm shldrbend arm shldr",
-    "forearm": "forearm lowerarm lowarm loarm forearmbend",
+    "shoulder": "clavicle clav collar shoulder scapula",
+    "upper_arm": "upperarm uparm shldrbend arm shldr humerus",
+    "forearm": "forearm lowerarm lowarm loarm forearmbend elbow ulna",
     "hand": "hand wrist",
-    "thigh": "thigh upleg upperleg thighbend",
-    "shank": "shin calf lowerleg lowleg loleg leg shank",
-    "foot": "foot ankle",
+    "thigh": "thigh upleg upperleg thighbend femur",
+    "shank": "shin calf lowerleg lowleg loleg leg shank knee tibia",
+    "foot": "foot ankle talus",
     "toes": "toe toes ball",
 }
 JOINT_WORDS = BONE_WORDS | {
     "hips": "hips pelvis",
-    "shoulder": "collar clavicle clav",
-    "upper_arm": "shoulder",
+    "shoulder": "collar clavicle clav scapula",
+    "upper_arm": "arm shoulder",
     "forearm": "elbow",
     "hand": "wrist",
-    "thigh": "hip",
+    "thigh": "leg hip",
     "shank": "knee",
     "foot": "ankle",
     "toes": "toe toes ball foot",
 }
 SIDES_IN_NAMES = {"l": "L", "left": "L", "lft": "L", "r": "R", "right": "R", "rgt": "R"}
 # Words that say nothing of which part it is, and those of bones that help others.
-EMPTY_WORDS = {"base", "bone", "fk", "jnt", "joint", "def", "org", "c", "x"}
+EMPTY_WORDS = {"base", "bone", "jnt", "joint", "bind", "skin", "stretch", "ctrl", "fk", "def", "org", "c", "x", "m"}
 HELPERS = {"ik", "pole", "target", "twist", "roll", "share", "end", "nub", "mch", "tweak", "parent", "helper", "ref"}
 LONG_LIMB = 0.3  # physical: of the rig's height, what two limbs of a pair at least reach, unlike ears or a skirt
-ARM = ("shoulder", "upper_arm", "forearm", "hand")
-FINGERS = 3  # physical: bones that a hand carries at least
+# paper: of the height (Winter, after Drillis and Contini); the shoulder from beside the breastbone on, as rigs have it
+ARM = {"shoulder": 0.09, "upper_arm": 0.186, "forearm": 0.146, "hand": 0.108}
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +89,8 @@ class RestBones:
 def match_bones(bones: RestBones) -> dict[str, str]:
     """The bone of a rig for each part of a body that it has one for; none where it is no person's."""
     for table in CONTROLS:
-        if {name for name in table.values() if name != "-"} <= set(bones.names):
-            return {part: name for part, name in table.items() if name != "-"}
+        if set(table.values()) <= set(bones.names):
+            return dict(table)
     found = match_names(bones)
     if not {"thigh.L", "thigh.R", "shank.L", "shank.R"} <= found.keys():
         found = match_form(bones)
@@ -99,18 +100,23 @@ def match_bones(bones: RestBones) -> dict[str, str]:
 
 def read_as(names: Iterable[str]) -> dict[str, str]:
     """The parts of a body that names say, by name; of rigs whose trunk has many bones the hips, neck and head alone."""
+    return {name: part for name, (part, _) in _read(names).items()}
+
+
+def _read(names: Iterable[str]) -> dict[str, tuple[str, int]]:
+    """The parts that names say, by name, with how far down its list of words the one stands that says it."""
     words = {name: _words(name) for name in names}
     last = {own[-1] for own, _ in words.values() if own}
     table = JOINT_WORDS if {"elbow", "knee"} <= last else BONE_WORDS
-    parts: dict[str, list[tuple[tuple[bool, int], str]]] = {}
+    parts: dict[str, list[tuple[bool, int, str]]] = {}
     for part, known in table.items():
         for rank, word in enumerate(known.split()):
             for name, (own, side) in words.items():
                 # The longest of the last words that is known: "fore arm" is no arm.
-                if word in ("".join(own[-2:]), *own[-1:]) and (bool(side) or part in ("hips", "neck", "head")):
-                    key = len(word) < len("".join(own[-2:])), rank
-                    parts.setdefault(name, []).append((key, f"{part}.{side}" if side else part))
-    return {name: min(found)[1] for name, found in parts.items()}
+                last_two = "".join(own[-2:]), "".join(own[:-3:-1])
+                if word in (*last_two, *own[-1:]) and (bool(side) or part in ("hips", "neck", "head")):
+                    parts.setdefault(name, []).append((word not in last_two, rank, f"{part}.{side}" if side else part))
+    return {name: (part, rank) for name, (_, rank, part) in ((name, min(found)) for name, found in parts.items())}
 
 
 def match_map(moved: Mapping[str, str]) -> dict[str, str]:
@@ -124,18 +130,22 @@ def match_map(moved: Mapping[str, str]) -> dict[str, str]:
 
 
 def match_names(bones: RestBones) -> dict[str, int]:
-    """The parts that the words in the names of bones say, of several the plainest name nearest to the root."""
+    """The parts that the words in the names of bones say: of several the control, or the surest and plainest name."""
     found = defaultdict(list)
-    for name, part in read_as(bones.names).items():
-        at = bones.names.index(name)
-        found[part].append((len(_words(name, keep=True)[0]), len(bones.above(at)), at))
-    return {part: min(several)[2] for part, several in found.items() if part in PARTS}
+    for name, (part, rank) in _read(bones.names).items():
+        at, words = bones.names.index(name), _words(name, keep=True)[0]
+        found[part].append(("fk" not in words, rank, len(words), len(bones.above(at)), at))
+    return {part: min(several)[-1] for part, several in found.items() if part in PARTS}
 
 
 def _words(name: str, keep: bool = False) -> tuple[list[str], str]:
     """The words of a bone's name in small letters and its side, "" for none; none of what only helps another bone."""
-    spaced = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Za-z])(?=\d)", " ", name.rsplit(":", 1)[-1])
-    words = re.findall(r"[a-z]+", re.sub(r"\b(left|right)(?=[a-z])", r"\1 ", spaced.lower().replace("_", " ")))
+    spaced = re.sub(
+        r"(?<=[a-z0-9])(?=[A-Z])|(?<=\b[LR])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)",
+        " ",
+        name.rsplit(":", 1)[-1].replace("_", " "),
+    )
+    words = re.findall(r"[a-z]+", re.sub(r"\b(left|right)(?=[a-z])", r"\1 ", spaced.lower()))
     side = next((SIDES_IN_NAMES[word] for word in words if word in SIDES_IN_NAMES), "")
     if HELPERS & set(words):
         return [], side
@@ -153,12 +163,23 @@ def _with_trunk(bones: RestBones, found: Mapping[str, int]) -> dict[str, int]:
     chest = _meeting(bones, arms) if len(arms) > 1 else None
     if chest in arms:
         chest = None
+    elif chest is not None and chest == found.get("neck"):  # on which some rigs hang the arms
+        chest = int(bones.parents[chest])
     if chest is None or "hips" not in found:
         return found
     between = bones.above(chest)
     between = between[: between.index(found["hips"])] if found["hips"] in between else []
     if between:
         found |= {"chest": chest} | ({"spine": between[-1]} if len(between) > 1 else {})
+    for side in BODY_SIDES:  # a shoulder whose name says nothing
+        way = bones.above(found.get(f"upper_arm.{side}", -1))
+        if f"shoulder.{side}" not in found and chest in way[2:]:
+            found[f"shoulder.{side}"] = way[way.index(chest) - 1]
+    return _with_neck(bones, found, chest, arms)
+
+
+def _with_neck(bones: RestBones, found: dict[str, int], chest: int, arms: list[int]) -> dict[str, int]:
+    """The same with neck and head: of what goes up from the chest the first bone, and the longest before a fork."""
     if "head" not in found:
         limbs = {one for arm in arms for one in bones.above(arm)}
         rest = [one for one in bones.below(chest) if one not in limbs]
@@ -166,7 +187,9 @@ def _with_trunk(bones: RestBones, found: Mapping[str, int]) -> dict[str, int]:
             return found
         up = bones.heads[chest] - bones.heads[found["hips"]]
         chain = _chain(bones, max(rest, key=lambda one: max(bones.heads[_chain(bones, one)] @ up)))
-        found |= {"neck": chain[0], "head": chain[min(1, len(chain) - 1)]}
+        fork = next((at for at, one in enumerate(chain) if at and len(bones.below(one)) != 1), 0)
+        heads = chain[1 : fork + 1] or chain
+        found |= {"neck": chain[0], "head": max(heads, key=lambda one: _length(bones, one))}
     way = bones.above(found["head"])
     if chest in way and way.index(chest) > 1:
         found["neck"] = way[way.index(chest) - 1]
@@ -194,10 +217,14 @@ def _way(bones: RestBones, above: int, first: int) -> float:
     return float(np.linalg.norm(bones.heads[first] - bones.heads[above])) + _reach(bones, first)
 
 
+def _length(bones: RestBones, index: int) -> float:
+    """How long a bone is."""
+    return float(np.linalg.norm(bones.tails[index] - bones.heads[index]))
+
+
 def _reach(bones: RestBones, first: int) -> float:
     """How long the longest chain is that a bone begins."""
-    own = float(np.linalg.norm(bones.tails[first] - bones.heads[first]))
-    return max([own, *(_way(bones, first, one) for one in bones.below(first))])
+    return max([_length(bones, first), *(_way(bones, first, one) for one in bones.below(first))])
 
 
 def match_form(bones: RestBones) -> dict[str, int]:
@@ -212,12 +239,13 @@ def match_form(bones: RestBones) -> dict[str, int]:
     feet = [foot for one in legs if (foot := _leg(bones, one)) is not None]
     if len(feet) < len(legs):
         return {}
+    arms = _arms(bones, pairs[1][1]) if len(pairs) > 1 else []
     down = np.mean([bones.heads[foot[2]] - bones.heads[foot[0]] for foot in feet], axis=0)
     up = _nearest_axis(-down)
     ahead = np.mean([bones.tails[_chain(bones, foot[2])[-1]] - bones.heads[foot[2]] for foot in feet], axis=0)
     left = np.cross(up, ahead - up * (up @ ahead))
     found: dict[str, int] = {}
-    for chains, words in ((feet, ("thigh", "shank", "foot", "toes")), (_arms(bones, pairs), ARM)):
+    for chains, words in ((feet, ("thigh", "shank", "foot", "toes")), (arms, tuple(ARM))):
         for side, chain in zip(BODY_SIDES, sorted(chains, key=lambda one: -bones.heads[one[-1]] @ left), strict=False):
             own = words[: len(chain)] if chains is feet else words[-len(chain) :]
             found |= {f"{part}.{side}": one for part, one in zip(own, chain, strict=True)}
@@ -231,38 +259,47 @@ def _pairs(bones: RestBones) -> list[tuple[int, tuple[int, int]]]:
     for at in sorted(range(len(bones.names)), key=lambda one: len(bones.above(one))):
         long = [one for one in bones.below(at) if _reach(bones, one) > LONG_LIMB * size]
         twins = [
-            (one, other)
+            (apart, one, other)
             for number, one in enumerate(long)
             for other in long[:number]
-            if abs(_reach(bones, one) - _reach(bones, other)) < 0.01 * size
-            and np.linalg.norm(bones.heads[one] - bones.heads[other]) > 0.01 * size
+            if (apart := abs(_reach(bones, one) - _reach(bones, other))) < 0.01 * size
+            and np.linalg.norm(np.subtract(*(bones.heads[_chain(bones, end)[-1]] for end in (one, other))))
+            > 0.01 * size
         ]
-        found += [(at, twins[0])] if twins else []
+        found += [(at, min(twins)[1:])] if twins else []
     return found
 
 
 def _leg(bones: RestBones, first: int) -> list[int] | None:
     """Thigh, shank, foot and, where there are any, toes; the foot is the first bone that turns off the way down."""
     chain = _chain(bones, first)
-    ends = [*(bones.heads[one] for one in chain[1:]), bones.tails[chain[-1]]]
-    ways = [end - bones.heads[one] for one, end in zip(chain, ends, strict=True)]
-    down = _nearest_axis(ways[0])
-    foot = next((at for at in range(2, len(chain)) if ways[at] @ down < 0.75 * np.linalg.norm(ways[at])), None)
+    ends = np.array([*(bones.heads[one] for one in chain[1:]), bones.tails[chain[-1]]])
+    ways = ends - bones.heads[chain]
+    downwards = ways @ _nearest_axis(bones.heads[chain[-1]] - bones.heads[first]) > 0.75 * np.linalg.norm(ways, axis=1)
+    hip = int(np.argmax(downwards))  # what comes before goes to the side in the pelvis
+    foot = next((at for at in range(hip + 2, len(chain)) if not downwards[at]), None)
     if foot is None:
         return None
-    middle = (bones.heads[first] + bones.heads[chain[foot]]) / 2
-    knee = min(chain[1:foot], key=lambda one: np.linalg.norm(bones.heads[one] - middle))
-    return [first, knee, *chain[foot : foot + 2]]
+    middle = (bones.heads[chain[hip]] + bones.heads[chain[foot]]) / 2
+    knee = min(chain[hip + 1 : foot], key=lambda one: np.linalg.norm(bones.heads[one] - middle))
+    return [chain[hip], knee, *chain[foot : foot + 2]]
 
 
-def _arms(bones: RestBones, pairs: list[tuple[int, tuple[int, int]]]) -> list[list[int]]:
-    """The bones of each arm up to the hand: that which has fingers, else the last."""
+def _arms(bones: RestBones, firsts: Sequence[int]) -> list[list[int]]:
+    """The bones of both arms as long in proportion as a person's; with shoulders where they begin near the middle."""
+    half = float(np.linalg.norm(bones.heads[firsts[0]] - bones.heads[firsts[1]])) / 2
+    long = ARM["shoulder"] / sum(ARM.values()) * _reach(bones, firsts[0])
+    people = np.log(list(ARM.values()))[0 if half < long else 1 :]
     arms = []
-    for first in pairs[1][1] if len(pairs) > 1 else ():
-        chain = _chain(bones, first)
-        hand = next((at for at, one in enumerate(chain) if at > 1 and len(bones.below(one)) >= FINGERS), len(chain) - 1)
-        arms.append(chain[: hand + 1][-len(ARM) :])
-    return [arm for arm in arms if len(arm) > 2]
+    for chain in (_chain(bones, first) for first in firsts):
+        places = np.array([*(bones.heads[one] for one in chain), bones.tails[chain[-1]]])
+        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
+        found = {}
+        for begins in combinations(range(1, len(chain)), len(people) - 1):
+            lengths = np.maximum(np.diff(along[[0, *begins, len(chain)]]), 1e-9)
+            found[(0, *begins)] = float(np.ptp(np.log(lengths) - people))
+        arms.append([chain[at] for at in min(found, key=found.__getitem__, default=())])
+    return arms
 
 
 def _nearest_axis(way: np.ndarray) -> np.ndarray:

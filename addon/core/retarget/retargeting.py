@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.sides import BODY_SIDES
-from ..filling.ground import BALL, LEG, ON_GROUND
+from ..filling.ground import LEG, ON_GROUND
 from ..geometry.rotations import NO_TURN, exponential, least_turn, rotation_vector
-from ..posing.character import FACING, TOES, Character
+from ..posing.character import FACING, Character
 
 SPINE = ("spine", "between", "chest")
 LEFTWARDS, SKYWARDS = np.array([1.0, 0, 0]), np.array([0.0, 0, 1])
@@ -152,6 +152,15 @@ def _ball(rig: Rig, side: str) -> np.ndarray:
     return rig.tails[rig.at[f"foot.{side}"]] if toes is None else rig.heads[toes]
 
 
+def _sole(rig: Rig, side: str, far: float) -> np.ndarray:
+    """(3,) m what of a foot stays on the floor when the heel lifts: as `far` from the ankle as the body's."""
+    ball, foot, toes = _ball(rig, side), rig.at[f"foot.{side}"], rig.at.get(f"toes.{side}")
+    if toes is None:
+        return ball
+    on = (far - np.linalg.norm(ball - rig.heads[foot])) / np.linalg.norm(rig.tails[toes] - ball)
+    return ball + np.clip(on, 0, 1) * (rig.tails[toes] - ball)
+
+
 def _top(rig: Rig) -> np.ndarray:
     """(3,) m where the trunk ends at rest: where neck or head begin, else where the chest ends."""
     for part in ("neck", "head"):
@@ -215,16 +224,17 @@ def _planted_ankle(
     """
     (turns, hips), (scale, floor, rate), foot = posed, known, rig.at[f"foot.{side}"]
     ankle, ball = rig.heads[foot], _ball(rig, side)
-    low = [(turns[:, foot] @ (place * (1, 1, 0) + floor * SKYWARDS - ankle))[:, 2] for place in (ball, ankle)]
+    sole = _sole(rig, side, scale * np.linalg.norm(body.rest(f"toes.{side}") - body.rest(f"foot.{side}")))
+    low = [(turns[:, foot] @ (place * (1, 1, 0) + floor * SKYWARDS - ankle))[:, 2] for place in (sole, ankle)]
     goal = -turns[:, foot] @ (ball - ankle)
     ankle, toes = body.rest(f"foot.{side}"), body.rest(f"toes.{side}")
     begin, turned = body.begin(f"foot.{side}"), body.turned(f"foot.{side}")
     sole, heel = (begin + turned @ (place * (1, 1, 0) - ankle) for place in (toes, ankle))
     lowest = np.minimum(sole[:, 2], heel[:, 2])
-    held = begin + turned @ (toes - ankle) * BALL / TOES  # what of the body holds still
+    held = begin + turned @ (toes - ankle)  # what of the body holds still
     goal += scale * held
     goal[:, 2] = scale * lowest - np.minimum(*low)
-    off = _begin(rig, turns, hips, foot) - goal
+    off = place_of(rig, turns, hips, foot) - goal
     kept, settled = _planted(held, lowest, rate), _planted(sole, lowest, rate)
     for axis, planted in enumerate((kept, kept, settled)):  # while the heel lifts, the height is the leg's
         rows = np.flatnonzero(planted)
@@ -251,14 +261,14 @@ def _planted(ball: np.ndarray, lowest: np.ndarray, rate: float) -> np.ndarray:
     return binary_opening(binary_closing(np.pad(slow & low, wide, "edge"), kept), kept)[wide:-wide]
 
 
-def _begin(rig: Rig, turns: np.ndarray, hips: np.ndarray, index: int) -> np.ndarray:
-    """(F, 3) m where a bone begins, by the hips (F, 3) and the turns (F, C, 3, 3) of what carries it."""
+def place_of(rig: Rig, turns: np.ndarray, hips: np.ndarray, index: int) -> np.ndarray:
+    """(F, 3) m where a bone begins, by the hips (F, 3) m and the turns (F, C, 3, 3) of what carries it."""
     above = rig.follows[index]
     if rig.parts[index] == "hips":
         return hips
     if above < 0:
         return np.broadcast_to(rig.heads[index], hips.shape)
-    return _begin(rig, turns, hips, above) + turns[:, above] @ (rig.heads[index] - rig.heads[above])
+    return place_of(rig, turns, hips, above) + turns[:, above] @ (rig.heads[index] - rig.heads[above])
 
 
 def _bend(
@@ -276,7 +286,7 @@ def _bend(
     """
     upper, lower, end = (rig.at[part] for part in limb)
     lengths = rig.heads[lower] - rig.heads[upper], rig.heads[end] - rig.heads[lower]
-    both, far = (turns[:, upper], turns[:, lower]), goal - _begin(rig, turns, hips, upper)
+    both, far = (turns[:, upper], turns[:, lower]), goal - place_of(rig, turns, hips, upper)
     turns[:, upper], turns[:, lower] = _reaching(*both, *lengths, far, aligned[upper].T @ hinge)
 
 

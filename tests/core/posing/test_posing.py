@@ -43,8 +43,12 @@ def off(model: BodyModel, bodies: Bodies, points: np.ndarray) -> np.ndarray:
     return np.linalg.norm(model.pose(bodies).markers - points, axis=2)
 
 
-def test_an_arm_that_is_in_another_fold_for_a_while_is_put_right_from_both_sides(monkeypatch):
-    """From there a fit does not come back on its own, and only the first and the last frame have a right one beside."""
+@pytest.mark.parametrize("skin", [0.0, 0.015])
+def test_an_arm_that_is_in_another_fold_for_a_while_is_put_right_from_both_sides(monkeypatch, skin):
+    """From there a fit does not come back on its own, and only the first and the last frame have a right one beside.
+
+    So it is where `skin` (m) moves so much that the arm makes a frame hardly worse than others.
+    """
     model, begin = BodyModel(open_markerset("body39")), posing._between
     arm, points = model.markerset.skeleton.segments.index("upper_arm.R"), model.pose(walk(model)).markers
     twist = rotations.exponential(np.array([3.0, 0, 0]))[0]
@@ -56,8 +60,8 @@ def test_an_arm_that_is_in_another_fold_for_a_while_is_put_right_from_both_sides
         return start
 
     monkeypatch.setattr(posing, "_between", folded)
-    found = fit_points(model, points)
-    assert off(model, found, points).max() < 0.02
+    found = fit_points(model, points + np.random.default_rng(5).normal(scale=skin, size=points.shape))
+    assert off(model, found, points).max() < 0.02 + 3 * skin
 
 
 def test_frames_are_posed_as_they_come_and_who_was_away_is_found_anew(model):

@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The bones of rigs by name, form or map; their turns by a body's motion: where limbs reach, which feet are planted."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import InputError
-from addon.core.filling.ground import BALL
 from addon.core.geometry.rotations import exponential
-from addon.core.posing.character import BONE_NAMES, character_of
+from addon.core.posing.character import BALL, BONE_NAMES, both_sides, character_of
 from addon.core.retarget.matching import CONTROLS, RestBones, match_bones, match_map, read_as
 from addon.core.retarget.retargeting import Rig, _planted, _reaching, axes_at_rest, retarget
 from addon.io.bone_maps import read_bone_map
 from addon.io.markersets import open_markerset
-from tests.inputs.rigs import A_POSE, HANGING, MAYA, MIXAMO, NAMELESS, T_POSE, UNREAL, VRM, rig_bones
+from tests.inputs.rigs import A_POSE, HANGING, MAYA, MIXAMO, NAMELESS, T_POSE, UNREAL, VRM, RigBone, rig_bones
 
 RATE = 100.0
 
@@ -163,16 +164,63 @@ def without_between(names):
     return {part: name for part, name in names.items() if part != "between"}
 
 
+# Where words lie: a leg is a thigh where there are knees, a shoulder a clavicle where there are arms, wrists are hands.
+AVATAR = both_sides(
+    "Hips Spine Upper_Chest Neck Head",
+    "*_shoulder *_arm *_elbow *_wrist *_leg *_knee *_ankle *_toe",
+    ("Left", "Right"),
+) | {"between": "Chest"}
+FK_CONTROLS = both_sides(
+    "FK-Hips FK-Spine FK-Chest FK-Neck FK-Head",
+    "FK-Shoulder.* FK-UpperArm.* FK-Forearm.* FK-Wrist.* FK-Thigh.* FK-Knee.* FK-Foot.* FK-Toes.*",
+    ("L", "R"),
+) | {"between": "FK-RibCage"}
+UPPER_LAST = both_sides(
+    "root spine1 spine3 neck head",
+    "*Clavicle *ArmUpper *ArmLower *Hand *LegUpper *LegLower *Foot *Toe",
+    ("L", "R"),
+) | {"between": "spine2"}
+
+
 @pytest.mark.parametrize("arms", [T_POSE, A_POSE, HANGING])
-@pytest.mark.parametrize("names", [MIXAMO, UNREAL, VRM, MAYA, NAMELESS])
+@pytest.mark.parametrize("names", [MIXAMO, UNREAL, VRM, MAYA, AVATAR, FK_CONTROLS, UPPER_LAST, NAMELESS])
 def test_bones_are_known_by_names_or_form(names, arms):
     assert match_bones(at_rest(names, arms)) == without_between(names)
+
+
+def test_limbs_of_two_bones_each_and_hips_that_part_are_known_by_form():
+    """As where limbs have twist bones in line, and each leg hangs on a bone of the pelvis."""
+    bones = []
+    for bone in rig_bones(A_POSE):
+        middle, name = (bone.head + bone.tail) / 2, bone.part.partition(".")[0]
+        if name == "thigh":
+            hips = rig_bones()[0].head
+            bones.append(RigBone(f"half {bone.part}", "hips", hips, bone.head))
+        first = f"half {bone.part}" if name == "thigh" else bone.parent
+        if name in ("forearm", "hand", "shank", "foot"):
+            first = f"twist {bone.parent}"
+        bones.append(replace(bone, parent=first))
+        if name in ("upper_arm", "forearm", "thigh", "shank"):
+            bones.append(RigBone(f"twist {bone.part}", bone.part, middle, bone.tail))
+    parts = [bone.part for bone in bones]
+    parents = np.array([-1 if bone.parent is None else parts.index(bone.parent) for bone in bones])
+    ends = (np.array([getattr(bone, end) for bone in bones]) for end in ("head", "tail"))
+    found = match_bones(RestBones(tuple(f"Bone.{at:03d}" for at in range(len(parts))), parents, *ends))
+    assert found == {part: f"Bone.{parts.index(part):03d}" for part in found}
+    assert len(found) == len(NAMELESS) - 1
 
 
 def test_left_is_told_by_the_feet_where_names_say_nothing():
     """In any axes: y up, and a rig that looks the other way."""
     for turn in (np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), np.diag([-1.0, -1, 1])):
         assert match_bones(at_rest(NAMELESS, turn=turn)) == without_between(NAMELESS)
+
+
+def test_arms_that_hang_on_the_neck_do_not_make_it_the_chest():
+    bones = at_rest(UNREAL)
+    names, parents = list(bones.names), bones.parents.copy()
+    parents[[names.index(f"clavicle_{side}") for side in "lr"]] = names.index("neck_01")
+    assert match_bones(replace(bones, parents=parents)) == without_between(UNREAL)
 
 
 def test_bones_that_help_others_are_passed_over():
@@ -208,6 +256,9 @@ def test_what_is_no_person_matches_nothing():
         ("leftUpperLeg", "thigh.L"),
         ("DEF-upper_arm.L.001", "upper_arm.L"),
         ("LoLeg_R", "shank.R"),
+        ("RForeArm", "forearm.R"),
+        ("leg_lower.R", "shank.R"),
+        ("thigh_stretch.l", "thigh.L"),
         ("CC_Base_Hip", "hips"),
         ("LeftHandThumb1", None),
         ("hand_ik.L", None),
