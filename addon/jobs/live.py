@@ -175,7 +175,8 @@ class _Live:
         self.namer: LiveNamer | None = None
         self.file: LiveFile | None = None
         self.body: FollowedBody | None = None
-        self.asked: Window | None = None  # the last one
+        self.asked: Window | None = None  # the last one, and what came of the last that was solved
+        self.heard: WindowNames | None = None
         self.shown = 0  # samples that were named in the one that the body is of
 
     def line(self, frame: StreamFrame) -> dict | None:
@@ -190,9 +191,13 @@ class _Live:
             answer = None if self.beside.free else self.beside.answer()
             if answer is not None:
                 self.namer.hear(answer)
-                self._know(answer)
-                renamed = [[self.names[old], self.names[new] if new >= 0 else None] for old, new in self.namer.renamed]
+                self.heard = answer
             marker = self._named(self.namer, frame)
+            if self.namer.renamed:
+                self.shown = 0
+            if answer is not None or self.namer.renamed:
+                self._know()
+            renamed = [[self.names[old], self.names[new] if new >= 0 else None] for old, new in self.namer.renamed]
         if self.stream.behind and not renamed:
             self.late += 1
             return None
@@ -215,11 +220,10 @@ class _Live:
             self.asked = window
             self.beside.send(window)
 
-    def _know(self, found: WindowNames):
-        """Takes who it is from a window with more samples named than the last one, or names that were wrong there."""
-        if self.namer is not None and self.namer.renamed:
-            self.shown = 0
-        if found.subject is None or self.asked is None:
+    def _know(self):
+        """Takes who it is from a window with more samples named than the last one, or where names were wrong there."""
+        found = self.heard
+        if found is None or found.subject is None or self.asked is None:
             return
         samples = int(np.isfinite(self.asked.xyz[:, found.marker != NO_MARKER, 0]).sum())
         if samples > self.shown:

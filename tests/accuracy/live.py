@@ -74,9 +74,9 @@ def played(points: Points, truth: np.ndarray, model: Model) -> Tally:
             begin = process_time()
             if names is not None and frame >= done:
                 namer.hear(names)
-                found.renamed += len(namer.renamed)
                 names = None
             marker, _ = namer.name(frame, every[at], at + len(truth[0]) * (frame >= back))
+            found.renamed += len(namer.renamed)
             found.ms.append(1000 * (process_time() - begin))
             if body is not None:
                 begin, places = process_time(), np.full((len(model.markerset), 3), np.nan)
