@@ -14,8 +14,7 @@ from ..io.markersets import builtin_markersets, open_markerset
 from .console import print_results
 
 if TYPE_CHECKING:  # whoever wants a list waits for none of it
-    from ..core.points.history import ModelVersion, TaughtTake
-    from ..core.points.models import Model
+    from ..core.points.models import Model, ModelVersion, TaughtTake
 
 SHOWN_DIGITS = 12  # of a fingerprint, which has 64: enough for people to know one by
 

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 from ..core.data.errors import InputError, JobError, UserError
 from ..core.evaluation.comparing import difference_lines
 from ..core.papers.partial_solvers.training import SEARCHES
-from ..core.points.likelihood.trying import TrialOutcome, TrialWork, in_turn, tried
+from ..core.points.likelihood.learn import TrialOutcome, TrialWork, in_turn, tried
 from ..io.markersets import SUFFIX
 from ..io.scratch import scratch_folder
 from ..jobs.models import system_user

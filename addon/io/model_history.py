@@ -15,7 +15,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from ..core.data.errors import InputError
-from ..core.points.history import NO_HISTORY, ModelHistory, TaughtTake
+from ..core.points.models import NO_HISTORY, ModelHistory, TaughtTake
 from .markersets import SUFFIX, builtin_markersets
 from .packing import NOT_PACKED, from_json
 from .text import can_be_written

@@ -11,9 +11,8 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.papers.partial_solvers.model import DOMAIN, FUNCTIONS, NO_POINT, Classifiers, PartialSolvers, Solver
-from ..core.points.likelihood.calibration import FEATURES, FRAME_KINDS, Calibration
 from ..core.points.likelihood.distances import DistanceConstraints
-from ..core.points.likelihood.model import Likelihood
+from ..core.points.likelihood.model import FEATURES, FRAME_KINDS, Calibration, Likelihood
 from ..core.points.likelihood.shape import Shape
 from ..core.points.models import Model, TrainingTake
 from ..core.points.rigid_bodies.model import RigidBodies

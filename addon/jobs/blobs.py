@@ -21,8 +21,8 @@ from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_
 from ..core.pipelines.misfits import TRIED_S
 from ..core.pipelines.others import OtherSubjects, refuse_two
 from ..core.pipelines.points_of_blobs import PointsOfBlobs
-from ..core.points.handedness import MEND_BLOBS
-from ..core.points.naming import chosen_method
+from ..core.points.models import chosen_method
+from ..core.points.possible import MEND_BLOBS
 from ..core.points.whole_take.pipeline import PointOptions
 from ..core.review.answering import without_accepted
 from ..core.review.odd_cameras import CameraCheck

@@ -13,8 +13,7 @@ from ..core.data.progress import Progress, within
 from ..core.data.takes import Points, evenly_spread
 from ..core.evaluation.comparing import Comparison, TakeDifference
 from ..core.evaluation.relabelling import NO_NAME, UNTOLD, KnownNames, relabelled, without_names
-from ..core.points.history import TaughtTake
-from ..core.points.models import Model, TrainingTake, by_subject
+from ..core.points.models import Model, TaughtTake, TrainingTake, by_subject
 from ..core.training.takes import standing_apart
 from ..io.model_history import seen_at, seen_from
 from ..io.points import read_points

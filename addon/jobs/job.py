@@ -16,7 +16,7 @@ from ..core.data.markersets import Worn
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.geometry.cameras import Cameras
 from ..core.geometry.force_plates import NO_LAB, LabRecords
-from ..core.points.naming import USUAL_TARGET, plain_method
+from ..core.points.models import USUAL_TARGET, plain_method
 from ..io.cameras import calibration_files
 from ..io.edits import edits_beside
 from ..io.markersets import AUTO_MODEL, markerset_file

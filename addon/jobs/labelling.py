@@ -18,12 +18,10 @@ from ..core.geometry.cameras import NO_CAMERAS, Cameras
 from ..core.geometry.force_plates import NO_LAB, LabRecords
 from ..core.pipelines.known_sets import HOW_TO_CHOOSE, set_worn
 from ..core.pipelines.misfits import misfit_of
-from ..core.points.handedness import MEND_MIRRORED, MEND_POINTS, Handedness
-from ..core.points.models import Model
+from ..core.points.models import Model, chosen_method
 from ..core.points.motion import labelled_points
-from ..core.points.naming import chosen_method
-from ..core.points.possible import refuse_impossible, slow_words
-from ..core.points.refusals import FRAMES_ASKED, SubjectsError, UnsuitedError, refuse_two_groups
+from ..core.points.possible import FRAMES_ASKED, MEND_MIRRORED, MEND_POINTS, Handedness, refuse_impossible, slow_words
+from ..core.points.refusals import SubjectsError, UnsuitedError, refuse_two_groups
 from ..core.points.several.wearers import SetsWorn, SeveralOptions, Wearer, kinds
 from ..core.points.whole_take.pipeline import PointOptions
 from ..core.points.whole_take.pipeline import label_take as name_points

@@ -12,9 +12,8 @@ from ..core.data.progress import Progress, within
 from ..core.data.wording import listed
 from ..core.evaluation.comparing import Comparison
 from ..core.papers.partial_solvers.model import FUNCTIONS, PAPER_FUNCTIONS
-from ..core.points.history import NO_HISTORY, ModelHistory, ModelVersion
-from ..core.points.likelihood.trying import Trying, in_turn
-from ..core.points.models import Model, TrainingTake
+from ..core.points.likelihood.learn import Trying, in_turn
+from ..core.points.models import NO_HISTORY, Model, ModelHistory, ModelVersion, TrainingTake
 from ..core.training.described import described
 from ..core.training.described import learned as learned_from_words
 from ..core.training.pipeline import TRAINING_SHARES, Trained, TrainingOptions, never_named, train, train_solvers

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.data.errors import InputError, of_file
 from ..core.data.markersets import MarkerSet
-from ..core.points.handedness import refuse_labelled
+from ..core.points.possible import refuse_labelled
 from ..core.posing.posing import POSING
 from ..core.review.answering import right_in
 from ..core.training.takes import LabelledTake, learnable, odd_size

@@ -15,7 +15,7 @@ from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS
 from ..core.pipelines.known_sets import HOW_TO_CHOOSE
 from ..core.pipelines.misfits import HOW_TO_TURN
-from ..core.points.handedness import HOW_TO_MIRROR
+from ..core.points.possible import HOW_TO_MIRROR
 from ..core.points.refusals import HOW_TO_ASK
 from ..core.points.several.wearers import AUTO
 from ..core.review.changes import Change, summary_of_changes

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later */
 /* Naming points by likelihood: `settled` and `name_odds` of addon/core/points/likelihood/naming.py, `neighbours` of its
- * swaps.py, and the distance constraints of its distances.py. */
+ * solving.py, and the distance constraints of its distances.py. */
 
 #include <math.h>
 #include <stddef.h>

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: GPL-3.0-or-later */
-/* The volumes that four moving things span: `median_volumes` of addon/core/points/rigid_bodies/volumes.py. */
+/* The volumes that four moving things span: `median_volumes` of addon/core/points/rigid_bodies/structure.py. */
 
 #include <math.h>
 #include <stddef.h>

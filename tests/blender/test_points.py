@@ -342,12 +342,12 @@ def test_an_up_axis_and_a_rate_that_are_given_are_taken(extension, empty, files,
 
 
 def test_what_is_refused_can_be_labelled_regardless(extension, imported, files, naming_known, monkeypatch):
-    handedness = ours("core.points.handedness")
+    possible = ours("core.points.possible")
 
     def refuse(check):
-        raise handedness.mirrored_error("A would be on the other side of the body")
+        raise possible.mirrored_error("A would be on the other side of the body")
 
-    monkeypatch.setattr(handedness.Handedness, "refuse", refuse)
+    monkeypatch.setattr(possible.Handedness, "refuse", refuse)
     settings, state = imported.scene.mocap_autolabel, imported.window_manager.mocap_autolabel
     refused("is left-handed: one axis is mirrored, as A would be", "label")
     assert settings.take is None

@@ -16,7 +16,7 @@ from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, Poi
 from addon.core.evaluation.comparing import Comparison, TakeDifference
 from addon.core.evaluation.relabelling import NameCounts
 from addon.core.geometry.cameras import NO_CAMERAS
-from addon.core.points.history import ModelHistory, ModelVersion
+from addon.core.points.models import ModelHistory, ModelVersion
 from addon.core.points.motion import motion_of
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset

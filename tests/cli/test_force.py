@@ -10,7 +10,7 @@ import pytest
 
 from addon.core.body.sides import mirror_order
 from addon.core.data.takes import Points
-from addon.core.points.handedness import MEND_BLOBS, Handedness, MirroredError
+from addon.core.points.possible import MEND_BLOBS, Handedness, MirroredError
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
 from addon.io.points import of_frames, read_points, write_c3d

@@ -17,7 +17,7 @@ OTHERS = (
     "addon.core.filling",
     "addon.core.placement_quality",
     "addon.core.papers.partial_solvers.solver",
-    "addon.core.points.rigid_bodies.recognition",
+    "addon.core.points.whole_take.recognition",
     "addon.core.simulation",
     "addon.core.training",
     "addon.io.html",

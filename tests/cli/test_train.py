@@ -14,8 +14,7 @@ from addon.cli import train
 from addon.core.data.errors import JobError
 from addon.core.data.takes import Points
 from addon.core.geometry import rotations
-from addon.core.points.likelihood.trials import make_trial
-from addon.core.points.likelihood.trying import TrialWork, in_turn
+from addon.core.points.likelihood.learn import TrialWork, in_turn, make_trial
 from addon.core.training.imagining import anybody
 from addon.core.training.poses import known_poses
 from addon.io.layouts import shipped_layouts

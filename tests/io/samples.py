@@ -10,8 +10,7 @@ from scipy.spatial.transform import Rotation
 from addon.core.data.takes import Blobs, Points
 from addon.core.geometry.cameras import Cameras
 from addon.core.papers.partial_solvers.model import Classifiers, PartialSolvers, Record, Solver, Strong
-from addon.core.points.history import CheckedTake, ModelHistory, ModelVersion, TaughtTake
-from addon.core.points.models import Model, TrainingTake
+from addon.core.points.models import CheckedTake, Model, ModelHistory, ModelVersion, TaughtTake, TrainingTake
 from addon.core.simulation.rigs import ring_rig
 from addon.io.cameras import Z_UP_FROM_Y_UP, write_cameras
 from addon.io.points import write_c3d, write_trc

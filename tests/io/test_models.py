@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from addon.core.data.errors import InputError
-from addon.core.points.history import NO_HISTORY, ModelHistory, ModelVersion
 from addon.core.points.likelihood.learn import learn_likelihood
+from addon.core.points.models import NO_HISTORY, ModelHistory, ModelVersion
 from addon.io.markersets import Reader, read_markerset
 from addon.io.model_history import HISTORY, beside, is_beside, model_of, moved, seen_at, seen_from
 from addon.io.models import likelihood_document, open_model, read_likelihood, read_model, write_model

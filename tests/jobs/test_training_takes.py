@@ -14,8 +14,7 @@ from addon.core.data.progress import finished
 from addon.core.data.takes import Points
 from addon.core.edits.kinds import Edits, Right
 from addon.core.evaluation.relabelling import NO_NAME, UNTOLD
-from addon.core.points.history import ModelHistory, ModelVersion
-from addon.core.points.models import Model, TrainingTake, by_subject
+from addon.core.points.models import Model, ModelHistory, ModelVersion, TrainingTake, by_subject
 from addon.core.training.takes import gathered, of_markers, training_takes_of, without_replaced
 from addon.io.edits import write_edits
 from addon.io.markersets import open_markerset

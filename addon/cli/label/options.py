@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from ...blendfile import has_blender, open_cameras
 from ...core.data.errors import InputError
 from ...core.data.wording import words_of_range
-from ...core.points.naming import METHODS, USUAL_TARGET, chosen_method, plain_method
+from ...core.points.models import METHODS, USUAL_TARGET, chosen_method, plain_method
 from ...core.points.several.wearers import AUTO, MAX_SUBJECTS, NAME_RULE, as_compared, is_subject_name
 from ...io.edits import edits_beside
 from ...io.markersets import AUTO_MODEL

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..points.history import CheckedTake
+from ..points.models import CheckedTake
 from .relabelling import NameCounts
 
 LISTED_MARKERS = 5  # of a take, the worst: so many fit a line

@@ -10,8 +10,7 @@ from ..data.errors import JobError
 from ..data.lanes import Lanes
 from ..data.progress import Progress
 from ..data.takes import Points
-from ..points.models import Model
-from ..points.naming import chosen_method
+from ..points.models import Model, chosen_method
 from ..points.whole_take.pipeline import PointOptions, label_take
 
 NO_NAME, UNTOLD = -1, -2  # a point that is known to be none of the named; one of which nobody knows

@@ -73,7 +73,7 @@ def name_odds(model, constraints, settled) -> np.ndarray:
 
 
 def neighbours(model, constraints, settled, reach: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Stands for `swaps.neighbours`."""
+    """Stands for `solving.neighbours`."""
     count, markers = settled.naming.shape
     move, swap = np.empty((count, markers, markers)), np.empty((count, markers, markers))
     return _neighbours(model, constraints, settled, reach, move, swap), move, swap
@@ -144,7 +144,7 @@ def distance_sums(points) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def median_volumes(place, quads) -> np.ndarray:
-    """Stands for `volumes.median_volumes`."""
+    """Stands for `structure.median_volumes`."""
     (things, _, frames), count = place.shape, len(quads)
     place, quads = given(place, (things, 3, frames)), indices(quads, (count, 4), things, lowest=0)
     medians, scratch = np.empty(count), np.empty(frames)

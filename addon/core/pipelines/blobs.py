@@ -27,9 +27,8 @@ from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again, put_places
 from ..papers.virtual_occlusions.occlusion import Occlusion
-from ..points.models import Model
-from ..points.naming import chosen_method, plain_method
-from ..points.several.motion import with_bodies_of
+from ..points.models import Model, chosen_method, plain_method
+from ..points.several.together import with_bodies_of
 from ..points.whole_take.pipeline import USUAL_TARGET, PointOptions
 from ..review.answering import unanswered, without_accepted
 from .through_points import label_through_points
@@ -40,7 +39,7 @@ class BlobOptions:
     """How blobs are named."""
 
     rate: float  # frames a second
-    method: str = "auto"  # one of `naming.METHODS`
+    method: str = "auto"  # one of `models.METHODS`
     # of labels through points: the part that must be right; what is less sure is left unnamed
     target: float = USUAL_TARGET
     hints: Hints = NO_HINTS  # what the user may say about the take, for the fitted body

@@ -13,8 +13,7 @@ import numpy as np
 from ..data.errors import JobError
 from ..data.progress import Progress, within
 from ..data.takes import Labels, Points, evenly_spread
-from ..points.models import Model
-from ..points.naming import namer_of
+from ..points.models import Model, namer_of
 from ..points.refusals import UnsuitedError, points_at_a_time
 from ..points.whole_take.objective import usual_fit
 from ..points.whole_take.pipeline import PointOptions, label_take

@@ -14,8 +14,7 @@ from ..blobs.subject import SUBJECT
 from ..data.takes import Blobs, LabelledChunk, evenly_spread, rows_in_frame
 from ..geometry.cameras import Cameras
 from ..geometry.views import Sight, split_views
-from ..points.models import Model
-from ..points.naming import chosen_method, namer_of
+from ..points.models import Model, chosen_method, namer_of
 from ..points.refusals import REFUSAL, SubjectsError, UnsuitedError, is_crowd, refuse_others, refuse_two_groups
 from ..reconstruction.matching import Circumstances, Matcher, padded
 from ..reconstruction.trajectories import RECONSTRUCTION

@@ -22,8 +22,8 @@ from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again
 from ..geometry.triangulation import meet_rows
 from ..papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion, Occlusion, hidden_by_any
-from ..points.several.motion import LabelledSubjects, beside, measured_of_first
 from ..points.several.pipeline import label_several
+from ..points.several.together import LabelledSubjects, beside, measured_of_first
 from ..points.several.wearers import SetsWorn, SeveralOptions
 from ..points.whole_take.pipeline import PointOptions
 from .fitted_subjects import FollowedSubjects

@@ -20,10 +20,9 @@ from ..data.takes import NO_POINT
 from ..geometry.rigid import MIN_POINTS
 from ..geometry.upright import turned
 from ..points.likelihood.distances import DistanceConstraints
-from ..points.likelihood.latent import Latent
 from ..points.likelihood.naming import score_of, settle
-from ..points.likelihood.shape import Shape
-from ..points.likelihood.swaps import alternatives
+from ..points.likelihood.shape import Latent, Shape
+from ..points.likelihood.solving import alternatives
 from .layout import MarkerLayout
 from .renamings import Renaming, renamings
 

@@ -1,21 +1,114 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A model: a marker set, what was learned to name its markers by, and the takes that it was learned from."""
+"""A model: a marker set, what was learned to name its markers by, how it came about, and how it names points.
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+Whatever names points, by likelihood or by partial solvers, is behind one small interface.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, Self
 
 import numpy as np
 
+from ..data.errors import InputError
 from ..data.markersets import MarkerSet
+from ..data.takes import Labels
 from ..papers.partial_solvers.model import PartialSolvers
-from .history import NO_HISTORY, ModelHistory
 from .likelihood.model import Likelihood
 from .rigid_bodies.model import RigidBodies
 
-if TYPE_CHECKING:  # most sets are on no rigid bodies
+if TYPE_CHECKING:
     from .rigid_bodies.structure import Structure
+
+
+@dataclass(frozen=True)
+class TaughtTake:
+    """A file of a labelled take that a model was taught, or is checked on.
+
+    name    of the file
+    subject whose it is
+    frames  how many labelled frames it had
+    sha256  of what the file held; empty for a take that was taught from no file
+    path    of the file as seen from the model's, with /; empty where it is not known
+    up      the axis that points up in it, where that is known better than from the file; else empty
+    rate    format: frames a second, where the file says none; else 0
+    """
+
+    name: str
+    subject: str
+    frames: int
+    sha256: str = ""
+    path: str = ""
+    up: str = ""
+    rate: float = 0.0
+
+
+@dataclass(frozen=True)
+class CheckedTake:
+    """How a take was named before a training on and after it: shares of the points of its markers.
+
+    name           of its file
+    recall         named right, before and after
+    wrong          named wrong, before and after
+    """
+
+    name: str
+    recall: tuple[float, float]
+    wrong: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class ModelVersion:
+    """One training of a model.
+
+    version  counts the trainings, from 1
+    date     the day, by the world's clock, as 2026-11-23; empty where not known
+    by       who taught it; empty where not known
+    program  the version of Mocap Autolabel
+    origin   the fingerprint of the model that was trained on; empty for a new one
+    takes    what it was taught; none where it was given its partial solvers
+    checked  the takes that were named by the model before and by this one
+    told     it was taken although some of these were named worse
+    """
+
+    version: int
+    date: str = ""
+    by: str = ""
+    program: str = ""
+    origin: str = ""
+    takes: tuple[TaughtTake, ...] = ()
+    checked: tuple[CheckedTake, ...] = ()
+    told: bool = False
+
+
+@dataclass(frozen=True)
+class ModelHistory:
+    """The versions of a model, the first one first, and labelled takes that it is checked on when it is trained on.
+
+    A model of which nobody kept a history has none, and is its own version 1.
+    """
+
+    versions: tuple[ModelVersion, ...] = ()
+    kept_takes: tuple[TaughtTake, ...] = ()
+
+    @property
+    def version(self) -> int:
+        """The number of the last one."""
+        return self.versions[-1].version if self.versions else 1
+
+    @property
+    def taught(self) -> list[TaughtTake]:
+        """The files of all trainings, each once: of one that was taught again with other labels, as it was last."""
+        found = {(take.name, take.subject, take.path): take for one in self.versions for take in one.takes}
+        return list(found.values())
+
+    def with_version(self, new: ModelVersion) -> Self:
+        """The history with one more."""
+        return replace(self, versions=(*self.versions, new))
+
+
+NO_HISTORY = ModelHistory()
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,3 +184,52 @@ def by_subject(training_takes: Iterable[TrainingTake]) -> dict[str, np.ndarray]:
     for training_take in training_takes:
         parts.setdefault(training_take.subject, []).append(training_take.points.astype(float))
     return {subject: np.concatenate(own) for subject, own in parts.items()}
+
+
+METHODS = ("auto", "fit", "ensemble", "likelihood", "evidence")  # what the user may ask for
+USUAL_TARGET = 0.999  # the part of the labels that must be right, unless another is asked for
+
+
+class Namer(Protocol):
+    """What names points."""
+
+    def name(self, points: np.ndarray, rate: float) -> Iterator[Labels]:
+        """The labels of points (T, P, 3) m, z up, NaN where missing, `rate` frames a second; some frames at a time."""
+
+
+def plain_method(wanted: str) -> str:
+    """The name that a method goes by: "evidence" was likelihood at first, "both" a fit and a check of it."""
+    return {"evidence": "likelihood", "both": "fit"}.get(wanted, wanted)
+
+
+def chosen_method(model: Model, wanted: str) -> str:
+    """The method by which points are named: what "auto" stands for, or the one that was wanted.
+
+    InputError where the model cannot do it.
+    """
+    wanted, name = plain_method(wanted), model.markerset.name
+    if wanted == "fit":
+        raise InputError("the method fit names blobs; expected auto, likelihood or ensemble for 3D points")
+    if wanted == "ensemble" and model.partial_solvers is None:
+        raise InputError(f"model {name} has no partial solvers; expected one that was trained by train")
+    if (wanted == "likelihood" and model.likelihood is None) or not model.has_learned:
+        raise _nothing_learned(model)
+    return wanted if wanted != "auto" else "ensemble" if model.likelihood is None else "likelihood"
+
+
+def namer_of(model: Model, method: str) -> Namer:
+    """What names points by a method that `chosen_method` gave."""
+    if method == "likelihood" and model.likelihood is not None:
+        from .likelihood.frames import LikelihoodNamer
+
+        return LikelihoodNamer(model.likelihood)
+    if model.partial_solvers is None:
+        raise _nothing_learned(model)
+    from ..papers.partial_solvers.frames import SolversNamer
+
+    return SolversNamer(model.partial_solvers)
+
+
+def _nothing_learned(model: Model) -> InputError:
+    name = model.markerset.name
+    return InputError(f"model {name} has learned nothing to name points by; expected one made by train")

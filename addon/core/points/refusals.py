@@ -14,9 +14,8 @@ from ..data.lanes import blocks
 from ..data.made import Table
 from ..data.takes import NO_MARKER, Labels, evenly_spread
 from ..geometry.rigid import MIN_POINTS
-from .models import Model
-from .naming import USUAL_TARGET, Namer
-from .possible import mistaken_unit
+from .models import USUAL_TARGET, Model, Namer
+from .possible import FRAMES_ASKED, mistaken_unit
 
 
 @dataclass(frozen=True)
@@ -58,7 +57,6 @@ class RefusalOptions:
 
 
 REFUSAL = RefusalOptions()
-FRAMES_ASKED = 40  # that are looked at, spread over the take; by time
 
 
 def refuse_floods(points: Table):

@@ -17,8 +17,7 @@ from ..data.errors import InputError
 from ..data.layouts import Layout, Site
 from ..data.markersets import MarkerSet
 from ..data.progress import Progress, within
-from ..points.likelihood.learn import learning
-from ..points.likelihood.trying import Trying, in_turn
+from ..points.likelihood.learn import Trying, in_turn, learning
 from ..points.models import Model
 from .imagining import anybody
 from .poses import known_poses, with_mirrored

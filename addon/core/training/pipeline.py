@@ -20,8 +20,7 @@ from ..data.progress import Progress, within
 from ..papers.partial_solvers.boosting import Boosting
 from ..papers.partial_solvers.model import FUNCTIONS, PartialSolvers
 from ..papers.partial_solvers.training import Training, training
-from ..points.likelihood.learn import learning
-from ..points.likelihood.trying import Trying, in_turn
+from ..points.likelihood.learn import Trying, in_turn, learning
 from ..points.models import Model, TrainingTake, by_subject
 from ..points.rigid_bodies.model import learn_rigid_bodies
 from ..posing.posing import fit_points

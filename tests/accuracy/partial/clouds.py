@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Clouds of recorded people with what can go wrong: hidden markers, ghosts, noise; and the paper's counts of markers.
 
-On purpose not made by `addon.core.points.likelihood.trials`, by which the tested method judges itself in training.
+On purpose not made by `addon.core.points.likelihood.learn`, by which the tested method judges itself in training.
 """
 
 from dataclasses import dataclass

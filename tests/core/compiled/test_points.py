@@ -16,12 +16,12 @@ from hypothesis import strategies as st
 
 from addon.core.kernels import library
 from addon.core.kernels.structures import ADDRESS, COUNT, NUMBER, SIGNATURES, STRUCTURES
-from addon.core.points.likelihood import naming, starts, swaps
+from addon.core.points.likelihood import naming, starts
+from addon.core.points.likelihood import solving as swaps
 from addon.core.points.likelihood.distances import DistanceConstraints
-from addon.core.points.likelihood.latent import Latent
 from addon.core.points.likelihood.naming import Settled, name_worth
-from addon.core.points.likelihood.shape import Shape
-from addon.core.points.rigid_bodies.volumes import median_volumes
+from addon.core.points.likelihood.shape import Latent, Shape
+from addon.core.points.rigid_bodies.structure import median_volumes
 from addon.core.points.whole_take.likeness import LIKENESS, of_ends, of_frames
 from addon.core.points.whole_take.pairs import distance_sums
 from addon.io.models import open_model

@@ -12,8 +12,7 @@ from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from addon.core.placement_quality import advise, judge, marker_layout, separation
 from addon.core.placement_quality.layout import MarkerLayout
 from addon.core.placement_quality.renamings import OTHER_SIDE, Renaming
-from addon.core.points.likelihood.latent import Latent
-from addon.core.points.likelihood.shape import Shape
+from addon.core.points.likelihood.shape import Latent, Shape
 from tests.core.toybody import toy_markerset
 
 SQUARE = np.array([[0.2, 0.2, 0], [-0.2, 0.2, 0], [-0.2, -0.2, 0], [0.2, -0.2, 0]])

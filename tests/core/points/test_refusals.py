@@ -14,15 +14,10 @@ from addon.core.data.takes import BY_LIKELIHOOD, Labels
 from addon.core.geometry import rotations
 from addon.core.points import unordered
 from addon.core.points.likelihood.frames import label_frames
-from addon.core.points.likelihood.learn import learn_likelihood
-from addon.core.points.likelihood.trials import Trial, make_trial
-from addon.core.points.models import Model
+from addon.core.points.likelihood.learn import Trial, learn_likelihood, make_trial
+from addon.core.points.models import Model, Namer, namer_of
 from addon.core.points.motion import LabelledPoints
-from addon.core.points.naming import Namer, namer_of
-from addon.core.points.possible import (
-    refuse_impossible,
-    slow_words,
-)
+from addon.core.points.possible import refuse_impossible, slow_words
 from addon.core.points.refusals import (
     REFUSAL,
     SetFit,

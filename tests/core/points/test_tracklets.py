@@ -10,9 +10,9 @@ import pytest
 from addon.core.data.progress import finished
 from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels, Points
 from addon.core.edits.kinds import AssignPoint, Delete, Edits, Right, Swap, UnlabelPoint
-from addon.core.points.deciding import Votes, decide
 from addon.core.points.motion import labelled_points
 from addon.core.points.tracklets import VOTE, cut, renamed, vote
+from addon.core.points.whole_take.deciding import Votes, decide
 from addon.core.points.whole_take.pipeline import PointOptions, label_take
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset

@@ -20,7 +20,7 @@ TABLE_PAIRS, TABLE_FRAMES = 400_000, 256
 
 
 class SolversNamer:
-    """Partial solvers made ready to name points, each frame on its own; see `naming.Namer`.
+    """Partial solvers made ready to name points, each frame on its own; see `models.Namer`.
 
     A solver does not vote for markers for which it misses its target, of which the paper does not speak: it would spoil
     right suggestions of better solvers, and give wrong ones where no better solver answers.

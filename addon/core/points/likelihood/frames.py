@@ -9,8 +9,7 @@ import numpy as np
 from ...data.errors import InputError
 from ...data.takes import BY_LIKELIHOOD, Labels
 from .assembling import assemble
-from .calibration import chance, features, kinds, log_odds
-from .model import Known, Likelihood
+from .model import Known, Likelihood, chance, features, kinds, log_odds
 from .naming import is_crowded, put_rows, rows_of
 from .solving import Solved, solve
 from .starts import START_YAWS, Guesses, guess
@@ -38,13 +37,13 @@ GUESSES, MORE_GUESSES = 3, 6  # of a frame that are followed to the end: more of
 
 @dataclass(frozen=True, eq=False)
 class LikelihoodNamer:
-    """Names points by what was learned of a marker set, each frame on its own; see `naming.Namer`."""
+    """Names points by what was learned of a marker set, each frame on its own; see `models.Namer`."""
 
     likelihood: Likelihood
     step: int = BY_LIKELIHOOD
 
     def name(self, points: np.ndarray, rate: float) -> Iterator[Labels]:  # noqa: ARG002 - as Namer has it
-        """See `naming.Namer`."""
+        """See `models.Namer`."""
         return label_frames(self.likelihood, points)
 
 
@@ -120,7 +119,7 @@ def _solved(known: Known, points: np.ndarray, guesses: int, first: float = 0.0, 
 class LabelsGiven:
     """N labels: frame, point and marker (N,) of each, and what its chance depends on.
 
-    described (N, FEATURES) is as in `calibration.features`.
+    described (N, FEATURES) is as in `model.features`.
     """
 
     frame: np.ndarray

@@ -1,7 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Learning to name points from labelled takes of any subjects: people, animals or props."""
+"""Learning to name points from labelled takes of any subjects: people, animals or props.
 
-from collections.abc import Generator, Iterator, Sequence
+What margins are worth is measured by trials: anonymous frames made of labelled ones, with markers hidden, ghosts added,
+points shuffled and the truth kept, named by what was learned without their subjects. Each needs nothing else: whoever
+trains may try them side by side.
+"""
+
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,12 +17,137 @@ from ...data.progress import finished
 from ...geometry.upright import upright_aligned
 from ...posing.posing import POSING
 from ..rigid_bodies.model import RigidBodies, learn_rigid_bodies
-from .calibration import Calibration, learn_calibration
 from .distances import DistanceConstraints, learn_constraints
-from .model import Likelihood
-from .shape import Shape, as_other_subjects, learn_shape
-from .trials import Trial, crowded, make_trial
-from .trying import TrialWork, Trying, in_turn
+from .frames import chunks, labels_given, solve_frames
+from .model import Calibration, Known, Likelihood, learn_calibration
+from .shape import Shape, as_other_subjects, cloud_radius, learn_shape
+
+
+@dataclass(frozen=True)
+class TrialOptions:
+    """Where the points of trials lie.
+
+    around_radii     beyond the subject's own box where ghosts still appear; physical: 40 cm, a hand's reach
+    beside_sd_radii  standard deviation of where a marker of another set sits about one of this; physical: 20 cm
+    max_along        how far along the line through two markers others may sit, in parts of their distance; physical:
+                     sets have markers between theirs, and beyond the last of a limb
+    """
+
+    around_radii: float = 0.5
+    beside_sd_radii: float = 0.25
+    max_along: float = 1.5
+
+
+TRIAL = TrialOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Frames with nothing but points.
+
+    points  (F, P, 3) m, NaN where there is none
+    truth   (F, P) the marker, -1 for ghosts and where there is no point
+    """
+
+    points: np.ndarray
+    truth: np.ndarray
+
+
+def crowded(trial: Trial, labelled: np.ndarray, most: int, rng: np.random.Generator) -> Trial:
+    """The trial of labelled clouds (F, M, 3) m with up to `most` points more a frame, as markers that the set lacks.
+
+    Half of them sit beside markers, as on a foot that is marked all over; half anywhere along the line through two, as
+    those on a part of the body that the set leaves out.
+    """
+    frames, markers = labelled.shape[:2]
+    radius = cloud_radius(labelled)
+    one, other = np.moveaxis(rng.integers(0, markers, (frames, most, 2)), 2, 0)
+    rows = np.arange(frames)[:, None]
+    part = np.where(np.arange(most) % 2, rng.uniform(1 - TRIAL.max_along, TRIAL.max_along, (frames, most)), 0)
+    extra = labelled[rows, one] + part[..., None] * (labelled[rows, other] - labelled[rows, one])
+    extra += TRIAL.beside_sd_radii * radius * rng.standard_normal(extra.shape)
+    extra[np.arange(most) >= rng.integers(0, most + 1, (frames, 1))] = np.nan
+    return Trial(
+        np.concatenate([trial.points, extra], axis=1),
+        np.concatenate([trial.truth, np.full((frames, most), -1)], axis=1),
+    )
+
+
+def make_trial(
+    labelled: np.ndarray, hidden: tuple[int, int], ghosts: tuple[int, int], rng: np.random.Generator
+) -> Trial:
+    """A trial out of labelled clouds (F, M, 3) m, NaN where missing.
+
+    Of each frame's markers a number within `hidden` (both ends included) is taken away, and a number within `ghosts` of
+    points anywhere about the subject is added.
+    """
+    frames, markers = labelled.shape[:2]
+    seen = np.isfinite(labelled[..., 0])
+    radius = cloud_radius(labelled)
+    gone = rng.integers(hidden[0], hidden[1] + 1, (frames, 1))
+    order = np.argsort(np.where(seen, rng.random((frames, markers)), 2), axis=1)
+    kept = seen & (np.argsort(order, axis=1) >= gone)
+    extra = rng.integers(ghosts[0], ghosts[1] + 1, (frames, 1))
+    room = TRIAL.around_radii * radius
+    low, high = np.nanmin(labelled, axis=1) - room, np.nanmax(labelled, axis=1) + room
+    low[:, 2] = np.maximum(low[:, 2], min(0.0, np.nanmin(labelled[..., 2])))
+    spread = low[:, None] + (high - low)[:, None] * rng.random((frames, ghosts[1], 3))
+    spread[np.arange(ghosts[1]) >= extra] = np.nan
+    cloud = np.concatenate([np.where(kept[..., None], labelled, np.nan), spread], axis=1)
+    truth = np.concatenate([np.where(kept, np.arange(markers), -1), np.full((frames, ghosts[1]), -1)], axis=1)
+    # Shuffled, with the places that hold no point last.
+    shuffle = np.argsort(np.where(np.isfinite(cloud[..., 0]), rng.random(truth.shape), 2), axis=1)
+    cloud, truth = np.take_along_axis(cloud, shuffle[..., None], axis=1), np.take_along_axis(truth, shuffle, axis=1)
+    width = max(int(np.isfinite(cloud[..., 0]).sum(axis=1).max()), 1)
+    return Trial(cloud[:, :width], truth[:, :width])
+
+
+@dataclass(frozen=True, eq=False)
+class TrialWork:
+    """A trial to be named by what was learned without its subjects.
+
+    markers, shape, constraints, rigid_bodies  what was learned, as in `Likelihood`
+    trial                                      the frames
+    usual                                      whether they are as most takes' frames are, and no crowd
+    """
+
+    markers: tuple[str, ...]
+    shape: Shape
+    constraints: DistanceConstraints
+    rigid_bodies: RigidBodies | None
+    trial: Trial
+    usual: bool
+
+
+@dataclass(frozen=True, eq=False)
+class TrialOutcome:
+    """All N labels given in a trial: what their chances depend on (N, FEATURES), and whether each is right (N,)."""
+
+    described: np.ndarray
+    right: np.ndarray
+
+
+# Tries all trials and gives the outcomes in the same order.
+Trying = Callable[[Sequence[TrialWork]], Iterable[TrialOutcome]]
+
+
+def tried(work: TrialWork) -> TrialOutcome:
+    """The labels given in a trial."""
+    # Sums hang in their last bit on how an array lies in memory, which nobody keeps who takes the work elsewhere.
+    shape = Shape(*map(np.ascontiguousarray, (work.shape.mean, work.shape.modes, work.shape.noise)))
+    known = Known.of(work.markers, shape, work.constraints, work.rigid_bodies)
+    described, right = [], []
+    for frames in chunks(work.trial.points, work.rigid_bodies is not None):
+        points, truth = work.trial.points[frames], work.trial.truth[frames]
+        given = labels_given(solve_frames(known, points), points)
+        described.append(given.described)
+        right.append(truth[given.frame, given.point] == given.marker)
+    return TrialOutcome(np.concatenate(described), np.concatenate(right))
+
+
+def in_turn(works: Sequence[TrialWork]) -> Iterator[TrialOutcome]:
+    """The outcomes of trials, tried one after the other."""
+    return map(tried, works)
 
 
 @dataclass(frozen=True)

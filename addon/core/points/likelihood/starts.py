@@ -14,8 +14,8 @@ import numpy as np
 
 from ...geometry.upright import best_yaw, turned
 from ...kernels import point_calls, stands_for
-from .latent import FIRST_MODE, Latent, yaw_absorbed
 from .naming import crowd_density, is_crowded
+from .shape import FIRST_MODE, Latent, yaw_absorbed
 
 TWIN = 1e6  # what takes a solution out of the choice
 

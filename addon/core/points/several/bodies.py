@@ -11,15 +11,14 @@ from ...data.lanes import PACKING, blocks
 from ...data.made import Made
 from ...data.progress import Stage
 from ...data.takes import NO_MARKER, Labels, Points
-from ..deciding import FrameLabels
-from ..models import Model
-from ..naming import Namer
+from ..models import Model, Namer
 from ..refusals import REFUSAL, Sample, SubjectsError, UnsuitedError, refuse_others
 from ..whole_take.objective import usual_fit
-from ..whole_take.pipeline import NamedFrames, PointOptions, Recognise, Steps, name_frames, solution_for
+from ..whole_take.pipeline import NamedFrames, PointOptions, Refuse, Steps, name_frames, solution_for
 from ..whole_take.solving import Solution
+from ..whole_take.tracklets import FrameLabels
 from .affinity import Affinity
-from .counting import firm_tracklets, is_whole
+from .parting import firm_tracklets, is_whole
 
 
 @dataclass(eq=False)
@@ -73,10 +72,10 @@ class BodyNaming:
     may (N,) are the tracklets that may be its, and own (N,) those that surely are somebody's, and rather its.
     """
 
-    def __init__(self, crowd: "Crowd", may: np.ndarray, own: np.ndarray, model: Model, recognise: Recognise):
-        self.model, self._sure = model, recognise is not take_will_say
+    def __init__(self, crowd: "Crowd", may: np.ndarray, own: np.ndarray, model: Model, refuse: Refuse):
+        self.model, self._sure = model, refuse is not take_will_say
         self._crowd, self._own, self._tracklet = crowd, own, crowd.tracklets_of(may)
-        self._work = name_frames(crowd.points_of(may), self._tracklet, model, crowd.options, recognise)
+        self._work = name_frames(crowd.points_of(may), self._tracklet, model, crowd.options, refuse)
         self._begun: list[Stage] = []
         self._frames: NamedFrames | None = None
 
@@ -173,7 +172,7 @@ class Crowd:
         return replace(self.take, xyz=xyz if self.tracklet.size > PACKING.whole_cells else xyz[...])
 
     def recognised(
-        self, may: np.ndarray, body: np.ndarray, models: tuple[Model, ...], recognise: Recognise
+        self, may: np.ndarray, body: np.ndarray, models: tuple[Model, ...], refuse: Refuse
     ) -> list["BodyNaming"]:
         """The naming of a body by each of the models that it may wear, by one of those with the same markers.
 
@@ -186,7 +185,7 @@ class Crowd:
         for model in models:
             if model.markerset.markers in found or not is_whole(there, len(model.markerset)):
                 continue
-            naming = BodyNaming(self, may, own, model, recognise)
+            naming = BodyNaming(self, may, own, model, refuse)
             try:
                 naming.begin()
             except SubjectsError:

@@ -25,10 +25,8 @@ from ..models import Model
 from ..possible import refuse_impossible
 from ..refusals import UnsuitedError, refuse_floods
 from ..tracklets import cut
-from ..whole_take.pipeline import PointOptions, Recognise, Steps, as_in_file, name_frames
+from ..whole_take.pipeline import PointOptions, Refuse, Steps, as_in_file, name_frames
 from .bodies import BodyNaming, Crowd, NamedBody, frames_are_sure, recognised_before, take_will_say
-from .counting import count_bodies
-from .edits import with_edits
 from .identification import (
     IDENTIFICATION,
     PersonBuild,
@@ -36,14 +34,12 @@ from .identification import (
     costs_of,
     identified,
     likeliest,
+    share,
     spans_of,
     ways_of,
 )
-from .motion import LabelledSubjects
-from .parting import PartedBodies, parted
-from .places import NO_BODY
-from .sharing import share
-from .together import Everybody, FoundSubject, motion_of_all, verdict_on
+from .parting import NO_BODY, PartedBodies, count_bodies, parted
+from .together import Everybody, FoundSubject, LabelledSubjects, motion_of_all, verdict_on, with_edits
 from .wearers import AUTO, SeveralOptions, Wearer, is_same, kinds
 
 # How far along the work is when each stage of a body's begins, of all of the body's: as measured.
@@ -163,11 +159,11 @@ class _Parties:
         counts = self._counts(wanted)
         ways = [(count, frames_are_sure) for count in counts]
         # Who is mixed up with others for long is known by the whole take, where single frames are not sure of anybody.
-        for count, recognise in (*ways, (counts[0], take_will_say)):
+        for count, refuse in (*ways, (counts[0], take_will_say)):
             presences = parted(crowd.take.xyz, crowd.tracklet, crowd.affinity, count, self._smallest)
             try:
-                bodies, unidentified = yield from self._people_of(presences, count, recognise)
-                named = yield from self._each(bodies, wanted, count, recognise)
+                bodies, unidentified = yield from self._people_of(presences, count, refuse)
+                named = yield from self._each(bodies, wanted, count, refuse)
             except UnsuitedError:
                 continue  # two are on one body, or the set does not suit it
             found = None if named is None else (yield from self._identified(bodies, named, wanted))
@@ -181,7 +177,7 @@ class _Parties:
         return min(len(one.markerset) for one in self.asked.models)
 
     def _people_of(
-        self, presences: PartedBodies, count: int, recognise: Recognise
+        self, presences: PartedBodies, count: int, refuse: Refuse
     ) -> Generator[Progress, None, tuple[PartedBodies, tuple[UnidentifiedPresence, ...]]]:
         """The bodies of so many people, whose presences are in the take: who comes back is who left.
 
@@ -195,7 +191,7 @@ class _Parties:
         way, lead = (ways[0], np.inf) if len(ways) == 1 else ((), -np.inf)
         unidentified: tuple[UnidentifiedPresence, ...] = ()
         if len(ways) > 1:
-            builds = yield from self._builds(presences, recognise)
+            builds = yield from self._builds(presences, refuse)
             first, further = builds[:count], builds[count:]
             cost = [[_unlike(build, one) for one in first] for build in further]
             way, lead = likeliest(ways, np.array(cost))
@@ -205,14 +201,12 @@ class _Parties:
             unidentified = tuple(UnidentifiedPresence(there[:, one], presences.body == one) for one in later)
         return presences.joined(np.array([*range(count), *way]), count), unidentified
 
-    def _builds(
-        self, presences: PartedBodies, recognise: Recognise
-    ) -> Generator[Progress, None, list[list[PersonBuild]]]:
+    def _builds(self, presences: PartedBodies, refuse: Refuse) -> Generator[Progress, None, list[list[PersonBuild]]]:
         """How whoever is there in each presence is built, by every set that it may be; none where it is nobody."""
         found: list[list[PersonBuild]] = []
         for presence in range(presences.may.shape[1]):
             found.append([])
-            given = presences.may[:, presence], presences.body == presence, self.asked.models, recognise
+            given = presences.may[:, presence], presences.body == presence, self.asked.models, refuse
             for naming in self.crowd.recognised(*given):
                 named = yield from within(naming.named(), 0.05, 0.05, spans=_spans(0.05, 0.05))
                 found[-1].append(PersonBuild.of(named))
@@ -227,7 +221,7 @@ class _Parties:
         return list(dict.fromkeys([first, *range(wanted, max(first, most, wanted + 1) + 1)]))
 
     def _each(
-        self, bodies: PartedBodies, wanted: int, count: int, recognise: Recognise
+        self, bodies: PartedBodies, wanted: int, count: int, refuse: Refuse
     ) -> Generator[Progress, None, dict[int, list[NamedBody]] | None]:
         """What there is on each body by its number, for every model that it may wear; None where they are too few.
 
@@ -237,7 +231,7 @@ class _Parties:
         sizes = np.bincount(bodies.body + 1, minlength=count + 1)[1 : count + 1]
         order = np.argsort(sizes, kind="stable").tolist()  # where one is too many, the smallest is it
         for body in order:
-            given = bodies.may[:, body], bodies.body == body, self.asked.models, recognise
+            given = bodies.may[:, body], bodies.body == body, self.asked.models, refuse
             chosen[body] = self.crowd.recognised(*given)
             if wanted == AUTO and not chosen[body]:
                 return None

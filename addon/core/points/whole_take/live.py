@@ -19,11 +19,11 @@ from ...data.progress import finished, in_stages
 from ...data.takes import NO_MARKER, NO_POINT, Points
 from ...posing.posing import subject_of
 from ...reconstruction.linking import Links
-from ..likelihood.subject import of_subject
 from ..models import Model
 from ..motion import SUBJECT_FRAMES
 from ..refusals import REFUSAL
 from ..tracklets import CUTTING, cut
+from ..unordered import of_subject
 from .likeness import LIKENESS, NO_EVIDENCE, of_ends, steadiest
 from .pipeline import PointOptions, as_a_whole, begins, name_frames
 from .solving import ROUNDS, solve_take

@@ -10,11 +10,12 @@ they are applied to what comes of it.
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, replace
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ...data.lanes import PACKING
+from ...data.lanes import PACKING, blocks
 from ...data.made import Made
 from ...data.progress import Progress, Stage, Steps, in_stages
 from ...data.room import IN_MEMORY, MakeTable
@@ -24,20 +25,58 @@ from ...edits.kinds import NO_EDITS, Edits
 from ...posing.finer import finer
 from ...review.answering import unanswered, without_accepted
 from ...review.suspects import called_by, summarised
-from ..adaptation import Adaptation, adapt, borne_out
-from ..deciding import FrameLabels
-from ..models import Model
+from ..models import USUAL_TARGET, Model, Namer, namer_of
 from ..motion import LabelledPoints, by_marker, take_motion
-from ..naming import USUAL_TARGET, Namer, namer_of
 from ..possible import refuse_impossible
 from ..refusals import Sample, refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
 from ..tracklets import are_lasting, cut, renamed
 from ..unordered import FRAMES_LEARNED_FROM, is_unordered, learn_subject
-from .asking import asked_frames
 from .deciding import can_be_solved, verdict_of
 from .rulings import Rulings
 from .solving import Solution, solve_take
-from .tracklets import labels_between
+from .tracklets import FrameLabels, labels_between
+
+if TYPE_CHECKING:  # most sets are on no rigid bodies
+    from .recognition import Recognition
+
+
+@dataclass(frozen=True)
+class AskingOptions:
+    """How often frames are named on their own.
+
+    rate  measured: frames a second; with 10 names of 2 % of a part of acrobatics are wrong, 30 change no label of it
+    """
+
+    rate: float = 15.0
+
+
+ASKING = AskingOptions()
+
+
+def asked_frames(tracklet: np.ndarray, rate: float) -> np.ndarray:
+    """(F,) the frames to name first, of tracklets (T, P) at `rate` frames a second: no tracklet has none."""
+    chosen = _every(len(tracklet), rate)
+    last = np.full(int(tracklet.max(initial=-1)) + 1, -1)
+    for part in blocks(*tracklet.shape):
+        row, column = np.nonzero(tracklet[part] >= 0)
+        np.maximum.at(last, tracklet[part][row, column], row + part.start)
+    seen = last < 0
+    some = tracklet[chosen]
+    seen[some[some >= 0]] = True
+    for one in np.argsort(last, kind="stable").tolist():
+        if not seen[one]:
+            chosen[last[one]] = True
+            here = tracklet[last[one]]
+            seen[here[here >= 0]] = True
+    return np.flatnonzero(chosen)
+
+
+def _every(frames: int, rate: float) -> np.ndarray:
+    """(T,) True for as many of so many frames, of `rate` a second, as are to be named."""
+    chosen = np.zeros(frames, dtype=bool)
+    chosen[:: max(round(rate / ASKING.rate), 1)] = True
+    return chosen
+
 
 # What each stage takes, as measured: so many times as long as a frame is named in, and that again for each frame. The
 # last is what whoever called does with the outcome. Where frames are in no order their subject is learned from some of
@@ -61,7 +100,7 @@ COST_OF_LEARNING = 6.0  # times that each frame is named in which the subject of
 class PointOptions:
     """How points are named.
 
-    method  as `naming.chosen_method` gives it
+    method  as `models.chosen_method` gives it
     target  the part of the labels that must be right; what is less sure is left unnamed
     edits   what a person said of the labels; those that `edits.applying.refuse_unknown` lets pass
     room    where large tables of what comes of a take are kept; with edits they are in memory
@@ -110,35 +149,32 @@ def begins(frames: int, unordered: bool = False, edited: bool = False) -> dict[s
 
 
 # What `refuse_others` does.
-Recognise = Callable[[Model, Namer, Made, bool], Sample | None]
+Refuse = Callable[[Model, Namer, Made, bool], Sample | None]
 
 
 @dataclass(frozen=True, eq=False)
 class NamedFrames:
     """What the frames of a take say on their own.
 
-    tracklet    (T, L) the tracklet of every point
-    adaptation  the model as it is for the take
-    namer       what names frames
-    labels      (T, P), with their `rate`; of a long take worked out when they are asked for
-    solvable    whether the take can be solved as a whole
-    room        as in `PointOptions`
-    sure        whether some frames were sure enough of the model's markers before all were named
+    tracklet     (T, L) the tracklet of every point
+    model        as it is for the take
+    recognition  what the take itself tells of the rigid bodies in it; None of a set that is not on such
+    namer        what names frames
+    labels       (T, P), with their `rate`; of a long take worked out when they are asked for
+    solvable     whether the take can be solved as a whole
+    room         as in `PointOptions`
+    sure         whether some frames were sure enough of the model's markers before all were named
     """
 
     take: Points
     tracklet: np.ndarray
-    adaptation: Adaptation
+    model: Model
+    recognition: "Recognition | None"
     namer: Namer
     labels: FrameLabels
     solvable: bool
     room: MakeTable
     sure: bool = True
-
-    @property
-    def model(self) -> Model:
-        """The model as it is for the take."""
-        return self.adaptation.model
 
 
 def _labelled(
@@ -187,40 +223,45 @@ def name_frames(
     tracklet: np.ndarray,
     model: Model,
     options: PointOptions,
-    recognise: Recognise | None = None,
+    refuse: Refuse | None = None,
 ) -> Steps[NamedFrames]:
     """What every frame says on its own, once it is known whose take it is.
 
-    Before its stage "name" begins `recognise`, or else `refuse_others`, raises JobError where the take is not of the
+    Before its stage "name" begins `refuse`, or else `refuse_others`, raises JobError where the take is not of the
     model's markers; of a take that is forced nobody asks.
     """
     learned, room = options.method == "likelihood", IN_MEMORY if options.edits else options.room
     yield Stage("adapt", "look who wears the markers")
-    adaptation = adapt(model, take.xyz, tracklet, take.rate) if learned else Adaptation(model)
-    namer = namer_of(adaptation.model, options.method)
+    recognition = None
+    if learned and model.rigid_bodies is not None and model.structure is not None:
+        from .recognition import adapted, recognise
+
+        recognition = recognise(model.structure, model.rigid_bodies, take.xyz, tracklet, take.rate)
+        model = adapted(model, recognition)
+    namer = namer_of(model, options.method)
     yield Stage("others", "look whether the model is for this take")
-    solvable = learned and can_be_solved(adaptation.model, tracklet)
-    unordered = learned and is_unordered(adaptation.model, tracklet)
+    solvable = learned and can_be_solved(model, tracklet)
+    unordered = learned and is_unordered(model, tracklet)
     few = learned and not unordered
     asked = asked_frames(tracklet, take.rate) if few else np.arange(len(take.xyz))
     points = take.ordered(asked)
-    if recognise is None and not options.force:
-        recognise = refuse_others
-    sample = None if recognise is None else recognise(adaptation.model, namer, points, solvable)
+    if refuse is None and not options.force:
+        refuse = refuse_others
+    sample = None if refuse is None else refuse(model, namer, points, solvable)
     yield Stage("name", f"frame {take.first_frame}")
     labels = yield from _asked(namer, take, asked, sample if few else None)
     given: FrameLabels = labels_between(labels, asked, tracklet) if few else labels
     if unordered:
         yield Stage("learn", "learn the subject from sure frames")
-        trained = adaptation.model.learned_likelihood
+        trained = model.learned_likelihood
         likelihood = yield from learn_subject(trained, take.xyz, labels)
         if likelihood is not trained:
             yield Stage("name again", f"frame {take.first_frame}")
-            adaptation = replace(adaptation, model=replace(adaptation.model, likelihood=likelihood))
-            again = namer_of(adaptation.model, options.method)
+            model = replace(model, likelihood=likelihood)
+            again = namer_of(model, options.method)
             given = yield from _asked(again, take, asked)
     sure = sample is None or sample.sure
-    return NamedFrames(take, tracklet, adaptation, namer, given, solvable, room, sure)
+    return NamedFrames(take, tracklet, model, recognition, namer, given, solvable, room, sure)
 
 
 def _asked(namer: Namer, take: Points, asked: np.ndarray, sample: Sample | None = None) -> Steps[Labels]:
@@ -296,8 +337,10 @@ def decided_of(
     take, names = frames.take, frames.model.markerset.markers
     given = solution, named, tracklet, frames.model, target, take.first_frame, take.lanes
     verdict = verdict_of(*given, frames.room)
-    if solution is None:
-        verdict = borne_out(verdict, frames.adaptation, take.first_frame, take.lanes)
+    if solution is None and frames.recognition is not None:
+        from .recognition import borne_out
+
+        verdict = borne_out(verdict, frames.recognition, names, take.first_frame, take.lanes)
     # Frames in no order have no trajectories that could go over to another marker.
     lasting, marker = are_lasting(frames.tracklet), verdict.labels.marker
     changed = renamed(marker, frames.tracklet, names, take.first_frame, take.lanes) if lasting else ()

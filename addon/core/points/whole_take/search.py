@@ -14,7 +14,7 @@ import numpy as np
 
 from ...data.takes import NO_MARKER, NO_POINT
 from ..likelihood.naming import Settled, name_odds, score_of, settle
-from ..likelihood.swaps import alternatives, own_odds
+from ..likelihood.solving import alternatives, own_odds
 from ..refusals import REFUSAL
 from ..tracklets import VOTE
 from .matching import margins, matched

@@ -14,7 +14,6 @@ import numpy as np
 
 from ...data.made import Table
 from ...data.takes import NO_MARKER
-from ..deciding import FrameLabels
 from ..models import Model
 from ..refusals import NO_FIT, REFUSAL, SetFit
 from .layout import Question, named_by_layout
@@ -23,7 +22,7 @@ from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, usual_
 from .pairs import PAIRING
 from .rulings import RULING, Rulings
 from .search import Moves, Search
-from .tracklets import Tracklets, tracklets_of
+from .tracklets import FrameLabels, Tracklets, tracklets_of
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,13 @@
 """The tracklets of a take as things to name: when each is there, where it is in some frames, and what frames say."""
 
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Protocol, Self
 
 import numpy as np
 
 from ...data.lanes import PACKING, LaneOptions, blocks
 from ...data.made import Made, Table
 from ...data.takes import BY_TRAJECTORY, NO_MARKER, Labels
-from ..deciding import FrameLabels
 from ..tracklets import VOTE, frame_log_odds
 
 
@@ -116,6 +115,16 @@ class PlacedMarkers(Made):
 def seen_in(placed: "np.ndarray | PlacedMarkers") -> np.ndarray:
     """(T, M) where each marker is there, of markers placed (T, M, 3) m."""
     return placed.lane >= 0 if isinstance(placed, PlacedMarkers) else np.isfinite(placed[..., 0])
+
+
+class FrameLabels(Protocol):
+    """What frames say on their own: `Labels` (T, L) with their `rate`, or what works them out when it is asked."""
+
+    def __getitem__(self, part: slice) -> Labels:
+        """The labels of the frames from start to stop."""
+
+    def whole(self) -> Labels:
+        """All of them at once."""
 
 
 def tracklets_of(points: Table, tracklet: np.ndarray, named: FrameLabels, markers: int) -> Tracklets:

@@ -13,14 +13,12 @@ from scipy.optimize import linear_sum_assignment
 from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import InputError
 from addon.core.geometry.upright import turned, upright_aligned
-from addon.core.points.likelihood import swaps
+from addon.core.points.likelihood import solving as swaps
 from addon.core.points.likelihood.distances import ConstraintOptions, learn_constraints, size_and_fit
 from addon.core.points.likelihood.frames import label_frames, label_some
-from addon.core.points.likelihood.latent import Latent
-from addon.core.points.likelihood.learn import learn_likelihood
+from addon.core.points.likelihood.learn import learn_likelihood, make_trial
 from addon.core.points.likelihood.naming import IMPOSSIBLE, NO_POINT, name_worth, one_to_one, settle
-from addon.core.points.likelihood.shape import learn_shape
-from addon.core.points.likelihood.trials import make_trial
+from addon.core.points.likelihood.shape import Latent, learn_shape
 from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.io.markersets import open_markerset
 from addon.io.models import open_model

@@ -16,11 +16,9 @@ from addon.core.geometry.rotations import exponential
 from addon.core.points.refusals import RefusalOptions
 from addon.core.points.several import affinity, bodies, pipeline
 from addon.core.points.several.affinity import Affinity
-from addon.core.points.several.identification import UnidentifiedPresence
-from addon.core.points.several.parting import parted
+from addon.core.points.several.identification import UnidentifiedPresence, share
+from addon.core.points.several.parting import NO_BODY, bodies_by_place, parted
 from addon.core.points.several.pipeline import is_prop, label_several
-from addon.core.points.several.places import NO_BODY, bodies_by_place
-from addon.core.points.several.sharing import share
 from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer, kinds
 from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.simulation.virtual import Act, draw_person

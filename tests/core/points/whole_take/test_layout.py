@@ -10,15 +10,13 @@ from addon.core.data.errors import JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import BY_LIKELIHOOD, NO_MARKER, NO_STEP, Labels
 from addon.core.points.likelihood.distances import DistanceConstraints
-from addon.core.points.likelihood.latent import Latent
 from addon.core.points.likelihood.naming import settle
-from addon.core.points.likelihood.shape import Shape
-from addon.core.points.naming import namer_of
+from addon.core.points.likelihood.shape import Latent, Shape
+from addon.core.points.models import namer_of
 from addon.core.points.refusals import REFUSAL, refuse_unlike
 from addon.core.points.tracklets import cut
-from addon.core.points.whole_take.blocks import block_exchanges
 from addon.core.points.whole_take.deciding import labels_of
-from addon.core.points.whole_take.layout import named_by_layout
+from addon.core.points.whole_take.layout import block_exchanges, named_by_layout
 from addon.core.points.whole_take.objective import usual_fit
 from addon.core.points.whole_take.solving import solve_take
 

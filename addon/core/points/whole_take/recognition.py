@@ -1,20 +1,26 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The rigid bodies of a take's own subject: which of its clusters they are, their forms and their distances."""
+"""The rigid bodies of a take's own subject: which of its clusters they are, their forms and their distances.
 
-from dataclasses import dataclass
+The model is adapted to them, where they are not its own, and what frames say of single names is held against how
+everything moves together.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...data.lanes import Lanes, standing_in
 from ...data.made import Table
 from ...data.physical import MARKER_LIMITS
-from ...data.takes import NO_POINT
+from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_POINT, NO_STEP, Labels, Suspect, Verdict
 from ...geometry.rigid import MIN_POINTS
-from .cluster_matching import NO_CLUSTER, Matched, match_clusters
-from .clustering import Cluster, Sampled, find_clusters, sampled
-from .marker_matching import Placed, place_markers
-from .model import RigidBodies
-from .single_markers import find_single_markers
-from .structure import STRUCTURE, Structure, unseen_is_nan
+from ..models import Model
+from ..rigid_bodies.clusters import NO_CLUSTER, Cluster, Matched, Sampled, find_clusters, match_clusters, sampled
+from ..rigid_bodies.markers import Placed, find_single_markers, place_markers
+from ..rigid_bodies.model import RigidBodies
+from ..rigid_bodies.structure import STRUCTURE, Structure, unseen_is_nan
+from .deciding import once
 
 
 @dataclass(frozen=True)
@@ -147,3 +153,79 @@ def _known(forms, count: int) -> bool | None:
     if 2 * len(alike) < count:
         return None
     return bool(np.mean(alike) >= RECOGNITION.min_most)
+
+
+def adapted(model: Model, seen: Recognition) -> Model:
+    """The model with the rigid bodies of the take, where these are not its own, or sit elsewhere."""
+    if model.likelihood is None or seen.known is not False:
+        return model
+    return replace(model, likelihood=replace(model.likelihood, rigid_bodies=seen.rigid_bodies))
+
+
+def borne_out(
+    verdict: Verdict, seen: Recognition, names: Sequence[str], first_frame: int, lanes: Lanes | None = None
+) -> Verdict:
+    """The names (T, L) without those that the motion of the whole take does not bear out, and what to say of that."""
+    labels = verdict.labels
+    if seen.known is not False:
+        return Verdict(labels, _of_take(seen, [], first_frame) + verdict.suspects)
+    found = _found(seen)
+    moving = seen.marker != NO_MARKER
+    other = moving & labels.named & (seen.marker != labels.marker)
+    kept = np.append(found, True)[labels.marker] & ~other
+    # What only moves like a marker has its name from that; a rigid body needs three markers to be known by its form.
+    moves = ~labels.named & moving
+    sure = np.where(kept, labels.confidence, 0.0) + np.where(moves, MOTION_CONFIDENCE, 0.0)
+    marker = np.where(moves, seen.marker, np.where(kept, labels.marker, NO_MARKER))
+    marker = once(marker, sure, len(names), lanes)
+    step = np.where(marker == labels.marker, labels.step, BY_TRAJECTORY)
+    given = marker != NO_MARKER
+    checked = Labels(marker, np.where(given, step, NO_STEP), np.where(given, sure, 0.0))
+    found[seen.marker[moving]] = True
+    missing = [names[marker] for marker in np.flatnonzero(~found).tolist()]
+    contradicted = _of_contradictions(seen, np.where(other, labels.marker, NO_MARKER), names, first_frame, lanes)
+    return Verdict(checked, _of_take(seen, missing, first_frame) + contradicted + verdict.suspects)
+
+
+def _found(seen: Recognition) -> np.ndarray:
+    """(M,) True for markers that single frames may name: on a rigid body of known form, or in a known place."""
+    found = np.zeros(len(seen.sure), dtype=bool)
+    found[[marker for group in seen.rigid_bodies.members for marker in group]] = True
+    found[seen.single[seen.single != NO_MARKER]] = True
+    # Beside a rigid body whose form is known, such as an ankle at its foot.
+    for marker in np.flatnonzero(seen.sure):
+        mates = seen.sure & (seen.placed.rigid_body == seen.placed.rigid_body[marker])
+        found[marker] |= found[mates].any()
+    return found
+
+
+def _of_take(seen: Recognition, missing: list[str], first_frame: int) -> tuple[Suspect, ...]:
+    """What is true of the whole take, where these markers are `missing` in it."""
+    words = []
+    of_all = f"{int((seen.cluster >= 0).sum())} of {len(seen.cluster)}"
+    if seen.known is False:
+        recognised = f"{of_all} were recognised by how they move, and their forms taken from this take"
+        words.append(f"the rigid bodies are not those of the training, or sit elsewhere: {recognised}")
+        if missing:
+            words.append(f"not found for sure, so unnamed in the whole take: {' '.join(missing)}")
+    elif seen.known is None:
+        words.append(
+            f"how the rigid bodies move tells only {of_all}, so names rest on the rigid bodies' forms alone: "
+            "look whether each is on its limb"
+        )
+    return tuple(Suspect(first_frame, first_frame + len(seen.tracklet) - 1, one) for one in words)
+
+
+def _of_contradictions(
+    seen: Recognition, named: np.ndarray, names, first_frame: int, lanes: Lanes | None
+) -> tuple[Suspect, ...]:
+    """Trajectories that moved as one marker and were named as another, (T, L) where they lost their names."""
+    found, marker = [], seen.marker
+    standing = standing_in(lanes, named.shape)
+    for _, span, lane in standing.each_alone():
+        frames = np.flatnonzero(named[span, lane] != NO_MARKER) + span.start
+        if len(frames):
+            moves, looks = names[marker[frames[0], lane]], names[named[frames[0], lane]]
+            words = f"moves as {moves} and looks like {looks}, so it stays unnamed"
+            found.append(Suspect(int(frames[0]) + first_frame, int(frames[-1]) + first_frame, words, lane))
+    return tuple(found)
