@@ -66,9 +66,14 @@ class PersonBuild:
         sure = np.where(one.solution.margin > 0, one.solution.marker, -1)
         placed = one.solution.tracklets.placed(one.frames.take.xyz, sure, size)
         there = np.flatnonzero(np.isfinite(np.asarray(placed[:])).all(axis=2).any(axis=1))
-        mean, spread, count = distances_in(placed[there[evenly_spread(len(there), FRAMES_COMPARED)]].astype(float))
+        return cls.shown(one.model, placed[there[evenly_spread(len(there), FRAMES_COMPARED)]].astype(float))
+
+    @classmethod
+    def shown(cls, model: Model, placed: np.ndarray) -> Self:
+        """That of whose markers are placed (F, M, 3) m in some frames, NaN where one is not."""
+        mean, spread, count = distances_in(placed)
         known = count >= MIN_MET
-        return cls(markers, np.where(known, mean, np.nan), np.where(known, spread, np.nan))
+        return cls(model.markerset.markers, np.where(known, mean, np.nan), np.where(known, spread, np.nan))
 
     @classmethod
     def trained(cls, model: Model) -> Self:

@@ -7,7 +7,7 @@ solved as whole takes are, which takes longer than a frame: a process beside doe
 through the frames that came meanwhile. By what was named, those who wear the markers are known better and better.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -41,17 +41,19 @@ NO_POINTS = np.zeros((0, 3))
 class Window:
     """The last moment: points (T, L, 3) m, NaN where missing, of L trajectories with a number each (L,).
 
-    row    of its first frame since the stream began
-    rate   frames a second
-    shown  (K, M, 3) m where the markers of whoever is there were before, in some frames, NaN where one was not
-    quick  whether the first names count more than all of them: nearly nobody has one
+    row     of its first frame since the stream began
+    rate    frames a second
+    marker  (L,) what each trajectory is called so far, NO_MARKER where it is not
+    shown   (K, M, 3) m where the markers of whoever is there were before, in some frames, NaN where one was not
+    quick   whether the first names count more than all of them: nearly nobody has one
     """
 
     row: int
     rate: float
     number: np.ndarray
     xyz: np.ndarray
-    shown: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    marker: np.ndarray
+    shown: np.ndarray
     quick: bool = False
 
     @property
@@ -86,10 +88,20 @@ def solved_window(model: Model, window: Window) -> WindowNames:
     return _solved(model, window)
 
 
-def _solved(model: Model, window: Window) -> WindowNames:
+def as_take(window: Window) -> Points:
+    """A window as a take of its own."""
+    nothing = np.full(window.xyz.shape[:2], np.nan)
+    return Points(("",) * len(window.number), window.xyz, nothing, window.rate, 0)
+
+
+def at_the_end(window: Window, marker: np.ndarray) -> np.ndarray:
+    """(L,) the last of the names (T, L) of each trajectory."""
     there = np.isfinite(window.xyz[..., 0])
-    names, nothing = ("",) * len(window.number), np.full(there.shape, np.nan)
-    take, options = Points(names, window.xyz, nothing, window.rate, 0), PointOptions("likelihood")
+    return marker[len(there) - 1 - there[::-1].argmax(axis=0), np.arange(there.shape[1])]
+
+
+def _solved(model: Model, window: Window) -> WindowNames:
+    take, options = as_take(window), PointOptions("likelihood")
 
     def named():
         frames = yield from name_frames(take, cut(take.xyz, take.rate), model, options)
@@ -101,11 +113,10 @@ def _solved(model: Model, window: Window) -> WindowNames:
         return verdict.labels.marker
 
     try:
-        marker = finished(in_stages(named(), begins(len(there))))
+        marker = finished(in_stages(named(), begins(len(window.xyz))))
     except JobError as error:
         return WindowNames(window.number, np.full(len(window.number), NO_MARKER), error.message)
-    last = len(there) - 1 - there[::-1].argmax(axis=0)
-    return WindowNames(window.number, marker[last, np.arange(len(last))])
+    return WindowNames(window.number, at_the_end(window, marker))
 
 
 def subject_in(model: Model, window: Window, names: WindowNames) -> Bodies | None:
@@ -310,7 +321,9 @@ class LiveNamer:
         xyz = np.full((self.row - first + 1, len(number), 3), np.nan)
         xyz[frame, lane] = np.concatenate([points for *_, points in past])
         shown = np.array(self.shown.frames).reshape(-1, len(self.within), 3)
-        self._asked = Window(first, self.rate, number, xyz, shown, lost or (self._slow and len(shown) > 0))
+        quick = lost or (self._slow and len(shown) > 0)
+        marker = np.array([self.given.marker.get(one, NO_MARKER) for one in number.tolist()], int)
+        self._asked = Window(first, self.rate, number, xyz, marker, shown, quick)
         return self._asked
 
     def hear(self, names: WindowNames):
