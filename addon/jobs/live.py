@@ -79,9 +79,8 @@ class LiveJob:
     def worn(self) -> SetsWorn:
         """Who wears what, by numbers where they have no names; InputError where a model has learned nothing."""
         if self.subjects == AUTO:
-            raise InputError(
-                "as many as there are is for a whole take to say; expected how many subjects there are live"
-            )
+            words = "as many as there are is for a whole take to say"
+            raise InputError(f"{words}; expected how many subjects are in the stream")
         each = self.wearers or tuple((str(number + 1), self.model) for number in range(self.subjects))
         models = {name: _open(name) for name in dict.fromkeys(model for _, model in each)}
         return SetsWorn(tuple(Wearer(name, models[model]) for name, model in each))
