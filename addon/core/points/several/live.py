@@ -21,13 +21,13 @@ from .pipeline import everybody
 from .together import Everybody
 from .wearers import SetsWorn, SeveralOptions, Wearer, is_same
 
-APART = 1.0  # m², how the distance between markers of two varies: so much that it says nothing
+UNRELATED = 1.0  # m², how the distance between markers of two varies: so much that it says nothing
 
 
 def within_of(models: list[Model]) -> np.ndarray:
     """How the distances between the markers of several in a row vary, as `LiveNamer` takes it."""
     each = [trained_pairs(model).within for model in models]
-    found = np.full((sum(map(len, each)),) * 2, APART)
+    found = np.full((sum(map(len, each)),) * 2, UNRELATED)
     first = 0
     for one in each:
         found[first : first + len(one), first : first + len(one)] = one
