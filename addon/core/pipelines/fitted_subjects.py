@@ -24,9 +24,9 @@ from ..papers.virtual_occlusions.occlusion import Occlusion
 from ..points.several.pipeline import is_prop
 from ..points.several.wearers import SetsWorn
 
-# physical: of a subject's names in a chunk, the share that its body by itself must give too to be trusted; else the
-# set's body does not suit the subject, and the points alone decide.
-AGREED_SHARE = 0.9
+# physical: for as many names as points give a subject in a chunk, the share that its body by itself must give, these or
+# others, to be trusted; else the set's body does not suit the subject, and the points alone decide.
+EXPLAINED_SHARE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +61,14 @@ class FollowedSubject:
         return (labels.marker >= self.first) & (labels.marker < self.first + self.size)
 
     def alone(self, blobs: Blobs, labels: Labels) -> _Reading:
-        """What its body says by itself; whether it is trusted depends on how many of its names that agrees with."""
+        """What its body says by itself; whether it is trusted depends on how many blobs that explains.
+
+        Not on how many names it shares with the points: these may be another's, or those of another side.
+        """
         own = self.owns(labels)
         reading = self._read_by(self.free, blobs, labels, own | ~labels.named, held=False)
         judged = own & (reading.motion.confidence[blobs.frame] > 0)
-        same = reading.labels.marker[judged] == labels.marker[judged]
-        self.trusted = not judged.any() or bool(same.mean() >= AGREED_SHARE)
+        self.trusted = bool(reading.labels.named.sum() >= EXPLAINED_SHARE * judged.sum())
         return reading
 
     def agreeing(self, blobs: Blobs, labels: Labels, alone: _Reading) -> np.ndarray:

@@ -36,6 +36,17 @@ def test_one_foot_of_exchanged_markers_is_put_right(frames):
     assert track is not None or last < len(views) - 1
 
 
+@pytest.mark.parametrize("edge", [25, 64])
+def test_what_lies_beyond_an_edge_that_was_renamed_is_read_too(monkeypatch, edge):
+    """A body turned so that it suits its wrong names is doubtful in few frames only."""
+    scene, setup, views, results = followed()
+    exchange(scene, results, range(25, 65), *FOOT)
+    few = np.arange(edge - 4, edge + 4)
+    monkeypatch.setattr(Rereader, "_doubtful", lambda self, results, frames, known: np.intersect1d(frames, few))
+    assert len(Rereader(setup).read_again(results, None)) > 2
+    assert not wrong_names(scene, views, results).any()
+
+
 def test_what_suits_the_subject_is_left_alone_and_a_few_frames_are_not_judged():
     _, setup, _, results = followed()
     as_they_were = dict(results)

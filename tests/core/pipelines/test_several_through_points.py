@@ -13,6 +13,7 @@ from addon.core.data.takes import Blobs
 from addon.core.edits.kinds import AssignBlob, Edits, Place, Swap
 from addon.core.geometry.cameras import Cameras
 from addon.core.pipelines.blobs import with_edits
+from addon.core.pipelines.fitted_subjects import FollowedSubjects
 from addon.core.pipelines.others import OtherSubjects, refuse_two
 from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_several_blobs
 from addon.core.points.refusals import SubjectsError
@@ -135,6 +136,20 @@ def test_a_marker_that_one_camera_alone_sees_is_named(shot, model):
     assert own.sum() > 10
     assert (names[own] == expected).mean() > 0.9
     assert set(names[own]) <= {expected, ""}
+
+
+def test_a_body_that_explains_its_blobs_is_trusted_before_the_names_of_points(shot, found, labelled):
+    """Where a quarter of a subject's names are wrong all the time, as where points exchanged two limbs."""
+    blobs, before = next(parts(shot[1]))[0], labelled[1][0].labels
+    marker = before.marker.copy()
+    for one, other in (("1:LKNE", "1:LANK"), ("1:RKNE", "1:RANK")):
+        pair = [found.worn.markers.index(name) for name in (one, other)]
+        for name, wrong in (pair, pair[::-1]):
+            marker[before.marker == name] = wrong
+    fitted = FollowedSubjects.of(found.labelled.worn, shot[0], RATE, found.bodies)
+    after = fitted.read(blobs, replace(before, marker=marker))
+    assert (marker != before.marker).mean() > 0.1
+    assert (after.marker[before.named] == before.marker[before.named]).mean() > 0.99
 
 
 def test_a_point_has_the_name_that_a_person_gave_one_of_its_blobs(shot, model, found, labelled):
