@@ -19,19 +19,17 @@ from .bodies import Crowd
 from .identification import PersonBuild
 from .pipeline import everybody
 from .together import Everybody
-from .wearers import SetsWorn, SeveralOptions, Wearer, is_same
+from .wearers import SetsWorn, SeveralOptions, Wearer, is_same, kinds
 
 UNRELATED = 1.0  # m², how the distance between markers of two varies: so much that it says nothing
 
 
 def within_of(models: list[Model]) -> np.ndarray:
     """How the distances between the markers of several in a row vary, as `LiveNamer` takes it."""
-    each = [trained_pairs(model).within for model in models]
-    found = np.full((sum(map(len, each)),) * 2, UNRELATED)
-    first = 0
-    for one in each:
-        found[first : first + len(one), first : first + len(one)] = one
-        first += len(one)
+    whose = np.repeat(np.arange(len(models)), [len(model.markerset) for model in models])
+    found = np.full((len(whose), len(whose)), UNRELATED)
+    for person, model in enumerate(models):
+        found[np.ix_(whose == person, whose == person)] = trained_pairs(model).within
     return found
 
 
@@ -42,7 +40,7 @@ def solved_of_several(subjects: tuple[Wearer, ...], window: Window) -> WindowNam
     crowd = Crowd(take, cut(take.xyz, take.rate), options)
     for some in _who_may_be_there(whole, window):
         try:
-            found = finished(everybody(crowd, asked_for(some)))
+            found = finished(everybody(crowd, some))
         except JobError as error:
             trouble = trouble or error.message
             continue
@@ -51,28 +49,21 @@ def solved_of_several(subjects: tuple[Wearer, ...], window: Window) -> WindowNam
     return WindowNames(window.number, np.full(len(window.number), NO_MARKER), trouble)
 
 
-def asked_for(subjects: tuple[Wearer, ...]) -> SeveralOptions:
-    """Who is asked for where these are: by how many they are, if nothing tells them from each other."""
-    model = subjects[0].model
-    if all(is_same(one.model, model) for one in subjects):
-        return SeveralOptions(model, len(subjects))
-    return SeveralOptions(subjects=subjects)
+def _who_may_be_there(whole: SetsWorn, window: Window) -> Iterator[SeveralOptions]:
+    """All of them, and then fewer and fewer; of as many first those of whom most is named already.
 
-
-def _who_may_be_there(whole: SetsWorn, window: Window) -> Iterator[tuple[Wearer, ...]]:
-    """All of them, and then fewer and fewer; of as many first those of whom most is named already."""
-    subjects = whole.subjects
+    By how many they are, where nothing tells them from each other.
+    """
     count = [int(np.isin(window.marker, own).sum()) for own in markers_of(whole)]
-    for many in range(len(subjects), 0, -1):
-        groups = list(combinations(range(len(subjects)), many))
-        groups.sort(key=lambda group: -sum(count[one] for one in group))
-        kinds: list[list[Model]] = []
-        for group in groups:
-            some = tuple(subjects[one] for one in group)
-            models = [one.model for one in some]
-            if not any(all(map(is_same, models, other)) for other in kinds):
-                kinds.append(models)
-                yield some
+    worn = [one.model for one in kinds(whole.subjects)]
+    for many in range(len(worn), 0, -1):
+        tried: set[tuple[Model, ...]] = set()
+        for group in sorted(combinations(range(len(worn)), many), key=lambda group: -sum(count[one] for one in group)):
+            models = tuple(worn[one] for one in group)
+            if models not in tried:
+                tried.add(models)
+                some = tuple(whole.subjects[one] for one in group)
+                yield SeveralOptions(models[0], many) if len(set(models)) == 1 else SeveralOptions(subjects=some)
 
 
 def markers_of(whole: SetsWorn) -> list[np.ndarray]:
