@@ -20,7 +20,7 @@ from ..core.data.markersets import MarkerSet
 from ..core.data.takes import PointRows
 from ..core.data.wording import count_of
 from ..core.points.motion import PosedFrames
-from ..core.posing.character import character_of
+from ..core.posing.character import Character, character_of
 from ..io.markersets import AUTO_MODEL, open_markerset
 from ..io.scratch import scratch_folder
 from ..io.text import written
@@ -103,6 +103,8 @@ class WatchedStream:
         self.named = self.unnamed = np.empty((0, 3))
         self.body: LiveBody | None = None
         self._rig: MovedRig | None = None
+        self._begins: np.ndarray | None = None  # of the bones that the character is of
+        self._character: Character
         self._moving, self._trouble = 0, ""  # the number of the rig that is to move, and why it cannot
 
     @property
@@ -153,9 +155,11 @@ class WatchedStream:
         if not rig.visible_get(view_layer=context.view_layer):  # nobody can be asked how it moves
             return
         try:
-            character = character_of(self.worn.skeleton.segments, body.begins, body.ends)
-            self._rig = self._rig or MovedRig(context, rig, character)
-            self._rig.move(rig, character, body.joints, body.rotations)
+            if self._begins is not body.begins:  # another subject's bones
+                self._character = character_of(self.worn.skeleton.segments, body.begins, body.ends)
+                self._begins = body.begins
+            self._rig = self._rig or MovedRig(context, rig, self._character)
+            self._rig.move(rig, self._character, body.joints, body.rotations)
         except UserError as error:
             self._trouble = f"; {written(str(error))}"
 
