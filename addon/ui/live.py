@@ -24,7 +24,8 @@ def live(layout, context):
     draw_performers(column, subjects)
     for name in ("source", "up", "folder"):
         draw_choice(column, settings, name, factor=0.35)
-    draw_choice(layout, settings, "rig", factor=0.35)
+    if subjects.performing == "ONE":
+        draw_choice(layout, settings, "rig", factor=0.35)
     row = layout.row(align=True)
     row.scale_y = 1.4
     if stream is None:
