@@ -84,7 +84,8 @@ def solved_window(model: Model, window: Window) -> WindowNames:
         own = replace(model, likelihood=of_subject(model.likelihood, window.shown))
         if not (found := _solved(own, window)).refused:
             return found
-        return replace(_solved(model, window), anew=True)  # it may be somebody else
+        found = _solved(model, window)
+        return replace(found, anew=not found.refused)  # it is somebody else
     return _solved(model, window)
 
 

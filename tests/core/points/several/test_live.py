@@ -6,7 +6,7 @@ import pytest
 
 from addon.core.points.several.live import solved_of_several
 from addon.core.points.several.wearers import Wearer
-from addon.core.points.whole_take.live import Window
+from addon.core.points.whole_take.live import Window, solved_window
 from addon.demo.take import MODEL
 from addon.io.models import open_model
 from scripts.virtual_take import write_virtual_take
@@ -56,6 +56,15 @@ def test_of_two_one_may_be_there_alone(people):
         true = np.arange(MARKERS) + person * MARKERS
         assert named(window(people[person, 50:], true), true)
         assert named(window(people[person, 50:], shown=shown), true)
+
+
+def test_whom_one_knows_is_named_by_that_and_somebody_else_is_told(people):
+    model = SUBJECTS[0].model
+    for known, anew in ((people[0, :40], False), (1.6 * people[0, :40], True)):
+        said = solved_window(model, window(people[0, 50:], shown=known))
+        assert (said.marker == np.arange(MARKERS)).all() and said.anew == anew
+    said = solved_window(model, window(people[0, 50:, :5], shown=people[0, :40]))
+    assert said.refused and not said.anew, "who is hidden is not somebody else"
 
 
 def test_where_nobody_is_it_is_said(people):
