@@ -6,7 +6,7 @@ from pathlib import Path
 from ..core.data.errors import InputError
 from ..core.data.markersets import MarkerSet
 from ..core.placement_quality import ADVICE
-from ..core.placement_quality.renamings import TURNED_ROUND
+from ..core.placement_quality.judging import TURNED_ROUND
 from ..io.markersets import markerset_file
 from ..io.models import open_model
 from ..io.text import write_json

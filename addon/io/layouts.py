@@ -14,7 +14,7 @@ SACR = { segment = "pelvis", at = "sacrum" }
 from pathlib import Path
 
 from ..core.data.errors import InputError
-from ..core.data.layouts import Layout, Site
+from ..core.data.markersets import Layout, Site
 from .markersets import LAYOUT_SUFFIX, LAYOUTS, Reader
 from .source import toml_document
 

@@ -23,7 +23,7 @@ from .qtm.capture import USE_POINTS, held_in, is_qtm
 from .qtm.records import read_qtm_points
 from .samples import PointFile, TextHead, packed
 from .textpoints import is_motive, read_motive, read_trc, write_trc_file
-from .world import UNITS, Upright, find_up, guess_unit, up_rotation
+from .world import UNITS, Upright, find_up, guess_unit, turns_from, up_rotation
 
 EXPECTED = "expected a take of 3D points: .c3d, .trc, Motive .csv or Qualisys .qtm"
 
@@ -51,6 +51,11 @@ class FilePoints(Points):
     up: str = "+Z"
     notes: tuple[str, ...] = ()
     trial: TrialFile | TextHead | None = None
+
+    @property
+    def turns(self) -> dict[str, np.ndarray]:
+        """The rotations (3, 3) of the points by the axis of the file that would then point up."""
+        return turns_from(self.up)
 
 
 def holds_points(path: Path, use: str | None = None) -> bool:

@@ -36,9 +36,6 @@ class Samples:
         frame, column = frame.astype(np.int32), column.astype(np.int32)
         return cls(frame + np.int32(first), column, xyz[frame, column], np.full(len(frame), np.nan))
 
-    def __len__(self) -> int:
-        return len(self.frame)
-
 
 Parts = Callable[[], Iterable[Samples]]  # all samples of a file, part by part, as often as it is called
 

@@ -18,9 +18,9 @@ from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import Cameras
 from ..core.papers.virtual_occlusions.occlusion import Occlusion
 from ..core.pipelines.blobs import BlobOptions, blob_method, label_blobs, steps_of, with_edits
-from ..core.pipelines.misfits import TRIED_S
+from ..core.pipelines.known_sets import TRIED_S
 from ..core.pipelines.others import OtherSubjects, refuse_two
-from ..core.pipelines.points_of_blobs import PointsOfBlobs
+from ..core.pipelines.through_points import PointsOfBlobs
 from ..core.points.models import chosen_method
 from ..core.points.possible import MEND_BLOBS
 from ..core.points.whole_take.pipeline import PointOptions
@@ -51,7 +51,7 @@ class BlobTake(OpenTake):
     keys, mend = BLOB_KEYS, MEND_BLOBS
 
     @staticmethod
-    def shown(job: LabelJob, _stack: ExitStack) -> Points:
+    def shown(job: LabelJob, _stack: ExitStack) -> tuple[Points, None]:
         """The points that the blobs around its middle make; JobError where they make none."""
         cameras = _cameras_of(job)
         wanted, ends = job.frames or (None, None), frames_in(job.source, cameras) or (None, None)
@@ -62,7 +62,7 @@ class BlobTake(OpenTake):
         points = PointsOfBlobs(cameras, job.frame_rate)
         for rows in read_blobs(job.source, cameras, tuple(ends)):
             points.add(rows.blobs)
-        return points.take()
+        return points.take(), None
 
     def read(self) -> dict:
         """Reads the cameras, and gives them; of a take that is edited its frames, too, where these are known."""

@@ -23,7 +23,6 @@ from ..io.markersets import AUTO_MODEL, markerset_file
 from ..io.model_history import known_models
 from ..io.provenance import REPORT, earlier_run, file_rows
 from ..io.qtm.capture import USE_BLOBS, USE_POINTS, held_in, is_qtm
-from ..io.source import digest
 from ..io.text import written
 from ..io.whole import is_read, whole_files
 from ..version import version
@@ -319,10 +318,7 @@ def made_of(job: LabelJob) -> dict:
         "method": plain_method(job.method),
         "wearers": [name for name, _ in job.wearers],
     }
-    worn = [model for _, model in job.wearers] or [job.model]
-    if job.model == AUTO_MODEL:  # who is found is known later; by these and the take it is the same again
-        options["models"] = sorted(digest(markerset_file(model)) for model in job.models)
-        worn = []
+    worn = [model for _, model in job.wearers] or job.models
     given = {"cameras": job.cameras, "edits": job.edits_applied}
     cameras, edits = (one if isinstance(one, Path) else None for one in given.values())
     files = {
@@ -333,6 +329,8 @@ def made_of(job: LabelJob) -> dict:
     }
     report = job.path(REPORT)
     made = {"version": version(), **{kind: file_rows(some, report) for kind, some in files.items()}, "options": options}
+    if job.model == AUTO_MODEL:  # which is found is known later; by these and the take it is the same again
+        options["models"] = sorted(row["sha256"] for row in made["model"])
     for kind, one in given.items():  # in no file
         if one and not isinstance(one, Path):
             made[kind] = [{"file": "", "sha256": hashlib.sha256(repr(one).encode()).hexdigest()}]

@@ -8,25 +8,26 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from ..blendfile import Chunks, refuse_long, save_blend, save_played
-from ..core.data.errors import InputError, JobError, of_file
+from ..core.data.errors import InputError, of_file
 from ..core.data.markersets import Worn
 from ..core.data.progress import Progress
 from ..core.data.takes import MAX_FRAME, Blobs, EditOutcome, LabelledChunk, PointRows, Points, Suspect, evenly_spread
 from ..core.edits.applying import joined
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
 from ..core.geometry.force_plates import NO_LAB, LabRecords
-from ..core.pipelines.known_sets import HOW_TO_CHOOSE, set_worn
-from ..core.pipelines.misfits import misfit_of
+from ..core.pipelines.known_sets import known_worn, misfit_of, model_worn
 from ..core.points.models import Model, chosen_method
 from ..core.points.motion import labelled_points
-from ..core.points.possible import FRAMES_ASKED, MEND_MIRRORED, MEND_POINTS, Handedness, refuse_impossible, slow_words
+from ..core.points.possible import FRAMES_ASKED, MEND_MIRRORED, MEND_POINTS, Handedness, slow_words
 from ..core.points.refusals import SubjectsError, UnsuitedError, refuse_two_groups
 from ..core.points.several.wearers import SetsWorn, SeveralOptions, Wearer, kinds
 from ..core.points.whole_take.pipeline import PointOptions
 from ..core.points.whole_take.pipeline import label_take as name_points
 from ..core.posing.finer import finer
-from ..core.review.doubtful import add_ranges, doubtful_samples
+from ..core.review.answering import add_ranges, doubtful_samples
 from ..core.review.provenance import SampleOrigins
 from ..core.review.summary import TakeSummary
 from ..core.review.take_trouble import TakeTrouble
@@ -34,18 +35,17 @@ from ..io.c3d.lab import read_lab
 from ..io.c3d.reading import TrialFile
 from ..io.edits import open_edits
 from ..io.labels import POINT_KEYS, LabelWriter, facts_of_changes, point_keys
-from ..io.markersets import AUTO_MODEL, builtin_markersets, markerset_file
+from ..io.markersets import AUTO_MODEL, builtin_markersets
 from ..io.models import open_model
 from ..io.points import FilePoints, read_points, write_c3d, write_trc
 from ..io.poses import PoseFile, is_long, refuse_keys
-from ..io.provenance import REPORT, file_rows, sealed
+from ..io.provenance import REPORT, sealed
 from ..io.report import facts_of_edits, facts_of_trouble, renumbered, take_report
 from ..io.samples import TextHead
 from ..io.scratch import scratch_folder
 from ..io.source import digest
 from ..io.tables import Room
 from ..io.text import write_json
-from ..io.world import turns_from
 from ..version import version
 from .job import MOTION_FILE, PAGE, LabelJob, Labelled, facts_of_capture, leftovers, open_files, timed
 from .models import model_for
@@ -89,7 +89,8 @@ TakePart = tuple[Blobs | PointRows, list[str], LabelledChunk, float]  # with the
 class OpenTake:
     """A take while it is labelled; `PointTake` and `BlobTake` say what is different.
 
-    shown     reads the part of it that marker sets are found by, or more, as points
+    shown     reads the part of it that marker sets are found by, or more, as points; with how they may be turned, as
+              `known_worn` has it
     read      opens the take, and gives what edits are checked by; InputError for what cannot be labelled
     name      names what is named of the whole take at once, and refuses what cannot be named
     parts     the named parts, in their order; they may be long where all of them are kept
@@ -146,9 +147,10 @@ class PointTake(OpenTake):
     keys = POINT_KEYS
 
     @staticmethod
-    def shown(job: LabelJob, stack: ExitStack) -> Points:
+    def shown(job: LabelJob, stack: ExitStack) -> tuple[Points, dict[str, np.ndarray]]:
         """All of it."""
-        return _points_of(job, Room(stack))
+        take = _points_of(job, Room(stack))
+        return take, take.turns
 
     def read(self) -> dict:
         """Reads all of it, and gives its trajectories and frames."""
@@ -194,7 +196,7 @@ class PointTake(OpenTake):
     def _misfit(self, error: UnsuitedError, options: PointOptions) -> Generator[Progress, None, UnsuitedError]:
         """The error with its reason: another axis up, or another built-in marker set."""
         others = [open_model(name) for name in builtin_markersets() if name != self.model.markerset.name]
-        return (yield from misfit_of(error, self.take, [self.model], options, turns_from(self.take.up), others))
+        return (yield from misfit_of(error, self.take, [self.model], options, self.take.turns, others))
 
     def parts(self, kept: bool) -> Iterator[TakePart]:
         """The named parts; one where they are kept: then all of it is in memory anyhow."""
@@ -235,44 +237,15 @@ def _points_of(job: LabelJob, room: Room) -> FilePoints:
     return read_points(job.source, frames=job.frames, up=job.up, rate=job.rate, make_table=room, mirror=job.mirror)
 
 
-def _worn_in(job: LabelJob, take: Points) -> Generator[Progress, None, tuple[Model | None, dict[Model, str]]]:
-    """The known model that a take wears, None where that is not sure; and all that it may, each as a job has it.
-
-    Raises JobError where there are none.
-    """
-    known = {open_model(name): name for name in job.models}
-    learned = [model for model in known if model.likelihood is not None]
-    if isinstance(take, FilePoints) and not job.force:
-        refuse_impossible(take.xyz, take.rate, take.lanes, learned)
-    worn, likely = yield from set_worn(take, learned)
-    if likely:
-        return worn, {model: known[model] for model in likely}
-    words = f"looks like a take of none of the {len(learned)} known marker sets"
-    error = UnsuitedError(f"{words}; expected the one that is worn, {HOW_TO_CHOOSE} MODEL, or a model that is trained")
-    if isinstance(take, FilePoints):
-        error = yield from misfit_of(error, take, learned, PointOptions("likelihood"), turns_from(take.up), ())
-    raise JobError(error.message)  # there is no model that could be forced
-
-
-def _find_model(job: LabelJob, take: Points) -> Generator[Progress, None, tuple[str, str]]:
-    """The model that a take wears, as a job has it, and a note of that; JobError where several may be, or none is."""
-    worn, likely = yield from _worn_in(job, take)
-    if worn is not None:
-        return likely[worn], f"{likely[worn]} was found among {len(job.models)} marker sets"
-    first, *_ = names = list(likely.values())
-    raise JobError(
-        f"looks like a take of {' as well as '.join(names)}; expected the one that is worn, {HOW_TO_CHOOSE} {first}"
-    )
-
-
 def find_worn(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> Generator[Progress, None, tuple]:
     """What can be told of a take before it is labelled: known models that it may wear, if that is sure, if two wear it.
 
     There is one model where that is sure, else those of a user come first. Raises UserError where there is none.
     """
     with ExitStack() as read:
-        take = kind_of(job).shown(job, read)
-        worn, likely = yield from _worn_in(job, take)
+        take, turns = kind_of(job).shown(job, read)
+        known = {open_model(name): name for name in job.models}
+        worn, likely = yield from known_worn(take, turns, known, job.force)
         if worn is None:
             return sorted(likely.values(), key=lambda name: name in builtin_markersets()), False, False
         try:
@@ -294,9 +267,11 @@ def label_take(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> 
         found: list[str] = []
         if job.model == AUTO_MODEL:
             with timed(clock, "load"), ExitStack() as read:
-                model, *found = yield from _find_model(job, kind_of(job).shown(job, read))
+                shown = kind_of(job).shown(job, read)
+                known = {open_model(name): name for name in job.models}
+                model, *found = yield from model_worn(*shown, known, job.force)
+                inputs["model"] = [inputs["model"][job.models.index(model)]]
                 job = replace(job, model=model)
-                inputs["model"] = file_rows([markerset_file(model)], job.path(REPORT))
         with timed(clock, "load"):
             models = {}
             for name in job.models:

@@ -8,7 +8,7 @@ import numpy as np
 from ..core.data.markersets import MarkerSet
 from ..core.data.progress import Progress
 from ..core.placement_quality import ADVICE, Advice, Ambiguity, MarkerLayout, advise, judge, marker_layout, separation
-from ..core.placement_quality.renamings import TURNED_ROUND
+from ..core.placement_quality.judging import TURNED_ROUND
 from ..core.points.likelihood.model import Likelihood
 
 CLEAR = 8.0  # standard deviations; pairs better separated are not listed

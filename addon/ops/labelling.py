@@ -13,8 +13,7 @@ from ..core.data.takes import Blobs
 from ..core.data.wording import count_of
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS
-from ..core.pipelines.known_sets import HOW_TO_CHOOSE
-from ..core.pipelines.misfits import HOW_TO_TURN
+from ..core.pipelines.known_sets import HOW_TO_CHOOSE, HOW_TO_TURN
 from ..core.points.possible import HOW_TO_MIRROR
 from ..core.points.refusals import HOW_TO_ASK
 from ..core.points.several.wearers import AUTO

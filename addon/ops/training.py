@@ -15,7 +15,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from ..core.data.errors import InputError
 from ..core.data.wording import count_of
-from ..core.review.doubtful import doubtful_samples
+from ..core.review.answering import doubtful_samples
 from ..core.review.suspects import find_suspects
 from ..core.training.takes import learnable
 from ..io.markersets import SUFFIX

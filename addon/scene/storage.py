@@ -21,10 +21,7 @@ FROM = "mocap_from_"  # and a column's name: what its whole numbers count from, 
 def store_table(name: str, columns: dict[str, np.ndarray]) -> bpy.types.Mesh:
     """Keeps `columns`, arrays of N rows (whole numbers (N,), or floats (N,) or (N, 2 to 4)), in a new mesh."""
     mesh = bpy.data.meshes.new(name)
-    rows = {len(column) for column in columns.values()}
-    if len(rows) != 1:
-        raise ValueError(f"columns of different lengths {sorted(rows)}; expected one length")
-    mesh.vertices.add(rows.pop())
+    mesh.vertices.add(len(next(iter(columns.values()))))
     for key, column in columns.items():
         if np.issubdtype(column.dtype, np.integer) or column.dtype == bool:
             kind, dtype = "INT", np.int32

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..core.data.takes import BY_EDIT, NO_MARKER, PointRows
 from ..core.edits.kinds import Place
-from ..core.review.doubtful import MIN_SURE, markers_meant
+from ..core.review.answering import MIN_SURE, markers_meant
 from .stored import Stored, changed_between
 
 # What a stretch is, in the order in which stretches are drawn: what is rare and short lies on top.

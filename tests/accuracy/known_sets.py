@@ -44,12 +44,6 @@ def walkers(markers: tuple[str, ...]) -> Iterator[people.Take]:
     return (take.of(markers) for take in people.takes(people.everyone()[::2]) if set(markers) <= set(take.markers))
 
 
-def strangers_in_body26() -> Iterator[people.Take]:
-    """Takes of other labs, whose own markers stand for those of `body26`."""
-    for one in {**strangers.JUDGED, **strangers.CHOSEN_ON}.values():
-        yield people.worn_as(people.OTHERS[one.take], people.BODY26, one.names)
-
-
 def actors(folder: str) -> Iterator[people.Take]:
     """Takes of actors in the lab's own set."""
     for take in whole_takes.actors(folder).values():
@@ -88,7 +82,7 @@ def groups(keep: Path) -> dict[str, Callable[[], Iterator[Worn]]]:
             "gait15", map(whole_takes.in_gait15, [*whole_takes.WALKS, *whole_takes.OTHER_MOTIONS])
         ),
         "`body26`": lambda: in_set("body26", walkers(people.BODY26)),
-        "`body26`, other labs": lambda: in_set("body26", strangers_in_body26()),
+        "`body26`, other labs": lambda: in_set("body26", strangers.in_body26()),
         "`body39`, a serve": lambda: in_set("body39", serve()),
         "`body39`, other labs": lambda: other_labs(keep, "plugin_gait"),
         "`actor41`": lambda: in_set("actor41", actors("cmu41")),

@@ -305,6 +305,16 @@ def of_parts(keep: Path) -> Iterator[Trial]:
                 yield Trial("strangers in part", f"{trial.take} {part}", partial(_of_other_lab, place, model, worn))
 
 
+def as_recorded() -> Iterator[Trial]:
+    """Whole trajectories of actors and others, whose own markers stand for those of `body26`."""
+    model = open_model("body26")
+    for take in strangers.in_body26():
+        there = np.isfinite(take.xyz[..., 0])
+        truth = np.where(there, [model.markerset.index(name) for name in take.markers], -1)
+        points = whole_takes.without_names(take.xyz, take.rate)
+        yield Trial("points as recorded", take.name, partial(labelled_points, points, truth, model))
+
+
 def _of_other_lab(place: Path, model: Model, worn: AbstractSet[str] | None = None) -> Outcome:
     points, index = read_points(place / "cloud.c3d"), {name: at for at, name in enumerate(model.markerset.markers)}
     rows = [line.split(",") for line in (place / "truth.csv").read_text(encoding="utf-8").splitlines()[1:]]
@@ -332,6 +342,7 @@ def registry(keep: Path) -> dict[str, Callable[[], Iterator[Trial]]]:
         found[f"points {name}"] = partial(whole, name, keep)
     for name in ("own", "others"):
         found[f"short {name}"] = partial(whole, name, keep, SHORT)
+    found["points as recorded"] = as_recorded
     found["plates"] = partial(on_plates, keep)
     for kind in actors.MEETINGS:
         found[f"several {kind}"] = partial(together, kind, keep, 10)

@@ -53,6 +53,14 @@ CHOSEN_ON = {
     "`p1`, whole take": Stranger("p1", _BLADE, 6, whole=True),
     "`p2`, whole take": Stranger("p2", _BLADE, 7, whole=True),
 }
+
+
+def in_body26() -> Iterator[people.Take]:
+    """Their takes, each of which is there once however many of its frames are drawn."""
+    for name, names in {one.take: one.names for one in (*JUDGED.values(), *CHOSEN_ON.values())}.items():
+        yield people.worn_as(people.OTHERS[name], people.BODY26, names)
+
+
 UPRIGHT = 0.6  # m, how far apart the feet of somebody who stands are at most
 LOWEST_HEAD = 0.85  # of its greatest height, of somebody who stands
 

@@ -8,8 +8,7 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
-from addon.core.pipelines.known_sets import HOW_TO_CHOOSE
-from addon.core.pipelines.misfits import HOW_TO_TURN
+from addon.core.pipelines.known_sets import HOW_TO_CHOOSE, HOW_TO_TURN
 from addon.core.points.possible import HOW_TO_MIRROR
 from addon.core.points.refusals import HOW_TO_ASK
 from addon.io.batch import read_table

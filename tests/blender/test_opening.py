@@ -82,14 +82,13 @@ def test_where_two_sets_fit_both_are_offered_an_own_one_first_and_none_is_taken(
     state, own = bpy.context.window_manager.mocap_autolabel, tmp_path / f"house{SUFFIX}"
     write_c3d(tmp_path / "one.c3d", standing(drawn("body39")))
     opened(tmp_path, "one.c3d")
-    jobs = ours("jobs.labelling")
     shutil.copy(markerset_file("body39"), own)
 
     def both(_take, models):
         yield from ()
         return None, list(models)
 
-    monkeypatch.setattr(jobs, "set_worn", both)
+    monkeypatch.setattr(ours("core.pipelines.known_sets"), "set_worn", both)
     monkeypatch.setattr(ours("jobs.job"), "known_models", lambda _: ["body39", str(own)])
     assert bpy.ops.mocap_autolabel.find_markerset() == {"FINISHED"}
     assert [one.name for one in state.likely] == [str(own), "body39"]
@@ -110,7 +109,7 @@ def test_a_set_that_is_not_sure_is_offered_and_not_taken(settings, tmp_path, mon
         [worn] = (model for model in models if model.markerset.name == "body39")
         return worn if sure else None, [worn]
 
-    monkeypatch.setattr(ours("jobs.labelling"), "set_worn", one)
+    monkeypatch.setattr(ours("core.pipelines.known_sets"), "set_worn", one)
     assert bpy.ops.mocap_autolabel.find_markerset() == {"FINISHED"}
     assert settings.subjects.found == ("body39" if sure else "")
     assert [one.name for one in bpy.context.window_manager.mocap_autolabel.likely] == ([] if sure else ["body39"])

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from addon.core.body.sides import other_side
 from addon.core.data.errors import InputError
-from addon.core.data.layouts import Site
-from addon.core.data.markersets import MarkerSet
+from addon.core.data.markersets import MarkerSet, Site
 from addon.io.layouts import open_layout, read_layout
 from addon.io.markersets import builtin_markersets, markerset_text, open_markerset, read_markerset, write_markerset
 from scripts import anatomy

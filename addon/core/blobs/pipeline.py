@@ -21,7 +21,7 @@ from ..geometry.cameras import Cameras
 from ..geometry.views import VIEWING, View, split_views
 from ..papers.virtual_occlusions.labelling import Naming
 from ..papers.virtual_occlusions.occlusion import Occlusion
-from ..review.doubtful import WHOLE_FRAME
+from ..review.answering import WHOLE_FRAME
 from ..review.suspects import find_suspects
 from .confidence import CONFIDENCE, named_confidences, swap_doubts
 from .image_tracklets import name_by_tracklets

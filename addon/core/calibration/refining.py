@@ -19,8 +19,7 @@ from ..pipelines.blobs import BlobOptions, label_blobs
 from ..points.models import Model
 from ..review.camera_order import CAMERA_HEALTH
 from ..review.odd_cameras import CameraCheck
-from .adjusting import adjusted, held
-from .sightings import Sightings
+from .adjusting import Sightings, adjusted, held
 
 # Of a take so many parts are labelled, spread over it, of so many frames at most: what a subject is known by after, and
 # little enough to do twice. A second of each says where cameras are within their noise.

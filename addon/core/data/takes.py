@@ -274,10 +274,7 @@ class Points:
     @property
     def present(self) -> np.ndarray:
         """(T, L) True where there is a point."""
-        found = np.empty(self.xyz.shape[:2], bool)
-        for part in blocks(*found.shape):
-            found[part] = np.isfinite(self.xyz[part]).all(axis=2)
-        return found
+        return there_in(self.xyz)
 
     @property
     def standing(self) -> Lanes:
@@ -410,6 +407,14 @@ def places_of(take: Points, part: slice) -> tuple[np.ndarray, np.ndarray]:
         frame, place = np.nonzero(np.arange(order.shape[1]) < count[:, None])
         found.append((frame + block.start, order[frame, place].astype(int)))
     return np.concatenate([frame for frame, _ in found]), np.concatenate([lane for _, lane in found])
+
+
+def there_in(points: Table) -> np.ndarray:
+    """(T, L) True where there is one of points (T, L, 3), NaN where missing."""
+    found = np.empty(points.shape[:2], bool)
+    for part in blocks(*found.shape):
+        found[part] = np.isfinite(points[part]).all(axis=2)
+    return found
 
 
 def evenly_spread(count: int, most: int) -> np.ndarray:

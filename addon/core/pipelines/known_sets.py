@@ -12,25 +12,92 @@ e         log odds that whatever is none of the set's markers must bring to have
 
 A set that another, which is there whole, leads by more than the point of one marker may know is out. The one that is
 left is worn, if it is there whole and explains most points. Where more are left nobody knows.
+
+A take that is refused may be of a model with another axis up, or of another model that is known. What single frames say
+shows which is likeliest; whether it would be named so, a part of the take shows.
 """
 
 from collections.abc import Generator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..data.errors import JobError
 from ..data.progress import Progress, Steps, finished, in_stages, within
-from ..data.takes import NO_MARKER, Points, evenly_spread
-from ..points.models import Model
-from ..points.refusals import REFUSAL, far_groups, refuse_floods
+from ..data.takes import NO_MARKER, Labels, Points, evenly_spread
+from ..points.models import Model, namer_of
+from ..points.possible import refuse_impossible
+from ..points.refusals import REFUSAL, UnsuitedError, far_groups, points_at_a_time, refuse_floods
 from ..points.tracklets import cut
-from ..points.whole_take.objective import OBJECTIVE, Objective
-from ..points.whole_take.pipeline import PointOptions, as_a_whole, begins, name_frames
+from ..points.whole_take.objective import OBJECTIVE, Objective, usual_fit
+from ..points.whole_take.pipeline import PointOptions, as_a_whole, begins, label_take, name_frames
 from ..points.whole_take.solving import solve_take
-from .misfits import FRAMES_TRIED, middle_of, worth_of
+
+HOW_TO_TURN = "by --up"  # on the command line; Blender puts words of its sidebar there
+FRAMES_TRIED = 12  # that say which is likeliest: memory and time
+TRIED_S = 2.0  # of the take, around its middle, that is labelled again: memory and time
+MOST_TRIED = 2  # models: sets share most of their places
+
+
+def misfit_of(
+    error: UnsuitedError,
+    take: Points,
+    models: Sequence[Model],
+    options: PointOptions,
+    turns: dict[str, np.ndarray],
+    others: Sequence[Model],
+) -> Generator[Progress, None, UnsuitedError]:
+    """The error with which a take that is of none of the models was refused, with the reason where there is one.
+
+    turns are rotations (3, 3) by the axis that would then point up, others the models that are known.
+    """
+    asked = take.in_order(evenly_spread(len(take.xyz), FRAMES_TRIED)).xyz
+    each = product(models, turns)
+    model, axis = max(each, key=lambda one: worth_of(one[0], asked @ turns[one[1]].T))
+    part = middle_of(take)
+    turned = replace(part, xyz=part.xyz @ turns[axis].T)
+    if worth_of(model, asked @ turns[axis].T) > worth_of(model, asked) and (yield from _suits(turned, model, options)):
+        words = f"stands with {axis} up, as which it looks like a take of model {model.markerset.name}"
+        return UnsuitedError(f"{words}; expected that axis to be given, {HOW_TO_TURN} {axis}")
+    suited = ""
+    for other in sorted(others, key=lambda other: -worth_of(other, asked))[:MOST_TRIED]:
+        if (yield from _suits(part, other, options)):
+            suited += f" or {other.markerset.name}" if suited else f"; it looks like a take of {other.markerset.name}"
+    return UnsuitedError(error.message + suited)
+
+
+def worth_of(model: Model, points: np.ndarray) -> float:
+    """Log likelihood of the usual frame of points (F, P, 3) m with the names that each finds on its own."""
+    if model.likelihood is None:
+        return 0.0
+    labels = Labels.join(namer_of(model, "likelihood").name(points, 0.0))
+    found = usual_fit(model.likelihood, labels.placed(points, len(model.markerset))).log_likelihood
+    return float(found * labels.named.sum()) if np.isfinite(found) else 0.0
+
+
+def middle_of(take: Points) -> Points:
+    """The part of a take that is tried: around the middle of the frames that show as many points as is usual."""
+    count = points_at_a_time(take.xyz)
+    shown = np.flatnonzero(count >= max(np.median(count), 1))
+    half, middle = max(round(TRIED_S * take.rate / 2), 1), int(shown[len(shown) // 2]) if len(shown) else 0
+    rows = slice(max(middle - half, 0), min(middle + half, len(take.xyz)))
+    first = take.first_frame + rows.start
+    lanes = None if take.lanes is None else take.lanes.between(rows.start, rows.stop)
+    return replace(take, xyz=take.xyz[rows], residual=take.residual[rows], first_frame=first, lanes=lanes)
+
+
+def _suits(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, bool]:
+    """Whether a take would be named by a model."""
+    tried = PointOptions(options.method, options.target, traced=True)
+    try:
+        yield from within(label_take(take, model, tried), 1.0, 1.0, f"try {model.markerset.name}")
+    except JobError:
+        return False
+    return True
+
 
 HOW_TO_CHOOSE = "by --model"  # on the command line; Blender puts words of its sidebar there
 
@@ -73,6 +140,43 @@ class FittingSet:
         lead = np.nansum((self.odds - other.odds)[one & two]) - OBJECTIVE.extra * (two & ~one).sum()
         lead += WORN.there * ((one & ~two).sum() + one.sum() - two.sum())
         return float(lead / len(one) + WORN.there * (len(other.model.markerset) - len(self.model.markerset)))
+
+
+def model_worn(
+    take: Points, turns: dict[str, np.ndarray] | None, known: dict[Model, str], forced: bool = False
+) -> Generator[Progress, None, tuple[str, str]]:
+    """The name of the one of the known models that a take wears, and a note of that; else as `known_worn`.
+
+    Raises JobError where several may be worn, or none is.
+    """
+    worn, likely = yield from known_worn(take, turns, known, forced)
+    if worn is not None:
+        return likely[worn], f"{likely[worn]} was found among {len(known)} marker sets"
+    first, *_ = names = list(likely.values())
+    raise JobError(
+        f"looks like a take of {' as well as '.join(names)}; expected the one that is worn, {HOW_TO_CHOOSE} {first}"
+    )
+
+
+def known_worn(
+    take: Points, turns: dict[str, np.ndarray] | None, known: dict[Model, str], forced: bool = False
+) -> Generator[Progress, None, tuple[Model | None, dict[Model, str]]]:
+    """The known model that a take wears, None where that is not sure; and all that it may, with their names.
+
+    turns are rotations as `misfit_of` has them, None for points that cameras traced: these are as they say. Raises
+    JobError where there is no model, and ForceableError where the take cannot be as it says and is not `forced`.
+    """
+    learned = [model for model in known if model.likelihood is not None]
+    if turns is not None and not forced:
+        refuse_impossible(take.xyz, take.rate, take.lanes, learned)
+    worn, likely = yield from set_worn(take, learned)
+    if likely:
+        return worn, {model: known[model] for model in likely}
+    words = f"looks like a take of none of the {len(learned)} known marker sets"
+    error = UnsuitedError(f"{words}; expected the one that is worn, {HOW_TO_CHOOSE} MODEL, or a model that is trained")
+    if turns is not None:
+        error = yield from misfit_of(error, take, learned, PointOptions("likelihood"), turns, ())
+    raise JobError(error.message)  # there is no model that could be forced
 
 
 def set_worn(take: Points, models: Sequence[Model]) -> Generator[Progress, None, tuple[Model | None, list[Model]]]:
@@ -120,7 +224,7 @@ def _fitting(take: Points, tracklet: np.ndarray, model: Model) -> Steps[FittingS
     if solution is None:
         return FittingSet(model, verdict.labels.marker, np.full(tracklet.shape, np.nan), 0.0)
     tracklets, marker = solution.tracklets, solution.marker
-    objective = Objective(take.xyz, tracklets, frames.model, take.rate, marker)
+    objective = Objective(take.xyz, tracklets, frames.model, take.rate)
     odds = objective.of(marker).odds * objective.weight / tracklets.count
     size, every = len(model.markerset), tracklets.spread(solution.every, NO_MARKER, slice(None))
     spread = tracklets.spread(marker, NO_MARKER, slice(None)), tracklets.spread(odds, 0.0, slice(None))

@@ -27,7 +27,7 @@ from ..points.several.together import LabelledSubjects, beside, measured_of_firs
 from ..points.several.wearers import SetsWorn, SeveralOptions
 from ..points.whole_take.pipeline import PointOptions
 from .fitted_subjects import FollowedSubjects
-from .points_of_blobs import PointsOfBlobs, without_number
+from .through_points import PointsOfBlobs, without_number
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import numpy as np
 from ..data.lanes import PACKING, Lanes, blocks, standing_in, trajectories_at
 from ..data.made import Table
 from ..data.physical import MARKER_LIMITS
-from ..data.takes import BY_TRAJECTORY, NO_MARKER, Labels, Suspect, Verdict, evenly_spread
+from ..data.takes import BY_TRAJECTORY, NO_MARKER, Labels, Suspect, Verdict, evenly_spread, there_in
 
 
 @dataclass(frozen=True)
@@ -73,9 +73,7 @@ def cut(points: Table, rate: float, lanes: Lanes | None = None) -> np.ndarray:
     No tracklet is of two trajectories, which stand as `lanes` say; by their order tracklets are numbered. Where columns
     are no trajectories at all, points being in any order, every point is on its own.
     """
-    present = np.empty(points.shape[:2], bool)
-    for part in blocks(*present.shape):
-        present[part] = np.isfinite(points[part]).all(axis=2)
+    present = there_in(points)
     standing = standing_in(lanes, present.shape)
     tracklet = np.full(present.shape, -1, np.int32)
     if not are_trajectories(points, lanes):

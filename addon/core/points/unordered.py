@@ -25,20 +25,40 @@ from .tracklets import are_lasting
 
 
 @dataclass(frozen=True)
-class SubjectLearningOptions:
-    """How much the evidence of a subject's own frames counts against the training.
+class UnorderedOptions:
+    """How frames in no order teach their subject, and how much its own count against the training.
 
-    frames   that the training's spread counts for; measured: of the cloud 80 are as good on people left out, of a
-             distance 8 name six labels fewer of 20,900 of frames in no order
-    size_sd  of the logarithm of the size that is left once the subject's own distances are known; physical: 1 %
+    frames       that the training's spread counts for; measured: of the cloud 80 are as good on people left out, of a
+                 distance 8 name six labels fewer of 20,900 of frames in no order
+    size_sd      of the logarithm of the size that is left once the subject's own distances are known; physical: 1 %
+    min_part     measured: of the markers that are enough; twice of it loses 0.4 % of `clouds-bd`, half nothing
+    rare         measured: named less often than this part of what is usual; they are looked for, else 85 % of
+                 `clouds-bd` are named and not 99 %
+    loose_radii  measured: this far about where they are expected, and are there if they are as near to one place of the
+                 body; half loses 7 % of `clouds-bd`, twice none. In
+    min_near     measured: this part of the frames that have them, and of what is usual of a marker; all of it loses
+                 14 % of `clouds-bd`
+    hidden_part  of a frame's points that is hidden to try how far labels keep
     """
 
     frames: float = 20.0
     size_sd: float = 0.01
+    min_part: float = 1 / 3
+    rare: float = 0.5
+    loose_radii: float = 0.25
+    min_near: float = 0.5
+    hidden_part: float = 1 / 12
 
 
-SUBJECT_LEARNING = SubjectLearningOptions()
+UNORDERED = UnorderedOptions()
 SUBJECT_ROUNDS = 6  # of expectation maximisation; it settles sooner
+FRAMES_LEARNED_FROM = 600  # of a take; by time
+MIN_CLOUDS = 20  # of them that have enough sure names, else there is nothing to learn from
+LEARNING_ROUNDS = 10  # of learning and naming; it settles before
+SETTLED = 0.9995  # part of the points that keep their names, when nothing changes any more,
+NEARLY_SETTLED = 0.995  # and when it is time to look for markers that are placed elsewhere
+KEEPING_TRIALS = 2  # in each frame; by time
+LEARNING_STEPS = LEARNING_ROUNDS + KEEPING_TRIALS
 
 
 def of_subject(likelihood: Likelihood, clouds: np.ndarray) -> Likelihood:
@@ -89,8 +109,8 @@ def _subject_shape(shape: Shape, clouds: np.ndarray) -> Shape:
         aligned = np.where(seen, whole, np.nan)
         own = _flat(whole).mean(axis=0)
         away = _flat(whole) - own
-        total = SUBJECT_LEARNING.frames * spread + away.T @ away + unsure
-        covariance = total / (SUBJECT_LEARNING.frames + frames)
+        total = UNORDERED.frames * spread + away.T @ away + unsure
+        covariance = total / (UNORDERED.frames + frames)
         mean = known + spread @ np.linalg.solve(spread + covariance / frames, own - known)
     modes, noise = factors(covariance, SHAPE.min_sd_radii * shape.radius)
     placed = mean.reshape(-1, 3)
@@ -114,7 +134,7 @@ def _subject_constraints(trained: DistanceConstraints, clouds: np.ndarray, radiu
     # A distance that no training keeps may be kept by this subject, as far as its frames show.
     loose = np.full(len(pair), CONSTRAINING.max_sd_radii * radius)
     loose[mine] = size * trained.sd
-    weight, least = SUBJECT_LEARNING.frames, CONSTRAINING.min_sd_radii * radius
+    weight, least = UNORDERED.frames, CONSTRAINING.min_sd_radii * radius
     sd = np.sqrt((weight * loose**2 + frames * variance) / (weight + frames) + least**2)
     unseen = mine[~both]
     length[unseen], sd[unseen] = size * trained.length[~both], loose[unseen]
@@ -122,42 +142,11 @@ def _subject_constraints(trained: DistanceConstraints, clouds: np.ndarray, radiu
     kept[mine] = True
     pair, length, sd = pair[kept], length[kept], sd[kept]
     few = surest(pair, sd, MAX_OF_MARKER)
-    return DistanceConstraints(pair[few], length[few], sd[few], SUBJECT_LEARNING.size_sd)
+    return DistanceConstraints(pair[few], length[few], sd[few], UNORDERED.size_sd)
 
 
 def _flat(clouds: np.ndarray) -> np.ndarray:
     return clouds.reshape(len(clouds), -1)
-
-
-@dataclass(frozen=True)
-class UnorderedOptions:
-    """How frames in no order teach their subject.
-
-    min_part         measured: of the markers that are enough; twice of it loses 0.4 % of `clouds-bd`, half nothing
-    rare             measured: named less often than this part of what is usual; they are looked for, else 85 % of
-                     `clouds-bd` are named and not 99 %
-    loose_radii      measured: this far about where they are expected, and are there if they are as near to one place of
-                     the body; half loses 7 % of `clouds-bd`, twice none. In
-    min_near         measured: this part of the frames that have them, and of what is usual of a marker; all of
-                     it loses 14 % of `clouds-bd`
-    hidden_part      of a frame's points that is hidden to try how far labels keep
-    """
-
-    min_part: float = 1 / 3
-    rare: float = 0.5
-    loose_radii: float = 0.25
-    min_near: float = 0.5
-    hidden_part: float = 1 / 12
-
-
-UNORDERED = UnorderedOptions()
-FRAMES_LEARNED_FROM = 600  # of a take; by time
-MIN_CLOUDS = 20  # of them that have enough sure names, else there is nothing to learn from
-LEARNING_ROUNDS = 10  # of learning and naming; it settles before
-SETTLED = 0.9995  # part of the points that keep their names, when nothing changes any more,
-NEARLY_SETTLED = 0.995  # and when it is time to look for markers that are placed elsewhere
-KEEPING_TRIALS = 2  # in each frame; by time
-LEARNING_STEPS = LEARNING_ROUNDS + KEEPING_TRIALS
 
 
 def is_unordered(model: Model, tracklet: np.ndarray) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..data.takes import BY_EDIT, Blobs, LabelledChunk, PointRows
 from ..edits.kinds import Edits, Place
-from .doubtful import add_ranges
+from .answering import add_ranges
 
 WELL_SURE = 0.999  # format: of a name's confidence, the last step of label files below certainty
 IN_INPUT = "input"  # what stands for the method of a fill that the input brought along

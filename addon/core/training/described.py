@@ -14,8 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from ..body.sides import other_side
 from ..data.errors import InputError
-from ..data.layouts import Layout, Site
-from ..data.markersets import MarkerSet
+from ..data.markersets import Layout, MarkerSet, Site
 from ..data.progress import Progress, within
 from ..points.likelihood.learn import Trying, in_turn, learning
 from ..points.models import Model

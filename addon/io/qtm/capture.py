@@ -123,14 +123,14 @@ class QtmCapture:
             self.trajectories = self._trajectories(points)
             self.blob_rate, self.point_rate = self._rate(blobs), self._rate(points)
         except BaseException:
-            self.container.__exit__()
+            self.container.close()
             raise
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object):
-        self.container.__exit__()
+        self.container.close()
 
     def series(self, number: int) -> Series:
         """A data series by its number."""

@@ -9,7 +9,7 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -47,10 +47,8 @@ class Container:
             self.file.file.close()
             raise
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object):
+    def close(self):
+        """Closes the file."""
         self.file.file.close()
 
     def names(self, folder: str) -> list[str]:
@@ -296,10 +294,6 @@ class Schema:
     path: Path
     kinds: tuple[tuple[str, int], ...]
     fields: tuple[SchemaField, ...]
-
-    def field(self, name: str) -> int:
-        """The number of a field, from 1; 0 where there is none."""
-        return next((number for number, one in enumerate(self.fields, 1) if one.name == name), 0)
 
     def record(self, kind: str) -> tuple[np.dtype, np.dtype | None]:
         """What the series of a kind of item hold: the head of each record and, of records with rows, a row's cell.

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from addon.core.calibration.adjusting import adjusted, held
-from addon.core.calibration.sightings import MIN_RAYS, Sightings
+from addon.core.calibration.adjusting import MIN_RAYS, Sightings, adjusted, held
 from addon.core.geometry.cameras import Cameras
 from addon.core.geometry.rotations import exponential
 from addon.core.simulation.rigs import ring_rig

@@ -10,8 +10,8 @@ import pytest
 from addon.core.data.errors import InputError
 from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from addon.core.placement_quality import advise, judge, marker_layout, separation
+from addon.core.placement_quality.judging import OTHER_SIDE, Renaming
 from addon.core.placement_quality.layout import MarkerLayout
-from addon.core.placement_quality.renamings import OTHER_SIDE, Renaming
 from addon.core.points.likelihood.shape import Latent, Shape
 from tests.core.toybody import toy_markerset
 

@@ -9,9 +9,15 @@ import pytest
 
 from addon.core.data.takes import BY_EDIT, BY_LIKELIHOOD, LabelledChunk, Labels, PointRows, Suspect
 from addon.core.edits.kinds import Accepted, AssignPoint, Delete, Edits, Place, Right, Swap, UnlabelMarker, UnlabelPoint
-from addon.core.review.answering import settled_in, unanswered, without_accepted
+from addon.core.review.answering import (
+    WHOLE_FRAME,
+    add_ranges,
+    doubtful_samples,
+    settled_in,
+    unanswered,
+    without_accepted,
+)
 from addon.core.review.changes import GAINED, LOST, OTHER, changes, summary_of_changes
-from addon.core.review.doubtful import WHOLE_FRAME, add_ranges, doubtful_samples
 from addon.core.review.provenance import SampleOrigins
 from addon.core.review.suspects import MAX_ENTRIES, find_suspects, summarised
 from tests.core.scenes import motion_of

@@ -12,8 +12,7 @@ from addon.core.points.likelihood import learn
 from addon.core.points.likelihood.frames import LikelihoodNamer
 from addon.core.training.imagining import IMAGINING
 from addon.core.training.laying import laid_body, marker_sides
-from addon.core.training.people import person_in
-from addon.core.training.pipeline import TrainingOptions, train
+from addon.core.training.pipeline import TrainingOptions, person_in, train
 from addon.core.training.poses import known_poses
 from addon.core.training.takes import LabelledTake
 from addon.demo.take import make_performance

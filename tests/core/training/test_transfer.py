@@ -8,7 +8,7 @@ import pytest
 
 from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import InputError
-from addon.core.data.layouts import Layout, Site
+from addon.core.data.markersets import Layout, Site
 from addon.core.geometry import rotations
 from addon.core.posing.posing import fit_points
 from addon.core.simulation.virtual import Act

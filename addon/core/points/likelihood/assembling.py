@@ -19,8 +19,8 @@ from .solving import Solved
 
 
 @dataclass(frozen=True)
-class PlacingOptions:
-    """What a placement of a rigid body in a frame may look like, and what it is worth.
+class AssemblyOptions:
+    """What a placement of a rigid body may look like, and what it, and distances between rigid bodies, are worth.
 
     noise_m        standard deviation of a measured distance; physical: what two good cameras leave
     noise_share    of a length, between takes; physical: plates bend, and calibrations differ
@@ -28,6 +28,10 @@ class PlacingOptions:
     max_marker_m   that a further marker may be from where the first three put it; physical: a marker's own width
     point_gain     log likelihood of one more point that fits; measured: half of it names 2,257 of 133,000 points on
                    plates wrongly, twice none
+    breach_weight  of the mean breach between two rigid bodies; measured: of 133,000 labels on plates half loses none,
+                   twice 80
+    single_cost    log odds a single marker must have beside the number of points that it may be; measured: twice loses
+                   1,411 of them, half none; without it 9 are wrong
     """
 
     noise_m: float = 0.0007
@@ -35,6 +39,8 @@ class PlacingOptions:
     min_gate_m: float = 0.005
     max_marker_m: float = 0.012
     point_gain: float = 7.0
+    breach_weight: float = 8.0
+    single_cost: float = 1.0
 
     def spread(self, lengths: np.ndarray | float) -> np.ndarray:
         """The standard deviation, m, of measured lengths, m."""
@@ -45,9 +51,15 @@ class PlacingOptions:
         return max(MAX_LENGTH_SDS * float(self.spread(length)), self.min_gate_m)
 
 
-PLACING = PlacingOptions()
+ASSEMBLY = AssemblyOptions()
 MAX_LENGTH_SDS = 6.0  # that a side of a triangle may be off: no right one is
 MAX_PLACEMENTS = 10  # of a rigid body in a frame; by time
+NAMINGS_KEPT = 16  # namings of a frame that are followed; by time
+MAX_LINKS = 3  # earlier rigid bodies that one is compared with: three distances fix a place
+NAMED_NEAR = 8  # markers that a single marker is judged by, and
+INDEPENDENT_DISTANCES = 3.0  # distances that fix a point; more say partly the same
+SINGLES_ROUNDS = 2  # of naming single markers, each by those that were named before
+UNRIVALLED = 50.0  # log odds that a name without an alternative leads by
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +98,7 @@ class NearPairs:
     def of(cls, rigid_bodies: RigidBodies, distance: np.ndarray) -> "NearPairs":
         """Those of frames in which points are `distance` (F, P, P) m from each other."""
         longest = max(rigid_bodies.lengths(group).max() for group in rigid_bodies.members)
-        frame, one, two = np.nonzero(distance < longest + PLACING.gate(longest))
+        frame, one, two = np.nonzero(distance < longest + ASSEMBLY.gate(longest))
         return cls(frame, one, two, distance[frame, one, two])
 
 
@@ -108,7 +120,7 @@ def place(
     if not len(which):
         return Placements(np.full((len(points), 1, len(group)), NO_POINT), np.full((len(points), 1), -np.inf))
     frame, corners = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    whole = _completed(form, np.array(bases), which, points, frame, corners, PLACING.max_marker_m)
+    whole = _completed(form, np.array(bases), which, points, frame, corners, ASSEMBLY.max_marker_m)
     rows = _unique_rows(np.concatenate([frame[:, None], whole], axis=1))
     scores = _scores(lengths, distance, rows[:, 0], rows[:, 1:])
     return _best(len(points), rows, scores, MAX_PLACEMENTS)
@@ -126,10 +138,10 @@ def _triangles(
     """Frames (K,) and points (K, 3) of all triangles with the sides of the base."""
     first, second, third = base
     longest = lengths[first, second]
-    fitting = np.flatnonzero(np.abs(near.distance - longest) < PLACING.gate(longest))
+    fitting = np.flatnonzero(np.abs(near.distance - longest) < ASSEMBLY.gate(longest))
     frame, one, two = near.frame[fitting], near.one[fitting], near.two[fitting]
-    close = np.abs(distance[frame, one] - lengths[first, third]) < PLACING.gate(lengths[first, third])
-    close &= np.abs(distance[frame, two] - lengths[second, third]) < PLACING.gate(lengths[second, third])
+    close = np.abs(distance[frame, one] - lengths[first, third]) < ASSEMBLY.gate(lengths[first, third])
+    close &= np.abs(distance[frame, two] - lengths[second, third]) < ASSEMBLY.gate(lengths[second, third])
     row, three = np.nonzero(close)
     return frame[row], np.stack([one[row], two[row], three], axis=1)
 
@@ -173,11 +185,11 @@ def _scores(lengths, distance, frame, found) -> np.ndarray:
     known = found >= 0
     both = known[:, :, None] & known[:, None] & ~np.eye(len(lengths), dtype=bool)
     measured = distance[frame[:, None, None], np.maximum(found, 0)[:, :, None], np.maximum(found, 0)[:, None]]
-    off = np.where(both, ((np.where(both, measured, 0) - lengths) / PLACING.spread(lengths)) ** 2, 0)
+    off = np.where(both, ((np.where(both, measured, 0) - lengths) / ASSEMBLY.spread(lengths)) ** 2, 0)
     # Skin gives way now and then: far off costs little more than off.
     mean = 2 * np.log1p(off / 2).sum(axis=(1, 2)) / both.sum(axis=(1, 2))
     count = known.sum(axis=1)
-    return PLACING.point_gain * (count - 2) - 0.5 * (3 * count - 6) * mean
+    return ASSEMBLY.point_gain * (count - 2) - 0.5 * (3 * count - 6) * mean
 
 
 def _best(frames: int, rows: np.ndarray, scores: np.ndarray, count: int) -> Placements:
@@ -193,29 +205,6 @@ def _best(frames: int, rows: np.ndarray, scores: np.ndarray, count: int) -> Plac
     score = np.full((frames, width), -np.inf)
     points[rows[:, 0], rank], score[rows[:, 0], rank] = rows[:, 1:], scores
     return Placements(points, score)
-
-
-@dataclass(frozen=True)
-class AssemblyOptions:
-    """What distances between rigid bodies are worth in a frame, log likelihood.
-
-    breach_weight    of the mean breach between two rigid bodies; measured: of 133,000 labels on plates half loses none,
-                     twice 80
-    single_cost      log odds a single marker must have beside the number of points that it may be; measured: twice
-                     loses 1,411 of them, half none; without it 9 are wrong
-    """
-
-    breach_weight: float = 8.0
-    single_cost: float = 1.0
-
-
-ASSEMBLY = AssemblyOptions()
-NAMINGS_KEPT = 16  # namings of a frame that are followed; by time
-MAX_LINKS = 3  # earlier rigid bodies that one is compared with: three distances fix a place
-NAMED_NEAR = 8  # markers that a single marker is judged by, and
-INDEPENDENT_DISTANCES = 3.0  # distances that fix a point; more say partly the same
-SINGLES_ROUNDS = 2  # of naming single markers, each by those that were named before
-UNRIVALLED = 50.0  # log odds that a name without an alternative leads by
 
 
 def assemble(rigid_bodies: RigidBodies, points: np.ndarray) -> Solved:

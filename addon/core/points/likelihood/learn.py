@@ -24,21 +24,38 @@ from .shape import Shape, as_other_subjects, cloud_radius, learn_shape
 
 
 @dataclass(frozen=True)
-class TrialOptions:
-    """Where the points of trials lie.
+class LearnOptions:
+    """What is learned from, how a calibration is measured, and where the points of its trials lie.
 
-    around_radii     beyond the subject's own box where ghosts still appear; physical: 40 cm, a hand's reach
-    beside_sd_radii  standard deviation of where a marker of another set sits about one of this; physical: 20 cm
-    max_along        how far along the line through two markers others may sit, in parts of their distance; physical:
-                     sets have markers between theirs, and beyond the last of a limb
+    min_frames          to learn from; physical: a tenth of a second at 100 Hz, fewer show no motion
+    max_frames          memory and time: of each fold that are named
+    max_labels          memory and time: that are enough of them
+    max_hidden          part of the markers that is hidden in a trial; paper: 4 of 15 (partial solvers, table 3), and
+                        one more
+    max_mirrored_radii  that the mirrored mean may differ from the mean, where names mean sides; physical: 20 cm, half
+                        of what left and right are apart
+    around_radii        beyond the subject's own box where ghosts still appear; physical: 40 cm, a hand's reach
+    beside_sd_radii     standard deviation of where a marker of another set sits about one of this; physical: 20 cm
+    max_along           how far along the line through two markers others may sit, in parts of their distance; physical:
+                        sets have markers between theirs, and beyond the last of a limb
     """
 
+    min_frames: int = 10
+    max_frames: int = 1000
+    max_labels: int = 26000
+    max_hidden: float = 1 / 3
+    max_mirrored_radii: float = 0.25
     around_radii: float = 0.5
     beside_sd_radii: float = 0.25
     max_along: float = 1.5
 
 
-TRIAL = TrialOptions()
+LEARN = LearnOptions()
+FOLDS = 5  # that subjects or frames are split into
+MAX_GHOSTS = 3  # in a frame of a trial
+CROWD_EVERY = 4  # one frame in so many is tried with many more points too,
+CROWD_MARKERS, MAX_CROWD = 3, 80  # up to so many times as there are markers, and so many at most
+LEARNED_SHARE = 0.1  # of the time of a calibration, that is over when the trials begin
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +80,9 @@ def crowded(trial: Trial, labelled: np.ndarray, most: int, rng: np.random.Genera
     radius = cloud_radius(labelled)
     one, other = np.moveaxis(rng.integers(0, markers, (frames, most, 2)), 2, 0)
     rows = np.arange(frames)[:, None]
-    part = np.where(np.arange(most) % 2, rng.uniform(1 - TRIAL.max_along, TRIAL.max_along, (frames, most)), 0)
+    part = np.where(np.arange(most) % 2, rng.uniform(1 - LEARN.max_along, LEARN.max_along, (frames, most)), 0)
     extra = labelled[rows, one] + part[..., None] * (labelled[rows, other] - labelled[rows, one])
-    extra += TRIAL.beside_sd_radii * radius * rng.standard_normal(extra.shape)
+    extra += LEARN.beside_sd_radii * radius * rng.standard_normal(extra.shape)
     extra[np.arange(most) >= rng.integers(0, most + 1, (frames, 1))] = np.nan
     return Trial(
         np.concatenate([trial.points, extra], axis=1),
@@ -88,7 +105,7 @@ def make_trial(
     order = np.argsort(np.where(seen, rng.random((frames, markers)), 2), axis=1)
     kept = seen & (np.argsort(order, axis=1) >= gone)
     extra = rng.integers(ghosts[0], ghosts[1] + 1, (frames, 1))
-    room = TRIAL.around_radii * radius
+    room = LEARN.around_radii * radius
     low, high = np.nanmin(labelled, axis=1) - room, np.nanmax(labelled, axis=1) + room
     low[:, 2] = np.maximum(low[:, 2], min(0.0, np.nanmin(labelled[..., 2])))
     spread = low[:, None] + (high - low)[:, None] * rng.random((frames, ghosts[1], 3))
@@ -148,33 +165,6 @@ def tried(work: TrialWork) -> TrialOutcome:
 def in_turn(works: Sequence[TrialWork]) -> Iterator[TrialOutcome]:
     """The outcomes of trials, tried one after the other."""
     return map(tried, works)
-
-
-@dataclass(frozen=True)
-class LearnOptions:
-    """What is learned from, and how a calibration is measured.
-
-    min_frames   to learn from; physical: a tenth of a second at 100 Hz, fewer show no motion
-    max_frames   memory and time: of each fold that are named
-    max_labels   memory and time: that are enough of them
-    max_hidden   part of the markers that is hidden in a trial; paper: 4 of 15 (partial solvers, table 3), and one more
-    max_mirrored_radii  that the mirrored mean may differ from the mean, where names mean sides; physical: 20 cm, half
-                        of what left and right are apart
-    """
-
-    min_frames: int = 10
-    max_frames: int = 1000
-    max_labels: int = 26000
-    max_hidden: float = 1 / 3
-    max_mirrored_radii: float = 0.25
-
-
-LEARN = LearnOptions()
-FOLDS = 5  # that subjects or frames are split into
-MAX_GHOSTS = 3  # in a frame of a trial
-CROWD_EVERY = 4  # one frame in so many is tried with many more points too,
-CROWD_MARKERS, MAX_CROWD = 3, 80  # up to so many times as there are markers, and so many at most
-LEARNED_SHARE = 0.1  # of the time of a calibration, that is over when the trials begin
 
 
 def learn_likelihood(takes: Sequence[tuple[np.ndarray, str]], markers: Sequence[str]) -> Likelihood:

@@ -41,16 +41,26 @@ from .starts import Guesses
 
 
 @dataclass(frozen=True)
-class AlternativeOptions:
-    """Which neighbouring namings are tried.
+class SolvingOptions:
+    """How far guesses are followed, by log likelihood, and which neighbouring namings are tried.
 
-    max_distance_radii  of a point from where a marker is expected, to be tried there; physical: 65 cm, an arm's reach
+    max_behind_guess     a frame's best, from which a guess is followed no further; measured: half or twice names people
+                         of other labs, and crowds, alike
+    max_behind_named     the same once it has been named again; measured: half loses 1 to 2 % there, twice nothing
+    max_behind_exchange  the same for a frame's best with a limb exchanged; measured: half or twice names them alike
+    max_distance_radii   of a point from where a marker is expected, to be tried there; physical: 65 cm, an arm's reach
     """
 
+    max_behind_guess: float = 60.0
+    max_behind_named: float = 25.0
+    max_behind_exchange: float = 12.0
     max_distance_radii: float = 0.8
 
 
-ALTERNATIVES = AlternativeOptions()
+SOLVING = SolvingOptions()
+MIN_GAIN = 0.05  # log likelihood that is worth another round
+RENAMING_ROUNDS = 2  # of naming again by everyone's conditional odds
+MAX_CLIMBS = 6  # moves and swaps that may follow each other
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +79,7 @@ class Alternatives:
 
 def alternatives(model: Latent, constraints: DistanceConstraints, settled: Settled) -> Alternatives:
     """All neighbours of settled namings."""
-    reach = ALTERNATIVES.max_distance_radii * model.radius
+    reach = SOLVING.max_distance_radii * model.radius
     return Alternatives(*neighbours(model, constraints, settled, reach))
 
 
@@ -171,27 +181,6 @@ def best_neighbour(naming: np.ndarray, move: np.ndarray, swap: np.ndarray) -> tu
     changed[rows, second] = naming[rows, first]
     changed[rows, first] = np.where(swapped, naming[rows, second], NO_POINT)
     return changed, gain
-
-
-@dataclass(frozen=True)
-class SolvingOptions:
-    """How far guesses are followed, by log likelihood.
-
-    max_behind_guess     a frame's best, from which a guess is followed no further; measured: half or twice names people
-                         of other labs, and crowds, alike
-    max_behind_named     the same once it has been named again; measured: half loses 1 to 2 % there, twice nothing
-    max_behind_exchange  the same for a frame's best with a limb exchanged; measured: half or twice names them alike
-    """
-
-    max_behind_guess: float = 60.0
-    max_behind_named: float = 25.0
-    max_behind_exchange: float = 12.0
-
-
-SOLVING = SolvingOptions()
-MIN_GAIN = 0.05  # log likelihood that is worth another round
-RENAMING_ROUNDS = 2  # of naming again by everyone's conditional odds
-MAX_CLIMBS = 6  # moves and swaps that may follow each other
 
 
 @dataclass(frozen=True, eq=False)

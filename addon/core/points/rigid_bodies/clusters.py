@@ -21,23 +21,40 @@ from .structure import INDEPENDENT, JOINT, MAX_COST, STRUCTURE, Structure, find_
 
 
 @dataclass(frozen=True)
-class ClusteringOptions:
-    """What tracklets must do to be taken for one rigid thing.
+class ClusterMatchOptions:
+    """What tracklets do that are one rigid thing, and what is worth, log likelihood, that it is a rigid body.
 
     max_size_m       the widest that a rigid body is; physical: a pelvis or a chest
     max_off_m        physical: a marker's width, which a tracklet may be off its place in the cluster, root mean square;
                      half of it in its distances from others, to go on as the marker of an earlier one
+    missing_cost     of a rigid body that the take does not show as a cluster; measured on the raw take S09_KneeltoRun02
+    odd_marker_cost  what a marker more or fewer costs; measured on it
+    joint_gain       what a joint is worth where it is as in training; measured on it
+    arm_sd_m         of a joint's place; physical: plates are put on by hand
+    miss_ratio       how far a joint may be off, times the model's; measured on it
+    miss_sd_m        how sharply that ends; physical: flesh over a joint
     """
 
     max_size_m: float = 0.4
     max_off_m: float = 0.01
+    missing_cost: float = 9.0
+    odd_marker_cost: float = 0.7
+    joint_gain: float = 2.0
+    arm_sd_m: float = 0.04
+    miss_ratio: float = 1.5
+    miss_sd_m: float = 0.01
 
 
-CLUSTERING = ClusteringOptions()
+CLUSTER_MATCH = ClusterMatchOptions()
 CLUSTERING_FRAMES = 500  # that a take is looked at in; more show the same
 MIN_TRACKLET_S = 0.1  # of a tracklet that is looked at
 LAYING_ROUNDS = 6  # of laying a cluster on its mean form; it is still before
 MAX_SHARED = 0.05  # part of its frames that a tracklet may share with another of the same marker
+NO_CLUSTER = -1
+ASSIGNMENTS_KEPT = 2000  # assignments that are followed; by time
+MAX_CLUSTERS = 40  # that are looked at, those that are seen longest; by memory
+MAX_MARKERS = 12  # of a cluster that is looked at; by time
+PERCENTILES = (2, 14, 26, 38, 50, 62, 74, 86, 98)  # of a distance over the take that are compared with its range
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +135,7 @@ def _deviations(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
         distance = np.where(known, np.sqrt(x * x + y * y + z * z), 0)
         mean = distance.sum(axis=0) / frames
         varies = np.where(known, np.abs(distance - mean), 0).sum(axis=0) / frames
-        spread[one, others] = np.where(mean > CLUSTERING.max_size_m, 1.0, varies)
+        spread[one, others] = np.where(mean > CLUSTER_MATCH.max_size_m, 1.0, varies)
         weight[one, others], usual[one, others] = frames, mean
     np.fill_diagonal(weight, 0)
     return spread, weight, usual
@@ -133,7 +150,7 @@ def _strung(points: np.ndarray, distance: np.ndarray) -> list[list[int]]:
     frames = there.sum(axis=0)
     strings: list[list[int]] = []
     for index in np.argsort(-frames, kind="stable"):
-        best, nearest = None, CLUSTERING.max_off_m / 2
+        best, nearest = None, CLUSTER_MATCH.max_off_m / 2
         for one in strings:
             off = np.abs(distance[one] - distance[index])
             off = off[:, np.isfinite(off).any(axis=0)]
@@ -170,43 +187,13 @@ def _laid(seen: Sampled, own: np.ndarray, distance: np.ndarray) -> Cluster | Non
         count = np.maximum(known.sum(axis=0), 1)
         mean = np.where(known[..., None], local, 0).sum(axis=0) / count[:, None]
         off = np.sqrt((np.where(known[..., None], local - mean, 0) ** 2).sum(axis=(0, 2)) / count)
-        form = np.where((known.any(axis=0) & (off < CLUSTERING.max_off_m))[:, None], mean, np.nan)
+        form = np.where((known.any(axis=0) & (off < CLUSTER_MATCH.max_off_m))[:, None], mean, np.nan)
         if np.isfinite(form[:, 0]).sum() < MIN_POINTS:
             return None
     fine = np.flatnonzero(np.isfinite(form[:, 0]))
     centre = form[fine].mean(axis=0)
     tracklets = tuple(tuple(int(seen.number[own[one]]) for one in strings[index]) for index in fine)
     return Cluster(form[fine] - centre, tracklets, turn, place + turn @ centre)
-
-
-NO_CLUSTER = -1
-
-
-@dataclass(frozen=True)
-class ClusterMatchOptions:
-    """What the evidence is worth that a cluster is a rigid body, log likelihood.
-
-    missing_cost     of a rigid body that the take does not show as a cluster; measured on the raw take S09_KneeltoRun02
-    odd_marker_cost  what a marker more or fewer costs; measured on it
-    joint_gain       what a joint is worth where it is as in training; measured on it
-    arm_sd_m         of a joint's place; physical: plates are put on by hand
-    miss_ratio       how far a joint may be off, times the model's; measured on it
-    miss_sd_m        how sharply that ends; physical: flesh over a joint
-    """
-
-    missing_cost: float = 9.0
-    odd_marker_cost: float = 0.7
-    joint_gain: float = 2.0
-    arm_sd_m: float = 0.04
-    miss_ratio: float = 1.5
-    miss_sd_m: float = 0.01
-
-
-CLUSTER_MATCH = ClusterMatchOptions()
-ASSIGNMENTS_KEPT = 2000  # assignments that are followed; by time
-MAX_CLUSTERS = 40  # that are looked at, those that are seen longest; by memory
-MAX_MARKERS = 12  # of a cluster that is looked at; by time
-PERCENTILES = (2, 14, 26, 38, 50, 62, 74, 86, 98)  # of a distance over the take that are compared with its range
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,14 +331,14 @@ def _from_volumes(structure: Structure, likeness: _Likeness, states, rigid_body:
         corners = list(others[first].T[..., None])
         corners.insert(quad.index(rigid_body), np.arange(clusters)[None])
         volume = likeness.volumes[tuple(corners)]
-        odds = mirror_odds(volume, structure.volume[row], structure.volume_sd[row], MAX_COST)
+        odds = mirror_odds(volume, structure.volume[row], structure.volume_sd[row])
         total += np.where(volume != 0, odds, 0)[same]
         known += (volume != 0)[same]
     return total * INDEPENDENT / np.maximum(known, INDEPENDENT)
 
 
-def mirror_odds(volume: np.ndarray, mean: np.ndarray, spread: np.ndarray, max_cost: float) -> np.ndarray:
-    """Log likelihood of a signed volume, beside that of either it or its mirror image, each of `max_cost` at most."""
-    right = -np.minimum(0.5 * ((volume - mean) / spread) ** 2, max_cost)
-    wrong = -np.minimum(0.5 * ((volume + mean) / spread) ** 2, max_cost)
+def mirror_odds(volume: np.ndarray, mean: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """Log likelihood of a signed volume, beside that of either it or its mirror image, each of MAX_COST at most."""
+    right = -np.minimum(0.5 * ((volume - mean) / spread) ** 2, MAX_COST)
+    wrong = -np.minimum(0.5 * ((volume + mean) / spread) ** 2, MAX_COST)
     return right - np.logaddexp(right, wrong) + np.log(2)

@@ -31,21 +31,27 @@ from .structure import (
 
 @dataclass(frozen=True)
 class MarkerMatchOptions:
-    """What the evidence is worth that a point is a marker of its rigid body, log likelihood.
+    """What is worth that a point is a marker of its rigid body, log likelihood, and a tracklet one on none, log odds.
 
-    distance_sd_m   that subjects differ by in how much farther one marker is than its rigid body; physical: plates are
-                    put on by hand
-    swing_rad       that a rigid body may be turned further than in training, in the mean over a take; physical: 23°
-    missing_cost    what a marker of the rigid body costs that no point is; measured on the raw take S09_KneeltoRun02
+    distance_sd_m  that subjects differ by in how much farther one marker is than its rigid body; physical: plates are
+                   put on by hand
+    swing_rad      that a rigid body may be turned further than in training, in the mean over a take; physical: 23°
+    missing_cost   what a marker of the rigid body costs that no point is; measured on the raw take S09_KneeltoRun02
+    min_lead       that it must lead by, over other tracklets at the same time and over other markers; measured on the
+                   raw take S09_KneeltoRun02
+    room_m         over which a point that is no marker may be anywhere; physical: about a limb
     """
 
     distance_sd_m: float = 0.015
     swing_rad: float = 0.4
     missing_cost: float = 6.0
+    min_lead: float = 2.0
+    room_m: float = 0.5
 
 
 MARKER_MATCH = MarkerMatchOptions()
 INDEPENDENT_SIDES = 2 * INDEPENDENT  # volumes that are all the evidence of which side is which
+JUDGES = 8  # named markers that a tracklet is judged by
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,18 +144,18 @@ def _away_fit(
     away = np.nanmean(distance[:, :, seen], axis=0)
     swing = MARKER_MATCH.swing_rad * np.linalg.norm(inner.form, axis=1, keepdims=True)
     spread = np.sqrt(inner.away_sd[:, seen] ** 2 + MARKER_MATCH.distance_sd_m**2 + swing**2)
-    cost = _costs(away, inner.away[:, seen], spread, tried, MAX_COST).sum(axis=1)
+    cost = _costs(away, inner.away[:, seen], spread, tried).sum(axis=1)
     return -cost * INDEPENDENT / max(int(seen.sum()), INDEPENDENT)
 
 
-def _costs(found: np.ndarray, wanted: np.ndarray, spread: np.ndarray, tried: np.ndarray, max_cost: float) -> np.ndarray:
+def _costs(found: np.ndarray, wanted: np.ndarray, spread: np.ndarray, tried: np.ndarray) -> np.ndarray:
     """(W, L) how ill distances (points, L) fit those that markers should have (markers, L), but for their means."""
     there = (tried >= 0)[..., None]
     count = np.maximum(there.sum(axis=1, keepdims=True), 1)
     found, wanted = found[tried], np.broadcast_to(wanted, (len(tried), *wanted.shape))
     found = found - np.where(there, found, 0).sum(axis=1, keepdims=True) / count
     wanted = wanted - np.where(there, wanted, 0).sum(axis=1, keepdims=True) / count
-    return np.where(there, np.minimum(0.5 * ((found - wanted) / spread) ** 2, max_cost), 0).sum(axis=1)
+    return np.where(there, np.minimum(0.5 * ((found - wanted) / spread) ** 2, MAX_COST), 0).sum(axis=1)
 
 
 def _joint_fit(form, points, wanted, found, tried: np.ndarray) -> np.ndarray:
@@ -158,7 +164,7 @@ def _joint_fit(form, points, wanted, found, tried: np.ndarray) -> np.ndarray:
     No pose changes that.
     """
     away, usual = (farther(markers[None], joints[None])[0] for markers, joints in ((points, found), (form, wanted)))
-    return -_costs(away, usual, np.array(MARKER_MATCH.distance_sd_m), tried, MAX_COST).sum(axis=1)
+    return -_costs(away, usual, np.array(MARKER_MATCH.distance_sd_m), tried).sum(axis=1)
 
 
 def _side_fit(
@@ -173,7 +179,7 @@ def _side_fit(
         found = volume[(*np.maximum(corners, 0).T, other)]
         there = (corners >= 0).all(axis=1) & np.isfinite(found)
         usual = inner.side[row, other], inner.side_sd[row, other]
-        score += np.where(there, mirror_odds(np.nan_to_num(found), *usual, MAX_COST), 0)
+        score += np.where(there, mirror_odds(np.nan_to_num(found), *usual), 0)
         asked += there
     return score * INDEPENDENT_SIDES / np.maximum(asked, INDEPENDENT_SIDES)
 
@@ -190,23 +196,6 @@ def _all_volumes(points: np.ndarray, middles: np.ndarray) -> np.ndarray:
         sign = np.linalg.det(np.eye(3)[list(order)])
         table[tuple(chosen[:, order].T)] = sign * volume
     return table
-
-
-@dataclass(frozen=True)
-class SingleMarkerOptions:
-    """When a tracklet is a marker on no rigid body, in log odds.
-
-    min_lead       that it must lead by, over other tracklets at the same time and over other markers; measured on the
-                   raw take S09_KneeltoRun02
-    room_m         over which a point that is no marker may be anywhere; physical: about a limb
-    """
-
-    min_lead: float = 2.0
-    room_m: float = 0.5
-
-
-SINGLE_MARKER = SingleMarkerOptions()
-JUDGES = 8  # named markers that a tracklet is judged by
 
 
 def find_single_markers(
@@ -230,7 +219,7 @@ def find_single_markers(
         leader = int(row.argmax())
         others = together[tracklet] & (np.arange(len(marker)) != tracklet)
         alternatives = np.concatenate([np.delete(row, leader), odds[leader, others]])
-        if row[leader] > 0 and row[leader] - alternatives.max(initial=-np.inf) >= SINGLE_MARKER.min_lead:
+        if row[leader] > 0 and row[leader] - alternatives.max(initial=-np.inf) >= MARKER_MATCH.min_lead:
             marker[tracklet] = leader
     return marker
 
@@ -244,7 +233,7 @@ def _single_odds(rigid_bodies: RigidBodies, named: np.ndarray, missing: np.ndarr
     width = rigid_bodies.high - rigid_bodies.low + 2 * rigid_bodies.slack
     place = np.argsort(width[np.ix_(missing, known)], axis=1)[:, :JUDGES]
     near = missing[:, None], known[place]
-    gain = np.log(np.maximum(SINGLE_MARKER.room_m / width[near], 1))
+    gain = np.log(np.maximum(MARKER_MATCH.room_m / width[near], 1))
     for tracklet in range(points.shape[1]):
         frames = np.isfinite(points[:, tracklet, 0])
         every = np.linalg.norm(named[np.ix_(frames, known)] - points[frames, tracklet, None], axis=-1)

@@ -19,7 +19,7 @@ from ...data.physical import SIGMAS
 from ...data.takes import NO_MARKER, Labels, evenly_spread
 from ..models import Model
 from ..whole_take.likeness import likeness
-from ..whole_take.pairs import in_take, trained_pairs, widened
+from ..whole_take.pairs import in_take, moments, trained_pairs, widened
 from ..whole_take.solving import ROUNDS, Solution
 from ..whole_take.tracklets import Tracklets, seen_in, tracklets_of
 from .bodies import Crowd, NamedBody
@@ -28,20 +28,25 @@ from .parting import NO_BODY, usual_count
 
 @dataclass(frozen=True)
 class IdentificationOptions:
-    """How the distances of one person differ.
+    """How the distances of one person differ, and how tracklets are shared out.
 
     lead        physical: log odds, 19 of 20 such are right, by which who is who must be ahead of any other way, and one
                 of two who want a tracklet of the other
     put_on_m    by which a distance of the same person differs from take to take; physical: markers are put on again
     bend        part of a distance by which it differs in other motions; physical: skin moves over a bent joint
+    fitting     measured: log odds, at best, that a tracklet is a marker which the body lacks at the time, for it to be
+                offered: what comes before and after may be stronger evidence; to offer all names two who touch alike,
+                in twice the time
     """
 
     lead: float = 3.0
     put_on_m: float = 0.008
     bend: float = 0.02
+    fitting: float = -4.0
 
 
 IDENTIFICATION = IdentificationOptions()
+ROUNDS_OF_SHARING = 3  # of solving those again that lost some; by time
 FRAMES_COMPARED = 300  # that are looked at, of all with two markers of somebody
 MIN_MET = 10  # frames in which two markers must be there for their distance to say anything
 MAX_OVERLAP = 0.1  # part of the shorter of two presences that may be one's: bodies are parted some frames off
@@ -66,14 +71,14 @@ class PersonBuild:
         sure = np.where(one.solution.margin > 0, one.solution.marker, -1)
         placed = one.solution.tracklets.placed(one.frames.take.xyz, sure, size)
         there = np.flatnonzero(np.isfinite(np.asarray(placed[:])).all(axis=2).any(axis=1))
-        return cls.shown(one.model, placed[there[evenly_spread(len(there), FRAMES_COMPARED)]].astype(float))
+        return cls.shown(one.model, placed[there[evenly_spread(len(there), FRAMES_COMPARED)]])
 
     @classmethod
     def shown(cls, model: Model, placed: np.ndarray) -> Self:
         """That of whose markers are placed (F, M, 3) m in some frames, NaN where one is not."""
-        mean, spread, count = distances_in(placed)
-        known = count >= MIN_MET
-        return cls(model.markerset.markers, np.where(known, mean, np.nan), np.where(known, spread, np.nan))
+        shown = moments(placed)
+        mean, variance = (np.where(shown.count >= MIN_MET, one, np.nan) for one in (shown.mean, shown.variance))
+        return cls(model.markerset.markers, mean, variance)
 
     @classmethod
     def trained(cls, model: Model) -> Self:
@@ -103,16 +108,6 @@ def costs_of(named: list, models: tuple[Model, ...]) -> list[float]:
     builds, trained = [PersonBuild.of(one) for one in named], [PersonBuild.trained(model) for model in models]
     varies = IDENTIFICATION.put_on_m
     return [min((build.cost(other, varies) for build in builds), default=np.inf) for other in trained]
-
-
-def distances_in(markers: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of every two of M markers in frames (F, M, 3) m: mean distance m, its variance m², and in how many (M, M)."""
-    distance = np.linalg.norm(markers[:, :, None] - markers[:, None], axis=3)
-    seen = np.isfinite(distance)
-    count = seen.sum(axis=0)
-    mean = np.where(seen, distance, 0).sum(axis=0) / np.maximum(count, 1)
-    spread = np.where(seen, (distance - mean) ** 2, 0).sum(axis=0) / np.maximum(count, 1)
-    return mean, spread, count
 
 
 def likeliest(ways: Sequence[tuple[int, ...]], cost: np.ndarray) -> tuple[tuple[int, ...], float]:
@@ -174,22 +169,6 @@ class UnidentifiedPresence:
         return 2 * (~labels.named & own).sum() > own.sum()
 
 
-@dataclass(frozen=True)
-class SharingOptions:
-    """How tracklets are shared out.
-
-    fitting  measured: log odds, at best, that a tracklet is a marker which the body lacks at the time, for it to be
-             offered: what comes before and after may be stronger evidence; to offer all names two who touch alike, in
-             twice the time
-    """
-
-    fitting: float = -4.0
-
-
-SHARING = SharingOptions()
-ROUNDS_OF_SHARING = 3  # of solving those again that lost some; by time
-
-
 def share(crowd: Crowd, people: Sequence[NamedBody], may: np.ndarray) -> Generator[float, None, np.ndarray]:
     """Solves those again, in place, who may have tracklets (N, K) that nobody named, or lose some to another.
 
@@ -238,7 +217,7 @@ def _could_be(crowd: Crowd, one: NamedBody, some: np.ndarray) -> np.ndarray:
     odds = likeness(tracklets, placed, nobody, in_take(wide, placed), crowd.take.rate)
     free = _free(tracklets, seen_in(placed))
     found = np.zeros(len(some), bool)
-    found[np.unique(own[own >= 0])] = np.where(free, odds, -np.inf).max(axis=1) >= SHARING.fitting
+    found[np.unique(own[own >= 0])] = np.where(free, odds, -np.inf).max(axis=1) >= IDENTIFICATION.fitting
     return found
 
 

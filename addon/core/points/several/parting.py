@@ -22,23 +22,47 @@ from .wearers import MAX_SUBJECTS
 
 
 @dataclass(frozen=True)
-class CountingOptions:
-    """What a body shows of itself.
+class PartingPeopleOptions:
+    """What a body shows of itself, how bodies are told apart by where they are, and tracklets parted into bodies.
 
-    firm        part of the usual affinity of a tracklet to others, below which it is a ghost; measured: half or twice
-                names eight meetings alike
-    often       part of the frames in which so many are apart; measured: as firm
-    whole       part of a set's markers that a body shows at most times; physical: whoever is parted in two has half of
-                them at most on one side
+    firm       part of the usual affinity of a tracklet to others, below which it is a ghost; measured: half or twice
+               names eight meetings alike
+    often      part of the frames in which so many are apart; measured: as firm
+    whole      part of a set's markers that a body shows at most times; physical: whoever is parted in two has half of
+               them at most on one side
+    outer      measured: part of the points that are not farther out than where another body is looked for, as ghosts
+               are; 0.8 and 0.97 part 20 kinds of meetings worse, by 0.3 and 0.1 % of the points
+    apart_m    between the middles of bodies that are followed by their places; physical: nearer, shoulders touch
+    missed     measured: frames in a row without somebody, after which nobody is followed any more; where they are
+               followed on, 1 % more of the points of meetings are on the wrong body
+    gone_over  measured: part of the tracklets that were one body's, beyond which nobody is followed any more where they
+               are another's, on `lying` of tests/accuracy/actors.py: who lies has feet where somebody else may stand
+    clear      measured: times the affinity to any other body that a tracklet's affinity to one must be, to be that
+               one's alone; in 20 kinds of meetings 1.3 has a tenth more points on the wrong body alone, 2.2 twice as
+               many on several
+    on_body    part of a tracklet's strongest affinity, below which it is not on a body; measured of 0.3 to 0.8 on
+               `returning` and `returning-acting` of tests/accuracy/actors.py
     """
 
     firm: float = 0.2
     often: float = 0.05
     whole: float = 0.55
+    outer: float = 0.9
+    apart_m: float = 0.4
+    missed: int = 4
+    gone_over: float = 0.03
+    clear: float = 1.6
+    on_body: float = 0.5
 
 
-COUNTING = CountingOptions()
+PARTING_PEOPLE = PartingPeopleOptions()
+NO_BODY = -1
 FRAMES_COUNTED = 80  # that are looked at
+PLACES_TRIED = 60  # frames in which bodies are looked for first, spread over the take; by time
+GROUPING_ROUNDS = 20  # in which such a frame's points find their bodies; it is still before
+POINTS_OF_BODY = 4  # of a body in a frame
+GIVEN_TOGETHER = 0.5  # part of the clearest lead from which on tracklets are given to bodies together; by time
+MAX_PRESENCES = 24  # of all together; by time
 
 
 def count_bodies(points: Table, tracklet: np.ndarray, affinity: Affinity, markers: int) -> tuple[int, int]:
@@ -54,8 +78,8 @@ def count_bodies(points: Table, tracklet: np.ndarray, affinity: Affinity, marker
         present.append(len(own))
         sizes.append(len(far_groups(own, REFUSAL.gap_m, markers / 2)))
     groups = np.sort(sizes)[::-1]
-    apart = int(groups[int(COUNTING.often * len(groups))])
-    most = round(float(np.quantile(present, 1 - COUNTING.often)) / markers)
+    apart = int(groups[int(PARTING_PEOPLE.often * len(groups))])
+    most = round(float(np.quantile(present, 1 - PARTING_PEOPLE.often)) / markers)
     return apart, min(max(most, 1), MAX_SUBJECTS)
 
 
@@ -63,46 +87,18 @@ def firm_tracklets(affinity: Affinity) -> np.ndarray:
     """(N,) True for the tracklets whose affinity to others is that of markers on a body."""
     strength = affinity.best()
     usual = np.median(strength[strength > 0]) if (strength > 0).any() else 0.0
-    return strength >= COUNTING.firm * usual
+    return strength >= PARTING_PEOPLE.firm * usual
 
 
 def is_whole(there: np.ndarray, markers: int) -> bool:
     """Whether a body is one, and no half, of a set of so many markers, by the points (T, L) of it that are there."""
-    return usual_count(there.sum(axis=1)) >= COUNTING.whole * markers
+    return usual_count(there.sum(axis=1)) >= PARTING_PEOPLE.whole * markers
 
 
 def usual_count(counts: np.ndarray) -> float:
     """How many there are where most are there: the upper quartile of counts (T,), but for those of 0."""
     counts = counts[counts > 0]
     return float(np.quantile(counts, 0.75)) if len(counts) else 0.0
-
-
-NO_BODY = -1
-
-
-@dataclass(frozen=True)
-class PlacesOptions:
-    """How bodies are told apart by where they are.
-
-    outer      measured: part of the points that are not farther out than where another body is looked for, as ghosts
-               are; 0.8 and 0.97 part 20 kinds of meetings worse, by 0.3 and 0.1 % of the points
-    apart_m    between the middles of bodies that are followed by their places; physical: nearer, shoulders touch
-    missed     measured: frames in a row without somebody, after which nobody is followed any more; where they are
-               followed on, 1 % more of the points of meetings are on the wrong body
-    gone_over  measured: part of the tracklets that were one body's, beyond which nobody is followed any more where they
-               are another's, on `lying` of tests/accuracy/actors.py: who lies has feet where somebody else may stand
-    """
-
-    outer: float = 0.9
-    apart_m: float = 0.4
-    missed: int = 4
-    gone_over: float = 0.03
-
-
-BY_PLACE = PlacesOptions()
-PLACES_TRIED = 60  # frames in which bodies are looked for first, spread over the take; by time
-GROUPING_ROUNDS = 20  # in which such a frame's points find their bodies; it is still before
-POINTS_OF_BODY = 4  # of a body in a frame
 
 
 def bodies_by_place(points: Table, tracklet: np.ndarray, frames: np.ndarray, every: int, count: int) -> np.ndarray:
@@ -151,20 +147,20 @@ def _follow(
         group = _away(flat, centres).argmin(axis=1)
         if (np.bincount(group, minlength=count) < fewest).any():
             missed += 1
-            if missed > BY_PLACE.missed:
+            if missed > PARTING_PEOPLE.missed:
                 return
             continue
         missed, centres = 0, _middles(flat, group, count)
         between = _away(centres, centres)
         np.fill_diagonal(between, np.inf)
-        if between.min() < BY_PLACE.apart_m:
+        if between.min() < PARTING_PEOPLE.apart_m:
             return
         # Nearer to the own body's middle than half-way to the next.
         sure = _leads(_away(flat, centres), group) >= between.min(axis=1)[group] / 2
         own, group = tracklet[frame, own][sure], group[sure]
         known = votes[own].any(axis=1)
         gone_over = known & (votes[own].argmax(axis=1) != group)
-        if gone_over.sum() > BY_PLACE.gone_over * known.sum():
+        if gone_over.sum() > PARTING_PEOPLE.gone_over * known.sum():
             return
         votes[own, group] += 1
 
@@ -173,7 +169,7 @@ def grouped(points: Table, count: int) -> tuple[np.ndarray | None, float]:
     """Points (P, 3) m in `count` groups on the floor (P,), and how far these are from each other, for their widths."""
     if len(points) < 2 * count:
         return None, 0.0
-    flat, options = points[:, :2], BY_PLACE
+    flat, options = points[:, :2], PARTING_PEOPLE
     far = int(options.outer * len(flat))
     centres = _middle(flat)[None]
     for place in range(count):
@@ -214,26 +210,6 @@ def _away(flat: np.ndarray, centres: np.ndarray) -> np.ndarray:
     """(P, K) how far points (P, 2) are from centres (K, 2)."""
     off = flat[:, None] - centres
     return np.sqrt(off[..., 0] ** 2 + off[..., 1] ** 2)
-
-
-@dataclass(frozen=True)
-class PartingPeopleOptions:
-    """How tracklets are parted into bodies.
-
-    clear    measured: times the affinity to any other body that a tracklet's affinity to one must be, to be that one's
-             alone; in 20 kinds of meetings 1.3 has a tenth more points on the wrong body alone, 2.2 twice as many on
-             several
-    on_body  part of a tracklet's strongest affinity, below which it is not on a body; measured of 0.3 to 0.8 on
-             `returning` and `returning-acting` of tests/accuracy/actors.py
-    """
-
-    clear: float = 1.6
-    on_body: float = 0.5
-
-
-PARTING_PEOPLE = PartingPeopleOptions()
-GIVEN_TOGETHER = 0.5  # part of the clearest lead from which on tracklets are given to bodies together; by time
-MAX_PRESENCES = 24  # of all together; by time
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,11 +273,11 @@ def _coming(
     """
     alone = left[tracklet[affinity.frames]].sum(axis=1)
     frame, most = affinity.frames[alone.argmax()], alone.max()
-    if most < COUNTING.whole * markers:
+    if most < PARTING_PEOPLE.whole * markers:
         return []
     people = max(round(most / markers), 1)
     if people > 1:
-        full = affinity.frames[alone >= COUNTING.whole * people * markers]
+        full = affinity.frames[alone >= PARTING_PEOPLE.whole * people * markers]
         best = -np.inf
         for at in full[evenly_spread(len(full), PLACES_TRIED)].tolist():
             own = np.flatnonzero(left[tracklet[at]])
@@ -309,9 +285,9 @@ def _coming(
             if group is not None and apart > best:
                 best, found = apart, [tracklet[at, own[group == one]] for one in range(people)]
         if best > -np.inf:
-            return [some for some in found if len(some) >= COUNTING.whole * markers]
+            return [some for some in found if len(some) >= PARTING_PEOPLE.whole * markers]
     own = np.flatnonzero(left[tracklet[frame]])
-    groups = far_groups(points[frame, own], REFUSAL.gap_m, COUNTING.whole * markers)
+    groups = far_groups(points[frame, own], REFUSAL.gap_m, PARTING_PEOPLE.whole * markers)
     return [tracklet[frame, own[group]] for group in groups]
 
 

@@ -72,25 +72,25 @@ def label_several(
         yield Progress(0.0, "look how many there are")
         crowd = Crowd(take, cut(take.xyz, take.rate, lanes=take.lanes), options)
         found = yield from everybody(crowd, asked)
-        verdict, edited = found.verdict, None
+        verdict, unedited, applied = found.verdict, None, None
         refuse_unknown(written or options.edits, found.worn.asked.by_name)
         if options.edits:
             work = with_edits(crowd, found, options.edits)
-            edited = yield from within(work, 0.9, 0.92, "solve the take again with the edits")
-            verdict = edited.verdict
+            words = "solve the take again with the edits"
+            unedited, applied, verdict = yield from within(work, 0.9, 0.92, words)
         labels, worn = verdict.labels, found.worn
         suspects = verdict.suspects + _questions(crowd, found, labels)
         del crowd, found  # a long take's are large
         seconds = {"label": perf_counter() - begin}
         yield Progress(0.92, "pose the bodies")
-        bodies, places = worn.finer if options.finer else worn, edited.applied.places if edited else {}
+        bodies, places = worn.finer if options.finer else worn, applied.places if applied else {}
         motion = motion_of_all(take, labels, bodies, options, places)
         seconds["fit"] = perf_counter() - begin - seconds["label"]
         own = set(worn.asked.markers)
         doubts = tuple(one for one in motion.suspects(worn.markers, take.rate) if own.issuperset(one.markers))
         suspects = unanswered(as_in_file(suspects + doubts, take), options.edits, worn.by_name)
         suspects = without_accepted(summarised(suspects, take.rate), options.edits)
-        unedited, outcomes = (edited.unedited, edited.applied.outcomes) if edited else (None, ())
+        outcomes = applied.outcomes if applied else ()
         return LabelledSubjects(labels, motion, suspects, seconds, unedited, outcomes, doubts, worn)
 
 

@@ -210,17 +210,11 @@ def motion_of_all(
     return SubjectsMotion.of(parts)
 
 
-@dataclass(frozen=True, eq=False)
-class EditedSubjects:
-    """A take of several with its edits: the labels (T, L) of which these give those in the end, and what they say."""
+def with_edits(crowd: Crowd, found: Everybody, edits: Edits) -> Steps[tuple[Labels, AppliedEdits, Verdict]]:
+    """Everybody solved again with what the edits say, as of a take of one.
 
-    unedited: Labels
-    applied: AppliedEdits
-    verdict: Verdict
-
-
-def with_edits(crowd: Crowd, found: Everybody, edits: Edits) -> Steps[EditedSubjects]:
-    """Everybody solved again with what the edits say."""
+    The labels (T, L) of which the edits give those in the end, what the edits say, and the verdict with them.
+    """
     cells = cells_of_take(crowd.take, found.worn.by_name, len(found.worn))
     before = found.verdict.labels
     first = apply_edits(before, edits, cells)
@@ -236,7 +230,7 @@ def with_edits(crowd: Crowd, found: Everybody, edits: Edits) -> Steps[EditedSubj
     again = joined(found.worn, verdicts)
     unedited = first.edited.below(before, again.labels)
     applied = replace(apply_edits(unedited, edits, cells), outcomes=first.outcomes)
-    return EditedSubjects(unedited, applied, Verdict(applied.labels, again.suspects))
+    return unedited, applied, Verdict(applied.labels, again.suspects)
 
 
 def _corrected(crowd: Crowd, one: NamedBody, edited: Edited, before: Labels, may: np.ndarray) -> Steps[Verdict]:

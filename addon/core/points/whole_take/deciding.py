@@ -75,7 +75,7 @@ class Votes:
                 suspects += gone_over_between(found.marker[border], tracklet[border], first + first_frame, names)
         return replace(found, suspects=tuple(sorted(suspects, key=lambda suspect: suspect.first)))
 
-    def parts(self) -> Iterator[tuple[slice, np.ndarray]]:
+    def how_sure(self) -> Iterator[tuple[slice, np.ndarray]]:
         """Some frames at a time, and how sure their votes are (F, L)."""
         for frames, values, which in self.windows:
             for own in blocks(*which.shape):
@@ -108,7 +108,7 @@ def decide(
     backed = np.ones(count + 1, bool)
     if needed > 0:
         backed = np.append(_part_sure(votes.marker, named, tracklet, target, count) >= needed, False)
-    for part, sure in votes.parts():
+    for part, sure in votes.how_sure():
         own, marker = named[part], votes.marker[part].copy()
         enough = (sure >= target) & backed[tracklet[part]]
         alone = marker == own.marker

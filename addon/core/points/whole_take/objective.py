@@ -189,11 +189,11 @@ class LayoutOdds:
 class Objective:
     """The objective of a take of `tracklets` whose points are (T, L, 3) m, at `rate` frames a second.
 
-    start (N,) are names that tell which frames show most of the markers; `extras` is how many markers more than the
-    model's there are.
+    `extras` is how many markers more than the model's there are. No frame's shape counts before names tell which show
+    most of the markers: `look_at`.
     """
 
-    def __init__(self, points: Table, tracklets: Tracklets, model: Model, rate: float, start: np.ndarray):
+    def __init__(self, points: Table, tracklets: Tracklets, model: Model, rate: float):
         self.model, self.rate, self.extras = model, rate, 0
         self.known, self.markers = trained_pairs(model), len(model.markerset)
         # Odds grow less than a tracklet does: its parts would say more than all of it where they are only added up.
@@ -211,12 +211,12 @@ class Objective:
         order = np.argsort(self._of, kind="stable")  # of two that share a frame at their ends the later has the marker
         self._row, self._of = self._row[order], self._of[order]
         self._xyz = points[at[self._row], lane[order]].astype(np.float32)
-        self._shown = self._frames_shown(start)
+        self._shown = self._spread[:0]
 
-    def _frames_shown(self, start: np.ndarray) -> np.ndarray:
-        """(F,) some of the frames that show most of the markers, all over the take."""
-        seen = np.isfinite(self.placed(np.where(start < self.markers, start, NO_MARKER))[self._spread, :, 0])
-        return self._spread[fullest_frames(seen)]
+    def look_at(self, marker: np.ndarray):
+        """Has the shape count of some of the frames that show most of the markers by names (N,), all over the take."""
+        seen = np.isfinite(self.placed(np.where(marker < self.markers, marker, NO_MARKER))[self._spread, :, 0])
+        self._shown = self._spread[fullest_frames(seen)]
 
     @property
     def pairs(self) -> PairDistances:

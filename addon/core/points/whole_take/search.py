@@ -63,6 +63,7 @@ class Search:
         self.objective, self._wide = objective, wide
         self._edited, held = edited, objective.tracklets.held != NO_MARKER
         self._given = self._called(objective.tracklets.held)[held]
+        objective.look_at(start)
         self.best = objective.of(start)
         self._tried = {start.tobytes()}
         self.others: list[Candidate] = []

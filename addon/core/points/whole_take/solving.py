@@ -117,7 +117,7 @@ class _Solving:
     def __init__(self, points: Table, tracklets: Tracklets, model: Model, rate: float, begun: np.ndarray):
         self.tracklets, self.marker, self.markers = tracklets, begun, len(model.markerset)
         self.crowd = is_crowd(tracklets, self.markers, rate)
-        self.objective = Objective(points, tracklets, model, rate, begun)
+        self.objective = Objective(points, tracklets, model, rate)
         self.best = self.margin = self.odds = np.zeros(0)
 
     def solved(self, moves: Moves) -> Generator[float, None, Solution]:

@@ -13,7 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from addon.core.body.bodies import BodyModel
 from addon.core.data.errors import InputError
 from addon.core.geometry.upright import turned, upright_aligned
-from addon.core.points.likelihood import solving as swaps
+from addon.core.points.likelihood import solving
 from addon.core.points.likelihood.distances import ConstraintOptions, learn_constraints, size_and_fit
 from addon.core.points.likelihood.frames import label_frames, label_some
 from addon.core.points.likelihood.learn import learn_likelihood, make_trial
@@ -158,7 +158,7 @@ def scene(monkeypatch):
     constraints = replace(learn_constraints([clouds], shape.radius), size_sd=1e-12)
     assert len(constraints) > 0
     monkeypatch.setattr("addon.core.points.likelihood.distances.CONSTRAINING", ConstraintOptions(max_cost=1e9))
-    monkeypatch.setattr(swaps, "ALTERNATIVES", swaps.AlternativeOptions(max_distance_radii=20.0))
+    monkeypatch.setattr(solving, "SOLVING", solving.SolvingOptions(max_distance_radii=20.0))
     points = upright_aligned(clouds[:1], shape.mean)
     points = np.concatenate([points, rng.normal(size=(1, 3, 3))], axis=1)
     model = Latent(shape)
@@ -190,7 +190,7 @@ def test_dropping_replacing_and_adding_gain_what_trying_gains(scene, marker, poi
     before = settled(NAMING)
     tried = list(NAMING)
     tried[marker] = point
-    odds = swaps.alternatives(model, constraints, before).odds[0, marker]
+    odds = solving.alternatives(model, constraints, before).odds[0, marker]
     gain = (odds[point] if point >= 0 else 0) - (odds[NAMING[marker]] if NAMING[marker] >= 0 else 0)
     assert gain == pytest.approx(settled(tried).score[0] - before.score[0], abs=1e-4)
 
@@ -207,7 +207,7 @@ def test_moving_and_swapping_gain_what_trying_gains(scene, way, one, other):
     before = settled(NAMING)
     tried = list(NAMING)
     tried[one], tried[other] = tried[other] if way == "swap" else NO_POINT, tried[one]
-    gain = getattr(swaps.alternatives(model, constraints, before), way)[0, one, other]
+    gain = getattr(solving.alternatives(model, constraints, before), way)[0, one, other]
     assert gain == pytest.approx(settled(tried).score[0] - before.score[0], rel=1e-6, abs=1e-4)
 
 

@@ -15,9 +15,10 @@ from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.deciding import can_be_solved, labels_of
 from addon.core.points.whole_take.layout import Question, named_by_layout
 from addon.core.points.whole_take.likeness import likeness
-from addon.core.points.whole_take.objective import Objective, fullest_frames
+from addon.core.points.whole_take.objective import USUAL_FREEDOM, Objective, fullest_frames
 from addon.core.points.whole_take.pairs import in_take, trained_pairs
 from addon.core.points.whole_take.rulings import Rulings
+from addon.core.points.whole_take.search import Search
 from addon.core.points.whole_take.solving import solve_take
 from addon.core.points.whole_take.tracklets import seen_in, tracklets_of
 
@@ -174,7 +175,8 @@ def test_the_objective_is_highest_for_the_truth(model, markers):
     nothing = said(points, whose, np.zeros(points.shape[:2], bool))
     tracklets = tracklets_of(points, cut(points, RATE), nothing, len(model.markerset))
     truth = whose[tracklets.lane]
-    objective = Objective(points, tracklets, model, RATE, truth)
+    objective = Objective(points, tracklets, model, RATE)
+    objective.look_at(truth)
     right = objective.of(truth)
     for one, other in (LEFT_WRIST, ("LANK", "LTOE"), ("LELB", "RELB")):
         order = np.arange(len(model.markerset))
@@ -184,6 +186,14 @@ def test_the_objective_is_highest_for_the_truth(model, markers):
     hidden = np.where(truth == 3, NO_MARKER, truth)
     assert objective.gain(objective.of(hidden), right) < 0
     assert objective.gain(right, right) == 0
+
+
+def test_a_search_asks_the_shape_of_frames_that_the_names_it_begins_with_show(model, markers):
+    """Of whole trajectories frames on their own may say this as often as that, and none is begun with by them."""
+    nothing = said(markers, np.arange(26), np.zeros(markers.shape[:2], bool))
+    tracklets = tracklets_of(markers, cut(markers, RATE), nothing, 26)
+    search = Search(Objective(markers, tracklets, model, RATE), np.arange(26)[tracklets.lane], USUAL_FREEDOM)
+    assert search.best.settled is not None
 
 
 def layout_names(model, placed: np.ndarray, absent: bool):
@@ -244,7 +254,8 @@ def test_a_plate_turned_round_is_worth_less_however_far_it_sits_from_its_place(m
     tracklets = tracklets_of(points, cut(points, RATE), said(points, whose, np.zeros(points.shape[:2], bool)), 26)
     truth, turned = whose[tracklets.lane], np.arange(26)
     turned[four] = four[::-1]
-    objective = Objective(points, tracklets, model, RATE, truth)
+    objective = Objective(points, tracklets, model, RATE)
+    objective.look_at(truth)
     assert objective.of(truth).layout > objective.of(turned[truth]).layout
 
 
