@@ -13,12 +13,14 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from ..core.data.errors import JobError, UserError
+from ..core.points.several.live import solved_of_several
 from ..core.points.whole_take.live import Window, WindowNames, solved_window, subject_in
 from ..io.models import open_model
 from ..io.scratch import scratch_folder
 from ..jobs.live import LiveJob, name_stream
 from .arguments import add_options, job_of, number
 from .console import ProgressLine, print_results
+from .label.options import add_subjects, settle_subjects
 from .serving import left
 from .workers import Worker
 
@@ -31,19 +33,21 @@ def add_parser(verbs):
     parser = verbs.add_parser("live", help="names from a stream", description=DESCRIPTION)
     what = "qtm://HOST (Qualisys), natnet://HOST (OptiTrack) or vicon://HOST; :PORT where it is not the usual one"
     parser.add_argument("source", metavar="SOURCE", help=what)
-    add_options(parser, "--model", required=True)
+    add_options(parser, "--model")
+    add_subjects(parser, auto="")
     parser.add_argument("--out", type=Path, metavar="FILE.c3d", help="also keep all frames in this .c3d")
     wait = number(0.1, 3600, "number of seconds")
     parser.add_argument("--wait", type=wait, default=5.0, metavar="S", help="end after S seconds without a frame (5)")
     parser.add_argument("--anywhere", action="store_true", help="also a sender outside of this machine's own network")
     add_options(parser, "--up", "--rate", "--overwrite")
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, own=None)
 
 
 def run(arguments) -> int:
     """Names a stream."""
     refuse_offline()
-    job, shown = job_of(LiveJob, arguments), ProgressLine(arguments.progress)
+    settle_subjects(arguments)
+    job, shown = job_of(LiveJob, arguments, wearers=tuple(arguments.subject)), ProgressLine(arguments.progress)
     stops: list[int] = []
 
     def stop(kind: int, _frame):
@@ -58,7 +62,7 @@ def run(arguments) -> int:
         shown.tell(f"{state}, {line['ms']} ms")
 
     with ExitStack() as stack:
-        solver = stack.enter_context(SolverProcess(stack.enter_context(scratch_folder()), job.model))
+        solver = stack.enter_context(SolverProcess(stack.enter_context(scratch_folder()), job))
         for kind in (signal.SIGINT, signal.SIGTERM):
             stack.callback(signal.signal, kind, signal.signal(kind, stop))
         try:
@@ -85,7 +89,7 @@ def name_beside(job: LiveJob, folder: Path) -> dict:
         stack.callback(signal.signal, signal.SIGINT, signal.signal(signal.SIGINT, signal.SIG_IGN))
         stack.enter_context(threadpool_limits(1, user_api="blas"))
         latest = stack.enter_context((folder / LATEST).open("wb", buffering=0))
-        solver = stack.enter_context(SolverProcess(stack.enter_context(scratch_folder()), job.model, posed=True))
+        solver = stack.enter_context(SolverProcess(stack.enter_context(scratch_folder()), job, posed=True))
 
         def tell(line: dict):
             nonlocal changed
@@ -106,9 +110,9 @@ def refuse_offline():
 class SolverProcess:
     """A process beside this one that solves windows; use it as a context manager."""
 
-    def __init__(self, scratch: Path, model: str, posed: bool = False):
-        """Starts it; where bodies are `posed` it also says whose names they are."""
-        self.worker, self.work = Worker(scratch), partial(solved, model, posed)
+    def __init__(self, scratch: Path, job: LiveJob, posed: bool = False):
+        """Starts it; where a body is `posed` it also says whose names they are."""
+        self.worker, self.work = Worker(scratch), partial(solved, job, posed)
 
     def __enter__(self):
         return self
@@ -135,9 +139,11 @@ class SolverProcess:
         return found
 
 
-def solved(name: str, posed: bool, window: Window) -> WindowNames:
+def solved(job: LiveJob, posed: bool, window: Window) -> WindowNames:
     """What the process beside does with a window."""
-    model = open_model(name)
     with threadpool_limits(1, user_api="blas"):
+        if job.several:
+            return solved_of_several(job.worn.subjects, window)
+        model = open_model(job.model)
         names = solved_window(model, window)
         return replace(names, subject=subject_in(model, window, names)) if posed else names

@@ -15,8 +15,9 @@ from ..core.data.errors import InputError, UserError
 from ..core.data.lanes import Lanes
 from ..core.data.takes import NO_MARKER, Points
 from ..core.points.models import Model
+from ..core.points.several.live import within_of
+from ..core.points.several.wearers import AUTO, SetsWorn, Wearer
 from ..core.points.whole_take.live import LiveNamer, Window, WindowNames
-from ..core.points.whole_take.pairs import trained_pairs
 from ..core.posing.posing import FollowedBody
 from ..core.reconstruction.trajectories import Reconstructed
 from ..io.models import open_model
@@ -49,6 +50,8 @@ class LiveJob:
 
     source    the address of a stream
     model     a built-in model's name or the path of one
+    subjects  how many wear it; of several all markers are called 1:LASI, 2:LASI
+    wearers   who wears what instead, each a name and a model; markers are then called NAME:LASI
     out       the `.c3d` to write at the end, None for none
     up        the axis that points up in the sender's world, None for what it says
     rate      frames a second, None for what the sender says or shows
@@ -64,6 +67,31 @@ class LiveJob:
     wait: float = 5.0
     anywhere: bool = False
     overwrite: bool = False
+    subjects: int = 1
+    wearers: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def several(self) -> bool:
+        """Whether markers are called by who wears them."""
+        return self.subjects != 1 or bool(self.wearers)
+
+    @property
+    def worn(self) -> SetsWorn:
+        """Who wears what, by numbers where they have no names; InputError where a model has learned nothing."""
+        if self.subjects == AUTO:
+            words = "as many as there are is for a whole take to say"
+            raise InputError(f"{words}; expected how many subjects are in the stream")
+        each = self.wearers or tuple((str(number + 1), self.model) for number in range(self.subjects))
+        models = {name: _open(name) for name in dict.fromkeys(model for _, model in each)}
+        return SetsWorn(tuple(Wearer(name, models[model]) for name, model in each))
+
+
+def _open(name: str) -> Model:
+    model = open_model(name)
+    if model.likelihood is None or not model.has_learned:
+        words = "is learned from nobody, by whom frames could be named"
+        raise InputError(f"{words}; expected a trained model", name)
+    return model
 
 
 class LiveFile(TrajectoryFile):
@@ -122,10 +150,7 @@ def name_stream(
     From when it is `recording` on all frames are kept. Where windows say whose names they are, that body is posed.
     Raises UserError where the stream ends in trouble; what came until then is kept.
     """
-    model = open_model(job.model)
-    if model.likelihood is None or not model.has_learned:
-        words = "is learned from nobody, by whom frames could be named"
-        raise InputError(f"{words}; expected a trained model", job.model)
+    worn = job.worn
     if job.out is not None and job.out.suffix.lower() != ".c3d":
         raise InputError("is no file of 3D points; expected a name that ends in .c3d", job.out)
     trouble: Exception | None = None
@@ -133,7 +158,7 @@ def name_stream(
         target = stack.enter_context(whole_file(job.out, job.overwrite)) if job.out else None
         folder = stack.enter_context(scratch_folder()) if job.out else None
         stream = stack.enter_context(open_stream(job.source, job.up or "", job.wait, job.anywhere))
-        live = _Live(job, stream, beside, model, folder, stack, recording)
+        live = _Live(job, stream, beside, worn, folder, stack, recording)
         try:
             for frame in stream:
                 if (line := live.line(frame)) is not None:
@@ -144,7 +169,8 @@ def name_stream(
         except (UserError, OSError) as error:
             trouble = error
         if live.file is not None and target is not None:
-            write_c3d(target, live.file.take(live.first))
+            names = [one.name for one in worn.subjects] if job.several else []
+            write_c3d(target, live.file.take(live.first), subjects=names)
         elif trouble is not None:
             raise trouble
     if trouble is not None:
@@ -160,22 +186,24 @@ class _Live:
         job: LiveJob,
         stream: LiveStream,
         beside: SolverBeside,
-        model: Model,
+        worn: SetsWorn,
         folder: Path | None,
         stack: ExitStack,
         recording: Callable[[], bool],
     ):
-        self.job, self.stream, self.beside, self.model, self.folder, self.stack, self.recording = (
-            job, stream, beside, model, folder, stack, recording,
+        self.job, self.stream, self.beside, self.worn, self.folder, self.stack, self.recording = (
+            job, stream, beside, worn, folder, stack, recording,
         )  # fmt: skip
-        self.names = model.markerset.markers
+        self.model = worn.subjects[0].model
+        self.names = worn.markers if job.several else self.model.markerset.markers
         self.rate = job.rate or stream.rate
         self.frames, self.late, self.first, self.kept_from = 0, 0, 0, 0
         self.waiting: list[tuple[float, StreamFrame]] = []
         self.namer: LiveNamer | None = None
         self.file: LiveFile | None = None
         self.body: FollowedBody | None = None
-        self.asked: Window | None = None  # the last one
+        self.asked: Window | None = None  # the last one, and what came of the last that was solved
+        self.heard: WindowNames | None = None
         self.shown = 0  # samples that were named in the one that the body is of
 
     def line(self, frame: StreamFrame) -> dict | None:
@@ -190,9 +218,13 @@ class _Live:
             answer = None if self.beside.free else self.beside.answer()
             if answer is not None:
                 self.namer.hear(answer)
-                self._know(answer)
-                renamed = [[self.names[old], self.names[new] if new >= 0 else None] for old, new in self.namer.renamed]
+                self.heard = answer
             marker = self._named(self.namer, frame)
+            if self.namer.renamed:
+                self.shown = 0
+            if answer is not None or self.namer.renamed:
+                self._know()
+            renamed = [[self.names[old], self.names[new] if new >= 0 else None] for old, new in self.namer.renamed]
         if self.stream.behind and not renamed:
             self.late += 1
             return None
@@ -215,11 +247,10 @@ class _Live:
             self.asked = window
             self.beside.send(window)
 
-    def _know(self, found: WindowNames):
-        """Takes who it is from a window with more samples named than the last one, or names that were wrong there."""
-        if self.namer is not None and self.namer.renamed:
-            self.shown = 0
-        if found.subject is None or self.asked is None:
+    def _know(self):
+        """Takes who it is from a window with more samples named than the last one, or where names were wrong there."""
+        found = self.heard
+        if found is None or found.subject is None or self.asked is None:
             return
         samples = int(np.isfinite(self.asked.xyz[:, found.marker != NO_MARKER, 0]).sum())
         if samples > self.shown:
@@ -245,7 +276,7 @@ class _Live:
             seconds = seconds if seconds > 0 else end - begin  # not so where it is no number
             self.rate = abs(last.number - first.number) / seconds
         if self.rate:
-            self.namer = LiveNamer(trained_pairs(self.model).within, self.rate)
+            self.namer = LiveNamer(within_of([one.model for one in self.worn.subjects]), self.rate)
             for _, frame in self.waiting:
                 self._named(self.namer, frame)
             self.waiting = []

@@ -20,11 +20,11 @@ from ..core.data.markersets import MarkerSet
 from ..core.data.takes import PointRows
 from ..core.data.wording import count_of
 from ..core.points.motion import PosedFrames
-from ..core.posing.character import character_of
-from ..io.markersets import AUTO_MODEL
+from ..core.posing.character import Character, character_of
+from ..io.markersets import AUTO_MODEL, open_markerset
 from ..io.scratch import scratch_folder
 from ..io.text import written
-from ..props import SceneSettings, chosen_markerset, chosen_model
+from ..props import SceneSettings, chosen_model, subjects_asked
 from ..scene.armature import bone_tails, build_of
 from ..scene.live_rig import MovedRig
 from ..scene.redrawing import redraw
@@ -75,7 +75,8 @@ class LiveBody:
 class WatchedStream:
     """A stream that a process names, which ends with Blender or sooner; what was recorded until then is kept.
 
-    worn     the marker set, which is that of `model`, its name or path
+    worn     the marker set, which is that of `model`, its name or path; of several subjects the first one's
+    markers  all that may be named
     names    the markers that are named in the latest frame
     named    (N, 3) m their points
     unnamed  (U, 3) m its other points
@@ -96,11 +97,14 @@ class WatchedStream:
         self._worker.hand(partial(name_beside, job, folder))
         self._latest, self._record, self._stop = (folder / name for name in (LATEST, RECORD, STOP))
         self.out, self.model, self.worn, self.words = job.out, job.model, worn, "Connecting"
+        self.markers = job.worn.markers if job.several else worn.markers
         self._frame, self._told = -1, 0.0
         self.names: list[str] = []
         self.named = self.unnamed = np.empty((0, 3))
         self.body: LiveBody | None = None
         self._rig: MovedRig | None = None
+        self._begins: np.ndarray | None = None  # of the bones that the character is of
+        self._character: Character
         self._moving, self._trouble = 0, ""  # the number of the rig that is to move, and why it cannot
 
     @property
@@ -113,12 +117,12 @@ class WatchedStream:
         try:
             line = json.loads(self._latest.read_bytes().partition(b"\n")[0])
             places, unnamed = line["markers"], np.array(line["unnamed"], float).reshape(-1, 3)
-            if line["frame"] == self._frame or not places.keys() <= set(self.worn.markers):
+            if line["frame"] == self._frame or not places.keys() <= set(self.markers):
                 return found
             named = np.array([*places.values()], float).reshape(len(places), 3)
             body = LiveBody.of(self.worn, line["body"], self.body) if line.get("body") else None
             delay = 1000 * (now - line["at"]) + line["ms"]
-            found_words = f"{len(places)} of {len(self.worn)} markers named, {len(unnamed)} points not"
+            found_words = f"{len(places)} of {len(self.markers)} markers named, {len(unnamed)} points not"
             changed = f", {count_of(line['changed'], 'name')} changed" if line["changed"] else ""
             words = f"{found_words}{changed}; {delay:.0f} ms, {count_of(line['late'], 'frame')} dropped{self._trouble}"
         except (OSError, ValueError, KeyError, TypeError, AttributeError):  # none is there, or it is just being written
@@ -151,9 +155,11 @@ class WatchedStream:
         if not rig.visible_get(view_layer=context.view_layer):  # nobody can be asked how it moves
             return
         try:
-            character = character_of(self.worn.skeleton.segments, body.begins, body.ends)
-            self._rig = self._rig or MovedRig(context, rig, character)
-            self._rig.move(rig, character, body.joints, body.rotations)
+            if self._begins is not body.begins:  # another subject's bones
+                self._character = character_of(self.worn.skeleton.segments, body.begins, body.ends)
+                self._begins = body.begins
+            self._rig = self._rig or MovedRig(context, rig, self._character)
+            self._rig.move(rig, self._character, body.joints, body.rotations)
         except UserError as error:
             self._trouble = f"; {written(str(error))}"
 
@@ -209,7 +215,7 @@ def rest_rig():
 def _take_in(stream: WatchedStream):
     """Imports what was recorded, and labels it as a whole in the background."""
     path = str(stream.out)
-    _recorded[:] = [(written(path), stream.worn.markers)]
+    _recorded[:] = [(written(path), stream.markers)]
     windows = bpy.context.window_manager.windows
     try:
         with bpy.context.temp_override(window=windows[0] if len(windows) else None):
@@ -256,7 +262,10 @@ def live_job(settings: SceneSettings) -> "LiveJob":
     folder = Path(bpy.path.abspath(live.folder)) if live.folder else None
     out = folder / time.strftime("live_%Y-%m-%d_%H%M%S.c3d") if folder else None
     up = None if live.up == "AUTO" else live.up
-    return LiveJob(live.source.strip(), chosen_model(settings.subjects), out, up)
+    asked = subjects_asked(settings.subjects)
+    if asked["model"] == AUTO_MODEL:
+        asked = {"model": chosen_model(settings.subjects)}
+    return LiveJob(live.source.strip(), out=out, up=up, **asked)
 
 
 goes_on = unless(lambda _: _going, "Connect first")
@@ -274,7 +283,7 @@ class MOCAP_AUTOLABEL_OT_connect(Ours, bpy.types.Operator):
     def work(self, context):
         settings = context.scene.mocap_autolabel
         job = live_job(settings)
-        _going.append(WatchedStream(job, chosen_markerset(settings.subjects)))
+        _going.append(WatchedStream(job, open_markerset(job.model)))
         _ended.clear()
         bpy.app.timers.register(follow_live, persistent=True)
 

@@ -9,7 +9,7 @@ from ..scene.armature import segment_sides
 from .figure import bone_colours, draw_lines
 from .marks import GREY, ORANGE
 from .overlay import BLOB_RADIUS, Canvas
-from .parts import draw_choice, draw_text, panel
+from .parts import draw_choice, draw_performers, draw_text, panel
 
 
 @panel("Live", under="advanced", closed=True)
@@ -18,10 +18,14 @@ def live(layout, context):
     settings, stream = context.scene.mocap_autolabel.live, going_on()
     column = layout.column(align=True)
     column.active = stream is None
-    draw_choice(column, context.scene.mocap_autolabel.subjects, "markerset", factor=0.35)
+    subjects = context.scene.mocap_autolabel.subjects
+    if subjects.performing != "LISTED":
+        draw_choice(column, subjects, "markerset", factor=0.35)
+    draw_performers(column, subjects)
     for name in ("source", "up", "folder"):
         draw_choice(column, settings, name, factor=0.35)
-    draw_choice(layout, settings, "rig", factor=0.35)
+    if subjects.performing == "ONE":
+        draw_choice(layout, settings, "rig", factor=0.35)
     row = layout.row(align=True)
     row.scale_y = 1.4
     if stream is None:

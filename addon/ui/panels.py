@@ -17,7 +17,7 @@ from ..props import OWN_FILE, found_here, is_opened, opened_file
 from ..scene.performers import homes
 from ..scene.take import fps_of, is_take, plays_at, takes_of
 from .advanced import draw_folder
-from .parts import DrawsRows, draw_choice, draw_list, draw_operators, draw_text, fold, panel, shows
+from .parts import DrawsRows, draw_choice, draw_operators, draw_performers, draw_text, fold, panel, shows
 
 FORMATS = "3D points, blobs with their calibration, a .qtm or pictures"
 
@@ -110,7 +110,7 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
         column.prop(subjects, "markerset_path", text="")
     if subjects.markerset == AUTO_MODEL and subjects.performing != "LISTED":
         _draw_found(context, column, subjects, state)
-    _draw_performers(layout, subjects)
+    draw_performers(layout, subjects)
     if state.doing:
         return
     row = layout.row(align=True)
@@ -180,24 +180,6 @@ def asks_which(state: bpy.types.PropertyGroup, settings: bpy.types.PropertyGroup
 def told_here(state: bpy.types.PropertyGroup, settings: bpy.types.PropertyGroup) -> bool:
     """Whether what the sidebar knows is of the take that is opened, which an undo may have changed."""
     return state.about == opened_file(settings.source) != ""
-
-
-def _draw_performers(layout: bpy.types.UILayout, subjects: bpy.types.PropertyGroup):
-    """How many are asked for, and who, where that is by name."""
-    draw_choice(layout, subjects, "performing")
-    if subjects.performing == "SO_MANY":
-        layout.prop(subjects, "performer_count")
-    if subjects.performing != "LISTED":
-        return
-    row = layout.row()
-    draw_list(row, subjects, "performers")
-    column = row.column(align=True)
-    column.operator("mocap_autolabel.add_performer", text="", icon="ADD")
-    column.operator("mocap_autolabel.remove_performer", text="", icon="REMOVE")
-    if subjects.performer_index < len(subjects.performers):
-        chosen = subjects.performers[subjects.performer_index]
-        if chosen.markerset == OWN_FILE:
-            layout.prop(chosen, "markerset_path", text="")
 
 
 class MOCAP_AUTOLABEL_UL_performers(DrawsRows, bpy.types.UIList):

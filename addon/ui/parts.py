@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import bpy
 
+from ..props import OWN_FILE
 from ..scene.take import is_take
 
 LETTER = 6.6  # px of the interface that a letter of a panel is wide, on average
@@ -120,3 +121,21 @@ def frames_in_short(first: int, last: int) -> str:
 def in_short(stake: float) -> str:
     """A number of frames that fits beside a name."""
     return f"{stake:.0f}" if stake < 1000 else f"{stake / 1000:.1f}k"
+
+
+def draw_performers(layout: bpy.types.UILayout, subjects: bpy.types.PropertyGroup):
+    """How many are asked for, and who, where that is by name."""
+    draw_choice(layout, subjects, "performing")
+    if subjects.performing == "SO_MANY":
+        layout.prop(subjects, "performer_count")
+    if subjects.performing != "LISTED":
+        return
+    row = layout.row()
+    draw_list(row, subjects, "performers")
+    column = row.column(align=True)
+    column.operator("mocap_autolabel.add_performer", text="", icon="ADD")
+    column.operator("mocap_autolabel.remove_performer", text="", icon="REMOVE")
+    if subjects.performer_index < len(subjects.performers):
+        chosen = subjects.performers[subjects.performer_index]
+        if chosen.markerset == OWN_FILE:
+            layout.prop(chosen, "markerset_path", text="")

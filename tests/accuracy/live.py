@@ -10,6 +10,8 @@ import argparse
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from time import process_time
 
@@ -19,20 +21,22 @@ from threadpoolctl import threadpool_limits
 from addon.core.body.bodies import BodyModel
 from addon.core.data.takes import Points
 from addon.core.points.models import Model
+from addon.core.points.several.live import solved_of_several, within_of
+from addon.core.points.several.wearers import Wearer
 from addon.core.points.whole_take.live import LiveNamer, Window, WindowNames, solved_window, subject_in
-from addon.core.points.whole_take.pairs import trained_pairs
 from addon.core.posing.posing import FollowedBody
 from addon.io.models import open_model
 from scripts.results import markdown
 
 from . import people, whole_takes
+from .actors import ACTING_M, Meeting, acting, walkers
 from .known_sets import serve, strangers_in_body26
 from .whole_takes import Case, Pieces, cut_up
 
 LEAST_S, MOST_S = 10.0, 16.0  # of a take: shorter ones are played there and back, again and again
 AWAY_S = 1.0
 FOUND = 0.9  # of the markers in sight, of who is found
-FOLDS, ACTORS = 1, 2  # by time: five walkers and two actors
+FOLDS, ACTORS, MEETINGS = 1, 2, 2  # by time: five walkers, two actors, and two meetings of each kind
 FEW = Pieces(hidden=2, ghosts=10)
 
 
@@ -60,23 +64,25 @@ def there_and_back(take: people.Take) -> people.Take:
     return people.Take(take.subject, take.name, take.markers, xyz, take.rate)
 
 
-def played(points: Points, truth: np.ndarray, model: Model) -> Tally:
-    """Names the points (T, P, 3) of a take whose markers are `truth` (P,) or (T, P)."""
+def played(points: Points, truth: np.ndarray, model: Model, people: int = 1) -> Tally:
+    """Names the points (T, P, 3) of a take of so many `people`, whose markers in a row are `truth` (P,) or (T, P)."""
     xyz, truth = points.xyz[:], np.broadcast_to(truth, points.xyz.shape[:2])
-    namer, found = LiveNamer(trained_pairs(model).within, points.rate), Tally()
+    namer, found, solve = LiveNamer(within_of([model] * people), points.rate), Tally(), solver(model, people)
     done, names, body, away = 0, None, None, len(xyz) // 2
     found.seconds = len(xyz) / points.rate
     back = away + round(AWAY_S * points.rate)
     with threadpool_limits(1, user_api="blas"):
-        warm_up(points, model)
+        warm_up(points, namer.within, solve)
         for frame, every in enumerate(xyz):
             at = np.flatnonzero(np.isfinite(every[:, 0])) if not away <= frame < back else np.zeros(0, int)
             begin = process_time()
             if names is not None and frame >= done:
                 namer.hear(names)
-                found.renamed += len(namer.renamed)
                 names = None
             marker, _ = namer.name(frame, every[at], at + len(truth[0]) * (frame >= back))
+            found.renamed += len(namer.renamed)
+            if people > 1 and not found.given:  # who is first of them is for the namer to say
+                truth = as_called(marker, truth, truth[frame, at], len(model.markerset), people)
             found.ms.append(1000 * (process_time() - begin))
             if body is not None:
                 begin, places = process_time(), np.full((len(model.markerset), 3), np.nan)
@@ -85,9 +91,9 @@ def played(points: Points, truth: np.ndarray, model: Model) -> Tally:
                     found.posing.append(1000 * (process_time() - begin))
             if names is None and (window := namer.window()) is not None:
                 begin = process_time()
-                names = solved_window(model, window)
+                names = solve(window)
                 done = frame + max(math.ceil((process_time() - begin) * points.rate), 1)
-                body = body or _body(model, window, names)
+                body = body or (_body(model, window, names) if people == 1 else None)
             _count(found, marker, truth[frame, at], frame, back, points.rate)
     return found
 
@@ -98,16 +104,33 @@ def _body(model: Model, window: Window, names: WindowNames) -> FollowedBody | No
     return None if subject is None else FollowedBody(BodyModel(model.markerset), subject)
 
 
-def warm_up(points: Points, model: Model):
+def solver(model: Model, people: int) -> Callable[[Window], WindowNames]:
+    """What solves the windows of so many who wear a model."""
+    if people == 1:
+        return partial(solved_window, model)
+    return partial(solved_of_several, tuple(Wearer(str(number), model) for number in range(people)))
+
+
+def as_called(marker: np.ndarray, truth: np.ndarray, now: np.ndarray, size: int, people: int) -> np.ndarray:
+    """The truth with people exchanged as they are in a frame's markers (P,), whose truth is `now` (P,)."""
+    given = (marker >= 0) & (now >= 0)
+    whose = np.arange(people)
+    for person in range(people):
+        if (own := given & (now // size == person)).any():
+            whose[person] = np.bincount(marker[own] // size).argmax()
+    return np.where(truth >= 0, size * whose[truth // size] + truth % size, truth)
+
+
+def warm_up(points: Points, within: np.ndarray, solve: Callable[[Window], WindowNames]):
     """Solves what is far from any stream: a process that works for long has all loaded."""
-    namer = LiveNamer(trained_pairs(model).within, points.rate)
+    namer = LiveNamer(within, points.rate)
     for frame in range(round(points.rate / 2)):
         every = points.xyz[len(points.xyz) - 1 - frame]
         at = np.flatnonzero(np.isfinite(every[:, 0]))
         namer.name(frame, every[at], at)
     window = namer.window()
     assert window is not None
-    solved_window(model, window)
+    solve(window)
 
 
 def _count(found: Tally, marker: np.ndarray, true: np.ndarray, frame: int, back: int, rate: float):
@@ -124,7 +147,7 @@ def _count(found: Tally, marker: np.ndarray, true: np.ndarray, frame: int, back:
     found.there += int((true >= 0).sum()) if settled else int(right.sum())
 
 
-Group = Iterator[tuple[Model, Points, np.ndarray]]  # who names it, points, and their truth
+Group = Iterator[tuple[Points, np.ndarray, Model, int]]  # points, their truth, what is worn and by how many
 
 
 def of_cases(some: list[Case], keep: Path) -> Group:
@@ -132,7 +155,7 @@ def of_cases(some: list[Case], keep: Path) -> Group:
     for case in some:
         model = whole_takes.model_of(case, keep)
         for take in case.tested:
-            yield model, *cut_up(there_and_back(take), case.markers, FEW)
+            yield *cut_up(there_and_back(take), case.markers, FEW), model, 1
 
 
 def of_actor(keep: Path) -> Group:
@@ -145,7 +168,14 @@ def built_in(name: str, takes: Iterator[people.Take]) -> Group:
     """Takes of other labs in a built-in set."""
     model = open_model(name)
     for take in takes:
-        yield model, *cut_up(there_and_back(take), model.markerset.markers, FEW)
+        yield *cut_up(there_and_back(take), model.markerset.markers, FEW), model, 1
+
+
+def of_two(meetings: Iterator[Meeting], keep: Path) -> Group:
+    """Two who are in one take."""
+    for meeting in islice(meetings, MEETINGS):
+        both = there_and_back(meeting.together())
+        yield *cut_up(both, both.markers, FEW), whole_takes.model_of(meeting.training, keep), len(meeting.people)
 
 
 def groups(keep: Path) -> dict[str, Callable[[], Group]]:
@@ -156,6 +186,8 @@ def groups(keep: Path) -> dict[str, Callable[[], Group]]:
         "`cmu41`, the others learned": lambda: of_cases([*known["others"]()][:ACTORS], keep),
         "tennis serve, `body39`": lambda: built_in("body39", serve()),
         "strangers, `body26`": lambda: built_in("body26", strangers_in_body26()),
+        "two walkers, `body26` of other people": lambda: of_two(walkers(2), keep),
+        "two of `cmu41`, the others learned": lambda: of_two(acting(ACTING_M), keep),
         "`actors53`, one learned": lambda: of_actor(keep),
     }
 
@@ -194,7 +226,7 @@ def main():
     rows = []
     for title, takes in groups(given.keep).items():
         if title.startswith(given.only):
-            rows.append(row(title, [played(points, truth, model) for model, points, truth in takes()]))
+            rows.append(row(title, [played(*one) for one in takes()]))
             print(rows[-1], flush=True)
     print(markdown(COLUMNS, rows))
 

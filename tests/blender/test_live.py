@@ -91,6 +91,27 @@ def test_a_stream_is_shown_and_what_is_recorded_of_it_becomes_a_take(live, walk,
     assert is_take(live.settings.take) and live.module.how_it_ended() == said
 
 
+def test_two_performers_are_named_and_what_is_recorded_is_a_take_of_both(live, walk, tmp_path):
+    other = write_virtual_take(tmp_path, 300, 5, "walk.csv", "room.toml").xyz + np.array([0.0, 2.0, 0.0])
+    both = np.concatenate([walk.xyz[: len(other)], other], axis=1)
+    subjects = live.settings.subjects
+    subjects.performing = "AUTO"
+    live.settings.live.source = "qtm://127.0.0.1"
+    refused("expected how many subjects are in the stream", "connect")
+    subjects.performing, subjects.performer_count = "SO_MANY", 2
+    with QtmServer(there_and_back(both, RATE), RATE) as one:
+        live.settings.live.source = one.source
+        bpy.ops.mocap_autolabel.connect()
+        live.until(lambda: len(live.now().names) > 0.9 * both.shape[1])
+        assert {name.partition(":")[0] for name in live.now().names} == {"1", "2"}
+        bpy.ops.mocap_autolabel.record()
+        start = live.now()._frame
+        live.until(lambda: live.now()._frame > start + RATE)
+        bpy.ops.mocap_autolabel.stop_live()
+        live.until(lambda: live.now() is None)
+    assert is_take(live.settings.take) and live.module.how_it_ended().endswith("names given live changed")
+
+
 def test_a_frame_that_is_just_being_written_is_not_shown(live, walk, tmp_path):
     latest, whole = tmp_path / "frame", {"frame": 1, "unnamed": [], "at": 0.0, "ms": 1.0, "changed": 0, "late": 0}
     with QtmServer(there_and_back(walk.xyz, RATE), RATE) as one:

@@ -73,6 +73,34 @@ def test_a_stream_is_named_and_kept_until_it_is_stopped(walk, server, tmp_path):
     assert np.isfinite(kept.xyz[0, len(markers) :, 0]).sum() == len(walk.names)
 
 
+@pytest.mark.parametrize("who", [("--model", MODEL, "--subjects", "2"), [f"--subject={one}={MODEL}" for one in "12"]])
+def test_two_who_are_in_a_stream_are_named_and_stay_who_they_are(walk, who, tmp_path):
+    other = write_virtual_take(tmp_path, 300, 5, "walk.csv", "room.toml").xyz + np.array([0.0, 2.0, 0.0])
+    both = np.concatenate([walk.xyz[: len(other)], other[:, ::-1]], axis=1)
+    truth = [*(("a", name) for name in walk.names), *(("b", name) for name in walk.names[::-1])]
+    out, two, called = tmp_path / "live.c3d", 2 * len(walk.names), set()
+    with QtmServer(there_and_back(both, RATE), RATE) as one:
+        command = [*door(), "live", one.source, *who, "--out", str(out)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+            found = 0
+            while found < 100:
+                line = json.loads(process.stdout.readline())
+                at = (line["frame"] - 1) % (2 * len(both) - 2)
+                frame = both[min(at, 2 * len(both) - 2 - at)]
+                found += len(line["markers"]) > 0.9 * two
+                for name, spot in line["markers"].items():
+                    whose, marker = truth[np.linalg.norm(frame - spot, axis=1).argmin()]
+                    assert name.partition(":")[2] == marker
+                    called.add((name.partition(":")[0], whose))
+            process.send_signal(signal.SIGINT)
+            errors = process.communicate(timeout=60)[1]
+    assert process.returncode == 0, errors
+    assert len(called) == 2 and len(dict(called)) == 2, "each is one of the two all the time"
+    labels = ezc3d.c3d(str(out))["parameters"]["POINT"]["LABELS"]["value"]
+    markers = open_markerset(MODEL).markers
+    assert labels[:two] == [f"{number}:{marker}" for number in "12" for marker in markers]
+
+
 def test_a_stream_that_ends_or_ends_in_trouble_is_kept(walk, run, tmp_path):
     few = [frame for frame, _ in zip(walk.played(), range(50), strict=False)]
     with QtmServer(few, RATE) as one:
@@ -125,6 +153,7 @@ def test_what_cannot_be_is_said_before_anybody_is_asked(run, tmp_path):
         return run("live", *words).refusal(2)
 
     assert "is no address of a stream" in refused("take.c3d", "--model", MODEL)
+    assert "expected how many subjects" in refused("qtm://127.0.0.1", "--model", MODEL, "--subjects", "auto")
     assert "outside of this machine's own network" in refused("qtm://8.8.8.8", "--model", MODEL)
     assert "expected a name that ends in .c3d" in refused("qtm://127.0.0.1", "--model", MODEL, "--out", "a.trc")
     (tmp_path / "a.c3d").write_bytes(b"mine")

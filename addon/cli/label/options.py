@@ -47,6 +47,14 @@ def _wearer(text: str) -> tuple[str, str]:
     return name, model
 
 
+def add_subjects(parser: argparse.ArgumentParser, auto: str = ", auto for as many as there are"):
+    """Adds what says who is there beside --model; `auto` is said of how many."""
+    many = f"how many wear the model{auto} (default 1); markers are then called 1:LASI, 2:LASI"
+    parser.add_argument("--subjects", type=_count, metavar="N|auto" if auto else "N", help=many)
+    who = "who wears what, once for each subject and instead of --model; markers are then called NAME:LASI"
+    parser.add_argument("--subject", type=_wearer, action="append", metavar="NAME=MODEL", help=who)
+
+
 def settle_subjects(arguments):
     """Settles what the arguments leave open; InputError where they contradict each other."""
     arguments.subject = list(arguments.subject or [])
@@ -133,10 +141,7 @@ def add_label_options(verbs) -> argparse.ArgumentParser:
     folder = "of --model auto: the folder of your own marker sets (default: in Blender that of the preferences)"
     add("--models", dest="own", type=Path, metavar="FOLDER", help=folder)
     add_options(parser, "--cameras", **OWN_CAMERAS)
-    many = "how many wear the model, auto for as many as there are (default 1); markers are then called 1:LASI, 2:LASI"
-    add("--subjects", type=_count, metavar="N|auto", help=many)
-    who = "who wears what, once for each subject and instead of --model; markers are then called NAME:LASI"
-    add("--subject", type=_wearer, action="append", metavar="NAME=MODEL", help=who)
+    add_subjects(parser)
     add("--use", choices=USES, help="what to label of a .qtm that holds both (default: blobs whose cameras are known)")
     add("--method", choices=METHODS, default="auto", help=METHODS_HELP)
     add("--occlusion", choices=OCCLUSIONS, default="auto", help=OCCLUSION_HELP)

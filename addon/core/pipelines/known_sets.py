@@ -215,7 +215,7 @@ def _fitting(take: Points, tracklet: np.ndarray, model: Model) -> Steps[FittingS
     options, solution = PointOptions("likelihood", traced=True), None
     frames = yield from name_frames(take, tracklet, model, options)
     if frames.solvable:
-        solution = finished(solve_take(take.xyz, tracklet, frames.labels, frames.model, take.rate, search=False))
+        solution = finished(solve_take(take.xyz, tracklet, frames.labels, frames.model, take.rate, search="none"))
         marker = solution.tracklets.spread(solution.marker, NO_MARKER, slice(None))
         if _there(marker, len(model.markerset)).mean() < 1 - WORN.max_unfound:
             return None  # a search takes longest where a set is another

@@ -71,9 +71,14 @@ class PersonBuild:
         sure = np.where(one.solution.margin > 0, one.solution.marker, -1)
         placed = one.solution.tracklets.placed(one.frames.take.xyz, sure, size)
         there = np.flatnonzero(np.isfinite(np.asarray(placed[:])).all(axis=2).any(axis=1))
-        shown = moments(placed[there[evenly_spread(len(there), FRAMES_COMPARED)]])
-        known = shown.count >= MIN_MET
-        return cls(markers, np.where(known, shown.mean, np.nan), np.where(known, shown.variance, np.nan))
+        return cls.shown(one.model, placed[there[evenly_spread(len(there), FRAMES_COMPARED)]])
+
+    @classmethod
+    def shown(cls, model: Model, placed: np.ndarray) -> Self:
+        """That of whose markers are placed (F, M, 3) m in some frames, NaN where one is not."""
+        shown = moments(placed)
+        mean, variance = (np.where(shown.count >= MIN_MET, one, np.nan) for one in (shown.mean, shown.variance))
+        return cls(model.markerset.markers, mean, variance)
 
     @classmethod
     def trained(cls, model: Model) -> Self:

@@ -71,7 +71,7 @@ def label_several(
     with threadpool_limits(1, user_api="blas"):
         yield Progress(0.0, "look how many there are")
         crowd = Crowd(take, cut(take.xyz, take.rate, lanes=take.lanes), options)
-        found = yield from _everybody(crowd, asked)
+        found = yield from everybody(crowd, asked)
         verdict, unedited, applied = found.verdict, None, None
         refuse_unknown(written or options.edits, found.worn.asked.by_name)
         if options.edits:
@@ -107,7 +107,7 @@ def _questions(crowd: Crowd, found: Everybody, labels: Labels) -> tuple[Suspect,
     return tuple(suspect_ranges(crowd.take.frames, np.any(presences, axis=0), words, most))
 
 
-def _everybody(crowd: Crowd, asked: SeveralOptions) -> Generator[Progress, None, Everybody]:
+def everybody(crowd: Crowd, asked: SeveralOptions) -> Generator[Progress, None, Everybody]:
     """Everybody who is asked for, in their order: props first, people in what these leave."""
     found: list[FoundSubject] = []
     unidentified: tuple[UnidentifiedPresence, ...] = ()

@@ -3,10 +3,11 @@
 
 Every frame is followed at once: a name stays with its trajectory, and goes over to a point that comes where its marker
 was a moment ago. What the names are in the first place, and what has been away for longer, is said by the last moment
-solved as whole takes are, which takes longer than a frame: a process beside does that.
+solved as whole takes are, which takes longer than a frame: a process beside does that. What it says is carried on
+through the frames that came meanwhile. By what was named, those who wear the markers are known better and better.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,13 +21,19 @@ from ...posing.posing import subject_of
 from ...reconstruction.linking import Links
 from ..models import Model
 from ..motion import SUBJECT_FRAMES
+from ..refusals import REFUSAL
 from ..tracklets import CUTTING, cut
+from ..unordered import of_subject
 from .likeness import LIKENESS, NO_EVIDENCE, of_ends, steadiest
 from .pipeline import PointOptions, as_a_whole, begins, name_frames
-from .solving import ROUNDS
+from .solving import ROUNDS, solve_take
 
 WINDOW_S = 2.0  # s of the past that are solved at once: a step or two
 FIRST_S = LIKENESS.sample_s  # s of it that are enough to begin with
+CAUGHT_UP = 16  # frames of the past that names are carried on through at each new one; by time
+SHOWN_S = 0.1  # s from one frame by which the subject is known to the next, at first
+MAX_SHOWN = 40  # such frames
+SLOW_S = 1.0  # s that solving may take; where it took longer only exchanges are tried from then on
 NO_POINTS = np.zeros((0, 3))
 
 
@@ -34,14 +41,25 @@ NO_POINTS = np.zeros((0, 3))
 class Window:
     """The last moment: points (T, L, 3) m, NaN where missing, of L trajectories with a number each (L,).
 
-    row   of its first frame since the stream began
-    rate  frames a second
+    row     of its first frame since the stream began
+    rate    frames a second
+    marker  (L,) what each trajectory is called so far, NO_MARKER where it is not
+    shown   (K, M, 3) m where the markers of whoever is there were before, in some frames, NaN where one was not
+    quick   whether the first names count more than all of them: nearly nobody has one
     """
 
     row: int
     rate: float
     number: np.ndarray
     xyz: np.ndarray
+    marker: np.ndarray
+    shown: np.ndarray
+    quick: bool = False
+
+    @property
+    def end(self) -> int:
+        """The row of its last frame."""
+        return self.row + len(self.xyz) - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,32 +67,57 @@ class WindowNames:
     """What came of a window: marker (L,) of trajectories number (L,), NO_MARKER where none is sure.
 
     refused  why, else empty
+    anew     whether they are not as it was known of who was there before
     subject  the size and shape of who wears them, a batch of 1, where somebody has asked for it
     """
 
     number: np.ndarray
     marker: np.ndarray
     refused: str = ""
+    anew: bool = False
     subject: Bodies | None = None
 
 
 def solved_window(model: Model, window: Window) -> WindowNames:
-    """The names at the end of a window, solved as whole takes are."""
+    """The names at the end of a window, solved as whole takes are, by what is known of who is there."""
+    if len(window.shown) and model.likelihood is not None:
+        own = replace(model, likelihood=of_subject(model.likelihood, window.shown))
+        if not (found := _solved(own, window)).refused:
+            return found
+        found = _solved(model, window)
+        return replace(found, anew=not found.refused)  # it is somebody else
+    return _solved(model, window)
+
+
+def as_take(window: Window) -> Points:
+    """A window as a take of its own."""
+    nothing = np.full(window.xyz.shape[:2], np.nan)
+    return Points(("",) * len(window.number), window.xyz, nothing, window.rate, 0)
+
+
+def at_the_end(window: Window, marker: np.ndarray) -> np.ndarray:
+    """(L,) the last of the names (T, L) of each trajectory."""
     there = np.isfinite(window.xyz[..., 0])
-    names, nothing = ("",) * len(window.number), np.full(there.shape, np.nan)
-    take, options = Points(names, window.xyz, nothing, window.rate, 0), PointOptions("likelihood")
+    return marker[len(there) - 1 - there[::-1].argmax(axis=0), np.arange(there.shape[1])]
+
+
+def _solved(model: Model, window: Window) -> WindowNames:
+    take, options = as_take(window), PointOptions("likelihood")
 
     def named():
         frames = yield from name_frames(take, cut(take.xyz, take.rate), model, options)
-        _, verdict = yield from as_a_whole(frames, options)
+        solution = None
+        if window.quick and frames.solvable:
+            given = frames.labels, frames.model, take.rate
+            solution = yield from solve_take(take.xyz, frames.tracklet, *given, search="exchanges")
+        _, verdict = yield from as_a_whole(frames, options, solution)
         return verdict.labels.marker
 
     try:
-        marker = finished(in_stages(named(), begins(len(there))))
+        marker = finished(in_stages(named(), begins(len(window.xyz))))
     except JobError as error:
         return WindowNames(window.number, np.full(len(window.number), NO_MARKER), error.message)
-    last = len(there) - 1 - there[::-1].argmax(axis=0)
-    return WindowNames(window.number, marker[last, np.arange(len(last))])
+    return WindowNames(window.number, at_the_end(window, marker))
 
 
 def subject_in(model: Model, window: Window, names: WindowNames) -> Bodies | None:
@@ -92,34 +135,112 @@ def subject_in(model: Model, window: Window, names: WindowNames) -> Bodies | Non
 
 
 class _Trail:
-    """A trajectory that is followed: when it began, its last point, when it came, and the marker that it is.
-
-    solved  whether the solver has named it
-    fresh   whether it begins with this frame
-    """
+    """A trajectory that is followed: its last point, and when that came."""
 
     def __init__(self, number: int, place: np.ndarray, row: int):
-        self.number, self.begun, self.place, self.row, self.marker = number, row, place, row, NO_MARKER
-        self.solved, self.fresh = False, True
+        self.number, self.place, self.row = number, place, row
+
+
+class _Given:
+    """The names of trajectories, from a frame on.
+
+    marker  of each trajectory that has one, by its number
+    solved  the numbers of those that the solver has named
+    row     of the last frame
+    newest  the number of the last trajectory that is known; later ones come new
+    """
+
+    def __init__(self, within: np.ndarray, rate: float, row: int, newest: int = -1):
+        self.marker: dict[int, int] = {}
+        self.solved: set[int] = set()
+        self.rate, self.row, self.newest = rate, row, newest
+        self._gap = max(round(CUTTING.max_gap_s * rate), 2)
+        self._placed = np.full((self._gap + 1, len(within), 3), np.nan, np.float32)
+        self._seen = np.full(len(within), row - self._gap)
+        self._near = steadiest(within)
+        self._within = within[np.arange(len(within))[:, None], self._near]
+
+    @property
+    def placed(self) -> np.ndarray:
+        """(M, 3) m the markers in the last frame, NaN where one is not."""
+        return self._placed[self.row % len(self._placed)]
+
+    def on(self, row: int, number: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """The marker (P,) of each of a later frame's points (P, 3) m, which are of trajectories number (P,)."""
+        marker = np.array([self.marker.get(one, NO_MARKER) for one in number.tolist()], int)
+        marker[_said_before(marker)] = NO_MARKER
+        for missed in range(max(self.row, row - len(self._placed)) + 1, row + 1):
+            self._placed[missed % len(self._placed)] = np.nan
+        self.row = row
+        self.placed[marker[marker != NO_MARKER]] = points[marker != NO_MARKER]
+        self._go_on(np.flatnonzero(number > self.newest), number, points, marker)
+        self.newest = max(self.newest, int(number.max(initial=-1)))
+        self._seen[marker[marker != NO_MARKER]] = row
+        return marker
+
+    def _go_on(self, new: np.ndarray, number: np.ndarray, points: np.ndarray, marker: np.ndarray):
+        """Names those of points (P, 3) that come `new` (N,) where a marker that is not placed was just before."""
+        now, near = self.placed, (self._near, self._within)
+        free = np.isnan(now[:, 0])
+        if not len(new) or not free.any() or len(now) - free.sum() < LIKENESS.min_neighbours:
+            return
+        gap = np.tile(self.row - self._seen, (len(new), 1))
+        then = np.where(free & (gap < self._gap), (self.row - gap) % len(self._placed), -1)
+        at, nobody = np.full(len(new), self.row % len(self._placed)), np.full(len(new), NO_MARKER)
+        ends = at, then, gap, points[new].astype(np.float32), self._placed, nobody, *near
+        odds = np.where(then >= 0, of_ends(*ends, self.rate, LIKENESS), -np.inf)
+        for row, best in enumerate(odds.argmax(axis=1).tolist()):
+            ahead = odds[row, best]
+            rivals = np.append(np.delete(odds[row], best), np.delete(odds[:, best], row))
+            if ahead - max(rivals.max(initial=-np.inf), NO_EVIDENCE) > ROUNDS.margin:
+                self.marker[int(number[new[row]])] = marker[new[row]] = best
+                now[best] = points[new[row]]
+
+    def forget(self, numbers: set[int]):
+        """Forgets all trajectories but some."""
+        self.marker = {one: marker for one, marker in self.marker.items() if one in numbers}
+        self.solved &= numbers
+
+
+class _Shown:
+    """Where the markers were in some frames, spread over all of the stream, however long it is."""
+
+    def __init__(self, rate: float):
+        self.frames: list[np.ndarray] = []
+        self._next, self._step = 0, max(round(SHOWN_S * rate), 1)
+
+    def add(self, row: int, placed: np.ndarray):
+        """Adds a frame's markers (M, 3) m, if it is time for one and half of them are there."""
+        if row < self._next or np.isfinite(placed[:, 0]).mean() < REFUSAL.min_half:
+            return
+        self.frames.append(placed.copy())
+        if len(self.frames) > MAX_SHOWN:
+            self.frames, self._step = self.frames[::2], 2 * self._step
+        self._next = row + self._step
+
+    def take_back(self, markers: np.ndarray):
+        """Forgets where some markers (N,) were, as they were not there."""
+        for placed in self.frames:
+            placed[markers] = np.nan
 
 
 class LiveNamer:
     """Names the frames of a stream, each at once; `window` is for `solved_window`, and `hear` for what it says.
 
     A name that is given is settled. Where the solver takes it back, `renamed` says so: the marker that was, and that is
-    now, until the next frame. Memory does not grow.
+    from this frame on, NO_MARKER for none. Memory does not grow.
     """
 
     def __init__(self, within: np.ndarray, rate: float):
         """`within` is how the distances between the markers vary on a subject, variances (M, M) m²."""
-        self.markers, self.rate = len(within), rate
-        self._near = steadiest(within)
-        self._within = within[np.arange(self.markers)[:, None], self._near]
+        self.within, self.rate = within, rate
         self.begun, self.row, self.last = 0, -1, NO_POINT
         self.renamed: list[tuple[int, int]] = []
         self._kept = max(round(WINDOW_S * rate), 2)
         self._gap = max(round(CUTTING.max_gap_s * rate), 2)
-        self._asked = 0  # the row of the last window's end
+        self._least = REFUSAL.min_named * len(within)  # points, of fewer a window would be refused
+        self._there = 0  # the last row with as many
+        self._slow = False
         self._forget()
 
     def _forget(self):
@@ -127,8 +248,9 @@ class LiveNamer:
         self.trails: dict[int, _Trail] = {}
         self.links = Links.at(self.rate)
         self.past: list[tuple[int, np.ndarray, np.ndarray]] = []
-        self.placed = np.full((self._gap + 1, self.markers, 3), np.nan, np.float32)
-        self.seen = np.full(self.markers, -self._gap)
+        self.given, self.shown = _Given(self.within, self.rate, self.row), _Shown(self.rate)
+        self._asked: Window | None = None
+        self._later: _Given | None = None  # what was heard, on its way through the frames that came meanwhile
 
     def name(self, number: int, points: np.ndarray, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The marker (P,) of each point (P, 3) m of the next frame, NO_MARKER where it is not sure, and its trajectory.
@@ -139,20 +261,19 @@ class LiveNamer:
         if not 0 < step <= self._kept:  # it began anew, or was away
             self._forget()
             step = 1
-        self.last, self.row = number, self.row + step
-        trails = self._followed(points, ids, step)
-        marker = np.array([trail.marker for trail in trails], int)
-        marker[_said_before(marker)] = NO_MARKER
-        for missed in range(self.row - step + 1, self.row + 1):
-            self.placed[missed % len(self.placed)] = np.nan
-        now = self.placed[self.row % len(self.placed)]
-        now[marker[marker != NO_MARKER]] = points[marker != NO_MARKER]
-        self._go_on(trails, points, marker, now)
-        self.seen[marker[marker != NO_MARKER]] = self.row
-        trajectory = np.array([trail.number for trail in trails], int)
+        self.last, self.row, self.renamed = number, self.row + step, []
+        trajectory = np.array([trail.number for trail in self._followed(points, ids, step)], int)
         self.past.append((self.row, trajectory, points))
         while self.past[0][0] <= self.row - self._kept:
             self.past.pop(0)
+        marker = self.given.on(self.row, trajectory, points)
+        if self._later is not None:
+            marker = self._caught_up(self._later, marker)
+        self.shown.add(self.row, self.given.placed)
+        if len(points) >= self._least:
+            self._there = self.row
+        elif self.row - self._there > self._kept:  # who comes then may be somebody else
+            self.shown = _Shown(self.rate)
         return marker, trajectory
 
     def _followed(self, points: np.ndarray, ids: np.ndarray, step: int) -> list[_Trail]:
@@ -177,70 +298,88 @@ class LiveNamer:
             found.append(trail)
         if len(self.trails) > 2 * len(found):
             self.trails = {key: one for key, one in self.trails.items() if self.row - one.row <= self._gap}
+            self.given.forget({one.number for one in self.trails.values()})
         return found
-
-    def _go_on(self, trails: list[_Trail], points: np.ndarray, marker: np.ndarray, now: np.ndarray):
-        """Names points (P,) that come new where a marker that is not placed `now` (M, 3) was just before."""
-        free = np.isnan(now[:, 0])
-        new = np.flatnonzero([trail.fresh for trail in trails])
-        for one in new:
-            trails[one].fresh = False
-        if not len(new) or not free.any() or len(now) - free.sum() < LIKENESS.min_neighbours:
-            return
-        gap = np.tile(self.row - self.seen, (len(new), 1))
-        then = np.where(free & (gap < self._gap), (self.row - gap) % len(self.placed), -1)
-        at, nobody = np.full(len(new), self.row % len(self.placed)), np.full(len(new), NO_MARKER)
-        ends = at, then, gap, points[new].astype(np.float32), self.placed, nobody, self._near, self._within
-        odds = np.where(then >= 0, of_ends(*ends, self.rate, LIKENESS), -np.inf)
-        for row, best in enumerate(odds.argmax(axis=1)):
-            ahead = odds[row, best]
-            rivals = np.append(np.delete(odds[row], best), np.delete(odds[:, best], row))
-            if ahead - max(rivals.max(initial=-np.inf), NO_EVIDENCE) > ROUNDS.margin:
-                trails[new[row]].marker = marker[new[row]] = best
-                now[best] = points[new[row]]
 
     def window(self) -> Window | None:
         """What there is to be solved; None where that is not enough."""
-        if not self.past or self.row - self.past[0][0] < FIRST_S * self.rate:
+        past, lost = self.past, False
+        if not past or self._later is not None or len(past[-1][1]) < self._least:
             return None
-        self._asked = self.row
-        every = np.concatenate([numbers for _, numbers, _ in self.past])
+        if self.shown.frames:
+            there = min(len(past[-1][1]), len(self.within))
+            lost = np.isfinite(self.given.placed[:, 0]).sum() < REFUSAL.min_half * there
+        if lost:  # what comes first is what there is since then
+            past = [part for part in past if part[0] > self.row - FIRST_S * self.rate]
+            if not all(len(number) for _, number, _ in past):
+                return None
+        if self.row - past[0][0] < FIRST_S * self.rate - 1:
+            return None
+        every = np.concatenate([numbers for _, numbers, _ in past])
         number, lane = np.unique(every, return_inverse=True)
-        first = self.past[0][0]
-        frame = np.repeat([row - first for row, *_ in self.past], [len(numbers) for _, numbers, _ in self.past])
+        first = past[0][0]
+        frame = np.repeat([row - first for row, *_ in past], [len(numbers) for _, numbers, _ in past])
         xyz = np.full((self.row - first + 1, len(number), 3), np.nan)
-        xyz[frame, lane] = np.concatenate([points for *_, points in self.past])
-        return Window(first, self.rate, number, xyz)
+        xyz[frame, lane] = np.concatenate([points for *_, points in past])
+        shown = np.array(self.shown.frames).reshape(-1, len(self.within), 3)
+        quick = lost or (self._slow and len(shown) > 0)
+        marker = np.array([self.given.marker.get(one, NO_MARKER) for one in number.tolist()], int)
+        self._asked = Window(first, self.rate, number, xyz, marker, shown, quick)
+        return self._asked
 
     def hear(self, names: WindowNames):
-        """Takes what the last window came to for those that are still followed.
+        """Takes what the last window came to; a window that is refused says nothing.
 
-        What of them it leaves unnamed loses a name of ours, if it was there for as long as naming takes. A window that
-        is refused says nothing.
+        The next frames go by it, as soon as it is carried on through those that came meanwhile.
         """
-        self.renamed = []
+        if self._asked is None:
+            return
+        self._slow |= self.row - self._asked.end > SLOW_S * self.rate
+        if names.anew:
+            self.shown = _Shown(self.rate)
         if names.refused:
             return
-        said = dict(zip(names.number.tolist(), names.marker.tolist(), strict=True))
-        latest: dict[int, int] = {}
-        for trail in self.trails.values():
-            marker = said.get(trail.number, NO_MARKER)
-            if marker != NO_MARKER:
-                self._rename(trail, marker)
-                trail.solved, latest[marker] = True, max(latest.get(marker, 0), trail.number)
-        for trail in self.trails.values():
-            shown = not trail.solved and self._asked - trail.begun >= FIRST_S * self.rate
-            if said.get(trail.number) == NO_MARKER and (shown or latest.get(trail.marker, 0) > trail.number):
-                self._rename(trail, NO_MARKER)
-        now = self.placed[self.row % len(self.placed)]
-        for trail in self.trails.values():
-            if trail.marker != NO_MARKER and trail.row == self.row:
-                now[trail.marker], self.seen[trail.marker] = trail.place, self.row
+        later = _Given(self.within, self.rate, self._asked.end - self._gap, int(names.number.max(initial=-1)))
+        told = dict(zip(names.number.tolist(), names.marker.tolist(), strict=True))
+        said = {number: marker for number, marker in told.items() if marker != NO_MARKER}
+        kept = {number: marker for number, marker in self.given.marker.items() if number <= later.newest}
+        for number in self._taken_back(self._asked, said):
+            kept.pop(number, None)
+        later.marker, later.solved = kept | said, (self.given.solved & kept.keys()) | said.keys()
+        self._later = later
 
-    def _rename(self, trail: _Trail, marker: int):
-        if trail.marker not in (NO_MARKER, marker):
-            self.renamed.append((trail.marker, marker))
-        trail.marker = marker
+    def _taken_back(self, window: Window, said: dict[int, int]) -> list[int]:
+        """The trajectories of a window that lose a name of ours as it leaves them unnamed.
+
+        Because they were there for as long as naming takes, or a newer one has that name, or one that is there.
+        """
+        there = np.isfinite(window.xyz[..., 0])
+        begun = there.argmax(axis=0)
+        latest: dict[int, int] = {}
+        for number, marker in said.items():
+            latest[marker] = max(latest.get(marker, 0), number)
+        found = []
+        for number, first in zip(window.number.tolist(), begun.tolist(), strict=True):
+            ours = self.given.marker.get(number, NO_MARKER)
+            if ours == NO_MARKER or number in said:
+                continue
+            shown = len(there) - first > FIRST_S * self.rate and number not in self.given.solved and not window.quick
+            if shown or latest.get(ours, 0) > number:
+                found.append(number)
+        return found
+
+    def _caught_up(self, later: _Given, marker: np.ndarray) -> np.ndarray:
+        """The markers (P,) of the last frame by what was heard, if that has come so far; else as they are."""
+        for part in [part for part in self.past if part[0] > later.row][:CAUGHT_UP]:
+            told = later.on(*part)
+            self.shown.add(later.row, later.placed)
+        if later.row < self.row:
+            return marker
+        self.given, self._later = later, None
+        changed = (marker != told) & (marker != NO_MARKER)
+        self.renamed = list(zip(marker[changed].tolist(), told[changed].tolist(), strict=True))
+        self.shown.take_back(marker[changed])
+        return told
 
 
 def _said_before(values: np.ndarray) -> np.ndarray:

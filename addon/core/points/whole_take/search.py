@@ -8,6 +8,7 @@ is what may be wrong. It counts for what is kept, which is what the objective pr
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -48,6 +49,7 @@ class SearchOptions:
 
 
 SEARCH = SearchOptions()
+Moves = Literal["all", "exchanges", "none"]
 
 
 class Search:
@@ -70,12 +72,13 @@ class Search:
         self._known_odds: tuple[Candidate, np.ndarray] | None = None
         self._near = np.argsort(apart, axis=1, kind="stable")
 
-    def climb(self):
-        """Tries all groups until none is worth more."""
-        for _ in range(SEARCH.sweeps):
+    def climb(self, moves: Moves = "all"):
+        """Tries all groups until none is worth more; where only exchanges are tried, which are soon done, once."""
+        for _ in range({"all": SEARCH.sweeps, "exchanges": 1, "none": 0}[moves]):
             before = self.best
             for group in self._neighbourhoods():
-                self.propose(self._opened(group))
+                if moves == "all":
+                    self.propose(self._opened(group))
                 self.propose(self._exchanged(self._by_shape(group)))
             for tracklet in self._unsure():
                 if self.best.marker[tracklet] != NO_MARKER:

@@ -21,7 +21,7 @@ from .matching import margins, matched
 from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, usual_fit
 from .pairs import PAIRING
 from .rulings import RULING, Rulings
-from .search import Search
+from .search import Moves, Search
 from .tracklets import FrameLabels, Tracklets, tracklets_of
 
 
@@ -89,13 +89,13 @@ def solve_take(
     model: Model,
     rate: float,
     rulings: Rulings | None = None,
-    search: bool = True,
+    search: Moves = "all",
 ) -> Generator[float, None, Solution]:
     """Names the tracklets (T, P), -1 where there is none, of points (T, P, 3) m at `rate` frames a second.
 
     named is what frames say on their own, of which the likeliest names are begun with. The model has a likelihood.
     Yields the share that is done. `rulings` is what a person said, whose tracklets these are: it begins with what the
-    take was solved to without them. Without a `search` names are as they spread.
+    take was solved to without them. `search` says which moves are tried on what has spread.
     """
     tracklets = tracklets_of(points, tracklet, named, len(model.markerset))
     del tracklet  # a long take's is large
@@ -120,8 +120,8 @@ class _Solving:
         self.objective = Objective(points, tracklets, model, rate)
         self.best = self.margin = self.odds = np.zeros(0)
 
-    def solved(self, mended: bool) -> Generator[float, None, Solution]:
-        """What frames came to spread over the take, and mended where it is to be."""
+    def solved(self, moves: Moves) -> Generator[float, None, Solution]:
+        """What frames came to spread over the take, and mended by some moves."""
         questions: tuple[Question, ...] = ()
         last = len(ROUNDS.freedoms)
         # Once more at the end of a crowd: what nothing else could be may be in the place of a marker.
@@ -139,8 +139,7 @@ class _Solving:
         if self._add_extras():
             self._spread(freedom)
         search = Search(self.objective, self._filled(), freedom)
-        if mended:
-            search.climb()
+        search.climb(moves)
         return self._solution(search.best.marker, (), search)
 
     def solved_again(self, rulings: Rulings) -> Solution:

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The last moment of a stream of several: who is there, and who is who."""
+
+import numpy as np
+import pytest
+
+from addon.core.points.several.live import solved_of_several
+from addon.core.points.several.wearers import Wearer
+from addon.core.points.whole_take.live import Window, solved_window
+from addon.demo.take import MODEL
+from addon.io.models import open_model
+from scripts.virtual_take import write_virtual_take
+
+MARKERS = 26
+SUBJECTS = tuple(Wearer(name, open_model(MODEL)) for name in ("1", "2"))
+
+
+@pytest.fixture(scope="module")
+def people(tmp_path_factory):
+    """(2, T, M, 3) m, two who walk beside each other, the second larger, by the markers' order in the set."""
+    found = []
+    for seed in (1, 5):
+        take = write_virtual_take(tmp_path_factory.mktemp("live"), 120, seed, "walk.csv", "room.toml")
+        order = [take.names.index(name) for name in SUBJECTS[0].model.markerset.markers]
+        found.append((1 + 0.06 * len(found)) * take.xyz[:, order] + np.array([0.0, 2.0 * len(found), 0.0]))
+    return np.stack([one[:110] for one in found])
+
+
+def window(xyz: np.ndarray, marker: np.ndarray | None = None, shown: np.ndarray | None = None) -> Window:
+    """That of markers (T, L, 3) m in the last frames, called so (L,) before, and so in some frames (K, 2 M, 3)."""
+    lanes = xyz.shape[1]
+    nothing = np.full(lanes, -1) if marker is None else marker
+    return Window(0, 60.0, np.arange(lanes), xyz, nothing, np.zeros((0, 2 * MARKERS, 3)) if shown is None else shown)
+
+
+def named(given: Window, true: np.ndarray):
+    """Whether all that is named is what is true (L,), and most is named."""
+    said = solved_of_several(SUBJECTS, given)
+    own = said.marker >= 0
+    return own.mean() > 0.9 and (said.marker[own] == true[own]).all()
+
+
+def test_who_is_who_stays_as_names_were_and_else_as_distances_are(people):
+    late = np.concatenate(people[:, 50:], axis=1)
+    same, other = np.arange(2 * MARKERS), np.roll(np.arange(2 * MARKERS), MARKERS)
+    assert named(window(late, same), same) and named(window(late, other), other)
+    some = np.where(np.arange(2 * MARKERS) % 5, -1, other)
+    assert named(window(late, some), other)
+    for order, true in ((people[:, :50], same), (people[::-1, :50], other)):
+        assert named(window(late, shown=np.concatenate(order, axis=1)), true)
+
+
+def test_of_two_one_may_be_there_alone(people):
+    shown = np.concatenate(people[:, :50], axis=1)
+    for person in (0, 1):
+        true = np.arange(MARKERS) + person * MARKERS
+        assert named(window(people[person, 50:], true), true)
+        assert named(window(people[person, 50:], shown=shown), true)
+
+
+def test_whom_one_knows_is_named_by_that_and_somebody_else_is_told(people):
+    model = SUBJECTS[0].model
+    for known, anew in ((people[0, :40], False), (1.6 * people[0, :40], True)):
+        said = solved_window(model, window(people[0, 50:], shown=known))
+        assert (said.marker == np.arange(MARKERS)).all() and said.anew == anew
+    said = solved_window(model, window(people[0, 50:, :5], shown=people[0, :40]))
+    assert said.refused and not said.anew, "who is hidden is not somebody else"
+
+
+def test_where_nobody_is_it_is_said(people):
+    said = solved_of_several(SUBJECTS, window(people[0, 50:, :5]))
+    assert said.refused and (said.marker == -1).all()
