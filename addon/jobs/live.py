@@ -15,7 +15,7 @@ from ..core.data.errors import InputError, UserError
 from ..core.data.lanes import Lanes
 from ..core.data.takes import NO_MARKER, Points
 from ..core.points.models import Model
-from ..core.points.several.live import within_of
+from ..core.points.several.live import namer_of
 from ..core.points.several.wearers import AUTO, SetsWorn, Wearer
 from ..core.points.whole_take.live import LiveNamer, Window, WindowNames
 from ..core.posing.posing import FollowedBody
@@ -276,7 +276,7 @@ class _Live:
             seconds = seconds if seconds > 0 else end - begin  # not so where it is no number
             self.rate = abs(last.number - first.number) / seconds
         if self.rate:
-            self.namer = LiveNamer(within_of([one.model for one in self.worn.subjects]), self.rate)
+            self.namer = namer_of([one.model for one in self.worn.subjects], self.rate)
             for _, frame in self.waiting:
                 self._named(self.namer, frame)
             self.waiting = []

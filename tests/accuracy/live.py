@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 from addon.core.body.bodies import BodyModel
 from addon.core.data.takes import Points
 from addon.core.points.models import Model
-from addon.core.points.several.live import solved_of_several, within_of
+from addon.core.points.several.live import namer_of, solved_of_several
 from addon.core.points.several.wearers import Wearer
 from addon.core.points.whole_take.live import LiveNamer, Window, WindowNames, solved_window, subject_in
 from addon.core.posing.posing import FollowedBody
@@ -67,12 +67,12 @@ def there_and_back(take: people.Take) -> people.Take:
 def played(points: Points, truth: np.ndarray, model: Model, people: int = 1) -> Tally:
     """Names the points (T, P, 3) of a take of so many `people`, whose markers in a row are `truth` (P,) or (T, P)."""
     xyz, truth = points.xyz[:], np.broadcast_to(truth, points.xyz.shape[:2])
-    namer, found, solve = LiveNamer(within_of([model] * people), points.rate), Tally(), solver(model, people)
+    namer, found, solve = namer_of([model] * people, points.rate), Tally(), solver(model, people)
     done, names, body, away = 0, None, None, len(xyz) // 2
     found.seconds = len(xyz) / points.rate
     back = away + round(AWAY_S * points.rate)
     with threadpool_limits(1, user_api="blas"):
-        warm_up(points, namer.within, solve)
+        warm_up(points, namer_of([model] * people, points.rate), solve)
         for frame, every in enumerate(xyz):
             at = np.flatnonzero(np.isfinite(every[:, 0])) if not away <= frame < back else np.zeros(0, int)
             begin = process_time()
@@ -121,9 +121,8 @@ def as_called(marker: np.ndarray, truth: np.ndarray, now: np.ndarray, size: int,
     return np.where(truth >= 0, size * whose[truth // size] + truth % size, truth)
 
 
-def warm_up(points: Points, within: np.ndarray, solve: Callable[[Window], WindowNames]):
+def warm_up(points: Points, namer: LiveNamer, solve: Callable[[Window], WindowNames]):
     """Solves what is far from any stream: a process that works for long has all loaded."""
-    namer = LiveNamer(within, points.rate)
     for frame in range(round(points.rate / 2)):
         every = points.xyz[len(points.xyz) - 1 - frame]
         at = np.flatnonzero(np.isfinite(every[:, 0]))

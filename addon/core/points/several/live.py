@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The last moment of a stream that several are in, named as takes of several are; who is who stays as it was said."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -12,7 +12,7 @@ from ...data.progress import finished
 from ...data.takes import NO_MARKER
 from ..models import Model
 from ..tracklets import cut
-from ..whole_take.live import Window, WindowNames, as_take, at_the_end
+from ..whole_take.live import LiveNamer, Window, WindowNames, as_take, at_the_end
 from ..whole_take.pairs import trained_pairs
 from ..whole_take.pipeline import PointOptions
 from .bodies import Crowd
@@ -24,13 +24,13 @@ from .wearers import SetsWorn, SeveralOptions, Wearer, is_same, kinds
 UNRELATED = 1.0  # m², how the distance between markers of two varies: so much that it says nothing
 
 
-def within_of(models: list[Model]) -> np.ndarray:
-    """How the distances between the markers of several in a row vary, as `LiveNamer` takes it."""
+def namer_of(models: list[Model], rate: float) -> LiveNamer:
+    """What names the frames of those who wear some models, by the markers of all in a row."""
     whose = np.repeat(np.arange(len(models)), [len(model.markerset) for model in models])
-    found = np.full((len(whose), len(whose)), UNRELATED)
+    within = np.full((len(whose), len(whose)), UNRELATED)
     for person, model in enumerate(models):
-        found[np.ix_(whose == person, whose == person)] = trained_pairs(model).within
-    return found
+        within[np.ix_(whose == person, whose == person)] = trained_pairs(model).within
+    return LiveNamer(within, rate, whose)
 
 
 def solved_of_several(subjects: tuple[Wearer, ...], window: Window) -> WindowNames:
@@ -38,32 +38,46 @@ def solved_of_several(subjects: tuple[Wearer, ...], window: Window) -> WindowNam
     trouble, whole = "", SetsWorn(subjects)
     take, options = as_take(window), PointOptions("likelihood")
     crowd = Crowd(take, cut(take.xyz, take.rate), options)
-    for some in _who_may_be_there(whole, window):
-        try:
-            found = finished(everybody(crowd, some))
-        except JobError as error:
-            trouble = trouble or error.message
-            continue
-        marker = at_the_end(window, found.verdict.labels.marker)
-        return WindowNames(window.number, _as_before(whole, found, window, marker))
+    for either in _who_may_be_there(whole, window):
+        every: list[Everybody] = []
+        for some in either:
+            try:
+                every.append(finished(everybody(crowd, some)))
+            except JobError as error:
+                trouble = trouble or error.message
+        if every:
+            found = max(every, key=lambda one: one.verdict.labels.named.sum())
+            marker = at_the_end(window, found.verdict.labels.marker)
+            return WindowNames(window.number, _as_before(whole, found, window, marker))
     return WindowNames(window.number, np.full(len(window.number), NO_MARKER), trouble)
 
 
-def _who_may_be_there(whole: SetsWorn, window: Window) -> Iterator[SeveralOptions]:
-    """All of them, and then fewer and fewer; of as many first those of whom most is named already.
+def _who_may_be_there(whole: SetsWorn, window: Window) -> Iterator[list[SeveralOptions]]:
+    """All of them, then fewer and fewer, and at last each alone; where several are given, who has most names is there.
 
-    By how many they are, where nothing tells them from each other.
+    Of as many it is one group, as there are too many: that of whom most is named already and, of equals, another one
+    each time. Where nothing is named yet, whoever is there alone is told sooner than some who wear different sets.
     """
-    count = [int(np.isin(window.marker, own).sum()) for own in markers_of(whole)]
+    count = np.array([np.isin(window.marker, own).sum() for own in markers_of(whole)])
     worn = [one.model for one in kinds(whole.subjects)]
-    for many in range(len(worn), 0, -1):
-        tried: set[tuple[Model, ...]] = set()
-        for group in sorted(combinations(range(len(worn)), many), key=lambda group: -sum(count[one] for one in group)):
-            models = tuple(worn[one] for one in group)
-            if models not in tried:
-                tried.add(models)
-                some = tuple(whole.subjects[one] for one in group)
-                yield SeveralOptions(models[0], many) if len(set(models)) == 1 else SeveralOptions(subjects=some)
+    chance = np.random.default_rng(window.row)
+    for many in range(len(worn), 1, -1):
+        groups = chance.permutation(list(combinations(range(len(worn)), many))).tolist()
+        if many < len(worn) and not count.any():
+            groups = [group for group in groups if len({worn[one] for one in group}) == 1]
+        if groups:
+            yield [_asked(whole, max(groups, key=lambda group: count[group].sum()))]
+    kind = {model: sum(named for one, named in zip(worn, count, strict=True) if one is model) for model in worn}
+    alone = [_asked(whole, [worn.index(model)]) for model in sorted(kind, key=lambda model: -kind[model])]
+    yield from [[one] for one in alone] if count.any() else [alone]
+
+
+def _asked(whole: SetsWorn, group: Sequence[int]) -> SeveralOptions:
+    """Some of all subjects, by how many they are where nothing tells them from each other."""
+    some = tuple(whole.subjects[one] for one in group)
+    if all(is_same(one.model, some[0].model) for one in some):
+        return SeveralOptions(some[0].model, len(some))
+    return SeveralOptions(subjects=some)
 
 
 def markers_of(whole: SetsWorn) -> list[np.ndarray]:

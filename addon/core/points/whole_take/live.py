@@ -203,17 +203,22 @@ class _Given:
 
 
 class _Shown:
-    """Where the markers were in some frames, spread over all of the stream, however long it is."""
+    """Where the markers of subjects `whose` (M,) were in some frames, spread over all of the stream, however long."""
 
-    def __init__(self, rate: float):
+    def __init__(self, whose: np.ndarray, rate: float):
         self.frames: list[np.ndarray] = []
+        self._whose = whose
         self._next, self._step = 0, max(round(SHOWN_S * rate), 1)
 
     def add(self, row: int, placed: np.ndarray):
-        """Adds a frame's markers (M, 3) m, if it is time for one and half of them are there."""
-        if row < self._next or np.isfinite(placed[:, 0]).mean() < REFUSAL.min_half:
+        """Adds a frame's markers (M, 3) m, if it is time for one, of whoever has half of them there."""
+        if row < self._next:
             return
-        self.frames.append(placed.copy())
+        there = np.bincount(self._whose, np.isfinite(placed[:, 0])) / np.bincount(self._whose)
+        known = there >= REFUSAL.min_half
+        if not known.any():
+            return
+        self.frames.append(np.where(known[self._whose, None], placed, np.nan))
         if len(self.frames) > MAX_SHOWN:
             self.frames, self._step = self.frames[::2], 2 * self._step
         self._next = row + self._step
@@ -231,14 +236,17 @@ class LiveNamer:
     from this frame on, NO_MARKER for none. Memory does not grow.
     """
 
-    def __init__(self, within: np.ndarray, rate: float):
-        """`within` is how the distances between the markers vary on a subject, variances (M, M) m²."""
-        self.within, self.rate = within, rate
+    def __init__(self, within: np.ndarray, rate: float, whose: np.ndarray):
+        """`within` is how the distances between the markers vary on a subject, variances (M, M) m².
+
+        `whose` (M,) is which subject has each marker, counted from 0.
+        """
+        self.within, self.rate, self.whose = within, rate, whose
         self.begun, self.row, self.last = 0, -1, NO_POINT
         self.renamed: list[tuple[int, int]] = []
         self._kept = max(round(WINDOW_S * rate), 2)
         self._gap = max(round(CUTTING.max_gap_s * rate), 2)
-        self._least = REFUSAL.min_named * len(within)  # points, of fewer a window would be refused
+        self._least = REFUSAL.min_named * np.bincount(whose).min()  # points, of fewer a window would be refused
         self._there = 0  # the last row with as many
         self._slow = False
         self._forget()
@@ -248,7 +256,7 @@ class LiveNamer:
         self.trails: dict[int, _Trail] = {}
         self.links = Links.at(self.rate)
         self.past: list[tuple[int, np.ndarray, np.ndarray]] = []
-        self.given, self.shown = _Given(self.within, self.rate, self.row), _Shown(self.rate)
+        self.given, self.shown = _Given(self.within, self.rate, self.row), _Shown(self.whose, self.rate)
         self._asked: Window | None = None
         self._later: _Given | None = None  # what was heard, on its way through the frames that came meanwhile
 
@@ -273,7 +281,7 @@ class LiveNamer:
         if len(points) >= self._least:
             self._there = self.row
         elif self.row - self._there > self._kept:  # who comes then may be somebody else
-            self.shown = _Shown(self.rate)
+            self.shown = _Shown(self.whose, self.rate)
         return marker, trajectory
 
     def _followed(self, points: np.ndarray, ids: np.ndarray, step: int) -> list[_Trail]:
@@ -336,7 +344,7 @@ class LiveNamer:
             return
         self._slow |= self.row - self._asked.end > SLOW_S * self.rate
         if names.anew:
-            self.shown = _Shown(self.rate)
+            self.shown = _Shown(self.whose, self.rate)
         if names.refused:
             return
         later = _Given(self.within, self.rate, self._asked.end - self._gap, int(names.number.max(initial=-1)))

@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The last moment of a stream of several: who is there, and who is who."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from addon.core.data.errors import JobError
+from addon.core.points.several import live
 from addon.core.points.several.live import solved_of_several
 from addon.core.points.several.wearers import Wearer
 from addon.core.points.whole_take.live import Window, solved_window
@@ -56,6 +60,31 @@ def test_of_two_one_may_be_there_alone(people):
         true = np.arange(MARKERS) + person * MARKERS
         assert named(window(people[person, 50:], true), true)
         assert named(window(people[person, 50:], shown=shown), true)
+
+
+def test_of_different_sets_who_is_there_alone_wears_the_one_that_names_most(people):
+    other = Wearer("bob", open_model("gait15"))
+    said = solved_of_several((other, SUBJECTS[0]), window(people[0, 50:]))
+    assert said.marker.tolist() == list(range(15, 15 + MARKERS))
+
+
+def test_of_many_different_sets_few_groups_are_tried_and_in_the_end_all_who_may_be_there(people, monkeypatch):
+    model, tried = SUBJECTS[0].model, []
+    six = tuple(Wearer(name, replace(model, fingerprint=name)) for name in "abcdef")
+
+    def nobody(_, some):
+        tried.append("".join(one.model.fingerprint for one in some.at_least.subjects))
+        raise JobError("shows nobody; expected somebody")
+
+    monkeypatch.setattr(live, "everybody", nobody)
+    solved_of_several(six, window(people[0, :50]))
+    assert tried == ["abcdef", *"abcdef"]
+    tried.clear()
+    some = np.arange(MARKERS) + MARKERS * np.where(np.arange(MARKERS) % 2, 1, 4)
+    for row in range(40):
+        solved_of_several(six, replace(window(people[0, :50], some), row=row))
+    assert len(tried) == 40 * 11 and {one for one in tried if len(one) == 2} == {"be"}
+    assert {one for one in tried if len(one) == 3} == {"abe", "bce", "bde", "bef"}
 
 
 def test_whom_one_knows_is_named_by_that_and_somebody_else_is_told(people):

@@ -16,9 +16,15 @@ def body(frame: int) -> np.ndarray:
     return PLACES + np.array([frame / RATE, 0, 0])
 
 
-def settled(ids: np.ndarray, frames: int = 40) -> LiveNamer:
+def namer_of(people: int = 1) -> LiveNamer:
+    """That of so many, of whom the first is the stiff body."""
+    whose = np.repeat(np.arange(people), MARKERS)
+    return LiveNamer(np.full((len(whose), len(whose)), 1e-6), RATE, whose)
+
+
+def settled(ids: np.ndarray, frames: int = 40, people: int = 1) -> LiveNamer:
     """A namer that has heard who is who in some frames, all but the last few of which were asked."""
-    namer = LiveNamer(np.full((MARKERS, MARKERS), 1e-6), RATE)
+    namer = namer_of(people)
     for frame in range(frames):
         if frame == frames - 5:
             window = namer.window()
@@ -96,7 +102,7 @@ def test_a_name_that_the_solver_does_not_give_is_taken_back_once_it_was_shown_en
 
 def test_what_comes_while_a_window_is_solved_is_named_by_it_too():
     ids = np.arange(MARKERS)
-    namer = LiveNamer(np.full((MARKERS, MARKERS), 1e-6), RATE)
+    namer = namer_of()
     for frame in range(40):
         namer.name(frame, body(frame), ids)
     window = namer.window()
@@ -130,6 +136,15 @@ def test_who_was_lost_is_looked_for_quickly_by_what_is_known_of_them():
     namer.hear(WindowNames(window.number, ids, "not whom I know", anew=True))
     namer.name(frame + 1, body(frame + 1), ids + MARKERS)
     assert len(namer.window().shown) == 0 and not namer.window().quick
+
+
+def test_one_of_many_who_is_there_alone_is_named_and_known_from_then_on():
+    namer = settled(np.arange(MARKERS), people=5)
+    for frame in range(40, 60):
+        marker, _ = namer.name(frame, body(frame), np.arange(MARKERS))
+        assert marker.tolist() == list(range(MARKERS))
+    shown = namer.window().shown
+    assert len(shown) and (np.isfinite(shown[:, :, 0]) == (np.arange(5 * MARKERS) < MARKERS)).all()
 
 
 def test_who_comes_after_nobody_was_there_for_long_may_be_somebody_else():
