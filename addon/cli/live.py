@@ -34,7 +34,7 @@ def add_parser(verbs):
     what = "qtm://HOST (Qualisys), natnet://HOST (OptiTrack) or vicon://HOST; :PORT where it is not the usual one"
     parser.add_argument("source", metavar="SOURCE", help=what)
     add_options(parser, "--model")
-    add_subjects(parser, auto="")
+    add_subjects(parser, auto=False)
     parser.add_argument("--out", type=Path, metavar="FILE.c3d", help="also keep all frames in this .c3d")
     wait = number(0.1, 3600, "number of seconds")
     parser.add_argument("--wait", type=wait, default=5.0, metavar="S", help="end after S seconds without a frame (5)")

@@ -20,6 +20,7 @@ from ..core.points.several.wearers import AUTO, SetsWorn, Wearer
 from ..core.points.whole_take.live import LiveNamer, Window, WindowNames
 from ..core.posing.posing import FollowedBody
 from ..core.reconstruction.trajectories import Reconstructed
+from ..io.markersets import AUTO_MODEL
 from ..io.models import open_model
 from ..io.points import write_c3d
 from ..io.scratch import scratch_folder
@@ -81,6 +82,8 @@ class LiveJob:
         if self.subjects == AUTO:
             words = "as many as there are is for a whole take to say"
             raise InputError(f"{words}; expected how many subjects are in the stream")
+        if self.model == AUTO_MODEL:
+            raise InputError("auto needs the whole take; expected a built-in model or a *.markerset.json file")
         each = self.wearers or tuple((str(number + 1), self.model) for number in range(self.subjects))
         models = {name: _open(name) for name in dict.fromkeys(model for _, model in each)}
         return SetsWorn(tuple(Wearer(name, models[model]) for name, model in each))

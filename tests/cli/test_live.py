@@ -17,7 +17,8 @@ from addon.cli.live import refuse_offline
 from addon.cli.workers import door
 from addon.core.body.bodies import BodyModel
 from addon.core.body.sides import mirror_order
-from addon.core.data.errors import JobError
+from addon.core.data.errors import InputError, JobError
+from addon.core.points.several.wearers import AUTO
 from addon.core.points.whole_take.live import WINDOW_S, Window, WindowNames
 from addon.demo.take import MODEL
 from addon.io.markersets import open_markerset
@@ -153,7 +154,12 @@ def test_what_cannot_be_is_said_before_anybody_is_asked(run, tmp_path):
         return run("live", *words).refusal(2)
 
     assert "is no address of a stream" in refused("take.c3d", "--model", MODEL)
-    assert "expected how many subjects" in refused("qtm://127.0.0.1", "--model", MODEL, "--subjects", "auto")
+    for many in ("auto", "0"):
+        words = refused("qtm://127.0.0.1", "--model", MODEL, "--subjects", many)
+        assert "expected a whole number from 1 to 8" in words and "or auto" not in words
+    with pytest.raises(InputError, match="expected how many subjects"):
+        assert live.LiveJob("qtm://127.0.0.1", MODEL, subjects=AUTO).worn
+    assert "auto needs the whole take" in refused("qtm://127.0.0.1", "--model", "auto")
     assert "outside of this machine's own network" in refused("qtm://8.8.8.8", "--model", MODEL)
     assert "expected a name that ends in .c3d" in refused("qtm://127.0.0.1", "--model", MODEL, "--out", "a.trc")
     (tmp_path / "a.c3d").write_bytes(b"mine")

@@ -3,7 +3,6 @@
 
 import argparse
 import math
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -28,13 +27,14 @@ if TYPE_CHECKING:
     from ...jobs.pages import BatchSummary
 
 
+_told = whole(1, MAX_SUBJECTS, "number of subjects")
+
+
 def _count(text: str) -> int:
-    if text == "auto":
-        return AUTO
-    if not re.fullmatch(r"[1-9]", text, re.ASCII) or int(text) > MAX_SUBJECTS:
-        words = f"{text[:60]!r} is no number of subjects"
-        raise argparse.ArgumentTypeError(f"{words}; expected a whole number from 1 to {MAX_SUBJECTS}, or auto")
-    return int(text)
+    try:
+        return AUTO if text == "auto" else _told(text)
+    except argparse.ArgumentTypeError as error:
+        raise argparse.ArgumentTypeError(f"{error}, or auto") from None
 
 
 def _wearer(text: str) -> tuple[str, str]:
@@ -47,10 +47,11 @@ def _wearer(text: str) -> tuple[str, str]:
     return name, model
 
 
-def add_subjects(parser: argparse.ArgumentParser, auto: str = ", auto for as many as there are"):
-    """Adds what says who is there beside --model; `auto` is said of how many."""
-    many = f"how many wear the model{auto} (default 1); markers are then called 1:LASI, 2:LASI"
-    parser.add_argument("--subjects", type=_count, metavar="N|auto" if auto else "N", help=many)
+def add_subjects(parser: argparse.ArgumentParser, auto: bool = True):
+    """Adds what says who is there beside --model; how many there are may be `auto`."""
+    kind, sign, words = (_count, "N|auto", ", auto for as many as there are") if auto else (_told, "N", "")
+    many = f"how many wear the model{words} (default 1); markers are then called 1:LASI, 2:LASI"
+    parser.add_argument("--subjects", type=kind, metavar=sign, help=many)
     who = "who wears what, once for each subject and instead of --model; markers are then called NAME:LASI"
     parser.add_argument("--subject", type=_wearer, action="append", metavar="NAME=MODEL", help=who)
 
