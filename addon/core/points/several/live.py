@@ -16,7 +16,7 @@ from ..whole_take.live import LiveNamer, Window, WindowNames, as_take, at_the_en
 from ..whole_take.pairs import trained_pairs
 from ..whole_take.pipeline import PointOptions
 from .bodies import Crowd
-from .identification import PersonBuild
+from .identification import IDENTIFICATION, PersonBuild
 from .pipeline import everybody
 from .together import Everybody
 from .wearers import SetsWorn, SeveralOptions, Wearer, is_same, kinds
@@ -58,7 +58,8 @@ def _who_may_be_there(whole: SetsWorn, window: Window) -> Iterator[list[SeveralO
     Of as many it is one group, as there are too many: that of whom most is named already and, of equals, another one
     each time. Where nothing is named yet, whoever is there alone is told sooner than some who wear different sets.
     """
-    count = np.array([np.isin(window.marker, own).sum() for own in markers_of(whole)])
+    now = window.marker[np.isfinite(window.xyz[-1, :, 0])]  # who left may have left in many pieces
+    count = np.array([np.isin(now, own).sum() for own in markers_of(whole)])
     worn = [one.model for one in kinds(whole.subjects)]
     chance = np.random.default_rng(window.row)
     for many in range(len(worn), 1, -1):
@@ -90,21 +91,33 @@ def markers_of(whole: SetsWorn) -> list[np.ndarray]:
 def _as_before(whole: SetsWorn, found: Everybody, window: Window, marker: np.ndarray) -> np.ndarray:
     """The markers (L,) of those who were found, as those of `whole` who they are.
 
-    That is who has most of the names so far or, where there are none, whose distances theirs are.
+    That is who has most of the names so far or, where there are none, whose distances theirs are. Where not all are
+    there, it may be anybody with these markers, whatever the model that names them.
     """
     from scipy.optimize import linear_sum_assignment
 
     every, said = markers_of(whole), np.full(len(marker), NO_MARKER)
     score = np.full((len(found.found), len(every)), -1e9)
     for row, (one, own) in enumerate(zip(found.found, markers_of(found.worn), strict=True)):
-        theirs, build = np.isin(marker, own), PersonBuild.of(one.body)
+        theirs, build, model = np.isin(marker, own), PersonBuild.of(one.body), one.subject.model
+        may_be = [other for other in whole.subjects if other.model.markerset.markers == model.markerset.markers]
+        if len(found.found) == len(every):
+            may_be = [other for other in may_be if is_same(other.model, model)]
+        by_models = len(set(kinds(tuple(may_be)))) > 1
         for column, (other, names) in enumerate(zip(whole.subjects, every, strict=True)):
-            if is_same(one.subject.model, other.model):
-                before = PersonBuild.shown(other.model, window.shown[:, names])
-                cost = min(build.cost(before, np.sqrt(2) * MARKER_LIMITS.noise_m), len(names))
+            if other in may_be:
+                cost = min(_unlike(build, other.model, window.shown[:, names], by_models), len(names))
                 score[row, column] = len(names) * np.isin(window.marker[theirs], names).sum() - cost
     for row, column in zip(*linear_sum_assignment(score, maximize=True), strict=True):
         own = markers_of(found.worn)[row]
         theirs = np.isin(marker, own)
         said[theirs] = marker[theirs] - own[0] + every[column][0]
     return said
+
+
+def _unlike(build: PersonBuild, model: Model, shown: np.ndarray, by_model: bool) -> float:
+    """How badly who is there goes with who was shown (K, M, 3) m before or, where nothing was, with the model."""
+    before = PersonBuild.shown(model, shown)
+    if by_model and not np.isfinite(before.mean).any():
+        return build.cost(PersonBuild.trained(model), IDENTIFICATION.put_on_m)
+    return build.cost(before, np.sqrt(2) * MARKER_LIMITS.noise_m)

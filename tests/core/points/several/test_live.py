@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from addon.core.data.errors import JobError
+from addon.core.points.models import TrainingTake
 from addon.core.points.several import live
 from addon.core.points.several.live import solved_of_several
 from addon.core.points.several.wearers import Wearer
+from addon.core.points.unordered import of_subject
 from addon.core.points.whole_take.live import Window, solved_window
 from addon.demo.take import MODEL
 from addon.io.models import open_model
@@ -85,6 +87,25 @@ def test_of_many_different_sets_few_groups_are_tried_and_in_the_end_all_who_may_
         solved_of_several(six, replace(window(people[0, :50], some), row=row))
     assert len(tried) == 40 * 11 and {one for one in tried if len(one) == 2} == {"be"}
     assert {one for one in tried if len(one) == 3} == {"abe", "bce", "bde", "bef"}
+    tried.clear()
+    left = people[0, :50].copy()
+    left[-1, 1::2] = np.nan
+    for row in range(40):
+        solved_of_several(six, replace(window(left, some), row=row))
+    assert {one for one in tried if len(one) == 2} == {"ae", "be", "ce", "de", "ef"}, "b has left"
+
+
+def test_of_two_with_models_of_their_own_who_is_there_alone_is_who_has_that_size(people):
+    def own(name: str, xyz: np.ndarray) -> Wearer:
+        model = SUBJECTS[0].model
+        takes = (TrainingTake(name, ("walk",), len(xyz), xyz),)
+        known = of_subject(model.likelihood, xyz[::3])
+        return Wearer(name, replace(model, likelihood=known, fingerprint=name, training_takes=takes))
+
+    both = own("ann", people[0]), own("bob", people[1])
+    for order, first in ((both, MARKERS), (both[::-1], 0)):
+        said = solved_of_several(order, window(people[1, 50:]))
+        assert said.marker.tolist() == list(range(first, first + MARKERS))
 
 
 def test_whom_one_knows_is_named_by_that_and_somebody_else_is_told(people):
