@@ -141,9 +141,11 @@ class SolverProcess:
 
 def solved(job: LiveJob, posed: bool, window: Window) -> WindowNames:
     """What the process beside does with a window."""
+    begin = time.perf_counter()
     with threadpool_limits(1, user_api="blas"):
         if job.several:
             return solved_of_several(job.worn.subjects, window)
         model = open_model(job.model)
         names = solved_window(model, window)
+        names = replace(names, seconds=time.perf_counter() - begin)
         return replace(names, subject=subject_in(model, window, names)) if posed else names

@@ -9,7 +9,7 @@ is in the training of the model.
 import argparse
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -28,9 +28,9 @@ from addon.core.posing.posing import FollowedBody
 from addon.io.models import open_model
 from scripts.results import markdown
 
-from . import people, whole_takes
+from . import people, strangers, whole_takes
 from .actors import ACTING_M, Meeting, acting, walkers
-from .known_sets import serve, strangers_in_body26
+from .known_sets import serve
 from .whole_takes import Case, Pieces, cut_up
 
 LEAST_S, MOST_S = 10.0, 16.0  # of a take: shorter ones are played there and back, again and again
@@ -92,7 +92,8 @@ def played(points: Points, truth: np.ndarray, model: Model, people: int = 1) -> 
             if names is None and (window := namer.window()) is not None:
                 begin = process_time()
                 names = solve(window)
-                done = frame + max(math.ceil((process_time() - begin) * points.rate), 1)
+                names = replace(names, seconds=process_time() - begin)
+                done = frame + max(math.ceil(names.seconds * points.rate), 1)
                 body = body or (_body(model, window, names) if people == 1 else None)
             _count(found, marker, truth[frame, at], frame, back, points.rate)
     return found
@@ -184,7 +185,7 @@ def groups(keep: Path) -> dict[str, Callable[[], Group]]:
         "walks, `body26` of other people": lambda: of_cases([*known["pieces-body26"]()][:FOLDS], keep),
         "`cmu41`, the others learned": lambda: of_cases([*known["others"]()][:ACTORS], keep),
         "tennis serve, `body39`": lambda: built_in("body39", serve()),
-        "strangers, `body26`": lambda: built_in("body26", strangers_in_body26()),
+        "strangers, `body26`": lambda: built_in("body26", strangers.in_body26()),
         "two walkers, `body26` of other people": lambda: of_two(walkers(2), keep),
         "two of `cmu41`, the others learned": lambda: of_two(acting(ACTING_M), keep),
         "`actors53`, one learned": lambda: of_actor(keep),

@@ -69,6 +69,7 @@ class WindowNames:
     refused  why, else empty
     anew     whether they are not as it was known of who was there before
     subject  the size and shape of who wears them, a batch of 1, where somebody has asked for it
+    seconds  that it took
     """
 
     number: np.ndarray
@@ -76,6 +77,7 @@ class WindowNames:
     refused: str = ""
     anew: bool = False
     subject: Bodies | None = None
+    seconds: float = 0.0
 
 
 def solved_window(model: Model, window: Window) -> WindowNames:
@@ -330,7 +332,7 @@ class LiveNamer:
         xyz = np.full((self.row - first + 1, len(number), 3), np.nan)
         xyz[frame, lane] = np.concatenate([points for *_, points in past])
         shown = np.array(self.shown.frames).reshape(-1, len(self.within), 3)
-        quick = lost or (self._slow and len(shown) > 0)
+        quick = self.whose.max() == 0 and (lost or (self._slow and len(shown) > 0))  # several are solved in one way
         marker = np.array([self.given.marker.get(one, NO_MARKER) for one in number.tolist()], int)
         self._asked = Window(first, self.rate, number, xyz, marker, shown, quick)
         return self._asked
@@ -342,7 +344,10 @@ class LiveNamer:
         """
         if self._asked is None:
             return
-        self._slow |= self.row - self._asked.end > SLOW_S * self.rate
+        if not self._asked.quick and len(self._asked.xyz) >= self._kept:  # at first there is a lot to load
+            self._slow = names.seconds > SLOW_S
+        past = [self._asked.number, *(numbers for _, numbers, _ in self.past)]
+        self.given.forget({one.number for one in self.trails.values()}.union(*(numbers.tolist() for numbers in past)))
         if names.anew:
             self.shown = _Shown(self.whose, self.rate)
         if names.refused:
@@ -359,10 +364,12 @@ class LiveNamer:
     def _taken_back(self, window: Window, said: dict[int, int]) -> list[int]:
         """The trajectories of a window that lose a name of ours as it leaves them unnamed.
 
-        Because they were there for as long as naming takes, or a newer one has that name, or one that is there.
+        Because they were there for as long as naming takes, or that name goes to a newer one, or to one that is there.
         """
         there = np.isfinite(window.xyz[..., 0])
         begun = there.argmax(axis=0)
+        now = set(window.number[there[-1]].tolist())
+        elsewhere = {marker for number, marker in said.items() if number in now}
         latest: dict[int, int] = {}
         for number, marker in said.items():
             latest[marker] = max(latest.get(marker, 0), number)
@@ -372,7 +379,7 @@ class LiveNamer:
             if ours == NO_MARKER or number in said:
                 continue
             shown = len(there) - first > FIRST_S * self.rate and number not in self.given.solved and not window.quick
-            if shown or latest.get(ours, 0) > number:
+            if shown or ours in elsewhere or latest.get(ours, 0) > number:
                 found.append(number)
         return found
 

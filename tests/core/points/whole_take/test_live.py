@@ -147,6 +147,61 @@ def test_one_of_many_who_is_there_alone_is_named_and_known_from_then_on():
     assert len(shown) and (np.isfinite(shown[:, :, 0]) == (np.arange(5 * MARKERS) < MARKERS)).all()
 
 
+def slow(people: int = 1) -> LiveNamer:
+    """A namer, of whose windows the first whole one took long to solve, after 240 frames."""
+    ids = np.arange(MARKERS)
+    namer = settled(ids, people=people)
+    for frame in range(40, 240):
+        namer.name(frame, body(frame), ids)
+    window = namer.window()
+    namer.hear(WindowNames(window.number, ids, seconds=2.0))
+    return namer
+
+
+def test_one_is_solved_quickly_where_all_takes_long_and_not_because_frames_were_lost():
+    ids, namer = np.arange(MARKERS), settled(np.arange(MARKERS))
+    for frame in range(40, 240):
+        namer.name(frame, body(frame), ids)
+    for first in (240, 370, 430):  # frames 300 to 369 are lost while a window is solved
+        window = namer.window()
+        for frame in range(first, first + 60):
+            namer.name(frame, body(frame), ids)
+            if frame == first:
+                namer.hear(WindowNames(window.number, ids, seconds=0.5))
+    for one, first, quick in ((namer, 490, False), (slow(), 240, True), (slow(2), 240, False)):
+        for frame in range(first, first + 60):
+            one.name(frame, body(frame), ids)
+        assert one.window().quick == quick
+
+
+def test_a_ghost_that_took_a_name_loses_it_once_the_marker_is_said_to_be_there():
+    namer, ids = slow(), np.arange(MARKERS)
+    for frame in range(240, 300):  # a ghost comes where a marker is hidden for a moment
+        hidden = slice(1, None) if frame in range(250, 254) else slice(None)
+        points, number = body(frame)[hidden], ids[hidden]
+        if frame >= 250:
+            points, number = np.vstack([body(frame)[0] + 0.003, points]), np.append(99, number)
+        marker, trajectory = namer.name(frame, points, number)
+    assert marker.tolist() == [0, -1, *range(1, MARKERS)]
+    window = namer.window()
+    assert window.quick
+    true = np.where(np.isin(window.number, trajectory[1:]), window.number, -1)
+    namer.hear(WindowNames(window.number, true))
+    for frame in range(300, 320):
+        marker, _ = namer.name(frame, np.vstack([body(frame)[0] + 0.003, body(frame)]), np.append(99, ids))
+    assert marker.tolist() == [-1, *range(MARKERS)]
+
+
+def test_names_of_trajectories_that_are_long_gone_are_forgotten():
+    namer, ids = settled(np.arange(MARKERS)), np.arange(MARKERS)
+    for frame in range(40, 4000):
+        there = slice(frame // 50 % 2, None)  # the first comes back again and again, under the number that it had
+        namer.name(frame, body(frame)[there], ids[there])
+        if frame % 25 == 0 and (window := namer.window()) is not None:
+            namer.hear(WindowNames(window.number, np.where(window.number < MARKERS, window.number, 0)))
+    assert max(len(namer.given.marker), len(namer.given.solved)) < 2 * MARKERS
+
+
 def test_who_comes_after_nobody_was_there_for_long_may_be_somebody_else():
     namer, ids = settled(np.arange(MARKERS)), np.arange(MARKERS)
     for frame in range(40, 300):
