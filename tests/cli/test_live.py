@@ -13,7 +13,7 @@ import ezc3d
 import numpy as np
 import pytest
 
-from addon.cli.live import refuse_offline
+from addon.cli.live import refuse_offline, solved
 from addon.cli.workers import door
 from addon.core.body.bodies import BodyModel
 from addon.core.body.sides import mirror_order
@@ -147,6 +147,12 @@ def test_who_it_is_is_taken_from_more_names_or_where_names_were_wrong(walk, monk
     live.name_stream(live.LiveJob("qtm://here", MODEL), Solver(body, said), lines.append, lambda: False)
     heights = [line["body"]["scale"][0] for line in lines if line.get("body")]
     assert list(dict.fromkeys(heights)) == [1.4, 1.7, 1.8]
+
+
+def test_how_long_a_window_took_is_said():
+    few = Window(0, RATE, np.arange(3), np.zeros((50, 3, 3)), np.full(3, -1), np.zeros((0, 26, 3)))
+    said = solved(live.LiveJob("qtm://here", MODEL), False, few)
+    assert said.refused and said.seconds > 0
 
 
 def test_what_cannot_be_is_said_before_anybody_is_asked(run, tmp_path):

@@ -2,6 +2,7 @@
 """The last moment of a stream that several are in, named as takes of several are; who is who stays as it was said."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -17,7 +18,7 @@ from ..whole_take.pairs import trained_pairs
 from ..whole_take.pipeline import PointOptions
 from .bodies import Crowd
 from .identification import IDENTIFICATION, PersonBuild
-from .pipeline import everybody
+from .pipeline import UnidentifiedError, everybody
 from .together import Everybody
 from .wearers import SetsWorn, SeveralOptions, Wearer, is_same, kinds
 
@@ -38,18 +39,21 @@ def solved_of_several(subjects: tuple[Wearer, ...], window: Window) -> WindowNam
     trouble, whole = "", SetsWorn(subjects)
     take, options = as_take(window), PointOptions("likelihood")
     crowd = Crowd(take, cut(take.xyz, take.rate), options)
+    nobody = WindowNames(window.number, np.full(len(window.number), NO_MARKER))
     for either in _who_may_be_there(whole, window):
         every: list[Everybody] = []
         for some in either:
             try:
                 every.append(finished(everybody(crowd, some)))
+            except UnidentifiedError as error:
+                return replace(nobody, refused=error.message)
             except JobError as error:
                 trouble = trouble or error.message
         if every:
             found = max(every, key=lambda one: one.verdict.labels.named.sum())
             marker = at_the_end(window, found.verdict.labels.marker)
             return WindowNames(window.number, _as_before(whole, found, window, marker))
-    return WindowNames(window.number, np.full(len(window.number), NO_MARKER), trouble)
+    return replace(nobody, refused=trouble)
 
 
 def _who_may_be_there(whole: SetsWorn, window: Window) -> Iterator[list[SeveralOptions]]:

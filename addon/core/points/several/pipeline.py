@@ -53,6 +53,10 @@ SHARES = {
 }
 
 
+class UnidentifiedError(JobError):
+    """As many are there as were asked for, but who is who cannot be told."""
+
+
 def label_several(
     take: Points, asked: SeveralOptions, options: PointOptions, written: Edits = NO_EDITS
 ) -> Generator[Progress, None, LabelledSubjects]:
@@ -297,9 +301,11 @@ class _Parties:
             chosen = [(body, named[body][0]) for body in order if body in kept]
             return self.asked.subjects or self.asked.numbered(len(kept)), chosen
         place, lead = identified(np.array([costs_of(named[body], tuple(models)) for body in order]), kind)
+        if lead == -np.inf:  # no way to be all of them
+            raise self._too_few(wanted)
         if lead < IDENTIFICATION.lead:
             names = " and ".join(one.name for one in self.asked.subjects)
-            raise JobError(
+            raise UnidentifiedError(
                 f"who is {names} cannot be told by the sizes of their models; expected models of people who differ, "
                 f"or --subjects {max(wanted, len(order))} with one model"
             )

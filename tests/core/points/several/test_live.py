@@ -95,17 +95,24 @@ def test_of_many_different_sets_few_groups_are_tried_and_in_the_end_all_who_may_
     assert {one for one in tried if len(one) == 2} == {"ae", "be", "ce", "de", "ef"}, "b has left"
 
 
-def test_of_two_with_models_of_their_own_who_is_there_alone_is_who_has_that_size(people):
-    def own(name: str, xyz: np.ndarray) -> Wearer:
-        model = SUBJECTS[0].model
-        takes = (TrainingTake(name, ("walk",), len(xyz), xyz),)
-        known = of_subject(model.likelihood, xyz[::3])
-        return Wearer(name, replace(model, likelihood=known, fingerprint=name, training_takes=takes))
+def own(name: str, xyz: np.ndarray) -> Wearer:
+    """Whose model was learned from the places (T, M, 3) m of their markers alone."""
+    model, takes = SUBJECTS[0].model, (TrainingTake(name, ("walk",), len(xyz), xyz),)
+    known = of_subject(model.likelihood, xyz[::3])
+    return Wearer(name, replace(model, likelihood=known, fingerprint=name, training_takes=takes))
 
+
+def test_of_two_with_models_of_their_own_who_is_there_alone_is_who_has_that_size(people):
     both = own("ann", people[0]), own("bob", people[1])
     for order, first in ((both, MARKERS), (both[::-1], 0)):
         said = solved_of_several(order, window(people[1, 50:]))
         assert said.marker.tolist() == list(range(first, first + MARKERS))
+
+
+def test_of_two_who_cannot_be_told_apart_none_is_named(people):
+    twins = own("ann", people[0]), own("twin", people[0])
+    said = solved_of_several(twins, window(np.concatenate(people[:, 50:], axis=1)))
+    assert "who is ann and twin cannot be told" in said.refused and (said.marker == -1).all()
 
 
 def test_whom_one_knows_is_named_by_that_and_somebody_else_is_told(people):
