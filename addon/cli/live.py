@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from ..core.data.errors import JobError, UserError
 from ..core.points.several.live import solved_of_several
-from ..core.points.whole_take.live import Window, WindowNames, solved_window, subject_in
+from ..core.points.whole_take.live import SLOW_S, Window, WindowNames, solved_window, subject_in
 from ..io.models import open_model
 from ..io.scratch import scratch_folder
 from ..jobs.live import LiveJob, name_stream
@@ -147,5 +147,5 @@ def solved(job: LiveJob, posed: bool, window: Window) -> WindowNames:
             return solved_of_several(job.worn.subjects, window)
         model = open_model(job.model)
         names = solved_window(model, window)
-        names = replace(names, seconds=time.perf_counter() - begin)
+        names = replace(names, slow=time.perf_counter() - begin > SLOW_S)
         return replace(names, subject=subject_in(model, window, names)) if posed else names

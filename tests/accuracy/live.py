@@ -23,7 +23,7 @@ from addon.core.data.takes import Points
 from addon.core.points.models import Model
 from addon.core.points.several.live import namer_of, solved_of_several
 from addon.core.points.several.wearers import Wearer
-from addon.core.points.whole_take.live import LiveNamer, Window, WindowNames, solved_window, subject_in
+from addon.core.points.whole_take.live import SLOW_S, LiveNamer, Window, WindowNames, solved_window, subject_in
 from addon.core.posing.posing import FollowedBody
 from addon.io.models import open_model
 from scripts.results import markdown
@@ -92,8 +92,9 @@ def played(points: Points, truth: np.ndarray, model: Model, people: int = 1) -> 
             if names is None and (window := namer.window()) is not None:
                 begin = process_time()
                 names = solve(window)
-                names = replace(names, seconds=process_time() - begin)
-                done = frame + max(math.ceil(names.seconds * points.rate), 1)
+                seconds = process_time() - begin
+                names = replace(names, slow=seconds > SLOW_S)
+                done = frame + max(math.ceil(seconds * points.rate), 1)
                 body = body or (_body(model, window, names) if people == 1 else None)
             _count(found, marker, truth[frame, at], frame, back, points.rate)
     return found

@@ -149,10 +149,12 @@ def test_who_it_is_is_taken_from_more_names_or_where_names_were_wrong(walk, monk
     assert list(dict.fromkeys(heights)) == [1.4, 1.7, 1.8]
 
 
-def test_how_long_a_window_took_is_said():
+def test_whether_a_window_took_long_is_said(monkeypatch):
     few = Window(0, RATE, np.arange(3), np.zeros((50, 3, 3)), np.full(3, -1), np.zeros((0, 26, 3)))
-    said = solved(live.LiveJob("qtm://here", MODEL), False, few)
-    assert said.refused and said.seconds > 0
+    for limit, slow in ((1e9, False), (0.0, True)):
+        monkeypatch.setattr("addon.cli.live.SLOW_S", limit)
+        said = solved(live.LiveJob("qtm://here", MODEL), False, few)
+        assert said.refused and said.slow == slow
 
 
 def test_what_cannot_be_is_said_before_anybody_is_asked(run, tmp_path):

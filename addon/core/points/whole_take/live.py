@@ -69,7 +69,7 @@ class WindowNames:
     refused  why, else empty
     anew     whether they are not as it was known of who was there before
     subject  the size and shape of who wears them, a batch of 1, where somebody has asked for it
-    seconds  that it took
+    slow     whether that took longer than SLOW_S
     """
 
     number: np.ndarray
@@ -77,7 +77,7 @@ class WindowNames:
     refused: str = ""
     anew: bool = False
     subject: Bodies | None = None
-    seconds: float = 0.0
+    slow: bool = False
 
 
 def solved_window(model: Model, window: Window) -> WindowNames:
@@ -345,7 +345,7 @@ class LiveNamer:
         if self._asked is None:
             return
         if not self._asked.quick and len(self._asked.xyz) >= self._kept:  # at first there is a lot to load
-            self._slow = names.seconds > SLOW_S
+            self._slow = names.slow
         past = [self._asked.number, *(numbers for _, numbers, _ in self.past)]
         self.given.forget({one.number for one in self.trails.values()}.union(*(numbers.tolist() for numbers in past)))
         if names.anew:

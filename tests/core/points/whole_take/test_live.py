@@ -154,7 +154,7 @@ def slow(people: int = 1) -> LiveNamer:
     for frame in range(40, 240):
         namer.name(frame, body(frame), ids)
     window = namer.window()
-    namer.hear(WindowNames(window.number, ids, seconds=2.0))
+    namer.hear(WindowNames(window.number, ids, slow=True))
     return namer
 
 
@@ -167,7 +167,7 @@ def test_one_is_solved_quickly_where_all_takes_long_and_not_because_frames_were_
         for frame in range(first, first + 60):
             namer.name(frame, body(frame), ids)
             if frame == first:
-                namer.hear(WindowNames(window.number, ids, seconds=0.5))
+                namer.hear(WindowNames(window.number, ids))
     for one, first, quick in ((namer, 490, False), (slow(), 240, True), (slow(2), 240, False)):
         for frame in range(first, first + 60):
             one.name(frame, body(frame), ids)
