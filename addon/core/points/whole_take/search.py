@@ -70,7 +70,7 @@ class Search:
         apart = np.nan_to_num(objective.known.mean, nan=np.inf)
         np.fill_diagonal(apart, -1.0)
         self._known_odds: tuple[Candidate, np.ndarray] | None = None
-        self._near = np.argsort(apart, axis=1, kind="stable")
+        self.near = np.argsort(apart, axis=1, kind="stable")
 
     def climb(self, moves: Moves = "all"):
         """Tries all groups until none is worth more; where only exchanges are tried, which are soon done, once."""
@@ -81,10 +81,8 @@ class Search:
                     self.propose(self._opened(group))
                 self.propose(self._exchanged(self._by_shape(group)))
             for tracklet in self._unsure():
-                if self.best.marker[tracklet] != NO_MARKER:
-                    self.propose(self._turned(tracklet))
-                    self.propose(self._turned(tracklet, on=True))
-                    self.propose(self._renamed(tracklet, NO_MARKER))
+                for marker in self._of_one(tracklet):
+                    self.propose(marker)
             for order in self._chains():
                 self.propose(self._exchanged(order))
             for order in self._exchanges():
@@ -119,7 +117,7 @@ class Search:
         """Each marker with those that are nearest to it, where one of them is in doubt; none twice."""
         seen, doubted = set(), self._doubted()
         for size in SEARCH.sizes:
-            for near in self._near[:, :size]:
+            for near in self.near[:, :size]:
                 group = np.sort(near)
                 if group.tobytes() not in seen and doubted[group].any():
                     seen.add(group.tobytes())
@@ -149,6 +147,18 @@ class Search:
         margin = margins(self._odds(), self.best.marker, tracklets.first, tracklets.last) * weight / tracklets.count
         some = np.flatnonzero((self.best.marker != NO_MARKER) & (margin < SEARCH.margin))
         return some[np.argsort(margin[some], kind="stable")].tolist()
+
+    def _of_one(self, tracklet: int) -> Iterator[np.ndarray]:
+        """Namings (N,) in which a tracklet that has a name has another's for a while or from it on, or none.
+
+        An extra stays one: what has no name takes no part in exchanges, and a whole limb could not be given its names.
+        """
+        if self.best.marker[tracklet] == NO_MARKER:
+            return
+        yield self._turned(tracklet)
+        yield self._turned(tracklet, on=True)
+        if self.best.marker[tracklet] < self.objective.markers:
+            yield self._renamed(tracklet, NO_MARKER)
 
     def _turned(self, tracklet: int, on: bool = False) -> np.ndarray:
         """(N,) the names with that of a tracklet and its likeliest other exchanged, for as long as they hang together.

@@ -17,6 +17,7 @@ from ...data.takes import NO_MARKER
 from ..models import Model
 from ..refusals import NO_FIT, REFUSAL, SetFit
 from .layout import Question, named_by_layout
+from .likeness import LIKENESS
 from .matching import margins, matched
 from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, usual_fit
 from .pairs import PAIRING
@@ -222,6 +223,7 @@ class _Solving:
         rivals: tuple[np.ndarray, ...] = ()
         if search is not None:
             alone = np.minimum(margin, self._of_seldom(own))
+            alone[self._lonely(own, search.near[:, 1 : LIKENESS.min_neighbours + 1])] = 0.0
             of_others, questions, rivals = self._of_others(search, alone)
             margin = np.minimum(alone, of_others)
         likely = np.where(odds.max(axis=1) > 0, odds.argmax(axis=1), NO_MARKER)
@@ -243,6 +245,13 @@ class _Solving:
         seldom = count < REFUSAL.min_half * self.objective.length
         of_seldom = named & seldom[own] & (tracklets.held == NO_MARKER)
         return np.where(of_seldom, tracklets.votes[np.arange(len(own)), own], np.inf)
+
+    def _lonely(self, own: np.ndarray, near: np.ndarray) -> np.ndarray:
+        """(N,) True for names (N,) of markers of which no other `near` (M, K) is there: nobody wears one of a limb."""
+        named, tracklets = own != NO_MARKER, self.tracklets
+        count = np.bincount(own[named], tracklets.count[named], self.markers)
+        there = count >= REFUSAL.min_half * self.objective.length
+        return named & ~there[near].any(axis=1)[own] & (tracklets.held == NO_MARKER)
 
     def _of_others(
         self, search: Search, alone: np.ndarray
