@@ -219,7 +219,7 @@ def test_a_search_asks_the_shape_of_frames_that_the_names_it_begins_with_show(mo
     assert search.best.settled is not None
 
 
-def test_an_extra_is_not_left_out_again_and_a_marker_may_be(model, markers):
+def test_an_extra_that_lasts_is_not_left_out_again_and_a_marker_may_be(model, markers):
     objective, truth = objective_of(model, *pieces(markers))
     objective.extras = 1
     marker = np.where(truth == 3, 26, truth)
