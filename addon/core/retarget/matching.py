@@ -286,7 +286,10 @@ def _leg(bones: RestBones, first: int) -> list[int] | None:
 
 
 def _arms(bones: RestBones, firsts: Sequence[int]) -> list[list[int]]:
-    """The bones of both arms as long in proportion as a person's; with shoulders where they begin near the middle."""
+    """The bones of both arms as long in proportion as a person's; with shoulders where they begin near the middle.
+
+    None where one has too few; where a shoulder alone is missing, the others.
+    """
     half = float(np.linalg.norm(bones.heads[firsts[0]] - bones.heads[firsts[1]])) / 2
     long = ARM["shoulder"] / sum(ARM.values()) * _reach(bones, firsts[0])
     people = np.log(list(ARM.values()))[0 if half < long else 1 :]
@@ -294,12 +297,12 @@ def _arms(bones: RestBones, firsts: Sequence[int]) -> list[list[int]]:
     for chain in (_chain(bones, first) for first in firsts):
         places = np.array([*(bones.heads[one] for one in chain), bones.tails[chain[-1]]])
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
-        found = {}
-        for begins in combinations(range(1, len(chain)), len(people) - 1):
+        found, wanted = {}, people[-max(len(chain), len(ARM) - 1) :]
+        for begins in combinations(range(1, len(chain)), len(wanted) - 1):
             lengths = np.maximum(np.diff(along[[0, *begins, len(chain)]]), 1e-9)
-            found[(0, *begins)] = float(np.ptp(np.log(lengths) - people))
+            found[(0, *begins)] = float(np.ptp(np.log(lengths) - wanted))
         arms.append([chain[at] for at in min(found, key=found.__getitem__, default=())])
-    return arms
+    return arms if all(arms) else []
 
 
 def _nearest_axis(way: np.ndarray) -> np.ndarray:
