@@ -261,6 +261,11 @@ def test_control_rigs_are_known_by_their_controls(table):
     assert found == {part: name for part, name in table.items() if name != "-"}
 
 
+def test_bones_that_hang_on_controls_are_none_of_a_person_s():
+    names = UNREAL | {"hips": "ORG-pelvis", "chest": "MCH-spine_03"}
+    assert match_bones(at_rest(names)).keys() == without_between(UNREAL).keys() - {"hips", "chest"}
+
+
 def test_what_is_no_person_matches_nothing():
     bones = RestBones(("Bone", "Bone.001"), np.array([-1, 0]), np.zeros((2, 3)), np.ones((2, 3)))
     assert match_bones(bones) == {}
