@@ -16,7 +16,7 @@ from mathutils import Matrix, Vector
 
 from ..core.data.errors import InputError
 from ..core.posing.character import Character
-from ..core.retarget.matching import PARTS, RestBones
+from ..core.retarget.matching import NO_CONTROLS, PARTS, RestBones
 from ..core.retarget.retargeting import Rig, axes_at_rest, place_of, retarget
 from . import animation
 from .armature import SCALE, armature_of, bone_path, rotation_channel
@@ -283,7 +283,8 @@ def _bones_by_part(rig: bpy.types.Object, matched: Mapping[str, str]) -> list[tu
     if {"spine", "chest"} <= set(there):
         between, bone = [], rig.data.bones[matched["chest"]].parent
         while bone is not None and bone.name != matched["spine"]:
-            between.insert(0, ("between", bone.name))
+            if not bone.name.startswith(NO_CONTROLS):
+                between.insert(0, ("between", bone.name))
             bone = bone.parent
         at = there.index("chest")
         found[at:at] = between if bone is not None else []

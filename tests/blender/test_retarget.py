@@ -113,6 +113,8 @@ def test_rigify_is_moved_by_its_controls(shown):
     rig.pose.bones["chest"].rotation_quaternion = 0.8, 0.6, 0, 0
     retargeted(rig)
     assert rig.pose.bones["chest"].matrix_basis == Matrix()
+    curves = rig.animation_data.action.layers[0].strips[0].channelbags[0].fcurves
+    assert not [curve.data_path for curve in curves if '"MCH-' in curve.data_path]
     names = {f"{part}.{side}": f"ORG-{word}.{side}" for part, word in words.items() for side in "LR"}
     assert ways_off(shown, rig, names).max() < MOST_OFF
     parents = [rig.pose.bones[f"{limb}_parent.{side}"] for limb in ("upper_arm", "thigh") for side in "LR"]
