@@ -768,18 +768,21 @@ def list_fills(state: "ReviewState", listed: str, fills: Sequence[KeptFill], rea
 def list_rows(state: "ReviewState", listed: str, names: str, values: Iterable[Sequence]):
     """Makes a list of the sidebar hold these rows: the values of the properties that are named.
 
-    A row that is as it was stays chosen, wherever it is now; else the one in its place is.
+    A row that is as it was stays chosen, wherever it is now; else the one in its place is. So do those that were.
     """
-    rows, index, asked = getattr(state, listed), f"{listed.removesuffix('s')}_index", names.split()
-    before, at = [[getattr(row, name) for name in asked] for row in rows], getattr(state, index)
+    rows, asked, stem = getattr(state, listed), names.split(), listed.removesuffix("s")
+    noted = [name for name in map(f"{stem}_{{}}".format, ("index", "followed", "left")) if hasattr(state, name)]
+    before = [[getattr(row, name) for name in asked] for row in rows]
     rows.clear()
     for row in values:
         item = rows.add()
         for name, value in zip(asked, row, strict=True):
             setattr(item, name, value)
     now = [[getattr(row, name) for name in asked] for row in rows]
-    same = at < len(before) and before[at] in now and before.count(before[at]) == 1
-    setattr(state, index, now.index(before[at]) if same else max(min(at, len(rows) - 1), 0))
+    for name in noted:
+        at = getattr(state, name)
+        same = 0 <= at < len(before) and before[at] in now and before.count(before[at]) == 1
+        setattr(state, name, now.index(before[at]) if same else min(at, max(len(rows) - 1, 0)))
 
 
 def list_trouble():

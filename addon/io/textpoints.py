@@ -119,14 +119,14 @@ def read_trc(path: Path) -> PointFile:
     Raises InputError with the line where the file is not as the format says.
     """
     text = decode(read_bytes(path), path, TRC)
-    if "\t" not in text:
-        text = text.replace(",", "\t")  # a spreadsheet's
-    # Some programs put a tab before each row.
-    lines, ended = [line.lstrip("\t") for line in text.splitlines()], text.endswith(("\n", "\r"))
+    lines, ended = text.splitlines(), text.endswith(("\n", "\r"))
+    if "\t" not in text:  # a spreadsheet's
+        lines = ["\t".join(_fields(line, path, number, TRC)) for number, line in enumerate(lines, 1)]
     if not lines or not lines[0].lstrip().lower().startswith("pathfiletype"):
         raise InputError(f"does not begin with PathFileType; expected {TRC}", path, 1)
     if len(lines) < 5:
         raise InputError(f"ends in its head; expected {TRC} (is the file cut off?)", path, len(lines))
+    lines[3:] = _unpadded(lines[3:])
     head = dict(zip(lines[1].split(), lines[2].split(), strict=False))
     rate = _trc_number(head.get("DataRate"), "DataRate", path)
     if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
@@ -140,10 +140,27 @@ def read_trc(path: Path) -> PointFile:
     columns = [2 + 3 * index for index in range(len(labels))]
     rows, word = _trc_rows(lines, begin, ended, named, path), "+Z" if Z_UP in lines[0] else ""
     take = text_file(rows, labels, columns, path, rate, head.get("Units", ""), word)
+    promised = count_in(head.get("NumFrames", ""))
+    lacking = f"has {take.frames} of {promised} frames that its head counts" if take.frames < promised else ""
+    if lacking and not ended:  # its last number may be cut
+        words = f"{lacking}, and ends in the middle of a row or without a line end"
+        raise InputError(f"{words}; expected a whole last row", path, len(lines))
     row = next(line for line in lines[begin:] if line.strip()).split("\t")
     begin_s = _value(row, 1, path, begin + 1) - take.first_frame / rate
     own = head if len(lines[1].split()) == len(lines[2].split()) else {}
-    return replace(take, trial=TextHead(own, {}, begin_s if begin_s == begin_s else -take.first_frame / rate))
+    trial = TextHead(own, {}, begin_s if begin_s == begin_s else -take.first_frame / rate)
+    return replace(take, notes=(lacking,) if lacking else (), trial=trial)
+
+
+def _unpadded(lines: list[str]) -> list[str]:
+    """The lines from the names on without the tab that some programs put before the names, or before each row.
+
+    A row that has one has a field more than its frame, its time and whole points.
+    """
+    names = lines[0].removeprefix("\t") if lines[0].lower().startswith("\tframe") else lines[0]
+    first = next((row for row in lines[1:] if row.strip("\t -")[:1].isdigit()), "")
+    padded = first.startswith("\t") and _trc_filled(first) % 3 == 0
+    return [names, *(row.removeprefix("\t") if padded else row for row in lines[1:])]
 
 
 def _trc_filled(row: str) -> int:
@@ -161,7 +178,7 @@ def _trc_rows(lines: list[str], begin: int, ended: bool, named: int, path: Path)
 
     The first `named` fields are as the head says; behind them are three for each point without a name.
     """
-    width = 0
+    width, empty = named, True
     for number, line in enumerate(lines[begin:], begin + 1):
         if not line.strip():
             continue
@@ -172,9 +189,9 @@ def _trc_rows(lines: list[str], begin: int, ended: bool, named: int, path: Path)
         # What is behind the named points has no length of its own.
         if number == len(lines) and (len(fields) < 3 or (not ended and len(fields) < min(width, named))):
             raise InputError(f"ends in the middle of a row; expected {named} fields", path, number)
-        width = len(fields)
+        width, empty = len(fields), False
         yield number, fields
-    if not width:
+    if empty:
         raise InputError("has no frames; expected at least one", path)
 
 
@@ -352,8 +369,8 @@ def _markers(
     return [name for name, _ in chosen], [column for _, column in chosen]
 
 
-def _fields(line: str, path: Path, number: int) -> list[str]:
+def _fields(line: str, path: Path, number: int, what: str = MOTIVE) -> list[str]:
     try:
         return next(csv.reader([line]), [])
     except csv.Error:
-        raise InputError(f"is not a row of a CSV file; expected {MOTIVE}", path, number) from None
+        raise InputError(f"is not a row of a CSV file; expected {what}", path, number) from None

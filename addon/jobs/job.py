@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -127,9 +128,12 @@ class LabelJob:
         """Whether subjects have names, so that markers are called NAME:MARKER."""
         return self.subjects != 1 or bool(self.wearers)
 
-    @property
+    @cached_property
     def models(self) -> list[str]:
-        """What is worn, or may be where that is to be found, each model once: names and paths."""
+        """What is worn, or may be where that is to be found, each model once: names and paths.
+
+        The folder is looked into once: a set that is saved meanwhile is of the next job.
+        """
         if self.model == AUTO_MODEL:
             return known_models(self.own)
         return list(dict.fromkeys(model for _, model in self.wearers)) or [self.model]

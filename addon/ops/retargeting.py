@@ -8,10 +8,11 @@ import bpy
 from bpy.props import StringProperty
 
 from ..core.data.errors import InputError
+from ..core.data.wording import count_of
 from ..core.retarget.matching import PARTS, match_bones, match_map
 from ..io.bone_maps import read_bone_map
 from ..scene.performers import homes
-from ..scene.retargeting import is_rig, rest_bones, retarget_take
+from ..scene.retargeting import freed_by, is_rig, rest_bones, retarget_take
 from ..scene.stored import alone
 from .base import Ours, lacks_take, taken, unless
 from .importing import ImportsFile
@@ -53,7 +54,9 @@ class MOCAP_AUTOLABEL_OT_retarget(Ours, bpy.types.Operator):
         home = homes(collection).get(performer.name, collection)
         matched = {row.name: row.bone for row in own.bones if row.bone}
         action = retarget_take(context, rig, home, alone(stored, performer), matched, own.keep_feet, own.keep_hands)
-        self.report({"INFO"}, f"{rig.name} has the action {action.name}, of {len(matched)} parts of the body")
+        freed = freed_by(action)
+        off = f", and leaves {count_of(freed, 'constraint')} of its bones without influence" if freed else ""
+        self.report({"INFO"}, f"{rig.name} has the action {action.name}, of {len(matched)} parts of the body{off}")
 
 
 class MOCAP_AUTOLABEL_OT_match_bones(Ours, bpy.types.Operator):

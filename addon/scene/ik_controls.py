@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The controls by IK of a rig whose limbs are moved by FK: they go along, so that switching to IK changes nothing."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -63,12 +63,26 @@ def controls_by_ik(rig: bpy.types.Object, bones: list[tuple[str, str]]) -> list[
         if not {f"{part}.{side}" for part in limb} <= set(parts):
             continue
         upper, lower, end = whole = tuple(parts.index(f"{part}.{side}") for part in limb)
-        solvers = [one for one in rig.pose.bones[names[lower]].constraints if one.type == "IK" and one.target == rig]
+        held = [one for at in (lower, end) for one in rig.pose.bones[names[at]].constraints]
+        solvers = [one for one in held if one.type == "IK" and one.target == rig]
         ends = [names[end].replace(*words) for words in BY_IK] + [one.subtarget for one in solvers]
         poles = [names[upper].replace(*words) for words in POLES] + [one.pole_subtarget for one in solvers]
         for several, with_ in ((ends, (end,)), (poles, whole)):
             found |= {name: with_ for name in several if name in rig.pose.bones and name not in names}
     return list(found.items())
+
+
+def carriers_of(follows: np.ndarray, count: int, limbs: Sequence[tuple[int, ...]], goes: Sequence[bool]) -> list[int]:
+    """Which of C bones carries each of K controls, -1 for none, by what each bone and control follows (C + K,).
+
+    A control that goes with an end carries as that end does. One that stays, and a pole, turn as what carries them.
+    """
+    carriers: list[int] = []
+    for at in follows[count:].tolist():
+        other = at - count
+        with_end = other >= 0 and goes[other] and len(limbs[other]) == 1
+        carriers.append(at if other < 0 else limbs[other][0] if with_end else carriers[other])
+    return carriers
 
 
 def _aside(upper: np.ndarray, lower: np.ndarray, end: np.ndarray, turns: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ Blender itself is asked what carries each bone: all are turned at once, and what
 So constraints, drivers and bones in between count as they are.
 """
 
+import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,12 +16,12 @@ from mathutils import Matrix, Vector
 
 from ..core.data.errors import InputError
 from ..core.posing.character import Character
-from ..core.retarget.matching import PARTS, RestBones
+from ..core.retarget.matching import NO_CONTROLS, PARTS, RestBones
 from ..core.retarget.retargeting import Rig, axes_at_rest, place_of, retarget
 from . import animation
 from .armature import SCALE, armature_of, bone_path, rotation_channel
 from .character import moving_in
-from .ik_controls import Along, controls_by_ik
+from .ik_controls import Along, carriers_of, controls_by_ik
 from .ownership import is_keyed_by_us, is_made_for, is_untouched, role_of, sign
 from .stored import Stored
 
@@ -29,9 +30,11 @@ SWITCHES = {"IK_FK": 1.0, "ik_fk_switch": 1.0, "FK_limb_follow": 0.0, "neck_foll
 SWITCHES |= {"pole_vector": 1.0}  # and limbs by IK, which go along, bend towards their poles
 # Constraints that hold a bone from turning by itself.
 HOLDING = {"IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "TRACK_TO", "LOCKED_TRACK"}
+KEPT_AT_REST = "hips", "chest"  # Rigify's controls between its torso and the spine's by FK, which they turn, too
 NEEDED_PARTS = ("hips", "thigh.L", "thigh.R", "shank.L", "shank.R")
 PROBE_TURN, PROBE_STEP = 0.5, 0.9  # rad by which bones are turned to see what follows them, and between their axes
 SAME_SCALE = 1.001  # of the axes of a rig that is scaled evenly
+SWITCHED = "mocap_switched"  # on an action: what it switches on its rig, by paths, and what that was before
 LEAST_STEP = 1e-4  # that a bone goes at least where it is put one further; less is none
 BONE_CHANNELS = "location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale"
 
@@ -67,18 +70,34 @@ def retarget_take(
     there = np.isfinite(joints).all(axis=(1, 2))
     if not there.any():
         raise InputError(f"{stored.name} has nobody in any frame; expected a take in which the body was found")
+    _switch_back(rig)
     ready = ReadyRig.of(context, rig, bones, place)
+    with ready.before.or_put_back(rig):
+        motion = joints[there], rotated[there]
+        moved = retarget(body.character, motion, stored.rate, ready.rest, feet, hands)
+        channels = list(ready.channels(*moved))
     action = _own_action(rig, collection, stored.name)
-    motion = joints[there], rotated[there]
-    moved = retarget(body.character, motion, stored.rate, ready.rest, feet, hands)
     bag, frames = animation.bind(rig, action), body.frames[there]
-    for bone, channel, values in ready.channels(*moved):
+    for bone, channel, values in channels:
         animation.key(bag, bone_path(bone, channel), frames, values, bone)
     for bone, path, value, _ in ready.before.switched:
         animation.key(bag, path, frames[:1], np.array([[value]]), bone)
+    action[SWITCHED] = json.dumps({path: before for _, path, _, before in ready.before.switched})
     sign(action, _role(rig, stored.name), collection)
     context.scene.frame_set(context.scene.frame_current)
     return action
+
+
+def freed_by(action: bpy.types.Action) -> int:
+    """How many constraints an action gives no influence, so that what they hold is moved."""
+    return sum(path.endswith(".influence") for path in json.loads(action[SWITCHED]))
+
+
+def _switch_back(rig: bpy.types.Object):
+    """Sets what a rig's action switched back to what it was before."""
+    action = None if rig.animation_data is None else rig.animation_data.action
+    for path, value in {} if action is None else json.loads(action.get(SWITCHED, "{}")).items():
+        _set(rig, path, value)
 
 
 def is_rig(item: bpy.types.Object) -> bool:
@@ -114,8 +133,8 @@ class KeptPose:
     shown: str
 
     @classmethod
-    def of(cls, rig: bpy.types.Object, names: Iterable[str]) -> "KeptPose":
-        """That of the bones of these names."""
+    def of(cls, rig: bpy.types.Object, names: Iterable[str], turned: Iterable[str]) -> "KeptPose":
+        """That of the bones of these names; nothing is to hold those that are turned."""
         channels = {name: [getattr(rig.pose.bones[name], one)[:] for one in BONE_CHANNELS] for name in names}
         bones, driven = rig.pose.bones, {one.data_path for one in getattr(rig.animation_data, "drivers", ())}
         switched = [
@@ -123,8 +142,9 @@ class KeptPose:
             for bone in bones
             for name in SWITCHES.keys() & bone.keys()
         ]
-        for bone in channels:  # what holds a bone that is to turn by itself
-            for held in (one for one in bones[bone].constraints if one.type in HOLDING):
+        for bone in turned:
+            holding = (one for one in bones[bone].constraints if one.type in HOLDING)
+            for held in (one for one in holding if one.influence and not one.mute):
                 path = held.path_from_id("influence")
                 if path not in driven and path.replace(".influence", ".mute") not in driven:
                     switched.append((bone, path, 0.0, held.influence))
@@ -137,11 +157,24 @@ class KeptPose:
             _set(rig, path, value)
         rig.update_tag()
 
-    def put_back(self, rig: bpy.types.Object):
-        """Puts the rig back as it was; what else somebody posed meanwhile stays."""
-        for name in self.channels.keys() & rig.pose.bones.keys():
+    @contextmanager
+    def or_put_back(self, rig: bpy.types.Object) -> Iterator[None]:
+        """Puts the rig back as it was where what is done fails."""
+        try:
+            yield
+        except Exception:
+            self.put_back(rig)
+            raise
+
+    def pose(self, rig: bpy.types.Object, names: Iterable[str]):
+        """Poses bones as they were, if they are still there."""
+        for name in set(names) & set(rig.pose.bones.keys()):
             for channel, value in zip(BONE_CHANNELS, self.channels[name], strict=True):
                 setattr(rig.pose.bones[name], channel, value)
+
+    def put_back(self, rig: bpy.types.Object):
+        """Puts the rig back as it was; what else somebody posed meanwhile stays."""
+        self.pose(rig, self.channels)
         for _, path, _, value in self.switched:
             _set(rig, path, value)
         rig.data.pose_position = self.shown
@@ -153,8 +186,9 @@ class ReadyRig:
     """A rig that was asked how it moves.
 
     bones     the names of its C bones that move, and
-    modes     how each turns
+    modes     how each of them and of `resting` turns
     mover     the name of the one whose location moves all: the first, or what that is connected to
+    resting   the names of those that stay as at rest, because they would turn the others
     rest      what they are, and where, in the axes of a character
     place     (4, 4) where it stands
     axes      (3, 3) of a character in its own, and
@@ -165,8 +199,9 @@ class ReadyRig:
     """
 
     bones: tuple[str, ...]
-    modes: tuple[str, ...]
+    modes: dict[str, str]
     mover: str
+    resting: list[str]
     rest: Rig
     place: np.ndarray
     axes: np.ndarray
@@ -187,29 +222,37 @@ class ReadyRig:
         mover = rig.data.bones[names[0]]
         while mover.use_connect and mover.parent is not None:
             mover = mover.parent
-        along = controls_by_ik(rig, bones)
-        before, count = KeptPose.of(rig, [*names, mover.name, *(name for name, *_ in along)]), len(names)
+        found = controls_by_ik(rig, bones)
+        movers, count = [mover.name, *(name for name, _ in found)], len(names)
+        resting = [one for one in KEPT_AT_REST if "torso" in names and one not in names and one in rig.pose.bones]
+        before = KeptPose.of(rig, [*names, *movers, *resting], names)
         before.switch(rig)
-        with _without_action(rig):
-            follows, matrices, steps = _probe(context, rig, names, [mover.name, *(name for name, *_ in along)])
-        if np.linalg.svd(steps[0], compute_uv=False)[-1] < LEAST_STEP:
-            before.put_back(rig)
-            raise InputError(f"{names[0]} of {rig.name} does not go where it is put; expected it without constraints")
-        axes = axes_at_rest({part: matrix[:3, 3] for part, matrix in zip(parts, matrices, strict=False)})
-        controls = [
-            Along(name, limb, int(carrier), rig.pose.bones[name].rotation_mode, matrix, own)
-            for (name, limb), carrier, matrix, own in zip(
-                along, follows[count:], matrices[count:], steps[1:], strict=True
-            )
-        ]
-        follows, matrices = follows[:count], matrices[:count]
+        with before.or_put_back(rig):
+            with _without_action(rig):
+                for name in (mover.name, *resting):
+                    rig.pose.bones[name].matrix_basis = Matrix()
+                follows, matrices, steps = _probe(context, rig, names, movers)
+            goes = np.linalg.svd(steps, compute_uv=False)[:, -1] >= LEAST_STEP
+            if not goes[0]:
+                raise InputError(
+                    f"{names[0]} of {rig.name} does not go where it is put; expected it without constraints"
+                )
+            carriers = carriers_of(follows, count, [limb for _, limb in found], goes[1:])
+            along = [
+                Along(name, limb, carriers[at], rig.pose.bones[name].rotation_mode, matrices[count + at], steps[1 + at])
+                for at, (name, limb) in enumerate(found)
+                if goes[1 + at]
+            ]
+            before.pose(rig, {name for name, _ in found} - {one.bone for one in along})
+            follows, matrices = follows[:count], matrices[:count]
+            axes = axes_at_rest({part: matrix[:3, 3] for part, matrix in zip(parts, matrices, strict=True)})
         unit = np.linalg.norm(place[:3, :3], axis=0).mean()
         heads = matrices[:, :3, 3] @ axes * unit
         lengths = np.array([rig.data.bones[bone].length for bone in names])[:, None]
         tails = heads + matrices[:, :3, 1] @ axes * unit * lengths
-        modes = tuple(rig.pose.bones[bone].rotation_mode for bone in names)
+        modes = {name: rig.pose.bones[name].rotation_mode for name in (*names, *resting)}
         rest = Rig(parts, follows, heads, tails)
-        return cls(names, modes, mover.name, rest, place, axes, matrices, steps[0], controls, before)
+        return cls(names, modes, mover.name, resting, rest, place, axes, matrices, steps[0], along, before)
 
     def channels(self, turns: np.ndarray, hips: np.ndarray) -> Iterator[tuple[str, str, np.ndarray]]:
         """The bones with the channels that move them, (F, …), by what `retarget` says."""
@@ -221,7 +264,10 @@ class ReadyRig:
         for index, bone in enumerate(self.bones):
             above, own = self.rest.follows[index], self.matrices[index, :3, :3]
             carried = own.T if above < 0 else own.T @ turns[:, above].swapaxes(1, 2)
-            yield bone, *rotation_channel(self.modes[index], carried @ turns[:, index] @ own)
+            yield bone, *rotation_channel(self.modes[bone], carried @ turns[:, index] @ own)
+        for bone in self.resting:
+            yield bone, "location", np.zeros((len(hips), 3))
+            yield bone, *rotation_channel(self.modes[bone], np.tile(np.eye(3), (len(hips), 1, 1)))
         for control in self.along:
             yield from control.channels(heads, turns, self.matrices[:, :3, 3])
 
@@ -237,7 +283,8 @@ def _bones_by_part(rig: bpy.types.Object, matched: Mapping[str, str]) -> list[tu
     if {"spine", "chest"} <= set(there):
         between, bone = [], rig.data.bones[matched["chest"]].parent
         while bone is not None and bone.name != matched["spine"]:
-            between.insert(0, ("between", bone.name))
+            if not bone.name.startswith(NO_CONTROLS):
+                between.insert(0, ("between", bone.name))
             bone = bone.parent
         at = there.index("chest")
         found[at:at] = between if bone is not None else []
@@ -288,9 +335,11 @@ def _without_action(rig: bpy.types.Object) -> Iterator[None]:
     action, slot = (None, None) if data is None else (data.action, data.action_slot)
     if action is not None:
         data.action = None
-    yield
-    if action is not None:
-        data.action, data.action_slot = action, slot
+    try:
+        yield
+    finally:
+        if action is not None:
+            data.action, data.action_slot = action, slot
 
 
 def _probe(
@@ -302,7 +351,6 @@ def _probe(
     channel of the first mover's location, and the K others for their own. Leaves them unturned.
     """
     bones = [rig.pose.bones[name] for name in (*names, *movers[1:])]
-    rig.pose.bones[movers[0]].matrix_basis = Matrix()
 
     def posed(basis: list[Matrix]) -> np.ndarray:
         for bone, matrix in zip(bones, basis, strict=True):

@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from mathutils import Vector
+from mathutils import Matrix, Vector
 
 from addon.io.markersets import open_markerset
 from addon.scene import take as takes
@@ -26,7 +26,7 @@ from tests.inputs.rigs import (
     unreal,
 )
 
-from .hands import refused
+from .hands import ours, refused
 
 LIMBS = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 MOST_OFF = np.radians(0.1)  # without feet to be kept, limbs point as the body's do
@@ -110,7 +110,11 @@ def test_rigify_is_moved_by_its_controls(shown):
     if addon_utils.enable("rigify", default_set=True) is None:
         pytest.skip("this Blender has no Rigify")
     rig, words = generated(), {part: part for part in LIMBS} | {"hand": "hand", "shank": "shin", "foot": "foot"}
+    rig.pose.bones["chest"].rotation_quaternion = 0.8, 0.6, 0, 0
     retargeted(rig)
+    assert rig.pose.bones["chest"].matrix_basis == Matrix()
+    curves = rig.animation_data.action.layers[0].strips[0].channelbags[0].fcurves
+    assert not [curve.data_path for curve in curves if '"MCH-' in curve.data_path]
     names = {f"{part}.{side}": f"ORG-{word}.{side}" for part, word in words.items() for side in "LR"}
     assert ways_off(shown, rig, names).max() < MOST_OFF
     parents = [rig.pose.bones[f"{limb}_parent.{side}"] for limb in ("upper_arm", "thigh") for side in "LR"]
@@ -128,7 +132,11 @@ def switch_of(rig, parent):
     return curves.find(f'pose.bones["{parent.name}"]["IK_FK"]')
 
 
-def test_legs_by_ik_are_moved_by_fk_and_their_controls_go_along(shown):
+def leg_by_ik(hung=False, last="shank.L"):
+    """Mixamo's rig with its left leg by IK down to its `last` bone, and the foot turned as the control; with both.
+
+    The pole may hang on the control.
+    """
     rig = mixamo()
     bpy.context.view_layer.objects.active = rig
     bpy.ops.object.mode_set(mode="EDIT")
@@ -137,12 +145,19 @@ def test_legs_by_ik_are_moved_by_fk_and_their_controls_go_along(shown):
         own = bones.new(name)
         own.head = place + Vector((0, 0, 60 if name == "pole" else 0))
         own.tail = own.head + Vector((0, 0, 10))
+    bones["pole"].parent = bones["control"] if hung else None
     bpy.ops.object.mode_set(mode="OBJECT")
-    solver = rig.pose.bones[MIXAMO["shank.L"]].constraints.new("IK")
+    solver = rig.pose.bones[MIXAMO[last]].constraints.new("IK")
     solver.target = solver.pole_target = rig
     solver.subtarget, solver.pole_subtarget, solver.chain_count = "control", "pole", 2
     copied = rig.pose.bones[MIXAMO["foot.L"]].constraints.new("COPY_ROTATION")
     copied.target, copied.subtarget = rig, "control"
+    return rig, solver, copied
+
+
+@pytest.mark.parametrize(("hung", "last"), [(False, "shank.L"), (True, "shank.L"), (False, "foot.L")])
+def test_legs_by_ik_are_moved_by_fk_and_their_controls_go_along(shown, hung, last):
+    rig, solver, copied = leg_by_ik(hung, last)
     retargeted(rig)
     assert ways_off(shown, rig, MIXAMO).max() < MOST_OFF
     assert solver.influence == copied.influence == 0.0
@@ -152,6 +167,37 @@ def test_legs_by_ik_are_moved_by_fk_and_their_controls_go_along(shown):
         assert (rig.pose.bones["control"].head - ankle).length < 0.01  # cm
         bent, pole = (place - hip.lerp(ankle, 0.5) for place in (knee, rig.pose.bones["pole"].head))
         assert bent.dot(pole) > 0.9 * bent.length * pole.length
+
+
+def test_a_control_that_something_else_holds_stays_and_the_leg_moves(shown):
+    rig, solver, copied = leg_by_ik()
+    held = rig.pose.bones["control"].constraints.new("COPY_TRANSFORMS")
+    held.target, copied.mute, copied.influence = box(), True, 0.5
+    rig.pose.bones["control"].location.x = 3
+    for _ in range(2):  # the second time it is switched as it was before the first
+        action = retargeted(rig)
+        assert (solver.influence, copied.influence, held.influence) == (0, 0.5, 1)
+        assert json.loads(action["mocap_switched"]) == {solver.path_from_id("influence"): 1.0}
+        assert rig.pose.bones["control"].location.x == 3
+    assert ways_off(shown, rig, MIXAMO).max() < MOST_OFF
+
+
+def box():
+    """An object that a bone may be held by."""
+    empty = bpy.data.objects.new("box", None)
+    bpy.context.scene.collection.objects.link(empty)
+    return empty
+
+
+def test_a_rig_is_as_it_was_where_its_keys_cannot_be_told(shown, monkeypatch):
+    rig, solver, _ = leg_by_ik()
+    rig.animation_data_create().action = own = bpy.data.actions.new("own")
+    rig.pose.bones["control"].location.x = 3
+    monkeypatch.setattr(ours("scene.ik_controls").Along, "channels", lambda *_: 1 / 0)
+    with pytest.raises(RuntimeError, match="ZeroDivisionError"):
+        retargeted(rig)
+    assert rig.animation_data.action == own and solver.influence == 1
+    assert rig.pose.bones["control"].location.x == 3
 
 
 def test_of_several_performers_one_moves_the_rig(empty, made, extension):

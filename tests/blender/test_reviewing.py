@@ -13,6 +13,7 @@ import pytest
 from addon.core.data.progress import finished
 from addon.core.data.takes import NO_MARKER, Suspect
 from addon.io.edits import read_edits
+from addon.props import list_rows
 from addon.scene import naming
 from addon.scene.take import show_take
 
@@ -267,6 +268,16 @@ def test_the_chosen_row_stays_when_a_correction_picks_and_what_is_above_it_goes(
     bpy.ops.mocap_autolabel.name_point(marker=LOST, scope="WHOLE")
     assert not rows(state, kind="missing", name=LOST)
     assert review.troubles[review.trouble_index].reason == reason
+
+
+def test_the_way_through_the_list_goes_along_with_the_rows_that_are_left(state):
+    review = state.review
+    rows = [(f"trouble {number}",) for number in range(9)]
+    list_rows(review, "troubles", "reason", rows)
+    review.trouble_index = review.trouble_followed = 7
+    review.trouble_left = 5
+    list_rows(review, "troubles", "reason", rows[:4] + rows[5:])
+    assert (review.trouble_index, review.trouble_followed, review.trouble_left) == (6, 6, 4)
 
 
 def test_a_view_that_cannot_be_split_stays(labelled):

@@ -196,15 +196,23 @@ def test_a_part_that_was_taken_out_of_a_trc_is_no_damage(whole, begin, end):
     (whole / "take.trc").write_text("".join([*lines[:6], *lines[6 + begin : 6 + end]]))
     take = read_points(whole / "take.trc")
     assert (len(take.xyz), take.first_frame) == (30, walk().first_frame + begin)
+    assert take.notes == ("has 30 of 40 frames that its head counts",)
 
 
-def test_a_trc_whose_last_line_has_no_end_is_whole(whole):
-    text = (whole / "take.trc").read_text()
-    (whole / "take.trc").write_text(text.removesuffix("\n"))
-    assert len(read_points(whole / "take.trc").xyz) == 40
-    (whole / "take.trc").write_text(text[: text.rindex("\t")])
-    with pytest.raises(InputError, match="ends in the middle of a row"):
-        read_points(whole / "take.trc")
+def test_a_trc_whose_last_line_has_no_end_is_whole_unless_it_lacks_fields_or_frames(whole):
+    path, text = whole / "take.trc", (whole / "take.trc").read_text()
+    path.write_text(text.removesuffix("\n"))
+    assert (len(read_points(path).xyz), read_points(path).notes) == (40, ())
+    head, rows = text.splitlines()[:6], text.splitlines()[6:]
+    uncounted = "\n".join(head).replace("\t40\t", "\t1\t")
+    for cut, words in (
+        (text[: text.rindex("\t")], "ends in the middle of a row; expected 14 fields"),
+        ("\n".join([*head, *rows[:20]])[:-2], "has 20 of 40 frames .* ends in the middle of a row or without"),
+        ("\n".join([uncounted, rows[0][: rows[0].rindex("\t")]]), "ends in the middle of a row; expected 14 fields"),
+    ):
+        path.write_text(cut)
+        with pytest.raises(InputError, match=words):
+            read_points(path)
 
 
 def test_a_trc_keeps_frames_below_nought(tmp_path):

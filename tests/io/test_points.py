@@ -261,14 +261,32 @@ def _padded(text: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-@pytest.mark.parametrize("written", [_padded, lambda text: text.replace("\t", ",")], ids=["padded", "a spreadsheet's"])
-def test_a_trc_need_not_have_tabs_where_the_format_has_them(tmp_path, written):
+WRITTEN = {
+    "padded rows": _padded,
+    "padded names": lambda text: text.replace("Frame#", "\tFrame#"),
+    "nothing above frame and time": lambda text: text.replace("Frame#\tTime", "\t"),
+    "a spreadsheet's": lambda text: text.replace("\t", ","),
+    "a spreadsheet's in quotes": lambda text: re.sub(r"([^\t\n]+)", r'"\1"', text).replace("\t", ","),
+}
+
+
+@pytest.mark.parametrize("kind", WRITTEN)
+def test_a_trc_need_not_have_tabs_where_the_format_has_them(tmp_path, kind):
     path = tmp_path / "take.trc"
     write_trc(path, walk())
-    path.write_text(written(path.read_text()))
+    path.write_text(WRITTEN[kind](path.read_text()))
     found = read_points(path)
-    assert found.names == walk().names
+    assert (found.names, found.notes) == (walk().names, ())
     np.testing.assert_allclose(found.xyz, walk().xyz, atol=1e-7)
+
+
+def test_a_row_without_its_frame_is_not_taken_for_a_padded_one(tmp_path):
+    path = tmp_path / "take.trc"
+    write_trc(path, walk())
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([*lines[:6], *(line[line.index("\t") :] for line in lines[6:])]))
+    with pytest.raises(InputError, match="begins with ''; expected a frame number"):
+        read_points(path)
 
 
 @pytest.mark.parametrize("named", [0, 2])
@@ -528,7 +546,8 @@ def test_recorded_people_keep_the_axis_that_they_have_and_minus_z_turns_none_ups
     for path in recorded.takes(shared_data, *folders):
         take = read_points(path)
         assert take.up == ("+Y" if path.name in y_up else "+Z"), path.name
-        assert bool(take.notes) == (path.name in y_up and path.suffix == ".c3d"), (path.name, take.notes)
+        turned = any("points stand" in note for note in take.notes)
+        assert turned == (path.name in y_up and path.suffix == ".c3d"), (path.name, take.notes)
     qualisys = shared_data / "blobs" / "qualisys_run" / "run.c3d"
     for path in (qualisys, *recorded.takes(shared_data, *recorded.MCGILL, *recorded.ACTORS, recorded.PLATES)):
         take = read_points(path)

@@ -23,7 +23,7 @@ from addon.core.points.whole_take import pipeline
 from addon.core.reconstruction.trajectories import Reconstructed
 from addon.demo.take import MODEL
 from addon.io.cameras import read_cameras
-from addon.io.markersets import open_markerset
+from addon.io.markersets import AUTO_MODEL, open_markerset
 from addon.io.points import read_points, write_c3d
 from addon.jobs import LabelJob, label_file, rebuild
 from addon.jobs.rebuild import TrajectoryFile
@@ -127,6 +127,15 @@ def fairly_sure(monkeypatch):
 def test_a_strict_target_leaves_names_out_and_refuses_no_take(source, fairly_sure, target, named):
     report = json.loads((label(source, frames=(11, 25), target=target) / "walk.report.json").read_text())
     assert report["points"] - report["unlabelled"] == named
+
+
+def test_a_set_that_is_saved_while_a_take_is_labelled_is_no_part_of_that(source, monkeypatch):
+    listed = iter([["gait15"]])
+    monkeypatch.setattr("addon.jobs.job.known_models", lambda _: next(listed, ["body39", "gait15"]))
+    job = LabelJob(source, None, AUTO_MODEL, source.parent / "out")
+    finished(label_file(job))
+    report = json.loads(job.path(".report.json").read_text())
+    assert [row["file"] for row in report["provenance"]["model"]] == [report["model"]] == ["gait15"]
 
 
 def test_progress_only_grows_and_goes_on_while_the_body_is_posed(source, of_two_minds, monkeypatch):

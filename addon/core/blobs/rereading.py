@@ -204,11 +204,7 @@ def _stretches(doubtful: np.ndarray, results: Mapping[int, FrameResult]) -> list
 
 
 def _beyond(edge: int, step: int, count: int, results: Mapping[int, FrameResult]) -> list[tuple[int, int]]:
-    """First and last of up to `count` labelled frames beyond the edge of a stretch at which blobs got other names.
-
-    A whole body may suit wrong names so well, a foot turned back to front, that no name alone is doubtful: without, one
-    walk in eight cameras (`gait15`) has 469 wrong labels more.
-    """
+    """First and last of up to `count` labelled frames beyond the edge of a stretch at which blobs got other names."""
     end = edge
     while end + step in results and abs(end - edge) < count:
         end += step

@@ -134,13 +134,14 @@ def _are_together(model: Model, points: np.ndarray) -> bool:
 
 
 def refuse_unlike(model: Model, namer: Namer, points: Table, fit: SetFit, sure: bool = True):
-    """Raises UnsuitedError where the markers found among points (T, P, 3) do not sit as the set has them.
+    """Raises UnsuitedError where the markers found among points (T, P, 3) do not lie as the set's do, or are too few.
 
     Names can be found for any points, if there are enough. Among many more of them the residual tells and, where
     single frames were not `sure`, how likely the usual frame is.
     """
     if fit.residual > REFUSAL.max_residual or not (sure or fit.log_likelihood >= REFUSAL.min_log_likelihood):
-        raise _unrecognised(model, namer, points, "what could be its markers does not sit as it has them")
+        few, unlike = "no frame shows enough of its markers", "the points do not lie as its markers do"
+        raise _unrecognised(model, namer, points, few if fit == NO_FIT else unlike)
 
 
 def refuse_unrecognised(model: Model, namer: Namer, points: Table, given: Labels, sure: bool = True):

@@ -21,8 +21,8 @@ FACING = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
 # to the neck's, from there to the top of the head, and from there to the shoulder's.
 WHOLE_WAY = 0.0, 1.0
 CHEST, SKULL, SHOULDER = 0.5, 0.4, 0.15
-# learned: from the ankle to the toes' tips, of the ball, where the built-in sets have the marker on the second
-# metatarsal's head
+# The ball of the foot, as a part of the way from the ankle to the toes' tips. Learned: there the built-in sets have the
+# marker on the head of the second metatarsal.
 BALL = 0.87
 UPWARDS, DOWNWARDS, FORWARDS = (0.0, 0, 1), (0.0, 0, -1), (0.0, -1, 0)
 

@@ -16,13 +16,12 @@ from ..body.sides import BODY_SIDES
 from ..posing.character import BONE_NAMES, both_sides
 
 PARTS = tuple(BONE_NAMES["RIGIFY"])  # from the hips outwards
-# The controls of rigs that follow them by constraints, whose form says nothing: Rigify's and Auto-Rig Pro's, with FK.
+RIGIFY_LIMBS = "shoulder.* upper_arm_fk.* forearm_fk.* hand_fk.* thigh_fk.* shin_fk.* foot_fk.* toe_fk.*", ("L", "R")
+# The controls of rigs that follow them by constraints, whose form says nothing: Rigify's and Auto-Rig Pro's, with FK;
+# Rigify's spine may have another number of bones, or no controls by FK.
 CONTROLS = (
-    both_sides(
-        "torso spine_fk.002 spine_fk.003 neck head",
-        "shoulder.* upper_arm_fk.* forearm_fk.* hand_fk.* thigh_fk.* shin_fk.* foot_fk.* toe_fk.*",
-        ("L", "R"),
-    ),
+    both_sides("torso spine_fk.002 spine_fk.003 neck head", *RIGIFY_LIMBS),
+    both_sides("torso - chest neck head", *RIGIFY_LIMBS),
     both_sides(
         "c_root_master.x c_spine_01.x c_spine_02.x c_neck.x c_head.x",
         "c_shoulder.* c_arm_fk.* c_forearm_fk.* c_hand_fk.* c_thigh_fk.* c_leg_fk.* c_foot_fk.* c_toes_fk.*",
@@ -59,6 +58,7 @@ SIDES_IN_NAMES = {"l": "L", "left": "L", "lft": "L", "r": "R", "right": "R", "rg
 # Words that say nothing of which part it is, and those of bones that help others.
 EMPTY_WORDS = {"base", "bone", "jnt", "joint", "bind", "skin", "stretch", "ctrl", "fk", "def", "org", "c", "x", "m"}
 HELPERS = {"ik", "pole", "target", "twist", "roll", "share", "end", "nub", "mch", "tweak", "parent", "helper", "ref"}
+NO_CONTROLS = "MCH-", "ORG-"  # what Rigify's bones begin with that hang on controls by constraints
 LONG_LIMB = 0.3  # physical: of the rig's height, what two limbs of a pair at least reach, unlike ears or a skirt
 # paper: of the height (Winter, after Drillis and Contini); the shoulder from beside the breastbone on, as rigs have it
 ARM = {"shoulder": 0.09, "upper_arm": 0.186, "forearm": 0.146, "hand": 0.108}
@@ -89,13 +89,15 @@ class RestBones:
 def match_bones(bones: RestBones) -> dict[str, str]:
     """The bone of a rig for each part of a body that it has one for; none where it is no person's."""
     for table in CONTROLS:
-        if set(table.values()) <= set(bones.names):
-            return dict(table)
+        controls = {part: name for part, name in table.items() if name != "-"}
+        if set(controls.values()) <= set(bones.names):
+            return controls
     found = match_names(bones)
     if not {"thigh.L", "thigh.R", "shank.L", "shank.R"} <= found.keys():
         found = match_form(bones)
     found = _with_trunk(bones, found)
-    return {part: bones.names[found[part]] for part in PARTS if part in found}
+    named = {part: bones.names[found[part]] for part in PARTS if part in found}
+    return {part: name for part, name in named.items() if not name.startswith(NO_CONTROLS)}
 
 
 def read_as(names: Iterable[str]) -> dict[str, str]:
@@ -286,7 +288,10 @@ def _leg(bones: RestBones, first: int) -> list[int] | None:
 
 
 def _arms(bones: RestBones, firsts: Sequence[int]) -> list[list[int]]:
-    """The bones of both arms as long in proportion as a person's; with shoulders where they begin near the middle."""
+    """The bones of both arms as long in proportion as a person's; with shoulders where they begin near the middle.
+
+    None where one has too few; where a shoulder alone is missing, the others.
+    """
     half = float(np.linalg.norm(bones.heads[firsts[0]] - bones.heads[firsts[1]])) / 2
     long = ARM["shoulder"] / sum(ARM.values()) * _reach(bones, firsts[0])
     people = np.log(list(ARM.values()))[0 if half < long else 1 :]
@@ -294,12 +299,12 @@ def _arms(bones: RestBones, firsts: Sequence[int]) -> list[list[int]]:
     for chain in (_chain(bones, first) for first in firsts):
         places = np.array([*(bones.heads[one] for one in chain), bones.tails[chain[-1]]])
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
-        found = {}
-        for begins in combinations(range(1, len(chain)), len(people) - 1):
+        found, wanted = {}, people[-max(len(chain), len(ARM) - 1) :]
+        for begins in combinations(range(1, len(chain)), len(wanted) - 1):
             lengths = np.maximum(np.diff(along[[0, *begins, len(chain)]]), 1e-9)
-            found[(0, *begins)] = float(np.ptp(np.log(lengths) - people))
+            found[(0, *begins)] = float(np.ptp(np.log(lengths) - wanted))
         arms.append([chain[at] for at in min(found, key=found.__getitem__, default=())])
-    return arms
+    return arms if all(arms) else []
 
 
 def _nearest_axis(way: np.ndarray) -> np.ndarray:

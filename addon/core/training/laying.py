@@ -89,13 +89,14 @@ def _parts(whole: MarkerSet) -> list[np.ndarray]:
     """The markers (K,) of a whole body, of one without those on the head, and of one without those on head and arms.
 
     What a set lacks up there is what makes a body too small or too large for it: its shoulders would be the head.
+    Where next to none is left, that is no body.
     """
     skeleton, segment = whole.skeleton, whole.attachment
     head = np.array([name == "head" for name in skeleton.segments])[segment]
     limb = skeleton.limbs[segment]
     arm = (limb >= 0) & (np.array(skeleton.parents)[limb] != 0)
     lacking = np.unique([head & False, head, head | arm], axis=0)
-    return [np.flatnonzero(~one) for one in lacking]
+    return [np.flatnonzero(~one) for one in lacking if (~one).sum() > MIN_POINTS]
 
 
 def _laid(

@@ -19,6 +19,7 @@ from addon.core.points.models import Model, Namer, namer_of
 from addon.core.points.motion import LabelledPoints
 from addon.core.points.possible import refuse_impossible, slow_words
 from addon.core.points.refusals import (
+    NO_FIT,
     REFUSAL,
     SetFit,
     refuse_floods,
@@ -167,8 +168,9 @@ def test_where_frames_are_not_sure_the_whole_take_must_be(model):
     likely, unlikely = (SetFit(0.0, REFUSAL.min_log_likelihood + more) for more in (0.1, -0.1))
     refuse_unlike(model, namer, points, unlikely)
     refuse_unlike(model, namer, points, likely, sure=False)
-    with pytest.raises(JobError, match="of model gait15: what could be its markers does not sit as it has them"):
-        refuse_unlike(model, namer, points, unlikely, sure=False)
+    for fit, why in ((unlikely, "the points do not lie as its markers do"), (NO_FIT, "no frame shows enough of its")):
+        with pytest.raises(JobError, match=f"of model gait15: {why}"):
+            refuse_unlike(model, namer, points, fit, sure=False)
     refuse_unrecognised(model, namer, points, first(12), sure=False)
     with pytest.raises(JobError, match="73% of what could be its markers"):
         refuse_unrecognised(model, namer, points, first(11), sure=False)

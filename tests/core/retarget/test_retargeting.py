@@ -216,6 +216,26 @@ def test_left_is_told_by_the_feet_where_names_say_nothing():
         assert match_bones(at_rest(NAMELESS, turn=turn)) == without_between(NAMELESS)
 
 
+@pytest.mark.parametrize("gone", ["hand", "forearm hand", "shoulder"])
+def test_arms_of_too_few_bones_are_left_out_but_not_for_a_shoulder(gone):
+    """Which is where the upper arm begins."""
+    places = {bone.part: bone for bone in rig_bones()}
+    bones = []
+    for bone in places.values():
+        name, _, side = bone.part.partition(".")
+        if name in ("shoulder", *gone.split()):
+            continue
+        if name == "upper_arm":
+            bone = replace(bone, parent="chest", head=places[f"shoulder.{side}"].head)
+        bones.append(bone)
+    parts = [bone.part for bone in bones]
+    parents = np.array([-1 if bone.parent is None else parts.index(bone.parent) for bone in bones])
+    ends = (np.array([getattr(bone, end) for bone in bones]) for end in ("head", "tail"))
+    found = match_bones(RestBones(tuple(NAMELESS[part] for part in parts), parents, *ends))
+    assert found["foot.R"] == NAMELESS["foot.R"]
+    assert found.get("forearm.L") == (NAMELESS["forearm.L"] if gone == "shoulder" else None)
+
+
 def test_arms_that_hang_on_the_neck_do_not_make_it_the_chest():
     bones = at_rest(UNREAL)
     names, parents = list(bones.names), bones.parents.copy()
@@ -239,6 +259,11 @@ def test_control_rigs_are_known_by_their_controls(table):
     far = np.zeros((len(names), 3))
     found = match_bones(RestBones(names, np.full(len(names), -1), far, far))
     assert found == {part: name for part, name in table.items() if name != "-"}
+
+
+def test_bones_that_hang_on_controls_are_none_of_a_person_s():
+    names = UNREAL | {"hips": "ORG-pelvis", "chest": "MCH-spine_03"}
+    assert match_bones(at_rest(names)).keys() == without_between(UNREAL).keys() - {"hips", "chest"}
 
 
 def test_what_is_no_person_matches_nothing():

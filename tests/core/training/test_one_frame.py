@@ -16,6 +16,7 @@ from addon.core.training.laying import laid_body, marker_sides
 from addon.core.training.pipeline import TrainingOptions, person_in, train
 from addon.core.training.poses import known_poses
 from addon.core.training.takes import LabelledTake
+from addon.core.training.transfer import without_markers
 from addon.demo.take import make_performance
 from addon.io.markersets import open_markerset
 
@@ -83,6 +84,15 @@ def test_a_body_is_laid_into_markers_that_it_wears_less_of(known, take, worn):
     here = np.array([not name.endswith(lacking) for name in bodies[0][0].markers])
     laid = laid_body(np.where(here[:, None], take[FRAME], np.nan), bodies, np.zeros(26, dtype=int))
     assert (laid.place == np.arange(26))[here].all()
+
+
+def test_a_body_with_nothing_below_its_arms_is_laid_as_it_is(known, take):
+    whole = next(one for one in known if one.name == "body26")
+    lacking = ("FHD", "BHD", "ELB", "WRA", "WRB", "FIN")
+    upper = np.flatnonzero([name.endswith(lacking) for name in whole.markers])
+    body = without_markers(whole, upper)
+    laid = laid_body(take[FRAME][upper], [(body, known_poses(body, known))], marker_sides(body.markers))
+    assert (laid.place == np.arange(len(upper))).all()
 
 
 def test_who_stood_still_moves_as_it_was_made_up(trained):

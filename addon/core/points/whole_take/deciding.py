@@ -213,9 +213,9 @@ def labels_of(
         labels.marker[part] = given
         labels.step[part] = np.where(there, np.where(alone, own.step, BY_TRAJECTORY), NO_STEP)
         labels.confidence[part] = np.where(there, np.where(alone, np.maximum(sure, own.confidence), sure), 0.0)
-    asked, least = _asked(solution, target), least_margin(target)
-    # A ghost where a marker would be that nobody wears stays unsure whatever is answered.
-    suspects = _questions(solution, [one for one in asked if one.answered >= least], names, first_frame)
+    # What stays unsure whatever is answered is unnamed, and no question.
+    asked = [one for one in _asked(solution, target) if one.answered >= least_margin(target)]
+    suspects = _questions(solution, asked, names, first_frame)
     suspects += _gone_over(solution, believed, names, first_frame, lanes)
     about = {name for one in asked for name in (one.one, one.other)}
     return Verdict(labels, suspects + _unnamed(solution, believed, names, first_frame, about))

@@ -293,13 +293,13 @@ class Objective:
         own = marker != NO_MARKER
         return np.bincount(marker[own], self.tracklets.count[own], self.markers + self.extras) / self.length
 
-    def borne_out(self, naming: Candidate) -> tuple[np.ndarray, np.ndarray]:
-        """(M,) in how many frames each marker is, and the mean log odds of it there."""
+    def borne_out(self, naming: Candidate) -> np.ndarray:
+        """(M,) the mean log odds of each marker where it is, 0 of one that is nowhere."""
         own = np.flatnonzero((naming.marker != NO_MARKER) & (naming.marker < self.markers))
         name = naming.marker[own]
         count = np.bincount(name, self.tracklets.count[own], self.markers)
         total = np.bincount(name, naming.odds[own] * self.weight[own], self.markers)
-        return count, total / np.maximum(count, 1)
+        return total / np.maximum(count, 1)
 
     def gain(self, new: Candidate, old: Candidate) -> float:
         """By how much one naming is worth more than another, a frame."""

@@ -70,7 +70,7 @@ class Search:
         apart = np.nan_to_num(objective.known.mean, nan=np.inf)
         np.fill_diagonal(apart, -1.0)
         self._known_odds: tuple[Candidate, np.ndarray] | None = None
-        self._near = np.argsort(apart, axis=1, kind="stable")
+        self.near = np.argsort(apart, axis=1, kind="stable")
 
     def climb(self, moves: Moves = "all"):
         """Tries all groups until none is worth more; where only exchanges are tried, which are soon done, once."""
@@ -81,10 +81,8 @@ class Search:
                     self.propose(self._opened(group))
                 self.propose(self._exchanged(self._by_shape(group)))
             for tracklet in self._unsure():
-                if self.best.marker[tracklet] != NO_MARKER:
-                    self.propose(self._turned(tracklet))
-                    self.propose(self._turned(tracklet, on=True))
-                    self.propose(self._renamed(tracklet, NO_MARKER))
+                for marker in self._of_one(tracklet):
+                    self.propose(marker)
             for order in self._chains():
                 self.propose(self._exchanged(order))
             for order in self._exchanges():
@@ -119,7 +117,7 @@ class Search:
         """Each marker with those that are nearest to it, where one of them is in doubt; none twice."""
         seen, doubted = set(), self._doubted()
         for size in SEARCH.sizes:
-            for near in self._near[:, :size]:
+            for near in self.near[:, :size]:
                 group = np.sort(near)
                 if group.tobytes() not in seen and doubted[group].any():
                     seen.add(group.tobytes())
@@ -128,8 +126,8 @@ class Search:
     def _doubted(self) -> np.ndarray:
         """(M,) the markers that are seldom there, or that what is named beside them hardly bears out."""
         objective, marker = self.objective, self.best.marker
-        count, borne_out = objective.borne_out(self.best)
-        doubted = (count < REFUSAL.min_half * np.median(count)) | (borne_out < SEARCH.borne_out * np.median(borne_out))
+        borne_out = objective.borne_out(self.best)
+        doubted = self.seldom()[: objective.markers] | (borne_out < SEARCH.borne_out * np.median(borne_out))
         every = np.arange(objective.markers + objective.extras)
         doubted |= self.best.slots.odds(every[None])[0] < 0
         doubted[marker[[one for one in self._unsure() if marker[one] < objective.markers]]] = True
@@ -149,6 +147,28 @@ class Search:
         margin = margins(self._odds(), self.best.marker, tracklets.first, tracklets.last) * weight / tracklets.count
         some = np.flatnonzero((self.best.marker != NO_MARKER) & (margin < SEARCH.margin))
         return some[np.argsort(margin[some], kind="stable")].tolist()
+
+    def _of_one(self, tracklet: int) -> Iterator[np.ndarray]:
+        """Namings (N,) in which a tracklet that has a name has another's for a while or from it on, or none.
+
+        An extra that is usually there stays: what has no name takes no part in exchanges, and a limb whose markers all
+        are extras could not be given its names.
+        """
+        if self.best.marker[tracklet] == NO_MARKER:
+            return
+        yield self._turned(tracklet)
+        yield self._turned(tracklet, on=True)
+        name = self.best.marker[tracklet]
+        if name < self.objective.markers or self.seldom()[name]:
+            yield self._renamed(tracklet, NO_MARKER)
+
+    def seldom(self) -> np.ndarray:
+        """(M + E,) the names that are there for less than half as long as those of the usual marker."""
+        objective, marker = self.objective, self.best.marker
+        there = marker != NO_MARKER
+        count = objective.tracklets.count[there]
+        count = np.bincount(marker[there], count, objective.markers + objective.extras)
+        return count < REFUSAL.min_half * np.median(count[: objective.markers])
 
     def _turned(self, tracklet: int, on: bool = False) -> np.ndarray:
         """(N,) the names with that of a tracklet and its likeliest other exchanged, for as long as they hang together.
@@ -248,8 +268,7 @@ class Search:
         end = tracklets.last - VOTE.max_overlap_frames
         there = (tracklets.first[:, None] <= end[tracklet]) & (end[:, None] >= tracklets.first[tracklet])
         free = ~(there & (marker[:, None] == name)).any(axis=0)
-        count = np.bincount(marker[own], tracklets.count[own], markers)
-        seldom = np.flatnonzero(own)[count[marker[own]] < REFUSAL.min_half * np.median(count)]
+        seldom = np.flatnonzero(own)[self.seldom()[marker[own]]]
         one = np.concatenate([tracklet[free], seldom])
         other = np.concatenate([name[free], np.full(len(seldom), NO_MARKER)])
         some = np.argsort(-tracklets.count[one], kind="stable")[: SEARCH.chains]

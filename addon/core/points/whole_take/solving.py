@@ -17,6 +17,7 @@ from ...data.takes import NO_MARKER
 from ..models import Model
 from ..refusals import NO_FIT, REFUSAL, SetFit
 from .layout import Question, named_by_layout
+from .likeness import LIKENESS
 from .matching import margins, matched
 from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, usual_fit
 from .pairs import PAIRING
@@ -222,6 +223,7 @@ class _Solving:
         rivals: tuple[np.ndarray, ...] = ()
         if search is not None:
             alone = np.minimum(margin, self._of_seldom(own))
+            alone[self._lonely(own, search)] = 0.0
             of_others, questions, rivals = self._of_others(search, alone)
             margin = np.minimum(alone, of_others)
         likely = np.where(odds.max(axis=1) > 0, odds.argmax(axis=1), NO_MARKER)
@@ -243,6 +245,18 @@ class _Solving:
         seldom = count < REFUSAL.min_half * self.objective.length
         of_seldom = named & seldom[own] & (tracklets.held == NO_MARKER)
         return np.where(of_seldom, tracklets.votes[np.arange(len(own)), own], np.inf)
+
+    def _lonely(self, own: np.ndarray, search: Search) -> np.ndarray:
+        """(N,) True for names (N,) of markers of whose nearest none is there at the time, mostly.
+
+        Nobody wears one marker of a limb, and who has left leaves none behind.
+        """
+        tracklets, frame = self.objective.tracklets, self.objective.tracklets.frame
+        near = search.near[np.maximum(own, 0), 1 : LIKENESS.min_neighbours + 1]
+        beside = np.isfinite(search.best.placed[np.maximum(frame, 0)[..., None], near[:, None], 0]).any(axis=2)
+        asked = frame >= 0
+        lonely = (beside & asked).sum(axis=1) < REFUSAL.min_half * asked.sum(axis=1)
+        return (own != NO_MARKER) & lonely & (tracklets.held == NO_MARKER)
 
     def _of_others(
         self, search: Search, alone: np.ndarray

@@ -219,6 +219,32 @@ def test_a_search_asks_the_shape_of_frames_that_the_names_it_begins_with_show(mo
     assert search.best.settled is not None
 
 
+def test_an_extra_that_lasts_is_not_left_out_again_and_a_marker_may_be(model, markers):
+    objective, truth = objective_of(model, *pieces(markers))
+    objective.extras = 1
+    marker = np.where(truth == 3, 26, truth)
+    search = Search(objective, marker, USUAL_FREEDOM)
+    left_out = {
+        name: any((one[of] == NO_MARKER) for one in search._of_one(of))
+        for name in (0, 26)
+        for of in [int(np.flatnonzero(marker == name)[0])]
+    }
+    assert left_out == {0: True, 26: False}
+
+
+def test_of_a_limb_nobody_wears_one_marker_alone(model, markers):
+    """Of a toe without anything near the program is not sure, though frames are; beside a heel and an ankle it is."""
+    toe = model.markerset.index("LTOE")
+    feet = [at for at, name in enumerate(model.markerset.markers) if name[1:] in ("KNE", "ANK", "HEE", "TOE")]
+    for away in ([], [at for at in feet if at != toe]):
+        worn = markers.copy()
+        worn[:, away] = np.nan
+        points, whose = pieces(worn, hidden=0)
+        solution = finished(solve_take(points, cut(points, RATE), said(points, whose, whose >= 0), model, RATE))
+        margin = solution.margin[solution.marker == toe]
+        assert len(margin) and ((margin == 0) == bool(away)).all()
+
+
 def layout_names(model, placed: np.ndarray, absent: bool):
     """What the layout says of markers placed (T, M, 3) m, of which nobody has named one."""
     shown = placed[fullest_frames(np.isfinite(placed[..., 0]))]
