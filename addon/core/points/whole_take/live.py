@@ -344,7 +344,7 @@ class LiveNamer:
         """
         if self._asked is None:
             return
-        if not self._asked.quick and len(self._asked.xyz) >= self._kept:  # at first there is a lot to load
+        if len(self._asked.shown) and not self._asked.quick:  # at first there is a lot to load
             self._slow = names.slow
         past = [self._asked.number, *(numbers for _, numbers, _ in self.past)]
         self.given.forget({one.number for one in self.trails.values()}.union(*(numbers.tolist() for numbers in past)))
