@@ -100,9 +100,9 @@ def _as_before(whole: SetsWorn, found: Everybody, window: Window, marker: np.nda
     """
     from scipy.optimize import linear_sum_assignment
 
-    every, said = markers_of(whole), np.full(len(marker), NO_MARKER)
+    every, owns, said = markers_of(whole), markers_of(found.worn), np.full(len(marker), NO_MARKER)
     score = np.full((len(found.found), len(every)), -1e9)
-    for row, (one, own) in enumerate(zip(found.found, markers_of(found.worn), strict=True)):
+    for row, (one, own) in enumerate(zip(found.found, owns, strict=True)):
         theirs, build, model = np.isin(marker, own), PersonBuild.of(one.body), one.subject.model
         may_be = [other for other in whole.subjects if other.model.markerset.markers == model.markerset.markers]
         if len(found.found) == len(every):
@@ -113,9 +113,8 @@ def _as_before(whole: SetsWorn, found: Everybody, window: Window, marker: np.nda
                 cost = min(_unlike(build, other.model, window.shown[:, names], by_models), len(names))
                 score[row, column] = len(names) * np.isin(window.marker[theirs], names).sum() - cost
     for row, column in zip(*linear_sum_assignment(score, maximize=True), strict=True):
-        own = markers_of(found.worn)[row]
-        theirs = np.isin(marker, own)
-        said[theirs] = marker[theirs] - own[0] + every[column][0]
+        theirs = np.isin(marker, owns[row])
+        said[theirs] = marker[theirs] - owns[row][0] + every[column][0]
     return said
 
 

@@ -164,11 +164,8 @@ class Search:
 
     def seldom(self) -> np.ndarray:
         """(M + E,) the names that are there for less than half as long as those of the usual marker."""
-        objective, marker = self.objective, self.best.marker
-        there = marker != NO_MARKER
-        count = objective.tracklets.count[there]
-        count = np.bincount(marker[there], count, objective.markers + objective.extras)
-        return count < REFUSAL.min_half * np.median(count[: objective.markers])
+        part = self.best.slots.coverage
+        return part < REFUSAL.min_half * np.median(part[: self.objective.markers])
 
     def _turned(self, tracklet: int, on: bool = False) -> np.ndarray:
         """(N,) the names with that of a tracklet and its likeliest other exchanged, for as long as they hang together.

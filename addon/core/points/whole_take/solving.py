@@ -240,10 +240,8 @@ class _Solving:
         Their distances in the take are those of whatever has the name, which thus bears itself out; a ghost is where a
         marker may be for a while.
         """
-        named, tracklets = own != NO_MARKER, self.tracklets
-        count = np.bincount(own[named], tracklets.count[named], self.markers)
-        seldom = count < REFUSAL.min_half * self.objective.length
-        of_seldom = named & seldom[own] & (tracklets.held == NO_MARKER)
+        tracklets, seldom = self.tracklets, self.objective.coverage(own) < REFUSAL.min_half
+        of_seldom = (own != NO_MARKER) & seldom[own] & (tracklets.held == NO_MARKER)
         return np.where(of_seldom, tracklets.votes[np.arange(len(own)), own], np.inf)
 
     def _lonely(self, own: np.ndarray, search: Search) -> np.ndarray:
