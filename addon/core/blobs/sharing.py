@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Several bodies followed through the same frames, which share out the blobs.
+
+Before a frame is named, each track says where the body's markers will be: what is plainly one's is not offered to the
+others. All are followed by the code that follows one.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..geometry.views import NOWHERE, VIEWING, Sight, View
+from .pipeline import ChunkInWork, TakeLabeller
+from .subject import Setup
+from .tracking import TRACKING, Track
+
+
+@dataclass(frozen=True)
+class SharingOptions:
+    """When a blob is plainly somebody's."""
+
+    reach_m: float = 0.05  # physical: from where a marker is led to, which a frame's acceleration does not add
+    ratio: float = 2.0  # measured: times as far it must be from any marker of whoever is not offered it
+
+
+SHARING = SharingOptions()
+
+
+def followed_together(labellers: Sequence[TakeLabeller], chunks: Sequence[ChunkInWork]) -> Iterator[int]:
+    """Names a chunk for each of several at a time, who are found in one frame; gives each frame once it is named.
+
+    Ends early where somebody is lost, so that not all are in the same frame any more.
+    """
+    works = [labeller.steps(chunk) for labeller, chunk in zip(labellers, chunks, strict=True)]
+    at = None
+    while True:
+        steps = [next(work, None) for work in works]
+        if at is not None:
+            if not all(at in chunk.results for chunk in chunks):
+                return
+            yield at
+        each = [step for step in steps if step is not None]
+        if len(each) < len(works) or len({frame for frame, _ in each}) > 1:
+            return
+        at = each[0][0]
+        tracks = [track for _, track in each]
+        for chunk, view in zip(chunks, shared(chunks[0].whole[at], tracks, labellers[0].setup), strict=True):
+            chunk.views[at] = view
+
+
+def shared(view: View, tracks: Sequence[Track], setup: Setup) -> list[View]:
+    """What each of several may name of a view."""
+    off = np.array([_off(view, setup.sight, _led_to(track, setup), track.visible) for track in tracks])
+    found = []
+    for own in range(len(tracks)):
+        nearest = np.delete(off, own, axis=0).min(axis=0)
+        another = (nearest < SHARING.reach_m**2) & (SHARING.ratio**2 * nearest < off[own])
+        found.append(without(view, another))
+    return found
+
+
+def without(view: View, taken: np.ndarray) -> View:
+    """The view without the blobs that are `taken` (C, K)."""
+    real = view.real & ~taken
+    return View(np.where(real[..., None], view.image, NOWHERE), real, view.row)
+
+
+def _led_to(track: Track, setup: Setup) -> np.ndarray:
+    """(M, 3) m, where the markers will be in the next frame."""
+    bodies = track.subject.bodies.moved(TRACKING.velocity_kept * track.velocity)
+    return setup.model.pose(bodies).markers[0] + track.lag
+
+
+def _off(view: View, sight: Sight, points: np.ndarray, visible: np.ndarray) -> np.ndarray:
+    """(C, K) m², squared distance of blobs from the nearest of markers (M, 3) m that are visible (C, M) there."""
+    local = sight.local(points[None])[0]
+    image = sight.image(local)
+    # Axis by axis: NumPy is slow to add up two of something.
+    square = (view.image[:, :, None, 0] - image[:, None, :, 0]) ** 2
+    square += (view.image[:, :, None, 1] - image[:, None, :, 1]) ** 2
+    square *= np.maximum(local[..., 2], VIEWING.min_depth_m)[:, None] ** 2
+    return np.where(visible[:, None], square, np.inf).min(axis=2)
