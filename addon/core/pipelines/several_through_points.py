@@ -175,8 +175,8 @@ def label_several_blobs(
     Points are needed for who is who where somebody comes or goes, and for what a person said.
     """
     if not edits:
-        work = label_together(read, cameras, asked, rate, options.room, body_of)
-        followed = yield from within(work, 0.0, CHECKING_BACK.followed)
+        quick = label_together(read, cameras, asked, rate, options.room, body_of)
+        followed = yield from within(quick, 0.0, CHECKING_BACK.followed)
         if followed is not None:
             return followed
     work = label_by_points(read, cameras, asked, options, rate, body_of, edits)
