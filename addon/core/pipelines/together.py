@@ -84,11 +84,18 @@ class LookedAt:
         return point, camera, self.slots[point, camera]
 
     def contradicted(self, owner: np.ndarray, markers: int) -> np.ndarray:
-        """(Q,) True for the points that it is sure of, most of whose named blobs have another name by owners (C, K)."""
-        own = self._owners(owner)
-        right = own % markers == self.marker[:, None]
+        """(Q,) True for the points that it is sure of, most of whose named blobs have another name by owners (C, K).
+
+        Or are somebody else's than those of their group.
+        """
+        own, sure = self._owners(owner), self.marker != NO_MARKER
         given = own != NO_MARKER
-        return (self.marker >= 0) & ((given & ~right).sum(axis=1) > (given & right).sum(axis=1))
+        whose = np.zeros(len(own), int)
+        for group in np.unique(self.group[sure]):
+            rows = sure & (self.group == group)
+            whose[rows] = np.bincount(own[rows][given[rows]] // markers, minlength=1).argmax()
+        right = own == (self.marker + whose * markers)[:, None]
+        return sure & ((given & ~right).sum(axis=1) > (given & right).sum(axis=1))
 
     def explained(self, owner: np.ndarray) -> np.ndarray:
         """(Q,) True for the points most of whose blobs have an owner (C, K), and all the same."""
