@@ -44,8 +44,7 @@ class TogetherOptions:
     """When bodies that are followed together are believed."""
 
     looked_at_s: float = 0.2  # physical: between frames that are looked at; a limb swings for half a second
-    # measured on what cameras see of meetings of tests/accuracy/actors.py, where half of those that are followed wrongly
-    # for a while have more contradictions than twice these:
+    # What follows was chosen on what cameras see of `passing`, `beside`, `behind` and `acting` of tests/accuracy/actors:
     # part of the points that frames must be sure of, for bodies to be judged by them at all
     sure: float = 0.65  # measured
     # part of the names that frames are sure of which bodies may contradict, as frames err, too
