@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..body.bodies import Bodies
 from ..geometry.views import NOWHERE, VIEWING, Sight, View
 from .pipeline import ChunkInWork, TakeLabeller
 from .subject import Setup
@@ -51,7 +52,7 @@ def followed_together(labellers: Sequence[TakeLabeller], chunks: Sequence[ChunkI
 
 def shared(view: View, tracks: Sequence[Track], setup: Setup) -> list[View]:
     """What each of several may name of a view."""
-    off = np.array([_off(view, setup.sight, _led_to(track, setup), track.visible) for track in tracks])
+    off = _off(view, setup.sight, _led_to(tracks, setup), np.array([track.visible for track in tracks]))
     found = []
     for own in range(len(tracks)):
         nearest = np.delete(off, own, axis=0).min(axis=0)
@@ -66,18 +67,19 @@ def without(view: View, taken: np.ndarray) -> View:
     return View(np.where(real[..., None], view.image, NOWHERE), real, view.row)
 
 
-def _led_to(track: Track, setup: Setup) -> np.ndarray:
-    """(M, 3) m, where the markers will be in the next frame."""
-    bodies = track.subject.bodies.moved(TRACKING.velocity_kept * track.velocity)
-    return setup.model.pose(bodies).markers[0] + track.lag
+def _led_to(tracks: Sequence[Track], setup: Setup) -> np.ndarray:
+    """(S, M, 3) m, where the markers of each will be in the next frame."""
+    bodies = Bodies.join([track.subject.bodies for track in tracks])
+    bodies = bodies.moved(TRACKING.velocity_kept * np.concatenate([track.velocity for track in tracks]))
+    return setup.model.pose(bodies).markers + np.array([track.lag for track in tracks])
 
 
 def _off(view: View, sight: Sight, points: np.ndarray, visible: np.ndarray) -> np.ndarray:
-    """(C, K) m², squared distance of blobs from the nearest of markers (M, 3) m that are visible (C, M) there."""
-    local = sight.local(points[None])[0]
+    """(S, C, K) m², squared distance of blobs from the nearest of markers (S, M, 3) m that is visible (S, C, M)."""
+    local = sight.local(points)
     image = sight.image(local)
     # Axis by axis: NumPy is slow to add up two of something.
-    square = (view.image[:, :, None, 0] - image[:, None, :, 0]) ** 2
-    square += (view.image[:, :, None, 1] - image[:, None, :, 1]) ** 2
-    square *= np.maximum(local[..., 2], VIEWING.min_depth_m)[:, None] ** 2
-    return np.where(visible[:, None], square, np.inf).min(axis=2)
+    square = (view.image[:, :, None, 0] - image[:, :, None, :, 0]) ** 2
+    square += (view.image[:, :, None, 1] - image[:, :, None, :, 1]) ** 2
+    square *= np.maximum(local[..., 2], VIEWING.min_depth_m)[:, :, None] ** 2
+    return np.where(visible[:, :, None], square, np.inf).min(axis=3)

@@ -44,7 +44,7 @@ class TogetherOptions:
     """When bodies that are followed together are believed."""
 
     looked_at_s: float = 0.2  # physical: between frames that are looked at; a limb swings for half a second
-    # What follows was chosen on what cameras see of `passing`, `beside`, `behind` and `acting` of tests/accuracy/actors:
+    # What follows was chosen on what cameras see of `passing`, `beside`, `behind` and `acting` of accuracy/actors.py:
     # part of the points that frames must be sure of, for bodies to be judged by them at all
     sure: float = 0.65  # measured
     # part of the names that frames are sure of which bodies may contradict, as frames err, too
@@ -56,6 +56,7 @@ class TogetherOptions:
 
 TOGETHER = TogetherOptions()
 LOOKED_AT = 4  # frames of a chunk, at least
+LEARNED_FROM = 2  # frames: whose points have many rays need not know the capture well
 MAX_STARTS = 3  # of a chunk, in different frames; by time
 
 
@@ -222,7 +223,7 @@ class BodiesTogether:
     def _looked_at(self, views: Sequence[View]) -> list[LookedAt]:
         """Frames spread over a chunk, with the names that they are sure of."""
         count = max(round(len(views) / (TOGETHER.looked_at_s * self.rate)), LOOKED_AT)
-        self.reconstructor.learn_once(views)
+        self.reconstructor.learn_once(views, LEARNED_FROM)
         frames, each = evenly_spread(len(views), count).tolist(), []
         for at in frames:
             made = self.reconstructor.matcher([views[at]]).match(0, 1)

@@ -146,12 +146,12 @@ class Reconstructor:
         """The blobs of some frames, ready to be matched by what is believed of the capture."""
         return Matcher(views, self.sight, self.cameras.size, self.circumstances)
 
-    def learn_once(self, views: Sequence[View]):
-        """What the capture is like, from frames spread over a chunk, each on its own; until it is known."""
+    def learn_once(self, views: Sequence[View], frames: int = LEARNING_FRAMES):
+        """What the capture is like, from so many frames spread over a chunk, each on its own; until it is known."""
         if self.learned:
             return
         full = [view for view in views if view.count]
-        sample = full[:: max(len(full) // LEARNING_FRAMES, 1)][:LEARNING_FRAMES]
+        sample = full[:: max(len(full) // frames, 1)][:frames]
         for some in (sample[::2], sample) if sample else ():  # what is not known yet costs most
             matched = [self.matcher([view]).match(0, 1) for view in some]
             self.learned |= self._learn(some, joined(matched), 1.0)
