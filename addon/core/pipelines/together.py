@@ -57,7 +57,7 @@ class TogetherOptions:
 TOGETHER = TogetherOptions()
 LOOKED_AT = 4  # frames of a chunk, at least
 LEARNED_FROM = 2  # frames: whose points have many rays need not know the capture well
-MAX_STARTS = 3  # of a chunk, in different frames; by time
+MAX_STARTS = 5  # of a chunk, in different frames; by time
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +88,7 @@ class LookedAt:
 
         Or are somebody else's than those of their group.
         """
-        own, sure = self._owners(owner), self.marker != NO_MARKER
+        own, sure = self.owners(owner), self.marker != NO_MARKER
         given = own != NO_MARKER
         whose = np.zeros(len(own), int)
         for group in np.unique(self.group[sure]):
@@ -97,15 +97,50 @@ class LookedAt:
         right = own == (self.marker + whose * markers)[:, None]
         return sure & ((given & ~right).sum(axis=1) > (given & right).sum(axis=1))
 
-    def explained(self, owner: np.ndarray) -> np.ndarray:
-        """(Q,) True for the points most of whose blobs have an owner (C, K), and all the same."""
-        own = self._owners(owner)
+    def explained(self, owner: np.ndarray, markers: int) -> np.ndarray:
+        """(Q,) True for the points most of whose blobs have an owner (C, K), and all the same, which it is sure of."""
+        own = self.owners(owner)
         given = own != NO_MARKER
         same = (~given | (own == own.max(axis=1, keepdims=True))).all(axis=1)
-        return same & (2 * given.sum(axis=1) > (self.slots >= 0).sum(axis=1))
+        many = 2 * given.sum(axis=1) > (self.slots >= 0).sum(axis=1)
+        return same & many & ~self.contradicted(owner, markers)
 
-    def _owners(self, owner: np.ndarray) -> np.ndarray:
+    def owners(self, owner: np.ndarray) -> np.ndarray:
+        """(Q, C) the owners (C, K) of the points' blobs, NO_MARKER where there is none."""
         return np.where(self.slots >= 0, owner[np.arange(len(owner)), np.maximum(self.slots, 0)], NO_MARKER)
+
+
+class Doubts:
+    """Which names of the frames that are looked at bodies contradict, as they are followed from several starts.
+
+    What they contradict alike from a start before a frame and from one after it is the frame's error.
+    """
+
+    def __init__(self, looked: Sequence[LookedAt], markers: int):
+        self.looked, self.markers = {one.at: one for one in looked}, markers
+        self.most = TOGETHER.contradicted * sum(int((one.marker != NO_MARKER).sum()) for one in looked)
+        self.count: dict[int, int] = {}
+        self.seen: set[tuple[int, bytes, bool]] = set()
+        self.start = -1
+
+    def begin(self, start: int):
+        """Another start, in that frame; -1 for before all."""
+        self.count, self.start = {}, start
+
+    def add(self, at: int, owner: np.ndarray):
+        """What a frame is named as, by owners (C, K), if it is one of those that are looked at."""
+        if at not in self.looked:
+            return
+        look = self.looked[at]
+        wrong = look.contradicted(owner, self.markers)
+        key, later = np.where(wrong[:, None], look.owners(owner) % self.markers, NO_MARKER).tobytes(), at > self.start
+        self.seen.add((at, key, later))
+        self.count[at] = 0 if (at, key, not later) in self.seen else int(wrong.sum())
+
+    @property
+    def are_many(self) -> bool:
+        """Whether there are so many that some body is elsewhere."""
+        return sum(self.count.values()) > self.most
 
 
 class BodiesTogether:
@@ -124,26 +159,23 @@ class BodiesTogether:
         looked = self._looked_at(views)
         if not np.concatenate([one.marker >= 0 for one in looked]).mean() >= TOGETHER.sure:
             return None
-        left, doubts = list(looked), dict.fromkeys((one.at for one in looked), 0)
+        left, doubts = list(looked), Doubts(looked, self.markers)
         for turn in range(MAX_STARTS):
             start = None
             if turn or self.last is None:
-                left.sort(key=lambda one: (doubts[one.at], one.least_sure(len(self.labellers))))
+                left.sort(key=lambda one: (doubts.count.get(one.at, 0), one.least_sure(len(self.labellers))))
                 if not left or not left[-1].least_sure(len(self.labellers))[0]:
                     return None
                 start = left.pop()
-            made = self._made(blobs, views, looked, start, doubts)
-            if made is not None:
-                return made
+            made = self._made(blobs, views, start, doubts)
+            if made is not None or (doubts.count and not doubts.are_many):
+                return made  # another start would not mend that somebody is lost, or does not explain the points
         return None
 
     def _made(
-        self, blobs: Blobs, views: list[View], looked: list[LookedAt], start: LookedAt | None, doubts: dict[int, int]
+        self, blobs: Blobs, views: list[View], start: LookedAt | None, doubts: Doubts
     ) -> list[LabelledChunk] | None:
-        """The chunk followed from its beginning, or from a frame in which all are found; None as `label` has it.
-
-        How many names of each frame that is looked at the bodies contradict is put into `doubts`.
-        """
+        """The chunk followed from its beginning, or from a frame in which all are found; None as `label` has it."""
         labellers = [one.kept() for one in self.labellers]
         known: list = [None] * len(labellers)
         if start is not None:
@@ -153,7 +185,8 @@ class BodiesTogether:
             for one in labellers:
                 one.track = None
         chunks = [ChunkInWork(blobs, views, None, self.markers, one) for one in known]
-        if not self._explain(labellers, chunks, looked, doubts):
+        doubts.begin(-1 if start is None else start.at)
+        if not self._explain(labellers, chunks, doubts):
             return None
         made = [chunk.labelled(one.setup) for one, chunk in zip(labellers, chunks, strict=True)]
         order = self._as_before(made)
@@ -161,27 +194,15 @@ class BodiesTogether:
         self.last = np.array([one.motion.expected[-1] for one in made])
         return made
 
-    def _explain(
-        self,
-        labellers: Sequence[TakeLabeller],
-        chunks: Sequence[ChunkInWork],
-        looked: Sequence[LookedAt],
-        doubts: dict[int, int],
-    ) -> bool:
+    def _explain(self, labellers: Sequence[TakeLabeller], chunks: Sequence[ChunkInWork], doubts: Doubts) -> bool:
         """Follows all through the chunk; whether they stay there, and go with the frames that are looked at."""
-        frames, most = {one.at: one for one in looked}, sum(int((one.marker >= 0).sum()) for one in looked)
-        doubts.update(dict.fromkeys(doubts, 0))
         for at in followed_together(labellers, chunks):
-            if at in frames:
-                doubts[at] = int(frames[at].contradicted(self._owner(chunks, at), self.markers).sum())
-            if sum(doubts.values()) > TOGETHER.contradicted * most:
+            doubts.add(at, self._owner(chunks, at))
+            if doubts.are_many:
                 return False
         if any(len(chunk.results) < len(chunk.views) for chunk in chunks):
             return False
-        owners = [self._owner(chunks, one.at) for one in looked]
-        good = [
-            one.explained(own) & ~one.contradicted(own, self.markers) for one, own in zip(looked, owners, strict=True)
-        ]
+        good = [one.explained(self._owner(chunks, at), self.markers) for at, one in doubts.looked.items()]
         return bool(np.concatenate(good).mean() >= TOGETHER.explained)
 
     def _owner(self, chunks: Sequence[ChunkInWork], at: int) -> np.ndarray:

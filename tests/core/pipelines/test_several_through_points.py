@@ -22,7 +22,7 @@ from addon.core.pipelines.several_through_points import (
     label_by_points,
     label_several_blobs,
 )
-from addon.core.pipelines.together import FollowedTogether, LookedAt
+from addon.core.pipelines.together import Doubts, FollowedTogether, LookedAt
 from addon.core.points.refusals import SubjectsError
 from addon.core.points.several import pipeline
 from addon.core.points.several.identification import IDENTIFICATION
@@ -238,15 +238,21 @@ def test_names_that_two_exchanged_contradict_a_frame_and_so_does_a_half_of_them(
     for owners, contradicted, explained in (
         ([0, 1, 2, 3], [0, 0, 0, 0], [1, 1, 1, 1]),
         ([2, 3, 0, 1], [0, 0, 0, 0], [1, 1, 1, 1]),
-        ([1, 0, 2, 3], [1, 1, 0, 0], [1, 1, 1, 1]),
+        ([1, 0, 2, 3], [1, 1, 0, 0], [0, 0, 1, 1]),
         ([0, -1, 2, 3], [0, 0, 0, 0], [1, 0, 1, 1]),
-        ([0, 1, 3, -1], [0, 0, 1, 0], [1, 1, 1, 0]),
+        ([0, 1, 3, -1], [0, 0, 1, 0], [1, 1, 0, 0]),
     ):
         owner = np.array([owners, owners])
         assert look.contradicted(owner, 2).tolist() == list(map(bool, contradicted))
-        assert look.explained(owner).tolist() == list(map(bool, explained))
-    owner = np.array([[0, 1, 2, 3], [0, 1, 2, 1]])
-    assert look.explained(owner).tolist() == [True, True, True, False]
+        assert look.explained(owner, 2).tolist() == list(map(bool, explained))
+    assert look.explained(np.array([[0, 1, 2, 3], [0, 1, 2, 1]]), 2).tolist() == [True, True, True, False]
+    doubts = Doubts([look], 2)
+    for start, counted in ((-1, 2), (-1, 2), (3, 0)):  # seen from both sides it is the frame that errs
+        doubts.begin(start)
+        doubts.add(0, np.array([[1, 0, 2, 3]] * 2))
+        doubts.add(5, np.array([[1, 0, 2, 3]] * 2))  # nobody looks there
+        assert doubts.count == {0: counted}
+        assert doubts.are_many == (counted == 2)
 
 
 def test_what_no_two_cameras_see_is_told(shot):
