@@ -28,7 +28,7 @@ class SharingOptions:
 SHARING = SharingOptions()
 
 
-def followed_together(labellers: Sequence[TakeLabeller], chunks: Sequence[ChunkInWork]) -> Iterator[int]:
+def followed_in_step(labellers: Sequence[TakeLabeller], chunks: Sequence[ChunkInWork]) -> Iterator[int]:
     """Names a chunk for each of several at a time, who are found in one frame; gives each frame once it is named.
 
     Ends early where somebody is lost, so that not all are in the same frame any more.

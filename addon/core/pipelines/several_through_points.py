@@ -27,8 +27,8 @@ from ..points.several.together import LabelledSubjects, beside, measured_of_firs
 from ..points.several.wearers import SetsWorn, SeveralOptions
 from ..points.whole_take.pipeline import PointOptions
 from .fitted_subjects import FollowedSubjects
+from .followed_together import FollowedTogether, label_together
 from .through_points import PointsOfBlobs, without_number
-from .together import FollowedTogether, label_together
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from addon.core.edits.kinds import NO_EDITS, AssignBlob, Edits, Place, Swap
 from addon.core.geometry.cameras import Cameras
 from addon.core.pipelines.blobs import with_edits
 from addon.core.pipelines.fitted_subjects import FollowedSubjects
+from addon.core.pipelines.followed_together import Doubts, FollowedTogether, LookedAt
 from addon.core.pipelines.others import OtherSubjects, refuse_two
 from addon.core.pipelines.several_through_points import (
     PointsOfBlobs,
@@ -22,7 +23,6 @@ from addon.core.pipelines.several_through_points import (
     label_by_points,
     label_several_blobs,
 )
-from addon.core.pipelines.together import Doubts, FollowedTogether, LookedAt
 from addon.core.points.refusals import SubjectsError
 from addon.core.points.several import pipeline
 from addon.core.points.several.identification import IDENTIFICATION

@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from ..blobs.pipeline import TAKES, ChunkInWork, TakeLabeller
 from ..blobs.search import FINDING, NO_HINTS, Found, find_subject
-from ..blobs.sharing import followed_together, without
+from ..blobs.sharing import followed_in_step, without
 from ..blobs.subject import Setup
 from ..data.markersets import MarkerSet
 from ..data.progress import Progress
@@ -40,7 +40,7 @@ from ..reconstruction.trajectories import Reconstructor
 
 
 @dataclass(frozen=True)
-class TogetherOptions:
+class FollowedTogetherOptions:
     """When bodies that are followed together are believed."""
 
     looked_at_s: float = 0.2  # physical: between frames that are looked at; a limb swings for half a second
@@ -54,10 +54,10 @@ class TogetherOptions:
     lead: float = 2.0  # physical: nats, by which one of two must have a blob nearer to be called its only owner
 
 
-TOGETHER = TogetherOptions()
-LOOKED_AT = 4  # frames of a chunk, at least
+FOLLOWED_TOGETHER = FollowedTogetherOptions()
+LEAST_LOOKED_AT = 4  # frames of a chunk, at least
 LEARNED_FROM = 2  # frames: whose points have many rays need not know the capture well
-MAX_STARTS = 5  # of a chunk, in different frames; by time
+MAX_STARTS = 4  # of a chunk, in different frames; by time
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +118,7 @@ class Doubts:
 
     def __init__(self, looked: Sequence[LookedAt], markers: int):
         self.looked, self.markers = {one.at: one for one in looked}, markers
-        self.most = TOGETHER.contradicted * sum(int((one.marker != NO_MARKER).sum()) for one in looked)
+        self.most = FOLLOWED_TOGETHER.contradicted * sum(int((one.marker != NO_MARKER).sum()) for one in looked)
         self.count: dict[int, int] = {}
         self.seen: set[tuple[int, bytes, bool]] = set()
         self.start = -1
@@ -143,7 +143,7 @@ class Doubts:
         return sum(self.count.values()) > self.most
 
 
-class BodiesTogether:
+class SubjectsFollowed:
     """The bodies of so many subjects who wear one model, followed from chunk to chunk."""
 
     def __init__(self, cameras: Cameras, model: Model, count: int, rate: float, body: Occlusion):
@@ -157,7 +157,7 @@ class BodiesTogether:
         """What each body says of the next chunk; None where they do not explain it."""
         views = split_views(blobs, self.cameras)
         looked = self._looked_at(views)
-        if not np.concatenate([one.marker >= 0 for one in looked]).mean() >= TOGETHER.sure:
+        if not np.concatenate([one.marker >= 0 for one in looked]).mean() >= FOLLOWED_TOGETHER.sure:
             return None
         left, doubts = list(looked), Doubts(looked, self.markers)
         for turn in range(MAX_STARTS):
@@ -196,14 +196,14 @@ class BodiesTogether:
 
     def _explain(self, labellers: Sequence[TakeLabeller], chunks: Sequence[ChunkInWork], doubts: Doubts) -> bool:
         """Follows all through the chunk; whether they stay there, and go with the frames that are looked at."""
-        for at in followed_together(labellers, chunks):
+        for at in followed_in_step(labellers, chunks):
             doubts.add(at, self._owner(chunks, at))
             if doubts.are_many:
                 return False
         if any(len(chunk.results) < len(chunk.views) for chunk in chunks):
             return False
         good = [one.explained(self._owner(chunks, at), self.markers) for at, one in doubts.looked.items()]
-        return bool(np.concatenate(good).mean() >= TOGETHER.explained)
+        return bool(np.concatenate(good).mean() >= FOLLOWED_TOGETHER.explained)
 
     def _owner(self, chunks: Sequence[ChunkInWork], at: int) -> np.ndarray:
         """(C, K) which marker each blob of a frame is, the markers of all in a row; NO_MARKER where it is nobody's."""
@@ -243,7 +243,7 @@ class BodiesTogether:
 
     def _looked_at(self, views: Sequence[View]) -> list[LookedAt]:
         """Frames spread over a chunk, with the names that they are sure of."""
-        count = max(round(len(views) / (TOGETHER.looked_at_s * self.rate)), LOOKED_AT)
+        count = max(round(len(views) / (FOLLOWED_TOGETHER.looked_at_s * self.rate)), LEAST_LOOKED_AT)
         self.reconstructor.learn_once(views, LEARNED_FROM)
         frames, each = evenly_spread(len(views), count).tolist(), []
         for at in frames:
@@ -303,7 +303,7 @@ class BodiesTogether:
             cost[subject, own] = np.nan_to_num((pixels / self.reconstructor.circumstances.pixel) ** 2 / 2, nan=np.inf)
         order = np.sort(cost, axis=0)
         with np.errstate(invalid="ignore"):  # two of whom neither has a place
-            return np.where(order[1] - order[0] >= TOGETHER.lead, cost.argmin(axis=0), NO_MARKER)
+            return np.where(order[1] - order[0] >= FOLLOWED_TOGETHER.lead, cost.argmin(axis=0), NO_MARKER)
 
 
 @dataclass(frozen=True, eq=False)
@@ -341,7 +341,7 @@ def label_together(
         return None
     worn = SetsWorn(asked.numbered(count))
     body = body_of(model.markerset) if body_of else CapsuleOcclusion(model.markerset, OCCLUDING.fitted_shrink)
-    bodies, said = BodiesTogether(cameras, model, count, rate, body), []
+    bodies, said = SubjectsFollowed(cameras, model, count, rate, body), []
     for blobs, share in read():
         begin = perf_counter()
         with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
