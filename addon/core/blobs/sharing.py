@@ -52,7 +52,7 @@ def followed_in_step(labellers: Sequence[TakeLabeller], chunks: Sequence[ChunkIn
 
 def shared(view: View, tracks: Sequence[Track], setup: Setup) -> list[View]:
     """What each of several may name of a view."""
-    off = _off(view, setup.sight, _led_to(tracks, setup), np.array([track.visible for track in tracks]))
+    off = _off(view, setup.sight, _led_to(tracks, setup))
     found = []
     for own in range(len(tracks)):
         nearest = np.delete(off, own, axis=0).min(axis=0)
@@ -74,12 +74,12 @@ def _led_to(tracks: Sequence[Track], setup: Setup) -> np.ndarray:
     return setup.model.pose(bodies).markers + np.array([track.lag for track in tracks])
 
 
-def _off(view: View, sight: Sight, points: np.ndarray, visible: np.ndarray) -> np.ndarray:
-    """(S, C, K) m², squared distance of blobs from the nearest of markers (S, M, 3) m that is visible (S, C, M)."""
+def _off(view: View, sight: Sight, points: np.ndarray) -> np.ndarray:
+    """(S, C, K) m², squared distance of blobs from the nearest of markers (S, M, 3) m, whether it should be seen or not."""
     local = sight.local(points)
     image = sight.image(local)
     # Axis by axis: NumPy is slow to add up two of something.
     square = (view.image[:, :, None, 0] - image[:, :, None, :, 0]) ** 2
     square += (view.image[:, :, None, 1] - image[:, :, None, :, 1]) ** 2
     square *= np.maximum(local[..., 2], VIEWING.min_depth_m)[:, :, None] ** 2
-    return np.where(visible[:, :, None], square, np.inf).min(axis=3)
+    return square.min(axis=3)
