@@ -6,7 +6,6 @@ others. All are followed by the code that follows one.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,16 +15,7 @@ from .pipeline import ChunkInWork, TakeLabeller
 from .subject import Setup
 from .tracking import TRACKING, Track
 
-
-@dataclass(frozen=True)
-class SharingOptions:
-    """When a blob is plainly somebody's."""
-
-    reach_m: float = 0.05  # physical: from where a marker is led to, which a frame's acceleration does not add
-    ratio: float = 2.0  # measured: times as far it must be from any marker of whoever is not offered it
-
-
-SHARING = SharingOptions()
+PLAINLY = 2.0  # measured: times as far as from another's marker that a blob must be from one's own, not to be offered
 
 
 def followed_in_step(labellers: Sequence[TakeLabeller], chunks: Sequence[ChunkInWork]) -> Iterator[int]:
@@ -56,8 +46,7 @@ def shared(view: View, tracks: Sequence[Track], setup: Setup) -> list[View]:
     found = []
     for own in range(len(tracks)):
         nearest = np.delete(off, own, axis=0).min(axis=0)
-        another = (nearest < SHARING.reach_m**2) & (SHARING.ratio**2 * nearest < off[own])
-        found.append(without(view, another))
+        found.append(without(view, PLAINLY**2 * nearest < off[own]))
     return found
 
 
@@ -75,7 +64,7 @@ def _led_to(tracks: Sequence[Track], setup: Setup) -> np.ndarray:
 
 
 def _off(view: View, sight: Sight, points: np.ndarray) -> np.ndarray:
-    """(S, C, K) m², squared distance of blobs from the nearest of markers (S, M, 3) m, whether it should be seen or not."""
+    """(S, C, K) m², squared distance of blobs from the nearest marker (S, M, 3) m, seen or hidden."""
     local = sight.local(points)
     image = sight.image(local)
     # Axis by axis: NumPy is slow to add up two of something.
