@@ -3,6 +3,7 @@
 
 import time
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import bpy
@@ -34,6 +35,7 @@ class FolderBatch:
 
     def __init__(self, line: list[str], table: Path, cameras: Cameras | None):
         """Starts it with a command line, to which the `cameras` are added; JobError where there can be no process."""
+        from ..cli import main
         from ..cli.workers import Worker
 
         self.table, self.stopping = table, False
@@ -49,7 +51,7 @@ class FolderBatch:
             self._worker = Worker(scratch)
             stack.callback(self._worker.close)
             self._kept = stack.pop_all()
-        self._worker.begin(line)
+        self._worker.hand(partial(main, line))
 
     def look(self) -> bool:
         """Takes in what is new; False once it has come to its end."""
@@ -74,7 +76,7 @@ class FolderBatch:
         self._worker.close()
         self._kept.close()
 
-    def _end(self, answer: dict | UserError):
+    def _end(self, answer: int | UserError):
         self._kept.close()
         if isinstance(answer, UserError) and not self.stopping and not any(row.state == FAILING for row in self.rows):
             self.trouble = answer
