@@ -19,7 +19,7 @@ from ..core.filling.kept import KeptFill
 from ..core.filling.rays import NO_RAYS, MarkerRays
 from ..core.posing.posing import POSING
 from ..core.review.overview import TakeOverview
-from ..core.review.provenance import SampleOrigins
+from ..core.review.summary import SampleOrigins
 from ..core.review.take_trouble import TakeTrouble
 from ..io.filled import gap_rows, left_rows, write_filled
 from ..io.markersets import markerset_file
