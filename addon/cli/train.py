@@ -180,9 +180,10 @@ def as_lines(report: dict) -> list[str]:
     many = len(report["subjects"])
     counts = f"{len(report['markers'])} markers, {many} {'subject' if many == 1 else 'subjects'}, "
     counts += f"{frames} {'frame' if frames == 1 else 'frames'}"
+    former = f"; the one before is kept as {Path(report['former']).name}" if report["former"] else ""
     lines = [
         f"{report['written']}: {counts}, {seconds:.0f} s",
-        f"version             {report['model_version']}, {report['model_fingerprint'][:SHOWN_DIGITS]}{_former(report)}",
+        f"version             {report['model_version']}, {report['model_fingerprint'][:SHOWN_DIGITS]}{former}",
         f"body                {len(segments)} segments, {report['body']['how']}",
     ]
     if report["ensemble"]:
@@ -192,8 +193,3 @@ def as_lines(report: dict) -> list[str]:
         lines += [f"check               {line}" for line in difference_lines(report["check"])]
         lines += [f"worse               {line}" for line in report["check"]["worse"]]
     return [*lines, *(f"doubtful            {doubt}" for doubt in report["doubts"])]
-
-
-def _former(report: dict) -> str:
-    """Where the version before is."""
-    return f"; the one before is kept as {Path(report['former']).name}" if report["former"] else ""

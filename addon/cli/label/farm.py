@@ -124,7 +124,10 @@ def _answers_of(client, batch: str, jobs: Sequence[LabelJob], at_work: dict) -> 
         while waiting and len(at_work) < room:
             number, job = waiting.popleft()
             try:
-                _check_place(job)
+                # Asked here and not by the worker, which is told to go on with what is there: of a take whose worker is
+                # lost the next one may find the results whole.
+                if not (job.resume or job.overwrite):
+                    check_targets(job.written, False, job.read)
                 sent = _for_elsewhere(job)
             except Exception as error:  # noqa: BLE001 - every take is its own
                 yield number, of_take(error, job.source)
@@ -143,16 +146,6 @@ def _waited_for(answers: queue.SimpleQueue):
     while True:
         with suppress(queue.Empty):
             return answers.get(timeout=POLL)
-
-
-def _check_place(job: LabelJob):
-    """Raises InputError where the results of somebody else are in the way.
-
-    This is asked before and not by the worker, which is told to go on with what is there: of a take whose worker is
-    lost the next one may find the results whole.
-    """
-    if not (job.resume or job.overwrite):
-        check_targets(job.written, False, job.read)
 
 
 def _for_elsewhere(job: LabelJob) -> bytes:
