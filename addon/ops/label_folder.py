@@ -11,6 +11,7 @@ from bpy.props import IntProperty
 
 from ..core.data.errors import InputError, UserError
 from ..core.geometry.cameras import Cameras
+from ..core.points.several.wearers import AUTO
 from ..io.batch import FAILING, TakeRow, read_table
 from ..io.cameras import write_cameras
 from ..io.scratch import naming_scratch, scratch_folder
@@ -95,12 +96,14 @@ def folder_line(settings: SceneSettings) -> tuple[list[str], Path, bool]:
     source, out = (Path(bpy.path.abspath(path)) for path in (settings.folder.path, settings.folder.out))
     if not source.is_dir():
         raise InputError("is no folder; expected one with takes", source)
-    from ..cli.label.options import subject_words
-
-    blobs = cameras_at_hand(bpy.context.scene)
+    asked, blobs = subjects_asked(settings.subjects), cameras_at_hand(bpy.context.scene)
     table = out / SUMMARY_TABLE
     labelling, folder = settings.labelling, settings.folder
-    line = ["label", *subject_words(**subjects_asked(settings.subjects)), f"--out={out}"]
+    line = ["label", f"--out={out}", *(f"--subject={name}={worn}" for name, worn in asked["wearers"])]
+    line += [] if asked["wearers"] else [f"--model={asked['model']}"]
+    line += [f"--models={asked['own']}"] if asked.get("own") else []
+    if many := {1: "", AUTO: "auto"}.get(asked["subjects"], asked["subjects"]):
+        line.append(f"--subjects={many}")
     line += ["--watch", "--resume", "--summary", "--html", "--blend", f"--method={labelling.method}"]
     line += [f"--target={labelling.target}", f"--jobs={folder.jobs}"]
     line += [] if folder.watch else ["--idle=0"]

@@ -3,7 +3,6 @@
 
 import argparse
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -94,16 +93,6 @@ def check_models(arguments):
             words = f"several subjects need a model that names by likelihood, and {name} is not asked to"
             way = "--method auto, which names blobs by their points"
             raise InputError(f"{words}; expected {way}, and a model made by train")
-
-
-def subject_words(model: str, subjects: int, wearers: Sequence[tuple[str, str]], own: Path | None = None) -> list[str]:
-    """Who is asked for, said as in a job, as words of a command line."""
-    if wearers:
-        return [f"--subject={name}={worn}" for name, worn in wearers]
-    words = [f"--model={model}", *([] if own is None else [f"--models={own}"])]
-    if subjects != 1:
-        words.append(f"--subjects={'auto' if subjects == AUTO else subjects}")
-    return words
 
 
 DESCRIPTION = """Names the markers of one or more takes. INPUT: camera blobs, a CSV file with the header

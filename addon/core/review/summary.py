@@ -31,13 +31,8 @@ class TakeSummary:
         self.seconds: dict[str, float] = {}
         self.suspects: list[Suspect] = []
         count = len(self.markers)
-        self._present = np.zeros(count, np.int64)
-        self._gaps = np.zeros(count, np.int64)
-        self._longest = np.zeros(count, np.int64)
-        self._open = np.zeros(count, np.int64)
-        self._conflicts = np.zeros(count, np.int64)
-        self._residual = _Means(count)
-        self._residual_px = _Means(count)
+        self._present, self._gaps, self._longest, self._open, self._conflicts = np.zeros((5, count), np.int64)
+        self._residual, self._residual_px = _Means(count), _Means(count)
 
     def add(self, chunk: LabelledChunk):
         """Adds a chunk, whose labels are row for row, and which follows the last without a break."""
