@@ -23,7 +23,9 @@ from .armature import SCALE, armature_of, bone_path, rotation_channel
 from .character import moving_in
 from .ik_controls import Along, carriers_of, controls_by_ik
 from .ownership import is_keyed_by_us, is_made_for, is_untouched, role_of, sign
+from .roots import is_even
 from .stored import Stored
+from .take import retimed
 
 # What bones of control rigs are switched to, by the name of their property: limbs by FK, and all follow what is above.
 SWITCHES = {"IK_FK": 1.0, "ik_fk_switch": 1.0, "FK_limb_follow": 0.0, "neck_follow": 1.0, "head_follow": 1.0}
@@ -33,7 +35,6 @@ HOLDING = {"IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "TRACK_TO",
 KEPT_AT_REST = "hips", "chest"  # Rigify's controls between its torso and the spine's by FK, which they turn, too
 NEEDED_PARTS = ("hips", "thigh.L", "thigh.R", "shank.L", "shank.R")
 PROBE_TURN, PROBE_STEP = 0.5, 0.9  # rad by which bones are turned to see what follows them, and between their axes
-SAME_SCALE = 1.001  # of the axes of a rig that is scaled evenly
 SWITCHED = "mocap_switched"  # on an action: what it switches on its rig, by paths, and what that was before
 LEAST_STEP = 1e-4  # that a bone goes at least where it is put one further; less is none
 BONE_CHANNELS = "location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale"
@@ -77,7 +78,7 @@ def retarget_take(
         moved = retarget(body.character, motion, stored.rate, ready.rest, feet, hands)
         channels = list(ready.channels(*moved))
     action = _own_action(rig, collection, stored.name)
-    bag, frames = animation.bind(rig, action), body.frames[there]
+    bag, frames = animation.bind(rig, action), retimed(context.scene, stored.rate, body.frames)[there]
     for bone, channel, values in channels:
         animation.key(bag, bone_path(bone, channel), frames, values, bone)
     for bone, path, value, _ in ready.before.switched:
@@ -111,8 +112,7 @@ def checked(
     """The parts that a character moves, with their bones, and (4, 4) the place of a rig in the character's `world`."""
     bones = _bones_by_part(rig, {part: bone for part, bone in matched.items() if part in character.names})
     place = np.array(world.inverted() @ rig.matrix_world)
-    sizes = np.linalg.norm(place[:3, :3], axis=0)
-    if np.linalg.det(place[:3, :3]) <= 0 or sizes.max() > SAME_SCALE * sizes.min():
+    if not is_even(place):
         raise InputError(f"{rig.name} is mirrored or scaled unevenly; expected its scale applied, with Ctrl A")
     if rig.animation_data is not None and rig.animation_data.use_tweak_mode:
         raise InputError(f"a strip of {rig.name} is in tweak mode; expected you to leave that, with Tab in the editor")

@@ -84,6 +84,23 @@ def test_the_guide_s_script_moves_a_rig_without_a_window(shown, tmp_path, monkey
     assert action.name == f"{shown.name} retargeted" and action.frame_range[1] == shown.motion.frames[-1]
 
 
+def test_in_a_scene_of_another_rate_a_rig_moves_at_its_own_speed(shown):
+    poses, scene = [], bpy.context.scene
+    for rate in (60, 24):
+        scene.render.fps, rig = rate, mixamo()
+        retargeted(rig)
+        assert bpy.ops.mocap_autolabel.add_character() == {"FINISHED"}
+        for frame in range(24):
+            whole, part = divmod(frame * rate / 60, 1.0)
+            scene.frame_set(101 + int(whole), subframe=part)
+            both = rig, next(item for item in bpy.data.objects if item.name.startswith(f"{shown.name} character"))
+            poses.append([np.array(bone.matrix) for item in both for bone in item.pose.bones])
+        bpy.data.objects.remove(both[1])
+    assert scene.render.fps == 24 and (scene.frame_start, scene.frame_end) == (101, 124)
+    found = [index for index in range(24) if index not in (3, 4)]
+    np.testing.assert_allclose(*np.array(poses).reshape(2, 24, -1)[:, found], rtol=1e-4, atol=1e-4)
+
+
 def test_rest_poses_make_no_difference(shown):
     frames = shown.motion.frames[np.isfinite(shown.motion.joints).all(axis=(1, 2))]
     turns = []
