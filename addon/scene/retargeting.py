@@ -225,11 +225,12 @@ class ReadyRig:
         found = controls_by_ik(rig, bones)
         movers, count = [mover.name, *(name for name, _ in found)], len(names)
         resting = [one for one in KEPT_AT_REST if "torso" in names and one not in names and one in rig.pose.bones]
+        resting += [mover.name] * (mover.name not in names)
         before = KeptPose.of(rig, [*names, *movers, *resting], names)
         before.switch(rig)
         with before.or_put_back(rig):
             with _without_action(rig):
-                for name in (mover.name, *resting):
+                for name in {mover.name, *resting}:
                     rig.pose.bones[name].matrix_basis = Matrix()
                 follows, matrices, steps = _probe(context, rig, names, movers)
             goes = np.linalg.svd(steps, compute_uv=False)[:, -1] >= LEAST_STEP
@@ -266,7 +267,8 @@ class ReadyRig:
             carried = own.T if above < 0 else own.T @ turns[:, above].swapaxes(1, 2)
             yield bone, *rotation_channel(self.modes[bone], carried @ turns[:, index] @ own)
         for bone in self.resting:
-            yield bone, "location", np.zeros((len(hips), 3))
+            if bone != self.mover:
+                yield bone, "location", np.zeros((len(hips), 3))
             yield bone, *rotation_channel(self.modes[bone], np.tile(np.eye(3), (len(hips), 1, 1)))
         for control in self.along:
             yield from control.channels(heads, turns, self.matrices[:, :3, 3])

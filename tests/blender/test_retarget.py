@@ -304,7 +304,10 @@ def test_hips_connected_to_a_root_go_with_it(shown):
     root.head, root.tail = hips.head * 0.5, hips.head
     hips.parent, hips.use_connect = root, True
     bpy.ops.object.mode_set(mode="OBJECT")
-    retargeted(rig)
+    rig.pose.bones["root"].rotation_quaternion = 0.8, 0.6, 0, 0
+    action = retargeted(rig)
+    rig.pose.bones["root"].rotation_quaternion = 0.8, 0.6, 0, 0  # what the action says holds all the same
+    assert action.layers[0].strips[0].channelbags[0].fcurves.find('pose.bones["root"].rotation_quaternion')
     other = mixamo()
     retargeted(other)
     for frame in (int(shown.motion.frames[0]), int(shown.motion.frames[-1])):

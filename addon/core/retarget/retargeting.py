@@ -21,6 +21,7 @@ LEFTWARDS, SKYWARDS = np.array([1.0, 0, 0]), np.array([0.0, 0, 1])
 NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 STRAIGHT = np.radians(30)  # physical: a hand bent more than this at rest has a bone that says not where it points
 MOST_STRETCHED = 1 - 1e-6  # format: of a limb's length; where it is straight, no angle says how far it reaches
+MOST_BENT = np.radians(90)  # physical: that toes are bent up from the sole, as on tiptoe
 FLOOR_NEAR = 0.1  # physical: of a leg's length, that a rig's lowest bone may be off the floor, at its origin
 
 
@@ -84,8 +85,10 @@ def retarget(
     hips = scale * (body.begin("thigh.L") + body.begin("thigh.R")) / 2 + lift * SKYWARDS - turns[:, at["hips"]] @ middle
     for side, hinge in zip(BODY_SIDES, (-SKYWARDS, SKYWARDS), strict=True):
         if feet and side in rig.legs:
-            ankle = _planted_ankle(rig, body, side, (turns, hips), (scale, floor, rate))
+            ankle, ground = _planted_ankle(rig, body, side, (turns, hips), (scale, floor, rate))
             _bend(rig, turns, hips, aligned, [f"{part}.{side}" for part in LEG], ankle, LEFTWARDS)
+            if f"toes.{side}" in at:
+                _bend_toes(rig, turns, hips, side, ground - floor)
         arm = [f"{part}.{side}" for part in ("upper_arm", "forearm", "hand")]
         if hands and set(arm) <= at.keys():
             _bend(rig, turns, hips, aligned, arm, scale * body.begin(arm[2]) + lift * SKYWARDS, hinge)
@@ -216,11 +219,11 @@ def _fitted(rig: Rig, body: BodyInMotion) -> tuple[float, float, float]:
 
 def _planted_ankle(
     rig: Rig, body: BodyInMotion, side: str, posed: tuple[np.ndarray, np.ndarray], known: tuple[float, float, float]
-) -> np.ndarray:
+) -> tuple[np.ndarray, float]:
     """(F, 3) m where a foot is to begin: where the leg has it, but that it does not slide while it is planted.
 
     Then its ball goes along the floor as the body's does. Until the heel lifts, the lower one of heel and ball is as
-    high as the body's: a foot of another length stands on the floor, not in it.
+    high as the body's: a foot of another length stands on the floor, not in it. And m how high that floor is.
     """
     (turns, hips), (scale, floor, rate), foot = posed, known, rig.at[f"foot.{side}"]
     ankle, ball = rig.heads[foot], _ball(rig, side)
@@ -245,7 +248,33 @@ def _planted_ankle(
             missed[run] += off[rows[run], axis].mean() if axis < 2 else 0.0
         # In between it comes from what was missed at one plant to what will be at the next.
         off[:, axis] += np.interp(np.arange(len(off)), rows, missed)
-    return goal + off
+    return goal + off, scale * _resting(lowest)
+
+
+def _bend_toes(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, raised: float):
+    """Changes the turns of toes so that they do not go into the floor, `raised` m from where it is at rest.
+
+    They bend upwards about the ball of the foot, as they do when the heel lifts.
+    """
+    foot, toes = (rig.at[f"{part}.{side}"] for part in ("foot", "toes"))
+    ball = rig.heads[toes]
+    ahead = (ball - rig.heads[foot]) * (1, 1, 0)
+    ahead *= np.linalg.norm(rig.tails[toes] - ball) / np.linalg.norm(ahead)
+    up = np.linalg.norm(ahead) * SKYWARDS
+    least = ball[2] + raised - place_of(rig, turns, hips, toes)[:, 2]  # that they have to point upwards
+    level, upright = ((turns[:, foot] @ way)[:, 2] for way in (ahead, up))
+    # So high points what is turned by an angle: level cos + upright sin. A foot may stand on its tip, and beyond that.
+    most, tipped = np.maximum(np.hypot(level, upright), NO_TURN), np.arctan2(-level, upright) + np.pi / 2
+    angle = np.clip(tipped - np.arccos(np.clip(least / most, -1, 1)), 0, MOST_BENT)
+    angle *= (level < least) & (least < ON_GROUND.deepest_m)
+    angle *= np.clip(1 + 2 * upright / up[2], 0, 1)  # one on its back does not stand on its sole
+    axis = np.cross(ahead, up) / (up @ up)
+    turns[:, toes] = exponential((turns[:, foot] @ axis) * angle[:, None])[0] @ turns[:, toes]
+
+
+def _resting(lowest: np.ndarray) -> float:
+    """How high the lowest point of a foot, so high (F,) m, is where it stands."""
+    return float(np.percentile(lowest, 5))
 
 
 def _planted(ball: np.ndarray, lowest: np.ndarray, rate: float) -> np.ndarray:
@@ -255,7 +284,7 @@ def _planted(ball: np.ndarray, lowest: np.ndarray, rate: float) -> np.ndarray:
     lag = max(int(rate * ON_GROUND.span_s / 2), 1)
     ahead, behind = (ball[np.clip(np.arange(len(ball)) + step, 0, len(ball) - 1)] for step in (lag, -lag))
     slow = np.linalg.norm(ahead - behind, axis=1) < ON_GROUND.slow_m_s * 2 * lag / rate
-    low = lowest < np.percentile(lowest, 5) + ON_GROUND.low_m
+    low = lowest < _resting(lowest) + ON_GROUND.low_m
     kept, wide = np.ones(2 * lag + 1, bool), 2 * lag
     # As it is at its ends, so it is before and after the take.
     return binary_opening(binary_closing(np.pad(slow & low, wide, "edge"), kept), kept)[wide:-wide]
