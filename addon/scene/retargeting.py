@@ -72,7 +72,7 @@ def retarget_take(
     if not there.any():
         raise InputError(f"{stored.name} has nobody in any frame; expected a take in which the body was found")
     _switch_back(rig)
-    ready = ReadyRig.of(context, rig, bones, place)
+    ready = ReadyRig.of(rig, bones, place)
     with ready.before.or_put_back(rig):
         motion = joints[there], rotated[there]
         moved = retarget(body.character, motion, stored.rate, ready.rest, feet, hands)
@@ -211,9 +211,7 @@ class ReadyRig:
     before: KeptPose
 
     @classmethod
-    def of(
-        cls, context: bpy.types.Context, rig: bpy.types.Object, bones: list[tuple[str, str]], place: np.ndarray
-    ) -> "ReadyRig":
+    def of(cls, rig: bpy.types.Object, bones: list[tuple[str, str]], place: np.ndarray) -> "ReadyRig":
         """Readies a rig, by the parts that its bones are: it is in pose position, switched to FK, and unturned.
 
         InputError, and the rig as it was, where its first bone does not go where it is put.
@@ -229,10 +227,10 @@ class ReadyRig:
         before = KeptPose.of(rig, [*names, *movers, *resting], names)
         before.switch(rig)
         with before.or_put_back(rig):
-            with _without_action(rig):
+            with _without_action(rig), _alone(rig) as layer:
                 for name in {mover.name, *resting}:
                     rig.pose.bones[name].matrix_basis = Matrix()
-                follows, matrices, steps = _probe(context, rig, names, movers)
+                follows, matrices, steps = _probe(layer, rig, names, movers)
             goes = np.linalg.svd(steps, compute_uv=False)[:, -1] >= LEAST_STEP
             if not goes[0]:
                 raise InputError(
@@ -344,21 +342,37 @@ def _without_action(rig: bpy.types.Object) -> Iterator[None]:
             data.action, data.action_slot = action, slot
 
 
+@contextmanager
+def _alone(rig: bpy.types.Object) -> Iterator[bpy.types.ViewLayer]:
+    """A view layer that has a rig, and of all else what moves it: none of the meshes that hang on it."""
+    scene = bpy.data.scenes.new(rig.name)
+    try:
+        scene.collection.objects.link(rig)
+        yield scene.view_layers[0]
+    finally:
+        bpy.data.scenes.remove(scene)
+
+
 def _probe(
-    context: bpy.types.Context, rig: bpy.types.Object, names: Sequence[str], movers: Sequence[str]
+    layer: bpy.types.ViewLayer, rig: bpy.types.Object, names: Sequence[str], movers: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What carries each of C bones and all but the first of the movers, -1 for none; and where these are unturned.
 
-    The last, (…, 4, 4), in the armature's axes. And (1 + K, 3, 3) how far the first bone goes there for a unit of each
+    As the view layer has the rig. The last, (…, 4, 4), in the armature's axes. And (1 + K, 3, 3) how far the first bone goes there for a unit of each
     channel of the first mover's location, and the K others for their own. Leaves them unturned.
     """
     bones = [rig.pose.bones[name] for name in (*names, *movers[1:])]
 
+    def shown() -> np.ndarray:
+        rig.update_tag()
+        layer.update()
+        found = rig.evaluated_get(layer.depsgraph).pose.bones
+        return np.array([found[bone.name].matrix for bone in bones])
+
     def posed(basis: list[Matrix]) -> np.ndarray:
         for bone, matrix in zip(bones, basis, strict=True):
             bone.matrix_basis = matrix
-        context.view_layer.update()
-        return np.array([bone.matrix for bone in bones])
+        return shown()
 
     still = [Matrix()] * len(bones)
     rest = posed(still)
@@ -367,8 +381,7 @@ def _probe(
         at = 0 if number == 0 else len(names) + number - 1
         for axis, way in enumerate(np.eye(3)):
             rig.pose.bones[mover].location = way
-            context.view_layer.update()
-            steps[number, axis] = np.array(bones[at].matrix)[:3, 3] - rest[at, :3, 3]
+            steps[number, axis] = (shown()[at] - rest[at])[:3, 3]
         rig.pose.bones[mover].location = (0, 0, 0)
     axes = [
         Vector((np.sin(PROBE_STEP * index), np.cos(PROBE_STEP * index), np.sin(index))) for index in range(len(bones))

@@ -305,7 +305,10 @@ def test_hips_connected_to_a_root_go_with_it(shown):
     hips.parent, hips.use_connect = root, True
     bpy.ops.object.mode_set(mode="OBJECT")
     rig.pose.bones["root"].rotation_quaternion = 0.8, 0.6, 0, 0
+    bpy.ops.object.mode_set(mode="POSE")
     action = retargeted(rig)
+    assert bpy.context.mode == "POSE" and len(bpy.data.scenes) == 1
+    bpy.ops.object.mode_set(mode="OBJECT")
     rig.pose.bones["root"].rotation_quaternion = 0.8, 0.6, 0, 0  # what the action says holds all the same
     assert action.layers[0].strips[0].channelbags[0].fcurves.find('pose.bones["root"].rotation_quaternion')
     other = mixamo()
@@ -314,6 +317,17 @@ def test_hips_connected_to_a_root_go_with_it(shown):
         bpy.context.scene.frame_set(frame)
         heads = [(one.matrix_world @ one.pose.bones[MIXAMO["hand.L"]].head) for one in (rig, other)]
         assert (heads[0] - heads[1]).length < 1e-4
+
+
+def test_what_hangs_on_a_rig_does_not_move_each_time_it_is_asked(shown):
+    rig, solver, _ = leg_by_ik()
+    seen = []
+    bpy.app.handlers.depsgraph_update_post.append(lambda scene, _: seen.append(scene))
+    try:
+        retargeted(rig)
+    finally:
+        bpy.app.handlers.depsgraph_update_post.pop()
+    assert solver.influence == 0 and 0 < seen.count(bpy.context.scene) < 4
 
 
 def test_a_rig_whose_hips_stay_is_refused_and_keeps_its_action(shown):
