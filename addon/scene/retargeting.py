@@ -358,8 +358,9 @@ def _probe(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What carries each of C bones and all but the first of the movers, -1 for none; and where these are unturned.
 
-    As the view layer has the rig. The last, (…, 4, 4), in the armature's axes. And (1 + K, 3, 3) how far the first bone goes there for a unit of each
-    channel of the first mover's location, and the K others for their own. Leaves them unturned.
+    As the view layer has the rig. The last, (…, 4, 4), in the armature's axes. And (1 + K, 3, 3) how far the first bone
+    goes there for a unit of each channel of the first mover's location, and the K others for their own. Leaves them
+    unturned.
     """
     bones = [rig.pose.bones[name] for name in (*names, *movers[1:])]
 
