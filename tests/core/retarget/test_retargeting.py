@@ -75,6 +75,16 @@ def test_planted_feet_do_not_slide_and_stand_on_the_floor(squats, size, thigh, r
     np.testing.assert_allclose(ankles[..., 2], 0.09 * size, atol=0.03 if raised else 0.012)
 
 
+@pytest.mark.parametrize("feet", [True, False])
+def test_a_rig_stands_on_the_floor_where_feet_are_kept_however_high_the_person_s_own_are(squats, feet):
+    character, (joints, rotations) = squats
+    one, found = rig(), []
+    for raised in (0.0, 0.02):
+        motion = joints + np.array([0, 0, raised]), rotations
+        found.append(places(one, *retarget(character, motion, RATE, one, feet, hands=False))[..., 2])
+    assert (np.ptp(found, axis=0).max() < 0.002) == feet
+
+
 def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot(squats):
     character, (joints, rotations) = squats
     lift = 0.9 * np.clip((np.arange(120) - 40) / 15, 0, 1)
