@@ -96,17 +96,7 @@ class MOCAP_AUTOLABEL_OT_use_cameras(Ours, bpy.types.Operator):
         self.report({"INFO"}, count_of(len(collection.objects), "camera"))
 
 
-class Begins:
-    """What is asked of whoever opens a take: where in the scene's time it begins."""
-
-    at_1: once(
-        BoolProperty,
-        "Start at Frame 1",
-        "The take begins at frame 1 of the scene; off, its frames have the numbers of the file",
-    )
-
-
-class MOCAP_AUTOLABEL_OT_import_blobs(Begins, ImportsFile, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_import_blobs(ImportsFile, bpy.types.Operator):
     """Choose the file of the blobs to label, and look at them through the cameras, which a .qtm brings itself."""
 
     filter_glob: StringProperty(default=BLOBS, options={"HIDDEN"})
@@ -114,12 +104,13 @@ class MOCAP_AUTOLABEL_OT_import_blobs(Begins, ImportsFile, bpy.types.Operator):
     def take_in(self, context, path: Path) -> str:
         if holds_points(path, USE_BLOBS if is_qtm(path) else None):
             raise InputError("holds 3D points; expected blobs, or Open Take", path)
-        return take_blobs(context, path, self.at_1)
+        return take_blobs(context, path)
 
 
-class ReadsPoints(Begins):
+class ReadsPoints:
     """What is asked of whoever reads 3D points: what is known of them better than from their file."""
 
+    at_1: once(BoolProperty, "Start at Frame 1", "Begin at frame 1 of the scene, and not at the number in the file")
     up: once(EnumProperty, "Up", "The axis that points up in the 3D points", items=UP_ITEMS)
     rate: once(
         FloatProperty,
