@@ -154,7 +154,7 @@ def in_sidebar(words: str, ask: str = ASK_HERE) -> str:
 class LabelsTake(LongWork):
     """Operators that label by their `_job`, and show the take as the scene's settings have it, under their `_name`.
 
-    Its frames are the source's and `_shift`.
+    Its frames are the source's and `_shift`, or what `show_take` makes of them where that is None.
     """
 
     doing, needs = "Labelling", (lacks_object_mode, nothing_goes_on)
@@ -222,7 +222,8 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
             subjects.found = found_here(subjects) or state.crowded  # that it was found may have been undone
         state.refused = state.unsure = ""
         try:
-            self._job, self._name, self._shift = job_of(context), take_name(settings.source), shift_of(settings.source)
+            self._job, self._name = job_of(context), take_name(settings.source)
+            self._shift = shift_of(settings.source) if settings.source.at_1 else None
         except InputError:
             subjects.performing = before  # so the button for all of them stays
             raise

@@ -132,6 +132,7 @@ def test_rigify_is_moved_by_its_controls(shown):
     assert rig.pose.bones["chest"].matrix_basis == Matrix()
     curves = rig.animation_data.action.layers[0].strips[0].channelbags[0].fcurves
     assert not [curve.data_path for curve in curves if '"MCH-' in curve.data_path]
+    assert {f'pose.bones["toe_ik.{side}"].rotation_quaternion' for side in "LR"} <= {one.data_path for one in curves}
     names = {f"{part}.{side}": f"ORG-{word}.{side}" for part, word in words.items() for side in "LR"}
     assert ways_off(shown, rig, names).max() < MOST_OFF
     parents = [rig.pose.bones[f"{limb}_parent.{side}"] for limb in ("upper_arm", "thigh") for side in "LR"]
