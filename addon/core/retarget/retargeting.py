@@ -157,6 +157,15 @@ def _ball(rig: Rig, side: str) -> np.ndarray:
     return rig.tails[rig.at[f"foot.{side}"]] if toes is None else rig.heads[toes]
 
 
+def _sole(rig: Rig, side: str, far: float) -> np.ndarray:
+    """(3,) m what of a foot stays on the floor when the heel lifts: as `far` from the ankle as the body's."""
+    ball, foot, toes = _ball(rig, side), rig.at[f"foot.{side}"], rig.at.get(f"toes.{side}")
+    if toes is None:
+        return ball
+    on = (far - np.linalg.norm(ball - rig.heads[foot])) / np.linalg.norm(rig.tails[toes] - ball)
+    return ball + np.clip(on, 0, 1) * (rig.tails[toes] - ball)
+
+
 def _top(rig: Rig) -> np.ndarray:
     """(3,) m where the trunk ends at rest: where neck or head begin, else where the chest ends."""
     for part in ("neck", "head"):
@@ -242,7 +251,8 @@ def _planted_ankle(
     """
     (turns, hips), (scale, floor, ground, rate), foot = posed, known, rig.at[f"foot.{side}"]
     ankle, ball = rig.heads[foot], _ball(rig, side)
-    low = [(turns[:, foot] @ (place * (1, 1, 0) + floor * SKYWARDS - ankle))[:, 2] for place in (ball, ankle)]
+    sole = _sole(rig, side, scale * np.linalg.norm(body.rest(f"toes.{side}") - body.rest(f"foot.{side}")))
+    low = [(turns[:, foot] @ (place * (1, 1, 0) + floor * SKYWARDS - ankle))[:, 2] for place in (sole, ankle)]
     goal = -turns[:, foot] @ (ball - ankle)
     (sole, heel), held = _soles(body, side), body.begin(f"toes.{side}")  # which holds still
     lowest = np.minimum(sole[:, 2], heel[:, 2])
