@@ -95,10 +95,20 @@ def freed_by(action: bpy.types.Action) -> int:
 
 
 def _switch_back(rig: bpy.types.Object):
-    """Sets what a rig's action switched back to what it was before."""
-    action = None if rig.animation_data is None else rig.animation_data.action
-    for path, value in {} if action is None else json.loads(action.get(SWITCHED, "{}")).items():
-        _set(rig, path, value)
+    """Sets what a rig's action switched back to what it was before, and what former ones of ours left off."""
+    now = None if rig.animation_data is None else rig.animation_data.action
+    for action in [one for one in bpy.data.actions if role_of(one).endswith(f" on {rig.name}")]:
+        for path, value in json.loads(action.get(SWITCHED, "{}")).items():
+            if action == now or _is_off(rig, path):
+                _set(rig, path, value)
+
+
+def _is_off(rig: bpy.types.Object, path: str) -> bool:
+    """Whether a path from a rig leads to an influence that is there, and nothing."""
+    try:
+        return path.endswith(".influence") and rig.path_resolve(path) == 0
+    except ValueError:
+        return False
 
 
 def is_rig(item: bpy.types.Object) -> bool:
