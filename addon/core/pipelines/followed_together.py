@@ -22,9 +22,9 @@ from ..blobs.pipeline import TAKES, ChunkInWork, TakeLabeller
 from ..blobs.search import FINDING, NO_HINTS, Found, find_subject
 from ..blobs.sharing import followed_in_step, without
 from ..blobs.subject import Setup
+from ..data.made import MakeTable
 from ..data.markersets import MarkerSet
 from ..data.progress import Progress
-from ..data.room import MakeTable
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect, evenly_spread, summed
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again
