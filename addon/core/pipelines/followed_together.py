@@ -157,7 +157,8 @@ class SubjectsFollowed:
         """What each body says of the next chunk; None where they do not explain it."""
         views = split_views(blobs, self.cameras)
         looked = self._looked_at(views)
-        if not np.concatenate([one.marker >= 0 for one in looked]).mean() >= FOLLOWED_TOGETHER.sure:
+        sure = np.concatenate([one.marker != NO_MARKER for one in looked])
+        if sure.sum() <= FOLLOWED_TOGETHER.sure * len(sure):
             return None
         left, doubts = list(looked), Doubts(looked, self.markers)
         for turn in range(MAX_STARTS):
