@@ -7,6 +7,7 @@ solved as whole takes are, which takes longer than a frame: a process beside doe
 through the frames that came meanwhile. By what was named, those who wear the markers are known better and better.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,16 +25,20 @@ from ..motion import SUBJECT_FRAMES
 from ..refusals import REFUSAL
 from ..tracklets import CUTTING, cut
 from ..unordered import of_subject
-from .likeness import LIKENESS, NO_EVIDENCE, of_ends, steadiest
+from .likeness import LIKENESS, NO_EVIDENCE, of_ends, of_frames, steadiest
+from .pairs import PairDistances, in_take
 from .pipeline import PointOptions, as_a_whole, begins, name_frames
-from .solving import ROUNDS, solve_take
+from .solving import solve_take
 
 WINDOW_S = 2.0  # s of the past that are solved at once: a step or two
 FIRST_S = LIKENESS.sample_s  # s of it that are enough to begin with
 CAUGHT_UP = 16  # frames of the past that names are carried on through at each new one; by time
 SHOWN_S = 0.1  # s from one frame by which the subject is known to the next, at first
 MAX_SHOWN = 40  # such frames
-SLOW_S = 1.0  # s that solving may take; where it took longer only exchanges are tried from then on
+UNRELATED = 1.0  # m², how the distance between markers of two varies: so much that it says nothing
+# Log odds by which a name of one frame must be ahead; measured: with 4, names of 3 % of 53 markers are wrong.
+LEAD_AT_ONCE = 8.0
+SLOW_S = 1.0  # s that solving may take; where it would take longer only exchanges are tried
 NO_POINTS = np.zeros((0, 3))
 
 
@@ -66,18 +71,23 @@ class Window:
 class WindowNames:
     """What came of a window: marker (L,) of trajectories number (L,), NO_MARKER where none is sure.
 
-    refused  why, else empty
-    anew     whether they are not as it was known of who was there before
-    subject  the size and shape of who wears them, a batch of 1, where somebody has asked for it
-    slow     whether that took longer than SLOW_S
+    refused   why, else empty
+    anew      whether they are not as it was known of who was there before
+    subjects  where somebody has asked for it, the size and shape of everybody who may wear them, as `subject_in`
+    slow      as `is_slow` says
     """
 
     number: np.ndarray
     marker: np.ndarray
     refused: str = ""
     anew: bool = False
-    subject: Bodies | None = None
+    subjects: tuple[Bodies | None, ...] = ()
     slow: bool = False
+
+
+def is_slow(window: Window, seconds: float) -> bool:
+    """Whether all of a window, of which exchanges are about half the work, takes longer than SLOW_S."""
+    return seconds > SLOW_S / (2 if window.quick else 1)
 
 
 def solved_window(model: Model, window: Window) -> WindowNames:
@@ -122,13 +132,16 @@ def _solved(model: Model, window: Window) -> WindowNames:
     return WindowNames(window.number, at_the_end(window, marker))
 
 
-def subject_in(model: Model, window: Window, names: WindowNames) -> Bodies | None:
-    """The size and shape of whoever is in a window, by what its names are, a batch of 1; None where too few are."""
-    lanes = np.flatnonzero(names.marker != NO_MARKER)
+def subject_in(model: Model, window: Window, marker: np.ndarray) -> Bodies | None:
+    """The size and shape of whoever is in a window, by its names marker (L,), a batch of 1; None where too few are.
+
+    What is none of the model's markers is somebody else's, or nobody's.
+    """
+    lanes = np.flatnonzero((marker >= 0) & (marker < len(model.markerset)))
     points = np.full((len(window.xyz), len(model.markerset), 3), np.nan)
-    for lane, marker in zip(lanes, names.marker[lanes], strict=True):
+    for lane in lanes:
         there = np.isfinite(window.xyz[:, lane, 0])
-        points[there, marker] = window.xyz[there, lane]
+        points[there, marker[lane]] = window.xyz[there, lane]
     body = BodyModel(model.markerset)
     try:
         return subject_of(body, points, Prior(body), SUBJECT_FRAMES)
@@ -149,18 +162,22 @@ class _Given:
     marker  of each trajectory that has one, by its number
     solved  the numbers of those that the solver has named
     row     of the last frame
-    newest  the number of the last trajectory that is known; later ones come new
+    newest  the number of the last trajectory that the solver was asked about; later ones are new
+    sure    (M, 3) m the markers in the last frame by the solver's names alone, NaN where one has none
     """
 
-    def __init__(self, within: np.ndarray, rate: float, row: int, newest: int = -1):
+    def __init__(self, pairs: PairDistances, rate: float, row: int, newest: int = -1):
         self.marker: dict[int, int] = {}
         self.solved: set[int] = set()
         self.rate, self.row, self.newest = rate, row, newest
+        self.sure = np.full((len(pairs.mean), 3), np.nan)
         self._gap = max(round(CUTTING.max_gap_s * rate), 2)
-        self._placed = np.full((self._gap + 1, len(within), 3), np.nan, np.float32)
-        self._seen = np.full(len(within), row - self._gap)
-        self._near = steadiest(within)
-        self._within = within[np.arange(len(within))[:, None], self._near]
+        markers = len(pairs.mean)
+        self._placed = np.full((self._gap + 1, markers, 3), np.nan, np.float32)
+        self._seen = np.full(markers, row - self._gap)
+        near, beside, rows = steadiest(pairs.within), steadiest(pairs.variance), np.arange(markers)[:, None]
+        self._of_ends = near, pairs.within[rows, near]
+        self._of_frames = beside, pairs.mean[rows, beside], pairs.variance[rows, beside]
 
     @property
     def placed(self) -> np.ndarray:
@@ -175,26 +192,32 @@ class _Given:
             self._placed[missed % len(self._placed)] = np.nan
         self.row = row
         self.placed[marker[marker != NO_MARKER]] = points[marker != NO_MARKER]
-        self._go_on(np.flatnonzero(number > self.newest), number, points, marker)
-        self.newest = max(self.newest, int(number.max(initial=-1)))
+        self._go_on(np.flatnonzero((number > self.newest) & (marker == NO_MARKER)), number, points, marker)
         self._seen[marker[marker != NO_MARKER]] = row
+        solved = (marker != NO_MARKER) & np.isin(number, list(self.solved))
+        self.sure = np.full(self.placed.shape, np.nan)
+        self.sure[marker[solved]] = points[solved]
         return marker
 
     def _go_on(self, new: np.ndarray, number: np.ndarray, points: np.ndarray, marker: np.ndarray):
-        """Names those of points (P, 3) that come `new` (N,) where a marker that is not placed was just before."""
-        now, near = self.placed, (self._near, self._within)
+        """Names those of points (P, 3) m that are `new` (N,) where a marker is that is not placed.
+
+        By its distances to those that are, as they were just before and as they are of this subject.
+        """
+        now = self.placed
         free = np.isnan(now[:, 0])
         if not len(new) or not free.any() or len(now) - free.sum() < LIKENESS.min_neighbours:
             return
         gap = np.tile(self.row - self._seen, (len(new), 1))
         then = np.where(free & (gap < self._gap), (self.row - gap) % len(self._placed), -1)
         at, nobody = np.full(len(new), self.row % len(self._placed)), np.full(len(new), NO_MARKER)
-        ends = at, then, gap, points[new].astype(np.float32), self._placed, nobody, *near
-        odds = np.where(then >= 0, of_ends(*ends, self.rate, LIKENESS), -np.inf)
+        xyz, asked = points[new].astype(np.float32), np.tile(free, (len(new), 1))
+        likely = of_frames(at[:, None], xyz[:, None], self._placed, nobody, *self._of_frames, asked, LIKENESS)
+        ends = of_ends(at, then, gap, xyz, self._placed, nobody, *self._of_ends, self.rate, LIKENESS)
+        odds = np.where(free, np.nan_to_num(likely) + ends, -np.inf)
         for row, best in enumerate(odds.argmax(axis=1).tolist()):
-            ahead = odds[row, best]
             rivals = np.append(np.delete(odds[row], best), np.delete(odds[:, best], row))
-            if ahead - max(rivals.max(initial=-np.inf), NO_EVIDENCE) > ROUNDS.margin:
+            if odds[row, best] - max(rivals.max(initial=-np.inf), NO_EVIDENCE) > LEAD_AT_ONCE:
                 self.marker[int(number[new[row]])] = marker[new[row]] = best
                 now[best] = points[new[row]]
 
@@ -238,12 +261,10 @@ class LiveNamer:
     from this frame on, NO_MARKER for none. Memory does not grow.
     """
 
-    def __init__(self, within: np.ndarray, rate: float, whose: np.ndarray):
-        """`within` is how the distances between the markers vary on a subject, variances (M, M) m².
-
-        `whose` (M,) is which subject has each marker, counted from 0.
-        """
-        self.within, self.rate, self.whose = within, rate, whose
+    def __init__(self, trained: Sequence[PairDistances], rate: float):
+        """`trained` is how far the markers of each subject are from each other."""
+        self.trained, self.rate = trained, rate
+        self.whose = whose = np.repeat(np.arange(len(trained)), [len(one.mean) for one in trained])
         self.begun, self.row, self.last = 0, -1, NO_POINT
         self.renamed: list[tuple[int, int]] = []
         self._kept = max(round(WINDOW_S * rate), 2)
@@ -258,9 +279,23 @@ class LiveNamer:
         self.trails: dict[int, _Trail] = {}
         self.links = Links.at(self.rate)
         self.past: list[tuple[int, np.ndarray, np.ndarray]] = []
-        self.given, self.shown = _Given(self.within, self.rate, self.row), _Shown(self.whose, self.rate)
+        self.given, self.shown = _Given(self._pairs(()), self.rate, self.row), _Shown(self.whose, self.rate)
         self._asked: Window | None = None
         self._later: _Given | None = None  # what was heard, on its way through the frames that came meanwhile
+
+    def _pairs(self, shown: Sequence[np.ndarray]) -> PairDistances:
+        """How far all markers are from each other, by training and where they were `shown`, each (M, 3) m.
+
+        Those of two subjects say nothing.
+        """
+        size = len(self.whose)
+        mean, unsure, within = np.full((size, size), np.nan), *np.full((2, size, size), UNRELATED)
+        for person, trained in enumerate(self.trained):
+            own = self.whose == person
+            known = in_take(trained, np.array(shown)[:, own]) if len(shown) else trained
+            rows = np.ix_(own, own)
+            mean[rows], unsure[rows], within[rows] = known.mean, known.unsure, known.within
+        return PairDistances(mean, unsure, within)
 
     def name(self, number: int, points: np.ndarray, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The marker (P,) of each point (P, 3) m of the next frame, NO_MARKER where it is not sure, and its trajectory.
@@ -279,7 +314,7 @@ class LiveNamer:
         marker = self.given.on(self.row, trajectory, points)
         if self._later is not None:
             marker = self._caught_up(self._later, marker)
-        self.shown.add(self.row, self.given.placed)
+        self.shown.add(self.row, self.given.sure)
         if len(points) >= self._least:
             self._there = self.row
         elif self.row - self._there > self._kept:  # who comes then may be somebody else
@@ -317,7 +352,7 @@ class LiveNamer:
         if not past or self._later is not None or len(past[-1][1]) < self._least:
             return None
         if self.shown.frames:
-            there = min(len(past[-1][1]), len(self.within))
+            there = min(len(past[-1][1]), len(self.whose))
             lost = np.isfinite(self.given.placed[:, 0]).sum() < REFUSAL.min_half * there
         if lost:  # what comes first is what there is since then
             past = [part for part in past if part[0] > self.row - FIRST_S * self.rate]
@@ -331,7 +366,7 @@ class LiveNamer:
         frame = np.repeat([row - first for row, *_ in past], [len(numbers) for _, numbers, _ in past])
         xyz = np.full((self.row - first + 1, len(number), 3), np.nan)
         xyz[frame, lane] = np.concatenate([points for *_, points in past])
-        shown = np.array(self.shown.frames).reshape(-1, len(self.within), 3)
+        shown = np.array(self.shown.frames).reshape(-1, len(self.whose), 3)
         quick = self.whose.max() == 0 and (lost or (self._slow and len(shown) > 0))  # several are solved in one way
         marker = np.array([self.given.marker.get(one, NO_MARKER) for one in number.tolist()], int)
         self._asked = Window(first, self.rate, number, xyz, marker, shown, quick)
@@ -344,7 +379,7 @@ class LiveNamer:
         """
         if self._asked is None:
             return
-        if len(self._asked.shown) and not self._asked.quick:  # at first there is a lot to load
+        if len(self._asked.shown):  # at first there is a lot to load
             self._slow = names.slow
         past = [self._asked.number, *(numbers for _, numbers, _ in self.past)]
         self.given.forget({one.number for one in self.trails.values()}.union(*(numbers.tolist() for numbers in past)))
@@ -352,7 +387,8 @@ class LiveNamer:
             self.shown = _Shown(self.whose, self.rate)
         if names.refused:
             return
-        later = _Given(self.within, self.rate, self._asked.end - self._gap, int(names.number.max(initial=-1)))
+        pairs = self._pairs(self.shown.frames)
+        later = _Given(pairs, self.rate, self._asked.end - self._gap, int(names.number.max(initial=-1)))
         told = dict(zip(names.number.tolist(), names.marker.tolist(), strict=True))
         said = {number: marker for number, marker in told.items() if marker != NO_MARKER}
         kept = {number: marker for number, marker in self.given.marker.items() if number <= later.newest}
@@ -387,7 +423,7 @@ class LiveNamer:
         """The markers (P,) of the last frame by what was heard, if that has come so far; else as they are."""
         for part in [part for part in self.past if part[0] > later.row][:CAUGHT_UP]:
             told = later.on(*part)
-            self.shown.add(later.row, later.placed)
+            self.shown.add(later.row, later.sure)
         if later.row < self.row:
             return marker
         self.given, self._later = later, None
