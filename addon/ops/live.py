@@ -129,6 +129,9 @@ class WatchedStream:
     names       the markers that are named in the latest frame
     named       (N, 3) m their points
     unnamed     (U, 3) m its other points
+    frame       its number
+    came        s since the epoch, when its last byte had come
+    late        how many frames before were dropped
     words       the state for the sidebar
     """
 
@@ -147,7 +150,7 @@ class WatchedStream:
         self.out, self.model, self.words = job.out, job.model, "Connecting"
         self.performers = [LivePerformer(name, one) for name, one in worn.worn]
         self.markers = worn.markers
-        self._frame, self._told = -1, 0.0
+        self._told, self.frame, self.came, self.late = 0.0, -1, 0.0, 0
         self.names: list[str] = []
         self.named = self.unnamed = np.empty((0, 3))
 
@@ -161,7 +164,7 @@ class WatchedStream:
         try:
             line = json.loads(self._latest.read_bytes().partition(b"\n")[0])
             places, unnamed = line["markers"], np.array(line["unnamed"], float).reshape(-1, 3)
-            if line["frame"] == self._frame or not places.keys() <= set(self.markers):
+            if line["frame"] == self.frame or not places.keys() <= set(self.markers):
                 return found
             named = np.array([*places.values()], float).reshape(len(places), 3)
             parts = line.get("bodies", [None] * len(self.performers))
@@ -169,14 +172,15 @@ class WatchedStream:
                 LiveBody.of(one.worn, own, one.body) if own else None
                 for one, own in zip(self.performers, parts, strict=True)
             ]
-            delay = 1000 * (now - line["at"]) + line["ms"]
+            came, late = line["at"] - line["ms"] / 1000, int(line["late"])
             found_words = f"{len(places)} of {len(self.markers)} markers named, {len(unnamed)} points not"
             changed = f", {count_of(line['changed'], 'name')} changed" if line["changed"] else ""
-            words = f"{found_words}{changed}; {delay:.0f} ms, {count_of(line['late'], 'frame')} dropped"
+            words = f"{found_words}{changed}; {1000 * (now - came):.0f} ms, {count_of(late, 'frame')} dropped"
             words = "; ".join([words, *(one.trouble for one in self.performers if one.trouble)])
         except (OSError, ValueError, KeyError, TypeError, AttributeError):  # none is there, or it is just being written
             return found
-        self._frame, self.names, self.named, self.unnamed = line["frame"], list(places), named, unnamed
+        self.frame, self.came, self.late = line["frame"], came, late
+        self.names, self.named, self.unnamed = list(places), named, unnamed
         for one, body in zip(self.performers, bodies, strict=True):
             one.body = body
         self._move_rigs(bpy.context)

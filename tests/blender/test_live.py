@@ -60,19 +60,19 @@ def test_a_stream_is_shown_and_what_is_recorded_of_it_becomes_a_take(live, walk,
         assert not bpy.ops.mocap_autolabel.connect.poll()
         live.until(lambda: len(live.now().names) > 0.9 * len(walk.names))
         stream = live.now()
-        frame, places = stream._frame, dict(zip(stream.names, stream.named, strict=True))
+        frame, places = stream.frame, dict(zip(stream.names, stream.named, strict=True))
         at = (frame - 1) % (2 * len(walk.xyz) - 2)
         for name, true in zip(walk.names, walk.xyz[min(at, 2 * len(walk.xyz) - 2 - at)], strict=True):
             assert name not in places or np.allclose(places[name], true, atol=1e-3)
-        live.until(lambda: live.now()._frame > frame)  # they move
+        live.until(lambda: live.now().frame > frame)  # they move
         assert f"of {len(stream.markers)} markers named" in stream.words and "dropped" in stream.words
         assert len(bpy.data.objects) == before and len(bpy.data.actions) == 0
         assert not stream.out.exists() and not stream.recording
         assert bpy.ops.mocap_autolabel.record() == {"FINISHED"}
         assert not bpy.ops.mocap_autolabel.record.poll()
-        start = stream._frame
-        live.until(lambda: live.now()._frame > start + 2 * RATE)
-        end = stream._frame
+        start = stream.frame
+        live.until(lambda: live.now().frame > start + 2 * RATE)
+        end = stream.frame
         if server is QtmServer:
             assert bpy.ops.mocap_autolabel.stop_live() == {"FINISHED"}
             assert stream.words == "Stopping"
@@ -114,8 +114,8 @@ def test_two_performers_move_their_rigs_and_what_is_recorded_is_a_take_of_both(l
         for _ in "and back":  # rigs go from one to the other while they move
             first = subjects.performers[0].rig
             subjects.performers[0].rig, subjects.performers[1].rig = rigs[first is rigs[0]], first
-            end = live.now()._frame + 5
-            live.until(partial(lambda end: live.now()._frame > end and all(o.body for o in live.now().performers), end))
+            end = live.now().frame + 5
+            live.until(partial(lambda end: live.now().frame > end and all(o.body for o in live.now().performers), end))
         stream = live.now()
         for performer in stream.performers:
             own = [place for name, place in zip(stream.names, stream.named, strict=True) if name[:3] == performer.name]
@@ -125,8 +125,8 @@ def test_two_performers_move_their_rigs_and_what_is_recorded_is_a_take_of_both(l
         between = stream.performers[1].body.joints[0] - stream.performers[0].body.joints[0]
         assert (bob - ann) @ between > 0.99 * np.linalg.norm(bob - ann) * np.linalg.norm(between)  # in a larger room
         bpy.ops.mocap_autolabel.record()
-        start = live.now()._frame
-        live.until(lambda: live.now()._frame > start + RATE)
+        start = live.now().frame
+        live.until(lambda: live.now().frame > start + RATE)
         bpy.ops.mocap_autolabel.stop_live()
         live.until(lambda: live.now() is None)
     assert [bone.location[:] for bone in hips] == before
@@ -144,7 +144,7 @@ def test_a_frame_that_is_just_being_written_is_not_shown(live, walk, tmp_path):
     for text in ("{", "7", *(json.dumps(whole | some) for some in ({}, *torn))):
         latest.write_text(text)
         live.module.follow_live()
-        assert stream._frame < 0
+        assert stream.frame < 0
     latest.write_text(json.dumps(whole | {"markers": {"LASI": [1, 2, 3]}}))
     live.module.follow_live()
     assert stream.names == ["LASI"]
@@ -169,7 +169,7 @@ def test_what_ends_a_stream_is_said(live, walk, monkeypatch):
     with QtmServer(there_and_back(walk.xyz, RATE), RATE) as one:
         live.settings.live.source = one.source
         bpy.ops.mocap_autolabel.connect()
-        live.until(lambda: live.now()._frame > 0)
+        live.until(lambda: live.now().frame > 0)
         live.now()._worker.process.kill()
         live.until(lambda: live.now() is None)
     assert live.module.how_it_ended().startswith("its process was killed (SIGKILL)")
@@ -179,10 +179,10 @@ def test_another_file_ends_the_stream_and_what_was_recorded_stays(live, walk, tm
     with QtmServer(there_and_back(walk.xyz, RATE), RATE) as one:
         live.settings.live.source = one.source
         bpy.ops.mocap_autolabel.connect()
-        live.until(lambda: live.now()._frame > 0)
+        live.until(lambda: live.now().frame > 0)
         bpy.ops.mocap_autolabel.record()
-        stream, start = live.now(), live.now()._frame
-        live.until(lambda: live.now()._frame > start + 50)
+        stream, start = live.now(), live.now().frame
+        live.until(lambda: live.now().frame > start + 50)
         bpy.ops.ed.undo_push(message="Something else")
         assert live.now() is stream
         reopen(tmp_path / "other.blend")
@@ -223,8 +223,8 @@ def test_body_and_rig_move_without_keys_and_the_rig_is_then_as_it_was(live, walk
         own = rig.pose.bones["coat"]
         own.location = 1, 2, 3  # somebody's
         live.settings.live.rig = None
-        frame = live.now()._frame
-        live.until(lambda: live.now()._frame > frame)
+        frame = live.now().frame
+        live.until(lambda: live.now().frame > frame)
         assert own.location[:] == (1, 2, 3)
         own.location = 0, 0, 0
         assert state() == before

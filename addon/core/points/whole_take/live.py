@@ -2,9 +2,9 @@
 """Points named while they are recorded.
 
 Every frame is followed at once: a name stays with its trajectory, and goes over to a point that comes where its marker
-was a moment ago. What the names are in the first place, and what has been away for longer, is said by the last moment
-solved as whole takes are, which takes longer than a frame: a process beside does that. What it says is carried on
-through the frames that came meanwhile. By what was named, those who wear the markers are known better and better.
+must be. What the names are in the first place, and what is not so sure, is said by the last moment solved as whole
+takes are, which takes longer than a frame: a process beside does that. What it says is carried on through the frames
+that came meanwhile. By what was named, those who wear the markers are known better and better.
 """
 
 from collections.abc import Sequence
@@ -25,9 +25,10 @@ from ..motion import SUBJECT_FRAMES
 from ..refusals import REFUSAL
 from ..tracklets import CUTTING, cut
 from ..unordered import of_subject
-from .likeness import LIKENESS, NO_EVIDENCE, of_ends, of_frames, steadiest
+from .likeness import LIKENESS, NO_EVIDENCE, of_frames, steadiest
 from .pairs import PairDistances, in_take
 from .pipeline import PointOptions, as_a_whole, begins, name_frames
+from .search import SEARCH
 from .solving import solve_take
 
 WINDOW_S = 2.0  # s of the past that are solved at once: a step or two
@@ -35,9 +36,6 @@ FIRST_S = LIKENESS.sample_s  # s of it that are enough to begin with
 CAUGHT_UP = 16  # frames of the past that names are carried on through at each new one; by time
 SHOWN_S = 0.1  # s from one frame by which the subject is known to the next, at first
 MAX_SHOWN = 40  # such frames
-UNRELATED = 1.0  # m², how the distance between markers of two varies: so much that it says nothing
-# Log odds by which a name of one frame must be ahead; measured: with 4, names of 3 % of 53 markers are wrong.
-LEAD_AT_ONCE = 8.0
 SLOW_S = 1.0  # s that solving may take; where it would take longer only exchanges are tried
 NO_POINTS = np.zeros((0, 3))
 
@@ -163,61 +161,44 @@ class _Given:
     solved  the numbers of those that the solver has named
     row     of the last frame
     newest  the number of the last trajectory that the solver was asked about; later ones are new
-    sure    (M, 3) m the markers in the last frame by the solver's names alone, NaN where one has none
+    placed  (M, 3) m the markers in the last frame, NaN where one is not
+    sure    the same by the solver's names alone
     """
 
-    def __init__(self, pairs: PairDistances, rate: float, row: int, newest: int = -1):
+    def __init__(self, pairs: PairDistances, row: int, newest: int = -1):
         self.marker: dict[int, int] = {}
         self.solved: set[int] = set()
-        self.rate, self.row, self.newest = rate, row, newest
-        self.sure = np.full((len(pairs.mean), 3), np.nan)
-        self._gap = max(round(CUTTING.max_gap_s * rate), 2)
-        markers = len(pairs.mean)
-        self._placed = np.full((self._gap + 1, markers, 3), np.nan, np.float32)
-        self._seen = np.full(markers, row - self._gap)
-        near, beside, rows = steadiest(pairs.within), steadiest(pairs.variance), np.arange(markers)[:, None]
-        self._of_ends = near, pairs.within[rows, near]
-        self._of_frames = beside, pairs.mean[rows, beside], pairs.variance[rows, beside]
-
-    @property
-    def placed(self) -> np.ndarray:
-        """(M, 3) m the markers in the last frame, NaN where one is not."""
-        return self._placed[self.row % len(self._placed)]
+        self.row, self.newest = row, newest
+        self.placed = self.sure = np.full((len(pairs.mean), 3), np.nan)
+        near, rows = steadiest(pairs.variance), np.arange(len(pairs.mean))[:, None]
+        self._apart = near, pairs.mean[rows, near], pairs.variance[rows, near]
 
     def on(self, row: int, number: np.ndarray, points: np.ndarray) -> np.ndarray:
         """The marker (P,) of each of a later frame's points (P, 3) m, which are of trajectories number (P,)."""
         marker = np.array([self.marker.get(one, NO_MARKER) for one in number.tolist()], int)
         marker[_said_before(marker)] = NO_MARKER
-        for missed in range(max(self.row, row - len(self._placed)) + 1, row + 1):
-            self._placed[missed % len(self._placed)] = np.nan
-        self.row = row
-        self.placed[marker[marker != NO_MARKER]] = points[marker != NO_MARKER]
-        self._go_on(np.flatnonzero((number > self.newest) & (marker == NO_MARKER)), number, points, marker)
-        self._seen[marker[marker != NO_MARKER]] = row
-        solved = (marker != NO_MARKER) & np.isin(number, list(self.solved))
-        self.sure = np.full(self.placed.shape, np.nan)
-        self.sure[marker[solved]] = points[solved]
+        named = marker != NO_MARKER
+        solved = named & np.array([one in self.solved for one in number.tolist()], bool)
+        self.row, self.placed, self.sure = row, np.full_like(self.placed, np.nan), np.full_like(self.placed, np.nan)
+        self.placed[marker[named]], self.sure[marker[solved]] = points[named], points[solved]
+        self._go_on(np.flatnonzero((number > self.newest) & ~named), number, points, marker)
         return marker
 
     def _go_on(self, new: np.ndarray, number: np.ndarray, points: np.ndarray, marker: np.ndarray):
-        """Names those of points (P, 3) m that are `new` (N,) where a marker is that is not placed.
+        """Names those of points (P, 3) m that are `new` (N,) where a marker must be that is not placed.
 
-        By its distances to those that are, as they were just before and as they are of this subject.
+        That is by its distances on this subject to those that are.
         """
-        now = self.placed
+        now, at, nobody = self.placed, np.zeros((len(new), 1), int), np.full(len(new), NO_MARKER)
         free = np.isnan(now[:, 0])
         if not len(new) or not free.any() or len(now) - free.sum() < LIKENESS.min_neighbours:
             return
-        gap = np.tile(self.row - self._seen, (len(new), 1))
-        then = np.where(free & (gap < self._gap), (self.row - gap) % len(self._placed), -1)
-        at, nobody = np.full(len(new), self.row % len(self._placed)), np.full(len(new), NO_MARKER)
-        xyz, asked = points[new].astype(np.float32), np.tile(free, (len(new), 1))
-        likely = of_frames(at[:, None], xyz[:, None], self._placed, nobody, *self._of_frames, asked, LIKENESS)
-        ends = of_ends(at, then, gap, xyz, self._placed, nobody, *self._of_ends, self.rate, LIKENESS)
-        odds = np.where(free, np.nan_to_num(likely) + ends, -np.inf)
+        asked = np.tile(free, (len(new), 1))
+        odds = of_frames(at, points[new, None], now[None].copy(), nobody, *self._apart, asked, LIKENESS)
+        odds = np.where(np.isnan(odds), -np.inf, odds)
         for row, best in enumerate(odds.argmax(axis=1).tolist()):
             rivals = np.append(np.delete(odds[row], best), np.delete(odds[:, best], row))
-            if odds[row, best] - max(rivals.max(initial=-np.inf), NO_EVIDENCE) > LEAD_AT_ONCE:
+            if odds[row, best] - max(rivals.max(initial=-np.inf), NO_EVIDENCE) > SEARCH.margin:
                 self.marker[int(number[new[row]])] = marker[new[row]] = best
                 now[best] = points[new[row]]
 
@@ -279,7 +260,7 @@ class LiveNamer:
         self.trails: dict[int, _Trail] = {}
         self.links = Links.at(self.rate)
         self.past: list[tuple[int, np.ndarray, np.ndarray]] = []
-        self.given, self.shown = _Given(self._pairs(()), self.rate, self.row), _Shown(self.whose, self.rate)
+        self.given, self.shown = _Given(self._pairs(()), self.row), _Shown(self.whose, self.rate)
         self._asked: Window | None = None
         self._later: _Given | None = None  # what was heard, on its way through the frames that came meanwhile
 
@@ -288,14 +269,12 @@ class LiveNamer:
 
         Those of two subjects say nothing.
         """
-        size = len(self.whose)
-        mean, unsure, within = np.full((size, size), np.nan), *np.full((2, size, size), UNRELATED)
+        every = np.full((3, len(self.whose), len(self.whose)), np.nan)
         for person, trained in enumerate(self.trained):
             own = self.whose == person
             known = in_take(trained, np.array(shown)[:, own]) if len(shown) else trained
-            rows = np.ix_(own, own)
-            mean[rows], unsure[rows], within[rows] = known.mean, known.unsure, known.within
-        return PairDistances(mean, unsure, within)
+            every[:, *np.ix_(own, own)] = known.mean, known.unsure, known.within
+        return PairDistances(*every)
 
     def name(self, number: int, points: np.ndarray, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The marker (P,) of each point (P, 3) m of the next frame, NO_MARKER where it is not sure, and its trajectory.
@@ -388,7 +367,7 @@ class LiveNamer:
         if names.refused:
             return
         pairs = self._pairs(self.shown.frames)
-        later = _Given(pairs, self.rate, self._asked.end - self._gap, int(names.number.max(initial=-1)))
+        later = _Given(pairs, self._asked.end - 1, int(names.number.max(initial=-1)))
         told = dict(zip(names.number.tolist(), names.marker.tolist(), strict=True))
         said = {number: marker for number, marker in told.items() if marker != NO_MARKER}
         kept = {number: marker for number, marker in self.given.marker.items() if number <= later.newest}
