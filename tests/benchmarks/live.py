@@ -39,9 +39,9 @@ def main():
             seen = in_window("live", source=server.source, markerset=markerset, many=many)
         row = [f"{seen[what] / seen['seconds']:.0f}" for what in ("frames", "redraws", "shown")]
         row.append(f"{1000 * seen['core'] / seen['redraws']:.0f}")
-        delays = np.quantile(seen["delays"], (0.5, 0.99)) if seen["delays"] else (np.nan, np.nan)
+        delays = np.quantile(seen["delays"], (0.5, 0.99)) if seen["delays"] else ()
         named = 100 * np.mean(seen["named"] or [0]) / np.isfinite(take.xyz[..., 0]).sum(axis=1).mean()
-        rows.append([name, *row, " / ".join(f"{one:.0f}" for one in delays), f"{named:.1f}", str(seen["late"])])
+        rows.append([name, *row, " / ".join(f"{one:.0f}" for one in delays) or "none", f"{named:.1f}", str(seen["late"])])
         print(rows[-1], flush=True)
     print(f"| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}")
     for row in rows:
