@@ -41,7 +41,8 @@ def main():
         row.append(f"{1000 * seen['core'] / seen['redraws']:.0f}")
         delays = np.quantile(seen["delays"], (0.5, 0.99)) if seen["delays"] else ()
         named = 100 * np.mean(seen["named"] or [0]) / np.isfinite(take.xyz[..., 0]).sum(axis=1).mean()
-        rows.append([name, *row, " / ".join(f"{one:.0f}" for one in delays) or "none", f"{named:.1f}", str(seen["late"])])
+        age = " / ".join(f"{one:.0f}" for one in delays) or "none"
+        rows.append([name, *row, age, f"{named:.1f}", str(seen["late"])])
         print(rows[-1], flush=True)
     print(f"| {' | '.join(COLUMNS)} |\n|{' --- |' * len(COLUMNS)}")
     for row in rows:
