@@ -214,24 +214,22 @@ class _PosedSubject:
         return {name: part.round(5).tolist() for name, part in parts.items()}
 
 
+@dataclass
 class _Live:
     """A stream that is being named."""
 
-    def __init__(
-        self,
-        job: LiveJob,
-        stream: LiveStream,
-        beside: SolverBeside,
-        worn: SetsWorn,
-        folder: Path | None,
-        stack: ExitStack,
-        recording: Callable[[], bool],
-    ):
-        self.job, self.stream, self.beside, self.worn, self.folder, self.stack, self.recording = (
-            job, stream, beside, worn, folder, stack, recording,
-        )  # fmt: skip
+    job: LiveJob
+    stream: LiveStream
+    beside: SolverBeside
+    worn: SetsWorn
+    folder: Path | None
+    stack: ExitStack
+    recording: Callable[[], bool]
+
+    def __post_init__(self):
+        job, worn = self.job, self.worn
         self.names = worn.markers if job.several else worn.subjects[0].model.markerset.markers
-        self.rate = job.rate or stream.rate
+        self.rate = job.rate or self.stream.rate
         self.frames, self.late, self.first, self.kept_from = 0, 0, 0, 0
         self.waiting: list[tuple[float, StreamFrame]] = []
         self.namer: LiveNamer | None = None

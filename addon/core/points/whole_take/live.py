@@ -181,10 +181,10 @@ class _Given:
         solved = named & np.array([one in self.solved for one in number.tolist()], bool)
         self.row, self.placed, self.sure = row, np.full_like(self.placed, np.nan), np.full_like(self.placed, np.nan)
         self.placed[marker[named]], self.sure[marker[solved]] = points[named], points[solved]
-        self._go_on(np.flatnonzero((number > self.newest) & ~named), number, points, marker)
+        self._name_new(np.flatnonzero((number > self.newest) & ~named), number, points, marker)
         return marker
 
-    def _go_on(self, new: np.ndarray, number: np.ndarray, points: np.ndarray, marker: np.ndarray):
+    def _name_new(self, new: np.ndarray, number: np.ndarray, points: np.ndarray, marker: np.ndarray):
         """Names those of points (P, 3) m that are `new` (N,) where a marker must be that is not placed.
 
         That is by its distances on this subject to those that are.
@@ -194,7 +194,7 @@ class _Given:
         if not len(new) or not free.any() or len(now) - free.sum() < LIKENESS.min_neighbours:
             return
         asked = np.tile(free, (len(new), 1))
-        odds = of_frames(at, points[new, None], now[None].copy(), nobody, *self._apart, asked, LIKENESS)
+        odds = of_frames(at, points[new, None], now[None], nobody, *self._apart, asked, LIKENESS)
         odds = np.where(np.isnan(odds), -np.inf, odds)
         for row, best in enumerate(odds.argmax(axis=1).tolist()):
             rivals = np.append(np.delete(odds[row], best), np.delete(odds[:, best], row))
