@@ -29,10 +29,10 @@ from ..props import keeps_items
 from ..scene.character import add_character, moving_in
 from ..scene.opened import opened
 from ..scene.performers import homes
-from ..scene.roots import is_even, parent_of, placed
+from ..scene.roots import is_animated, is_even, parent_of, placed, root_of
 from ..scene.stored import Stored, alone
 from ..scene.take import is_take, retimed
-from .base import OfTake, ToldWhere, WithTake, taken
+from .base import OfTake, ToldWhere, WithTake, once, taken
 from .long_work import LongWork
 from .reposing import follow_now, words_behind
 
@@ -164,7 +164,7 @@ def performer_property(together: bool):
 def room_property(default: bool):
     """The property that says whether what is written stands where it was captured."""
     words = "Where it was captured; off, where the take's root empty has it in the scene"
-    return BoolProperty(name="Room Coordinates", description=words, default=default)
+    return once(BoolProperty, "Room Coordinates", words, default=default)
 
 
 class ExportsPerformers(ExportsTake):
@@ -178,12 +178,22 @@ class ExportsPerformers(ExportsTake):
         take = context.scene.mocap_autolabel.take
         if homes(take):
             self.layout.prop(self, "performer")
-        if not np.array_equal(placed(take), np.eye(4)):
+        if is_animated(root_of(take)) or not np.array_equal(placed(take), np.eye(4)):
             self.layout.prop(self, "room")
 
     def place(self, context) -> np.ndarray:
-        """(4, 4) from the room to where what is written is to stand."""
-        return np.eye(4) if self.room else placed(context.scene.mocap_autolabel.take)
+        """(4, 4) from the room to where what is written is to stand; InputError where no file can have that."""
+        take = context.scene.mocap_autolabel.take
+        if self.room:
+            return np.eye(4)
+        if is_animated(root_of(take)):
+            words = "the take's root, or what it hangs on, is animated"
+            raise InputError(f"{words}; expected it to stay in one place, or Room Coordinates on")
+        place = placed(take)
+        if not is_even(place):
+            words = "the take's root is mirrored or scaled unevenly"
+            raise InputError(f"{words}; expected its scale alike on all axes, or Room Coordinates on")
+        return place
 
     def parts(self, stored: Stored) -> list[tuple[str, Stored]]:
         if self.performer == TOGETHER[0] or not stored.performers[0].name:
@@ -202,8 +212,20 @@ class ExportsPerformers(ExportsTake):
 class ExportsPoints(ExportsPerformers):
     """The exports of the points of the take; elsewhere than in the room without what else its file holds."""
 
+    _more_is_left = False
+
     def given(self, context, stored: Stored) -> Stored:
-        return stored if self.room else replace(moved(stored, self.place(context)), source="")
+        place = self.place(context)
+        if np.array_equal(place, np.eye(4)):
+            return stored
+        self._more_is_left = stored.source.lower().endswith((".c3d", ".trc"))
+        return replace(moved(stored, place), source="")
+
+    def _show(self, context, found):
+        paths, warnings = found
+        if self._more_is_left:
+            warnings = [*warnings, "The points stand as the scene has them, so they were saved alone"]
+        return super()._show(context, (paths, warnings))
 
     def beside(self, path: Path) -> list[Path]:
         # An older list beside the file would speak of fills that are none any more.
@@ -212,12 +234,15 @@ class ExportsPoints(ExportsPerformers):
 
 
 def moved(stored: Stored, place: np.ndarray) -> Stored:
-    """A take whose points are elsewhere, by a matrix (4, 4)."""
-    turn, way = place[:3, :3].T, place[:3, 3]
-    rows = stored.rows
+    """A take whose points are elsewhere, and errors as much larger, by a matrix (4, 4) that scales evenly."""
+    turn, way, scale = place[:3, :3].T, place[:3, 3], float(np.linalg.norm(place[:3, 0]))
+    rows, motion = stored.rows, stored.motion
     if isinstance(rows, PointRows):
-        rows = replace(rows, xyz=rows.xyz @ turn + way)
-    return replace(stored, rows=rows, motion=replace(stored.motion, markers=stored.motion.markers @ turn + way))
+        residual = None if rows.residual is None else rows.residual * scale
+        rows = replace(rows, xyz=rows.xyz @ turn + way, residual=residual)
+    motion = replace(motion, markers=motion.markers @ turn + way, residual=motion.residual * scale)
+    fills = tuple(replace(fill, expected=fill.expected * scale) for fill in stored.fills)
+    return replace(stored, rows=rows, motion=motion, fills=fills)
 
 
 def write_points(paths: Sequence[Path], whole: Stored, stored: Stored) -> str:
@@ -378,8 +403,6 @@ class ExportsCharacter(OfTake, ExportsPerformers):
 
     def asked(self, context) -> partial:
         settings, place, (files, read) = context.scene.mocap_autolabel, self.place(context), self.files(context)
-        if not is_even(place):
-            raise InputError("the take's root is mirrored or scaled unevenly; expected it even, or Room Coordinates")
         at = homes(settings.take)
         bodies = [
             (path, overwrite, replace(moving_in(at.get(name, settings.take), part), place=place))

@@ -78,6 +78,21 @@ def placed(collection: bpy.types.Collection | None) -> np.ndarray:
     return np.array(Matrix() if root is None else pose_of(root), dtype=float)
 
 
+def is_animated(item: bpy.types.Object | None) -> bool:
+    """Whether an object is keyed or driven, or hangs on what is, by its parents or constraints."""
+    left, seen = [item], {None}
+    while left:
+        one = left.pop()
+        if one in seen:
+            continue
+        seen.add(one)
+        data = one.animation_data
+        if data is not None and (data.action is not None or data.drivers or data.nla_tracks):
+            return True
+        left += [one.parent, *(getattr(held, "target", None) for held in one.constraints)]
+    return False
+
+
 def is_even(place: np.ndarray) -> bool:
     """Whether a matrix (4, 4) turns, moves and scales all alike, and mirrors nothing."""
     sizes = np.linalg.norm(place[:3, :3], axis=0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The root of a take: what is shown follows it, what is kept and exported does not, and no labelling moves it."""
+"""The root of a take: what is shown follows it, what is kept does not, exports do by choice."""
 
 from types import SimpleNamespace
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mathutils import Matrix, Vector
 
-from .hands import follows, only, ours, shown, stored_take
+from .hands import follows, only, ours, refused, shown, stored_take
 
 PLACE = Matrix.LocRotScale((3, -1, 0.5), Matrix.Rotation(1.0, 3, "Z").to_quaternion(), Vector((2, 2, 2)))
 
@@ -90,7 +90,7 @@ def test_a_moved_root_goes_with_its_take(moved):
     assert not [item for item in bpy.data.collections if "Kept" in item.name]
 
 
-def test_exports_stand_where_the_root_has_the_take_by_choice(moved, tmp_path):
+def test_exports_stand_where_the_root_has_the_take_by_choice(moved, tmp_path, capfd):
     for name in ("c3d", "trc"):
         path = tmp_path / f"out.{name}"
         assert getattr(bpy.ops.mocap_autolabel, f"export_{name}")(filepath=str(path), room=False) == {"FINISHED"}
@@ -98,3 +98,26 @@ def test_exports_stand_where_the_root_has_the_take_by_choice(moved, tmp_path):
         seen = np.isfinite(points.xyz[:, : markers.shape[1]]).all(axis=2)
         assert seen.sum() > 300
         np.testing.assert_allclose(points.xyz[:, : markers.shape[1]][seen], at_root(markers[seen]), atol=1e-4)
+        assert "so they were saved alone" in capfd.readouterr().out
+        if name == "c3d":
+            was = np.array(stored_take().motion.residual)
+            np.testing.assert_allclose(points.residual[:, : markers.shape[1]][seen], 2 * was[seen], atol=1e-4)
+
+
+def mirror(root):
+    root.scale.x *= -1
+
+
+def drive_by_a_cart(root):
+    root.parent = bpy.data.objects.new("cart", None)
+    bpy.context.scene.collection.objects.link(root.parent)
+    root.parent.keyframe_insert("location", frame=101)
+
+
+@pytest.mark.parametrize(("change", "words"), [(mirror, "mirrored or scaled"), (drive_by_a_cart, "is animated")])
+def test_what_no_file_can_have_is_refused_outside_the_room(moved, tmp_path, change, words):
+    change(moved)
+    for name in ("bvh", "trc"):
+        path = str(tmp_path / f"out.{name}")
+        refused(words, f"export_{name}", filepath=path, room=False)
+    assert bpy.ops.mocap_autolabel.export_trc(filepath=path) == {"FINISHED"}
