@@ -427,7 +427,11 @@ class SceneSettings(bpy.types.PropertyGroup):
 class RigBoneRow(bpy.types.PropertyGroup):
     """The bone of a rig for a part of the body, by whose name the row is called."""
 
-    bone: StringProperty(name="Bone", description="The bone of the rig that moves as this part of the body; or none")
+    bone: StringProperty(
+        name="Bone",
+        description="The bone of the rig that moves as this part of the body; or none",
+        override={"LIBRARY_OVERRIDABLE"},
+    )
 
 
 @keeps_items
@@ -440,7 +444,7 @@ def _performer_items(_settings, context) -> list[tuple[str, str, str]]:
 class RigSettings(bpy.types.PropertyGroup):
     """How the motion of takes comes onto a rig: `Object.mocap_autolabel`."""
 
-    bones: CollectionProperty(type=RigBoneRow)
+    bones: CollectionProperty(type=RigBoneRow, override={"LIBRARY_OVERRIDABLE", "USE_INSERTION"})
     performer: EnumProperty(name="Performer", description="Whose motion the rig gets", items=_performer_items)
     keep_feet: BoolProperty(
         name="Keep Feet",

@@ -26,12 +26,13 @@ from ..io.samples import TextHead
 from ..io.whole import whole_files
 from ..jobs.pages import write_kept_page
 from ..props import keeps_items
+from ..scene.animation import note_time
 from ..scene.character import add_character, moving_in
 from ..scene.opened import opened
 from ..scene.performers import homes
 from ..scene.roots import is_animated, is_even, parent_of, placed, root_of
 from ..scene.stored import Stored, alone
-from ..scene.take import is_take, retimed
+from ..scene.take import fps_of, is_take, retimed
 from .base import OfTake, ToldWhere, WithTake, once, taken
 from .long_work import LongWork
 from .reposing import follow_now, words_behind
@@ -390,6 +391,7 @@ class MOCAP_AUTOLABEL_OT_add_character(OfTake, bpy.types.Operator):
             body = replace(body, frames=retimed(context.scene, stored.rate, body.frames))
             character = add_character(context, home, body, settings.bone_names)
             character.parent = parent_of(settings.take)
+            note_time(character.animation_data.action, fps_of(context.scene), body.frames[0])
             added.append(character.name)
         self.report({"INFO"}, f"Added {', '.join(added)}")
 

@@ -11,7 +11,7 @@ from bpy_extras.io_utils import ImportHelper
 
 from ..core.data.errors import InputError
 from ..core.data.takes import Blobs, evenly_spread
-from ..core.data.wording import count_of
+from ..core.data.wording import count_of, listed
 from ..core.geometry.camera_up import AXIS_NAMES
 from ..core.geometry.cameras import Cameras
 from ..io.arrivals import TAKE_ENDINGS, Arrivals
@@ -392,14 +392,16 @@ def shift_of(source: bpy.types.PropertyGroup) -> int:
 
 
 class MOCAP_AUTOLABEL_OT_play_as_take(Ours, bpy.types.Operator):
-    """Give the scene the frame rate and the frames of the take; what else is animated in it keeps its frames."""
+    """Give the scene the frame rate and the frames of the take; what you animated in it keeps its frames."""
 
     bl_label = "Play as the Take"
 
     def work(self, context):
         source = context.scene.mocap_autolabel.source
         frames = np.array([source.first_frame, source.last_frame])
-        set_time(context.scene, source.rate, frames + shift_of(source))
+        left = set_time(context.scene, source.rate, frames + shift_of(source))
+        if left:
+            self.report({"WARNING"}, f"Its keys were changed, so the old rate is kept by {listed(left)}")
 
 
 class MOCAP_AUTOLABEL_FH_take(bpy.types.FileHandler):

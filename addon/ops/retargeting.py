@@ -33,9 +33,8 @@ lacks_mode = unless(lambda context: context.mode in ("OBJECT", "POSE"), "Go to o
 def _keep(rig: bpy.types.Object, matched: Mapping[str, str]):
     """Keeps on a rig which bone is which part, an empty row for a part without one."""
     rows = rig.mocap_autolabel.bones
-    rows.clear()
     for part in PARTS:
-        row = rows.add()
+        row = rows.get(part) or rows.add()  # those of a linked rig stay
         row.name, row.bone = part, matched.get(part, "")
 
 
@@ -57,7 +56,8 @@ class MOCAP_AUTOLABEL_OT_retarget(Ours, bpy.types.Operator):
         action = retarget_take(context, rig, home, alone(stored, performer), matched, own.keep_feet, own.keep_hands)
         freed = freed_by(action)
         off = f", and leaves {count_of(freed, 'constraint')} of its bones without influence" if freed else ""
-        speed = "" if plays_at(context.scene, stored.rate) else f", at its own speed in {fps_of(context.scene):g} Hz"
+        keyed = f", keyed for the scene's {fps_of(context.scene):g} frames a second"
+        speed = "" if plays_at(context.scene, stored.rate) else keyed
         words = f"{rig.name} has the action {action.name}, of {len(matched)} parts of the body"
         self.report({"INFO"}, f"{words}{speed}{off}")
 

@@ -6,13 +6,16 @@ keys, 5 and 15 compressed: of samples none can be moved or inserted, and neither
 is smoothing the modifier *Smooth* (5.2): at best it leaves 1.5 mm of 2 mm of noise, and moves the ends of gaps by 9 mm.
 """
 
+import math
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
-from .ownership import LINEAR, note_keys, numbers, sign
+from .ownership import LINEAR, is_keyed_by_us, note_keys, numbers, sign
 
+RATE_ROUNDING = 1e-4  # of a rate, that Blender rounds
+TIMED = "mocap_timed"  # on an action: for how many frames a second it is keyed, and the frame that it begins at
 # The values of BEZT_KEYTYPE_KEYFRAME and BEZT_KEYTYPE_GENERATED behind Keyframe.type, from Blender 4.4 on: the second
 # is for keys that are "set automatically by a tool", and is drawn and selected apart.
 SET_BY_HAND, SET_BY_TOOL = 0, 5
@@ -175,3 +178,31 @@ def _kinds(made: np.ndarray | None, there: np.ndarray) -> np.ndarray:
     """The types of the keys of the rows that are there (F,), where a tool made some (F,) up."""
     some = np.zeros(len(there), bool) if made is None else made
     return np.where(some[there], SET_BY_TOOL, SET_BY_HAND).astype(np.int32)
+
+
+def note_time(action: bpy.types.Action, fps: float, first: float):
+    """Notes that an action is keyed for so many frames a second, from a frame on, so that `retime` can change that."""
+    action[TIMED] = float(fps), float(first)
+
+
+def retime(item: bpy.types.Object, fps: float) -> bool:
+    """Moves the keys of what was keyed for another rate to so many frames a second; whether that is it now.
+
+    It is not where a person changed the keys.
+    """
+    data = item.animation_data
+    action = None if data is None else data.action
+    if action is None or TIMED not in action or math.isclose(action[TIMED][0], fps, rel_tol=RATE_ROUNDING):
+        return True
+    if not is_keyed_by_us(item):
+        return False
+    before, first = action[TIMED]
+    bag = channels(item, action)
+    for curve in bag.fcurves:
+        points = numbers(curve.keyframe_points, "co", 2).reshape(-1, 2)
+        points[:, 0] = first + (points[:, 0] - first) * (fps / before)
+        curve.keyframe_points.foreach_set("co", points.ravel())
+        curve.update()
+        note_keys(bag, curve, points)
+    note_time(action, fps, first)
+    return True

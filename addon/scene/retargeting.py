@@ -25,7 +25,7 @@ from .ik_controls import Along, carriers_of, controls_by_ik
 from .ownership import is_keyed_by_us, is_made_for, is_untouched, role_of, sign
 from .roots import is_even
 from .stored import Stored
-from .take import retimed
+from .take import fps_of, retimed
 
 # What bones of control rigs are switched to, by the name of their property: limbs by FK, and all follow what is above.
 SWITCHES = {"IK_FK": 1.0, "ik_fk_switch": 1.0, "FK_limb_follow": 0.0, "neck_follow": 1.0, "head_follow": 1.0}
@@ -71,7 +71,6 @@ def retarget_take(
     there = np.isfinite(joints).all(axis=(1, 2))
     if not there.any():
         raise InputError(f"{stored.name} has nobody in any frame; expected a take in which the body was found")
-    _switch_back(rig)
     ready = ReadyRig.of(rig, bones, place)
     with ready.before.or_put_back(rig):
         motion = joints[there], rotated[there]
@@ -83,7 +82,8 @@ def retarget_take(
         animation.key(bag, bone_path(bone, channel), frames, values, bone)
     for bone, path, value, _ in ready.before.switched:
         animation.key(bag, path, frames[:1], np.array([[value]]), bone)
-    action[SWITCHED] = json.dumps({path: before for _, path, _, before in ready.before.switched})
+    action[SWITCHED] = rig[SWITCHED] = json.dumps(ready.before.noted)
+    animation.note_time(action, fps_of(context.scene), body.frames[0])
     sign(action, _role(rig, stored.name), collection)
     context.scene.frame_set(context.scene.frame_current)
     return action
@@ -94,13 +94,16 @@ def freed_by(action: bpy.types.Action) -> int:
     return sum(path.endswith(".influence") for path in json.loads(action[SWITCHED]))
 
 
-def _switch_back(rig: bpy.types.Object):
-    """Sets what a rig's action switched back to what it was before, and what former ones of ours left off."""
-    now = None if rig.animation_data is None else rig.animation_data.action
-    for action in [one for one in bpy.data.actions if role_of(one).endswith(f" on {rig.name}")]:
-        for path, value in json.loads(action.get(SWITCHED, "{}")).items():
-            if action == now or _is_off(rig, path):
-                _set(rig, path, value)
+def _former(rig: bpy.types.Object) -> dict[str, float]:
+    """What influences that are nothing were before ours of its actions took them, by their paths.
+
+    That is kept on the rig, whatever it is called and has by then; a rig that got its action otherwise has it there.
+    """
+    action = None if rig.animation_data is None else rig.animation_data.action
+    noted: dict[str, float] = {}
+    for block in (one for one in (action, rig) if one is not None):
+        noted |= json.loads(block.get(SWITCHED, "{}"))
+    return {path: value for path, value in noted.items() if _is_off(rig, path)}
 
 
 def _is_off(rig: bpy.types.Object, path: str) -> bool:
@@ -124,6 +127,8 @@ def checked(
     place = np.array(world.inverted() @ rig.matrix_world)
     if not is_even(place):
         raise InputError(f"{rig.name} is mirrored or scaled unevenly; expected its scale applied, with Ctrl A")
+    if rig.hide_viewport:
+        raise InputError(f"{rig.name} is disabled in viewports; expected it enabled, in the Outliner")
     if rig.animation_data is not None and rig.animation_data.use_tweak_mode:
         raise InputError(f"a strip of {rig.name} is in tweak mode; expected you to leave that, with Tab in the editor")
     return bones, place
@@ -135,11 +140,13 @@ class KeptPose:
 
     channels  of each of the bones, the values of `BONE_CHANNELS`
     switched  bones with the paths of what is switched, what to, and from what
+    former    what influences that are nothing were before that, by their paths
     shown     its pose position
     """
 
     channels: dict[str, list]
     switched: list[tuple[str, str, float, float]]
+    former: dict[str, float]
     shown: str
 
     @classmethod
@@ -152,18 +159,24 @@ class KeptPose:
             for bone in bones
             for name in SWITCHES.keys() & bone.keys()
         ]
+        former = _former(rig)
         for bone in turned:
-            holding = (one for one in bones[bone].constraints if one.type in HOLDING)
-            for held in (one for one in holding if one.influence and not one.mute):
+            for held in (one for one in bones[bone].constraints if one.type in HOLDING and not one.mute):
                 path = held.path_from_id("influence")
-                if path not in driven and path.replace(".influence", ".mute") not in driven:
+                held_by = held.influence or path in former
+                if held_by and path not in driven and path.replace(".influence", ".mute") not in driven:
                     switched.append((bone, path, 0.0, held.influence))
-        return cls(channels, switched, rig.data.pose_position)
+        return cls(channels, switched, former, rig.data.pose_position)
+
+    @property
+    def noted(self) -> dict[str, float]:
+        """What is switched was before any action of ours, by its paths."""
+        return {path: self.former.get(path, before) for _, path, _, before in self.switched}
 
     def switch(self, rig: bpy.types.Object):
         """Switches the rig, and puts it in pose position."""
         rig.data.pose_position = "POSE"
-        for _, path, value, _ in self.switched:
+        for path, value in (self.former | {path: value for _, path, value, _ in self.switched}).items():
             _set(rig, path, value)
         rig.update_tag()
 
@@ -185,7 +198,7 @@ class KeptPose:
     def put_back(self, rig: bpy.types.Object):
         """Puts the rig back as it was; what else somebody posed meanwhile stays."""
         self.pose(rig, self.channels)
-        for _, path, _, value in self.switched:
+        for path, value in (dict.fromkeys(self.former, 0.0) | {one[1]: one[3] for one in self.switched}).items():
             _set(rig, path, value)
         rig.data.pose_position = self.shown
         rig.update_tag()
@@ -278,6 +291,7 @@ class ReadyRig:
             if bone != self.mover:
                 yield bone, "location", np.zeros((len(hips), 3))
             yield bone, *rotation_channel(self.modes[bone], np.tile(np.eye(3), (len(hips), 1, 1)))
+            yield bone, "scale", np.ones((len(hips), 3))
         for control in self.along:
             yield from control.channels(heads, turns, self.matrices[:, :3, 3])
 
@@ -355,7 +369,12 @@ def _without_action(rig: bpy.types.Object) -> Iterator[None]:
 @contextmanager
 def _alone(rig: bpy.types.Object) -> Iterator[bpy.types.ViewLayer]:
     """A view layer that has a rig, and of all else what moves it: none of the meshes that hang on it."""
-    scene = bpy.data.scenes.new(rig.name)
+    shown, scene = bpy.context.scene, bpy.data.scenes.new(rig.name)
+    scene.frame_current, scene.render.fps, scene.render.fps_base = (
+        shown.frame_current,
+        shown.render.fps,
+        shown.render.fps_base,
+    )
     try:
         scene.collection.objects.link(rig)
         yield scene.view_layers[0]

@@ -25,7 +25,7 @@ from . import armature as armatures
 from . import cameras as scene_cameras
 from . import markers as scene_markers
 from . import naming, ownership, storage
-from .animation import TakeActions
+from .animation import RATE_ROUNDING, TakeActions, retime
 from .body import add_body
 from .corrections import keep_edits, kept_text
 from .fills import FILL_PATHS, keep_cutoff, keep_fills
@@ -462,7 +462,7 @@ def fps_of(scene: bpy.types.Scene) -> float:
 
 def plays_at(scene: bpy.types.Scene, rate: float) -> bool:
     """Whether a scene has a rate, but for what Blender rounds."""
-    return math.isclose(fps_of(scene), rate, rel_tol=1e-4)
+    return math.isclose(fps_of(scene), rate, rel_tol=RATE_ROUNDING)
 
 
 def retimed(scene: bpy.types.Scene, rate: float, frames: np.ndarray) -> np.ndarray:
@@ -470,10 +470,15 @@ def retimed(scene: bpy.types.Scene, rate: float, frames: np.ndarray) -> np.ndarr
     return frames if plays_at(scene, rate) else frames[0] + (frames - frames[0]) * (fps_of(scene) / rate)
 
 
-def set_time(scene: bpy.types.Scene, rate: float, frames: np.ndarray):
-    """Makes the scene play the take: Blender's rate is a whole number over a base."""
+def set_time(scene: bpy.types.Scene, rate: float, frames: np.ndarray) -> list[str]:
+    """Makes the scene play the take: Blender's rate is a whole number over a base.
+
+    Rigs and characters keep their speed; the names of those that do not, because a person changed their keys.
+    """
     scene.render.fps = max(1, round(rate))
     scene.render.fps_base = scene.render.fps / rate
+    left = [item.name for item in scene.objects if not retime(item, fps_of(scene))]
     if len(frames):
         scene.frame_start, scene.frame_end = int(frames[0]), int(frames[-1])
         scene.frame_set(int(frames[0]))
+    return left

@@ -101,6 +101,28 @@ def test_in_a_scene_of_another_rate_a_rig_moves_at_its_own_speed(shown):
     np.testing.assert_allclose(*np.array(poses).reshape(2, 24, -1)[:, found], rtol=1e-4, atol=1e-4)
 
 
+def test_played_as_the_take_rigs_and_characters_keep_their_speed(shown, capfd):
+    scene, rig = bpy.context.scene, mixamo()
+    scene.render.fps, scene.render.fps_base = 24, 1
+    action = retargeted(rig)
+    assert bpy.ops.mocap_autolabel.add_character() == {"FINISHED"}
+    character = next(item for item in bpy.data.objects if item.name.startswith(f"{shown.name} character"))
+    first, last = (int(shown.motion.frames[end]) for end in (0, -1))
+    source = scene.mocap_autolabel.source
+    source.rate, source.first_frame, source.last_frame = shown.rate, first, last
+    assert action.frame_range[1] < last - 1
+    assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
+    for one in (action, character.animation_data.action):
+        np.testing.assert_allclose(one.frame_range, (first, last), atol=0.01)
+    assert ways_off(shown, rig, MIXAMO).max() < MOST_OFF
+    assert "the old rate is kept" not in capfd.readouterr().out
+    action.layers[0].strips[0].channelbags[0].fcurves[0].keyframe_points[0].co.y += 1  # by hand
+    source.rate = 30.0
+    assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
+    assert f"the old rate is kept by {rig.name}" in capfd.readouterr().out
+    assert action.frame_range[1] > character.animation_data.action.frame_range[1]
+
+
 def test_rest_poses_make_no_difference(shown):
     frames = shown.motion.frames[np.isfinite(shown.motion.joints).all(axis=(1, 2))]
     turns = []
@@ -203,6 +225,40 @@ def test_a_control_that_something_else_holds_stays_and_the_leg_moves(shown):
     assert ways_off(shown, rig, MIXAMO).max() < MOST_OFF
 
 
+def test_what_was_switched_is_known_whatever_a_rig_is_called(shown):
+    rig, solver, _ = leg_by_ik()
+    retargeted(rig)
+    copy, (other, theirs, _) = rig.copy(), leg_by_ik()
+    bpy.context.scene.collection.objects.link(copy)
+    name, rig.name = rig.name, "renamed"
+    other.name, theirs.influence = name, 0.0  # by a person
+    for one, known in ((rig, 1), (copy, 1), (other, 0)):
+        one.animation_data_create().action = None
+        assert json.loads(retargeted(one)["mocap_switched"]).get(solver.path_from_id("influence"), 0) == known
+
+
+def test_drivers_by_time_are_asked_at_the_frame_that_is_shown(shown):
+    rig = mixamo()
+    copied = rig.pose.bones[MIXAMO["shank.L"]].constraints.new("COPY_ROTATION")
+    copied.target, copied.subtarget = rig, MIXAMO["shank.R"]
+    copied.driver_add("influence").driver.expression = "1.0 if frame < 50 else 0.0"
+    retargeted(rig)
+    assert ways_off(shown, rig, MIXAMO).max() < MOST_OFF
+
+
+def test_an_override_of_a_linked_rig_is_moved(shown, tmp_path):
+    rig, path = mixamo(), str(tmp_path / "rig.blend")
+    name = rig.name
+    bpy.data.libraries.write(path, {rig})
+    bpy.data.objects.remove(rig)
+    with bpy.data.libraries.load(path, link=True) as (_, linked):
+        linked.objects = [name]
+    rig = linked.objects[0].override_create()
+    bpy.context.scene.collection.objects.link(rig)
+    retargeted(rig)
+    assert ways_off(shown, rig, MIXAMO).max() < MOST_OFF
+
+
 def box():
     """An object that a bone may be held by."""
     empty = bpy.data.objects.new("box", None)
@@ -286,6 +342,7 @@ def test_maps_of_other_add_ons_choose_the_bones(shown, tmp_path):
     ("change", "words"),
     [
         (lambda rig: setattr(rig, "scale", (1, 1, 2)), "expected its scale applied"),
+        (lambda rig: setattr(rig, "hide_viewport", True), "is disabled in viewports"),
         (lambda rig: rig.mocap_autolabel.bones.add(), "has no bone for hips"),
     ],
 )
@@ -314,6 +371,7 @@ def test_hips_connected_to_a_root_go_with_it(shown):
     assert bpy.context.mode == "POSE" and len(bpy.data.scenes) == 1
     bpy.ops.object.mode_set(mode="OBJECT")
     rig.pose.bones["root"].rotation_quaternion = 0.8, 0.6, 0, 0  # what the action says holds all the same
+    rig.pose.bones["root"].scale.y = 2
     assert action.layers[0].strips[0].channelbags[0].fcurves.find('pose.bones["root"].rotation_quaternion')
     other = mixamo()
     retargeted(other)
@@ -335,11 +393,11 @@ def test_what_hangs_on_a_rig_does_not_move_each_time_it_is_asked(shown):
 
 
 def test_a_rig_whose_hips_stay_is_refused_and_keeps_its_action(shown):
-    rig = mixamo()
-    bpy.context.view_layer.objects.active = rig
-    rig.pose.bones[MIXAMO["hips"]].constraints.new("LIMIT_LOCATION").use_min_x = True
-    held = rig.pose.bones[MIXAMO["hips"]].constraints[0]
-    held.use_max_x = True
-    rig.animation_data_create().action = own = bpy.data.actions.new("own")
+    rig, solver, _ = leg_by_ik()
+    retargeted(rig)
+    held = rig.pose.bones[MIXAMO["hips"]].constraints.new("LIMIT_LOCATION")
+    held.use_min_x = held.use_max_x = True
+    rig.animation_data.action = own = bpy.data.actions.new("own")
     refused("does not go where it is put; expected it without constraints", "retarget")
-    assert rig.animation_data.action == own and not own.use_fake_user and len(bpy.data.actions) == 2
+    assert rig.animation_data.action == own and not own.use_fake_user and len(bpy.data.actions) == 3
+    assert solver.influence == 0
