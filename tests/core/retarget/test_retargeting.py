@@ -104,13 +104,25 @@ def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot(squats):
     np.testing.assert_allclose(found[0][:40, toes], found[0][:40, feet], atol=0.02)
 
 
+@pytest.mark.parametrize("size", [1.0, 10.0])
+def test_toes_do_not_jump_where_who_is_on_them_goes_down_into_a_pit(squats, size):
+    character, (joints, rotations) = squats
+    down = -0.3 * np.clip((np.arange(120) - 30) / 60, 0, 1)
+    one = rig(size=size)
+    turns, _ = retarget(character, (joints + down[:, None, None] * [0, 0, 1], rotations), RATE, one, True, False)
+    feet, toes = (turns[:, [one.at[f"{part}.{side}"] for side in "LR"]] for part in ("foot", "toes"))
+    bent = np.degrees(np.arccos(np.clip((np.einsum("fsij,fsij->fs", feet, toes) - 1) / 2, -1, 1)))
+    assert np.abs(np.diff(bent, axis=0)).max() < 8
+    assert bent.max() > 30 and bent[90:].max() < 1
+
+
 def test_toes_bend_without_a_jump_until_the_foot_is_on_its_back():
     one, angle = rig(), np.linspace(0, 2 * np.pi, 721)
     turns = exponential(angle[:, None, None] * np.array([1.0, 0, 0]))[0].repeat(len(one.parts), axis=1)
     ball = one.heads[one.at["toes.L"]]
     hips = ball * (1, 1, 0.5) - turns[:, 0] @ (ball - one.heads[0])  # the ball stays, a little too low
     before = turns.copy()
-    _bend_toes(one, turns, hips, "L", 0.0)
+    _bend_toes(one, turns, hips, "L", 0.0, 1.0)
     bent = np.einsum("fij,fij->f", turns[:, one.at["toes.L"]], before[:, one.at["toes.L"]])
     bent = np.degrees(np.arccos(np.clip((bent - 1) / 2, -1, 1)))
     assert 85 < bent.max() <= 90.1
