@@ -48,6 +48,9 @@ NEEDS_CAMERA = unless(
 )
 
 
+AT_1 = once(BoolProperty, "Start at Frame 1", "Begin at frame 1 of the scene, and not at the number in the file")
+
+
 class ImportsFile(Ours, ImportHelper):
     """What the imports share: a file that was dropped, or named by a script, is read at once; else one is asked for.
 
@@ -110,7 +113,7 @@ class MOCAP_AUTOLABEL_OT_import_blobs(ImportsFile, bpy.types.Operator):
 class ReadsPoints:
     """What is asked of whoever reads 3D points: what is known of them better than from their file."""
 
-    at_1: once(BoolProperty, "Start at Frame 1", "Begin at frame 1 of the scene, and not at the number in the file")
+    at_1: AT_1
     up: once(EnumProperty, "Up", "The axis that points up in the 3D points", items=UP_ITEMS)
     rate: once(
         FloatProperty,
@@ -190,7 +193,7 @@ class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operato
             raise InputError(words, pictures[0])
         inside = len(pictures) == 1 and pictures[0].is_dir()
         where, files = pictures[0] if inside else pictures[0].parent, [] if inside else pictures
-        given = {"directory": str(where), "files": [{"name": path.name} for path in files]}
+        given = {"directory": str(where), "files": [{"name": path.name} for path in files], "at_1": self.at_1}
         try:
             bpy.ops.mocap_autolabel.find_blobs("INVOKE_DEFAULT", **given)
         except RuntimeError as error:

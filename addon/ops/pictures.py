@@ -25,7 +25,7 @@ from ..jobs.pictures import (
 from ..scene import cameras as scene_cameras
 from ..scene.pictures import blobs_of_clips, clip_of, lens_of
 from .base import Ours, once, unless
-from .importing import NEEDS_CAMERA, cameras_at_hand, lacks_cameras, look_who_is_there, take_blobs
+from .importing import AT_1, NEEDS_CAMERA, cameras_at_hand, lacks_cameras, look_who_is_there, take_blobs
 from .long_work import LongWork, nothing_goes_on
 
 BLOBS_ENDING = ".blobs.csv"
@@ -65,6 +65,7 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, LongWork, bpy.types.Operator):
 
     directory: StringProperty(subtype="DIR_PATH", options={"SKIP_SAVE", "HIDDEN"})
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"SKIP_SAVE", "HIDDEN"})
+    at_1: AT_1
     filter_movie: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
     filter_image: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
     filter_folder: bpy.props.BoolProperty(default=True, options={"HIDDEN"})
@@ -112,7 +113,7 @@ class MOCAP_AUTOLABEL_OT_find_blobs(CountsPixels, LongWork, bpy.types.Operator):
         return there
 
     def _show(self, context, made: dict):
-        _use(context, Path(made["out"]), made["rate"])
+        _use(context, Path(made["out"]), made["rate"], self.at_1)
         for words in made["notes"]:
             self.report({"WARNING"}, words)
         self.report(
@@ -185,8 +186,8 @@ def _is_of_camera(path: Path, names: tuple[str, ...] | list[str]) -> bool:
         return False
 
 
-def _use(context: bpy.types.Context, path: Path, rate: float | None):
-    """Makes a file of blobs the scene's take, at the rate of its pictures."""
+def _use(context: bpy.types.Context, path: Path, rate: float | None, at_1: bool = False):
+    """Makes a file of blobs the scene's take, at the rate of its pictures; it may begin at the scene's frame 1."""
     settings = context.scene.mocap_autolabel
     settings.source.rate = rate or settings.source.rate
-    take_blobs(context, path)
+    take_blobs(context, path, at_1)

@@ -161,8 +161,10 @@ def test_chosen_movies_are_written_beside_them(extension, empty, studio):
     folder, _ = studio
     bpy.ops.mocap_autolabel.import_cameras(filepath=str(folder / "room.toml"))
     chosen = [{"name": "left.mp4"}, {"name": "right.mp4"}]
-    assert bpy.ops.mocap_autolabel.find_blobs(directory=str(folder / "movies"), files=chosen) == {"FINISHED"}
-    assert Path(empty.scene.mocap_autolabel.source.blobs_path) == folder / "movies" / "left.blobs.csv"
+    given = {"directory": str(folder / "movies"), "files": chosen, "at_1": True}
+    assert bpy.ops.mocap_autolabel.import_take(**given) == {"FINISHED"}
+    source = empty.scene.mocap_autolabel.source
+    assert Path(source.blobs_path) == folder / "movies" / "left.blobs.csv" and source.at_1
 
 
 def test_what_was_undone_meanwhile_is_opened_again(empty, studio):
