@@ -6,7 +6,6 @@ results/bodies.json; needs `bpy` with its Rigify.
 """
 
 from collections.abc import Callable, Iterator
-from itertools import pairwise
 
 import bpy
 import numpy as np
@@ -154,7 +153,7 @@ def switch_to_ik(rig: bpy.types.Object):
 def followed(
     take: people.Take, character: Character, body: np.ndarray, rig: bpy.types.Object, matched: dict[str, str]
 ) -> list[str]:
-    """How a rig follows a body's joints (F, J, 3): angles of limbs, planted feet, toes, hips' way, turns."""
+    """How a rig follows a body's joints (F, J, 3): angles of limbs, planted feet, toes, turns."""
     bones = matched
     if "torso" in matched.values():
         bones = {part: MOVED.get(bone, "ORG-" + bone.replace("_fk", "")) for part, bone in matched.items()}
@@ -167,7 +166,6 @@ def followed(
         tips[frame] = [
             (world @ rig.pose.bones[toe].tail).z - (world @ rig.data.bones[toe].tail_local).z for toe in toes
         ]
-    rest = {part: np.array(world @ rig.data.bones[bones[part]].matrix_local)[None, :3, 3] for part in parts}
     theirs = {part: posed[:, at, :3, 3] for at, part in enumerate(parts)}
     ours = {part: body[:, character.names.index(part)] for part in parts}
     angles: dict[str, list[np.ndarray]] = {"arm": [], "leg": []}
@@ -177,9 +175,6 @@ def followed(
             ways = [way / np.linalg.norm(way, axis=1, keepdims=True) for way in ways]
             off = np.degrees(np.arccos(np.clip((ways[0] * ways[1]).sum(axis=1), -1, 1)))
             angles["arm" if "arm" in begin else "leg"].append(off[found])
-    scale = np.divide(*(leg_of(places) for places in (rest, ours)))  # by IK a leg may stretch
-    hips = [(places["thigh.L"] + places["thigh.R"]) / 2 for places in (theirs, ours)]
-    off = hips[0] - scale * hips[1]
     planted = [theirs[f"toes.{side}"][first:end] for side in "LR" for first, end in plants(take, side)]
     slips = np.concatenate([np.linalg.norm((path - np.nanmedian(path, axis=0))[:, :2], axis=1) for path in planted])
     axes = posed[..., :3, :3]
@@ -188,15 +183,8 @@ def followed(
         *quantiles(np.concatenate(angles["leg"])),
         *quantiles(1000 * slips),
         f"{100 * (tips[found] < -0.01).mean():.1f}",
-        f"{1000 * np.nanmax(np.linalg.norm(off - np.nanmedian(off, axis=0), axis=1)):.1f}",
         f"{largest_turn(axes / np.linalg.norm(axes, axis=-2, keepdims=True)):.0f}",
     ]
-
-
-def leg_of(places: dict[str, np.ndarray]) -> float:
-    """M, how long legs are."""
-    ends = [np.stack([places[f"{part}.{side}"] for side in "LR"]) for part in ("thigh", "shank", "foot")]
-    return float(sum(np.nanmedian(np.linalg.norm(end - begin, axis=2)) for begin, end in pairwise(ends)))
 
 
 def main():
@@ -219,8 +207,7 @@ def main():
     head += ["largest turn, °", "from its markers, mm", "from them at 99 %, mm"]
     print(markdown(head, floor), flush=True)
     head = ["take", "rig", "arms off, °", "arms at 99 %, °", "legs off, °", "legs at 99 %, °"]
-    head += ["planted feet off, mm", "feet at 99 %, mm", "toes 10 mm in the floor, %", "hips' way off, mm"]
-    head += ["largest turn, °"]
+    head += ["planted feet off, mm", "feet at 99 %, mm", "toes 10 mm in the floor, %", "largest turn, °"]
     print(markdown(head, rigs))
 
 
