@@ -84,7 +84,7 @@ def retarget_take(
         animation.key(bag, path, frames[:1], np.array([[value]]), bone)
     action[SWITCHED] = rig[SWITCHED] = json.dumps(ready.before.noted)
     animation.note_time(action, fps_of(context.scene), body.frames[0])
-    sign(action, _role(rig, stored.name), collection)
+    sign(action, _role(rig.name, stored.name), collection)
     context.scene.frame_set(context.scene.frame_current)
     return action
 
@@ -331,8 +331,8 @@ def _set(rig: bpy.types.Object, path: str, value: float):
         setattr(owner, name, value)
 
 
-def _role(rig: bpy.types.Object, name: str) -> str:
-    return f"{name} on {rig.name}"
+def _role(rig: str, name: str) -> str:
+    return f"{name} on {rig}"
 
 
 def _own_action(rig: bpy.types.Object, collection: bpy.types.Collection, name: str) -> bpy.types.Action:
@@ -340,7 +340,9 @@ def _own_action(rig: bpy.types.Object, collection: bpy.types.Collection, name: s
     data = rig.animation_data_create()
     former, called = data.action, f"{name} retargeted"
     for one in [one for one in bpy.data.actions if is_made_for(one, collection)]:
-        if role_of(one).endswith(f"\n{_role(rig, name)}") and is_untouched(one) and one.slots:
+        role = role_of(one)
+        renamed = one == former and f"\n{_role('', name)}" in role  # the rig since then
+        if (renamed or role.endswith(f"\n{_role(rig.name, name)}")) and is_untouched(one) and one.slots:
             data.action, data.action_slot = one, one.slots[0]
             if one.users == 1 + one.use_fake_user and is_keyed_by_us(rig):
                 former = None if former == one else former

@@ -231,6 +231,9 @@ def test_what_was_switched_is_known_whatever_a_rig_is_called(shown):
     copy, (other, theirs, _) = rig.copy(), leg_by_ik()
     bpy.context.scene.collection.objects.link(copy)
     name, rig.name = rig.name, "renamed"
+    copy.animation_data.action = None
+    retargeted(rig)
+    assert len([one for one in bpy.data.actions if "retargeted" in one.name]) == 1
     other.name, theirs.influence = name, 0.0  # by a person
     for one, known in ((rig, 1), (copy, 1), (other, 0)):
         one.animation_data_create().action = None
