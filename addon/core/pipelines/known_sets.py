@@ -39,7 +39,7 @@ from ..points.refusals import REFUSAL, UnsuitedError, far_groups, points_at_a_ti
 from ..points.tracklets import cut
 from ..points.whole_take.objective import OBJECTIVE, Objective, usual_fit
 from ..points.whole_take.pipeline import PointOptions, as_a_whole, begins, label_take, name_frames, refuse_solved
-from ..points.whole_take.solving import solve_take
+from ..points.whole_take.solving import MARGINS, solve_take
 
 HOW_TO_TURN = "by --up"  # on the command line; Blender puts words of its sidebar there
 FRAMES_TRIED = 12  # that say which is likeliest: memory and time
@@ -115,7 +115,6 @@ class WornOptions:
     # times its markers that are worn beside it: 0.1 at most with props, 0.4 at least where another set is worn that
     # nobody knows
     max_beside: float = 0.3  # measured
-    there: float = 3.0  # measured: log odds of a marker that is worn to be there: gaps are 2 to 7 % of recorded takes
 
 
 WORN = WornOptions()
@@ -127,7 +126,7 @@ class FittingSet:
 
     model: Model
     marker: np.ndarray  # (T, L) the name of each, NO_MARKER where it has none
-    odds: np.ndarray  # (T, L) log odds of the names, NaN where the take is not solved as a whole
+    odds: np.ndarray  # (T, L) log odds of the names, what one may know where the take is not solved as a whole
     beside: float  # times its markers that are always there beside them
     refused: bool = False  # whether the take would be
 
@@ -149,12 +148,12 @@ class FittingSet:
         alike = one & two & (other._called_as(self.model.markerset)[other.marker] == self.marker)
         if ((one | two) & ~alike).sum() < REFUSAL.min_half * len(one):
             return bool((~self.there).sum() < (~other.there).sum())
-        lead = np.nansum((self.odds - other.odds)[one & two & ~alike])
-        lead += np.nansum((self.odds - OBJECTIVE.max_marker)[one & ~two])
-        lead -= np.nansum((other.odds - OBJECTIVE.max_marker)[two & ~one])
-        lead += WORN.there * (one.sum() - two.sum())
-        more = WORN.there * (len(other.model.markerset) - len(self.model.markerset))
-        return bool(lead / len(one) + more > OBJECTIVE.max_marker)
+        return self._worth(one & ~alike) - other._worth(two & ~alike) > OBJECTIVE.max_marker
+
+    def _worth(self, own: np.ndarray) -> float:
+        """Log odds a frame of its names of some points (T, L), and of the markers that are not there."""
+        named = (self.odds[own] - OBJECTIVE.max_marker + MARGINS.there).sum() / len(own)
+        return float(named - MARGINS.there * len(self.model.markerset))
 
     def _called_as(self, other: MarkerSet) -> np.ndarray:
         """(M,) which marker of another set each marker is by its names, NO_MARKER for none."""
@@ -248,7 +247,7 @@ def _fitting(take: Points, tracklet: np.ndarray, model: Model) -> Steps[FittingS
     except JobError:
         refused = True
     if solution is None:
-        return FittingSet(model, verdict.labels.marker, np.full(tracklet.shape, np.nan), 0.0, refused)
+        return FittingSet(model, verdict.labels.marker, np.full(tracklet.shape, OBJECTIVE.max_marker), 0.0, refused)
     tracklets, marker = solution.tracklets, solution.marker
     objective = Objective(take.xyz, tracklets, frames.model, take.rate)
     odds = objective.of(marker).odds * objective.weight / tracklets.count

@@ -271,16 +271,18 @@ def test_names_that_some_poses_contradict_are_a_question(model, markers):
     assert {one, other} in [{question.one, question.other} for question in questions]
 
 
-def test_what_a_ghost_bears_out_itself_is_not_said_of_a_marker_that_is_not_there(model, markers):
+@pytest.mark.parametrize(("frames", "heard", "targets"), [(80, False, (0.9, 0.999)), (15, True, (0.999,))])
+def test_a_ghost_is_no_marker_that_is_not_there(model, markers, frames, heard, targets):
+    """It bears itself out, and frames may hear of it; but a marker that is worn is there for longer."""
     hidden = model.markerset.markers.index("LKNE")
     points, whose = pieces(np.where(np.arange(markers.shape[1])[:, None] == hidden, np.nan, markers))
     ghost = np.full((FRAMES, 1, 3), np.nan)
-    ghost[100:180, 0] = markers[100:180, hidden] + [0.01, 0.0, 0.01]
-    points, whose = np.concatenate([points, ghost], axis=1), np.r_[whose, NO_MARKER]
+    ghost[100 : 100 + frames, 0] = markers[100 : 100 + frames, hidden] + [0.01, 0.0, 0.01]
+    points, whose = np.concatenate([points, ghost], axis=1), np.r_[whose, hidden if heard else NO_MARKER]
     named = said(points, whose, whose >= 0)
     solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
     assert hidden in solution.marker
-    for target in (0.9, 0.999):
+    for target in targets:
         labels = labels_of(solution, named, target, model.markerset.markers).labels
         assert (labels.marker[:, -1] == NO_MARKER).all()
 
