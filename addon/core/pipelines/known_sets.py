@@ -6,14 +6,13 @@ A set may be worn where nearly all of its markers are there. Of two such, A lead
     sum_i (a_i - b_i) + sum_A (a_i - e) - sum_B (b_i - e) + h (hidden_B - hidden_A)
 
 a_i, b_i  log odds of the names that A and B give to a point of one frame, given all their others
-i         the points to which both give names, and not the same: what both call the same tells of labs, not of sets
-A, B      the points to which only one of them gives a name, which must bring e: else it is a marker that no set has
+i         the points that both name, and not the same: what both call the same tells of labs, not of sets
+A, B      the points that only one of them names, which must bring e: else it is a marker that no set has
 hidden    markers that are not there in a frame; h are the log odds of a marker that is worn to be there
 
-e is what the point of one marker may know, and a set that another leads by more than that is out. Sets that name the
-same points alike differ in what is not there alone: the one that lacks less is worn. The set that is left is worn if a
-take in it is not refused, and few markers are beside it; where more are left nobody knows. A set with which the take is
-refused puts no other out, but makes it unsure.
+e is what the point of one marker may know; a set that another leads by more is out. Of sets that name the same points
+alike the one that lacks less is worn. The one that is left is worn if a take of it is not refused, and little is beside
+it; where more are left nobody knows. A set with which the take is refused puts no other out, but makes it unsure.
 
 A take that is refused may be of a model with another axis up: what single frames say shows which is likeliest, and a
 part of the take whether it would be named so. Or it is of another model that is known.
@@ -63,9 +62,12 @@ def misfit_of(
     model, axis = max(each, key=lambda one: worth_of(one[0], asked @ turns[one[1]].T))
     part = middle_of(take)
     turned = replace(part, xyz=part.xyz @ turns[axis].T)
-    if worth_of(model, asked @ turns[axis].T) > worth_of(model, asked) and (yield from _suits(turned, model, options)):
-        words = f"stands with {axis} up, as which it looks like a take of model {model.markerset.name}"
-        return UnsuitedError(f"{words}; expected that axis to be given, {HOW_TO_TURN} {axis}")
+    if worth_of(model, asked @ turns[axis].T) > worth_of(model, asked):
+        with suppress(JobError):
+            tried = PointOptions(options.method, options.target, traced=True)
+            yield from within(label_take(turned, model, tried), 1.0, 1.0, f"try {model.markerset.name}")
+            words = f"stands with {axis} up, as which it looks like a take of model {model.markerset.name}"
+            return UnsuitedError(f"{words}; expected that axis to be given, {HOW_TO_TURN} {axis}")
     _, likely = yield from set_worn(take, others)
     suited = f"; it looks like a take of {' or '.join(one.markerset.name for one in likely)}" if likely else ""
     return UnsuitedError(error.message + suited)
@@ -89,16 +91,6 @@ def middle_of(take: Points) -> Points:
     first = take.first_frame + rows.start
     lanes = None if take.lanes is None else take.lanes.between(rows.start, rows.stop)
     return replace(take, xyz=take.xyz[rows], residual=take.residual[rows], first_frame=first, lanes=lanes)
-
-
-def _suits(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, bool]:
-    """Whether a take would be named by a model."""
-    tried = PointOptions(options.method, options.target, traced=True)
-    try:
-        yield from within(label_take(take, model, tried), 1.0, 1.0, f"try {model.markerset.name}")
-    except JobError:
-        return False
-    return True
 
 
 HOW_TO_CHOOSE = "by --model"  # on the command line; Blender puts words of its sidebar there
@@ -157,9 +149,9 @@ class FittingSet:
 
     def _called_as(self, other: MarkerSet) -> np.ndarray:
         """(M,) which marker of another set each marker is by its names, NO_MARKER for none."""
-        own, known = self.model.markerset, other.by_name
-        names = [{name, *(alias for alias, meant in own.aliases.items() if meant == name)} for name in own.markers]
-        return np.array([next((known[one] for one in some if one in known), NO_MARKER) for some in names])
+        own, known = self.model.markerset.by_name, other.by_name
+        same = {own[name]: known[name] for name in own if name in known}
+        return np.array([same.get(marker, NO_MARKER) for marker in range(len(self.there))])
 
 
 def model_worn(
@@ -241,11 +233,10 @@ def _fitting(take: Points, tracklet: np.ndarray, model: Model) -> Steps[FittingS
             return None  # a search takes longest where a set is another
         solution = solution if solution.crowd else None  # in which there is no search
     solution, verdict = yield from as_a_whole(frames, replace(options, force=True), solution)
-    refused = False
-    try:
+    refused = True
+    with suppress(JobError):
         refuse_solved(frames, solution, verdict.labels)
-    except JobError:
-        refused = True
+        refused = False
     if solution is None:
         return FittingSet(model, verdict.labels.marker, np.full(tracklet.shape, OBJECTIVE.max_marker), 0.0, refused)
     tracklets, marker = solution.tracklets, solution.marker

@@ -244,11 +244,9 @@ class _Solving:
         """
         tracklets, coverage = self.tracklets, self.objective.coverage(own)[own]
         of_seldom = (own != NO_MARKER) & (coverage < REFUSAL.min_half) & (tracklets.held == NO_MARKER)
-        some = np.flatnonzero(of_seldom)
-        less = MARGINS.there - np.log(coverage[some] / (1 - coverage[some]))
-        margin = np.full(len(own), np.inf)
-        margin[some] = tracklets.votes[some, own[some]] - less
-        return margin
+        there = np.where(of_seldom, coverage, REFUSAL.min_half)
+        less = MARGINS.there - np.log(there / (1 - there))
+        return np.where(of_seldom, tracklets.votes[np.arange(len(own)), own] - less, np.inf)
 
     def _lonely(self, own: np.ndarray, search: Search) -> np.ndarray:
         """(N,) True for names (N,) of markers of whose nearest none is there at the time, mostly.
