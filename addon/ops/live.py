@@ -158,7 +158,7 @@ class WatchedStream:
             if self._begins is not body.begins:  # another subject's bones
                 self._character = character_of(self.worn.skeleton.segments, body.begins, body.ends)
                 self._begins = body.begins
-            self._rig = self._rig or MovedRig(context, rig, self._character)
+            self._rig = self._rig or MovedRig(rig, self._character)
             self._rig.move(rig, self._character, body.joints, body.rotations)
         except UserError as error:
             self._trouble = f"; {written(str(error))}"

@@ -16,9 +16,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ...data.lanes import PACKING, blocks
-from ...data.made import Made
+from ...data.made import IN_MEMORY, Made, MakeTable
 from ...data.progress import Progress, Stage, Steps, in_stages
-from ...data.room import IN_MEMORY, MakeTable
 from ...data.takes import Labels, Points, Suspect, Verdict
 from ...edits.applying import AppliedEdits, apply_edits, cells_of_take
 from ...edits.kinds import NO_EDITS, Edits
