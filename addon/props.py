@@ -134,6 +134,16 @@ class WearsMarkers:
     markerset_path: StringProperty(name="File", description="A *.markerset.json file", subtype="FILE_PATH")
 
 
+def live_rig():
+    """A property: whose motion a stream gives to an armature of the user's."""
+    return PointerProperty(
+        name="Rig",
+        description="Your own armature that moves as the body does while the stream goes on, and then is as it was",
+        type=bpy.types.Object,
+        poll=lambda _, item: is_rig(item),
+    )
+
+
 class PerformerRow(WearsMarkers, bpy.types.PropertyGroup):
     """Somebody who is asked for by `name`, which their markers are called by."""
 
@@ -147,6 +157,7 @@ class PerformerRow(WearsMarkers, bpy.types.PropertyGroup):
         default=usual_colour(0),
         update=_colour_changed,
     )
+    rig: live_rig()
 
 
 class SourceSettings(bpy.types.PropertyGroup):
@@ -310,12 +321,7 @@ class LiveSettings(bpy.types.PropertyGroup):
     folder: StringProperty(
         name="Recordings", description="The folder that Record writes into, empty to watch only", subtype="DIR_PATH"
     )
-    rig: PointerProperty(
-        name="Rig",
-        description="Your own armature that moves as the body does while the stream goes on, and then is as it was",
-        type=bpy.types.Object,
-        poll=lambda _, item: is_rig(item),
-    )
+    rig: live_rig()
 
 
 class FillingSettings(bpy.types.PropertyGroup):

@@ -86,11 +86,11 @@ COSTS = {
     "name": (0, 1),
     "learn": (0, 0),
     "name again": (0, 0),
-    "vote": (10, 0.3),
+    "vote": (100, 0.1),
     "hear": (0, 0),
     "vote again": (0, 0),
-    "pose": (18, 0.12),
-    "write": (5, 0.03),
+    "pose": (100, 0.75),
+    "write": (50, 0.2),
 }
 COST_OF_LEARNING = 6.0  # times that each frame is named in which the subject of frames in no order is learned
 
