@@ -134,6 +134,16 @@ class WearsMarkers:
     markerset_path: StringProperty(name="File", description="A *.markerset.json file", subtype="FILE_PATH")
 
 
+def live_rig():
+    """A property: whose motion a stream gives to an armature of the user's."""
+    return PointerProperty(
+        name="Rig",
+        description="Your own armature that moves as the body does while the stream goes on, and then is as it was",
+        type=bpy.types.Object,
+        poll=lambda _, item: is_rig(item),
+    )
+
+
 class PerformerRow(WearsMarkers, bpy.types.PropertyGroup):
     """Somebody who is asked for by `name`, which their markers are called by."""
 
@@ -147,6 +157,7 @@ class PerformerRow(WearsMarkers, bpy.types.PropertyGroup):
         default=usual_colour(0),
         update=_colour_changed,
     )
+    rig: live_rig()
 
 
 class SourceSettings(bpy.types.PropertyGroup):
@@ -171,6 +182,7 @@ class SourceSettings(bpy.types.PropertyGroup):
     )
     forced: BoolProperty(name="Regardless", description="Whether names are wanted whatever is wrong with the take")
     preview: PointerProperty(type=bpy.types.Mesh)
+    at_1: BoolProperty(name="Start at Frame 1", description="Whether frame 1 of the scene is the take's first one")
     first_frame: IntProperty(name="First", description="First frame of the take")
     last_frame: IntProperty(name="Last", description="Last frame of the take")
     blob_count: IntProperty(name="Blobs", description="Number of blobs or points")
@@ -309,12 +321,7 @@ class LiveSettings(bpy.types.PropertyGroup):
     folder: StringProperty(
         name="Recordings", description="The folder that Record writes into, empty to watch only", subtype="DIR_PATH"
     )
-    rig: PointerProperty(
-        name="Rig",
-        description="Your own armature that moves as the body does while the stream goes on, and then is as it was",
-        type=bpy.types.Object,
-        poll=lambda _, item: is_rig(item),
-    )
+    rig: live_rig()
 
 
 class FillingSettings(bpy.types.PropertyGroup):

@@ -5,6 +5,7 @@ Every verb has a file here with `add_parser`; this one turns whatever happens in
 """
 
 import sys
+from pathlib import Path
 
 from ..io.scratch import take_away_own
 from .console import as_trouble, complain, open_streams, stoppable, telling
@@ -43,8 +44,8 @@ def main(argv: list[str] | None = None) -> int:
 def _run(argv: list[str]) -> int:
     if argv == [SERVE]:
         return serve(main)
-    if argv[:2] == [HANDED, "--result"]:
-        return run_work(argv[2:])
+    if len(argv) == 3 and argv[0] == HANDED:
+        return run_work(*map(Path, argv[1:]))
     with uncollected():
         arguments = build_parser(argv).parse_args(argv)
     return arguments.run(arguments)

@@ -12,10 +12,9 @@ from ..io.cameras import write_cameras
 from ..io.markersets import open_markerset
 from ..io.whole import check_targets, whole_file
 from ..jobs.job import PAGE
-from ..scoring import compare
 from .arguments import add_options
 from .console import ProgressLine, print_results
-from .evaluate import as_lines, as_result, percent
+from .evaluate import as_lines, as_result, compare, percent
 
 DESCRIPTION = """Labels a take that the project makes by itself: a virtual person in a virtual room of eight cameras,
 with noise, occlusion, merged blobs and ghosts. Prints how right the labels are, and writes everything to DIR: the

@@ -14,8 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from ..core.data.errors import JobError, UserError
 from ..core.points.several.live import solved_of_several
-from ..core.points.whole_take.live import SLOW_S, Window, WindowNames, solved_window, subject_in
-from ..io.models import open_model
+from ..core.points.whole_take.live import Window, WindowNames, is_slow, solved_window, subject_in
 from ..io.scratch import scratch_folder
 from ..jobs.live import LiveJob, name_stream
 from .arguments import add_options, job_of, number
@@ -111,7 +110,7 @@ class SolverProcess:
     """A process beside this one that solves windows; use it as a context manager."""
 
     def __init__(self, scratch: Path, job: LiveJob, posed: bool = False):
-        """Starts it; where a body is `posed` it also says whose names they are."""
+        """Starts it; where bodies are `posed` it also says whose names they are."""
         self.worker, self.work = Worker(scratch), partial(solved, job, posed)
 
     def __enter__(self):
@@ -143,9 +142,11 @@ def solved(job: LiveJob, posed: bool, window: Window) -> WindowNames:
     """What the process beside does with a window."""
     begin = time.perf_counter()
     with threadpool_limits(1, user_api="blas"):
-        if job.several:
-            return solved_of_several(job.worn.subjects, window)
-        model = open_model(job.model)
-        names = solved_window(model, window)
-        names = replace(names, slow=time.perf_counter() - begin > SLOW_S)
-        return replace(names, subject=subject_in(model, window, names)) if posed else names
+        worn = job.worn
+        models = [one.model for one in worn.subjects]
+        names = solved_of_several(worn.subjects, window) if job.several else solved_window(models[0], window)
+        names = replace(names, slow=is_slow(window, time.perf_counter() - begin))
+        if not posed:
+            return names
+        own = zip(models, worn.firsts, strict=True)
+        return replace(names, subjects=tuple(subject_in(model, window, names.marker - first) for model, first in own))

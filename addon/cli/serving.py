@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A process that works for another: command lines come to it one after the other, so that it starts up once.
+"""A process that works for another: work comes to it one after the other, so that it starts up once.
 
-Each comes as a line of JSON on standard input, and has one as its answer on standard output, where Blender may write
-too. The command `work` does what a window, or another process, hands over in a file, and tells how far it is.
+Each comes as a command line, a line of JSON on standard input, and has one as its answer on standard output, where
+Blender may write too. The command `work` does what another process hands over in a file, and tells how far it is.
 """
 
 import gc
@@ -81,7 +81,7 @@ def load_labelling():
 
 
 SERVE = "serve"  # the word that makes a process one
-HANDED = "work"  # the word of a command that only such a process gets: work --result FILE PARCEL
+HANDED = "work"  # the word of a command that only such a process gets: work RESULT PARCEL
 ANSWER = "mocap-autolabel answers: "  # which an answer begins with
 SHARE = "mocap-autolabel has done: "  # which the share that is done begins with
 PATIENCE = 10.0  # s, in which what is stopped may clean up
@@ -148,14 +148,14 @@ def _looking_out() -> Iterator[None]:
         signal.setitimer(signal.ITIMER_REAL, 0)
 
 
-def run_work(argv: list[str]) -> int:
+def run_work(result: Path, parcel: Path) -> int:
     """Does the work of a parcel, a function with what it is given; what it returns, or its trouble, goes into another.
 
-    Where that is a generator it is stepped to its end, and the share that it yields is told on standard output.
+    Where that is a generator it is stepped to its end, and the share that it yields is told on standard output. An exit
+    status that it returns is that of this command.
     """
     from .parcels import read_parcel, write_parcel
 
-    result, parcel = map(Path, argv)
     told = 0.0
 
     def tell(step: Progress | float):
@@ -178,4 +178,4 @@ def run_work(argv: list[str]) -> int:
     except UserError as error:
         outcome = error
     write_parcel(result, outcome)
-    return 0
+    return outcome if isinstance(outcome, int) else 0

@@ -14,15 +14,12 @@ from ..core.evaluation.comparing import difference_lines
 from ..core.papers.partial_solvers.training import SEARCHES
 from ..core.points.likelihood.learn import TrialOutcome, TrialWork, in_turn, tried
 from ..io.markersets import SUFFIX
-from ..io.scratch import scratch_folder
 from ..jobs.models import system_user
 from ..jobs.train import TrainJob, train_file
 from ..jobs.training_takes import KnownBetter
 from .arguments import a_model, add_options, job_of, names, number, whole
 from .console import ProgressLine, print_results
 from .models import SHOWN_DIGITS
-from .parcels import write_parcel
-from .serving import HANDED
 from .workers import crew
 
 # How many processes try, where nobody says.
@@ -47,19 +44,15 @@ def try_in(jobs: int | None, works: Sequence[TrialWork]) -> Iterator[TrialOutcom
 
 def _tried_side_by_side(works: Sequence[TrialWork], jobs: int) -> Iterator[TrialOutcome]:
     """The outcomes in the order of the trials, each as soon as all before it are there too."""
-    with scratch_folder() as scratch:
-        paths = [scratch / f"{number}.trial" for number in range(len(works))]
-        for path, work in zip(paths, works, strict=True):
-            write_parcel(path, partial(_tried, work))
-        found, given = {}, 0
-        with crew(min(jobs, len(works))) as run:
-            for number, answer in run([[HANDED, str(path)] for path in paths]):
-                if isinstance(answer, UserError):
-                    raise type(answer)(f"a trial could not be made: {answer.message}")
-                found[number] = answer
-                while given in found:
-                    yield found.pop(given)
-                    given += 1
+    found, given = {}, 0
+    with crew(min(jobs, len(works))) as run:
+        for number, answer in run(partial(_tried, work) for work in works):
+            if isinstance(answer, UserError):
+                raise type(answer)(f"a trial could not be made: {answer.message}")
+            found[number] = answer
+            while given in found:
+                yield found.pop(given)
+                given += 1
 
 
 DESCRIPTION = """Makes a model from labelled takes (.c3d, .trc, Motive .csv) of people, animals or props: its markers, a
@@ -187,9 +180,10 @@ def as_lines(report: dict) -> list[str]:
     many = len(report["subjects"])
     counts = f"{len(report['markers'])} markers, {many} {'subject' if many == 1 else 'subjects'}, "
     counts += f"{frames} {'frame' if frames == 1 else 'frames'}"
+    former = f"; the one before is kept as {Path(report['former']).name}" if report["former"] else ""
     lines = [
         f"{report['written']}: {counts}, {seconds:.0f} s",
-        f"version             {report['model_version']}, {report['model_fingerprint'][:SHOWN_DIGITS]}{_former(report)}",
+        f"version             {report['model_version']}, {report['model_fingerprint'][:SHOWN_DIGITS]}{former}",
         f"body                {len(segments)} segments, {report['body']['how']}",
     ]
     if report["ensemble"]:
@@ -199,8 +193,3 @@ def as_lines(report: dict) -> list[str]:
         lines += [f"check               {line}" for line in difference_lines(report["check"])]
         lines += [f"worse               {line}" for line in report["check"]["worse"]]
     return [*lines, *(f"doubtful            {doubt}" for doubt in report["doubts"])]
-
-
-def _former(report: dict) -> str:
-    """Where the version before is."""
-    return f"; the one before is kept as {Path(report['former']).name}" if report["former"] else ""

@@ -16,16 +16,15 @@ from itertools import count
 from pathlib import Path
 from typing import IO, Any, cast
 
-from ..core.data.errors import InputError, JobError, UserError
+from ..core.data.errors import InputError, JobError
 from ..io.scratch import naming_scratch, scratch_folder
-from ..io.source import read_bytes
 from .parcels import read_parcel, write_parcel
 from .serving import ANSWER, HANDED, PATIENCE, POLL, SERVE, SHARE
 
-Answers = Generator[tuple[int, dict | UserError], None, None]  # the number of each command line, and what came of it
+Answers = Generator[tuple[int, Any], None, None]  # the number of each work, and what came of it, such as trouble
 ROOT = Path(__file__).resolve().parents[2]
 EXTENSION = "mocap_autolabel"
-NO_MORE = object()  # of the command lines
+NO_MORE = object()  # of the works
 FILES = count()  # in scratch folders, that no two have one name
 HEAR_S = 0.02  # s between two looks at what processes have said
 # Opens the package from where it lies, whatever it is called and wherever it was installed.
@@ -42,14 +41,16 @@ sys.exit(main(sys.argv[3:]))
 
 
 class Worker:
-    """A process that takes one command after the other; `share` of the last is done, as far as it tells.
+    """A process that does one work after the other; `share` of the last is done, as far as it tells.
 
-    `line` is that command, empty before the first; `busy` whether it is at work.
+    `busy` is whether it is at work, `hint` what else is said where it is killed.
     """
 
-    def __init__(self, scratch: Path):
+    result: Path | None = None  # where what comes of the last work will be
+
+    def __init__(self, scratch: Path, hint: str = ""):
         """Starts it; JobError where there can be none."""
-        self.scratch, self.share, self.line, self.busy = scratch, 0.0, [], False
+        self.scratch, self.share, self.hint, self.busy = scratch, 0.0, hint, False
         name = scratch / str(next(FILES))
         self.said, self.errors = name.with_suffix(".stdout"), name.with_suffix(".stderr")
         self._read, self._rest = 0, b""
@@ -69,22 +70,17 @@ class Worker:
                 raise JobError(f"no process can be started for it ({reason}); expected fewer --jobs") from None
         self.pipe = cast("IO[bytes]", self.process.stdin)
 
-    def begin(self, line: list[str]):
-        """Sends it a command line, which leaves its result in a file; what comes of it is there to be looked at."""
-        self.line, self.busy, self.share = line, True, 0.0
-        self.result = self.scratch / f"{next(FILES)}.result"
-        with suppress(OSError):  # that it is gone shows where it would have answered
-            self.pipe.write(json.dumps([line[0], "--result", str(self.result), *line[1:]]).encode() + b"\n")
-            self.pipe.flush()
-
     def hand(self, work: Callable):
         """Hands it a function of ours with what it is given; what that returns, which is not None, is looked at."""
-        parcel = self.scratch / f"{next(FILES)}.parcel"
+        self.busy, self.share = True, 0.0
+        parcel, self.result = (self.scratch / f"{next(FILES)}.{kind}" for kind in ("parcel", "result"))
         write_parcel(parcel, work)
-        self.begin([HANDED, str(parcel)])
+        with suppress(OSError):  # that it is gone shows where it would have answered
+            self.pipe.write(json.dumps([HANDED, str(self.result), str(parcel)]).encode() + b"\n")
+            self.pipe.flush()
 
     def look(self) -> Any:
-        """What came of the command line, or how the process ended where that is all; None while it is at work."""
+        """What came of the work, or how the process ended where that is all; None while it is at work."""
         ended = self.process.poll() is not None  # before what it said is read
         with self.said.open("rb") as file:
             file.seek(self._read)
@@ -101,29 +97,28 @@ class Worker:
         return None
 
     def _answer(self, status: int, errors: str) -> Any:
-        """What came of a command line, or why nothing did, by its exit status and what it said on standard error."""
-        self.busy, handed = False, self.line[0] == HANDED
-        if status == 0 and self.result.is_file():
-            found = read_parcel(self.result) if handed else json.loads(read_bytes(self.result))
+        """What came of the work, or why nothing did, by its exit status and what it said on standard error."""
+        self.busy = False
+        if status == 0 and self.result and self.result.is_file():
+            found = read_parcel(self.result)
             self.result.unlink()  # results of a whole session are many
             return found
-        take, jobs = ("", "") if handed else (self.line[-1], ", see --jobs")
         lines = errors.strip().splitlines()
         reason = next((line for line in reversed(lines) if line.startswith("mocap-autolabel: ")), "")
         if reason:
             return (InputError if status == InputError.exit_status else JobError)(reason.partition(": ")[2])
         if status >= 0:
-            return JobError(f"its process ended with status {status} and said nothing; expected it to finish", take)
+            return JobError(f"its process ended with status {status} and said nothing; expected it to finish")
         try:
             killed = signal.Signals(-status).name
         except ValueError:
             killed = str(status)
         words = f"its process was killed ({killed}), as systems do when memory is full"
-        return JobError(f"{words}; expected it to finish{jobs}", take)
+        return JobError(f"{words}; expected it to finish{self.hint}")
 
     def close(self):
         """Lets go of the pipe to the process, which ends itself then; at once where it starts up or cannot hear it."""
-        if not self.line or (self.busy and sys.platform == "win32"):
+        if not self.result or (self.busy and sys.platform == "win32"):
             self.process.kill()
         with suppress(OSError):
             self.pipe.close()
@@ -139,26 +134,26 @@ class Crew:
 
     def start(self) -> Worker:
         """Another process; JobError where there can be none."""
-        worker = Worker(self.scratch)
+        worker = Worker(self.scratch, ", see --jobs")
         self.workers.append(worker)
         return worker
 
-    def run(self, commands: Iterable[list[str] | None]) -> Answers:
-        """Number and answer of each command line, as they come; processes that ended meanwhile are replaced."""
+    def run(self, works: Iterable[Callable | None]) -> Answers:
+        """Number and answer of each work, as they come; processes that ended meanwhile are replaced."""
         at_work: dict[Worker, int] = {}
-        lines, numbers, more, again = iter(commands), count(), True, 0.0
+        left, numbers, more, again = iter(works), count(), True, 0.0
         while more or at_work:
             while more and len(at_work) < self.jobs and time.monotonic() >= again:
                 worker = self._free()
                 if isinstance(worker, JobError) and at_work:
-                    break  # the next of these that is done takes the line
-                line = next(lines, NO_MORE)
-                more, again = line is not NO_MORE, time.monotonic() + (POLL if line is None else 0)
-                if isinstance(line, list) and isinstance(worker, Worker):
-                    worker.begin(line)
+                    break  # the next of these that is done takes the work
+                work = next(left, NO_MORE)
+                more, again = work is not NO_MORE, time.monotonic() + (POLL if work is None else 0)
+                if callable(work) and isinstance(worker, Worker):
+                    worker.hand(work)
                     at_work[worker] = next(numbers)
-                elif isinstance(line, list):
-                    yield next(numbers), JobError(worker.message, worker.file or line[-1])
+                elif callable(work):
+                    yield next(numbers), worker
                 elif isinstance(worker, Worker):
                     self.idle.append(worker)
             done = [(worker, answer) for worker in at_work if (answer := worker.look()) is not None]
@@ -193,12 +188,12 @@ class Crew:
 
 
 @contextmanager
-def crew(jobs: int) -> Iterator[Callable[[Iterable[list[str] | None]], Answers]]:
-    """Starts so many processes; gives what runs command lines by them (argv of `main` that take `--result FILE`).
+def crew(jobs: int) -> Iterator[Callable[[Iterable[Callable | None]], Answers]]:
+    """Starts so many processes; gives what has them work, each a function of ours with what it is given.
 
-    It yields the number of each, and its answer. The last word of each is its take. Lines may come one after the other,
-    each asked for when a process has time for it; None among them stands for none at the moment. The processes start up
-    while whoever has begun them looks at what they are to do, and end with this block, or with this process.
+    It yields the number of each, and its answer. Works may come one after the other, each asked for when a process has
+    time for it; None among them stands for none at the moment. The processes start up while whoever has begun them
+    looks at what they are to do, and end with this block, or with this process.
     """
     with scratch_folder() as scratch:
         workers = Crew(jobs, scratch)

@@ -12,9 +12,8 @@ import numpy as np
 
 from ..core.data.errors import InputError
 from ..core.data.lanes import blocks
-from ..core.data.made import Scaled
+from ..core.data.made import IN_MEMORY, MakeTable, Scaled
 from ..core.data.markersets import MarkerSet
-from ..core.data.room import IN_MEMORY, MakeTable
 from ..core.data.takes import Points
 from ..core.data.wording import words_of_range
 from .c3d.reading import TrialFile, open_c3d

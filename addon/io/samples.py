@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from ..core.data.lanes import Lanes, blocks
-from ..core.data.room import IN_MEMORY, MakeTable
+from ..core.data.made import IN_MEMORY, MakeTable
 
 if TYPE_CHECKING:
     from .c3d.reading import TrialFile

@@ -79,9 +79,11 @@ def _table(cameras: Cameras, index: int) -> str:
         half = np.linalg.norm(cameras.size[index]) / 2 / cameras.focal[index]
         distortion = inverse_lens.nearest_forward(inverse, half)
         exact = f"{INVERSE} = {_row(inverse)}\n"
+    # TOML's strings are JSON's but for the one control character that JSON leaves as it is.
+    name = json.dumps(cameras.names[index], ensure_ascii=False).replace("\x7f", "\\u007F")
     return (
         f"[cam_{index + 1:02d}]\n"
-        f"name = {_quoted(cameras.names[index])}\n"
+        f"name = {name}\n"
         f"size = {_row(cameras.size[index])}\n"
         f"matrix = [{', '.join(_row(row) for row in cameras.matrix[index])}]\n"
         f"distortions = {_row(distortion)}\n"
@@ -94,8 +96,3 @@ def _table(cameras: Cameras, index: int) -> str:
 
 def _row(values: np.ndarray) -> str:
     return f"[{', '.join(repr(float(value)) for value in values)}]"
-
-
-def _quoted(name: str) -> str:
-    # TOML's strings are JSON's but for the one control character that JSON leaves as it is.
-    return json.dumps(name, ensure_ascii=False).replace("\x7f", "\\u007F")

@@ -12,7 +12,8 @@ from ..core.review.changes import Change
 from ..io.labels import changes_of_part
 from ..io.points import holds_points
 from ..io.scratch import scratch_folder
-from .job import LabelJob, Labelled
+from ..io.whole import finish_renaming
+from .job import LabelJob, Labelled, results_of
 
 if TYPE_CHECKING:
     from .labelling import OpenTake
@@ -26,6 +27,13 @@ def label_file(job: LabelJob) -> Generator[Progress, None, Labelled]:
     from .labelling import label_take
 
     return label_take(job, _kind_of)
+
+
+def label_for_report(job: LabelJob) -> Generator[Progress, None, dict]:
+    """The same for the report alone: of a job that is gone on with the earlier one's, where all is there."""
+    if job.resume:
+        finish_renaming(job.out)
+    return (results_of(job) if job.resume else None) or (yield from label_file(job)).report
 
 
 def label_to_show(
@@ -65,4 +73,4 @@ def _kind_of(job: LabelJob) -> "type[OpenTake]":
     return BlobTake
 
 
-__all__ = ["LabelJob", "Labelled", "label_file", "label_to_show", "worn_to_show"]
+__all__ = ["LabelJob", "Labelled", "label_file", "label_for_report", "label_to_show", "worn_to_show"]

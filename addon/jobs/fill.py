@@ -19,7 +19,7 @@ from ..core.filling.kept import KeptFill
 from ..core.filling.rays import NO_RAYS, MarkerRays
 from ..core.posing.posing import POSING
 from ..core.review.overview import TakeOverview
-from ..core.review.provenance import SampleOrigins
+from ..core.review.summary import SampleOrigins
 from ..core.review.take_trouble import TakeTrouble
 from ..io.filled import gap_rows, left_rows, write_filled
 from ..io.markersets import markerset_file
@@ -112,17 +112,14 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
             **renumbered(points),
         }
         results = {job.out.suffix: digest(target), LIST_OF_FILLS: digest(table)}
-        before, own = own_output(job.source), _once(names)
+        before = own_output(job.source)
+        # A name that was there before has its place behind it.
+        own = [name if name not in names[:place] else f"{name} ({place})" for place, name in enumerate(names)]
         report |= {"doubtful": before["doubtful"]} if before else {}
         fills = gap_rows(filled.gaps, own, take.first_frame)
         origins = _origins(shown, own, before, job.source).of_markers(fills, None)
         write_json(page, sealed(report | {"provenance": {**made, "results": results, "markers": origins}}))
     return report | {"out": str(job.out), "seconds": round(perf_counter() - begin, 3)}
-
-
-def _once(names: Sequence[str]) -> list[str]:
-    """The names, each once: one that was there before has its place among them behind it."""
-    return [name if name not in names[:place] else f"{name} ({place})" for place, name in enumerate(names)]
 
 
 def _origins(take: Points, names: Sequence[str], report: dict | None, source: Path) -> SampleOrigins:

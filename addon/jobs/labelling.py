@@ -28,8 +28,7 @@ from ..core.points.whole_take.pipeline import PointOptions
 from ..core.points.whole_take.pipeline import label_take as name_points
 from ..core.posing.finer import finer
 from ..core.review.answering import add_ranges, doubtful_samples
-from ..core.review.provenance import SampleOrigins
-from ..core.review.summary import TakeSummary
+from ..core.review.summary import SampleOrigins, TakeSummary
 from ..core.review.take_trouble import TakeTrouble
 from ..io.c3d.lab import read_lab
 from ..io.c3d.reading import TrialFile

@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..core.body.bodies import BodyModel
+from ..core.body.bodies import Bodies, BodyModel
 from ..core.data.errors import InputError, UserError
 from ..core.data.lanes import Lanes
 from ..core.data.takes import NO_MARKER, Points
@@ -150,7 +150,7 @@ def name_stream(
 ) -> dict:
     """Names frames until the sender ends, or somebody has `stopped` it; `tell` hears each. Gives what there is to say.
 
-    From when it is `recording` on all frames are kept. Where windows say whose names they are, that body is posed.
+    From when it is `recording` on all frames are kept. Where windows say whose names they are, those bodies are posed.
     Raises UserError where the stream ends in trouble; what came until then is kept.
     """
     worn = job.worn
@@ -181,33 +181,62 @@ def name_stream(
     return {"frames": live.frames, "late": live.late, "rate": live.rate, "out": str(job.out) if live.file else None}
 
 
+class _PosedSubject:
+    """One of those who are in a stream, by what is named of theirs.
+
+    model   the body of what is worn
+    own     the rows of its markers among all
+    body    who it is, None where that is not known yet
+    shown   samples that were named in the window that `body` is of; none where it may be somebody else by now
+    """
+
+    def __init__(self, wearer: Wearer, first: int):
+        self.model = BodyModel(wearer.model.markerset)
+        self.own = slice(first, first + self.model.marker_count)
+        self.body: FollowedBody | None = None
+        self.shown = 0
+
+    def know(self, window: Window, marker: np.ndarray, subject: Bodies | None):
+        """Takes who it is from a window with more samples named (L,) than the last one, or where names were wrong."""
+        named = (self.own.start <= marker) & (marker < self.own.stop)
+        samples = int(np.isfinite(window.xyz[:, named, 0]).sum())
+        if subject is not None and samples > self.shown:
+            self.shown, self.body = samples, FollowedBody(self.model, subject)
+
+    def pose(self, places: np.ndarray) -> dict | None:
+        """The body on all markers (M, 3) m of a frame: joints, rotations, scale; None where too few are there."""
+        places = places[self.own]
+        if np.isnan(places).all():
+            self.shown = 0  # who is found then may be somebody else
+        if self.body is None or (posed := self.body.pose(places)) is None:
+            return None
+        parts = {"joints": posed.joints[0], "rotations": posed.rotations[0], "scale": self.body.subject.scale[0]}
+        return {name: part.round(5).tolist() for name, part in parts.items()}
+
+
+@dataclass
 class _Live:
     """A stream that is being named."""
 
-    def __init__(
-        self,
-        job: LiveJob,
-        stream: LiveStream,
-        beside: SolverBeside,
-        worn: SetsWorn,
-        folder: Path | None,
-        stack: ExitStack,
-        recording: Callable[[], bool],
-    ):
-        self.job, self.stream, self.beside, self.worn, self.folder, self.stack, self.recording = (
-            job, stream, beside, worn, folder, stack, recording,
-        )  # fmt: skip
-        self.model = worn.subjects[0].model
-        self.names = worn.markers if job.several else self.model.markerset.markers
-        self.rate = job.rate or stream.rate
+    job: LiveJob
+    stream: LiveStream
+    beside: SolverBeside
+    worn: SetsWorn
+    folder: Path | None
+    stack: ExitStack
+    recording: Callable[[], bool]
+
+    def __post_init__(self):
+        job, worn = self.job, self.worn
+        self.names = worn.markers if job.several else worn.subjects[0].model.markerset.markers
+        self.rate = job.rate or self.stream.rate
         self.frames, self.late, self.first, self.kept_from = 0, 0, 0, 0
         self.waiting: list[tuple[float, StreamFrame]] = []
         self.namer: LiveNamer | None = None
         self.file: LiveFile | None = None
-        self.body: FollowedBody | None = None
+        self.posed = list(map(_PosedSubject, worn.subjects, worn.firsts))
         self.asked: Window | None = None  # the last one, and what came of the last that was solved
         self.heard: WindowNames | None = None
-        self.shown = 0  # samples that were named in the one that the body is of
 
     def line(self, frame: StreamFrame) -> dict | None:
         """What a frame comes to; None where the next is there already, which is told instead."""
@@ -223,18 +252,14 @@ class _Live:
                 self.namer.hear(answer)
                 self.heard = answer
             marker = self._named(self.namer, frame)
-            if self.namer.renamed:
-                self.shown = 0
-            if answer is not None or self.namer.renamed:
-                self._know()
+            self._know(self.namer.renamed, answer is not None)
             renamed = [[self.names[old], self.names[new] if new >= 0 else None] for old, new in self.namer.renamed]
         if self.stream.behind and not renamed:
             self.late += 1
             return None
         places = np.round(frame.points, 4).tolist()
         pairs = list(zip(marker.tolist(), places, strict=True))
-        posed = {} if self.body is None else {"body": self._posed(self.body, frame.points, marker)}
-        return posed | {
+        return self._bodies(frame.points, marker) | {
             "frame": frame.number,
             "seconds": round(frame.seconds, 6) if np.isfinite(frame.seconds) else None,
             "markers": {self.names[one]: place for one, place in sorted(pairs) if one != NO_MARKER},
@@ -250,26 +275,22 @@ class _Live:
             self.asked = window
             self.beside.send(window)
 
-    def _know(self):
-        """Takes who it is from a window with more samples named than the last one, or where names were wrong there."""
-        found = self.heard
-        if found is None or found.subject is None or self.asked is None:
-            return
-        samples = int(np.isfinite(self.asked.xyz[:, found.marker != NO_MARKER, 0]).sum())
-        if samples > self.shown:
-            self.shown, self.body = samples, FollowedBody(BodyModel(self.model.markerset), found.subject)
+    def _know(self, renamed: list[tuple[int, int]], is_new: bool):
+        """Takes who they are from the last window that was solved, if it is new or names of theirs were wrong."""
+        for one in self.posed:
+            if any(one.own.start <= marker < one.own.stop for names in renamed for marker in names):
+                one.shown = 0
+        if (is_new or renamed) and self.heard is not None and self.asked is not None:
+            for one, subject in zip(self.posed, self.heard.subjects, strict=False):
+                one.know(self.asked, self.heard.marker, subject)
 
-    def _posed(self, body: FollowedBody, points: np.ndarray, marker: np.ndarray) -> dict | None:
-        """The body on points (P, 3) m that are markers (P,): joints, rotations, scale; None where too few are there."""
-        own, places = marker != NO_MARKER, np.full((len(self.names), 3), np.nan)
-        places[marker[own]] = points[own]
-        if not own.any():
-            self.shown = 0  # who is found then may be somebody else
-        posed = body.pose(places)
-        if posed is None:
-            return None
-        parts = {"joints": posed.joints[0], "rotations": posed.rotations[0], "scale": body.subject.scale[0]}
-        return {name: part.round(5).tolist() for name, part in parts.items()}
+    def _bodies(self, points: np.ndarray, marker: np.ndarray) -> dict:
+        """Of each subject the body on points (P, 3) m that are markers (P,); nothing where nobody is known."""
+        if all(one.body is None for one in self.posed):
+            return {}
+        named, places = marker != NO_MARKER, np.full((len(self.names), 3), np.nan)
+        places[marker[named]] = points[named]
+        return {"bodies": [one.pose(places) for one in self.posed]}
 
     def _begin(self):
         """Begins to name once the frame rate is known."""

@@ -11,8 +11,7 @@ from ..core.data.takes import Blobs, LabelledChunk, PointRows
 from ..core.filling.kept import KeptFill
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.overview import TakeOverview
-from ..core.review.provenance import SampleOrigins
-from ..core.review.summary import TakeSummary
+from ..core.review.summary import SampleOrigins, TakeSummary
 from ..core.review.take_trouble import TakeTrouble
 from ..io.batch import AT_WORK, FAILING, LABELLED, TABLE, WAITING, TakeRow, is_table, row_of, worst_first, write_table
 from ..io.filled import kept_rows

@@ -121,7 +121,7 @@ class ToldWhere(ExportHelper):
         super().__init_subclass__(**words)
         if "filename_ext" in vars(cls):
             only = StringProperty(default=f"*{cls.filename_ext}", options={"HIDDEN"})
-            cls.__annotations__ = vars(cls).get("__annotations__", {}) | {"filter_glob": only}
+            cls.__annotations__ = cls.__annotations__ | {"filter_glob": only}
 
     def invoke(self, context, event):
         if not self.filepath:

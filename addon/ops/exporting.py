@@ -29,9 +29,9 @@ from ..props import keeps_items
 from ..scene.character import add_character, moving_in
 from ..scene.opened import opened
 from ..scene.performers import homes
-from ..scene.roots import parent_of
+from ..scene.roots import is_even, parent_of, placed
 from ..scene.stored import Stored, alone
-from ..scene.take import is_take
+from ..scene.take import is_take, retimed
 from .base import OfTake, ToldWhere, WithTake, taken
 from .long_work import LongWork
 from .reposing import follow_now, words_behind
@@ -75,9 +75,14 @@ class ExportsTake(LongWork, ToldWhere, WithTake):
     def asked(self, context) -> partial:
         files, read = self.files(context)
         source = str(source_of(taken(context)) or "")
-        whole, *parts = (replace(one, source=source) for one in (taken(context), *(part for *_, part in files)))
+        takes = taken(context), *(part for *_, part in files)
+        whole, *parts = (self.given(context, replace(one, source=source)) for one in takes)
         given = [([path, *self.beside(path)], overwrite) for path, overwrite, *_ in files]
         return partial(export_files, type(self).write, whole, parts, given, read)
+
+    def given(self, context, stored: Stored) -> Stored:
+        """A take, or a part of it, as it is written."""
+        return stored
 
     def files(self, context) -> tuple[list[tuple[Path, bool, str, Stored]], list[Path]]:
         """The files to write: whether each may be replaced, whose it is, and the take in it; and what is read."""
@@ -156,15 +161,29 @@ def performer_property(together: bool):
     return EnumProperty(name="Performers", description="Whose motion is written", items=items)
 
 
+def room_property(default: bool):
+    """The property that says whether what is written stands where it was captured."""
+    words = "Where it was captured; off, where the take's root empty has it in the scene"
+    return BoolProperty(name="Room Coordinates", description=words, default=default)
+
+
 class ExportsPerformers(ExportsTake):
-    """Exports of which each performer can have a file of their own."""
+    """Exports of which each performer can have a file of their own, in the room or as it stands in the scene."""
 
     performer: performer_property(together=True)
+    room: room_property(True)
 
     def draw(self, context):
         super().draw(context)
-        if homes(context.scene.mocap_autolabel.take):
+        take = context.scene.mocap_autolabel.take
+        if homes(take):
             self.layout.prop(self, "performer")
+        if not np.array_equal(placed(take), np.eye(4)):
+            self.layout.prop(self, "room")
+
+    def place(self, context) -> np.ndarray:
+        """(4, 4) from the room to where what is written is to stand."""
+        return np.eye(4) if self.room else placed(context.scene.mocap_autolabel.take)
 
     def parts(self, stored: Stored) -> list[tuple[str, Stored]]:
         if self.performer == TOGETHER[0] or not stored.performers[0].name:
@@ -181,12 +200,24 @@ class ExportsPerformers(ExportsTake):
 
 
 class ExportsPoints(ExportsPerformers):
-    """The exports of the points of the take."""
+    """The exports of the points of the take; elsewhere than in the room without what else its file holds."""
+
+    def given(self, context, stored: Stored) -> Stored:
+        return stored if self.room else replace(moved(stored, self.place(context)), source="")
 
     def beside(self, path: Path) -> list[Path]:
         # An older list beside the file would speak of fills that are none any more.
         fills = path.with_suffix(".filled.csv")
         return [fills] if taken(bpy.context).fitting or fills.exists() else []
+
+
+def moved(stored: Stored, place: np.ndarray) -> Stored:
+    """A take whose points are elsewhere, by a matrix (4, 4)."""
+    turn, way = place[:3, :3].T, place[:3, 3]
+    rows = stored.rows
+    if isinstance(rows, PointRows):
+        rows = replace(rows, xyz=rows.xyz @ turn + way)
+    return replace(stored, rows=rows, motion=replace(stored.motion, markers=stored.motion.markers @ turn + way))
 
 
 def write_points(paths: Sequence[Path], whole: Stored, stored: Stored) -> str:
@@ -331,6 +362,7 @@ class MOCAP_AUTOLABEL_OT_add_character(OfTake, bpy.types.Operator):
         for one in stored.performers:
             home = homes(settings.take).get(one.name, settings.take)
             body = moving_in(home, alone(stored, one))
+            body = replace(body, frames=retimed(context.scene, stored.rate, body.frames))
             character = add_character(context, home, body, settings.bone_names)
             character.parent = parent_of(settings.take)
             added.append(character.name)
@@ -342,12 +374,16 @@ class ExportsCharacter(OfTake, ExportsPerformers):
 
     of_body, unit = True, ""
     performer: performer_property(together=False)
+    room: room_property(False)
 
     def asked(self, context) -> partial:
-        settings, (files, read) = context.scene.mocap_autolabel, self.files(context)
+        settings, place, (files, read) = context.scene.mocap_autolabel, self.place(context), self.files(context)
+        if not is_even(place):
+            raise InputError("the take's root is mirrored or scaled unevenly; expected it even, or Room Coordinates")
         at = homes(settings.take)
         bodies = [
-            (path, overwrite, moving_in(at.get(name, settings.take), part)) for path, overwrite, name, part in files
+            (path, overwrite, replace(moving_in(at.get(name, settings.take), part), place=place))
+            for path, overwrite, name, part in files
         ]
         scale = BVH_UNITS.get(self.unit, 1.0)
         return partial(save_characters, self.filename_ext[1:], bodies, read, settings.bone_names, scale)

@@ -110,6 +110,7 @@ class MOCAP_AUTOLABEL_OT_import_blobs(ImportsFile, bpy.types.Operator):
 class ReadsPoints:
     """What is asked of whoever reads 3D points: what is known of them better than from their file."""
 
+    at_1: once(BoolProperty, "Start at Frame 1", "Begin at frame 1 of the scene, and not at the number in the file")
     up: once(EnumProperty, "Up", "The axis that points up in the 3D points", items=UP_ITEMS)
     rate: once(
         FloatProperty,
@@ -138,7 +139,7 @@ class MOCAP_AUTOLABEL_OT_import_points(ReadsPoints, ImportsFile, bpy.types.Opera
     filter_glob: StringProperty(default=POINTS, options={"HIDDEN"})
 
     def take_in(self, context, path: Path) -> str:
-        return take_points(context, path, self.known_up, self.rate, self.mirror)
+        return take_points(context, path, self.known_up, self.rate, self.mirror, self.at_1)
 
 
 class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operator):
@@ -153,6 +154,7 @@ class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operato
         """What can be said of the file that is chosen, which hardly ever has to be."""
         layout = self.layout
         layout.use_property_split, layout.use_property_decorate = True, False
+        layout.prop(self, "at_1")
         layout.label(text="Only where the file is wrong:")
         for name in ("up", "rate", "mirror", *(("use",) if is_qtm(Path(self.filepath)) else ())):
             layout.prop(self, name)
@@ -198,8 +200,8 @@ class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operato
 
     def take_in(self, context, path: Path) -> str:
         if holds_points(path, self.use if is_qtm(path) and self.use != USE_ITEMS[0][0] else None):
-            return take_points(context, path, self.known_up, self.rate, self.mirror)
-        return take_blobs(context, path)
+            return take_points(context, path, self.known_up, self.rate, self.mirror, self.at_1)
+        return take_blobs(context, path, self.at_1)
 
 
 IS_TAKE, IS_CALIBRATION, IS_MARKERSET, IS_PICTURES = "take", "calibration", "marker set", "pictures"
@@ -289,18 +291,21 @@ def look_when_free() -> float | None:
     return None
 
 
-def take_blobs(context: bpy.types.Context, path: Path) -> str:
-    """Makes a file of blobs the scene's take and says what is in it; InputError where it cannot be used."""
+def take_blobs(context: bpy.types.Context, path: Path, at_1: bool = False) -> str:
+    """Makes a file of blobs the scene's take and says what is in it; InputError where it cannot be used.
+
+    `at_1`, the take begins at the scene's frame 1.
+    """
     scene, source = context.scene, context.scene.mocap_autolabel.source
     cameras, own = _cameras_for(scene, path)
     blobs = Blobs.join(part.blobs for part in read_blobs(path, cameras))
     forget_take(context)
     if own:
         source.cameras = scene_cameras.find_or_add_cameras(scene, cameras)
-    source.preview = store_preview(path.stem, blobs, cameras)
+    source.preview = store_preview(path.stem, blobs, cameras, at_1)
     source.blobs_path, source.blob_count = str(path), len(blobs)
     source.rate = blob_rate(path, None) or source.rate
-    kept = _set_frames(context, blobs.frames)
+    kept = _set_frames(context, blobs.frames, at_1)
     fit_timelines(context)
     summary = f"{count_of(len(blobs), 'blob')} in {count_of(len(blobs.frames), 'frame')}"
     return "; ".join([summary, *kept, *(cameras.remarks if own else ()), *capture_notes(path, False, cameras)])
@@ -324,20 +329,25 @@ def _cameras_for(scene: bpy.types.Scene, path: Path) -> tuple[Cameras, bool]:
 
 
 def take_points(
-    context: bpy.types.Context, path: Path, up: str | None = None, rate: float = 0.0, mirror: bool = False
+    context: bpy.types.Context,
+    path: Path,
+    up: str | None = None,
+    rate: float = 0.0,
+    mirror: bool = False,
+    at_1: bool = False,
 ) -> str:
     """Makes a file of 3D points the scene's take and says what is in it; InputError where it cannot be used.
 
     `up` is the axis that points up in it where the user knows, `rate` is used where the file says none;
-    `mirror` reverses an axis of one whose axes are left-handed.
+    `mirror` reverses an axis of one whose axes are left-handed; `at_1`, the take begins at the scene's frame 1.
     """
     source, take = context.scene.mocap_autolabel.source, read_points(path, up=up, rate=rate or None, mirror=mirror)
     forget_take(context)
-    source.preview = show_points(context.scene, path.stem, take)
+    source.preview = show_points(context.scene, path.stem, take, at_1)
     source.points_path, source.blob_count = str(path), len(source.preview.vertices)
     source.up, source.up_found, source.mirror = up or "", take.up.removeprefix("+"), mirror
     source.trajectories, source.rate = len(take.names), take.rate
-    kept = _set_frames(context, take.first_frame + np.arange(len(take.xyz)))
+    kept = _set_frames(context, take.first_frame + np.arange(len(take.xyz)), at_1)
     show_take_whole(context, take.xyz[evenly_spread(len(take.xyz), MAX_PLACES)].reshape(-1, 3))
     edits = edits_beside(path)
     more = [] if edits is None else [f"{edits.name} beside it will be applied"]
@@ -366,14 +376,19 @@ def forget_found(context: bpy.types.Context):
     forget_told(context.window_manager.mocap_autolabel, opened_file(settings.source))
 
 
-def _set_frames(context: bpy.types.Context, frames: np.ndarray) -> list[str]:
+def _set_frames(context: bpy.types.Context, frames: np.ndarray, at_1: bool) -> list[str]:
     """Notes the frames of the take and has the scene play them; what there is to say where it does not."""
     source, labelling = context.scene.mocap_autolabel.source, context.scene.mocap_autolabel.labelling
-    source.first_frame, source.last_frame = int(frames[0]), int(frames[-1])
+    source.first_frame, source.last_frame, source.at_1 = int(frames[0]), int(frames[-1]), at_1
     labelling.range_first, labelling.range_last = source.first_frame, source.last_frame
-    if give_time(context.scene, source.rate, frames + frame_shift(frames)):
+    if give_time(context.scene, source.rate, frames + shift_of(source)):
         return []
     return [f"the scene keeps its {fps_of(context.scene):g} frames a second, because something in it is animated"]
+
+
+def shift_of(source: bpy.types.PropertyGroup) -> int:
+    """What to add to the file's frame numbers of the take that is opened to get the scene's."""
+    return frame_shift(np.array([source.first_frame, source.last_frame]), source.at_1)
 
 
 class MOCAP_AUTOLABEL_OT_play_as_take(Ours, bpy.types.Operator):
@@ -384,7 +399,7 @@ class MOCAP_AUTOLABEL_OT_play_as_take(Ours, bpy.types.Operator):
     def work(self, context):
         source = context.scene.mocap_autolabel.source
         frames = np.array([source.first_frame, source.last_frame])
-        set_time(context.scene, source.rate, frames + frame_shift(frames))
+        set_time(context.scene, source.rate, frames + shift_of(source))
 
 
 class MOCAP_AUTOLABEL_FH_take(bpy.types.FileHandler):

@@ -3,6 +3,7 @@
 
 import time
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import bpy
@@ -10,6 +11,7 @@ from bpy.props import IntProperty
 
 from ..core.data.errors import InputError, UserError
 from ..core.geometry.cameras import Cameras
+from ..core.points.several.wearers import AUTO
 from ..io.batch import FAILING, TakeRow, read_table
 from ..io.cameras import write_cameras
 from ..io.scratch import naming_scratch, scratch_folder
@@ -34,6 +36,7 @@ class FolderBatch:
 
     def __init__(self, line: list[str], table: Path, cameras: Cameras | None):
         """Starts it with a command line, to which the `cameras` are added; JobError where there can be no process."""
+        from ..cli import main
         from ..cli.workers import Worker
 
         self.table, self.stopping = table, False
@@ -49,7 +52,7 @@ class FolderBatch:
             self._worker = Worker(scratch)
             stack.callback(self._worker.close)
             self._kept = stack.pop_all()
-        self._worker.begin(line)
+        self._worker.hand(partial(main, line))
 
     def look(self) -> bool:
         """Takes in what is new; False once it has come to its end."""
@@ -74,7 +77,7 @@ class FolderBatch:
         self._worker.close()
         self._kept.close()
 
-    def _end(self, answer: dict | UserError):
+    def _end(self, answer: int | UserError):
         self._kept.close()
         if isinstance(answer, UserError) and not self.stopping and not any(row.state == FAILING for row in self.rows):
             self.trouble = answer
@@ -93,12 +96,14 @@ def folder_line(settings: SceneSettings) -> tuple[list[str], Path, bool]:
     source, out = (Path(bpy.path.abspath(path)) for path in (settings.folder.path, settings.folder.out))
     if not source.is_dir():
         raise InputError("is no folder; expected one with takes", source)
-    from ..cli.label.options import subject_words
-
-    blobs = cameras_at_hand(bpy.context.scene)
+    asked, blobs = subjects_asked(settings.subjects), cameras_at_hand(bpy.context.scene)
     table = out / SUMMARY_TABLE
     labelling, folder = settings.labelling, settings.folder
-    line = ["label", *subject_words(**subjects_asked(settings.subjects)), f"--out={out}"]
+    line = ["label", f"--out={out}", *(f"--subject={name}={worn}" for name, worn in asked["wearers"])]
+    line += [] if asked["wearers"] else [f"--model={asked['model']}"]
+    line += [f"--models={asked['own']}"] if asked.get("own") else []
+    if many := {1: "", AUTO: "auto"}.get(asked["subjects"], asked["subjects"]):
+        line.append(f"--subjects={many}")
     line += ["--watch", "--resume", "--summary", "--html", "--blend", f"--method={labelling.method}"]
     line += [f"--target={labelling.target}", f"--jobs={folder.jobs}"]
     line += [] if folder.watch else ["--idle=0"]

@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 
 from ..core.data.errors import UserError
-from ..core.data.markersets import MarkerSet
+from ..core.data.markersets import MarkerSet, Worn
 from ..core.data.takes import PointRows
 from ..core.data.wording import count_of
 from ..core.points.motion import PosedFrames
@@ -25,7 +25,7 @@ from ..io.markersets import AUTO_MODEL, open_markerset
 from ..io.scratch import scratch_folder
 from ..io.text import written
 from ..props import SceneSettings, chosen_model, subjects_asked
-from ..scene.armature import bone_tails, build_of
+from ..scene.armature import bone_tails, build_of, segment_sides
 from ..scene.live_rig import MovedRig
 from ..scene.redrawing import redraw
 from ..scene.take import Take
@@ -72,19 +72,70 @@ class LiveBody:
         return np.stack([self.joints, self.joints + ahead[..., 0]], axis=1)
 
 
+class LivePerformer:
+    """One of those who are in a stream, as its latest frame shows them, and the rig that moves with them.
+
+    name     by which their markers are called NAME:MARKER; empty for the only one
+    worn     the marker set
+    sides    of its bones
+    body     who is posed on the frame, None where too few markers are named
+    trouble  why the rig cannot move
+    """
+
+    def __init__(self, name: str, worn: MarkerSet):
+        self.name, self.worn, self.sides = name, worn, [*segment_sides(worn).values()]
+        self.body: LiveBody | None = None
+        self.trouble = ""
+        self._rig: MovedRig | None = None
+        self._begins: np.ndarray | None = None  # of the bones that the character is of
+        self._character: Character
+        self._moving = 0  # the number of the rig that is to move
+
+    def choose(self, rig: bpy.types.Object | None):
+        """Says which rig is to move; one that moved before is as it was."""
+        number = 0 if rig is None else rig.session_uid
+        if number != self._moving:
+            self.leave_rig()
+            self._moving = number
+
+    def move(self, context: bpy.types.Context, rig: bpy.types.Object | None):
+        """Moves the rig that was chosen as the body."""
+        body = self.body
+        if rig is None or body is None or self.trouble or rig.mode == "EDIT":
+            return
+        if not rig.visible_get(view_layer=context.view_layer):  # nobody can be asked how it moves
+            return
+        try:
+            if self._begins is not body.begins:  # another subject's bones
+                self._character = character_of(self.worn.skeleton.segments, body.begins, body.ends)
+                self._begins = body.begins
+            self._rig = self._rig or MovedRig(rig, self._character)
+            self._rig.move(rig, self._character, body.joints, body.rotations)
+        except UserError as error:
+            self.trouble = written(str(error))
+
+    def leave_rig(self):
+        """Puts the rig that moves back as it was; another try is due."""
+        if self._rig is not None:
+            self._rig.leave()
+        self._rig, self.trouble = None, ""
+
+
 class WatchedStream:
     """A stream that a process names, which ends with Blender or sooner; what was recorded until then is kept.
 
-    worn     the marker set, which is that of `model`, its name or path; of several subjects the first one's
-    markers  all that may be named
-    names    the markers that are named in the latest frame
-    named    (N, 3) m their points
-    unnamed  (U, 3) m its other points
-    body     who is posed on it, None where too few are named
-    words    the state for the sidebar
+    performers  who may be in it
+    markers     all that may be named, by `model`, the name or path of one
+    names       the markers that are named in the latest frame
+    named       (N, 3) m their points
+    unnamed     (U, 3) m its other points
+    frame       its number
+    came        s since the epoch, when its last byte had come
+    late        how many frames before were dropped
+    words       the state for the sidebar
     """
 
-    def __init__(self, job: "LiveJob", worn: MarkerSet):
+    def __init__(self, job: "LiveJob", worn: Worn):
         """Starts it; JobError where there can be no process."""
         from ..cli.live import LATEST, RECORD, STOP, name_beside
         from ..cli.workers import Worker
@@ -96,16 +147,12 @@ class WatchedStream:
             self._kept = stack.pop_all()
         self._worker.hand(partial(name_beside, job, folder))
         self._latest, self._record, self._stop = (folder / name for name in (LATEST, RECORD, STOP))
-        self.out, self.model, self.worn, self.words = job.out, job.model, worn, "Connecting"
-        self.markers = job.worn.markers if job.several else worn.markers
-        self._frame, self._told = -1, 0.0
+        self.out, self.model, self.words = job.out, job.model, "Connecting"
+        self.performers = [LivePerformer(name, one) for name, one in worn.worn]
+        self.markers = worn.markers
+        self._told, self.frame, self.came, self.late = 0.0, -1, 0.0, 0
         self.names: list[str] = []
         self.named = self.unnamed = np.empty((0, 3))
-        self.body: LiveBody | None = None
-        self._rig: MovedRig | None = None
-        self._begins: np.ndarray | None = None  # of the bones that the character is of
-        self._character: Character
-        self._moving, self._trouble = 0, ""  # the number of the rig that is to move, and why it cannot
 
     @property
     def recording(self) -> bool:
@@ -117,19 +164,26 @@ class WatchedStream:
         try:
             line = json.loads(self._latest.read_bytes().partition(b"\n")[0])
             places, unnamed = line["markers"], np.array(line["unnamed"], float).reshape(-1, 3)
-            if line["frame"] == self._frame or not places.keys() <= set(self.markers):
+            if line["frame"] == self.frame or not places.keys() <= set(self.markers):
                 return found
             named = np.array([*places.values()], float).reshape(len(places), 3)
-            body = LiveBody.of(self.worn, line["body"], self.body) if line.get("body") else None
-            delay = 1000 * (now - line["at"]) + line["ms"]
+            parts = line.get("bodies", [None] * len(self.performers))
+            bodies = [
+                LiveBody.of(one.worn, own, one.body) if own else None
+                for one, own in zip(self.performers, parts, strict=True)
+            ]
+            came, late = line["at"] - line["ms"] / 1000, int(line["late"])
             found_words = f"{len(places)} of {len(self.markers)} markers named, {len(unnamed)} points not"
             changed = f", {count_of(line['changed'], 'name')} changed" if line["changed"] else ""
-            words = f"{found_words}{changed}; {delay:.0f} ms, {count_of(line['late'], 'frame')} dropped{self._trouble}"
+            words = f"{found_words}{changed}; {1000 * (now - came):.0f} ms, {count_of(late, 'frame')} dropped"
+            words = "; ".join([words, *(one.trouble for one in self.performers if one.trouble)])
         except (OSError, ValueError, KeyError, TypeError, AttributeError):  # none is there, or it is just being written
             return found
-        self._frame, self.names, self.named, self.unnamed = line["frame"], list(places), named, unnamed
-        self.body = body
-        self._move(bpy.context)
+        self.frame, self.came, self.late = line["frame"], came, late
+        self.names, self.named, self.unnamed = list(places), named, unnamed
+        for one, body in zip(self.performers, bodies, strict=True):
+            one.body = body
+        self._move_rigs(bpy.context)
         redraw("VIEW_3D", "WINDOW")
         if now - self._told > WORDS_EVERY and not self._stop.exists():
             self._told, self.words = now, words
@@ -143,36 +197,28 @@ class WatchedStream:
         self._stop.touch()
         self.words = "Stopping"
 
-    def _move(self, context: bpy.types.Context):
-        """Moves the chosen rig as the body of the latest frame; one that moved before is as it was."""
-        rig, body = context.scene.mocap_autolabel.live.rig, self.body
-        number = 0 if rig is None else rig.session_uid
-        if number != self._moving:
-            self.leave_rig()
-            self._moving = number
-        if rig is None or body is None or self._trouble or rig.mode == "EDIT":
-            return
-        if not rig.visible_get(view_layer=context.view_layer):  # nobody can be asked how it moves
-            return
-        try:
-            if self._begins is not body.begins:  # another subject's bones
-                self._character = character_of(self.worn.skeleton.segments, body.begins, body.ends)
-                self._begins = body.begins
-            self._rig = self._rig or MovedRig(context, rig, self._character)
-            self._rig.move(rig, self._character, body.joints, body.rotations)
-        except UserError as error:
-            self._trouble = f"; {written(str(error))}"
+    def _move_rigs(self, context: bpy.types.Context):
+        """Moves the chosen rigs as the bodies of the latest frame, each as one of them at most."""
+        settings = context.scene.mocap_autolabel
+        listed = settings.subjects.performers if settings.subjects.performing == "LISTED" else ()
+        chosen = {"": settings.live.rig} | {row.name: row.rig for row in listed}
+        rigs: list[bpy.types.Object | None] = []
+        for one in self.performers:
+            rig = chosen.get(one.name)
+            rigs.append(None if rig in rigs else rig)
+            one.choose(rigs[-1])
+        for one, rig in zip(self.performers, rigs, strict=True):  # once nobody moves another's any more
+            one.move(context, rig)
 
-    def leave_rig(self):
-        """Puts the rig that moves back as it was; another try is due."""
-        if self._rig is not None:
-            self._rig.leave()
-        self._rig, self._trouble = None, ""
+    def leave_rigs(self):
+        """Puts the rigs that move back as they were."""
+        for one in self.performers:
+            one.leave_rig()
 
     def leave(self):
         """Lets it end, and forgets it."""
         with self._kept:
-            self.leave_rig()
+            self.leave_rigs()
 
 
 # The stream that goes on, what became of the last one, and the latest recording with the markers that it was named by.
@@ -207,9 +253,9 @@ def follow_live() -> float | None:
 
 
 def rest_rig():
-    """Puts the rig that moves back as it is in the file; the next frame moves it again."""
+    """Puts the rigs that move back as they are in the file; the next frame moves them again."""
     for stream in _going:
-        stream.leave_rig()
+        stream.leave_rigs()
 
 
 def _take_in(stream: WatchedStream):
@@ -283,7 +329,7 @@ class MOCAP_AUTOLABEL_OT_connect(Ours, bpy.types.Operator):
     def work(self, context):
         settings = context.scene.mocap_autolabel
         job = live_job(settings)
-        _going.append(WatchedStream(job, open_markerset(job.model)))
+        _going.append(WatchedStream(job, job.worn if job.several else open_markerset(job.model)))
         _ended.clear()
         bpy.app.timers.register(follow_live, persistent=True)
 

@@ -94,7 +94,7 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
     def asked(self, context) -> partial:
         take = self.played(context)
         self._job, self._ends = self._asked(context, take)
-        self._name = str(take[PLAYED])
+        self._name, self._shift = str(take[PLAYED]), int(take[SHIFT])
         whole = motion_path(take).with_name(Path(for_a_part(take)["source"]).stem + ".labels.csv")
         return partial(label_to_show, self._job, whole)
 

@@ -14,6 +14,7 @@ from ..io.bone_maps import read_bone_map
 from ..scene.performers import homes
 from ..scene.retargeting import freed_by, is_rig, rest_bones, retarget_take
 from ..scene.stored import alone
+from ..scene.take import fps_of, plays_at
 from .base import Ours, lacks_take, taken, unless
 from .importing import ImportsFile
 from .reposing import follow_now
@@ -56,7 +57,9 @@ class MOCAP_AUTOLABEL_OT_retarget(Ours, bpy.types.Operator):
         action = retarget_take(context, rig, home, alone(stored, performer), matched, own.keep_feet, own.keep_hands)
         freed = freed_by(action)
         off = f", and leaves {count_of(freed, 'constraint')} of its bones without influence" if freed else ""
-        self.report({"INFO"}, f"{rig.name} has the action {action.name}, of {len(matched)} parts of the body{off}")
+        speed = "" if plays_at(context.scene, stored.rate) else f", at its own speed in {fps_of(context.scene):g} Hz"
+        words = f"{rig.name} has the action {action.name}, of {len(matched)} parts of the body"
+        self.report({"INFO"}, f"{words}{speed}{off}")
 
 
 class MOCAP_AUTOLABEL_OT_match_bones(Ours, bpy.types.Operator):

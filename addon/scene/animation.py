@@ -2,7 +2,8 @@
 """Keys in bulk: thousands of frames of many channels into few actions, one slot an object.
 
 Keys and not samples (`FCurve.convert_to_samples`), though 30 empties of 10,000 frames are 15 MB as those and 65 MB as
-keys, 5 and 15 compressed: of samples none can be moved or inserted, and neither gaps nor what was filled is told.
+keys, 5 and 15 compressed: of samples none can be moved or inserted, and neither gaps nor what was filled is told. Nor
+is smoothing the modifier *Smooth* (5.2): at best it leaves 1.5 mm of 2 mm of noise, and moves the ends of gaps by 9 mm.
 """
 
 from dataclasses import dataclass

@@ -11,7 +11,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ..core.data.copies import Copies
+from ..core.data.made import Copies
 from ..core.data.takes import Labels, PointRows
 from ..core.edits.applying import cells_of_blobs, cells_of_points
 from ..core.edits.blob_tracks import BlobTracks

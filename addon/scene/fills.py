@@ -12,8 +12,8 @@ from zlib import crc32
 import bpy
 import numpy as np
 
-from ..core.data.copies import Copies
 from ..core.data.errors import InputError
+from ..core.data.made import Copies
 from ..core.filling.kept import KeptFill, fills_by_marker, put_in_marker
 from . import storage
 from .naming import title

@@ -13,7 +13,7 @@ from .armature import rotation_channel
 
 STRAIGHT_PART = 0.1  # physical: of a bone's length; a joint that is less aside bends this way and that
 LIMBS = ("upper_arm", "forearm", "hand"), ("thigh", "shank", "foot")
-# What controls by IK are called where one by FK has these words: of the hand and the foot, and the poles.
+# What controls by IK are called where one by FK has these words: of hands, feet and toes, and the poles.
 BY_IK = (("fk", "ik"), ("FK", "IK"))
 POLES = (("_fk", "_ik_target"), ("thigh_fk", "leg_pole"), ("arm_fk", "arms_pole"))
 NOT_ASIDE = 1e-9  # m; a limb that never bends has no way to bend to
@@ -69,6 +69,9 @@ def controls_by_ik(rig: bpy.types.Object, bones: list[tuple[str, str]]) -> list[
         poles = [names[upper].replace(*words) for words in POLES] + [one.pole_subtarget for one in solvers]
         for several, with_ in ((ends, (end,)), (poles, whole)):
             found |= {name: with_ for name in several if name in rig.pose.bones and name not in names}
+    for at in [at for at, part in enumerate(parts) if part.startswith("toes")]:
+        several = {names[at].replace(*words) for words in BY_IK} - {names[at]}
+        found |= {name: (at,) for name in several if name in rig.pose.bones}
     return list(found.items())
 
 

@@ -17,11 +17,12 @@ from .take import Stored, frame_shift
 CAMERA_NAMES, PREVIEW_SHIFT = "mocap_camera_names", "mocap_frame_shift"
 
 
-def store_preview(name: str, blobs: Blobs, cameras: Cameras) -> bpy.types.Mesh:
-    """Keeps unlabelled `blobs`, seen by `cameras`, in a mesh of the file."""
+def store_preview(name: str, blobs: Blobs, cameras: Cameras, at_1: bool = False) -> bpy.types.Mesh:
+    """Keeps unlabelled `blobs`, seen by `cameras`, in a mesh of the file; as a take that begins `at_1`, or not."""
     columns = {"frame": blobs.frames[blobs.frame], "camera": blobs.camera, "xy": blobs.xy}
     mesh = storage.store_table(naming.title(name, "blobs"), columns)
     mesh[CAMERA_NAMES] = json.dumps(cameras.names)
+    mesh[PREVIEW_SHIFT] = float(frame_shift(blobs.frames, at_1))
     return mesh
 
 
@@ -35,13 +36,16 @@ def read_preview(mesh: bpy.types.Mesh, cameras: Cameras) -> Stored:
     frames = np.arange(number[0], number[-1] + 1) if len(number) else np.zeros(0, dtype=int)
     area = np.full(len(number), np.nan)
     blobs = Blobs(frames, number - number[:1].sum(), camera[there], table["xy"][there], area)
-    return _unlabelled(mesh, cameras, blobs, frame_shift(frames))
+    return _unlabelled(mesh, cameras, blobs, int(mesh.get(PREVIEW_SHIFT, frame_shift(frames))))
 
 
-def show_points(scene: bpy.types.Scene, name: str, take: Points) -> bpy.types.Mesh:
-    """Adds the points of an unlabelled take to a scene as one object, and returns the mesh that keeps them."""
+def show_points(scene: bpy.types.Scene, name: str, take: Points, at_1: bool = False) -> bpy.types.Mesh:
+    """Adds the points of an unlabelled take, which begins `at_1` or not, to a scene as one object.
+
+    Returns the mesh that keeps them.
+    """
     rows = PointRows.of(replace(take, columns=None))
-    shift = frame_shift(rows.frames)
+    shift = frame_shift(rows.frames, at_1)
     title = naming.title(name, "points")
     mesh = cloud_table(title, rows.frames[rows.frame] + shift, rows.xyz, trajectory=rows.trajectory)
     mesh[PREVIEW_SHIFT] = float(shift)
@@ -51,7 +55,7 @@ def show_points(scene: bpy.types.Scene, name: str, take: Points) -> bpy.types.Me
 
 def holds_points(mesh: bpy.types.Mesh) -> bool:
     """Whether a mesh keeps points, and not blobs."""
-    return PREVIEW_SHIFT in mesh
+    return CAMERA_NAMES not in mesh
 
 
 def read_points_preview(mesh: bpy.types.Mesh) -> Stored:

@@ -23,7 +23,9 @@ from .armature import SCALE, armature_of, bone_path, rotation_channel
 from .character import moving_in
 from .ik_controls import Along, carriers_of, controls_by_ik
 from .ownership import is_keyed_by_us, is_made_for, is_untouched, role_of, sign
+from .roots import is_even
 from .stored import Stored
+from .take import retimed
 
 # What bones of control rigs are switched to, by the name of their property: limbs by FK, and all follow what is above.
 SWITCHES = {"IK_FK": 1.0, "ik_fk_switch": 1.0, "FK_limb_follow": 0.0, "neck_follow": 1.0, "head_follow": 1.0}
@@ -33,7 +35,6 @@ HOLDING = {"IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "TRACK_TO",
 KEPT_AT_REST = "hips", "chest"  # Rigify's controls between its torso and the spine's by FK, which they turn, too
 NEEDED_PARTS = ("hips", "thigh.L", "thigh.R", "shank.L", "shank.R")
 PROBE_TURN, PROBE_STEP = 0.5, 0.9  # rad by which bones are turned to see what follows them, and between their axes
-SAME_SCALE = 1.001  # of the axes of a rig that is scaled evenly
 SWITCHED = "mocap_switched"  # on an action: what it switches on its rig, by paths, and what that was before
 LEAST_STEP = 1e-4  # that a bone goes at least where it is put one further; less is none
 BONE_CHANNELS = "location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale"
@@ -71,13 +72,13 @@ def retarget_take(
     if not there.any():
         raise InputError(f"{stored.name} has nobody in any frame; expected a take in which the body was found")
     _switch_back(rig)
-    ready = ReadyRig.of(context, rig, bones, place)
+    ready = ReadyRig.of(rig, bones, place)
     with ready.before.or_put_back(rig):
         motion = joints[there], rotated[there]
         moved = retarget(body.character, motion, stored.rate, ready.rest, feet, hands)
         channels = list(ready.channels(*moved))
     action = _own_action(rig, collection, stored.name)
-    bag, frames = animation.bind(rig, action), body.frames[there]
+    bag, frames = animation.bind(rig, action), retimed(context.scene, stored.rate, body.frames)[there]
     for bone, channel, values in channels:
         animation.key(bag, bone_path(bone, channel), frames, values, bone)
     for bone, path, value, _ in ready.before.switched:
@@ -94,10 +95,20 @@ def freed_by(action: bpy.types.Action) -> int:
 
 
 def _switch_back(rig: bpy.types.Object):
-    """Sets what a rig's action switched back to what it was before."""
-    action = None if rig.animation_data is None else rig.animation_data.action
-    for path, value in {} if action is None else json.loads(action.get(SWITCHED, "{}")).items():
-        _set(rig, path, value)
+    """Sets what a rig's action switched back to what it was before, and what former ones of ours left off."""
+    now = None if rig.animation_data is None else rig.animation_data.action
+    for action in [one for one in bpy.data.actions if role_of(one).endswith(f" on {rig.name}")]:
+        for path, value in json.loads(action.get(SWITCHED, "{}")).items():
+            if action == now or _is_off(rig, path):
+                _set(rig, path, value)
+
+
+def _is_off(rig: bpy.types.Object, path: str) -> bool:
+    """Whether a path from a rig leads to an influence that is there, and nothing."""
+    try:
+        return path.endswith(".influence") and rig.path_resolve(path) == 0
+    except ValueError:
+        return False
 
 
 def is_rig(item: bpy.types.Object) -> bool:
@@ -111,8 +122,7 @@ def checked(
     """The parts that a character moves, with their bones, and (4, 4) the place of a rig in the character's `world`."""
     bones = _bones_by_part(rig, {part: bone for part, bone in matched.items() if part in character.names})
     place = np.array(world.inverted() @ rig.matrix_world)
-    sizes = np.linalg.norm(place[:3, :3], axis=0)
-    if np.linalg.det(place[:3, :3]) <= 0 or sizes.max() > SAME_SCALE * sizes.min():
+    if not is_even(place):
         raise InputError(f"{rig.name} is mirrored or scaled unevenly; expected its scale applied, with Ctrl A")
     if rig.animation_data is not None and rig.animation_data.use_tweak_mode:
         raise InputError(f"a strip of {rig.name} is in tweak mode; expected you to leave that, with Tab in the editor")
@@ -211,9 +221,7 @@ class ReadyRig:
     before: KeptPose
 
     @classmethod
-    def of(
-        cls, context: bpy.types.Context, rig: bpy.types.Object, bones: list[tuple[str, str]], place: np.ndarray
-    ) -> "ReadyRig":
+    def of(cls, rig: bpy.types.Object, bones: list[tuple[str, str]], place: np.ndarray) -> "ReadyRig":
         """Readies a rig, by the parts that its bones are: it is in pose position, switched to FK, and unturned.
 
         InputError, and the rig as it was, where its first bone does not go where it is put.
@@ -225,13 +233,14 @@ class ReadyRig:
         found = controls_by_ik(rig, bones)
         movers, count = [mover.name, *(name for name, _ in found)], len(names)
         resting = [one for one in KEPT_AT_REST if "torso" in names and one not in names and one in rig.pose.bones]
+        resting += [mover.name] * (mover.name not in names)
         before = KeptPose.of(rig, [*names, *movers, *resting], names)
         before.switch(rig)
         with before.or_put_back(rig):
-            with _without_action(rig):
-                for name in (mover.name, *resting):
+            with _without_action(rig), _alone(rig) as layer:
+                for name in {mover.name, *resting}:
                     rig.pose.bones[name].matrix_basis = Matrix()
-                follows, matrices, steps = _probe(context, rig, names, movers)
+                follows, matrices, steps = _probe(layer, rig, names, movers)
             goes = np.linalg.svd(steps, compute_uv=False)[:, -1] >= LEAST_STEP
             if not goes[0]:
                 raise InputError(
@@ -266,7 +275,8 @@ class ReadyRig:
             carried = own.T if above < 0 else own.T @ turns[:, above].swapaxes(1, 2)
             yield bone, *rotation_channel(self.modes[bone], carried @ turns[:, index] @ own)
         for bone in self.resting:
-            yield bone, "location", np.zeros((len(hips), 3))
+            if bone != self.mover:
+                yield bone, "location", np.zeros((len(hips), 3))
             yield bone, *rotation_channel(self.modes[bone], np.tile(np.eye(3), (len(hips), 1, 1)))
         for control in self.along:
             yield from control.channels(heads, turns, self.matrices[:, :3, 3])
@@ -342,21 +352,38 @@ def _without_action(rig: bpy.types.Object) -> Iterator[None]:
             data.action, data.action_slot = action, slot
 
 
+@contextmanager
+def _alone(rig: bpy.types.Object) -> Iterator[bpy.types.ViewLayer]:
+    """A view layer that has a rig, and of all else what moves it: none of the meshes that hang on it."""
+    scene = bpy.data.scenes.new(rig.name)
+    try:
+        scene.collection.objects.link(rig)
+        yield scene.view_layers[0]
+    finally:
+        bpy.data.scenes.remove(scene)
+
+
 def _probe(
-    context: bpy.types.Context, rig: bpy.types.Object, names: Sequence[str], movers: Sequence[str]
+    layer: bpy.types.ViewLayer, rig: bpy.types.Object, names: Sequence[str], movers: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What carries each of C bones and all but the first of the movers, -1 for none; and where these are unturned.
 
-    The last, (…, 4, 4), in the armature's axes. And (1 + K, 3, 3) how far the first bone goes there for a unit of each
-    channel of the first mover's location, and the K others for their own. Leaves them unturned.
+    As the view layer has the rig. The last, (…, 4, 4), in the armature's axes. And (1 + K, 3, 3) how far the first bone
+    goes there for a unit of each channel of the first mover's location, and the K others for their own. Leaves them
+    unturned.
     """
     bones = [rig.pose.bones[name] for name in (*names, *movers[1:])]
+
+    def shown() -> np.ndarray:
+        rig.update_tag()
+        layer.update()
+        found = rig.evaluated_get(layer.depsgraph).pose.bones
+        return np.array([found[bone.name].matrix for bone in bones])
 
     def posed(basis: list[Matrix]) -> np.ndarray:
         for bone, matrix in zip(bones, basis, strict=True):
             bone.matrix_basis = matrix
-        context.view_layer.update()
-        return np.array([bone.matrix for bone in bones])
+        return shown()
 
     still = [Matrix()] * len(bones)
     rest = posed(still)
@@ -365,8 +392,7 @@ def _probe(
         at = 0 if number == 0 else len(names) + number - 1
         for axis, way in enumerate(np.eye(3)):
             rig.pose.bones[mover].location = way
-            context.view_layer.update()
-            steps[number, axis] = np.array(bones[at].matrix)[:3, 3] - rest[at, :3, 3]
+            steps[number, axis] = (shown()[at] - rest[at])[:3, 3]
         rig.pose.bones[mover].location = (0, 0, 0)
     axes = [
         Vector((np.sin(PROBE_STEP * index), np.cos(PROBE_STEP * index), np.sin(index))) for index in range(len(bones))

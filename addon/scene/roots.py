@@ -10,6 +10,7 @@ from .cameras import pose_of
 from .ownership import is_made_for, release, sign
 
 ROOT_SIZE = 0.5  # m, of the axes that are drawn
+SAME_SCALE = 1.001  # of the axes of what is scaled evenly
 
 
 def root_of(collection: bpy.types.Collection) -> bpy.types.Object | None:
@@ -75,6 +76,12 @@ def placed(collection: bpy.types.Collection | None) -> np.ndarray:
     """(4, 4) from the coordinates of a take, which are the room's, to the world's."""
     root = None if collection is None else root_of(collection)
     return np.array(Matrix() if root is None else pose_of(root), dtype=float)
+
+
+def is_even(place: np.ndarray) -> bool:
+    """Whether a matrix (4, 4) turns, moves and scales all alike, and mirrors nothing."""
+    sizes = np.linalg.norm(place[:3, :3], axis=0)
+    return bool(np.linalg.det(place[:3, :3]) > 0 and sizes.max() <= SAME_SCALE * sizes.min())
 
 
 def in_world(collection: bpy.types.Collection, places: np.ndarray) -> np.ndarray:

@@ -67,6 +67,7 @@ class Take:
     colours    of performers by their names; a usual one for who has none
     old_body   frames, by the source's numbers, whose body was posed on other labels
     lab        events and force plates of its file
+    shift      what to add to the source's frame numbers to get Blender's; None for what that needs
     """
 
     name: str
@@ -86,6 +87,7 @@ class Take:
     colours: Mapping[str, Colour] = field(default_factory=dict)
     old_body: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     lab: LabRecords = NO_LAB
+    shift: int | None = None
 
     @classmethod
     def of(
@@ -112,12 +114,12 @@ class Take:
         return np.where(np.isin(self.motion.frames, self.old_body), now ^ 1, now)
 
 
-def frame_shift(frames: np.ndarray) -> int:
-    """What to add to the source's frame numbers so that Blender can show them: mostly nothing.
+def frame_shift(frames: np.ndarray, at_1: bool = False) -> int:
+    """What to add to the source's frame numbers so that Blender can show them: mostly nothing, or what begins `at_1`.
 
     Raises JobError where there are more frames than Blender counts.
     """
-    if not len(frames) or (frames[0] >= 0 and frames[-1] <= LAST_FRAME):
+    if not len(frames) or (frames[0] >= 0 and frames[-1] <= LAST_FRAME and not at_1):
         return 0
     if frames[-1] - frames[0] >= LAST_FRAME:
         raise JobError(
@@ -138,7 +140,7 @@ def show_take(
     take's, unless what a person made goes by them. Needs object mode; adds no undo step of its own.
     """
     scene = context.scene
-    shift = frame_shift(take.motion.frames)
+    shift = frame_shift(take.motion.frames) if take.shift is None else take.shift
     frames = take.motion.frames + shift
     camera_collection = scene_cameras.find_or_add_cameras(scene, take.cameras) if len(take.cameras) else None
     if collection is None:
@@ -461,6 +463,11 @@ def fps_of(scene: bpy.types.Scene) -> float:
 def plays_at(scene: bpy.types.Scene, rate: float) -> bool:
     """Whether a scene has a rate, but for what Blender rounds."""
     return math.isclose(fps_of(scene), rate, rel_tol=1e-4)
+
+
+def retimed(scene: bpy.types.Scene, rate: float, frames: np.ndarray) -> np.ndarray:
+    """(F,) where Blender's frames of a take lie for it to play at its own speed in a scene of another rate."""
+    return frames if plays_at(scene, rate) else frames[0] + (frames - frames[0]) * (fps_of(scene) / rate)
 
 
 def set_time(scene: bpy.types.Scene, rate: float, frames: np.ndarray):

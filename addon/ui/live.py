@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The panel *Live*, and the latest frame of a stream drawn over the 3D view, with the body as a stick figure."""
+"""The panel *Live*, and the latest frame of a stream drawn over the 3D view, with bodies as stick figures."""
 
 import bpy
 import numpy as np
 
 from ..ops.live import going_on, how_it_ended
-from ..scene.armature import segment_sides
+from ..props import colours_asked
+from ..scene.performers import usual_colour
 from .figure import bone_colours, draw_lines
 from .marks import GREY, ORANGE
 from .overlay import BLOB_RADIUS, Canvas
@@ -26,6 +27,8 @@ def live(layout, context):
         draw_choice(column, settings, name, factor=0.35)
     if subjects.performing == "ONE":
         draw_choice(layout, settings, "rig", factor=0.35)
+    for performer in subjects.performers if subjects.performing == "LISTED" else ():
+        draw_choice(layout, performer, "rig", factor=0.35, words=f"Rig of {performer.name}")
     row = layout.row(align=True)
     row.scale_y = 1.4
     if stream is None:
@@ -41,13 +44,16 @@ def live(layout, context):
 def draw():
     """Draws the latest frame over the current 3D view; Blender calls this at every redraw."""
     context, stream = bpy.context, going_on()
-    display = context.scene.mocap_autolabel.display
+    settings = context.scene.mocap_autolabel
+    display, asked = settings.display, colours_asked(settings.subjects)
     if stream is None or not display.show_overlay or not context.space_data.overlay.show_overlays:
         return
     with Canvas(context) as canvas:
-        if display.show_figure and stream.body is not None:
-            above, sides = stream.worn.skeleton.parents, segment_sides(stream.worn)
-            draw_lines(canvas, stream.body.bones, bone_colours(list(sides.values()), above), above)
+        for number, one in enumerate(stream.performers):
+            if display.show_figure and one.body is not None:
+                above = one.worn.skeleton.parents
+                own = asked.get(one.name, usual_colour(number)) if one.name else None
+                draw_lines(canvas, one.body.bones, bone_colours(one.sides, above, own), above)
         for points, colour, radius in ((stream.unnamed, GREY, 1.5), (stream.named, ORANGE, 1)):
             colours = np.broadcast_to(np.array(colour), (len(points), 4))
             canvas.discs(canvas.place(points), colours, BLOB_RADIUS - radius, 1.0)

@@ -92,7 +92,7 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
         row = column.split(factor=0.45, align=True)
         row.label(text="Up:")
         axes = row.operator_menu_enum("mocap_autolabel.import_take", "up", text=source.up.upper() or source.up_found)
-        axes.filepath, axes.mirror, axes.rate = path, source.mirror, source.rate
+        axes.filepath, axes.mirror, axes.rate, axes.at_1 = path, source.mirror, source.rate, source.at_1
         axes.use = "points" if is_qtm(Path(path)) else USE_ITEMS[0][0]
     else:
         draw_choice(column, source, "rate")

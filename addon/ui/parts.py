@@ -80,10 +80,10 @@ def draw_text(context: bpy.types.Context, layout: bpy.types.UILayout, words: str
         column.label(text=line, icon="BLANK1" if number and icon != "NONE" else icon)
 
 
-def draw_choice(layout: bpy.types.UILayout, group: bpy.types.PropertyGroup, name: str, factor: float = 0.45):
-    """A choice with its whole name before it, of which Blender by itself leaves a narrow sidebar a third."""
+def draw_choice(layout: bpy.types.UILayout, group: bpy.types.PropertyGroup, name: str, factor: float = 0.45, words=""):
+    """A choice with its whole name, or other words, before it; Blender by itself leaves a narrow sidebar a third."""
     row = layout.split(factor=factor, align=True)
-    row.label(text=f"{group.bl_rna.properties[name].name}:")
+    row.label(text=f"{words or group.bl_rna.properties[name].name}:")
     row.prop(group, name, text="")
 
 

@@ -154,15 +154,20 @@ def switch_to_ik(rig: bpy.types.Object):
 def followed(
     take: people.Take, character: Character, body: np.ndarray, rig: bpy.types.Object, matched: dict[str, str]
 ) -> list[str]:
-    """How a rig follows a body's joints (F, J, 3): angles of limbs, its planted feet, its hips' way, its turns."""
+    """How a rig follows a body's joints (F, J, 3): angles of limbs, planted feet, toes, hips' way, turns."""
     bones = matched
     if "torso" in matched.values():
         bones = {part: MOVED.get(bone, "ORG-" + bone.replace("_fk", "")) for part, bone in matched.items()}
     parts, found = [part for part in bones if part in character.names], np.isfinite(body).all(axis=(1, 2))
-    posed = np.full((len(body), len(parts), 4, 4), np.nan)
+    posed, tips = np.full((len(body), len(parts), 4, 4), np.nan), np.full((len(body), 2), np.nan)
+    toes, world = [bones[f"toes.{side}"] for side in "LR"], rig.matrix_world
     for frame in np.flatnonzero(found):
         bpy.context.scene.frame_set(int(frame))
-        posed[frame] = [rig.matrix_world @ rig.pose.bones[bones[part]].matrix for part in parts]
+        posed[frame] = [world @ rig.pose.bones[bones[part]].matrix for part in parts]
+        tips[frame] = [
+            (world @ rig.pose.bones[toe].tail).z - (world @ rig.data.bones[toe].tail_local).z for toe in toes
+        ]
+    rest = {part: np.array(world @ rig.data.bones[bones[part]].matrix_local)[None, :3, 3] for part in parts}
     theirs = {part: posed[:, at, :3, 3] for at, part in enumerate(parts)}
     ours = {part: body[:, character.names.index(part)] for part in parts}
     angles: dict[str, list[np.ndarray]] = {"arm": [], "leg": []}
@@ -172,7 +177,7 @@ def followed(
             ways = [way / np.linalg.norm(way, axis=1, keepdims=True) for way in ways]
             off = np.degrees(np.arccos(np.clip((ways[0] * ways[1]).sum(axis=1), -1, 1)))
             angles["arm" if "arm" in begin else "leg"].append(off[found])
-    scale = np.divide(*(leg_of(places) for places in (theirs, ours)))
+    scale = np.divide(*(leg_of(places) for places in (rest, ours)))  # by IK a leg may stretch
     hips = [(places["thigh.L"] + places["thigh.R"]) / 2 for places in (theirs, ours)]
     off = hips[0] - scale * hips[1]
     planted = [theirs[f"toes.{side}"][first:end] for side in "LR" for first, end in plants(take, side)]
@@ -182,6 +187,7 @@ def followed(
         *quantiles(np.concatenate(angles["arm"])),
         *quantiles(np.concatenate(angles["leg"])),
         *quantiles(1000 * slips),
+        f"{100 * (tips[found] < -0.01).mean():.1f}",
         f"{1000 * np.nanmax(np.linalg.norm(off - np.nanmedian(off, axis=0), axis=1)):.1f}",
         f"{largest_turn(axes / np.linalg.norm(axes, axis=-2, keepdims=True)):.0f}",
     ]
@@ -211,9 +217,10 @@ def main():
             rigs += [[title, *row] for row in on_rigs(take, markerset, fitted)]
     head = ["take", "body", "feet 5 mm in the floor, %", "20 mm, %", "plants", "slide, mm", "slide at 99 %, mm"]
     head += ["largest turn, °", "from its markers, mm", "from them at 99 %, mm"]
-    print(markdown(head, floor))
+    print(markdown(head, floor), flush=True)
     head = ["take", "rig", "arms off, °", "arms at 99 %, °", "legs off, °", "legs at 99 %, °"]
-    head += ["planted feet off, mm", "feet at 99 %, mm", "hips' way off, mm", "largest turn, °"]
+    head += ["planted feet off, mm", "feet at 99 %, mm", "toes 10 mm in the floor, %", "hips' way off, mm"]
+    head += ["largest turn, °"]
     print(markdown(head, rigs))
 
 

@@ -23,7 +23,7 @@ from addon.core.data.takes import Points
 from addon.core.points.models import Model
 from addon.core.points.several.live import namer_of, solved_of_several
 from addon.core.points.several.wearers import Wearer
-from addon.core.points.whole_take.live import SLOW_S, LiveNamer, Window, WindowNames, solved_window, subject_in
+from addon.core.points.whole_take.live import LiveNamer, Window, WindowNames, is_slow, solved_window, subject_in
 from addon.core.posing.posing import FollowedBody
 from addon.io.models import open_model
 from scripts.results import markdown
@@ -93,7 +93,7 @@ def played(points: Points, truth: np.ndarray, model: Model, people: int = 1) -> 
                 begin = process_time()
                 names = solve(window)
                 seconds = process_time() - begin
-                names = replace(names, slow=seconds > SLOW_S)
+                names = replace(names, slow=is_slow(window, seconds))
                 done = frame + max(math.ceil(seconds * points.rate), 1)
                 body = body or (_body(model, window, names) if people == 1 else None)
             _count(found, marker, truth[frame, at], frame, back, points.rate)
@@ -102,7 +102,7 @@ def played(points: Points, truth: np.ndarray, model: Model, people: int = 1) -> 
 
 def _body(model: Model, window: Window, names: WindowNames) -> FollowedBody | None:
     """Who is in a window, to be posed; None where that is not known."""
-    subject = subject_in(model, window, names)
+    subject = subject_in(model, window, names.marker)
     return None if subject is None else FollowedBody(BodyModel(model.markerset), subject)
 
 

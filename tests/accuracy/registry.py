@@ -17,6 +17,7 @@ from time import process_time
 
 import numpy as np
 
+from addon.cli.evaluate import compare
 from addon.core.data.errors import JobError, UserError
 from addon.core.data.progress import finished
 from addon.core.data.takes import Points
@@ -29,7 +30,6 @@ from addon.core.simulation.simulate import CaptureOptions
 from addon.core.training.takes import LabelledTake
 from addon.io.models import open_model, write_model
 from addon.io.points import read_points
-from addon.scoring import compare
 
 from . import actors, people, plates, real_blobs, strangers, whole_takes
 from .captures import standing, walking

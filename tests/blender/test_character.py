@@ -8,6 +8,7 @@ import addon_utils
 import bpy
 import numpy as np
 import pytest
+from mathutils import Matrix, Vector
 
 from addon.core.data.errors import InputError, JobError
 from addon.core.posing.character import BONE_NAMES
@@ -17,7 +18,7 @@ from addon.scene import take as takes
 from addon.scene.animation import KeyOptions
 from addon.scene.opened import Opened
 
-from .hands import ours, stored_take
+from .hands import ours, refused, stored_take
 
 # What a retargeted joint or marker may be off: the root alone moves, and floats of single precision are in between.
 MOST_OFF_M = 0.0001
@@ -133,6 +134,24 @@ def read_fbx(path):
     bpy.ops.import_scene.fbx(filepath=path, anim_offset=0.0)
 
 
+def test_files_stand_where_the_root_has_the_take_or_in_the_room_by_choice(shown, tmp_path):
+    take, segments = bpy.context.scene.mocap_autolabel.take, shown.markerset.skeleton.segments
+    root, room = ours("scene.roots").root_of(take), shown.motion.joints[20, segments.index("hand.L")]
+    root.matrix_world = Matrix.LocRotScale((3, -1, 0.5), Matrix.Rotation(1.0, 3, (1, 0, 2)), Vector((2, 2, 2)))
+    bpy.context.view_layer.update()
+    for kind, read in (("bvh", read_bvh), ("fbx", read_fbx)):
+        for options, place in (({}, root.matrix_world @ Vector(room)), ({"room": True}, Vector(room))):
+            before, path = set(bpy.data.objects), str(tmp_path / f"{kind}{len(options)}.{kind}")
+            getattr(bpy.ops.mocap_autolabel, f"export_{kind}")(filepath=path, **options)
+            read(path)
+            [rig] = [item for item in bpy.data.objects if item not in before and item.type == "ARMATURE"]
+            bpy.context.scene.frame_set((1 if kind == "bvh" else 101) + 20)
+            assert (rig.matrix_world @ rig.pose.bones["LeftHand"].head - place).length < MOST_OFF_M * 5
+    root.scale.x = 1
+    bpy.context.view_layer.update()
+    refused("root is mirrored or scaled unevenly", "export_bvh", filepath=str(tmp_path / "no.bvh"))
+
+
 @pytest.mark.parametrize(
     ("kind", "read", "first", "options"),
     [
@@ -158,9 +177,10 @@ def test_a_rig_that_copies_the_file_by_bone_names_moves_as_the_body(shown, tmp_p
 def exporter(name: str, path: Path, **own):
     """An operator that exports to a path, without Blender's own part of it."""
     kind = getattr(ours("ops.exporting"), f"MOCAP_AUTOLABEL_OT_export_{name}")
-    methods = ("asked", "files", "parts", "path_of", "beside", "write")
+    methods = ("asked", "given", "place", "files", "parts", "path_of", "beside", "write")
     operator = type("Exports", (), {one: getattr(kind, one) for one in methods if hasattr(kind, one)})()
-    vars(operator).update(own, filepath=str(path), of_body=kind.of_body, filename_ext=kind.filename_ext)
+    vars(operator).update(room=True, filepath=str(path), of_body=kind.of_body, filename_ext=kind.filename_ext)
+    vars(operator).update(own)
     return operator
 
 

@@ -61,6 +61,14 @@ def test_a_folder_is_labelled_and_its_takes_opened(ready):
     assert [row.name for row in state().folder_takes] == ["bad", "walk"]
 
 
+def test_where_all_takes_are_labelled_nothing_is_said(ready, files, tmp_path):
+    (tmp_path / "alone").mkdir()
+    shutil.copy(files / "in" / "walk.csv", tmp_path / "alone")
+    ready.settings.folder.path = str(tmp_path / "alone")
+    assert bpy.ops.mocap_autolabel.label_folder() == {"FINISHED"}
+    assert ([row.state for row in state().folder_takes], state().folder_trouble) == (["labelled"], "")
+
+
 def test_a_folder_that_is_watched_goes_on_beside_blender_until_it_is_stopped(ready, files):
     settings, module = ready.settings, ready.module
     settings.folder.watch = True

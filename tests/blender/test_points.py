@@ -21,7 +21,7 @@ from tests.io.c3d_layouts import DEC, Layout
 from tests.io.kept import otherwise
 from tests.io.qtm_file import Recording, Trajectory, write_qtm
 
-from .hands import only, ours, refused
+from .hands import keys_of, only, ours, refused, rows_of_export, stored_take
 
 GHOSTS = 2
 MOTIVE = """Format Version,1.23,Take Name,walk,Export Frame Rate,100.000000,Length Units,Meters
@@ -104,6 +104,22 @@ def test_a_scene_that_a_person_animates_keeps_its_time_until_the_button_is_press
     assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
     assert scene.render.fps / scene.render.fps_base == pytest.approx(59.94)
     assert (scene.frame_start, scene.frame_end) == (101, 130)
+
+
+def test_a_take_begins_at_frame_1_by_choice_and_its_files_keep_their_numbers(naming_known, extension, empty, files):
+    scene, source = empty.scene, empty.scene.mocap_autolabel.source
+    bpy.ops.mocap_autolabel.import_take(filepath=str(files.folder / "walk.c3d"), at_1=True)
+    bpy.ops.mocap_autolabel.open_markerset(filepath=files.markerset)
+    assert (scene.frame_start, scene.frame_end, source.first_frame, source.last_frame) == (1, 30, 101, 130)
+    scene.frame_set(4)
+    assert visible_points() == int(np.isfinite(files.take.xyz[3, :, 0]).sum())
+    labelling = scene.mocap_autolabel.labelling
+    labelling.use_range, labelling.range_first, labelling.range_last = True, 111, 120
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    stored = stored_take()
+    assert (stored.shift, stored.motion.frames[0], stored.index_of(11)) == (-100, 111, 0)
+    assert keys_of("C7")[:, 0].tolist() == list(range(11, 21))
+    assert {row[0] for row in rows_of_export(files.folder / "out.labels.csv")} == {str(one) for one in range(111, 121)}
 
 
 def test_points_are_seen_before_they_are_labelled_and_imported_again_in_place_of_what_was_there(imported, files):

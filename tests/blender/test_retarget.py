@@ -84,6 +84,23 @@ def test_the_guide_s_script_moves_a_rig_without_a_window(shown, tmp_path, monkey
     assert action.name == f"{shown.name} retargeted" and action.frame_range[1] == shown.motion.frames[-1]
 
 
+def test_in_a_scene_of_another_rate_a_rig_moves_at_its_own_speed(shown):
+    poses, scene = [], bpy.context.scene
+    for rate in (60, 24):
+        scene.render.fps, rig = rate, mixamo()
+        retargeted(rig)
+        assert bpy.ops.mocap_autolabel.add_character() == {"FINISHED"}
+        for frame in range(24):
+            whole, part = divmod(frame * rate / 60, 1.0)
+            scene.frame_set(101 + int(whole), subframe=part)
+            both = rig, next(item for item in bpy.data.objects if item.name.startswith(f"{shown.name} character"))
+            poses.append([np.array(bone.matrix) for item in both for bone in item.pose.bones])
+        bpy.data.objects.remove(both[1])
+    assert scene.render.fps == 24 and (scene.frame_start, scene.frame_end) == (101, 124)
+    found = [index for index in range(24) if index not in (3, 4)]
+    np.testing.assert_allclose(*np.array(poses).reshape(2, 24, -1)[:, found], rtol=1e-4, atol=1e-4)
+
+
 def test_rest_poses_make_no_difference(shown):
     frames = shown.motion.frames[np.isfinite(shown.motion.joints).all(axis=(1, 2))]
     turns = []
@@ -115,6 +132,7 @@ def test_rigify_is_moved_by_its_controls(shown):
     assert rig.pose.bones["chest"].matrix_basis == Matrix()
     curves = rig.animation_data.action.layers[0].strips[0].channelbags[0].fcurves
     assert not [curve.data_path for curve in curves if '"MCH-' in curve.data_path]
+    assert {f'pose.bones["toe_ik.{side}"].rotation_quaternion' for side in "LR"} <= {one.data_path for one in curves}
     names = {f"{part}.{side}": f"ORG-{word}.{side}" for part, word in words.items() for side in "LR"}
     assert ways_off(shown, rig, names).max() < MOST_OFF
     parents = [rig.pose.bones[f"{limb}_parent.{side}"] for limb in ("upper_arm", "thigh") for side in "LR"]
@@ -174,11 +192,14 @@ def test_a_control_that_something_else_holds_stays_and_the_leg_moves(shown):
     held = rig.pose.bones["control"].constraints.new("COPY_TRANSFORMS")
     held.target, copied.mute, copied.influence = box(), True, 0.5
     rig.pose.bones["control"].location.x = 3
-    for _ in range(2):  # the second time it is switched as it was before the first
+    own = bpy.data.actions.new("own")
+    for _ in range(3):  # a later time it is switched as it was before the first, whatever action it has by then
         action = retargeted(rig)
         assert (solver.influence, copied.influence, held.influence) == (0, 0.5, 1)
         assert json.loads(action["mocap_switched"]) == {solver.path_from_id("influence"): 1.0}
         assert rig.pose.bones["control"].location.x == 3
+        action.use_fake_user, rig.animation_data.action = True, action if own.users else own
+    rig.animation_data.action = action
     assert ways_off(shown, rig, MIXAMO).max() < MOST_OFF
 
 
@@ -287,13 +308,30 @@ def test_hips_connected_to_a_root_go_with_it(shown):
     root.head, root.tail = hips.head * 0.5, hips.head
     hips.parent, hips.use_connect = root, True
     bpy.ops.object.mode_set(mode="OBJECT")
-    retargeted(rig)
+    rig.pose.bones["root"].rotation_quaternion = 0.8, 0.6, 0, 0
+    bpy.ops.object.mode_set(mode="POSE")
+    action = retargeted(rig)
+    assert bpy.context.mode == "POSE" and len(bpy.data.scenes) == 1
+    bpy.ops.object.mode_set(mode="OBJECT")
+    rig.pose.bones["root"].rotation_quaternion = 0.8, 0.6, 0, 0  # what the action says holds all the same
+    assert action.layers[0].strips[0].channelbags[0].fcurves.find('pose.bones["root"].rotation_quaternion')
     other = mixamo()
     retargeted(other)
     for frame in (int(shown.motion.frames[0]), int(shown.motion.frames[-1])):
         bpy.context.scene.frame_set(frame)
         heads = [(one.matrix_world @ one.pose.bones[MIXAMO["hand.L"]].head) for one in (rig, other)]
         assert (heads[0] - heads[1]).length < 1e-4
+
+
+def test_what_hangs_on_a_rig_does_not_move_each_time_it_is_asked(shown):
+    rig, solver, _ = leg_by_ik()
+    seen = []
+    bpy.app.handlers.depsgraph_update_post.append(lambda scene, _: seen.append(scene))
+    try:
+        retargeted(rig)
+    finally:
+        bpy.app.handlers.depsgraph_update_post.pop()
+    assert solver.influence == 0 and 0 < seen.count(bpy.context.scene) < 4
 
 
 def test_a_rig_whose_hips_stay_is_refused_and_keeps_its_action(shown):

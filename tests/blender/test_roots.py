@@ -88,3 +88,13 @@ def test_a_moved_root_goes_with_its_take(moved):
     bpy.ops.mocap_autolabel.clear()
     assert not [item for item in bpy.data.objects if item.name.endswith(("root", "room"))]
     assert not [item for item in bpy.data.collections if "Kept" in item.name]
+
+
+def test_exports_stand_where_the_root_has_the_take_by_choice(moved, tmp_path):
+    for name in ("c3d", "trc"):
+        path = tmp_path / f"out.{name}"
+        assert getattr(bpy.ops.mocap_autolabel, f"export_{name}")(filepath=str(path), room=False) == {"FINISHED"}
+        points, markers = ours("io.points").read_points(path, up="+z"), stored_take().motion.markers
+        seen = np.isfinite(points.xyz[:, : markers.shape[1]]).all(axis=2)
+        assert seen.sum() > 300
+        np.testing.assert_allclose(points.xyz[:, : markers.shape[1]][seen], at_root(markers[seen]), atol=1e-4)

@@ -95,14 +95,14 @@ def test_what_was_sent_by_one_who_is_gone_is_not_begun(room, takes, tmp_path):
 
 @pytest.mark.skipif(os.name == "nt", reason="needs a system where a process can be killed")
 def test_a_process_that_is_killed_names_its_take(label, takes, monkeypatch):
-    begin = workers.Worker.begin
+    hand = workers.Worker.hand
 
-    def killed(self, line):
-        if line[-1].endswith("two.csv"):
+    def killed(self, work):
+        if work.args[0].source.name == "two.csv":
             self.process.kill()
-        begin(self, line)
+        hand(self, work)
 
-    monkeypatch.setattr(workers.Worker, "begin", killed)
+    monkeypatch.setattr(workers.Worker, "hand", killed)
     answer = label(*FEW, "--jobs", "2", "--json", blobs=takes)
     assert "two.csv: its process was killed (SIGKILL)" in answer.refusal(1)
     assert [take["take"] for take in json.loads(answer.out)["takes"]] == ["one", "three"]

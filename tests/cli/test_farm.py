@@ -19,6 +19,7 @@ from addon.cli import workers
 from addon.cli.label import farm, running
 from addon.core.data.errors import JobError
 from addon.demo.take import MODEL
+from addon.jobs import LabelJob
 from addon.version import version
 from tests.faults.stage import wait_for
 
@@ -164,7 +165,7 @@ def test_workers_of_another_version_or_without_the_package_end_the_batch_in_a_se
 
 
 def test_a_worker_that_does_not_see_the_takes_says_so(tmp_path):
-    status, said = farm.work("batch", version(), json.dumps(["label", str(tmp_path / "walk.csv")]))
+    status, said = farm.work("batch", version(), str(tmp_path / "walk.csv"), b"")
     assert status == farm.UNFIT
     assert said.endswith(f"does not see the take {tmp_path / 'walk.csv'}")
 
@@ -180,7 +181,7 @@ def test_a_take_whose_workers_are_lost_again_and_again_fails_and_a_lost_schedule
     client = SimpleNamespace(scheduler=SimpleNamespace(address="tcp://farm:8786"))
 
     def answer(error):
-        return farm._answer_of(client, Lost(error), ["label", "walk.csv"], None)
+        return farm._answer_of(client, Lost(error), LabelJob(Path("walk.csv"), None, MODEL, Path()))
 
     killed = answer(distributed.KilledWorker("key", SimpleNamespace(address="tcp://one"), 3))
     assert str(killed).startswith("walk.csv: the workers that had it were lost 4 times; expected workers that stay")

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from contextlib import nullcontext
+from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -19,7 +20,7 @@ from addon.core.body.bodies import BodyModel
 from addon.core.body.sides import mirror_order
 from addon.core.data.errors import InputError, JobError
 from addon.core.points.several.wearers import AUTO
-from addon.core.points.whole_take.live import WINDOW_S, Window, WindowNames
+from addon.core.points.whole_take.live import WINDOW_S, Window, WindowNames, is_slow
 from addon.demo.take import MODEL
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points
@@ -128,12 +129,12 @@ class Solver:
 
     def answer(self) -> WindowNames:
         self.free = True
-        marker, subject = np.full(len(self.window.number), -1), None
+        marker, subjects = np.full(len(self.window.number), -1), ()
         if len(self.window.xyz) == WINDOW_S * RATE and self.said:
             height, named, exchanged = self.said.pop(0)
-            subject, order = self.body.rest(1, height), np.arange(self.body.marker_count)
+            subjects, order = (self.body.rest(1, height),), np.arange(self.body.marker_count)
             marker[:named] = (mirror_order(self.body.markerset.markers) if exchanged else order)[:named]
-        return WindowNames(self.window.number, marker, subject=subject)
+        return WindowNames(self.window.number, marker, subjects=subjects)
 
 
 def test_who_it_is_is_taken_from_more_names_or_where_names_were_wrong(walk, monkeypatch):
@@ -145,16 +146,18 @@ def test_who_it_is_is_taken_from_more_names_or_where_names_were_wrong(walk, monk
     lines: list[dict] = []
     said = [(1.4, 4, False), (1.7, len(order), False), (1.5, 8, False), (1.8, len(order), True)]
     live.name_stream(live.LiveJob("qtm://here", MODEL), Solver(body, said), lines.append, lambda: False)
-    heights = [line["body"]["scale"][0] for line in lines if line.get("body")]
+    heights = [line["bodies"][0]["scale"][0] for line in lines if line.get("bodies", [None]) != [None]]
     assert list(dict.fromkeys(heights)) == [1.4, 1.7, 1.8]
 
 
-def test_whether_a_window_took_long_is_said(monkeypatch):
+def test_whether_a_window_took_long_is_said_and_one_that_was_solved_quickly_may_take_half_of_that(monkeypatch):
     few = Window(0, RATE, np.arange(3), np.zeros((50, 3, 3)), np.full(3, -1), np.zeros((0, 26, 3)))
     for limit, slow in ((1e9, False), (0.0, True)):
-        monkeypatch.setattr("addon.cli.live.SLOW_S", limit)
+        monkeypatch.setattr("addon.core.points.whole_take.live.SLOW_S", limit)
         said = solved(live.LiveJob("qtm://here", MODEL), False, few)
         assert said.refused and said.slow == slow
+    monkeypatch.setattr("addon.core.points.whole_take.live.SLOW_S", 1.0)
+    assert [is_slow(replace(few, quick=quick), 0.7) for quick in (False, True)] == [False, True]
 
 
 def test_what_cannot_be_is_said_before_anybody_is_asked(run, tmp_path):

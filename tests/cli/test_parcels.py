@@ -84,7 +84,7 @@ def test_how_far_the_work_is_is_told(monkeypatch, room, tmp_path):
     monkeypatch.setattr(serving, "WORD_EVERY", 0.0)
     monkeypatch.setattr(serving, "left", lambda: False)
     write_parcel(tmp_path / "work", partial(label_to_show, LabelJob(room.c3d, None, MODEL, Path(), keep=True)))
-    assert serving.run_work([str(tmp_path / "result"), str(tmp_path / "work")]) == 0
+    assert serving.run_work(tmp_path / "result", tmp_path / "work") == 0
     words = [line.partition(serving.SHARE)[2] for line in said.getvalue().splitlines()]
     shares = [float(word) for word in words if word]
     assert shares == sorted(shares) and 0.0 < shares[-1] <= 1.0

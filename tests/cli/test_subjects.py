@@ -6,6 +6,7 @@ import contextlib
 import json
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import ezc3d
 import numpy as np
@@ -13,7 +14,8 @@ import pytest
 
 from addon.cli.label import add_parser
 from addon.cli.label.farm import _for_elsewhere
-from addon.cli.label.options import as_job, command_for, settle_subjects
+from addon.cli.label.options import as_job, settle_subjects
+from addon.cli.parcels import read_parcel
 from addon.core.data.errors import InputError
 from addon.core.data.takes import Points
 from addon.core.points.several.wearers import is_subject_name
@@ -173,13 +175,11 @@ def test_who_wears_what_is_said_to_other_processes(run, pair, tmp_path):
     model = tmp_path / "own.markerset.json"
     shutil.copy(markerset_file(WORN), model)
     given = label_arguments(pair / "pair.c3d", tmp_path, f"--subject=ann={WORN}", f"--subject=bob={model.name}")
-    words = command_for(given, pair / "pair.c3d")
-    assert f"--subject=ann={WORN}" in words
-    assert not any(word.startswith(("--model", "--subjects")) for word in words)
-    with contextlib.chdir(tmp_path):
-        elsewhere = _for_elsewhere(words)
-    assert {f"--subject=ann={WORN}", f"--subject=bob={model}"} <= set(elsewhere)
     job = as_job(given, pair / "pair.c3d")
+    with contextlib.chdir(tmp_path):
+        (tmp_path / "parcel").write_bytes(_for_elsewhere(replace(job, own=Path("own"))))
+    elsewhere = read_parcel(tmp_path / "parcel")
+    assert (elsewhere.wearers, elsewhere.own) == ((("ann", WORN), ("bob", str(model))), tmp_path / "own")
     swapped = replace(job, wearers=(("ann", str(model)), ("bob", WORN)))
     report = tmp_path / "pair.report.json"
     write_json(report, {"take": "pair", "provenance": made_of(swapped) | {"results": {}}})
@@ -187,25 +187,6 @@ def test_who_wears_what_is_said_to_other_processes(run, pair, tmp_path):
     assert earlier_run(report, now)[0] is not None, "the same content"
     with pytest.raises(InputError, match="differs in --subject;"):
         earlier_run(report, made_of(replace(swapped, wearers=(("bob", str(model)), ("ann", WORN)))))
-
-
-def test_other_processes_are_told_where_the_own_marker_sets_are(pair, tmp_path):
-    given = label_arguments(pair / "pair.c3d", tmp_path, "--model=auto", "--models=own")
-    with contextlib.chdir(tmp_path):
-        elsewhere = _for_elsewhere(command_for(given, pair / "pair.c3d"))
-    assert {"--model=auto", f"--models={tmp_path / 'own'}"} <= set(elsewhere)
-
-
-def test_other_processes_are_told_all_options(pair, tmp_path):
-    said = "--frames=5:9 --up=-y --mirror --use=points --method=fit --target=0.9 --rate=60 --height=1.7 --facing=30"
-    said += " --occlusion=capsules --edits=own.json --trc --fill --blend --html --overwrite --resume --force"
-    given = label_arguments(pair / "pair.c3d", tmp_path, f"--model={WORN}", "--subjects=2", *said.split())
-    out, *words = command_for(given, pair / "pair.c3d")[1:-2]
-    assert (
-        as_job(label_arguments(pair / "pair.c3d", out.partition("=")[2], *words), pair / "pair.c3d")
-        == as_job(given, pair / "pair.c3d")
-        != as_job(label_arguments(pair / "pair.c3d", tmp_path, f"--model={WORN}"), pair / "pair.c3d")
-    )
 
 
 @pytest.fixture(scope="module")

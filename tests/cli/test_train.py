@@ -344,7 +344,7 @@ def test_a_take_of_one_labelled_frame_is_enough_of_a_person(tmp_path, monkeypatc
 
 
 def test_several_subjects_may_follow_one_option_and_takes_may_follow_them(takes):
-    from addon.cli.parser import build_parser
+    from addon.cli.__init__ import build_parser
 
     given = build_parser().parse_args(["train", "--out", "a", "--subject", "ann=a*", "bob=b*", str(takes[0]), "--lean"])
     assert given.subjects == [("ann", "a*"), ("bob", "b*"), Path(takes[0])]

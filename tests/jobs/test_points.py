@@ -147,6 +147,7 @@ def test_progress_only_grows_and_goes_on_while_the_body_is_posed(source, of_two_
     posing = [one.fraction for one in told if one.note == "pose the body"]
     assert len(set(posing)) > 10
     assert max(np.diff(sorted(set(posing)))) < 0.1
+    assert max(posing) - min(posing) > 0.15, "it takes as long as naming, or half of that"
 
 
 def test_the_report_says_what_is_the_matter_and_what_labelling_again_changed(source, tmp_path, monkeypatch):

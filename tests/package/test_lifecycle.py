@@ -42,7 +42,8 @@ def test_installing_enables_all_of_it_and_blender_sees_no_violation_of_its_polic
     assert life["installed"]["enabled"]
     assert life["installed"]["version"] == build.version()
     assert life["installed"]["tabs"] == ["Mocap"]
-    assert life["installed"]["operators"]
+    # A Python of another version keeps what a class declares otherwise, and bases of operators add to that.
+    assert {"filter_glob", "performer", "room", "unit"} <= set(life["installed"]["operators"]["export_bvh"])
     files = [path for path in (build.ROOT / "addon").rglob("*.py") if path.name != "__init__.py"]
     assert len(files) <= len(life["modules"])
     assert life["warnings"] == {}
@@ -54,7 +55,7 @@ def test_installing_enables_all_of_it_and_blender_sees_no_violation_of_its_polic
 def test_nothing_stays_in_the_running_blender(life, moment):
     assert not life[moment]["enabled"]
     assert life[moment]["traces"] == life["before"]
-    assert life[moment]["operators"] == []
+    assert life[moment]["operators"] == {}
 
 
 def test_enabling_again_restores_all_of_it_an_update_replaces_it_and_uninstalling_removes_it(life):

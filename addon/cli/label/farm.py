@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Takes spread over machines by `dask.distributed`: command lines are handed out here, and run by its workers.
+"""Takes spread over machines by `dask.distributed`: jobs are handed out here, and done by its workers.
 
-What is sent is made of Python's own functions and of text: so the scheduler needs no package of ours, and the name that
-this package goes by here, another one in Blender, is nobody's concern. Results are written where they belong by the
-worker; its answer is the report.
+What is sent is made of Python's own functions, text and bytes: so the scheduler needs no package of ours, and the name
+that this package goes by here, another one in Blender, is nobody's concern. Results are written where they belong by
+the worker; its answer is the report.
 """
 
-import json
 import logging
 import operator
 import os
@@ -20,16 +19,21 @@ import warnings
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ...core.data.errors import InputError, JobError, UserError
 from ...io.markersets import AUTO_MODEL, markerset_file
-from ...io.scratch import scratch_folder
+from ...io.scratch import naming_scratch, scratch_folder
+from ...io.source import read_bytes
 from ...io.whole import check_targets
+from ...jobs import label_for_report
 from ...jobs.job import LabelJob, results_of
 from ...version import version
 from ..console import complain, of_take
+from ..parcels import read_parcel, write_parcel
 from ..serving import PATIENCE, POLL
 from ..workers import crew
 
@@ -40,21 +44,21 @@ UNFIT = 0  # an exit status that no failed take has: the worker can do no take o
 
 
 def farm_out(
-    address: str | None, jobs: int, job_of: Callable[[Path], LabelJob], lines: Sequence[list[str]]
+    address: str | None, most: int, jobs: Sequence[LabelJob]
 ) -> Generator[tuple[int, dict | UserError], None, None]:
-    """Runs command lines of `label` by the workers of the scheduler at `address`; yields number and answer.
+    """Has jobs done by the workers of the scheduler at `address`; yields number and answer.
 
-    Without an address they are `jobs` workers of dask's own cluster on this machine, which ends with them. The last
-    word of each is its take, and `job_of` gives that as a job. Closing the generator stops what runs. JobError where
-    the scheduler is not there or goes away, or a worker has no such version or does not see the takes.
+    Without an address they are up to `most` workers of dask's own cluster on this machine, which ends with them.
+    Closing the generator stops what runs. JobError where the scheduler is not there or goes away, or a worker has no
+    such version or does not see the takes.
     """
     batch = f"mocap-autolabel-{uuid.uuid4().hex}"
     at_work: dict[str, tuple] = {}
-    with _scheduler(address, min(jobs, len(lines))) as address, _connected(address) as client:
+    with _scheduler(address, min(most, len(jobs))) as address, _connected(address) as client:
         if not client.nthreads():
             complain(f"the scheduler at {address} has no workers yet: the takes wait for the first of them")
         try:
-            yield from _answers_of(client, batch, job_of, lines, at_work)
+            yield from _answers_of(client, batch, jobs, at_work)
         except OSError as error:
             raise _gone(address) from error
         finally:
@@ -108,31 +112,33 @@ def _connected(address: str) -> Iterator[Any]:
         yield client
 
 
-def _answers_of(
-    client, batch: str, job_of: Callable[[Path], LabelJob], lines: Sequence[list[str]], at_work: dict
-) -> Iterator[tuple[int, dict | UserError]]:
-    """Number and answer of each command line, as they come; what is not yet wanted is not yet sent.
+def _answers_of(client, batch: str, jobs: Sequence[LabelJob], at_work: dict) -> Iterator[tuple[int, dict | UserError]]:
+    """Number and answer of each job, as they come; what is not yet wanted is not yet sent.
 
-    `at_work` has what was sent and is not answered: a future, the number and the line by the future's key.
+    `at_work` has what was sent and is not answered: a future, the number and the job by the future's key.
     """
-    waiting = deque(enumerate(lines))
+    waiting = deque(enumerate(jobs))
     answers: queue.SimpleQueue = queue.SimpleQueue()
     while waiting or at_work:
         room = AHEAD * max(sum(client.nthreads().values()), 1)
         while waiting and len(at_work) < room:
-            number, line = waiting.popleft()
+            number, job = waiting.popleft()
             try:
-                _check_place(job_of(Path(line[-1])), line)
+                # Asked here and not by the worker, which is told to go on with what is there: of a take whose worker is
+                # lost the next one may find the results whole.
+                if not (job.resume or job.overwrite):
+                    check_targets(job.written, False, job.read)
+                sent = _for_elsewhere(job)
             except Exception as error:  # noqa: BLE001 - every take is its own
-                yield number, of_take(error, Path(line[-1]))
+                yield number, of_take(error, job.source)
                 continue
-            sent = json.dumps(_for_elsewhere(line))
-            future = _send(client, f"{batch}-{number}", "work", batch, version(), sent)
-            at_work[future.key] = future, number, line
+            take = os.path.abspath(job.source)  # noqa: PTH100 - links stay as they are
+            future = _send(client, f"{batch}-{number}", "work", batch, version(), take, sent)
+            at_work[future.key] = future, number, job
             future.add_done_callback(answers.put)
         if at_work:
-            future, number, line = at_work.pop(_waited_for(answers).key)
-            yield number, _answer_of(client, future, line, job_of)
+            future, number, job = at_work.pop(_waited_for(answers).key)
+            yield number, _answer_of(client, future, job)
 
 
 def _waited_for(answers: queue.SimpleQueue):
@@ -142,46 +148,36 @@ def _waited_for(answers: queue.SimpleQueue):
             return answers.get(timeout=POLL)
 
 
-def _check_place(job: LabelJob, line: list[str]):
-    """Raises InputError where the results of somebody else are in the way.
+def _for_elsewhere(job: LabelJob) -> bytes:
+    """A job as it holds in any folder, and for a take that was begun before, as a parcel."""
 
-    This is asked before and not by the worker, which is told to go on with what is there: of a take whose worker is
-    lost the next one may find the results whole.
-    """
-    if "--resume" not in line and "--overwrite" not in line:
-        check_targets(job.written, False, job.read)
+    def whole(model: str) -> str:
+        return model if model == AUTO_MODEL or markerset_file(model) != Path(model) else os.path.abspath(model)  # noqa: PTH100
 
-
-def _for_elsewhere(line: list[str]) -> list[str]:
-    """A command line as it holds in any folder, and for a take that was begun before."""
-    words = ["label", *([] if {"--resume", "--overwrite"} & set(line) else ["--resume"])]
-    for word in line[1:-1]:
-        name, _, value = word.partition("=")
-        if name == "--subject":
-            wearer, _, value = value.partition("=")
-            name = f"{name}={wearer}"
-        model = name == "--model" or name.startswith("--subject=")
-        model &= value != AUTO_MODEL and markerset_file(value) == Path(value)
-        if model or name in ("--out", "--cameras", "--edits", "--models"):
-            word = f"{name}={os.path.abspath(value)}"  # noqa: PTH100 - links stay as they are
-        words.append(word)
-    return [*words, os.path.abspath(line[-1])]  # noqa: PTH100
+    files = {name: getattr(job, name) for name in ("source", "cameras", "out", "own", "edits")}
+    paths = {name: Path(os.path.abspath(file)) for name, file in files.items() if isinstance(file, Path)}  # noqa: PTH100
+    wearers = tuple((name, whole(model)) for name, model in job.wearers)
+    again = job.resume or not job.overwrite
+    job = replace(job, model=whole(job.model), wearers=wearers, resume=again, **paths)
+    with scratch_folder() as folder:
+        write_parcel(folder / "job", job)
+        return read_bytes(folder / "job")
 
 
-def _send(client, key: str, name: str, *words: str, workers: list[str] | None = None):
+def _send(client, key: str, name: str, *words: str | bytes, workers: list[str] | None = None):
     """The future of a function of this file, called where the scheduler, or `workers`, will have it."""
     task = (operator.call, (pkgutil.resolve_name, f"{THERE}:{name}"), *words)
     [future] = client.get({key: task}, [key], sync=False, workers=workers, allow_other_workers=False)
     return future
 
 
-def _answer_of(client, future, line: list[str], job_of: Callable[[Path], LabelJob]) -> dict | UserError:
+def _answer_of(client, future, job: LabelJob) -> dict | UserError:
     """What came of a take; JobError where its worker, or the scheduler, can do none."""
     from concurrent.futures import CancelledError
 
     from distributed import KilledWorker
 
-    take = Path(line[-1])
+    take = job.source
     try:
         status, words = future.result()
     except KilledWorker as error:
@@ -197,10 +193,10 @@ def _answer_of(client, future, line: list[str], job_of: Callable[[Path], LabelJo
         return words
     if status == UNFIT:
         raise JobError(f"{words}; {_expected()}")
-    if "--overwrite" not in line:
+    if not job.overwrite:
         # A worker that was believed lost may have finished it after all, before the one that was asked next.
         with suppress(UserError):
-            return results_of(job_of(take)) or _failure(status, words, take)
+            return results_of(job) or _failure(status, words, take)
     return _failure(status, words, take)
 
 
@@ -235,24 +231,25 @@ BUSY: Counter[str] = Counter()  # how many more are at work
 CHANGED = threading.Condition()
 
 
-def work(batch: str, wanted: str, line: str) -> tuple[int, dict | str]:
-    """Runs a command line on this worker: status 0 and the report, or the exit status and why there is none."""
-    words = json.loads(line)
+def work(batch: str, wanted: str, take: str, sent: bytes) -> tuple[int, dict | str]:
+    """Does a job on this worker: status 0 and the report, or the exit status and why there is none."""
     if version() != wanted:
         return UNFIT, f"the worker on {socket.gethostname()} has version {version()} of Mocap Autolabel"
-    if not Path(words[-1]).exists():
-        return UNFIT, f"the worker on {socket.gethostname()} does not see the take {words[-1]}"
+    if not Path(take).exists():
+        return UNFIT, f"the worker on {socket.gethostname()} does not see the take {take}"
     try:
-        with _hand(batch) as (run, stop), _stopped_when_unwanted(stop):
-            [(_, answer)] = run([words])
+        with scratch_folder() as folder, _hand(batch) as (run, stop), _stopped_when_unwanted(stop):
+            with naming_scratch(folder):
+                (folder / "job").write_bytes(sent)
+            [(_, answer)] = run([partial(label_for_report, read_parcel(folder / "job"))])
     except UserError as error:
         answer = error
-    return (0, answer) if isinstance(answer, dict) else (answer.exit_status, str(answer))
+    return (0, answer) if isinstance(answer, dict) else (answer.exit_status, str(of_take(answer, Path(take))))
 
 
 @contextmanager
 def _hand(batch: str) -> Iterator[tuple[Callable, Callable]]:
-    """What runs command lines one after the other in a process, and what stops it; it is kept for the batch's next."""
+    """What does jobs one after the other in a process, and what stops it; it is kept for the batch's next."""
     with CHANGED:
         BUSY[batch] += 1
         pair = RESTING[batch].pop() if RESTING[batch] else None

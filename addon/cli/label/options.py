@@ -3,13 +3,11 @@
 
 import argparse
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...blendfile import has_blender, open_cameras
 from ...core.data.errors import InputError
-from ...core.data.wording import words_of_range
 from ...core.points.models import METHODS, USUAL_TARGET, chosen_method, plain_method
 from ...core.points.several.wearers import AUTO, MAX_SUBJECTS, NAME_RULE, as_compared, is_subject_name
 from ...io.edits import edits_beside
@@ -97,16 +95,6 @@ def check_models(arguments):
             raise InputError(f"{words}; expected {way}, and a model made by train")
 
 
-def subject_words(model: str, subjects: int, wearers: Sequence[tuple[str, str]], own: Path | None = None) -> list[str]:
-    """Who is asked for, said as in a job, as words of a command line."""
-    if wearers:
-        return [f"--subject={name}={worn}" for name, worn in wearers]
-    words = [f"--model={model}", *([] if own is None else [f"--models={own}"])]
-    if subjects != 1:
-        words.append(f"--subjects={'auto' if subjects == AUTO else subjects}")
-    return words
-
-
 DESCRIPTION = """Names the markers of one or more takes. INPUT: camera blobs, a CSV file with the header
 frame,camera,x,y and optionally area, which needs --cameras; 3D points, a .c3d, .trc or Motive .csv, whose own names are
 not looked at; or a Qualisys .qtm, which holds blobs with their calibration, 3D points, or both. For INPUT walk.csv, DIR
@@ -162,7 +150,6 @@ def add_label_options(verbs) -> argparse.ArgumentParser:
     add("--idle", type=number(0, 1e9, "time"), metavar="SECONDS", help=idle)
     for name, words in LABEL_SWITCHES.items():
         add(f"--{name}", action="store_true", help=words)
-    add("--result", type=Path, help=argparse.SUPPRESS)
     return parser
 
 
@@ -173,22 +160,6 @@ def as_job(arguments, path: Path) -> LabelJob:
     if not holds_points(path, arguments.use):
         known |= told_by_capture(path, arguments.cameras, arguments.rate)
     return job_of(LabelJob, arguments, **known)
-
-
-def command_for(arguments, path: Path) -> list[str]:
-    """The command line that labels one of the inputs alone."""
-    who = subject_words(arguments.model, arguments.subjects, arguments.subject, arguments.own)
-    command = ["label", f"--out={arguments.out}", *who]
-    known = {
-        name: getattr(arguments, name)
-        for name in ("cameras", "rate", "height", "facing", "method", "occlusion", "target", "up", "use", "edits")
-    }
-    command += [f"--{name}={value}" for name, value in known.items() if value is not None]
-    if arguments.frames:
-        command.append(f"--frames={words_of_range(arguments.frames)}")
-    switches = "mirror", "plain", "trc", "fill", "blend", "html", "overwrite", "resume", "force"
-    command += [f"--{name}" for name in switches if getattr(arguments, name)]
-    return [*command, "--", str(path)]
 
 
 def summary_of(arguments) -> "BatchSummary | None":

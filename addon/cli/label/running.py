@@ -2,8 +2,8 @@
 """Labels takes one after the other, side by side, over machines, or as they arrive."""
 
 import json
-from collections.abc import Callable, Generator, Iterator
-from contextlib import AbstractContextManager, closing, nullcontext, suppress
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -14,9 +14,9 @@ from ...blendfile import open_cameras
 from ...core.data.errors import InputError, UserError
 from ...io.batch import DONE_BEFORE, FAILING, LABELLED, row_of
 from ...io.provenance import INSTEAD, REPORT
-from ...io.scratch import naming_scratch, take_away_scratch
+from ...io.scratch import take_away_scratch
 from ...io.whole import finish_renaming
-from ...jobs.job import occlusion_here, results_of
+from ...jobs.job import LabelJob, occlusion_here, results_of
 from ..console import ProgressLine, complain, of_take, print_results
 from ..serving import load_labelling
 from .options import (
@@ -24,7 +24,6 @@ from .options import (
     check,
     check_models,
     check_rest,
-    command_for,
     edited_beside,
     settle_subjects,
     summary_of,
@@ -68,9 +67,14 @@ def _remarks(report: dict) -> list[str]:
     return [f"{words} (--use chooses)" if " are taken, not " in words else words for words in notes]
 
 
+def for_take(answer: "Answer", path: Path) -> "Answer":
+    """What came of a take in another process, which names the take where it says no file."""
+    return of_take(answer, path) if isinstance(answer, UserError) else answer
+
+
 Result = TypeVar("Result")
 Answer = dict | UserError  # a take's report, or why there is none
-Runner = Callable[[list[list[str]]], Generator[tuple[int, Answer], None, None]]  # of command lines, by their number
+Runner = Callable[[Sequence[LabelJob]], Generator[tuple[int, Answer], None, None]]  # of takes, by their number
 
 
 class Batch:
@@ -158,15 +162,15 @@ def run(arguments) -> int:
         # Once for all takes and processes: the first may bring Blender in.
         arguments.occlusion = occlusion_here(arguments.occlusion)
         check(arguments)
-        if not arguments.result:  # whoever started this process side by side with others has done so already
-            take_away_scratch()
-            for words in (*unused(arguments), *edited_beside(arguments)):
-                complain(words)
+        take_away_scratch()
+        for words in (*unused(arguments), *edited_beside(arguments)):
+            complain(words)
         return _run(Batch(arguments), runner)
 
 
-def _runner(arguments) -> AbstractContextManager[Runner | None]:
-    """What runs command lines side by side; None for one take after the other."""
+@contextmanager
+def _runner(arguments) -> Iterator[Runner | None]:
+    """What labels takes side by side; None for one take after the other."""
     if arguments.engine == "dask":
         # Nor is farm.py in a zip for Blender, which brings no package that it could use.
         if not (find_spec("distributed") and find_spec(f"{__package__}.farm")):
@@ -174,15 +178,24 @@ def _runner(arguments) -> AbstractContextManager[Runner | None]:
             raise InputError(f"{words}; expected it installed, as pip install 'mocap-autolabel[farm]' does")
         from .farm import farm_out
 
-        return nullcontext(partial(farm_out, arguments.scheduler, arguments.jobs, partial(as_job, arguments)))
+        yield partial(farm_out, arguments.scheduler, arguments.jobs)
+        return
     if arguments.scheduler is not None:
         raise InputError("--scheduler is of --engine dask; expected both of them or neither")
     count = min(arguments.jobs, len(arguments.inputs))
     if count == 1:
-        return nullcontext()
+        yield None
+        return
     from ..workers import crew
 
-    return crew(count)
+    with crew(count) as run:
+        yield partial(_side_by_side, run)
+
+
+def _side_by_side(run: Callable, takes: Sequence[LabelJob]) -> Generator[tuple[int, Answer], None, None]:
+    with closing(run(partial(jobs.label_for_report, job) for job in takes)) as answers:
+        for number, answer in answers:
+            yield number, for_take(answer, takes[number].source)
 
 
 def _run(batch: Batch, runner: Runner | None) -> int:
@@ -196,10 +209,6 @@ def _run(batch: Batch, runner: Runner | None) -> int:
     batch.reports = {path: batch.reports[path] for path in arguments.inputs if path in batch.reports}
     for path, report in batch.reports.items():
         outcomes += [lines[path], *doubts_in(report)]
-    if arguments.result and not batch.failed:
-        with naming_scratch(arguments.result.parent):
-            report = batch.reports[arguments.inputs[0]]
-            arguments.result.write_text(json.dumps(report), encoding="utf-8", newline="\n")
     if batch.summary is not None and arguments.summary and batch.reports:
         outcomes += batch.summary.lines()
     return batch.end(outcomes, summed=bool(batch.reports) or arguments.summary)
@@ -217,7 +226,7 @@ def _answers(batch: Batch, runner: Runner | None) -> Iterator[tuple[Path, Answer
         else:
             yield path, earlier, DONE_BEFORE
     if runner is not None:
-        with closing(runner([command_for(arguments, path) for path in left])) as answers:
+        with closing(runner([as_job(arguments, path) for path in left])) as answers:
             for done, (number, answer) in enumerate(answers, 1):
                 batch.progress.tell(f"{done} of {len(left)} takes", at_once=True)
                 yield left[number], answer, LABELLED

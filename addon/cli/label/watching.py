@@ -3,17 +3,19 @@
 
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 from ...core.data.errors import UserError
 from ...io.arrivals import Arrivals
 from ...io.batch import AT_WORK, DONE_BEFORE, FAILING, LABELLED, MEASURED, WAITING
 from ...io.scratch import take_away_own
+from ...jobs import label_for_report
 from ..console import complain, print_results
 from ..workers import crew
-from .options import command_for
-from .running import Answer, Batch
+from .options import as_job
+from .running import Answer, Batch, for_take
 
 
 class Watch:
@@ -26,8 +28,8 @@ class Watch:
         self.at_work: set[Path] = set()
         self._last, self._quiet, self._shown = time.monotonic(), False, ""
 
-    def offers(self) -> Iterator[list[str] | None]:
-        """A command line for each take when it is there, None while there is none; ends where it may end."""
+    def offers(self) -> Iterator[Callable | None]:
+        """The work on each take when it is there, None while there is none; ends where it may end."""
         looked = float("-inf")
         while True:
             self.batch.write_summary()  # here, so that what is begun at once never stands there as waiting
@@ -38,11 +40,16 @@ class Watch:
             path = self._next()
             if path is not None:
                 self._last = now
-                earlier = self.batch.earlier(path)
-                if earlier is None:
-                    yield self._begin(path)
-                else:
+                job = self.batch.attempt(partial(as_job, self.arguments), path)
+                if isinstance(job, UserError):
+                    self._finish(path, job, LABELLED)
+                elif (earlier := self.batch.earlier(path)) is not None:
                     self._finish(path, earlier, DONE_BEFORE)
+                else:
+                    self.begun.append(path)
+                    self.at_work.add(path)
+                    self.summary.begin(path)
+                    yield partial(label_for_report, job)
                 continue
             if self._may_end(looked):
                 return
@@ -54,7 +61,7 @@ class Watch:
         with crew(self.arguments.jobs) as label:
             for number, answer in label(self.offers()):
                 self.at_work.discard(self.begun[number])
-                self._finish(self.begun[number], answer, LABELLED)
+                self._finish(self.begun[number], for_take(answer, self.begun[number]), LABELLED)
 
     @property
     def unfinished(self) -> bool:
@@ -82,12 +89,6 @@ class Watch:
                 return path
             self.summary.drop(path)
         return None
-
-    def _begin(self, path: Path) -> list[str]:
-        self.begun.append(path)
-        self.at_work.add(path)
-        self.summary.begin(path)
-        return command_for(self.arguments, path)
 
     def _finish(self, path: Path, answer: Answer, state: str):
         self._last = time.monotonic()

@@ -162,10 +162,6 @@ class BodyModel:
         every = np.broadcast_to(turn[:, None], (len(bodies), self.joint_count, 3, 3))
         return Posed(every, placed[:, : self.joint_count], placed[:, self.joint_count :]), columns
 
-    def _scale_columns(self, posed: Posed, offsets: np.ndarray) -> np.ndarray:
-        """(B, M, 3, 3) d markers / d S: each part of the chain stretches along its own segment's axes."""
-        return self._along_chain(posed.rotations, lambda turn, items: turn * offsets[:, items, None, :], 3)
-
     def _shape_columns(self, posed: Posed, scale: np.ndarray) -> np.ndarray:
         """(B, M, 3, K) d markers / d shape."""
         modes = self.modes.transpose(1, 2, 0)
@@ -214,7 +210,8 @@ def derivatives(model: BodyModel, bodies: Bodies) -> tuple[np.ndarray, np.ndarra
     bends_end = PLACEMENT + 3 * (model.joint_count - 1)
     columns[..., 0:3] = np.eye(3)
     columns[..., 3:6] = -rotations.cross_matrix(posed.markers - bodies.translation[:, None])
-    columns[..., 6:9] = model._scale_columns(posed, offsets)
+    # Each part of the chain stretches along its own segment's axes.
+    columns[..., 6:9] = model._along_chain(posed.rotations, lambda turn, items: turn * offsets[:, items, None, :], 3)
     columns[..., PLACEMENT:bends_end] = model._bend_columns(posed, left)
     columns[..., bends_end:] = model._shape_columns(posed, bodies.scale)
     return posed.rotations, posed.joints, posed.markers, columns

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..data.copies import Copies
+from ..data.made import Copies
 from ..data.takes import BY_EDIT, NO_MARKER, NO_STEP, EditOutcome, Labels
 from .applying import Cells, apply_edit
 from .kinds import Edit, Edits

@@ -129,11 +129,8 @@ class Cameras:
         seen = distort(flat, self.distortion[:, None, :])
         for index in np.flatnonzero(self.inverse.any(axis=1)):
             seen[index] = inverse_lens.bend(flat[index], self.inverse[index])
-        return self._to_pixels(seen).reshape(image.shape)
-
-    def _to_pixels(self, image: np.ndarray) -> np.ndarray:
-        """(C, N, 2) px of (C, N, 2) normalised image coordinates with the lens already in them."""
-        return image @ self.matrix[:, :2, :2].transpose(0, 2, 1) + self.matrix[:, None, :2, 2]
+        pixels = seen @ self.matrix[:, :2, :2].transpose(0, 2, 1) + self.matrix[:, None, :2, 2]
+        return pixels.reshape(image.shape)
 
     def directions(self, image: np.ndarray, camera: np.ndarray) -> np.ndarray:
         """(N, 3) directions of length 1, in the world, of normalised image points (N, 2) of camera index (N,)."""

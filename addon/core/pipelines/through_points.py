@@ -12,8 +12,8 @@ import numpy as np
 
 from ..data.errors import JobError
 from ..data.lanes import Lanes
+from ..data.made import IN_MEMORY, MakeTable
 from ..data.progress import finished
-from ..data.room import IN_MEMORY, MakeTable
 from ..data.takes import Blobs, LabelledChunk, Labels, Points, Suspect
 from ..edits.blobs_in_points import NamedThroughBlobs
 from ..edits.kinds import NO_EDITS, Edits

@@ -11,10 +11,9 @@ from ..body.bodies import Bodies, BodyModel
 from ..body.prior import Prior
 from ..data.columns import Columns, beside_of
 from ..data.lanes import PACKING, Lanes, blocks
-from ..data.made import Made, Table
+from ..data.made import IN_MEMORY, Made, MakeTable, Table
 from ..data.markersets import MarkerSet
 from ..data.progress import finished
-from ..data.room import IN_MEMORY, MakeTable
 from ..data.takes import EditOutcome, LabelledChunk, Labels, Motion, PointRows, Points, Suspect, placed, places_of
 from ..posing.posing import POSING, fit_in_steps, markers_there, pose_subject, subject_of
 from ..review.suspects import doubtful_flags, suspects_of

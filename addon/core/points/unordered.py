@@ -168,13 +168,16 @@ def learn_subject(trained: Likelihood, points: Table, named: Labels) -> Generato
     crowded = np.median(present.sum(axis=1)) > len(trained)
     likelihood, sought = trained, np.zeros(len(trained), dtype=bool)
     for done in range(LEARNING_ROUNDS):
-        clouds = named_clouds(labels, points, len(trained))
+        clouds = labels.placed(points, len(trained))
+        clouds = clouds[np.isfinite(clouds[..., 0]).mean(axis=1) >= UNORDERED.min_part]
         if len(clouds) < MIN_CLOUDS:
             return trained
         likelihood = of_subject(trained, clouds)
         before, labels = labels, (yield from _named(likelihood, points, done / LEARNING_STEPS, 1 / LEARNING_STEPS))
         same = (labels.marker == before.marker)[present].mean()
-        rare = _rare(clouds) & ~sought
+        # Hardly ever named, as when they are placed where nobody in training had them.
+        often = np.isfinite(clouds[..., 0]).mean(axis=0)
+        rare = (often < UNORDERED.rare * np.median(often)) & ~sought
         # Among many more points than markers, what is left over is other markers.
         if same >= NEARLY_SETTLED and rare.any() and not crowded:
             sought |= rare
@@ -186,12 +189,6 @@ def learn_subject(trained: Likelihood, points: Table, named: Labels) -> Generato
     return (yield from _tried(likelihood, points, labels))
 
 
-def named_clouds(labels: Labels, points: np.ndarray, markers: int) -> np.ndarray:
-    """(F, M, 3) m, NaN where unnamed, the frames of points (T, P, 3) m that have enough names to learn from."""
-    clouds = labels.placed(points, markers)
-    return clouds[np.isfinite(clouds[..., 0]).mean(axis=1) >= UNORDERED.min_part]
-
-
 def _named(likelihood: Likelihood, points: np.ndarray, first: float, part: float) -> Generator[float, None, Labels]:
     """The labels of frames, while it tells how far the work is: `part` of all of it, from `first` on."""
     parts, done = [], 0
@@ -200,12 +197,6 @@ def _named(likelihood: Likelihood, points: np.ndarray, first: float, part: float
         done += len(labels.marker)
         yield first + part * done / len(points)
     return Labels.join(parts)
-
-
-def _rare(clouds: np.ndarray) -> np.ndarray:
-    """(M,) True for markers that are hardly ever named, as when they are placed where nobody in training had them."""
-    often = np.isfinite(clouds[..., 0]).mean(axis=0)
-    return often < UNORDERED.rare * np.median(often)
 
 
 def _in_place(labels: Labels, points: np.ndarray, rare: np.ndarray, shape: Shape, clouds: np.ndarray) -> Labels:
@@ -243,13 +234,8 @@ def _tried(likelihood: Likelihood, points: np.ndarray, labels: Labels) -> Genera
         rank = np.where(present, rng.random(present.shape), 2.0).argsort(axis=1).argsort(axis=1)
         seen = np.where((present & (rank >= gone))[..., None], points, np.nan)
         again = yield from _named(likelihood, seen, (LEARNING_ROUNDS + trial) / LEARNING_STEPS, 1 / LEARNING_STEPS)
-        odds.append(_log_odds(again)[again.named])
+        chance = np.maximum(again.confidence[again.named], 0.5)  # nothing is lost by those that are likelier wrong
+        odds.append(np.log(chance) - np.log1p(-chance))
         right.append((again.marker == labels.marker)[again.named])
     calibration = raised(likelihood.calibration, np.concatenate(odds), np.concatenate(right))
     return replace(likelihood, calibration=calibration)
-
-
-def _log_odds(labels: Labels) -> np.ndarray:
-    """(T, P) of labels; 0 for those that are likelier wrong, and without a name."""
-    chance = np.maximum(labels.confidence, 0.5)
-    return np.log(chance) - np.log1p(-chance)

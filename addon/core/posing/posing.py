@@ -12,10 +12,9 @@ import numpy as np
 from ..body.bodies import PLACEMENT, Bodies, BodyModel, Posed
 from ..body.prior import Prior
 from ..data.lanes import blocks
-from ..data.made import Table
+from ..data.made import IN_MEMORY, MakeTable, Table
 from ..data.markersets import MarkerSet
 from ..data.progress import finished
-from ..data.room import IN_MEMORY, MakeTable
 from ..geometry import rotations
 from ..geometry.rigid import best_turns
 from ..kernels import calls

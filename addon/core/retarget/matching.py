@@ -35,8 +35,8 @@ BONE_WORDS = {
     "neck": "neck",
     "head": "head",
     "shoulder": "clavicle clav collar shoulder scapula",
-    "upper_arm": "upperarm uparm shldrbend arm shldr humerus",
-    "forearm": "forearm lowerarm lowarm loarm forearmbend elbow ulna",
+    "upper_arm": "upperarm uparm uarm shldrbend arm shldr humerus",
+    "forearm": "forearm lowerarm lowarm loarm farm forearmbend elbow ulna",
     "hand": "hand wrist",
     "thigh": "thigh upleg upperleg thighbend femur",
     "shank": "shin calf lowerleg lowleg loleg leg shank knee tibia",
@@ -132,18 +132,26 @@ def match_map(moved: Mapping[str, str]) -> dict[str, str]:
 
 
 def match_names(bones: RestBones) -> dict[str, int]:
-    """The parts that the words in the names of bones say: of several the control, or the surest and plainest name."""
+    """The parts that the words in the names of bones say: of several the control, or the surest and plainest name.
+
+    Toes that are apart have no bone for all of them.
+    """
     found = defaultdict(list)
     for name, (part, rank) in _read(bones.names).items():
         at, words = bones.names.index(name), _words(name, keep=True)[0]
         found[part].append(("fk" not in words, rank, len(words), len(bones.above(at)), at))
-    return {part: min(several)[-1] for part, several in found.items() if part in PARTS}
+    first = {part: min(several) for part, several in found.items() if part in PARTS}
+    for part in [part for part in first if part.startswith("toes")]:
+        alike = [bones.parents[one[-1]] for one in found[part] if one[:-1] == first[part][:-1]]
+        if alike.count(bones.parents[first[part][-1]]) > 1:
+            del first[part]
+    return {part: one[-1] for part, one in first.items()}
 
 
 def _words(name: str, keep: bool = False) -> tuple[list[str], str]:
     """The words of a bone's name in small letters and its side, "" for none; none of what only helps another bone."""
     spaced = re.sub(
-        r"(?<=[a-z0-9])(?=[A-Z])|(?<=\b[LR])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)",
+        r"(?<=[a-z0-9])(?=[A-Z])|(?<=\b[LR])(?=[A-Z]{1,2}[a-z])|(?<=[A-Za-z])(?=\d)",
         " ",
         name.rsplit(":", 1)[-1].replace("_", " "),
     )

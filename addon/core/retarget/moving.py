@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What another armature needs of a take to move as its body does."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,6 +18,7 @@ class Moving:
     begins, ends  (J, 3) m where the bones of its own armature begin and end at rest
     frames  (F,) Blender's
     joints, rotations  (F, J, 3) m and (F, J, 3, 3), NaN where nobody was found
+    place    (4, 4) from the room to where it is shown: turned, moved and evenly scaled
     """
 
     name: str
@@ -30,13 +31,21 @@ class Moving:
     frames: np.ndarray
     joints: np.ndarray
     rotations: np.ndarray
+    place: np.ndarray = field(default_factory=lambda: np.eye(4))
+
+    @property
+    def size(self) -> float:
+        """How much larger it is shown."""
+        return float(np.linalg.norm(self.place[:3, 0]))
 
     @property
     def character(self) -> Character:
         """Its character; InputError where the body is no person's."""
-        return character_of(self.segments, self.begins, self.ends)
+        return character_of(self.segments, self.size * self.begins, self.size * self.ends)
 
     def settled(self) -> tuple[np.ndarray, np.ndarray]:
         """Joints (F, J, 3) m and rotations (F, J, 3, 3) as they are shown: with planted feet, and smoothed."""
         pose = self.joints, self.rotations, self.segments, self.parents
-        return settled(*pose, self.ends - self.begins, self.rate, self.cutoff)
+        joints, rotations = settled(*pose, self.ends - self.begins, self.rate, self.cutoff)
+        turn, way = self.place[:3, :3], self.place[:3, 3]
+        return joints @ turn.T + way, turn / self.size @ rotations

@@ -21,6 +21,7 @@ LEFTWARDS, SKYWARDS = np.array([1.0, 0, 0]), np.array([0.0, 0, 1])
 NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 STRAIGHT = np.radians(30)  # physical: a hand bent more than this at rest has a bone that says not where it points
 MOST_STRETCHED = 1 - 1e-6  # format: of a limb's length; where it is straight, no angle says how far it reaches
+MOST_BENT = np.radians(90)  # physical: that toes are bent up from the sole, as on tiptoe
 FLOOR_NEAR = 0.1  # physical: of a leg's length, that a rig's lowest bone may be off the floor, at its origin
 
 
@@ -80,12 +81,16 @@ def retarget(
         else:
             turns[:, index] = body.turned(part) @ aligned[index]
     scale, floor, lift = _fitted(rig, body)
+    ground = _ground(body, rig.legs, rate) if feet else 0.0
+    lift -= scale * ground
     middle = (rig.heads[at["thigh.L"]] + rig.heads[at["thigh.R"]]) / 2 - rig.heads[at["hips"]]
     hips = scale * (body.begin("thigh.L") + body.begin("thigh.R")) / 2 + lift * SKYWARDS - turns[:, at["hips"]] @ middle
     for side, hinge in zip(BODY_SIDES, (-SKYWARDS, SKYWARDS), strict=True):
         if feet and side in rig.legs:
-            ankle = _planted_ankle(rig, body, side, (turns, hips), (scale, floor, rate))
+            ankle = _planted_ankle(rig, body, side, (turns, hips), (scale, floor, ground, rate))
             _bend(rig, turns, hips, aligned, [f"{part}.{side}" for part in LEG], ankle, LEFTWARDS)
+            if f"toes.{side}" in at:
+                _bend_toes(rig, turns, hips, side, floor)
         arm = [f"{part}.{side}" for part in ("upper_arm", "forearm", "hand")]
         if hands and set(arm) <= at.keys():
             _bend(rig, turns, hips, aligned, arm, scale * body.begin(arm[2]) + lift * SKYWARDS, hinge)
@@ -214,26 +219,45 @@ def _fitted(rig: Rig, body: BodyInMotion) -> tuple[float, float, float]:
     return scale, floor, float(np.mean(lifts or [0.0]))
 
 
+def _soles(body: BodyInMotion, side: str) -> tuple[np.ndarray, np.ndarray]:
+    """(F, 3) m what of a foot's sole is below its ball at rest, and what is below its ankle."""
+    ankle, toes = body.rest(f"foot.{side}"), body.rest(f"toes.{side}")
+    begin, turned = body.begin(f"foot.{side}"), body.turned(f"foot.{side}")
+    return begin + turned @ (toes * (1, 1, 0) - ankle), begin + turned @ (ankle * (0, 0, -1))
+
+
+def _ground(body: BodyInMotion, legs: list[str], rate: float) -> float:
+    """M, how much higher than at rest a body stands on the floor: people's feet, and shoes, are as high as they are."""
+    stands = [0.0]
+    for sole, heel in (_soles(body, side) for side in legs):
+        lowest = np.minimum(sole[:, 2], heel[:, 2])
+        flat = np.abs(sole[:, 2] - heel[:, 2]) < ON_GROUND.low_m
+        stands += lowest[flat & _planted(sole, lowest, rate)].tolist()
+    ground = float(np.median(stands))
+    return ground if abs(ground) < ON_GROUND.low_m else 0.0
+
+
 def _planted_ankle(
-    rig: Rig, body: BodyInMotion, side: str, posed: tuple[np.ndarray, np.ndarray], known: tuple[float, float, float]
+    rig: Rig,
+    body: BodyInMotion,
+    side: str,
+    posed: tuple[np.ndarray, np.ndarray],
+    known: tuple[float, float, float, float],
 ) -> np.ndarray:
     """(F, 3) m where a foot is to begin: where the leg has it, but that it does not slide while it is planted.
 
     Then its ball goes along the floor as the body's does. Until the heel lifts, the lower one of heel and ball is as
     high as the body's: a foot of another length stands on the floor, not in it.
     """
-    (turns, hips), (scale, floor, rate), foot = posed, known, rig.at[f"foot.{side}"]
+    (turns, hips), (scale, floor, ground, rate), foot = posed, known, rig.at[f"foot.{side}"]
     ankle, ball = rig.heads[foot], _ball(rig, side)
     sole = _sole(rig, side, scale * np.linalg.norm(body.rest(f"toes.{side}") - body.rest(f"foot.{side}")))
     low = [(turns[:, foot] @ (place * (1, 1, 0) + floor * SKYWARDS - ankle))[:, 2] for place in (sole, ankle)]
     goal = -turns[:, foot] @ (ball - ankle)
-    ankle, toes = body.rest(f"foot.{side}"), body.rest(f"toes.{side}")
-    begin, turned = body.begin(f"foot.{side}"), body.turned(f"foot.{side}")
-    sole, heel = (begin + turned @ (place * (1, 1, 0) - ankle) for place in (toes, ankle))
+    (sole, heel), held = _soles(body, side), body.begin(f"toes.{side}")  # which holds still
     lowest = np.minimum(sole[:, 2], heel[:, 2])
-    held = begin + turned @ (toes - ankle)  # what of the body holds still
     goal += scale * held
-    goal[:, 2] = scale * lowest - np.minimum(*low)
+    goal[:, 2] = scale * (lowest - ground) - np.minimum(*low)
     off = place_of(rig, turns, hips, foot) - goal
     kept, settled = _planted(held, lowest, rate), _planted(sole, lowest, rate)
     for axis, planted in enumerate((kept, kept, settled)):  # while the heel lifts, the height is the leg's
@@ -246,6 +270,27 @@ def _planted_ankle(
         # In between it comes from what was missed at one plant to what will be at the next.
         off[:, axis] += np.interp(np.arange(len(off)), rows, missed)
     return goal + off
+
+
+def _bend_toes(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, floor: float):
+    """Changes the turns of toes so that they do not go into the floor, which is so high, m, at rest.
+
+    They bend upwards about the ball of the foot, as they do when the heel lifts.
+    """
+    foot, toes = (rig.at[f"{part}.{side}"] for part in ("foot", "toes"))
+    ball = rig.heads[toes]
+    ahead = (ball - rig.heads[foot]) * (1, 1, 0)
+    ahead *= np.linalg.norm(rig.tails[toes] - ball) / np.linalg.norm(ahead)
+    up = np.linalg.norm(ahead) * SKYWARDS
+    least = ball[2] - floor - place_of(rig, turns, hips, toes)[:, 2]  # that they have to point upwards
+    level, upright = ((turns[:, foot] @ way)[:, 2] for way in (ahead, up))
+    # So high points what is turned by an angle: level cos + upright sin. A foot may stand on its tip, and beyond that.
+    most, tipped = np.maximum(np.hypot(level, upright), NO_TURN), np.arctan2(-level, upright) + np.pi / 2
+    angle = np.clip(tipped - np.arccos(np.clip(least / most, -1, 1)), 0, MOST_BENT)
+    angle *= (level < least) & (least < ON_GROUND.deepest_m)
+    angle *= np.clip(1 + 2 * upright / up[2], 0, 1)  # one on its back does not stand on its sole
+    axis = np.cross(ahead, up) / (up @ up)
+    turns[:, toes] = exponential((turns[:, foot] @ axis) * angle[:, None])[0] @ turns[:, toes]
 
 
 def _planted(ball: np.ndarray, lowest: np.ndarray, rate: float) -> np.ndarray:

@@ -157,19 +157,9 @@ class Trouble:
 
     def as_dict(self) -> dict:
         """What a report says of it."""
-        return {
-            "kind": self.kind,
-            "first": self.first,
-            "last": self.last,
-            "reason": self.reason,
-            "markers": list(self.markers),
-            "trajectories": [int(number) for number in self.trajectories],
-            "cameras": list(self.cameras),
-            "stake": float(f"{self.stake:.4g}"),
-            "advice": self.advice,
-            "action": self.action,
-            "answered": self.answered,
-        }
+        named = "kind", "first", "last", "reason", "markers", "cameras", "advice", "action", "answered"
+        tracks, stake = [int(number) for number in self.trajectories], float(f"{self.stake:.4g}")
+        return {name: getattr(self, name) for name in named} | {"trajectories": tracks, "stake": stake}
 
 
 def nobody(first: int, last: int, markers: int) -> Trouble:

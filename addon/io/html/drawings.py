@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...core.review.moments import Moment
-from ...core.review.overview import CELL_STATES, GAP_CELL, TakeOverview
+from ...core.review.overview import CELL_STATES, GAP_CELL, Moment, TakeOverview
 from ...core.review.suspects import runs
 from .markup import Html, element, percent
 

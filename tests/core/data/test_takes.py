@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from addon.core.data.copies import Copies
 from addon.core.data.errors import ForceableError, InputError, of_file
 from addon.core.data.lanes import Lanes
+from addon.core.data.made import Copies
 from addon.core.data.merging import LabelledRange, merged
 from addon.core.data.progress import Stage, finished, in_stages
 from addon.core.data.takes import (

@@ -11,7 +11,7 @@ from addon.core.data.errors import InputError
 from addon.core.geometry.rotations import exponential
 from addon.core.posing.character import BALL, BONE_NAMES, both_sides, character_of
 from addon.core.retarget.matching import CONTROLS, RestBones, match_bones, match_map, read_as
-from addon.core.retarget.retargeting import Rig, _planted, _reaching, axes_at_rest, retarget
+from addon.core.retarget.retargeting import Rig, _bend_toes, _planted, _reaching, axes_at_rest, retarget
 from addon.io.bone_maps import read_bone_map
 from addon.io.markersets import open_markerset
 from tests.inputs.rigs import A_POSE, HANGING, MAYA, MIXAMO, NAMELESS, T_POSE, UNREAL, VRM, RigBone, rig_bones
@@ -75,6 +75,16 @@ def test_planted_feet_do_not_slide_and_stand_on_the_floor(squats, size, thigh, r
     np.testing.assert_allclose(ankles[..., 2], 0.09 * size, atol=0.03 if raised else 0.012)
 
 
+@pytest.mark.parametrize("feet", [True, False])
+def test_a_rig_stands_on_the_floor_where_feet_are_kept_however_high_the_person_s_own_are(squats, feet):
+    character, (joints, rotations) = squats
+    one, found = rig(), []
+    for raised in (0.0, 0.02):
+        motion = joints + np.array([0, 0, raised]), rotations
+        found.append(places(one, *retarget(character, motion, RATE, one, feet, hands=False))[..., 2])
+    assert (np.ptp(found, axis=0).max() < 0.002) == feet
+
+
 def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot(squats):
     character, (joints, rotations) = squats
     lift = 0.9 * np.clip((np.arange(120) - 40) / 15, 0, 1)
@@ -84,9 +94,28 @@ def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot(squats):
     turns[:, segments] = exponential(np.outer(lift, [0.0, 1, 0]))[0][:, None] @ turns[:, segments]
     still += (turns[:1, segments[0]] @ tip - turns[:, segments[0]] @ tip)[:, None]
     one = rig(size=1.15)
-    found = places(one, *retarget(character, (still, turns), RATE, one, feet=True, hands=False))
-    balls = found[:, [one.at["toes.L"], one.at["toes.R"]], :2]
-    assert np.ptp(balls, axis=0).max() < 0.003
+    found = retarget(character, (still, turns), RATE, one, feet=True, hands=False)
+    feet, toes = ([one.at[f"{part}.{side}"] for side in "LR"] for part in ("foot", "toes"))
+    balls = places(one, *found)[:, toes]
+    assert np.ptp(balls[..., :2], axis=0).max() < 0.003
+    # And bends the toes, which stay on it as they are at rest.
+    tips = balls[..., 2] + np.einsum("fsij,sj->fsi", found[0][:, toes], one.tails[toes] - one.heads[toes])[..., 2]
+    np.testing.assert_allclose(tips, one.tails[toes, 2] * np.ones((120, 1)), atol=0.004)
+    np.testing.assert_allclose(found[0][:40, toes], found[0][:40, feet], atol=0.02)
+
+
+def test_toes_bend_without_a_jump_until_the_foot_is_on_its_back():
+    one, angle = rig(), np.linspace(0, 2 * np.pi, 721)
+    turns = exponential(angle[:, None, None] * np.array([1.0, 0, 0]))[0].repeat(len(one.parts), axis=1)
+    ball = one.heads[one.at["toes.L"]]
+    hips = ball * (1, 1, 0.5) - turns[:, 0] @ (ball - one.heads[0])  # the ball stays, a little too low
+    before = turns.copy()
+    _bend_toes(one, turns, hips, "L", 0.0)
+    bent = np.einsum("fij,fij->f", turns[:, one.at["toes.L"]], before[:, one.at["toes.L"]])
+    bent = np.degrees(np.arccos(np.clip((bent - 1) / 2, -1, 1)))
+    assert 85 < bent.max() <= 90.1
+    assert np.abs(np.diff(bent)).max() < 5
+    assert bent[np.abs(angle - 1.5 * np.pi) < np.radians(45)].max() < 1
 
 
 def test_hands_go_where_the_body_s_are_in_a_larger_room(squats):
@@ -253,6 +282,12 @@ def test_bones_that_help_others_are_passed_over():
     assert match_bones(at_rest(UNREAL, extra=extra)) == without_between(UNREAL)
 
 
+def test_toes_that_are_apart_have_no_bone_for_all():
+    extra = [("toe2-1.L", "foot.L", (0.1, -0.1, 0)), ("ball_end_r", "toes.R", (0, -0.2, 0))]
+    found = match_bones(at_rest(UNREAL | {"toes.L": "toe1-1.L"}, extra=extra))
+    assert found == {part: name for part, name in without_between(UNREAL).items() if part != "toes.L"}
+
+
 @pytest.mark.parametrize("table", CONTROLS)
 def test_control_rigs_are_known_by_their_controls(table):
     names = tuple(name for name in table.values() if name != "-")
@@ -282,6 +317,8 @@ def test_what_is_no_person_matches_nothing():
         ("DEF-upper_arm.L.001", "upper_arm.L"),
         ("LoLeg_R", "shank.R"),
         ("RForeArm", "forearm.R"),
+        ("Skeleton_LUArm", "upper_arm.L"),
+        ("RFArm", "forearm.R"),
         ("leg_lower.R", "shank.R"),
         ("thigh_stretch.l", "thigh.L"),
         ("CC_Base_Hip", "hips"),

@@ -18,7 +18,7 @@ from addon.core.review.answering import (
     without_accepted,
 )
 from addon.core.review.changes import GAINED, LOST, OTHER, changes, summary_of_changes
-from addon.core.review.provenance import SampleOrigins
+from addon.core.review.summary import SampleOrigins
 from addon.core.review.suspects import MAX_ENTRIES, find_suspects, summarised
 from tests.core.scenes import motion_of
 

@@ -56,7 +56,10 @@ def facts() -> dict:
         "enabled": MODULE in bpy.context.preferences.addons,
         "version": next((line.split('"')[1] for line in lines if line.startswith("version =")), None),
         "tabs": sorted({kind.bl_category for kind in _types() if getattr(kind, "bl_category", "") == "Mocap"}),
-        "operators": sorted(name for name in dir(bpy.ops.mocap_autolabel)),
+        "operators": {
+            name: getattr(bpy.ops.mocap_autolabel, name).get_rna_type().properties.keys()
+            for name in dir(bpy.ops.mocap_autolabel)
+        },
         "traces": traces(),
     }
 

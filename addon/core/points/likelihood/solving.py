@@ -247,7 +247,9 @@ def solve(
     for others in tried:
         against = np.logaddexp(against, others.against(winner))
     margin = np.where(winner.named, -against, 0)
-    return Solved(winner.naming, winner.score, margin, _mean_square(model, winner))
+    square = (winner.left**2 / model.noise[:, None]).sum(axis=(1, 2))
+    mean_square = square / np.maximum(3 * winner.named.sum(axis=1) - FIRST_MODE, 1)
+    return Solved(winner.naming, winner.score, margin, mean_square)
 
 
 def _exchanged(
@@ -345,12 +347,6 @@ def _against(settled: Settled, found: Alternatives) -> np.ndarray:
     swap = np.maximum(found.swap, found.swap.swapaxes(1, 2))
     changed = np.concatenate([others[..., None], found.move, swap], axis=2)
     return log_sum(changed, axis=2)
-
-
-def _mean_square(model: Latent, settled: Settled) -> np.ndarray:
-    """(N,) as `Solved` has it."""
-    square = (settled.left**2 / model.noise[:, None]).sum(axis=(1, 2))
-    return square / np.maximum(3 * settled.named.sum(axis=1) - FIRST_MODE, 1)
 
 
 def log_sum(logs: np.ndarray, axis: int) -> np.ndarray:

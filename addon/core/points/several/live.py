@@ -22,16 +22,10 @@ from .pipeline import UnidentifiedError, everybody
 from .together import Everybody
 from .wearers import SetsWorn, SeveralOptions, Wearer, is_same, kinds
 
-UNRELATED = 1.0  # m², how the distance between markers of two varies: so much that it says nothing
-
 
 def namer_of(models: list[Model], rate: float) -> LiveNamer:
     """What names the frames of those who wear some models, by the markers of all in a row."""
-    whose = np.repeat(np.arange(len(models)), [len(model.markerset) for model in models])
-    within = np.full((len(whose), len(whose)), UNRELATED)
-    for person, model in enumerate(models):
-        within[np.ix_(whose == person, whose == person)] = trained_pairs(model).within
-    return LiveNamer(within, rate, whose)
+    return LiveNamer([trained_pairs(model) for model in models], rate)
 
 
 def solved_of_several(subjects: tuple[Wearer, ...], window: Window) -> WindowNames:

@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 
 from ...data.lanes import PACKING, Lanes, blocks, trajectories_at
-from ...data.room import IN_MEMORY, MakeTable
+from ...data.made import IN_MEMORY, MakeTable
 from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Suspect, Verdict
 from ..likelihood.model import chance
 from ..models import Model

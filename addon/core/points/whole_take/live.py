@@ -2,11 +2,12 @@
 """Points named while they are recorded.
 
 Every frame is followed at once: a name stays with its trajectory, and goes over to a point that comes where its marker
-was a moment ago. What the names are in the first place, and what has been away for longer, is said by the last moment
-solved as whole takes are, which takes longer than a frame: a process beside does that. What it says is carried on
-through the frames that came meanwhile. By what was named, those who wear the markers are known better and better.
+must be. What the names are in the first place, and what is not so sure, is said by the last moment solved as whole
+takes are, which takes longer than a frame: a process beside does that. What it says is carried on through the frames
+that came meanwhile. By what was named, those who wear the markers are known better and better.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,16 +25,18 @@ from ..motion import SUBJECT_FRAMES
 from ..refusals import REFUSAL
 from ..tracklets import CUTTING, cut
 from ..unordered import of_subject
-from .likeness import LIKENESS, NO_EVIDENCE, of_ends, steadiest
+from .likeness import LIKENESS, NO_EVIDENCE, of_frames, steadiest
+from .pairs import PairDistances, in_take
 from .pipeline import PointOptions, as_a_whole, begins, name_frames
-from .solving import ROUNDS, solve_take
+from .search import SEARCH
+from .solving import solve_take
 
 WINDOW_S = 2.0  # s of the past that are solved at once: a step or two
 FIRST_S = LIKENESS.sample_s  # s of it that are enough to begin with
 CAUGHT_UP = 16  # frames of the past that names are carried on through at each new one; by time
 SHOWN_S = 0.1  # s from one frame by which the subject is known to the next, at first
 MAX_SHOWN = 40  # such frames
-SLOW_S = 1.0  # s that solving may take; where it took longer only exchanges are tried from then on
+SLOW_S = 1.0  # s that solving may take; where it would take longer only exchanges are tried
 NO_POINTS = np.zeros((0, 3))
 
 
@@ -66,18 +69,23 @@ class Window:
 class WindowNames:
     """What came of a window: marker (L,) of trajectories number (L,), NO_MARKER where none is sure.
 
-    refused  why, else empty
-    anew     whether they are not as it was known of who was there before
-    subject  the size and shape of who wears them, a batch of 1, where somebody has asked for it
-    slow     whether that took longer than SLOW_S
+    refused   why, else empty
+    anew      whether they are not as it was known of who was there before
+    subjects  where somebody has asked for it, the size and shape of everybody who may wear them, as `subject_in`
+    slow      as `is_slow` says
     """
 
     number: np.ndarray
     marker: np.ndarray
     refused: str = ""
     anew: bool = False
-    subject: Bodies | None = None
+    subjects: tuple[Bodies | None, ...] = ()
     slow: bool = False
+
+
+def is_slow(window: Window, seconds: float) -> bool:
+    """Whether all of a window, of which exchanges are about half the work, takes longer than SLOW_S."""
+    return seconds > SLOW_S / (2 if window.quick else 1)
 
 
 def solved_window(model: Model, window: Window) -> WindowNames:
@@ -122,13 +130,16 @@ def _solved(model: Model, window: Window) -> WindowNames:
     return WindowNames(window.number, at_the_end(window, marker))
 
 
-def subject_in(model: Model, window: Window, names: WindowNames) -> Bodies | None:
-    """The size and shape of whoever is in a window, by what its names are, a batch of 1; None where too few are."""
-    lanes = np.flatnonzero(names.marker != NO_MARKER)
+def subject_in(model: Model, window: Window, marker: np.ndarray) -> Bodies | None:
+    """The size and shape of whoever is in a window, by its names marker (L,), a batch of 1; None where too few are.
+
+    What is none of the model's markers is somebody else's, or nobody's.
+    """
+    lanes = np.flatnonzero((marker >= 0) & (marker < len(model.markerset)))
     points = np.full((len(window.xyz), len(model.markerset), 3), np.nan)
-    for lane, marker in zip(lanes, names.marker[lanes], strict=True):
+    for lane in lanes:
         there = np.isfinite(window.xyz[:, lane, 0])
-        points[there, marker] = window.xyz[there, lane]
+        points[there, marker[lane]] = window.xyz[there, lane]
     body = BodyModel(model.markerset)
     try:
         return subject_of(body, points, Prior(body), SUBJECT_FRAMES)
@@ -149,52 +160,45 @@ class _Given:
     marker  of each trajectory that has one, by its number
     solved  the numbers of those that the solver has named
     row     of the last frame
-    newest  the number of the last trajectory that is known; later ones come new
+    newest  the number of the last trajectory that the solver was asked about; later ones are new
+    placed  (M, 3) m the markers in the last frame, NaN where one is not
+    sure    the same by the solver's names alone
     """
 
-    def __init__(self, within: np.ndarray, rate: float, row: int, newest: int = -1):
+    def __init__(self, pairs: PairDistances, row: int, newest: int = -1):
         self.marker: dict[int, int] = {}
         self.solved: set[int] = set()
-        self.rate, self.row, self.newest = rate, row, newest
-        self._gap = max(round(CUTTING.max_gap_s * rate), 2)
-        self._placed = np.full((self._gap + 1, len(within), 3), np.nan, np.float32)
-        self._seen = np.full(len(within), row - self._gap)
-        self._near = steadiest(within)
-        self._within = within[np.arange(len(within))[:, None], self._near]
-
-    @property
-    def placed(self) -> np.ndarray:
-        """(M, 3) m the markers in the last frame, NaN where one is not."""
-        return self._placed[self.row % len(self._placed)]
+        self.row, self.newest = row, newest
+        self.placed = self.sure = np.full((len(pairs.mean), 3), np.nan)
+        near, rows = steadiest(pairs.variance), np.arange(len(pairs.mean))[:, None]
+        self._apart = near, pairs.mean[rows, near], pairs.variance[rows, near]
 
     def on(self, row: int, number: np.ndarray, points: np.ndarray) -> np.ndarray:
         """The marker (P,) of each of a later frame's points (P, 3) m, which are of trajectories number (P,)."""
         marker = np.array([self.marker.get(one, NO_MARKER) for one in number.tolist()], int)
         marker[_said_before(marker)] = NO_MARKER
-        for missed in range(max(self.row, row - len(self._placed)) + 1, row + 1):
-            self._placed[missed % len(self._placed)] = np.nan
-        self.row = row
-        self.placed[marker[marker != NO_MARKER]] = points[marker != NO_MARKER]
-        self._go_on(np.flatnonzero(number > self.newest), number, points, marker)
-        self.newest = max(self.newest, int(number.max(initial=-1)))
-        self._seen[marker[marker != NO_MARKER]] = row
+        named = marker != NO_MARKER
+        solved = named & np.array([one in self.solved for one in number.tolist()], bool)
+        self.row, self.placed, self.sure = row, np.full_like(self.placed, np.nan), np.full_like(self.placed, np.nan)
+        self.placed[marker[named]], self.sure[marker[solved]] = points[named], points[solved]
+        self._name_new(np.flatnonzero((number > self.newest) & ~named), number, points, marker)
         return marker
 
-    def _go_on(self, new: np.ndarray, number: np.ndarray, points: np.ndarray, marker: np.ndarray):
-        """Names those of points (P, 3) that come `new` (N,) where a marker that is not placed was just before."""
-        now, near = self.placed, (self._near, self._within)
+    def _name_new(self, new: np.ndarray, number: np.ndarray, points: np.ndarray, marker: np.ndarray):
+        """Names those of points (P, 3) m that are `new` (N,) where a marker must be that is not placed.
+
+        That is by its distances on this subject to those that are.
+        """
+        now, at, nobody = self.placed, np.zeros((len(new), 1), int), np.full(len(new), NO_MARKER)
         free = np.isnan(now[:, 0])
         if not len(new) or not free.any() or len(now) - free.sum() < LIKENESS.min_neighbours:
             return
-        gap = np.tile(self.row - self._seen, (len(new), 1))
-        then = np.where(free & (gap < self._gap), (self.row - gap) % len(self._placed), -1)
-        at, nobody = np.full(len(new), self.row % len(self._placed)), np.full(len(new), NO_MARKER)
-        ends = at, then, gap, points[new].astype(np.float32), self._placed, nobody, *near
-        odds = np.where(then >= 0, of_ends(*ends, self.rate, LIKENESS), -np.inf)
+        asked = np.tile(free, (len(new), 1))
+        odds = of_frames(at, points[new, None], now[None], nobody, *self._apart, asked, LIKENESS)
+        odds = np.where(np.isnan(odds), -np.inf, odds)
         for row, best in enumerate(odds.argmax(axis=1).tolist()):
-            ahead = odds[row, best]
             rivals = np.append(np.delete(odds[row], best), np.delete(odds[:, best], row))
-            if ahead - max(rivals.max(initial=-np.inf), NO_EVIDENCE) > ROUNDS.margin:
+            if odds[row, best] - max(rivals.max(initial=-np.inf), NO_EVIDENCE) > SEARCH.margin:
                 self.marker[int(number[new[row]])] = marker[new[row]] = best
                 now[best] = points[new[row]]
 
@@ -238,12 +242,10 @@ class LiveNamer:
     from this frame on, NO_MARKER for none. Memory does not grow.
     """
 
-    def __init__(self, within: np.ndarray, rate: float, whose: np.ndarray):
-        """`within` is how the distances between the markers vary on a subject, variances (M, M) m².
-
-        `whose` (M,) is which subject has each marker, counted from 0.
-        """
-        self.within, self.rate, self.whose = within, rate, whose
+    def __init__(self, trained: Sequence[PairDistances], rate: float):
+        """`trained` is how far the markers of each subject are from each other."""
+        self.trained, self.rate = trained, rate
+        self.whose = whose = np.repeat(np.arange(len(trained)), [len(one.mean) for one in trained])
         self.begun, self.row, self.last = 0, -1, NO_POINT
         self.renamed: list[tuple[int, int]] = []
         self._kept = max(round(WINDOW_S * rate), 2)
@@ -258,9 +260,21 @@ class LiveNamer:
         self.trails: dict[int, _Trail] = {}
         self.links = Links.at(self.rate)
         self.past: list[tuple[int, np.ndarray, np.ndarray]] = []
-        self.given, self.shown = _Given(self.within, self.rate, self.row), _Shown(self.whose, self.rate)
+        self.given, self.shown = _Given(self._pairs(()), self.row), _Shown(self.whose, self.rate)
         self._asked: Window | None = None
         self._later: _Given | None = None  # what was heard, on its way through the frames that came meanwhile
+
+    def _pairs(self, shown: Sequence[np.ndarray]) -> PairDistances:
+        """How far all markers are from each other, by training and where they were `shown`, each (M, 3) m.
+
+        Those of two subjects say nothing.
+        """
+        every = np.full((3, len(self.whose), len(self.whose)), np.nan)
+        for person, trained in enumerate(self.trained):
+            own = self.whose == person
+            known = in_take(trained, np.array(shown)[:, own]) if len(shown) else trained
+            every[:, *np.ix_(own, own)] = known.mean, known.unsure, known.within
+        return PairDistances(*every)
 
     def name(self, number: int, points: np.ndarray, ids: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The marker (P,) of each point (P, 3) m of the next frame, NO_MARKER where it is not sure, and its trajectory.
@@ -279,7 +293,7 @@ class LiveNamer:
         marker = self.given.on(self.row, trajectory, points)
         if self._later is not None:
             marker = self._caught_up(self._later, marker)
-        self.shown.add(self.row, self.given.placed)
+        self.shown.add(self.row, self.given.sure)
         if len(points) >= self._least:
             self._there = self.row
         elif self.row - self._there > self._kept:  # who comes then may be somebody else
@@ -317,7 +331,7 @@ class LiveNamer:
         if not past or self._later is not None or len(past[-1][1]) < self._least:
             return None
         if self.shown.frames:
-            there = min(len(past[-1][1]), len(self.within))
+            there = min(len(past[-1][1]), len(self.whose))
             lost = np.isfinite(self.given.placed[:, 0]).sum() < REFUSAL.min_half * there
         if lost:  # what comes first is what there is since then
             past = [part for part in past if part[0] > self.row - FIRST_S * self.rate]
@@ -331,7 +345,7 @@ class LiveNamer:
         frame = np.repeat([row - first for row, *_ in past], [len(numbers) for _, numbers, _ in past])
         xyz = np.full((self.row - first + 1, len(number), 3), np.nan)
         xyz[frame, lane] = np.concatenate([points for *_, points in past])
-        shown = np.array(self.shown.frames).reshape(-1, len(self.within), 3)
+        shown = np.array(self.shown.frames).reshape(-1, len(self.whose), 3)
         quick = self.whose.max() == 0 and (lost or (self._slow and len(shown) > 0))  # several are solved in one way
         marker = np.array([self.given.marker.get(one, NO_MARKER) for one in number.tolist()], int)
         self._asked = Window(first, self.rate, number, xyz, marker, shown, quick)
@@ -344,7 +358,7 @@ class LiveNamer:
         """
         if self._asked is None:
             return
-        if len(self._asked.shown) and not self._asked.quick:  # at first there is a lot to load
+        if len(self._asked.shown):  # at first there is a lot to load
             self._slow = names.slow
         past = [self._asked.number, *(numbers for _, numbers, _ in self.past)]
         self.given.forget({one.number for one in self.trails.values()}.union(*(numbers.tolist() for numbers in past)))
@@ -352,7 +366,8 @@ class LiveNamer:
             self.shown = _Shown(self.whose, self.rate)
         if names.refused:
             return
-        later = _Given(self.within, self.rate, self._asked.end - self._gap, int(names.number.max(initial=-1)))
+        pairs = self._pairs(self.shown.frames)
+        later = _Given(pairs, self._asked.end - 1, int(names.number.max(initial=-1)))
         told = dict(zip(names.number.tolist(), names.marker.tolist(), strict=True))
         said = {number: marker for number, marker in told.items() if marker != NO_MARKER}
         kept = {number: marker for number, marker in self.given.marker.items() if number <= later.newest}
@@ -387,7 +402,7 @@ class LiveNamer:
         """The markers (P,) of the last frame by what was heard, if that has come so far; else as they are."""
         for part in [part for part in self.past if part[0] > later.row][:CAUGHT_UP]:
             told = later.on(*part)
-            self.shown.add(later.row, later.placed)
+            self.shown.add(later.row, later.sure)
         if later.row < self.row:
             return marker
         self.given, self._later = later, None

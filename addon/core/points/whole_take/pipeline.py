@@ -16,9 +16,8 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ...data.lanes import PACKING, blocks
-from ...data.made import Made
+from ...data.made import IN_MEMORY, Made, MakeTable
 from ...data.progress import Progress, Stage, Steps, in_stages
-from ...data.room import IN_MEMORY, MakeTable
 from ...data.takes import Labels, Points, Suspect, Verdict
 from ...edits.applying import AppliedEdits, apply_edits, cells_of_take
 from ...edits.kinds import NO_EDITS, Edits
@@ -87,11 +86,11 @@ COSTS = {
     "name": (0, 1),
     "learn": (0, 0),
     "name again": (0, 0),
-    "vote": (10, 0.3),
+    "vote": (100, 0.1),
     "hear": (0, 0),
     "vote again": (0, 0),
-    "pose": (18, 0.12),
-    "write": (5, 0.03),
+    "pose": (100, 0.75),
+    "write": (50, 0.2),
 }
 COST_OF_LEARNING = 6.0  # times that each frame is named in which the subject of frames in no order is learned
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from addon.core.points.whole_take.live import FIRST_S, LiveNamer, WindowNames
+from addon.core.points.whole_take.pairs import PairDistances
 
 RATE, MARKERS = 100.0, 8
 PLACES = np.random.default_rng(4).uniform(-0.5, 0.5, (MARKERS, 3)) + np.array([0, 0, 1.0])
@@ -17,9 +18,10 @@ def body(frame: int) -> np.ndarray:
 
 
 def namer_of(people: int = 1) -> LiveNamer:
-    """That of so many, of whom the first is the stiff body."""
-    whose = np.repeat(np.arange(people), MARKERS)
-    return LiveNamer(np.full((len(whose), len(whose)), 1e-6), RATE, whose)
+    """That of so many, all learned from the stiff body."""
+    apart = np.linalg.norm(PLACES[:, None] - PLACES, axis=2)
+    unsure, within = np.full((2, MARKERS, MARKERS), 1e-6)
+    return LiveNamer([PairDistances(apart, unsure + 0.02**2, within)] * people, RATE)
 
 
 def settled(ids: np.ndarray, frames: int = 40, people: int = 1) -> LiveNamer:
@@ -56,13 +58,16 @@ def test_a_point_that_comes_back_is_named_at_once_and_what_is_elsewhere_is_not()
     assert marker.tolist() == [*range(1, MARKERS), -1]
 
 
-def test_a_point_that_was_away_for_long_waits_for_the_solver():
+def test_a_point_that_was_away_for_long_is_named_once_it_is_where_the_marker_is_on_this_subject():
     ids = np.arange(MARKERS)
     namer = settled(ids)
     for frame in range(40, 240):
         namer.name(frame, body(frame)[1:], ids[1:])
+    back = np.append(77, ids[1:])
     for frame in range(240, 260):
-        assert namer.name(frame, body(frame), np.append(77, ids[1:]))[0].tolist() == [-1, *range(1, MARKERS)]
+        off = body(frame) + 0.08 * (ids == 0)[:, None]
+        assert namer.name(frame, off, back)[0].tolist() == [-1, *range(1, MARKERS)]
+    assert namer.name(260, body(260), back)[0].tolist() == ids.tolist()
 
 
 def test_a_settled_name_is_taken_back_only_by_a_line_that_says_so():
@@ -158,7 +163,7 @@ def slow(people: int = 1) -> LiveNamer:
     return namer
 
 
-def test_one_is_solved_quickly_where_all_takes_long_and_not_because_frames_were_lost():
+def test_one_is_solved_quickly_while_all_takes_long_and_not_because_frames_were_lost():
     ids, namer = np.arange(MARKERS), settled(np.arange(MARKERS))
     for frame in range(40, 240):
         namer.name(frame, body(frame), ids)
@@ -168,10 +173,13 @@ def test_one_is_solved_quickly_where_all_takes_long_and_not_because_frames_were_
             namer.name(frame, body(frame), ids)
             if frame == first:
                 namer.hear(WindowNames(window.number, ids))
-    for one, first, quick in ((namer, 490, False), (slow(), 240, True), (slow(2), 240, False)):
+    again = slow()
+    for one, first, quick in ((namer, 490, False), (again, 240, True), (slow(2), 240, False), (again, 300, False)):
         for frame in range(first, first + 60):
             one.name(frame, body(frame), ids)
-        assert one.window().quick == quick
+        window = one.window()
+        assert window.quick == quick
+        one.hear(WindowNames(window.number, ids))  # which was not slow
 
 
 def test_a_ghost_that_took_a_name_loses_it_once_the_marker_is_said_to_be_there():
@@ -190,6 +198,14 @@ def test_a_ghost_that_took_a_name_loses_it_once_the_marker_is_said_to_be_there()
     for frame in range(300, 320):
         marker, _ = namer.name(frame, np.vstack([body(frame)[0] + 0.003, body(frame)]), np.append(99, ids))
     assert marker.tolist() == [-1, *range(MARKERS)]
+
+
+def test_a_subject_is_known_by_the_names_of_the_solver_alone():
+    ids, namer = np.arange(MARKERS), settled(np.arange(MARKERS))
+    for frame in range(40, 240):
+        back = np.where(ids == 0, 77, ids)  # the first one is another trajectory from here on, and is named at once
+        assert namer.name(frame, body(frame), back)[0].tolist() == ids.tolist()
+    assert not np.isfinite(namer.window().shown[10:, 0]).any() and np.isfinite(namer.window().shown[:, 1:]).all()
 
 
 def test_names_of_trajectories_that_are_long_gone_are_forgotten():
