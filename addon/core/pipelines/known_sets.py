@@ -240,7 +240,7 @@ def _fitting(take: Points, tracklet: np.ndarray, model: Model) -> Steps[FittingS
     if solution is None:
         return FittingSet(model, verdict.labels.marker, np.full(tracklet.shape, OBJECTIVE.max_marker), 0.0, refused)
     tracklets, marker = solution.tracklets, solution.marker
-    objective = Objective(take.xyz, tracklets, frames.model, take.rate)
+    objective = Objective(take.xyz, tracklets, frames.labels, frames.model, take.rate)
     odds = objective.of(marker).odds * objective.weight / tracklets.count
     size, every = len(model.markerset), tracklets.spread(solution.every, NO_MARKER, slice(None))
     spread = tracklets.spread(marker, NO_MARKER, slice(None)), tracklets.spread(odds, 0.0, slice(None))
