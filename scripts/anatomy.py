@@ -198,7 +198,7 @@ _BODY_ALIASES = tuple((f"{side}FWT", f"{side}ASI") for side in BODY_SIDES)
 _WHOLE_ALIASES = (*_BODY_ALIASES, *((f"{side}BWT", f"{side}PSI") for side in BODY_SIDES))
 
 # Markers of the sets that actors wear, and the usual marker that sits in the same place or next to it.
-_ACTOR_SITES = (("RBAC", "RBAK"), *_WHOLE_ALIASES)
+_ACTOR_SITES = (("RBAC", "RBAK"), ("LSHN", "LTIB"), ("RSHN", "RTIB"), *_WHOLE_ALIASES)
 
 
 @dataclass(frozen=True)

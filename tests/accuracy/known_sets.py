@@ -28,6 +28,7 @@ from .whole_takes import Pieces, cut_up, without_names
 
 PIECES, LONGEST = Pieces(), 3000  # frames of a take that is cut to pieces
 Worn = tuple[Points, Model | None]  # a take, and the set that is worn in it
+FEET = "pigsimple_normal1"  # who wears RMT5 and LMT5, too
 UP = [0, 2, 1]  # axes of takes with y up, which their files do not say
 
 
@@ -57,14 +58,15 @@ def serve() -> Iterator[people.Take]:
 
 
 def other_labs(keep: Path, *kinds: str) -> Iterator[Worn]:
-    """Takes of other labs, by `body39` or what the first of their kind taught."""
+    """Takes of other labs, by what the first of their kind taught or `body39`, or `actor41` with two markers more."""
     for kind in kinds:
         list(registry.of_other_labs(kind, keep))  # makes what is not there
         own = None
         for place in sorted(one for one in (keep / "strangers" / kind).iterdir() if one.is_dir()):
             model = place / "own.markerset.json"
             own = open_model(str(model)) if model.exists() else own
-            yield read_points(place / "cloud.c3d"), open_model("body39") if kind == "plugin_gait" else own
+            built_in = open_model("actor41" if place.name == FEET else "body39")
+            yield read_points(place / "cloud.c3d"), built_in if kind == "plugin_gait" else own
 
 
 def treadmill() -> Iterator[Worn]:

@@ -146,7 +146,7 @@ def test_a_take_of_another_marker_set_says_which_and_is_named_where_it_is_forced
     words = "label", room.c3d, "--model", "actor41", "--out", tmp_path / "out"
     reason = run(*words).refusal(1)
     assert "does not look like a take of model actor41" in reason
-    assert reason.endswith(f"it looks like a take of {MODEL} or body39; --force goes on regardless")
+    assert reason.endswith(f"it looks like a take of {MODEL}; --force goes on regardless")
     assert run(*words, "--force").status == 0
     assert report_of(tmp_path / "out" / f"{room.c3d.stem}.labels.csv")["model"] == "actor41"
 

@@ -1,31 +1,35 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which of the marker sets that are known is worn in a take, by a part of it.
 
-A set may be worn where nearly all of its markers are there and the take is not refused. Of two such, A leads B by
+A set may be worn where nearly all of its markers are there. Of two such, A leads B by
 
-    sum_i (a_i - b_i) + h (|A only| + hidden_B - hidden_A) - e |B only|
+    sum_i (a_i - b_i) + sum_A (a_i - e) - sum_B (b_i - e) + h (hidden_B - hidden_A)
 
-a_i, b_i  log odds of the names that A and B give to a point, which both name, of one frame, given all their others
-only      points of a frame that one of them names and the other does not
+a_i, b_i  log odds of the names that A and B give to a point of one frame, given all their others
+i         the points that both name, and not the same: what both call the same tells of labs, not of sets
+A, B      the points that only one of them names, which must bring e: else it is a marker that no set has
 hidden    markers that are not there in a frame; h are the log odds of a marker that is worn to be there
-e         log odds that whatever is none of the set's markers must bring to have a name
 
-A set that another, which is there whole, leads by more than the point of one marker may know is out. The one that is
-left is worn, if it is there whole and explains most points. Where more are left nobody knows.
+e is what the point of one marker may know; a set that another leads by more is out. Of sets that name the same points
+alike the one that lacks less is worn. The one that is left is worn if a take of it is not refused, and little is beside
+it; where more are left nobody knows. A set with which the take is refused puts no other out, but makes it unsure.
 
-A take that is refused may be of a model with another axis up, or of another model that is known. What single frames say
-shows which is likeliest; whether it would be named so, a part of the take shows.
+A take that is refused may be of a model with another axis up: what single frames say shows which is likeliest, and a
+part of the take whether it would be named so. Or it is of another model that is known.
 """
 
 from collections.abc import Generator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import product
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ..body.sides import mirror_order
 from ..data.errors import JobError
+from ..data.markersets import MarkerSet
 from ..data.progress import Progress, Steps, finished, in_stages, within
 from ..data.takes import NO_MARKER, Labels, Points, evenly_spread
 from ..points.models import Model, namer_of
@@ -33,13 +37,12 @@ from ..points.possible import refuse_impossible
 from ..points.refusals import REFUSAL, UnsuitedError, far_groups, points_at_a_time, refuse_floods
 from ..points.tracklets import cut
 from ..points.whole_take.objective import OBJECTIVE, Objective, usual_fit
-from ..points.whole_take.pipeline import PointOptions, as_a_whole, begins, label_take, name_frames
-from ..points.whole_take.solving import solve_take
+from ..points.whole_take.pipeline import PointOptions, as_a_whole, begins, label_take, name_frames, refuse_solved
+from ..points.whole_take.solving import MARGINS, solve_take
 
 HOW_TO_TURN = "by --up"  # on the command line; Blender puts words of its sidebar there
 FRAMES_TRIED = 12  # that say which is likeliest: memory and time
 TRIED_S = 2.0  # of the take, around its middle, that is labelled again: memory and time
-MOST_TRIED = 2  # models: sets share most of their places
 
 
 def misfit_of(
@@ -59,13 +62,14 @@ def misfit_of(
     model, axis = max(each, key=lambda one: worth_of(one[0], asked @ turns[one[1]].T))
     part = middle_of(take)
     turned = replace(part, xyz=part.xyz @ turns[axis].T)
-    if worth_of(model, asked @ turns[axis].T) > worth_of(model, asked) and (yield from _suits(turned, model, options)):
-        words = f"stands with {axis} up, as which it looks like a take of model {model.markerset.name}"
-        return UnsuitedError(f"{words}; expected that axis to be given, {HOW_TO_TURN} {axis}")
-    suited = ""
-    for other in sorted(others, key=lambda other: -worth_of(other, asked))[:MOST_TRIED]:
-        if (yield from _suits(part, other, options)):
-            suited += f" or {other.markerset.name}" if suited else f"; it looks like a take of {other.markerset.name}"
+    if worth_of(model, asked @ turns[axis].T) > worth_of(model, asked):
+        with suppress(JobError):
+            tried = PointOptions(options.method, options.target, traced=True)
+            yield from within(label_take(turned, model, tried), 1.0, 1.0, f"try {model.markerset.name}")
+            words = f"stands with {axis} up, as which it looks like a take of model {model.markerset.name}"
+            return UnsuitedError(f"{words}; expected that axis to be given, {HOW_TO_TURN} {axis}")
+    _, likely = yield from set_worn(take, others)
+    suited = f"; it looks like a take of {' or '.join(one.markerset.name for one in likely)}" if likely else ""
     return UnsuitedError(error.message + suited)
 
 
@@ -89,16 +93,6 @@ def middle_of(take: Points) -> Points:
     return replace(take, xyz=take.xyz[rows], residual=take.residual[rows], first_frame=first, lanes=lanes)
 
 
-def _suits(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, bool]:
-    """Whether a take would be named by a model."""
-    tried = PointOptions(options.method, options.target, traced=True)
-    try:
-        yield from within(label_take(take, model, tried), 1.0, 1.0, f"try {model.markerset.name}")
-    except JobError:
-        return False
-    return True
-
-
 HOW_TO_CHOOSE = "by --model"  # on the command line; Blender puts words of its sidebar there
 
 
@@ -106,15 +100,13 @@ HOW_TO_CHOOSE = "by --model"  # on the command line; Blender puts words of its s
 class WornOptions:
     """When a set may be worn."""
 
-    # part of its markers that are hardly there: 0.1 at most in takes of the set, in which a camera saw no hand; 0.2
-    # at least of the largest set in takes of others
+    # part of the places of its markers that are hardly there: 0.13 at most in takes of the set, in which a lab has left
+    # markers away or no camera saw a hand; 0.21 at least of the largest set in takes of others
     max_absent: float = 0.15  # measured
-    max_absent_sure: float = 0.07  # measured: the same of one that is found for sure: one of fifteen is now and then
     max_unfound: float = 0.3  # measured: the same before the search, which finds as many again in takes of other labs
     # times its markers that are worn beside it: 0.1 at most with props, 0.4 at least where another set is worn that
     # nobody knows
     max_beside: float = 0.3  # measured
-    there: float = 3.0  # measured: log odds of a marker that is worn to be there: gaps are 2 to 7 % of recorded takes
 
 
 WORN = WornOptions()
@@ -126,20 +118,40 @@ class FittingSet:
 
     model: Model
     marker: np.ndarray  # (T, L) the name of each, NO_MARKER where it has none
-    odds: np.ndarray  # (T, L) log odds of the names, NaN where the take is not solved as a whole
+    odds: np.ndarray  # (T, L) log odds of the names, what one may know where the take is not solved as a whole
     beside: float  # times its markers that are always there beside them
+    refused: bool = False  # whether the take would be
+
+    @cached_property
+    def there(self) -> np.ndarray:
+        """(M,) which of its markers are there."""
+        return _there(self.marker, len(self.model.markerset))
 
     @property
     def absent(self) -> float:
-        """The part of its markers that are hardly there."""
-        return 1 - _there(self.marker, len(self.model.markerset)).mean()
+        """The part of the places of its markers that are hardly there: a marker and its mirror image have one."""
+        every, order = np.arange(len(self.there)), mirror_order(self.model.markerset.markers)
+        order = every if order is None else order
+        return 1 - float((self.there & self.there[order])[every <= order].mean())
 
-    def lead(self, other: "FittingSet") -> float:
-        """By how much this set is more likely than another, log odds a frame."""
+    def beats(self, other: "FittingSet") -> bool:
+        """Whether another set is not worn, because this one may be."""
         one, two = self.marker != NO_MARKER, other.marker != NO_MARKER
-        lead = np.nansum((self.odds - other.odds)[one & two]) - OBJECTIVE.extra * (two & ~one).sum()
-        lead += WORN.there * ((one & ~two).sum() + one.sum() - two.sum())
-        return float(lead / len(one) + WORN.there * (len(other.model.markerset) - len(self.model.markerset)))
+        alike = one & two & (other._called_as(self.model.markerset)[other.marker] == self.marker)
+        if ((one | two) & ~alike).sum() < REFUSAL.min_half * len(one):
+            return bool((~self.there).sum() < (~other.there).sum())
+        return self._worth(one & ~alike) - other._worth(two & ~alike) > OBJECTIVE.max_marker
+
+    def _worth(self, own: np.ndarray) -> float:
+        """Log odds a frame of its names of some points (T, L), and of the markers that are not there."""
+        named = (self.odds[own] - OBJECTIVE.max_marker + MARGINS.there).sum() / len(own)
+        return float(named - MARGINS.there * len(self.model.markerset))
+
+    def _called_as(self, other: MarkerSet) -> np.ndarray:
+        """(M,) which marker of another set each marker is by its names, NO_MARKER for none."""
+        own, known = self.model.markerset.by_name, other.by_name
+        same = {own[name]: known[name] for name in own if name in known}
+        return np.array([same.get(marker, NO_MARKER) for marker in range(len(self.there))])
 
 
 def model_worn(
@@ -204,14 +216,14 @@ def set_worn(take: Points, models: Sequence[Model]) -> Generator[Progress, None,
             with suppress(JobError):
                 found.append((yield from within(work, number / len(tried), (number + 1) / len(tried))))
     fitting = [one for one in found if one is not None and one.absent <= WORN.max_absent]
-    whole = [one for one in fitting if one.absent <= WORN.max_absent_sure]
-    left = [one for one in fitting if all(other.lead(one) <= OBJECTIVE.max_marker for other in whole)]
-    sure = len(left) == 1 and left[0] in whole and left[0].beside <= WORN.max_beside
-    return left[0].model if sure else None, [one.model for one in left or fitting]
+    suiting = [one for one in fitting if not one.refused]
+    left = [one for one in fitting if not any(other.beats(one) for other in suiting)] if suiting else []
+    sure = len(left) == 1 and not left[0].refused and left[0].beside <= WORN.max_beside
+    return left[0].model if sure else None, [one.model for one in left or suiting]
 
 
 def _fitting(take: Points, tracklet: np.ndarray, model: Model) -> Steps[FittingSet | None]:
-    """What a model makes of points with such tracklets (T, L), None if it lacks markers; JobError if it is refused."""
+    """What a model makes of points with such tracklets (T, L), None if it lacks markers; JobError if frames refuse."""
     options, solution = PointOptions("likelihood", traced=True), None
     frames = yield from name_frames(take, tracklet, model, options)
     if frames.solvable:
@@ -220,15 +232,20 @@ def _fitting(take: Points, tracklet: np.ndarray, model: Model) -> Steps[FittingS
         if _there(marker, len(model.markerset)).mean() < 1 - WORN.max_unfound:
             return None  # a search takes longest where a set is another
         solution = solution if solution.crowd else None  # in which there is no search
-    solution, verdict = yield from as_a_whole(frames, options, solution)
+    solution, verdict = yield from as_a_whole(frames, replace(options, force=True), solution)
+    refused = True
+    with suppress(JobError):
+        refuse_solved(frames, solution, verdict.labels)
+        refused = False
     if solution is None:
-        return FittingSet(model, verdict.labels.marker, np.full(tracklet.shape, np.nan), 0.0)
+        return FittingSet(model, verdict.labels.marker, np.full(tracklet.shape, OBJECTIVE.max_marker), 0.0, refused)
     tracklets, marker = solution.tracklets, solution.marker
-    objective = Objective(take.xyz, tracklets, frames.model, take.rate)
+    objective = Objective(take.xyz, tracklets, frames.labels, frames.model, take.rate)
     odds = objective.of(marker).odds * objective.weight / tracklets.count
     size, every = len(model.markerset), tracklets.spread(solution.every, NO_MARKER, slice(None))
     spread = tracklets.spread(marker, NO_MARKER, slice(None)), tracklets.spread(odds, 0.0, slice(None))
-    return FittingSet(model, *spread, _there(every, size + solution.extras)[size:].sum() / size)
+    beside = _there(every, size + solution.extras)[size:].sum() / size
+    return FittingSet(model, *spread, beside, refused)
 
 
 def _there(marker: np.ndarray, size: int) -> np.ndarray:

@@ -9,7 +9,9 @@ import pytest
 from addon.core.body.bodies import BodyModel
 from addon.core.data.progress import finished
 from addon.core.data.takes import Points
+from addon.core.pipelines import known_sets
 from addon.core.pipelines.known_sets import set_worn
+from addon.core.points.refusals import UnsuitedError
 from addon.core.simulation.virtual import draw_person
 from addon.io.markersets import builtin_markersets
 from addon.io.models import open_model
@@ -37,13 +39,32 @@ def names(markers: np.ndarray, known=KNOWN) -> list[str]:
     return [model.markerset.name for model in ([worn] if worn else likely)]
 
 
-@pytest.mark.parametrize("name", ["actor53", "body26", "body39", "gait15"])
+@pytest.mark.parametrize("name", ["actor41", "actor53", "body26", "body39", "gait15"])
 def test_a_built_in_set_is_found(name):
     assert names(drawn(name)) == [name]
 
 
-def test_who_may_wear_two_more_markers_than_another_set_is_asked_about():
-    assert names(drawn("actor41")) == ["actor41", "body39"]
+def without(name: str, *some: str) -> np.ndarray:
+    """(M, 3) m a person in a set who does not wear some of its markers."""
+    return np.delete(drawn(name), [open_model(name).markerset.index(one) for one in some], axis=0)
+
+
+def test_of_sets_that_name_the_same_points_the_one_that_lacks_less_is_worn():
+    assert names(without("actor41", "LMT5", "RMT5")) == ["body39"]
+    assert names(without("body39", "LUPA", "RUPA", "LFRM", "RFRM")) == ["body39"]
+
+
+def test_one_point_more_does_not_tell_two_sets():
+    assert names(without("actor41", "RMT5")) == ["actor41", "body39"]
+
+
+def test_a_set_that_would_be_refused_makes_another_unsure(monkeypatch):
+    def refuse(frames, *given):
+        if frames.model.markerset.name == "body39":
+            raise UnsuitedError("is of none")
+
+    monkeypatch.setattr(known_sets, "refuse_solved", refuse)
+    assert names(drawn("body39")) == ["actor41", "body39"]
 
 
 def test_somebody_else_far_away_and_ghosts_change_nothing():

@@ -21,8 +21,7 @@ from ...edits.applying import AppliedEdits, apply_edits, cells_of_take
 from ...edits.kinds import Edits
 from ...edits.replay import FREE, Edited
 from ..motion import LabelledPoints, MotionInParts, TakeMotion, by_marker, take_motion
-from ..refusals import refuse_unlike, refuse_unrecognised
-from ..whole_take.pipeline import PointOptions, Steps, decided_of, solution_for, without_deleted
+from ..whole_take.pipeline import PointOptions, Steps, decided_of, refuse_solved, solution_for, without_deleted
 from ..whole_take.rulings import Rulings
 from .bodies import Crowd, NamedBody, OnlyWhere
 from .identification import UnidentifiedPresence
@@ -158,11 +157,8 @@ class Everybody:
 
 def verdict_on(one: NamedBody, target: float) -> Verdict:
     """What is said of one; UnsuitedError where the model is not for it."""
-    frames = one.frames
-    if one.solution is not None:
-        refuse_unlike(frames.model, frames.namer, frames.take.xyz, one.solution.fit)
-    verdict = decided_of(frames, frames.labels, frames.tracklet, one.solution, target)
-    refuse_unrecognised(frames.model, frames.namer, frames.take.xyz, verdict.labels)
+    verdict = decided_of(one.frames, one.frames.labels, one.frames.tracklet, one.solution, target)
+    refuse_solved(one.frames, one.solution, verdict.labels)
     return verdict
 
 

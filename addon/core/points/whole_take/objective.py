@@ -18,7 +18,9 @@ many markers they have elsewhere: far from the poses of training it says nothing
 nothing and costs nothing; an unmodelled marker has a name of its own, which costs what a marker usually brings.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -30,11 +32,11 @@ from ...geometry.upright import upright_aligned
 from ..likelihood.model import Likelihood
 from ..likelihood.naming import Settled, score_of, settle
 from ..models import Model
-from ..refusals import NO_FIT, SetFit
+from ..refusals import NO_FIT, REFUSAL, SetFit
 from .likeness import LIKENESS, likeness, links, steadiest, worth_of_each, worth_of_length
 from .pairs import PAIRING, Moments, PairDistances, corrected, moments, sized, trained_pairs, widened, with_unknown
 from .rulings import RULING
-from .tracklets import PlacedMarkers, Tracklets, seen_in
+from .tracklets import FrameLabels, PlacedMarkers, Tracklets, seen_in
 
 
 @dataclass(frozen=True)
@@ -189,11 +191,12 @@ class LayoutOdds:
 class Objective:
     """The objective of a take of `tracklets` whose points are (T, L, 3) m, at `rate` frames a second.
 
+    `named` is what these say on their own.
     `extras` is how many markers more than the model's there are. No frame's shape counts before names tell which show
     most of the markers: `look_at`.
     """
 
-    def __init__(self, points: Table, tracklets: Tracklets, model: Model, rate: float):
+    def __init__(self, points: Table, tracklets: Tracklets, named: FrameLabels, model: Model, rate: float):
         self.model, self.rate, self.extras = model, rate, 0
         self.known, self.markers = trained_pairs(model), len(model.markerset)
         # Odds grow less than a tracklet does: its parts would say more than all of it where they are only added up.
@@ -210,7 +213,8 @@ class Objective:
         self._of = table[self._row, lane]
         order = np.argsort(self._of, kind="stable")  # of two that share a frame at their ends the later has the marker
         self._row, self._of = self._row[order], self._of[order]
-        self._xyz = points[at[self._row], lane[order]].astype(np.float32)
+        self._at, self._lane, self._named = at, lane[order], named
+        self._xyz = points[at[self._row], self._lane].astype(np.float32)
         self._shown = self._spread[:0]
 
     def look_at(self, marker: np.ndarray):
@@ -225,8 +229,12 @@ class Objective:
 
     def placed(self, marker: np.ndarray) -> np.ndarray:
         """(F, M + E, 3) m where each marker is by names (N,), NaN where it is not."""
-        found = np.full((self._looked_at, self.markers + self.extras, 3), np.nan, np.float32)
-        name = marker[self._of]
+        return self._placed(marker[self._of])
+
+    def _placed(self, name: np.ndarray) -> np.ndarray:
+        """The same by names of the points that are looked at."""
+        every = max(self.markers + self.extras, int(name.max(initial=-1)) + 1)
+        found = np.full((self._looked_at, every, 3), np.nan, np.float32)
         there = name != NO_MARKER
         found[self._row[there], name[there]] = self._xyz[there]
         return found
@@ -280,9 +288,13 @@ class Objective:
         worth = odds[named] * self.weight[named]
         worth -= np.where(own < self.markers, 0.0, OBJECTIVE.extra * self.tracklets.count[named])
         slots = self.layout(marker, shown)
-        settled = settled_frames(self.model.learned_likelihood, placed[self._shown])
+        settled = self.settled(placed)
         layout = float(slots.worth(every[None])[0])
         return Candidate(marker, placed, shown, odds, slots, layout, float(worth.sum()), settled)
+
+    def settled(self, placed: np.ndarray) -> Settled | None:
+        """The frames whose shape is asked, with markers placed (F, M + E, 3) m."""
+        return settled_frames(self.model.learned_likelihood, placed[self._shown])
 
     def layout(self, marker: np.ndarray, shown: Moments) -> LayoutOdds:
         """How well what has one name (N,) bears out the distances that training expects of others."""
@@ -290,8 +302,33 @@ class Objective:
 
     def coverage(self, marker: np.ndarray) -> np.ndarray:
         """(M + E,) the part of the take in which each marker is, by names (N,)."""
+        every = max(self.markers + self.extras, int(marker.max(initial=-1)) + 1)
         own = marker != NO_MARKER
-        return np.bincount(marker[own], self.tracklets.count[own], self.markers + self.extras) / self.length
+        return np.bincount(marker[own], self.tracklets.count[own], every) / self.length
+
+    def of_frames(self, naming: Candidate) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Tracklets (K,) of some frames and what these say they are: mostly other than a naming, and likelier by shape.
+
+        Those that are likelier by most come first.
+        """
+        given, said = (self._placed(self._said), naming.placed), self._said != NO_MARKER
+        own, now = (settled_frames(self.model.learned_likelihood, placed[self._spread]) for placed in given)
+        if own is None or now is None:
+            return
+        other = said & (self._said != naming.marker[self._of])
+        count, others = (np.bincount(self._row[some], minlength=self._looked_at) for some in (said, other))
+        more = np.where(others > REFUSAL.min_half * count, 0.0, -np.inf)[self._spread] + own.score - now.score
+        for at in np.argsort(-more, kind="stable")[: np.count_nonzero(more > 0)].tolist():
+            row = np.flatnonzero(said & (self._row == self._spread[at]))
+            yield self._of[row], self._said[row]
+
+    @cached_property
+    def _said(self) -> np.ndarray:
+        """(K,) what frames evenly spread say of the points that are looked at, NO_MARKER of those in others."""
+        said = np.full((self._looked_at, int(self._lane.max(initial=-1)) + 1), NO_MARKER)
+        for row in self._spread.tolist():
+            said[row] = self._named[self._at[row] : self._at[row] + 1].marker[0, : said.shape[1]]
+        return said[self._row, self._lane]
 
     def borne_out(self, naming: Candidate) -> np.ndarray:
         """(M,) the mean log odds of each marker where it is, 0 of one that is nowhere."""
@@ -333,6 +370,11 @@ class Objective:
         unsure = 2 * float((score_of(*given, now.naming) - score_of(*given, turned))[some].mean())
         left = max(unsure - float(each.var()), 0.0) + float(each.var()) / looks
         return OBJECTIVE.shape * float(each.mean()) * max(unsure / max(left, 1e-9) - 1, 0.0)
+
+
+def lasting(tracklets: Tracklets, rate: float) -> np.ndarray:
+    """(N,) the tracklets that show how they move, by their frames or, where there are few a second, by how long."""
+    return tracklets.count >= min(PAIRING.min_frames, PAIRING.min_s * rate)
 
 
 def clipped(each: np.ndarray, moved: np.ndarray | int) -> np.ndarray:

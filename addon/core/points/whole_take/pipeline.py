@@ -301,19 +301,23 @@ def as_a_whole(
     frames: NamedFrames, options: PointOptions, solution: Solution | None = None
 ) -> Steps[tuple[Solution | None, Verdict]]:
     """The names that the take as a whole bears out, by a solution; JobError where it is not of the model's markers."""
-    take, named, tracklet, target = frames.take, frames.labels, frames.tracklet, options.target
+    named, tracklet, target = frames.labels, frames.tracklet, options.target
     yield Stage("vote", "solve the whole take" if frames.solvable else "let trajectories vote")
     if solution is None:
         solution = yield from solution_for(frames, named, tracklet)
-    if solution is not None and not options.force:
-        refuse_unlike(frames.model, frames.namer, take.xyz, solution.fit, frames.sure)
     verdict = decided_of(frames, named, tracklet, solution, target)
-    if options.force:
-        return solution, verdict
-    # Who asks for surer labels gets fewer, and the take is of the model's markers all the same.
-    usual = verdict if target == USUAL_TARGET else decided_of(frames, named, tracklet, solution, USUAL_TARGET)
-    refuse_unrecognised(frames.model, frames.namer, take.xyz, usual.labels, frames.sure)
+    if not options.force:
+        # Who asks for surer labels gets fewer, and the take is of the model's markers all the same.
+        usual = verdict if target == USUAL_TARGET else decided_of(frames, named, tracklet, solution, USUAL_TARGET)
+        refuse_solved(frames, solution, usual.labels)
     return solution, verdict
+
+
+def refuse_solved(frames: NamedFrames, solution: Solution | None, usual: Labels):
+    """Raises UnsuitedError where a take with a solution, and labels of the usual target, is of another marker set."""
+    if solution is not None:
+        refuse_unlike(frames.model, frames.namer, frames.take.xyz, solution.fit, frames.sure)
+    refuse_unrecognised(frames.model, frames.namer, frames.take.xyz, usual, frames.sure)
 
 
 def solution_for(

@@ -3,11 +3,13 @@
 
 A group of markers loses its names. They are given again, to all that has none, by the distances to everything else that
 is named; or they are exchanged within the group. What frames said of the group does not count for what is proposed: it
-is what may be wrong. It counts for what is kept, which is what the objective prefers.
+is what may be wrong. It counts for what is kept, which is what the objective prefers. Last, single frames are asked
+that call most of it otherwise: where few are right, no group leads from what the others begin with to what those say.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -18,7 +20,7 @@ from ..likelihood.solving import alternatives, own_odds
 from ..refusals import REFUSAL
 from ..tracklets import VOTE
 from .matching import margins, matched
-from .objective import OBJECTIVE, USUAL_FREEDOM, Candidate, Freedom, Objective, clipped
+from .objective import OBJECTIVE, USUAL_FREEDOM, Candidate, Freedom, LayoutOdds, Objective, clipped, lasting
 from .pairs import without_markers
 from .rulings import RULING
 
@@ -52,6 +54,23 @@ SEARCH = SearchOptions()
 Moves = Literal["all", "exchanges", "none"]
 
 
+@dataclass(frozen=True, eq=False)
+class Slots:
+    """What may have a marker's name: all that has one name so far, and what has none and is usually there.
+
+    own      (N,) the slot of each tracklet, NO_MARKER for none; those without a name follow on the M + E names
+    layout   what bears out where training knows the markers to be
+    settled  the frames whose shape is asked; None where none shows enough
+    """
+
+    own: np.ndarray
+    layout: LayoutOdds
+    settled: Settled | None
+
+    def __len__(self) -> int:
+        return len(self.layout.coverage)
+
+
 class Search:
     """A search that stands at `best`; `others` are the namings that were tried and are worth less.
 
@@ -69,28 +88,30 @@ class Search:
         self.others: list[Candidate] = []
         apart = np.nan_to_num(objective.known.mean, nan=np.inf)
         np.fill_diagonal(apart, -1.0)
-        self._known_odds: tuple[Candidate, np.ndarray] | None = None
         self.near = np.argsort(apart, axis=1, kind="stable")
 
     def climb(self, moves: Moves = "all"):
         """Tries all groups until none is worth more; where only exchanges are tried, which are soon done, once."""
         for _ in range({"all": SEARCH.sweeps, "exchanges": 1, "none": 0}[moves]):
             before = self.best
-            for group in self._neighbourhoods():
-                if moves == "all":
-                    self.propose(self._opened(group))
-                self.propose(self._exchanged(self._by_shape(group)))
-            for tracklet in self._unsure():
-                for marker in self._of_one(tracklet):
-                    self.propose(marker)
-            for order in self._chains():
-                self.propose(self._exchanged(order))
-            for order in self._exchanges():
-                self.propose(self._exchanged(order))
-            for tracklet, name in self._alone():
-                self.propose(self._renamed(tracklet, name))
+            for marker in self._moves(moves):
+                self.propose(marker)
             if self.best is before:
                 break
+
+    def _moves(self, moves: Moves) -> Iterator[np.ndarray]:
+        """Namings (N,) that are tried, each made of what is best when it is asked for."""
+        for group in self._neighbourhoods():
+            if moves == "all":
+                yield self._opened(group)
+            yield self._by_shape(group)
+        for tracklet in self._unsure():
+            yield from self._of_one(tracklet)
+        yield from self._chains()
+        yield from self._exchanges()
+        yield from self._alone()
+        if moves == "all":
+            yield from self._of_frames()
 
     def propose(self, marker: np.ndarray) -> bool:
         """Goes over to the naming (N,) if it is worth more, and if nobody has said otherwise."""
@@ -107,6 +128,8 @@ class Search:
         self.others.append(self.best if better else new)
         if better:
             self.best = new
+            for name in ("_slots", "_odds"):  # known of what was best
+                vars(self).pop(name, None)
         return better
 
     def _called(self, marker: np.ndarray) -> np.ndarray:
@@ -133,18 +156,26 @@ class Search:
         doubted[marker[[one for one in self._unsure() if marker[one] < objective.markers]]] = True
         return doubted
 
+    @cached_property
+    def _slots(self) -> Slots:
+        """What may have the names of markers as they are best."""
+        objective, best = self.objective, self.best
+        free = (best.marker == NO_MARKER) & (objective.tracklets.count >= REFUSAL.min_half * objective.length)
+        if not free.any():
+            return Slots(best.marker, best.slots, best.settled)
+        own = np.where(free, objective.markers + objective.extras + np.cumsum(free) - 1, best.marker)
+        placed = objective.placed(own)
+        return Slots(own, objective.layout(own, objective.moments(placed)), objective.settled(placed))
+
+    @cached_property
     def _odds(self) -> np.ndarray:
         """(N, M + E) log odds of every name of every tracklet, the others being as they are best."""
-        best, known = self.best, self._known_odds
-        if known is None or known[0] is not best:
-            known = best, self.objective.odds(best.marker, best.placed, best.moments, USUAL_FREEDOM)
-            self._known_odds = known
-        return known[1]
+        return self.objective.odds(self.best.marker, self.best.placed, self.best.moments, USUAL_FREEDOM)
 
     def _unsure(self) -> list[int]:
         """The tracklets that are named and nearly as likely something else, the least sure first."""
         tracklets, weight = self.objective.tracklets, self.objective.weight
-        margin = margins(self._odds(), self.best.marker, tracklets.first, tracklets.last) * weight / tracklets.count
+        margin = margins(self._odds, self.best.marker, tracklets.first, tracklets.last) * weight / tracklets.count
         some = np.flatnonzero((self.best.marker != NO_MARKER) & (margin < SEARCH.margin))
         return some[np.argsort(margin[some], kind="stable")].tolist()
 
@@ -173,7 +204,7 @@ class Search:
         One of two is exchanged with the other until a moment comes at which neither is there, or from there `on`.
         """
         marker, tracklets = self.best.marker.copy(), self.objective.tracklets
-        odds = self._odds()[tracklet].copy()
+        odds = self._odds[tracklet].copy()
         one = marker[tracklet]
         odds[one] = -np.inf
         other = odds.argmax()
@@ -223,13 +254,13 @@ class Search:
         return tried
 
     def _by_shape(self, group: np.ndarray) -> np.ndarray:
-        """(M + E,) a group's names given again by where the shape of frames has them, among their points and extras."""
+        """(N,) the names with a group's given again by where the shape of frames has them."""
         from scipy.optimize import linear_sum_assignment
 
-        now, known = self.best.settled, self.objective.model.learned_likelihood.known
-        every = np.arange(self.objective.markers + self.objective.extras)
+        slots, known = self._slots, self.objective.model.learned_likelihood.known
+        now, every = slots.settled, np.arange(len(slots))
         if now is None:
-            return every
+            return self.best.marker
         free = np.append(group, every[self.objective.markers :])
         naming = now.naming.copy()
         naming[:, group] = NO_POINT
@@ -240,27 +271,42 @@ class Search:
         order = every.copy()
         order[column] = group
         order[np.setdiff1d(group, column)] = np.setdiff1d(column, group)
-        return order
+        return self._exchanged(order, slots)
+
+    def _of_frames(self) -> Iterator[np.ndarray]:
+        """Namings (N,) in which all is called as one frame on its own has it."""
+        slots, seen = self._slots, set()
+        for tracklet, name in self.objective.of_frames(self.best):
+            slot, order = slots.own[tracklet], np.arange(len(slots))
+            order[name[slot != NO_MARKER]] = NO_MARKER
+            order[slot[slot != NO_MARKER]] = name[slot != NO_MARKER]
+            if order.tobytes() not in seen:
+                yield self._exchanged(order, slots)
+            seen.add(order.tobytes())
+            if len(seen) == OBJECTIVE.frames:
+                break
 
     def _chains(self) -> Iterator[np.ndarray]:
-        """(M + E,) chains of exchanges from markers in doubt, the likeliest by how far markers are from each other."""
-        doubted = np.flatnonzero(self._doubted())
-        if len(doubted):
-            for order in self.best.slots.chains(doubted, SEARCH.width, SEARCH.links)[: SEARCH.chains]:
-                called = np.empty_like(order)
-                called[order] = np.arange(len(order))
-                yield called
+        """Namings (N,) by chains of exchanges from markers in doubt, the likeliest by how far markers are apart."""
+        doubted, slots = np.flatnonzero(self._doubted()), self._slots
+        for order in slots.layout.chains(doubted, SEARCH.width, SEARCH.links)[: SEARCH.chains] if len(doubted) else ():
+            called = np.empty_like(order)
+            called[order] = np.arange(len(order))
+            yield self._exchanged(called, slots)
 
-    def _alone(self) -> list[tuple[int, int]]:
-        """Tracklets and other names that each may have alone: those of markers that are not there at the time, or none.
+    def _alone(self) -> Iterator[np.ndarray]:
+        """Namings (N,) in which a tracklet has another name: a marker's that is not there at the time, or none.
 
         What is an extra may be such a marker whatever its distances say: these are what is wrong where a marker has the
-        name for a part of the take only. What has a name that is seldom there may have none.
+        name for a part of the take only. What lasts and has no name may be one that is usually there. What has a name
+        that is seldom there may have none.
         """
         marker, tracklets, markers = self.best.marker, self.objective.tracklets, self.objective.markers
         own = (marker != NO_MARKER) & (marker < markers)
-        likely = self._odds()[:, :markers] > -SEARCH.margin
+        likely = self._odds[:, :markers] > -SEARCH.margin
         likely |= (marker >= markers)[:, None] & self._doubted()
+        free = (marker == NO_MARKER) & lasting(tracklets, self.objective.rate)
+        likely |= free[:, None] & ~self.seldom()[:markers]
         tracklet, name = np.nonzero(likely & ~own[:, None])
         end = tracklets.last - VOTE.max_overlap_frames
         there = (tracklets.first[:, None] <= end[tracklet]) & (end[:, None] >= tracklets.first[tracklet])
@@ -269,42 +315,53 @@ class Search:
         one = np.concatenate([tracklet[free], seldom])
         other = np.concatenate([name[free], np.full(len(seldom), NO_MARKER)])
         some = np.argsort(-tracklets.count[one], kind="stable")[: SEARCH.chains]
-        return list(zip(one[some].tolist(), other[some].tolist(), strict=True))
+        for tracklet, name in zip(one[some].tolist(), other[some].tolist(), strict=True):
+            yield self._renamed(tracklet, name)
 
     def _renamed(self, tracklet: int, name: int) -> np.ndarray:
-        """(N,) the names with another one of a tracklet."""
-        marker = self.best.marker.copy()
+        """(N,) the names with another one of a tracklet, which nothing else has at the time."""
+        marker, first, last = self.best.marker.copy(), self.objective.tracklets.first, self.objective.tracklets.last
+        beside = (first <= last[tracklet] - VOTE.max_overlap_frames) & (
+            last - VOTE.max_overlap_frames >= first[tracklet]
+        )
+        marker[beside & (marker == name)] = NO_MARKER
         marker[tracklet] = name
         return marker
 
-    def _exchanged(self, order: np.ndarray) -> np.ndarray:
-        """(N,) the names with each marker called as `order` (M + E,) has it, but where a person has said otherwise."""
+    def _exchanged(self, order: np.ndarray, slots: Slots) -> np.ndarray:
+        """(N,) the names with each slot called as `order` has it, but where a person has said otherwise.
+
+        What has got a name since the slots were made up has that name's.
+        """
         marker, votes = self.best.marker, self.objective.tracklets.votes
-        called = np.where(marker == NO_MARKER, marker, order[marker])
+        every = self.objective.markers + self.objective.extras
+        slot = np.where((marker == NO_MARKER) & (slots.own >= every), slots.own, marker)
+        called = np.where(slot == NO_MARKER, NO_MARKER, order[slot])
+        called[called >= every] = NO_MARKER
         own = np.flatnonzero((called != NO_MARKER) & (called < self.objective.markers))
         refused = own[votes[own, called[own]] <= -RULING.odds]
         called[refused] = marker[refused]
         return called
 
     def _exchanges(self) -> Iterator[np.ndarray]:
-        """(M + E,) exchanges of limbs, two markers, and one with an extra, that the shape of frames allows.
+        """Namings (N,) by exchanges of limbs, two markers, and one with an extra, that the shape of frames allows.
 
         The rest of the objective may make up for what one marker can lose there, and not for more.
         """
-        now, known = self.best.settled, self.objective.model.learned_likelihood.known
+        slots, known = self._slots, self.objective.model.learned_likelihood.known
+        now, markers, every = slots.settled, self.objective.markers, len(slots)
         if now is None:
             return
-        markers, every = self.objective.markers, self.objective.markers + self.objective.extras
         for limb in known.exchanges:
             naming = np.where(now.present[:, limb], limb, NO_POINT)
             score = score_of(known.fine, known.constraints, now.points, now.worth, naming)
             if clipped(score - now.score, 2) > -OBJECTIVE.max_marker:
-                yield np.append(limb, np.arange(markers, every))
+                yield self._exchanged(np.append(limb, np.arange(markers, every)), slots)
         one, other = np.nonzero(self._of_two(now) > -OBJECTIVE.max_marker)
         for pair in zip(one.tolist(), other.tolist(), strict=True):
             order = np.arange(every)
             order[list(pair)] = pair[::-1]
-            yield order
+            yield self._exchanged(order, slots)
 
     def _of_two(self, now: Settled) -> np.ndarray:
         """(M, M + E) what frames `now` win if two exchange names; each two once, minus infinity elsewhere."""

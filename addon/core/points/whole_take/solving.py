@@ -19,8 +19,7 @@ from ..refusals import NO_FIT, REFUSAL, SetFit
 from .layout import Question, named_by_layout
 from .likeness import LIKENESS
 from .matching import margins, matched
-from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, usual_fit
-from .pairs import PAIRING
+from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, lasting, usual_fit
 from .rulings import RULING, Rulings
 from .search import Moves, Search
 from .tracklets import FrameLabels, Tracklets, tracklets_of
@@ -48,9 +47,11 @@ class MarginOptions:
 
     looks  measured: independent looks that a take is worth for a group of markers: its layout is off in all frames
            alike; with 1 known people lose 4 to 9 % of their labels, with 2.75 takes of other labs have wrong ones
+    there  measured: log odds of a marker that is worn to be there: gaps are 2 to 7 % of recorded takes
     """
 
     looks: float = 1.5
+    there: float = 3.0
 
 
 ROUNDS = RoundOptions()
@@ -104,7 +105,7 @@ def solve_take(
     if rulings is not None:
         tracklets = rulings.of(tracklets)
         begun = rulings.begun(tracklets)
-    solving = _Solving(points, tracklets, model, rate, begun)
+    solving = _Solving(points, tracklets, named, model, rate, begun)
     if rulings is None:
         return (yield from solving.solved(search))
     solving.objective.extras = rulings.extras
@@ -115,10 +116,12 @@ def solve_take(
 class _Solving:
     """A take on its way to a solution: `marker` (N,) is what is believed so far, extras after the model's own."""
 
-    def __init__(self, points: Table, tracklets: Tracklets, model: Model, rate: float, begun: np.ndarray):
+    def __init__(
+        self, points: Table, tracklets: Tracklets, named: FrameLabels, model: Model, rate: float, begun: np.ndarray
+    ):
         self.tracklets, self.marker, self.markers = tracklets, begun, len(model.markerset)
         self.crowd = is_crowd(tracklets, self.markers, rate)
-        self.objective = Objective(points, tracklets, model, rate)
+        self.objective = Objective(points, tracklets, named, model, rate)
         self.best = self.margin = self.odds = np.zeros(0)
 
     def solved(self, moves: Moves) -> Generator[float, None, Solution]:
@@ -200,8 +203,7 @@ class _Solving:
         marker[marker >= self.markers] = self.markers + number
         self.objective.extras = len(before)
         refused = (tracklets.votes <= -RULING.odds).any(axis=1)
-        lasting = _lasting(tracklets, self.objective.rate)
-        free = np.flatnonzero((marker == NO_MARKER) & lasting & ~refused)
+        free = np.flatnonzero((marker == NO_MARKER) & lasting(tracklets, self.objective.rate) & ~refused)
         if not len(free):
             return False
         first, last = tracklets.first[free], tracklets.last[free]
@@ -238,11 +240,13 @@ class _Solving:
         """(N,) what frames on their own say of markers that are seldom there, by names (N,); no limit for all others.
 
         Their distances in the take are those of whatever has the name, which thus bears itself out; a ghost is where a
-        marker may be for a while.
+        marker may be for a while. Frames expect a marker as often as training has it, and the take shows it less often.
         """
-        tracklets, seldom = self.tracklets, self.objective.coverage(own) < REFUSAL.min_half
-        of_seldom = (own != NO_MARKER) & seldom[own] & (tracklets.held == NO_MARKER)
-        return np.where(of_seldom, tracklets.votes[np.arange(len(own)), own], np.inf)
+        tracklets, coverage = self.tracklets, self.objective.coverage(own)[own]
+        of_seldom = (own != NO_MARKER) & (coverage < REFUSAL.min_half) & (tracklets.held == NO_MARKER)
+        there = np.where(of_seldom, coverage, REFUSAL.min_half)
+        less = MARGINS.there - np.log(there / (1 - there))
+        return np.where(of_seldom, tracklets.votes[np.arange(len(own)), own] - less, np.inf)
 
     def _lonely(self, own: np.ndarray, search: Search) -> np.ndarray:
         """(N,) True for names (N,) of markers of whose nearest none is there at the time, mostly.
@@ -303,16 +307,11 @@ def _renamed(order: np.ndarray) -> tuple[int, ...]:
 
 def is_crowd(tracklets: Tracklets, markers: int, rate: float) -> bool:
     """Whether many more tracklets than markers are there in the usual frame, of so many a second."""
-    long = _lasting(tracklets, rate)
+    long = lasting(tracklets, rate)
     frames = np.arange(int(tracklets.last.max(initial=0)) + 1)
     begun = np.searchsorted(np.sort(tracklets.first[long]), frames, side="right")
     ended = np.searchsorted(np.sort(tracklets.last[long]), frames, side="left")
     return float(np.median(begun - ended)) >= REFUSAL.crowd * markers
-
-
-def _lasting(tracklets: Tracklets, rate: float) -> np.ndarray:
-    """(N,) the tracklets that show how they move, by their frames or, where there are few a second, by how long."""
-    return tracklets.count >= min(PAIRING.min_frames, PAIRING.min_s * rate)
 
 
 def _likeliest(tracklets: Tracklets) -> np.ndarray:

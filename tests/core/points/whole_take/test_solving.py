@@ -27,6 +27,7 @@ RATE = 100.0
 FRAMES = 300
 BURST = 20
 LEFT_WRIST = "LWRA", "LWRB"
+FIELDS = "marker", "step", "confidence", "rate"
 
 
 def pieces(markers: np.ndarray, seed: int = 1, hidden: int = 3) -> tuple[np.ndarray, np.ndarray]:
@@ -135,7 +136,7 @@ def objective_of(model, points: np.ndarray, whose: np.ndarray) -> tuple[Objectiv
     nothing = said(points, whose, np.zeros(points.shape[:2], bool))
     tracklets = tracklets_of(points, cut(points, RATE), nothing, len(model.markerset))
     truth = whose[tracklets.lane]
-    objective = Objective(points, tracklets, model, RATE)
+    objective = Objective(points, tracklets, nothing, model, RATE)
     objective.look_at(truth)
     return objective, truth
 
@@ -188,6 +189,35 @@ def test_a_limb_that_is_one_place_off_is_put_right(model, markers, limb):
     assert right.mean() > 0.95
 
 
+def test_a_few_frames_that_are_right_begin_it_anew(model, markers):
+    points, whose = pieces(markers)
+    lower = [at for at, name in enumerate(model.markerset.markers) if name[1:] in ("KNE", "ANK", "HEE", "TOE", "ASI")]
+    worn = np.isin(whose, lower)
+    points, whose = points[:, worn], whose[worn]
+    upper = np.arange(26)
+    upper[lower] = np.setdiff1d(upper, lower)[: len(lower)]
+    right = np.arange(FRAMES)[:, None] % 50 == 7
+    named = said(points, whose, np.broadcast_to(right, points.shape[:2]))
+    wrong = said(points, upper[whose], np.broadcast_to(~right, points.shape[:2]))
+    named = Labels(*(np.where(right, getattr(named, one), getattr(wrong, one)) for one in FIELDS))
+    solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
+    assert (solution.marker == whose[solution.tracklets.lane]).mean() > 0.95
+
+
+def test_what_is_there_without_a_name_may_be_a_marker_that_is_not(model, markers):
+    objective, truth = objective_of(model, *pieces(markers, hidden=0))
+    unnamed = np.where(truth == 3, NO_MARKER, truth)
+    search = Search(objective, unnamed, USUAL_FREEDOM)
+    assert any((one == truth).all() for one in search._chains())
+    objective, truth = objective_of(
+        model, *pieces(np.where(np.arange(FRAMES)[:, None, None] % 100 < 5, np.nan, markers), hidden=0)
+    )
+    for of in np.flatnonzero(truth == 3).tolist():
+        search = Search(objective, np.where(np.arange(len(truth)) == of, NO_MARKER, truth), USUAL_FREEDOM)
+        search._odds = np.full_like(search._odds, -20)
+        assert any((one == truth).all() for one in search._alone())
+
+
 def test_markers_of_a_long_take_are_looked_up_where_they_are_asked_for(model, markers):
     points, whose = pieces(markers)
     nothing = said(points, whose, np.zeros(points.shape[:2], bool))
@@ -215,7 +245,7 @@ def test_a_search_asks_the_shape_of_frames_that_the_names_it_begins_with_show(mo
     """Of whole trajectories frames on their own may say this as often as that, and none is begun with by them."""
     nothing = said(markers, np.arange(26), np.zeros(markers.shape[:2], bool))
     tracklets = tracklets_of(markers, cut(markers, RATE), nothing, 26)
-    search = Search(Objective(markers, tracklets, model, RATE), np.arange(26)[tracklets.lane], USUAL_FREEDOM)
+    search = Search(Objective(markers, tracklets, nothing, model, RATE), np.arange(26)[tracklets.lane], USUAL_FREEDOM)
     assert search.best.settled is not None
 
 
@@ -271,16 +301,18 @@ def test_names_that_some_poses_contradict_are_a_question(model, markers):
     assert {one, other} in [{question.one, question.other} for question in questions]
 
 
-def test_what_a_ghost_bears_out_itself_is_not_said_of_a_marker_that_is_not_there(model, markers):
+@pytest.mark.parametrize(("frames", "heard", "targets"), [(80, False, (0.9, 0.999)), (15, True, (0.999,))])
+def test_a_ghost_is_no_marker_that_is_not_there(model, markers, frames, heard, targets):
+    """It bears itself out, and frames may hear of it; but a marker that is worn is there for longer."""
     hidden = model.markerset.markers.index("LKNE")
     points, whose = pieces(np.where(np.arange(markers.shape[1])[:, None] == hidden, np.nan, markers))
     ghost = np.full((FRAMES, 1, 3), np.nan)
-    ghost[100:180, 0] = markers[100:180, hidden] + [0.01, 0.0, 0.01]
-    points, whose = np.concatenate([points, ghost], axis=1), np.r_[whose, NO_MARKER]
+    ghost[100 : 100 + frames, 0] = markers[100 : 100 + frames, hidden] + [0.01, 0.0, 0.01]
+    points, whose = np.concatenate([points, ghost], axis=1), np.r_[whose, hidden if heard else NO_MARKER]
     named = said(points, whose, whose >= 0)
     solution = finished(solve_take(points, cut(points, RATE), named, model, RATE))
     assert hidden in solution.marker
-    for target in (0.9, 0.999):
+    for target in targets:
         labels = labels_of(solution, named, target, model.markerset.markers).labels
         assert (labels.marker[:, -1] == NO_MARKER).all()
 
