@@ -404,7 +404,7 @@ class MOCAP_AUTOLABEL_OT_play_as_take(Ours, bpy.types.Operator):
         frames = np.array([source.first_frame, source.last_frame])
         left = set_time(context.scene, source.rate, frames + shift_of(source))
         if left:
-            self.report({"WARNING"}, f"Its keys were changed, so the old rate is kept by {listed(left)}")
+            self.report({"WARNING"}, f"The old rate is kept by {listed(left)}: keys were changed, or are linked")
 
 
 class MOCAP_AUTOLABEL_FH_take(bpy.types.FileHandler):

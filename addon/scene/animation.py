@@ -188,13 +188,13 @@ def note_time(action: bpy.types.Action, fps: float, first: float):
 def retime(item: bpy.types.Object, fps: float) -> bool:
     """Moves the keys of what was keyed for another rate to so many frames a second; whether that is it now.
 
-    It is not where a person changed the keys.
+    It is not where a person changed the keys, or they are another file's.
     """
     data = item.animation_data
     action = None if data is None else data.action
     if action is None or TIMED not in action or math.isclose(action[TIMED][0], fps, rel_tol=RATE_ROUNDING):
         return True
-    if not is_keyed_by_us(item):
+    if not action.is_editable or not is_keyed_by_us(item):
         return False
     before, first = action[TIMED]
     bag = channels(item, action)

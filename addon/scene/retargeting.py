@@ -372,11 +372,8 @@ def _without_action(rig: bpy.types.Object) -> Iterator[None]:
 def _alone(rig: bpy.types.Object) -> Iterator[bpy.types.ViewLayer]:
     """A view layer that has a rig, and of all else what moves it: none of the meshes that hang on it."""
     shown, scene = bpy.context.scene, bpy.data.scenes.new(rig.name)
-    scene.frame_current, scene.render.fps, scene.render.fps_base = (
-        shown.frame_current,
-        shown.render.fps,
-        shown.render.fps_base,
-    )
+    scene.frame_current = shown.frame_current  # drivers may ask for it, and for the rate
+    scene.render.fps, scene.render.fps_base = shown.render.fps, shown.render.fps_base
     try:
         scene.collection.objects.link(rig)
         yield scene.view_layers[0]
