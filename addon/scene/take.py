@@ -473,7 +473,7 @@ def retimed(scene: bpy.types.Scene, rate: float, frames: np.ndarray) -> np.ndarr
 def set_time(scene: bpy.types.Scene, rate: float, frames: np.ndarray) -> list[str]:
     """Makes the scene play the take: Blender's rate is a whole number over a base.
 
-    Rigs and characters keep their speed; the names of those that do not, because a person changed their keys, or they are linked.
+    Rigs and characters keep their speed; gives the names of those that do not, whose keys were changed or are linked.
     """
     scene.render.fps = max(1, round(rate))
     scene.render.fps_base = scene.render.fps / rate
