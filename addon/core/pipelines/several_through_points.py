@@ -174,7 +174,7 @@ def label_several_blobs(
 
     Points are needed for who is who where somebody comes or goes, and for what a person said.
     """
-    if not edits and options.method == "likelihood":
+    if not edits:
         quick = label_together(read, cameras, asked, rate, options.room, body_of)
         followed = yield from within(quick, 0.0, CHECKING_BACK.followed)
         if followed is not None:

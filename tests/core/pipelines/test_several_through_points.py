@@ -218,7 +218,7 @@ def test_two_who_stay_are_named_by_their_bodies_without_the_points_of_all_frames
     assert {one.markers[0][:2] for one in chunks[0].suspects if one.markers} <= {"1:", "2:"}
 
 
-@pytest.mark.parametrize("case", ["leaves", "edited", "by name", "three", "ensemble"])
+@pytest.mark.parametrize("case", ["leaves", "edited", "by name", "three"])
 def test_who_is_who_is_asked_of_points_where_bodies_cannot_say_it(shot, model, case):
     cameras, blobs, truth = shot
     asked = SeveralOptions(subjects=(Wearer("ann", model),)) if case == "by name" else SeveralOptions(model, 2)
@@ -227,8 +227,7 @@ def test_who_is_who_is_asked_of_points_where_bodies_cannot_say_it(shot, model, c
         blobs = blobs.part(slice(0, FRAMES), ~truth_of(truth, "2") | (blobs.frame < 22))
     if case == "three":
         asked = SeveralOptions(model, 3)
-    named = PointOptions("ensemble") if case == "ensemble" else NAMED
-    work = label_several_blobs(lambda: parts(blobs), cameras, asked, named, RATE, edits=edits)
+    work = label_several_blobs(lambda: parts(blobs), cameras, asked, NAMED, RATE, edits=edits)
     assert any(step.note.startswith("reconstruct") for step in islice(work, 4))
 
 
