@@ -27,7 +27,6 @@ from ..points.several.together import LabelledSubjects, beside, measured_of_firs
 from ..points.several.wearers import SetsWorn, SeveralOptions
 from ..points.whole_take.pipeline import PointOptions
 from .fitted_subjects import FollowedSubjects
-from .followed_together import FollowedTogether, label_together
 from .through_points import PointsOfBlobs, without_number
 
 
@@ -46,7 +45,6 @@ class CheckingBackOptions:
     # as well, as where images melt into one blob
     lead: float = 2.0  # measured
     share: float = 0.4  # measured: of the time of the work that is reconstruction
-    followed: float = 0.2  # measured: of all work, what it takes to follow the bodies
 
 
 CHECKING_BACK = CheckingBackOptions()
@@ -162,28 +160,6 @@ class SubjectsInImages:
 
 
 def label_several_blobs(
-    read: Callable[[], Iterable[tuple[Blobs, float]]],
-    cameras: Cameras,
-    asked: SeveralOptions,
-    options: PointOptions,
-    rate: float,
-    body_of: Callable[[MarkerSet], Occlusion] | None = None,
-    edits: Edits = NO_EDITS,
-) -> Generator[Progress, None, FollowedTogether | SubjectsInImages]:
-    """Names a take of blobs by bodies that are followed together, or through its points; arguments as below.
-
-    Points are needed for who is who where somebody comes or goes, and for what a person said.
-    """
-    if not edits and options.method == "likelihood":
-        quick = label_together(read, cameras, asked, rate, options.room, body_of)
-        followed = yield from within(quick, 0.0, CHECKING_BACK.followed)
-        if followed is not None:
-            return followed
-    work = label_by_points(read, cameras, asked, options, rate, body_of, edits)
-    return (yield from within(work, CHECKING_BACK.followed, 1.0))
-
-
-def label_by_points(
     read: Callable[[], Iterable[tuple[Blobs, float]]],
     cameras: Cameras,
     asked: SeveralOptions,

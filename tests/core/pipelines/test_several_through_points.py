@@ -2,7 +2,6 @@
 """Blobs of two people: named by their points, taken back where images say otherwise, told where one was asked."""
 
 from dataclasses import replace
-from itertools import islice
 
 import numpy as np
 import pytest
@@ -11,18 +10,12 @@ from addon.core.blobs.pipeline import label_take
 from addon.core.data.errors import InputError, JobError
 from addon.core.data.progress import finished
 from addon.core.data.takes import Blobs
-from addon.core.edits.kinds import NO_EDITS, AssignBlob, Edits, Place, Swap
+from addon.core.edits.kinds import AssignBlob, Edits, Place, Swap
 from addon.core.geometry.cameras import Cameras
 from addon.core.pipelines.blobs import with_edits
 from addon.core.pipelines.fitted_subjects import FollowedSubjects
-from addon.core.pipelines.followed_together import Doubts, FollowedTogether, LookedAt
 from addon.core.pipelines.others import OtherSubjects, refuse_two
-from addon.core.pipelines.several_through_points import (
-    PointsOfBlobs,
-    SubjectsInImages,
-    label_by_points,
-    label_several_blobs,
-)
+from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_several_blobs
 from addon.core.points.refusals import SubjectsError
 from addon.core.points.several import pipeline
 from addon.core.points.several.identification import IDENTIFICATION
@@ -46,7 +39,7 @@ def shot(model):
 
 def label(shot, blobs: Blobs, asked: SeveralOptions, **options) -> SubjectsInImages:
     """Some of the blobs of the take, labelled."""
-    return finished(label_by_points(lambda: parts(blobs), shot[0], asked, NAMED, RATE, **options))
+    return finished(label_several_blobs(lambda: parts(blobs), shot[0], asked, NAMED, RATE, **options))
 
 
 def parts(blobs: Blobs):
@@ -54,10 +47,10 @@ def parts(blobs: Blobs):
         yield blobs.between(first, min(first + CHUNK - 1, FRAMES)), first / FRAMES
 
 
-def named(found: SubjectsInImages | FollowedTogether, blobs: Blobs) -> tuple[np.ndarray, list]:
+def named(found: SubjectsInImages, blobs: Blobs) -> tuple[np.ndarray, list]:
     chunks = list(found.chunks(part for part, _ in parts(blobs)))
     marker = np.concatenate([chunk.labels.marker for chunk in chunks])
-    return np.array([*found.worn.markers, ""], object)[marker], chunks
+    return np.array([*found.labelled.worn.markers, ""], object)[marker], chunks
 
 
 def swapped(truth: np.ndarray) -> np.ndarray:
@@ -198,62 +191,6 @@ def test_a_blob_that_is_off_its_point_has_no_name(shot, found, labelled):
     again, _ = named(found, replace(blobs, xy=xy))
     assert again[row] == ""
     assert (again == names).mean() > 0.99
-
-
-def test_two_who_stay_are_named_by_their_bodies_without_the_points_of_all_frames(shot, model, labelled, monkeypatch):
-    """As well as through points, and every body is the same one's in all chunks."""
-    cameras, blobs, truth = shot
-    monkeypatch.delattr(PointsOfBlobs, "add")
-    asked = SeveralOptions(model, 2)
-    found = finished(label_several_blobs(lambda: parts(blobs), cameras, asked, NAMED, RATE))
-    assert isinstance(found, FollowedTogether)
-    names, chunks = named(found, blobs)
-    truth = truth if truth_of(truth, "1")[np.char.startswith(names.astype(str), "1:")].mean() > 0.5 else swapped(truth)
-    right = np.array([one in text.split("|") for one, text in zip(names, truth, strict=True)])
-    by_points = np.array([one in text.split("|") for one, text in zip(labelled[0], labelled[2], strict=True)])
-    given, there = names != "", truth != ""
-    assert right[given].mean() > 0.998
-    assert right[there].mean() > by_points[there].mean() - 0.003
-    assert np.concatenate([one.motion.confidence for one in chunks]).min() > 0.9
-    assert {one.markers[0][:2] for one in chunks[0].suspects if one.markers} <= {"1:", "2:"}
-
-
-@pytest.mark.parametrize("case", ["leaves", "edited", "by name", "three", "ensemble"])
-def test_who_is_who_is_asked_of_points_where_bodies_cannot_say_it(shot, model, case):
-    cameras, blobs, truth = shot
-    asked = SeveralOptions(subjects=(Wearer("ann", model),)) if case == "by name" else SeveralOptions(model, 2)
-    edits = Edits((Swap(("1:LKNE", "2:LKNE"), frames=(5, 12)),)) if case == "edited" else NO_EDITS
-    if case == "leaves":
-        blobs = blobs.part(slice(0, FRAMES), ~truth_of(truth, "2") | (blobs.frame < 22))
-    if case == "three":
-        asked = SeveralOptions(model, 3)
-    named = PointOptions("ensemble") if case == "ensemble" else NAMED
-    work = label_several_blobs(lambda: parts(blobs), cameras, asked, named, RATE, edits=edits)
-    assert any(step.note.startswith("reconstruct") for step in islice(work, 4))
-
-
-def test_names_that_two_exchanged_contradict_a_frame_and_so_does_a_half_of_them():
-    """Four points of two in two cameras, of which a frame is sure; each has the markers 0 and 1."""
-    slots = np.array([[0, 0], [1, 1], [2, 2], [3, 3]])
-    look = LookedAt(0, slots, np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1]))
-    for owners, contradicted, explained in (
-        ([0, 1, 2, 3], [0, 0, 0, 0], [1, 1, 1, 1]),
-        ([2, 3, 0, 1], [0, 0, 0, 0], [1, 1, 1, 1]),
-        ([1, 0, 2, 3], [1, 1, 0, 0], [0, 0, 1, 1]),
-        ([0, -1, 2, 3], [0, 0, 0, 0], [1, 0, 1, 1]),
-        ([0, 1, 3, -1], [0, 0, 1, 0], [1, 1, 0, 0]),
-    ):
-        owner = np.array([owners, owners])
-        assert look.contradicted(owner, 2).tolist() == list(map(bool, contradicted))
-        assert look.explained(owner, 2).tolist() == list(map(bool, explained))
-    assert look.explained(np.array([[0, 1, 2, 3], [0, 1, 2, 1]]), 2).tolist() == [True, True, True, False]
-    doubts = Doubts([look], 2)
-    for start, counted in ((-1, 2), (-1, 2), (3, 0)):  # seen from both sides it is the frame that errs
-        doubts.begin(start)
-        doubts.add(0, np.array([[1, 0, 2, 3]] * 2))
-        doubts.add(5, np.array([[1, 0, 2, 3]] * 2))  # nobody looks there
-        assert doubts.count == {0: counted}
-        assert doubts.are_many == (counted == 2)
 
 
 def test_what_no_two_cameras_see_is_told(shot):
