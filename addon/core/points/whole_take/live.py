@@ -2,9 +2,9 @@
 """Points named while they are recorded.
 
 Every frame is followed at once: a name stays with its trajectory, and goes over to a point that comes where its marker
-must be. What the names are in the first place, and what is not so sure, is said by the last moment solved as whole
-takes are, which takes longer than a frame: a process beside does that. What it says is carried on through the frames
-that came meanwhile. By what was named, those who wear the markers are known better and better.
+was a moment ago and must be now. What the names are in the first place, and what is not so sure, is said by the last
+moment solved as whole takes are, which takes longer than a frame: a process beside does that. What it says is carried
+on through the frames that came meanwhile. By what was named, those who wear the markers are known better and better.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ from ..motion import SUBJECT_FRAMES
 from ..refusals import REFUSAL
 from ..tracklets import CUTTING, cut
 from ..unordered import of_subject
-from .likeness import LIKENESS, NO_EVIDENCE, of_frames, steadiest
+from .likeness import LIKENESS, NO_EVIDENCE, of_ends, of_frames, steadiest
 from .pairs import PairDistances, in_take
 from .pipeline import PointOptions, as_a_whole, begins, name_frames
 from .search import SEARCH
@@ -165,13 +165,17 @@ class _Given:
     sure    the same by the solver's names alone
     """
 
-    def __init__(self, pairs: PairDistances, row: int, newest: int = -1):
+    def __init__(self, pairs: PairDistances, rate: float, row: int, newest: int = -1):
         self.marker: dict[int, int] = {}
         self.solved: set[int] = set()
-        self.row, self.newest = row, newest
-        self.placed = self.sure = np.full((len(pairs.mean), 3), np.nan)
-        near, rows = steadiest(pairs.variance), np.arange(len(pairs.mean))[:, None]
+        self.rate, self.row, self.newest = rate, row, newest
+        size = len(pairs.mean)
+        self.placed = self.sure = np.full((size, 3), np.nan)
+        near, steady, rows = steadiest(pairs.variance), steadiest(pairs.within), np.arange(size)[:, None]
         self._apart = near, pairs.mean[rows, near], pairs.variance[rows, near]
+        self._within = steady, pairs.within[rows, steady]
+        # When each marker was there last, and where all of them were then.
+        self._seen, self._then = np.full(size, -np.inf), np.full((size, size, 3), np.nan, np.float32)
 
     def on(self, row: int, number: np.ndarray, points: np.ndarray) -> np.ndarray:
         """The marker (P,) of each of a later frame's points (P, 3) m, which are of trajectories number (P,)."""
@@ -182,19 +186,25 @@ class _Given:
         self.row, self.placed, self.sure = row, np.full_like(self.placed, np.nan), np.full_like(self.placed, np.nan)
         self.placed[marker[named]], self.sure[marker[solved]] = points[named], points[solved]
         self._name_new(np.flatnonzero((number > self.newest) & ~named), number, points, marker)
+        there = np.isfinite(self.placed[:, 0])
+        self._seen[there], self._then[there] = row, self.placed
         return marker
 
     def _name_new(self, new: np.ndarray, number: np.ndarray, points: np.ndarray, marker: np.ndarray):
-        """Names those of points (P, 3) m that are `new` (N,) where a marker must be that is not placed.
+        """Names those of points (P, 3) m that are `new` (N,) where a marker is that was placed a moment ago.
 
-        That is by its distances on this subject to those that are.
+        By its distances to those that are, on this subject and at that moment. Later what comes may be anything else.
         """
         now, at, nobody = self.placed, np.zeros((len(new), 1), int), np.full(len(new), NO_MARKER)
-        free = np.isnan(now[:, 0])
-        if not len(new) or not free.any() or len(now) - free.sum() < LIKENESS.min_neighbours:
+        gap = np.tile(self.row - self._seen, (len(new), 1))
+        asked = np.isnan(now[:, 0]) & (gap < max(round(CUTTING.max_gap_s * self.rate), 2))
+        if not asked.any() or np.isfinite(now[:, 0]).sum() < LIKENESS.min_neighbours:
             return
-        asked = np.tile(free, (len(new), 1))
         odds = of_frames(at, points[new, None], now[None], nobody, *self._apart, asked, LIKENESS)
+        every = np.concatenate([self._then, now[None].astype(np.float32)])
+        then, last, own = np.where(asked, np.arange(len(now)), -1), np.full(len(new), len(now)), points[new]
+        gap = np.where(asked, gap, 0).astype(int)
+        odds += of_ends(last, then, gap, own.astype(np.float32), every, nobody, *self._within, self.rate, LIKENESS)
         odds = np.where(np.isnan(odds), -np.inf, odds)
         for row, best in enumerate(odds.argmax(axis=1).tolist()):
             rivals = np.append(np.delete(odds[row], best), np.delete(odds[:, best], row))
@@ -260,7 +270,7 @@ class LiveNamer:
         self.trails: dict[int, _Trail] = {}
         self.links = Links.at(self.rate)
         self.past: list[tuple[int, np.ndarray, np.ndarray]] = []
-        self.given, self.shown = _Given(self._pairs(()), self.row), _Shown(self.whose, self.rate)
+        self.given, self.shown = _Given(self._pairs(()), self.rate, self.row), _Shown(self.whose, self.rate)
         self._asked: Window | None = None
         self._later: _Given | None = None  # what was heard, on its way through the frames that came meanwhile
 
@@ -367,7 +377,7 @@ class LiveNamer:
         if names.refused:
             return
         pairs = self._pairs(self.shown.frames)
-        later = _Given(pairs, self._asked.end - 1, int(names.number.max(initial=-1)))
+        later = _Given(pairs, self.rate, self._asked.end - self._gap, int(names.number.max(initial=-1)))
         told = dict(zip(names.number.tolist(), names.marker.tolist(), strict=True))
         said = {number: marker for number, marker in told.items() if marker != NO_MARKER}
         kept = {number: marker for number, marker in self.given.marker.items() if number <= later.newest}

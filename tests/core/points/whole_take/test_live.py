@@ -58,16 +58,14 @@ def test_a_point_that_comes_back_is_named_at_once_and_what_is_elsewhere_is_not()
     assert marker.tolist() == [*range(1, MARKERS), -1]
 
 
-def test_a_point_that_was_away_for_long_is_named_once_it_is_where_the_marker_is_on_this_subject():
+@pytest.mark.parametrize(("away", "off", "named"), [(10, 0.0, True), (10, 0.05, False), (200, 0.0, False)])
+def test_a_new_point_is_named_where_a_marker_was_a_moment_ago_by_its_distances_on_this_subject(away, off, named):
     ids = np.arange(MARKERS)
     namer = settled(ids)
-    for frame in range(40, 240):
+    for frame in range(40, 40 + away):
         namer.name(frame, body(frame)[1:], ids[1:])
-    back = np.append(77, ids[1:])
-    for frame in range(240, 260):
-        off = body(frame) + 0.08 * (ids == 0)[:, None]
-        assert namer.name(frame, off, back)[0].tolist() == [-1, *range(1, MARKERS)]
-    assert namer.name(260, body(260), back)[0].tolist() == ids.tolist()
+    moved = body(40 + away) + off * (ids == 0)[:, None]
+    assert namer.name(40 + away, moved, np.append(77, ids[1:]))[0].tolist() == [0 if named else -1, *range(1, MARKERS)]
 
 
 def test_a_settled_name_is_taken_back_only_by_a_line_that_says_so():
