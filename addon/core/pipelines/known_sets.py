@@ -12,7 +12,8 @@ hidden    markers that are not there in a frame; h are the log odds of a marker 
 
 e is what the point of one marker may know; a set that another leads by more is out. Of sets that name the same points
 alike the one that lacks less is worn. The one that is left is worn if a take of it is not refused, and little is beside
-it; where more are left nobody knows. A set with which the take is refused puts no other out, but makes it unsure.
+it; where more are left nobody knows. A set with which the take is refused, or of which more is missing, puts no other
+out, but makes it unsure.
 
 A take that is refused may be of a model with another axis up: what single frames say shows which is likeliest, and a
 part of the take whether it would be named so. Or it is of another model that is known.
@@ -206,7 +207,7 @@ def set_worn(take: Points, models: Sequence[Model]) -> Generator[Progress, None,
         raise JobError("shows no points; expected the markers of a subject")
     kinds: dict[frozenset[str], list[Model]] = {}
     for model in models:
-        if most >= (1 - WORN.max_absent) * len(model.markerset):
+        if most >= (1 - WORN.max_unfound) * len(model.markerset):
             kinds.setdefault(frozenset(model.markerset.markers), []).append(model)
     tried = [max(alike, key=lambda one: worth_of(one, some)) if alike[1:] else alike[0] for alike in kinds.values()]
     tracklet, found = cut(part.xyz, part.rate, lanes=part.lanes), []
@@ -215,11 +216,14 @@ def set_worn(take: Points, models: Sequence[Model]) -> Generator[Progress, None,
             work = in_stages(_fitting(part, tracklet, model), begins(len(part.xyz)))
             with suppress(JobError):
                 found.append((yield from within(work, number / len(tried), (number + 1) / len(tried))))
-    fitting = [one for one in found if one is not None and one.absent <= WORN.max_absent]
-    suiting = [one for one in fitting if not one.refused]
-    left = [one for one in fitting if not any(other.beats(one) for other in suiting)] if suiting else []
-    sure = len(left) == 1 and not left[0].refused and left[0].beside <= WORN.max_beside
-    return left[0].model if sure else None, [one.model for one in left or suiting]
+    every = [one for one in found if one is not None]
+    suiting = [one for one in every if one.absent <= WORN.max_absent and not one.refused]
+    left = [one for one in every if not any(other.beats(one) for other in suiting)]
+    likely = [one for one in left if one in suiting]
+    sure = len(left) == len(likely) == 1 and left[0].beside <= WORN.max_beside
+    if suiting and not likely:  # what beats them all lacks too many of its markers
+        likely = [one for one in left if not one.refused] + suiting
+    return left[0].model if sure else None, [one.model for one in likely]
 
 
 def _fitting(take: Points, tracklet: np.ndarray, model: Model) -> Steps[FittingSet | None]:

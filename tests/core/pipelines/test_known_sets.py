@@ -64,7 +64,16 @@ def test_a_set_that_would_be_refused_makes_another_unsure(monkeypatch):
             raise UnsuitedError("is of none")
 
     monkeypatch.setattr(known_sets, "refuse_solved", refuse)
-    assert names(drawn("body39")) == ["actor41", "body39"]
+    worn, likely = finished(set_worn(standing(drawn("body39")), KNOWN))
+    assert worn is None and [one.markerset.name for one in likely] == ["actor41"]
+
+
+@pytest.mark.parametrize(("name", "lacks"), [("body39", 8), ("actor53", 5)])
+def test_a_smaller_set_is_not_sure_where_one_that_lacks_markers_is_likelier(name, lacks):
+    some = open_model(name).markerset.markers
+    away = [some[place] for place in np.random.default_rng(0).permutation(len(some))[:lacks]]
+    worn, likely = finished(set_worn(standing(without(name, *away)), KNOWN))
+    assert worn is None and likely
 
 
 def test_somebody_else_far_away_and_ghosts_change_nothing():
