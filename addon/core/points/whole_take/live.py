@@ -200,11 +200,12 @@ class _Given:
         asked = np.isnan(now[:, 0]) & (gap < max(round(CUTTING.max_gap_s * self.rate), 2))
         if not asked.any() or np.isfinite(now[:, 0]).sum() < LIKENESS.min_neighbours:
             return
-        odds = of_frames(at, points[new, None], now[None], nobody, *self._apart, asked, LIKENESS)
+        here = of_frames(at, points[new, None], now[None], nobody, *self._apart, asked, LIKENESS)
         every = np.concatenate([self._then, now[None].astype(np.float32)])
         then, last, own = np.where(asked, np.arange(len(now)), -1), np.full(len(new), len(now)), points[new]
         gap = np.where(asked, gap, 0).astype(int)
-        odds += of_ends(last, then, gap, own.astype(np.float32), every, nobody, *self._within, self.rate, LIKENESS)
+        before = of_ends(last, then, gap, own.astype(np.float32), every, nobody, *self._within, self.rate, LIKENESS)
+        odds = (here + before) / 2  # the same distances, looked at twice
         odds = np.where(np.isnan(odds), -np.inf, odds)
         for row, best in enumerate(odds.argmax(axis=1).tolist()):
             rivals = np.append(np.delete(odds[row], best), np.delete(odds[:, best], row))
