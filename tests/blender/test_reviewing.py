@@ -230,7 +230,7 @@ def test_a_range_labelled_first_leaves_the_scene_its_frames(state):
 def test_what_is_said_while_labelling_goes_on_is_not_lost(state):
     labelling = ours("ops.labelling")
     context, again = bpy.context, SimpleNamespace(report=lambda *_: None)
-    again._job, again._name = labelling.job_of(context), "walk"
+    again._job, again._name, again._shift = labelling.job_of(context), "walk", None
     steps = labelling.label_to_show(again._job)
     next(steps)
     choose("RKNE")
