@@ -84,7 +84,7 @@ class WindowNames:
 
 
 def is_slow(window: Window, seconds: float) -> bool:
-    """Whether all of a window, of which exchanges are about half the work, takes longer than SLOW_S."""
+    """Whether solving took too long for all of the next window to be tried: after exchanges alone half of SLOW_S is."""
     return seconds > SLOW_S / (2 if window.quick else 1)
 
 
@@ -154,6 +154,11 @@ class _Trail:
         self.number, self.place, self.row = number, place, row
 
 
+def longest_gap(rate: float) -> int:
+    """Frames, at `rate` a second, after which what comes may be anything."""
+    return max(round(CUTTING.max_gap_s * rate), 2)
+
+
 class _Given:
     """The names of trajectories, from a frame on.
 
@@ -197,7 +202,7 @@ class _Given:
         """
         now, at, nobody = self.placed, np.zeros((len(new), 1), int), np.full(len(new), NO_MARKER)
         gap = np.tile(self.row - self._seen, (len(new), 1))
-        asked = np.isnan(now[:, 0]) & (gap < max(round(CUTTING.max_gap_s * self.rate), 2))
+        asked = np.isnan(now[:, 0]) & (gap < longest_gap(self.rate))
         if not asked.any() or np.isfinite(now[:, 0]).sum() < LIKENESS.min_neighbours:
             return
         here = of_frames(at, points[new, None], now[None], nobody, *self._apart, asked, LIKENESS)
@@ -260,7 +265,7 @@ class LiveNamer:
         self.begun, self.row, self.last = 0, -1, NO_POINT
         self.renamed: list[tuple[int, int]] = []
         self._kept = max(round(WINDOW_S * rate), 2)
-        self._gap = max(round(CUTTING.max_gap_s * rate), 2)
+        self._gap = longest_gap(rate)
         self._least = REFUSAL.min_named * np.bincount(whose).min()  # points, of fewer a window would be refused
         self._there = 0  # the last row with as many
         self._slow = False

@@ -308,9 +308,7 @@ class Search:
         free = (marker == NO_MARKER) & lasting(tracklets, self.objective.rate)
         likely |= free[:, None] & ~self.seldom()[:markers]
         tracklet, name = np.nonzero(likely & ~own[:, None])
-        end = tracklets.last - VOTE.max_overlap_frames
-        there = (tracklets.first[:, None] <= end[tracklet]) & (end[:, None] >= tracklets.first[tracklet])
-        free = ~(there & (marker[:, None] == name)).any(axis=0)
+        free = ~(self._beside(tracklet) & (marker[:, None] == name)).any(axis=0)
         seldom = np.flatnonzero(own)[self.seldom()[marker[own]]]
         one = np.concatenate([tracklet[free], seldom])
         other = np.concatenate([name[free], np.full(len(seldom), NO_MARKER)])
@@ -320,13 +318,15 @@ class Search:
 
     def _renamed(self, tracklet: int, name: int) -> np.ndarray:
         """(N,) the names with another one of a tracklet, which nothing else has at the time."""
-        marker, first, last = self.best.marker.copy(), self.objective.tracklets.first, self.objective.tracklets.last
-        beside = (first <= last[tracklet] - VOTE.max_overlap_frames) & (
-            last - VOTE.max_overlap_frames >= first[tracklet]
-        )
-        marker[beside & (marker == name)] = NO_MARKER
+        marker = self.best.marker.copy()
+        marker[self._beside(tracklet) & (marker == name)] = NO_MARKER
         marker[tracklet] = name
         return marker
+
+    def _beside(self, some: np.ndarray | int) -> np.ndarray:
+        """(N, K) True for the tracklets that are there while some (K,) are; (N,) of one."""
+        first, end = self.objective.tracklets.first, self.objective.tracklets.last - VOTE.max_overlap_frames
+        return np.less_equal.outer(first, end[some]) & np.greater_equal.outer(end, first[some])
 
     def _exchanged(self, order: np.ndarray, slots: Slots) -> np.ndarray:
         """(N,) the names with each slot called as `order` has it, but where a person has said otherwise.
