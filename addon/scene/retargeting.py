@@ -21,11 +21,11 @@ from ..core.retarget.retargeting import Rig, axes_at_rest, place_of, retarget
 from . import animation
 from .armature import SCALE, armature_of, bone_path, rotation_channel
 from .character import moving_in
+from .clock import fps_of, refresh_frame
 from .ik_controls import Along, carriers_of, controls_by_ik
 from .ownership import is_keyed_by_us, is_made_for, is_untouched, role_of, sign
 from .roots import is_even
 from .stored import Stored
-from .take import fps_of, retimed
 
 # What bones of control rigs are switched to, by the name of their property: limbs by FK, and all follow what is above.
 SWITCHES = {"IK_FK": 1.0, "ik_fk_switch": 1.0, "FK_limb_follow": 0.0, "neck_follow": 1.0, "head_follow": 1.0}
@@ -77,15 +77,16 @@ def retarget_take(
         moved = retarget(body.character, motion, stored.rate, ready.rest, feet, hands)
         channels = list(ready.channels(*moved))
     action = _own_action(rig, collection, stored.name)
-    bag, frames = animation.bind(rig, action), retimed(context.scene, stored.rate, body.frames)[there]
+    clock = stored.clock.at_rate(fps_of(context.scene), stored.rate)
+    bag, frames = animation.bind(rig, action), clock.shown(stored.motion.frames)[there]
     for bone, channel, values in channels:
         animation.key(bag, bone_path(bone, channel), frames, values, bone)
     for bone, path, value, _ in ready.before.switched:
         animation.key(bag, path, frames[:1], np.array([[value]]), bone)
     action[SWITCHED] = rig[SWITCHED] = json.dumps(ready.before.noted)
-    animation.note_time(action, fps_of(context.scene), body.frames[0])
+    animation.note_time(action, fps_of(context.scene), clock.start)
     sign(action, _role(rig.name, stored.name), collection)
-    context.scene.frame_set(context.scene.frame_current)
+    refresh_frame(context.scene)
     return action
 
 

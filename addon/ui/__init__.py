@@ -16,7 +16,8 @@ from ..ops.reposing import follow_soon, forget_reposing
 from ..props import know_markerset, list_trouble, refresh_review
 from ..scene import naming
 from ..scene.opened import opened
-from ..scene.take import RATE, takes_of
+from ..scene.take import takes_of
+from ..scene.timing import RATE
 from . import advanced, figure, graph, label_tool, live, overlay, panels, quality, review, timeline
 
 PANEL_MODULES = (panels, review, advanced, live, label_tool)  # from above; a panel behind the one that it is in

@@ -14,8 +14,10 @@ from ..ops.importing import USE_ITEMS, cameras_at_hand
 from ..ops.reposing import words_behind
 from ..ops.retargeting import active_rig
 from ..props import OWN_FILE, found_here, is_opened, opened_file
+from ..scene.clock import fps_of, plays_at
 from ..scene.performers import homes
-from ..scene.take import fps_of, is_take, plays_at, takes_of
+from ..scene.take import is_take, takes_of
+from ..scene.timing import is_timed_otherwise
 from .advanced import draw_folder
 from .parts import DrawsRows, draw_choice, draw_operators, draw_performers, draw_text, fold, panel, shows
 
@@ -96,10 +98,7 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
         axes.use = "points" if is_qtm(Path(path)) else USE_ITEMS[0][0]
     else:
         draw_choice(column, source, "rate")
-    if not plays_at(context.scene, source.rate):
-        row = column.row()
-        row.label(text=f"The scene plays {fps_of(context.scene):g} Hz", icon="INFO")
-        row.operator("mocap_autolabel.play_as_take", text="", icon="TIME")
+    _draw_rates(column, context.scene, source.rate)
     column = layout.column(align=True)
     row = column.split(factor=0.45, align=True)
     row.label(text="Marker Set:")
@@ -120,6 +119,19 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
         row.operator("mocap_autolabel.label", text="Label All Performers", icon="COMMUNITY").everybody = True
     else:
         row.operator("mocap_autolabel.label", text="Label Again" if again else "Label", icon="PLAY")
+
+
+def _draw_rates(layout: bpy.types.UILayout, scene: bpy.types.Scene, rate: float):
+    """The scene's rate where it is not the take's, and how each gets the other's."""
+    otherwise = is_timed_otherwise(scene)
+    if plays_at(scene, rate) and not otherwise:
+        return
+    row = layout.row(align=True)
+    row.label(text=f"The scene plays {fps_of(scene):g} Hz", icon="INFO")
+    if otherwise:
+        row.operator("mocap_autolabel.follow_rate", text="", icon="FILE_REFRESH")
+    if not plays_at(scene, rate):
+        row.operator("mocap_autolabel.play_as_take", text="", icon="TIME")
 
 
 def _draw_found(context, layout: bpy.types.UILayout, subjects, state):
