@@ -35,6 +35,7 @@ HOLDING = {"IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "TRACK_TO",
 KEPT_AT_REST = "hips", "chest"  # Rigify's controls between its torso and the spine's by FK, which they turn, too
 NEEDED_PARTS = ("hips", "thigh.L", "thigh.R", "shank.L", "shank.R")
 PROBE_TURN, PROBE_STEP = 0.5, 0.9  # rad by which bones are turned to see what follows them, and between their axes
+MATCHED = "mocap_matched"  # on an action: the bones of its rig, by the parts of the body that they are
 SWITCHED = "mocap_switched"  # on an action: what it switches on its rig, by paths, and what that was before
 LEAST_STEP = 1e-4  # that a bone goes at least where it is put one further; less is none
 BONE_CHANNELS = "location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale"
@@ -84,10 +85,21 @@ def retarget_take(
     for bone, path, value, _ in ready.before.switched:
         animation.key(bag, path, frames[:1], np.array([[value]]), bone)
     action[SWITCHED] = rig[SWITCHED] = json.dumps(ready.before.noted)
+    action[MATCHED] = json.dumps(dict(matched))
     animation.note_time(action, fps_of(context.scene), clock.start)
     sign(action, _role(rig.name, stored.name), collection)
     refresh_frame(context.scene)
     return action
+
+
+def matched_before(rig: bpy.types.Object) -> dict[str, str]:
+    """The bones of a rig, by the parts that they are, of its action where that is one of ours; else none.
+
+    Blender saves what is chosen for a rig, but not for an override of one that is linked, nor how its rows differ.
+    """
+    action = None if rig.animation_data is None else rig.animation_data.action
+    kept = {} if action is None else json.loads(action.get(MATCHED, "{}"))
+    return {part: bone for part, bone in kept.items() if bone in rig.pose.bones}
 
 
 def freed_by(action: bpy.types.Action) -> int:
@@ -105,6 +117,19 @@ def _former(rig: bpy.types.Object) -> dict[str, float]:
     for block in (one for one in (action, rig) if one is not None):
         noted |= json.loads(block.get(SWITCHED, "{}"))
     return {path: value for path, value in noted.items() if _is_off(rig, path)}
+
+
+def follow_actions(*_):
+    """Gives rigs back what our actions switched, where another was put in their place by hand."""
+    for rig in bpy.data.objects:
+        action = None if rig.animation_data is None else rig.animation_data.action
+        if action is not None and SWITCHED in action:
+            rig[SWITCHED] = action[SWITCHED]
+        elif SWITCHED in rig and rig.is_editable:
+            for path, value in json.loads(rig[SWITCHED]).items():
+                _set(rig, path, value)
+            del rig[SWITCHED]
+            rig.update_tag()
 
 
 def _is_off(rig: bpy.types.Object, path: str) -> bool:
