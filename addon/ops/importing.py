@@ -27,6 +27,7 @@ from ..scene import cameras as scene_cameras
 from ..scene.clock import TakeClock, fps_of, plays_at
 from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
+from ..scene.take import is_take
 from ..scene.timing import follow_rate, give_time, set_time
 from .base import Ours, once, reason_of, unless
 from .viewing import MAX_PLACES, fit_timelines, open_sidebar, show_take_whole
@@ -403,9 +404,14 @@ class MOCAP_AUTOLABEL_OT_play_as_take(Ours, bpy.types.Operator):
     bl_label = "Play as the Take"
 
     def work(self, context):
-        source = context.scene.mocap_autolabel.source
-        frames = np.array([source.first_frame, source.last_frame])
-        tell_left(self, set_time(context.scene, source.rate, clock_of(source).shown(frames)))
+        scene, settings = context.scene, context.scene.mocap_autolabel
+        if is_take(settings.take):
+            stored = opened.take(settings.take, scene)
+            rate, frames = stored.rate, stored.motion.frames + stored.clock.shift
+        else:
+            rate, ends = settings.source.rate, [settings.source.first_frame, settings.source.last_frame]
+            frames = np.array(ends) + clock_of(settings.source).shift
+        tell_left(self, set_time(scene, rate, frames))
 
 
 class MOCAP_AUTOLABEL_OT_follow_rate(Ours, bpy.types.Operator):

@@ -63,9 +63,10 @@ def set_time(scene: bpy.types.Scene, rate: float, frames: np.ndarray) -> list[st
     return left
 
 
-def is_timed_otherwise(scene: bpy.types.Scene) -> bool:
-    """Whether a take in the scene does not play at its own speed, as a person chose another rate since."""
-    return any(before != now for _, before, now in _clocks(scene))
+def is_timed_otherwise(scene: bpy.types.Scene, block: bpy.types.ID) -> bool:
+    """Whether a take, or what waits to be labelled, is not at its own speed, as a person chose another rate since."""
+    clock = kept_clock(block, 0)
+    return RATE in block and clock.step != clock.at_rate(fps_of(scene), block[RATE]).step
 
 
 def follow_rate(scene: bpy.types.Scene) -> list[str]:

@@ -17,7 +17,7 @@ from ..props import OWN_FILE, found_here, is_opened, opened_file
 from ..scene.clock import fps_of, plays_at
 from ..scene.performers import homes
 from ..scene.take import is_take, takes_of
-from ..scene.timing import is_timed_otherwise
+from ..scene.timing import RATE, is_timed_otherwise
 from .advanced import draw_folder
 from .parts import DrawsRows, draw_choice, draw_operators, draw_performers, draw_text, fold, panel, shows
 
@@ -44,6 +44,7 @@ def take(layout, context):
     row.operator("mocap_autolabel.import_take", text="", icon="FILE_FOLDER")
     if labelled:
         row.operator("mocap_autolabel.clear", text="", icon="TRASH")
+        _draw_rates(layout, context.scene, settings.take, settings.take[RATE])
     if path and (state.unfolded or not labelled):
         _draw_card(layout, context, path)
     _draw_progress(layout, state)
@@ -98,7 +99,8 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
         axes.use = "points" if is_qtm(Path(path)) else USE_ITEMS[0][0]
     else:
         draw_choice(column, source, "rate")
-    _draw_rates(column, context.scene, source.rate)
+    if not is_take(settings.take):
+        _draw_rates(column, context.scene, source.preview, source.rate)
     column = layout.column(align=True)
     row = column.split(factor=0.45, align=True)
     row.label(text="Marker Set:")
@@ -121,9 +123,9 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
         row.operator("mocap_autolabel.label", text="Label Again" if again else "Label", icon="PLAY")
 
 
-def _draw_rates(layout: bpy.types.UILayout, scene: bpy.types.Scene, rate: float):
-    """The scene's rate where it is not the take's, and how each gets the other's."""
-    otherwise = is_timed_otherwise(scene)
+def _draw_rates(layout: bpy.types.UILayout, scene: bpy.types.Scene, block: bpy.types.ID | None, rate: float):
+    """The scene's rate where it is not that of a take, kept in a block, and how each gets the other's."""
+    otherwise = block is not None and is_timed_otherwise(scene, block)
     if plays_at(scene, rate) and not otherwise:
         return
     row = layout.row(align=True)

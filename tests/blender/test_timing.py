@@ -153,10 +153,10 @@ def test_there_and_back_again_nothing_is_another(mapped):
     assert (keys_of("C7")[:, 0] % 1 == 0).all(), "frame by frame they are whole"
     spans = [edit.span for edit in stored_take().edits]
     scene.render.fps, scene.render.fps_base = FPS, 1
-    timing = ours("scene.timing")
-    assert timing.is_timed_otherwise(scene)
+    timing, take = ours("scene.timing"), scene.mocap_autolabel.take
+    assert timing.is_timed_otherwise(scene, take)
     assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
-    assert not timing.is_timed_otherwise(scene)
+    assert not timing.is_timed_otherwise(scene, take)
     np.testing.assert_array_equal(keys_of("C7"), edited)
     assert [edit.span for edit in stored_take().edits] == spans
     assert ours("scene.ownership").is_keyed_by_us(shown()["C7"]), "whose keys they are is known as before"
