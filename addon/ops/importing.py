@@ -411,7 +411,7 @@ class MOCAP_AUTOLABEL_OT_play_as_take(Ours, bpy.types.Operator):
         else:
             rate, ends = settings.source.rate, [settings.source.first_frame, settings.source.last_frame]
             frames = np.array(ends) + clock_of(settings.source).shift
-        tell_left(self, set_time(scene, rate, frames))
+        tell_left(self, context, set_time(scene, rate, frames))
 
 
 class MOCAP_AUTOLABEL_OT_follow_rate(Ours, bpy.types.Operator):
@@ -420,11 +420,12 @@ class MOCAP_AUTOLABEL_OT_follow_rate(Ours, bpy.types.Operator):
     bl_label = "Follow the Scene's Rate"
 
     def work(self, context):
-        tell_left(self, follow_rate(context.scene))
+        tell_left(self, context, follow_rate(context.scene))
 
 
-def tell_left(operator: bpy.types.Operator, left: list[str]):
-    """Says what did not follow another rate."""
+def tell_left(operator: bpy.types.Operator, context: bpy.types.Context, left: list[str]):
+    """Says what did not follow another rate, and fills the lists, whose frames are others now."""
+    refresh_review(context.window_manager, context.scene)
     if left:
         operator.report({"WARNING"}, f"The old rate is kept by {listed(left)}: keys were changed, or are linked")
 

@@ -72,7 +72,8 @@ def is_timed_otherwise(scene: bpy.types.Scene, block: bpy.types.ID) -> bool:
 def follow_rate(scene: bpy.types.Scene) -> list[str]:
     """Lets takes, and the rigs and characters that move by them, play at their own speed at the scene's rate.
 
-    Gives the names of those that do not: keys were changed, or they are another file's.
+    Where the scene played the frames of a take, and no others, it does so still. Gives the names of what does not
+    follow: keys were changed, or are another file's.
     """
     left = [item.name for item in scene.objects if not animation.retime(item, fps_of(scene))]
     for block, before, now in _clocks(scene):
@@ -85,6 +86,9 @@ def follow_rate(scene: bpy.types.Scene) -> list[str]:
         if isinstance(block, bpy.types.Collection):
             items = list(block.all_objects)
             move_events(scene, block, now)
+            ends = read_table(block[FRAME_TABLE])["number"][[0, -1]] if FRAME_TABLE in block else ()
+            if [scene.frame_start, scene.frame_end] == [before.whole(end) for end in ends]:
+                scene.frame_start, scene.frame_end = map(now.whole, ends)
         _retime(items, before, now)
         keep_clock(block, now, block[RATE])
     return left

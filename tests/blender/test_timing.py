@@ -145,18 +145,22 @@ def test_there_and_back_again_nothing_is_another(mapped):
     kinds, correct = ours("core.edits.kinds"), ours("ops.correcting").correct
     place = kinds.Place("C7", stored_take().source_frame(103), (0.5, 0.25, 1.25))
     correct(bpy.context, stored_take().edits.added(place, kinds.UnlabelMarker("LASI", frames=(110, 112))))
+    assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
     edited = keys_of("C7")
     bpy.ops.ed.undo_push(message="Before")
     assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
     assert astuple(stored_take().clock) == (101, 101, 1.0)
     assert (scene.frame_start, scene.frame_end) == (101, 130)
     assert (keys_of("C7")[:, 0] % 1 == 0).all(), "frame by frame they are whole"
+    fills = bpy.context.window_manager.mocap_autolabel.fills
+    assert [(row.first, row.last) for row in fills] == [(one.first, one.last) for one in stored_take().fills] != []
     spans = [edit.span for edit in stored_take().edits]
     scene.render.fps, scene.render.fps_base = FPS, 1
     timing, take = ours("scene.timing"), scene.mocap_autolabel.take
     assert timing.is_timed_otherwise(scene, take)
     assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
     assert not timing.is_timed_otherwise(scene, take)
+    assert (scene.frame_start, scene.frame_end) == (101, stored_take().clock.whole(130)), "what it played"
     np.testing.assert_array_equal(keys_of("C7"), edited)
     assert [edit.span for edit in stored_take().edits] == spans
     assert ours("scene.ownership").is_keyed_by_us(shown()["C7"]), "whose keys they are is known as before"
@@ -168,6 +172,7 @@ def test_there_and_back_again_nothing_is_another(mapped):
     assert stored_take().clock.step == pytest.approx(FPS / mapped.rate)
     np.testing.assert_array_equal(keys_of("C7"), edited)
     correct(bpy.context, kinds.NO_EDITS)
+    bpy.ops.mocap_autolabel.take_back_fills(extent="TAKE")
     np.testing.assert_allclose(keys_of("C7"), before, atol=1e-6)
 
 
