@@ -25,7 +25,7 @@ from addon.scene.take import show_take, takes_of
 from addon.scene.timing import follow_rate
 from scripts.keep_version import EARLIER
 
-from .conftest import label_walk, write_walk
+from .conftest import label_walk, open_room, write_room, write_walk
 from .hands import FRAMES, GHOST, choose, keys_of, ours, reopen, shown, stored_take
 from .test_points import visible_points
 
@@ -239,3 +239,19 @@ def test_what_earlier_versions_saved_is_frame_by_frame_and_can_follow(empty, ver
             points, *places = seen.setdefault(frame, here)
             assert here[0] == points
             np.testing.assert_allclose(here[1:], places, atol=2e-4)
+
+
+def test_blobs_are_mapped_by_the_rate_that_a_person_says(extension, empty, tmp_path):
+    files, scene = write_room(tmp_path, 10), empty.scene
+    scene.collection.objects.link(bpy.data.objects.new("rig", bpy.data.armatures.new("rig")))
+    scene.render.fps = FPS
+    open_room(files)  # whose rate is said afterwards
+    source, shown_now = scene.mocap_autolabel.source, ours("ui.overlay").shown
+    for rate in (60.0, 120.0):
+        source.rate = rate
+        stored = shown_now(scene)
+        assert stored.clock.step == pytest.approx(FPS / rate)
+        stored.clock.go_to(scene, 105)
+        assert stored.index_of(scene.frame_float) == 105 - stored.motion.frames[0]
+    assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
+    assert (shown_now(scene).clock.step, scene.render.fps) == (1.0, 120)
