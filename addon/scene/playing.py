@@ -30,7 +30,7 @@ from .markers import add_marker
 from .performers import body_material, home_of, performers_of
 from .roots import ensure_root
 from .take import SOURCE, SUSPECTS
-from .timing import give_time, keep_clock, kept_clock, time_cache
+from .timing import CARRIER, give_time, keep_clock, kept_clock, time_cache
 
 if TYPE_CHECKING:
     from ..io.poses import PoseFile
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 PLAYED = "mocap_played"  # on the collection: the name of the take
 MOTION_MARK = "mocap_motion_mark"  # what the file is known again by
 FOR_A_PART = "mocap_for_a_part"  # what labels a part of the take as all of it was labelled, and the take's frames
-CARRIER = "mocap_carrier"  # on the collection: the object with the modifier
 BONE_NUMBERS = 7  # a bone: location x y z, rotation w x y z
 OPENED_AROUND = 5.0  # s before and after what is to be looked at: a shorter part tells little of its subject
 SETTLED_FRAMES = 16_384  # that are put on the ground at once; memory

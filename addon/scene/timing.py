@@ -10,6 +10,7 @@ from .lab import move_events
 from .storage import is_cloud, read_table, show_moments
 
 FRAME_TABLE = "mocap_frames"  # on a take: the table of its frames
+CARRIER = "mocap_carrier"  # on a take that plays from a file: the object with the modifier
 RATE, SHIFT, OWN_FIRST, STEP = "mocap_rate", "mocap_frame_shift", "mocap_first_frame", "mocap_step"
 
 
@@ -90,6 +91,9 @@ def follow_rate(scene: bpy.types.Scene) -> list[str]:
             if [scene.frame_start, scene.frame_end] == [before.whole(end) for end in ends]:
                 scene.frame_start, scene.frame_end = map(now.whole, ends)
         _retime(items, before, now)
+        for modifier in block[CARRIER].modifiers if block.get(CARRIER) is not None else ():
+            if modifier.type == "MESH_CACHE":
+                time_cache(modifier, now)
         keep_clock(block, now, block[RATE])
     return left
 
@@ -112,15 +116,12 @@ def time_cache(modifier: bpy.types.Modifier, clock: TakeClock):
 
 
 def _retime(items: list[bpy.types.Object], before: TakeClock, now: TakeClock):
-    """Moves in time what shows a take: keys, whoever set them, points of the frame, and what plays from a file."""
+    """Moves in time what shows a take: its keys, whoever set them, and the points of the frame."""
     actions = {item.animation_data.action for item in items if item.animation_data is not None}
     for action in actions - {None}:
-        if ownership.MADE in action:
+        if ownership.MADE in action and animation.TIMED not in action:  # which are rigs' that followed before
             animation.move_in_time(action, before, now)
     for item in items:
         if is_cloud(item):
             with ownership.changed_by_us(item):
                 show_moments(item, now)
-        for modifier in item.modifiers:
-            if modifier.type == "MESH_CACHE":
-                time_cache(modifier, now)
