@@ -103,7 +103,9 @@ def test_in_a_scene_of_another_rate_a_rig_moves_at_its_own_speed(shown):
 
 def test_played_as_the_take_rigs_and_characters_keep_their_speed(shown, capfd):
     scene, rig = bpy.context.scene, mixamo()
+    scene.mocap_autolabel.take.objects.link(rig)
     scene.render.fps, scene.render.fps_base = 24, 1
+    assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
     action = retargeted(rig)
     assert bpy.ops.mocap_autolabel.add_character() == {"FINISHED"}
     character = next(item for item in bpy.data.objects if item.name.startswith(f"{shown.name} character"))
