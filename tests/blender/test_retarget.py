@@ -26,7 +26,7 @@ from tests.inputs.rigs import (
     unreal,
 )
 
-from .hands import ours, refused
+from .hands import ours, refused, reopen
 
 LIMBS = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 MOST_OFF = np.radians(0.1)  # without feet to be kept, limbs point as the body's do
@@ -103,13 +103,13 @@ def test_in_a_scene_of_another_rate_a_rig_moves_at_its_own_speed(shown):
 
 def test_played_as_the_take_rigs_and_characters_keep_their_speed(shown, capfd):
     scene, rig = bpy.context.scene, mixamo()
+    scene.mocap_autolabel.take.objects.link(rig)
     scene.render.fps, scene.render.fps_base = 24, 1
+    assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
     action = retargeted(rig)
     assert bpy.ops.mocap_autolabel.add_character() == {"FINISHED"}
     character = next(item for item in bpy.data.objects if item.name.startswith(f"{shown.name} character"))
     first, last = (int(shown.motion.frames[end]) for end in (0, -1))
-    source = scene.mocap_autolabel.source
-    source.rate, source.first_frame, source.last_frame = shown.rate, first, last
     assert action.frame_range[1] < last - 1
     assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
     for one in (action, character.animation_data.action):
@@ -117,8 +117,8 @@ def test_played_as_the_take_rigs_and_characters_keep_their_speed(shown, capfd):
     assert ways_off(shown, rig, MIXAMO).max() < MOST_OFF
     assert "old rate is kept" not in capfd.readouterr().out
     action.layers[0].strips[0].channelbags[0].fcurves[0].keyframe_points[0].co.y += 1  # by hand
-    source.rate = 30.0
-    assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
+    scene.render.fps = 30
+    assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
     assert f"The old rate is kept by {rig.name}:" in capfd.readouterr().out
     assert action.frame_range[1] > character.animation_data.action.frame_range[1]
 
@@ -249,6 +249,26 @@ def test_drivers_by_time_are_asked_at_the_frame_that_is_shown(shown):
     assert ways_off(shown, rig, MIXAMO).max() < MOST_OFF
 
 
+def test_a_persons_own_action_finds_the_rig_as_it_was(shown):
+    rig, solver, copied = leg_by_ik()
+    own = rig.animation_data_create().action = bpy.data.actions.new("own")
+    copied.influence = 0.5
+    action, follow = retargeted(rig), ours("scene.retargeting").follow_actions
+    follow()
+    assert (solver.influence, copied.influence) == (0, 0)
+    for _ in range(2):
+        for mine, influences in ((own, (1, 0.5)), (action, (0, 0))):
+            rig.animation_data.action, rig.animation_data.action_slot = mine, mine.slots[0] if mine.slots else None
+            follow()
+            bpy.context.scene.frame_set(101)
+            assert (solver.influence, copied.influence) == influences
+    rig.animation_data.action = own
+    follow()
+    solver.influence = 0.25
+    follow()
+    assert solver.influence == 0.25, "it is his by then"
+
+
 def test_an_override_of_a_linked_rig_is_moved(shown, tmp_path):
     rig, path = mixamo(), str(tmp_path / "rig.blend")
     name = rig.name
@@ -260,6 +280,13 @@ def test_an_override_of_a_linked_rig_is_moved(shown, tmp_path):
     bpy.context.scene.collection.objects.link(rig)
     retargeted(rig)
     assert ways_off(shown, rig, MIXAMO).max() < MOST_OFF
+    rig.mocap_autolabel.bones["neck"].bone = ""
+    assert bpy.ops.mocap_autolabel.retarget() == {"FINISHED"}
+    reopen(tmp_path / "mine.blend")
+    bpy.context.view_layer.objects.active = rig = bpy.data.objects[name]
+    assert bpy.ops.mocap_autolabel.retarget() == {"FINISHED"}
+    assert rig.mocap_autolabel.bones["neck"].bone == "", "Blender does not save what is chosen for an override"
+    assert rig.mocap_autolabel.bones["head"].bone == MIXAMO["head"]
 
 
 def box():
