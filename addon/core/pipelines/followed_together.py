@@ -102,6 +102,12 @@ class LookedAt:
         right = own == (self.marker + whose * markers)[:, None]
         return sure & ((given & ~right).sum(axis=1) > (given & right).sum(axis=1))
 
+    def denied(self, owner: np.ndarray, markers: int) -> set[tuple[int, int]]:
+        """The names that it is sure of and owners (C, K) contradict, each with that of most blobs of its point."""
+        rows, own = np.flatnonzero(self.contradicted(owner, markers)), self.owners(owner)
+        usual = [np.bincount(own[row][own[row] != NO_MARKER] % markers).argmax() for row in rows]
+        return {(int(self.marker[row]), int(one)) for row, one in zip(rows, usual, strict=True)}
+
     def explained(self, owner: np.ndarray, markers: int) -> np.ndarray:
         """(Q,) True for the points most of whose blobs have an owner (C, K), and all the same, which it is sure of."""
         own = self.owners(owner)
@@ -118,7 +124,7 @@ class LookedAt:
 class Doubts:
     """Which names of the frames that are looked at bodies contradict, as they are followed from several starts.
 
-    What they contradict alike from a start before a frame and from one after it is the frame's error.
+    What they contradict alike from a start before a frame and from one after it is an error of such frames.
     """
 
     def __init__(self, looked: Sequence[LookedAt], markers: int, most: float | None = None):
@@ -126,22 +132,28 @@ class Doubts:
         sure = sum(int((one.marker != NO_MARKER).sum()) for one in looked)
         self.most = FOLLOWED_TOGETHER.contradicted * sure if most is None else most
         self.count: dict[int, int] = {}
-        self.seen: set[tuple[int, bytes, bool]] = set()
+        self.are_confirmed = False
+        self.seen: set[tuple[int, bool, tuple[int, int]]] = set()
+        self.excused: set[tuple[int, int]] = set()
         self.start = -1
 
     def begin(self, start: int):
         """Another start, in that frame; -1 for before all."""
-        self.count, self.start = {}, start
+        self.count, self.start, self.are_confirmed = {}, start, False
 
     def add(self, at: int, owner: np.ndarray):
         """What a frame is named as, by owners (C, K), if it is one of those that are looked at."""
         if at not in self.looked:
             return
-        look = self.looked[at]
-        wrong = look.contradicted(owner, self.markers)
-        key, later = np.where(wrong[:, None], look.owners(owner) % self.markers, NO_MARKER).tobytes(), at > self.start
-        self.seen.add((at, key, later))
-        self.count[at] = 0 if (at, key, not later) in self.seen else int(wrong.sum())
+        denied, later = self.looked[at].denied(owner, self.markers), at > self.start
+        self.seen |= {(at, later, one) for one in denied}
+        self.excused |= {one for one in denied if (at, not later, one) in self.seen}
+        self.count[at] = len(denied - self.excused)
+
+    def confirm(self, at: int, owner: np.ndarray, beside: LookedAt, owner_beside: np.ndarray):
+        """Hears of a frame beside: what bodies contradict in both alike is no error of a single frame."""
+        denied = self.looked[at].denied(owner, self.markers) & beside.denied(owner_beside, self.markers)
+        self.are_confirmed |= bool(denied - self.excused)
 
     @property
     def are_many(self) -> bool:
@@ -180,7 +192,7 @@ class SubjectsFollowed:
     def label(self, blobs: Blobs) -> list[LabelledChunk] | None:
         """What each body says of the next chunk; None where they do not explain it."""
         views = split_views(blobs, self.cameras)
-        self.looked = self._looked_at(views)
+        self.looked = self._look(views, frames_looked_at(len(views), self.rate))
         sure = np.concatenate([one.marker != NO_MARKER for one in self.looked])
         if sure.sum() <= FOLLOWED_TOGETHER.sure * len(sure):
             return None
@@ -196,7 +208,7 @@ class SubjectsFollowed:
             is_begun = self.begun is BEFORE or self.begun.found
             if is_begun and (made := self._made(blobs, views, doubts)) is not None:
                 return self._in_order(made)
-            if doubts.count and not doubts.are_many:
+            if doubts.count and not doubts.are_many and not doubts.are_confirmed:
                 return None  # another start would not mend that somebody is lost, or does not explain the points
         return None
 
@@ -245,7 +257,17 @@ class SubjectsFollowed:
         if any(len(chunk.results) < len(chunk.views) for chunk in chunks):
             return False
         good = [one.explained(self._owner(chunks, at), self.markers) for at, one in doubts.looked.items()]
-        return bool(np.concatenate(good).mean() >= FOLLOWED_TOGETHER.explained)
+        if np.concatenate(good).mean() < FOLLOWED_TOGETHER.explained:
+            return False
+        self._confirm(chunks, doubts)
+        return not doubts.are_confirmed
+
+    def _confirm(self, chunks: Sequence[ChunkInWork], doubts: Doubts):
+        """Looks half-way to the next frames beside those that are contradicted, where doubts count."""
+        views, half = chunks[0].whole, max(round(FOLLOWED_TOGETHER.looked_at_s * self.rate / 2), 1)
+        for at in (at for at, count in doubts.count.items() if count and doubts.most < np.inf):
+            for one in self._look(views, [near for near in (at - half, at + half) if 0 <= near < len(views)]):
+                doubts.confirm(at, self._owner(chunks, at), one, self._owner(chunks, one.at))
 
     def _owner(self, chunks: Sequence[ChunkInWork], at: int) -> np.ndarray:
         """(C, K) which marker each blob of a frame is, the markers of all in a row; NO_MARKER where it is nobody's."""
@@ -294,15 +316,15 @@ class SubjectsFollowed:
         self.last = np.array([one.motion.expected[-1] for one in made])
         return made
 
-    def _looked_at(self, views: Sequence[View]) -> list[LookedAt]:
-        """Frames spread over a chunk, with the names that they are sure of."""
-        each = points_looked_at(views, self.reconstructor, self.rate)
+    def _look(self, views: Sequence[View], frames: Sequence[int]) -> list[LookedAt]:
+        """Some frames of a chunk, with the names that they are sure of."""
+        each = points_of(views, frames, self.reconstructor)
         groups = []
-        for one in each.values():
+        for one in each:
             group, _ = grouped(one.points, len(self.labellers))
             groups.append(np.full(len(one.points), -1) if group is None else group)
-        markers = self._sure_names([one.points for one in each.values()], groups)
-        return [LookedAt(at, one.slots, *more) for (at, one), *more in zip(each.items(), groups, markers, strict=True)]
+        markers = self._sure_names([one.points for one in each], groups)
+        return [LookedAt(at, one.slots, *more) for at, one, *more in zip(frames, each, groups, markers, strict=True)]
 
     def _sure_names(self, points: Sequence[np.ndarray], groups: Sequence[np.ndarray]) -> list[np.ndarray]:
         """What the frames, with points (Q, 3) m in groups (Q,) each, are sure of, every group on its own."""
@@ -354,12 +376,16 @@ class SubjectsFollowed:
             return np.where(order[1] - order[0] >= FOLLOWED_TOGETHER.lead, cost.argmin(axis=0), NO_MARKER)
 
 
-def points_looked_at(views: Sequence[View], reconstructor: Reconstructor, rate: float) -> dict[int, FramePoints]:
-    """The points of three rays or more in frames spread over a chunk, each on its own."""
-    count = max(round(len(views) / (FOLLOWED_TOGETHER.looked_at_s * rate)), LEAST_LOOKED_AT)
+def frames_looked_at(count: int, rate: float) -> list[int]:
+    """Those of so many frames of a chunk."""
+    return evenly_spread(count, max(round(count / (FOLLOWED_TOGETHER.looked_at_s * rate)), LEAST_LOOKED_AT)).tolist()
+
+
+def points_of(views: Sequence[View], frames: Sequence[int], reconstructor: Reconstructor) -> list[FramePoints]:
+    """The points of three rays or more in some frames of a chunk, each on its own."""
     reconstructor.learn_once(views, LEARNED_FROM)
-    found = {at: reconstructor.matcher([views[at]]).match(0, 1) for at in evenly_spread(len(views), count).tolist()}
-    return {at: one.of(one.support >= 3) for at, one in found.items()}
+    found = [reconstructor.matcher([views[at]]).match(0, 1) for at in frames]
+    return [one.of(one.support >= 3) for one in found]
 
 
 @dataclass(frozen=True, eq=False)
@@ -507,8 +533,9 @@ def _can_follow(asked: SeveralOptions, options: PointOptions) -> bool:
 def _count_in(chunks: Iterable[tuple[Blobs, float]], cameras: Cameras, model: Model, rate: float) -> int:
     """How many wear the model in the first chunk, by how many points it shows."""
     blobs, _ = next(iter(chunks))
-    found = points_looked_at(split_views(blobs, cameras), Reconstructor(cameras, rate), rate)
-    return round(usual_count(np.array([len(one.points) for one in found.values()])) / len(model.markerset))
+    frames = frames_looked_at(len(blobs.frames), rate)
+    found = points_of(split_views(blobs, cameras), frames, Reconstructor(cameras, rate))
+    return round(usual_count(np.array([len(one.points) for one in found])) / len(model.markerset))
 
 
 def _markers(said: Sequence[ChunkInRoom], count: int, make_table: MakeTable) -> Table:

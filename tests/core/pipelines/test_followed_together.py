@@ -278,3 +278,20 @@ def test_names_that_two_exchanged_contradict_a_frame_and_so_does_a_half_of_them(
         doubts.add(5, np.array([[1, 0, 2, 3]] * 2))  # nobody looks there
         assert doubts.count == {0: counted}
         assert doubts.are_many == (counted == 2)
+
+
+def test_what_a_frame_beside_says_alike_is_no_error_of_one_frame_unless_both_sides_deny_it():
+    slots, group, marker = np.array([[0, 0], [1, 1], [2, 2], [3, 3]]), np.array([0, 0, 1, 1]), np.array([0, 1, 0, 1])
+    look, beside = (LookedAt(at, slots, group, marker) for at in (0, 2))
+    right, wrong = (np.array([owners] * 2) for owners in ([0, 1, 2, 3], [1, 0, 2, 3]))
+    doubts = Doubts([look], 2)
+    doubts.begin(4)
+    doubts.add(0, wrong)
+    doubts.confirm(0, wrong, beside, right)
+    assert not doubts.are_confirmed
+    doubts.confirm(0, wrong, beside, wrong)
+    assert doubts.are_confirmed
+    doubts.begin(-1)
+    doubts.add(0, wrong)
+    doubts.confirm(0, wrong, beside, wrong)
+    assert not doubts.are_confirmed
