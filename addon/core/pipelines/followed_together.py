@@ -301,11 +301,9 @@ class SubjectsFollowed:
             body = np.where(np.isfinite(markers[..., 0]), whose, NO_BODY)
             order = along_the_line(markers, body, [self.markers] * len(made))
         else:
-            from scipy.optimize import linear_sum_assignment
-
             away = np.array([one.motion.expected[0] for one in made]) - self.last[:, None]
-            order = linear_sum_assignment(np.linalg.norm(away, axis=3).sum(axis=2))[1].tolist()
-        if order is None:
+            order = np.linalg.norm(away, axis=3).sum(axis=2).argmin(axis=1).tolist()
+        if order is None or len(set(order)) < len(made):
             return None
         self.labellers = [self.labellers[one] for one in order]
         self.begun = replace(self.begun, found=tuple(self.begun.found[one] for one in order if self.begun.found))
