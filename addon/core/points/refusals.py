@@ -157,8 +157,12 @@ def refuse_unrecognised(model: Model, namer: Namer, points: Table, given: Labels
 
 def sure_share(named: Labels, points: Table, markers: int) -> float:
     """The share of the markers, or of the points (T, P, 3) if they are fewer, that frames alone are sure of."""
-    counts = (named.sure(USUAL_TARGET) != NO_MARKER) | (named.confidence >= REFUSAL.min_confidence)
-    return float(counts.sum() / _possible(points, markers))
+    return float(is_sure(named).sum() / _possible(points, markers))
+
+
+def is_sure(named: Labels) -> np.ndarray:
+    """(T, P) the labels of single frames that count."""
+    return (named.sure(USUAL_TARGET) != NO_MARKER) | (named.confidence >= REFUSAL.min_confidence)
 
 
 def _seconds(model: Model, points: np.ndarray, first: Labels, found: bool) -> list[np.ndarray]:
