@@ -131,11 +131,12 @@ def test_of_two_who_cannot_be_told_apart_none_is_named(people):
 def test_whom_one_knows_is_named_by_that_in_less_work_and_somebody_else_is_told(people, monkeypatch):
     model, tried = SUBJECTS[0].model, []
     solve = pipeline.solve_take
-    monkeypatch.setattr(pipeline, "solve_take", lambda *given: tried.append(given[-2]) or solve(*given))
+    monkeypatch.setattr(pipeline, "solve_take", lambda *given: tried.append(given[-2:]) or solve(*given))
     for known, anew in ((people[0, :40], False), (1.6 * people[0, :40], True), (people[0, :0], False)):
         said = solved_window(model, window(people[0, 50:], shown=known))
         assert (said.marker == np.arange(MARKERS)).all() and said.anew == anew
-    assert tried == ["exchanges", "exchanges", "all", "all"]
+    assert [moves for moves, _ in tried] == ["exchanges", "exchanges", "all", "all"]
+    assert [shown is not None for _, shown in tried] == [True, True, False, False]
     said = solved_window(model, window(people[0, 50:, :5], shown=people[0, :40]))
     assert said.refused and not said.anew, "who is hidden is not somebody else"
 
