@@ -212,6 +212,8 @@ def test_landmarks_and_places_between_beside_and_along_them_are_where_the_body_h
     lateral, medial = (one(bodies, segment="thigh.L", place=f"{side} epicondyle") for side in ("lateral", "medial"))
     assert lateral[1] > medial[1] > 0
     assert abs(lateral[2] - medial[2]) < 0.02
+    heads = [one(bodies, segment="foot.L", place=f"{which} metatarsal head") for which in ("first", "second", "fifth")]
+    assert (np.diff(heads, axis=0)[:, 1] > 0.005).all()
     high, low = (one(bodies, segment="thigh.R", place="front", along=along) for along in (0.2, 0.8))
     body = min(bodies, key=lambda body: len(body.skeleton))
     hip = body.skeleton.rest_joints[body.skeleton.segments.index("thigh.R")]
