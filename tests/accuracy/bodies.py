@@ -15,7 +15,7 @@ from addon.core.data.takes import BY_FIT, NO_MARKER, Labels, Motion, PointRows, 
 from addon.core.geometry.cameras import NO_CAMERAS
 from addon.core.geometry.rotations import carried
 from addon.core.points.motion import motion_of
-from addon.core.posing.character import BALL, Character
+from addon.core.posing.character import Character
 from addon.core.posing.finer import finer
 from addon.core.retarget.matching import match_bones
 from addon.core.review.suspects import runs
@@ -32,6 +32,7 @@ from . import people
 
 SLOW_M_S, SPAN_S, PLANT_S, LOW_M, STILL_M = 0.1, 0.05, 0.15, 0.05, 0.01  # of markers on a planted foot
 LIMBS = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
+NEAR_S = 0.2  # before and after plants, in which toes are compared
 ON_RIGS = ("karate", "basketball", "walk 1")
 
 
@@ -80,10 +81,11 @@ def on_floor(take: people.Take, markerset: MarkerSet, fitted: Motion, shown: Mot
     segments, at = markerset.skeleton.segments, markerset.attachment
     heights, slides = [], []
     for side in "LR":
-        foot = segments.index(f"foot.{side}")
-        ankle, way = shown.joints[:, foot], carried(shown.rotations[:, foot], tips[foot])
-        heights.append(np.minimum(ankle[:, 2], (ankle + way)[:, 2]))
-        slides += [slide((ankle + BALL * way)[first:end]) for first, end in plants(take, side)]
+        ankle, ball = (shown.joints[:, segments.index(f"{part}.{side}")] for part in ("foot", "toes"))
+        toes = segments.index(f"toes.{side}")
+        tip = ball + carried(shown.rotations[:, toes], tips[toes])
+        heights.append(np.min([ankle[:, 2], ball[:, 2], tip[:, 2]], axis=0))
+        slides += [slide(ball[first:end]) for first, end in plants(take, side)]
     heights = np.concatenate(heights)
     heights = heights[np.isfinite(heights)]
     # Where markers are on the fitted body, on the one that is shown.
@@ -163,9 +165,7 @@ def followed(
     for frame in np.flatnonzero(found):
         bpy.context.scene.frame_set(int(frame))
         posed[frame] = [world @ rig.pose.bones[bones[part]].matrix for part in parts]
-        tips[frame] = [
-            (world @ rig.pose.bones[toe].tail).z - (world @ rig.data.bones[toe].tail_local).z for toe in toes
-        ]
+        tips[frame] = [min(_higher(rig, world, toe, end) for end in ("head", "tail")) for toe in toes]
     theirs = {part: posed[:, at, :3, 3] for at, part in enumerate(parts)}
     ours = {part: body[:, character.names.index(part)] for part in parts}
     angles: dict[str, list[np.ndarray]] = {"arm": [], "leg": []}
@@ -187,8 +187,41 @@ def followed(
     ]
 
 
+def _higher(rig: bpy.types.Object, world, bone: str, end: str) -> float:
+    """M, how much higher an end of a bone is than at rest."""
+    return (world @ getattr(rig.pose.bones[bone], end)).z - (world @ getattr(rig.data.bones[bone], f"{end}_local")).z
+
+
+def toes_off() -> Iterator[list[str]]:
+    """The rows of the third table: how far toes are bent against those of people with a marker on the big toe."""
+    markerset, off = finer(open_model("body26").markerset), []
+    segments = markerset.skeleton.segments
+    for person in people.everyone():
+        walk = people.read(people.files_of(person)[people.KINDS.index("walk")], person)
+        fitted = posed(walk, markerset)
+        shown = on_ground(fitted, markerset, build_of(markerset, fitted), walk.rate).rotations
+        for side in "LR":
+            toe, heel, tip = (walk.pick([side + marker])[:, 0] for marker in ("TOE", "HEE", "HLX"))
+            own = pitch(shown[:, segments.index(f"toes.{side}"), :, 0])
+            own = own - pitch(shown[:, segments.index(f"foot.{side}"), :, 0])
+            true, near = pitch(tip - toe) - pitch(toe - heel), np.zeros(len(toe), bool)
+            stood = plants(walk, side)
+            if stood:  # the foot is flat at first
+                true -= np.nanmedian(np.concatenate([true[first : first + (end - first) // 3] for first, end in stood]))
+            for first, end in stood:
+                near[max(first - round(NEAR_S * walk.rate), 0) : end + round(NEAR_S * walk.rate)] = True
+            off.append(np.array([true, own - true])[:, near])
+    for title, values in zip(("as the foot", "shown"), np.concatenate(off, axis=1), strict=True):
+        yield [title, *(f"{value:.1f}" for value in np.nanquantile(np.abs(values), (0.5, 0.9, 0.99)))]
+
+
+def pitch(ways: np.ndarray) -> np.ndarray:
+    """Degrees by which ways (F, 3) point upwards."""
+    return np.degrees(np.arctan2(ways[:, 2], np.linalg.norm(ways[:, :2], axis=1)))
+
+
 def main():
-    """Prints both tables."""
+    """Prints the tables."""
     import addon_utils
 
     people.need_people()
@@ -207,8 +240,10 @@ def main():
     head += ["largest turn, °", "from its markers, mm", "from them at 99 %, mm"]
     print(markdown(head, floor), flush=True)
     head = ["take", "rig", "arms off, °", "arms at 99 %, °", "legs off, °", "legs at 99 %, °"]
-    head += ["planted feet off, mm", "feet at 99 %, mm", "toes 10 mm in the floor, %", "largest turn, °"]
+    head += ["planted feet off, mm", "feet at 99 %, mm", "feet 10 mm in the floor, %", "largest turn, °"]
     print(markdown(head, rigs))
+    head = ["toes", "bend off, °", "off at 90 %, °", "off at 99 %, °"]
+    print(markdown(head, list(toes_off())))
 
 
 if __name__ == "__main__":

@@ -147,7 +147,8 @@ def test_a_finer_body_is_the_same_at_rest_and_follows_shrugged_shoulders_and_a_r
     coarse = open_markerset(name)
     markerset = finer(coarse)
     segments = markerset.skeleton.segments
-    assert set(segments) - set(coarse.skeleton.segments) == {"lumbar", "clavicle.L", "clavicle.R"}
+    own = {"lumbar", "clavicle.L", "clavicle.R", "toes.L", "toes.R"}
+    assert set(segments) - set(coarse.skeleton.segments) == own
     assert finer(markerset) is markerset
     np.testing.assert_allclose(markerset.rest_markers, coarse.rest_markers, atol=1e-12)
     model, before = BodyModel(markerset), BodyModel(coarse)
@@ -171,9 +172,36 @@ def test_a_finer_body_is_the_same_at_rest_and_follows_shrugged_shoulders_and_a_r
 
 
 @pytest.mark.parametrize("name", ["gait15", "body26"])
-def test_what_markers_do_not_show_a_body_does_not_have(name):
-    markerset = open_markerset(name)
-    assert finer(markerset) is markerset
+def test_what_markers_do_not_show_a_body_does_not_have_and_toes_bend_by_those_ahead_of_them(name):
+    coarse = open_markerset(name)
+    markerset = finer(coarse)
+    assert set(markerset.skeleton.segments) - set(coarse.skeleton.segments) == {"toes.L", "toes.R"}
+    assert not {markerset.skeleton.segments[at] for at in markerset.attachment} & {"toes.L", "toes.R"}
+    before = BodyModel(coarse)
+    assert not fit_points(BodyModel(markerset), before.pose(before.rest(2, 1.7)).markers).bends[:, -2:].any()
+    toe, heel = (coarse.by_name[name] for name in ("LTOE", "LHEE"))
+    tip = 1.35 * coarse.offsets[toe] - 0.35 * coarse.offsets[heel]  # as a tip is described
+    tipped = replace(
+        coarse,
+        markers=(*coarse.markers, "LTIP"),
+        attachment=np.append(coarse.attachment, coarse.attachment[toe]),
+        offsets=np.vstack([coarse.offsets, tip]),
+        spread=replace(
+            coarse.spread,
+            modes=np.concatenate([coarse.spread.modes, 0 * coarse.spread.modes[:, :1]], axis=1),
+            marker_sd=np.append(coarse.spread.marker_sd, 0.004),
+        ),
+    )
+    model = BodyModel(finer(tipped))
+    toes = model.markerset.skeleton.segments.index("toes.L")
+    assert model.markerset.attachment[-1] == toes
+    np.testing.assert_allclose(model.markerset.rest_markers, tipped.rest_markers, atol=1e-12)
+    bodies = model.rest(9, 1.7)
+    bodies.bends[:, toes, 1] = bend = -np.linspace(0, 1, 9)
+    found = fit_points(model, model.pose(bodies).markers).bends[:, toes]
+    # By how much more from frame to frame; where the marker sits on the toes the body learns.
+    np.testing.assert_allclose(found[:, 1] - found[0, 1], bend, atol=0.15)
+    assert np.abs(found[:, [0, 2]]).max() < 0.02
 
 
 HEIGHT = 1.7
@@ -202,6 +230,7 @@ def test_a_lower_body_has_hips_and_legs_and_who_was_not_found_is_nowhere():
     own = character_of(*at_rest(bodies))
     assert own.names == character.names
     parts = {"spine": "lumbar", "chest": "thorax", "shoulder.L": "clavicle.L", "shoulder.R": "clavicle.R"}
+    parts |= {part: part for part in ("foot.L", "toes.L", "toes.R")}
     assert {part: bodies.skeleton.segments[own.segment[own.names.index(part)]] for part in parts} == parts
 
 
