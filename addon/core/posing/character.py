@@ -88,8 +88,15 @@ CLAVICLE_BONES = tuple(
     BoneSite(f"shoulder.{side}", "chest", f"clavicle.{side}", f"upper_arm.{side}", (out, 0.0, 0.0))
     for side, out in zip(BODY_SIDES, (1.0, -1.0), strict=True)
 )
+# Those of fingers that have markers of their own, as `posing.ends` gives them.
+FINGER_BONES = tuple(
+    BoneSite(f"{finger}.{side}", f"hand.{side}", f"{finger}.{side}", None, (out, ahead, 0.0))
+    for side, out in zip(BODY_SIDES, (1.0, -1.0), strict=True)
+    for finger, ahead in (("thumb", -1.0), ("index", 0.0), ("middle", 0.0), ("ring", 0.0), ("pinky", 0.0))
+)
 _TRUNK_BONES = ("hips", "spine", "chest", "neck", "head")
 _LIMB_BONES = ("shoulder", "upper_arm", "forearm", "hand", "thigh", "shank", "foot", "toes")
+_FINGER_BONES = ("thumb", "index", "middle", "ring", "pinky")
 
 
 def toes_of(foot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -98,11 +105,12 @@ def toes_of(foot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return ball, ball + TOES * ball * (1, 1, 0)
 
 
-def both_sides(trunk: str, limbs: str, sides: tuple[str, str]) -> Mapping[str, str]:
-    """The names of all bones; in `limbs` the side stands where `*` is."""
+def both_sides(trunk: str, limbs: str, sides: tuple[str, str], fingers: str = "") -> Mapping[str, str]:
+    """The names of all bones; in `limbs` and `fingers` the side stands where `*` is."""
     names = dict(zip(_TRUNK_BONES, trunk.split(), strict=True))
+    parts = (*_LIMB_BONES, *(_FINGER_BONES if fingers else ()))
     for side, word in zip(BODY_SIDES, sides, strict=True):
-        for limb, name in zip(_LIMB_BONES, limbs.split(), strict=True):
+        for limb, name in zip(parts, f"{limbs} {fingers}".split(), strict=True):
             names[f"{limb}.{side}"] = name.replace("*", word)
     return names
 
@@ -113,16 +121,19 @@ BONE_NAMES = {
         "Hips Spine Spine1 Neck Head",
         "*Shoulder *Arm *ForeArm *Hand *UpLeg *Leg *Foot *ToeBase",
         ("Left", "Right"),
+        "*HandThumb1 *HandIndex1 *HandMiddle1 *HandRing1 *HandPinky1",
     ),
     "UNREAL": both_sides(
         "pelvis spine_01 spine_02 neck_01 head",
         "clavicle_* upperarm_* lowerarm_* hand_* thigh_* calf_* foot_* ball_*",
         ("l", "r"),
+        "thumb_01_* index_01_* middle_01_* ring_01_* pinky_01_*",
     ),
     "RIGIFY": both_sides(
         "spine spine.001 spine.003 spine.004 spine.006",
         "shoulder.* upper_arm.* forearm.* hand.* thigh.* shin.* foot.* toe.*",
         ("L", "R"),
+        "thumb.01.* f_index.01.* f_middle.01.* f_ring.01.* f_pinky.01.*",
     ),
 }
 
@@ -158,7 +169,8 @@ def character_of(segments: Sequence[str], joints: np.ndarray, ends: np.ndarray) 
     finer = {site.name: site for site in CLAVICLE_BONES if site.segment in there}
     finer |= {site.name: site for site in TOE_BONES if f"toes.{site.name[-1]}" in there}
     finer |= {site.name: site for site in LUMBAR_BONES if "lumbar" in there}
-    sites = [finer.get(site.name, site) for site in BONES if {site.segment, site.start or site.segment} <= there]
+    sites = [*BONES, *(site for site in FINGER_BONES if f"hand.{site.name[-1]}" in there)]
+    sites = [finer.get(site.name, site) for site in sites if {site.segment, site.start or site.segment} <= there]
     if not {"pelvis", "thigh.L", "thigh.R"} <= there:
         raise InputError(
             f"the marker set has no person's skeleton (its segments: {', '.join(segments[:4])}, …); expected one with "

@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A body with more joints than its markers were named by: toes, and where the trunk's markers allow, a lumbar spine.
+"""A body with more joints than its markers were named by: what markers or the floor show of trunk, toes and fingers.
 
 At rest it is the same body, and people differ as they did. What bent at the trunk's one joint bends at two, as far from
 that joint as the pelvis is, half each; and shoulders, with what is on them, move about the inner ends of clavicles.
-Toes go on from the ball of the foot and bend there, by the markers ahead of it, or as the floor has it.
 """
 
 from collections.abc import Iterator
@@ -12,17 +11,16 @@ from dataclasses import replace
 import numpy as np
 
 from ..body.sides import BODY_SIDES
-from ..data.markersets import Capsules, MarkerSet, Skeleton
-from .character import SHOULDER, toes_of
+from ..data.markersets import MarkerSet, Skeleton
+from .character import SHOULDER
+from .ends import STILL_RAD, with_ends
 
 LEAST_MARKERS = 3  # physical: that say how a part is turned
-STILL_RAD = 0.01  # physical: standard deviation of what no joint does, or no marker shows, as a clavicle about itself
-TOES_SD_RAD = 0.5  # physical: of the bend of toes, which as people walk goes from none to 60°
 
 
 def finer(markerset: MarkerSet) -> MarkerSet:
     """The set with the joints that its markers or the floor can show; itself where they show no more than it has."""
-    return _with_toes(_with_trunk(markerset))
+    return with_ends(_with_trunk(markerset))
 
 
 def _with_trunk(markerset: MarkerSet) -> MarkerSet:
@@ -68,62 +66,6 @@ def _with_trunk(markerset: MarkerSet) -> MarkerSet:
             stiffness=_stiffness(names, offsets),
         ),
     )
-
-
-def _with_toes(markerset: MarkerSet) -> MarkerSet:
-    """The same with toes on its feet."""
-    skeleton, capsules, spread = markerset.skeleton, markerset.capsules, markerset.spread
-    feet = [at for at, name in enumerate(skeleton.segments) if name.startswith("foot.")]
-    toes = [f"toes.{skeleton.segments[foot][-1]}" for foot in feet]
-    own = [np.flatnonzero(capsules.segment == foot) for foot in feet]
-    if not feet or toes[0] in skeleton.segments or {len(one) for one in own} != {1}:
-        return markerset
-    at, count = np.concatenate(own), len(skeleton)
-    number, end = count + np.arange(len(feet)), capsules.end.copy()
-    balls, ends = toes_of(end[at])
-    end[at] = balls
-    attachment, offsets = markerset.attachment.copy(), markerset.offsets.copy()
-    for foot, toe, ball, middle in zip(feet, number, balls, (balls + ends) / 2, strict=True):
-        on, ahead = np.flatnonzero(attachment == foot), ball * (1, 1, 0)
-        reach = offsets[on] @ ahead
-        moved = reach > middle @ ahead
-        if (reach[~moved] > 0).any() and (reach < 0).any():  # what is left still shows how the foot is turned
-            attachment[on[moved]] = toe
-            offsets[on[moved]] -= ball
-    wide = 3 * len(feet)
-    stiffness = np.zeros((3 * count, 3 * count)) if spread.stiffness is None else spread.stiffness
-    hinges = np.kron(np.eye(len(feet)), np.diag([1, 0, 1]) / STILL_RAD**2)
-    return replace(
-        markerset,
-        skeleton=Skeleton(
-            (*skeleton.segments, *toes),
-            np.concatenate([skeleton.parents, feet]),
-            np.concatenate([skeleton.offsets, balls]),
-        ),
-        attachment=attachment,
-        offsets=offsets,
-        capsules=Capsules(
-            np.concatenate([capsules.segment, number]),
-            np.concatenate([capsules.start, 0 * balls]),
-            np.concatenate([end, ends - balls]),
-            np.concatenate([capsules.radius, capsules.radius[at]]),
-        ),
-        spread=replace(
-            spread,
-            modes=np.insert(spread.modes, [count] * len(feet), 0.0, axis=1),
-            pose_mean=np.concatenate([spread.pose_mean, 0 * balls]),
-            pose_covariance=_beside(spread.pose_covariance, TOES_SD_RAD**2 * np.eye(wide)),
-            poses=np.zeros((0, 0, 3)),
-            stiffness=_beside(stiffness, hinges),
-        ),
-    )
-
-
-def _beside(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Two square matrices as the blocks of one."""
-    whole = np.zeros(np.add(one.shape, other.shape))
-    whole[: len(one), : len(one)], whole[len(one) :, len(one) :] = one, other
-    return whole
 
 
 def without(markerset: MarkerSet, marker: int) -> MarkerSet:

@@ -15,6 +15,7 @@ from ..body.sides import BODY_SIDES
 from ..filling.ground import LEG, ON_GROUND
 from ..geometry.rotations import NO_TURN, exponential, least_turn, rotation_vector
 from ..posing.character import FACING, Character
+from .matching import FINGER_WORDS
 
 SPINE = ("spine", "between", "chest")
 LEFTWARDS, SKYWARDS = np.array([1.0, 0, 0]), np.array([0.0, 0, 1])
@@ -75,7 +76,7 @@ def retarget(
         elif part.startswith("shoulder") and "chest" in body.at:  # as it is carried, and as it moves in the chest
             side = body.turned(part) @ body.turned("chest").swapaxes(1, 2)
             turns[:, index] = side @ (turns[:, at["chest"]] if "chest" in at else body.turned("chest"))
-        elif part.partition(".")[0] in (*NEXT, "hand"):
+        elif part.partition(".")[0] in (*NEXT, "hand", *FINGER_WORDS):
             turns[:, index] = body.turns[:, body.at[part]] @ aligned[index]
         else:
             turns[:, index] = body.turned(part) @ aligned[index]
@@ -127,7 +128,9 @@ def _alignments(rig: Rig, body: BodyInMotion) -> np.ndarray:
     for part, index in at.items():
         name, _, side = part.partition(".")
         before = rig.follows[index]
-        carried = aligned[before] if before >= 0 and rig.parts[before].partition(".")[0] in NEXT else np.eye(3)
+        carried = (
+            aligned[before] if before >= 0 and rig.parts[before].partition(".")[0] in (*NEXT, "hand") else np.eye(3)
+        )
         after = at.get(f"{NEXT.get(name)}.{side}")
         way = (rig.tails[index] if after is None else rig.heads[after]) - rig.heads[index]
         if name in ("thigh", "shank"):
@@ -142,6 +145,9 @@ def _alignments(rig: Rig, body: BodyInMotion) -> np.ndarray:
             aligned[index] = least_turn(ball * (1, 1, 0), own * (1, 1, 0))
             if f"toes.{side}" in at:
                 aligned[at[f"toes.{side}"]] = aligned[index]
+        elif name in FINGER_WORDS:
+            at_rest = body.character.tails[body.at[part]] - body.rest(part)
+            aligned[index] = least_turn(carried @ way, at_rest) @ carried
     trunk = [index for index, part in enumerate(rig.parts) if part in SPINE]
     if trunk:
         aligned[trunk] = least_turn(_top(rig) - rig.heads[trunk[0]], SKYWARDS)

@@ -171,39 +171,6 @@ def test_a_finer_body_is_the_same_at_rest_and_follows_shrugged_shoulders_and_a_r
     assert np.abs(turned @ arm / np.linalg.norm(arm)).max() < 0.02  # about itself: no marker shows that
 
 
-@pytest.mark.parametrize("name", ["gait15", "body26"])
-def test_what_markers_do_not_show_a_body_does_not_have_and_toes_bend_by_those_ahead_of_them(name):
-    coarse = open_markerset(name)
-    markerset = finer(coarse)
-    assert set(markerset.skeleton.segments) - set(coarse.skeleton.segments) == {"toes.L", "toes.R"}
-    assert not {markerset.skeleton.segments[at] for at in markerset.attachment} & {"toes.L", "toes.R"}
-    before = BodyModel(coarse)
-    assert not fit_points(BodyModel(markerset), before.pose(before.rest(2, 1.7)).markers).bends[:, -2:].any()
-    toe, heel = (coarse.by_name[name] for name in ("LTOE", "LHEE"))
-    tip = 1.35 * coarse.offsets[toe] - 0.35 * coarse.offsets[heel]  # as a tip is described
-    tipped = replace(
-        coarse,
-        markers=(*coarse.markers, "LTIP"),
-        attachment=np.append(coarse.attachment, coarse.attachment[toe]),
-        offsets=np.vstack([coarse.offsets, tip]),
-        spread=replace(
-            coarse.spread,
-            modes=np.concatenate([coarse.spread.modes, 0 * coarse.spread.modes[:, :1]], axis=1),
-            marker_sd=np.append(coarse.spread.marker_sd, 0.004),
-        ),
-    )
-    model = BodyModel(finer(tipped))
-    toes = model.markerset.skeleton.segments.index("toes.L")
-    assert model.markerset.attachment[-1] == toes
-    np.testing.assert_allclose(model.markerset.rest_markers, tipped.rest_markers, atol=1e-12)
-    bodies = model.rest(9, 1.7)
-    bodies.bends[:, toes, 1] = bend = -np.linspace(0, 1, 9)
-    found = fit_points(model, model.pose(bodies).markers).bends[:, toes]
-    # By how much more from frame to frame; where the marker sits on the toes the body learns.
-    np.testing.assert_allclose(found[:, 1] - found[0, 1], bend, atol=0.15)
-    assert np.abs(found[:, [0, 2]]).max() < 0.02
-
-
 HEIGHT = 1.7
 
 

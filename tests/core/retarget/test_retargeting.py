@@ -268,7 +268,15 @@ def test_bones_that_help_others_are_passed_over():
         ("thumb_01_l", "hand.L", (0.78, 0, 1.4)),
         ("DEF-thigh_l", "hips", (0.1, 0, 0.9)),
     ]
-    assert match_bones(at_rest(UNREAL, extra=extra)) == without_between(UNREAL)
+    assert match_bones(at_rest(UNREAL, extra=extra)) == without_between(UNREAL) | {"thumb.L": "thumb_01_l"}
+
+
+@pytest.mark.parametrize(
+    ("names", "index"), [(MIXAMO, "mixamorig:LeftHandIndex{}"), (UNREAL, "index_0{}_l"), (VRM, "J_Bip_L_Index{}")]
+)
+def test_the_first_bone_of_a_finger_is_the_finger(names, index):
+    extra = [(index.format(number), "hand.L", (0.8 + 0.03 * number, 0, 1.45)) for number in (1, 2, 3)]
+    assert match_bones(at_rest(names, extra=extra)) == without_between(names) | {"index.L": index.format(1)}
 
 
 def test_toes_that_are_apart_have_no_bone_for_all():
@@ -311,7 +319,7 @@ def test_what_is_no_person_matches_nothing():
         ("leg_lower.R", "shank.R"),
         ("thigh_stretch.l", "thigh.L"),
         ("CC_Base_Hip", "hips"),
-        ("LeftHandThumb1", None),
+        ("LeftHandThumb1", "thumb.L"),
         ("hand_ik.L", None),
         ("lThighTwist", None),
     ],
