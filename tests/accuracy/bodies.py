@@ -199,26 +199,33 @@ def _higher(rig: bpy.types.Object, world, bone: str, end: str) -> float:
 
 
 def toes_off() -> Iterator[list[str]]:
-    """The rows of the third table: how far toes are bent against those of people with a marker on the big toe."""
-    markerset, off = finer(open_model("body26").markerset), []
+    """The rows of the third table: how far a marker on the big toe is from where foot or toes would carry it.
+
+    It is carried from where it is in the first third of each plant, when the foot is flat.
+    """
+    markerset = finer(open_model("body26").markerset)
     segments = markerset.skeleton.segments
+    off: dict[str, list[np.ndarray]] = {"foot": [], "toes": []}
     for person in people.everyone():
         walk = people.read(people.files_of(person)[people.KINDS.index("walk")], person)
         fitted = posed(walk, markerset)
-        shown = on_ground(fitted, markerset, build_of(markerset, fitted), walk.rate).rotations
-        for side in "LR":
-            toe, heel, tip = (walk.pick([side + marker])[:, 0] for marker in ("TOE", "HEE", "HLX"))
-            own = pitch(shown[:, segments.index(f"toes.{side}"), :, 0])
-            own = own - pitch(shown[:, segments.index(f"foot.{side}"), :, 0])
-            true, near = pitch(tip - toe) - pitch(toe - heel), np.zeros(len(toe), bool)
-            stood = plants(walk, side)
-            if stood:  # the foot is flat at first
-                true -= np.nanmedian(np.concatenate([true[first : first + (end - first) // 3] for first, end in stood]))
-            for first, end in stood:
-                near[max(first - round(NEAR_S * walk.rate), 0) : end + round(NEAR_S * walk.rate)] = True
-            off.append(np.array([true, own - true])[:, near])
-    for title, values in zip(("as the foot", "shown"), np.concatenate(off, axis=1), strict=True):
-        yield [title, *(f"{value:.1f}" for value in np.nanquantile(np.abs(values), (0.5, 0.9, 0.99)))]
+        shown = on_ground(fitted, markerset, build_of(markerset, fitted), walk.rate)
+        for side in (side for side in "LR" if plants(walk, side)):
+            way = walk.pick([f"{side}HLX"])[:, 0] - shown.joints[:, segments.index(f"toes.{side}")]
+            near: list[int] = []
+            flat = np.concatenate([np.arange(first, first + (end - first) // 3) for first, end in plants(walk, side)])
+            for first, end in plants(walk, side):
+                near += range(max(first - round(NEAR_S * walk.rate), 0), min(end + round(NEAR_S * walk.rate), len(way)))
+            for part, gone in off.items():
+                turns = shown.rotations[:, segments.index(f"{part}.{side}")]
+                place = np.nanmedian(carried(turns.swapaxes(1, 2), way)[flat], axis=0)
+                gone.append(1000 * (carried(turns, place) - way)[sorted(set(near))])
+    for title, parts in zip(("as the foot", "shown"), off.values(), strict=True):
+        gone, row = np.concatenate(parts), [title]
+        for values in (np.abs(gone[:, 2]), np.linalg.norm(gone, axis=1)):
+            cells = [f"{value:.1f}" for value in np.nanquantile(values, (0.5, 0.9, 0.99))]
+            row += cells
+        yield row
 
 
 def fingers_off() -> Iterator[list[str]]:
@@ -265,11 +272,6 @@ def best_turn(points: np.ndarray, onto: np.ndarray) -> np.ndarray:
     return best_turns(outer[None])[0][0]
 
 
-def pitch(ways: np.ndarray) -> np.ndarray:
-    """Degrees by which ways (F, 3) point upwards."""
-    return np.degrees(np.arctan2(ways[:, 2], np.linalg.norm(ways[:, :2], axis=1)))
-
-
 def main():
     """Prints the tables."""
     import addon_utils
@@ -292,7 +294,15 @@ def main():
     head = ["take", "rig", "arms off, °", "arms at 99 %, °", "legs off, °", "legs at 99 %, °"]
     head += ["planted feet off, mm", "feet at 99 %, mm", "feet 10 mm in the floor, %", "largest turn, °"]
     print(markdown(head, rigs))
-    head = ["toes", "bend off, °", "off at 90 %, °", "off at 99 %, °"]
+    head = [
+        "toes",
+        "height off, mm",
+        "height at 90 %, mm",
+        "height at 99 %, mm",
+        "off, mm",
+        "at 90 %, mm",
+        "at 99 %, mm",
+    ]
     print(markdown(head, list(toes_off())))
     head = ["markers on", "fingers", "off them, mm", "at 90 %, mm", "at 99 %, mm", "off those on the hand's back, mm"]
     print(markdown(head, list(fingers_off())))

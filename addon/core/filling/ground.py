@@ -14,7 +14,7 @@ import numpy as np
 
 from ..body.sides import BODY_SIDES
 from ..geometry import rotations
-from ..posing.character import BALL
+from ..posing.character import BALL, toes_axis
 from ..review.suspects import runs
 from .smoothing import smoothed
 
@@ -204,11 +204,16 @@ def _bent(foot: np.ndarray, before: np.ndarray, toes: np.ndarray, height: np.nda
     They bend as they did `before`, within limits, and upwards about the ball of the foot until they are level. `height`
     (F, S) m is of the ball above where it rests: that far from the floor they are level the less, and soon straight.
     """
-    ahead = toes * (1, 1, 0) / np.linalg.norm(toes[:, :2], axis=1)[:, None]
-    axis = np.cross(ahead, [0.0, 0, 1])
+    axis = toes_axis(toes)
+    ahead = np.cross([0.0, 0, 1], axis)
     bent = (rotations.rotation_vector(before) * axis).sum(axis=2)
     upright = foot[..., 2, 2]
-    level = np.arctan2(-rotations.carried(foot, ahead)[..., 2], upright)
+    lying, across = rotations.carried(foot, ahead)[..., 2], rotations.carried(foot, axis)[..., 2]
+    slope = (toes * axis).sum(axis=1) / (toes * ahead).sum(axis=1) * across
+    # So high points what is turned by an angle: lying cos + upright sin + slope.
+    most = np.maximum(np.hypot(lying, upright), rotations.NO_TURN)
+    tipped = np.arctan2(-lying, upright) + np.pi / 2  # a foot may stand on its tip, and beyond that
+    level = tipped - np.arccos(np.clip(-slope / most, -1, 1))
     near = np.clip(2 - np.abs(height) / ON_GROUND.low_m, 0, 1)
     on_sole = np.clip(1 + 2 * upright, 0, 1)  # one on its back does not stand on its sole
     angle = np.clip(bent + near * on_sole * np.maximum(level - bent, 0), *ON_GROUND.bent_rad)

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..body.sides import BODY_SIDES
 from ..data.markersets import Capsules, MarkerSet, Skeleton
-from .character import toes_of
+from .character import toes_axis, toes_of
 
 STILL_RAD = 0.01  # physical: standard deviation of what no joint does, or no marker shows, as a clavicle about itself
 BENDS_RAD = 0.5  # physical: of the bend of toes, which as people walk goes from none to 60°; and of fingers
@@ -115,8 +115,8 @@ def _toes(markerset: MarkerSet) -> Iterator[LimbEnd]:
         moved = reach > (ball + end) @ ahead / 2
         if not ((reach[~moved] > 0).any() and (reach < 0).any()):  # what is left is to show how the foot is turned
             moved[:] = False
-        hinge = np.diag([0.0, 1, 0])
-        yield LimbEnd(f"toes.{side}", foot, ball, end, float(capsules.radius[own[0]]), on[moved], hinge)
+        axis, radius = toes_axis(end - ball), float(capsules.radius[own[0]])
+        yield LimbEnd(f"toes.{side}", foot, ball, end, radius, on[moved], np.outer(axis, axis))
 
 
 def _fingers(markerset: MarkerSet) -> Iterator[LimbEnd]:
