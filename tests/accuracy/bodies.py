@@ -300,8 +300,8 @@ def main():
         "height at 90 %, mm",
         "height at 99 %, mm",
         "off, mm",
-        "at 90 %, mm",
-        "at 99 %, mm",
+        "off at 90 %, mm",
+        "off at 99 %, mm",
     ]
     print(markdown(head, list(toes_off())))
     head = ["markers on", "fingers", "off them, mm", "at 90 %, mm", "at 99 %, mm", "off those on the hand's back, mm"]
