@@ -9,7 +9,7 @@ from bpy.props import StringProperty
 
 from ..core.data.errors import InputError
 from ..core.data.wording import count_of
-from ..core.retarget.matching import PARTS, match_bones, match_map
+from ..core.retarget.matching import FINGER_PARTS, PARTS, match_bones, match_map
 from ..io.bone_maps import read_bone_map
 from ..scene.clock import fps_of, plays_at
 from ..scene.performers import homes
@@ -31,9 +31,9 @@ lacks_mode = unless(lambda context: context.mode in ("OBJECT", "POSE"), "Go to o
 
 
 def _keep(rig: bpy.types.Object, matched: Mapping[str, str]):
-    """Keeps on a rig which bone is which part, an empty row for a part without one."""
+    """Keeps on a rig which bone is which part, an empty row for a part without one, but for fingers."""
     rows = rig.mocap_autolabel.bones
-    for part in PARTS:
+    for part in (part for part in PARTS if part in matched or part not in FINGER_PARTS):
         row = rows.get(part) or rows.add()  # those of a linked rig stay
         row.name, row.bone = part, matched.get(part, "")
 

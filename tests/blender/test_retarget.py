@@ -2,6 +2,7 @@
 """The take's motion on rigs of people's own: any names, rest, size, place and rotation mode; what is theirs stays."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from mathutils import Matrix, Vector
 
+from addon.core.posing.finer import finer
 from addon.io.markersets import open_markerset
 from addon.scene import take as takes
 from tests.inputs.rigs import (
@@ -25,6 +27,7 @@ from tests.inputs.rigs import (
     rig_bones,
     unreal,
 )
+from tests.inputs.worn import with_fingers
 
 from .hands import ours, refused, reopen
 
@@ -164,6 +167,34 @@ def test_rigify_is_moved_by_its_controls(shown):
     rig.update_tag()
     off = ways_off(shown, rig, names)  # the left leg's are the third and the fourth
     assert MOST_OFF < off[:, 2:4].max() < BY_IK_OFF
+
+
+def test_fingers_that_are_worn_move_those_of_rigs_and_of_the_character(empty, made, extension, tmp_path):
+    import addon_utils
+
+    if addon_utils.enable("rigify", default_set=True) is None:
+        pytest.skip("this Blender has no Rigify")
+    markerset = finer(with_fingers(open_markerset("body39")))
+    motion = made.motion(markerset, 8)
+    rows, labels = made.blobs(markerset, made.cameras(), motion)
+    take = replace(made.take(8), rate=60.0, markerset=markerset, motion=motion, rows=rows, labels=labels)
+    empty.scene.mocap_autolabel.take = takes.show_take(empty, take)
+    bpy.ops.object.armature_human_metarig_add()
+    bpy.ops.pose.rigify_generate()
+    rig = bpy.context.object
+    retargeted(rig)
+    segments, armature = markerset.skeleton.segments, next(one for one in bpy.data.objects if "mocap_scale" in one)
+    fingers = {"thumb.L": "thumb.01.L", "index.L": "f_index.01.L", "pinky.R": "f_pinky.01.R"}
+    for index in np.flatnonzero(np.isfinite(motion.joints).all(axis=(1, 2))):
+        empty.scene.frame_set(int(motion.frames[index]))
+        for finger, bone in fingers.items():
+            at = segments.index(finger)
+            rest = armature.data.bones[finger]
+            way = motion.rotations[index, at] @ (rest.tail_local - rest.head_local).normalized()
+            own = rig.matrix_world.to_3x3() @ rig.pose.bones[f"ORG-{bone}"].vector.normalized()
+            assert np.degrees(np.arccos(np.clip(np.dot(way, own), -1, 1))) < 1
+    assert bpy.ops.mocap_autolabel.export_bvh(filepath=str(tmp_path / "a.bvh")) == {"FINISHED"}
+    assert "LeftHandIndex1" in (tmp_path / "a.bvh").read_text()
 
 
 def switch_of(rig, parent):
