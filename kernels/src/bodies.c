@@ -162,6 +162,23 @@ void derive_one(const Model *model, const BodyArrays *body, int64_t width, doubl
     }
 }
 
+/* `columns` (B, M, 3, P); `scratch` holds J * 18 + (J + M) * 3 + (J + 1) * 3 * (3 + K) numbers. */
+KERNEL void derivatives(const Model *model, const BodyArrays *bodies, double *rotations, double *joints,
+                        double *markers, double *columns, double *scratch) {
+    int64_t J = model->joints, M = model->markers, K = model->modes, P = PLACEMENT + 3 * (J - 1) + K;
+    for (int64_t b = 0; b < bodies->count; b++) {
+        BodyArrays one = {1,
+                          bodies->translation + 3 * b,
+                          bodies->quaternion + 4 * b,
+                          bodies->scale + 3 * b,
+                          bodies->bends + b * J * 3,
+                          bodies->shape + b * K,
+                          bodies->own + b * M * 3};
+        derive_one(model, &one, P, rotations + b * J * 9, joints + b * J * 3, markers + b * M * 3,
+                   columns + b * M * 3 * P, scratch);
+    }
+}
+
 static void quaternion_product(const double a[4], const double b[4], double out[4]) {
     out[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
     out[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2];

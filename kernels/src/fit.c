@@ -105,26 +105,30 @@ int damped_step_one(int64_t P, const double *normal, const double *gradient, dou
     return 1;
 }
 
-/* How uncertain each marker of one body is: spread (M, 3, 3); 0 where the normal is not positive definite.
+/* How uncertain each marker is: spread (B, M, 3, 3); 0 where a normal is not positive definite.
  * `scratch` holds P * P + P * 3 * M. */
-int covariance(int64_t M, int64_t P, const double *normal, const double *columns, double ridge, double *spread,
-               double *scratch) {
-    double *sides = scratch + P * P, trace = 0;
+KERNEL int covariance(int64_t count, int64_t M, int64_t P, const double *normal, const double *columns, double ridge,
+                      double *spread, double *scratch) {
+    double *sides = scratch + P * P;
     int64_t width = 3 * M;
-    for (int64_t p = 0; p < P; p++) trace += normal[p * P + p];
-    memcpy(scratch, normal, (size_t)(P * P) * sizeof(double));
-    for (int64_t p = 0; p < P; p++) scratch[p * P + p] += ridge * trace;
-    if (!factor(scratch, P)) return 0;
-    for (int64_t s = 0; s < width; s++)
-        for (int64_t p = 0; p < P; p++) sides[p * width + s] = columns[s * P + p];
-    solve_transposed(scratch, P, sides, width);
-    memset(spread, 0, (size_t)(M * 9) * sizeof(double));
-    for (int64_t p = 0; p < P; p++)
-        for (int64_t m = 0; m < M; m++) {
-            const double *row = sides + p * width + 3 * m;
-            for (int r = 0; r < 3; r++)
-                for (int c = 0; c < 3; c++) spread[9 * m + 3 * r + c] += row[r] * row[c];
-        }
+    for (int64_t b = 0; b < count; b++) {
+        const double *matrix = normal + b * P * P, *column = columns + b * M * 3 * P;
+        double trace = 0, *out = spread + b * M * 9;
+        for (int64_t p = 0; p < P; p++) trace += matrix[p * P + p];
+        memcpy(scratch, matrix, (size_t)(P * P) * sizeof(double));
+        for (int64_t p = 0; p < P; p++) scratch[p * P + p] += ridge * trace;
+        if (!factor(scratch, P)) return 0;
+        for (int64_t s = 0; s < width; s++)
+            for (int64_t p = 0; p < P; p++) sides[p * width + s] = column[s * P + p];
+        solve_transposed(scratch, P, sides, width);
+        memset(out, 0, (size_t)(M * 9) * sizeof(double));
+        for (int64_t p = 0; p < P; p++)
+            for (int64_t m = 0; m < M; m++) {
+                const double *row = sides + p * width + 3 * m;
+                for (int r = 0; r < 3; r++)
+                    for (int c = 0; c < 3; c++) out[9 * m + 3 * r + c] += row[r] * row[c];
+            }
+    }
     return 1;
 }
 

@@ -49,17 +49,18 @@ static void predict(const Following *with, const Numbers *track, double *row, do
 }
 
 /* Where the markers should be before the frame is looked at: `_forecast`. */
-static void forecast(const Following *with, const Numbers *track, const double *row, double *points, double *spread,
-                     double *scratch) {
+static void forecast(const Following *with, const Numbers *track, const double *row, const int64_t *unseen,
+                     double *points, double *spread, double *scratch) {
     const Model *model = with->model;
     BodyArrays body = body_of(model, row, track->own);
     double *joints = scratch + 9 * model->joints;
     pose(model, &body, scratch, joints, points, joints + 3 * model->joints);
     memset(spread, 0, (size_t)(9 * model->markers) * sizeof(double));
     for (int64_t m = 0; m < model->markers; m++) {
+        double sd = fmin(with->sd + with->sd_growth * (double)unseen[m], with->max_sd);
         for (int x = 0; x < 3; x++) {
             points[3 * m + x] += track->lag[3 * m + x];
-            spread[9 * m + 4 * x] = with->sd * with->sd;
+            spread[9 * m + 4 * x] = sd * sd;
         }
     }
 }
@@ -108,8 +109,8 @@ static void see(const Following *with, const Fitted *fitted, uint8_t *visible, d
 /* Names what is clear from the forecast and fits the body to it. `block` is a track's numbers, `fit` gets
  * what is fitted, `visible` what cameras see of it unless there are no capsules. `frame` is room for names, its blobs
  * given, `scratch` as `Follower` in frame_calls.py says. 0 where the fit could not be done. */
-KERNEL int follow_fit(const Following *with, const Frame *frame, double pixel, double *block, const uint8_t *before,
-                      double *fit, uint8_t *visible, double *scratch) {
+KERNEL int follow_fit(const Following *with, const Frame *frame, double pixel, double *block, const int64_t *unseen,
+                      const uint8_t *before, double *fit, uint8_t *visible, double *scratch) {
     const Model *model = with->model;
     int64_t M = model->markers, P = parameters(model), CM = with->sight->count * M, length = row_length(model);
     Numbers track = numbers_in(model, block);
@@ -125,7 +126,7 @@ KERNEL int follow_fit(const Following *with, const Frame *frame, double pixel, d
     named.covariance = fitted.covariance;
     named.visible = before;
     predict(with, &track, predicted, room);
-    forecast(with, &track, predicted, fitted.points, fitted.covariance, room);
+    forecast(with, &track, predicted, unseen, fitted.points, fitted.covariance, room);
     name_one(&named, 1);
     pull_of_names(&named, track.own_sd, places, weights);
     PullArrays pull = {.kind = RAYS, .sets = 1, .places = places, .weights = weights};
@@ -136,11 +137,11 @@ KERNEL int follow_fit(const Following *with, const Frame *frame, double pixel, d
     if (!fit_body(model, with->sight, &pull, &prior, with->damping, 1, P, with->fit_steps, fitted.row, track.own, gradient,
                   normal, fitted.rotations, fitted.joints, fitted.markers, columns, trace, room))
         return 0;
-    if (!covariance(M, P, normal, columns, with->ridge, fitted.covariance, room)) return 0;
+    if (!covariance(1, M, P, normal, columns, with->ridge, fitted.covariance, room)) return 0;
     for (int64_t m = 0; m < M; m++)
         for (int x = 0; x < 3; x++) {
             fitted.covariance[9 * m + 4 * x] += track.own_sd[m] * track.own_sd[m];
-            fitted.points[3 * m + x] = fitted.markers[3 * m + x];
+            fitted.points[3 * m + x] = fitted.markers[3 * m + x] + with->lag_kept * track.lag[3 * m + x];
         }
     if (with->capsules) see(with, &fitted, visible, room);
     return 1;
@@ -217,8 +218,8 @@ static int is_poor(const Following *with, const Frame *f) {
 
 /* Names a frame by what was fitted to it and learns from the names. `next` gets a track's numbers and the
  * noise in px; returns whether too little was named. */
-KERNEL int follow_name(const Following *with, const Frame *frame, double pixel, double *block, double *fit,
-                       double *next) {
+KERNEL int follow_name(const Following *with, const Frame *frame, double pixel, double *block, const int64_t *unseen,
+                       double *fit, double *next, int64_t *unseen_next) {
     const Model *model = with->model;
     Numbers track = numbers_in(model, block), after = numbers_in(model, next);
     Fitted fitted = fitted_in(model, fit);
@@ -232,12 +233,15 @@ KERNEL int follow_name(const Following *with, const Frame *frame, double pixel, 
     memcpy(after.row, fitted.row, (size_t)row_length(model) * sizeof(double));
     difference(model, fitted.row, track.row, after.velocity);
     for (int x = 6; x < PLACEMENT; x++) after.velocity[x] = 0;
+    for (int64_t p = 0; p < parameters(model); p++)
+        after.velocity[p] = (1 - with->velocity_rate) * track.velocity[p] + with->velocity_rate * after.velocity[p];
     for (int64_t m = 0; m < model->markers; m++) {
         const double *found = named.met + 3 * m;
         int seen = isfinite(found[0]);
+        unseen_next[m] = seen ? 0 : unseen[m] + 1;
         learn_own(with, &fitted, &track, m, found, &after);
         for (int64_t i = 3 * m; i < 3 * m + 3; i++)
-            after.lag[i] = seen ? (1 - with->own_rate) * (found[i - 3 * m] - fitted.markers[i]) : 0;
+            after.lag[i] = seen ? (1 - with->own_rate) * (found[i - 3 * m] - fitted.markers[i]) : with->lag_kept * track.lag[i];
     }
     double noise = pixel_noise(with, &named), *learned = after.lag + 3 * model->markers;
     *learned = pixel;

@@ -8,7 +8,7 @@
 #include <stdint.h>
 
 /* Of what the functions take: raised whenever that changes, here and in addon/core/kernels/library.py. */
-#define KERNELS_VERSION 8
+#define KERNELS_VERSION 7
 
 #if defined(_WIN32)
 #define KERNEL __declspec(dllexport)
@@ -142,7 +142,8 @@ typedef struct {
     const double *centres, *focal;            /* (C, 3), (C,) */
     const double *marker_sd, *anchor;         /* (M,) heights, (P,) */
     double behind, ridge, standoff, min_side_share;
-    double velocity_kept, sd, own_rate, noise_rate, min_named_share, skin, max_own, min_noise, max_noise, kept_share, trimmed_scale;
+    double velocity_kept, velocity_rate, sd, sd_growth, max_sd, lag_kept, own_rate, noise_rate, min_named_share;
+    double skin, max_own, min_noise, max_noise, kept_share, trimmed_scale;
 } Following;
 
 #endif

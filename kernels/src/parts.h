@@ -8,7 +8,7 @@
 
 #define PLACEMENT 9
 
-/* bodies.c: `columns` has `width` numbers a row, nine or all; offsets (J + M, 3), chain see `derive_one`. */
+/* bodies.c: `columns` has `width` numbers a row, nine or all; offsets (J + M, 3), chain see `derivatives`. */
 void turn_quaternion(const double quaternion[4], const double vector[3], double out[4]);
 KERNEL void pose(const Model *model, const BodyArrays *bodies, double *rotations, double *joints, double *markers,
                  double *scratch);
@@ -35,8 +35,8 @@ KERNEL void capsules_hide(int64_t count, int64_t K, int64_t M, int64_t C, const 
                           double min_side_share, uint8_t *hidden);
 
 /* rays.c */
-void blob_rays(int64_t C, int64_t K, const double *image, const double *rotation, const double *centres,
-               double *direction, double *across, double *anchor);
+KERNEL void blob_rays(int64_t C, int64_t K, const double *image, const double *rotation, const double *centres,
+                      double *direction, double *across, double *anchor);
 void meet_one(const Frame *f, int64_t m);
 int meet_two(const Frame *f, int64_t c, int64_t k, int64_t d, int64_t l, double point[3], double *residual);
 
@@ -54,8 +54,8 @@ KERNEL int fit_body(const Model *model, const SightArrays *sight, const PullArra
                     const DampingArrays *damping, int64_t count, int64_t P, int64_t steps, double *rows,
                     const double *own, double *gradient, double *normal, double *rotations, double *joints,
                     double *markers, double *columns, double *trace, double *scratch);
-int covariance(int64_t M, int64_t P, const double *normal, const double *columns, double ridge, double *spread,
-               double *scratch);
+KERNEL int covariance(int64_t count, int64_t M, int64_t P, const double *normal, const double *columns, double ridge,
+                      double *spread, double *scratch);
 
 /* likelihood.c: a marker's part, so much of it, in the upper half of a precision (L, L); markers (M, 3) of a latent vector. */
 void add_product(const Gaussian *model, int64_t m, double weight, double *normal);

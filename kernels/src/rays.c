@@ -11,7 +11,7 @@
 #define MOST_CAMERAS 1024
 
 /* Rays of blobs image (C, K, 2): direction (C, K, 3), the projection across it (C, K, 3, 3) and that of the centre. */
-void blob_rays(int64_t C, int64_t K, const double *image, const double *rotation, const double *centres,
+KERNEL void blob_rays(int64_t C, int64_t K, const double *image, const double *rotation, const double *centres,
                       double *direction, double *across, double *anchor) {
     for (int64_t c = 0; c < C; c++)
         for (int64_t k = 0; k < K; k++) {

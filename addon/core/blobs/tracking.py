@@ -164,7 +164,7 @@ def followed_by_library(track: Track, view: View, setup: Setup, fixed: np.ndarra
     learned = subject.bodies.own.ravel(), subject.own_sd, track.velocity[0], track.lag.ravel(), [subject.pixel]
     with setup.clock("fit"):
         numbers = subject.bodies.rows[0], *learned
-        done = follower.fit(view, fixed, numbers, subject.pixel, track.visible)
+        done = follower.fit(view, fixed, numbers, subject.pixel, np.zeros(model.marker_count, int), track.visible)
         if done is None:
             return None
         fitted, visible = done
@@ -173,7 +173,7 @@ def followed_by_library(track: Track, view: View, setup: Setup, fixed: np.ndarra
             visible = setup.visible(fitted["row"][None, 7:10], posed)[0]
         expected = Expectation(fitted["points"], fitted["covariance"], visible)
     with setup.clock("label"):
-        made, after, poor = follower.name(visible)
+        made, after, _, poor = follower.name(visible)
         naming = naming_of(view, setup.sight, expected, replace(setup.rules, pixel=subject.pixel), fixed, made)
         bodies = model.of_rows(after["row"][None], after["own"][None])
         subject = Subject(bodies, after["own_sd"], float(after["pixel"]))
@@ -197,6 +197,11 @@ def follower_of(setup: Setup) -> Follower:
         "min_side_share": OCCLUDING.min_side_share,
         "sd": TRACKING.marker_sd_m * setup.pace,
         "velocity_kept": TRACKING.velocity_kept,
+        # Nothing is known of frames before the last one.
+        "velocity_rate": 1.0,
+        "sd_growth": 0.0,
+        "max_sd": np.inf,
+        "lag_kept": 0.0,
         "own_rate": TRACKING.own_rate,
         "noise_rate": TRACKING.noise_rate,
         "min_named_share": SUBJECT.min_named,

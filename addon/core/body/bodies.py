@@ -200,6 +200,7 @@ def pose(model: BodyModel, bodies: Bodies) -> tuple[np.ndarray, np.ndarray, np.n
     return posed.rotations, posed.joints, posed.markers
 
 
+@stands_for(calls.derivatives)
 def derivatives(model: BodyModel, bodies: Bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The same, and the columns of `BodyModel.derivatives`."""
     bend, left = rotations.exponential(bodies.bends)

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from ..data.errors import InputError
+from ..kernels import calls, stands_for
 from . import inverse_lens
 
 # How a lens is taken out by Newton's method, in units of the normalised image.
@@ -177,6 +178,7 @@ def lens_reach(lens: np.ndarray) -> np.ndarray:
     return inverse_lens.turning_point(np.asarray(lens, dtype=float)[..., [0, 1, 4]])
 
 
+@stands_for(calls.straightened)
 def straightened(
     image: np.ndarray,
     lens: np.ndarray,

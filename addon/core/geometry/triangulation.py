@@ -86,6 +86,7 @@ def _summed(parts: np.ndarray) -> np.ndarray:
     return parts[0] + parts[1] + parts[2]
 
 
+@stands_for(calls.blob_rays)
 def blob_rays(image, rotation, centres) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of blobs (C, K, 2): the rays' directions (C, K, 3), what projects across them (C, K, 3, 3), centres across."""
     local = np.concatenate([image, np.ones((*image.shape[:2], 1))], axis=-1)

@@ -23,6 +23,16 @@ def pose(model, bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return posed
 
 
+def derivatives(model, bodies) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Stands for `bodies.derivatives`."""
+    posed = _posed_outputs(model, len(bodies))
+    columns = np.empty((len(bodies), model.marker_count, 3, model.parameters))
+    joint_count, width = model.joint_count, 3 + len(model.modes)
+    scratch = np.empty(21 * joint_count + 3 * model.marker_count + 3 * (joint_count + 1) * width)
+    call(compiled.derivatives, model_arrays(model), body_arrays(model, bodies), *posed, columns, scratch)
+    return *posed, columns
+
+
 @once_each
 def model_arrays(model) -> Structure:
     """A marker set as the library takes it, made once."""
@@ -197,6 +207,15 @@ def prior_arrays(prior, model, predicted=None, weight=None, hessian=None) -> Str
     )  # fmt: skip
 
 
+def covariance(normal, columns, ridge) -> np.ndarray | None:
+    """Stands for `fit.marker_covariance`; None where a normal is not positive definite."""
+    bodies, markers, _, width = columns.shape
+    normal, columns = given(normal, (bodies, width, width)), given(columns, (bodies, markers, 3, width))
+    spread, scratch = np.empty((bodies, markers, 3, 3)), np.empty(width * (width + 3 * markers))
+    fine = call(compiled.covariance, bodies, markers, width, normal, columns, ridge, spread, scratch)
+    return spread if fine else None
+
+
 def capsules_hide(start, axis, radius, markers, centres, standoff, min_side_share) -> np.ndarray:
     """Stands for `occlusion.capsules_hide`."""
     (bodies, capsules), count, cameras = radius.shape, markers.shape[1], len(centres)
@@ -207,6 +226,17 @@ def capsules_hide(start, axis, radius, markers, centres, standoff, min_side_shar
     given_parts = start, axis, radius, markers, centres, standoff
     call(compiled.capsules_hide, bodies, capsules, count, cameras, *given_parts, min_side_share, hidden)
     return hidden
+
+
+def blob_rays(image, rotation, centres) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Stands for `triangulation.blob_rays`."""
+    cameras, blobs = image.shape[:2]
+    image, rotation = given(image, (cameras, blobs, 2)), given(rotation, (cameras, 3, 3))
+    centres = given(centres, (cameras, 3))
+    direction, across = np.empty((cameras, blobs, 3)), np.empty((cameras, blobs, 3, 3))
+    anchor = np.empty((cameras, blobs, 3))
+    call(compiled.blob_rays, cameras, blobs, image, rotation, centres, direction, across, anchor)
+    return direction, across, anchor
 
 
 def meet(slot, depth, across, anchor, centres, ridge, max_condition) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -221,6 +251,15 @@ def meet(slot, depth, across, anchor, centres, ridge, max_condition) -> tuple[np
     rays, made = (slot, depth, across, anchor, centres), (points, residual, miss)
     call(compiled.meet, cameras, blobs, count, *rays, ridge, max_condition, *made, scratch)
     return points, residual, miss
+
+
+def straightened(image, lens, reach, *steps) -> np.ndarray:
+    """Stands for `cameras.straightened`."""
+    count = len(image)
+    image, lens, reach = given(image, (count, 2)), given(lens, (count, 5)), given(reach, (count,))
+    found = np.empty((count, 2))
+    call(compiled.straightened, count, image, lens, reach, *steps, found)
+    return found
 
 
 def _posed_outputs(model, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

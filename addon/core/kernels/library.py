@@ -15,7 +15,7 @@ from typing import Any
 
 LIBRARY_PACKAGE = "mocap_autolabel_kernels"
 SWITCH = "MOCAP_AUTOLABEL_NUMPY"
-LIBRARY_VERSION = 8  # of what the functions take, as in kernels.h; a library of another is not used
+LIBRARY_VERSION = 7  # of what the functions take, as in kernels.h; a library of another is not used
 
 
 def _loaded() -> ctypes.CDLL | None:

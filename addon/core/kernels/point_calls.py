@@ -143,6 +143,15 @@ def distance_sums(points) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return tuple(sums)
 
 
+def median_volumes(place, quads) -> np.ndarray:
+    """Stands for `structure.median_volumes`."""
+    (things, _, frames), count = place.shape, len(quads)
+    place, quads = given(place, (things, 3, frames)), indices(quads, (count, 4), things, lowest=0)
+    medians, scratch = np.empty(count), np.empty(frames)
+    call(compiled.median_volumes, count, frames, place, quads, medians, scratch)
+    return medians
+
+
 @once_each
 def gaussian_arrays(model) -> Structure:
     """A shape's linear algebra as the library takes it, made once."""

@@ -69,30 +69,35 @@ STRUCTURES = {
             (ADDRESS, "model sight prior damping rules"),
             (COUNT, "capsules fit_steps min_due min_meetings"),
             (ADDRESS, "segment start axis radius low high centres focal marker_sd anchor"),
-            (NUMBER, "behind ridge standoff min_side_share velocity_kept sd own_rate noise_rate min_named_share skin"),
-            (NUMBER, "max_own min_noise max_noise kept_share trimmed_scale"),
+            (NUMBER, "behind ridge standoff min_side_share velocity_kept velocity_rate sd sd_growth max_sd lag_kept"),
+            (NUMBER, "own_rate noise_rate min_named_share skin max_own min_noise max_noise kept_share trimmed_scale"),
         ),
     }.items()
 }
 # What says whether it could do it; of `follow_name` whether too little was named.
-ANSWERING = ("fit_body", "fit_until_still", "settled", "softly", "follow_fit", "follow_name")
+ANSWERING = ("fit_body", "fit_until_still", "covariance", "settled", "softly", "follow_fit", "follow_name")
 SIGNATURES = {
     "pose": [ADDRESS] * 6,
+    "derivatives": [ADDRESS] * 7,
     "pull": [ADDRESS, ADDRESS, COUNT, COUNT, *[ADDRESS] * 5],
     "fit_body": [*[ADDRESS] * 5, *[COUNT] * 3, *[ADDRESS] * 10],
     "fit_until_still": [*[ADDRESS] * 5, *[COUNT] * 4, NUMBER, *[ADDRESS] * 3],
+    "covariance": [*[COUNT] * 3, *[ADDRESS] * 2, NUMBER, *[ADDRESS] * 2],
     "capsules_hide": [*[COUNT] * 4, *[ADDRESS] * 6, NUMBER, ADDRESS],
+    "blob_rays": [COUNT, COUNT, *[ADDRESS] * 6],
     "meet": [*[COUNT] * 3, *[ADDRESS] * 5, NUMBER, NUMBER, *[ADDRESS] * 4],
     "name_markers": [ADDRESS, COUNT],
     "label_confidences": [ADDRESS, NUMBER, NUMBER, ADDRESS],
-    "follow_fit": [ADDRESS, ADDRESS, NUMBER, *[ADDRESS] * 5],
-    "follow_name": [ADDRESS, ADDRESS, NUMBER, *[ADDRESS] * 3],
+    "follow_fit": [ADDRESS, ADDRESS, NUMBER, *[ADDRESS] * 6],
+    "follow_name": [ADDRESS, ADDRESS, NUMBER, *[ADDRESS] * 5],
+    "straightened": [COUNT, *[ADDRESS] * 3, COUNT, *[NUMBER] * 3, ADDRESS],
     "link_blobs": [*[COUNT] * 3, *[ADDRESS] * 6, *[NUMBER] * 4, *[ADDRESS] * 3],
     "softly": [ADDRESS, *[COUNT] * 3, *[ADDRESS] * 9],
     "settled": [ADDRESS, ADDRESS, COUNT, COUNT, *[ADDRESS] * 9],
     "of_frames": [ADDRESS, *[COUNT] * 3, *[ADDRESS] * 7],
     "of_ends": [ADDRESS, *[COUNT] * 2, *[NUMBER] * 2, *[ADDRESS] * 8],
     "distance_sums": [COUNT, COUNT, *[ADDRESS] * 5],
+    "median_volumes": [COUNT, COUNT, *[ADDRESS] * 4],
     "neighbours": [ADDRESS, ADDRESS, COUNT, COUNT, *[ADDRESS] * 8, NUMBER, *[ADDRESS] * 4],
 }
 if compiled is not None:

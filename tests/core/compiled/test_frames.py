@@ -17,7 +17,7 @@ from addon.core.blobs.tracking import Anchor, followed_by_library, followed_by_n
 from addon.core.body import bodies as posing
 from addon.core.body.bodies import PLACEMENT, Bodies, BodyModel
 from addon.core.body.prior import Prior
-from addon.core.geometry import triangulation
+from addon.core.geometry import cameras, triangulation
 from addon.core.geometry.triangulation import MAX_CONDITION, RAY_RIDGE
 from addon.core.geometry.views import Sight, View, split_views
 from addon.core.kernels import frame_calls
@@ -77,9 +77,10 @@ def refused(*calls):
 
 @FEW
 @given(SEEDS, st.sampled_from(MODELS), st.integers(0, 4))
-def test_posing(seed, model, count):
+def test_posing_and_its_derivatives(seed, model, count):
     bodies = people(model, np.random.default_rng(seed), count)
     both(posing.pose, model, bodies)
+    both(posing.derivatives, model, bodies)
 
 
 def seen_by(generator, markers, blobs=None):
@@ -155,6 +156,7 @@ def test_fits(seed, model, anchored, kind):
             other = fitted(model, start, pull, 0, held).state
         for name in ("cost", "gradient", "normal", "columns"):
             same([getattr(first, name)], [getattr(other, name)])
+        same([first.covariance()], [fit.marker_covariance.reference(other.normal, other.columns, fit.DAMPING.ridge)])
 
 
 @settings(max_examples=6, deadline=None)
@@ -203,14 +205,29 @@ def test_arrays_that_do_not_go_together_are_refused():
     points = np.zeros((2, 3, 3))
     refused(
         lambda: posing.pose(model, wrong),
+        lambda: posing.derivatives(model, wrong),
         lambda: cost.PointPull(points[:1], 0.01, 0.1)(points),
         lambda: cost.CloudPull(np.zeros((4, 3)), np.ones(3), 0.1, 0.3)(points),
         lambda: cost.RayPull(np.zeros((2, len(RIG), 2, 2)), np.ones((2, len(RIG), 2)), SIGHT)(points),
         lambda: cost.RayPull(np.zeros((3, len(RIG), 3, 2)), np.ones((3, len(RIG), 3)), SIGHT)(points),
         lambda: cost.BlobPull(np.ones((1, len(RIG), 3)), seen_by(generator, points[0]), SIGHT, 0.1, 0.3)(points),
+        lambda: fit.marker_covariance(np.eye(9)[None], np.zeros((1, 3, 3, 8)), 1e-9),
         lambda: fit.fit_body(model, wrong, cost.CloudPull(points[0], np.ones(3), 0.1, 0.3), 1, Prior(model)),
         lambda: occlusion.capsules_hide(points, points, np.ones((2, 2)), points, np.zeros((4, 3)), np.ones(2), 0.3),
     )
+
+
+@FEW
+@given(SEEDS, st.sampled_from([0, 1, 50]))
+def test_lenses_are_taken_out_the_same(seed, count):
+    """Far beyond a lens' reach, where no light comes from, and where nothing was seen, too."""
+    generator = np.random.default_rng(seed)
+    image = generator.normal(0, 0.6, (count, 2))
+    image[:1] = 0
+    image[1:2] = np.nan
+    lens = generator.normal(0, [0.2, 0.05, 0.002, 0.002, 0.01], (count, 5))
+    lens[2:3] = 0
+    both(cameras.straightened, image, lens, cameras.lens_reach(lens), *cameras.LENS_NEWTON)
 
 
 RULES = Rules(pixel=0.7)
@@ -269,7 +286,8 @@ def test_nothing_seen_and_nothing_known():
 @given(SEEDS, st.sampled_from([1, 2, 5]), st.booleans())
 def test_rays_meet_the_same(seed, cameras, lengths):
     generator, sight, view, _ = scene(seed, max(cameras, 2), 6, 1)
-    rays = triangulation.blob_rays(view.image, sight.rotation, sight.centres)
+    both(triangulation.blob_rays, view.image, sight.rotation, sight.centres)
+    rays = triangulation.blob_rays.reference(view.image, sight.rotation, sight.centres)
     slot = generator.integers(-1, view.real.shape[1], (len(view.real), 7))
     slot[:, 0], slot[1:, 1] = -1, -1
     depth = generator.uniform(1, 5, slot.shape) if lengths else None
@@ -287,6 +305,7 @@ def test_indices_and_shapes_beyond_are_refused():
         lambda: triangulation.meet(far, None, *ends),
         lambda: triangulation.meet(far - 99, None, *ends),
         lambda: triangulation.meet(np.full((2, 4), -1), None, *ends),
+        lambda: triangulation.blob_rays(view.image, sight.rotation[:2], sight.centres),
         lambda: named_by_library(view, sight, expected, RULES, far, False),
         lambda: named_by_library(view, sight, replace(expected, visible=expected.visible.T), RULES, None, False),
         lambda: named_by_library(many, sight, expected, RULES, None, False),

@@ -21,6 +21,7 @@ from addon.core.points.likelihood import solving as swaps
 from addon.core.points.likelihood.distances import DistanceConstraints
 from addon.core.points.likelihood.naming import Settled, name_worth
 from addon.core.points.likelihood.shape import Latent, Shape
+from addon.core.points.rigid_bodies.structure import median_volumes
 from addon.core.points.whole_take.likeness import LIKENESS, of_ends, of_frames
 from addon.core.points.whole_take.pairs import distance_sums
 from addon.io.models import open_model
@@ -191,6 +192,18 @@ def test_distances_are_summed(seed, frames, markers):
     points[generator.random(points.shape[:2]) < 0.2] = np.nan
     same(distance_sums.kernel(points), distance_sums.reference(points))
     refused(lambda: distance_sums.kernel(points[..., :2]))
+
+
+@settings(max_examples=25, deadline=None)
+@given(SEEDS, st.sampled_from([1, 2, 7, 40]), st.integers(4, 9), st.sampled_from([0.0, 0.2, 0.9]))
+def test_median_volumes(seed, frames, things, gone):
+    generator = np.random.default_rng(seed)
+    place = generator.normal(0, 0.4, (things, 3, frames))
+    place[1] = place[0]  # in the same place
+    place[np.broadcast_to((generator.random((things, frames)) < gone)[:, None], place.shape)] = np.nan
+    quads = np.sort(generator.permuted(np.tile(np.arange(things), (20, 1)), axis=1)[:, :4], axis=1)
+    same([median_volumes.kernel(place, quads)], [median_volumes.reference(place, quads)])
+    refused(*(partial(median_volumes.kernel, place, wrong) for wrong in (quads + things, quads[:, :3])))
 
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...body.bodies import PLACEMENT, Bodies, BodyModel, Posed
-from ...kernels import calls, in_use
+from ...kernels import calls, in_use, stands_for
 from .cost import DataPull, Pull
 
 
@@ -182,6 +182,7 @@ def add_normal(columns, slopes, curves, gradient: np.ndarray, normal: np.ndarray
     gradient += (slopes.reshape(len(flat), 1, -1) @ flat)[:, 0]
 
 
+@stands_for(calls.covariance)
 def marker_covariance(normal: np.ndarray, columns: np.ndarray, ridge: float) -> np.ndarray:
     """See `State.covariance`; the normal gets `ridge` of its trace on its diagonal."""
     width = normal.shape[-1]

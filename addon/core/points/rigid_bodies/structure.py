@@ -15,6 +15,7 @@ import numpy as np
 
 from ...data.takes import evenly_spread
 from ...geometry.rigid import centre_of_rotation, in_axes, laid_on, pairwise_distances
+from ...kernels import point_calls, stands_for
 from .model import RIGID_BODY, RigidBodies
 
 VOLUMES_AT_ONCE = 100_000  # volumes at once, of all frames together; small enough for the processor's own memory
@@ -46,6 +47,7 @@ def quad_volumes(place: np.ndarray) -> np.ndarray:
     return table
 
 
+@stands_for(point_calls.median_volumes)
 def median_volumes(place: np.ndarray, quads: np.ndarray) -> np.ndarray:
     """(Q,) the median volumes of quads (Q, 4) of different things at place (G, 3, F) m; 0 where never together."""
     size = max(VOLUMES_AT_ONCE // max(place.shape[2], 1), 1)
