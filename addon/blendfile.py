@@ -262,9 +262,9 @@ def _save(path: Path):
 def refuse_long(first: int, last: int):
     """Raises JobError where a take has more frames, `first` to `last`, than a Blender file can show."""
     start_blender()
-    from .scene.take import frame_shift
+    from .scene.clock import TakeClock
 
-    frame_shift(np.array([first, last]))
+    TakeClock.of(np.array([first, last]))
 
 
 @contextmanager

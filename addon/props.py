@@ -9,6 +9,7 @@ from pathlib import Path
 from zlib import crc32
 
 import bpy
+import numpy as np
 from bpy.props import (
     BoolProperty,
     CollectionProperty,
@@ -30,6 +31,7 @@ from .io.model_history import own_models
 from .io.text import written
 from .prefs import markerset_folder
 from .scene.armature import SCALE
+from .scene.clock import TakeClock
 from .scene.naming import CAMERAS
 from .scene.opened import opened
 from .scene.performers import Colour, homes, set_colour, usual_colour
@@ -38,6 +40,7 @@ from .scene.redrawing import redraw
 from .scene.relabelled import kept_changes
 from .scene.retargeting import is_rig
 from .scene.take import SOURCE, is_take
+from .scene.timing import OWN_FIRST, RATE, give_time, keep_clock, kept_clock
 from .scene.trouble import is_quick, marker_rows, trouble_of
 
 OWN_FILE = "FILE"
@@ -96,6 +99,14 @@ def _colour_changed(self, context):
     take = context.scene.mocap_autolabel.take
     if is_take(take):
         set_colour(take, self.name, tuple(self.colour))
+
+
+def _rate_changed(self, context):
+    preview = self.preview
+    if preview is not None and OWN_FIRST in preview and preview[RATE] != self.rate:
+        ends = np.array([self.first_frame, self.last_frame])
+        clock = kept_clock(preview, self.first_frame)
+        keep_clock(preview, give_time(context.scene, self.rate, ends, clock), self.rate)
 
 
 def _timeline_changed(_self, _context):
@@ -188,7 +199,13 @@ class SourceSettings(bpy.types.PropertyGroup):
     blob_count: IntProperty(name="Blobs", description="Number of blobs or points")
     trajectories: IntProperty(name="Trajectories", description="Number of trajectories of 3D points")
     rate: FloatProperty(
-        name="Rate", description="Frames a second of the recording", default=100.0, min=1.0, max=10000.0, precision=2
+        name="Rate",
+        description="Frames a second of the recording",
+        default=100.0,
+        min=1.0,
+        max=10000.0,
+        precision=2,
+        update=_rate_changed,
     )
 
 
@@ -463,7 +480,7 @@ class MarkerRow(bpy.types.PropertyGroup):
     labelled: FloatProperty()
     gaps: IntProperty()
     longest_gap: IntProperty()
-    first_gap: IntProperty()
+    first_gap: FloatProperty()
     residual: FloatProperty()
 
 
@@ -471,8 +488,8 @@ class TroubleRow(bpy.types.PropertyGroup):
     """One thing that is the matter with the take, as `core.review.trouble.Trouble`; `name` is what it is about."""
 
     kind: StringProperty()
-    first: IntProperty()
-    last: IntProperty()
+    first: FloatProperty()
+    last: FloatProperty()
     reason: StringProperty()
     advice: StringProperty()
     action: StringProperty()
@@ -483,7 +500,7 @@ class TroubleRow(bpy.types.PropertyGroup):
 class ChangeRow(bpy.types.PropertyGroup):
     """One change that labelling again made; `name` is the marker."""
 
-    first: IntProperty()
+    first: FloatProperty()
     words: StringProperty()
 
 
@@ -496,8 +513,8 @@ class CorrectionRow(bpy.types.PropertyGroup):
 class GapRow(bpy.types.PropertyGroup):
     """A gap of a marker, called by that: filled, with the error to expect in mm, -1 if not known; or why it is not."""
 
-    first: IntProperty()
-    last: IntProperty()
+    first: FloatProperty()
+    last: FloatProperty()
     method: StringProperty()
     expected: FloatProperty()
     rests_on: StringProperty()
@@ -742,30 +759,31 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
             rows.clear()
         return
     stored = opened.take(collection, scene)
-    shift = stored.shift
+    clock = stored.clock
     list_rows(state, "markers", "name labelled gaps longest_gap first_gap residual", marker_rows(stored))
     if bpy.app.background or is_quick(stored):
         list_trouble()
     elif not bpy.app.timers.is_registered(list_trouble):
         bpy.app.timers.register(list_trouble, first_interval=LATER)
     # In the frames that Blender counts, as the row beside it.
-    changes = [replace(one, first=one.first + shift, last=one.last + shift) for one in kept_changes(collection)]
-    list_rows(state, "changes", "name first words", [(one.marker, one.first, one.words) for one in changes])
+    changes = [(one, clock.whole(one.first), clock.whole(one.last)) for one in kept_changes(collection)]
+    changed = [(one.marker, clock.shown(one.first), replace(one, first=a, last=b).words) for one, a, b in changes]
+    list_rows(state, "changes", "name first words", changed)
     edits = zip(stored.edits, stored.outcomes, strict=True)
-    rows = [(words_of(edit, shift), counted_on(outcome.reason, shift)) for edit, outcome in edits]
+    rows = [(words_of(edit, clock.whole), counted_on(outcome.reason, clock.whole)) for edit, outcome in edits]
     list_rows(state, "corrections", "name idle", rows)
-    list_fills(state, "fills", stored.fills, stored.unfit, shift)
+    list_fills(state, "fills", stored.fills, stored.unfit, clock)
     proposed = opened.proposed_of(collection, scene)
-    list_fills(state, "proposed_fills", proposed, [""] * len(proposed), shift)
+    list_fills(state, "proposed_fills", proposed, [""] * len(proposed), clock)
 
 
-def list_fills(state: "ReviewState", listed: str, fills: Sequence[KeptFill], reasons: Sequence[str], shift: int):
+def list_fills(state: "ReviewState", listed: str, fills: Sequence[KeptFill], reasons: Sequence[str], clock: TakeClock):
     """Makes a list hold fills, and why each does not go with the take; frames are then Blender's."""
     rows = [
         (
             fill.marker,
-            fill.first + shift,
-            fill.last + shift,
+            clock.shown(fill.first),
+            clock.shown(fill.last),
             fill.method,
             why,
             resting_on(fill.ends),
@@ -803,9 +821,9 @@ def list_trouble():
     if not is_take(collection):
         state.troubles.clear()
         return
-    shift = opened.take(collection, scene).shift
+    clock = opened.take(collection, scene).clock
     found = trouble_of(collection, scene)
-    when = [(counted_on(one.reason, shift), one.first + shift, one.last + shift) for one in found]
+    when = [(counted_on(one.reason, clock.whole), clock.shown(one.first), clock.shown(one.last)) for one in found]
     what = [(one.about, one.kind, one.advice, one.action, one.stake, one.answered) for one in found]
     rows = [(*one, *other) for one, other in zip(when, what, strict=True)]
     list_rows(state, "troubles", "reason first last name kind advice action stake answered", rows)

@@ -41,6 +41,9 @@ figure, a test holds it against its file. A command that is not in the code any 
 is in the history at the commit beside it. The recorded people are not part of the project; without them the commands of
 `tests.accuracy` say so and end.
 """
+MADE_BY = """What the cases are is told where they are made: `whole_takes.py` (points, short), `actors.py` (several),
+`captures.py` (blobs, curves) and `registry.py`, in `tests/accuracy`.
+"""
 MADE = "<!-- made by scripts/results.py from results/*.json: change those -->\n"
 
 
@@ -146,6 +149,7 @@ def ablation_page(data: dict) -> str:
         f"`{data['command']}`, {data['measured_at']}; `results/{ABLATION}.json`\n",
         *([f"{data['note']}\n"] if "note" in data else []),
         "## All stages on\n",
+        MADE_BY,
         markdown(columns, cases),
         "## Variants that change a case\n",
         words,

@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from ..core.data.errors import JobError, UserError
 from ..core.points.several.live import solved_of_several
-from ..core.points.whole_take.live import Window, WindowNames, is_slow, solved_window, subject_in
+from ..core.points.whole_take.live import Window, WindowNames, solved_window, subject_in
 from ..io.scratch import scratch_folder
 from ..jobs.live import LiveJob, name_stream
 from .arguments import add_options, job_of, number
@@ -140,12 +140,10 @@ class SolverProcess:
 
 def solved(job: LiveJob, posed: bool, window: Window) -> WindowNames:
     """What the process beside does with a window."""
-    begin = time.perf_counter()
     with threadpool_limits(1, user_api="blas"):
         worn = job.worn
         models = [one.model for one in worn.subjects]
         names = solved_of_several(worn.subjects, window) if job.several else solved_window(models[0], window)
-        names = replace(names, slow=is_slow(window, time.perf_counter() - begin))
         if not posed:
             return names
         own = zip(models, worn.firsts, strict=True)

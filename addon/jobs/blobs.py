@@ -38,6 +38,7 @@ from .labelling import OpenTake, Results, TakePart
 
 if TYPE_CHECKING:  # only who fills gaps needs it
     from ..core.filling.rays import MarkerRays
+    from ..core.pipelines.followed_together import FollowedTogether
     from ..core.pipelines.several_through_points import SubjectsInImages
 
 
@@ -75,7 +76,7 @@ class BlobTake(OpenTake):
         return {"cameras": self.cameras.names, "frames": frames}
 
     def name(self) -> Generator[Progress, None, None]:
-        """Begins to name one subject, or finds all who are there by the points that their blobs make."""
+        """Begins to name one subject, or finds all who are there."""
         job, cameras, model = self.job, self.cameras, self.model
         self.edits = self._tracked()
         # Whoever corrected names has seen who is in the take.
@@ -165,8 +166,8 @@ class BlobTake(OpenTake):
             self.taken.append(rows)
             yield rows.blobs
 
-    def _subjects(self) -> "Generator[Progress, None, SubjectsInImages]":
-        """Who is there, by the points that the blobs make; InputError where edits are of somebody who is not."""
+    def _subjects(self) -> "Generator[Progress, None, FollowedTogether | SubjectsInImages]":
+        """Who is there, by their bodies or the points that blobs make; InputError where edits are of who is not."""
         from ..core.pipelines.several_through_points import label_several_blobs
 
         job, asked = self.job, self.several

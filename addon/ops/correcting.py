@@ -30,6 +30,7 @@ from ..core.edits.kinds import (
 from ..io.edits import edits_path, write_edits
 from ..props import SCOPES, keeps_items, refresh_review
 from ..scene.blob_dots import blob_edit, likely_of_blob
+from ..scene.clock import refresh_frame
 from ..scene.corrections import keep_edits
 from ..scene.opened import opened
 from ..scene.picking import dots_of, likely_markers
@@ -54,7 +55,7 @@ def marker_items(_self, context) -> list[tuple[str, str, str, str, int]]:
 
 def likely_here(context: bpy.types.Context, stored: Stored) -> list[int]:
     """All markers, the likeliest for the dot that was picked last first; in their own order where there is none."""
-    index, points = stored.index_of(context.scene.frame_current), picked_points(context)
+    index, points = stored.index_of(context.scene.frame_float), picked_points(context)
     if not points or index < 0:
         return list(range(len(stored.names)))
     # A menu asks for each of its rows.
@@ -80,11 +81,11 @@ def correct(context: bpy.types.Context, edits: Edits) -> Stored:
     after = opened.take(collection, scene, edits)
     for outcome in after.outcomes[len(before.edits) :]:
         if not outcome.labels:
-            reason = counted_on(outcome.reason, before.shift)
+            reason = counted_on(outcome.reason, before.clock.whole)
             raise InputError(f"{reason}; expected frames in which there is something to correct")
     keep_edits(collection, edits)
     show_edits(collection, before, after)
-    scene.frame_set(scene.frame_current)
+    refresh_frame(scene)
     follow_soon(seen=True)
     if bpy.app.background:
         review_now()
@@ -107,13 +108,13 @@ def frames_in_scope(scope: str, stored: Stored, scene: bpy.types.Scene) -> tuple
     if scope == "RANGE":
         if not scene.use_preview_range:
             raise InputError("no range is selected; expected a preview range, which P in a timeline draws")
-        begin = max(scene.frame_preview_start - stored.shift, first)
-        end = min(scene.frame_preview_end - stored.shift, last)
-        if begin > end:
+        begin, end = stored.clock.inside(scene.frame_preview_start, scene.frame_preview_end)
+        if max(begin, first) > min(end, last):
             words = f"frames {scene.frame_preview_start} to {scene.frame_preview_end} are selected"
-            raise InputError(f"{words}; expected some of the take, {first + stored.shift} to {last + stored.shift}")
-        return begin, end
-    frame = stored.source_frame(scene.frame_current)
+            own = f"{stored.clock.whole(first)} to {stored.clock.whole(last)}"
+            raise InputError(f"{words}; expected some of the take, {own}")
+        return max(begin, first), min(end, last)
+    frame = stored.source_frame(scene.frame_float)
     return {"FRAME": (frame, frame), "ON": (frame, last), "BACK": (first, frame)}[scope]
 
 
@@ -144,7 +145,7 @@ def chosen_trajectories(context: bpy.types.Context, stored: Stored) -> list[int]
     """The trajectories that are picked, else those of the selected markers in the current frame; of blobs the rows."""
     if picked := picked_points(context):
         return picked
-    frame, names = context.scene.frame_current, selected_markers(context)
+    frame, names = context.scene.frame_float, selected_markers(context)
     here = rows_in_frame(stored.rows, stored.index_here(frame))
     if not names:
         raise InputError("nothing is selected; expected markers, points or blobs, picked with the tool Label")
@@ -155,7 +156,7 @@ def chosen_trajectories(context: bpy.types.Context, stored: Stored) -> list[int]
         return sorted(np.concatenate(list(rows.values())).tolist())
     for name, found in rows.items():
         if not len(found):
-            raise InputError(f"{name} is not named in frame {frame}; expected one in which it is")
+            raise InputError(f"{name} is not named in frame {frame:g}; expected one in which it is")
     return [int(stored.rows.trajectory[found[0]]) for found in rows.values()]
 
 
@@ -185,7 +186,7 @@ def refuse_beside_each_other(stored: Stored, points: Sequence[int], frames: tupl
         number = number[(number >= frames[0]) & (number <= frames[1])]
     many = np.flatnonzero(np.bincount(number - stored.rows.frames[0]) > 1)
     if len(many):
-        several = f"several of them in frame {stored.rows.frames[many[0]] + stored.shift}"
+        several = f"several of them in frame {stored.clock.whole(stored.rows.frames[many[0]])}"
         words = f"{len(points)} points are picked, {several}"
         raise InputError(f"{words}; expected one, or pieces of a marker that follow each other")
 

@@ -28,11 +28,12 @@ from ..jobs.pages import write_kept_page
 from ..props import keeps_items
 from ..scene.animation import note_time
 from ..scene.character import add_character, moving_in
+from ..scene.clock import fps_of
 from ..scene.opened import opened
 from ..scene.performers import homes
 from ..scene.roots import is_animated, is_even, parent_of, placed, root_of
 from ..scene.stored import Stored, alone
-from ..scene.take import fps_of, is_take, retimed
+from ..scene.take import is_take
 from .base import OfTake, ToldWhere, WithTake, once, taken
 from .long_work import LongWork
 from .reposing import follow_now, words_behind
@@ -388,10 +389,11 @@ class MOCAP_AUTOLABEL_OT_add_character(OfTake, bpy.types.Operator):
         for one in stored.performers:
             home = homes(settings.take).get(one.name, settings.take)
             body = moving_in(home, alone(stored, one))
-            body = replace(body, frames=retimed(context.scene, stored.rate, body.frames))
+            clock = stored.clock.at_rate(fps_of(context.scene), stored.rate)
+            body = replace(body, frames=clock.shown(stored.motion.frames))
             character = add_character(context, home, body, settings.bone_names)
             character.parent = parent_of(settings.take)
-            note_time(character.animation_data.action, fps_of(context.scene), body.frames[0])
+            note_time(character.animation_data.action, fps_of(context.scene), clock.start)
             added.append(character.name)
         self.report({"INFO"}, f"Added {', '.join(added)}")
 

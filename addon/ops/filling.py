@@ -18,6 +18,7 @@ from ..core.posing.posing import POSING
 from ..io.filled import left_rows
 from ..io.text import written
 from ..props import chosen_markerset, list_rows, refresh_review, row_of
+from ..scene.clock import refresh_frame
 from ..scene.fills import keep_cutoff, keep_fills, kept_cutoff, kept_fills
 from ..scene.opened import opened
 from ..scene.performers import Performer
@@ -47,7 +48,7 @@ def keep_and_show(context: bpy.types.Context, keep: Callable[[bpy.types.Collecti
     before = opened.take(collection, scene)
     keep(collection)
     show_edits(collection, before, opened.take(collection, scene))
-    scene.frame_set(scene.frame_current)
+    refresh_frame(scene)
     refresh_review(context.window_manager, scene)
 
 
@@ -84,7 +85,7 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, LongWork, bpy.types.Operator):
 
     def asked(self, context) -> partial:
         settings, stored = context.scene.mocap_autolabel, taken(context)
-        frame = stored.index_here(context.scene.frame_current) if self.extent == "GAP" else None
+        frame = stored.index_here(context.scene.frame_float) if self.extent == "GAP" else None
         longest = settings.filling.longest if settings.filling.use_longest else None
         named = tuple(stored.words[name] for name in self.markers.splitlines() if name in stored.words)
         markers = named or wanted_markers(context, stored, self.extent)
@@ -108,8 +109,8 @@ class MOCAP_AUTOLABEL_OT_fill_gaps(OfTake, LongWork, bpy.types.Operator):
             opened.drop_proposed(settings.take, new)
             keep_and_show(context, partial(keep_fills, fills=replaced_fills(stored.fitting, new)))
         # The gaps that were left, with the reasons; frames are Blender's.
-        left = left_rows(filled.left, stored.names, int(stored.motion.frames[0]) + stored.shift)
-        rows = [[gap[key] for key in ("marker", "first", "last", "reason")] for gap in left]
+        left, shown = left_rows(filled.left, stored.names, int(stored.motion.frames[0])), stored.clock.shown
+        rows = [(gap["marker"], shown(gap["first"]), shown(gap["last"]), gap["reason"]) for gap in left]
         list_rows(context.window_manager.mocap_autolabel, "left_gaps", "name first last reason", rows)
         words = outcome_of(filled, new)
         self.report({"INFO"} if new else {"WARNING"}, words.replace("filled", "previewed") if self.propose else words)
@@ -215,7 +216,7 @@ class MOCAP_AUTOLABEL_OT_take_back_fills(OfTake, bpy.types.Operator):
         if index >= 0:
             gone = [index] if index < len(stored.fills) else []
         else:
-            markers, frame = wanted_markers(context, stored, self.extent), context.scene.frame_current - stored.shift
+            markers, frame = wanted_markers(context, stored, self.extent), stored.clock.at(context.scene.frame_float)
             names = None if markers is None else [stored.names[marker] for marker in markers]
             mine = [(at, fill) for at, fill in enumerate(stored.fills) if names is None or fill.marker in names]
             gone = [number for number, fill in mine if self.extent != "GAP" or fill.first <= frame <= fill.last]

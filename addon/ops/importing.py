@@ -24,9 +24,11 @@ from ..io.qtm.capture import USE_BLOBS, held_in, is_qtm
 from ..jobs.job import blob_rate, capture_notes
 from ..props import choose_own, forget_told, opened_file, refresh_review
 from ..scene import cameras as scene_cameras
+from ..scene.clock import TakeClock, fps_of, plays_at
 from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
-from ..scene.take import fps_of, frame_shift, give_time, set_time
+from ..scene.take import is_take
+from ..scene.timing import follow_rate, give_time, set_time
 from .base import Ours, once, reason_of, unless
 from .viewing import MAX_PLACES, fit_timelines, open_sidebar, show_take_whole
 
@@ -305,10 +307,10 @@ def take_blobs(context: bpy.types.Context, path: Path, at_1: bool = False) -> st
     forget_take(context)
     if own:
         source.cameras = scene_cameras.find_or_add_cameras(scene, cameras)
-    source.preview = store_preview(path.stem, blobs, cameras, at_1)
-    source.blobs_path, source.blob_count = str(path), len(blobs)
     source.rate = blob_rate(path, None) or source.rate
-    kept = _set_frames(context, blobs.frames, at_1)
+    kept, clock = _set_frames(context, blobs.frames, at_1)
+    source.preview = store_preview(path.stem, blobs, cameras, source.rate, clock)
+    source.blobs_path, source.blob_count = str(path), len(blobs)
     fit_timelines(context)
     summary = f"{count_of(len(blobs), 'blob')} in {count_of(len(blobs.frames), 'frame')}"
     return "; ".join([summary, *kept, *(cameras.remarks if own else ()), *capture_notes(path, False, cameras)])
@@ -346,11 +348,12 @@ def take_points(
     """
     source, take = context.scene.mocap_autolabel.source, read_points(path, up=up, rate=rate or None, mirror=mirror)
     forget_take(context)
-    source.preview = show_points(context.scene, path.stem, take, at_1)
+    source.rate = take.rate
+    kept, clock = _set_frames(context, take.first_frame + np.arange(len(take.xyz)), at_1)
+    source.preview = show_points(context.scene, path.stem, take, clock)
     source.points_path, source.blob_count = str(path), len(source.preview.vertices)
     source.up, source.up_found, source.mirror = up or "", take.up.removeprefix("+"), mirror
-    source.trajectories, source.rate = len(take.names), take.rate
-    kept = _set_frames(context, take.first_frame + np.arange(len(take.xyz)), at_1)
+    source.trajectories = len(take.names)
     show_take_whole(context, take.xyz[evenly_spread(len(take.xyz), MAX_PLACES)].reshape(-1, 3))
     edits = edits_beside(path)
     more = [] if edits is None else [f"{edits.name} beside it will be applied"]
@@ -379,32 +382,52 @@ def forget_found(context: bpy.types.Context):
     forget_told(context.window_manager.mocap_autolabel, opened_file(settings.source))
 
 
-def _set_frames(context: bpy.types.Context, frames: np.ndarray, at_1: bool) -> list[str]:
-    """Notes the frames of the take and has the scene play them; what there is to say where it does not."""
+def _set_frames(context: bpy.types.Context, frames: np.ndarray, at_1: bool) -> tuple[list[str], TakeClock]:
+    """Notes the frames of the take and has the scene play them; what there is to say where it does not, and when."""
     source, labelling = context.scene.mocap_autolabel.source, context.scene.mocap_autolabel.labelling
     source.first_frame, source.last_frame, source.at_1 = int(frames[0]), int(frames[-1]), at_1
     labelling.range_first, labelling.range_last = source.first_frame, source.last_frame
-    if give_time(context.scene, source.rate, frames + shift_of(source)):
-        return []
-    return [f"the scene keeps its {fps_of(context.scene):g} frames a second, because something in it is animated"]
+    clock = give_time(context.scene, source.rate, frames, clock_of(source))
+    if plays_at(context.scene, source.rate):
+        return [], clock
+    return [f"the scene keeps its {fps_of(context.scene):g} frames a second, and the take is mapped to them"], clock
 
 
-def shift_of(source: bpy.types.PropertyGroup) -> int:
-    """What to add to the file's frame numbers of the take that is opened to get the scene's."""
-    return frame_shift(np.array([source.first_frame, source.last_frame]), source.at_1)
+def clock_of(source: bpy.types.PropertyGroup) -> TakeClock:
+    """From which of the scene's frames on the take plays that is opened."""
+    return TakeClock.of(np.array([source.first_frame, source.last_frame]), source.at_1)
 
 
 class MOCAP_AUTOLABEL_OT_play_as_take(Ours, bpy.types.Operator):
-    """Give the scene the frame rate and the frames of the take; what you animated in it keeps its frames."""
+    """Give the scene the take's rate, so that each frame is one of the take; what you animated keeps its frames."""
 
     bl_label = "Play as the Take"
 
     def work(self, context):
-        source = context.scene.mocap_autolabel.source
-        frames = np.array([source.first_frame, source.last_frame])
-        left = set_time(context.scene, source.rate, frames + shift_of(source))
-        if left:
-            self.report({"WARNING"}, f"The old rate is kept by {listed(left)}: keys were changed, or are linked")
+        scene, settings = context.scene, context.scene.mocap_autolabel
+        if is_take(settings.take):
+            stored = opened.take(settings.take, scene)
+            rate, frames = stored.rate, stored.motion.frames + stored.clock.shift
+        else:
+            rate, ends = settings.source.rate, [settings.source.first_frame, settings.source.last_frame]
+            frames = np.array(ends) + clock_of(settings.source).shift
+        tell_left(self, context, set_time(scene, rate, frames))
+
+
+class MOCAP_AUTOLABEL_OT_follow_rate(Ours, bpy.types.Operator):
+    """Let takes, and rigs and characters that move by them, play at their own speed at the rate that the scene has."""
+
+    bl_label = "Follow the Scene's Rate"
+
+    def work(self, context):
+        tell_left(self, context, follow_rate(context.scene))
+
+
+def tell_left(operator: bpy.types.Operator, context: bpy.types.Context, left: list[str]):
+    """Says what did not follow another rate, and fills the lists, whose frames are others now."""
+    refresh_review(context.window_manager, context.scene)
+    if left:
+        operator.report({"WARNING"}, f"The old rate is kept by {listed(left)}: keys were changed, or are linked")
 
 
 class MOCAP_AUTOLABEL_FH_take(bpy.types.FileHandler):

@@ -119,11 +119,11 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
 
     def waited(self, context) -> set[str]:
         # The frame may be another one now, and what is missing in it.
-        ended = self._asked_in != context.scene.frame_current and self._ask(context) == {"FINISHED"}
+        ended = self._asked_in != context.scene.frame_float and self._ask(context) == {"FINISHED"}
         return {"FINISHED"} if ended else {"PASS_THROUGH"}
 
     def moved(self, context):
-        if self._asked_in != context.scene.frame_current:
+        if self._asked_in != context.scene.frame_float:
             self._ask(context)
 
     def _ask(self, context) -> set[str]:
@@ -131,16 +131,16 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
 
         After the last one, and from the first again at the end; those that were skipped never.
         """
-        stored, self._asked_in, asked = taken(context), context.scene.frame_current, []
+        stored, self._asked_in, asked = taken(context), context.scene.frame_float, []
         with suppress(InputError):
             asked = np.flatnonzero(self._asked(context, stored)).tolist()
         free = [marker for marker in asked if marker not in self._skipped]
         if not free:
             self.cancel(context)
-            self.report({"INFO"}, f"No marker is missing in frame {context.scene.frame_current}")
+            self.report({"INFO"}, f"No marker is missing in frame {context.scene.frame_float:g}")
             return {"FINISHED"}
         gesture.marker = next((marker for marker in free if marker > self._last), free[0])
-        place = predicted(stored, stored.index_here(context.scene.frame_current))[gesture.marker]
+        place = predicted(stored, stored.index_here(context.scene.frame_float))[gesture.marker]
         gesture.place = tuple(place) if np.isfinite(place).all() else None
         left, name = len(asked), stored.names[gesture.marker]
         self.tell(
@@ -155,7 +155,7 @@ class MOCAP_AUTOLABEL_OT_quick_label(WorksInView, InView, bpy.types.Operator):
 
     def _asked(self, context, stored: Stored) -> np.ndarray:
         """(M,) True for the markers that are asked for; of blobs in the camera that the view looks through."""
-        index = stored.index_here(context.scene.frame_current)
+        index = stored.index_here(context.scene.frame_float)
         if isinstance(stored.rows, PointRows):
             return missing(stored, index)
         return asked_in_image(stored, index, camera_of(context, stored, self._area))
@@ -204,7 +204,7 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
     def work(self, context):
         scene = context.scene
         stored = taken(context)
-        edit = Place(self.marker, stored.source_frame(scene.frame_current), tuple(map(float, self.location)))
+        edit = Place(self.marker, stored.source_frame(scene.frame_float), tuple(map(float, self.location)))
         after = correct(context, stored.edits.added(edit))
         show_picked(context, after, [], [stored.names.index(self.marker)], follow=False)
 
@@ -214,7 +214,7 @@ class MOCAP_AUTOLABEL_OT_place_marker(WorksInView, OfTake, bpy.types.Operator):
             raise InputError("this is no 3D view; expected one to click into")
         self._at = None
         stored = taken(context)
-        index = stored.index_here(context.scene.frame_current)
+        index = stored.index_here(context.scene.frame_float)
         free = [stored.names[marker] for marker in np.flatnonzero(missing(stored, index))]
         if not self.properties.is_property_set("marker"):
             names = [name for name in selected_markers(context) if name in free]
@@ -283,7 +283,7 @@ class MOCAP_AUTOLABEL_OT_place_which(InView, bpy.types.Operator):
     @keeps_items
     def _missing(self, context) -> list[tuple[str, str, str, str, int]]:
         stored = taken(context)
-        lacking = np.flatnonzero(missing(stored, stored.index_here(context.scene.frame_current)))
+        lacking = np.flatnonzero(missing(stored, stored.index_here(context.scene.frame_float)))
         names = {stored.names[at] for at in lacking}
         return [item for item in marker_items(self, context) if item[0] in names]
 

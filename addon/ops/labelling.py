@@ -48,7 +48,7 @@ from ..scene.roots import in_world
 from ..scene.take import Take
 from .base import lacks_object_mode, once, takes_of_file
 from .filling import fills_kept, kept_before
-from .importing import UP_ITEMS, cameras_at_hand, forget_found, look_who_is_there, shift_of
+from .importing import UP_ITEMS, cameras_at_hand, clock_of, forget_found, look_who_is_there
 from .live import changed_since_live
 from .long_work import LongWork, nothing_goes_on
 from .reposing import follow_soon
@@ -154,7 +154,7 @@ def in_sidebar(words: str, ask: str = ASK_HERE) -> str:
 class LabelsTake(LongWork):
     """Operators that label by their `_job`, and show the take as the scene's settings have it, under their `_name`.
 
-    Its frames are the source's and `_shift`, or what `show_take` makes of them where that is None.
+    `_clock` says from which frame on, None for as `show_take` has it.
     """
 
     doing, needs = "Labelling", (lacks_object_mode, nothing_goes_on)
@@ -169,7 +169,7 @@ class LabelsTake(LongWork):
         # An empty list that was given stays one: what lies beside the take was taken back in the scene.
         edits = labelled.edits if labelled.edits or job.edits is not None else None
         given = self._name, labelled.report["rate"], job.cameras or NO_CAMERAS, labelled.worn, labelled.chunks
-        kept = {"doubts": doubts, "edits": edits, "lab": labelled.lab, "shift": self._shift}
+        kept = {"doubts": doubts, "edits": edits, "lab": labelled.lab, "clock": self._clock}
         take = Take.of(*given, written(str(job.source)), **kept)
         if context.mode != "OBJECT":  # where the user went meanwhile
             bpy.ops.object.mode_set(mode="OBJECT")
@@ -223,7 +223,7 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
         state.refused = state.unsure = ""
         try:
             self._job, self._name = job_of(context), take_name(settings.source)
-            self._shift = shift_of(settings.source) if settings.source.at_1 else None
+            self._clock = clock_of(settings.source)
         except InputError:
             subjects.performing = before  # so the button for all of them stays
             raise

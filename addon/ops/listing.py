@@ -19,24 +19,24 @@ def lists_follow(context: bpy.types.Context, stored: Stored, names: Collection[s
     scene, state = context.scene, context.window_manager.mocap_autolabel
     if not names and not points:
         return
-    now, markers, trajectories = scene.frame_current, set(names), set(points)
+    clock, markers, trajectories = stored.clock, set(names), set(points)
+    now = clock.at(scene.frame_float)
     _choose(state, "markers", [row.name in markers for row in state.markers])
     for listed in OF_GAPS:
         rows = getattr(state, listed)
         mine = [row.name in markers for row in rows]
-        here = [own and row.first <= now <= row.last for own, row in zip(mine, rows, strict=True)]
+        here = [own and clock.at(row.first) <= now <= clock.at(row.last) for own, row in zip(mine, rows, strict=True)]
         _choose(state, listed, here, mine)
     found = known_trouble(scene.mocap_autolabel.take, scene) or ()
     if len(found) != len(state.troubles):
         return  # the list comes a moment after a correction
-    frame = now - stored.shift
     mine = [
         is_listed(state, row) and not (markers.isdisjoint(one.markers) and trajectories.isdisjoint(one.trajectories))
         for one, row in zip(found, state.troubles, strict=True)
     ]
-    there = [any(first <= frame <= last for first, last in one.spans) for one in found]
+    there = [any(first <= now <= last for first, last in one.spans) for one in found]
     before = state.trouble_index
-    _choose(state, "troubles", [own and now for own, now in zip(mine, there, strict=True)], mine)
+    _choose(state, "troubles", [own and here for own, here in zip(mine, there, strict=True)], mine)
     if state.trouble_index != before:
         if state.trouble_followed != before:
             state.trouble_left = before

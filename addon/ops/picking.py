@@ -56,7 +56,7 @@ def picked_points(context: bpy.types.Context) -> list[int]:
     if holds_points(take):
         return picked
     stored = opened.take(take, scene)
-    return rows_now(stored, opened.tracks(take, scene), picked, stored.index_of(scene.frame_current))
+    return rows_now(stored, opened.tracks(take, scene), picked, stored.index_of(scene.frame_float))
 
 
 def show_picked(
@@ -117,7 +117,7 @@ def restore_picked(context: bpy.types.Context):
 
 def dots_here(stored: Stored, scene: bpy.types.Scene, area: bpy.types.Area | None = None) -> Dots:
     """The dots of the current frame, of blobs those of the camera that a view looks through; InputError outside."""
-    index = stored.index_here(scene.frame_current)
+    index = stored.index_here(scene.frame_float)
     if isinstance(stored.rows, PointRows):
         return dots_of(stored, index)
     image = None if area is None else image_in(stored, scene, area)
@@ -195,12 +195,12 @@ class MOCAP_AUTOLABEL_OT_pick(Picks, bpy.types.Operator):
         context.area.tag_redraw()
 
     def work(self, context):
-        point, frame, stored = self.point, context.scene.frame_current, taken(context)
+        point, frame, stored = self.point, context.scene.frame_float, taken(context)
         if not isinstance(stored.rows, PointRows):
             if point >= len(stored.rows) or stored.rows.frame[point] != stored.index_of(frame):
-                raise InputError(f"row {point} is no blob of frame {frame}; expected one of its blobs")
+                raise InputError(f"row {point} is no blob of frame {frame:g}; expected one of its blobs")
         elif not dots_here(stored, context.scene).of([point]).any():
-            raise InputError(f"trajectory {point} has no point in frame {frame}; expected one that has")
+            raise InputError(f"trajectory {point} has no point in frame {frame:g}; expected one that has")
         show_picked(context, stored, combined(picked_points(context), [point], self.mode))
 
 

@@ -17,9 +17,11 @@ from ..jobs import LabelJob, label_to_show
 from ..jobs.job import part_job
 from ..props import refresh_review
 from ..scene import cameras as scene_cameras
+from ..scene.clock import refresh_frame
 from ..scene.playing import (
     MOTION_MARK,
     PLAYED,
+    clock_of,
     find_motion,
     for_a_part,
     motion_path,
@@ -29,7 +31,6 @@ from ..scene.playing import (
 )
 from ..scene.relabelled import keep_changes
 from ..scene.roots import put_where
-from ..scene.take import SHIFT
 from .base import Ours, once, unless
 from .importing import forget_take
 from .labelling import LabelsTake, choose_job, edits_so_far
@@ -94,20 +95,21 @@ class MOCAP_AUTOLABEL_OT_open_part(OfPlayed, LabelsTake, bpy.types.Operator):
     def asked(self, context) -> partial:
         take = self.played(context)
         self._job, self._ends = self._asked(context, take)
-        self._name, self._shift = str(take[PLAYED]), int(take[SHIFT])
+        self._name, self._clock = str(take[PLAYED]), clock_of(take)
         whole = motion_path(take).with_name(Path(for_a_part(take)["source"]).stem + ".labels.csv")
         return partial(label_to_show, self._job, whole)
 
     def _asked(self, context: bpy.types.Context, take: bpy.types.Collection) -> tuple[LabelJob, tuple[int, int]]:
         """What labels the part, and the first and last frame of all of the take."""
         kept, scene = for_a_part(take), context.scene
-        ends, shift = tuple(kept["ends"]), int(take[SHIFT])
+        ends, clock = tuple(kept["ends"]), clock_of(take)
         chosen = self.properties.is_property_set("first") and self.properties.is_property_set("last")
         first, last = (self.first, self.last) if chosen else part_here(take, scene)
-        frames = max(first - shift, ends[0]), min(last - shift, ends[1])
+        meant = clock.inside(first, last)
+        frames = max(meant[0], ends[0]), min(meant[1], ends[1])
         if frames[0] > frames[1]:
             words = f"frames {first} to {last} are none of take {take[PLAYED]}"
-            raise InputError(f"{words}; expected some of {ends[0] + shift} to {ends[1] + shift}")
+            raise InputError(f"{words}; expected some of {clock.whole(ends[0])} to {clock.whole(ends[1])}")
         cameras = None if kept["use"] == USE_POINTS else scene_cameras.cameras_of_scene(scene)
         source = bpy.path.abspath(self.filepath) if self.filepath else kept["source"]
         job = part_job({**kept, "source": source}, cameras, frames)
@@ -150,7 +152,7 @@ class MOCAP_AUTOLABEL_OT_find_motion(OfPlayed, bpy.types.Operator):
         if path is None:
             raise InputError("the motion is not beside the Blender file; expected it there, or its file")
         find_motion(self.played(context), path)
-        context.scene.frame_set(context.scene.frame_current)
+        refresh_frame(context.scene)
 
     def _beside(self, context: bpy.types.Context) -> Path | None:
         """The file of this take in the Blender file's folder, None where it is not there."""

@@ -18,6 +18,7 @@ from ..core.posing.finer import finer
 from ..io.markersets import SUFFIX, builtin_markersets, markerset_file, read_markerset
 from ..prefs import markerset_folder
 from ..props import chosen_model, refresh_review, row_of
+from ..scene.clock import refresh_frame
 from ..scene.opened import opened
 from ..scene.performers import Performer
 from ..scene.redrawing import redraw
@@ -67,20 +68,20 @@ def _reposing(context: bpy.types.Context, collection: bpy.types.Collection) -> G
     """Poses the take again; the first step puts the body of the current frame there."""
     scene, stored = context.scene, opened.take(collection, context.scene)
     markersets = sets_of(context, stored)
-    frames, markers = stored.motion.frames + stored.shift, stored.unfilled.markers
-    here = int(abs(frames - scene.frame_current).argmin())
+    frames, markers = stored.clock.shown(stored.motion.frames), stored.unfilled.markers
+    here = int(abs(frames - scene.frame_float).argmin())
     works = []
     for performer, markerset in zip(stored.performers, markersets, strict=True):
         work = posed_again(markers[:, performer.marker_rows], markerset, here)
-        show_posed_frame(collection, performer, markerset, int(frames[here]), next(work))
+        show_posed_frame(collection, performer, markerset, float(frames[here]), next(work))
         works.append(work)
-    scene.frame_set(scene.frame_current)
+    refresh_frame(scene)
     yield
     bodies = [None] * len(works)
     for number, work in enumerate(works):
         bodies[number] = yield from work
     yield from put_body(context, collection, stored, markersets, bodies)
-    scene.frame_set(scene.frame_current)
+    refresh_frame(scene)
 
 
 def is_behind(context: bpy.types.Context) -> bool:

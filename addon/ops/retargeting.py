@@ -9,12 +9,12 @@ from bpy.props import StringProperty
 
 from ..core.data.errors import InputError
 from ..core.data.wording import count_of
-from ..core.retarget.matching import PARTS, match_bones, match_map
+from ..core.retarget.matching import FINGER_PARTS, PARTS, match_bones, match_map
 from ..io.bone_maps import read_bone_map
+from ..scene.clock import fps_of, plays_at
 from ..scene.performers import homes
-from ..scene.retargeting import freed_by, is_rig, rest_bones, retarget_take
+from ..scene.retargeting import freed_by, is_rig, matched_before, rest_bones, retarget_take
 from ..scene.stored import alone
-from ..scene.take import fps_of, plays_at
 from .base import Ours, lacks_take, taken, unless
 from .importing import ImportsFile
 from .reposing import follow_now
@@ -31,9 +31,9 @@ lacks_mode = unless(lambda context: context.mode in ("OBJECT", "POSE"), "Go to o
 
 
 def _keep(rig: bpy.types.Object, matched: Mapping[str, str]):
-    """Keeps on a rig which bone is which part, an empty row for a part without one."""
+    """Keeps on a rig which bone is which part, an empty row for a part without one, but for fingers."""
     rows = rig.mocap_autolabel.bones
-    for part in PARTS:
+    for part in (part for part in PARTS if part in matched or part not in FINGER_PARTS):
         row = rows.get(part) or rows.add()  # those of a linked rig stay
         row.name, row.bone = part, matched.get(part, "")
 
@@ -47,7 +47,7 @@ class MOCAP_AUTOLABEL_OT_retarget(Ours, bpy.types.Operator):
         rig, collection = active_rig(context), context.scene.mocap_autolabel.take
         own = rig.mocap_autolabel
         if not own.bones:
-            _keep(rig, match_bones(rest_bones(rig)))
+            _keep(rig, matched_before(rig) or match_bones(rest_bones(rig)))
         follow_now(context)
         stored = taken(context)
         performer = next((one for one in stored.performers if one.name == own.performer), stored.performers[0])

@@ -81,7 +81,7 @@ def show(context: bpy.types.Context, trouble: Trouble):
     frame = trouble.first
     if not len(places_of(trouble, stored, frame)) and trouble.last > frame:
         frame = (trouble.first + trouble.last) // 2
-    scene.frame_set(frame + stored.shift)
+    stored.clock.go_to(scene, frame)
     _select(context, trouble, stored)
     places = places_of(trouble, stored, frame)
     bring_into_view(context, in_world(scene.mocap_autolabel.take, places))

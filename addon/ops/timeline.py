@@ -7,6 +7,7 @@ import bpy
 from bpy.props import BoolProperty, FloatProperty, IntProperty, StringProperty
 
 from ..core.data.takes import NO_MARKER
+from ..scene.clock import TakeClock
 from ..scene.opened import opened
 from ..scene.redrawing import redraw
 from ..scene.take import is_take
@@ -81,9 +82,9 @@ class RowPlaces:
         return max(rows - (self.top - self.bottom) / self.row, 0.0)
 
 
-def frame_at(region: bpy.types.Region, x: float) -> int:
-    """The frame at a place of the editor's main region."""
-    return round(region.view2d.region_to_view(x, 0)[0])
+def frame_at(region: bpy.types.Region, x: float, clock: TakeClock) -> int:
+    """The take's frame, by the source's number, that is nearest to a place of the editor's main region."""
+    return clock.at(region.view2d.region_to_view(x, 0)[0])
 
 
 class OnTimeline(Ours):
@@ -102,16 +103,16 @@ class MOCAP_AUTOLABEL_OT_timeline_pick(OfTake, bpy.types.Operator):
 
     marker: once(StringProperty, "Marker", "The marker to select")
     trajectory: once(IntProperty, "Trajectory", "Or the trajectory to pick", default=-1)
-    first: IntProperty(name="First", description="The frame to go to, or the first of the range")
+    first: IntProperty(name="First", description="The file's number of the frame to go to, or the first of the range")
     last: IntProperty(name="Last", description="The last frame of the range; the first where only one is meant")
     extend: once(BoolProperty, "Extend", "Keep what is selected")
 
     def work(self, context):
-        scene = context.scene
+        scene, clock = context.scene, taken(context).clock
         if self.first != self.last:
-            select_range(scene, self.first, self.last)
-        if self.first == self.last or not self.first <= scene.frame_current <= self.last:
-            scene.frame_set(self.first)
+            select_range(scene, clock.whole(self.first), clock.whole(self.last))
+        if self.first == self.last or not self.first <= clock.at(scene.frame_float) <= self.last:
+            clock.go_to(scene, self.first)
         markers = selected_markers(context) if self.extend else []
         points = picked_points(context) if self.extend else []
         markers += [self.marker] if self.marker else []
@@ -147,7 +148,8 @@ class MOCAP_AUTOLABEL_OT_timeline_click(Drags, OnTimeline, bpy.types.Operator):
         self._row, self._x = row, event.mouse_region_x
         scene = context.scene
         self._along = region.type == "WINDOW"
-        self._frame = frame_at(region, event.mouse_region_x) if self._along else scene.frame_current
+        here, clock = event.mouse_region_x, runs.clock
+        self._frame = frame_at(region, here, clock) if self._along else clock.at(scene.frame_float)
         self._before = scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end
         self._dragged = False
         context.window_manager.modal_handler_add(self)
@@ -157,12 +159,13 @@ class MOCAP_AUTOLABEL_OT_timeline_click(Drags, OnTimeline, bpy.types.Operator):
         off = abs(event.mouse_region_x - self._x)
         if self._along and (self._dragged or off > DRAG * context.preferences.system.ui_scale):
             self._dragged = True
-            select_range(context.scene, *self._range(context, event))
+            select_range(context.scene, *map(shown_runs(context).clock.whole, self._range(context, event)))
             redraw("DOPESHEET_EDITOR")
 
     def _range(self, context, event) -> tuple[int, int]:
-        first, last = shown_runs(context).span
-        ends = sorted((self._frame, frame_at(context.region, event.mouse_region_x)))
+        runs = shown_runs(context)
+        first, last = runs.span
+        ends = sorted((self._frame, frame_at(context.region, event.mouse_region_x, runs.clock)))
         return min(max(ends[0], first), last), max(min(ends[1], last), first)
 
     def let_go(self, context, event) -> set[str]:
@@ -180,7 +183,7 @@ class MOCAP_AUTOLABEL_OT_timeline_click(Drags, OnTimeline, bpy.types.Operator):
         if self._dragged:
             self.cancel(context)  # so that undo goes back to what was there before the drag
         if context.mode != "OBJECT":
-            context.scene.frame_set(first)
+            runs.clock.go_to(context.scene, first)
             return {"FINISHED"}
         return bpy.ops.mocap_autolabel.timeline_pick(
             "EXEC_DEFAULT",

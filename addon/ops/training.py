@@ -172,11 +172,11 @@ class MOCAP_AUTOLABEL_OT_learn_frame(Trains, bpy.types.Operator):
     needs = _needs_take("put the names of one frame right")
 
     def job(self, context, settings) -> "TrainJob":
-        stored, frame = taken(context), context.scene.frame_current
+        stored, frame = taken(context), context.scene.frame_float
         index = stored.index_here(frame)
         named = np.flatnonzero(np.isfinite(stored.motion.markers[index, :, 0]))
         if not len(named):
-            raise InputError(f"no marker is named in frame {frame}; expected one in which all are named and right")
+            raise InputError(f"no marker is named in frame {frame:g}; expected one in which all are named and right")
         names = tuple(stored.names[marker] for marker in named)
         shown = _take_file(stored, names, stored.motion.markers[index : index + 1, named])
         return replace(_new_job(settings), shown=(shown,))

@@ -5,11 +5,12 @@ from contextlib import suppress
 
 import bpy
 import numpy as np
-from bpy.props import IntProperty, StringProperty
+from bpy.props import FloatProperty, StringProperty
 
 from ..core.data.errors import InputError
 from ..props import refresh_review
 from ..scene.cameras import is_mocap_camera, look_through
+from ..scene.clock import set_moment
 from ..scene.opened import opened
 from ..scene.ownership import persons_in
 from ..scene.take import is_take, remove_take
@@ -38,11 +39,11 @@ class MOCAP_AUTOLABEL_OT_jump(Ours, bpy.types.Operator):
 
     bl_label = "Jump to Frame"
 
-    frame: IntProperty(name="Frame", description="Frame to go to")
+    frame: FloatProperty(name="Frame", description="Frame to go to, or what part of one")
     marker: once(StringProperty, "Marker", "Marker to select")
 
     def work(self, context):
-        context.scene.frame_set(self.frame)
+        set_moment(context.scene, self.frame)
         collection = context.scene.mocap_autolabel.take
         if self.marker and is_take(collection) and context.mode == "OBJECT":
             stored = taken(context)
@@ -188,8 +189,8 @@ def fit_graphs(context: bpy.types.Context, first: int, last: int):
     seen = stored.motion.markers[rows, [stored.names.index(name) for name in names]]
     if context.screen is None or not np.isfinite(seen).any():
         return
-    lower = np.array([first + stored.shift, np.nanmin(seen)])
-    upper = np.array([last + stored.shift, np.nanmax(seen)])
+    lower = np.array([stored.clock.shown(first), np.nanmin(seen)])
+    upper = np.array([stored.clock.shown(last), np.nanmax(seen)])
     room = np.maximum(GRAPH_ROOM * (upper - lower), [1, 0.01])
     for area in (area for area in context.screen.areas if area.ui_type == "FCURVES"):
         region = window_region(area)

@@ -129,7 +129,7 @@ def given_over(
     if not len(named):
         raise InputError(f"trajectory {point} has no name; expected one that has, or the marker said by its name")
     number, marker = stored.rows.frames[stored.rows.frame[named]], stored.labels.marker[named]
-    here = marker[number == context.scene.frame_current - stored.shift]
+    here = marker[number == stored.clock.at(context.scene.frame_float)]
     own = int(here[0]) if len(here) else int(np.bincount(marker).argmax())
     other = counterpart(stored, own, name)
     there = stored.rows.frames[stored.rows.frame[rows]]

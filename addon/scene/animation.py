@@ -6,15 +6,15 @@ keys, 5 and 15 compressed: of samples none can be moved or inserted, and neither
 is smoothing the modifier *Smooth* (5.2): at best it leaves 1.5 mm of 2 mm of noise, and moves the ends of gaps by 9 mm.
 """
 
-import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
-from .ownership import LINEAR, is_keyed_by_us, note_keys, numbers, sign
+from .clock import TakeClock, is_rate
+from .ownership import LINEAR, is_keyed_by_us, is_noted, note_keys, numbers, sign
 
-RATE_ROUNDING = 1e-4  # of a rate, that Blender rounds
 TIMED = "mocap_timed"  # on an action: for how many frames a second it is keyed, and the frame that it begins at
 # The values of BEZT_KEYTYPE_KEYFRAME and BEZT_KEYTYPE_GENERATED behind Keyframe.type, from Blender 4.4 on: the second
 # is for keys that are "set automatically by a tool", and is drawn and selected apart.
@@ -192,17 +192,38 @@ def retime(item: bpy.types.Object, fps: float) -> bool:
     """
     data = item.animation_data
     action = None if data is None else data.action
-    if action is None or TIMED not in action or math.isclose(action[TIMED][0], fps, rel_tol=RATE_ROUNDING):
+    if action is None or TIMED not in action or is_rate(action[TIMED][0], fps):
         return True
     if not action.is_editable or not is_keyed_by_us(item):
         return False
     before, first = action[TIMED]
-    bag = channels(item, action)
-    for curve in bag.fcurves:
-        points = numbers(curve.keyframe_points, "co", 2).reshape(-1, 2)
-        points[:, 0] = first + (points[:, 0] - first) * (fps / before)
-        curve.keyframe_points.foreach_set("co", points.ravel())
-        curve.update()
-        note_keys(bag, curve, points)
+    _move_keys(channels(item, action), lambda frames: first + (frames - first) * (fps / before))
     note_time(action, fps, first)
     return True
+
+
+def move_in_time(action: bpy.types.Action, before: TakeClock, now: TakeClock):
+    """Moves all keys of a take's action from where one clock has them to where another has them."""
+
+    def moved(frames: np.ndarray) -> np.ndarray:
+        after = (frames - before.start) / before.step
+        # A key of a sample lies on it again: what single precision rounds does not grow from one rate to the next.
+        whole, rounding = np.rint(after), np.spacing(np.abs(frames).astype(np.float32)) / before.step
+        return now.start + np.where(np.abs(after - whole) <= rounding, whole, after) * now.step
+
+    for strip in (strip for layer in action.layers for strip in layer.strips if strip.type == "KEYFRAME"):
+        for bag in strip.channelbags:
+            _move_keys(bag, moved)
+
+
+def _move_keys(bag: bpy.types.ActionChannelbag, moved: Callable[[np.ndarray], np.ndarray]):
+    """Moves keys and their handles in time, by where `moved` puts frames (K,); those that were ours still are."""
+    for curve in bag.fcurves:
+        points, ours = curve.keyframe_points, is_noted(bag, curve)
+        for path in ("handle_left", "handle_right", "co"):
+            places = numbers(points, path, 2).reshape(-1, 2)
+            places[:, 0] = moved(places[:, 0].astype(float))
+            points.foreach_set(path, places.ravel())
+        curve.update()
+        if ours:
+            note_keys(bag, curve, places)

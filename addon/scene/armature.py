@@ -133,7 +133,7 @@ def bone_tails(markerset: MarkerSet, build: Build) -> np.ndarray:
     parents, tails = markerset.skeleton.parents, np.empty_like(build.joints)
     for index, joint in enumerate(build.joints):
         children = np.flatnonzero(parents == index)
-        if len(children):
+        if len(children) and not markerset.skeleton.segments[index].startswith("hand."):  # which ends ahead of knuckles
             ahead = build.joints[children]
             tails[index] = ahead[np.argmin(np.abs(ahead[:, 1] - joint[1]).round(3) - ahead[:, 2] * 1e-6)]
         else:

@@ -127,8 +127,9 @@ def blob_edit(kind: type[BlobEdit], stored: Stored, row: int, frames: tuple[int,
     frame = int(stored.rows.frames[stored.rows.frame[row]])
     span = (int(stored.rows.frames[0]), int(stored.rows.frames[-1])) if frames is None else frames
     if not span[0] <= frame <= span[1]:
-        words = f"the blob is of frame {frame + stored.shift}, and frames {span[0] + stored.shift} to"
-        raise InputError(f"{words} {span[1] + stored.shift} are to be corrected; expected its own among them")
+        own, first, last = map(stored.clock.whole, (frame, *span))
+        words = f"the blob is of frame {own}, and frames {first} to {last} are to be corrected"
+        raise InputError(f"{words}; expected its own among them")
     x, y = (round(float(value), PLACE_DIGITS) for value in stored.rows.xy[row])
     camera = stored.cameras.names[int(stored.rows.camera[row])]
     return kind(camera, frame, x, y, *marker, frames=None if span == (frame, frame) else span)

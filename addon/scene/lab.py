@@ -8,9 +8,11 @@ import numpy as np
 
 from ..core.geometry.force_plates import LabRecords
 from . import animation, ownership
+from .clock import TakeClock
 from .roots import parent_of
 
-EVENTS = "mocap_events"  # on a take: the names and frames of its timeline markers, which hold no properties
+# On a take: the names and frames of its timeline markers, which hold no properties, and when in the file each is.
+EVENTS = "mocap_events"
 METRES_A_NEWTON = 0.001  # m, of an arrow; format
 ARROW_POINTS = np.array([0.0, 0.0, 1.0])  # where an arrow points by itself
 OUTLINE = ((0, 1), (1, 2), (2, 3), (3, 0))
@@ -22,14 +24,15 @@ def show_lab(
     name: str,
     lab: LabRecords,
     frames: np.ndarray,
-    shift: int,
+    clock: TakeClock,
     actions: animation.TakeActions,
 ):
     """Adds what the file of a take called `name` records in the source's `frames` (F,) to scene and collection."""
-    here = [(event, round(frame)) for event, frame in lab.events if frames[0] <= round(frame) <= frames[-1]]
-    markers = [scene.timeline_markers.new(event, frame=frame + shift) for event, frame in here]
+    here = [(event, frame) for event, frame in lab.events if frames[0] <= round(frame) <= frames[-1]]
+    markers = [scene.timeline_markers.new(event, frame=clock.whole(frame)) for event, frame in here]
     if markers:
-        collection[EVENTS] = json.dumps([(one.name, one.frame) for one in markers])
+        known = [(one.name, one.frame, frame) for one, (_, frame) in zip(markers, here, strict=True)]
+        collection[EVENTS] = json.dumps(known)
     if not lab.plates:
         return
     place = ownership.made_collection(collection, collection, f"{name} force plates", "force plates")
@@ -53,7 +56,7 @@ def show_lab(
         }
         bag = animation.channels(arrow, actions.for_keys(sum(values.size for values in keys.values())))
         for path, values in keys.items():
-            animation.key(bag, path, frames + shift, values, arrow.name)
+            animation.key(bag, path, clock.shown(frames), values, arrow.name)
         ownership.sign(outline, f"plate {number}", collection)
         ownership.sign(arrow, f"force {number}", collection)
 
@@ -62,10 +65,28 @@ def forget_events(collection: bpy.types.Collection):
     """Takes the timeline markers of a take away, but for those that a person moved or renamed."""
     for scene in (one for one in bpy.data.scenes if collection in list(one.collection.children_recursive)):
         for known in json.loads(collection.get(EVENTS, "[]")):
-            for marker in scene.timeline_markers:
-                if [marker.name, marker.frame] == known:
-                    scene.timeline_markers.remove(marker)
-                    break
+            marker = _marker_of(scene, known)
+            if marker is not None:
+                scene.timeline_markers.remove(marker)
+
+
+def move_events(scene: bpy.types.Scene, collection: bpy.types.Collection, clock: TakeClock):
+    """Moves the timeline markers of a take to where its clock has them now, but for those that a person moved."""
+    events = json.loads(collection.get(EVENTS, "[]"))
+    for known in events:
+        marker = _marker_of(scene, known)
+        if marker is not None:
+            # Files of earlier versions, which knew no other way, counted frame by frame.
+            when = known[2] if len(known) > 2 else known[1] - clock.shift
+            marker.frame = clock.whole(when)
+            known[1:] = marker.frame, when
+    if events:
+        collection[EVENTS] = json.dumps(events)
+
+
+def _marker_of(scene: bpy.types.Scene, known: list) -> bpy.types.TimelineMarker | None:
+    """The timeline marker that is as it is known; None where a person moved, renamed or removed it."""
+    return next((one for one in scene.timeline_markers if [one.name, one.frame] == known[:2]), None)
 
 
 def _turns_to(vectors: np.ndarray) -> np.ndarray:

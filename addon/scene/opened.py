@@ -19,6 +19,7 @@ from .fills import FillsInTake, fills_text, kept_cutoff, kept_fills
 from .preview import holds_points, read_points_preview, read_preview
 from .stored import Stored
 from .take import POSE, ROWS, unedited_take, with_kept_body
+from .timing import SHIFT, kept_clock
 
 
 @dataclass
@@ -86,7 +87,15 @@ class Opened:
         elif body != self.bodies[key]:
             self.stored[key] = with_kept_body(collection, self.stored[key])
         self.bodies[key] = body
+        self._set_clock(key, collection)
         return self.stored[key]
+
+    def _set_clock(self, key: int, block: bpy.types.ID):
+        """Has what is at hand play by the clock that the file has of it by now."""
+        stored = self.stored[key]
+        clock = kept_clock(block, stored.clock.first)
+        if clock != stored.clock and SHIFT in block:
+            self.stored[key] = replace(stored, clock=clock)
 
     def propose(self, collection: bpy.types.Collection, fills: Iterable[KeptFill]):
         """Lets fills of a take be looked at, in place of those before."""
@@ -131,6 +140,7 @@ class Opened:
                 self.stored[key] = read_points_preview(mesh)
             else:
                 self.stored[key] = read_preview(mesh, scene_cameras.cameras_of(cameras, scene))
+        self._set_clock(key, mesh)
         return self.stored[key]
 
     def forget(self):

@@ -25,10 +25,12 @@ from ..io.text import written
 from . import armature as armatures
 from . import naming
 from .body import add_body
+from .clock import TakeClock, fps_of
 from .markers import add_marker
 from .performers import body_material, home_of, performers_of
 from .roots import ensure_root
-from .take import SHIFT, SOURCE, SUSPECTS, frame_shift, give_time
+from .take import SOURCE, SUSPECTS
+from .timing import CARRIER, give_time, keep_clock, kept_clock, time_cache
 
 if TYPE_CHECKING:
     from ..io.poses import PoseFile
@@ -36,7 +38,6 @@ if TYPE_CHECKING:
 PLAYED = "mocap_played"  # on the collection: the name of the take
 MOTION_MARK = "mocap_motion_mark"  # what the file is known again by
 FOR_A_PART = "mocap_for_a_part"  # what labels a part of the take as all of it was labelled, and the take's frames
-CARRIER = "mocap_carrier"  # on the collection: the object with the modifier
 BONE_NUMBERS = 7  # a bone: location x y z, rotation w x y z
 OPENED_AROUND = 5.0  # s before and after what is to be looked at: a shorter part tells little of its subject
 SETTLED_FRAMES = 16_384  # that are put on the ground at once; memory
@@ -101,8 +102,7 @@ def show_playing(context: bpy.types.Context, take: Playing, cache: Path) -> bpy.
     """
     scene, poses = context.scene, take.poses
     ends = np.array([poses.first_frame, poses.first_frame + poses.frames - 1])
-    shift = frame_shift(ends)
-    give_time(scene, take.rate, ends + shift)
+    clock = give_time(scene, take.rate, ends, TakeClock.of(ends))
     collection = _child(scene.collection, naming.title(take.name))
     bones, sample, empties, root = [], poses.sampled(), {}, ensure_root(collection, take.name)
     # The hidden mesh whose vertices the file moves.
@@ -132,9 +132,10 @@ def show_playing(context: bpy.types.Context, take: Playing, cache: Path) -> bpy.
         empty.hide_viewport = empty.hide_render = not seen[index]
     _drive(collection, carrier, bones, len(take.worn.markers))
     modifier = carrier.modifiers.new("Motion", "MESH_CACHE")
-    modifier.cache_format, modifier.frame_start = "PC2", int(ends[0] + shift)
+    modifier.cache_format = "PC2"
+    time_cache(modifier, clock)
     modifier.filepath = "//" + written(cache.name)
-    _keep(collection, carrier, take, cache, shift)
+    _keep(collection, carrier, take, cache, clock)
     return collection
 
 
@@ -202,12 +203,13 @@ def _follow(curve: bpy.types.FCurve, empty: bpy.types.Object, axis: str):
     target.id, target.transform_type, target.transform_space = empty, f"LOC_{axis}", "WORLD_SPACE"
 
 
-def _keep(collection: bpy.types.Collection, carrier: bpy.types.Object, take: Playing, cache: Path, shift: int):
+def _keep(collection: bpy.types.Collection, carrier: bpy.types.Object, take: Playing, cache: Path, clock: TakeClock):
     longest = sorted(take.suspects, key=lambda one: -one.frames)[:MOST_SUSPECTS]
     rows = sorted([int(one.first), int(one.last), one.reason] for one in longest)
     collection[PLAYED], collection[SOURCE], collection[naming.MARKERSET] = take.name, take.source, take.worn.name
     collection[MOTION_MARK], collection[CARRIER] = cache_mark(cache), carrier
-    collection[SUSPECTS], collection[SHIFT] = json.dumps(rows), float(shift)
+    collection[SUSPECTS] = json.dumps(rows)
+    keep_clock(collection, clock, take.rate)
     ends = take.poses.first_frame, take.poses.first_frame + take.poses.frames - 1
     collection[FOR_A_PART] = json.dumps({**take.for_a_part, "ends": [int(end) for end in ends]})
 
@@ -272,13 +274,18 @@ def for_a_part(collection: bpy.types.Collection) -> dict:
     return json.loads(collection[FOR_A_PART])
 
 
+def clock_of(collection: bpy.types.Collection) -> TakeClock:
+    """When a take plays that plays from a file."""
+    return kept_clock(collection, for_a_part(collection)["ends"][0])
+
+
 def part_here(collection: bpy.types.Collection, scene: bpy.types.Scene) -> tuple[int, int]:
     """First and last frame, as Blender counts, of the part of a take that somebody looks at.
 
     That is the preview range where there is one, `OPENED_AROUND` seconds to both sides of its middle at least, else
     what is to be looked at in the current frame and as much before and after it.
     """
-    now, around = scene.frame_current, round(OPENED_AROUND * scene.render.fps / scene.render.fps_base)
+    now, around = scene.frame_current, round(OPENED_AROUND * fps_of(scene))
     if scene.use_preview_range:
         first, last = scene.frame_preview_start, scene.frame_preview_end
         middle = (first + last) // 2
@@ -290,5 +297,6 @@ def part_here(collection: bpy.types.Collection, scene: bpy.types.Scene) -> tuple
 
 def suspects_of(collection: bpy.types.Collection) -> list[tuple[int, int, str]]:
     """First and last frame, as Blender counts, and reason of what to look at in a take."""
-    shift = int(collection[SHIFT])
-    return [(first + shift, last + shift, reason) for first, last, reason in json.loads(collection[SUSPECTS])]
+    clock = clock_of(collection)
+    rows = json.loads(collection[SUSPECTS])
+    return [(clock.whole(first), clock.whole(last), reason) for first, last, reason in rows]

@@ -10,19 +10,21 @@ import numpy as np
 from ..core.data.takes import Blobs, Labels, Motion, PointRows, Points
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
 from . import naming, ownership, storage
+from .clock import TakeClock
 from .ownership import numbers
 from .storage import FRAME, add_cloud, cloud_table
-from .take import Stored, frame_shift
+from .stored import Stored
+from .timing import SHIFT, keep_clock, kept_clock
 
-CAMERA_NAMES, PREVIEW_SHIFT = "mocap_camera_names", "mocap_frame_shift"
+CAMERA_NAMES = "mocap_camera_names"
 
 
-def store_preview(name: str, blobs: Blobs, cameras: Cameras, at_1: bool = False) -> bpy.types.Mesh:
-    """Keeps unlabelled `blobs`, seen by `cameras`, in a mesh of the file; as a take that begins `at_1`, or not."""
+def store_preview(name: str, blobs: Blobs, cameras: Cameras, rate: float, clock: TakeClock) -> bpy.types.Mesh:
+    """Keeps unlabelled `blobs`, seen by `cameras`, in a mesh of the file; as a take that plays by a clock."""
     columns = {"frame": blobs.frames[blobs.frame], "camera": blobs.camera, "xy": blobs.xy}
     mesh = storage.store_table(naming.title(name, "blobs"), columns)
     mesh[CAMERA_NAMES] = json.dumps(cameras.names)
-    mesh[PREVIEW_SHIFT] = float(frame_shift(blobs.frames, at_1))
+    keep_clock(mesh, clock, rate)
     return mesh
 
 
@@ -36,20 +38,20 @@ def read_preview(mesh: bpy.types.Mesh, cameras: Cameras) -> Stored:
     frames = np.arange(number[0], number[-1] + 1) if len(number) else np.zeros(0, dtype=int)
     area = np.full(len(number), np.nan)
     blobs = Blobs(frames, number - number[:1].sum(), camera[there], table["xy"][there], area)
-    return _unlabelled(mesh, cameras, blobs, int(mesh.get(PREVIEW_SHIFT, frame_shift(frames))))
+    start = TakeClock.of(frames)  # of files older than choosing that
+    return _unlabelled(mesh, cameras, blobs, kept_clock(mesh, start.first) if SHIFT in mesh else start)
 
 
-def show_points(scene: bpy.types.Scene, name: str, take: Points, at_1: bool = False) -> bpy.types.Mesh:
-    """Adds the points of an unlabelled take, which begins `at_1` or not, to a scene as one object.
+def show_points(scene: bpy.types.Scene, name: str, take: Points, clock: TakeClock) -> bpy.types.Mesh:
+    """Adds the points of an unlabelled take, which plays by a clock, to a scene as one object.
 
     Returns the mesh that keeps them.
     """
     rows = PointRows.of(replace(take, columns=None))
-    shift = frame_shift(rows.frames, at_1)
     title = naming.title(name, "points")
-    mesh = cloud_table(title, rows.frames[rows.frame] + shift, rows.xyz, trajectory=rows.trajectory)
-    mesh[PREVIEW_SHIFT] = float(shift)
-    ownership.sign(add_cloud(scene.collection, mesh), "points")
+    mesh = cloud_table(title, rows.frames[rows.frame] + clock.shift, rows.xyz, trajectory=rows.trajectory)
+    keep_clock(mesh, clock, take.rate)
+    ownership.sign(add_cloud(scene.collection, mesh, clock), "points")
     return mesh
 
 
@@ -60,10 +62,11 @@ def holds_points(mesh: bpy.types.Mesh) -> bool:
 
 def read_points_preview(mesh: bpy.types.Mesh) -> Stored:
     """The kept points as a take without labels, markers, motion or cameras."""
-    table, shift = storage.read_table(mesh), int(mesh[PREVIEW_SHIFT])
-    number = table[FRAME] - shift
+    table = storage.read_table(mesh)
+    number = table[FRAME] - int(mesh[SHIFT])
     frames, xyz = np.arange(number[0], number[-1] + 1), numbers(mesh.vertices, "co", 3).reshape(-1, 3).astype(float)
-    return _unlabelled(mesh, NO_CAMERAS, PointRows(frames, number - number[0], table["trajectory"], xyz, None), shift)
+    rows = PointRows(frames, number - number[0], table["trajectory"], xyz, None)
+    return _unlabelled(mesh, NO_CAMERAS, rows, kept_clock(mesh, int(number[0])))
 
 
 def hide_preview(mesh: bpy.types.Mesh | None, hidden: bool):
@@ -84,10 +87,10 @@ def _objects(mesh: bpy.types.Mesh | None) -> list[bpy.types.Object]:
     return [item for item in bpy.data.objects if mesh is not None and item.data == mesh]
 
 
-def _unlabelled(mesh: bpy.types.Mesh, cameras: Cameras, rows: Blobs | PointRows, shift: int) -> Stored:
+def _unlabelled(mesh: bpy.types.Mesh, cameras: Cameras, rows: Blobs | PointRows, clock: TakeClock) -> Stored:
     """Rows as a take with nothing else."""
     count = len(rows.frames)
     none, points, turns = np.zeros((count, 0)), np.zeros((count, 0, 3)), np.zeros((count, 0, 3, 3))
     scale, confidence = np.full((count, 3), np.nan), np.zeros(count)
     motion = Motion(rows.frames, points, none, none, none, points, points, turns, scale, confidence)
-    return Stored(mesh.name, 0.0, cameras, (), rows, Labels.none(len(rows)), motion, (), "", shift)
+    return Stored(mesh.name, 0.0, cameras, (), rows, Labels.none(len(rows)), motion, (), "", clock)

@@ -11,6 +11,7 @@ from ..core.data.markersets import Worn
 from ..core.data.merging import LabelledRange, can_merge, merged
 from ..core.review.changes import Change, changes
 from . import naming
+from .clock import set_moment
 from .corrections import kept_edits
 from .opened import opened
 from .ownership import Former, put_in_place
@@ -29,7 +30,7 @@ def show_again(context: bpy.types.Context, take: Take, whole: bool) -> bpy.types
     the scene plays unless all of the take was labelled for the first time (`whole`).
     """
     scene = context.scene
-    played = scene.frame_start, scene.frame_end, scene.frame_current
+    played = scene.frame_start, scene.frame_end, scene.frame_float
     others = [one for one in takes_of(scene) if take.source and one[SOURCE] == take.source]
     found: tuple[Change, ...] | None = None
     lay, place, former = None, None, Former({}, [])
@@ -41,7 +42,7 @@ def show_again(context: bpy.types.Context, take: Take, whole: bool) -> bpy.types
             continue
         # What was said while the labelling went on is said of what came of it as well.
         edits, stored = kept_edits(collection), opened.take(collection, scene)
-        lay = old.first + stored.shift, old.last + stored.shift
+        lay = stored.clock.whole(old.first), stored.clock.whole(old.last)
         whole_take = merged(old, new)
         found = changes_of(old, whole_take, take.markerset.markers)
         take = replace(
@@ -104,7 +105,7 @@ def kept_changes(collection: bpy.types.Collection) -> tuple[Change, ...]:
     return tuple(Change(**row) for row in json.loads(collection.get(CHANGES, "[]")))
 
 
-def _keep_playing(scene: bpy.types.Scene, played: tuple[int, int, int], lay: tuple[int, int] | None):
+def _keep_playing(scene: bpy.types.Scene, played: tuple[int, int, float], lay: tuple[int, int] | None):
     """Gives the scene back the frames that it played, and with them those of the take that are new.
 
     `lay` are the first and last frame of the take before: where a person had the scene begin later or end sooner, so it
@@ -116,4 +117,4 @@ def _keep_playing(scene: bpy.types.Scene, played: tuple[int, int, int], lay: tup
     if lay is None or last >= lay[1]:
         last = max(last, scene.frame_end)
     scene.frame_start, scene.frame_end = first, last
-    scene.frame_set(current)
+    set_moment(scene, current)

@@ -52,7 +52,7 @@ def lacks_to_repose(context: bpy.types.Context, collection: bpy.types.Collection
 
 
 def show_posed_frame(
-    collection: bpy.types.Collection, performer: Performer, markerset: MarkerSet, frame: int, posed: PosedFrames
+    collection: bpy.types.Collection, performer: Performer, markerset: MarkerSet, frame: float, posed: PosedFrames
 ):
     """Puts an armature where a body is in Blender's `frame`, before all of it is there: the take keeps none of it."""
     action = _actions(collection).get(performer.name)
@@ -85,7 +85,7 @@ def put_body(
     yield
     keep_body(collection, motion, stored.performers, stored.label_digests)
     yield
-    shown, frames = dict(armatures_of(collection)), motion.frames + stored.shift
+    shown, frames = dict(armatures_of(collection)), stored.clock.shown(motion.frames)
     for performer, markerset in zip(stored.performers, markersets, strict=True):
         if performer.name not in actions:
             continue

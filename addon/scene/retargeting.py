@@ -21,11 +21,11 @@ from ..core.retarget.retargeting import Rig, axes_at_rest, place_of, retarget
 from . import animation
 from .armature import SCALE, armature_of, bone_path, rotation_channel
 from .character import moving_in
+from .clock import fps_of, refresh_frame
 from .ik_controls import Along, carriers_of, controls_by_ik
 from .ownership import is_keyed_by_us, is_made_for, is_untouched, role_of, sign
 from .roots import is_even
 from .stored import Stored
-from .take import fps_of, retimed
 
 # What bones of control rigs are switched to, by the name of their property: limbs by FK, and all follow what is above.
 SWITCHES = {"IK_FK": 1.0, "ik_fk_switch": 1.0, "FK_limb_follow": 0.0, "neck_follow": 1.0, "head_follow": 1.0}
@@ -35,6 +35,7 @@ HOLDING = {"IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "TRACK_TO",
 KEPT_AT_REST = "hips", "chest"  # Rigify's controls between its torso and the spine's by FK, which they turn, too
 NEEDED_PARTS = ("hips", "thigh.L", "thigh.R", "shank.L", "shank.R")
 PROBE_TURN, PROBE_STEP = 0.5, 0.9  # rad by which bones are turned to see what follows them, and between their axes
+MATCHED = "mocap_matched"  # on an action: the bones of its rig, by the parts of the body that they are
 SWITCHED = "mocap_switched"  # on an action: what it switches on its rig, by paths, and what that was before
 LEAST_STEP = 1e-4  # that a bone goes at least where it is put one further; less is none
 BONE_CHANNELS = "location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale"
@@ -77,16 +78,28 @@ def retarget_take(
         moved = retarget(body.character, motion, stored.rate, ready.rest, feet, hands)
         channels = list(ready.channels(*moved))
     action = _own_action(rig, collection, stored.name)
-    bag, frames = animation.bind(rig, action), retimed(context.scene, stored.rate, body.frames)[there]
+    clock = stored.clock.at_rate(fps_of(context.scene), stored.rate)
+    bag, frames = animation.bind(rig, action), clock.shown(stored.motion.frames)[there]
     for bone, channel, values in channels:
         animation.key(bag, bone_path(bone, channel), frames, values, bone)
     for bone, path, value, _ in ready.before.switched:
         animation.key(bag, path, frames[:1], np.array([[value]]), bone)
     action[SWITCHED] = rig[SWITCHED] = json.dumps(ready.before.noted)
-    animation.note_time(action, fps_of(context.scene), body.frames[0])
+    action[MATCHED] = json.dumps(dict(matched))
+    animation.note_time(action, fps_of(context.scene), clock.start)
     sign(action, _role(rig.name, stored.name), collection)
-    context.scene.frame_set(context.scene.frame_current)
+    refresh_frame(context.scene)
     return action
+
+
+def matched_before(rig: bpy.types.Object) -> dict[str, str]:
+    """The bones of a rig, by the parts that they are, of its action where that is one of ours; else none.
+
+    Blender saves what is chosen for a rig, but not for an override of one that is linked, nor how its rows differ.
+    """
+    action = None if rig.animation_data is None else rig.animation_data.action
+    kept = {} if action is None else json.loads(action.get(MATCHED, "{}"))
+    return {part: bone for part, bone in kept.items() if bone in rig.pose.bones}
 
 
 def freed_by(action: bpy.types.Action) -> int:
@@ -104,6 +117,19 @@ def _former(rig: bpy.types.Object) -> dict[str, float]:
     for block in (one for one in (action, rig) if one is not None):
         noted |= json.loads(block.get(SWITCHED, "{}"))
     return {path: value for path, value in noted.items() if _is_off(rig, path)}
+
+
+def follow_actions(*_):
+    """Gives rigs back what our actions switched, where another was put in their place by hand."""
+    for rig in bpy.data.objects:
+        action = None if rig.animation_data is None else rig.animation_data.action
+        if action is not None and SWITCHED in action:
+            rig[SWITCHED] = action[SWITCHED]
+        elif SWITCHED in rig and rig.is_editable:
+            for path, value in json.loads(rig[SWITCHED]).items():
+                _set(rig, path, value)
+            del rig[SWITCHED]
+            rig.update_tag()
 
 
 def _is_off(rig: bpy.types.Object, path: str) -> bool:

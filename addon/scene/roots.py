@@ -89,7 +89,8 @@ def is_animated(item: bpy.types.Object | None) -> bool:
         data = one.animation_data
         if data is not None and (data.action is not None or data.drivers or data.nla_tracks):
             return True
-        left += [one.parent, *(getattr(held, "target", None) for held in one.constraints)]
+        targets = [held.targets if held.type == "ARMATURE" else [held] for held in one.constraints]
+        left += [one.parent, *(getattr(target, "target", None) for held in targets for target in held)]
     return False
 
 

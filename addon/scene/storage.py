@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 
 from . import naming
+from .clock import TakeClock
 
 # Attribute types of numbers by what a row of the array looks like, and what Blender calls the values of each.
 _FLOATS = {(): "FLOAT", (2,): "FLOAT2", (3,): "FLOAT_VECTOR", (4,): "QUATERNION"}
@@ -52,27 +53,53 @@ def read_table(mesh: bpy.types.Mesh) -> dict[str, np.ndarray]:
 
 POINT_RADIUS = 0.008  # m
 FRAME = "frame"
+NODES = naming.title("points of the frame")
 
 
-def add_cloud(collection: bpy.types.Collection, mesh: bpy.types.Mesh) -> bpy.types.Object:
-    """Adds the object that shows `mesh`, a table made by `cloud_table`."""
+def add_cloud(collection: bpy.types.Collection, mesh: bpy.types.Mesh, clock: TakeClock) -> bpy.types.Object:
+    """Adds the object that shows `mesh`, a table made by `cloud_table`, by a clock."""
     item = bpy.data.objects.new(mesh.name, mesh)
     item.hide_render = True
     collection.objects.link(item)
-    item.modifiers.new("Points of the frame", "NODES").node_group = _nodes()
+    item.modifiers.new("Points of the frame", "NODES").node_group = _nodes(clock)
     return item
 
 
+def is_cloud(item: bpy.types.Object) -> bool:
+    """Whether an object shows a table made by `cloud_table`, by the modifier that it was given."""
+    return item.type == "MESH" and FRAME in item.data.attributes and any(map(_chooses, item.modifiers))
+
+
+def show_moments(item: bpy.types.Object, clock: TakeClock):
+    """Lets an object made by `add_cloud` show its points by another clock."""
+    for modifier in filter(_chooses, item.modifiers):
+        before, modifier.node_group = modifier.node_group, _nodes(clock)
+        if not before.users:
+            bpy.data.node_groups.remove(before)
+
+
+def _chooses(modifier: bpy.types.Modifier) -> bool:
+    """Whether a modifier keeps the points of the current frame."""
+    group = modifier.node_group if modifier.type == "NODES" else None
+    return group is not None and group.name.startswith(NODES)
+
+
 def cloud_table(name: str, frames: np.ndarray, points: np.ndarray, **columns: np.ndarray) -> bpy.types.Mesh:
-    """A mesh of N points (N, 3) m at Blender's `frames` (N,), with further columns for `read_table`."""
+    """A mesh of N points (N, 3) m, with further columns for `read_table`.
+
+    Their `frames` (N,) are counted from the one on in which Blender shows the first.
+    """
     mesh = store_table(name, {FRAME: frames, **columns})
     mesh.vertices.foreach_set("co", np.ascontiguousarray(points, dtype=np.float32).ravel())
     return mesh
 
 
-def _nodes() -> bpy.types.NodeTree:
-    """The nodes that keep the points of the current frame, made once a file."""
-    name = naming.title("points of the frame")
+def _nodes(clock: TakeClock) -> bpy.types.NodeTree:
+    """The nodes that keep the points of the current frame, made once a file for each clock.
+
+    Numbers that another modifier would be given by each Blender otherwise are in the nodes.
+    """
+    name = NODES if clock.step == 1 else f"{NODES}, {clock.step:.6g} apart from {clock.start}"
     tree = bpy.data.node_groups.get(name)
     if tree is not None:
         return tree
@@ -92,11 +119,24 @@ def _nodes() -> bpy.types.NodeTree:
     for start, end in (
         (entry.outputs[0], points.inputs["Mesh"]),
         (attribute, one),
-        (now.outputs["Frame"], other),
+        (_counted(tree, now.outputs["Frame"], clock), other),
         (same.outputs["Result"], points.inputs["Selection"]),
         (points.outputs[0], leave.inputs[0]),
     ):
         tree.links.new(start, end)
-    for column, node in enumerate((entry, frame, now, same, points, leave)):
+    for column, node in enumerate(tree.nodes):
         node.location = (200 * column, 0)
     return tree
+
+
+def _counted(tree: bpy.types.NodeTree, now: bpy.types.NodeSocket, clock: TakeClock) -> bpy.types.NodeSocket:
+    """What counts the frame of a take that is nearest to a moment, as `cloud_table` has it."""
+    if clock.step == 1:
+        return now
+    steps = ("SUBTRACT", clock.start), ("DIVIDE", clock.step), ("ADD", 0.5), ("FLOOR", 0.0), ("ADD", clock.start)
+    for operation, number in steps:
+        node = tree.nodes.new("ShaderNodeMath")
+        node.operation, node.inputs[1].default_value = operation, number
+        tree.links.new(now, node.inputs[0])
+        now = node.outputs[0]
+    return now

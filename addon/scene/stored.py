@@ -14,6 +14,7 @@ from ..core.edits.following import Held, changed_frames
 from ..core.edits.kinds import NO_EDITS, Edits
 from ..core.filling.kept import KeptFill, filled_samples, fills_by_marker
 from ..core.geometry.cameras import Cameras
+from .clock import TakeClock
 from .performers import Performer, performers_in_row, rows_of
 
 MIXING = np.uint64(0x9E3779B97F4A7C15)  # format: odd, its bits as if by lot; by another all kept bodies are old
@@ -23,7 +24,7 @@ MIXING = np.uint64(0x9E3779B97F4A7C15)  # format: odd, its bits as if by lot; by
 class Stored:
     """What the file keeps of a take: as `Take`, with the names of the markers for the marker set.
 
-    shift     added to the source's frame numbers to get Blender's
+    clock     which of Blender's frames those of the take are
     words     index of each marker by its name, aliases too
     edits     what a person said of the labels, which these follow
     outcomes  what became of each edit
@@ -49,7 +50,7 @@ class Stored:
     motion: Motion
     suspects: tuple[Suspect, ...]
     source: str
-    shift: int
+    clock: TakeClock
     words: Mapping[str, int] = field(default_factory=dict)
     edits: Edits = NO_EDITS
     outcomes: tuple[EditOutcome, ...] = ()
@@ -99,22 +100,22 @@ class Stored:
         """(F,) True where the body was posed on other labels."""
         return np.zeros(len(self.motion.frames), bool) if self.posed_on is None else self.posed_on != self.label_digests
 
-    def index_of(self, current: int) -> int:
-        """Which of the take's frames Blender's current one is; -1 outside."""
+    def index_of(self, now: float) -> int:
+        """Which of the take's frames is nearest in a moment of Blender's time; -1 outside."""
         frames = self.motion.frames
-        at = current - self.shift - int(frames[0]) if len(frames) else -1
+        at = self.clock.at(now) - int(frames[0]) if len(frames) else -1
         return at if 0 <= at < len(frames) else -1
 
-    def index_here(self, current: int) -> int:
+    def index_here(self, now: float) -> int:
         """The same; InputError outside the take."""
-        return self.source_frame(current) - int(self.motion.frames[0])
+        return self.source_frame(now) - int(self.motion.frames[0])
 
-    def source_frame(self, current: int) -> int:
-        """Blender's current frame in the source's numbers; InputError outside the take."""
-        frame, first, last = current - self.shift, int(self.motion.frames[0]), int(self.motion.frames[-1])
+    def source_frame(self, now: float) -> int:
+        """The same in the source's numbers; InputError outside the take."""
+        frame, first, last = self.clock.at(now), int(self.motion.frames[0]), int(self.motion.frames[-1])
         if not first <= frame <= last:
-            words = f"expected one of the take, {first + self.shift} to {last + self.shift}"
-            raise InputError(f"the current frame is {current}; {words}")
+            words = f"expected one of the take, {self.clock.whole(first)} to {self.clock.whole(last)}"
+            raise InputError(f"the current frame is {now:g}; {words}")
         return frame
 
 

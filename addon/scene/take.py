@@ -2,7 +2,6 @@
 """A labelled take as a whole: gathered from the labelling, shown in a scene, kept in the file and read back."""
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, field, fields, replace
 from typing import Any, Self
@@ -25,8 +24,9 @@ from . import armature as armatures
 from . import cameras as scene_cameras
 from . import markers as scene_markers
 from . import naming, ownership, storage
-from .animation import RATE_ROUNDING, TakeActions, retime
+from .animation import TakeActions
 from .body import add_body
+from .clock import TakeClock, refresh_frame
 from .corrections import keep_edits, kept_text
 from .fills import FILL_PATHS, keep_cutoff, keep_fills
 from .lab import forget_events, show_lab
@@ -34,16 +34,16 @@ from .performers import Colour, Performer, body_material, home_of, homes, perfor
 from .roots import ensure_root, parent_of, remove_root
 from .storage import FRAME, add_cloud, cloud_table
 from .stored import Stored, changed_between, digest_of, digests_of
+from .timing import FRAME_TABLE, RATE, give_time, keep_clock, kept_clock
 
-ROWS, MOTION, POSE, FRAME_TABLE = "mocap_blobs", "mocap_motion", "mocap_pose", "mocap_frames"
+ROWS, MOTION, POSE = "mocap_blobs", "mocap_motion", "mocap_pose"
 EXPECTED = "mocap_expected"
 POSED_ON = "posed_on"  # of a frame: the digest of the labels that the body was posed on
 SHOWN_BODY = "mocap_shown_body"  # on an action: the digest of the body that it shows
-RATE, SHIFT, SUSPECTS, SOURCE = "mocap_rate", "mocap_frame_shift", "mocap_suspects", "mocap_source"
+SUSPECTS, SOURCE = "mocap_suspects", "mocap_source"
 MARKER_NAMES, MARKER_WORDS, STEP_NAMES = "mocap_names", "mocap_marker_words", "mocap_steps"
 PARENTS, SEGMENTS, PERFORMERS = "mocap_parents", "mocap_segments", "mocap_performers"
 TRAJECTORY, POINT, RESIDUAL = "trajectory", "point", "point_residual"
-LAST_FRAME = 1048574  # Blender's last frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class Take:
     colours    of performers by their names; a usual one for who has none
     old_body   frames, by the source's numbers, whose body was posed on other labels
     lab        events and force plates of its file
-    shift      what to add to the source's frame numbers to get Blender's; None for what that needs
+    clock      from which of Blender's frames on it plays; None for its own where Blender can count so
     """
 
     name: str
@@ -87,7 +87,7 @@ class Take:
     colours: Mapping[str, Colour] = field(default_factory=dict)
     old_body: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     lab: LabRecords = NO_LAB
-    shift: int | None = None
+    clock: TakeClock | None = None
 
     @classmethod
     def of(
@@ -114,21 +114,6 @@ class Take:
         return np.where(np.isin(self.motion.frames, self.old_body), now ^ 1, now)
 
 
-def frame_shift(frames: np.ndarray, at_1: bool = False) -> int:
-    """What to add to the source's frame numbers so that Blender can show them: mostly nothing, or what begins `at_1`.
-
-    Raises JobError where there are more frames than Blender counts.
-    """
-    if not len(frames) or (frames[0] >= 0 and frames[-1] <= LAST_FRAME and not at_1):
-        return 0
-    if frames[-1] - frames[0] >= LAST_FRAME:
-        raise JobError(
-            f"goes from frame {frames[0]} to {frames[-1]}; expected at most {LAST_FRAME} frames, which is how far "
-            "Blender counts, so choose some of them"
-        )
-    return int(1 - frames[0])
-
-
 def show_take(
     context: bpy.types.Context, take: Take, collection: bpy.types.Collection | None = None
 ) -> bpy.types.Collection:
@@ -137,11 +122,12 @@ def show_take(
     Or in the collection of a take that was cleared by `clear_take`, with whatever of a person's is in there. All hangs
     on one root. Performers with names have a collection each in it. The points that have no name are one object.
     Returns that collection, which also keeps the take itself (`stored_take`). The scene's frames and rate become the
-    take's, unless what a person made goes by them. Needs object mode; adds no undo step of its own.
+    take's, or, where what a person made goes by them, it is mapped to them. Needs object mode; adds no undo step.
     """
     scene = context.scene
-    shift = frame_shift(take.motion.frames) if take.shift is None else take.shift
-    frames = take.motion.frames + shift
+    clock = TakeClock.of(take.motion.frames) if take.clock is None else take.clock
+    clock = give_time(scene, take.rate, take.motion.frames, clock)
+    frames = clock.shown(take.motion.frames)
     camera_collection = scene_cameras.find_or_add_cameras(scene, take.cameras) if len(take.cameras) else None
     if collection is None:
         collection = bpy.data.collections.new(naming.title(take.name))
@@ -176,23 +162,23 @@ def show_take(
             scene_markers.show_marker(item, action, own, index, frames, filled[:, mine.start + index])
             ownership.sign(item, f"marker {name}", collection)
     if isinstance(take.rows, PointRows):
-        show_unnamed(collection, f"{take.name} unnamed", take.rows, take.labels, shift)
-    show_lab(scene, collection, take.name, take.lab, take.motion.frames, shift, actions)
-    _store(collection, take, camera_collection, shift)
-    give_time(scene, take.rate, frames)
+        show_unnamed(collection, f"{take.name} unnamed", take.rows, take.labels, clock)
+    show_lab(scene, collection, take.name, take.lab, take.motion.frames, clock, actions)
+    _store(collection, take, camera_collection, clock)
+    refresh_frame(scene)
     return collection
 
 
-def show_unnamed(collection: bpy.types.Collection, name: str, rows: PointRows, labels: Labels, shift: int):
+def show_unnamed(collection: bpy.types.Collection, name: str, rows: PointRows, labels: Labels, clock: TakeClock):
     """Makes the object of the points without a name show these; without one, adds it where there are some."""
     left = ~labels.named
     clouds = [one for one in collection.all_objects if one.type == "MESH" and FRAME in one.data.attributes]
     item = next((one for one in clouds if ownership.is_made_for(one, collection)), None)
     if item is None and not left.any():
         return
-    table = cloud_table(name, rows.frames[rows.frame[left]] + shift, rows.xyz[left])
+    table = cloud_table(name, rows.frames[rows.frame[left]] + clock.shift, rows.xyz[left])
     if item is None:
-        item = add_cloud(collection, table)
+        item = add_cloud(collection, table, clock)
         item.parent = parent_of(collection)
         ownership.sign(item, ownership.WITHOUT_NAMES, collection)
         return
@@ -206,7 +192,7 @@ def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored):
 
     The collection shows the take as it was `before`, and then as it is `after`. Adds no undo step of its own.
     """
-    frames = after.motion.frames + after.shift
+    frames = after.clock.shown(after.motion.frames)
     items = scene_markers.marker_empties(collection)
     action = next((item.animation_data.action for item in items.values() if item.animation_data), None)
     filled, was_filled = after.filled_markers, before.filled_markers
@@ -218,7 +204,7 @@ def show_edits(collection: bpy.types.Collection, before: Stored, after: Stored):
                 scene_markers.show_marker(item, action, after.motion, index, frames, filled.get(index), shown)
     points = isinstance(after.rows, PointRows)
     if points and not np.array_equal(before.labels.named, after.labels.named):
-        show_unnamed(collection, f"{after.name} unnamed", after.rows, after.labels, after.shift)
+        show_unnamed(collection, f"{after.name} unnamed", after.rows, after.labels, after.clock)
 
 
 def _changed(before: Stored, after: Stored) -> list[int]:
@@ -333,7 +319,7 @@ def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> S
         motion,
         tuple(Suspect(*row[:4], tuple(row[4]), *row[5:]) for row in json.loads(collection[SUSPECTS])),
         str(collection[SOURCE]),
-        int(collection[SHIFT]),
+        kept_clock(collection, int(frames["number"][0]) if len(frames["number"]) else 0),
         json.loads(collection[MARKER_WORDS]),
         model=str(collection[naming.MARKERSET]),
         performers=performers,
@@ -343,7 +329,7 @@ def unedited_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> S
     )
 
 
-def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Collection | None, shift: int):
+def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Collection | None, clock: TakeClock):
     title, motion = collection.name, take.motion
     labels = take.labels if take.unedited is None else take.unedited
     if take.unedited is not None and isinstance(take.rows, Blobs):
@@ -372,8 +358,8 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
     if cameras is not None:
         collection[naming.CAMERAS] = cameras
     collection[MARKER_NAMES] = json.dumps(take.markerset.markers)
-    # Blender's whole numbers have 32 bits, and a shift may need 33.
-    collection[RATE], collection[SHIFT], collection[SOURCE] = float(take.rate), float(shift), take.source
+    collection[SOURCE] = take.source
+    keep_clock(collection, clock, take.rate)
     suspects = [astuple(one)[: 5 if one.doubtful is None else 6] for one in take.suspects]
     collection[SUSPECTS] = json.dumps(suspects, default=int)  # whole numbers of NumPy as well
     collection[MARKER_WORDS] = json.dumps(take.markerset.by_name)
@@ -443,42 +429,3 @@ def with_kept_body(collection: bpy.types.Collection, stored: Stored) -> Stored:
 def _by_marker(values: np.ndarray) -> np.ndarray:
     """The same (F, M, …) with what is one marker's side by side in memory: so curves, tables and edits want it."""
     return np.ascontiguousarray(values.swapaxes(0, 1)).swapaxes(0, 1)
-
-
-def give_time(scene: bpy.types.Scene, rate: float, frames: np.ndarray) -> bool:
-    """Makes the scene play the take, unless something of a person's goes by its time already; whether it does."""
-    strips = scene.sequence_editor is not None and len(scene.sequence_editor.strips_all) > 0
-    if not strips and not any(one.users > one.use_fake_user and ownership.MADE not in one for one in bpy.data.actions):
-        set_time(scene, rate, frames)
-    elif len(frames) and not frames[0] <= scene.frame_current <= frames[-1]:
-        scene.frame_set(int(frames[0]))
-    return plays_at(scene, rate)
-
-
-def fps_of(scene: bpy.types.Scene) -> float:
-    """How many frames a second a scene plays."""
-    return scene.render.fps / scene.render.fps_base
-
-
-def plays_at(scene: bpy.types.Scene, rate: float) -> bool:
-    """Whether a scene has a rate, but for what Blender rounds."""
-    return math.isclose(fps_of(scene), rate, rel_tol=RATE_ROUNDING)
-
-
-def retimed(scene: bpy.types.Scene, rate: float, frames: np.ndarray) -> np.ndarray:
-    """(F,) where Blender's frames of a take lie for it to play at its own speed in a scene of another rate."""
-    return frames if plays_at(scene, rate) else frames[0] + (frames - frames[0]) * (fps_of(scene) / rate)
-
-
-def set_time(scene: bpy.types.Scene, rate: float, frames: np.ndarray) -> list[str]:
-    """Makes the scene play the take: Blender's rate is a whole number over a base.
-
-    Rigs and characters keep their speed; gives the names of those that do not, whose keys were changed or are linked.
-    """
-    scene.render.fps = max(1, round(rate))
-    scene.render.fps_base = scene.render.fps / rate
-    left = [item.name for item in scene.objects if not retime(item, fps_of(scene))]
-    if len(frames):
-        scene.frame_start, scene.frame_end = int(frames[0]), int(frames[-1])
-        scene.frame_set(int(frames[0]))
-    return left

@@ -9,6 +9,7 @@ import numpy as np
 from ..core.data.takes import BY_EDIT, NO_MARKER, PointRows
 from ..core.edits.kinds import Place
 from ..core.review.answering import MIN_SURE, markers_meant
+from .clock import TakeClock
 from .stored import Stored, changed_between
 
 # What a stretch is, in the order in which stretches are drawn: what is rare and short lies on top.
@@ -24,7 +25,7 @@ MIN_OWN_ROW_S = 1.0
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """Stretches of R rows over the frames that Blender counts: first the markers, then trajectories, long ones first.
+    """Stretches of R rows over the frames of the source: first the markers, then trajectories, long ones first.
 
     names       of the rows
     marker      (R,) index of the row's marker, NO_MARKER for others
@@ -32,6 +33,7 @@ class Runs:
     found       (R,) frames with a point, filled ones not counted
     runs        (N, 4) row, first frame, last frame and one of STATES
     span        first and last frame of the take
+    clock       which of Blender's frames they are
     """
 
     names: tuple[str, ...]
@@ -40,6 +42,7 @@ class Runs:
     found: np.ndarray
     runs: np.ndarray
     span: tuple[int, int]
+    clock: TakeClock
 
     def __len__(self) -> int:
         return len(self.names)
@@ -108,7 +111,7 @@ class KeptRows:
             self.markers[index] = _runs_of_states(index, states)
 
     def _joined(self) -> Runs:
-        frames = self.stored.motion.frames + self.stored.shift
+        frames = self.stored.motion.frames
         names, numbers, found, tables = self.points
         runs = np.concatenate([np.empty((0, 4), int), *self.markers, *tables])
         runs[:, 1:3] = frames[runs[:, 1:3]] if len(frames) else 0
@@ -117,7 +120,7 @@ class KeptRows:
         numbers = np.append(np.full(count, -1), np.array(numbers, int))
         span = (int(frames[0]), int(frames[-1])) if len(frames) else (0, 0)
         found = np.array([*self.found, *found], int)
-        return Runs((*self.stored.names, *names), marker, numbers, found, runs, span)
+        return Runs((*self.stored.names, *names), marker, numbers, found, runs, span, self.stored.clock)
 
 
 def _about(before: Stored, after: Stored) -> dict[int, slice] | None:

@@ -11,23 +11,22 @@ from .opened import opened
 from .stored import Stored
 
 
-def marker_rows(stored: Stored) -> list[tuple[str, float, int, int, int, float]]:
+def marker_rows(stored: Stored) -> list[tuple[str, float, int, int, float, float]]:
     """Of each marker, the least found first; what is filled was not found.
 
     Its name, the part of the frames in which it was found, its gaps, those at the ends included, frames of the longest,
     Blender's frame in which the first begins, -1 without gaps, and its mean residual in mm, NaN when never seen.
     """
     motion, rows = stored.unfilled, []
-    frames = motion.frames + stored.shift
     for index, name in enumerate(stored.names):
         there = np.isfinite(motion.markers[:, index, 0])  # a place is whole or not at all
         edges = np.flatnonzero(np.diff(there, prepend=True, append=True))
         starts, lengths = edges[::2], edges[1::2] - edges[::2]
-        first = int(frames[starts[0]]) if len(starts) else -1
+        first = float(stored.clock.shown(motion.frames[starts[0]])) if len(starts) else -1.0
         residual = motion.residual[there, index]
         known = residual[np.isfinite(residual)]
         mean = 1000 * float(known.mean()) if len(known) else float("nan")
-        found = float(there.sum()) / max(len(frames), 1)
+        found = float(there.sum()) / max(len(there), 1)
         rows.append((name, found, len(starts), int(lengths.max(initial=0)), first, mean))
     return sorted(rows, key=lambda row: (row[1], -row[2]))
 

@@ -16,7 +16,9 @@ from ..ops.reposing import follow_soon, forget_reposing
 from ..props import know_markerset, list_trouble, refresh_review
 from ..scene import naming
 from ..scene.opened import opened
-from ..scene.take import RATE, takes_of
+from ..scene.retargeting import follow_actions
+from ..scene.take import takes_of
+from ..scene.timing import RATE
 from . import advanced, figure, graph, label_tool, live, overlay, panels, quality, review, timeline
 
 PANEL_MODULES = (panels, review, advanced, live, label_tool)  # from above; a panel behind the one that it is in
@@ -53,11 +55,18 @@ def add_handlers(stack: ExitStack):
     ):
         listeners.append(function)
         stack.callback(listeners.remove, function)
+    follow_hand()
+    stack.callback(bpy.msgbus.clear_by_owner, follow_actions)
     # While an extension is being enabled the file is out of bounds; a moment later it is not. The timer is persistent
     # because Blender 4.5 as a module hangs at its end when a file is opened under one that is not.
     bpy.app.timers.register(adopt_takes, first_interval=0.0, persistent=True)
     for timer in (list_trouble, adopt_takes, review_now, look_when_free, follow, follow_live):
         stack.callback(_stop_timer, timer)
+
+
+def follow_hand():
+    """Listens to hands that choose an action; Blender forgets that with every file."""
+    bpy.msgbus.subscribe_rna(key=(bpy.types.AnimData, "action"), owner=follow_actions, args=(), notify=follow_actions)
 
 
 def _stop_timer(function):
@@ -71,6 +80,7 @@ def after_load(*_):
     leave_live()
     opened.forget()
     forget_reposing()
+    follow_hand()
     bpy.context.view_layer.update()  # constraints of cameras, which what was edited in takes of blobs is measured by
     bpy.context.window_manager.mocap_autolabel.picked.clear()
     adopt_takes()

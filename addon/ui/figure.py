@@ -42,7 +42,7 @@ def draw():
     if not settings.display.show_overlay or not space.overlay.show_overlays or not is_take(settings.take):
         return
     stored = opened.take(settings.take, context.scene)
-    index = stored.index_of(context.scene.frame_current)
+    index = stored.index_of(context.scene.frame_float)
     if index < 0:
         return
     with Canvas(context) as canvas:
@@ -67,7 +67,7 @@ def draw_places(canvas: Canvas, context: bpy.types.Context, stored: Stored, inde
         names = [name for name in selected_markers(context) if name in stored.words]
         draw_trails(canvas, stored, index, [stored.words[name] for name in names], settings.take)
     if (trouble := meant(context, settings.take, stored)) is not None:
-        places = canvas.place(places_of(trouble, stored, context.scene.frame_current - stored.shift))
+        places = canvas.place(places_of(trouble, stored, stored.clock.at(context.scene.frame_float)))
         for radius in (MEANT_RADIUS, MEANT_RADIUS + 1.5):
             canvas.rings(places, MEANT_COLOUR, radius)
 
@@ -167,6 +167,6 @@ def meant(context: bpy.types.Context, collection: bpy.types.Collection, stored: 
     found = known_trouble(collection, context.scene) or ()
     if not state.trouble_index < len(found) == len(state.troubles):
         return None
-    trouble, frame = found[state.trouble_index], context.scene.frame_current - stored.shift
+    trouble, frame = found[state.trouble_index], stored.clock.at(context.scene.frame_float)
     asked = trouble.reason == state.trouble_shown and not trouble.answered
     return trouble if asked and trouble.first <= frame <= trouble.last else None

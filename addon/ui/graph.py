@@ -20,6 +20,7 @@ from ..core.filling.gaps import find_gaps
 from ..core.filling.kept import KeptFill
 from ..ops.filling import proposed
 from ..ops.picking import picked_points, selected_markers
+from ..scene.clock import TakeClock
 from ..scene.opened import opened
 from ..scene.redrawing import redraw
 from ..scene.stored import Stored
@@ -68,26 +69,27 @@ def draw():
     stored = opened.take(context.scene.mocap_autolabel.take, context.scene)
     places, names, words = GraphPlaces.of(context.region), selected_markers(context), []
     scale = context.preferences.system.ui_scale
-    first, last = (context.region.view2d.region_to_view(x, 0)[0] - stored.shift for x in (0, context.region.width))
+    clock = stored.clock
+    first, last = (clock.at(context.region.view2d.region_to_view(x, 0)[0]) for x in (0, context.region.width))
     with Pixels(context.region) as pixels:
         if names:  # of one, the active one: the gaps of many would cover everything
-            draw_gaps(pixels, places, gaps_of(stored, names[0]) + stored.shift)
+            draw_gaps(pixels, places, gaps_of(stored, names[0]), clock)
         draw_curves(context, pixels, places, stored)
         looked_at = proposed(context)
         again = {(fill.marker, fill.first) for fill in looked_at}
         kept = [fill for fill in stored.fitting if (fill.marker, fill.first) not in again]
         for fills, colour, dash in ((kept, BLUE, 0.0), (looked_at, ORANGE, DASH * scale)):
             seen = [one for one in fills if one.marker in names and one.first <= last and first <= one.last]
-            draw_fills(pixels, places, seen, stored.shift, colour, dash)
+            draw_fills(pixels, places, seen, clock, colour, dash)
             for fill in seen:
-                x = places.origin[0] + places.scale[0] * (fill.first + stored.shift)
+                x = places.origin[0] + places.scale[0] * clock.shown(fill.first)
                 words.append((words_of(fill), x, WORDS_FOOT * scale * (1 + names.index(fill.marker)), colour))
         _letters.draw(words, LETTERS * scale, shadow=True)
 
 
-def draw_gaps(pixels: Pixels, places: GraphPlaces, gaps: np.ndarray):
-    """Shades frames (N, 2) from the first to the last, both included."""
-    x = places.origin[0] + places.scale[0] * (gaps + np.array([-0.5, 0.5]))
+def draw_gaps(pixels: Pixels, places: GraphPlaces, gaps: np.ndarray, clock: TakeClock):
+    """Shades frames (N, 2) of the source from the first to the last, both included."""
+    x = places.origin[0] + places.scale[0] * clock.shown(gaps + np.array([-0.5, 0.5]))
     boxes = np.column_stack([x[:, 0], 0 * x[:, 0], x[:, 1], 0 * x[:, 1] + pixels.size[1]])
     pixels.boxes(boxes, (*STATE_COLOURS[GAP], GAP_OPACITY))
 
@@ -109,9 +111,9 @@ def draw_curves(context: bpy.types.Context, pixels: Pixels, places: GraphPlaces,
 
     And of the picked trajectories, where these have no name.
     """
-    first = int(stored.motion.frames[0]) + stored.shift
-    left, right = ((x - places.origin[0]) / places.scale[0] - first for x in (0, pixels.size[0]))
-    begin, end = max(int(left), 0), min(max(int(right) + 2, 0), len(stored.motion.frames))
+    first, clock = int(stored.motion.frames[0]), stored.clock
+    left, right = (clock.at((x - places.origin[0]) / places.scale[0]) - first for x in (0, pixels.size[0]))
+    begin, end = max(left - 1, 0), min(max(right + 2, 0), len(stored.motion.frames))
     step = max(1, (end - begin) // pixels.size[0])  # more than one to a pixel is not seen
     here = slice(begin, end, step)
     seen, shown = stored.unfilled.markers[here], stored.motion.markers[here]
@@ -125,7 +127,7 @@ def draw_curves(context: bpy.types.Context, pixels: Pixels, places: GraphPlaces,
         curves.append(np.full((len(seen), 3), np.nan))
         curves[-1][after[there] // step] = stored.rows.xyz[rows[there]]
     theme = context.preferences.themes[0].user_interface
-    frames = first + begin + step * np.arange(len(seen))
+    frames = clock.shown(first + begin + step * np.arange(len(seen)))
     for xyz in curves:
         for values, colour in zip(xyz.T, (theme.axis_x, theme.axis_y, theme.axis_z), strict=True):
             line = places.at(frames, values)
@@ -137,7 +139,7 @@ def draw_fills(
     pixels: Pixels,
     places: GraphPlaces,
     fills: Iterable[KeptFill],
-    shift: int,
+    clock: TakeClock,
     colour: tuple[float, ...],
     dash: float,
 ):
@@ -147,7 +149,7 @@ def draw_fills(
     """
     ends, bands = [np.zeros((0, 2, 2))], [np.zeros((0, 4, 2))]
     for fill in fills:
-        frames = np.arange(fill.first - 1, fill.last + 2) + shift
+        frames = clock.shown(np.arange(fill.first - 1, fill.last + 2))
         known = np.isfinite(fill.path).all(axis=1)
         for values in fill.path[known].T:
             line = places.at(frames[known], values)

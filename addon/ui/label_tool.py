@@ -202,7 +202,7 @@ def draw():
     if not space.overlay.show_overlays or not is_take(collection):
         return
     stored = opened.take(collection, scene)
-    index = stored.index_of(scene.frame_current)
+    index = stored.index_of(scene.frame_float)
     with Canvas(context) as canvas:
         canvas.perspective = canvas.perspective @ take_to_view(context, stored, context.area)
         draw_proposed(canvas, proposed(context))

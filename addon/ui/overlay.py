@@ -64,7 +64,7 @@ def draw():
 def draw_frame(canvas: "Canvas", context: bpy.types.Context):
     """What there is of the take in the current frame."""
     settings, stored = context.scene.mocap_autolabel, shown(context.scene)
-    index = stored.index_of(context.scene.frame_current) if stored else -1
+    index = stored.index_of(context.scene.frame_float) if stored else -1
     if index < 0:
         return
     camera = camera_through(context.space_data, context.scene)

@@ -14,8 +14,10 @@ from ..ops.importing import USE_ITEMS, cameras_at_hand
 from ..ops.reposing import words_behind
 from ..ops.retargeting import active_rig
 from ..props import OWN_FILE, found_here, is_opened, opened_file
+from ..scene.clock import fps_of, plays_at
 from ..scene.performers import homes
-from ..scene.take import fps_of, is_take, plays_at, takes_of
+from ..scene.take import is_take, takes_of
+from ..scene.timing import RATE, is_timed_otherwise
 from .advanced import draw_folder
 from .parts import DrawsRows, draw_choice, draw_operators, draw_performers, draw_text, fold, panel, shows
 
@@ -42,6 +44,7 @@ def take(layout, context):
     row.operator("mocap_autolabel.import_take", text="", icon="FILE_FOLDER")
     if labelled:
         row.operator("mocap_autolabel.clear", text="", icon="TRASH")
+        _draw_rates(layout, context.scene, settings.take, settings.take[RATE])
     if path and (state.unfolded or not labelled):
         _draw_card(layout, context, path)
     _draw_progress(layout, state)
@@ -96,10 +99,8 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
         axes.use = "points" if is_qtm(Path(path)) else USE_ITEMS[0][0]
     else:
         draw_choice(column, source, "rate")
-    if not plays_at(context.scene, source.rate):
-        row = column.row()
-        row.label(text=f"The scene plays {fps_of(context.scene):g} Hz", icon="INFO")
-        row.operator("mocap_autolabel.play_as_take", text="", icon="TIME")
+    if not is_take(settings.take):
+        _draw_rates(column, context.scene, source.preview, source.rate)
     column = layout.column(align=True)
     row = column.split(factor=0.45, align=True)
     row.label(text="Marker Set:")
@@ -120,6 +121,19 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
         row.operator("mocap_autolabel.label", text="Label All Performers", icon="COMMUNITY").everybody = True
     else:
         row.operator("mocap_autolabel.label", text="Label Again" if again else "Label", icon="PLAY")
+
+
+def _draw_rates(layout: bpy.types.UILayout, scene: bpy.types.Scene, block: bpy.types.ID | None, rate: float):
+    """The scene's rate where it is not that of a take, kept in a block, and how each gets the other's."""
+    otherwise = block is not None and is_timed_otherwise(scene, block)
+    if plays_at(scene, rate) and not otherwise:
+        return
+    row = layout.row(align=True)
+    row.label(text=f"{'The scene plays' if otherwise else 'Mapped to'} {fps_of(scene):g} Hz", icon="INFO")
+    if otherwise:
+        row.operator("mocap_autolabel.follow_rate", text="", icon="FILE_REFRESH")
+    if not plays_at(scene, rate):
+        row.operator("mocap_autolabel.play_as_take", text="", icon="TIME")
 
 
 def _draw_found(context, layout: bpy.types.UILayout, subjects, state):

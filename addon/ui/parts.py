@@ -113,9 +113,10 @@ def draw_cells(layout: bpy.types.UILayout, *cells: str):
         row.label(text=words)
 
 
-def frames_in_short(first: int, last: int) -> str:
+def frames_in_short(first: float, last: float) -> str:
     """Frames from the first to the last, as a row of a list has room for them."""
-    return str(first) if first == last else f"{first}–{last}"
+    ends = f"{first:.0f}", f"{last:.0f}"
+    return ends[0] if ends[0] == ends[1] else "–".join(ends)
 
 
 def in_short(stake: float) -> str:

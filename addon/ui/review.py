@@ -139,11 +139,11 @@ class MOCAP_AUTOLABEL_UL_changes(DrawsRows, bpy.types.UIList):
 
     def draw_row(self, context, layout, item, index):
         row = layout.row(align=True)
-        draw_jump(row, str(item.first), item.first, item.name, icon="TIME")
+        draw_jump(row, frames_in_short(item.first, item.first), item.first, item.name, icon="TIME")
         row.label(text=item.words)
 
 
-def draw_jump(layout: bpy.types.UILayout, words: str, frame: int, marker: str, **how):
+def draw_jump(layout: bpy.types.UILayout, words: str, frame: float, marker: str, **how):
     """A button that goes to a frame and selects a marker."""
     jump = layout.operator("mocap_autolabel.jump", text=words, **how)
     jump.frame, jump.marker = frame, marker

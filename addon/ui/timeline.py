@@ -168,13 +168,16 @@ def draw_names_beside():
 def draw_runs(context: bpy.types.Context, pixels: "Pixels", runs: Runs, places: RowPlaces, colours: Colours):
     """The stretches of the rows, the frames that are played, and the legend."""
     left, right = (context.region.view2d.region_to_view(x, 0)[0] for x in (0, context.region.width))
-    wide = context.region.width / max(right - left, 1e-6)
+    wide, clock = context.region.width / max(right - left, 1e-6), runs.clock
     _drawn.shader.bind()
     _drawn.shader.uniform_float("ground", colours.ground.tolist())
     # What lies under the frame numbers, Blender draws over afterwards; under the legend, we do.
     with gpu.matrix.push_pop():
         gpu.matrix.translate((0.0, places.upper(0)))
-        _drawn.shader.uniform_float("view", (left - runs.span[0], wide, places.row, MIN_WIDTH * places.scale))
+        _drawn.shader.uniform_float(
+            "view",
+            ((left - clock.shown(runs.span[0])) / clock.step, wide * clock.step, places.row, MIN_WIDTH * places.scale),
+        )
         _drawn.batch.draw(_drawn.shader)
     draw_preview_range(context.scene, pixels, places, (left, wide))
     if places.bottom:

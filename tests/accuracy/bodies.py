@@ -10,13 +10,17 @@ from collections.abc import Callable, Iterator
 import bpy
 import numpy as np
 
-from addon.core.data.markersets import MarkerSet
+from addon.core.body.bodies import BodyModel
+from addon.core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from addon.core.data.takes import BY_FIT, NO_MARKER, Labels, Motion, PointRows, Points
 from addon.core.geometry.cameras import NO_CAMERAS
+from addon.core.geometry.rigid import best_turns
 from addon.core.geometry.rotations import carried
 from addon.core.points.motion import motion_of
-from addon.core.posing.character import BALL, Character
+from addon.core.posing.character import Character
+from addon.core.posing.ends import with_ends
 from addon.core.posing.finer import finer
+from addon.core.posing.posing import fit_points
 from addon.core.retarget.matching import match_bones
 from addon.core.review.suspects import runs
 from addon.io.models import open_model
@@ -32,6 +36,9 @@ from . import people
 
 SLOW_M_S, SPAN_S, PLANT_S, LOW_M, STILL_M = 0.1, 0.05, 0.15, 0.05, 0.01  # of markers on a planted foot
 LIMBS = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
+HAND = people.DATA.parent / "strangers" / "animal_hand" / "hand.tsv"
+HAND_STRIDE, PERSON_M, WRIST_M = 10, 1.75, 0.06  # frames; whose hand it is; the wrist, behind the plate on the back
+NEAR_S = 0.2  # before and after plants, in which toes are compared
 ON_RIGS = ("karate", "basketball", "walk 1")
 
 
@@ -80,10 +87,11 @@ def on_floor(take: people.Take, markerset: MarkerSet, fitted: Motion, shown: Mot
     segments, at = markerset.skeleton.segments, markerset.attachment
     heights, slides = [], []
     for side in "LR":
-        foot = segments.index(f"foot.{side}")
-        ankle, way = shown.joints[:, foot], carried(shown.rotations[:, foot], tips[foot])
-        heights.append(np.minimum(ankle[:, 2], (ankle + way)[:, 2]))
-        slides += [slide((ankle + BALL * way)[first:end]) for first, end in plants(take, side)]
+        ankle, ball = (shown.joints[:, segments.index(f"{part}.{side}")] for part in ("foot", "toes"))
+        toes = segments.index(f"toes.{side}")
+        tip = ball + carried(shown.rotations[:, toes], tips[toes])
+        heights.append(np.min([ankle[:, 2], ball[:, 2], tip[:, 2]], axis=0))
+        slides += [slide(ball[first:end]) for first, end in plants(take, side)]
     heights = np.concatenate(heights)
     heights = heights[np.isfinite(heights)]
     # Where markers are on the fitted body, on the one that is shown.
@@ -163,9 +171,7 @@ def followed(
     for frame in np.flatnonzero(found):
         bpy.context.scene.frame_set(int(frame))
         posed[frame] = [world @ rig.pose.bones[bones[part]].matrix for part in parts]
-        tips[frame] = [
-            (world @ rig.pose.bones[toe].tail).z - (world @ rig.data.bones[toe].tail_local).z for toe in toes
-        ]
+        tips[frame] = [min(_higher(rig, world, toe, end) for end in ("head", "tail")) for toe in toes]
     theirs = {part: posed[:, at, :3, 3] for at, part in enumerate(parts)}
     ours = {part: body[:, character.names.index(part)] for part in parts}
     angles: dict[str, list[np.ndarray]] = {"arm": [], "leg": []}
@@ -187,8 +193,87 @@ def followed(
     ]
 
 
+def _higher(rig: bpy.types.Object, world, bone: str, end: str) -> float:
+    """M, how much higher an end of a bone is than at rest."""
+    return (world @ getattr(rig.pose.bones[bone], end)).z - (world @ getattr(rig.data.bones[bone], f"{end}_local")).z
+
+
+def toes_off() -> Iterator[list[str]]:
+    """The rows of the third table: how far a marker on the big toe is from where foot or toes would carry it.
+
+    It is carried from where it is in the first third of each plant, when the foot is flat.
+    """
+    markerset = finer(open_model("body26").markerset)
+    segments = markerset.skeleton.segments
+    off: dict[str, list[np.ndarray]] = {"foot": [], "toes": []}
+    for person in people.everyone():
+        walk = people.read(people.files_of(person)[people.KINDS.index("walk")], person)
+        fitted = posed(walk, markerset)
+        shown = on_ground(fitted, markerset, build_of(markerset, fitted), walk.rate)
+        for side in (side for side in "LR" if plants(walk, side)):
+            way = walk.pick([f"{side}HLX"])[:, 0] - shown.joints[:, segments.index(f"toes.{side}")]
+            near: list[int] = []
+            flat = np.concatenate([np.arange(first, first + (end - first) // 3) for first, end in plants(walk, side)])
+            for first, end in plants(walk, side):
+                near += range(max(first - round(NEAR_S * walk.rate), 0), min(end + round(NEAR_S * walk.rate), len(way)))
+            for part, gone in off.items():
+                turns = shown.rotations[:, segments.index(f"{part}.{side}")]
+                place = np.nanmedian(carried(turns.swapaxes(1, 2), way)[flat], axis=0)
+                gone.append(1000 * (carried(turns, place) - way)[sorted(set(near))])
+    for title, parts in zip(("as the foot", "shown"), off.values(), strict=True):
+        gone, row = np.concatenate(parts), [title]
+        for values in (np.abs(gone[:, 2]), np.linalg.norm(gone, axis=1)):
+            cells = [f"{value:.1f}" for value in np.nanquantile(values, (0.5, 0.9, 0.99))]
+            row += cells
+        yield row
+
+
+def fingers_off() -> Iterator[list[str]]:
+    """The rows of the fourth table: how far a fitted hand is from the markers on fingers, which move, and on its back.
+
+    The set is the hand alone: markers sit where they are in the mean in the axes of the plate on its back.
+    """
+    lines = HAND.read_text().splitlines()
+    start = next(at for at, line in enumerate(lines) if line.startswith("Frame\t"))
+    names = next(line for line in lines if line.startswith("MARKER_NAMES")).split("\t")[1:]
+    table = np.genfromtxt(lines[start + 1 :: HAND_STRIDE], delimiter="\t")[:, 2 : 2 + 3 * len(names)]
+    xyz = table.reshape(len(table), -1, 3) / 1000
+    xyz[(xyz == 0).all(axis=2)] = np.nan
+    plate = [names.index(f"hand_{at}") for at in ("top", "left", "right")]
+    for title, ends in (("tips", ("_tip",)), ("middles", ("_middle",)), ("tips and middles", ("_tip", "_middle"))):
+        on = [names.index(name) for name in names if name.endswith(ends)]
+        points = xyz[:, [*plate, *on]]
+        middle = points[:, :3].mean(axis=1, keepdims=True)
+        turns = np.stack([best_turn(shown, points[0, :3]) for shown in points[:, :3]])
+        places = np.nanmean((points - middle) @ turns.swapaxes(1, 2), axis=0)
+        ahead = places[3:].mean(axis=0) / np.linalg.norm(places[3:].mean(axis=0))
+        markerset = _hand(tuple(names[at] for at in (*plate, *on)), (places + WRIST_M * ahead) / PERSON_M)
+        for how, one in (("as the hand", markerset), ("of their own", with_ends(markerset))):
+            model = BodyModel(one)
+            off = 1000 * np.linalg.norm(model.pose(fit_points(model, points)).markers - points, axis=2)
+            fingers = (f"{value:.1f}" for value in np.nanquantile(off[:, 3:], (0.5, 0.9, 0.99)))
+            yield [title, how, *fingers, f"{np.nanmedian(off[:, :3]):.1f}"]
+
+
+def _hand(names: tuple[str, ...], places: np.ndarray) -> MarkerSet:
+    """A right hand alone, with markers at places (M, 3) from its wrist, heights."""
+    none, count = np.zeros((0, 3)), len(names)
+    spread = Spread(
+        PERSON_M, 0.05, np.zeros((0, 1 + count, 3)), np.full(count, 0.004), np.zeros((1, 3)), np.zeros((3, 3))
+    )
+    capsules = Capsules(np.zeros(0, int), none, none, np.zeros(0))
+    skeleton = Skeleton(("hand.R",), np.array([-1]), np.zeros((1, 3)))
+    return MarkerSet("hand", "", names, {}, skeleton, np.zeros(count, int), places, capsules, spread, {})
+
+
+def best_turn(points: np.ndarray, onto: np.ndarray) -> np.ndarray:
+    """(3, 3) that turns points (N, 3) onto others about their middles."""
+    outer = (onto - onto.mean(axis=0)).T @ (points - points.mean(axis=0))
+    return best_turns(outer[None])[0][0]
+
+
 def main():
-    """Prints both tables."""
+    """Prints the tables."""
     import addon_utils
 
     people.need_people()
@@ -207,8 +292,20 @@ def main():
     head += ["largest turn, °", "from its markers, mm", "from them at 99 %, mm"]
     print(markdown(head, floor), flush=True)
     head = ["take", "rig", "arms off, °", "arms at 99 %, °", "legs off, °", "legs at 99 %, °"]
-    head += ["planted feet off, mm", "feet at 99 %, mm", "toes 10 mm in the floor, %", "largest turn, °"]
+    head += ["planted feet off, mm", "feet at 99 %, mm", "feet 10 mm in the floor, %", "largest turn, °"]
     print(markdown(head, rigs))
+    head = [
+        "toes",
+        "height off, mm",
+        "height at 90 %, mm",
+        "height at 99 %, mm",
+        "off, mm",
+        "off at 90 %, mm",
+        "off at 99 %, mm",
+    ]
+    print(markdown(head, list(toes_off())))
+    head = ["markers on", "fingers", "off them, mm", "at 90 %, mm", "at 99 %, mm", "off those on the hand's back, mm"]
+    print(markdown(head, list(fingers_off())))
 
 
 if __name__ == "__main__":

@@ -243,7 +243,8 @@ def suspects(extension) -> Callable[[], list[tuple[int, int, str]]]:
 
     def of_active_take() -> list[tuple[int, int, str]]:
         stored = stored_take()
-        return [(one.first + stored.shift, one.last + stored.shift, one.reason) for one in stored.suspects]
+        shown = stored.clock.shown
+        return [(shown(one.first), shown(one.last), one.reason) for one in stored.suspects]
 
     return of_active_take
 

@@ -11,6 +11,7 @@ from addon.core.data.takes import NO_MARKER
 from addon.scene import take as takes
 from addon.scene.blob_dots import FrameRays, blob_dots
 from addon.scene.cameras import look_through
+from addon.scene.clock import TakeClock
 from addon.scene.opened import Opened
 from addon.scene.preview import read_preview, store_preview
 
@@ -139,7 +140,7 @@ def test_sides_are_told_apart_by_people_who_see_few_colours(extension):
 
 def test_blobs_can_be_looked_at_before_they_are_labelled(empty, made):
     take = made.take()
-    mesh = store_preview("walk", take.rows, take.cameras)
+    mesh = store_preview("walk", take.rows, take.cameras, take.rate, TakeClock.of(take.rows.frames))
     stored = read_preview(mesh, take.cameras)
     np.testing.assert_array_equal(stored.rows.frames, take.rows.frames)
     np.testing.assert_array_equal(stored.rows.frame, take.rows.frame)
@@ -150,7 +151,9 @@ def test_blobs_can_be_looked_at_before_they_are_labelled(empty, made):
 
 def test_rays_of_blobs_without_names_meet_where_markers_are(empty, made):
     take = made.take()
-    stored = read_preview(store_preview("walk", take.rows, take.cameras), take.cameras)
+    stored = read_preview(
+        store_preview("walk", take.rows, take.cameras, take.rate, TakeClock.of(take.rows.frames)), take.cameras
+    )
     found = FrameRays.of(stored, 10)
     off = np.linalg.norm(found.points[:, None] - take.motion.markers[10], axis=2)
     assert len(found.points) > 5
@@ -159,7 +162,13 @@ def test_rays_of_blobs_without_names_meet_where_markers_are(empty, made):
     assert len(found.ends) + len(found.loose) == here.sum(), "each blob has one ray"
     for ends in (found.ends, found.loose):
         assert np.isin(ends[:, 0].round(6), take.cameras.centres.round(6)).all()
-    alone = FrameRays.of(read_preview(store_preview("one", take.rows, take.cameras), take.cameras.select([1])), 10)
+    alone = FrameRays.of(
+        read_preview(
+            store_preview("one", take.rows, take.cameras, take.rate, TakeClock.of(take.rows.frames)),
+            take.cameras.select([1]),
+        ),
+        10,
+    )
     assert (len(alone.points), len(alone.loose)) == (0, (take.rows.camera[here] == 1).sum())
 
 

@@ -22,7 +22,9 @@ from addon.io.points import read_points
 from addon.io.poses import PoseFile
 from addon.scene import naming, playing, roots
 from addon.scene import take as takes
+from addon.scene.clock import set_moment
 from addon.scene.opened import Opened
+from addon.scene.timing import follow_rate
 from tests.inputs.walkers import FIRST, FRAMES, WORN, write_seen
 
 from .hands import MODULE, refused
@@ -36,7 +38,7 @@ def places(context, collection, frames):
     armatures = [one for one in collection.all_objects if one.type == "ARMATURE"]
     markers, bones = [], []
     for frame in frames:
-        context.scene.frame_set(int(frame))
+        set_moment(context.scene, float(frame))
         graph = context.evaluated_depsgraph_get()
         markers.append([one.evaluated_get(graph).matrix_world.translation[:] for one in empties])
         bones.append([np.array(bone.matrix) for one in armatures for bone in one.evaluated_get(graph).pose.bones])
@@ -100,6 +102,18 @@ def test_it_moves_as_with_keys_without_the_extension(both, without_extension):
     assert (scene.frame_start, scene.frame_end) == (both.frames[0], both.frames[-1])
     assert not bpy.data.actions
     assert not takes.is_take(collection)
+
+
+def test_at_another_rate_it_plays_at_its_own_speed(both):
+    collection, scene = opened(both.path), bpy.context.scene
+    for fps in (24, 120):
+        scene.render.fps, scene.render.fps_base = fps, 1
+        assert follow_rate(scene) == []
+        clock = playing.clock_of(collection)
+        assert clock.step == pytest.approx(fps / both.take.rate)
+        markers, bones = places(bpy.context, collection, clock.shown(both.frames))
+        np.testing.assert_allclose(markers, both.keyed[0], atol=1e-4)
+        np.testing.assert_allclose(bones, both.keyed[1], atol=1e-4)
 
 
 def test_it_follows_its_root_and_so_does_a_part_of_it(both):

@@ -98,7 +98,7 @@ def test_a_scene_that_a_person_animates_keeps_its_time_until_the_button_is_press
     made_before(scene)
     scene.render.fps, scene.frame_start, scene.frame_end = 24, 5, 80
     words = ours("ops.importing").take_points(empty, files.folder / "walk.c3d")
-    assert "the scene keeps its 24 frames a second, because something in it is animated" in words
+    assert "the scene keeps its 24 frames a second, and the take is mapped to them" in words
     assert (scene.render.fps, scene.frame_start, scene.frame_end) == (24, 5, 80)
     assert scene.frame_current == 101
     assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
@@ -117,7 +117,7 @@ def test_a_take_begins_at_frame_1_by_choice_and_its_files_keep_their_numbers(nam
     labelling.use_range, labelling.range_first, labelling.range_last = True, 111, 120
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     stored = stored_take()
-    assert (stored.shift, stored.motion.frames[0], stored.index_of(11)) == (-100, 111, 0)
+    assert (stored.clock.shift, stored.motion.frames[0], stored.index_of(11)) == (-100, 111, 0)
     assert keys_of("C7")[:, 0].tolist() == list(range(11, 21))
     assert {row[0] for row in rows_of_export(files.folder / "out.labels.csv")} == {str(one) for one in range(111, 121)}
 

@@ -14,6 +14,7 @@ import pytest
 from addon.core.data.takes import Labels
 from addon.core.filling.smoothing import smoothed
 from addon.core.points.motion import motion_of
+from addon.core.posing.finer import finer
 from addon.io.markersets import open_markerset, write_markerset
 from addon.scene import take as takes
 from addon.scene.opened import Opened
@@ -100,7 +101,7 @@ def anew(collection) -> np.ndarray:
     stored = Opened().take(collection, bpy.context.scene)
     points = Labels.none(len(stored.motion.frames), len(stored.names))  # whose confidence alone is asked for
     own = stored.unfilled
-    return motion_of(own.markers, own.residual, points, open_markerset("body26"), own.frames).joints
+    return motion_of(own.markers, own.residual, points, finer(open_markerset("body26")), own.frames).joints
 
 
 def test_the_body_is_what_is_fitted_to_the_markers_after_each_correction(labelled):

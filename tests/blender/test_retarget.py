@@ -2,6 +2,7 @@
 """The take's motion on rigs of people's own: any names, rest, size, place and rotation mode; what is theirs stays."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from mathutils import Matrix, Vector
 
+from addon.core.posing.finer import finer
 from addon.io.markersets import open_markerset
 from addon.scene import take as takes
 from tests.inputs.rigs import (
@@ -25,8 +27,9 @@ from tests.inputs.rigs import (
     rig_bones,
     unreal,
 )
+from tests.inputs.worn import with_fingers
 
-from .hands import ours, refused
+from .hands import ours, refused, reopen
 
 LIMBS = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 MOST_OFF = np.radians(0.1)  # without feet to be kept, limbs point as the body's do
@@ -103,13 +106,13 @@ def test_in_a_scene_of_another_rate_a_rig_moves_at_its_own_speed(shown):
 
 def test_played_as_the_take_rigs_and_characters_keep_their_speed(shown, capfd):
     scene, rig = bpy.context.scene, mixamo()
+    scene.mocap_autolabel.take.objects.link(rig)
     scene.render.fps, scene.render.fps_base = 24, 1
+    assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
     action = retargeted(rig)
     assert bpy.ops.mocap_autolabel.add_character() == {"FINISHED"}
     character = next(item for item in bpy.data.objects if item.name.startswith(f"{shown.name} character"))
     first, last = (int(shown.motion.frames[end]) for end in (0, -1))
-    source = scene.mocap_autolabel.source
-    source.rate, source.first_frame, source.last_frame = shown.rate, first, last
     assert action.frame_range[1] < last - 1
     assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
     for one in (action, character.animation_data.action):
@@ -117,8 +120,8 @@ def test_played_as_the_take_rigs_and_characters_keep_their_speed(shown, capfd):
     assert ways_off(shown, rig, MIXAMO).max() < MOST_OFF
     assert "old rate is kept" not in capfd.readouterr().out
     action.layers[0].strips[0].channelbags[0].fcurves[0].keyframe_points[0].co.y += 1  # by hand
-    source.rate = 30.0
-    assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
+    scene.render.fps = 30
+    assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
     assert f"The old rate is kept by {rig.name}:" in capfd.readouterr().out
     assert action.frame_range[1] > character.animation_data.action.frame_range[1]
 
@@ -164,6 +167,34 @@ def test_rigify_is_moved_by_its_controls(shown):
     rig.update_tag()
     off = ways_off(shown, rig, names)  # the left leg's are the third and the fourth
     assert MOST_OFF < off[:, 2:4].max() < BY_IK_OFF
+
+
+def test_fingers_that_are_worn_move_those_of_rigs_and_of_the_character(empty, made, extension, tmp_path):
+    import addon_utils
+
+    if addon_utils.enable("rigify", default_set=True) is None:
+        pytest.skip("this Blender has no Rigify")
+    markerset = finer(with_fingers(open_markerset("body39")))
+    motion = made.motion(markerset, 8)
+    rows, labels = made.blobs(markerset, made.cameras(), motion)
+    take = replace(made.take(8), rate=60.0, markerset=markerset, motion=motion, rows=rows, labels=labels)
+    empty.scene.mocap_autolabel.take = takes.show_take(empty, take)
+    bpy.ops.object.armature_human_metarig_add()
+    bpy.ops.pose.rigify_generate()
+    rig = bpy.context.object
+    retargeted(rig)
+    segments, armature = markerset.skeleton.segments, next(one for one in bpy.data.objects if "mocap_scale" in one)
+    fingers = {"thumb.L": "thumb.01.L", "index.L": "f_index.01.L", "pinky.R": "f_pinky.01.R"}
+    for index in np.flatnonzero(np.isfinite(motion.joints).all(axis=(1, 2))):
+        empty.scene.frame_set(int(motion.frames[index]))
+        for finger, bone in fingers.items():
+            at = segments.index(finger)
+            rest = armature.data.bones[finger]
+            way = motion.rotations[index, at] @ (rest.tail_local - rest.head_local).normalized()
+            own = rig.matrix_world.to_3x3() @ rig.pose.bones[f"ORG-{bone}"].vector.normalized()
+            assert np.degrees(np.arccos(np.clip(np.dot(way, own), -1, 1))) < 1
+    assert bpy.ops.mocap_autolabel.export_bvh(filepath=str(tmp_path / "a.bvh")) == {"FINISHED"}
+    assert "LeftHandIndex1" in (tmp_path / "a.bvh").read_text()
 
 
 def switch_of(rig, parent):
@@ -249,6 +280,26 @@ def test_drivers_by_time_are_asked_at_the_frame_that_is_shown(shown):
     assert ways_off(shown, rig, MIXAMO).max() < MOST_OFF
 
 
+def test_a_persons_own_action_finds_the_rig_as_it_was(shown):
+    rig, solver, copied = leg_by_ik()
+    own = rig.animation_data_create().action = bpy.data.actions.new("own")
+    copied.influence = 0.5
+    action, follow = retargeted(rig), ours("scene.retargeting").follow_actions
+    follow()
+    assert (solver.influence, copied.influence) == (0, 0)
+    for _ in range(2):
+        for mine, influences in ((own, (1, 0.5)), (action, (0, 0))):
+            rig.animation_data.action, rig.animation_data.action_slot = mine, mine.slots[0] if mine.slots else None
+            follow()
+            bpy.context.scene.frame_set(101)
+            assert (solver.influence, copied.influence) == influences
+    rig.animation_data.action = own
+    follow()
+    solver.influence = 0.25
+    follow()
+    assert solver.influence == 0.25, "it is his by then"
+
+
 def test_an_override_of_a_linked_rig_is_moved(shown, tmp_path):
     rig, path = mixamo(), str(tmp_path / "rig.blend")
     name = rig.name
@@ -260,6 +311,13 @@ def test_an_override_of_a_linked_rig_is_moved(shown, tmp_path):
     bpy.context.scene.collection.objects.link(rig)
     retargeted(rig)
     assert ways_off(shown, rig, MIXAMO).max() < MOST_OFF
+    rig.mocap_autolabel.bones["neck"].bone = ""
+    assert bpy.ops.mocap_autolabel.retarget() == {"FINISHED"}
+    reopen(tmp_path / "mine.blend")
+    bpy.context.view_layer.objects.active = rig = bpy.data.objects[name]
+    assert bpy.ops.mocap_autolabel.retarget() == {"FINISHED"}
+    assert rig.mocap_autolabel.bones["neck"].bone == "", "Blender does not save what is chosen for an override"
+    assert rig.mocap_autolabel.bones["head"].bone == MIXAMO["head"]
 
 
 def box():

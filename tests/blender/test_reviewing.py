@@ -104,7 +104,7 @@ def test_rings_are_only_around_what_the_list_asks_about(state):
     scene = bpy.context.scene
     collection, state.review.trouble_shown = scene.mocap_autolabel.take, ""
     stored = stored_take()
-    scene.frame_set(FIRST + stored.shift)
+    scene.frame_set(FIRST + stored.clock.shift)
     assert figure.meant(bpy.context, collection, stored) is None, "nobody went there"
     bpy.ops.mocap_autolabel.show_trouble(index=0)
     assert figure.meant(bpy.context, collection, stored).reason == state.review.trouble_shown
@@ -230,7 +230,7 @@ def test_a_range_labelled_first_leaves_the_scene_its_frames(state):
 def test_what_is_said_while_labelling_goes_on_is_not_lost(state):
     labelling = ours("ops.labelling")
     context, again = bpy.context, SimpleNamespace(report=lambda *_: None)
-    again._job, again._name, again._shift = labelling.job_of(context), "walk", None
+    again._job, again._name, again._clock = labelling.job_of(context), "walk", None
     steps = labelling.label_to_show(again._job)
     next(steps)
     choose("RKNE")
@@ -245,8 +245,8 @@ def test_the_lists_go_along_with_what_is_picked_and_the_next_is_still_the_next(s
     bpy.ops.mocap_autolabel.next_trouble()
     shown = review.trouble_index
     row = next(row for at, row in rows(state, kind="missing") if row.name != LOST and at != shown)
-    bpy.context.scene.frame_set(row.first)
-    bpy.ops.mocap_autolabel.timeline_pick(marker=row.name, first=row.first, last=row.first)
+    bpy.context.scene.frame_set(int(row.first))
+    bpy.ops.mocap_autolabel.timeline_pick(marker=row.name, first=int(row.first), last=int(row.first))
     assert review.troubles[review.trouble_index].name == row.name
     assert review.troubles[review.trouble_index].first <= row.first <= review.troubles[review.trouble_index].last
     assert review.markers[review.marker_index].name == row.name
@@ -262,7 +262,7 @@ def test_the_chosen_row_stays_when_a_correction_picks_and_what_is_above_it_goes(
     review.trouble_index, reason = at, row.reason
     lost = next(number for number, _ in rows(state, kind="missing", name=LOST))
     assert lost < at
-    bpy.context.scene.frame_set(review.troubles[lost].first)
+    bpy.context.scene.frame_set(int(review.troubles[lost].first))
     bpy.ops.mocap_autolabel.pick(point=state.knee)
     review.trouble_index = at
     bpy.ops.mocap_autolabel.name_point(marker=LOST, scope="WHOLE")

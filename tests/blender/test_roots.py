@@ -114,7 +114,17 @@ def drive_by_a_cart(root):
     root.parent.keyframe_insert("location", frame=101)
 
 
-@pytest.mark.parametrize(("change", "words"), [(mirror, "mirrored or scaled"), (drive_by_a_cart, "is animated")])
+def hold_by_bones(root):
+    rig = bpy.data.objects.new("rig", bpy.data.armatures.new("rig"))
+    bpy.context.scene.collection.objects.link(rig)
+    rig.keyframe_insert("location", frame=101)
+    root.constraints.new("ARMATURE").targets.new().target = rig
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [(mirror, "mirrored or scaled"), (drive_by_a_cart, "is animated"), (hold_by_bones, "is animated")],
+)
 def test_what_no_file_can_have_is_refused_outside_the_room(moved, tmp_path, change, words):
     change(moved)
     for name in ("bvh", "trc"):

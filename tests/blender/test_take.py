@@ -158,7 +158,7 @@ def test_frames_beyond_blenders_last_are_shifted_to_one(empty, made):
     assert (empty.scene.frame_start, empty.scene.frame_end) == (1, 8)
     stored = Opened().take(collection, empty.scene)
     np.testing.assert_array_equal(stored.rows.frames, far)
-    assert stored.rows.frames[0] + stored.shift == 1
+    assert stored.clock.shown(stored.rows.frames[0]) == 1
 
 
 def test_chunks_join_to_the_take_they_came_from(made):
@@ -265,7 +265,9 @@ def test_long_trajectories_come_first_and_short_ones_share_a_row(rows, extension
     order = np.lexsort((number, frame))
     points = takes.PointRows(np.arange(200), frame[order], number[order], np.zeros((len(frame), 3)), None)
     motion = replace(stored.motion, frames=np.arange(200), markers=np.full((200, 13, 3), np.nan))
-    take = replace(stored, rows=points, labels=takes.Labels.none(len(frame)), motion=motion, suspects=(), shift=0)
+    take = replace(
+        stored, rows=points, labels=takes.Labels.none(len(frame)), motion=motion, suspects=(), clock=stored.clock
+    )
     runs = rows.KeptRows().runs(take, False)
     assert runs.names[13:] == ("trajectory 52", "trajectory 50", f"2 {rows.FOLDED}")
     assert stretches(rows, runs, runs.names[15]) == [(0, 29, "unnamed")]

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 from contextlib import nullcontext
-from dataclasses import replace
 from functools import partial
 from types import SimpleNamespace
 
@@ -14,13 +13,13 @@ import ezc3d
 import numpy as np
 import pytest
 
-from addon.cli.live import refuse_offline, solved
+from addon.cli.live import refuse_offline
 from addon.cli.workers import door
 from addon.core.body.bodies import BodyModel
 from addon.core.body.sides import mirror_order
 from addon.core.data.errors import InputError, JobError
 from addon.core.points.several.wearers import AUTO
-from addon.core.points.whole_take.live import WINDOW_S, Window, WindowNames, is_slow
+from addon.core.points.whole_take.live import WINDOW_S, Window, WindowNames
 from addon.demo.take import MODEL
 from addon.io.markersets import open_markerset
 from addon.io.points import read_points
@@ -148,16 +147,6 @@ def test_who_it_is_is_taken_from_more_names_or_where_names_were_wrong(walk, monk
     live.name_stream(live.LiveJob("qtm://here", MODEL), Solver(body, said), lines.append, lambda: False)
     heights = [line["bodies"][0]["scale"][0] for line in lines if line.get("bodies", [None]) != [None]]
     assert list(dict.fromkeys(heights)) == [1.4, 1.7, 1.8]
-
-
-def test_whether_a_window_took_long_is_said_and_one_that_was_solved_quickly_may_take_half_of_that(monkeypatch):
-    few = Window(0, RATE, np.arange(3), np.zeros((50, 3, 3)), np.full(3, -1), np.zeros((0, 26, 3)))
-    for limit, slow in ((1e9, False), (0.0, True)):
-        monkeypatch.setattr("addon.core.points.whole_take.live.SLOW_S", limit)
-        said = solved(live.LiveJob("qtm://here", MODEL), False, few)
-        assert said.refused and said.slow == slow
-    monkeypatch.setattr("addon.core.points.whole_take.live.SLOW_S", 1.0)
-    assert [is_slow(replace(few, quick=quick), 0.7) for quick in (False, True)] == [False, True]
 
 
 def test_what_cannot_be_is_said_before_anybody_is_asked(run, tmp_path):

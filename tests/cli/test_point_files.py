@@ -215,7 +215,7 @@ def test_points_of_blobs_with_a_long_gap_are_made_in_seconds(run, room, tmp_path
 
 @pytest.mark.blender
 def test_a_take_longer_than_blender_counts_is_refused_before_it_is_worked_on(label, room, tmp_path, monkeypatch):
-    monkeypatch.setattr("addon.scene.take.LAST_FRAME", 50)
+    monkeypatch.setattr("addon.scene.clock.LAST_FRAME", 50)
     reason = label("--blend", blobs=[moved(room, tmp_path, 0, 60)]).refusal(1)
     assert "from frame 100 to 179; expected at most 50 frames" in reason
     assert not list((tmp_path / "out").iterdir())

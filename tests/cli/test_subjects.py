@@ -230,6 +230,30 @@ def test_blobs_of_two_are_named_in_every_file(run, figures, seen, tmp_path):
     assert set(report["timing"]) >= {"place", "label", "fit"}
 
 
+def test_edits_of_blobs_land_on_who_they_were_made_of(run, seen, tmp_path):
+    """By whichever way the take is named: who is 1 in one of them is so in all."""
+    words = "label", seen / "seen.csv", "--model", WORN, "--cameras", seen / "room.toml", "--rate", RATE
+    assert run(*words, "--subjects", "2", "--out", tmp_path / "first").status == 0
+    before = rows_of(tmp_path / "first/seen.labels.csv")
+    said = [{"kind": "swap", "markers": ["2:LKNE", "2:LANK"], "frames": [10, 15]}]
+    (tmp_path / "own.json").write_text(json.dumps({"version": 1, "edits": said}))
+    for number, asked in enumerate((("2",), ("auto",), ("2", "--target", "0.99"))):
+        edited = "--subjects", *asked, "--edits", tmp_path / "own.json", "--out", tmp_path / str(number)
+        assert run(*words, *edited).status == 0
+        after = rows_of(tmp_path / str(number) / "seen.labels.csv")
+        names = np.array([[row["marker"] for row in rows] for rows in (before, after)])
+        inside = np.array([10 <= int(row["frame"]) <= 15 for row in before])
+        own, other = inside & (names[0] == "2:LKNE"), inside & (names[0] == "2:LANK")
+        assert own.sum() > 10
+        assert (names[1, own] == "2:LANK").mean() > 0.95
+        assert (names[1, other] == "2:LKNE").mean() > 0.95
+        rest = ~(own | other) & (names != "").all(axis=0)
+        assert (names[1, rest] == names[0, rest]).mean() > 0.99
+        report = report_of(tmp_path / str(number) / "seen.c3d")
+        assert report["method"] == "likelihood"
+        assert report["edits"]["applied"] == {"swap": 1}
+
+
 def test_a_file_of_two_is_filled_one_by_one(run, pair, tmp_path):
     assert run("label", pair / "pair.c3d", "--model", WORN, "--subjects", "2", "--out", tmp_path / "out").status == 0
     take = read_points(tmp_path / "out/pair.c3d")

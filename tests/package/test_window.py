@@ -204,7 +204,7 @@ def test_a_take_of_a_set_of_ones_own_is_named_after_three_clicks(watch, tmp_path
 def test_a_second_person_comes_from_a_file_to_a_rig_without_a_detour(watch, tmp_path):
     seen = walked(watch, "trial", tmp_path)
     assert seen["tab"] == "Mocap"
-    assert seen["wrong"] and seen["mended"]
+    assert seen["wrong"] and seen["mended"] and seen["time is kept"]
     assert sum(clicks for clicks, _, _ in seen["steps"].values()) <= 17
     assert {path.suffix for path in tmp_path.glob("trial.*")} >= {".c3d", ".fbx"}
     for name, step in seen["steps"].items():

@@ -4,7 +4,7 @@
 Memory does not grow with the take: one chunk of frames is held, and of the past only the track.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -31,6 +31,8 @@ from .subject import SUBJECT, Setup
 from .swaps import exchange_loss, exchanged, swap_names
 from .tracking import Followed, FrameResult, Track, follow
 
+# A frame that is named next, and the track that leads there: blobs that are taken out of its view first stay unnamed.
+Step = tuple[int, Track]
 PARTS_LOOKED_IN = 8  # of a chunk, in which a lost subject is looked for, one frame each
 
 
@@ -123,20 +125,25 @@ class TakeLabeller:
 
         `known` is where in it somebody `found` the subject, who is then not looked for first.
         """
-        chunk = _Chunk(blobs, split_views(blobs, self.setup.cameras), seeds, self.setup.model.marker_count, known)
+        chunk = ChunkInWork(blobs, split_views(blobs, self.setup.cameras), seeds, self.setup.model.marker_count, known)
+        for _ in self.steps(chunk):
+            pass
+        return chunk.labelled(self.setup)
+
+    def steps(self, chunk: "ChunkInWork") -> Iterator[Step]:
+        """Names the next chunk; gives what is named next before it is."""
         self.found = None
         if self.setup.rate < TAKES.min_rate:
             for at in range(len(chunk.views)):
-                self._find(chunk, at, at + 1)
+                yield from self._find(chunk, at, at + 1)
                 self.track = None
         else:
-            at = self._follow(self.track, chunk, 0, len(chunk.views)) if self.track else 0
+            at = (yield from self._follow(self.track, chunk, 0, len(chunk.views))) if self.track else 0
             while at < len(chunk.views):
-                at = self._find(chunk, at, len(chunk.views))
+                at = yield from self._find(chunk, at, len(chunk.views))
             self._look_again(chunk)
-        return chunk.labelled(self.setup)
 
-    def _look_again(self, chunk: "_Chunk"):
+    def _look_again(self, chunk: "ChunkInWork"):
         """Judges the chunk by the subject that all of it shows, and puts right what does not suit it."""
         chunk.results = results = dict(sorted(chunk.results.items()))
         end = len(chunk.views) - 1
@@ -148,10 +155,11 @@ class TakeLabeller:
             name_by_tracklets(chunk.views, results, self.setup.rate)
         self.last = results.get(end) if chunk.views else self.last
 
-    def _follow(self, track: Track, chunk: "_Chunk", first: int, end: int) -> int:
+    def _follow(self, track: Track, chunk: "ChunkInWork", first: int, end: int) -> Generator[Step, None, int]:
         """Follows the track through frames `first` … until it is lost or at `end`; returns the frame to go on with."""
         at = first
         while at < end:
+            yield at, track
             followed, order = self._next(track, chunk, at)
             if order is not None and at > first:
                 self._give_back(track, chunk, order, at, -1)
@@ -167,7 +175,7 @@ class TakeLabeller:
             self.track = track
         return at
 
-    def _next(self, track: Track, chunk: "_Chunk", at: int) -> tuple[Followed, np.ndarray | None]:
+    def _next(self, track: Track, chunk: "ChunkInWork", at: int) -> tuple[Followed, np.ndarray | None]:
         """Frame `at` followed, and the exchange (M,) of names, if any, that a person's names ask of those before it.
 
         What the track has learned of these markers under each other's names does not count then.
@@ -181,7 +189,7 @@ class TakeLabeller:
             track = track.doubting(np.flatnonzero(order != np.arange(len(order))), self.setup)
         return follow(track, view, self.setup, fixed), order
 
-    def _give_back(self, track: Track, chunk: "_Chunk", order: np.ndarray, at: int, step: int) -> int:
+    def _give_back(self, track: Track, chunk: "ChunkInWork", order: np.ndarray, at: int, step: int) -> int:
         """Exchanges names in the frames before `at`, or after it with `step` 1, that ask for it; gives the last.
 
         Not where a person named them.
@@ -193,7 +201,7 @@ class TakeLabeller:
                 swap_names(chunk.results[index].naming, order)
         return last
 
-    def _find(self, chunk: "_Chunk", at: int, end: int) -> int:
+    def _find(self, chunk: "ChunkInWork", at: int, end: int) -> Generator[Step, None, int]:
         """Finds the subject among frames `at` … `end` - 1, labels from there forwards and back; returns the next."""
         known, chunk.known = chunk.known, None
         if known is not None and not at <= known[0] < end:
@@ -214,19 +222,22 @@ class TakeLabeller:
             chunk.results[index] = FrameResult(
                 found.subject.bodies, found.naming, found.expected, found.confidence, self.sure
             )
-        before, moved = self._follow_back(chunk, start, index, at)
+        before, moved = yield from self._follow_back(chunk, start, index, at)
         while at < before:
-            at = self._find(chunk, at, before)
+            at = yield from self._find(chunk, at, before)
         self.track = start.doubting(moved, self.setup) if len(moved) else start
-        return self._follow(self.track, chunk, index + (known is None), end)
+        return (yield from self._follow(self.track, chunk, index + (known is None), end))
 
-    def _follow_back(self, chunk: "_Chunk", track: Track, index: int, at: int) -> tuple[int, np.ndarray]:
+    def _follow_back(
+        self, chunk: "ChunkInWork", track: Track, index: int, at: int
+    ) -> Generator[Step, None, tuple[int, np.ndarray]]:
         """Labels the frames before `index`, last first; returns the first frame that was reached.
 
         And the markers whose names were given back up to `index`, because a person names them otherwise.
         """
         given_back: list[int] = []
         for earlier in range(index - 1, at - 1, -1):
+            yield earlier, track
             followed, order = self._next(track, chunk, earlier)
             if order is not None and self._give_back(track, chunk, order, earlier, 1) >= index:
                 given_back += np.flatnonzero(order != np.arange(len(order))).tolist()
@@ -236,7 +247,7 @@ class TakeLabeller:
             chunk.results[earlier] = self._result(followed)
         return at, np.array(given_back, int)
 
-    def _best_found(self, chunk: "_Chunk", at: int, end: int) -> tuple[int, Found | None]:
+    def _best_found(self, chunk: "ChunkInWork", at: int, end: int) -> tuple[int, Found | None]:
         """The frame of a few spread over the range whose names suit a body best."""
         best, best_index, good = None, at, 0
         alone = len(chunk.views) == 1 or self.setup.rate < TAKES.min_rate
@@ -254,7 +265,7 @@ class TakeLabeller:
                 break
         return best_index, best
 
-    def _review(self, track: Track, chunk: "_Chunk", first: int, at: int) -> Track:
+    def _review(self, track: Track, chunk: "ChunkInWork", first: int, at: int) -> Track:
         """Asks whether neighbours have changed names, and gives them back from where they may have done so.
 
         A frame before must say the same, as one may be blurred. Returns the track without what it learned of them.
@@ -282,7 +293,7 @@ class TakeLabeller:
         """Asks `question` of a labelled frame: `swaps.exchanged` or `swaps.exchange_loss`."""
         return question(result.naming, replace(track.subject, bodies=result.bodies), self.setup, *more)
 
-    def _exchanged_to(self, track: Track, chunk: "_Chunk", order: tuple[int, ...], at: int, step: int) -> int:
+    def _exchanged_to(self, track: Track, chunk: "ChunkInWork", order: tuple[int, ...], at: int, step: int) -> int:
         """The farthest frame of this spell, before `at` or with `step` 1 after it, that asks for an exchange of names.
 
         Given that frame `at` does; by halving. The track knows the subject.
@@ -303,11 +314,14 @@ class TakeLabeller:
         return FrameResult(bodies, followed.naming, followed.expected, self.placement, self.sure)
 
 
-class _Chunk:
-    """One chunk while it is being labelled: its views, the results so far and what was noticed."""
+class ChunkInWork:
+    """One chunk while it is being labelled: its views, the results so far and what was noticed.
+
+    Of the `whole` views those that are named may lack blobs, which are somebody else's.
+    """
 
     def __init__(self, blobs: Blobs, views: list[View], seeds: np.ndarray | None, markers: int, known=None):
-        self.blobs, self.views, self.known = blobs, views, known
+        self.blobs, self.whole, self.views, self.known = blobs, views, list(views), known
         self.fixed = [fixed_in(view, seeds, markers) for view in views]
         self.results: dict[int, FrameResult] = {}
         self.suspects: list[Suspect] = []

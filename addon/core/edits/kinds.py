@@ -244,22 +244,22 @@ EDIT_KINDS: tuple[type[Edit], ...] = (
 FRAMES_IN_WORDS = re.compile(r"\bframes? -?\d+(?:(?:–| to )-?\d+)?")
 
 
-def words_of(edit: Edit, shift: int = 0) -> str:
-    """What an edit says, and of which frames, such as "LKNE is trajectory 12, frame 7"; `shift` is added to these."""
+def words_of(edit: Edit, counted: Callable[[int], int] = int) -> str:
+    """What an edit says, and of which frames, such as "LKNE is trajectory 12, frame 7", each `counted` otherwise."""
     target = edit.target
     words = edit.verb.words.format(
         target=target, Target=target[:1].upper() + target[1:], marker="".join(edit.names[:1])
     )
     if edit.span is None:
         return f"{words}, all frames"
-    first, last = (number + shift for number in edit.span)
+    first, last = map(counted, edit.span)
     return f"{words}, {words_of_frames(first, last)}"
 
 
-def counted_on(words: str, shift: int) -> str:
-    """A sentence with `shift` added to the frames that it names: for who counts them otherwise than the source."""
+def counted_on(words: str, counted: Callable[[int], int]) -> str:
+    """A sentence with the frames that it names `counted` otherwise than the source does."""
 
     def moved(found: re.Match) -> str:
-        return re.sub(r"-?\d+", lambda number: str(int(number[0]) + shift), found[0])
+        return re.sub(r"-?\d+", lambda number: str(counted(int(number[0]))), found[0])
 
-    return FRAMES_IN_WORDS.sub(moved, words) if shift else words
+    return FRAMES_IN_WORDS.sub(moved, words)

@@ -4,7 +4,7 @@
 A body that is posed frame by frame wavers by millimetres, as skin and markers do, and most of all one sees feet that
 slide or sink in. So trajectories are looked at as a whole. Where heel and ball are slow and low they stay in one place,
 and the correction fades before and after; the legs follow by inverse kinematics of two bones, and the hips go half of
-the way. All else stays as it was posed, and no length changes.
+the way. Toes bend up from the floor where the heel lifts. All else stays as it was posed, and no length changes.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ import numpy as np
 
 from ..body.sides import BODY_SIDES
 from ..geometry import rotations
-from ..posing.character import BALL
+from ..posing.character import BALL, toes_axis
 from ..review.suspects import runs
 from .smoothing import smoothed
 
@@ -36,6 +36,8 @@ class GroundOptions:
     # cosine of how far resting feet lean in the middle; farther there is no floor, or not below
     upright: float = 0.87  # physical
     tilt_rad: float = 0.35  # physical: how far a foot is turned out of the ground at most; then it is lifted
+    # that toes are bent up from the sole at most, as on tiptoe, and down, as they curl
+    bent_rad: tuple[float, float] = (-0.7, 1.57)  # physical
     # part of its length that a leg is stretched to at most; a straight knee has no direction
     straight: float = 0.9995  # physical
 
@@ -75,7 +77,9 @@ def settled(
     if not legs:
         return joints, rotated
     thigh, shank, foot = np.array(legs).T
-    ankle, turn = _feet_on_ground(joints[:, foot], rotated[:, foot], ends[foot], rate)
+    toes = [index[f"toes.{segments[one][-1]}"] for one in foot if f"toes.{segments[one][-1]}" in index]
+    ball = offsets[toes] if toes else BALL * ends[foot]
+    ankle, turn, low = _feet_on_ground(joints[:, foot], rotated[:, foot], ball, ball if toes else ends[foot], rate)
     upper, lower = np.linalg.norm(offsets[shank], axis=1), np.linalg.norm(offsets[foot], axis=1)
     most = ON_GROUND.straight * (upper + lower)
     # The hips go with the straighter leg, whose knee would have to turn the most for it.
@@ -91,6 +95,10 @@ def settled(
     bent = _knees(hip, knee, ankle, rotated[:, thigh][..., 0], upper, lower, most)
     rotated[:, thigh] = rotations.least_turn(knee - hip, bent - hip) @ rotated[:, thigh]
     rotated[:, shank] = rotations.least_turn(joints[:, foot] + shift - knee, ankle - bent) @ rotated[:, shank]
+    if toes:
+        before = rotated[:, foot].swapaxes(2, 3) @ rotated[:, toes]
+        height = ankle[..., 2] + rotations.carried(turn, ball)[..., 2] - low
+        rotated[:, toes] = turn @ _bent(turn, before, ends[toes], height)
     rotated[:, foot] = turn
     return _chained(root + shift, rotated, parents, offsets), rotated
 
@@ -138,18 +146,26 @@ def _envelope(values: np.ndarray, frames: int) -> np.ndarray:
     return most
 
 
-def _feet_on_ground(ankle: np.ndarray, turn: np.ndarray, tip: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Ankles (F, S, 3) m and feet's rotations (F, S, 3, 3) where feet are on the ground; `tip` (S, 3) m of the toes."""
-    parts = np.stack([tip * [HEEL, HEEL, 1.0], BALL * tip, 0.0 * tip], axis=1)  # of each foot: heel, ball, and ankle
+def _feet_on_ground(
+    ankle: np.ndarray, turn: np.ndarray, ball: np.ndarray, tip: np.ndarray, rate: float
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Ankles (F, S, 3) m and feet's rotations (F, S, 3, 3) on the ground, and how high m balls of feet rest.
+
+    `ball` (S, 3) m is that of the feet, and `tip` where what is rigid of them ends.
+    """
+    foot = ball / BALL
+    parts = np.stack([foot * [HEEL, HEEL, 1.0], ball, 0.0 * ball], axis=1)  # of each foot: heel, ball, and ankle
     fade, span = (max(round(part * rate), 1) for part in (ON_GROUND.span_s, ON_GROUND.span_s / 2))
     places = ankle[:, :, None] + rotations.carried(turn[:, :, None], parts)
     if len(places) <= 2 * span:
-        return ankle, turn
+        return ankle, turn, -np.inf
+    rolled = ankle + rotations.carried(turn, foot)  # a forefoot is as slow as the slower one of its ends
     gone = np.linalg.norm(places[2 * span :] - places[: -2 * span], axis=3)
+    gone[:, :, 1] = np.minimum(gone[:, :, 1], np.linalg.norm(rolled[2 * span :] - rolled[: -2 * span], axis=2))
     gone = np.pad(gone, ((span, span), (0, 0), (0, 0)), "edge")
     slow = (gone < ON_GROUND.slow_m_s * 2 * span / rate) & np.isfinite(places).all(axis=3)
     if not slow.any():
-        return ankle, turn
+        return ankle, turn, -np.inf
     rests = [
         np.quantile(places[:, :, part, 2][slow[:, :, part]], ON_GROUND.lowest_part) if slow[:, :, part].any() else 0.0
         for part in range(3)
@@ -163,9 +179,9 @@ def _feet_on_ground(ankle: np.ndarray, turn: np.ndarray, tip: np.ndarray, rate: 
     places = ankle[:, :, None] + rotations.carried(turn[:, :, None], parts)
     slow &= places[..., 2] < np.array(rests) + ON_GROUND.low_m
     moved, held = np.zeros_like(places), np.zeros(places.shape[:3])
-    for foot, part in np.ndindex(*places.shape[1:3]):
-        plants = _plants(places[:, foot, part], slow[:, foot, part], 2 * span, fade)
-        moved[:, foot, part], held[:, foot, part] = _holding(places[:, foot, part], plants, fade)
+    for side, part in np.ndindex(*places.shape[1:3]):
+        plants = _plants(places[:, side, part], slow[:, side, part], 2 * span, fade)
+        moved[:, side, part], held[:, side, part] = _holding(places[:, side, part], plants, fade)
     goal = places + moved
     along = goal[:, :, 1] - goal[:, :, 0]
     turn = rotations.least_turn(places[:, :, 1] - places[:, :, 0], along) @ turn
@@ -179,7 +195,29 @@ def _feet_on_ground(ankle: np.ndarray, turn: np.ndarray, tip: np.ndarray, rate: 
     ankle = np.einsum("fsp,fspi->fsi", share, (goal - rotations.carried(turn[:, :, None], parts))[:, :, :2])
     low = np.minimum(ankle[..., 2], (ankle + rotations.carried(turn, tip))[..., 2])
     ankle[..., 2] += _envelope(np.where(floor - low < ON_GROUND.deepest_m, floor - low, 0.0), fade)
-    return ankle, turn
+    return ankle, turn, max(rests[1], floor) if np.isfinite(floor) else -np.inf
+
+
+def _bent(foot: np.ndarray, before: np.ndarray, toes: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """How toes (S, 3) m bend in feet (F, S, 3, 3), so that they do not go into the floor: (F, S, 3, 3).
+
+    They bend as they did `before`, within limits, and upwards about the ball of the foot until they are level. `height`
+    (F, S) m is of the ball above where it rests: that far from the floor they are level the less, and soon straight.
+    """
+    axis = toes_axis(toes)
+    ahead = np.cross([0.0, 0, 1], axis)
+    bent = (rotations.rotation_vector(before) * axis).sum(axis=2)
+    upright = foot[..., 2, 2]
+    lying, across = rotations.carried(foot, ahead)[..., 2], rotations.carried(foot, axis)[..., 2]
+    slope = (toes * axis).sum(axis=1) / (toes * ahead).sum(axis=1) * across
+    # So high points what is turned by an angle: lying cos + upright sin + slope.
+    most = np.maximum(np.hypot(lying, upright), rotations.NO_TURN)
+    tipped = np.arctan2(-lying, upright) + np.pi / 2  # a foot may stand on its tip, and beyond that
+    level = tipped - np.arccos(np.clip(-slope / most, -1, 1))
+    near = np.clip(2 - np.abs(height) / ON_GROUND.low_m, 0, 1)
+    on_sole = np.clip(1 + 2 * upright, 0, 1)  # one on its back does not stand on its sole
+    angle = np.clip(bent + near * on_sole * np.maximum(level - bent, 0), *ON_GROUND.bent_rad)
+    return rotations.exponential(axis * angle[..., None])[0]
 
 
 def _turned_up(height: np.ndarray, turn: np.ndarray, tip: np.ndarray, fade: int) -> np.ndarray:

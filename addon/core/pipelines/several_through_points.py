@@ -27,6 +27,7 @@ from ..points.several.together import LabelledSubjects, beside, measured_of_firs
 from ..points.several.wearers import SetsWorn, SeveralOptions
 from ..points.whole_take.pipeline import PointOptions
 from .fitted_subjects import FollowedSubjects
+from .followed_together import FollowedTogether, label_together
 from .through_points import PointsOfBlobs, without_number
 
 
@@ -167,6 +168,26 @@ def label_several_blobs(
     rate: float,
     body_of: Callable[[MarkerSet], Occlusion] | None = None,
     edits: Edits = NO_EDITS,
+) -> Generator[Progress, None, FollowedTogether | SubjectsInImages]:
+    """Names a take of blobs by bodies that are followed together, or through its points; arguments as below.
+
+    Points are needed for who is who where somebody comes or goes. Who is 1 is told by where they are, in either way.
+    """
+    followed = yield from label_together(read, cameras, asked, options, rate, body_of, edits)
+    if isinstance(followed, FollowedTogether):
+        return followed
+    work = label_by_points(read, cameras, asked, options, rate, body_of, edits)
+    return (yield from within(work, followed, 1.0))
+
+
+def label_by_points(
+    read: Callable[[], Iterable[tuple[Blobs, float]]],
+    cameras: Cameras,
+    asked: SeveralOptions,
+    options: PointOptions,
+    rate: float,
+    body_of: Callable[[MarkerSet], Occlusion] | None = None,
+    edits: Edits = NO_EDITS,
 ) -> Generator[Progress, None, SubjectsInImages]:
     """Names the points of a take of blobs, which `read` gives chunk by chunk, each with the share that is read by then.
 
@@ -185,7 +206,7 @@ def label_several_blobs(
             named.add(blobs, rows["blobs"], rows["trajectory"])
         seconds += perf_counter() - begin
         yield Progress(CHECKING_BACK.share * share, f"reconstruct frame {blobs.frames[-1]}")
-    asked = replace(asked, others=True)  # they have blobs, and are in the way
+    asked = replace(asked, others=True, in_room=True)  # others have blobs, and are in the way
     take = points.take()
     options = replace(options, edits=named.edits_of(points.place))
     labelled = yield from within(label_several(take, asked, options, edits), CHECKING_BACK.share, 1.0)

@@ -37,8 +37,8 @@ class RefusalOptions:
     min_half        physical: share of the markers, and of the frames: of who is there half is seen, half of the time
     max_residual    measured: mean square, over what training leaves, between markers and where the set has them: 0.14
                     to 0.2 on walks in a crowd, 0.2 to 0.52 on people in each other's reach, 0.7 to 2.4 on other sets
-    min_log_likelihood  measured: nats a marker of the usual frame where single frames are not sure: 5.1 at least in
-                        takes of other labs, 4.7 at most of sets that do not share most places
+    min_log_likelihood  measured: nats a marker of the usual frame where single frames are not sure; with 4 one head and
+                        trunk has wrong names alone, with 5 two parts of bodies more are refused
     """
 
     max_points: int = 400
@@ -153,8 +153,12 @@ def refuse_unrecognised(model: Model, namer: Namer, points: Table, given: Labels
 
 def sure_share(named: Labels, points: Table, markers: int) -> float:
     """The share of the markers, or of the points (T, P, 3) if they are fewer, that frames alone are sure of."""
-    counts = (named.sure(USUAL_TARGET) != NO_MARKER) | (named.confidence >= REFUSAL.min_confidence)
-    return float(counts.sum() / _possible(points, markers))
+    return float(is_sure(named).sum() / _possible(points, markers))
+
+
+def is_sure(named: Labels) -> np.ndarray:
+    """(T, P) the labels of single frames that count."""
+    return (named.sure(USUAL_TARGET) != NO_MARKER) | (named.confidence >= REFUSAL.min_confidence)
 
 
 def _seconds(model: Model, points: np.ndarray, first: Labels, found: bool) -> list[np.ndarray]:

@@ -24,6 +24,11 @@ CHEST, SKULL, SHOULDER = 0.5, 0.4, 0.15
 # The ball of the foot, as a part of the way from the ankle to the toes' tips. Learned: there the built-in sets have the
 # marker on the head of the second metatarsal.
 BALL = 0.87
+# paper: how much farther the bones of toes go, of the way from the ankle to the ball, which is 0.075 of the height: the
+# foot ends 0.113 of it ahead of the ankle (Winter, after Drillis and Contini), in 0.011 of flesh
+TOES = 0.36
+# paper: how far the line of the balls of toes is turned from square to the foot, 62° to its length (Isman and Inman)
+BREAK = np.radians(28)
 UPWARDS, DOWNWARDS, FORWARDS = (0.0, 0, 1), (0.0, 0, -1), (0.0, -1, 0)
 
 
@@ -67,25 +72,53 @@ BONES = (
     *_arm_and_leg("L"),
     *_arm_and_leg("R"),
 )
-# Those of a body that has a lumbar spine and clavicles of its own, as `posing.finer` gives it.
+# Those of a body that has a lumbar spine, toes and clavicles of its own, as `posing.finer` gives it.
 LUMBAR_BONES = (
     BoneSite("hips", None, "pelvis", "lumbar", None),
     BoneSite("spine", "hips", "lumbar", "thorax", UPWARDS),
     BoneSite("chest", "spine", "thorax", "head", UPWARDS),
 )
+TOE_BONES = tuple(
+    bone
+    for side in BODY_SIDES
+    for bone in (
+        BoneSite(f"foot.{side}", f"shank.{side}", f"foot.{side}", f"toes.{side}", None),
+        BoneSite(f"toes.{side}", f"foot.{side}", f"toes.{side}", None, FORWARDS),
+    )
+)
 CLAVICLE_BONES = tuple(
     BoneSite(f"shoulder.{side}", "chest", f"clavicle.{side}", f"upper_arm.{side}", (out, 0.0, 0.0))
     for side, out in zip(BODY_SIDES, (1.0, -1.0), strict=True)
 )
+# Those of fingers that have markers of their own, as `posing.ends` gives them.
+FINGER_BONES = tuple(
+    BoneSite(f"{finger}.{side}", f"hand.{side}", f"{finger}.{side}", None, (out, ahead, 0.0))
+    for side, out in zip(BODY_SIDES, (1.0, -1.0), strict=True)
+    for finger, ahead in (("thumb", -1.0), ("index", 0.0), ("middle", 0.0), ("ring", 0.0), ("pinky", 0.0))
+)
 _TRUNK_BONES = ("hips", "spine", "chest", "neck", "head")
 _LIMB_BONES = ("shoulder", "upper_arm", "forearm", "hand", "thigh", "shank", "foot", "toes")
+_FINGER_BONES = ("thumb", "index", "middle", "ring", "pinky")
 
 
-def both_sides(trunk: str, limbs: str, sides: tuple[str, str]) -> Mapping[str, str]:
-    """The names of all bones; in `limbs` the side stands where `*` is."""
+def toes_of(foot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The ball of a foot and where toes end (…, 3), by where the foot's capsule ends; at rest, from the ankle."""
+    ball = BALL * foot
+    return ball, ball + TOES * ball * (1, 1, 0)
+
+
+def toes_axis(toes: np.ndarray) -> np.ndarray:
+    """(…, 3) the axis at rest that toes (…, 3) bend upwards about, of which the outer ones bend farther back."""
+    way = np.arctan2(toes[..., 1], toes[..., 0]) + BREAK * np.sign(toes[..., 1])
+    return np.stack([np.sin(way), -np.cos(way), 0 * way], axis=-1)
+
+
+def both_sides(trunk: str, limbs: str, sides: tuple[str, str], fingers: str = "") -> Mapping[str, str]:
+    """The names of all bones; in `limbs` and `fingers` the side stands where `*` is."""
     names = dict(zip(_TRUNK_BONES, trunk.split(), strict=True))
+    parts = (*_LIMB_BONES, *(_FINGER_BONES if fingers else ()))
     for side, word in zip(BODY_SIDES, sides, strict=True):
-        for limb, name in zip(_LIMB_BONES, limbs.split(), strict=True):
+        for limb, name in zip(parts, f"{limbs} {fingers}".split(), strict=True):
             names[f"{limb}.{side}"] = name.replace("*", word)
     return names
 
@@ -96,16 +129,19 @@ BONE_NAMES = {
         "Hips Spine Spine1 Neck Head",
         "*Shoulder *Arm *ForeArm *Hand *UpLeg *Leg *Foot *ToeBase",
         ("Left", "Right"),
+        "*HandThumb1 *HandIndex1 *HandMiddle1 *HandRing1 *HandPinky1",
     ),
     "UNREAL": both_sides(
         "pelvis spine_01 spine_02 neck_01 head",
         "clavicle_* upperarm_* lowerarm_* hand_* thigh_* calf_* foot_* ball_*",
         ("l", "r"),
+        "thumb_01_* index_01_* middle_01_* ring_01_* pinky_01_*",
     ),
     "RIGIFY": both_sides(
         "spine spine.001 spine.003 spine.004 spine.006",
         "shoulder.* upper_arm.* forearm.* hand.* thigh.* shin.* foot.* toe.*",
         ("L", "R"),
+        "thumb.01.* f_index.01.* f_middle.01.* f_ring.01.* f_pinky.01.*",
     ),
 }
 
@@ -139,8 +175,10 @@ def character_of(segments: Sequence[str], joints: np.ndarray, ends: np.ndarray) 
     """
     there = set(segments)
     finer = {site.name: site for site in CLAVICLE_BONES if site.segment in there}
+    finer |= {site.name: site for site in TOE_BONES if f"toes.{site.name[-1]}" in there}
     finer |= {site.name: site for site in LUMBAR_BONES if "lumbar" in there}
-    sites = [finer.get(site.name, site) for site in BONES if {site.segment, site.start or site.segment} <= there]
+    sites = [*BONES, *(site for site in FINGER_BONES if f"hand.{site.name[-1]}" in there)]
+    sites = [finer.get(site.name, site) for site in sites if {site.segment, site.start or site.segment} <= there]
     if not {"pelvis", "thigh.L", "thigh.R"} <= there:
         raise InputError(
             f"the marker set has no person's skeleton (its segments: {', '.join(segments[:4])}, …); expected one with "

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A body with more joints than its markers were named by: where the trunk's markers allow, lumbar spine and clavicles.
+"""A body with more joints than its markers were named by: what markers or the floor show of trunk, toes and fingers.
 
 At rest it is the same body, and people differ as they did. What bent at the trunk's one joint bends at two, as far from
 that joint as the pelvis is, half each; and shoulders, with what is on them, move about the inner ends of clavicles.
@@ -13,13 +13,17 @@ import numpy as np
 from ..body.sides import BODY_SIDES
 from ..data.markersets import MarkerSet, Skeleton
 from .character import SHOULDER
+from .ends import STILL_RAD, with_ends
 
 LEAST_MARKERS = 3  # physical: that say how a part is turned
-STILL_RAD = 0.01  # physical: standard deviation of what of a clavicle's turn no marker shows, as about itself
 
 
 def finer(markerset: MarkerSet) -> MarkerSet:
-    """The set with the joints that its markers can show; itself where they show no more than it has."""
+    """The set with the joints that its markers or the floor can show; itself where they show no more than it has."""
+    return with_ends(_with_trunk(markerset))
+
+
+def _with_trunk(markerset: MarkerSet) -> MarkerSet:
     segments, shoulders = markerset.skeleton.segments, _on_shoulders(markerset)
     on = dict(zip(segments, np.bincount(markerset.attachment, minlength=len(segments)), strict=True))
     if not shoulders or min(on["thorax"] - len(shoulders), on["pelvis"]) < LEAST_MARKERS:

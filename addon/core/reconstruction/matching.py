@@ -80,6 +80,10 @@ class FramePoints:
         """(Q,) number of cameras whose blobs make the point."""
         return (self.slots >= 0).sum(axis=1)
 
+    def of(self, some: np.ndarray) -> "FramePoints":
+        """Some of the points (Q,)."""
+        return FramePoints(*(values[some] for values in vars(self).values()))
+
 
 class Matcher:
     """The blobs of some frames, ready to be matched: of each camera those of one frame after the other, L of them.
@@ -361,7 +365,7 @@ def _not_alone(points: FramePoints) -> FramePoints:
     offset = points.points[:, None] - there[points.frame]
     near = (np.einsum("qni,qni->qn", offset, offset) < MATCHING.max_alone_m**2).any(axis=1)
     near |= np.bincount(points.frame[sure], minlength=frames)[points.frame] < 3
-    return FramePoints(*(values[near] for values in vars(points).values()))
+    return points.of(near)
 
 
 def _watching(matcher: Matcher, points: np.ndarray) -> np.ndarray:

@@ -109,11 +109,10 @@ class Reconstructor:
     def reconstruct(self, blobs: Blobs) -> Reconstructed:
         """The points of the next chunk."""
         views = split_views(blobs, self.cameras)
-        if not self.learned:
-            self._learn_first(views)
+        self.learn_once(views)
         found, numbers = [FramePoints.nothing(len(self.cameras))], [np.zeros(0, int)]
         for first in range(0, len(views), MATCHED_FRAMES):
-            matcher = self._matcher(views[first : first + MATCHED_FRAMES])
+            matcher = self.matcher(views[first : first + MATCHED_FRAMES])
             found += [
                 replace(points, frame=points.frame + first, slots=matcher.rows(points.slots))
                 for points in self._followed(matcher, numbers)
@@ -143,15 +142,18 @@ class Reconstructor:
             numbers += [self.links.link(found.points[found.frame == frame]) for frame in range(first, end)]
             yield found
 
-    def _matcher(self, views: Sequence[View]) -> Matcher:
+    def matcher(self, views: Sequence[View]) -> Matcher:
+        """The blobs of some frames, ready to be matched by what is believed of the capture."""
         return Matcher(views, self.sight, self.cameras.size, self.circumstances)
 
-    def _learn_first(self, views: list[View]):
-        """What the capture is like, from frames spread over the first chunk, each on its own."""
+    def learn_once(self, views: Sequence[View], frames: int = LEARNING_FRAMES):
+        """What the capture is like, from so many frames spread over a chunk, each on its own; until it is known."""
+        if self.learned:
+            return
         full = [view for view in views if view.count]
-        sample = full[:: max(len(full) // LEARNING_FRAMES, 1)][:LEARNING_FRAMES]
+        sample = full[:: max(len(full) // frames, 1)][:frames]
         for some in (sample[::2], sample) if sample else ():  # what is not known yet costs most
-            matched = [self._matcher([view]).match(0, 1) for view in some]
+            matched = [self.matcher([view]).match(0, 1) for view in some]
             self.learned |= self._learn(some, joined(matched), 1.0)
 
     def _learn(self, views: list[View], found: FramePoints, share: float) -> bool:

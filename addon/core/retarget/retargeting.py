@@ -15,13 +15,13 @@ from ..body.sides import BODY_SIDES
 from ..filling.ground import LEG, ON_GROUND
 from ..geometry.rotations import NO_TURN, exponential, least_turn, rotation_vector
 from ..posing.character import FACING, Character
+from .matching import FINGER_WORDS
 
 SPINE = ("spine", "between", "chest")
 LEFTWARDS, SKYWARDS = np.array([1.0, 0, 0]), np.array([0.0, 0, 1])
 NEXT = {"upper_arm": "forearm", "forearm": "hand", "thigh": "shank", "shank": "foot"}
 STRAIGHT = np.radians(30)  # physical: a hand bent more than this at rest has a bone that says not where it points
 MOST_STRETCHED = 1 - 1e-6  # format: of a limb's length; where it is straight, no angle says how far it reaches
-MOST_BENT = np.radians(90)  # physical: that toes are bent up from the sole, as on tiptoe
 FLOOR_NEAR = 0.1  # physical: of a leg's length, that a rig's lowest bone may be off the floor, at its origin
 
 
@@ -76,7 +76,7 @@ def retarget(
         elif part.startswith("shoulder") and "chest" in body.at:  # as it is carried, and as it moves in the chest
             side = body.turned(part) @ body.turned("chest").swapaxes(1, 2)
             turns[:, index] = side @ (turns[:, at["chest"]] if "chest" in at else body.turned("chest"))
-        elif part.partition(".")[0] in (*NEXT, "hand"):
+        elif part.partition(".")[0] in (*NEXT, "hand", *FINGER_WORDS):
             turns[:, index] = body.turns[:, body.at[part]] @ aligned[index]
         else:
             turns[:, index] = body.turned(part) @ aligned[index]
@@ -89,8 +89,6 @@ def retarget(
         if feet and side in rig.legs:
             ankle = _planted_ankle(rig, body, side, (turns, hips), (scale, floor, ground, rate))
             _bend(rig, turns, hips, aligned, [f"{part}.{side}" for part in LEG], ankle, LEFTWARDS)
-            if f"toes.{side}" in at:
-                _bend_toes(rig, turns, hips, side, floor, scale)
         arm = [f"{part}.{side}" for part in ("upper_arm", "forearm", "hand")]
         if hands and set(arm) <= at.keys():
             _bend(rig, turns, hips, aligned, arm, scale * body.begin(arm[2]) + lift * SKYWARDS, hinge)
@@ -130,7 +128,9 @@ def _alignments(rig: Rig, body: BodyInMotion) -> np.ndarray:
     for part, index in at.items():
         name, _, side = part.partition(".")
         before = rig.follows[index]
-        carried = aligned[before] if before >= 0 and rig.parts[before].partition(".")[0] in NEXT else np.eye(3)
+        carried = (
+            aligned[before] if before >= 0 and rig.parts[before].partition(".")[0] in (*NEXT, "hand") else np.eye(3)
+        )
         after = at.get(f"{NEXT.get(name)}.{side}")
         way = (rig.tails[index] if after is None else rig.heads[after]) - rig.heads[index]
         if name in ("thigh", "shank"):
@@ -145,6 +145,9 @@ def _alignments(rig: Rig, body: BodyInMotion) -> np.ndarray:
             aligned[index] = least_turn(ball * (1, 1, 0), own * (1, 1, 0))
             if f"toes.{side}" in at:
                 aligned[at[f"toes.{side}"]] = aligned[index]
+        elif name in FINGER_WORDS:
+            at_rest = body.character.tails[body.at[part]] - body.rest(part)
+            aligned[index] = least_turn(carried @ way, at_rest) @ carried
     trunk = [index for index, part in enumerate(rig.parts) if part in SPINE]
     if trunk:
         aligned[trunk] = least_turn(_top(rig) - rig.heads[trunk[0]], SKYWARDS)
@@ -270,30 +273,6 @@ def _planted_ankle(
         # In between it comes from what was missed at one plant to what will be at the next.
         off[:, axis] += np.interp(np.arange(len(off)), rows, missed)
     return goal + off
-
-
-def _bend_toes(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, floor: float, scale: float):
-    """Changes the turns of toes so that they do not go into the floor, which is so high, m, at rest.
-
-    They bend upwards about the ball of the foot, as they do when the heel lifts; the less, the more the ball is so far
-    below that the foot is elsewhere than on that floor, for legs so much longer than the body's.
-    """
-    foot, toes = (rig.at[f"{part}.{side}"] for part in ("foot", "toes"))
-    ball = rig.heads[toes]
-    ahead = (ball - rig.heads[foot]) * (1, 1, 0)
-    ahead *= np.linalg.norm(rig.tails[toes] - ball) / np.linalg.norm(ahead)
-    up = np.linalg.norm(ahead) * SKYWARDS
-    least = ball[2] - floor - place_of(rig, turns, hips, toes)[:, 2]  # that they have to point upwards
-    near = np.clip(2 - 2 * least / (scale * ON_GROUND.deepest_m), 0, 1)
-    least *= near
-    level, upright = ((turns[:, foot] @ way)[:, 2] for way in (ahead, up))
-    # So high points what is turned by an angle: level cos + upright sin. A foot may stand on its tip, and beyond that.
-    most, tipped = np.maximum(np.hypot(level, upright), NO_TURN), np.arctan2(-level, upright) + np.pi / 2
-    angle = np.clip(tipped - np.arccos(np.clip(least / most, -1, 1)), 0, MOST_BENT)
-    angle *= (level < least) * near
-    angle *= np.clip(1 + 2 * upright / up[2], 0, 1)  # one on its back does not stand on its sole
-    axis = np.cross(ahead, up) / (up @ up)
-    turns[:, toes] = exponential((turns[:, foot] @ axis) * angle[:, None])[0] @ turns[:, toes]
 
 
 def _planted(ball: np.ndarray, lowest: np.ndarray, rate: float) -> np.ndarray:

@@ -173,3 +173,70 @@ def test_smoothing_takes_shaking_out_of_the_body_and_leaves_its_lengths():
     assert np.linalg.norm(off, axis=1)[20:-20].max() < np.radians(5)
     with pytest.raises(InputError, match="the cut-off of the smoothing is 60 Hz"):
         settled(joints, turned, SEGMENTS, PARENTS, ENDS, RATE, cutoff=60.0)
+
+
+TOED = (*SEGMENTS, "toes.L", "toes.R")
+TOED_PARENTS = (*PARENTS, *FEET)
+TOES = np.array([0.05, 0, 0])
+TOED_ENDS = np.vstack([ENDS, TOES, TOES])
+
+
+def with_toes(joints: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same body with toes as its feet are, which begin at 0.87 of the way to the tips."""
+    balls = np.stack([points_of(joints, turns, side)[:, 1] for side in (0, 1)], axis=1)
+    return np.concatenate([joints, balls], axis=1), np.concatenate([turns, turns[:, FEET]], axis=1)
+
+
+def standing(heel: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Somebody who stands on balls of feet that are so high (F,) m, pitched forwards by (F,) rad."""
+    turns = np.tile(np.eye(3), (len(up), len(SEGMENTS), 1, 1))
+    turns[:, FEET] = about_y(up)[:, None]
+    joints = chained(np.zeros((len(up), 3)), turns)
+    joints[..., 2] += (heel - points_of(joints, turns, 0)[:, 1, 2])[:, None]
+    joints[..., 0] -= (points_of(joints, turns, 0)[:, 1, 0])[:, None]
+    return with_toes(joints, turns)
+
+
+def bent(turns: np.ndarray) -> np.ndarray:
+    """(F,) degrees that toes point upwards from the foot."""
+    bend = turns[:, FEET[0]].swapaxes(1, 2) @ turns[:, -2]
+    return np.degrees(np.arctan2(bend[:, 2, 0], bend[:, 0, 0]))
+
+
+def test_toes_stay_on_the_floor_while_the_heel_lifts_and_are_straight_far_from_it():
+    frames = np.arange(500)
+    up, high = 0.9 * np.clip((frames - 300) / 40, 0, 1), 0.02 + 0.2 * np.clip((frames - 400) / 40, 0, 1)
+    joints, turns = standing(high, up)
+    now, after = settled(joints, turns, TOED, TOED_PARENTS, TOED_ENDS, RATE)
+    np.testing.assert_allclose(bent(after)[:390], np.degrees(up[:390]), atol=1)
+    assert np.ptp(now[:190, -2, :2], axis=0).max() < 0.001
+    tips = now[:, -2:] + (after[:, -2:] @ TOES)
+    assert tips[..., 2].min() > 0
+    assert np.abs(bent(after)[460:]).max() < 0.1
+    assert np.abs(np.diff(bent(after))).max() < 5
+    down, _ = np.array_split(settled(*standing(high - 0.3, up), TOED, TOED_PARENTS, TOED_ENDS, RATE)[1], [390])
+    np.testing.assert_allclose(bent(down), np.degrees(up[:390]), atol=1)  # that floor is lower
+
+
+def test_toes_bend_as_far_as_toes_do_and_not_on_the_back_of_a_foot():
+    up = np.concatenate([np.zeros(900), np.linspace(0, 2 * np.pi, 721)])
+    joints, turns = standing(np.full(len(up), 0.09), up)
+    after = settled(joints, turns, TOED, TOED_PARENTS, TOED_ENDS, RATE)[1]
+    there = bent(after)
+    assert 85 < there.max() <= 90.1
+    assert np.abs(np.diff(there)).max() < 5
+    assert np.abs(there[np.abs(up - 1.2 * np.pi) < 0.5]).max() < 1
+    turns[:, -2:] = turns[:, -2:] @ about_y(np.array(1.0))  # curled in the air, farther than toes go
+    joints[..., 2] += np.clip(np.arange(len(up)) - 850, 0, 50)[:, None] / 50
+    curled = bent(settled(joints, turns, TOED, TOED_PARENTS, TOED_ENDS, RATE)[1])[920:]
+    np.testing.assert_allclose(curled, np.degrees(-0.7), atol=0.5)
+
+
+def test_where_nobody_rests_or_the_floor_is_not_below_toes_are_as_the_feet():
+    joints, turns = with_toes(*walk()[:2])
+    flat = about_y(np.array(np.pi / 2))
+    after = settled(joints @ flat.T, flat @ turns, TOED, TOED_PARENTS, TOED_ENDS, RATE)[1]
+    np.testing.assert_allclose(bent(after), 0, atol=1e-6)
+    joints[:, :, 0] += np.arange(len(joints))[:, None]
+    after = settled(joints, turns, TOED, TOED_PARENTS, TOED_ENDS, RATE)[1]
+    np.testing.assert_allclose(bent(after), 0, atol=1e-6)

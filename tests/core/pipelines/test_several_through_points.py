@@ -15,7 +15,7 @@ from addon.core.geometry.cameras import Cameras
 from addon.core.pipelines.blobs import with_edits
 from addon.core.pipelines.fitted_subjects import FollowedSubjects
 from addon.core.pipelines.others import OtherSubjects, refuse_two
-from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_several_blobs
+from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_by_points
 from addon.core.points.refusals import SubjectsError
 from addon.core.points.several import pipeline
 from addon.core.points.several.identification import IDENTIFICATION
@@ -39,7 +39,7 @@ def shot(model):
 
 def label(shot, blobs: Blobs, asked: SeveralOptions, **options) -> SubjectsInImages:
     """Some of the blobs of the take, labelled."""
-    return finished(label_several_blobs(lambda: parts(blobs), shot[0], asked, NAMED, RATE, **options))
+    return finished(label_by_points(lambda: parts(blobs), shot[0], asked, NAMED, RATE, **options))
 
 
 def parts(blobs: Blobs):
@@ -50,7 +50,7 @@ def parts(blobs: Blobs):
 def named(found: SubjectsInImages, blobs: Blobs) -> tuple[np.ndarray, list]:
     chunks = list(found.chunks(part for part, _ in parts(blobs)))
     marker = np.concatenate([chunk.labels.marker for chunk in chunks])
-    return np.array([*found.labelled.worn.markers, ""], object)[marker], chunks
+    return np.array([*found.worn.markers, ""], object)[marker], chunks
 
 
 def swapped(truth: np.ndarray) -> np.ndarray:

@@ -144,7 +144,7 @@ def placing(seen: dict) -> Iterator[float]:
     stored, _ = stage.now()
     hidden = np.isnan(stored.motion.markers[..., 0]) & np.isfinite(stored.motion.expected[..., 0])
     [frame, marker] = np.argwhere(hidden & np.isfinite(stored.motion.markers[..., 0]).any(axis=0))[0]
-    bpy.context.scene.frame_set(int(stored.motion.frames[frame]) + stored.shift)
+    stored.clock.go_to(bpy.context.scene, int(stored.motion.frames[frame]))
     stage.look_at_the_person()
     yield 1
     seen["gap"] = stored.names[marker]

@@ -64,14 +64,14 @@ def running() -> bool:
 def now():
     """The take as it is, and the index of the current frame."""
     stored = module("scene.opened").opened.take(settings().take, bpy.context.scene)
-    return stored, bpy.context.scene.frame_current - stored.shift - int(stored.motion.frames[0])
+    return stored, stored.index_of(bpy.context.scene.frame_float)
 
 
 def corrections() -> list[str]:
     """What was said so far; the sidebar's list comes a moment later."""
     stored, _ = now()
     words_of = module("core.edits.kinds").words_of
-    return [words_of(edit, stored.shift) for edit in stored.edits]
+    return [words_of(edit, stored.clock.whole) for edit in stored.edits]
 
 
 def picked() -> list[int]:

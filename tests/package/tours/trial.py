@@ -19,9 +19,13 @@ SWAPPED = ("LKNE", "RKNE")
 
 
 def walk(seen: dict) -> Iterator[float]:
-    """What is not counted is what a person has already: a swap to mend, and a rig that is selected."""
+    """What is not counted is what a person has already: a scene with a rig in it, which is selected; a swap to mend."""
     bpy.data.batch_remove(list(bpy.data.objects))
     bpy.ops.preferences.addon_enable(module="rigify")
+    with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):
+        bpy.ops.object.armature_human_metarig_add()
+        bpy.ops.pose.rigify_generate()
+    rig, before = bpy.context.view_layer.objects.active, time_of_scene()
     steps = seen["steps"] = {}
     yield from window.open_tab("View")
     bpy.ops.mocap_autolabel.import_take("INVOKE_DEFAULT")  # File > Import: two clicks, then the file and its button
@@ -53,10 +57,7 @@ def walk(seen: dict) -> Iterator[float]:
         yield from window.click(window.region("UI").x + 60, places[f"{OPERATOR}smooth"][1])  # Fill, beside it
         yield from done(lambda: len(state().fills))
 
-    with bpy.context.temp_override(area=window.area(), region=window.region("WINDOW")):
-        bpy.ops.object.armature_human_metarig_add()
-        bpy.ops.pose.rigify_generate()
-    rig = bpy.context.view_layer.objects.active
+    bpy.context.view_layer.objects.active = rig
     settings().display.stage = "USE"  # a click
     yield 1
     with waited(steps, "move a Rigify rig", clicks=2):
@@ -67,7 +68,14 @@ def walk(seen: dict) -> Iterator[float]:
         with waited(steps, f"export {name.upper()}", clicks=2):
             yield from window.choose(f"{OPERATOR}export_{name}", str(path))
             yield from done(path.exists)
+    seen["time is kept"] = before == time_of_scene()
     yield from window.screenshot("1-used")
+
+
+def time_of_scene() -> tuple[int, int, int]:
+    """The rate and the first and last frame that the scene plays."""
+    scene = bpy.context.scene
+    return scene.render.fps, scene.frame_start, scene.frame_end
 
 
 @contextmanager

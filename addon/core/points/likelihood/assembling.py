@@ -13,7 +13,7 @@ import numpy as np
 
 from ...data.takes import NO_POINT
 from ...geometry.rigid import pairwise_distances
-from ..rigid_bodies.model import RigidBodies, linking_order
+from ..rigid_bodies.model import RIGID_BODY, RigidBodies, linking_order
 from .naming import IMPOSSIBLE, one_to_one
 from .solving import Solved
 
@@ -25,7 +25,6 @@ class AssemblyOptions:
     noise_m        standard deviation of a measured distance; physical: what two good cameras leave
     noise_share    of a length, between takes; physical: plates bend, and calibrations differ
     min_gate_m     that a side of a triangle may be off in any case; physical: seven times that noise
-    max_marker_m   that a further marker may be from where the first three put it; physical: a marker's own width
     point_gain     log likelihood of one more point that fits; measured: half of it names 2,257 of 133,000 points on
                    plates wrongly, twice none
     breach_weight  of the mean breach between two rigid bodies; measured: of 133,000 labels on plates half loses none,
@@ -37,7 +36,6 @@ class AssemblyOptions:
     noise_m: float = 0.0007
     noise_share: float = 0.003
     min_gate_m: float = 0.005
-    max_marker_m: float = 0.012
     point_gain: float = 7.0
     breach_weight: float = 8.0
     single_cost: float = 1.0
@@ -120,7 +118,7 @@ def place(
     if not len(which):
         return Placements(np.full((len(points), 1, len(group)), NO_POINT), np.full((len(points), 1), -np.inf))
     frame, corners = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    whole = _completed(form, np.array(bases), which, points, frame, corners, ASSEMBLY.max_marker_m)
+    whole = _completed(form, np.array(bases), which, points, frame, corners, RIGID_BODY.max_marker_m)
     rows = _unique_rows(np.concatenate([frame[:, None], whole], axis=1))
     scores = _scores(lengths, distance, rows[:, 0], rows[:, 1:])
     return _best(len(points), rows, scores, MAX_PLACEMENTS)

@@ -22,7 +22,7 @@ class FrameOptions:
     max_pairs        of the points of frames at once; memory: the processor's own
     max_rigid_pairs  the same of sets on rigid bodies, of which less is worked out for each pair; memory
     max_mean_square  of a frame's outcome, from which more guesses are followed; measured: half or twice names people of
-                     other labs, and crowds, alike
+                     other labs alike, without it five of seven parts of a body are refused
     """
 
     max_pairs: int = 40_000

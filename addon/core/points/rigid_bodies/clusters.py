@@ -16,7 +16,7 @@ from ...data.made import Table
 from ...data.physical import MARKER_LIMITS
 from ...data.takes import evenly_spread
 from ...geometry.rigid import MIN_POINTS, in_axes, laid_on, pairwise_distances, rigid_clusters
-from .model import linking_order
+from .model import RIGID_BODY, linking_order
 from .structure import INDEPENDENT, JOINT, MAX_COST, STRUCTURE, Structure, find_joints, quad_volumes
 
 
@@ -25,8 +25,6 @@ class ClusterMatchOptions:
     """What tracklets do that are one rigid thing, and what is worth, log likelihood, that it is a rigid body.
 
     max_size_m       the widest that a rigid body is; physical: a pelvis or a chest
-    max_off_m        physical: a marker's width, which a tracklet may be off its place in the cluster, root mean square;
-                     half of it in its distances from others, to go on as the marker of an earlier one
     missing_cost     of a rigid body that the take does not show as a cluster; measured on the raw take S09_KneeltoRun02
     odd_marker_cost  what a marker more or fewer costs; measured on it
     joint_gain       what a joint is worth where it is as in training; measured on it
@@ -36,7 +34,6 @@ class ClusterMatchOptions:
     """
 
     max_size_m: float = 0.4
-    max_off_m: float = 0.01
     missing_cost: float = 9.0
     odd_marker_cost: float = 0.7
     joint_gain: float = 2.0
@@ -150,7 +147,7 @@ def _strung(points: np.ndarray, distance: np.ndarray) -> list[list[int]]:
     frames = there.sum(axis=0)
     strings: list[list[int]] = []
     for index in np.argsort(-frames, kind="stable"):
-        best, nearest = None, CLUSTER_MATCH.max_off_m / 2
+        best, nearest = None, RIGID_BODY.max_marker_m / 2
         for one in strings:
             off = np.abs(distance[one] - distance[index])
             off = off[:, np.isfinite(off).any(axis=0)]
@@ -187,7 +184,7 @@ def _laid(seen: Sampled, own: np.ndarray, distance: np.ndarray) -> Cluster | Non
         count = np.maximum(known.sum(axis=0), 1)
         mean = np.where(known[..., None], local, 0).sum(axis=0) / count[:, None]
         off = np.sqrt((np.where(known[..., None], local - mean, 0) ** 2).sum(axis=(0, 2)) / count)
-        form = np.where((known.any(axis=0) & (off < CLUSTER_MATCH.max_off_m))[:, None], mean, np.nan)
+        form = np.where((known.any(axis=0) & (off < RIGID_BODY.max_marker_m))[:, None], mean, np.nan)
         if np.isfinite(form[:, 0]).sum() < MIN_POINTS:
             return None
     fine = np.flatnonzero(np.isfinite(form[:, 0]))

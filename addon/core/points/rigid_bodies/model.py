@@ -25,6 +25,7 @@ class RigidBodyOptions:
                      takes on plates and the McGill walks on the skin: in a few steps a whole limb keeps its form too
     max_separate_sd  measured: radii that distances may vary by within what is separate so, on the same takes: a rigid
                      body with what sits right beside it
+    max_marker_m     that a marker may be off its place on a rigid body; physical: its own width
     min_sd_m         that any distance is taken to vary by; physical: how exact cameras are
     min_marker_part  of the markers that must be on rigid bodies for the set to be; measured on the same takes
     min_prop_move_m  standard deviation of where a prop is; physical: who stands still keeps their form too
@@ -36,6 +37,7 @@ class RigidBodyOptions:
     max_rigid_sd: float = 0.015
     min_separation: float = 5.0
     max_separate_sd: float = 0.021
+    max_marker_m: float = 0.012
     min_sd_m: float = 0.001
     min_marker_part: float = 0.85
     min_prop_move_m: float = 0.03

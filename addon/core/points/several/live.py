@@ -16,6 +16,7 @@ from ..tracklets import cut
 from ..whole_take.live import LiveNamer, Window, WindowNames, as_take, at_the_end
 from ..whole_take.pairs import trained_pairs
 from ..whole_take.pipeline import PointOptions
+from ..whole_take.search import Moves
 from .bodies import Crowd
 from .identification import IDENTIFICATION, PersonBuild
 from .pipeline import UnidentifiedError, everybody
@@ -31,7 +32,7 @@ def namer_of(models: list[Model], rate: float) -> LiveNamer:
 def solved_of_several(subjects: tuple[Wearer, ...], window: Window) -> WindowNames:
     """The names at the end of a window of those who are there, by the markers of all `subjects` in a row."""
     trouble, whole = "", SetsWorn(subjects)
-    take, options = as_take(window), PointOptions("likelihood")
+    take, options = as_take(window), PointOptions("likelihood", search=_moves(whole, window))
     crowd = Crowd(take, cut(take.xyz, take.rate), options)
     nobody = WindowNames(window.number, np.full(len(window.number), NO_MARKER))
     for either in _who_may_be_there(whole, window):
@@ -48,6 +49,12 @@ def solved_of_several(subjects: tuple[Wearer, ...], window: Window) -> WindowNam
             marker = at_the_end(window, found.verdict.labels.marker)
             return WindowNames(window.number, _as_before(whole, found, window, marker))
     return replace(nobody, refused=trouble)
+
+
+def _moves(whole: SetsWorn, window: Window) -> Moves:
+    """Exchanges alone where everybody is known, as of one."""
+    known = [np.isfinite(window.shown[:, own, 0]).any() for own in markers_of(whole)]
+    return "exchanges" if all(known) else "all"
 
 
 def _who_may_be_there(whole: SetsWorn, window: Window) -> Iterator[list[SeveralOptions]]:

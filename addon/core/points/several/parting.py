@@ -9,11 +9,12 @@ goes with those of the strongest affinity while it is there; these live on when 
 contact. How many bodies a take may show is said by groups of points that are apart, and by how many go together at all.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from ...data.lanes import blocks
 from ...data.made import Table
 from ...data.takes import evenly_spread
 from ..refusals import REFUSAL, far_groups
@@ -63,6 +64,8 @@ GROUPING_ROUNDS = 20  # in which such a frame's points find their bodies; it is 
 POINTS_OF_BODY = 4  # of a body in a frame
 GIVEN_TOGETHER = 0.5  # part of the clearest lead from which on tracklets are given to bodies together; by time
 MAX_PRESENCES = 24  # of all together; by time
+# A direction on the floor between an axis of the room and a diagonal: few stand level with each other along it.
+ASKEW = np.array([np.cos(np.pi / 8), np.sin(np.pi / 8)])
 
 
 def count_bodies(points: Table, tracklet: np.ndarray, affinity: Affinity, markers: int) -> tuple[int, int]:
@@ -99,6 +102,21 @@ def usual_count(counts: np.ndarray) -> float:
     """How many there are where most are there: the upper quartile of counts (T,), but for those of 0."""
     counts = counts[counts > 0]
     return float(np.quantile(counts, 0.75)) if len(counts) else 0.0
+
+
+def along_the_line(points: Table, body: Table, markers: Sequence[int]) -> list[int] | None:
+    """The bodies in the order in which they stand along a line on the floor, in the first frame that shows them all.
+
+    Of points (T, L, 3) m of bodies (T, L), NO_BODY for nobody's. A body is shown by most of the so many markers that it
+    wears. None where no frame shows them all.
+    """
+    for part in blocks(*body.shape):
+        own = body[part]
+        shown = [2 * (own == one).sum(axis=1) > most for one, most in enumerate(markers)]
+        if frames := np.flatnonzero(np.all(shown, axis=0)).tolist():
+            along, whose = points[part.start + frames[0]][:, :2] @ ASKEW, own[frames[0]]
+            return np.argsort([np.median(along[whose == one]) for one in range(len(markers))]).tolist()
+    return None
 
 
 def bodies_by_place(points: Table, tracklet: np.ndarray, frames: np.ndarray, every: int, count: int) -> np.ndarray:

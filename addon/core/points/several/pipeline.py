@@ -14,6 +14,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ...data.errors import JobError
+from ...data.made import Made
 from ...data.physical import MARKER_LIMITS
 from ...data.progress import Progress, Stage, within
 from ...data.takes import Labels, Points, Suspect
@@ -38,7 +39,7 @@ from .identification import (
     spans_of,
     ways_of,
 )
-from .parting import NO_BODY, PartedBodies, count_bodies, parted
+from .parting import NO_BODY, PartedBodies, along_the_line, count_bodies, parted
 from .together import Everybody, FoundSubject, LabelledSubjects, motion_of_all, verdict_on, with_edits
 from .wearers import AUTO, SeveralOptions, Wearer, is_same, kinds
 
@@ -293,7 +294,7 @@ class _Parties:
     ) -> tuple[tuple[Wearer, ...], list[tuple[int, NamedBody]]]:
         """The subjects in their order, and the body of each with what was named on it."""
         lasting = {body: self.crowd.named_points(own[0]) for body, own in named.items()}
-        order = sorted(lasting, key=lambda body: int(np.flatnonzero(lasting[body])[0]))  # who is first in the file
+        order = self._first_to_last(named, lasting)
         models = [one.model for one in kinds(self.asked.subjects)]
         kind = [models.index(model) for model in models]
         if len(kind) != 1 and not any(kind):  # whom nothing tells apart
@@ -314,6 +315,18 @@ class _Parties:
             body, markers = order[place[index]], model.markerset.markers
             chosen.append((body, next(own for own in named[body] if own.model.markerset.markers == markers)))
         return self.asked.subjects, chosen
+
+    def _first_to_last(self, named: dict[int, list[NamedBody]], lasting: dict[int, np.ndarray]) -> list[int]:
+        """The bodies in the order in which they are counted, by how many points of tracklets (N,) are each one's."""
+        order = sorted(lasting, key=lambda body: int(np.flatnonzero(lasting[body])[0]))  # who is first in the file
+        if not self.asked.in_room:
+            return order
+        whose, tracklet = np.full(len(self.crowd) + 1, NO_BODY), self.crowd.tracklet
+        for place, body in enumerate(order):
+            whose[:-1][lasting[body] > 0] = place
+        markers = [len(named[body][0].model.markerset) for body in order]
+        along = along_the_line(self.crowd.take.xyz, Made(tracklet.shape, lambda index: whose[tracklet[index]]), markers)
+        return order if along is None else [order[place] for place in along]
 
     def _too_few(self, wanted: int) -> JobError:
         """What is said where not as many are there as were asked for."""

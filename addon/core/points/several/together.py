@@ -174,11 +174,11 @@ def joined(worn: SetsWorn, verdicts: Sequence[Verdict]) -> Verdict:
             whole.marker[part][at] = own.marker[at] + first
             whole.step[part][at], whole.confidence[part][at] = own.step[at], own.confidence[at]
     for subject, verdict in zip(worn.asked.subjects, verdicts, strict=False):
-        suspects += [_of(suspect, subject) for suspect in verdict.suspects]
+        suspects += [said_of(suspect, subject) for suspect in verdict.suspects]
     return Verdict(whole, tuple(suspects))
 
 
-def _of(suspect: Suspect, subject: Wearer) -> Suspect:
+def said_of(suspect: Suspect, subject: Wearer) -> Suspect:
     """What is said of a subject, with whom it is said of."""
     markers = tuple(f"{subject.name}:{marker}" for marker in suspect.markers)
     return replace(suspect, words=f"{subject.name}: {suspect.words}", markers=markers)

@@ -52,12 +52,15 @@ class SeveralOptions:
     subjects  those who have, each with a model of their own; then `model` is None
     others    whether people whom nobody asked for are found, too, after those who were: for who must know what is
               theirs, as they are in the way
+    in_room   whether those whom nothing tells apart are in the order of where they stand, as blobs come in no order;
+              else who comes first in the file is first
     """
 
     model: Model | None = None
     count: int = AUTO
     subjects: tuple[Wearer, ...] = ()
     others: bool = False
+    in_room: bool = False
 
     @cached_property
     def models(self) -> tuple[Model, ...]:

@@ -29,14 +29,12 @@ from .likeness import LIKENESS, NO_EVIDENCE, of_ends, of_frames, steadiest
 from .pairs import PairDistances, in_take
 from .pipeline import PointOptions, as_a_whole, begins, name_frames
 from .search import SEARCH
-from .solving import solve_take
 
 WINDOW_S = 2.0  # s of the past that are solved at once: a step or two
 FIRST_S = LIKENESS.sample_s  # s of it that are enough to begin with
 CAUGHT_UP = 16  # frames of the past that names are carried on through at each new one; by time
 SHOWN_S = 0.1  # s from one frame by which the subject is known to the next, at first
 MAX_SHOWN = 40  # such frames
-SLOW_S = 1.0  # s that solving may take; where it would take longer only exchanges are tried
 NO_POINTS = np.zeros((0, 3))
 
 
@@ -48,7 +46,6 @@ class Window:
     rate    frames a second
     marker  (L,) what each trajectory is called so far, NO_MARKER where it is not
     shown   (K, M, 3) m where the markers of whoever is there were before, in some frames, NaN where one was not
-    quick   whether the first names count more than all of them: nearly nobody has one
     """
 
     row: int
@@ -57,7 +54,6 @@ class Window:
     xyz: np.ndarray
     marker: np.ndarray
     shown: np.ndarray
-    quick: bool = False
 
     @property
     def end(self) -> int:
@@ -72,7 +68,6 @@ class WindowNames:
     refused   why, else empty
     anew      whether they are not as it was known of who was there before
     subjects  where somebody has asked for it, the size and shape of everybody who may wear them, as `subject_in`
-    slow      as `is_slow` says
     """
 
     number: np.ndarray
@@ -80,19 +75,17 @@ class WindowNames:
     refused: str = ""
     anew: bool = False
     subjects: tuple[Bodies | None, ...] = ()
-    slow: bool = False
-
-
-def is_slow(window: Window, seconds: float) -> bool:
-    """Whether solving took too long for all of the next window to be tried: after exchanges alone half of SLOW_S is."""
-    return seconds > SLOW_S / (2 if window.quick else 1)
 
 
 def solved_window(model: Model, window: Window) -> WindowNames:
-    """The names at the end of a window, solved as whole takes are, by what is known of who is there."""
+    """The names at the end of a window, solved as whole takes are.
+
+    By what is known of who is there, with whom no more than exchanges are tried: that takes a third of the time, and
+    names come as much sooner.
+    """
     if len(window.shown) and model.likelihood is not None:
         own = replace(model, likelihood=of_subject(model.likelihood, window.shown))
-        if not (found := _solved(own, window)).refused:
+        if not (found := _solved(own, window, known=True)).refused:
             return found
         found = _solved(model, window)
         return replace(found, anew=not found.refused)  # it is somebody else
@@ -111,16 +104,13 @@ def at_the_end(window: Window, marker: np.ndarray) -> np.ndarray:
     return marker[len(there) - 1 - there[::-1].argmax(axis=0), np.arange(there.shape[1])]
 
 
-def _solved(model: Model, window: Window) -> WindowNames:
-    take, options = as_take(window), PointOptions("likelihood")
+def _solved(model: Model, window: Window, known: bool = False) -> WindowNames:
+    take, options = as_take(window), PointOptions("likelihood", search="exchanges" if known else "all")
 
     def named():
         frames = yield from name_frames(take, cut(take.xyz, take.rate), model, options)
-        solution = None
-        if window.quick and frames.solvable:
-            given = frames.labels, frames.model, take.rate
-            solution = yield from solve_take(take.xyz, frames.tracklet, *given, search="exchanges")
-        _, verdict = yield from as_a_whole(frames, options, solution)
+        frames = replace(frames, shown=window.shown if known else None)
+        _, verdict = yield from as_a_whole(frames, options)
         return verdict.labels.marker
 
     try:
@@ -268,7 +258,6 @@ class LiveNamer:
         self._gap = longest_gap(rate)
         self._least = REFUSAL.min_named * np.bincount(whose).min()  # points, of fewer a window would be refused
         self._there = 0  # the last row with as many
-        self._slow = False
         self._forget()
 
     def _forget(self):
@@ -362,9 +351,8 @@ class LiveNamer:
         xyz = np.full((self.row - first + 1, len(number), 3), np.nan)
         xyz[frame, lane] = np.concatenate([points for *_, points in past])
         shown = np.array(self.shown.frames).reshape(-1, len(self.whose), 3)
-        quick = self.whose.max() == 0 and (lost or (self._slow and len(shown) > 0))  # several are solved in one way
         marker = np.array([self.given.marker.get(one, NO_MARKER) for one in number.tolist()], int)
-        self._asked = Window(first, self.rate, number, xyz, marker, shown, quick)
+        self._asked = Window(first, self.rate, number, xyz, marker, shown)
         return self._asked
 
     def hear(self, names: WindowNames):
@@ -374,8 +362,6 @@ class LiveNamer:
         """
         if self._asked is None:
             return
-        if len(self._asked.shown):  # at first there is a lot to load
-            self._slow = names.slow
         past = [self._asked.number, *(numbers for _, numbers, _ in self.past)]
         self.given.forget({one.number for one in self.trails.values()}.union(*(numbers.tolist() for numbers in past)))
         if names.anew:
@@ -409,7 +395,7 @@ class LiveNamer:
             ours = self.given.marker.get(number, NO_MARKER)
             if ours == NO_MARKER or number in said:
                 continue
-            shown = len(there) - first > FIRST_S * self.rate and number not in self.given.solved and not window.quick
+            shown = len(there) - first > FIRST_S * self.rate and number not in self.given.solved
             if shown or ours in elsewhere or latest.get(ours, 0) > number:
                 found.append(number)
         return found

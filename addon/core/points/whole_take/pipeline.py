@@ -32,6 +32,7 @@ from ..tracklets import are_lasting, cut, renamed
 from ..unordered import FRAMES_LEARNED_FROM, is_unordered, learn_subject
 from .deciding import can_be_solved, verdict_of
 from .rulings import Rulings
+from .search import Moves
 from .solving import Solution, solve_take
 from .tracklets import FrameLabels, labels_between
 
@@ -106,6 +107,7 @@ class PointOptions:
     force   name the points although the take cannot be as it says, or is not of the model's markers
     traced  the points are where rays of blobs meet: their cameras say what cannot be
     finer   the body is posed with what joints its markers can show beside those that they are named by
+    search  which moves are tried on a take, as in `solve_take`
     """
 
     method: str
@@ -115,6 +117,7 @@ class PointOptions:
     force: bool = False
     traced: bool = False
     finer: bool = False
+    search: Moves = "all"
 
 
 def label_take(take: Points, model: Model, options: PointOptions) -> Generator[Progress, None, LabelledPoints]:
@@ -163,6 +166,9 @@ class NamedFrames:
     solvable     whether the take can be solved as a whole
     room         as in `PointOptions`
     sure         whether some frames were sure enough of the model's markers before all were named
+    search       as in `PointOptions`
+    shown        (K, M, 3) m where the subject's markers were in other frames, NaN where one was not; None where nobody
+                 knows
     """
 
     take: Points
@@ -174,6 +180,8 @@ class NamedFrames:
     solvable: bool
     room: MakeTable
     sure: bool = True
+    search: Moves = "all"
+    shown: np.ndarray | None = None
 
 
 def _labelled(
@@ -260,7 +268,7 @@ def name_frames(
             again = namer_of(model, options.method)
             given = yield from _asked(again, take, asked)
     sure = sample is None or sample.sure
-    return NamedFrames(take, tracklet, model, recognition, namer, given, solvable, room, sure)
+    return NamedFrames(take, tracklet, model, recognition, namer, given, solvable, room, sure, options.search)
 
 
 def _asked(namer: Namer, take: Points, asked: np.ndarray, sample: Sample | None = None) -> Steps[Labels]:
@@ -327,7 +335,7 @@ def solution_for(
     if not frames.solvable:
         return None
     given = frames.take.xyz, tracklet, named, frames.model, frames.take.rate
-    return (yield from solve_take(*given, rulings))
+    return (yield from solve_take(*given, rulings, frames.search, frames.shown))
 
 
 def decided_of(

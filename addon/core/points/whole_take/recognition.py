@@ -16,6 +16,7 @@ from ...data.physical import MARKER_LIMITS
 from ...data.takes import BY_TRAJECTORY, NO_MARKER, NO_POINT, NO_STEP, Labels, Suspect, Verdict
 from ...geometry.rigid import MIN_POINTS
 from ..models import Model
+from ..refusals import REFUSAL
 from ..rigid_bodies.clusters import NO_CLUSTER, Cluster, Matched, Sampled, find_clusters, match_clusters, sampled
 from ..rigid_bodies.markers import Placed, find_single_markers, place_markers
 from ..rigid_bodies.model import RigidBodies
@@ -30,13 +31,10 @@ class RecognitionOptions:
     min_body_lead    log odds by which a rigid body's cluster must lead; measured on subjects made of the labelled
                      Clouthier takes, with other limbs and rigid bodies of other forms elsewhere on them
     min_marker_lead  log odds by which a marker's point must lead within the rigid body; measured on the same
-    min_most         measured: part of the sure rigid bodies that must be the model's own for the take to be of somebody
-                     it knows; half and twice of it name plates alike
     """
 
     min_body_lead: float = 3.0
     min_marker_lead: float = 5.0
-    min_most: float = 0.8
 
 
 RECOGNITION = RecognitionOptions()
@@ -152,7 +150,7 @@ def _known(forms, count: int) -> bool | None:
     alike = [off < MARKER_LIMITS.noise_m for *_, off in forms]
     if 2 * len(alike) < count:
         return None
-    return bool(np.mean(alike) >= RECOGNITION.min_most)
+    return bool(np.mean(alike) >= REFUSAL.min_half)
 
 
 def adapted(model: Model, seen: Recognition) -> Model:

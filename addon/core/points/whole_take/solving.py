@@ -20,6 +20,7 @@ from .layout import Question, named_by_layout
 from .likeness import LIKENESS
 from .matching import margins, matched
 from .objective import USUAL_FREEDOM, Freedom, Objective, fullest_frames, lasting, usual_fit
+from .pairs import in_take
 from .rulings import RULING, Rulings
 from .search import Moves, Search
 from .tracklets import FrameLabels, Tracklets, tracklets_of
@@ -92,12 +93,14 @@ def solve_take(
     rate: float,
     rulings: Rulings | None = None,
     search: Moves = "all",
+    shown: np.ndarray | None = None,
 ) -> Generator[float, None, Solution]:
     """Names the tracklets (T, P), -1 where there is none, of points (T, P, 3) m at `rate` frames a second.
 
     named is what frames say on their own, of which the likeliest names are begun with. The model has a likelihood.
     Yields the share that is done. `rulings` is what a person said, whose tracklets these are: it begins with what the
-    take was solved to without them. `search` says which moves are tried on what has spread.
+    take was solved to without them. `search` says which moves are tried on what has spread. `shown` (K, M, 3) m is
+    where the subject's markers were in other frames, NaN where one was not: their distances are known by that.
     """
     tracklets = tracklets_of(points, tracklet, named, len(model.markerset))
     del tracklet  # a long take's is large
@@ -106,6 +109,8 @@ def solve_take(
         tracklets = rulings.of(tracklets)
         begun = rulings.begun(tracklets)
     solving = _Solving(points, tracklets, named, model, rate, begun)
+    if shown is not None:
+        solving.objective.known = in_take(solving.objective.known, shown)
     if rulings is None:
         return (yield from solving.solved(search))
     solving.objective.extras = rulings.extras

@@ -12,6 +12,7 @@ from addon.core.points.several import live
 from addon.core.points.several.live import solved_of_several
 from addon.core.points.several.wearers import Wearer
 from addon.core.points.unordered import of_subject
+from addon.core.points.whole_take import pipeline
 from addon.core.points.whole_take.live import Window, solved_window
 from addon.demo.take import MODEL
 from addon.io.models import open_model
@@ -56,6 +57,17 @@ def test_who_is_who_stays_as_names_were_and_else_as_distances_are(people):
         assert named(window(late, shown=np.concatenate(order, axis=1)), true)
 
 
+def test_exchanges_alone_are_tried_once_everybody_is_known(people, monkeypatch):
+    tried, solve = [], pipeline.solve_take
+    monkeypatch.setattr(pipeline, "solve_take", lambda *given: tried.append(given[-2]) or solve(*given))
+    late, shown, same = (np.concatenate(people[:, some], axis=1) for some in (slice(50, 110), slice(50), slice(0)))
+    one = np.where(np.arange(2 * MARKERS)[:, None] < MARKERS, shown, np.nan)
+    for known, moves in ((shown, "exchanges"), (one, "all"), (same, "all")):
+        tried.clear()
+        said = solved_of_several(SUBJECTS, window(late, shown=known))
+        assert (said.marker >= 0).mean() > 0.9 and set(tried) == {moves}
+
+
 def test_of_two_one_may_be_there_alone(people):
     shown = np.concatenate(people[:, :50], axis=1)
     for person in (0, 1):
@@ -79,19 +91,20 @@ def test_of_many_different_sets_few_groups_are_tried_and_in_the_end_all_who_may_
         raise JobError("shows nobody; expected somebody")
 
     monkeypatch.setattr(live, "everybody", nobody)
-    solved_of_several(six, window(people[0, :50]))
+    nothing = np.zeros((0, 6 * MARKERS, 3))
+    solved_of_several(six, window(people[0, :50], shown=nothing))
     assert tried == ["abcdef", *"abcdef"]
     tried.clear()
     some = np.arange(MARKERS) + MARKERS * np.where(np.arange(MARKERS) % 2, 1, 4)
     for row in range(40):
-        solved_of_several(six, replace(window(people[0, :50], some), row=row))
+        solved_of_several(six, replace(window(people[0, :50], some, nothing), row=row))
     assert len(tried) == 40 * 11 and {one for one in tried if len(one) == 2} == {"be"}
     assert {one for one in tried if len(one) == 3} == {"abe", "bce", "bde", "bef"}
     tried.clear()
     left = people[0, :50].copy()
     left[-1, 1::2] = np.nan
     for row in range(40):
-        solved_of_several(six, replace(window(left, some), row=row))
+        solved_of_several(six, replace(window(left, some, nothing), row=row))
     assert {one for one in tried if len(one) == 2} == {"ae", "be", "ce", "de", "ef"}, "b has left"
 
 
@@ -115,11 +128,15 @@ def test_of_two_who_cannot_be_told_apart_none_is_named(people):
     assert "who is ann and twin cannot be told" in said.refused and (said.marker == -1).all()
 
 
-def test_whom_one_knows_is_named_by_that_and_somebody_else_is_told(people):
-    model = SUBJECTS[0].model
-    for known, anew in ((people[0, :40], False), (1.6 * people[0, :40], True)):
+def test_whom_one_knows_is_named_by_that_in_less_work_and_somebody_else_is_told(people, monkeypatch):
+    model, tried = SUBJECTS[0].model, []
+    solve = pipeline.solve_take
+    monkeypatch.setattr(pipeline, "solve_take", lambda *given: tried.append(given[-2:]) or solve(*given))
+    for known, anew in ((people[0, :40], False), (1.6 * people[0, :40], True), (people[0, :0], False)):
         said = solved_window(model, window(people[0, 50:], shown=known))
         assert (said.marker == np.arange(MARKERS)).all() and said.anew == anew
+    assert [moves for moves, _ in tried] == ["exchanges", "exchanges", "all", "all"]
+    assert [shown is not None for _, shown in tried] == [True, True, False, False]
     said = solved_window(model, window(people[0, 50:, :5], shown=people[0, :40]))
     assert said.refused and not said.anew, "who is hidden is not somebody else"
 

@@ -1,0 +1,257 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A take in a scene of another rate: mapped to it, moved to nobody's harm from one to the other, and never off by one.
+
+What is said in a moment of the scene is said of the frame of the take that is nearest, and what is written has the
+take's own frames.
+"""
+
+from dataclasses import astuple, replace
+from itertools import pairwise
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+
+from addon.core.data.takes import NO_MARKER
+from addon.core.geometry.force_plates import LabRecords
+from addon.io.edits import read_edits
+from addon.io.points import read_points
+from addon.scene import lab, naming
+from addon.scene.clock import TakeClock, plays_at, set_moment
+from addon.scene.opened import Opened
+from addon.scene.stored import Stored
+from addon.scene.take import show_take, takes_of
+from addon.scene.timing import follow_rate
+from scripts.keep_version import EARLIER
+
+from .conftest import label_walk, open_room, write_room, write_walk
+from .hands import FRAMES, GHOST, choose, keys_of, ours, reopen, shown, stored_take
+from .test_points import visible_points
+
+FPS = 24
+RATES = (100.0, 120.0, 12.5)
+
+
+@pytest.mark.parametrize("rate", [24.0, 25.0, 59.94, 100.0, 240.0, 10.0])
+def test_every_frame_is_found_again_in_the_moment_in_which_it_is_shown(rate):
+    frames = np.arange(-3, 20_000)
+    clock = TakeClock.of(frames + 500, at_1=True).at_rate(FPS, rate)
+    moments = clock.shown(frames + 497).astype(np.float32)  # as keys and properties keep them
+    assert [clock.at(float(one)) for one in moments[::37]] == (frames + 497)[::37].tolist()
+    assert clock.shown(clock.first) == 1
+    # Each frame is in one of Blender's frames, which it is nearest to.
+    spans = [clock.inside(one, one) for one in range(-5, 900)]
+    assert all(before[1] + 1 == after[0] for before, after in pairwise(spans))
+    for whole, (first, last) in zip(range(-5, 900), spans, strict=True):
+        assert {clock.whole(frame) for frame in range(first, last + 1)} <= {whole}
+
+
+def in_a_scene_of_a_person(folder, made, rate, name_as, extension):
+    """The take of points labelled in a scene that plays FPS frames a second, in which a rig waits."""
+    ghost = np.tile([1.5, 1.5, 0.2], (FRAMES, 1, 1))
+    markerset = made.markerset()
+    xyz = np.concatenate([made.motion(markerset, FRAMES).markers, ghost], axis=1)
+    files = write_walk(folder, xyz, markerset, rate)
+    scene = bpy.context.scene
+    scene.collection.objects.link(bpy.data.objects.new("rig", bpy.data.armatures.new("rig")))
+    scene.render.fps, scene.frame_start, scene.frame_end = FPS, 5, 80
+    name_as(np.where(np.arange(GHOST + 1) == GHOST, NO_MARKER, np.arange(GHOST + 1)))
+    label_walk(folder)
+    return files
+
+
+@pytest.fixture(params=RATES)
+def mapped(request, tmp_path, made, name_as, extension, empty) -> SimpleNamespace:
+    files = in_a_scene_of_a_person(tmp_path, made, request.param, name_as, extension)
+    return SimpleNamespace(rate=request.param, scene=empty.scene, **vars(files))
+
+
+def is_where_it_was(mapped):
+    """Asserts that all of the take is seen in every moment of it as it was recorded."""
+    stored = stored_take()
+    for index, frame in enumerate(stored.motion.frames):
+        stored.clock.go_to(bpy.context.scene, int(frame))
+        assert stored.index_of(bpy.context.scene.frame_float) == index
+        assert visible_points() == 1, "the ghost"
+        for marker, name in enumerate(stored.names):
+            if np.isfinite(mapped.xyz[index, marker, 0]):
+                place = shown()[name].matrix_world.translation
+                np.testing.assert_allclose(place, mapped.xyz[index, marker], atol=2e-4)
+
+
+def test_a_scene_of_a_persons_keeps_its_time_and_the_take_its_speed(mapped):
+    scene, clock = mapped.scene, stored_take().clock
+    assert (scene.render.fps, scene.frame_start, scene.frame_end) == (FPS, 5, 80)
+    assert astuple(clock) == (101, 101, FPS / mapped.rate)
+    assert keys_of("C7")[:, 0].max() <= 101 + (FRAMES - 1) * FPS / mapped.rate + 1e-3
+    is_where_it_was(mapped)
+    reopen(mapped.folder / "mapped.blend")
+    is_where_it_was(mapped)
+
+
+def test_what_is_said_in_a_moment_is_said_of_the_frame_that_is_nearest(mapped):
+    scene, clock = mapped.scene, stored_take().clock
+    set_moment(scene, 103)
+    frame = clock.at(103)
+    assert abs(clock.shown(frame) - 103) <= clock.step / 2
+    choose("C7")
+    assert bpy.ops.mocap_autolabel.unlabel(scope="FRAME") == {"FINISHED"}
+    scene.use_preview_range, scene.frame_preview_start, scene.frame_preview_end = True, 105, 106
+    choose("SACR")
+    assert bpy.ops.mocap_autolabel.unlabel(scope="RANGE") == {"FINISHED"}
+    spans = [edit.span for edit in stored_take().edits]
+    assert spans == [(frame, frame), clock.inside(105, 106)]
+    assert scene.frame_float == 103, "no edit moves the time"
+    keyed = keys_of("SACR")[:, 0]
+    assert not ((keyed > 104.5) & (keyed < 106.5)).any()
+    assert np.abs(keys_of("C7")[:, 0] - clock.shown(frame)).min() > 0.9 * clock.step
+    assert bpy.ops.mocap_autolabel.save_corrections() == {"FINISHED"}
+    assert [edit.span for edit in read_edits(mapped.edits)] == spans
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert [edit.span for edit in stored_take().edits] == spans
+    assert stored_take().clock == clock
+
+
+def test_the_lists_lead_to_the_very_frame(mapped):
+    state, stored = bpy.context.window_manager.mocap_autolabel, stored_take()
+    row = next(row for row in state.markers if row.gaps)
+    index = stored.names.index(row.name)
+    bpy.ops.mocap_autolabel.jump(frame=row.first_gap, marker=row.name)
+    at = stored.index_of(bpy.context.scene.frame_float)
+    assert at == np.flatnonzero(~np.isfinite(stored.motion.markers[:, index, 0]))[0]
+    bpy.ops.mocap_autolabel.timeline_pick(marker=row.name, first=113, last=113)
+    assert stored.source_frame(bpy.context.scene.frame_float) == 113
+    bpy.ops.mocap_autolabel.next_trouble()
+    trouble = ours("scene.trouble").trouble_of(bpy.context.scene.mocap_autolabel.take, bpy.context.scene)
+    now = stored.source_frame(bpy.context.scene.frame_float)
+    assert any(first <= now <= last for one in trouble for first, last in one.spans)
+
+
+def test_what_is_written_has_the_takes_own_rate_and_frames(mapped, tmp_path):
+    assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
+    written = [tmp_path / "mapped.c3d", tmp_path / "frame by frame.c3d"]
+    for path in written:
+        assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(path)) == {"FINISHED"}
+        assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
+    take = read_points(written[0])
+    assert (take.rate, take.first_frame, len(take.xyz)) == (mapped.rate, 101, FRAMES)
+    assert written[0].read_bytes() == written[1].read_bytes()
+
+
+def test_there_and_back_again_nothing_is_another(mapped):
+    scene, before = mapped.scene, keys_of("C7")
+    set_moment(scene, 103)
+    kinds, correct = ours("core.edits.kinds"), ours("ops.correcting").correct
+    place = kinds.Place("C7", stored_take().source_frame(103), (0.5, 0.25, 1.25))
+    correct(bpy.context, stored_take().edits.added(place, kinds.UnlabelMarker("LASI", frames=(110, 112))))
+    assert bpy.ops.mocap_autolabel.fill_gaps(extent="TAKE") == {"FINISHED"}
+    edited = keys_of("C7")
+    bpy.ops.ed.undo_push(message="Before")
+    assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
+    assert astuple(stored_take().clock) == (101, 101, 1.0)
+    assert (scene.frame_start, scene.frame_end) == (101, 130)
+    assert (keys_of("C7")[:, 0] % 1 == 0).all(), "frame by frame they are whole"
+    fills = bpy.context.window_manager.mocap_autolabel.fills
+    assert [(row.first, row.last) for row in fills] == [(one.first, one.last) for one in stored_take().fills] != []
+    spans = [edit.span for edit in stored_take().edits]
+    scene.render.fps, scene.render.fps_base = FPS, 1
+    timing, take = ours("scene.timing"), scene.mocap_autolabel.take
+    assert timing.is_timed_otherwise(scene, take)
+    assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
+    assert not timing.is_timed_otherwise(scene, take)
+    assert (scene.frame_start, scene.frame_end) == (101, stored_take().clock.whole(130)), "what it played"
+    np.testing.assert_array_equal(keys_of("C7"), edited)
+    assert [edit.span for edit in stored_take().edits] == spans
+    assert ours("scene.ownership").is_keyed_by_us(shown()["C7"]), "whose keys they are is known as before"
+    bpy.ops.ed.undo_push(message="There and back")
+    scene.render.fps = 30
+    assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
+    bpy.ops.ed.undo_push(message="Other")
+    bpy.ops.ed.undo()
+    assert stored_take().clock.step == pytest.approx(FPS / mapped.rate)
+    np.testing.assert_array_equal(keys_of("C7"), edited)
+    correct(bpy.context, kinds.NO_EDITS)
+    bpy.ops.mocap_autolabel.take_back_fills(extent="TAKE")
+    np.testing.assert_allclose(keys_of("C7"), before, atol=1e-6)
+
+
+def read(collection) -> Stored:
+    """A take as the file has it by now."""
+    return Opened().take(collection, bpy.context.scene)
+
+
+def test_two_takes_of_two_rates_play_each_at_its_own_speed(empty, made):
+    scene, fast = empty.scene, replace(made.take(name="fast"), rate=120.0)
+    for take in (replace(made.take(name="slow"), rate=50.0), fast):
+        show_take(empty, take)
+        assert plays_at(scene, take.rate), "nobody's time is kept: the scene plays what was opened last"
+    slow, fast = takes_of(scene)
+    assert [read(one).clock.step for one in (slow, fast)] == [pytest.approx(2.4), 1.0]
+    for seconds in (0, 5 / 50, 10 / 50):
+        set_moment(scene, 101 + seconds * 120)
+        for one, rate in ((slow, 50), (fast, 120)):
+            stored, marker = read(one), shown_in(one)["C7"]
+            index = stored.index_of(scene.frame_float)
+            assert index == (-1 if seconds * rate > 19 else round(seconds * rate))
+            if index >= 0:
+                place = marker.matrix_world.translation
+                np.testing.assert_allclose(place, stored.motion.markers[index, stored.words["C7"]], atol=1e-4)
+
+
+def shown_in(collection) -> dict[str, bpy.types.Object]:
+    """The empties of a take."""
+    return {item[naming.MARKER]: item for item in collection.all_objects if naming.MARKER in item}
+
+
+def test_events_are_where_they_were_whatever_the_scene_played_between(empty, made):
+    scene, take = empty.scene, replace(made.take(), rate=100.0)
+    take = replace(take, lab=LabRecords(events=(("Foot Strike", 107.0), ("Foot Off", 111.0)), plates=(), first=101))
+    show_take(empty, take)
+    scene.timeline_markers["Foot Off"].frame += 1
+    for fps in (24, 25, 100):
+        scene.render.fps, scene.render.fps_base = fps, 1
+        follow_rate(scene)
+        shown = {one.name: one.frame for one in scene.timeline_markers}
+        assert shown == {"Foot Strike": 101 + round(6 * fps / 100), "Foot Off": 112}, "one is a person's by now"
+    lab.forget_events(takes_of(scene)[0])
+    assert [one.name for one in scene.timeline_markers] == ["Foot Off"]
+
+
+@pytest.mark.parametrize("version", sorted(path.name for path in EARLIER.iterdir() if (path / "takes.blend").is_file()))
+def test_what_earlier_versions_saved_is_frame_by_frame_and_can_follow(empty, version):
+    bpy.ops.wm.open_mainfile(filepath=str(EARLIER / version / "takes.blend"))
+    bpy.context.window.scene = scene = bpy.data.scenes["points"]
+    bpy.context.view_layer.update()
+    [take] = takes_of(scene)
+    before = read(take)
+    assert before.clock.step == 1
+    seen = {}
+    for fps in (before.rate, 24.0, before.rate):
+        scene.render.fps, scene.render.fps_base = round(fps), round(fps) / fps
+        assert follow_rate(scene) == []
+        stored = read(take)
+        assert stored.clock.shown(stored.motion.frames[0]) == before.clock.shown(before.motion.frames[0])
+        for frame in stored.motion.frames[::4].tolist():
+            stored.clock.go_to(scene, frame)
+            here = [visible_points(), *[item.matrix_world.translation[:] for item in shown_in(take).values()]]
+            assert stored.source_frame(scene.frame_float) == frame
+            points, *places = seen.setdefault(frame, here)
+            assert here[0] == points
+            np.testing.assert_allclose(here[1:], places, atol=2e-4)
+
+
+def test_blobs_are_mapped_by_the_rate_that_a_person_says(extension, empty, tmp_path):
+    files, scene = write_room(tmp_path, 10), empty.scene
+    scene.collection.objects.link(bpy.data.objects.new("rig", bpy.data.armatures.new("rig")))
+    scene.render.fps = FPS
+    open_room(files)  # whose rate is said afterwards
+    source, shown_now = scene.mocap_autolabel.source, ours("ui.overlay").shown
+    for rate in (60.0, 120.0):
+        source.rate = rate
+        stored = shown_now(scene)
+        assert stored.clock.step == pytest.approx(FPS / rate)
+        stored.clock.go_to(scene, 105)
+        assert stored.index_of(scene.frame_float) == 105 - stored.motion.frames[0]
+    assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
+    assert (shown_now(scene).clock.step, scene.render.fps) == (1.0, 120)
