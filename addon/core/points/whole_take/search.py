@@ -21,7 +21,17 @@ from ..refusals import REFUSAL
 from ..tracklets import VOTE
 from .likeness import LIKENESS
 from .matching import margins, matched
-from .objective import OBJECTIVE, USUAL_FREEDOM, Candidate, Freedom, LayoutOdds, Objective, clipped, lasting, two_at_once
+from .objective import (
+    OBJECTIVE,
+    USUAL_FREEDOM,
+    Candidate,
+    Freedom,
+    LayoutOdds,
+    Objective,
+    clipped,
+    lasting,
+    two_at_once,
+)
 from .pairs import without_markers
 from .rulings import RULING
 
