@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How often the objective prefers the truth to what the search found: python -m tests.accuracy.preferred CASE …
 
-The search has missed what it looks for there; where the truth is worth less, the objective is what is wrong. Cases are
-those of the ablation that are solved as a whole, one subject each. Prints the table of results/preferred.json.
+The search has missed what it looks for there; where the truth is worth less, the objective is what is wrong. What is
+otherwise is judged at once and part by part: a ghost that has a marker's name pays for more than a shifted arm costs.
+Cases are those of the ablation that are solved as a whole, one subject each. Prints the rows of results/preferred.json.
 """
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from unittest import mock
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from addon.core.points.whole_take.search import SEARCH, Search
 from scripts.results import markdown
@@ -40,10 +43,22 @@ def truth_of(search: Search, truth: np.ndarray) -> np.ndarray:
     return np.where((true < 0) & (found >= objective.markers), found, true)
 
 
+def parts_of(true: np.ndarray, found: np.ndarray) -> Iterator[np.ndarray]:
+    """The names found (N,) with some of them as they are in truth (N,): all of them, and each that hang together."""
+    other = np.flatnonzero(true != found)
+    one, two = (np.where(own[other] < 0, away[other], own[other]) for own, away in ((true, found), (found, true)))
+    count = int(max(one.max(initial=-1), two.max(initial=-1))) + 1
+    part = connected_components(coo_array((np.ones(len(other)), (one, two)), (count, count)), directed=False)[1][one]
+    for some in (other, *(other[part == each] for each in np.unique(part))):
+        named = found.copy()
+        named[some] = true[some]
+        yield named
+
+
 def preferred(label: Callable[[], registry.Outcome]) -> tuple[int, float] | None:
     """Of a take's labelling: how many names are not the true ones', and nats in all of it that the truth is worth more.
 
-    None where it was not searched.
+    Or that a part of the truth is. None where it was not searched.
     """
     searches, truths, climb, outcome = [], [], Search.climb, registry.of_points
 
@@ -60,8 +75,9 @@ def preferred(label: Callable[[], registry.Outcome]) -> tuple[int, float] | None
     if not searches or not truths:
         return None
     search, objective = searches[0], searches[0].objective
-    true = truth_of(search, truths[0])
-    return int((true != search.best.marker).sum()), objective.gain(objective.of(true), search.best) * objective.length
+    true, best = truth_of(search, truths[0]), search.best
+    gains = [objective.gain(objective.of(named), best) for named in parts_of(true, best.marker)]
+    return int((true != best.marker).sum()), max(gains) * objective.length
 
 
 def main():

@@ -297,6 +297,7 @@ def of_parts(keep: Path) -> Iterator[Trial]:
         "all but arms": every - arm,
         "all but the head": every - head,
         "head and trunk": every - leg - arm - pelvis,
+        "all but a marker of each wrist, and fingers": every - {"LWRB", "RWRB", "LFIN", "RFIN"},
     }
     for trial in of_other_labs("plugin_gait", keep):
         if trial.take != "btk_two_sets":

@@ -150,8 +150,8 @@ class LayoutOdds:
         odds = np.where(asked >= LIKENESS.min_neighbours, odds, 0)
         return odds * self.coverage[own]
 
-    def chains(self, holes: np.ndarray, width: int, length: int) -> list[np.ndarray]:
-        """Orders (M + E,) worth most, by chains of exchanges from any of the markers `holes` (K,).
+    def chains(self, holes: np.ndarray, width: int, length: int) -> np.ndarray:
+        """(K, M + E) the orders worth most, by chains of exchanges from any of the markers `holes` (K,).
 
         Whoever has lost its slot takes that of another that is near to it, or an extra's, and leaves it its own: a
         limb one place off is such a chain, of which every link but the last may be worth less.
@@ -178,14 +178,18 @@ class LayoutOdds:
                 break
         found.sort(key=lambda one: -one[0])
         every_one = np.array(list({order.tobytes(): order for _, order in found}.values()), int).reshape(-1, len(every))
-        # A plate turned round is two of them at once.
-        moved = every_one[:width] != every
-        one, other = np.nonzero(np.triu(~(moved.astype(int) @ moved.T.astype(int) > 0), 1))
-        both = np.where(moved[one], every_one[one], every_one[other])
-        every_one = np.concatenate([every_one, both])
+        every_one = two_at_once(every_one, width)
         # By either measure, in turn.
         best = [np.argsort(-self.worth(every_one, most), kind="stable") for most in (LIKENESS.max_square, np.inf)]
-        return [every_one[k] for k in dict.fromkeys(np.stack(best, axis=1).ravel().tolist())]
+        return every_one[list(dict.fromkeys(np.stack(best, axis=1).ravel().tolist()))]
+
+
+def two_at_once(orders: np.ndarray, first: int) -> np.ndarray:
+    """(K, S) orders, and any two of the first at once that move no slot both, such as a plate turned round."""
+    some = orders[:first]
+    moved = some != np.arange(orders.shape[1])
+    one, other = np.nonzero(np.triu(~(moved.astype(int) @ moved.T.astype(int) > 0), 1))
+    return np.concatenate([orders, np.where(moved[one], some[one], some[other])])
 
 
 class Objective:

@@ -19,8 +19,19 @@ from ..likelihood.naming import Settled, name_odds, score_of, settle
 from ..likelihood.solving import alternatives, own_odds
 from ..refusals import REFUSAL
 from ..tracklets import VOTE
+from .likeness import LIKENESS
 from .matching import margins, matched
-from .objective import OBJECTIVE, USUAL_FREEDOM, Candidate, Freedom, LayoutOdds, Objective, clipped, lasting
+from .objective import (
+    OBJECTIVE,
+    USUAL_FREEDOM,
+    Candidate,
+    Freedom,
+    LayoutOdds,
+    Objective,
+    clipped,
+    lasting,
+    two_at_once,
+)
 from .pairs import without_markers
 from .rulings import RULING
 
@@ -287,12 +298,32 @@ class Search:
                 break
 
     def _chains(self) -> Iterator[np.ndarray]:
-        """Namings (N,) by chains of exchanges from markers in doubt, the likeliest by how far markers are apart."""
+        """Namings (N,) by chains of exchanges from markers in doubt, the likeliest by how far markers are apart.
+
+        Then the likeliest of them by the shape, too.
+        """
         doubted, slots = np.flatnonzero(self._doubted()), self._slots
-        for order in slots.layout.chains(doubted, SEARCH.width, SEARCH.links)[: SEARCH.chains] if len(doubted) else ():
+        if not len(doubted):
+            return
+        orders = slots.layout.chains(doubted, SEARCH.width, SEARCH.links)
+        by_shape = two_at_once(self._by_gain(orders), SEARCH.width)
+        for order in np.concatenate([orders[: SEARCH.chains], self._by_gain(by_shape)[: SEARCH.width]]):
             called = np.empty_like(order)
             called[order] = np.arange(len(order))
             yield self._exchanged(called, slots)
+
+    def _by_gain(self, orders: np.ndarray) -> np.ndarray:
+        """Orders (K, S) of slots, those first that are worth most by where training knows markers, and by the shape."""
+        slots, known = self._slots, self.objective.model.learned_likelihood.known
+        now, own = slots.settled, orders[:, : self.objective.markers]
+        gain = slots.layout.worth(orders) / LIKENESS.max_samples
+        if now is not None:
+            naming = np.where(now.present[:, own], own, NO_POINT)
+            points, worth = (np.repeat(each, len(orders), axis=0) for each in (now.points, now.worth))
+            score = score_of(known.fine, known.constraints, points, worth, naming.reshape(-1, own.shape[1]))
+            moved = (naming != now.naming[:, None]).sum(axis=2)
+            gain = gain + OBJECTIVE.shape * clipped(score.reshape(len(naming), -1) - now.score[:, None], moved)
+        return orders[np.argsort(-gain, kind="stable")]
 
     def _alone(self) -> Iterator[np.ndarray]:
         """Namings (N,) in which a tracklet has another name: a marker's that is not there at the time, or none.
