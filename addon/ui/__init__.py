@@ -105,6 +105,7 @@ def before_undo(*_):
 @persistent
 def after_undo(*_):
     """A step was undone or redone: the tables may be of a take that is gone, and the body of other labels."""
+    follow_actions()  # what was switched back after a step was noted is not in it
     follow_soon()
     refresh_review(bpy.context.window_manager, bpy.context.scene)
     restore_picked(bpy.context)
