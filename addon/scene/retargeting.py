@@ -119,8 +119,11 @@ def _former(rig: bpy.types.Object) -> dict[str, float]:
     return {path: value for path, value in noted.items() if _is_off(rig, path)}
 
 
-def follow_actions(*_):
-    """Gives rigs back what our actions switched, where another was put in their place by hand."""
+def follow_actions(*_, give_back: bool = True):
+    """Gives rigs back what our actions switched, where another was put in their place by hand.
+
+    Or lets them keep what they have, as a file was saved.
+    """
     for rig in (one for one in bpy.data.objects if one.is_editable):
         action = None if rig.animation_data is None else rig.animation_data.action
         if action is not None and SWITCHED in action:
@@ -131,7 +134,7 @@ def follow_actions(*_):
             noted = json.loads(rig[SWITCHED])
             del rig[SWITCHED]
             for path, value in noted.items():
-                if _value(rig, path) == _switched_to(path):  # any other value is a person's
+                if give_back and _value(rig, path) == _switched_to(path):  # any other value is a person's
                     _set(rig, path, value)
             rig.update_tag(refresh={"TIME"})
 

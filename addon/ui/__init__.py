@@ -81,6 +81,7 @@ def after_load(*_):
     opened.forget()
     forget_reposing()
     follow_hand()
+    follow_actions(give_back=False)  # files of earlier versions note what a person may have set since
     bpy.context.view_layer.update()  # constraints of cameras, which what was edited in takes of blobs is measured by
     bpy.context.window_manager.mocap_autolabel.picked.clear()
     adopt_takes()
