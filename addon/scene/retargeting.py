@@ -127,9 +127,9 @@ def follow_actions(*_, give_back: bool = True):
     for rig in (one for one in bpy.data.objects if one.is_editable):
         action = None if rig.animation_data is None else rig.animation_data.action
         if action is not None and SWITCHED in action:
-            if SWITCHED not in rig:
-                now = {path: _value(rig, path) for path in json.loads(action[SWITCHED])}
-                rig[SWITCHED] = json.dumps({path: value for path, value in now.items() if value is not None})
+            noted = json.loads(rig.get(SWITCHED, "{}"))
+            found = {path: _value(rig, path) for path in json.loads(action[SWITCHED]) if path not in noted}
+            rig[SWITCHED] = json.dumps(noted | {path: value for path, value in found.items() if value is not None})
         elif SWITCHED in rig:
             noted = json.loads(rig[SWITCHED])
             del rig[SWITCHED]

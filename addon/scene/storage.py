@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 
 from . import naming
-from .clock import NEAREST, TakeClock
+from .clock import TIES_UP, TakeClock
 
 # Attribute types of numbers by what a row of the array looks like, and what Blender calls the values of each.
 _FLOATS = {(): "FLOAT", (2,): "FLOAT2", (3,): "FLOAT_VECTOR", (4,): "QUATERNION"}
@@ -132,7 +132,7 @@ def _nodes(clock: TakeClock) -> bpy.types.NodeTree:
 
 def _counted(tree: bpy.types.NodeTree, now: bpy.types.NodeSocket, clock: TakeClock) -> bpy.types.NodeSocket:
     """What counts the frame of a take that is nearest to a moment, as `cloud_table` has it."""
-    steps = [("ADD", NEAREST), ("FLOOR", 0.0)]
+    steps = [("ADD", TIES_UP), ("FLOOR", 0.0)]
     if clock.step != 1:
         steps = [("SUBTRACT", clock.start), ("DIVIDE", clock.step), *steps, ("ADD", clock.start)]
     for operation, number in steps:

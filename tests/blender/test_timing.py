@@ -179,7 +179,7 @@ def test_keys_are_moved_once_wherever_takes_lie(empty, made):
     assert last - first == pytest.approx((len(keyed(fast)) - 1) * FPS / 120, abs=0.5)
 
 
-@pytest.mark.parametrize(("rate", "moments"), [(60.0, range(1, 60)), (24.0, np.arange(1, 20, 0.3).tolist())])
+@pytest.mark.parametrize(("rate", "moments"), [(90.0, range(1, 54)), (24.0, np.arange(1, 20, 0.3).tolist())])
 def test_the_points_are_those_of_the_frame_that_is_picked(empty, rate, moments):
     scene, frames = empty.scene, np.arange(1, 200)
     scene.render.fps = FPS
