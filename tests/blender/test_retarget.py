@@ -126,6 +126,15 @@ def test_played_as_the_take_rigs_and_characters_keep_their_speed(shown, capfd):
     assert action.frame_range[1] > character.animation_data.action.frame_range[1]
 
 
+def test_keys_that_would_be_one_to_blender_stay_where_they_are(shown, capfd):
+    scene, rig = bpy.context.scene, mixamo()
+    before = retargeted(rig).frame_range[:]
+    scene.render.fps, scene.render.fps_base = 1, 1
+    assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
+    assert f"The old rate is kept by {rig.name}" in capfd.readouterr().out
+    assert rig.animation_data.action.frame_range[:] == before
+
+
 def test_rest_poses_make_no_difference(shown):
     frames = shown.motion.frames[np.isfinite(shown.motion.joints).all(axis=(1, 2))]
     turns = []

@@ -345,3 +345,15 @@ def test_what_waits_to_be_labelled_takes_the_range_along_and_keeps_the_rate_it_f
     assert [scene.frame_start, scene.frame_end] == [stored.clock.whole(end) for end in stored.motion.frames[[0, -1]]]
     scene.mocap_autolabel.source.rate = 120.0
     assert (scene.render.fps, ours("ui.overlay").shown(scene).clock.step) == (FPS, pytest.approx(FPS / 120))
+
+
+def test_a_file_older_than_mapping_is_not_said_to_be_mapped(extension, empty, tmp_path):
+    scene, said = empty.scene, []
+    open_room(write_room(tmp_path, 10))
+    preview = scene.mocap_autolabel.source.preview
+    row = SimpleNamespace(label=lambda text, icon: said.append(text), operator=lambda name, **_: said.append(name))
+    scene.render.fps = FPS
+    for key in ("mocap_step", "mocap_rate"):
+        del preview[key]
+    ours("ui.panels")._draw_rates(SimpleNamespace(row=lambda align: row), scene, preview, 60.0)
+    assert said == [f"The scene plays {FPS} Hz", "mocap_autolabel.play_as_take"]
