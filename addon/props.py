@@ -106,7 +106,7 @@ def _rate_changed(self, context):
     if preview is not None and OWN_FIRST in preview and preview[RATE] != self.rate:
         ends = np.array([self.first_frame, self.last_frame])
         clock = kept_clock(preview, self.first_frame)
-        keep_clock(preview, give_time(context.scene, self.rate, ends, clock), self.rate)
+        keep_clock(preview, give_time(context.scene, self.rate, ends, clock), self.rate, ends)
 
 
 def _timeline_changed(_self, _context):

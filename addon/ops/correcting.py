@@ -37,6 +37,7 @@ from ..scene.picking import dots_of, likely_markers
 from ..scene.redrawing import redraw
 from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
+from ..scene.timing import picked_range
 from .base import OfTake, once, taken, unless
 from .picking import picked_points, selected_markers, show_picked
 from .reposing import follow_soon
@@ -108,7 +109,7 @@ def frames_in_scope(scope: str, stored: Stored, scene: bpy.types.Scene) -> tuple
     if scope == "RANGE":
         if not scene.use_preview_range:
             raise InputError("no range is selected; expected a preview range, which P in a timeline draws")
-        begin, end = stored.clock.inside(scene.frame_preview_start, scene.frame_preview_end)
+        begin, end = picked_range(scene, stored.clock)
         if max(begin, first) > min(end, last):
             words = f"frames {scene.frame_preview_start} to {scene.frame_preview_end} are selected"
             own = f"{stored.clock.whole(first)} to {stored.clock.whole(last)}"

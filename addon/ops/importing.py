@@ -28,7 +28,7 @@ from ..scene.clock import TakeClock, fps_of, plays_at
 from ..scene.opened import opened
 from ..scene.preview import remove_preview, show_points, store_preview
 from ..scene.take import is_take
-from ..scene.timing import follow_rate, give_time, set_time
+from ..scene.timing import OWN_FIRST, follow_rate, give_time, kept_clock, set_time
 from .base import Ours, once, reason_of, unless
 from .viewing import MAX_PLACES, fit_timelines, open_sidebar, show_take_whole
 
@@ -390,11 +390,14 @@ def _set_frames(context: bpy.types.Context, frames: np.ndarray, at_1: bool) -> t
     clock = give_time(context.scene, source.rate, frames, clock_of(source))
     if plays_at(context.scene, source.rate):
         return [], clock
-    return [f"the scene keeps its {fps_of(context.scene):g} frames a second, and the take is mapped to them"], clock
+    how = "the take is mapped to them" if clock.step != 1 else "the take plays frame by frame"
+    return [f"the scene keeps its {fps_of(context.scene):g} frames a second, and {how}"], clock
 
 
 def clock_of(source: bpy.types.PropertyGroup) -> TakeClock:
-    """From which of the scene's frames on the take plays that is opened."""
+    """When the take plays that is opened: as it is shown, else from which of the scene's frames on."""
+    if source.preview is not None and OWN_FIRST in source.preview:
+        return kept_clock(source.preview, source.first_frame)
     return TakeClock.of(np.array([source.first_frame, source.last_frame]), source.at_1)
 
 
@@ -427,7 +430,7 @@ def tell_left(operator: bpy.types.Operator, context: bpy.types.Context, left: li
     """Says what did not follow another rate, and fills the lists, whose frames are others now."""
     refresh_review(context.window_manager, context.scene)
     if left:
-        operator.report({"WARNING"}, f"The old rate is kept by {listed(left)}: keys were changed, or are linked")
+        operator.report({"WARNING"}, f"The old rate is kept by {listed(left)}: keys were changed, linked or too near")
 
 
 class MOCAP_AUTOLABEL_FH_take(bpy.types.FileHandler):

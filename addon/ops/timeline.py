@@ -11,6 +11,7 @@ from ..scene.clock import TakeClock
 from ..scene.opened import opened
 from ..scene.redrawing import redraw
 from ..scene.take import is_take
+from ..scene.timing import pick_range, show_range
 from ..scene.trajectories import FOLDED, KeptRows, Runs
 from .base import OfTake, Ours, WithTake, once, taken
 from .gestures import Drags, window_region
@@ -110,7 +111,7 @@ class MOCAP_AUTOLABEL_OT_timeline_pick(OfTake, bpy.types.Operator):
     def work(self, context):
         scene, clock = context.scene, taken(context).clock
         if self.first != self.last:
-            select_range(scene, clock.whole(self.first), clock.whole(self.last))
+            pick_range(scene, clock, self.first, self.last)
         if self.first == self.last or not self.first <= clock.at(scene.frame_float) <= self.last:
             clock.go_to(scene, self.first)
         markers = selected_markers(context) if self.extend else []
@@ -119,14 +120,6 @@ class MOCAP_AUTOLABEL_OT_timeline_pick(OfTake, bpy.types.Operator):
         points += [self.trajectory] if self.trajectory >= 0 else []
         stored = taken(context)
         show_picked(context, stored, points, [stored.names.index(name) for name in markers if name in stored.names])
-
-
-def select_range(scene: bpy.types.Scene, first: int, last: int):
-    """Makes these frames the scene's preview range, which is the Selected Range of corrections."""
-    scene.use_preview_range = True
-    # Each is held apart by the other, so the one that gives way goes first.
-    scene.frame_preview_start, scene.frame_preview_end = first, last
-    scene.frame_preview_start = first
 
 
 class MOCAP_AUTOLABEL_OT_timeline_click(Drags, OnTimeline, bpy.types.Operator):
@@ -159,7 +152,7 @@ class MOCAP_AUTOLABEL_OT_timeline_click(Drags, OnTimeline, bpy.types.Operator):
         off = abs(event.mouse_region_x - self._x)
         if self._along and (self._dragged or off > DRAG * context.preferences.system.ui_scale):
             self._dragged = True
-            select_range(context.scene, *map(shown_runs(context).clock.whole, self._range(context, event)))
+            show_range(context.scene, *map(shown_runs(context).clock.whole, self._range(context, event)))
             redraw("DOPESHEET_EDITOR")
 
     def _range(self, context, event) -> tuple[int, int]:
@@ -198,7 +191,7 @@ class MOCAP_AUTOLABEL_OT_timeline_click(Drags, OnTimeline, bpy.types.Operator):
     def cancel(self, context):
         if self._dragged:
             used, first, last = self._before
-            select_range(context.scene, first, last)
+            show_range(context.scene, first, last)
             context.scene.use_preview_range = used
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from .clock import TakeClock, is_rate
+from .clock import KEYS_APART, TakeClock, is_rate
 from .ownership import LINEAR, is_keyed_by_us, is_noted, note_keys, numbers, sign
 
 TIMED = "mocap_timed"  # on an action: for how many frames a second it is keyed, and the frame that it begins at
@@ -188,7 +188,7 @@ def note_time(action: bpy.types.Action, fps: float, first: float):
 def retime(item: bpy.types.Object, fps: float) -> bool:
     """Moves the keys of what was keyed for another rate to so many frames a second; whether that is it now.
 
-    It is not where a person changed the keys, or they are another file's.
+    It is not where a person changed the keys, they are another file's, or they would be one to Blender.
     """
     data = item.animation_data
     action = None if data is None else data.action
@@ -197,7 +197,11 @@ def retime(item: bpy.types.Object, fps: float) -> bool:
     if not action.is_editable or not is_keyed_by_us(item):
         return False
     before, first = action[TIMED]
-    _move_keys(channels(item, action), lambda frames: first + (frames - first) * (fps / before))
+    bag = channels(item, action)
+    times = [numbers(curve.keyframe_points, "co", 2).reshape(-1, 2)[:, 0] for curve in bag.fcurves]
+    if any(np.diff(one).min(initial=np.inf) * fps / before < KEYS_APART for one in times):
+        return False
+    _move_keys(bag, lambda frames: first + (frames - first) * (fps / before))
     note_time(action, fps, first)
     return True
 

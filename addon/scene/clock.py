@@ -12,6 +12,9 @@ from ..core.data.errors import JobError
 
 LAST_FRAME = 1048574  # Blender's last frame
 RATE_ROUNDING = 1e-4  # of a rate, that Blender rounds
+KEYS_APART = 0.02  # of Blender's frames, to which keys 0.01 apart are one, and each is rounded
+# What is nearest to a moment between two frames is the later one, also where single precision puts it a bit before.
+TIES_UP = 0.5 + 1 / 1024
 
 
 def fps_of(scene: bpy.types.Scene) -> float:
@@ -60,6 +63,12 @@ class TakeClock:
         """The same of a take of `rate` in a scene that plays `fps` frames a second."""
         return TakeClock(self.first, self.start, 1.0 if rate <= 0 or is_rate(fps, rate) else fps / rate)
 
+    def fits(self, last: int) -> bool:
+        """Whether Blender counts to where the source's frame `last` is shown, and tells those around it apart."""
+        end = self.shown(last)
+        apart = self.step >= KEYS_APART and np.spacing(np.float32(end)) <= self.step / 2
+        return self.step == 1 or bool(end <= LAST_FRAME and apart)
+
     @property
     def shift(self) -> int:
         """What is added to the source's frames to count them as Blender does where it plays frame by frame."""
@@ -76,7 +85,7 @@ class TakeClock:
 
     def at(self, now: float) -> int:
         """The source's frame that is nearest in a moment of Blender's time, in the take or not."""
-        return self.first + math.floor((now - self.start) / self.step + 0.5)
+        return self.first + math.floor((now - self.start) / self.step + TIES_UP)
 
     def inside(self, first: int, last: int) -> tuple[int, int]:
         """The source's first and last frame of those that are nearest to Blender's whole frames `first` to `last`."""

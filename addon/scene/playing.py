@@ -9,7 +9,7 @@ follow that by a constraint. All of this runs in any Blender, with or without us
 
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,7 +30,7 @@ from .markers import add_marker
 from .performers import body_material, home_of, performers_of
 from .roots import ensure_root
 from .take import SOURCE, SUSPECTS
-from .timing import CARRIER, give_time, keep_clock, kept_clock, time_cache
+from .timing import CARRIER, give_time, keep_clock, kept_clock, plays_from_file, time_cache
 
 if TYPE_CHECKING:
     from ..io.poses import PoseFile
@@ -103,6 +103,7 @@ def show_playing(context: bpy.types.Context, take: Playing, cache: Path) -> bpy.
     scene, poses = context.scene, take.poses
     ends = np.array([poses.first_frame, poses.first_frame + poses.frames - 1])
     clock = give_time(scene, take.rate, ends, TakeClock.of(ends))
+    clock = clock if plays_from_file(clock) else replace(clock, start=1)
     collection = _child(scene.collection, naming.title(take.name))
     bones, sample, empties, root = [], poses.sampled(), {}, ensure_root(collection, take.name)
     # The hidden mesh whose vertices the file moves.
@@ -209,8 +210,8 @@ def _keep(collection: bpy.types.Collection, carrier: bpy.types.Object, take: Pla
     collection[PLAYED], collection[SOURCE], collection[naming.MARKERSET] = take.name, take.source, take.worn.name
     collection[MOTION_MARK], collection[CARRIER] = cache_mark(cache), carrier
     collection[SUSPECTS] = json.dumps(rows)
-    keep_clock(collection, clock, take.rate)
-    ends = take.poses.first_frame, take.poses.first_frame + take.poses.frames - 1
+    ends = np.array([take.poses.first_frame, take.poses.first_frame + take.poses.frames - 1])
+    keep_clock(collection, clock, take.rate, ends)
     collection[FOR_A_PART] = json.dumps({**take.for_a_part, "ends": [int(end) for end in ends]})
 
 

@@ -24,7 +24,7 @@ def store_preview(name: str, blobs: Blobs, cameras: Cameras, rate: float, clock:
     columns = {"frame": blobs.frames[blobs.frame], "camera": blobs.camera, "xy": blobs.xy}
     mesh = storage.store_table(naming.title(name, "blobs"), columns)
     mesh[CAMERA_NAMES] = json.dumps(cameras.names)
-    keep_clock(mesh, clock, rate)
+    keep_clock(mesh, clock, rate, blobs.frames)
     return mesh
 
 
@@ -50,7 +50,7 @@ def show_points(scene: bpy.types.Scene, name: str, take: Points, clock: TakeCloc
     rows = PointRows.of(replace(take, columns=None))
     title = naming.title(name, "points")
     mesh = cloud_table(title, rows.frames[rows.frame] + clock.shift, rows.xyz, trajectory=rows.trajectory)
-    keep_clock(mesh, clock, take.rate)
+    keep_clock(mesh, clock, take.rate, rows.frames)
     ownership.sign(add_cloud(scene.collection, mesh, clock), "points")
     return mesh
 

@@ -11,12 +11,13 @@ from ..core.data.markersets import Worn
 from ..core.data.merging import LabelledRange, can_merge, merged
 from ..core.review.changes import Change, changes
 from . import naming
-from .clock import set_moment
+from .clock import TakeClock, set_moment
 from .corrections import kept_edits
 from .opened import opened
 from .ownership import Former, put_in_place
 from .performers import colours_in
 from .take import SOURCE, Take, clear_take, remove_take, show_take, takes_of
+from .timing import kept_clock
 
 CHANGES = "mocap_changes"
 MAX_KEPT = 500  # changes that a file keeps, the longest first: a list that a person reads
@@ -26,14 +27,14 @@ def show_again(context: bpy.types.Context, take: Take, whole: bool) -> bpy.types
     """Shows a take in place of what the scene has of the same file in the same markers, which it is put into.
 
     What is a person's in its collection stays there, and what hung on the take or followed it does so again.
-    A take of the same file in other markers stays, hidden. The frame stays where it is, and the range of frames that
-    the scene plays unless all of the take was labelled for the first time (`whole`).
+    A take of the same file in other markers stays, hidden. The frame of the take stays where it is, and the range of
+    frames that the scene plays unless all of the take was labelled for the first time (`whole`).
     """
     scene = context.scene
     played = scene.frame_start, scene.frame_end, scene.frame_float
     others = [one for one in takes_of(scene) if take.source and one[SOURCE] == take.source]
     found: tuple[Change, ...] | None = None
-    lay, place, former = None, None, Former({}, [])
+    lay, place, former, clock = None, None, Former({}, []), TakeClock()
     new = LabelledRange(take.rows, take.labels, take.motion, take.suspects, take.unedited)
     for collection in reversed(others):
         old = None if found is not None else _same_take(collection, scene, take.markerset, new)
@@ -42,7 +43,8 @@ def show_again(context: bpy.types.Context, take: Take, whole: bool) -> bpy.types
             continue
         # What was said while the labelling went on is said of what came of it as well.
         edits, stored = kept_edits(collection), opened.take(collection, scene)
-        lay = stored.clock.whole(old.first), stored.clock.whole(old.last)
+        clock = stored.clock
+        lay = clock.whole(old.first), clock.whole(old.last)
         whole_take = merged(old, new)
         found = changes_of(old, whole_take, take.markerset.markers)
         take = replace(
@@ -63,7 +65,9 @@ def show_again(context: bpy.types.Context, take: Take, whole: bool) -> bpy.types
     if found is not None:
         keep_changes(shown, found)
     if lay is not None or not whole:
-        _keep_playing(scene, played, lay)
+        now = clock if lay is None else kept_clock(shown, clock.first)
+        moment = played[2] if now == clock else now.shown(clock.at(played[2]))
+        _keep_playing(scene, (*played[:2], moment), lay)
     return shown
 
 

@@ -99,7 +99,7 @@ def matched_before(rig: bpy.types.Object) -> dict[str, str]:
     """
     action = None if rig.animation_data is None else rig.animation_data.action
     kept = {} if action is None else json.loads(action.get(MATCHED, "{}"))
-    return {part: bone for part, bone in kept.items() if bone in rig.pose.bones}
+    return kept if all(bone in rig.pose.bones for bone in kept.values()) else {}
 
 
 def freed_by(action: bpy.types.Action) -> int:
@@ -119,25 +119,42 @@ def _former(rig: bpy.types.Object) -> dict[str, float]:
     return {path: value for path, value in noted.items() if _is_off(rig, path)}
 
 
-def follow_actions(*_):
-    """Gives rigs back what our actions switched, where another was put in their place by hand."""
-    for rig in bpy.data.objects:
+def follow_actions(*_, give_back: bool = True):
+    """Gives rigs back what our actions switched, where another was put in their place by hand.
+
+    Or lets them keep what they have, as a file was saved.
+    """
+    for rig in (one for one in bpy.data.objects if one.is_editable):
         action = None if rig.animation_data is None else rig.animation_data.action
         if action is not None and SWITCHED in action:
-            rig[SWITCHED] = action[SWITCHED]
-        elif SWITCHED in rig and rig.is_editable:
-            for path, value in json.loads(rig[SWITCHED]).items():
-                _set(rig, path, value)
+            noted = json.loads(rig.get(SWITCHED, "{}"))
+            found = {path: _value(rig, path) for path in json.loads(action[SWITCHED]) if path not in noted}
+            rig[SWITCHED] = json.dumps(noted | {path: value for path, value in found.items() if value is not None})
+        elif SWITCHED in rig:
+            noted = json.loads(rig[SWITCHED])
             del rig[SWITCHED]
-            rig.update_tag()
+            for path, value in noted.items():
+                if give_back and _value(rig, path) == _switched_to(path):  # any other value is a person's
+                    _set(rig, path, value)
+            rig.update_tag(refresh={"TIME"})
+
+
+def _switched_to(path: str) -> float | None:
+    """What our actions switch a path of a rig to."""
+    return 0.0 if path.endswith(".influence") else SWITCHES.get(path.rpartition("[")[2][1:-2])
+
+
+def _value(rig: bpy.types.Object, path: str) -> float | None:
+    """What a path from a rig leads to; None where it is gone."""
+    try:
+        return float(rig.path_resolve(path))
+    except ValueError:
+        return None
 
 
 def _is_off(rig: bpy.types.Object, path: str) -> bool:
     """Whether a path from a rig leads to an influence that is there, and nothing."""
-    try:
-        return path.endswith(".influence") and rig.path_resolve(path) == 0
-    except ValueError:
-        return False
+    return path.endswith(".influence") and _value(rig, path) == 0
 
 
 def is_rig(item: bpy.types.Object) -> bool:
@@ -345,11 +362,10 @@ def _bones_by_part(rig: bpy.types.Object, matched: Mapping[str, str]) -> list[tu
 
 def _set(rig: bpy.types.Object, path: str, value: float):
     """Sets what a path from a rig leads to, a property or one that a person added, if it is still there."""
-    head, _, name = path.rpartition("." if not path.endswith("]") else "[")
-    try:
-        owner = rig.path_resolve(head)
-    except ValueError:  # what it led to was taken away
+    if _value(rig, path) is None:
         return
+    head, _, name = path.rpartition("." if not path.endswith("]") else "[")
+    owner = rig.path_resolve(head)
     if path.endswith("]"):
         name = name[1:-2]
         owner[name] = type(owner[name])(value)

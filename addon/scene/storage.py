@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 
 from . import naming
-from .clock import TakeClock
+from .clock import TIES_UP, TakeClock
 
 # Attribute types of numbers by what a row of the array looks like, and what Blender calls the values of each.
 _FLOATS = {(): "FLOAT", (2,): "FLOAT2", (3,): "FLOAT_VECTOR", (4,): "QUATERNION"}
@@ -99,7 +99,8 @@ def _nodes(clock: TakeClock) -> bpy.types.NodeTree:
 
     Numbers that another modifier would be given by each Blender otherwise are in the nodes.
     """
-    name = NODES if clock.step == 1 else f"{NODES}, {clock.step:.6g} apart from {clock.start}"
+    # Groups of earlier versions have names without "rounded", and count otherwise.
+    name = f"{NODES}, rounded" + ("" if clock.step == 1 else f", {clock.step:.6g} apart from {clock.start}")
     tree = bpy.data.node_groups.get(name)
     if tree is not None:
         return tree
@@ -131,9 +132,9 @@ def _nodes(clock: TakeClock) -> bpy.types.NodeTree:
 
 def _counted(tree: bpy.types.NodeTree, now: bpy.types.NodeSocket, clock: TakeClock) -> bpy.types.NodeSocket:
     """What counts the frame of a take that is nearest to a moment, as `cloud_table` has it."""
-    if clock.step == 1:
-        return now
-    steps = ("SUBTRACT", clock.start), ("DIVIDE", clock.step), ("ADD", 0.5), ("FLOOR", 0.0), ("ADD", clock.start)
+    steps = [("ADD", TIES_UP), ("FLOOR", 0.0)]
+    if clock.step != 1:
+        steps = [("SUBTRACT", clock.start), ("DIVIDE", clock.step), *steps, ("ADD", clock.start)]
     for operation, number in steps:
         node = tree.nodes.new("ShaderNodeMath")
         node.operation, node.inputs[1].default_value = operation, number

@@ -359,7 +359,7 @@ def _store(collection: bpy.types.Collection, take: Take, cameras: bpy.types.Coll
         collection[naming.CAMERAS] = cameras
     collection[MARKER_NAMES] = json.dumps(take.markerset.markers)
     collection[SOURCE] = take.source
-    keep_clock(collection, clock, take.rate)
+    keep_clock(collection, clock, take.rate, motion.frames)
     suspects = [astuple(one)[: 5 if one.doubtful is None else 6] for one in take.suspects]
     collection[SUSPECTS] = json.dumps(suspects, default=int)  # whole numbers of NumPy as well
     collection[MARKER_WORDS] = json.dumps(take.markerset.by_name)

@@ -81,6 +81,7 @@ def after_load(*_):
     opened.forget()
     forget_reposing()
     follow_hand()
+    follow_actions(give_back=False)  # files of earlier versions note what a person may have set since
     bpy.context.view_layer.update()  # constraints of cameras, which what was edited in takes of blobs is measured by
     bpy.context.window_manager.mocap_autolabel.picked.clear()
     adopt_takes()
@@ -105,6 +106,7 @@ def before_undo(*_):
 @persistent
 def after_undo(*_):
     """A step was undone or redone: the tables may be of a take that is gone, and the body of other labels."""
+    follow_actions()  # what was switched back after a step was noted is not in it
     follow_soon()
     refresh_review(bpy.context.window_manager, bpy.context.scene)
     restore_picked(bpy.context)

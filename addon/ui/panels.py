@@ -129,7 +129,8 @@ def _draw_rates(layout: bpy.types.UILayout, scene: bpy.types.Scene, block: bpy.t
     if plays_at(scene, rate) and not otherwise:
         return
     row = layout.row(align=True)
-    row.label(text=f"{'The scene plays' if otherwise else 'Mapped to'} {fps_of(scene):g} Hz", icon="INFO")
+    mapped = block is not None and RATE in block and not otherwise  # no file older than mapping
+    row.label(text=f"{'Mapped to' if mapped else 'The scene plays'} {fps_of(scene):g} Hz", icon="INFO")
     if otherwise:
         row.operator("mocap_autolabel.follow_rate", text="", icon="FILE_REFRESH")
     if not plays_at(scene, rate):

@@ -22,7 +22,7 @@ from addon.io.points import read_points
 from addon.io.poses import PoseFile
 from addon.scene import naming, playing, roots
 from addon.scene import take as takes
-from addon.scene.clock import set_moment
+from addon.scene.clock import plays_at, set_moment
 from addon.scene.opened import Opened
 from addon.scene.timing import follow_rate
 from tests.inputs.walkers import FIRST, FRAMES, WORN, write_seen
@@ -111,9 +111,28 @@ def test_at_another_rate_it_plays_at_its_own_speed(both):
         assert follow_rate(scene) == []
         clock = playing.clock_of(collection)
         assert clock.step == pytest.approx(fps / both.take.rate)
+        assert [scene.frame_start, scene.frame_end] == [clock.whole(both.frames[end]) for end in (0, -1)]
         markers, bones = places(bpy.context, collection, clock.shown(both.frames))
         np.testing.assert_allclose(markers, both.keyed[0], atol=1e-4)
         np.testing.assert_allclose(bones, both.keyed[1], atol=1e-4)
+
+
+def test_a_scene_that_has_it_alone_plays_the_next_take_at_its_rate(both):
+    opened(both.path)
+    takes.show_take(bpy.context, replace(both.take, name="next", rate=120.0))
+    assert plays_at(bpy.context.scene, 120.0)
+
+
+def test_one_that_begins_later_than_blender_counts_in_its_own_frames_plays_all_the_same(empty, made, tmp_path):
+    take, scene = made.take(), empty.scene
+    rows = replace(take.rows, frames=take.rows.frames + 300_000)
+    take = replace(take, rate=100.0, rows=rows, motion=replace(take.motion, frames=take.motion.frames + 300_000))
+    scene.collection.objects.link(bpy.data.objects.new("rig", bpy.data.armatures.new("rig")))
+    scene.render.fps = 24
+    collection = opened(saved(empty, take, tmp_path))
+    clock, modifier = playing.clock_of(collection), playing.modifier_of(collection)
+    assert (clock.start, clock.step) == (1, pytest.approx(0.24))
+    assert modifier.frame_start == pytest.approx(clock.start / clock.step)
 
 
 def test_it_follows_its_root_and_so_does_a_part_of_it(both):

@@ -126,6 +126,15 @@ def test_played_as_the_take_rigs_and_characters_keep_their_speed(shown, capfd):
     assert action.frame_range[1] > character.animation_data.action.frame_range[1]
 
 
+def test_keys_that_would_be_one_to_blender_stay_where_they_are(shown, capfd):
+    scene, rig = bpy.context.scene, mixamo()
+    before = retargeted(rig).frame_range[:]
+    scene.render.fps, scene.render.fps_base = 1, 1
+    assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
+    assert f"The old rate is kept by {rig.name}" in capfd.readouterr().out
+    assert rig.animation_data.action.frame_range[:] == before
+
+
 def test_rest_poses_make_no_difference(shown):
     frames = shown.motion.frames[np.isfinite(shown.motion.joints).all(axis=(1, 2))]
     turns = []
@@ -298,6 +307,48 @@ def test_a_persons_own_action_finds_the_rig_as_it_was(shown):
     solver.influence = 0.25
     follow()
     assert solver.influence == 0.25, "it is his by then"
+
+
+def test_what_a_person_switched_or_keyed_otherwise_is_theirs(shown):
+    rig, solver, copied = leg_by_ik()
+    bone, follow = rig.pose.bones["control"], ours("scene.retargeting").follow_actions
+    bone["IK_FK"], bone["ik_fk_switch"] = 0.5, 0.0
+    own = bpy.data.actions.new("own")
+    action = retargeted(rig)
+    action.use_fake_user = own.use_fake_user = True
+    del bone["ik_fk_switch"]
+    bone["IK_FK"] = 0.25
+    rig.animation_data.action = own
+    follow()  # whatever is gone is no error, neither now nor ever after
+    assert (bone["IK_FK"], solver.influence, copied.influence) == (0.25, 1, 1)
+    assert "mocap_switched" not in rig
+    copied.influence = 0.75
+    rig.animation_data.action, rig.animation_data.action_slot = action, action.slots[0]
+    follow()
+    bpy.context.scene.frame_set(101)
+    assert (bone["IK_FK"], copied.influence) == (1, 0)
+    rig.animation_data.action = own
+    ours("ui").after_undo()  # the step that was undone to may be from before that was heard
+    assert (bone["IK_FK"], copied.influence) == (0.25, 0.75)
+
+
+def test_what_a_file_was_saved_with_is_a_persons(shown, tmp_path):
+    rig, solver, _ = leg_by_ik()
+    retargeted(rig)
+    solver_path = solver.path_from_id("influence")
+    rig.animation_data.action, name = bpy.data.actions.new("own"), rig.name
+    reopen(tmp_path / "mine.blend")
+    rig = bpy.data.objects[name]
+    ours("scene.retargeting").follow_actions()
+    assert rig.path_resolve(solver_path) == 0
+
+
+def test_bones_are_those_of_the_action_only_where_the_rig_has_them_all(shown):
+    rig, matched_before = mixamo(), ours("scene.retargeting").matched_before
+    action = retargeted(rig)
+    assert matched_before(rig)
+    action["mocap_matched"] = json.dumps(json.loads(action["mocap_matched"]) | {"neck": "gone"})
+    assert not matched_before(rig)
 
 
 def test_an_override_of_a_linked_rig_is_moved(shown, tmp_path):

@@ -17,7 +17,7 @@ from addon.core.data.takes import NO_MARKER
 from addon.core.geometry.force_plates import LabRecords
 from addon.io.edits import read_edits
 from addon.io.points import read_points
-from addon.scene import lab, naming
+from addon.scene import lab, naming, storage
 from addon.scene.clock import TakeClock, plays_at, set_moment
 from addon.scene.opened import Opened
 from addon.scene.stored import Stored
@@ -111,6 +111,85 @@ def test_what_is_said_in_a_moment_is_said_of_the_frame_that_is_nearest(mapped):
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert [edit.span for edit in stored_take().edits] == spans
     assert stored_take().clock == clock
+
+
+def test_a_range_that_was_picked_has_its_own_frames_and_no_others(mapped):
+    scene, clock = mapped.scene, stored_take().clock
+    bpy.ops.mocap_autolabel.timeline_pick(marker="C7", first=113, last=116)
+    choose("C7")
+    assert bpy.ops.mocap_autolabel.unlabel(scope="RANGE") == {"FINISHED"}
+    clock.go_to(scene, 115)
+    assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
+    assert (scene.frame_float, scene.frame_preview_start, scene.frame_preview_end) == (115, 113, 116)
+    scene.render.fps, scene.render.fps_base = FPS, 1
+    assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
+    assert stored_take().source_frame(scene.frame_float) == 115
+    choose("SACR")
+    assert bpy.ops.mocap_autolabel.unlabel(scope="RANGE") == {"FINISHED"}
+    scene.frame_preview_start = scene.frame_preview_end = 104  # where a slow take has none, the nearest is meant
+    first, last = clock.inside(104, 104)
+    choose("LASI")
+    assert bpy.ops.mocap_autolabel.unlabel(scope="RANGE") == {"FINISHED"}
+    here = (first, last) if first <= last else (clock.at(104), clock.at(104))
+    assert [edit.span for edit in stored_take().edits] == [(113, 116), (113, 116), here]
+
+
+def test_what_a_person_chose_by_following_stays_when_it_is_labelled_again(labelled):
+    scene = bpy.context.scene
+    scene.render.fps, scene.render.fps_base = FPS, 1
+    assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
+    clock = stored_take().clock
+    clock.go_to(scene, 115)
+    before = clock, scene.render.fps, scene.frame_start, scene.frame_end, scene.frame_float
+    assert clock.step < 1
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert (stored_take().clock, scene.render.fps, scene.frame_start, scene.frame_end, scene.frame_float) == before
+
+
+def test_a_take_that_blender_cannot_map_is_left_as_it_is_and_named(empty, made):
+    assert not TakeClock.of(np.arange(900_000)).at_rate(60, 50).fits(899_999), "beyond the last frame"
+    assert not TakeClock.of(np.arange(900_000, 900_100)).at_rate(24, 1000).fits(900_099), "nearer than is told apart"
+    scene, take = empty.scene, replace(made.take(), rate=240.0)
+    shown = show_take(empty, take)
+    before = keyed(shown)
+    scene.render.fps, scene.render.fps_base = 2, 1
+    assert shown.name in follow_rate(scene)
+    assert (read(shown).clock.step, keyed(shown)) == (1, before)
+    scene.collection.objects.link(bpy.data.objects.new("rig", bpy.data.armatures.new("rig")))
+    other = show_take(empty, replace(take, name="other"))
+    assert (read(other).clock.step, keyed(other)) == (1, before)
+
+
+def keyed(collection) -> list[float]:
+    """When a marker of a take has keys."""
+    data = next(item for item in collection.all_objects if naming.MARKER in item).animation_data
+    [first, *_] = data.action.layers[0].strips[0].channelbag(data.action_slot).fcurves
+    return [key.co[0] for key in first.keyframe_points]
+
+
+def test_keys_are_moved_once_wherever_takes_lie(empty, made):
+    scene = empty.scene
+    slow, fast = (show_take(empty, replace(made.take(name=f"{rate}"), rate=rate)) for rate in (50.0, 120.0))
+    scene.collection.children.unlink(fast)
+    slow.children.link(fast)
+    scene.collection.children.link(fast.copy())
+    scene.render.fps, scene.render.fps_base = FPS, 1
+    assert follow_rate(scene) == []
+    first, last = keyed(fast)[0], keyed(fast)[-1]
+    assert last - first == pytest.approx((len(keyed(fast)) - 1) * FPS / 120, abs=0.5)
+
+
+@pytest.mark.parametrize(("rate", "moments"), [(90.0, range(1, 54)), (24.0, np.arange(1, 20, 0.3).tolist())])
+def test_the_points_are_those_of_the_frame_that_is_picked(empty, rate, moments):
+    scene, frames = empty.scene, np.arange(1, 200)
+    scene.render.fps = FPS
+    clock = TakeClock.of(frames).at_rate(FPS, rate)
+    item = storage.add_cloud(scene.collection, storage.cloud_table("x", frames, np.outer(frames, [1, 0, 0])), clock)
+    for moment in moments:
+        set_moment(scene, moment)
+        shown = item.evaluated_get(empty.evaluated_depsgraph_get()).evaluated_geometry()
+        places = shown.pointcloud.attributes["position"].data
+        assert [round(one.vector.x) for one in places] == [clock.at(scene.frame_float)]
 
 
 def test_the_lists_lead_to_the_very_frame(mapped):
@@ -255,3 +334,26 @@ def test_blobs_are_mapped_by_the_rate_that_a_person_says(extension, empty, tmp_p
         assert stored.index_of(scene.frame_float) == 105 - stored.motion.frames[0]
     assert bpy.ops.mocap_autolabel.play_as_take() == {"FINISHED"}
     assert (shown_now(scene).clock.step, scene.render.fps) == (1.0, 120)
+
+
+def test_what_waits_to_be_labelled_takes_the_range_along_and_keeps_the_rate_it_followed(extension, empty, tmp_path):
+    scene = empty.scene
+    open_room(write_room(tmp_path, 10))
+    scene.render.fps, scene.render.fps_base = FPS, 1
+    assert bpy.ops.mocap_autolabel.follow_rate() == {"FINISHED"}
+    stored = ours("ui.overlay").shown(scene)
+    assert [scene.frame_start, scene.frame_end] == [stored.clock.whole(end) for end in stored.motion.frames[[0, -1]]]
+    scene.mocap_autolabel.source.rate = 120.0
+    assert (scene.render.fps, ours("ui.overlay").shown(scene).clock.step) == (FPS, pytest.approx(FPS / 120))
+
+
+def test_a_file_older_than_mapping_is_not_said_to_be_mapped(extension, empty, tmp_path):
+    scene, said = empty.scene, []
+    open_room(write_room(tmp_path, 10))
+    preview = scene.mocap_autolabel.source.preview
+    row = SimpleNamespace(label=lambda text, icon: said.append(text), operator=lambda name, **_: said.append(name))
+    scene.render.fps = FPS
+    for key in ("mocap_step", "mocap_rate"):
+        del preview[key]
+    ours("ui.panels")._draw_rates(SimpleNamespace(row=lambda align: row), scene, preview, 60.0)
+    assert said == [f"The scene plays {FPS} Hz", "mocap_autolabel.play_as_take"]
