@@ -213,7 +213,7 @@ def test_toes_stay_on_the_floor_while_the_heel_lifts_and_are_straight_far_from_i
     tips = now[:, -2:] + (after[:, -2:] @ TOES)
     assert tips[..., 2].min() > 0
     assert np.abs(bent(after)[460:]).max() < 0.1
-    assert np.abs(np.diff(bent(after))).max() < 5
+    assert np.abs(np.diff(bent(after))).max() < 8  # 52° in the 0.1 s in which they straighten
     down, _ = np.array_split(settled(*standing(high - 0.3, up), TOED, TOED_PARENTS, TOED_ENDS, RATE)[1], [390])
     np.testing.assert_allclose(bent(down), np.degrees(up[:390]), atol=1)  # that floor is lower
 
