@@ -181,9 +181,13 @@ def _feet_on_ground(
     places = ankle[:, :, None] + rotations.carried(turn[:, :, None], parts)
     slow &= places[..., 2] < np.array(rests) + ON_GROUND.low_m
     moved, held = np.zeros_like(places), np.zeros(places.shape[:3])
-    for side, part in np.ndindex(*places.shape[1:3]):
-        plants = _plants(places[:, side, part], slow[:, side, part], 2 * span, fade)
-        moved[:, side, part], held[:, side, part] = _holding(places[:, side, part], plants, fade)
+    for part in range(places.shape[2]):
+        paths = places[:, :, part].swapaxes(0, 1)
+        plants = [_plants(path, slow[:, side, part], 2 * span, fade) for side, path in enumerate(paths)]
+        if part == 1 and np.isfinite(floor):
+            _level(plants)
+        for side, path in enumerate(paths):
+            moved[:, side, part], held[:, side, part] = _holding(path, plants[side], fade)
     goal = places + moved
     along = goal[:, :, 1] - goal[:, :, 0]
     turn = rotations.least_turn(places[:, :, 1] - places[:, :, 0], along) @ turn
@@ -250,6 +254,15 @@ def _plants(path: np.ndarray, slow: np.ndarray, least: int, fade: int) -> list[t
         cut = start + int(np.argmax((sums**2).sum(axis=1) / (before * before[::-1])))
         left += [(start, cut - fade // 2), (cut + 1 + fade // 2, stop)]
     return sorted(found, key=lambda plant: plant[0])
+
+
+def _level(plants: list[list[tuple[int, int, np.ndarray]]]):
+    """Changes the places of plants of each foot, so that they are equally high; those on a step stay as they are."""
+    feet = [plant for foot in plants for plant in foot]
+    if feet:
+        height = np.median(np.concatenate([np.full(stop - start, place[2]) for start, stop, place in feet]))
+        for _, _, place in feet:
+            place[2] = height if abs(place[2] - height) < ON_GROUND.reach_m else place[2]
 
 
 def _holding(path: np.ndarray, plants: list[tuple[int, int, np.ndarray]], fade: int) -> tuple[np.ndarray, np.ndarray]:

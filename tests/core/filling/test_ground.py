@@ -109,6 +109,15 @@ def test_planted_feet_hold_still_on_the_floor_and_nothing_else_changes():
     np.testing.assert_allclose(after.swapaxes(-1, -2) @ after, np.broadcast_to(np.eye(3), after.shape), atol=1e-9)
 
 
+@pytest.mark.parametrize(("higher", "rests"), [(0.012, 0.0), (0.045, 0.045)])
+def test_balls_of_planted_feet_are_equally_high_but_not_on_a_step(higher, rests):
+    joints, turns, _ = walk()
+    raised = joints + (np.arange(len(joints)) >= 3 * STRIDE + STANCE)[:, None, None] * [0, 0, higher]
+    now, after = settled(raised, turns, SEGMENTS, PARENTS, ENDS, RATE)
+    balls = points_of(now, after, 0)[:, 1, 2]
+    np.testing.assert_allclose(balls[4 * STRIDE + 20 : 4 * STRIDE + 40] - balls[30], rests, atol=0.002)
+
+
 def test_what_stands_well_already_stays_as_it_is():
     joints, turns, _ = walk()
     now, after = settled(joints, turns, SEGMENTS, PARENTS, ENDS, RATE)
