@@ -78,6 +78,7 @@ def settled(
         return joints, rotated
     thigh, shank, foot = np.array(legs).T
     toes = [index[f"toes.{segments[one][-1]}"] for one in foot if f"toes.{segments[one][-1]}" in index]
+    toes = toes if len(toes) == len(foot) else []
     ball = offsets[toes] if toes else BALL * ends[foot]
     tip = ball if toes else ends[foot]
     ankle, turn, held, floor = _feet_on_ground(joints[:, foot], rotated[:, foot], ball, tip, rate)
