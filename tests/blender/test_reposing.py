@@ -97,11 +97,14 @@ def test_a_correction_that_is_taken_back_after_labelling_again_leaves_the_body_a
 
 
 def anew(collection) -> np.ndarray:
-    """(F, J, 3) m the joints of a body that is fitted to the markers of a take of one as they are."""
+    """(F, J, 3) m the joints of a body that is fitted to the markers of a take of one as they are, as its bones go."""
     stored = Opened().take(collection, bpy.context.scene)
     points = Labels.none(len(stored.motion.frames), len(stored.names))  # whose confidence alone is asked for
     own = stored.unfilled
-    return motion_of(own.markers, own.residual, points, finer(open_markerset("body26")), own.frames).joints
+    markerset = finer(open_markerset("body26"))
+    [armature] = only(collection, "ARMATURE")
+    order = [markerset.skeleton.segments.index(bone.name) for bone in armature.pose.bones]
+    return motion_of(own.markers, own.residual, points, markerset, own.frames).joints[:, order]
 
 
 def test_the_body_is_what_is_fitted_to_the_markers_after_each_correction(labelled):

@@ -78,8 +78,10 @@ def settled(
         return joints, rotated
     thigh, shank, foot = np.array(legs).T
     toes = [index[f"toes.{segments[one][-1]}"] for one in foot if f"toes.{segments[one][-1]}" in index]
+    toes = toes if len(toes) == len(foot) else []
     ball = offsets[toes] if toes else BALL * ends[foot]
-    ankle, turn, low = _feet_on_ground(joints[:, foot], rotated[:, foot], ball, ball if toes else ends[foot], rate)
+    tip = ball if toes else ends[foot]
+    ankle, turn, held, floor = _feet_on_ground(joints[:, foot], rotated[:, foot], ball, tip, rate)
     upper, lower = np.linalg.norm(offsets[shank], axis=1), np.linalg.norm(offsets[foot], axis=1)
     most = ON_GROUND.straight * (upper + lower)
     # The hips go with the straighter leg, whose knee would have to turn the most for it.
@@ -97,8 +99,8 @@ def settled(
     rotated[:, shank] = rotations.least_turn(joints[:, foot] + shift - knee, ankle - bent) @ rotated[:, shank]
     if toes:
         before = rotated[:, foot].swapaxes(2, 3) @ rotated[:, toes]
-        height = ankle[..., 2] + rotations.carried(turn, ball)[..., 2] - low
-        rotated[:, toes] = turn @ _bent(turn, before, ends[toes], height)
+        height = ankle[..., 2] + rotations.carried(turn, ball)[..., 2] - floor
+        rotated[:, toes] = turn @ toes_bent(turn, before, ends[toes], held, height)
     rotated[:, foot] = turn
     return _chained(root + shift, rotated, parents, offsets), rotated
 
@@ -148,9 +150,10 @@ def _envelope(values: np.ndarray, frames: int) -> np.ndarray:
 
 def _feet_on_ground(
     ankle: np.ndarray, turn: np.ndarray, ball: np.ndarray, tip: np.ndarray, rate: float
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Ankles (F, S, 3) m and feet's rotations (F, S, 3, 3) on the ground, and how high m balls of feet rest.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Ankles (F, S, 3) m and feet's rotations (F, S, 3, 3) on the ground.
 
+    How far balls of feet are planted (F, S), 0 to 1, and how high m the floor is, -inf for none.
     `ball` (S, 3) m is that of the feet, and `tip` where what is rigid of them ends.
     """
     foot = ball / BALL
@@ -158,14 +161,14 @@ def _feet_on_ground(
     fade, span = (max(round(part * rate), 1) for part in (ON_GROUND.span_s, ON_GROUND.span_s / 2))
     places = ankle[:, :, None] + rotations.carried(turn[:, :, None], parts)
     if len(places) <= 2 * span:
-        return ankle, turn, -np.inf
+        return ankle, turn, np.zeros(ankle.shape[:2]), -np.inf
     rolled = ankle + rotations.carried(turn, foot)  # a forefoot is as slow as the slower one of its ends
     gone = np.linalg.norm(places[2 * span :] - places[: -2 * span], axis=3)
     gone[:, :, 1] = np.minimum(gone[:, :, 1], np.linalg.norm(rolled[2 * span :] - rolled[: -2 * span], axis=2))
     gone = np.pad(gone, ((span, span), (0, 0), (0, 0)), "edge")
     slow = (gone < ON_GROUND.slow_m_s * 2 * span / rate) & np.isfinite(places).all(axis=3)
     if not slow.any():
-        return ankle, turn, -np.inf
+        return ankle, turn, np.zeros(ankle.shape[:2]), -np.inf
     rests = [
         np.quantile(places[:, :, part, 2][slow[:, :, part]], ON_GROUND.lowest_part) if slow[:, :, part].any() else 0.0
         for part in range(3)
@@ -179,9 +182,13 @@ def _feet_on_ground(
     places = ankle[:, :, None] + rotations.carried(turn[:, :, None], parts)
     slow &= places[..., 2] < np.array(rests) + ON_GROUND.low_m
     moved, held = np.zeros_like(places), np.zeros(places.shape[:3])
-    for side, part in np.ndindex(*places.shape[1:3]):
-        plants = _plants(places[:, side, part], slow[:, side, part], 2 * span, fade)
-        moved[:, side, part], held[:, side, part] = _holding(places[:, side, part], plants, fade)
+    for part in range(places.shape[2]):
+        paths = places[:, :, part].swapaxes(0, 1)
+        plants = [_plants(path, slow[:, side, part], 2 * span, fade) for side, path in enumerate(paths)]
+        if part == 1 and np.isfinite(floor):
+            _level(plants)
+        for side, path in enumerate(paths):
+            moved[:, side, part], held[:, side, part] = _holding(path, plants[side], fade)
     goal = places + moved
     along = goal[:, :, 1] - goal[:, :, 0]
     turn = rotations.least_turn(places[:, :, 1] - places[:, :, 0], along) @ turn
@@ -195,29 +202,27 @@ def _feet_on_ground(
     ankle = np.einsum("fsp,fspi->fsi", share, (goal - rotations.carried(turn[:, :, None], parts))[:, :, :2])
     low = np.minimum(ankle[..., 2], (ankle + rotations.carried(turn, tip))[..., 2])
     ankle[..., 2] += _envelope(np.where(floor - low < ON_GROUND.deepest_m, floor - low, 0.0), fade)
-    return ankle, turn, max(rests[1], floor) if np.isfinite(floor) else -np.inf
+    return ankle, turn, held[:, :, 1] * np.isfinite(floor), floor
 
 
-def _bent(foot: np.ndarray, before: np.ndarray, toes: np.ndarray, height: np.ndarray) -> np.ndarray:
+def toes_bent(
+    foot: np.ndarray, before: np.ndarray, toes: np.ndarray, held: np.ndarray | float, height: np.ndarray
+) -> np.ndarray:
     """How toes (S, 3) m bend in feet (F, S, 3, 3), so that they do not go into the floor: (F, S, 3, 3).
 
-    They bend as they did `before`, within limits, and upwards about the ball of the foot until they are level. `height`
-    (F, S) m is of the ball above where it rests: that far from the floor they are level the less, and soon straight.
+    They bend as they did `before`, within limits, and upwards about the ball of the foot until they are level, as far
+    as it is `held` (F, S) on the floor. When it leaves they straighten, but not into what is `height` (F, S) m below.
     """
     axis = toes_axis(toes)
-    ahead = np.cross([0.0, 0, 1], axis)
     bent = (rotations.rotation_vector(before) * axis).sum(axis=2)
-    upright = foot[..., 2, 2]
-    lying, across = rotations.carried(foot, ahead)[..., 2], rotations.carried(foot, axis)[..., 2]
-    slope = (toes * axis).sum(axis=1) / (toes * ahead).sum(axis=1) * across
-    # So high points what is turned by an angle: lying cos + upright sin + slope.
-    most = np.maximum(np.hypot(lying, upright), rotations.NO_TURN)
-    tipped = np.arctan2(-lying, upright) + np.pi / 2  # a foot may stand on its tip, and beyond that
-    level = tipped - np.arccos(np.clip(-slope / most, -1, 1))
-    near = np.clip(2 - np.abs(height) / ON_GROUND.low_m, 0, 1)
+    upright, lying = foot[..., 2, 2], rotations.carried(foot, np.cross([0.0, 0, 1], axis))[..., 2]
+    level = np.arctan2(-lying, upright)
+    reach = np.maximum(np.hypot(lying, upright), rotations.NO_TURN) * np.linalg.norm(toes, axis=1)
+    room = np.maximum(height, -height - ON_GROUND.deepest_m)  # far below the floor there is none
+    clear = np.where(room < reach, level - np.arcsin(np.clip(room / reach, 0, 1)), bent)
     on_sole = np.clip(1 + 2 * upright, 0, 1)  # one on its back does not stand on its sole
-    angle = np.clip(bent + near * on_sole * np.maximum(level - bent, 0), *ON_GROUND.bent_rad)
-    return rotations.exponential(axis * angle[..., None])[0]
+    need = np.maximum(np.maximum(held * (level - bent), clear - bent), 0)
+    return rotations.exponential(axis * np.clip(bent + on_sole * need, *ON_GROUND.bent_rad)[..., None])[0]
 
 
 def _turned_up(height: np.ndarray, turn: np.ndarray, tip: np.ndarray, fade: int) -> np.ndarray:
@@ -250,6 +255,15 @@ def _plants(path: np.ndarray, slow: np.ndarray, least: int, fade: int) -> list[t
         cut = start + int(np.argmax((sums**2).sum(axis=1) / (before * before[::-1])))
         left += [(start, cut - fade // 2), (cut + 1 + fade // 2, stop)]
     return sorted(found, key=lambda plant: plant[0])
+
+
+def _level(plants: list[list[tuple[int, int, np.ndarray]]]):
+    """Changes the places of plants of each foot, so that they are equally high; those on a step stay as they are."""
+    feet = [plant for foot in plants for plant in foot]
+    if feet:
+        height = np.median(np.concatenate([np.full(stop - start, place[2]) for start, stop, place in feet]))
+        for _, _, place in feet:
+            place[2] = height if abs(place[2] - height) < ON_GROUND.reach_m else place[2]
 
 
 def _holding(path: np.ndarray, plants: list[tuple[int, int, np.ndarray]], fade: int) -> tuple[np.ndarray, np.ndarray]:

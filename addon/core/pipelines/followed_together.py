@@ -37,7 +37,7 @@ from ..points.refusals import is_sure
 from ..points.several.parting import NO_BODY, along_the_line, grouped, usual_count
 from ..points.several.pipeline import is_prop
 from ..points.several.together import beside, said_of
-from ..points.several.wearers import SetsWorn, SeveralOptions
+from ..points.several.wearers import MAX_SUBJECTS, SetsWorn, SeveralOptions
 from ..points.whole_take.pipeline import USUAL_TARGET, PointOptions
 from ..reconstruction.matching import FramePoints, padded
 from ..reconstruction.trajectories import Reconstructor
@@ -62,7 +62,7 @@ FOLLOWED_TOGETHER = FollowedTogetherOptions()
 LEAST_LOOKED_AT = 4  # frames of a chunk, at least
 LEARNED_FROM = 2  # frames: whose points have many rays need not know the capture well
 MAX_STARTS = 4  # of a chunk, in different frames; by time
-NARROW = {"f": "<f4"}  # numbers as they lie in a room
+NARROW = {"f": "<f4", "i": "<i4"}  # numbers as they lie in a room
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +266,8 @@ class SubjectsFollowed:
         """Looks half-way to the next frames beside those that are contradicted, where doubts count."""
         views, half = chunks[0].whole, max(round(FOLLOWED_TOGETHER.looked_at_s * self.rate / 2), 1)
         for at in (at for at, count in doubts.count.items() if count and doubts.most < np.inf):
-            for one in self._look(views, [near for near in (at - half, at + half) if 0 <= near < len(views)]):
+            near = [one for one in (at - half, at + half) if 0 <= one < len(views)]
+            for one in self._look(views, near) if near else ():
                 doubts.confirm(at, self._owner(chunks, at), one, self._owner(chunks, one.at))
 
     def _owner(self, chunks: Sequence[ChunkInWork], at: int) -> np.ndarray:
@@ -499,6 +500,8 @@ def label_together(
     if count < 2:
         return 0.0
     worn = SetsWorn(asked.subjects or asked.numbered(count))
+    if not (asked.subjects or asked.count) and any(name not in worn.by_name for edit in edits for name in edit.names):
+        return 0.0  # of who enters later
     refuse_unknown(edits, worn.by_name)
     body = body_of(model.markerset) if body_of else CapsuleOcclusion(model.markerset, OCCLUDING.fitted_shrink)
     bodies = EditedBodies(SubjectsFollowed(cameras, model, count, rate, body), worn, edits)
@@ -530,10 +533,13 @@ def _can_follow(asked: SeveralOptions, options: PointOptions) -> bool:
 
 def _count_in(chunks: Iterable[tuple[Blobs, float]], cameras: Cameras, model: Model, rate: float) -> int:
     """How many wear the model in the first chunk, by how many points it shows."""
-    blobs, _ = next(iter(chunks))
+    blobs, _ = next(iter(chunks), (None, 0.0))
+    if blobs is None:
+        return 0
     frames = frames_looked_at(len(blobs.frames), rate)
     found = points_of(split_views(blobs, cameras), frames, Reconstructor(cameras, rate))
-    return round(usual_count(np.array([len(one.points) for one in found])) / len(model.markerset))
+    count = round(usual_count(np.array([len(one.points) for one in found])) / len(model.markerset))
+    return min(count, MAX_SUBJECTS)
 
 
 def _markers(said: Sequence[ChunkInRoom], count: int, make_table: MakeTable) -> Table:

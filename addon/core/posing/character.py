@@ -27,8 +27,6 @@ BALL = 0.87
 # paper: how much farther the bones of toes go, of the way from the ankle to the ball, which is 0.075 of the height: the
 # foot ends 0.113 of it ahead of the ankle (Winter, after Drillis and Contini), in 0.011 of flesh
 TOES = 0.36
-# paper: how far the line of the balls of toes is turned from square to the foot, 62° to its length (Isman and Inman)
-BREAK = np.radians(28)
 UPWARDS, DOWNWARDS, FORWARDS = (0.0, 0, 1), (0.0, 0, -1), (0.0, -1, 0)
 
 
@@ -108,9 +106,9 @@ def toes_of(foot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def toes_axis(toes: np.ndarray) -> np.ndarray:
-    """(…, 3) the axis at rest that toes (…, 3) bend upwards about, of which the outer ones bend farther back."""
-    way = np.arctan2(toes[..., 1], toes[..., 0]) + BREAK * np.sign(toes[..., 1])
-    return np.stack([np.sin(way), -np.cos(way), 0 * way], axis=-1)
+    """(…, 3) the axis at rest, square to toes (…, 3), that they bend upwards about."""
+    axis = np.cross(toes, UPWARDS)
+    return axis / np.linalg.norm(axis, axis=-1, keepdims=True)
 
 
 def both_sides(trunk: str, limbs: str, sides: tuple[str, str], fingers: str = "") -> Mapping[str, str]:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..body.sides import BODY_SIDES
-from ..filling.ground import LEG, ON_GROUND
+from ..filling.ground import LEG, ON_GROUND, toes_bent
 from ..geometry.rotations import NO_TURN, exponential, least_turn, rotation_vector
 from ..posing.character import FACING, Character
 from .matching import FINGER_WORDS
@@ -89,6 +89,8 @@ def retarget(
         if feet and side in rig.legs:
             ankle = _planted_ankle(rig, body, side, (turns, hips), (scale, floor, ground, rate))
             _bend(rig, turns, hips, aligned, [f"{part}.{side}" for part in LEG], ankle, LEFTWARDS)
+            if f"toes.{side}" in at:
+                _keep_toes_out(rig, turns, hips, side, floor)
         arm = [f"{part}.{side}" for part in ("upper_arm", "forearm", "hand")]
         if hands and set(arm) <= at.keys():
             _bend(rig, turns, hips, aligned, arm, scale * body.begin(arm[2]) + lift * SKYWARDS, hinge)
@@ -273,6 +275,17 @@ def _planted_ankle(
         # In between it comes from what was missed at one plant to what will be at the next.
         off[:, axis] += np.interp(np.arange(len(off)), rows, missed)
     return goal + off
+
+
+def _keep_toes_out(rig: Rig, turns: np.ndarray, hips: np.ndarray, side: str, floor: float):
+    """Changes the turns of toes, which may be longer than the body's, so that they are not in the floor, so high m."""
+    foot, toes = (rig.at[f"{part}.{side}"] for part in ("foot", "toes"))
+    carrying, ahead = turns[:, [foot]], (rig.heads[toes] - rig.heads[foot]) * (1, 1, 0)
+    way = ahead * np.linalg.norm(rig.tails[toes] - rig.heads[toes]) / np.linalg.norm(ahead)
+    height = place_of(rig, turns, hips, toes)[:, 2:] - rig.heads[toes, 2] + floor
+    turns[:, [toes]] = carrying @ toes_bent(
+        carrying, carrying.swapaxes(2, 3) @ turns[:, [toes]], way[None], 0.0, height
+    )
 
 
 def _planted(ball: np.ndarray, lowest: np.ndarray, rate: float) -> np.ndarray:

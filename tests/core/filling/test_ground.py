@@ -109,6 +109,15 @@ def test_planted_feet_hold_still_on_the_floor_and_nothing_else_changes():
     np.testing.assert_allclose(after.swapaxes(-1, -2) @ after, np.broadcast_to(np.eye(3), after.shape), atol=1e-9)
 
 
+@pytest.mark.parametrize(("higher", "rests"), [(0.012, 0.0), (0.045, 0.045)])
+def test_balls_of_planted_feet_are_equally_high_but_not_on_a_step(higher, rests):
+    joints, turns, _ = walk()
+    raised = joints + (np.arange(len(joints)) >= 3 * STRIDE + STANCE)[:, None, None] * [0, 0, higher]
+    now, after = settled(raised, turns, SEGMENTS, PARENTS, ENDS, RATE)
+    balls = points_of(now, after, 0)[:, 1, 2]
+    np.testing.assert_allclose(balls[4 * STRIDE + 20 : 4 * STRIDE + 40] - balls[30], rests, atol=0.002)
+
+
 def test_what_stands_well_already_stays_as_it_is():
     joints, turns, _ = walk()
     now, after = settled(joints, turns, SEGMENTS, PARENTS, ENDS, RATE)
@@ -213,7 +222,7 @@ def test_toes_stay_on_the_floor_while_the_heel_lifts_and_are_straight_far_from_i
     tips = now[:, -2:] + (after[:, -2:] @ TOES)
     assert tips[..., 2].min() > 0
     assert np.abs(bent(after)[460:]).max() < 0.1
-    assert np.abs(np.diff(bent(after))).max() < 5
+    assert np.abs(np.diff(bent(after))).max() < 8  # 52° in the 0.1 s in which they straighten
     down, _ = np.array_split(settled(*standing(high - 0.3, up), TOED, TOED_PARENTS, TOED_ENDS, RATE)[1], [390])
     np.testing.assert_allclose(bent(down), np.degrees(up[:390]), atol=1)  # that floor is lower
 

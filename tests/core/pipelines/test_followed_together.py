@@ -10,9 +10,16 @@ import pytest
 from addon.core.data.errors import ForceableError, InputError
 from addon.core.data.progress import finished
 from addon.core.data.takes import Blobs, LabelledChunk, Labels, Motion
-from addon.core.edits.kinds import NO_EDITS, AssignBlob, Edit, Edits, Swap
+from addon.core.edits.kinds import NO_EDITS, AssignBlob, Edit, Edits, Right, Swap
 from addon.core.pipelines.blobs import with_edits
-from addon.core.pipelines.followed_together import ChunkInRoom, Doubts, FollowedTogether, LookedAt
+from addon.core.pipelines.followed_together import (
+    ChunkInRoom,
+    Doubts,
+    FollowedTogether,
+    LookedAt,
+    SubjectsFollowed,
+    label_together,
+)
 from addon.core.pipelines.several_through_points import SubjectsInImages, label_by_points, label_several_blobs
 from addon.core.points import possible
 from addon.core.points.several.parting import along_the_line
@@ -21,7 +28,7 @@ from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from addon.io.tables import FileTable, Room
-from tests.core.scenes import abreast
+from tests.core.scenes import abreast, keep
 
 FRAMES, RATE, CHUNK = 40, 50.0, 16
 NAMED = PointOptions("likelihood")
@@ -185,6 +192,34 @@ def test_an_edit_of_somebody_who_is_not_there_is_told_by_its_number(shot, model)
     edits = Edits((Swap(("1:LKNE", "2:LKNE")), Swap(("1:LKNE", "3:LKNE"))))
     with pytest.raises(InputError, match="edit 2 names '3:LKNE'"):
         labelled(shot[0], SeveralOptions(model, 2), edits)
+
+
+def test_an_edit_of_who_enters_later_is_for_the_points(model):
+    """Only the first chunk tells bodies how many there are."""
+    blobs, truth = shot_of(model, (1, 2, 3), 0.7)
+    late = np.array([any(one.startswith("3:") for one in text.split("|")) for text in truth])
+    shown = keep(blobs, np.flatnonzero(~(late & (blobs.frame < CHUNK))))
+    found = labelled(shown, SeveralOptions(model, AUTO), Edits((Right(marker="3:LKNE", frames=(30, 35)),)))
+    assert isinstance(found, SubjectsInImages) and len(found.worn.subjects) == 3
+
+
+def test_a_chunk_too_short_to_look_beside_a_frame_goes_by_that_frame_alone(shot, model, monkeypatch):
+    own, looks = SubjectsFollowed._sure_names, []
+
+    def one_wrong(self, points, groups):
+        found = own(self, points, groups)
+        if looks:  # the last chunk
+            row = np.flatnonzero(found[1] >= 0)[0]
+            found[1][row] = (found[1][row] + 1) % self.markers
+        looks.append(len(points))
+        return found
+
+    monkeypatch.setattr(SubjectsFollowed, "_sure_names", one_wrong)
+    ends = ((1, 36), (37, 40))
+    asked = SeveralOptions(model, 2)
+    work = label_together(lambda: ((shot[0].between(*e), e[1] / FRAMES) for e in ends), CAMERAS, asked, NAMED, RATE)
+    assert isinstance(finished(work), FollowedTogether)
+    assert len(looks) == len(ends)
 
 
 def test_a_rate_that_cannot_be_is_refused_unless_it_is_forced(shot, model, monkeypatch):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from addon.core.body.bodies import BodyModel
+from addon.core.data.markersets import Capsules
 from addon.core.posing.character import BONE_NAMES, character_of, toes_axis
 from addon.core.posing.ends import with_ends
 from addon.core.posing.posing import fit_points
@@ -35,7 +36,7 @@ def test_every_foot_has_toes_which_carry_what_is_ahead_of_them(name):
     np.testing.assert_allclose(model.markerset.rest_markers, tipped.rest_markers, atol=1e-12)
     bodies = model.rest(9, 1.7)
     bend, axis = np.linspace(0, 1, 9), toes_axis(model.markerset.skeleton.offsets[toes])
-    assert axis[0] > 0.4 and axis[1] < -0.8  # the outer toes bend farther back
+    assert axis @ model.markerset.skeleton.offsets[toes] < 1e-12 and axis[1] < -0.8
     bodies.bends[:, toes] = np.outer(bend, axis)
     found = fit_points(model, model.pose(bodies).markers).bends[:, toes]
     # By how much more from frame to frame; where the marker sits on the toes the body learns.
@@ -50,6 +51,27 @@ def test_a_foot_keeps_a_marker_that_alone_shows_how_it_is_turned():
     markerset = with_ends(replace(coarse, offsets=offsets))
     assert segment_of(markerset, "LTOE") == "foot.L"
     assert "toes.L" in markerset.skeleton.segments
+
+
+def test_feet_have_toes_both_or_neither():
+    coarse = open_markerset("gait15")
+    own = coarse.capsules
+    foot = np.flatnonzero(own.segment == coarse.skeleton.segments.index("foot.R"))
+    rows = np.concatenate([np.arange(len(own.segment)), foot])
+    parted = Capsules(own.segment[rows], own.start[rows], own.end[rows], own.radius[rows])
+    segments = with_ends(replace(coarse, capsules=parted)).skeleton.segments
+    assert not {"toes.L", "toes.R"} & set(segments)
+
+
+def test_the_middle_of_a_hand_is_no_finger_and_a_hand_keeps_a_marker():
+    worn = open_markerset("body39")
+    far = 1.4 * worn.offsets[worn.by_name["LFIN"]]
+    assert segment_of(with_ends(with_markers(worn, {"LMIDHAND": ("hand.L", far)})), "LMIDHAND") == "hand.L"
+    assert segment_of(with_ends(with_markers(worn, {"LMidTip": ("hand.L", 2 * far)})), "LMidTip") == "middle.L"
+    away = worn.attachment.copy()
+    away[worn.by_name["LFIN"]] = worn.skeleton.segments.index("forearm.L")
+    alone = with_markers(replace(worn, attachment=away), {"LMidTip": ("hand.L", 2 * far)})
+    assert segment_of(with_ends(alone), "LMidTip") == "hand.L"
 
 
 def test_fingers_with_markers_are_bones_that_follow_them_and_rigs_know_them():

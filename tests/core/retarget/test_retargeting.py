@@ -105,6 +105,12 @@ def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot_and_toes_go_as_t
     tips = balls[..., 2] + np.einsum("fsij,sj->fsi", found[0][:, toes], one.tails[toes] - one.heads[toes])[..., 2]
     np.testing.assert_allclose(tips, one.tails[toes, 2] * np.ones((120, 1)), atol=0.004)
     np.testing.assert_allclose(found[0][:40, toes], found[0][:40, feet], atol=0.02)
+    # Longer toes than the body's, straight again when the ball has left the floor, are still not in it.
+    left = still + 0.08 * np.clip((np.arange(120) - 70) / 15, 0, 1)[:, None, None] * [0, 0, 1]
+    turns[70:, at["toes.L"]] = turns[70:, at["foot.L"]]
+    moved, hips = retarget(character, (left, turns), RATE, one, feet=True, hands=False)
+    tip = places(one, moved, hips)[:, toes[0]] + moved[:, toes[0]] @ (one.tails - one.heads)[toes[0]]
+    assert tip[:, 2].min() > one.tails[toes[0], 2] - 0.004
 
 
 def test_hands_go_where_the_body_s_are_in_a_larger_room(squats):

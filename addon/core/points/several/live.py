@@ -12,6 +12,7 @@ from ...data.physical import MARKER_LIMITS
 from ...data.progress import finished
 from ...data.takes import NO_MARKER
 from ..models import Model
+from ..refusals import REFUSAL
 from ..tracklets import cut
 from ..whole_take.live import LiveNamer, Window, WindowNames, as_take, at_the_end
 from ..whole_take.pairs import trained_pairs
@@ -30,9 +31,17 @@ def namer_of(models: list[Model], rate: float) -> LiveNamer:
 
 
 def solved_of_several(subjects: tuple[Wearer, ...], window: Window) -> WindowNames:
-    """The names at the end of a window of those who are there, by the markers of all `subjects` in a row."""
-    trouble, whole = "", SetsWorn(subjects)
-    take, options = as_take(window), PointOptions("likelihood", search=_moves(whole, window))
+    """The names at the end of a window of those who are there, by the markers of all `subjects` in a row.
+
+    With all moves where exchanges alone, of people who are known, find nobody: it may be somebody else.
+    """
+    whole, known = SetsWorn(subjects), _are_known(SetsWorn(subjects), window)
+    found = _solved(whole, window, "exchanges" if known else "all")
+    return _solved(whole, window, "all") if known and found.refused else found
+
+
+def _solved(whole: SetsWorn, window: Window, moves: Moves) -> WindowNames:
+    trouble, take, options = "", as_take(window), PointOptions("likelihood", search=moves)
     crowd = Crowd(take, cut(take.xyz, take.rate), options)
     nobody = WindowNames(window.number, np.full(len(window.number), NO_MARKER))
     for either in _who_may_be_there(whole, window):
@@ -51,10 +60,10 @@ def solved_of_several(subjects: tuple[Wearer, ...], window: Window) -> WindowNam
     return replace(nobody, refused=trouble)
 
 
-def _moves(whole: SetsWorn, window: Window) -> Moves:
-    """Exchanges alone where everybody is known, as of one."""
-    known = [np.isfinite(window.shown[:, own, 0]).any() for own in markers_of(whole)]
-    return "exchanges" if all(known) else "all"
+def _are_known(whole: SetsWorn, window: Window) -> bool:
+    """Whether the stream has shown half of everybody's markers."""
+    seen = np.isfinite(window.shown[..., 0]).any(axis=0)
+    return all(seen[own].mean() >= REFUSAL.min_half for own in markers_of(whole))
 
 
 def _who_may_be_there(whole: SetsWorn, window: Window) -> Iterator[list[SeveralOptions]]:
