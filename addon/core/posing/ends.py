@@ -106,7 +106,7 @@ def _beside(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 def _toes(markerset: MarkerSet) -> Iterator[LimbEnd]:
     """Those of feet that are one capsule each."""
     segments, capsules = markerset.skeleton.segments, markerset.capsules
-    feet = [segments.index(foot) for side in BODY_SIDES if (foot := f"foot.{side}") in segments]
+    feet = [segments.index(name) for side in BODY_SIDES if (name := f"foot.{side}") in segments]
     capsule = [np.flatnonzero(capsules.segment == foot) for foot in feet]
     for foot, own in zip(feet, capsule, strict=True) if all(len(own) == 1 for own in capsule) else ():
         side, (ball, end) = segments[foot][-1], toes_of(capsules.end[own[0]])
