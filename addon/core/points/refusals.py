@@ -31,14 +31,16 @@ class RefusalOptions:
                     markers it is 0.05 at most
     min_named       measured: share of the markers that such a take is given in the end; with twice of it a person in
                     two sets at once is refused
+    min_all         measured: the same where single frames are not sure: 0.97 at least in takes of other labs, 0.92 at
+                    most of other sets
     gap_m           physical: between two bodies; a hand is not farther from the next marker of its own arm
     crowd           measured: times as many points as markers: 1.14 at most of one subject among 40 ghosts, 1.44 of who
                     wears two sets, 2 of two subjects, 2.3 at least among all that a lab puts on
     min_half        physical: share of the markers, and of the frames: of who is there half is seen, half of the time
     max_residual    measured: mean square, over what training leaves, between markers and where the set has them: 0.14
                     to 0.2 on walks in a crowd, 0.2 to 0.52 on people in each other's reach, 0.7 to 2.4 on other sets
-    min_log_likelihood  measured: nats a marker of the usual frame where single frames are not sure; with 4 one head and
-                        trunk has wrong names alone, with 5 two parts of bodies more are refused
+    min_log_likelihood  measured: nats a marker of the usual frame where single frames are not sure: 5.1 at least in
+                        takes of other labs, 4 at most of sets that do not share most places
     """
 
     max_points: int = 400
@@ -46,11 +48,12 @@ class RefusalOptions:
     min_sure: float = 0.12
     min_sure_rest: float = 0.3
     min_named: float = 0.25
+    min_all: float = 0.75
     gap_m: float = 0.5
     crowd: float = 1.6
     min_half: float = 0.5
     max_residual: float = 0.6
-    min_log_likelihood: float = 5.0
+    min_log_likelihood: float = 4.0
 
 
 REFUSAL = RefusalOptions()
@@ -141,13 +144,14 @@ def refuse_unlike(model: Model, namer: Namer, points: Table, fit: SetFit, sure: 
         raise _unrecognised(model, namer, points, few if fit == NO_FIT else unlike)
 
 
-def refuse_unrecognised(model: Model, namer: Namer, points: Table, given: Labels):
+def refuse_unrecognised(model: Model, namer: Namer, points: Table, given: Labels, sure: bool = True):
     """Raises UnsuitedError where the labels given (T, P) are so few that points (T, P, 3) are of another marker set.
 
-    The labels are those of the usual target: of a stricter one there are few in any take.
+    The labels are those of the usual target: of a stricter one there are few in any take. Where single frames were not
+    `sure`, nearly all must have one.
     """
     share = given.named.sum() / _possible(points, len(model.markerset))
-    if share < REFUSAL.min_named:
+    if share < (REFUSAL.min_named if sure else REFUSAL.min_all):
         raise _unrecognised(model, namer, points, _recognised(share))
 
 

@@ -171,6 +171,9 @@ def test_where_frames_are_not_sure_the_whole_take_must_be(model):
     for fit, why in ((unlikely, "the points do not lie as its markers do"), (NO_FIT, "no frame shows enough of its")):
         with pytest.raises(JobError, match=f"of model gait15: {why}"):
             refuse_unlike(model, namer, points, fit, sure=False)
+    refuse_unrecognised(model, namer, points, first(12), sure=False)
+    with pytest.raises(JobError, match="73% of what could be its markers"):
+        refuse_unrecognised(model, namer, points, first(11), sure=False)
 
 
 @pytest.fixture(scope="module")

@@ -325,7 +325,7 @@ def refuse_solved(frames: NamedFrames, solution: Solution | None, usual: Labels)
     """Raises UnsuitedError where a take with a solution, and labels of the usual target, is of another marker set."""
     if solution is not None:
         refuse_unlike(frames.model, frames.namer, frames.take.xyz, solution.fit, frames.sure)
-    refuse_unrecognised(frames.model, frames.namer, frames.take.xyz, usual)
+    refuse_unrecognised(frames.model, frames.namer, frames.take.xyz, usual, frames.sure)
 
 
 def solution_for(
