@@ -16,9 +16,9 @@ from ..body.sides import BODY_SIDES
 from ..posing.character import BONE_NAMES, both_sides
 
 PARTS = tuple(BONE_NAMES["RIGIFY"])  # from the hips outwards
-FINGER_PARTS = tuple(part for part in PARTS if part.partition(".")[0] in ("thumb", "index", "middle", "ring", "pinky"))
 # What the last words of the first bone of a finger are.
 FINGER_WORDS = {"thumb": "thumb", "index": "index", "middle": "middle", "ring": "ring", "pinky": "pinky little"}
+FINGER_PARTS = tuple(part for part in PARTS if part.partition(".")[0] in FINGER_WORDS)
 RIGIFY_LIMBS = "shoulder.* upper_arm_fk.* forearm_fk.* hand_fk.* thigh_fk.* shin_fk.* foot_fk.* toe_fk.*", ("L", "R")
 # The controls of rigs that follow them by constraints, whose form says nothing: Rigify's and Auto-Rig Pro's, with FK;
 # Rigify's spine may have another number of bones, or no controls by FK.
@@ -30,7 +30,7 @@ CONTROLS = (
         "c_shoulder.* c_arm_fk.* c_forearm_fk.* c_hand_fk.* c_thigh_fk.* c_leg_fk.* c_foot_fk.* c_toes_fk.*",
         ("l", "r"),
     ),
-    {part: name for part, name in BONE_NAMES["RIGIFY"].items() if part.partition(".")[0] not in FINGER_WORDS},
+    {part: name for part, name in BONE_NAMES["RIGIFY"].items() if part not in FINGER_PARTS},
 )
 # What the last words of a bone's name are, the surest first; rigs that call bones after their joints have other ones.
 BONE_WORDS = {

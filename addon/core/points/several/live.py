@@ -35,7 +35,8 @@ def solved_of_several(subjects: tuple[Wearer, ...], window: Window) -> WindowNam
 
     With all moves where exchanges alone, of people who are known, find nobody: it may be somebody else.
     """
-    whole, known = SetsWorn(subjects), _are_known(SetsWorn(subjects), window)
+    whole = SetsWorn(subjects)
+    known = _are_known(whole, window)
     found = _solved(whole, window, "exchanges" if known else "all")
     return _solved(whole, window, "all") if known and found.refused else found
 
