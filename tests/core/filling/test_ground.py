@@ -241,6 +241,19 @@ def test_toes_bend_as_far_as_toes_do_and_not_on_the_back_of_a_foot():
     np.testing.assert_allclose(curled, np.degrees(-0.7), atol=0.5)
 
 
+def test_the_ball_holds_still_while_the_foot_turns_on_its_tip_and_its_heel_comes_down_elsewhere():
+    frames = np.arange(400)
+    step = np.clip((frames - 200) / 30, 0, 1)
+    joints, turns = standing(np.full(len(frames), 0.02), 0.7 * (1 - step * step * (3 - 2 * step)))
+    turn = rotations.exponential(np.multiply.outer(0.6 * step, [0.0, 0.0, 1.0]))[0]
+    still = joints[:, -2:] + turns[:, -2:] @ [0.01, 0, 0.025]  # such as a marker on the ball
+    joints = (joints - still[:, :1]) @ turn.swapaxes(1, 2) + still[:1, :1]
+    joints[:, :, 0] += 0.008 * (frames > 300)[:, None]  # as of markers that were knocked
+    assert np.ptp(joints[:, -2, :2], axis=0).max() > 0.015
+    now, _ = settled(joints, turn[:, None] @ turns, TOED, TOED_PARENTS, TOED_ENDS, RATE)
+    assert np.ptp(now[:, -2, :2], axis=0).max() < 0.001
+
+
 def test_where_nobody_rests_or_the_floor_is_not_below_toes_are_as_the_feet():
     joints, turns = with_toes(*walk()[:2])
     flat = about_y(np.array(np.pi / 2))
