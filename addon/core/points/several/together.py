@@ -12,6 +12,8 @@ from typing import Self
 
 import numpy as np
 
+from ...body.bodies import Bodies, BodyModel
+from ...body.prior import Prior
 from ...data.lanes import blocks
 from ...data.made import Made, Table
 from ...data.markersets import MarkerSet, Worn
@@ -20,7 +22,8 @@ from ...data.takes import NO_MARKER, Labels, Motion, Points, Suspect, Verdict
 from ...edits.applying import AppliedEdits, apply_edits, cells_of_take
 from ...edits.kinds import Edits
 from ...edits.replay import FREE, Edited
-from ..motion import LabelledPoints, MotionInParts, TakeMotion, by_marker, take_motion
+from ...posing.posing import subject_of
+from ..motion import SUBJECT_FRAMES, LabelledPoints, MotionInParts, TakeMotion, by_marker, posed_as, take_motion
 from ..whole_take.pipeline import PointOptions, Steps, decided_of, refuse_solved, solution_for, without_deleted
 from ..whole_take.rulings import Rulings
 from .bodies import Crowd, NamedBody, OnlyWhere
@@ -75,6 +78,28 @@ def measured_of_first(motion: Motion, each: Sequence[Motion]) -> Motion:
     own = beside(each)
     measured = ("markers", "residual", "residual_px", "conflicts")
     return replace(own, **{name: getattr(motion, name)[:, : own.markers.shape[1]] for name in measured})
+
+
+class FinerBodies:
+    """The bodies of a take that comes chunk by chunk, posed again with the joints that a finer set has more."""
+
+    def __init__(self, worn: Worn, finer: Worn):
+        """By the sets that the bodies were fitted with, and those with the same markers that they are to have."""
+        self._sets = [markerset for _, markerset in worn.worn]
+        self._models = [BodyModel(markerset) for _, markerset in finer.worn]
+        self._subjects: list[Bodies | None] = [None] * len(self._models)
+
+    def of(self, motion: Motion) -> Motion:
+        """The motion with those bodies: on the markers that were measured, and where the fitted body has the others."""
+        places = np.where(np.isfinite(motion.markers) & np.isfinite(motion.expected), motion.markers, motion.expected)
+        each = []
+        for number, model in enumerate(self._models):
+            own, prior = places[:, _columns("expected", self._sets, number)], Prior(model)
+            if self._subjects[number] is None and np.isfinite(own).any():
+                self._subjects[number] = subject_of(model, own, prior, SUBJECT_FRAMES)
+            each.append(posed_as(model, own, prior, self._subjects[number]))
+        parts = ("joints", "rotations", "scale")
+        return replace(motion, **{name: np.concatenate([getattr(one, name) for one in each], axis=1) for name in parts})
 
 
 def with_bodies_of(motion: Motion, frame: np.ndarray, before: Labels, after: Labels, worn: Worn) -> Motion:
