@@ -182,7 +182,7 @@ def _feet_on_ground(
         floor = -np.inf
     turn = _turned_up(ankle[..., 2] - floor, turn, tip, fade)
     places = ankle[:, :, None] + rotations.carried(turn[:, :, None], parts)
-    slow &= places[..., 2] < np.array(rests) + ON_GROUND.low_m
+    slow &= (places[..., 2] < np.array(rests) + ON_GROUND.low_m) | _carrying(slow)
     moved, held = np.zeros_like(places), np.zeros(places.shape[:3])
     plants = [
         [
@@ -244,6 +244,17 @@ def _turned_up(height: np.ndarray, turn: np.ndarray, tip: np.ndarray, fade: int)
     # A foot that stands on its tip has no direction: the less level, the less it is turned.
     axis = np.stack([way[..., 1], -way[..., 0], np.zeros_like(level)], axis=2) / np.maximum(level, long / 2)[..., None]
     return rotations.exponential(axis * lack[..., None])[0] @ turn
+
+
+def _carrying(slow: np.ndarray) -> np.ndarray:
+    """Which parts of feet that are slow (F, S, P) carry somebody, on a step as well: meanwhile another foot goes on."""
+    carrying = np.zeros_like(slow)
+    for side in range(slow.shape[1]):
+        goes = ~np.delete(slow, side, axis=1).any(axis=2).all(axis=1)
+        for part in range(slow.shape[2]):
+            for start, stop in runs(slow[:, side, part], 1):
+                carrying[start:stop, side, part] = goes[start:stop].any()
+    return carrying
 
 
 def _plants(path: np.ndarray, slow: np.ndarray, least: int, fade: int, rolls: bool) -> list[Plant]:

@@ -31,19 +31,22 @@ def chained(root: np.ndarray, turns: np.ndarray, offsets: np.ndarray = OFFSETS) 
     return joints
 
 
-def walk(strides: int = 5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Joints and rotations of a walk along x on the floor z = 0, and (F, 2) whether left and right are planted."""
+def walk(strides: int = 5, rise: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Joints and rotations of a walk along x on the floor z = 0, and (F, 2) whether left and right are planted.
+
+    Or on stairs that `rise` m in a stride.
+    """
     frames = np.arange(strides * STRIDE)
     turns = np.tile(np.eye(3), (len(frames), len(SEGMENTS), 1, 1))
     root = np.zeros((len(frames), 3))
-    root[:, 0], root[:, 2] = 2 * STEP * frames / STRIDE, 0.84
+    root[:, 0], root[:, 2] = 2 * STEP * frames / STRIDE, 0.84 + rise * (frames / STRIDE - 0.5)
     planted = np.empty((len(frames), 2), bool)
     for side, foot in enumerate(FEET):
         phase, number = (frames + side * STRIDE // 2) % STRIDE, (frames + side * STRIDE // 2) // STRIDE
         planted[:, side] = phase < STANCE
         swing = np.clip((phase - STANCE) / (STRIDE - STANCE), 0, 1)
         x = 2 * STEP * (number + swing * swing * (3 - 2 * swing) - side / 2) + STEP * STANCE / STRIDE
-        z = ANKLE + 0.07 * np.sin(np.pi * swing) ** 2
+        z = ANKLE + 0.07 * np.sin(np.pi * swing) ** 2 + rise * (number + swing - side / 2)
         ahead, down = x - root[:, 0], root[:, 2] - z
         far = np.hypot(ahead, down)
         hip = np.arccos((THIGH**2 + far**2 - SHANK**2) / (2 * THIGH * far))
@@ -116,6 +119,16 @@ def test_balls_of_planted_feet_are_equally_high_but_not_on_a_step(higher, rests)
     now, after = settled(raised, turns, SEGMENTS, PARENTS, ENDS, RATE)
     balls = points_of(now, after, 0)[:, 1, 2]
     np.testing.assert_allclose(balls[4 * STRIDE + 20 : 4 * STRIDE + 40] - balls[30], rests, atol=0.002)
+
+
+def test_feet_hold_still_on_stairs():
+    right, turns, planted = walk(rise=0.25)
+    joints, turned = wavering(turns, right[:, 0])
+    assert np.median(slides(joints, turned, planted)) > 0.008
+    held = slides(*settled(joints, turned, SEGMENTS, PARENTS, ENDS, RATE), planted)
+    assert np.quantile(held, 0.95) < 0.001
+    planted[: STRIDE // 2] = False  # who stands beside a foot that goes is known, but not before one went
+    assert slides(*settled(joints, turned, SEGMENTS, PARENTS, ENDS, RATE), planted).max() < 0.002
 
 
 def test_what_stands_well_already_stays_as_it_is():
