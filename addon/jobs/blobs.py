@@ -92,16 +92,17 @@ class BlobTake(OpenTake):
         if self.several is None:
             settings = BlobOptions(self.rate, job.method, job.target, job.hints, self._occlusion(), self.edits)
             self.work = label_blobs(self._blobs(), cameras, model, settings)
-            self.method, self.named_by, self.worn = blob_method(settings), model.markerset, finer(model.markerset)
+            self.method, self.named_by, more = blob_method(settings), model.markerset, finer(model.markerset)
             self.check = CameraCheck(cameras, self.named_by)
         else:
             seen = yield from self._subjects()
-            self.method, self.named_by, self.worn = "likelihood", seen.worn, seen.worn.finer
+            self.method, self.named_by, more = "likelihood", seen.worn, seen.worn.finer
             own, read = tee(self._blobs())
             self.work = seen.chunks(read)
             if self.edits:
                 self.work = with_edits(own, self.work, self.edits, cameras, self.named_by)
             self.check = CameraCheck(cameras)
+        self.worn = more if job.blend or job.keep else self.named_by  # else nobody sees the body
         self.bodies = FinerBodies(self.named_by, self.worn)
         count = len(self.worn.markers)
         row = np.dtype([("xyz", "<f4", (count, 3)), ("residual", "<f4", (count,))])
@@ -124,8 +125,9 @@ class BlobTake(OpenTake):
             self.check.add(rows.blobs, chunk.labels.marker, chunk.motion.expected)
             if self.others is not None:
                 self.others.add(rows.blobs, chunk)
-            with timed(self.clock, "fit"):
-                chunk = replace(chunk, motion=self.bodies.of(chunk.motion))
+            if self.worn is not self.named_by:
+                with timed(self.clock, "fit"):
+                    chunk = replace(chunk, motion=self.bodies.of(chunk.motion))
             yield rows.blobs, rows.keys, chunk, rows.fraction
 
     def doubts(self, chunk: LabelledChunk) -> tuple[tuple[Suspect, ...], tuple[Suspect, ...]]:

@@ -363,3 +363,19 @@ def test_bodies_that_come_chunk_by_chunk_get_the_joints_that_markers_show():
     bent = np.linalg.norm(rotation_vector(turns[:, hand].swapaxes(1, 2) @ turns[:, index]), axis=1)
     np.testing.assert_allclose(bent[there] - bent[0], np.linspace(0, 0.8, 60)[there], atol=0.15)
     np.testing.assert_array_equal(expected, motion.expected)
+
+
+def test_toes_without_markers_are_as_the_feet_and_all_else_stays_as_it_was_fitted():
+    worn = open_model("gait15").markerset
+    markerset, frames = finer(worn), 20
+    markers = walker("gait15", 1, [Act(frames / RATE)])[:frames]
+    motion = motion_of(markers, np.zeros(markers.shape[:2]), Labels.none(frames, 15), worn, np.arange(frames))
+    found = FinerBodies(worn, markerset).of(motion)
+    count, toes = len(worn.skeleton), [markerset.skeleton.segments.index(f"toes.{side}") for side in "LR"]
+    feet = markerset.skeleton.parents[toes]
+    np.testing.assert_array_equal(found.joints[:, :count], motion.joints)
+    np.testing.assert_array_equal(found.rotations[:, toes], motion.rotations[:, feet])
+    far = np.linalg.norm(found.joints[:, toes] - motion.joints[:, feet], axis=2)
+    np.testing.assert_allclose(
+        far / motion.scale[:, :1], np.linalg.norm(markerset.skeleton.offsets[toes[0]]), atol=1e-4
+    )
