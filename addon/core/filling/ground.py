@@ -183,21 +183,7 @@ def _feet_on_ground(
     turn = _turned_up(ankle[..., 2] - floor, turn, tip, fade)
     places = ankle[:, :, None] + rotations.carried(turn[:, :, None], parts)
     slow &= (places[..., 2] < np.array(rests) + ON_GROUND.low_m) | _carrying(slow)
-    moved, held = np.zeros_like(places), np.zeros(places.shape[:3])
-    plants = [
-        [
-            _plants(paths[:, part], own[:, part], 2 * span, fade, part == 1 and np.isfinite(floor))
-            for paths, own in zip(places.swapaxes(0, 1), slow.swapaxes(0, 1), strict=True)
-        ]
-        for part in range(3)
-    ]
-    if np.isfinite(floor):
-        _level(plants[1])
-    for heels, balls, way in zip(*plants[:2], parts[:, 1] - parts[:, 0], strict=True):
-        _set_apart(heels, balls, float(np.linalg.norm(way)))
-    for part, feet in enumerate(plants):
-        for side, own in enumerate(feet):
-            moved[:, side, part], held[:, side, part] = _holding(places[:, side, part], own, fade)
+    moved, held = _held_in_place(places, slow, parts, 2 * span, fade, bool(np.isfinite(floor)))
     goal = places + moved
     along = goal[:, :, 1] - goal[:, :, 0]
     turn = rotations.least_turn(places[:, :, 1] - places[:, :, 0], along) @ turn
@@ -255,6 +241,31 @@ def _carrying(slow: np.ndarray) -> np.ndarray:
             for start, stop in runs(slow[:, side, part], 1):
                 carrying[start:stop, side, part] = goes[start:stop].any()
     return carrying
+
+
+def _held_in_place(
+    places: np.ndarray, slow: np.ndarray, parts: np.ndarray, least: int, fade: int, on_floor: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """How places (F, S, 3, 3) m of heels, balls and ankles are moved to stay where they are planted, and how far held.
+
+    They may be planted where they are slow (F, S, 3); `parts` (S, 3, 3) m is where a foot has them.
+    """
+    plants = [
+        [
+            _plants(paths[:, part], own[:, part], least, fade, part == 1 and on_floor)
+            for paths, own in zip(places.swapaxes(0, 1), slow.swapaxes(0, 1), strict=True)
+        ]
+        for part in range(3)
+    ]
+    if on_floor:
+        _level(plants[1])
+    for heels, balls, way in zip(*plants[:2], parts[:, 1] - parts[:, 0], strict=True):
+        _set_apart(heels, balls, float(np.linalg.norm(way)))
+    moved, held = np.zeros_like(places), np.zeros(places.shape[:3])
+    for part, feet in enumerate(plants):
+        for side, own in enumerate(feet):
+            moved[:, side, part], held[:, side, part] = _holding(places[:, side, part], own, fade)
+    return moved, held
 
 
 def _plants(path: np.ndarray, slow: np.ndarray, least: int, fade: int, rolls: bool) -> list[Plant]:

@@ -90,7 +90,7 @@ def measured_of_first(motion: Motion, each: Sequence[Motion]) -> Motion:
     return replace(own, **{name: getattr(motion, name)[:, : own.markers.shape[1]] for name in measured})
 
 
-BODY = "joints", "rotations", "scale"
+OF_BODIES = "joints", "rotations", "scale"
 
 
 class FinerBodies:
@@ -109,14 +109,16 @@ class FinerBodies:
         for number, (named, model) in enumerate(zip(self._sets, self._models, strict=True)):
             own = places[:, _columns("expected", self._sets, number)]
             if np.array_equal(named.attachment, model.markerset.attachment):  # nothing shows how more joints bend
-                parts = (getattr(motion, name)[:, _columns(name, self._sets, number)] for name in BODY)
+                parts = (getattr(motion, name)[:, _columns(name, self._sets, number)] for name in OF_BODIES)
                 each.append(_longer(PosedFrames(own, *parts), model.markerset.skeleton))
                 continue
             prior = Prior(model)
             if self._subjects[number] is None and np.isfinite(own).any():
                 self._subjects[number] = subject_of(model, own, prior, SUBJECT_FRAMES)
             each.append(posed_as(model, own, prior, self._subjects[number]))
-        return replace(motion, **{name: np.concatenate([getattr(one, name) for one in each], axis=1) for name in BODY})
+        return replace(
+            motion, **{name: np.concatenate([getattr(one, name) for one in each], axis=1) for name in OF_BODIES}
+        )
 
 
 def _longer(body: PosedFrames, skeleton: Skeleton) -> PosedFrames:
