@@ -70,7 +70,7 @@ def run(arguments) -> int:
         f"speed               {labelled.report['timing']['frames_per_second']:9.0f}   frames a second",
         f"report              {job.path(PAGE)}",
     ]
-    _draw(picture, performance, markerset, labelled, agreement, arguments.overwrite)
+    _draw(picture, performance, labelled.worn, labelled, agreement, arguments.overwrite)
     result["picture"] = str(picture)
     lines.append(f"picture             {picture}")
     if has_blender():

@@ -4,6 +4,7 @@
 from collections import deque
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from itertools import tee
 from typing import TYPE_CHECKING
 
@@ -23,7 +24,9 @@ from ..core.pipelines.others import OtherSubjects, refuse_two
 from ..core.pipelines.through_points import PointsOfBlobs
 from ..core.points.models import chosen_method
 from ..core.points.possible import MEND_BLOBS
+from ..core.points.several.together import FinerBodies
 from ..core.points.whole_take.pipeline import PointOptions
+from ..core.posing.finer import finer
 from ..core.review.answering import without_accepted
 from ..core.review.odd_cameras import CameraCheck
 from ..core.review.suspects import find_suspects
@@ -89,17 +92,18 @@ class BlobTake(OpenTake):
         if self.several is None:
             settings = BlobOptions(self.rate, job.method, job.target, job.hints, self._occlusion(), self.edits)
             self.work = label_blobs(self._blobs(), cameras, model, settings)
-            self.method, self.worn = blob_method(settings), model.markerset
-            self.check = CameraCheck(cameras, self.worn)
+            self.method, self.named_by, more = blob_method(settings), model.markerset, finer(model.markerset)
+            self.check = CameraCheck(cameras, self.named_by)
         else:
             seen = yield from self._subjects()
-            self.method, self.worn = "likelihood", seen.worn
+            self.method, self.named_by, more = "likelihood", seen.worn, seen.worn.finer
             own, read = tee(self._blobs())
             self.work = seen.chunks(read)
             if self.edits:
-                self.work = with_edits(own, self.work, self.edits, cameras, self.worn)
+                self.work = with_edits(own, self.work, self.edits, cameras, self.named_by)
             self.check = CameraCheck(cameras)
-        self.named_by = self.worn
+        self.worn = more if job.blend or job.keep else self.named_by  # else nobody sees the body
+        self.bodies = FinerBodies(self.named_by, self.worn)
         count = len(self.worn.markers)
         row = np.dtype([("xyz", "<f4", (count, 3)), ("residual", "<f4", (count,))])
         self.motion = self.stack.enter_context(RowFile(self.stack.enter_context(scratch_folder()), row))
@@ -121,6 +125,9 @@ class BlobTake(OpenTake):
             self.check.add(rows.blobs, chunk.labels.marker, chunk.motion.expected)
             if self.others is not None:
                 self.others.add(rows.blobs, chunk)
+            if self.worn is not self.named_by:
+                with timed(self.clock, "fit"):
+                    chunk = replace(chunk, motion=self.bodies.of(chunk.motion))
             yield rows.blobs, rows.keys, chunk, rows.fraction
 
     def doubts(self, chunk: LabelledChunk) -> tuple[tuple[Suspect, ...], tuple[Suspect, ...]]:

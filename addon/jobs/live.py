@@ -18,6 +18,7 @@ from ..core.points.models import Model
 from ..core.points.several.live import namer_of
 from ..core.points.several.wearers import AUTO, SetsWorn, Wearer
 from ..core.points.whole_take.live import LiveNamer, Window, WindowNames
+from ..core.posing.finer import finer
 from ..core.posing.posing import FollowedBody
 from ..core.reconstruction.trajectories import Reconstructed
 from ..io.markersets import AUTO_MODEL
@@ -191,7 +192,7 @@ class _PosedSubject:
     """
 
     def __init__(self, wearer: Wearer, first: int):
-        self.model = BodyModel(wearer.model.markerset)
+        self.model = BodyModel(finer(wearer.model.markerset))
         self.own = slice(first, first + self.model.marker_count)
         self.body: FollowedBody | None = None
         self.shown = 0

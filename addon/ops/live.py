@@ -21,6 +21,7 @@ from ..core.data.takes import PointRows
 from ..core.data.wording import count_of
 from ..core.points.motion import PosedFrames
 from ..core.posing.character import Character, character_of
+from ..core.posing.finer import finer
 from ..io.markersets import AUTO_MODEL, open_markerset
 from ..io.scratch import scratch_folder
 from ..io.text import written
@@ -76,7 +77,7 @@ class LivePerformer:
     """One of those who are in a stream, as its latest frame shows them, and the rig that moves with them.
 
     name     by which their markers are called NAME:MARKER; empty for the only one
-    worn     the marker set
+    worn     the marker set, with the joints that the body has
     sides    of its bones
     body     who is posed on the frame, None where too few markers are named
     trouble  why the rig cannot move
@@ -148,7 +149,7 @@ class WatchedStream:
         self._worker.hand(partial(name_beside, job, folder))
         self._latest, self._record, self._stop = (folder / name for name in (LATEST, RECORD, STOP))
         self.out, self.model, self.words = job.out, job.model, "Connecting"
-        self.performers = [LivePerformer(name, one) for name, one in worn.worn]
+        self.performers = [LivePerformer(name, finer(one)) for name, one in worn.worn]
         self.markers = worn.markers
         self._told, self.frame, self.came, self.late = 0.0, -1, 0.0, 0
         self.names: list[str] = []

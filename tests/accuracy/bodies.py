@@ -201,31 +201,45 @@ def _higher(rig: bpy.types.Object, world, bone: str, end: str) -> float:
 def toes_off() -> Iterator[list[str]]:
     """The rows of the third table: how far a marker on the big toe is from where foot or toes would carry it.
 
-    It is carried from where it is in the first third of each plant, when the foot is flat.
+    It is carried from where it is in the first third of each plant, when the foot is flat. And how fast it turns about
+    the ball, and they do.
     """
     markerset = finer(open_model("body26").markerset)
     segments = markerset.skeleton.segments
     off: dict[str, list[np.ndarray]] = {"foot": [], "toes": []}
+    pitched: dict[str, list[float]] = {"foot": [], "toes": [], "marker": []}
     for person in people.everyone():
         walk = people.read(people.files_of(person)[people.KINDS.index("walk")], person)
         fitted = posed(walk, markerset)
         shown = on_ground(fitted, markerset, build_of(markerset, fitted), walk.rate)
         for side in (side for side in "LR" if plants(walk, side)):
             way = walk.pick([f"{side}HLX"])[:, 0] - shown.joints[:, segments.index(f"toes.{side}")]
-            near: list[int] = []
+            span, near = round(NEAR_S * walk.rate), set()
+            turns = {part: shown.rotations[:, segments.index(f"{part}.{side}")] for part in off}
             flat = np.concatenate([np.arange(first, first + (end - first) // 3) for first, end in plants(walk, side)])
             for first, end in plants(walk, side):
-                near += range(max(first - round(NEAR_S * walk.rate), 0), min(end + round(NEAR_S * walk.rate), len(way)))
+                near |= set(range(max(first - span, 0), min(end + span, len(way))))
+                ahead = turns["foot"][(first + end) // 2, :2, 0]
+                for part, ways in ({part: turn[..., 0] for part, turn in turns.items()} | {"marker": way}).items():
+                    pitched[part].append(largest_pitch(ways[end : end + span], ahead))
             for part, gone in off.items():
-                turns = shown.rotations[:, segments.index(f"{part}.{side}")]
-                place = np.nanmedian(carried(turns.swapaxes(1, 2), way)[flat], axis=0)
-                gone.append(1000 * (carried(turns, place) - way)[sorted(set(near))])
-    for title, parts in zip(("as the foot", "shown"), off.values(), strict=True):
-        gone, row = np.concatenate(parts), [title]
-        for values in (np.abs(gone[:, 2]), np.linalg.norm(gone, axis=1)):
-            cells = [f"{value:.1f}" for value in np.nanquantile(values, (0.5, 0.9, 0.99))]
-            row += cells
-        yield row
+                place = np.nanmedian(carried(turns[part].swapaxes(1, 2), way)[flat], axis=0)
+                gone.append(1000 * (carried(turns[part], place) - way)[sorted(near)])
+    for title, part in (("as the foot", "foot"), ("shown", "toes"), ("the marker", "marker")):
+        row = [title]
+        if part in off:
+            gone = np.concatenate(off[part])
+            for values in (np.abs(gone[:, 2]), np.linalg.norm(gone, axis=1)):
+                row += [f"{value:.1f}" for value in np.nanquantile(values, (0.5, 0.9, 0.99))]
+        else:
+            row += 6 * ["0.0"]
+        yield [*row, f"{np.nanmedian(pitched[part]):.1f}"]
+
+
+def largest_pitch(ways: np.ndarray, ahead: np.ndarray) -> float:
+    """Degrees, of directions (F, 3) from one frame to the next, seen from the side of who looks `ahead` (2,)."""
+    pitch = np.unwrap(np.arctan2(ways[:, 2], ways[:, :2] @ ahead / np.linalg.norm(ahead)))
+    return float(np.degrees(np.nanmax(np.abs(np.diff(pitch)), initial=0.0)))
 
 
 def fingers_off() -> Iterator[list[str]]:
@@ -302,6 +316,7 @@ def main():
         "off, mm",
         "off at 90 %, mm",
         "off at 99 %, mm",
+        "largest turn, °",
     ]
     print(markdown(head, list(toes_off())))
     head = ["markers on", "fingers", "off them, mm", "at 90 %, mm", "at 99 %, mm", "off those on the hand's back, mm"]

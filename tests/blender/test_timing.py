@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import NO_MARKER
-from addon.core.geometry.force_plates import LabRecords
+from addon.core.geometry.force_plates import ForcePlate, LabRecords
 from addon.io.edits import read_edits
 from addon.io.points import read_points
 from addon.scene import lab, naming, storage
@@ -295,6 +295,35 @@ def test_events_are_where_they_were_whatever_the_scene_played_between(empty, mad
         assert shown == {"Foot Strike": 101 + round(6 * fps / 100), "Foot Off": 112}, "one is a person's by now"
     lab.forget_events(takes_of(scene)[0])
     assert [one.name for one in scene.timeline_markers] == ["Foot Off"]
+
+
+@pytest.mark.parametrize("waits", [False, True])
+def test_forces_push_as_they_did_whatever_the_scene_played_between(empty, made, waits):
+    scene, take = empty.scene, replace(made.take(), rate=100.0)
+    frames = take.motion.frames
+    force = np.stack([40 * np.sin(frames), 30 * np.cos(frames), 700 + 10.0 * (frames - 101)], axis=1)
+    place = np.stack([0.01 * (frames - 101), np.full(len(frames), 0.2), np.zeros(len(frames))], axis=1)
+    place[8:12] = np.nan  # nobody stands there
+    plate = ForcePlate(np.array([[0.5, 0, 0], [0.5, 0.4, 0], [0, 0.4, 0], [0, 0, 0]]), force, place)
+    if waits:  # somebody's, whose scene keeps its time: the take is mapped to that
+        scene.collection.objects.link(bpy.data.objects.new("rig", bpy.data.armatures.new("rig")))
+    show_take(empty, replace(take, lab=LabRecords(plates=(plate,), first=101)))
+    [collection] = takes_of(scene)
+    [arrow] = [
+        one for one in collection.all_objects if one.empty_display_type == "SINGLE_ARROW" and one.type == "EMPTY"
+    ]
+    for fps in (None, 25, 59.94, 100):
+        if fps is not None:
+            scene.render.fps, scene.render.fps_base = round(fps), round(fps) / fps
+            follow_rate(scene)
+        stored = read(collection)
+        for index, frame in enumerate(frames):
+            set_moment(scene, stored.clock.shown(int(frame)))
+            turned = np.array(arrow.matrix_world)
+            push = 1000 * turned[:3, 2]
+            nobody = np.isnan(place[index, 0])
+            np.testing.assert_allclose(push, 0 if nobody else force[index], rtol=1e-3, atol=0.5)
+            np.testing.assert_allclose(turned[:3, 3], plate.corners.mean(axis=0) if nobody else place[index], atol=1e-4)
 
 
 @pytest.mark.parametrize("version", sorted(path.name for path in EARLIER.iterdir() if (path / "takes.blend").is_file()))

@@ -47,6 +47,7 @@ ON_GROUND = GroundOptions()
 # Drillis and Contini)
 HEEL = -0.35
 LEG = "thigh", "shank", "foot"
+Plant = tuple[int, int, np.ndarray]  # first frame, end, and place (3,) m
 
 
 def settled(
@@ -162,9 +163,10 @@ def _feet_on_ground(
     places = ankle[:, :, None] + rotations.carried(turn[:, :, None], parts)
     if len(places) <= 2 * span:
         return ankle, turn, np.zeros(ankle.shape[:2]), -np.inf
-    rolled = ankle + rotations.carried(turn, foot)  # a forefoot is as slow as the slower one of its ends
     gone = np.linalg.norm(places[2 * span :] - places[: -2 * span], axis=3)
-    gone[:, :, 1] = np.minimum(gone[:, :, 1], np.linalg.norm(rolled[2 * span :] - rolled[: -2 * span], axis=2))
+    turned = rotations.rotation_vector(turn[2 * span :].swapaxes(2, 3) @ turn[: -2 * span])
+    # A forefoot is as slow as the slowest of what is as near to the ball as the foot's end.
+    gone[:, :, 1] -= np.linalg.norm(turned, axis=2) * np.linalg.norm(foot - ball, axis=1)
     gone = np.pad(gone, ((span, span), (0, 0), (0, 0)), "edge")
     slow = (gone < ON_GROUND.slow_m_s * 2 * span / rate) & np.isfinite(places).all(axis=3)
     if not slow.any():
@@ -180,15 +182,8 @@ def _feet_on_ground(
         floor = -np.inf
     turn = _turned_up(ankle[..., 2] - floor, turn, tip, fade)
     places = ankle[:, :, None] + rotations.carried(turn[:, :, None], parts)
-    slow &= places[..., 2] < np.array(rests) + ON_GROUND.low_m
-    moved, held = np.zeros_like(places), np.zeros(places.shape[:3])
-    for part in range(places.shape[2]):
-        paths = places[:, :, part].swapaxes(0, 1)
-        plants = [_plants(path, slow[:, side, part], 2 * span, fade) for side, path in enumerate(paths)]
-        if part == 1 and np.isfinite(floor):
-            _level(plants)
-        for side, path in enumerate(paths):
-            moved[:, side, part], held[:, side, part] = _holding(path, plants[side], fade)
+    slow &= (places[..., 2] < np.array(rests) + ON_GROUND.low_m) | _carrying(slow)
+    moved, held = _held_in_place(places, slow, parts, 2 * span, fade, bool(np.isfinite(floor)))
     goal = places + moved
     along = goal[:, :, 1] - goal[:, :, 0]
     turn = rotations.least_turn(places[:, :, 1] - places[:, :, 0], along) @ turn
@@ -197,7 +192,7 @@ def _feet_on_ground(
     aside = np.cross(along, -rotations.carried(turn, parts[:, 0])), np.cross(along, goal[:, :, 2] - goal[:, :, 0])
     roll = np.arctan2((np.cross(*aside) * along).sum(axis=2), (aside[0] * aside[1]).sum(axis=2))
     turn = rotations.exponential(along * roll[..., None])[0] @ turn
-    share = (held + 1e-3)[..., :2]  # what is planted is where it should be
+    share = ((held + 1e-3) / (1 + 1e-3 - held))[..., :2]  # what is planted is where it should be, what fades follows
     share = share / share.sum(axis=2, keepdims=True)
     ankle = np.einsum("fsp,fspi->fsi", share, (goal - rotations.carried(turn[:, :, None], parts))[:, :, :2])
     low = np.minimum(ankle[..., 2], (ankle + rotations.carried(turn, tip))[..., 2])
@@ -237,8 +232,44 @@ def _turned_up(height: np.ndarray, turn: np.ndarray, tip: np.ndarray, fade: int)
     return rotations.exponential(axis * lack[..., None])[0] @ turn
 
 
-def _plants(path: np.ndarray, slow: np.ndarray, least: int, fade: int) -> list[tuple[int, int, np.ndarray]]:
-    """Where a part of a foot on a path (F, 3) m is planted: first frame, end, and place (3,) m."""
+def _carrying(slow: np.ndarray) -> np.ndarray:
+    """Which parts of feet that are slow (F, S, P) carry somebody, on a step as well: meanwhile another foot goes on."""
+    carrying = np.zeros_like(slow)
+    for side in range(slow.shape[1]):
+        goes = ~np.delete(slow, side, axis=1).any(axis=2).all(axis=1)
+        for part in range(slow.shape[2]):
+            for start, stop in runs(slow[:, side, part], 1):
+                carrying[start:stop, side, part] = goes[start:stop].any()
+    return carrying
+
+
+def _held_in_place(
+    places: np.ndarray, slow: np.ndarray, parts: np.ndarray, least: int, fade: int, on_floor: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """How places (F, S, 3, 3) m of heels, balls and ankles are moved to stay where they are planted, and how far held.
+
+    They may be planted where they are slow (F, S, 3); `parts` (S, 3, 3) m is where a foot has them.
+    """
+    plants = [
+        [
+            _plants(paths[:, part], own[:, part], least, fade, part == 1 and on_floor)
+            for paths, own in zip(places.swapaxes(0, 1), slow.swapaxes(0, 1), strict=True)
+        ]
+        for part in range(3)
+    ]
+    if on_floor:
+        _level(plants[1])
+    for heels, balls, way in zip(*plants[:2], parts[:, 1] - parts[:, 0], strict=True):
+        _set_apart(heels, balls, float(np.linalg.norm(way)))
+    moved, held = np.zeros_like(places), np.zeros(places.shape[:3])
+    for part, feet in enumerate(plants):
+        for side, own in enumerate(feet):
+            moved[:, side, part], held[:, side, part] = _holding(places[:, side, part], own, fade)
+    return moved, held
+
+
+def _plants(path: np.ndarray, slow: np.ndarray, least: int, fade: int, rolls: bool) -> list[Plant]:
+    """Where a part of a foot on a path (F, 3) m is planted; one that `rolls` may rise as the foot tilts."""
     found, left = [], runs(slow, fade)
     while left:
         start, stop = left.pop()
@@ -246,6 +277,7 @@ def _plants(path: np.ndarray, slow: np.ndarray, least: int, fade: int) -> list[t
             continue
         place = np.nanmedian(path[start:stop], axis=0)
         off = np.nan_to_num(path[start:stop] - place)
+        off[:, 2] *= not rolls
         if np.linalg.norm(off, axis=1).max() <= ON_GROUND.reach_m:
             found.append((start, stop, place))
             continue
@@ -257,7 +289,7 @@ def _plants(path: np.ndarray, slow: np.ndarray, least: int, fade: int) -> list[t
     return sorted(found, key=lambda plant: plant[0])
 
 
-def _level(plants: list[list[tuple[int, int, np.ndarray]]]):
+def _level(plants: list[list[Plant]]):
     """Changes the places of plants of each foot, so that they are equally high; those on a step stay as they are."""
     feet = [plant for foot in plants for plant in foot]
     if feet:
@@ -266,7 +298,18 @@ def _level(plants: list[list[tuple[int, int, np.ndarray]]]):
             place[2] = height if abs(place[2] - height) < ON_GROUND.reach_m else place[2]
 
 
-def _holding(path: np.ndarray, plants: list[tuple[int, int, np.ndarray]], fade: int) -> tuple[np.ndarray, np.ndarray]:
+def _set_apart(heels: list[Plant], balls: list[Plant], length: float):
+    """Changes where heel and ball of one foot are planted: one that comes down beside the other is `length` m off."""
+    both = [(plant, balls) for plant in heels] + [(plant, heels) for plant in balls]
+    for (start, _, place), others in sorted(both, key=lambda one: one[0][0]):
+        for first, stop, other in others:
+            if first <= start < stop:
+                way = place - other
+                level = np.sqrt(max(length**2 - way[2] ** 2, 0.0))
+                place[:2] = other[:2] + way[:2] * level / max(np.linalg.norm(way[:2]), 1e-9)
+
+
+def _holding(path: np.ndarray, plants: list[Plant], fade: int) -> tuple[np.ndarray, np.ndarray]:
     """How a path (F, 3) m is moved so that it stays in its plants, and how far (F,) it is held, 0 to 1."""
     moved, held = np.zeros_like(path), np.zeros(len(path))
     before = [0, *(stop for _, stop, _ in plants)]

@@ -15,7 +15,7 @@ from ..data.made import IN_MEMORY, Made, MakeTable, Table
 from ..data.markersets import MarkerSet
 from ..data.progress import finished
 from ..data.takes import EditOutcome, LabelledChunk, Labels, Motion, PointRows, Points, Suspect, placed, places_of
-from ..posing.posing import POSING, fit_in_steps, markers_there, pose_subject, subject_of
+from ..posing.posing import POSING, fit_in_steps, markers_there, subject_of
 from ..review.suspects import doubtful_flags, suspects_of
 from .tracklets import CUTTING
 
@@ -180,12 +180,18 @@ def posed_again(
     model = BodyModel(markerset)
     there = markers_there(markers) >= POSING.min_markers
     prior, here = Prior(model), markers[frame : frame + 1]
-    if not there.any():
-        yield _frames_of(model, _nobody(model, len(here)))
-        return _frames_of(model, _nobody(model, len(markers)))
-    subject = subject_of(model, markers, prior, SUBJECT_FRAMES)
-    yield _frames_of(model, pose_subject(model, subject, here, prior) if there[frame] else _nobody(model, 1))
+    subject = subject_of(model, markers, prior, SUBJECT_FRAMES) if there.any() else None
+    yield posed_as(model, here, prior, subject)
+    if subject is None:
+        return posed_as(model, markers, prior, None)
     return _frames_of(model, (yield from fit_in_steps(model, markers, prior, subject=subject)))
+
+
+def posed_as(model: BodyModel, markers: np.ndarray, prior: Prior, subject: Bodies | None) -> PosedFrames:
+    """One subject posed on its markers (F, M, 3) m; nobody is in frames with too few of them, and where it is None."""
+    if subject is None:
+        return _frames_of(model, _nobody(model, len(markers)))
+    return _frames_of(model, finished(fit_in_steps(model, markers, prior, subject=subject)))
 
 
 def _frames_of(model: BodyModel, bodies: Bodies) -> PosedFrames:

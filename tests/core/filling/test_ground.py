@@ -31,19 +31,22 @@ def chained(root: np.ndarray, turns: np.ndarray, offsets: np.ndarray = OFFSETS) 
     return joints
 
 
-def walk(strides: int = 5) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Joints and rotations of a walk along x on the floor z = 0, and (F, 2) whether left and right are planted."""
+def walk(strides: int = 5, rise: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Joints and rotations of a walk along x on the floor z = 0, and (F, 2) whether left and right are planted.
+
+    Or on stairs that `rise` m in a stride.
+    """
     frames = np.arange(strides * STRIDE)
     turns = np.tile(np.eye(3), (len(frames), len(SEGMENTS), 1, 1))
     root = np.zeros((len(frames), 3))
-    root[:, 0], root[:, 2] = 2 * STEP * frames / STRIDE, 0.84
+    root[:, 0], root[:, 2] = 2 * STEP * frames / STRIDE, 0.84 + rise * (frames / STRIDE - 0.5)
     planted = np.empty((len(frames), 2), bool)
     for side, foot in enumerate(FEET):
         phase, number = (frames + side * STRIDE // 2) % STRIDE, (frames + side * STRIDE // 2) // STRIDE
         planted[:, side] = phase < STANCE
         swing = np.clip((phase - STANCE) / (STRIDE - STANCE), 0, 1)
         x = 2 * STEP * (number + swing * swing * (3 - 2 * swing) - side / 2) + STEP * STANCE / STRIDE
-        z = ANKLE + 0.07 * np.sin(np.pi * swing) ** 2
+        z = ANKLE + 0.07 * np.sin(np.pi * swing) ** 2 + rise * (number + swing - side / 2)
         ahead, down = x - root[:, 0], root[:, 2] - z
         far = np.hypot(ahead, down)
         hip = np.arccos((THIGH**2 + far**2 - SHANK**2) / (2 * THIGH * far))
@@ -116,6 +119,16 @@ def test_balls_of_planted_feet_are_equally_high_but_not_on_a_step(higher, rests)
     now, after = settled(raised, turns, SEGMENTS, PARENTS, ENDS, RATE)
     balls = points_of(now, after, 0)[:, 1, 2]
     np.testing.assert_allclose(balls[4 * STRIDE + 20 : 4 * STRIDE + 40] - balls[30], rests, atol=0.002)
+
+
+def test_feet_hold_still_on_stairs():
+    right, turns, planted = walk(rise=0.25)
+    joints, turned = wavering(turns, right[:, 0])
+    assert np.median(slides(joints, turned, planted)) > 0.008
+    held = slides(*settled(joints, turned, SEGMENTS, PARENTS, ENDS, RATE), planted)
+    assert np.quantile(held, 0.95) < 0.001
+    planted[: STRIDE // 2] = False  # who stands beside a foot that goes is known, but not before one went
+    assert slides(*settled(joints, turned, SEGMENTS, PARENTS, ENDS, RATE), planted).max() < 0.002
 
 
 def test_what_stands_well_already_stays_as_it_is():
@@ -239,6 +252,19 @@ def test_toes_bend_as_far_as_toes_do_and_not_on_the_back_of_a_foot():
     joints[..., 2] += np.clip(np.arange(len(up)) - 850, 0, 50)[:, None] / 50
     curled = bent(settled(joints, turns, TOED, TOED_PARENTS, TOED_ENDS, RATE)[1])[920:]
     np.testing.assert_allclose(curled, np.degrees(-0.7), atol=0.5)
+
+
+def test_the_ball_holds_still_while_the_foot_turns_on_its_tip_and_its_heel_comes_down_elsewhere():
+    frames = np.arange(400)
+    step = np.clip((frames - 200) / 30, 0, 1)
+    joints, turns = standing(np.full(len(frames), 0.02), 0.7 * (1 - step * step * (3 - 2 * step)))
+    turn = rotations.exponential(np.multiply.outer(0.6 * step, [0.0, 0.0, 1.0]))[0]
+    still = joints[:, -2:] + turns[:, -2:] @ [0.01, 0, 0.025]  # such as a marker on the ball
+    joints = (joints - still[:, :1]) @ turn.swapaxes(1, 2) + still[:1, :1]
+    joints[:, :, 0] += 0.008 * (frames > 300)[:, None]  # as of markers that were knocked
+    assert np.ptp(joints[:, -2, :2], axis=0).max() > 0.015
+    now, _ = settled(joints, turn[:, None] @ turns, TOED, TOED_PARENTS, TOED_ENDS, RATE)
+    assert np.ptp(now[:, -2, :2], axis=0).max() < 0.001
 
 
 def test_where_nobody_rests_or_the_floor_is_not_below_toes_are_as_the_feet():

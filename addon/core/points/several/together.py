@@ -12,15 +12,28 @@ from typing import Self
 
 import numpy as np
 
+from ...body.bodies import Bodies, BodyModel
+from ...body.prior import Prior
 from ...data.lanes import blocks
 from ...data.made import Made, Table
-from ...data.markersets import MarkerSet, Worn
+from ...data.markersets import MarkerSet, Skeleton, Worn
 from ...data.progress import finished
 from ...data.takes import NO_MARKER, Labels, Motion, Points, Suspect, Verdict
 from ...edits.applying import AppliedEdits, apply_edits, cells_of_take
 from ...edits.kinds import Edits
 from ...edits.replay import FREE, Edited
-from ..motion import LabelledPoints, MotionInParts, TakeMotion, by_marker, take_motion
+from ...geometry.rotations import carried
+from ...posing.posing import subject_of
+from ..motion import (
+    SUBJECT_FRAMES,
+    LabelledPoints,
+    MotionInParts,
+    PosedFrames,
+    TakeMotion,
+    by_marker,
+    posed_as,
+    take_motion,
+)
 from ..whole_take.pipeline import PointOptions, Steps, decided_of, refuse_solved, solution_for, without_deleted
 from ..whole_take.rulings import Rulings
 from .bodies import Crowd, NamedBody, OnlyWhere
@@ -75,6 +88,48 @@ def measured_of_first(motion: Motion, each: Sequence[Motion]) -> Motion:
     own = beside(each)
     measured = ("markers", "residual", "residual_px", "conflicts")
     return replace(own, **{name: getattr(motion, name)[:, : own.markers.shape[1]] for name in measured})
+
+
+OF_BODIES = "joints", "rotations", "scale"
+
+
+class FinerBodies:
+    """The bodies of a take that comes chunk by chunk, posed again with the joints that a finer set has more."""
+
+    def __init__(self, worn: Worn, finer: Worn):
+        """By the sets that the bodies were fitted with, and those with the same markers that they are to have."""
+        self._sets = [markerset for _, markerset in worn.worn]
+        self._models = [BodyModel(markerset) for _, markerset in finer.worn]
+        self._subjects: list[Bodies | None] = [None] * len(self._models)
+
+    def of(self, motion: Motion) -> Motion:
+        """The motion with those bodies: on the markers that were measured, and where the fitted body has the others."""
+        places = np.where(np.isfinite(motion.markers) & np.isfinite(motion.expected), motion.markers, motion.expected)
+        each = []
+        for number, (named, model) in enumerate(zip(self._sets, self._models, strict=True)):
+            own = places[:, _columns("expected", self._sets, number)]
+            if np.array_equal(named.attachment, model.markerset.attachment):  # nothing shows how more joints bend
+                parts = (getattr(motion, name)[:, _columns(name, self._sets, number)] for name in OF_BODIES)
+                each.append(_longer(PosedFrames(own, *parts), model.markerset.skeleton))
+                continue
+            prior = Prior(model)
+            if self._subjects[number] is None and np.isfinite(own).any():
+                self._subjects[number] = subject_of(model, own, prior, SUBJECT_FRAMES)
+            each.append(posed_as(model, own, prior, self._subjects[number]))
+        return replace(
+            motion, **{name: np.concatenate([getattr(one, name) for one in each], axis=1) for name in OF_BODIES}
+        )
+
+
+def _longer(body: PosedFrames, skeleton: Skeleton) -> PosedFrames:
+    """A body with the joints at the end of a skeleton that it lacks, which are as those above them."""
+    joints, turns = body.joints, body.rotations
+    for at in range(joints.shape[1], len(skeleton)):
+        above = [skeleton.parents[at]]
+        way = carried(turns[:, above], (skeleton.offsets[at] * body.scale)[:, None])
+        joints = np.concatenate([joints, joints[:, above] + way], axis=1)
+        turns = np.concatenate([turns, turns[:, above]], axis=1)
+    return replace(body, joints=joints, rotations=turns)
 
 
 def with_bodies_of(motion: Motion, frame: np.ndarray, before: Labels, after: Labels, worn: Worn) -> Motion:

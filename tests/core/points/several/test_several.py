@@ -12,20 +12,24 @@ from addon.core.data.errors import JobError
 from addon.core.data.lanes import LaneOptions
 from addon.core.data.progress import finished
 from addon.core.data.takes import Labels, Points
-from addon.core.geometry.rotations import exponential
+from addon.core.geometry.rotations import exponential, rotation_vector
+from addon.core.points.motion import motion_of
 from addon.core.points.refusals import RefusalOptions
 from addon.core.points.several import affinity, bodies, pipeline
 from addon.core.points.several.affinity import Affinity
 from addon.core.points.several.identification import UnidentifiedPresence, share
 from addon.core.points.several.parting import NO_BODY, bodies_by_place, parted
 from addon.core.points.several.pipeline import is_prop, label_several
+from addon.core.points.several.together import FinerBodies
 from addon.core.points.several.wearers import AUTO, SetsWorn, SeveralOptions, Wearer, kinds
 from addon.core.points.whole_take.pipeline import PointOptions
+from addon.core.posing.finer import finer
 from addon.core.simulation.virtual import Act, draw_person
 from addon.core.training.pipeline import TrainingOptions, train
 from addon.core.training.takes import LabelledTake
 from addon.io.models import open_model
 from tests.core.scenes import RATE, anonymous, walker
+from tests.inputs.worn import with_fingers
 
 FRAMES = 100
 
@@ -331,3 +335,47 @@ def test_what_is_left_where_somebody_went_away_does_not_become_them():
     found = bodies_by_place(points, tracklet, np.arange(0, len(points), 3), len(truth) + THING, 2)
     assert (found[: len(truth)] != NO_BODY).sum() > 2 * MARKERS
     assert wrong(found[: len(truth)], truth) <= MARKERS
+
+
+def test_bodies_that_come_chunk_by_chunk_get_the_joints_that_markers_show():
+    worn = with_fingers(open_model("body39").markerset)
+    markerset = finer(worn)
+    model, segments = BodyModel(markerset), markerset.skeleton.segments
+    bodies, index, hand = model.rest(60, 1.7), segments.index("index.L"), segments.index("hand.L")
+    aside = np.cross(markerset.offsets[markerset.by_name["LIDX6"]], [1.0, 0, 0])
+    bodies.bends[:, index] = np.outer(np.linspace(0, 0.8, 60), aside / np.linalg.norm(aside))
+    truth = model.pose(bodies)
+    labels = Labels.none(60, len(worn))
+    motion = motion_of(truth.markers, np.zeros(truth.markers.shape[:2]), labels, worn, np.arange(60))
+    motion.markers[::3, ::5] = np.nan
+    for table in (motion.expected, motion.joints, motion.rotations, motion.scale):
+        table[10:13] = np.nan
+    parts = FinerBodies(worn, markerset)
+    chunks = [{name: values[at] for name, values in vars(motion).items()} for at in np.split(np.arange(60), 3)]
+    found = [parts.of(replace(motion, **chunk)) for chunk in chunks]
+    joints, turns, scale, expected = (
+        np.concatenate([getattr(one, name) for one in found]) for name in ("joints", "rotations", "scale", "expected")
+    )
+    there = np.isfinite(joints).all(axis=(1, 2))
+    np.testing.assert_array_equal(np.flatnonzero(~there), [10, 11, 12])
+    assert (scale[there] == scale[0]).all()
+    assert np.linalg.norm(joints - truth.joints, axis=2)[there].max() < 0.03
+    bent = np.linalg.norm(rotation_vector(turns[:, hand].swapaxes(1, 2) @ turns[:, index]), axis=1)
+    np.testing.assert_allclose(bent[there] - bent[0], np.linspace(0, 0.8, 60)[there], atol=0.15)
+    np.testing.assert_array_equal(expected, motion.expected)
+
+
+def test_toes_without_markers_are_as_the_feet_and_all_else_stays_as_it_was_fitted():
+    worn = open_model("gait15").markerset
+    markerset, frames = finer(worn), 20
+    markers = walker("gait15", 1, [Act(frames / RATE)])[:frames]
+    motion = motion_of(markers, np.zeros(markers.shape[:2]), Labels.none(frames, 15), worn, np.arange(frames))
+    found = FinerBodies(worn, markerset).of(motion)
+    count, toes = len(worn.skeleton), [markerset.skeleton.segments.index(f"toes.{side}") for side in "LR"]
+    feet = markerset.skeleton.parents[toes]
+    np.testing.assert_array_equal(found.joints[:, :count], motion.joints)
+    np.testing.assert_array_equal(found.rotations[:, toes], motion.rotations[:, feet])
+    far = np.linalg.norm(found.joints[:, toes] - motion.joints[:, feet], axis=2)
+    np.testing.assert_allclose(
+        far / motion.scale[:, :1], np.linalg.norm(markerset.skeleton.offsets[toes[0]]), atol=1e-4
+    )
