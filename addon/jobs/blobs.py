@@ -168,7 +168,7 @@ class BlobTake(OpenTake):
 
     def _subjects(self) -> "Generator[Progress, None, FollowedTogether | SubjectsInImages]":
         """Who is there, by their bodies or the points that blobs make; InputError where edits are of who is not."""
-        from ..core.pipelines.several_through_points import label_several_blobs
+        from ..core.pipelines.several_through_points import SeveralBlobs, label_several_blobs
 
         job, asked = self.job, self.several
 
@@ -182,11 +182,11 @@ class BlobTake(OpenTake):
                 yield rows.blobs, rows.fraction
 
         room = Room(self.stack, 0)  # no table is held: those of chunks are small, and a long take has many
-        options = PointOptions(chosen_method(asked.models[0], job.method), job.target, room=room, force=job.force)
+        options = PointOptions(chosen_method(asked.models[0], job.method), job.target, self.edits, room, job.force)
         body_of = mesh_occlusion if job.casts == "bvh" else None
         with of_file(job.edits_file or job.source, InputError):
-            work = label_several_blobs(read, self.cameras, asked, options, self.rate, body_of, self.edits)
-            return (yield from work)
+            take = SeveralBlobs(read, self.cameras, asked, options, self.rate, body_of)
+            return (yield from label_several_blobs(take))
 
     def _keep(self, blobs: Blobs, chunk: LabelledChunk):
         """Keeps of a chunk what the end needs."""
