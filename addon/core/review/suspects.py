@@ -141,6 +141,34 @@ def runs(flags: np.ndarray, max_break: int = 1) -> list[tuple[int, int]]:
     return list(zip(starts.tolist(), stops.tolist(), strict=True))
 
 
+class Ranges:
+    """Ranges of frames of each of M markers, gathered over chunks: (first, last, worst value, sum of the values)."""
+
+    def __init__(self, count: int):
+        self.of: list[list[tuple[int, int, float, float]]] = [[] for _ in range(count)]
+
+    def add(self, frames: np.ndarray, flags: np.ndarray, values: np.ndarray | None = None):
+        """Adds the flagged frames of a chunk (F,), flags (M, F); values (M, F) of which the worst and sum are kept."""
+        for marker in np.flatnonzero(flags.any(axis=1)).tolist():
+            mine = self.of[marker]
+            for start, stop in runs(flags[marker]):
+                part = np.zeros(1) if values is None else values[marker, start:stop]
+                first, last = int(frames[start]), int(frames[stop - 1])
+                worst, total = float(part.max()), float(part.sum())
+                if mine and mine[-1][1] + 1 == first:
+                    before = mine.pop()
+                    first, worst, total = before[0], max(before[2], worst), before[3] + total
+                mine.append((first, last, worst, total))
+
+    def spans(self, marker: int) -> list[list[int]]:
+        """First and last frame of each range of a marker."""
+        return [[first, last] for first, last, _, _ in self.of[marker]]
+
+    def lengths(self, marker: int) -> list[int]:
+        """How many frames each of its ranges is of."""
+        return [last - first + 1 for first, last, _, _ in self.of[marker]]
+
+
 def cameras_in(words: str, names: Sequence[str]) -> tuple[str, ...]:
     """The cameras, of these names, that a sentence of `CameraCheck` is about; none where it is about something else."""
     return tuple(name for name in names if _is_about(words, name))
