@@ -13,7 +13,7 @@ from ..blendfile import mesh_occlusion, open_cameras, refuse_long
 from ..core.data.errors import InputError, of_file
 from ..core.data.progress import Progress
 from ..core.data.takes import BY_EDIT, STEPS, Blobs, LabelledChunk, Points, Suspect
-from ..core.edits.blob_tracks import followed, wants_tracks
+from ..core.edits.blob_tracks import followed
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import Cameras
 from ..core.papers.virtual_occlusions.occlusion import Occlusion
@@ -202,13 +202,12 @@ class BlobTake(OpenTake):
 
     def _tracked(self) -> Edits:
         """The edits, which know the tracks of the blobs that they are of: their cameras' blobs are read before."""
-        wanted = wants_tracks(self.edits).values()
-        if not wanted:
-            return self.edits
-        frames = min(span[0] for span in wanted), max(span[1] for span in wanted)
-        chunks = (rows.blobs for rows in read_blobs(self.job.source, self.cameras, frames))
+
+        def read(frames: tuple[int, int]) -> Iterator[Blobs]:
+            return (rows.blobs for rows in read_blobs(self.job.source, self.cameras, frames))
+
         try:
-            return followed(self.edits, chunks, self.cameras.names)
+            return followed(self.edits, read, self.cameras.names)
         except InputError:  # nothing is there in these frames; whatever else is wrong with the file, reading it tells
             return self.edits
 
