@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Points a person to the frames that are worth a look: markers that leave the body, or move as no marker moves."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -113,13 +113,6 @@ def _of_one_kind(found: list[Suspect]) -> Suspect:
     who = listed(whom, " ")
     words = f"trajectories {who}: as {found[0].reason}" if tracks else f"{who}: {_kind(found[0].reason)}"
     return replace(_as_one(found, words), trajectory=None)
-
-
-def called_by(suspects: Iterable[Suspect], columns: np.ndarray) -> tuple[Suspect, ...]:
-    """The suspects with trajectories, which they call by their column, called by the numbers (P,) of the columns."""
-    return tuple(
-        one if one.trajectory is None else replace(one, trajectory=int(columns[one.trajectory])) for one in suspects
-    )
 
 
 def suspect_ranges(
