@@ -164,10 +164,8 @@ def save_blend(
     # Blender's texts are UTF-8, and the name of a file may be any bytes.
     name, file = written(source.stem), written(str(source))
     take = scenes.Take.of(name, rate, cameras, worn, chunks, file, edits=edits or None, fills=fills, lab=lab)
-    with silenced():
-        _open_nothing()
+    with _new_file(path):
         scenes.show_take(bpy.context, take)
-        _save(path)
 
 
 def save_played(
@@ -201,12 +199,10 @@ def save_played(
 
     name, file = written(source.stem), written(str(source))
     take = Playing(name, points.rate, worn, markers, poses, tuple(suspects), file, for_a_part)
-    with silenced():
-        _open_nothing()
+    with _new_file(path):
         if len(cameras):
             find_or_add_cameras(bpy.context.scene, cameras)
         show_playing(bpy.context, take, cache)
-        _save(path)
 
 
 def save_characters(
@@ -238,25 +234,22 @@ def save_characters(
     return [path for path, _, _ in files]
 
 
-def _open_nothing():
-    """Opens a Blender file with nothing in it, in the place of what was open."""
+@contextmanager
+def _new_file(path: Path) -> Iterator[None]:
+    """What the block shows is saved as a Blender file with nothing else in it; JobError where that cannot be."""
     import bpy
 
-    with unbroken():
-        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-
-
-def _save(path: Path):
-    """Saves what is open as a Blender file, and says it in one sentence where that cannot be."""
-    import bpy
-
-    whole = os.fsencode(path.absolute())  # Blender 4.5 goes from the folder in which the process began
-    try:
+    with silenced():
         with unbroken():
-            bpy.ops.wm.save_as_mainfile(filepath=whole, compress=True, copy=True, relative_remap=False)
-    except RuntimeError as error:  # Blender's way of saying that a disk is full or a folder gone
-        reason = str(error).removeprefix("Error: ").strip().rstrip(".")
-        raise JobError(f"the Blender file cannot be written: {reason}; expected a place with room", path) from error
+            bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+        yield
+        whole = os.fsencode(path.absolute())  # Blender 4.5 goes from the folder in which the process began
+        try:
+            with unbroken():
+                bpy.ops.wm.save_as_mainfile(filepath=whole, compress=True, copy=True, relative_remap=False)
+        except RuntimeError as error:  # Blender's way of saying that a disk is full or a folder gone
+            reason = str(error).removeprefix("Error: ").strip().rstrip(".")
+            raise JobError(f"the Blender file cannot be written: {reason}; expected a place with room", path) from error
 
 
 def refuse_long(first: int, last: int):

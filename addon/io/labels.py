@@ -53,12 +53,6 @@ def point_keys(rows: PointRows) -> list[str]:
     return [f"{frame},{point}" for frame, point in zip(frames, trajectories, strict=True)]
 
 
-def write_point_labels(path: Path, rows: PointRows, labels: Labels, markers: tuple[str, ...]):
-    """Writes the labels (N,) of a take of points, a row for every point that is there."""
-    with LabelWriter(path, markers, POINT_KEYS) as writer:
-        writer.write(point_keys(rows), labels)
-
-
 class TruthWriter(RowWriter):
     """Writes a truth file chunk by chunk."""
 

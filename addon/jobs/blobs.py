@@ -14,7 +14,7 @@ from ..blendfile import mesh_occlusion, open_cameras, refuse_long
 from ..core.data.errors import InputError, of_file
 from ..core.data.progress import Progress
 from ..core.data.takes import BY_EDIT, STEPS, Blobs, LabelledChunk, Points, Suspect
-from ..core.edits.blob_tracks import followed, wants_tracks
+from ..core.edits.blob_tracks import followed
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import Cameras
 from ..core.papers.virtual_occlusions.occlusion import Occlusion
@@ -175,7 +175,7 @@ class BlobTake(OpenTake):
 
     def _subjects(self) -> "Generator[Progress, None, FollowedTogether | SubjectsInImages]":
         """Who is there, by their bodies or the points that blobs make; InputError where edits are of who is not."""
-        from ..core.pipelines.several_through_points import label_several_blobs
+        from ..core.pipelines.several_through_points import SeveralBlobs, label_several_blobs
 
         job, asked = self.job, self.several
 
@@ -189,11 +189,11 @@ class BlobTake(OpenTake):
                 yield rows.blobs, rows.fraction
 
         room = Room(self.stack, 0)  # no table is held: those of chunks are small, and a long take has many
-        options = PointOptions(chosen_method(asked.models[0], job.method), job.target, room=room, force=job.force)
+        options = PointOptions(chosen_method(asked.models[0], job.method), job.target, self.edits, room, job.force)
         body_of = mesh_occlusion if job.casts == "bvh" else None
         with of_file(job.edits_file or job.source, InputError):
-            work = label_several_blobs(read, self.cameras, asked, options, self.rate, body_of, self.edits)
-            return (yield from work)
+            take = SeveralBlobs(read, self.cameras, asked, options, self.rate, body_of)
+            return (yield from label_several_blobs(take))
 
     def _keep(self, blobs: Blobs, chunk: LabelledChunk):
         """Keeps of a chunk what the end needs."""
@@ -209,13 +209,12 @@ class BlobTake(OpenTake):
 
     def _tracked(self) -> Edits:
         """The edits, which know the tracks of the blobs that they are of: their cameras' blobs are read before."""
-        wanted = wants_tracks(self.edits).values()
-        if not wanted:
-            return self.edits
-        frames = min(span[0] for span in wanted), max(span[1] for span in wanted)
-        chunks = (rows.blobs for rows in read_blobs(self.job.source, self.cameras, frames))
+
+        def read(frames: tuple[int, int]) -> Iterator[Blobs]:
+            return (rows.blobs for rows in read_blobs(self.job.source, self.cameras, frames))
+
         try:
-            return followed(self.edits, chunks, self.cameras.names)
+            return followed(self.edits, read, self.cameras.names)
         except InputError:  # nothing is there in these frames; whatever else is wrong with the file, reading it tells
             return self.edits
 

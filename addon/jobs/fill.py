@@ -88,7 +88,7 @@ def fill_file(job: FillJob) -> Generator[Progress, None, dict]:
         wanted = FillOptions(job.method, job.max_gap, _wanted(job, names))
         shown = take.picked(named)
         work = fill_subjects(shown.xyz, take.rate, wanted, subjects)
-        filled = yield from within(work, 0.0, 0.95, "fill gaps")
+        filled = yield from within(work, 0.0, 0.95)
         points = put_into(take, filled, named)
         present = shown.present
         rows = gap_rows(filled.gaps, names, take.first_frame)
@@ -150,8 +150,7 @@ def fill_labelled(
     own = np.arange(len(markerset))
     xyz = np.asarray(markers_in(points.xyz, len(own)), dtype=float)
     subjects = SubjectMarkers.side_by_side(one for _, one in markerset.worn)
-    work = fill_subjects(xyz, points.rate, FillOptions(), subjects, rays)
-    filled = yield from within(work, 0.0, 1.0, "fill gaps")
+    filled = yield from fill_subjects(xyz, points.rate, FillOptions(), subjects, rays)
     facts = {
         "filled": gap_rows(filled.gaps, markerset.markers, points.first_frame),
         "left": left_rows(filled.left, markerset.markers, points.first_frame),

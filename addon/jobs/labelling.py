@@ -27,8 +27,9 @@ from ..core.points.several.wearers import SetsWorn, SeveralOptions, Wearer, kind
 from ..core.points.whole_take.pipeline import PointOptions
 from ..core.points.whole_take.pipeline import label_take as name_points
 from ..core.posing.finer import finer
-from ..core.review.answering import add_ranges, doubtful_samples
+from ..core.review.answering import doubtful_samples
 from ..core.review.summary import SampleOrigins, TakeSummary
+from ..core.review.suspects import Ranges
 from ..core.review.take_trouble import TakeTrouble
 from ..io.c3d.lab import read_lab
 from ..io.c3d.reading import TrialFile
@@ -329,7 +330,7 @@ class Results:
         self.chunks: Chunks = []
         self.notes: list[str] = []
         self.outcomes: list[tuple[EditOutcome, ...]] = []
-        self._doubtful: dict[str, list[list[int]]] = {name: [] for name in worn.markers}
+        self._doubtful = Ranges(len(worn.markers))
 
     def add(self, rows: Blobs | PointRows, chunk: LabelledChunk, read: float):
         """Adds the next part, after which the part `read` of the take was read."""
@@ -354,7 +355,7 @@ class Results:
         markers, frames = self.take.worn.markers, chunk.motion.frames
         edits, words = self.take.edits, self.take.worn.by_name
         doubtful = doubtful_samples(rows, chunk.labels, frames, *self.take.doubts(chunk), markers, edits, words)
-        add_ranges(self._doubtful, doubtful, frames)
+        self._doubtful.add(frames, doubtful.T)
 
     def end(self, notes: list[str], suspects: tuple[Suspect, ...]):
         """Adds what shows at the end of the take; MirroredError where that is that it is mirrored."""
@@ -407,7 +408,7 @@ class Results:
                 write_trc(files[".trc"], points, take.trial)
             written = {ending: path for ending, path in files.items() if ending not in (PAGE, REPORT)}
             digests = {ending: digest(path) for ending, path in written.items() if path.exists()}
-        origins = self.origins.of_markers(of_gaps.get("filled", ()), None)
+        markers, origins = take.worn.markers, self.origins.of_markers(of_gaps.get("filled", ()), None)
         report = take_report(self.summary, job.source.stem, take.worn.name, rate, version(), clock)
         report |= (
             {"model_version": take.model.history.version, "model_fingerprint": take.model.fingerprint}
@@ -415,7 +416,7 @@ class Results:
             | facts_of_edits(job.edits_file, joined(filter(None, self.outcomes)))
             | facts
             | facts_of_trouble(self.trouble, self.summary.suspects)  # in which gaps that were filled are no trouble
-            | {"doubtful": {name: spans for name, spans in self._doubtful.items() if spans}}
+            | {"doubtful": {name: spans for at, name in enumerate(markers) if (spans := self._doubtful.spans(at))}}
             | changed
             | {"provenance": {**made_of, "results": digests, "markers": origins}}
         )

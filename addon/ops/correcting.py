@@ -181,15 +181,20 @@ def refuse_beside_each_other(stored: Stored, points: Sequence[int], frames: tupl
             words = f"{count[one]} blobs of {stored.cameras.names[camera[one]]} are picked"
             raise InputError(f"{words}; expected one of each camera, as a marker has")
         return
-    rows = np.isin(stored.rows.trajectory, points)
-    number = stored.rows.frames[stored.rows.frame[rows]]
-    if frames is not None:
-        number = number[(number >= frames[0]) & (number <= frames[1])]
-    many = np.flatnonzero(np.bincount(number - stored.rows.frames[0]) > 1)
+    rows = within(stored, np.flatnonzero(np.isin(stored.rows.trajectory, points)), frames)
+    many = np.flatnonzero(np.bincount(stored.rows.frame[rows]) > 1)
     if len(many):
         several = f"several of them in frame {stored.clock.whole(stored.rows.frames[many[0]])}"
         words = f"{len(points)} points are picked, {several}"
         raise InputError(f"{words}; expected one, or pieces of a marker that follow each other")
+
+
+def within(stored: Stored, rows: np.ndarray, frames: tuple[int, int] | None) -> np.ndarray:
+    """Those of some rows that are in frames of the source's numbers, all for None."""
+    if frames is None:
+        return rows
+    number = stored.rows.frames[stored.rows.frame[rows]]
+    return rows[(number >= frames[0]) & (number <= frames[1])]
 
 
 class MOCAP_AUTOLABEL_OT_name_point(Corrects, bpy.types.Operator):

@@ -20,7 +20,7 @@ from ..core.review.overview import OverviewSubject, TakeOverview
 from ..io.blobs import read_blobs
 from ..io.c3d.reading import TrialFile
 from ..io.filled import kept_rows, write_filled
-from ..io.labels import LabelWriter, write_point_labels
+from ..io.labels import POINT_KEYS, LabelWriter, point_keys
 from ..io.points import read_points, write_c3d, write_trc
 from ..io.samples import TextHead
 from ..io.whole import whole_files
@@ -137,7 +137,8 @@ def write_labels(paths: Sequence[Path], _whole: Stored, stored: Stored) -> str:
     """Writes the labels; beside those of blobs is each row's own text, which only the file of the blobs has."""
     [path] = paths
     if isinstance(stored.rows, PointRows):
-        write_point_labels(path, stored.rows, stored.labels, stored.names)
+        with LabelWriter(path, stored.names, POINT_KEYS) as writer:
+            writer.write(point_keys(stored.rows), stored.labels)
     else:
         write_blob_labels(path, stored)
     return ""

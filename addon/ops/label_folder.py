@@ -30,6 +30,7 @@ FOLLOWED_EVERY = 0.5  # s between two looks at what the process wrote
 class FolderBatch:
     """A folder that is labelled by a process of its own; it ends with Blender, however that ends.
 
+    goes_on  whether its process has work
     rows     what became of the takes so far, the worst first
     trouble  why it ended before its time, None where it did not
     """
@@ -39,7 +40,7 @@ class FolderBatch:
         from ..cli import main
         from ..cli.workers import Worker
 
-        self.table, self.stopping = table, False
+        self.table, self.stopping, self.goes_on = table, False, True
         self.rows: list[TakeRow] = []
         self.trouble: UserError | None = None
         self._seen: int | None = None
@@ -54,8 +55,8 @@ class FolderBatch:
             self._kept = stack.pop_all()
         self._worker.hand(partial(main, line))
 
-    def look(self) -> bool:
-        """Takes in what is new; False once it has come to its end."""
+    def look(self):
+        """Takes in what is new."""
         answer = self._worker.look()
         try:
             changed = self.table.stat().st_mtime_ns
@@ -63,9 +64,11 @@ class FolderBatch:
                 self.rows, self._seen = read_table(self.table), changed
         except (OSError, UserError):  # not there yet
             pass
-        if answer is not None:
-            self._end(answer)
-        return answer is None
+        if answer is None:
+            return
+        self.leave()
+        if isinstance(answer, UserError) and not self.stopping and not any(row.state == FAILING for row in self.rows):
+            self.trouble = answer
 
     def stop(self):
         """Lets it end, which it does in a moment; nothing half-written stays."""
@@ -74,18 +77,17 @@ class FolderBatch:
 
     def leave(self):
         """Lets it end and forgets it."""
-        self._worker.close()
+        self.goes_on = False
         self._kept.close()
-
-    def _end(self, answer: int | UserError):
-        self._kept.close()
-        if isinstance(answer, UserError) and not self.stopping and not any(row.state == FAILING for row in self.rows):
-            self.trouble = answer
 
 
 # The one that goes on, or the last one: what Blender opens meanwhile does not end it.
 _latest: list[FolderBatch] = []
-_going: list[FolderBatch] = []
+
+
+def going_on() -> FolderBatch | None:
+    """The folder that is being labelled; None where there is none."""
+    return next((batch for batch in _latest if batch.goes_on), None)
 
 
 def folder_line(settings: SceneSettings) -> tuple[list[str], Path, bool]:
@@ -114,13 +116,12 @@ def folder_line(settings: SceneSettings) -> tuple[list[str], Path, bool]:
 
 def follow() -> float | None:
     """Brings the sidebar up to date while a batch goes on; a timer."""
-    if not _going:
+    batch = going_on()
+    if batch is None:
         return None
-    goes_on = _going[0].look()
-    if not goes_on:
-        _going.clear()
+    batch.look()
     show_batch()
-    return FOLLOWED_EVERY if goes_on else None
+    return FOLLOWED_EVERY if batch.goes_on else None
 
 
 def show_batch():
@@ -133,7 +134,7 @@ def show_batch():
     words = f"{done} of {len(batch.rows)} takes" if batch.rows else "Looking for takes"
     words += f", {failed} failed" if failed else ""
     words = "Stopping" if batch.stopping else words
-    state.folder_doing, state.folder_share = (words, done / max(len(batch.rows), 1)) if _going else ("", 0.0)
+    state.folder_doing, state.folder_share = (words, done / max(len(batch.rows), 1)) if batch.goes_on else ("", 0.0)
     state.folder_trouble = "" if batch.trouble is None else written(str(batch.trouble))
     state.folder_results = str(batch.table.parent)
     # The take that is chosen stays so, wherever it goes.
@@ -155,17 +156,15 @@ def _row(row: TakeRow) -> tuple:
 
 def leave_batch():
     """Ends what goes on, as Blender or the extension ends."""
-    for batch in _going:
-        batch.leave()
-    _going.clear()
-    _latest.clear()
+    while _latest:
+        _latest.pop().leave()
 
 
 class MOCAP_AUTOLABEL_OT_label_folder(Ours, bpy.types.Operator):
     """Label the takes of a folder in the background, but for those that are done already; go on working meanwhile."""
 
     needs = (
-        unless(lambda _: not _going, "Another folder is being labelled"),
+        unless(lambda _: not going_on(), "Another folder is being labelled"),
         unless(lambda context: context.scene.mocap_autolabel.folder.path, "Choose the folder of the takes first"),
         unless(lambda context: context.scene.mocap_autolabel.folder.out, "Choose the folder for the results first"),
     )
@@ -174,7 +173,7 @@ class MOCAP_AUTOLABEL_OT_label_folder(Ours, bpy.types.Operator):
         settings, scene = context.scene.mocap_autolabel, context.scene
         line, table, blobs = folder_line(settings)
         cameras = scene_cameras.cameras_of(settings.source.cameras, scene) if blobs else None
-        _latest[:] = _going[:] = [FolderBatch(line, table, cameras)]
+        _latest[:] = [FolderBatch(line, table, cameras)]
         if not bpy.app.background:
             show_batch()
             # A take may be opened meanwhile.
@@ -193,7 +192,7 @@ class MOCAP_AUTOLABEL_OT_stop_folder(Ours, bpy.types.Operator):
     bl_options = {"INTERNAL"}
 
     def work(self, context):
-        for batch in _going:
+        if batch := going_on():
             batch.stop()
 
 

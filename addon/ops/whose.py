@@ -18,7 +18,7 @@ from ..scene.opened import opened
 from ..scene.performers import homes, usual_colour
 from ..scene.stored import Stored
 from .base import Ours, once, remove_chosen, unless
-from .correcting import Corrects
+from .correcting import Corrects, within
 from .picking import picked_points, selected_markers
 
 
@@ -138,14 +138,6 @@ def given_over(
     others = np.unique(stored.rows.trajectory[theirs])
     gives = [AssignPoint(int(one), stored.names[own], frames=span) for one in others if one != point]
     return [AssignPoint(point, stored.names[other], frames=frames), *gives]
-
-
-def within(stored: Stored, rows: np.ndarray, frames: tuple[int, int] | None) -> np.ndarray:
-    """Those of some rows that are in frames of the source's numbers, all for None."""
-    if frames is None:
-        return rows
-    number = stored.rows.frames[stored.rows.frame[rows]]
-    return rows[(number >= frames[0]) & (number <= frames[1])]
 
 
 class MOCAP_AUTOLABEL_OT_exchange_performers(ToldApart, bpy.types.Operator):

@@ -223,7 +223,7 @@ def move_in_time(action: bpy.types.Action, before: TakeClock, now: TakeClock):
 def _move_keys(bag: bpy.types.ActionChannelbag, moved: Callable[[np.ndarray], np.ndarray]):
     """Moves keys and their handles in time, by where `moved` puts frames (K,); those that were ours still are."""
     for curve in bag.fcurves:
-        points, ours = curve.keyframe_points, is_noted(bag, curve)
+        points, ours = curve.keyframe_points, is_noted(bag.id_data, bag.slot_handle, curve)
         for path in ("handle_left", "handle_right", "co"):
             places = numbers(points, path, 2).reshape(-1, 2)
             places[:, 0] = moved(places[:, 0].astype(float))

@@ -66,19 +66,15 @@ def _digest_of_keys(keys: np.ndarray) -> str:
 def is_keyed_by_us(item: bpy.types.Object) -> bool:
     """Whether all keys of an object are those that the add-on noted."""
     for curve in _curves(item):
-        if not _has_noted_keys(item.animation_data.action, item.animation_data.action_slot.handle, curve):
+        if not is_noted(item.animation_data.action, item.animation_data.action_slot.handle, curve):
             return False
         if (numbers(curve.keyframe_points, "interpolation", 1, np.int32) != LINEAR).any():
             return False
     return True
 
 
-def is_noted(bag: bpy.types.ActionChannelbag, curve: bpy.types.FCurve) -> bool:
+def is_noted(action: bpy.types.Action, slot: int, curve: bpy.types.FCurve) -> bool:
     """Whether the keys of one of the curves of an action are those that the add-on noted."""
-    return _has_noted_keys(bag.id_data, bag.slot_handle, curve)
-
-
-def _has_noted_keys(action: bpy.types.Action, slot: int, curve: bpy.types.FCurve) -> bool:
     noted = action.get(KEYED, {}).get(_place_of(slot, curve))
     return noted == _digest_of_keys(numbers(curve.keyframe_points, "co", 2))
 

@@ -116,7 +116,7 @@ def _former(rig: bpy.types.Object) -> dict[str, float]:
     noted: dict[str, float] = {}
     for block in (one for one in (action, rig) if one is not None):
         noted |= json.loads(block.get(SWITCHED, "{}"))
-    return {path: value for path, value in noted.items() if _is_off(rig, path)}
+    return {path: value for path, value in noted.items() if path.endswith(".influence") and _value(rig, path) == 0}
 
 
 def follow_actions(*_, give_back: bool = True):
@@ -150,11 +150,6 @@ def _value(rig: bpy.types.Object, path: str) -> float | None:
         return float(rig.path_resolve(path))
     except ValueError:
         return None
-
-
-def _is_off(rig: bpy.types.Object, path: str) -> bool:
-    """Whether a path from a rig leads to an influence that is there, and nothing."""
-    return path.endswith(".influence") and _value(rig, path) == 0
 
 
 def is_rig(item: bpy.types.Object) -> bool:

@@ -4,6 +4,7 @@
 import bpy
 import numpy as np
 
+from ..core.review.suspects import runs
 from ..core.review.take_trouble import TakeTrouble
 from ..core.review.trouble import Trouble
 from .corrections import kept_text
@@ -20,14 +21,14 @@ def marker_rows(stored: Stored) -> list[tuple[str, float, int, int, float, float
     motion, rows = stored.unfilled, []
     for index, name in enumerate(stored.names):
         there = np.isfinite(motion.markers[:, index, 0])  # a place is whole or not at all
-        edges = np.flatnonzero(np.diff(there, prepend=True, append=True))
-        starts, lengths = edges[::2], edges[1::2] - edges[::2]
-        first = float(stored.clock.shown(motion.frames[starts[0]])) if len(starts) else -1.0
+        gaps = runs(~there)
+        first = float(stored.clock.shown(motion.frames[gaps[0][0]])) if gaps else -1.0
+        longest = max((stop - start for start, stop in gaps), default=0)
         residual = motion.residual[there, index]
         known = residual[np.isfinite(residual)]
         mean = 1000 * float(known.mean()) if len(known) else float("nan")
         found = float(there.sum()) / max(len(there), 1)
-        rows.append((name, found, len(starts), int(lengths.max(initial=0)), first, mean))
+        rows.append((name, found, len(gaps), longest, first, mean))
     return sorted(rows, key=lambda row: (row[1], -row[2]))
 
 

@@ -20,7 +20,7 @@ from addon.core.data.progress import finished
 from addon.core.data.takes import Blobs, Points
 from addon.core.geometry.cameras import Cameras
 from addon.core.geometry.rotations import exponential
-from addon.core.pipelines.several_through_points import label_several_blobs
+from addon.core.pipelines.several_through_points import SeveralBlobs, label_several_blobs
 from addon.core.points.several.wearers import SeveralOptions
 from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.simulation.rigs import ring_rig
@@ -389,6 +389,7 @@ def seen(meeting: Meeting, seed: int, one_side: bool = False) -> Seen:
 
 def named(shot: Seen, asked: SeveralOptions) -> np.ndarray:
     """(N,) the names that the product gives to the blobs, "" for none."""
-    made = finished(label_several_blobs(shot.chunks, shot.cameras, asked, PointOptions("likelihood"), RATE))
+    take = SeveralBlobs(shot.chunks, shot.cameras, asked, PointOptions("likelihood"), RATE)
+    made = finished(label_several_blobs(take))
     marker = np.concatenate([chunk.labels.marker for chunk in made.chunks(part for part, _ in shot.chunks())])
     return np.array([*made.worn.markers, ""], object)[marker]

@@ -78,7 +78,7 @@ def test_a_folder_that_is_watched_goes_on_beside_blender_until_it_is_stopped(rea
     batch = module.FolderBatch(
         line, table, module.scene_cameras.cameras_of(settings.source.cameras, ready.context.scene)
     )
-    module._latest[:] = module._going[:] = [batch]
+    module._latest[:] = [batch]
     assert not bpy.ops.mocap_autolabel.label_folder.poll()
     until = time.monotonic() + PATIENCE
     while state().folder_doing != "2 of 2 takes, 1 failed":

@@ -164,7 +164,7 @@ def followed_by_library(track: Track, view: View, setup: Setup, fixed: np.ndarra
     learned = subject.bodies.own.ravel(), subject.own_sd, track.velocity[0], track.lag.ravel(), [subject.pixel]
     with setup.clock("fit"):
         numbers = subject.bodies.rows[0], *learned
-        done = follower.fit(view, fixed, numbers, subject.pixel, np.zeros(model.marker_count, int), track.visible)
+        done = follower.fit(view, fixed, numbers, subject.pixel, track.visible)
         if done is None:
             return None
         fitted, visible = done
@@ -173,7 +173,7 @@ def followed_by_library(track: Track, view: View, setup: Setup, fixed: np.ndarra
             visible = setup.visible(fitted["row"][None, 7:10], posed)[0]
         expected = Expectation(fitted["points"], fitted["covariance"], visible)
     with setup.clock("label"):
-        made, after, _, poor = follower.name(visible)
+        made, after, poor = follower.name(visible)
         naming = naming_of(view, setup.sight, expected, replace(setup.rules, pixel=subject.pixel), fixed, made)
         bodies = model.of_rows(after["row"][None], after["own"][None])
         subject = Subject(bodies, after["own_sd"], float(after["pixel"]))

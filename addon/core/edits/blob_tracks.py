@@ -9,7 +9,7 @@ that goes over to a neighbour gives a wrong name.
 known. Here nothing is but pixels, and no label is made yet that could tell a wrong link.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -135,30 +135,18 @@ class BlobTracks:
         return replace(edit, trail=self._trails[key])
 
 
-def wants_tracks(edits: Edits) -> Mapping[str, tuple[int, int]]:
-    """The cameras in which tracks are to be followed, each with the first and last frame of these."""
-    wanted: dict[str, tuple[int, int]] = {}
-    for edit in edits:
-        if isinstance(edit, BlobEdit) and edit.frames:
-            first, last = wanted.get(edit.camera, edit.frames)
-            wanted[edit.camera] = min(first, edit.frames[0]), max(last, edit.frames[1])
-    return wanted
-
-
-def followed(edits: Edits, chunks: Iterable[Blobs], cameras: tuple[str, ...]) -> Edits:
+def followed(edits: Edits, read: Callable[[tuple[int, int]], Iterable[Blobs]], cameras: tuple[str, ...]) -> Edits:
     """The edits of a take that is read chunk by chunk, of which those of tracks know the blobs of these.
 
-    Keeps the blobs of the cameras that tracks are of and nothing else; reads nothing where there are none.
+    `read` gives the chunks of some frames, first and last. Keeps the blobs of the cameras that tracks are of and
+    nothing else; reads nothing where there are none.
     """
-    wanted = wants_tracks(edits)
-    if not wanted:
+    tracked = [edit for edit in edits if isinstance(edit, BlobEdit) and edit.frames]
+    if not tracked:
         return edits
-    some = [index for index, name in enumerate(cameras) if name in wanted]
-    first, last = min(span[0] for span in wanted.values()), max(span[1] for span in wanted.values())
+    some = [cameras.index(name) for name in {edit.camera for edit in tracked}]
     parts = []
-    for chunk in chunks:
-        part = chunk.between(first, last)
-        kept = np.isin(part.camera, some)
-        columns = {name: getattr(part, name)[kept] for name in ("frame", "camera", "xy", "area")}
-        parts += [replace(part, **columns)] if len(part.frames) else []
+    for chunk in read((min(edit.span[0] for edit in tracked), max(edit.span[1] for edit in tracked))):
+        kept = np.isin(chunk.camera, some)
+        parts.append(replace(chunk, **{name: getattr(chunk, name)[kept] for name in ("frame", "camera", "xy", "area")}))
     return BlobTracks(Blobs.join(parts), cameras).followed(edits)

@@ -8,6 +8,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..data.markersets import MarkerSet
+from ..data.progress import Progress, within
 from ..data.takes import evenly_spread
 from . import plain
 from .gaps import Gap, KnownMarkers, find_gaps, find_strays
@@ -119,7 +120,7 @@ class SubjectMarkers:
 
 def fill_subjects(
     xyz: np.ndarray, rate: float, options: FillOptions, subjects: Sequence[SubjectMarkers], rays: MarkerRays = NO_RAYS
-) -> Generator[float, None, FilledTake]:
+) -> Generator[Progress, None, FilledTake]:
     """The same of the markers (T, M, 3) m of several subjects, each by itself: no body moves as another."""
     whole, filled, gaps, left = xyz.copy(), np.zeros(xyz.shape[:2], bool), [], []
     for number, one in enumerate(subjects):
@@ -128,20 +129,12 @@ def fill_subjects(
         rays_used = rays.pick(np.isin(rays.marker, one.own))
         rays_used = replace(rays_used, marker=np.array([place[marker] for marker in rays_used.marker.tolist()], int))
         given = rate, replace(options, markers=asked), one.markerset, one.columns, rays_used
-        found = yield from _share_of(fill_take(xyz[:, one.own], *given), number, len(subjects))
+        ends = number / len(subjects), (number + 1) / len(subjects)
+        found = yield from within(fill_take(xyz[:, one.own], *given), *ends, "fill gaps")
         whole[:, one.own], filled[:, one.own] = found.xyz, found.filled
         gaps += [replace(gap, gap=replace(gap.gap, marker=int(one.own[gap.gap.marker]))) for gap in found.gaps]
         left += [replace(gap, gap=replace(gap.gap, marker=int(one.own[gap.gap.marker]))) for gap in found.left]
     return FilledTake(whole, filled, tuple(sorted(gaps, key=_place)), tuple(sorted(left, key=_place)))
-
-
-def _share_of(work: Generator[float, None, FilledTake], place: int, count: int) -> Generator[float, None, FilledTake]:
-    """One of so many pieces of work."""
-    while True:
-        try:
-            yield (place + next(work)) / count
-        except StopIteration as end:
-            return end.value
 
 
 def kept_fills_of(filled: FilledTake, names: Sequence[str], frames: np.ndarray) -> tuple[KeptFill, ...]:

@@ -175,6 +175,7 @@ class Follower:
             **numbers,
         )  # fmt: skip
         self.steps, self.blobs, self.nobody = steps, 0, np.full(self.shape, -1)
+        self.unseen = np.zeros(model.marker_count, INDEX)  # frames before the last one, of which nothing is known
         joints, markers, width, pairs = model.joint_count, model.marker_count, model.parameters, prod(self.shape)
         row, points = row_length(model), (markers, 3)
         track = {"row": row, "own": points, "own_sd": markers, "velocity": width, "lag": points, "pixel": ()}
@@ -207,7 +208,7 @@ class Follower:
             for _ in range(2)
         )  # fmt: skip
 
-    def fit(self, view, fixed, track, pixel: float, unseen, before) -> tuple[np.void, np.ndarray] | None:
+    def fit(self, view, fixed, track, pixel: float, before) -> tuple[np.void, np.ndarray] | None:
         """The first half of `tracking.followed_by_numpy`; None where a fit cannot be solved.
 
         `track` are the arrays of `track_kind`, one after the other, and `fixed` (C, M) what a person named. Gives the
@@ -225,7 +226,7 @@ class Follower:
             frame.blobs_of_one = blobs
             frame.blobs, frame.real, frame.fixed = map(address, self.kept)
         self.track = given(np.concatenate(track), (self.track_kind.itemsize // REAL.itemsize,))
-        self.unseen, self.pixel = given(unseen, (self.shape[1],), INDEX), pixel
+        self.pixel = pixel
         before = given(before, self.shape, FLAG)
         self.fitted, visible = np.empty(self.fitted_kind.itemsize // REAL.itemsize), np.empty(self.shape, bool)
         done = call(
@@ -234,17 +235,17 @@ class Follower:
         )  # fmt: skip
         return (self.fitted.view(self.fitted_kind)[0], visible) if done else None
 
-    def name(self, visible) -> tuple[dict[str, np.ndarray], np.void, np.ndarray, bool]:
-        """The other half: the arrays of a naming by name, the track after, which markers are unseen, whether poor."""
+    def name(self, visible) -> tuple[dict[str, np.ndarray], np.void, bool]:
+        """The other half: the arrays of a naming by name, the track after, and whether that is poor."""
         visible = given(visible, self.shape, FLAG)
         cameras, markers = self.shape
         made, outputs = _new_frame(cameras, markers, self.last.blobs_of_one)
-        numbers, unseen = np.empty(len(self.track)), np.empty(self.shape[1], INDEX)
+        numbers = np.empty(len(self.track))
         for name, at in outputs.items():
             setattr(self.last, name, at)
         self.last.visible = address(visible)
         poor = call(
             compiled.follow_name, self.arrays, self.last, self.pixel, self.track, self.unseen, self.fitted, numbers,
-            unseen,
+            np.empty_like(self.unseen),
         )  # fmt: skip
-        return made, numbers.view(self.track_kind)[0], unseen, bool(poor)
+        return made, numbers.view(self.track_kind)[0], bool(poor)

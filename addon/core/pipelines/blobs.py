@@ -79,8 +79,8 @@ def _labelled(chunks: Iterable[Blobs], cameras: Cameras, model: Model, options: 
     if method == "fit":
         given = options.rate, options.hints, options.occlusion, options.edits
         return label_take(chunks, cameras, model.markerset, *given)
-    named = PointOptions(chosen_method(model, method), options.target, traced=True)
-    return label_through_points(chunks, cameras, model, options.rate, named, options.edits)
+    named = PointOptions(chosen_method(model, method), options.target, options.edits, traced=True)
+    return label_through_points(chunks, cameras, model, options.rate, named)
 
 
 def with_edits(

@@ -25,8 +25,8 @@ from ..data.made import MakeTable, Table
 from ..data.markersets import MarkerSet
 from ..data.progress import Progress
 from ..data.takes import NO_MARKER, Blobs, LabelledChunk, Labels, Motion, Suspect, evenly_spread, summed
-from ..edits.applying import apply_edits, cells_of_blobs, refuse_unknown
-from ..edits.kinds import NO_EDITS, Edits
+from ..edits.applying import apply_edits, cells_of_blobs
+from ..edits.kinds import Edits
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again
 from ..geometry.views import View, split_views
@@ -479,35 +479,48 @@ class EditedBodies:
         return replace(whole, unedited=found.labels, seconds=summed(found.seconds, whole.seconds))
 
 
-def label_together(
-    read: Callable[[], Iterable[tuple[Blobs, float]]],
-    cameras: Cameras,
-    asked: SeveralOptions,
-    options: PointOptions,
-    rate: float,
-    body_of: Callable[[MarkerSet], Occlusion] | None = None,
-    edits: Edits = NO_EDITS,
-) -> Generator[Progress, None, FollowedTogether | float]:
-    """The take's blobs named by everybody's body, as `label_several_blobs` takes them.
+@dataclass(frozen=True, eq=False)
+class SeveralBlobs:
+    """A take of blobs that several subjects are in, and how they are to be named.
+
+    read     gives its chunks, each with the share that is read by then, as often as it is asked
+    options  whose edits are of blobs, and yet to be applied to the chunks; its room keeps what is not held
+    body_of  makes the volume of a subject that is in the way; None for the marker set's capsules
+    """
+
+    read: Callable[[], Iterable[tuple[Blobs, float]]]
+    cameras: Cameras
+    asked: SeveralOptions
+    options: PointOptions
+    rate: float  # frames a second
+    body_of: Callable[[MarkerSet], Occlusion] | None = None
+
+    def body(self, markerset: MarkerSet) -> Occlusion:
+        """The volume of somebody who wears a set."""
+        return self.body_of(markerset) if self.body_of else CapsuleOcclusion(markerset, OCCLUDING.fitted_shrink)
+
+
+def label_together(take: SeveralBlobs) -> Generator[Progress, None, FollowedTogether | float]:
+    """The take's blobs named by everybody's body.
 
     How much of the take they explain, where that is not all, or where bodies cannot name it as is asked for.
-    Raises InputError where edits are of somebody who is not there, ForceableError where they move as nobody can.
+    Raises ForceableError where they move as nobody can.
     """
+    asked, options, rate, cameras = take.asked, take.options, take.rate, take.cameras
     model = asked.models[0]
     if not _can_follow(asked, options) or rate < TAKES.min_rate or len(cameras) < 3:
         return 0.0
-    count = len(asked.subjects) or asked.count or _count_in(read(), cameras, model, rate)
+    count = len(asked.subjects) or asked.count or _count_in(take.read(), cameras, model, rate)
     if count < 2:
         return 0.0
     worn = SetsWorn(asked.subjects or asked.numbered(count))
-    if not (asked.subjects or asked.count) and any(name not in worn.by_name for edit in edits for name in edit.names):
-        return 0.0  # of who enters later
-    refuse_unknown(edits, worn.by_name)
-    body = body_of(model.markerset) if body_of else CapsuleOcclusion(model.markerset, OCCLUDING.fitted_shrink)
-    bodies = EditedBodies(SubjectsFollowed(cameras, model, count, rate, body), worn, edits)
+    if any(name not in worn.by_name for edit in options.edits for name in edit.names):
+        return 0.0  # of who enters later, or of nobody
+    followed = SubjectsFollowed(cameras, model, count, rate, take.body(model.markerset))
+    bodies = EditedBodies(followed, worn, options.edits)
     said: list[ChunkInRoom] = []
     reached = 0.0
-    for blobs, share in read():
+    for blobs, share in take.read():
         begin = perf_counter()
         with threadpool_limits(1, user_api="blas"):  # many threads on small matrices cost more than they bring
             one = bodies.label(blobs)

@@ -6,28 +6,25 @@ are looked at twice, and never held. In the images all bodies are in the way: on
 fitted to each subject then names what too few cameras see for a point (`fitted_subjects`).
 """
 
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
 from time import perf_counter
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ..data.markersets import MarkerSet
 from ..data.progress import Progress, within
 from ..data.takes import Blobs, LabelledChunk, Labels, Motion, touched_samples
 from ..edits.blobs_in_points import NamedThroughBlobs
-from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again
 from ..geometry.triangulation import meet_rows
-from ..papers.virtual_occlusions.occlusion import OCCLUDING, CapsuleOcclusion, Occlusion, hidden_by_any
+from ..papers.virtual_occlusions.occlusion import Occlusion, hidden_by_any
 from ..points.several.pipeline import label_several
 from ..points.several.together import LabelledSubjects, beside, measured_of_first
-from ..points.several.wearers import SetsWorn, SeveralOptions
-from ..points.whole_take.pipeline import PointOptions
+from ..points.several.wearers import SetsWorn
 from .fitted_subjects import FollowedSubjects
-from .followed_together import FollowedTogether, label_together
+from .followed_together import FollowedTogether, SeveralBlobs, label_together
 from .through_points import PointsOfBlobs, without_number
 
 
@@ -160,45 +157,27 @@ class SubjectsInImages:
         return off
 
 
-def label_several_blobs(
-    read: Callable[[], Iterable[tuple[Blobs, float]]],
-    cameras: Cameras,
-    asked: SeveralOptions,
-    options: PointOptions,
-    rate: float,
-    body_of: Callable[[MarkerSet], Occlusion] | None = None,
-    edits: Edits = NO_EDITS,
-) -> Generator[Progress, None, FollowedTogether | SubjectsInImages]:
-    """Names a take of blobs by bodies that are followed together, or through its points; arguments as below.
+def label_several_blobs(take: SeveralBlobs) -> Generator[Progress, None, FollowedTogether | SubjectsInImages]:
+    """Names a take of blobs by bodies that are followed together, or through its points.
 
     Points are needed for who is who where somebody comes or goes. Who is 1 is told by where they are, in either way.
     """
-    followed = yield from label_together(read, cameras, asked, options, rate, body_of, edits)
+    followed = yield from label_together(take)
     if isinstance(followed, FollowedTogether):
         return followed
-    work = label_by_points(read, cameras, asked, options, rate, body_of, edits)
-    return (yield from within(work, followed, 1.0))
+    return (yield from within(label_by_points(take), followed, 1.0))
 
 
-def label_by_points(
-    read: Callable[[], Iterable[tuple[Blobs, float]]],
-    cameras: Cameras,
-    asked: SeveralOptions,
-    options: PointOptions,
-    rate: float,
-    body_of: Callable[[MarkerSet], Occlusion] | None = None,
-    edits: Edits = NO_EDITS,
-) -> Generator[Progress, None, SubjectsInImages]:
-    """Names the points of a take of blobs, which `read` gives chunk by chunk, each with the share that is read by then.
+def label_by_points(take: SeveralBlobs) -> Generator[Progress, None, SubjectsInImages]:
+    """Names the points of a take of blobs; the naming hears which points a person's edits name.
 
-    Of `edits` the naming hears which points a person named; they are yet to be applied to the chunks. `body_of` makes
-    the volume of a subject that is in the way; None for the marker set's capsules. `options.room` keeps what is not
-    held. Raises JobError where there are fewer than two cameras, a frame has more blobs than any capture, or as
+    Raises JobError where there are fewer than two cameras, a frame has more blobs than any capture, or as
     `label_several` does, which raises InputError where edits are of somebody who is not there.
     """
-    seconds, points = 0.0, PointsOfBlobs(cameras, rate, options.room)
-    named = NamedThroughBlobs(edits, cameras.names, asked.possible)
-    for blobs, share in read():
+    cameras, edits = take.cameras, take.options.edits
+    seconds, points = 0.0, PointsOfBlobs(cameras, take.rate, take.options.room)
+    named = NamedThroughBlobs(edits, cameras.names, take.asked.possible)
+    for blobs, share in take.read():
         begin = perf_counter()
         points.add(blobs)
         if edits:
@@ -206,11 +185,10 @@ def label_by_points(
             named.add(blobs, rows["blobs"], rows["trajectory"])
         seconds += perf_counter() - begin
         yield Progress(CHECKING_BACK.share * share, f"reconstruct frame {blobs.frames[-1]}")
-    asked = replace(asked, others=True, in_room=True)  # others have blobs, and are in the way
-    take = points.take()
-    options = replace(options, edits=named.edits_of(points.place))
-    labelled = yield from within(label_several(take, asked, options, edits), CHECKING_BACK.share, 1.0)
-    del take
-    worn = [one.model.markerset for one in labelled.worn.subjects]
-    bodies = tuple(body_of(one) if body_of else CapsuleOcclusion(one, OCCLUDING.fitted_shrink) for one in worn)
+    asked = replace(take.asked, others=True, in_room=True)  # others have blobs, and are in the way
+    made = points.take()
+    options = replace(take.options, edits=named.edits_of(points.place))
+    labelled = yield from within(label_several(made, asked, options, edits), CHECKING_BACK.share, 1.0)
+    del made
+    bodies = tuple(take.body(one.model.markerset) for one in labelled.worn.subjects)
     return SubjectsInImages(cameras, points, labelled, labelled.worn.asked, bodies, seconds)

@@ -16,7 +16,6 @@ from ..data.made import IN_MEMORY, MakeTable
 from ..data.progress import finished
 from ..data.takes import Blobs, LabelledChunk, Labels, Points, Suspect
 from ..edits.blobs_in_points import NamedThroughBlobs
-from ..edits.kinds import NO_EDITS, Edits
 from ..geometry.cameras import Cameras
 from ..geometry.measuring import measured_again
 from ..points.models import Model
@@ -118,11 +117,11 @@ VOTING_FRAMES = 1024  # whose trajectories vote together, so that memory does no
 
 
 def label_through_points(
-    chunks: Iterable[Blobs], cameras: Cameras, model: Model, rate: float, options: PointOptions, edits: Edits = NO_EDITS
+    chunks: Iterable[Blobs], cameras: Cameras, model: Model, rate: float, options: PointOptions
 ) -> Iterator[LabelledChunk]:
     """Names the blobs of a take as `blobs.pipeline.label_take` does: a `LabelledChunk` for each chunk, in their order.
 
-    About `VOTING_FRAMES` frames are named as a take of points. Where `edits` name blobs, the points that these make
+    About `VOTING_FRAMES` frames are named as a take of points. Where edits name blobs, the points that these make
     have their names, and `unedited` is what was labelled without.
     Raises JobError when there are fewer than two cameras, a frame has more blobs than any capture, or two subjects are
     there.
@@ -131,18 +130,18 @@ def label_through_points(
     for blobs in chunks:
         window.append(blobs)
         if sum(len(part.frames) for part in window) >= VOTING_FRAMES:
-            yield from _labelled(window, cameras, model, rate, options, edits)
+            yield from _labelled(window, cameras, model, rate, options)
             window = []
     if window:
-        yield from _labelled(window, cameras, model, rate, options, edits)
+        yield from _labelled(window, cameras, model, rate, options)
 
 
 def _labelled(
-    window: Sequence[Blobs], cameras: Cameras, model: Model, rate: float, options: PointOptions, edits: Edits
+    window: Sequence[Blobs], cameras: Cameras, model: Model, rate: float, options: PointOptions
 ) -> Iterator[LabelledChunk]:
     """The chunks of one window; nothing in them, and why, where nobody in the model's markers is there."""
     begin = perf_counter()
-    points, named = PointsOfBlobs(cameras, rate), NamedThroughBlobs(edits, cameras.names, model.markerset)
+    points, named = PointsOfBlobs(cameras, rate), NamedThroughBlobs(options.edits, cameras.names, model.markerset)
     for blobs in window:
         points.add(blobs)
         rows = points.parts[-1].rows

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..data.takes import BY_EDIT, NO_MARKER, Blobs, Labels, PointRows, Suspect
 from ..edits.kinds import NO_EDITS, Accepted, AssignPoint, Delete, Edits, PointEdit, Right, Swap, UnlabelMarker
-from .suspects import FAR_OFF, JUMPS, runs, suspect_ranges
+from .suspects import FAR_OFF, JUMPS, suspect_ranges
 
 PAIR = 2  # markers of which a doubt asks which is which
 
@@ -157,18 +157,3 @@ def markers_meant(suspect: Suspect, of_word: Mapping[str, int]) -> list[int]:
     # A colon may be a part of a name, that of its subject before it.
     words = suspect.markers or [word.rstrip(":") for word in re.findall(r"[^\s,;]+", suspect.words)]
     return [of_word[word] for word in dict.fromkeys(words) if word in of_word]
-
-
-def add_ranges(known: Mapping[str, list[list[int]]], flags: np.ndarray, frames: np.ndarray):
-    """Adds the flags (F, M) of the next frames (F,) to the first and last frame of each range, by the M markers' names.
-
-    What goes on from what was added before is one range with it.
-    """
-    spans = list(known.values())
-    for index in np.flatnonzero(flags.any(axis=0)).tolist():
-        for start, stop in runs(flags[:, index]):
-            first, last = int(frames[start]), int(frames[stop - 1])
-            if spans[index] and spans[index][-1][1] + 1 == first:
-                spans[index][-1][1] = last
-            else:
-                spans[index].append([first, last])

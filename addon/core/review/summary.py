@@ -8,7 +8,7 @@ import numpy as np
 
 from ..data.takes import BY_EDIT, STEPS, Blobs, LabelledChunk, PointRows, Suspect
 from ..edits.kinds import Edits, Place
-from .answering import add_ranges
+from .suspects import Ranges
 
 MM_PER_M = 1000.0
 
@@ -31,7 +31,8 @@ class TakeSummary:
         self.seconds: dict[str, float] = {}
         self.suspects: list[Suspect] = []
         count = len(self.markers)
-        self._present, self._gaps, self._longest, self._open, self._conflicts = np.zeros((5, count), np.int64)
+        self._present, self._conflicts = np.zeros((2, count), np.int64)
+        self._gaps = Ranges(count)
         self._residual, self._residual_px = _Means(count), _Means(count)
 
     def add(self, chunk: LabelledChunk):
@@ -45,7 +46,8 @@ class TakeSummary:
             self.steps[step] += int(count)
         present = np.isfinite(motion.markers).all(axis=2)
         self._add_whole(present)
-        self._add_gaps(present)
+        self._present += present.sum(axis=0)
+        self._gaps.add(motion.frames, ~present.T)
         self._conflicts += motion.conflicts.sum(axis=0, dtype=np.int64)
         self._residual.add(motion.residual)
         self._residual_px.add(motion.residual_px)
@@ -61,14 +63,6 @@ class TakeSummary:
         since = int(present[:, fresh].argmax(axis=0).max(initial=0))
         whole = present[:, known].all(axis=1) & present.any(axis=1)
         self.whole = int(whole[since:].sum()) + (0 if fresh.any() else self.whole)
-
-    def _add_gaps(self, present: np.ndarray):
-        """Adds frames (F, M) of who was there; a gap that is open at the end may go on in the next chunk."""
-        self._present += present.sum(axis=0)
-        for here in present:
-            self._gaps += ~here & (self._open == 0)
-            self._open = np.where(here, 0, self._open + 1)
-            np.maximum(self._longest, self._open, out=self._longest)
 
     def _add_suspect(self, suspect: Suspect):
         for index in range(len(self.suspects) - 1, max(len(self.suspects) - 8, 0) - 1, -1):
@@ -89,8 +83,8 @@ class TakeSummary:
         return {
             name: {
                 "labelled_frames": int(self._present[index]),
-                "gaps": int(self._gaps[index]),
-                "longest_gap": int(self._longest[index]),
+                "gaps": len(self._gaps.of[index]),
+                "longest_gap": max(self._gaps.lengths(index), default=0),
                 "mean_residual_mm": _number(residual[index]),
                 "mean_residual_px": _number(residual_px[index]),
                 "conflicts": int(self._conflicts[index]),
@@ -145,8 +139,7 @@ class SampleOrigins:
         self.frames, count = 0, len(self.names)
         self._measured, self._names, self._sure = np.zeros((3, count), np.int64)
         self._sum, self._lowest = np.zeros(count), np.ones(count)
-        self._hand: dict[str, list[list[int]]] = {name: [] for name in self.names}
-        self._filled: dict[str, list[list[int]]] = {name: [] for name in self.names}
+        self._hand, self._filled = Ranges(count), Ranges(count)
 
     def add(self, rows: Blobs | PointRows, chunk: LabelledChunk):
         """Adds a chunk, whose labels are row for row, and which follows the last without a break."""
@@ -166,8 +159,8 @@ class SampleOrigins:
         found = there & ~hand
         brought = found & (residual == 0)
         self._measured += (found & ~brought).sum(axis=0)
-        add_ranges(self._hand, hand, frames)
-        add_ranges(self._filled, brought, frames)
+        self._hand.add(frames, hand.T)
+        self._filled.add(frames, brought.T)
 
     def of_markers(self, fills: Iterable[Mapping], smoothed: Iterable[int] | None) -> dict[str, dict]:
         """What a report says of each marker, with fills that are no part of the chunks, as rows of a report.
@@ -176,20 +169,21 @@ class SampleOrigins:
         `smoothed` (M,) is given. `confidence` is that of the names that the program gave. Ranges of frames say what
         neither label files nor the rows of fills say.
         """
-        filled = {name: {IN_INPUT: _frames_in(spans)} if spans else {} for name, spans in self._filled.items()}
+        brought = [sum(self._filled.lengths(index)) for index in range(len(self.names))]
+        filled = {name: {IN_INPUT: one} if one else {} for name, one in zip(self.names, brought, strict=True)}
         for row in fills:
             own, method = filled[row["marker"]], row["method"]
             own[method] = own.get(method, 0) + row["last"] - row["first"] + 1
         counts = zip(self.names, self._measured.tolist(), smoothed or [0] * len(self.names), strict=True)
         origins = {}
         for index, (name, measured, calm) in enumerate(counts):
-            hand = _frames_in(self._hand[name])
+            hand = sum(self._hand.lengths(index))
             missing = self.frames - measured - hand - sum(filled[name].values())
             origins[name] = {
                 "measured": measured, "hand": hand, "filled": filled[name], "missing": missing, "smoothed": calm,
                 "confidence": self._confidence(index),
             }  # fmt: skip
-            ranges = {"hand_frames": self._hand[name], "filled_in_input": self._filled[name]}
+            ranges = {"hand_frames": self._hand.spans(index), "filled_in_input": self._filled.spans(index)}
             origins[name] |= {what: spans for what, spans in ranges.items() if spans}
         return origins
 
@@ -202,7 +196,3 @@ class SampleOrigins:
         return {"names": names} | {
             what: round(float(value), 4) for what, value in (("lowest", lowest), ("mean", mean), ("sure", sure))
         }
-
-
-def _frames_in(spans: Iterable[Sequence[int]]) -> int:
-    return sum(last - first + 1 for first, last in spans)

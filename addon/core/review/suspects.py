@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Points a person to the frames that are worth a look: markers that leave the body, or move as no marker moves."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -115,13 +115,6 @@ def _of_one_kind(found: list[Suspect]) -> Suspect:
     return replace(_as_one(found, words), trajectory=None)
 
 
-def called_by(suspects: Iterable[Suspect], columns: np.ndarray) -> tuple[Suspect, ...]:
-    """The suspects with trajectories, which they call by their column, called by the numbers (P,) of the columns."""
-    return tuple(
-        one if one.trajectory is None else replace(one, trajectory=int(columns[one.trajectory])) for one in suspects
-    )
-
-
 def suspect_ranges(
     frames: np.ndarray, doubtful: np.ndarray, words: str, max_break_frames: int, markers: tuple[str, ...] = ()
 ) -> list[Suspect]:
@@ -139,6 +132,34 @@ def runs(flags: np.ndarray, max_break: int = 1) -> list[tuple[int, int]]:
     ends = np.flatnonzero(np.diff(at) > max_break)
     starts, stops = at[np.append(0, ends + 1)[: len(at)]], at[np.append(ends, -1)[: len(at)]] + 1
     return list(zip(starts.tolist(), stops.tolist(), strict=True))
+
+
+class Ranges:
+    """Ranges of frames of each of M markers, gathered over chunks: (first, last, worst value, sum of the values)."""
+
+    def __init__(self, count: int):
+        self.of: list[list[tuple[int, int, float, float]]] = [[] for _ in range(count)]
+
+    def add(self, frames: np.ndarray, flags: np.ndarray, values: np.ndarray | None = None):
+        """Adds the flagged frames of a chunk (F,), flags (M, F); values (M, F) of which the worst and sum are kept."""
+        for marker in np.flatnonzero(flags.any(axis=1)).tolist():
+            mine = self.of[marker]
+            for start, stop in runs(flags[marker]):
+                part = np.zeros(1) if values is None else values[marker, start:stop]
+                first, last = int(frames[start]), int(frames[stop - 1])
+                worst, total = float(part.max()), float(part.sum())
+                if mine and mine[-1][1] + 1 == first:
+                    before = mine.pop()
+                    first, worst, total = before[0], max(before[2], worst), before[3] + total
+                mine.append((first, last, worst, total))
+
+    def spans(self, marker: int) -> list[list[int]]:
+        """First and last frame of each range of a marker."""
+        return [[first, last] for first, last, _, _ in self.of[marker]]
+
+    def lengths(self, marker: int) -> list[int]:
+        """How many frames each of its ranges is of."""
+        return [last - first + 1 for first, last, _, _ in self.of[marker]]
 
 
 def cameras_in(words: str, names: Sequence[str]) -> tuple[str, ...]:

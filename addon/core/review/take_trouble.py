@@ -14,7 +14,7 @@ from ..data.takes import NO_MARKER, Blobs, Labels, Motion, PointRows, Suspect
 from ..edits.kinds import NO_EDITS, Accepted, Edits
 from ..geometry.cameras import NO_CAMERAS, Cameras
 from .answering import PAIR, accepted_in, right_in, settled_in
-from .suspects import FAR_OFF, MAX_BREAK_FRAMES, MAX_OFF_BODY_M, MOMENT_S, OF_ROOM, cameras_in, runs
+from .suspects import FAR_OFF, MAX_BREAK_FRAMES, MAX_OFF_BODY_M, MOMENT_S, OF_ROOM, Ranges, cameras_in
 from .trouble import (
     Leftover,
     Trouble,
@@ -110,8 +110,8 @@ class TakeTrouble:
         self.by_camera = CameraBlobs(cameras)
         self.first = self.last = self.frames = self.subject_frames = 0
         count = len(self.names)
-        self._missing, self._excused, self._off, self._accepted = (_Ranges(count) for _ in range(4))
-        self._nobody = _Ranges(1)
+        self._missing, self._excused, self._off, self._accepted = (Ranges(count) for _ in range(4))
+        self._nobody = Ranges(1)
         self._filled: dict[str, list[tuple[int, int]]] = {}
         self._left: tuple[Leftover, ...] = ()
 
@@ -206,23 +206,3 @@ class TakeTrouble:
 
 def _answered(one: Trouble) -> Trouble:
     return replace(one, stake=0.0, answered=True)
-
-
-class _Ranges:
-    """Ranges of frames of each of M markers, gathered over chunks: (first, last, worst value, sum of the values)."""
-
-    def __init__(self, count: int):
-        self.of: list[list[tuple[int, int, float, float]]] = [[] for _ in range(count)]
-
-    def add(self, frames: np.ndarray, flags: np.ndarray, values: np.ndarray | None = None):
-        """Adds the flagged frames of a chunk (F,), flags (M, F); values (M, F) of which the worst and sum are kept."""
-        for marker in np.flatnonzero(flags.any(axis=1)).tolist():
-            mine = self.of[marker]
-            for start, stop in runs(flags[marker]):
-                part = np.zeros(1) if values is None else values[marker, start:stop]
-                first, last = int(frames[start]), int(frames[stop - 1])
-                worst, total = float(part.max()), float(part.sum())
-                if mine and mine[-1][1] + 1 == first:
-                    before = mine.pop()
-                    first, worst, total = before[0], max(before[2], worst), before[3] + total
-                mine.append((first, last, worst, total))

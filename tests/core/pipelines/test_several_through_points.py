@@ -15,7 +15,7 @@ from addon.core.geometry.cameras import Cameras
 from addon.core.pipelines.blobs import with_edits
 from addon.core.pipelines.fitted_subjects import FollowedSubjects
 from addon.core.pipelines.others import OtherSubjects, refuse_two
-from addon.core.pipelines.several_through_points import PointsOfBlobs, SubjectsInImages, label_by_points
+from addon.core.pipelines.several_through_points import PointsOfBlobs, SeveralBlobs, SubjectsInImages, label_by_points
 from addon.core.points.refusals import SubjectsError
 from addon.core.points.several import pipeline
 from addon.core.points.several.identification import IDENTIFICATION
@@ -39,7 +39,8 @@ def shot(model):
 
 def label(shot, blobs: Blobs, asked: SeveralOptions, **options) -> SubjectsInImages:
     """Some of the blobs of the take, labelled."""
-    return finished(label_by_points(lambda: parts(blobs), shot[0], asked, NAMED, RATE, **options))
+    take = SeveralBlobs(lambda: parts(blobs), shot[0], asked, replace(NAMED, **options), RATE)
+    return finished(label_by_points(take))
 
 
 def parts(blobs: Blobs):

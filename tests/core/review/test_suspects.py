@@ -9,17 +9,10 @@ import pytest
 
 from addon.core.data.takes import BY_EDIT, BY_LIKELIHOOD, LabelledChunk, Labels, PointRows, Suspect
 from addon.core.edits.kinds import Accepted, AssignPoint, Delete, Edits, Place, Right, Swap, UnlabelMarker, UnlabelPoint
-from addon.core.review.answering import (
-    WHOLE_FRAME,
-    add_ranges,
-    doubtful_samples,
-    settled_in,
-    unanswered,
-    without_accepted,
-)
+from addon.core.review.answering import WHOLE_FRAME, doubtful_samples, settled_in, unanswered, without_accepted
 from addon.core.review.changes import GAINED, LOST, OTHER, changes, summary_of_changes
 from addon.core.review.summary import SampleOrigins
-from addon.core.review.suspects import MAX_ENTRIES, find_suspects, summarised
+from addon.core.review.suspects import MAX_ENTRIES, Ranges, find_suspects, summarised
 from tests.core.scenes import motion_of
 
 from ..edits.lists import INDEX
@@ -88,10 +81,10 @@ def asked(take, suspects=(), edits=()) -> dict[str, list[list[int]]]:
     rows, labels, motion = take
     exact = find_suspects(motion, NAMES, 100.0)
     found = doubtful_samples(rows, labels, motion.frames, exact, suspects, NAMES, Edits(tuple(edits)))
-    ranges: dict[str, list[list[int]]] = {name: [] for name in NAMES}
+    ranges = Ranges(len(NAMES))
     for part in (slice(0, 22), slice(22, None)):
-        add_ranges(ranges, found[part], motion.frames[part])
-    return {name: spans for name, spans in ranges.items() if spans}
+        ranges.add(motion.frames[part], found[part].T)
+    return {name: spans for index, name in enumerate(NAMES) if (spans := ranges.spans(index))}
 
 
 def test_doubts_are_told_frame_by_frame_of_their_markers_until_a_person_gives_the_name(take):

@@ -23,7 +23,7 @@ from ...edits.applying import AppliedEdits, apply_edits, cells_of_take
 from ...edits.kinds import NO_EDITS, Edits
 from ...posing.finer import finer
 from ...review.answering import unanswered, without_accepted
-from ...review.suspects import called_by, summarised
+from ...review.suspects import summarised
 from ..models import USUAL_TARGET, Model, Namer, namer_of
 from ..motion import LabelledPoints, by_marker, take_motion
 from ..possible import refuse_impossible
@@ -215,14 +215,16 @@ def _labelled(
 
 def as_in_file(suspects: Iterable[Suspect], take: Points) -> tuple[Suspect, ...]:
     """The suspects with trajectories, which they call by their lane, called as label files call points."""
-    if take.lanes is not None:
-        suspects = [
-            one
-            if one.trajectory is None
-            else replace(one, trajectory=int(take.lanes.at(*np.array([one.first - take.first_frame, one.trajectory]))))
-            for one in suspects
-        ]
-    return tuple(suspects) if take.columns is None else called_by(suspects, take.columns)
+
+    def called(one: Suspect) -> Suspect:
+        column = one.trajectory
+        if column is None:
+            return one
+        if take.lanes is not None:
+            column = int(take.lanes.at(*np.array([one.first - take.first_frame, column])))
+        return replace(one, trajectory=column if take.columns is None else int(take.columns[column]))
+
+    return tuple(map(called, suspects))
 
 
 def name_frames(
