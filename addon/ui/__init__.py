@@ -105,7 +105,8 @@ def before_save(*_):
 
 @persistent
 def before_undo(*_):
-    """A step will be undone or redone: what stays picked is what is picked now."""
+    """A step will be undone or redone: what stays picked is what is picked now, and what is half done is begun anew."""
+    forget_reposing()
     if not picked_points(bpy.context):
         bpy.context.window_manager.mocap_autolabel.picked.clear()
 
