@@ -88,6 +88,8 @@ class ExportsTake(LongWork, ToldWhere, WithTake):
 
     def files(self, context) -> tuple[list[tuple[Path, bool, str, Stored]], list[Path]]:
         """The files to write: whether each may be replaced, whose it is, and the take in it; and what is read."""
+        if not self.filepath:
+            raise InputError("no file was named; expected the one to write")
         if self.of_body:
             follow_now(context)
         stored, settings = taken(context), context.scene.mocap_autolabel

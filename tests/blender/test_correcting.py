@@ -242,6 +242,11 @@ def test_what_cannot_be_done_is_one_sentence_and_changes_nothing(labelled, files
     refused("Label a take first", "unlabel")
 
 
+def test_an_export_without_the_name_of_a_file_is_one_sentence(labelled):
+    for name in ("c3d", "trc", "labels", "bvh"):
+        refused("no file was named; expected the one to write", f"export_{name}")
+
+
 def test_the_page_of_a_take_says_what_was_said_of_it(labelled, files, tmp_path):
     choose("LKNE", "RKNE")
     bpy.ops.mocap_autolabel.swap_markers(scope="ON")
