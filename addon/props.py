@@ -245,7 +245,7 @@ class TrainingSettings(bpy.types.PropertyGroup):
 class LabellingSettings(bpy.types.PropertyGroup):
     """How the take is labelled."""
 
-    use_range: BoolProperty(name="Only Frames", description="Label a part of the take only")
+    use_range: BoolProperty(name="Frames", description="Label only these")
     range_first: IntProperty(name="From", description="First frame to label")
     range_last: IntProperty(name="To", description="Last frame to label")
     use_height: BoolProperty(name="Height", description="Tell how tall the subject is; found by itself if you do not")

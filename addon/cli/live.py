@@ -45,7 +45,7 @@ def add_parser(verbs):
 def run(arguments) -> int:
     """Names a stream."""
     refuse_offline()
-    settle_subjects(arguments)
+    settle_subjects(arguments, "--model MODEL")
     job, shown = job_of(LiveJob, arguments, wearers=tuple(arguments.subject)), ProgressLine(arguments.progress)
     stops: list[int] = []
 

@@ -273,7 +273,7 @@ def _base(job: TrainJob) -> Model | None:
     if not base.training_takes:
         raise InputError(
             f"model {base.markerset.name} keeps nothing of the takes that it was trained on, so training on would "
-            "forget them; expected a model trained without --lean, or all takes together and no --from"
+            "forget them; expected one that keeps them, or all takes together to train anew"
         )
     return base
 

@@ -14,7 +14,7 @@ from ..scene.opened import opened
 from ..scene.performers import homes
 from ..scene.playing import played_takes
 from ..scene.stored import Stored
-from ..scene.take import SOURCE, is_take, takes_of
+from ..scene.take import SOURCE, is_linked, is_take, takes_of
 
 Need = Callable[[bpy.types.Context], str]
 PLAYED_WORDS = "This take plays from a file and has no keys: open a part of it, with Open Part under Review"
@@ -58,6 +58,14 @@ def lacks_take(context: bpy.types.Context) -> str:
     if is_take(context.scene.mocap_autolabel.take):
         return ""
     return PLAYED_WORDS if played_takes(context.scene) else "Label a take first"
+
+
+def lacks_own_take(context: bpy.types.Context) -> str:
+    """What to do with a take that is another file's, where it cannot be changed; else nothing."""
+    take = context.scene.mocap_autolabel.take
+    if not (is_take(take) and is_linked(take)):
+        return ""
+    return "This take is linked from another file: change it there, or label it again here"
 
 
 def lacks_object_mode(context: bpy.types.Context) -> str:
@@ -107,9 +115,9 @@ class WithTake(Ours):
 
 
 class OfTake(Ours):
-    """Operators on the active take, of blobs or points."""
+    """Operators that change the active take, of blobs or points, or pick what to change of it."""
 
-    needs = (lacks_take, lacks_object_mode)
+    needs = (lacks_take, lacks_own_take, lacks_object_mode)
 
 
 class ToldWhere(ExportHelper):

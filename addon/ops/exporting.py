@@ -34,7 +34,7 @@ from ..scene.performers import homes
 from ..scene.roots import is_animated, is_even, parent_of, placed, root_of
 from ..scene.stored import Stored, alone
 from ..scene.take import is_take
-from .base import OfTake, ToldWhere, WithTake, once, taken
+from .base import OfTake, ToldWhere, WithTake, lacks_object_mode, lacks_take, once, taken
 from .long_work import LongWork
 from .reposing import follow_now, words_behind
 
@@ -88,6 +88,8 @@ class ExportsTake(LongWork, ToldWhere, WithTake):
 
     def files(self, context) -> tuple[list[tuple[Path, bool, str, Stored]], list[Path]]:
         """The files to write: whether each may be replaced, whose it is, and the take in it; and what is read."""
+        if not self.filepath:
+            raise InputError("no file was named; expected the one to write")
         if self.of_body:
             follow_now(context)
         stored, settings = taken(context), context.scene.mocap_autolabel
@@ -399,9 +401,10 @@ class MOCAP_AUTOLABEL_OT_add_character(OfTake, bpy.types.Operator):
         self.report({"INFO"}, f"Added {', '.join(added)}")
 
 
-class ExportsCharacter(OfTake, ExportsPerformers):
+class ExportsCharacter(ExportsPerformers):
     """The exports of performers' characters by Blender's own exporters, which take a minute for a long take."""
 
+    needs = (lacks_take, lacks_object_mode)
     of_body, unit = True, ""
     performer: performer_property(together=False)
     room: room_property(False)

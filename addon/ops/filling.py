@@ -10,6 +10,7 @@ from bpy.props import BoolProperty, EnumProperty, IntProperty, StringProperty
 
 from ..core.data.errors import InputError, UserError
 from ..core.data.takes import Blobs
+from ..core.data.wording import count_of
 from ..core.filling.filling import FilledTake, FillOptions, SubjectMarkers, fill_subjects, kept_fills_of
 from ..core.filling.kept import KeptFill, replaced_fills
 from ..core.filling.rays import NO_RAYS, MarkerRays, rays_of
@@ -225,7 +226,7 @@ class MOCAP_AUTOLABEL_OT_take_back_fills(OfTake, bpy.types.Operator):
         left = [fill for number, fill in enumerate(stored.fills) if number not in gone]
         opened.drop_proposed(context.scene.mocap_autolabel.take, [stored.fills[number] for number in gone])
         keep_and_show(context, partial(keep_fills, fills=left))
-        self.report({"INFO"}, f"{len(gone)} fills taken back")
+        self.report({"INFO"}, f"{count_of(len(gone), 'fill')} taken back")
 
 
 class MOCAP_AUTOLABEL_OT_smooth(OfTake, bpy.types.Operator):

@@ -15,7 +15,7 @@ from ..core.data.wording import count_of, listed
 from ..core.geometry.camera_up import AXIS_NAMES
 from ..core.geometry.cameras import Cameras
 from ..io.arrivals import TAKE_ENDINGS, Arrivals
-from ..io.blobs import read_blobs
+from ..io.blobs import check_header, read_blobs
 from ..io.cameras import calibration_files, read_cameras
 from ..io.edits import edits_beside
 from ..io.markersets import AUTO_MODEL, SUFFIX, open_markerset
@@ -327,6 +327,7 @@ def _cameras_for(scene: bpy.types.Scene, path: Path) -> tuple[Cameras, bool]:
         if chosen is None or (own and not set(own) <= set(chosen.names)):
             return read_cameras(path), True
     if chosen is None:
+        check_header(path)
         raise InputError(
             "holds blobs, which need the calibration of their cameras; expected that to be opened with them", path
         )

@@ -278,6 +278,7 @@ class MOCAP_AUTOLABEL_OT_place_which(InView, bpy.types.Operator):
     """Choose which of the missing markers is here."""
 
     bl_label = "It Is Here"
+    bl_options = {"INTERNAL"}
     bl_property = "marker"
 
     @keeps_items

@@ -13,7 +13,7 @@ from ..core.data.takes import Blobs
 from ..core.data.wording import count_of
 from ..core.edits.kinds import Edits
 from ..core.geometry.cameras import NO_CAMERAS
-from ..core.pipelines.known_sets import HOW_TO_CHOOSE, HOW_TO_TURN
+from ..core.pipelines.known_sets import HOW_TO_CHOOSE, HOW_TO_FIND, HOW_TO_TURN
 from ..core.points.possible import HOW_TO_MIRROR
 from ..core.points.refusals import HOW_TO_ASK
 from ..core.points.several.wearers import AUTO
@@ -56,7 +56,7 @@ from .viewing import fit_timelines, show_take_whole
 
 ASK_HERE = "by Label All Performers, or by How Many"
 MIRROR_HERE = "by Mirror in the options of Open Take"
-CHOOSE_HERE = "under Marker Set, as"
+CHOOSE_HERE, FIND_HERE = "under Marker Set, as", "under Marker Set, or one that is trained under Advanced"
 TURN_HERE = "by Up, under Take, as"
 
 
@@ -147,7 +147,7 @@ def lacks_input(context: bpy.types.Context) -> str:
 
 def in_sidebar(words: str, ask: str = ASK_HERE) -> str:
     """A sentence of the command line with the sidebar's words for what can be done; `ask` is how to ask for several."""
-    words = words.replace(HOW_TO_ASK, ask).replace(HOW_TO_MIRROR, MIRROR_HERE)
+    words = words.replace(HOW_TO_ASK, ask).replace(HOW_TO_MIRROR, MIRROR_HERE).replace(HOW_TO_FIND, FIND_HERE)
     return words.replace(HOW_TO_TURN, TURN_HERE).replace(HOW_TO_CHOOSE, CHOOSE_HERE)
 
 
@@ -237,6 +237,8 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
         state = told_of(context)
         if isinstance(error, ForceableError):
             state.refused = error.message
+        elif self._job.model == AUTO_MODEL:
+            state.unsure = error.message
         if ASK_HERE in error.message and self._job.model == AUTO_MODEL:
             look_who_is_there(context)  # all can be asked for once it is known what they wear
         elif ASK_HERE in error.message:

@@ -47,7 +47,7 @@ class LongWork(Ours):
     """
 
     doing = "Working"
-    _timer, _asked_for_it = None, False
+    _timer, _asked_for_it, _found = None, False, None
     _shown = float("-inf")
 
     def work(self, context):
@@ -80,7 +80,7 @@ class LongWork(Ours):
         if manager.mocap_autolabel.doing:
             words = f"{manager.mocap_autolabel.doing.split(':')[0].lower()} goes on"
             raise InputError(f"{words}; expected it to come to its end first, or to be cancelled")
-        self._worker = hand_over(self.asked(context))
+        self._worker, self._scene = hand_over(self.asked(context)), context.scene.session_uid
         self._timer = manager.event_timer_add(LOOK_EVERY, window=context.window)
         manager.progress_begin(0, 100)
         self._began, self._shown = perf_counter(), float("-inf")
@@ -105,15 +105,21 @@ class LongWork(Ours):
 
     @reports_trouble
     def _tick(self, context) -> set[str]:
-        """Looks for what came of the work."""
-        found = self._worker.look()
-        if found is None:
+        """Looks for what came of the work, which is shown in the scene that it was asked for in, once that is seen."""
+        self._found = self._worker.look() if self._found is None else self._found
+        if self._found is None:
             self._tell(context, self._worker.share)
             return {"RUNNING_MODAL"}
+        asked = next((one for one in bpy.data.scenes if one.session_uid == self._scene), None)
+        if asked not in (None, context.scene):
+            self._tell(context, 1.0, f"done, to be shown in {asked.name}")
+            return {"RUNNING_MODAL"}
         self._end(context)
-        if isinstance(found, UserError):
-            raise self._said(context, found)
-        return self._show(context, found)
+        if asked is None:
+            raise InputError(f"{self.doing.lower()} is done, but its scene is gone; expected that to stay")
+        if isinstance(self._found, UserError):
+            raise self._said(context, self._found)
+        return self._show(context, self._found)
 
     def cancel(self, context):
         """Another file is opened, or Blender ends: what is not done is given up, and whoever is there then is told."""
@@ -121,14 +127,15 @@ class LongWork(Ours):
         words = f"{self.doing} was given up, as another file was opened"
         bpy.app.timers.register(partial(_pop_up, words), persistent=True)
 
-    def _tell(self, context, fraction: float):
+    def _tell(self, context, fraction: float, words: str = ""):
         now = perf_counter()
         if now - self._shown < TELL_EVERY:
             return
         self._shown, spent = now, now - self._began
         left = f", {time_left(spent, fraction)} left" if time_left(spent, fraction) else ""
         state = context.window_manager.mocap_autolabel
-        state.doing, state.share, state.spent = f"{self.doing}: {fraction:.0%}{left}", fraction, spent
+        words = words or f"{fraction:.0%}{left}"
+        state.doing, state.share, state.spent = f"{self.doing}: {words}", fraction, spent
         context.window_manager.progress_update(round(100 * fraction))
         context.workspace.status_text_set(f"{state.doing}. Esc over a 3D view cancels")
         redraw("VIEW_3D", "UI")

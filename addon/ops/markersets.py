@@ -9,6 +9,7 @@ from bpy.props import EnumProperty, IntProperty, StringProperty
 from bpy_extras.io_utils import ImportHelper
 
 from ..core.data.errors import InputError
+from ..core.data.wording import count_of
 from ..core.points.models import Model
 from ..io.markersets import SUFFIX, open_markerset
 from ..io.models import open_model, write_model
@@ -156,7 +157,9 @@ class MOCAP_AUTOLABEL_OT_judge_markers(Laid, LongWork, bpy.types.Operator):
             return {"CANCELLED"}
         keep_report(collection, json_text(result) + "\n")
         poor = sum(pair["separation"] < result["goal"] for pair in result["pairs"])
-        self.report({"INFO"}, f"{poor} ambiguous pairs, {len(result['advice'])} changes advised")
+        self.report(
+            {"INFO"}, f"{count_of(poor, 'ambiguous pair')}, {count_of(len(result['advice']), 'change')} advised"
+        )
         return {"FINISHED"}
 
 

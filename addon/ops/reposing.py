@@ -139,7 +139,7 @@ def follow_now(context: bpy.types.Context):
 
 
 def forget_reposing():
-    """Lets go of what is going on: another file was loaded, or the extension ends."""
+    """Lets go of what is going on: another file or step takes its objects away, or the extension ends."""
     _going_on.clear()
     if bpy.app.timers.is_registered(_follow):
         bpy.app.timers.unregister(_follow)

@@ -14,7 +14,7 @@ from ..scene.cameras import camera_name
 from ..scene.roots import in_world
 from ..scene.stored import Stored
 from ..scene.trouble import trouble_of
-from .base import WithTake, once, taken
+from .base import WithTake, lacks_own_take, lacks_take, once, taken
 from .correcting import correct
 from .listing import is_listed
 from .picking import dots_here, show_picked
@@ -158,6 +158,7 @@ class MOCAP_AUTOLABEL_OT_accept_trouble(OfTrouble, bpy.types.Operator):
     """Say that it was looked at and is right as it is: it is not asked again, whatever is labelled again."""
 
     bl_label = "It Is Right"
+    needs = (lacks_take, lacks_own_take)
 
     def work(self, context):
         correct(context, taken(context).edits.added(*self.trouble(context).answers()))
@@ -167,6 +168,7 @@ class MOCAP_AUTOLABEL_OT_mend_trouble(OfTrouble, bpy.types.Operator):
     """Do what is advised."""
 
     bl_label = "Do That"
+    needs = (lacks_take, lacks_own_take)
 
     def work(self, context):
         trouble = self.trouble(context)

@@ -98,7 +98,7 @@ class Trains(LongWork):
             self.report({"WARNING"}, words)
             return
         segments = len(result["body"]["segments"])
-        again = f", {len(result['replaced'])} corrected takes replaced" if result["replaced"] else ""
+        again = f", {count_of(len(result['replaced']), 'corrected take')} replaced" if result["replaced"] else ""
         self.report({"INFO"}, f"{result['model']}: {len(result['markers'])} markers on {segments} segments{again}")
 
 

@@ -16,7 +16,7 @@ from .corrections import kept_edits
 from .opened import opened
 from .ownership import Former, put_in_place
 from .performers import colours_in
-from .take import SOURCE, Take, clear_take, remove_take, show_take, takes_of
+from .take import SOURCE, Take, clear_take, is_linked, remove_take, show_take, takes_of
 from .timing import kept_clock
 
 CHANGES = "mocap_changes"
@@ -54,10 +54,10 @@ def show_again(context: bpy.types.Context, take: Take, whole: bool) -> bpy.types
             old_body=np.setdiff1d(stored.motion.frames[stored.stale], take.motion.frames),
             colours={**colours_in(collection), **take.colours},
         )
-        if collection.library is None:
-            place, former = collection, clear_take(collection)
-        else:
+        if is_linked(collection):
             remove_take(collection)
+        else:
+            place, former = collection, clear_take(collection)
     shown = show_take(context, take, place)
     put_in_place(former, shown)
     opened.forget_read()

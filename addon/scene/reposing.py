@@ -21,7 +21,7 @@ from . import armature as armatures
 from .body import fit_body
 from .performers import Performer, armatures_of, homes
 from .stored import Stored, digest_of
-from .take import SHOWN_BODY, keep_body
+from .take import SHOWN_BODY, is_linked, keep_body
 
 HALF_KEYED = "half keyed"  # what an action says whose keys are not all of one body
 
@@ -46,6 +46,8 @@ def lacks_to_repose(context: bpy.types.Context, collection: bpy.types.Collection
     """What to do before bones can be laid again; empty where they can."""
     if context.mode != "OBJECT":
         return "go to object mode"
+    if is_linked(collection):
+        return "open the file that it is linked from"
     there = context.view_layer.objects
     hidden = [item.name for _, item in armatures_of(collection) if item.hide_viewport or item.name not in there]
     return f"show {hidden[0]}" if hidden else ""

@@ -339,7 +339,7 @@ def _bones_by_part(rig: bpy.types.Object, matched: Mapping[str, str]) -> list[tu
     there = [part for part in PARTS if matched.get(part, "") in rig.pose.bones]
     if lacking := [part for part in NEEDED_PARTS if part not in there]:
         raise InputError(
-            f"{rig.name} has no bone for {', '.join(lacking)}; expected one for each, under Bones of the Rig"
+            f"{rig.name} has no bone for {', '.join(lacking)}; expected one for each, under Bones in Use It"
         )
     found = [(part, matched[part]) for part in there]
     if {"spine", "chest"} <= set(there):

@@ -237,13 +237,18 @@ def is_take(collection: bpy.types.Collection | None) -> bool:
     return collection is not None and naming.TAKE in collection
 
 
+def is_linked(collection: bpy.types.Collection) -> bool:
+    """True for one of another file, with or without overrides: what is kept with it here is gone with this session."""
+    return collection.library is not None or collection.override_library is not None
+
+
 def remove_take(collection: bpy.types.Collection) -> bpy.types.Collection | None:
     """Removes a take with everything that was made for it and nobody changed; its cameras stay.
 
     What is a person's stays in the collection, which is returned, holds no take any more and is called so; None where
     nothing is left.
     """
-    if collection.library is not None:  # another file's, so nobody changed it here
+    if is_linked(collection):  # so nobody changed it here
         bpy.data.batch_remove([*collection.all_objects, *collection.children_recursive, collection])
         return None
     name = f"Kept from {collection[naming.TAKE]}"

@@ -65,8 +65,15 @@ def add_handlers(stack: ExitStack):
 
 
 def follow_hand():
-    """Listens to hands that choose an action; Blender forgets that with every file."""
-    bpy.msgbus.subscribe_rna(key=(bpy.types.AnimData, "action"), owner=follow_actions, args=(), notify=follow_actions)
+    """Listens to hands that choose an action, or another scene; Blender forgets that with every file."""
+    for chosen, notify in ((bpy.types.AnimData, "action"), follow_actions), ((bpy.types.Window, "scene"), after_switch):
+        bpy.msgbus.subscribe_rna(key=chosen, owner=follow_actions, args=(), notify=notify)
+
+
+def after_switch():
+    """A window shows another scene: what is picked and the tables were of the last one's take."""
+    bpy.context.window_manager.mocap_autolabel.picked.clear()
+    review_now()
 
 
 def _stop_timer(function):
@@ -98,7 +105,8 @@ def before_save(*_):
 
 @persistent
 def before_undo(*_):
-    """A step will be undone or redone: what stays picked is what is picked now."""
+    """A step will be undone or redone: what stays picked is what is picked now, and what is half done is begun anew."""
+    forget_reposing()
     if not picked_points(bpy.context):
         bpy.context.window_manager.mocap_autolabel.picked.clear()
 

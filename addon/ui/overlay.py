@@ -40,6 +40,7 @@ LEGEND = (
 )
 BY_HAND = ("named by hand", BY_EDIT)
 letters, discs = Letters(), Discs()
+legend_ends: dict[int, float] = {}  # px, where the next legend begins in a region that was drawn on
 COVERING = ("TOOLS", "UI", "HEADER", "TOOL_HEADER", "ASSET_SHELF", "ASSET_SHELF_HEADER", "HUD")
 
 
@@ -59,6 +60,7 @@ def draw():
             canvas.text(words, LEGEND_LEFT * canvas.scale, canvas.foot, RED)
             canvas.foot += LINE * canvas.scale
         draw_frame(canvas, context)
+        legend_ends[canvas.region] = canvas.foot
 
 
 def draw_frame(canvas: "Canvas", context: bpy.types.Context):
@@ -99,7 +101,7 @@ class Canvas:
 
     def __init__(self, context: bpy.types.Context):
         region = context.region
-        self.size = (region.width, region.height)
+        self.region, self.size = region.as_pointer(), (region.width, region.height)
         self.perspective = np.array(context.space_data.region_3d.perspective_matrix, dtype=float)
         self.scale = context.preferences.system.ui_scale
         self.covered = covered(context.area, region)
@@ -254,6 +256,7 @@ def _draw_counts(canvas: Canvas, stored: Stored, seen: marks.PointMarks, collect
     """How many points have names, and what their colours mean."""
     if not stored.names:
         canvas.text(count_of(len(seen.unnamed), "point"), LEGEND_LEFT * canvas.scale, canvas.foot)
+        canvas.foot += LINE * canvas.scale
         return
     found = int((np.isfinite(seen.named).all(axis=1) & ~seen.filled).sum())
     people = {} if collection is None else colours_in(collection)
@@ -271,5 +274,6 @@ def draw_colours(canvas: Canvas, title: str, rows):
     colours = np.array([np.broadcast_to(colour, (2, 4)) for _, colour in rows])
     canvas.lines(ends, colours, LINK_WIDTH * 1.5)
     canvas.text(title, left, bottom + line * len(rows))
+    canvas.foot += line * (len(rows) + 2)  # a line is left free
     for (words, _), y in zip(rows, lower.tolist(), strict=True):
         canvas.text(words, left + 30 * canvas.scale, y)

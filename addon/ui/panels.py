@@ -176,7 +176,7 @@ def _draw_progress(layout: bpy.types.UILayout, state: bpy.types.PropertyGroup):
 def _draw_refused(layout: bpy.types.UILayout, context, state: bpy.types.PropertyGroup):
     """Why a take was not labelled, where it can be all the same."""
     if state.refused and told_here(state, context.scene.mocap_autolabel):
-        draw_text(context, layout, state.refused, icon="ERROR")
+        draw_text(context, layout, f"The take {state.refused}", icon="ERROR")
         layout.operator("mocap_autolabel.label", text="Label Regardless", icon="PLAY").force = True
 
 

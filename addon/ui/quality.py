@@ -6,7 +6,7 @@ import numpy as np
 
 from ..scene.markerset_edit import edited_collection, kept_report, marker_items, targets
 from .marks import CYAN, GREEN, ORANGE, RED
-from .overlay import BLOB_RADIUS, RING_RADIUS, Canvas, draw_colours
+from .overlay import BLOB_RADIUS, RING_RADIUS, Canvas, draw_colours, legend_ends
 
 HEAD, BARB = 11.0, 0.45  # px of an arrow's head, and how wide it is of that
 FAINTEST = 0.35  # opacity of a pair that is only just ambiguous
@@ -32,6 +32,7 @@ def draw():
         _draw_markers(canvas, report, marker_items(collection))
         _draw_targets(canvas, targets(collection))
         title = f"{report['model']}: placement of its markers"
+        canvas.foot = legend_ends.get(canvas.region, canvas.foot)  # above that of a take
         draw_colours(canvas, title, [(words, colour) for words, colour in QUALITY_LEGEND])
 
 

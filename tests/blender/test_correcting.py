@@ -12,6 +12,7 @@ from addon.io.edits import read_edits, write_edits
 from addon.io.points import read_points
 from tests.io.pages import read as read_page
 
+from .conftest import label_walk
 from .hands import (
     FRAMES,
     GHOST,
@@ -46,6 +47,31 @@ def test_two_names_are_swapped_everywhere(labelled, files):
         assert ("edit" in named[frame, str(point)]) == (frame == "125")
     [row] = bpy.context.window_manager.mocap_autolabel.corrections
     assert row.name == "LKNE and RKNE swapped, frames 120–130"
+
+
+@pytest.mark.parametrize("over", [False, True], ids=["linked", "overridden"])
+def test_a_take_of_another_file_is_not_changed_here_where_that_would_be_lost(labelled, files, tmp_path, over):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "other.blend"))
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(str(tmp_path / "other.blend"), link=True) as (_, wanted):
+        wanted.collections = ["Mocap: walk"]
+    [take] = wanted.collections
+    scene = bpy.context.scene
+    scene.collection.children.link(take)
+    if over:
+        take.override_hierarchy_create(scene, bpy.context.view_layer)
+        take = next(one for one in scene.collection.children_recursive if one.override_library and "mocap_take" in one)
+    scene.mocap_autolabel.take = take
+    scene.frame_set(120)
+    names = "swap_markers", "fill_gaps", "smooth", "accept_trouble", "mend_trouble", "add_character", "place_marker"
+    for name in names:
+        refused("linked from another file: change it there, or label it again here", name)
+    assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(tmp_path / "own.c3d")) == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.export_bvh.poll()
+    label_walk(files.folder)
+    assert scene.mocap_autolabel.take.library is scene.mocap_autolabel.take.override_library is None
+    choose("LKNE", "RKNE")
+    assert bpy.ops.mocap_autolabel.swap_markers() == {"FINISHED"}
 
 
 @pytest.mark.parametrize("scope", ["FRAME", "RANGE", "WHOLE"])
@@ -214,6 +240,11 @@ def test_what_cannot_be_done_is_one_sentence_and_changes_nothing(labelled, files
     assert "mocap_edits" not in collection
     scene.mocap_autolabel.take = None
     refused("Label a take first", "unlabel")
+
+
+def test_an_export_without_the_name_of_a_file_is_one_sentence(labelled):
+    for name in ("c3d", "trc", "labels", "bvh"):
+        refused("no file was named; expected the one to write", f"export_{name}")
 
 
 def test_the_page_of_a_take_says_what_was_said_of_it(labelled, files, tmp_path):

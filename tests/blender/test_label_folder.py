@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
-from addon.core.pipelines.known_sets import HOW_TO_CHOOSE, HOW_TO_TURN
+from addon.core.pipelines.known_sets import HOW_TO_CHOOSE, HOW_TO_FIND, HOW_TO_TURN
 from addon.core.points.possible import HOW_TO_MIRROR
 from addon.core.points.refusals import HOW_TO_ASK
 from addon.io.batch import read_table
@@ -97,9 +97,11 @@ def test_a_folder_that_is_watched_goes_on_beside_blender_until_it_is_stopped(rea
 
 def test_what_can_be_done_about_a_take_is_told_as_in_the_sidebar(extension):
     told = {"take": "walk", "state": "failed", "at_stake": 0, "measured": False, "trouble": 0, "on_body": 0}
-    reason = f"expected one, {HOW_TO_CHOOSE} body39; or {HOW_TO_TURN} y; or {HOW_TO_ASK}; or {HOW_TO_MIRROR}"
+    reason = (
+        f"expected one, {HOW_TO_CHOOSE} body39; {HOW_TO_FIND}; or {HOW_TO_TURN} y; or {HOW_TO_ASK}; or {HOW_TO_MIRROR}"
+    )
     _, _, words, *_ = ours("ops.label_folder")._row(SimpleNamespace(**told, reason=reason, named=None, found=0.0))
-    assert "--" not in words
+    assert "--" not in words and "MODEL" not in words
     assert "under Marker Set, as body39" in words
 
 

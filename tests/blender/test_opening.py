@@ -152,6 +152,9 @@ def test_why_no_set_was_found_is_told_in_the_card(settings, tmp_path):
     opened(tmp_path, "three.c3d")
     assert bpy.ops.mocap_autolabel.find_markerset() == {"FINISHED"}
     assert "none of the" in state.unsure
+    assert "under Marker Set, or one that is trained" in state.unsure
+    refused("none of the", "label")
+    assert "none of the" in state.unsure, "it is still told, after the button was pressed"
     write_c3d(tmp_path / "other.c3d", standing(drawn("body39")))
     opened(tmp_path, "other.c3d")
     assert not state.unsure
@@ -216,6 +219,8 @@ def test_what_is_none_of_these_is_one_sentence(settings, room, tmp_path):
     files = [{"name": "one.c3d"}, {"name": "two.c3d"}]
     refused("2 takes are chosen; expected one", "import_take", directory=str(tmp_path), files=files)
     refused("need the calibration of their cameras; expected that to be opened", "import_take", filepath=room.blobs)
+    (tmp_path / "empty.csv").touch()
+    refused(r"empty\.csv: is empty; expected a blob file", "import_take", filepath=str(tmp_path / "empty.csv"))
     bpy.ops.mocap_autolabel.import_cameras(filepath=room.cameras)
     (tmp_path / "nobody.mp4").write_bytes(b"")
     refused("nobody", "import_take", filepath=str(tmp_path / "nobody.mp4"))

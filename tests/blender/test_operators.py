@@ -239,7 +239,7 @@ def test_bad_files_are_one_sentence_and_leave_nothing(extension, empty, files, t
 
 
 def test_what_is_missing_is_said_before_the_button_can_be_pressed(extension, empty, files):
-    for name, reason in (("label", "calibration"), ("import_blobs", "calibration"), ("clear", "no labelled take")):
+    for name, reason in (("label", "calibration"), ("clear", "no labelled take")):
         with pytest.raises(RuntimeError, match=reason):
             getattr(bpy.ops.mocap_autolabel, name)()
     for name in ("reattach", "save_markerset"):
@@ -255,7 +255,7 @@ class Modal:
         kind = module.MOCAP_AUTOLABEL_OT_label
         for name in ("_begin", "_tick", "_tell", "_end", "_show", "_said", "asked", "work", "execute", "modal"):
             setattr(self, name, getattr(kind, name).__get__(self))
-        self._timer, self.doing, self.everybody, self.force = None, kind.doing, False, False
+        self._timer, self._found, self.doing, self.everybody, self.force = None, None, kind.doing, False, False
 
     def report(self, kind, words):
         self.reports.append((*kind, words))
@@ -380,6 +380,38 @@ def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, in_fives, wi
     assert (*taken(window.manager), window.status[-1]) == (0, 0, None)
     shares = [call.args[0] for call in window.manager.progress_update.call_args_list]
     assert shares == sorted(shares)
+
+
+def test_what_was_asked_for_in_a_scene_is_shown_there_once_that_is_seen(ready, labelling, in_fives, window):
+    operator, context, state = window.operator, window.context, window.manager.mocap_autolabel
+
+    def ticks(while_told: str) -> set[str]:
+        answer = {"RUNNING_MODAL"}
+        while answer == {"RUNNING_MODAL"} and while_told in state.doing:
+            answer, operator._shown = operator.modal(context, SimpleNamespace(type="TIMER")), 0.0
+        return answer
+
+    asked, other = ready.scene, bpy.data.scenes.new("Other")
+    operator._begin(context)
+    context.scene = other
+    assert ticks("%") == {"RUNNING_MODAL"}
+    assert state.doing == "Labelling: done, to be shown in Scene"
+    assert asked.mocap_autolabel.take is other.mocap_autolabel.take is None
+    context.scene = asked
+    assert ticks("") == {"FINISHED"}
+    assert asked.mocap_autolabel.take.name == "Mocap: walk"
+    assert not len(other.objects)
+
+
+def test_what_was_asked_for_in_a_scene_that_is_gone_is_one_sentence(ready, labelling, in_fives, window):
+    operator, context, answer = window.operator, window.context, {"RUNNING_MODAL"}
+    operator._begin(context)
+    context.scene = bpy.data.scenes.new("Other")
+    bpy.data.scenes.remove(ready.scene)
+    while answer == {"RUNNING_MODAL"}:
+        answer = operator.modal(context, SimpleNamespace(type="TIMER"))
+    assert answer == {"CANCELLED"}
+    assert operator.reports[-1][1] == "labelling is done, but its scene is gone; expected that to stay"
 
 
 def test_work_is_done_by_one_process_and_shown_here_and_its_death_is_one_sentence(ready, window):

@@ -2,6 +2,8 @@
 """Placement quality in Blender: the marker set that is laid out is judged, advice is shown and taken."""
 
 import importlib
+from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import bpy
 import numpy as np
@@ -81,3 +83,20 @@ def test_colours_go_from_red_over_orange_to_green(extension):
     np.testing.assert_allclose(drawn.clearness(0, 3), marks.RED)
     np.testing.assert_allclose(drawn.clearness(3, 3), marks.ORANGE)
     np.testing.assert_allclose(drawn.clearness(60, 3), marks.GREEN)
+
+
+def test_its_legend_is_above_that_of_a_take(judged, empty, monkeypatch):
+    overlay, drawn = ours("ui.overlay"), ours("ui.quality")
+    canvas = MagicMock(foot=20.0, scale=1.0, region=7)
+    canvas.__enter__.return_value = canvas
+    overlay.draw_colours(canvas, "12 of 12 points named", [("named", (1, 1, 1, 1))])
+    overlay.legend_ends[canvas.region], canvas.foot = canvas.foot, 20.0
+    space = SimpleNamespace(overlay=SimpleNamespace(show_overlays=True))
+    context = SimpleNamespace(scene=empty.scene, space_data=space)
+    monkeypatch.setattr(drawn, "bpy", SimpleNamespace(context=context))
+    monkeypatch.setattr(drawn, "Canvas", lambda _: canvas)
+    for name in ("_draw_markers", "_draw_targets"):
+        monkeypatch.setattr(drawn, name, lambda *_: None)
+    drawn.draw()
+    heights = [call.args[2] for call in canvas.text.mock_calls]
+    assert len(set(heights)) == len(heights) == 2 + 5

@@ -212,6 +212,16 @@ def test_what_was_begun_of_other_labels_is_left(labelled, reposing, later, monke
     np.testing.assert_allclose(bones(), right, atol=NEAR)
 
 
+def test_what_is_half_done_is_begun_anew_after_undo(labelled, reposing, later, monkeypatch):
+    """Blender's own references, which it works on, are none any more then."""
+    monkeypatch.setattr(reposing, "BUDGET", 0.0)
+    swap()
+    assert reposing._follow() is not None
+    assert reposing._going_on
+    ours("ui").before_undo()
+    assert not reposing._going_on
+
+
 def test_until_then_viewport_panel_and_export_dialog_say_that_the_body_is_out_of_date(
     labelled, files, extension, reposing, later, monkeypatch
 ):

@@ -167,7 +167,7 @@ def test_a_folder_that_is_watched_is_told_at_once(run, pair, tmp_path):
     (tmp_path / "in").mkdir()
     shutil.copy(pair / "pair.c3d", tmp_path / "in")
     words = "label", tmp_path / "in", "--out", tmp_path / "out", "--watch", "--idle", "0"
-    assert "nothing says what is worn" in run(*words).reason
+    assert "nothing says what is worn; expected --model MODEL or auto, or" in run(*words).reason
     assert "several subjects need a model" in run(*words, "--model", WORN, "--subjects", "2", "--method", "fit").reason
 
 

@@ -174,6 +174,16 @@ def whole(tmp_path):
     return tmp_path
 
 
+def test_a_c3d_that_ends_within_its_parameters_is_called_cut_off(tmp_path):
+    path, names = tmp_path / "many.c3d", tuple(f"a long name {number}" for number in range(200))
+    write_c3d(path, Points(names, np.ones((2, 200, 3)), np.zeros((2, 200)), 100.0, 1))
+    content = path.read_bytes()
+    for left in range(1030, 3000, 100):
+        path.write_bytes(content[:left])
+        with pytest.raises(InputError, match="has parameters that are cut off; expected a C3D file"):
+            read_points(path)
+
+
 @pytest.mark.parametrize("name", ["take.c3d", "take.trc", "take.csv"])
 @pytest.mark.parametrize("left", [0.45, 0.6, 0.8, 0.9])
 def test_what_is_cut_off_anywhere_is_refused(whole, name, left):

@@ -54,8 +54,8 @@ def add_subjects(parser: argparse.ArgumentParser, auto: bool = True):
     parser.add_argument("--subject", type=_wearer, action="append", metavar="NAME=MODEL", help=who)
 
 
-def settle_subjects(arguments):
-    """Settles what the arguments leave open; InputError where they contradict each other."""
+def settle_subjects(arguments, choice: str = f"--model MODEL or {AUTO_MODEL}"):
+    """Settles what the arguments leave open; InputError where they contradict each other, or `choice` is missing."""
     arguments.subject = list(arguments.subject or [])
     names = [as_compared(name) for name, _ in arguments.subject]
     if arguments.subject and (arguments.model or arguments.subjects is not None):
@@ -66,7 +66,7 @@ def settle_subjects(arguments):
     if len(names) > MAX_SUBJECTS:
         raise InputError(f"--subject names {len(names)} subjects; expected up to {MAX_SUBJECTS}")
     if not arguments.model and not arguments.subject:
-        raise InputError("nothing says what is worn; expected --model MODEL, or --subject NAME=MODEL for each subject")
+        raise InputError(f"nothing says what is worn; expected {choice}, or --subject NAME=MODEL for each subject")
     if arguments.own is not None and arguments.model != AUTO_MODEL:
         raise InputError(f"--models is of --model {AUTO_MODEL}; expected both of them or neither")
     if arguments.model == AUTO_MODEL and arguments.subjects not in (None, 1):

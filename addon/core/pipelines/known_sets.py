@@ -94,7 +94,8 @@ def middle_of(take: Points) -> Points:
     return replace(take, xyz=take.xyz[rows], residual=take.residual[rows], first_frame=first, lanes=lanes)
 
 
-HOW_TO_CHOOSE = "by --model"  # on the command line; Blender puts words of its sidebar there
+# On the command line; Blender puts words of its sidebar there.
+HOW_TO_CHOOSE, HOW_TO_FIND = "by --model", "by --model MODEL, or a model that is trained"
 
 
 @dataclass(frozen=True)
@@ -186,7 +187,7 @@ def known_worn(
     if likely:
         return worn, {model: known[model] for model in likely}
     words = f"looks like a take of none of the {len(learned)} known marker sets"
-    error = UnsuitedError(f"{words}; expected the one that is worn, {HOW_TO_CHOOSE} MODEL, or a model that is trained")
+    error = UnsuitedError(f"{words}; expected the one that is worn, {HOW_TO_FIND}")
     if turns is not None:
         error = yield from misfit_of(error, take, learned, PointOptions("likelihood"), turns, ())
     raise JobError(error.message)  # there is no model that could be forced
@@ -204,7 +205,7 @@ def set_worn(take: Points, models: Sequence[Model]) -> Generator[Progress, None,
     part = replace(part, xyz=np.where(own[..., None], part.xyz, np.nan))
     most, some = own.sum(axis=1).max(initial=0), part.in_order(evenly_spread(len(part.xyz), FRAMES_TRIED)).xyz
     if not most:
-        raise JobError("shows no points; expected the markers of a subject")
+        raise JobError("shows too few points for a body; expected the markers of a subject")
     kinds: dict[frozenset[str], list[Model]] = {}
     for model in models:
         if most >= (1 - WORN.max_unfound) * len(model.markerset):

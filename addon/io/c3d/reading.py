@@ -138,8 +138,10 @@ class C3dFile:
         dimensions = tuple(record[2 : 2 + count])
         size = int(np.prod(dimensions, dtype=np.int64)) * abs(kind) if len(dimensions) < 8 else -1
         content = bytes(record[2 + count : 2 + count + max(size, 0)])
-        if kind not in (-1, 1, 2, 4) or size < 0 or len(dimensions) < count or len(content) < size:
+        if kind not in (-1, 1, 2, 4) or size < 0:
             raise InputError(f"has a damaged parameter; expected {KIND}", self.path)
+        if len(dimensions) < count or len(content) < size:
+            raise InputError(f"has parameters that are cut off; expected {KIND}", self.path)
         return Parameter(kind, dimensions, content)
 
     def number(self, key: str, default: float) -> float:
