@@ -56,7 +56,6 @@ NAMINGS_KEPT = 16  # namings of a frame that are followed; by time
 MAX_LINKS = 3  # earlier rigid bodies that one is compared with: three distances fix a place
 NAMED_NEAR = 8  # markers that a single marker is judged by, and
 INDEPENDENT_DISTANCES = 3.0  # distances that fix a point; more say partly the same
-SINGLES_ROUNDS = 2  # of naming single markers, each by those that were named before
 UNRIVALLED = 50.0  # log odds that a name without an alternative leads by
 
 
@@ -291,18 +290,13 @@ def _link_cost(
 
 def _filled(rigid_bodies: RigidBodies, distance, present, naming) -> tuple[np.ndarray, np.ndarray]:
     """The naming with single and missed markers named, and their lead (F, M) on the next best; NaN for others."""
-    single = np.full(naming.shape, np.nan)
-    naming = naming.copy()
-    for _ in range(SINGLES_ROUNDS):
-        odds = _single_odds(rigid_bodies, distance, present, naming)
-        added = one_to_one(odds)
-        new = (added >= 0) & (naming < 0)
-        chosen = np.take_along_axis(odds, np.maximum(added, 0)[..., None], axis=2)[..., 0]
-        np.put_along_axis(odds, np.maximum(added, 0)[..., None], IMPOSSIBLE, axis=2)
-        second = np.maximum(odds.max(axis=2), 0)
-        single = np.where(new, chosen - second, single)
-        naming = np.where(new, added, naming)
-    return naming, single
+    odds = _single_odds(rigid_bodies, distance, present, naming)
+    added = one_to_one(odds)
+    new = (added >= 0) & (naming < 0)
+    chosen = np.take_along_axis(odds, np.maximum(added, 0)[..., None], axis=2)[..., 0]
+    np.put_along_axis(odds, np.maximum(added, 0)[..., None], IMPOSSIBLE, axis=2)
+    second = np.maximum(odds.max(axis=2), 0)
+    return np.where(new, added, naming), np.where(new, chosen - second, np.nan)
 
 
 def _single_odds(rigid_bodies: RigidBodies, distance, present, naming) -> np.ndarray:

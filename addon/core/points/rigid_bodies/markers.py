@@ -206,8 +206,8 @@ def find_single_markers(
 ) -> np.ndarray:
     """For each of N tracklets (F, N, 3) m the marker (N,) that it surely is, -1 for none.
 
-    `rigid_bodies` has the ranges of the subject's distances, `named` (F, M, 3) m are the markers known so far, NaN
-    where not, and `missing` the indices of those that a tracklet may be.
+    `rigid_bodies` has the ranges of distances, `named` (F, M, 3) m are the markers known so far, NaN where not, and
+    `missing` the indices of those that a tracklet may be.
     """
     odds = _single_odds(rigid_bodies, named, missing, points)
     there = np.isfinite(points[..., 0]).astype(float)

@@ -30,7 +30,7 @@ from ..possible import refuse_impossible
 from ..refusals import Sample, refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
 from ..tracklets import are_lasting, cut, renamed
 from ..unordered import FRAMES_LEARNED_FROM, is_unordered, learn_subject
-from .deciding import can_be_solved, verdict_of
+from .deciding import can_be_solved, once, verdict_of
 from .rulings import Rulings
 from .search import Moves
 from .solving import Solution, solve_take
@@ -183,6 +183,11 @@ class NamedFrames:
     search: Moves = "all"
     shown: np.ndarray | None = None
 
+    @property
+    def by_motion(self) -> bool:
+        """Whether the names are those that the motion of rigid bodies tells, whose forms nobody knows."""
+        return self.recognition is not None and self.recognition.known is False
+
 
 def _labelled(
     take: Points, tracklet: np.ndarray, model: Model, options: PointOptions, begin: float
@@ -243,11 +248,12 @@ def name_frames(
     yield Stage("adapt", "look who wears the markers")
     recognition = None
     if learned and model.rigid_bodies is not None and model.structure is not None:
-        from .recognition import adapted, recognise
+        from .recognition import recognise
 
         recognition = recognise(model.structure, model.rigid_bodies, take.xyz, tracklet, take.rate)
-        model = adapted(model, recognition)
     namer = namer_of(model, options.method)
+    if recognition is not None and recognition.known is False:
+        return NamedFrames(take, tracklet, model, recognition, namer, recognition.labels, False, room)
     yield Stage("others", "look whether the model is for this take")
     solvable = learned and can_be_solved(model, tracklet)
     unordered = learned and is_unordered(model, tracklet)
@@ -259,7 +265,7 @@ def name_frames(
     sample = None if refuse is None else refuse(model, namer, points, solvable)
     yield Stage("name", f"frame {take.first_frame}")
     labels = yield from _asked(namer, take, asked, sample if few else None)
-    given: FrameLabels = labels_between(labels, asked, tracklet) if few else labels
+    given = labels_between(labels, asked, tracklet) if few else labels
     if unordered:
         yield Stage("learn", "learn the subject from sure frames")
         trained = model.learned_likelihood
@@ -349,11 +355,14 @@ def decided_of(
     """
     take, names = frames.take, frames.model.markerset.markers
     given = solution, named, tracklet, frames.model, target, take.first_frame, take.lanes
-    verdict = verdict_of(*given, frames.room)
-    if solution is None and frames.recognition is not None:
-        from .recognition import borne_out
-
-        verdict = borne_out(verdict, frames.recognition, names, take.first_frame, take.lanes)
+    if frames.by_motion:
+        labels = named.whole()
+        first = once(labels.marker, labels.confidence, len(names), take.lanes)
+        verdict = Verdict(labels.kept(first == labels.marker))
+    else:
+        verdict = verdict_of(*given, frames.room)
+    if frames.recognition is not None:
+        verdict = replace(verdict, suspects=frames.recognition.suspects(verdict, names, take.first_frame))
     # Frames in no order have no trajectories that could go over to another marker.
     lasting, marker = are_lasting(frames.tracklet), verdict.labels.marker
     changed = renamed(marker, frames.tracklet, names, take.first_frame, take.lanes) if lasting else ()
@@ -382,7 +391,7 @@ def _with_edits(
 def without_deleted(frames: NamedFrames, deleted: np.ndarray) -> Steps[Labels]:
     """What frames say once the points that are no markers, deleted (T, P), are gone from them."""
     take, rows, labels = frames.take, np.flatnonzero(deleted.any(axis=1)), frames.labels.whole()
-    if not len(rows):
+    if not len(rows) or frames.by_motion:
         return labels
     some = take.in_order(rows)
     seen = np.where(some.of(deleted[rows])[..., None], np.nan, some.xyz)

@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Verdict
+from addon.core.data.progress import finished
+from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Points, Verdict
 from addon.core.points.likelihood.model import Likelihood
-from addon.core.points.models import Model, TrainingTake
+from addon.core.points.models import USUAL_TARGET, Model, TrainingTake
 from addon.core.points.rigid_bodies.clusters import NO_CLUSTER, find_clusters, sampled
 from addon.core.points.rigid_bodies.model import learn_rigid_bodies
 from addon.core.points.rigid_bodies.structure import learn_structure
 from addon.core.points.tracklets import cut
-from addon.core.points.whole_take.recognition import Recognition, adapted, borne_out, recognise
+from addon.core.points.whole_take.pipeline import PointOptions, decided_of, name_frames, without_deleted
+from addon.core.points.whole_take.recognition import Recognition, recognise
 from addon.io.points import read_points
 from tests.core.points.rigid_bodies.plated import NAMES, RATE, SEGMENTS, body, walk
 from tests.core.toybody import toy_markerset
@@ -237,12 +239,6 @@ def seen_in(model, points) -> Recognition:
     return recognise(model.structure, model.rigid_bodies, points, cut(points, RATE), RATE)
 
 
-def named_by(marker: np.ndarray) -> Verdict:
-    """What frames and votes may have said: these markers (T, P), for sure."""
-    named = marker != NO_MARKER
-    return Verdict(Labels(marker, np.where(named, BY_LIKELIHOOD, 0), named * 1.0))
-
-
 @pytest.fixture(scope="module")
 def other(model):
     points = walk(body(2, limb=0.06, form=0.006, place=0.015), 12)
@@ -253,46 +249,42 @@ def right_of(points: np.ndarray) -> np.ndarray:
     return np.broadcast_to(np.arange(points.shape[1]), points.shape[:2])
 
 
-def test_the_subject_of_the_training_needs_nothing_else(model):
+def test_of_the_subject_of_the_training_there_is_nothing_to_say(model):
     points = walk(body(), 5)
-    seen = seen_in(model, points)
-    assert adapted(model, seen) is model
-    assert (borne_out(named_by(right_of(points)), seen, NAMES, FIRST_FRAME).labels.marker == right_of(points)).all()
+    labels = Labels(right_of(points), np.full(points.shape[:2], BY_LIKELIHOOD), np.ones(points.shape[:2]))
+    assert seen_in(model, points).suspects(Verdict(labels), NAMES, FIRST_FRAME) == ()
 
 
-def test_somebody_else_is_named_with_plates_of_their_own_and_the_report_begins_with_it(model, other):
+def test_somebody_else_is_named_by_motion_alone_and_the_report_begins_with_it(other):
     points, seen = other
-    assert adapted(model, seen).rigid_bodies is seen.rigid_bodies
-    assert model.rigid_bodies is not seen.rigid_bodies
-    decided = borne_out(named_by(right_of(points)), seen, NAMES, FIRST_FRAME)
-    assert decided.suspects[0].reason.startswith("the rigid bodies are not those of the training")
-    assert (decided.suspects[0].first, decided.suspects[0].last) == (FIRST_FRAME, FIRST_FRAME + len(points) - 1)
-    unnamed = {NAMES[index] for index in np.flatnonzero((decided.labels.marker == NO_MARKER).all(axis=0))}
-    (missing,) = [s.reason for s in decided.suspects if s.reason.startswith("not found for sure")]
-    assert unnamed == set(missing.split(": ")[1].split())
+    labels = seen.labels
+    assert labels.named.mean() > 0.7
+    assert (labels.marker == right_of(points))[labels.named].all()
+    assert (labels.step == np.where(labels.named, BY_TRAJECTORY, NO_STEP)).all()
+    assert (labels.confidence[labels.named] > 0.9).all()
+    first, missing = seen.suspects(Verdict(labels), NAMES, FIRST_FRAME)
+    assert first.reason.startswith("the rigid bodies are not those of the training")
+    assert (first.first, first.last) == (FIRST_FRAME, FIRST_FRAME + len(points) - 1)
+    unnamed = {NAMES[index] for index in np.flatnonzero((labels.marker == NO_MARKER).all(axis=0))}
+    assert missing.reason.startswith("not found for sure")
+    assert unnamed == set(missing.reason.split(": ")[1].split())
 
 
-def test_a_name_that_the_motion_contradicts_is_taken_back_and_said(other):
+def test_a_take_of_somebody_else_has_the_names_of_its_motion_and_those_that_a_person_gives(model, other):
     points, seen = other
-    marker = right_of(points).copy()
-    sure = np.flatnonzero((seen.marker == right_of(points)).all(axis=0))
-    one, two = sure[0], sure[5]
-    marker[20:60, [one, two]] = marker[20:60, [two, one]]
-    decided = borne_out(named_by(marker), seen, NAMES, FIRST_FRAME)
-    assert (decided.labels.marker[20:60, [one, two]] == NO_MARKER).all()
-    assert (decided.labels.marker[:20, one] == one).all()
-    words = f"trajectory {one} moves as {NAMES[one]} and looks like {NAMES[two]}, so it stays unnamed"
-    assert [(s.first, s.last) for s in decided.suspects if s.reason == words] == [(FIRST_FRAME + 20, FIRST_FRAME + 59)]
-
-
-def test_what_only_motion_tells_is_named_by_it(other):
-    points, seen = other
-    decided = borne_out(named_by(np.full(points.shape[:2], NO_MARKER)), seen, NAMES, FIRST_FRAME)
-    named = decided.labels.marker != NO_MARKER
-    assert named.mean() > 0.7
-    assert (decided.labels.marker == right_of(points))[named].all()
-    assert (decided.labels.step == np.where(named, BY_TRAJECTORY, NO_STEP)).all()
-    assert (decided.labels.confidence[named] > 0.9).all()
+    take = Points(tuple(map(str, range(points.shape[1]))), points, np.full(points.shape[:2], np.nan), RATE, FIRST_FRAME)
+    frames = finished(name_frames(take, cut(points, RATE), model, PointOptions("likelihood")))
+    assert frames.by_motion
+    marker = seen.labels.marker
+    unnamed = int(np.flatnonzero((marker == NO_MARKER).all(axis=0))[0])
+    ruled = Labels(marker.copy(), seen.labels.step.copy(), seen.labels.confidence.copy(), seen.labels.rate)
+    ruled.marker[:, unnamed], ruled.confidence[:, unnamed] = 0, 1.0
+    decided = decided_of(frames, ruled, frames.tracklet, None, USUAL_TARGET).labels
+    assert (decided.marker[:, unnamed] == 0).all()
+    assert ((decided.marker == 0).sum(axis=1) == 1).all()
+    deleted = np.zeros(marker.shape, bool)
+    deleted[5, unnamed] = True
+    assert (finished(without_deleted(frames, deleted)).marker == marker).all()
 
 
 def test_forms_alone_are_said_to_tell_where_motion_does_not_and_some_models_know_no_structure(model):
@@ -300,9 +292,6 @@ def test_forms_alone_are_said_to_tell_where_motion_does_not_and_some_models_know
     bare = replace(model, likelihood=None)
     skin = replace(model, likelihood=replace(model.likelihood, rigid_bodies=None))
     assert [given.structure for given in (forgetful, bare, skin)] == [None] * 3
-    points = walk(body(), 5, liveliness=0.003)
-    seen = seen_in(model, points)
-    assert adapted(model, seen) is model
-    decided = borne_out(named_by(right_of(points)), seen, NAMES, FIRST_FRAME)
-    assert (decided.labels.marker == right_of(points)).all()
-    assert any("rest on the rigid bodies' forms alone" in suspect.reason for suspect in decided.suspects)
+    seen = seen_in(model, walk(body(), 5, liveliness=0.003))
+    (said,) = seen.suspects(Verdict(seen.labels), NAMES, FIRST_FRAME)
+    assert "rest on the rigid bodies' forms alone" in said.reason
