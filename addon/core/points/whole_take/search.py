@@ -329,8 +329,8 @@ class Search:
         """Namings (N,) in which a tracklet has another name: a marker's that is not there at the time, or none.
 
         What is an extra may be such a marker whatever its distances say: these are what is wrong where a marker has the
-        name for a part of the take only. What lasts and has no name may be one that is usually there. What has a name
-        that is seldom there may have none.
+        name for a part of the take only. What lasts and has no name may be one that is usually there, or that is there
+        and less likely it. What has a name that is seldom there may have none.
         """
         marker, tracklets, markers = self.best.marker, self.objective.tracklets, self.objective.markers
         own = (marker != NO_MARKER) & (marker < markers)
@@ -339,7 +339,10 @@ class Search:
         free = (marker == NO_MARKER) & lasting(tracklets, self.objective.rate)
         likely |= free[:, None] & ~self.seldom()[:markers]
         tracklet, name = np.nonzero(likely & ~own[:, None])
-        free = ~(self._beside(tracklet) & (marker[:, None] == name)).any(axis=0)
+        taken = self._beside(tracklet) & (marker[:, None] == name)
+        worth = self._odds * self.objective.weight[:, None]
+        lost = np.where(taken, worth[np.arange(len(marker)), marker][:, None], 0.0).sum(axis=0)
+        free = ~taken.any(axis=0) | ((marker[tracklet] == NO_MARKER) & (worth[tracklet, name] > lost))
         seldom = np.flatnonzero(own)[self.seldom()[marker[own]]]
         one = np.concatenate([tracklet[free], seldom])
         other = np.concatenate([name[free], np.full(len(seldom), NO_MARKER)])

@@ -233,6 +233,30 @@ def test_what_is_there_without_a_name_may_be_a_marker_that_is_not(model, markers
         assert any((one == truth).all() for one in search._alone())
 
 
+def test_a_name_that_another_has_for_a_while_goes_to_what_is_likelier_it(model, markers):
+    one, other = (model.markerset.index(name) for name in LEFT_WRIST)
+    hidden = markers.copy()
+    hidden[BURST : BURST + 5, other] = np.nan
+    hidden[2 * BURST : 2 * BURST + 5, one] = np.nan
+    objective, truth = objective_of(model, *pieces(hidden, hidden=0))
+    count = objective.tracklets.count
+    given = np.where(count == 2 * BURST, NO_MARKER, np.where(count == BURST, one, truth))
+    goes = np.where(count == BURST, NO_MARKER, truth)
+    assert any((each == goes).all() for each in Search(objective, given, USUAL_FREEDOM)._alone())
+
+
+def test_a_chain_goes_on_to_what_is_near_now_wherever_its_marker_should_be(model, markers):
+    wrist, finger, toe = (model.markerset.index(name) for name in ("LWRB", "LFIN", "LTOE"))
+    objective, truth = objective_of(model, *pieces(markers, hidden=0))
+    given = truth.copy()
+    given[truth == wrist], given[truth == finger], given[truth == toe] = finger, toe, NO_MARKER
+    search = Search(objective, given, USUAL_FREEDOM)
+    assert any(
+        (search._exchanged(np.argsort(one), search._slots) == truth).all()
+        for one in search._slots.layout.chains(np.array([wrist]), 30, 3)
+    )
+
+
 def test_markers_of_a_long_take_are_looked_up_where_they_are_asked_for(model, markers):
     points, whose = pieces(markers)
     nothing = said(points, whose, np.zeros(points.shape[:2], bool))
