@@ -329,6 +329,11 @@ class Objective:
             row = np.flatnonzero(said & (self._row == self._spread[at]))
             yield self._of[row], self._said[row]
 
+    def said_of_each(self) -> tuple[np.ndarray, np.ndarray]:
+        """Tracklets (K,) and what a frame on its own calls each, of frames evenly spread."""
+        said = self._said != NO_MARKER
+        return self._of[said], self._said[said]
+
     @cached_property
     def _said(self) -> np.ndarray:
         """(K,) what frames evenly spread say of the points that are looked at, NO_MARKER of those in others."""

@@ -122,6 +122,7 @@ class Search:
         yield from self._exchanges()
         yield from self._alone()
         if moves == "all":
+            yield from self._as_said()
             yield from self._of_frames()
 
     def propose(self, marker: np.ndarray) -> bool:
@@ -139,7 +140,7 @@ class Search:
         self.others.append(self.best if better else new)
         if better:
             self.best = new
-            for name in ("_slots", "_odds"):  # known of what was best
+            for name in ("_slots", "_odds", "_said"):  # known of what was best
                 vars(self).pop(name, None)
         return better
 
@@ -264,10 +265,33 @@ class Search:
                 tried = np.where((marker == name) & (tried == NO_MARKER), np.bincount(taken).argmax(), tried)
         return tried
 
+    def _as_said(self) -> Iterator[np.ndarray]:
+        """Namings (N,) in which a marker and those nearest to it are what most frames on their own call so.
+
+        Names that spread may have left a limb that has more on it than the set's markers, from plate to plate. Of what
+        is seldom there frames say too little.
+        """
+        markers = self.objective.markers
+        for size in range(2, SEARCH.sizes[-1] + 1):
+            for group in np.unique(np.sort(self.near[:, :size], axis=1), axis=0):
+                slots, said = self._slots, self._said
+                other = said.argmax(axis=0) != np.arange(markers)
+                if other[group].any() and not self.seldom()[group].any():
+                    free = np.append(group, np.arange(markers, len(slots)))
+                    yield self._assigned(group, free, said[np.ix_(free, group)].T, slots)
+
+    @cached_property
+    def _said(self) -> np.ndarray:
+        """(S, M) how many frames on their own call each slot so; of as many, and of none, what has the name has it."""
+        slots, markers = self._slots, self.objective.markers
+        tracklet, name = self.objective.said_of_each()
+        said, own = np.zeros((len(slots), markers)), slots.own[tracklet]
+        np.add.at(said, (own[own != NO_MARKER], name[own != NO_MARKER]), 1.0)
+        said[np.arange(markers), np.arange(markers)] += 0.5
+        return said
+
     def _by_shape(self, group: np.ndarray) -> np.ndarray:
         """(N,) the names with a group's given again by where the shape of frames has them."""
-        from scipy.optimize import linear_sum_assignment
-
         slots, known = self._slots, self.objective.model.learned_likelihood.known
         now, every = slots.settled, np.arange(len(slots))
         if now is None:
@@ -278,8 +302,13 @@ class Search:
         rest = settle(known.fine, known.constraints, now.points, now.present, naming)
         odds = name_odds(known.fine, known.constraints, rest)[:, group][:, :, free]
         usual = np.where(now.present[:, None, free], np.maximum(odds, -OBJECTIVE.max_marker), 0.0).mean(axis=0)
-        column = free[linear_sum_assignment(usual, maximize=True)[1]]
-        order = every.copy()
+        return self._assigned(group, free, usual, slots)
+
+    def _assigned(self, group: np.ndarray, free: np.ndarray, odds: np.ndarray, slots: Slots) -> np.ndarray:
+        """(N,) the names with a group's (G,) given to the free slots (F,) for which odds (G, F) are highest."""
+        from scipy.optimize import linear_sum_assignment
+
+        column, order = free[linear_sum_assignment(odds, maximize=True)[1]], np.arange(len(slots))
         order[column] = group
         order[np.setdiff1d(group, column)] = np.setdiff1d(column, group)
         return self._exchanged(order, slots)
@@ -395,7 +424,22 @@ class Search:
         for pair in zip(one.tolist(), other.tolist(), strict=True):
             order = np.arange(every)
             order[list(pair)] = pair[::-1]
-            yield self._exchanged(order, slots)
+            yield self._completed(self._exchanged(order, slots), *pair)
+
+    def _completed(self, marker: np.ndarray, name: int, extra: int) -> np.ndarray:
+        """(N,) the names in which what has none and was likely an extra has the name that this has got.
+
+        A marker has its gaps filled as soon as it is one, and an extra has not: it would look worse for that alone.
+        """
+        if not self.objective.markers <= extra < self.objective.markers + self.objective.extras:
+            return marker
+        tracklets = self.objective.tracklets
+        free = (marker == NO_MARKER) & (tracklets.held == NO_MARKER) & (tracklets.votes[:, name] > -RULING.odds)
+        free = np.flatnonzero(free & (self._odds[:, extra] > 0))
+        for tracklet in free[np.argsort(-self._odds[free, extra], kind="stable")].tolist():
+            if not (self._beside(tracklet) & (marker == name)).any():
+                marker[tracklet] = name
+        return marker
 
     def _of_two(self, now: Settled) -> np.ndarray:
         """(M, M + E) what frames `now` win if two exchange names; each two once, minus infinity elsewhere."""

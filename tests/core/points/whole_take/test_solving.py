@@ -301,6 +301,35 @@ def test_an_extra_that_lasts_is_not_left_out_again_and_a_marker_may_be(model, ma
     assert left_out == {0: True, 26: False}
 
 
+def test_an_extra_that_is_tried_as_a_marker_is_it_in_its_pieces_without_a_name_too(model, markers):
+    """Else it has gaps that what has the name has not, and the name looks surer than it is."""
+    toe, extra = model.markerset.index("LTOE"), len(model.markerset)
+    beside = markers[:, [toe]] + [0.0, 0.0, 0.01]
+    beside[40:60] = np.nan
+    points, whose = pieces(np.concatenate([markers, beside], axis=1), hidden=0)
+    objective, truth = objective_of(model, points, whose)
+    objective.extras = 1
+    of_extra = np.flatnonzero(truth == extra)
+    shorter = of_extra[objective.tracklets.count[of_extra].argmin()]
+    search = Search(objective, np.where(np.arange(len(truth)) == shorter, NO_MARKER, truth), USUAL_FREEDOM)
+    assert any((tried[of_extra] == toe).all() for tried in search._exchanges())
+
+
+def test_a_group_is_tried_as_most_frames_on_their_own_have_it(model, markers):
+    points, whose = np.concatenate([markers, markers[:, -2:] + 0.03], axis=1), np.arange(28)
+    named = said(points, whose, np.broadcast_to(whose < 26, points.shape[:2]))
+    tracklets = tracklets_of(points, cut(points, RATE), named, 26)
+    objective, truth = Objective(points, tracklets, named, model, RATE), whose[tracklets.lane]
+    objective.extras = 2
+    order = np.array([*exchanged(model, *LEFT_WRIST)[:24], 26, 27, 24, 25])
+    search = Search(objective, order[truth], USUAL_FREEDOM)
+    assert search.best.marker[truth == 24] == 26
+    for tried in search._as_said():
+        search.propose(tried)
+    assert (search.best.marker == truth).all()
+    assert not list(search._as_said())
+
+
 def test_of_a_limb_nobody_wears_one_marker_alone(model, markers):
     """Of a toe without anything near the program is not sure, though frames are; beside a heel and an ankle it is."""
     toe = model.markerset.index("LTOE")
