@@ -25,7 +25,7 @@ from ..motion import SUBJECT_FRAMES
 from ..refusals import REFUSAL
 from ..tracklets import CUTTING, cut
 from ..unordered import of_subject
-from .likeness import LIKENESS, NO_EVIDENCE, of_ends, of_frames, steadiest
+from .likeness import LIKENESS, NO_EVIDENCE, of_frames, steadiest
 from .pairs import PairDistances, in_take
 from .pipeline import PointOptions, as_a_whole, begins, name_frames
 from .search import SEARCH
@@ -166,11 +166,11 @@ class _Given:
         self.rate, self.row, self.newest = rate, row, newest
         size = len(pairs.mean)
         self.placed = self.sure = np.full((size, 3), np.nan)
-        near, steady, rows = steadiest(pairs.variance), steadiest(pairs.within), np.arange(size)[:, None]
-        self._apart = near, pairs.mean[rows, near], pairs.variance[rows, near]
-        self._within = steady, pairs.within[rows, steady]
+        self._pairs, self._near = pairs, steadiest(pairs.variance)
         # When each marker was there last, and where all of them were then.
         self._seen, self._then = np.full(size, -np.inf), np.full((size, size, 3), np.nan, np.float32)
+        # Of new trajectories when they came, in how many frames they were asked for each marker, and what these said.
+        self._asked: dict[int, tuple[int, np.ndarray, np.ndarray]] = {}
 
     def on(self, row: int, number: np.ndarray, points: np.ndarray) -> np.ndarray:
         """The marker (P,) of each of a later frame's points (P, 3) m, which are of trajectories number (P,)."""
@@ -186,32 +186,61 @@ class _Given:
         return marker
 
     def _name_new(self, new: np.ndarray, number: np.ndarray, points: np.ndarray, marker: np.ndarray):
-        """Names those of points (P, 3) m that are `new` (N,) where a marker is that was placed a moment ago.
+        """Names those of points (P, 3) m that are `new` (N,) where a marker must be that is not there.
 
-        By its distances to those that are, on this subject and at that moment. Later what comes may be anything else.
+        If it was a moment before they came; later what comes may be anything else. The longer they are there, the surer
+        are they no ghosts; but two markers are as like each other in all frames.
         """
-        now, at, nobody = self.placed, np.zeros((len(new), 1), int), np.full(len(new), NO_MARKER)
-        gap = np.tile(self.row - self._seen, (len(new), 1))
-        asked = np.isnan(now[:, 0]) & (gap < longest_gap(self.rate))
-        if not asked.any() or np.isfinite(now[:, 0]).sum() < LIKENESS.min_neighbours:
+        now, missing = self.placed, np.isnan(self.placed[:, 0])
+        if not len(new) or (~missing).sum() < LIKENESS.min_neighbours:
             return
-        here = of_frames(at, points[new, None], now[None], nobody, *self._apart, asked, LIKENESS)
-        every = np.concatenate([self._then, now[None].astype(np.float32)])
-        then, last, own = np.where(asked, np.arange(len(now)), -1), np.full(len(new), len(now)), points[new]
-        gap = np.where(asked, gap, 0).astype(int)
-        before = of_ends(last, then, gap, own.astype(np.float32), every, nobody, *self._within, self.rate, LIKENESS)
-        odds = (here + before) / 2  # the same distances, looked at twice
-        odds = np.where(np.isnan(odds), -np.inf, odds)
+        odds, worth, may_be = self._odds(number[new], points[new], missing)
         for row, best in enumerate(odds.argmax(axis=1).tolist()):
+            own = odds[row, best]
+            if not may_be[row, best] or own <= NO_EVIDENCE:
+                continue
             rivals = np.append(np.delete(odds[row], best), np.delete(odds[:, best], row))
-            if odds[row, best] - max(rivals.max(initial=-np.inf), NO_EVIDENCE) > SEARCH.margin:
+            if min(own - rivals.max(initial=-np.inf), own * worth[row, best] - NO_EVIDENCE) > SEARCH.margin:
                 self.marker[int(number[new[row]])] = marker[new[row]] = best
                 now[best] = points[new[row]]
+
+    def _odds(self, number: np.ndarray, points: np.ndarray, missing: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Mean log odds (N, M) that new trajectories number (N,), now at points (N, 3) m, are markers `missing` (M,).
+
+        With how many independent frames they are worth (N, M), and whether the marker was there a moment before.
+        """
+        said = [self._asked.setdefault(one, (self.row, *np.zeros((2, len(missing))))) for one in number.tolist()]
+        frame, nobody = np.zeros((len(number), 1), int), np.full(len(number), NO_MARKER)
+        given = nobody, self._near, *self._expected(), np.tile(missing, (len(number), 1)), LIKENESS
+        here = of_frames(frame, points[:, None], self.placed[None], *given)
+        for now, (_, count, total) in zip(here, said, strict=True):
+            count += np.isfinite(now)
+            total += np.nan_to_num(now)
+        count, total = (np.array([one[part] for one in said]) for part in (1, 2))
+        odds = np.where(np.isfinite(here), total / np.maximum(count, 1), -np.inf)
+        worth = np.minimum(1 + count / self.rate / LIKENESS.sample_s, LIKENESS.max_samples)
+        may_be = np.array([[came] for came, *_ in said]) - self._seen < longest_gap(self.rate)
+        return odds, worth, may_be
+
+    def _expected(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean m and variance m² of the distances (M, Q) of each marker to its neighbours now.
+
+        They are what they were when it was there last, and become what they are at any time.
+        """
+        rows, pairs = np.arange(len(self._near))[:, None], self._pairs
+        mean, unsure, within = (part[rows, self._near] for part in (pairs.mean, pairs.unsure, pairs.within))
+        before = np.linalg.norm(self._then[rows, rows] - self._then[rows, self._near], axis=2)
+        part = np.minimum(((self.row - self._seen[:, None]) / (LIKENESS.change_s * self.rate)) ** 2, 1)
+        part = np.where(np.isfinite(before), part, 1.0)
+        kept = np.sqrt(1 - part)
+        variance = LIKENESS.link_sd_m**2 + part * within + (1 - kept) ** 2 * unsure
+        return mean + kept * np.where(np.isfinite(before), before - mean, 0.0), variance
 
     def forget(self, numbers: set[int]):
         """Forgets all trajectories but some."""
         self.marker = {one: marker for one, marker in self.marker.items() if one in numbers}
         self.solved &= numbers
+        self._asked = {one: said for one, said in self._asked.items() if one in numbers}
 
 
 class _Shown:

@@ -68,6 +68,19 @@ def test_a_new_point_is_named_where_a_marker_was_a_moment_ago_by_its_distances_o
     assert namer.name(40 + away, moved, np.append(77, ids[1:]))[0].tolist() == [0 if named else -1, *range(1, MARKERS)]
 
 
+@pytest.mark.parametrize(("off", "after"), [(0.02, [0]), (0.04, range(10, 60)), (0.06, [None])])
+def test_a_new_point_that_may_be_a_ghost_is_named_once_it_was_there_for_long_enough(off, after):
+    ids = np.arange(MARKERS)
+    namer = settled(ids)
+    for frame in range(40, 70):
+        namer.name(frame, body(frame)[1:], ids[1:])
+    named = [
+        namer.name(frame, body(frame) + off * (ids == 0)[:, None], np.append(77, ids[1:]))[0][0] == 0
+        for frame in range(70, 270)  # it came in time, and is asked for on and on
+    ]
+    assert (named.index(True) if any(named) else None) in after
+
+
 def test_a_settled_name_is_taken_back_only_by_a_line_that_says_so():
     namer = settled(np.arange(MARKERS))
     _, number = namer.name(40, body(40), np.arange(MARKERS))
