@@ -32,7 +32,7 @@ def moving_in(collection: bpy.types.Collection, stored: Stored) -> Moving:
         raise InputError(f"{armature.name} has no bone {gone}; expected the bones that it was shown with")
     places = (np.array([getattr(bone, end) for bone in bones]) for end in ("head_local", "tail_local"))
     own = stored.name, stored.rate, stored.cutoff, stored.segments, stored.parents
-    return Moving(*own, *places, motion.frames + stored.clock.shift, motion.joints, motion.rotations)
+    return Moving(*own, *places, motion.frames + stored.clock.shift, motion.joints, motion.rotations).with_toes()
 
 
 def add_character(

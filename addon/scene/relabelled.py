@@ -9,6 +9,9 @@ import numpy as np
 
 from ..core.data.markersets import Worn
 from ..core.data.merging import LabelledRange, can_merge, merged
+from ..core.data.takes import Motion
+from ..core.points.motion import PosedFrames
+from ..core.points.several.together import beside, longer
 from ..core.review.changes import Change, changes
 from . import naming
 from .clock import TakeClock, set_moment
@@ -16,6 +19,7 @@ from .corrections import kept_edits
 from .opened import opened
 from .ownership import Former, put_in_place
 from .performers import colours_in
+from .stored import Stored
 from .take import SOURCE, Take, clear_take, is_linked, remove_take, show_take, takes_of
 from .timing import kept_clock
 
@@ -80,10 +84,24 @@ def _same_take(
     """
     stored, raw = opened.take(collection, scene), opened.unedited(collection, scene)
     unedited = None if kept_edits(collection) is None else raw.labels
-    old = LabelledRange(stored.rows, stored.labels, stored.unfilled, raw.suspects, unedited)
     # A set that was learned again has the same name, and may have its markers in another order.
-    alike = collection[naming.MARKERSET] == worn.name and stored.names == worn.markers
-    return old if alike and can_merge(old, new) else None
+    if collection[naming.MARKERSET] != worn.name or stored.names != worn.markers:
+        return None
+    motion = _with_ends(stored, worn)
+    old = LabelledRange(stored.rows, stored.labels, motion, raw.suspects, unedited)
+    return old if can_merge(old, new) else None
+
+
+def _with_ends(stored: Stored, worn: Worn) -> Motion:
+    """What was measured of a take, with the joints at the end of its bodies that earlier versions did not give them."""
+    each = []
+    for performer, (_, markerset) in zip(stored.performers, worn.worn, strict=True):
+        own, known, skeleton = performer.motion_of(stored.unfilled), performer.joints[1], markerset.skeleton
+        if stored.segments[performer.joint_rows] == skeleton.segments[:known]:
+            body = longer(PosedFrames(own.expected, own.joints, own.rotations, own.scale), skeleton)
+            own = replace(own, joints=body.joints, rotations=body.rotations)
+        each.append(own)
+    return beside(each)
 
 
 def changes_of(old: LabelledRange, new: LabelledRange, names: tuple[str, ...]) -> tuple[Change, ...]:

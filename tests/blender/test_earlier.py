@@ -19,7 +19,7 @@ from addon.io.models import open_model, write_model
 from addon.io.points import read_points
 from scripts.keep_version import EARLIER, FEW, MODEL
 
-from .hands import choose, reopen, stored_take
+from .hands import choose, ours, reopen, stored_take
 
 VERSIONS = sorted(path.parent.name for path in EARLIER.glob("*/expected.json"))
 
@@ -50,6 +50,8 @@ def test_a_take_is_as_the_version_that_saved_it_read_it(take):
     assert not [outcome for outcome in now.outcomes if outcome.reason]
     assert [[fill.marker, fill.first, fill.last] for fill in now.fills] == take["fills"]
     assert not any(now.unfit)
+    collection = bpy.context.scene.mocap_autolabel.take
+    assert {"toes.L", "toes.R"} <= set(ours("scene.character").moving_in(collection, now).segments)
     settings = bpy.context.scene.mocap_autolabel
     assert settings.subjects.markerset == MODEL
     assert settings.take is not None

@@ -2,6 +2,7 @@
 """Several performers in a scene: each with a collection, an armature, a body, markers and a colour of their own."""
 
 import shutil
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -10,6 +11,9 @@ from mathutils import Color
 
 from addon.cli import main as command
 from addon.core.data.takes import Motion
+from addon.core.points.models import Model
+from addon.core.points.several.wearers import SetsWorn, Wearer
+from addon.core.posing.ends import with_ends
 from addon.io.markersets import markerset_file, open_markerset, write_markerset
 from addon.io.points import read_points, write_c3d
 from addon.scene import naming, performers
@@ -166,6 +170,36 @@ def test_labelled_again_they_take_their_own_place_and_colours(empty, made):
     assert takes.takes_of(empty.scene) == [after]
     assert performers.colours_in(after)["ann"] == pytest.approx((0.5, 0.25, 0.125), abs=1e-4)
     assert [child.name for child in after.children] == ["ann", "bob"]
+
+
+def test_a_range_is_put_into_a_take_whose_bodies_had_no_toes(empty, made):
+    markerset = open_markerset("gait15")
+    old = made.pair(markerset=markerset)
+    takes.show_take(empty, old)
+    longer = with_ends(markerset)
+    worn = SetsWorn(tuple(Wearer(name, Model(longer)) for name in ("ann", "bob")))
+    count, known = len(longer.skeleton), len(markerset.skeleton)
+    assert count == known + 2
+    new = made.pair(markerset=longer)
+    motion = Motion(*(getattr(new.motion, field)[5:9] for field in Motion.__dataclass_fields__))
+    rows = replace(new.rows, frames=motion.frames, frame=new.rows.frame[:0], trajectory=new.rows.trajectory[:0])
+    rows = replace(rows, xyz=new.rows.xyz[:0], residual=new.rows.residual[:0])
+    part = replace(new, markerset=worn, rows=rows, labels=new.labels[:0], motion=motion, suspects=())
+    after = show_again(empty, part, whole=False)
+    assert takes.takes_of(empty.scene) == [after]
+    assert not after.hide_viewport
+    whole = Opened().take(after, empty.scene).motion
+    assert whole.frames.tolist() == old.motion.frames.tolist()
+    for number in range(2):
+        there, before = whole.joints[:, number * count :][:, :count], old.motion.joints[:, number * known :][:, :known]
+        outside = np.r_[0:5, 9 : len(whole.frames)]
+        np.testing.assert_allclose(there[outside, :known], before[outside], atol=1e-6)
+        found = np.isfinite(before).all(axis=(1, 2))
+        np.testing.assert_array_equal(np.isfinite(there).all(axis=(1, 2))[outside], found[outside])
+        for toes, feet in zip(range(known, count), longer.skeleton.parents[known:], strict=True):
+            far = np.linalg.norm(there[outside, toes] - there[outside, feet], axis=1)
+            size = 1.6 * 1.1**number * np.linalg.norm(longer.skeleton.offsets[toes])
+            np.testing.assert_allclose(far[np.isfinite(far)], size, rtol=1e-4)
 
 
 def test_the_command_line_saves_them_and_they_can_be_gone_on_with(empty, tmp_path):

@@ -182,7 +182,7 @@ def _feet_on_ground(
         floor = -np.inf
     turn = _turned_up(ankle[..., 2] - floor, turn, tip, fade)
     places = ankle[:, :, None] + rotations.carried(turn[:, :, None], parts)
-    slow &= (places[..., 2] < np.array(rests) + ON_GROUND.low_m) | _carrying(slow)
+    slow &= (places[..., 2] < np.array(rests) + ON_GROUND.low_m) | _carrying(slow, ankle[..., 2])
     moved, held = _held_in_place(places, slow, parts, 2 * span, fade, bool(np.isfinite(floor)))
     goal = places + moved
     along = goal[:, :, 1] - goal[:, :, 0]
@@ -232,14 +232,19 @@ def _turned_up(height: np.ndarray, turn: np.ndarray, tip: np.ndarray, fade: int)
     return rotations.exponential(axis * lack[..., None])[0] @ turn
 
 
-def _carrying(slow: np.ndarray) -> np.ndarray:
-    """Which parts of feet that are slow (F, S, P) carry somebody, on a step as well: meanwhile another foot goes on."""
+def _carrying(slow: np.ndarray, height: np.ndarray) -> np.ndarray:
+    """Which parts of feet that are slow (F, S, P) carry somebody, on a step as well: meanwhile another foot goes on.
+
+    It does so for most of that time, and above the one that stands, by their ankles' height (F, S) m. While a foot is
+    held up, the other may go on, too, but below.
+    """
     carrying = np.zeros_like(slow)
     for side in range(slow.shape[1]):
         goes = ~np.delete(slow, side, axis=1).any(axis=2).all(axis=1)
+        above = goes & (np.delete(height, side, axis=1) > height[:, [side]]).any(axis=1)
         for part in range(slow.shape[2]):
             for start, stop in runs(slow[:, side, part], 1):
-                carrying[start:stop, side, part] = goes[start:stop].any()
+                carrying[start:stop, side, part] = goes[start:stop].mean() > 0.5 and above[start:stop].any()
     return carrying
 
 
@@ -250,10 +255,13 @@ def _held_in_place(
 
     They may be planted where they are slow (F, S, 3); `parts` (S, 3, 3) m is where a foot has them.
     """
+    tilt = np.zeros_like(places[..., 2])
+    if on_floor:
+        tilt[:, :, 1] = places[:, :, 0, 2] - places[:, :, 1, 2]
     plants = [
         [
-            _plants(paths[:, part], own[:, part], least, fade, part == 1 and on_floor)
-            for paths, own in zip(places.swapaxes(0, 1), slow.swapaxes(0, 1), strict=True)
+            _plants(places[:, side, part], slow[:, side, part], tilt[:, side, part], least, fade)
+            for side in range(places.shape[1])
         ]
         for part in range(3)
     ]
@@ -268,8 +276,8 @@ def _held_in_place(
     return moved, held
 
 
-def _plants(path: np.ndarray, slow: np.ndarray, least: int, fade: int, rolls: bool) -> list[Plant]:
-    """Where a part of a foot on a path (F, 3) m is planted; one that `rolls` may rise as the foot tilts."""
+def _plants(path: np.ndarray, slow: np.ndarray, tilt: np.ndarray, least: int, fade: int) -> list[Plant]:
+    """Where a part of a foot on a path (F, 3) m is planted; it may rise by as much as `tilt` (F,) m does."""
     found, left = [], runs(slow, fade)
     while left:
         start, stop = left.pop()
@@ -277,7 +285,8 @@ def _plants(path: np.ndarray, slow: np.ndarray, least: int, fade: int, rolls: bo
             continue
         place = np.nanmedian(path[start:stop], axis=0)
         off = np.nan_to_num(path[start:stop] - place)
-        off[:, 2] *= not rolls
+        more = np.nan_to_num(tilt[start:stop] - np.nanmedian(tilt[start:stop]))
+        off[:, 2] -= np.clip(off[:, 2], np.minimum(more, 0), np.maximum(more, 0))
         if np.linalg.norm(off, axis=1).max() <= ON_GROUND.reach_m:
             found.append((start, stop, place))
             continue

@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What another armature needs of a take to move as its body does."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..filling.ground import settled
-from ..posing.character import Character, character_of
+from ..geometry.rotations import carried
+from ..posing.character import Character, character_of, toes_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +33,26 @@ class Moving:
     joints: np.ndarray
     rotations: np.ndarray
     place: np.ndarray = field(default_factory=lambda: np.eye(4))
+
+    def with_toes(self) -> "Moving":
+        """The same with toes on feet that have none, as in takes of earlier versions.
+
+        They are as the feet are until the floor bends them.
+        """
+        feet = [at for at, name in enumerate(self.segments) if name.startswith("foot.") and at not in self.parents]
+        balls, tips = toes_of((self.ends - self.begins)[feet])
+        ends, begins = self.ends.copy(), self.begins[feet] + balls
+        ends[feet] = begins
+        ways = carried(self.rotations[:, feet], balls)
+        return replace(
+            self,
+            segments=(*self.segments, *(f"toes.{self.segments[foot][-1]}" for foot in feet)),
+            parents=(*self.parents, *feet),
+            begins=np.concatenate([self.begins, begins]),
+            ends=np.concatenate([ends, self.begins[feet] + tips]),
+            joints=np.concatenate([self.joints, self.joints[:, feet] + ways], axis=1),
+            rotations=np.concatenate([self.rotations, self.rotations[:, feet]], axis=1),
+        )
 
     @property
     def size(self) -> float:

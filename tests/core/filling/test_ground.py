@@ -31,6 +31,16 @@ def chained(root: np.ndarray, turns: np.ndarray, offsets: np.ndarray = OFFSETS) 
     return joints
 
 
+def bend_leg(turns: np.ndarray, root: np.ndarray, foot: int, x: np.ndarray, z: np.ndarray):
+    """Turns thigh and shank so that the ankle is at x and z (F,) m."""
+    ahead, down = x - root[:, 0], root[:, 2] - z
+    far = np.hypot(ahead, down)
+    hip = np.arccos((THIGH**2 + far**2 - SHANK**2) / (2 * THIGH * far))
+    knee = np.arccos((THIGH**2 + SHANK**2 - far**2) / (2 * THIGH * SHANK))
+    thigh = -(np.arctan2(ahead, down) + hip)
+    turns[:, foot - 2], turns[:, foot - 1] = about_y(thigh), about_y(thigh + np.pi - knee)
+
+
 def walk(strides: int = 5, rise: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Joints and rotations of a walk along x on the floor z = 0, and (F, 2) whether left and right are planted.
 
@@ -47,12 +57,7 @@ def walk(strides: int = 5, rise: float = 0.0) -> tuple[np.ndarray, np.ndarray, n
         swing = np.clip((phase - STANCE) / (STRIDE - STANCE), 0, 1)
         x = 2 * STEP * (number + swing * swing * (3 - 2 * swing) - side / 2) + STEP * STANCE / STRIDE
         z = ANKLE + 0.07 * np.sin(np.pi * swing) ** 2 + rise * (number + swing - side / 2)
-        ahead, down = x - root[:, 0], root[:, 2] - z
-        far = np.hypot(ahead, down)
-        hip = np.arccos((THIGH**2 + far**2 - SHANK**2) / (2 * THIGH * far))
-        knee = np.arccos((THIGH**2 + SHANK**2 - far**2) / (2 * THIGH * SHANK))
-        thigh = -(np.arctan2(ahead, down) + hip)
-        turns[:, foot - 2], turns[:, foot - 1] = about_y(thigh), about_y(thigh + np.pi - knee)
+        bend_leg(turns, root, foot, x, z)
     return chained(root, turns), turns, planted
 
 
@@ -265,6 +270,50 @@ def test_the_ball_holds_still_while_the_foot_turns_on_its_tip_and_its_heel_comes
     assert np.ptp(joints[:, -2, :2], axis=0).max() > 0.015
     now, _ = settled(joints, turn[:, None] @ turns, TOED, TOED_PARENTS, TOED_ENDS, RATE)
     assert np.ptp(now[:, -2, :2], axis=0).max() < 0.001
+
+
+def eased(start: float, seconds: float) -> np.ndarray:
+    """(600,) from 0 to 1 within so many seconds from then on."""
+    part = np.clip((np.arange(600) / RATE - start) / seconds, 0, 1)
+    return part * part * (3 - 2 * part)
+
+
+def with_left_foot_raised(raised: np.ndarray, goes: np.ndarray, down: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Somebody whose left foot is so high and points down so far, while the right one goes so far ahead; (F,) each."""
+    turns = np.tile(np.eye(3), (len(raised), len(SEGMENTS), 1, 1))
+    root = np.tile([0.0, 0.0, 0.84], (len(raised), 1))
+    for foot, x, z in zip(FEET, (0 * goes, goes), (raised, 0 * raised), strict=True):
+        bend_leg(turns, root, foot, x, ANKLE + z)
+    turns[:, FEET[0]] = about_y(down)
+    return with_toes(chained(root, turns), turns)
+
+
+@pytest.mark.parametrize("start", [1.0, 4.0])
+def test_a_foot_that_is_lifted_slowly_and_level_is_lifted(start):
+    raised = 0.05 * eased(start, 0.6)
+    joints, turns = with_left_foot_raised(raised, 0 * raised, 0 * raised)
+    now, _ = settled(joints, turns, TOED, TOED_PARENTS, TOED_ENDS, RATE)
+    np.testing.assert_allclose(now[:, FEET[1]], joints[:, FEET[1]], atol=0.001)
+    off = np.linalg.norm(now - joints, axis=2)[:, [FEET[0], -2]].max(axis=1)
+    assert off.max() < 0.02
+    np.testing.assert_allclose(off[[50, 300, 580]], 0, atol=0.001)
+
+
+HOP, JUMP = 0.3 * eased(2.0, 0.3), 0.03 * (np.arange(600) >= 250)
+
+
+@pytest.mark.parametrize(("start", "goes"), [(1.0, HOP), (1.0, JUMP), (1.7, HOP)])
+def test_a_foot_in_the_air_carries_nobody_while_the_other_moves(start, goes):
+    slowly = 0.3 * np.clip((np.arange(600) / RATE - 1) / 3.5, 0, 1)
+    joints, turns = with_left_foot_raised(slowly, goes / 3, 0 * goes)
+    now, _ = settled(joints, turns, TOED, TOED_PARENTS, TOED_ENDS, RATE)
+    assert np.linalg.norm(now - joints, axis=2)[:, [FEET[0], -2]].max() < 0.02
+    up = eased(start, 0.3) - eased(4.0 - start, 0.3)  # at last the other goes all the while
+    joints, turns = with_left_foot_raised(0.5 * up, goes, 0.7 * up)
+    now, after = settled(joints, turns, TOED, TOED_PARENTS, TOED_ENDS, RATE)
+    there = up > 0.9
+    np.testing.assert_allclose(now[there, FEET[0]], joints[there, FEET[0]], atol=0.001)
+    np.testing.assert_allclose(bent(after)[there], 0, atol=1)
 
 
 def test_where_nobody_rests_or_the_floor_is_not_below_toes_are_as_the_feet():

@@ -110,7 +110,7 @@ class FinerBodies:
             own = places[:, _columns("expected", self._sets, number)]
             if np.array_equal(named.attachment, model.markerset.attachment):  # nothing shows how more joints bend
                 parts = (getattr(motion, name)[:, _columns(name, self._sets, number)] for name in OF_BODIES)
-                each.append(_longer(PosedFrames(own, *parts), model.markerset.skeleton))
+                each.append(longer(PosedFrames(own, *parts), model.markerset.skeleton))
                 continue
             prior = Prior(model)
             if self._subjects[number] is None and np.isfinite(own).any():
@@ -121,8 +121,8 @@ class FinerBodies:
         )
 
 
-def _longer(body: PosedFrames, skeleton: Skeleton) -> PosedFrames:
-    """A body with the joints at the end of a skeleton that it lacks, which are as those above them."""
+def longer(body: PosedFrames, skeleton: Skeleton) -> PosedFrames:
+    """A body with the joints at the end of a skeleton that it lacks, which are turned as those above them."""
     joints, turns = body.joints, body.rotations
     for at in range(joints.shape[1], len(skeleton)):
         above = [skeleton.parents[at]]
