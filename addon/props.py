@@ -543,6 +543,7 @@ class PickedPoint(bpy.types.PropertyGroup):
 class ReviewState(bpy.types.PropertyGroup):
     """The tables of the active take: `WindowManager.mocap_autolabel`; filled by `refresh_review`, never saved."""
 
+    of_scene: IntProperty()  # whose take the tables are of, by its number in the session
     markers: CollectionProperty(type=MarkerRow)
     marker_index: chosen_row()
     corrections: CollectionProperty(type=CorrectionRow)
@@ -751,6 +752,9 @@ def take_name(source: SourceSettings) -> str:
 def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     """Fills the tables of the review from the scene's active take, or empties them; frames are Blender's."""
     state, collection = manager.mocap_autolabel, scene.mocap_autolabel.take
+    if state.of_scene != scene.session_uid:  # a long list of trouble comes a moment later
+        state.troubles.clear()
+    state.of_scene = scene.session_uid
     for editor in ("DOPESHEET_EDITOR", "GRAPH_EDITOR"):
         redraw(editor)
     if not is_take(collection):

@@ -114,8 +114,14 @@ class WithTake(Ours):
     needs = (lacks_take,)
 
 
+class PicksOfTake(Ours):
+    """Operators that pick of the active take, of blobs or points, and change nothing of it."""
+
+    needs = (lacks_take, lacks_object_mode)
+
+
 class OfTake(Ours):
-    """Operators that change the active take, of blobs or points, or pick what to change of it."""
+    """Operators that change the active take, of blobs or points."""
 
     needs = (lacks_take, lacks_own_take, lacks_object_mode)
 

@@ -38,7 +38,7 @@ from ..scene.redrawing import redraw
 from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
 from ..scene.timing import picked_range
-from .base import OfTake, once, taken, unless
+from .base import OfTake, WithTake, once, taken, unless
 from .picking import picked_points, selected_markers, show_picked
 from .reposing import follow_soon
 
@@ -302,7 +302,7 @@ class MOCAP_AUTOLABEL_OT_clear_corrections(HasEdits, bpy.types.Operator):
         correct(context, NO_EDITS)
 
 
-class MOCAP_AUTOLABEL_OT_save_corrections(OfTake, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_save_corrections(WithTake, bpy.types.Operator):
     """Write the corrections beside the take, where the command line and other scenes take them up."""
 
     bl_options = {"REGISTER"}

@@ -54,7 +54,7 @@ class ExportsTake(LongWork, ToldWhere, WithTake):
     `of_body` waits for that to follow the labels.
     """
 
-    of_body = False
+    of_body = of_scene = False
     write: Writer
 
     def invoke(self, context, event):

@@ -250,7 +250,7 @@ class MOCAP_AUTOLABEL_OT_find_markerset(LabelsTake, bpy.types.Operator):
     """Find out which of the marker sets that are known the take shows, and whether two performers are in it."""
 
     bl_options = {"INTERNAL", "UNDO"}  # a step of its own, so undoing the next one keeps what was found
-    doing = "Looking who is there"
+    doing, waits = "Looking who is there", False
     needs = (lacks_input, nothing_goes_on)
 
     def asked(self, context) -> partial:

@@ -47,6 +47,8 @@ class LongWork(Ours):
     """
 
     doing = "Working"
+    of_scene = True  # whether what comes of it goes into the scene that it was asked for in, not into a file
+    waits = True  # until that scene is seen, or else gives up
     _timer, _asked_for_it, _found = None, False, None
     _shown = float("-inf")
 
@@ -105,35 +107,48 @@ class LongWork(Ours):
 
     @reports_trouble
     def _tick(self, context) -> set[str]:
-        """Looks for what came of the work, which is shown in the scene that it was asked for in, once that is seen."""
+        """Looks for what came of the work, which is shown in the scene that it was asked for in, once that is seen.
+
+        What is in a file needs no scene.
+        """
         self._found = self._worker.look() if self._found is None else self._found
         if self._found is None:
             self._tell(context, self._worker.share)
             return {"RUNNING_MODAL"}
         asked = next((one for one in bpy.data.scenes if one.session_uid == self._scene), None)
-        if asked not in (None, context.scene):
+        windows = [] if asked == context.scene else context.window_manager.windows
+        seen = asked == context.scene or next((window for window in windows if window.scene == asked), None)
+        if self.of_scene and self.waits and asked is not None and not seen:
             self._tell(context, 1.0, f"done, to be shown in {asked.name}")
             return {"RUNNING_MODAL"}
         self._end(context)
-        if asked is None:
+        if self.of_scene and not self.waits and not seen:
+            return {"CANCELLED"}
+        if self.of_scene and asked is None:
             raise InputError(f"{self.doing.lower()} is done, but its scene is gone; expected that to stay")
+        if asked in (None, context.scene):
+            return self._told(context)
+        with bpy.context.temp_override(**({"window": seen} if seen else {"scene": asked})):
+            return self._told(bpy.context)
+
+    def _told(self, context) -> set[str]:
         if isinstance(self._found, UserError):
             raise self._said(context, self._found)
         return self._show(context, self._found)
 
     def cancel(self, context):
-        """Another file is opened, or Blender ends: what is not done is given up, and whoever is there then is told."""
+        """Another file is opened, or the window is closed: it is given up, and whoever is there then is told."""
         self._end(context)
-        words = f"{self.doing} was given up, as another file was opened"
+        words = f"{self.doing} was given up, as another file was opened or its window was closed"
         bpy.app.timers.register(partial(_pop_up, words), persistent=True)
 
     def _tell(self, context, fraction: float, words: str = ""):
         now = perf_counter()
         if now - self._shown < TELL_EVERY:
             return
-        self._shown, spent = now, now - self._began
-        left = f", {time_left(spent, fraction)} left" if time_left(spent, fraction) else ""
         state = context.window_manager.mocap_autolabel
+        self._shown, spent = now, state.spent if words else now - self._began  # what waits is not worked on
+        left = f", {time_left(spent, fraction)} left" if time_left(spent, fraction) else ""
         words = words or f"{fraction:.0%}{left}"
         state.doing, state.share, state.spent = f"{self.doing}: {words}", fraction, spent
         context.window_manager.progress_update(round(100 * fraction))
@@ -199,7 +214,7 @@ def time_left(spent: float, fraction: float) -> str:
 
 
 class MOCAP_AUTOLABEL_OT_cancel(Ours, bpy.types.Operator):
-    """Stop what is going on; nothing of it stays, so more than ten seconds of work are asked about."""
+    """Stop what is going on; more than ten seconds of work are asked about before they are thrown away."""
 
     bl_options = {"INTERNAL"}
 

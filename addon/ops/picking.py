@@ -22,7 +22,7 @@ from ..scene.picking import Dots, combined, dots_of, inside_box, inside_lasso, n
 from ..scene.roots import placed
 from ..scene.stored import Stored
 from ..scene.take import holds_points, is_take
-from .base import OfTake, once, reports_trouble, taken
+from .base import OfTake, PicksOfTake, once, reports_trouble, taken
 from .gestures import Drags, gesture, place_in, window_region
 from .listing import lists_follow
 
@@ -173,7 +173,7 @@ class InView(OfTake):
         return super().poll(context) and context.area is not None and context.area.type == "VIEW_3D"
 
 
-class Picks(OfTake):
+class Picks(PicksOfTake):
     """Operators that pick dots."""
 
     bl_options = {"INTERNAL"}
@@ -250,7 +250,7 @@ class MOCAP_AUTOLABEL_OT_pick_region(Drags, Picks, bpy.types.Operator):
         _pick_dots(context, stored, dots, found, self.mode)
 
 
-class MOCAP_AUTOLABEL_OT_pick_none(OfTake, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_pick_none(PicksOfTake, bpy.types.Operator):
     """Pick nothing any more."""
 
     bl_label = "Pick Nothing"

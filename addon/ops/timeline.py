@@ -13,7 +13,7 @@ from ..scene.redrawing import redraw
 from ..scene.take import is_take
 from ..scene.timing import pick_range, show_range
 from ..scene.trajectories import FOLDED, KeptRows, Runs
-from .base import OfTake, Ours, WithTake, once, taken
+from .base import Ours, PicksOfTake, WithTake, once, taken
 from .gestures import Drags, window_region
 from .picking import picked_points, selected_markers, show_picked
 from .viewing import fit_timelines
@@ -96,7 +96,7 @@ class OnTimeline(Ours):
         return timeline_shown(context)
 
 
-class MOCAP_AUTOLABEL_OT_timeline_pick(OfTake, bpy.types.Operator):
+class MOCAP_AUTOLABEL_OT_timeline_pick(PicksOfTake, bpy.types.Operator):
     """Go to this frame of a marker or trajectory and pick it, or select a range of frames by dragging."""
 
     bl_label = "Pick in the Timeline"

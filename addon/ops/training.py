@@ -76,7 +76,7 @@ class Trains(LongWork):
     They differ in `job`, which says what to learn, and where to; UserError where nothing can be.
     """
 
-    doing = "Training"
+    doing, of_scene = "Training", False
 
     def asked(self, context):
         """The training, with who teaches the model for its history."""

@@ -63,7 +63,7 @@ class MOCAP_AUTOLABEL_OT_clear(Ours, bpy.types.Operator):
     def work(self, context):
         settings = context.scene.mocap_autolabel
         collection, settings.take = settings.take, None
-        left = remove_take(collection)
+        left = remove_take(collection, context.scene)
         opened.forget_read()
         refresh_review(context.window_manager, context.scene)
         if left is not None:

@@ -20,7 +20,7 @@ from .opened import opened
 from .ownership import Former, put_in_place
 from .performers import colours_in
 from .stored import Stored
-from .take import SOURCE, Take, clear_take, is_linked, remove_take, show_take, takes_of
+from .take import SOURCE, Take, clear_take, is_linked, leave_out, show_take, takes_of
 from .timing import kept_clock
 
 CHANGES = "mocap_changes"
@@ -31,6 +31,7 @@ def show_again(context: bpy.types.Context, take: Take, whole: bool) -> bpy.types
     """Shows a take in place of what the scene has of the same file in the same markers, which it is put into.
 
     What is a person's in its collection stays there, and what hung on the take or followed it does so again.
+    One that is linked from another file is left out instead, with what hangs on it.
     A take of the same file in other markers stays, hidden. The frame of the take stays where it is, and the range of
     frames that the scene plays unless all of the take was labelled for the first time (`whole`).
     """
@@ -59,7 +60,7 @@ def show_again(context: bpy.types.Context, take: Take, whole: bool) -> bpy.types
             colours={**colours_in(collection), **take.colours},
         )
         if is_linked(collection):
-            remove_take(collection)
+            leave_out(collection, scene)
         else:
             place, former = collection, clear_take(collection)
     shown = show_take(context, take, place)

@@ -242,14 +242,14 @@ def is_linked(collection: bpy.types.Collection) -> bool:
     return collection.library is not None or collection.override_library is not None
 
 
-def remove_take(collection: bpy.types.Collection) -> bpy.types.Collection | None:
-    """Removes a take with everything that was made for it and nobody changed; its cameras stay.
+def remove_take(collection: bpy.types.Collection, scene: bpy.types.Scene) -> bpy.types.Collection | None:
+    """Removes a take of a scene with everything that was made for it and nobody changed; its cameras stay.
 
     What is a person's stays in the collection, which is returned, holds no take any more and is called so; None where
-    nothing is left.
+    nothing is left. One that is linked from another file is left out of this scene, and nothing of it is deleted.
     """
-    if is_linked(collection):  # so nobody changed it here
-        bpy.data.batch_remove([*collection.all_objects, *collection.children_recursive, collection])
+    if is_linked(collection):
+        leave_out(collection, scene)
         return None
     name = f"Kept from {collection[naming.TAKE]}"
     materials = [body_material(home) for home in homes(collection).values()]
@@ -261,6 +261,21 @@ def remove_take(collection: bpy.types.Collection) -> bpy.types.Collection | None
     for material in materials:
         ownership.remove_or_keep(material)
     return left
+
+
+def leave_out(collection: bpy.types.Collection, scene: bpy.types.Scene):
+    """Takes a linked take out of a scene, where other things may hang on it: out of the scene's own collection.
+
+    One that is overridden, which may be a person's work, or lies elsewhere stays, excluded from the view layers.
+    """
+    if collection.override_library is None and collection in scene.collection.children.values():
+        scene.collection.children.unlink(collection)
+    for view_layer in scene.view_layers:
+        layers = [view_layer.layer_collection]
+        for layer in layers:
+            if layer.collection == collection:
+                layer.exclude = True
+            layers += layer.children
 
 
 def clear_take(collection: bpy.types.Collection, but: Sequence[bpy.types.Object] = ()) -> ownership.Former:

@@ -5,6 +5,7 @@ import bpy
 
 from ..core.data.wording import count_of
 from ..core.review.trouble import IN_DOUBT, LEFT_OVER, MISSING, NOBODY_THERE, OF_CAMERA, OFF_BODY
+from ..ops.correcting import review_now
 from ..ops.filling import EXTENTS
 from ..ops.listing import is_listed
 from ..ops.picking import picked_points, selected_markers, words_of_picked
@@ -54,6 +55,7 @@ def review(layout, context):
     """One list of the take, a box with what is the matter with the chosen row, and what mends all of it."""
     settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
     if is_take(settings.take):
+        _list_anew(context, state)
         row = layout.row(align=True)
         row.prop(state, "listed", text="")
         if state.listed == "TROUBLES" and len(state.troubles):
@@ -77,6 +79,16 @@ def review(layout, context):
         if words := words_behind(context):  # at the end, as it comes and goes: nothing moves from below the pointer
             draw_text(context, layout, words, icon="ERROR")
     _draw_played(layout, context)
+
+
+def _list_anew(context, state):
+    """Has the lists filled that are another scene's: Blender does not tell of a scene that is new, or deleted.
+
+    Two windows that show different scenes would do so in turns without end.
+    """
+    alone = all(window.scene == context.scene for window in context.window_manager.windows)
+    if alone and state.of_scene != context.scene.session_uid and not bpy.app.timers.is_registered(review_now):
+        bpy.app.timers.register(review_now)
 
 
 def _draw_troubles(layout: bpy.types.UILayout, context, state):

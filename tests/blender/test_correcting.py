@@ -68,6 +68,8 @@ def test_a_take_of_another_file_is_not_changed_here_where_that_would_be_lost(lab
         refused("linked from another file: change it there, or label it again here", name)
     assert bpy.ops.mocap_autolabel.export_c3d(filepath=str(tmp_path / "own.c3d")) == {"FINISHED"}
     assert bpy.ops.mocap_autolabel.export_bvh.poll()
+    for name in ("timeline_pick", "pick", "pick_none", "save_corrections"):
+        assert getattr(bpy.ops.mocap_autolabel, name).poll(), name
     label_walk(files.folder)
     assert scene.mocap_autolabel.take.library is scene.mocap_autolabel.take.override_library is None
     choose("LKNE", "RKNE")

@@ -253,9 +253,22 @@ class Modal:
     def __init__(self, module):
         self.reports, self.removed = [], 0
         kind = module.MOCAP_AUTOLABEL_OT_label
-        for name in ("_begin", "_tick", "_tell", "_end", "_show", "_said", "asked", "work", "execute", "modal"):
+        for name in (
+            "_begin",
+            "_tick",
+            "_told",
+            "_tell",
+            "_end",
+            "_show",
+            "_said",
+            "asked",
+            "work",
+            "execute",
+            "modal",
+        ):
             setattr(self, name, getattr(kind, name).__get__(self))
         self._timer, self._found, self.doing, self.everybody, self.force = None, None, kind.doing, False, False
+        self.of_scene, self.waits = kind.of_scene, kind.waits
 
     def report(self, kind, words):
         self.reports.append((*kind, words))
@@ -288,7 +301,7 @@ def window(ready):
     manager.invoke_confirm.return_value = {"RUNNING_MODAL"}
     status = []
     workspace = SimpleNamespace(status_text_set=status.append)
-    window = SimpleNamespace(screen=screen())
+    window = SimpleNamespace(screen=screen(), scene="another")
     manager.windows.append(window)
     context = SimpleNamespace(
         scene=ready.scene,
@@ -382,7 +395,8 @@ def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, in_fives, wi
     assert shares == sorted(shares)
 
 
-def test_what_was_asked_for_in_a_scene_is_shown_there_once_that_is_seen(ready, labelling, in_fives, window):
+@pytest.mark.parametrize("beside", [False, True], ids=["here", "in another window"])
+def test_what_was_asked_for_in_a_scene_is_shown_there_once_that_is_seen(ready, labelling, in_fives, window, beside):
     operator, context, state = window.operator, window.context, window.manager.mocap_autolabel
 
     def ticks(while_told: str) -> set[str]:
@@ -397,7 +411,13 @@ def test_what_was_asked_for_in_a_scene_is_shown_there_once_that_is_seen(ready, l
     assert ticks("%") == {"RUNNING_MODAL"}
     assert state.doing == "Labelling: done, to be shown in Scene"
     assert asked.mocap_autolabel.take is other.mocap_autolabel.take is None
-    context.scene = asked
+    spent, operator._began = state.spent, operator._began - 3600
+    assert operator.modal(context, SimpleNamespace(type="TIMER")) == {"RUNNING_MODAL"}
+    assert state.spent == spent, "it is not worked on"
+    if beside:
+        window.manager.windows.append(bpy.context.window)
+    else:
+        context.scene = asked
     assert ticks("") == {"FINISHED"}
     assert asked.mocap_autolabel.take.name == "Mocap: walk"
     assert not len(other.objects)
@@ -412,6 +432,28 @@ def test_what_was_asked_for_in_a_scene_that_is_gone_is_one_sentence(ready, label
         answer = operator.modal(context, SimpleNamespace(type="TIMER"))
     assert answer == {"CANCELLED"}
     assert operator.reports[-1][1] == "labelling is done, but its scene is gone; expected that to stay"
+
+
+@pytest.mark.parametrize("gone", [False, True])
+@pytest.mark.parametrize(
+    "name", ["exporting.ExportsTake", "training.Trains", "labelling.MOCAP_AUTOLABEL_OT_find_markerset"]
+)
+def test_what_is_in_a_file_needs_no_scene_and_nobody_waits_for_a_look(ready, labelling, in_fives, window, name, gone):
+    module, kind = name.split(".")
+    kind, operator, context = getattr(ours(f"ops.{module}"), kind), window.operator, window.context
+    operator.of_scene, operator.waits, shown = kind.of_scene, kind.waits, []
+    operator._show = lambda context, _: shown.append(context.scene)
+    operator._begin(context)
+    context.scene, answer = bpy.data.scenes.new("Other"), {"RUNNING_MODAL"}
+    if gone:
+        bpy.data.scenes.remove(ready.scene)
+    for _ in range(30):
+        if answer == {"RUNNING_MODAL"}:
+            answer = operator.modal(context, SimpleNamespace(type="TIMER"))
+    written = module != "labelling"
+    assert answer == ({"FINISHED"} if written else {"CANCELLED"})
+    assert shown == [bpy.data.scenes["Other" if gone else "Scene"]] * written
+    assert not operator.reports
 
 
 def test_work_is_done_by_one_process_and_shown_here_and_its_death_is_one_sentence(ready, window):

@@ -64,7 +64,7 @@ def over(request, tmp_path):
             reopen(tmp_path / "own.blend")
         collection = bpy.data.collections[name]
         if request.param.endswith("removed"):
-            return takes.remove_take(collection)
+            return takes.remove_take(collection, bpy.context.scene)
         return show_again(bpy.context, take, whole=True)
 
     delete.removes = request.param.endswith("removed")
@@ -372,9 +372,34 @@ def test_a_take_out_of_another_file_goes(duet, tmp_path, link, again):
     if again:
         show_again(bpy.context, duet.take, whole=True)
     else:
-        assert takes.remove_take(collection) is None
-    assert len(bpy.data.objects) == again * (2 * (1 + 9 + 13) + 3)
-    assert all(item.library is None for item in bpy.data.objects)
+        assert takes.remove_take(collection, bpy.context.scene) is None
+    shown = bpy.context.scene.objects
+    assert len(shown) == again * (2 * (1 + 9 + 13) + 3)
+    assert all(item.library is None for item in shown)
+
+
+@pytest.mark.parametrize("again", [False, True], ids=["removed", "labelled again"])
+def test_what_overrides_a_linked_take_is_left_out_with_all_that_hangs_on_it(duet, tmp_path, again):
+    path = str(tmp_path / "other.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_homefile(use_empty=True)
+    with bpy.data.libraries.load(path, link=True) as (_, wanted):
+        wanted.collections = ["Mocap: duet"]
+    scene, [collection] = bpy.context.scene, wanted.collections
+    collection = collection.override_hierarchy_create(scene, bpy.context.view_layer)
+    bpy.data.scenes.new("Two").collection.children.link(collection)
+    armature, marker = item_of(collection, "armature"), item_of(collection, "marker")
+    armature.animation_data.action = bpy.data.actions.new("mine")
+    new_mesh("hanging").parent = marker
+    if again:
+        assert show_again(bpy.context, duet.take, whole=True) != collection
+    else:
+        assert takes.remove_take(collection, scene) is None
+    assert sum(item.type == "ARMATURE" for item in bpy.context.view_layer.objects) == again * 2
+    reopen(tmp_path / "own.blend")
+    [armature] = bpy.data.user_map(subset=[bpy.data.actions["mine"]])[bpy.data.actions["mine"]]
+    assert armature.name in bpy.data.scenes["Two"].objects
+    assert bpy.data.objects["hanging"].parent.name in bpy.data.scenes["Two"].objects
 
 
 def test_twice_again_keeps_what_was_kept_once(duet):
@@ -385,7 +410,7 @@ def test_twice_again_keeps_what_was_kept_once(duet):
     second = show_again(bpy.context, duet.take, whole=True)
     assert second == first
     assert len(counts()["objects"]) == len(once["objects"]) + 1
-    left = takes.remove_take(second)
+    left = takes.remove_take(second, bpy.context.scene)
     assert sorted(ownership.persons_in(left).split(", ")) == sorted(["mine", "pelvis capsule.001"])
 
 

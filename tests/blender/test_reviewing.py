@@ -280,6 +280,20 @@ def test_the_way_through_the_list_goes_along_with_the_rows_that_are_left(state):
     assert (review.trouble_index, review.trouble_followed, review.trouble_left) == (6, 6, 4)
 
 
+def test_what_was_listed_of_another_scene_is_not_answered_in_this_one(state, monkeypatch):
+    bpy.ops.scene.new(type="LINK_COPY")
+    refused("another scene's; expected a line of this one's", "accept_trouble", index=0)
+    assert bpy.ops.mocap_autolabel.accept_trouble(index=0) == {"FINISHED"}
+    bpy.context.window.scene = bpy.data.scenes["Scene"]
+    panel, timers = ours("ui.review"), []
+    monkeypatch.setattr(panel.bpy.app.timers, "register", timers.append)
+    panel._list_anew(bpy.context, state.review)
+    assert timers == [ours("ops.correcting").review_now]
+    timers[0]()
+    panel._list_anew(bpy.context, state.review)
+    assert len(timers) == 1
+
+
 def test_a_view_that_cannot_be_split_stays(labelled):
     screen = bpy.context.screen
     with suppress(RuntimeError):

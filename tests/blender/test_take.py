@@ -103,7 +103,7 @@ def test_a_take_of_many_keys_has_several_actions(empty, made, tmp_path, monkeypa
     for index, item in enumerate(empties):
         if np.isfinite(take.motion.markers[-1, index]).all():
             np.testing.assert_allclose(item.location, take.motion.markers[-1, index], atol=1e-5)
-    takes.remove_take(collection)
+    takes.remove_take(collection, bpy.context.scene)
     assert not len(bpy.data.actions)
 
 
