@@ -14,14 +14,14 @@ from ..blendfile import Chunks, refuse_long, save_blend, save_played
 from ..core.data.errors import InputError, of_file
 from ..core.data.markersets import Worn
 from ..core.data.progress import Progress
-from ..core.data.takes import MAX_FRAME, Blobs, EditOutcome, LabelledChunk, PointRows, Points, Suspect, evenly_spread
+from ..core.data.takes import MAX_FRAME, Blobs, EditOutcome, LabelledChunk, PointRows, Points, Suspect
 from ..core.edits.applying import joined
 from ..core.geometry.cameras import NO_CAMERAS, Cameras
 from ..core.geometry.force_plates import NO_LAB, LabRecords
 from ..core.pipelines.known_sets import known_worn, misfit_of, model_worn
 from ..core.points.models import Model, chosen_method
 from ..core.points.motion import labelled_points
-from ..core.points.possible import FRAMES_ASKED, MEND_MIRRORED, MEND_POINTS, Handedness, slow_words
+from ..core.points.possible import MEND_MIRRORED, MEND_POINTS, Handedness, slow_words
 from ..core.points.refusals import SubjectsError, UnsuitedError, refuse_two_groups
 from ..core.points.several.wearers import SetsWorn, SeveralOptions, Wearer, kinds
 from ..core.points.whole_take.pipeline import PointOptions
@@ -249,7 +249,7 @@ def find_worn(job: LabelJob, kind_of: Callable[[LabelJob], type[OpenTake]]) -> G
         if worn is None:
             return sorted(likely.values(), key=lambda name: name in builtin_markersets()), False, False
         try:
-            refuse_two_groups(worn, take.in_order(evenly_spread(len(take.xyz), FRAMES_ASKED)).xyz)
+            refuse_two_groups(worn, take.xyz)
         except SubjectsError:
             return [likely[worn]], True, True
     return [likely[worn]], True, False

@@ -120,9 +120,13 @@ def refuse_others(model: Model, namer: Namer, points: Table, solvable: bool = Fa
     return Sample(frames, first, found)
 
 
-def refuse_two_groups(model: Model, points: np.ndarray):
-    """Raises SubjectsError where points (T, P, 3) m are in two groups, each of which may be a subject of the model."""
-    if _grouped(points, REFUSAL.gap_m, REFUSAL.min_half * len(model.markerset)):
+def refuse_two_groups(model: Model, points: Table):
+    """Raises SubjectsError where points (T, P, 3) m are in two groups, each of which may be a subject of the model.
+
+    NaN where missing; some frames are looked at.
+    """
+    some = points[evenly_spread(len(points), FRAMES_ASKED)]
+    if _grouped(some, REFUSAL.gap_m, REFUSAL.min_half * len(model.markerset)):
         raise _two_subjects(model)
 
 

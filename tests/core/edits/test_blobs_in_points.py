@@ -189,7 +189,7 @@ def test_an_edit_of_a_track_holds_in_its_frames_and_in_its_camera(take):
     x, y = blobs.xy[row_of(blobs, truth, "B", 5, camera=1)]
     said = Edits((AssignBlob("cam2", FIRST + 5, float(x), float(y), "C", frames=(FIRST + 2, FIRST + 9)),))
     chunks = [blobs.between(FIRST, FIRST + 6), blobs.between(FIRST + 7, FIRST + LENGTH)]
-    known = followed(said, lambda _: chunks, PAIR)
+    known = followed(said, lambda frames: (part.between(*frames) for part in chunks), PAIR)
     assert known.items == said.items, "the track is no part of what was said"
     done = [apply_edits(Labels.none(len(part)), known, cells_of(part)) for part in chunks]
     named = np.concatenate([one.labels.marker for one in done]) == NAMES["C"]

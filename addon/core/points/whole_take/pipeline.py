@@ -27,7 +27,7 @@ from ...review.suspects import summarised
 from ..models import USUAL_TARGET, Model, Namer, namer_of
 from ..motion import LabelledPoints, by_marker, take_motion
 from ..possible import refuse_impossible
-from ..refusals import Sample, refuse_floods, refuse_others, refuse_unlike, refuse_unrecognised
+from ..refusals import Sample, refuse_floods, refuse_others, refuse_two_groups, refuse_unlike, refuse_unrecognised
 from ..tracklets import are_lasting, cut, renamed
 from ..unordered import FRAMES_LEARNED_FROM, is_unordered, learn_subject
 from .deciding import can_be_solved, once, verdict_of
@@ -101,7 +101,7 @@ class PointOptions:
     """How points are named.
 
     method  as `models.chosen_method` gives it
-    target  the part of the labels that must be right; what is less sure is left unnamed
+    target  the part of the labels that must be right; what is less sure is left unnamed; names by motion know none
     edits   what a person said of the labels; those that `edits.applying.refuse_unknown` lets pass
     room    where large tables of what comes of a take are kept; with edits they are in memory
     force   name the points although the take cannot be as it says, or is not of the model's markers
@@ -156,7 +156,7 @@ Refuse = Callable[[Model, Namer, Made, bool], Sample | None]
 
 @dataclass(frozen=True, eq=False)
 class NamedFrames:
-    """What the frames of a take say on their own.
+    """What the frames of a take say on their own; where its rigid bodies are others, what their motion says.
 
     tracklet     (T, L) the tracklet of every point
     model        as it is for the take
@@ -186,7 +186,7 @@ class NamedFrames:
     @property
     def by_motion(self) -> bool:
         """Whether the names are those that the motion of rigid bodies tells, whose forms nobody knows."""
-        return self.recognition is not None and self.recognition.known is False
+        return self.recognition is not None and self.recognition.by_motion
 
 
 def _labelled(
@@ -242,7 +242,8 @@ def name_frames(
     """What every frame says on its own, once it is known whose take it is.
 
     Before its stage "name" begins `refuse`, or else `refuse_others`, raises JobError where the take is not of the
-    model's markers; of a take that is forced nobody asks.
+    model's markers; of a take that is forced nobody asks. Of rigid bodies that are others single frames know nothing:
+    their motion names them at once, and all that is refused, unless `refuse` is given, are two groups of them.
     """
     learned, room = options.method == "likelihood", IN_MEMORY if options.edits else options.room
     yield Stage("adapt", "look who wears the markers")
@@ -252,7 +253,10 @@ def name_frames(
 
         recognition = recognise(model.structure, model.rigid_bodies, take.xyz, tracklet, take.rate)
     namer = namer_of(model, options.method)
-    if recognition is not None and recognition.known is False:
+    if recognition is not None and recognition.by_motion:
+        if refuse is None and not options.force:
+            refuse_two_groups(model, take.xyz)
+        yield Stage("name", "name by motion")
         return NamedFrames(take, tracklet, model, recognition, namer, recognition.labels, False, room)
     yield Stage("others", "look whether the model is for this take")
     solvable = learned and can_be_solved(model, tracklet)
@@ -351,7 +355,8 @@ def decided_of(
 ) -> Verdict:
     """The names that are sure enough for the target, and what is to be said of them.
 
-    By the solution; where there is none, by the tracklets (T, P), the rest of the take, and its motion.
+    By the solution; where there is none, by the tracklets (T, P) and the rest of the take. Names by motion are as sure
+    as they are, whatever the target.
     """
     take, names = frames.take, frames.model.markerset.markers
     given = solution, named, tracklet, frames.model, target, take.first_frame, take.lanes

@@ -59,6 +59,11 @@ class Recognition:
     known: bool | None
 
     @property
+    def by_motion(self) -> bool:
+        """Whether the names are those that the motion tells: nobody knows the forms of rigid bodies that are others."""
+        return self.known is False
+
+    @property
     def marker(self) -> np.ndarray:
         """(T, P) the marker of every point, -1 where it is not surely one."""
         names = self.single.copy()
@@ -79,7 +84,7 @@ class Recognition:
         """What a person should look at: what is true of the whole take, and then what the verdict has."""
         words = []
         of_all = f"{int((self.cluster >= 0).sum())} of {len(self.cluster)}"
-        if self.known is False:
+        if self.by_motion:
             recognised = f"{of_all} were recognised by how they move, and are named by that alone"
             words.append(f"the rigid bodies are not those of the training, or sit elsewhere: {recognised}")
             missing = np.setdiff1d(np.arange(len(names)), verdict.labels.marker)

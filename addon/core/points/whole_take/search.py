@@ -355,11 +355,11 @@ class Search:
         return orders[np.argsort(-gain, kind="stable")]
 
     def _alone(self) -> Iterator[np.ndarray]:
-        """Namings (N,) in which a tracklet has another name: a marker's that is not there at the time, or none.
+        """Namings (N,) in which a tracklet without a marker's name has one, or one whose marker is seldom there none.
 
-        What is an extra may be such a marker whatever its distances say: these are what is wrong where a marker has the
-        name for a part of the take only. What lasts and has no name may be one that is usually there, or that is there
-        and less likely it. What has a name that is seldom there may have none.
+        The marker is not there at the time or, where the tracklet is no extra, what is called so then is worth less as
+        it. An extra may be any in doubt whatever its distances say: these are what is wrong where a marker has the name
+        for a part of the take only. What lasts and has no name may be any that is usually there.
         """
         marker, tracklets, markers = self.best.marker, self.objective.tracklets, self.objective.markers
         own = (marker != NO_MARKER) & (marker < markers)

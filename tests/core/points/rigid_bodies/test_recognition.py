@@ -11,9 +11,11 @@ from addon.core.data.progress import finished
 from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_STEP, Labels, Points, Verdict
 from addon.core.points.likelihood.model import Likelihood
 from addon.core.points.models import USUAL_TARGET, Model, TrainingTake
+from addon.core.points.refusals import SubjectsError
 from addon.core.points.rigid_bodies.clusters import NO_CLUSTER, find_clusters, sampled
 from addon.core.points.rigid_bodies.model import learn_rigid_bodies
 from addon.core.points.rigid_bodies.structure import learn_structure
+from addon.core.points.several.bodies import BodyNaming, Crowd, frames_are_sure
 from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.pipeline import PointOptions, decided_of, name_frames, without_deleted
 from addon.core.points.whole_take.recognition import Recognition, recognise
@@ -270,10 +272,17 @@ def test_somebody_else_is_named_by_motion_alone_and_the_report_begins_with_it(ot
     assert unnamed == set(missing.reason.split(": ")[1].split())
 
 
+LIKELY = PointOptions("likelihood")
+
+
+def taken(points: np.ndarray) -> Points:
+    names = tuple(map(str, range(points.shape[1])))
+    return Points(names, points, np.full(points.shape[:2], np.nan), RATE, FIRST_FRAME)
+
+
 def test_a_take_of_somebody_else_has_the_names_of_its_motion_and_those_that_a_person_gives(model, other):
     points, seen = other
-    take = Points(tuple(map(str, range(points.shape[1]))), points, np.full(points.shape[:2], np.nan), RATE, FIRST_FRAME)
-    frames = finished(name_frames(take, cut(points, RATE), model, PointOptions("likelihood")))
+    frames = finished(name_frames(taken(points), cut(points, RATE), model, LIKELY))
     assert frames.by_motion
     marker = seen.labels.marker
     unnamed = int(np.flatnonzero((marker == NO_MARKER).all(axis=0))[0])
@@ -285,6 +294,27 @@ def test_a_take_of_somebody_else_has_the_names_of_its_motion_and_those_that_a_pe
     deleted = np.zeros(marker.shape, bool)
     deleted[5, unnamed] = True
     assert (finished(without_deleted(frames, deleted)).marker == marker).all()
+
+
+def test_somebody_else_among_several_is_named_by_motion_too(model, other):
+    points, seen = other
+    tracklet = cut(points, RATE)
+    every = np.ones(tracklet.max() + 1, bool)
+    naming = BodyNaming(Crowd(taken(points), tracklet, LIKELY), every, every, model, frames_are_sure)
+    naming.begin()
+    assert not finished(naming.is_half())
+    assert (finished(naming.named()).frames.labels.marker == seen.labels.marker).all()
+
+
+def test_two_of_whom_one_is_named_by_motion_are_said_to_be_two_unless_forced(model, other):
+    points, _ = other
+    still = points[:1] + np.array([0, 6, 0]) + np.random.default_rng(0).normal(0, 0.0003, points.shape)
+    both = np.concatenate([points, still], axis=1)
+    assert seen_in(model, both).by_motion
+    with pytest.raises(SubjectsError, match="shows two subjects"):
+        finished(name_frames(taken(both), cut(both, RATE), model, LIKELY))
+    forced = replace(LIKELY, force=True)
+    assert finished(name_frames(taken(both), cut(both, RATE), model, forced)).by_motion
 
 
 def test_forms_alone_are_said_to_tell_where_motion_does_not_and_some_models_know_no_structure(model):
