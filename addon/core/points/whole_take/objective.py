@@ -157,9 +157,7 @@ class LayoutOdds:
         limb one place off is such a chain, of which every link but the last may be worth less.
         """
         every = np.arange(len(self.coverage))
-        # What is one place off is near to the next now, or where training has it.
-        shown = self.shown[: self.markers, : self.markers]
-        near = (np.fmin(shown, self.apart) < PAIRING.max_confused_m) & ~np.eye(self.markers, dtype=bool)
+        near = (self.apart < PAIRING.max_confused_m) & ~np.eye(self.markers, dtype=bool)
         near = np.pad(near, ((0, 0), (0, len(every) - self.markers)), constant_values=True)
         orders, ends, found = np.tile(every, (len(holes), 1)), holes, []
         for _ in range(length):

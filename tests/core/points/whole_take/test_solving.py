@@ -245,18 +245,6 @@ def test_a_name_that_another_has_for_a_while_goes_to_what_is_likelier_it(model, 
     assert any((each == goes).all() for each in Search(objective, given, USUAL_FREEDOM)._alone())
 
 
-def test_a_chain_goes_on_to_what_is_near_now_wherever_its_marker_should_be(model, markers):
-    wrist, finger, toe = (model.markerset.index(name) for name in ("LWRB", "LFIN", "LTOE"))
-    objective, truth = objective_of(model, *pieces(markers, hidden=0))
-    given = truth.copy()
-    given[truth == wrist], given[truth == finger], given[truth == toe] = finger, toe, NO_MARKER
-    search = Search(objective, given, USUAL_FREEDOM)
-    assert any(
-        (search._exchanged(np.argsort(one), search._slots) == truth).all()
-        for one in search._slots.layout.chains(np.array([wrist]), 30, 3)
-    )
-
-
 def test_markers_of_a_long_take_are_looked_up_where_they_are_asked_for(model, markers):
     points, whose = pieces(markers)
     nothing = said(points, whose, np.zeros(points.shape[:2], bool))
