@@ -316,6 +316,15 @@ def as_recorded() -> Iterator[Trial]:
         yield Trial("points as recorded", take.name, partial(labelled_points, points, truth, model))
 
 
+def in_pieces() -> Iterator[Trial]:
+    """The same takes, cut to pieces among ghosts."""
+    model = open_model("body26")
+    for take in strangers.in_body26():
+        case = whole_takes.Case("", (), (take,), model.markerset.markers)
+        points, truth = whole_takes.anonymous(take, case, 0)
+        yield Trial("strangers body26", take.name, partial(labelled_points, points, truth, model))
+
+
 def _of_other_lab(place: Path, model: Model, worn: AbstractSet[str] | None = None) -> Outcome:
     points, index = read_points(place / "cloud.c3d"), {name: at for at, name in enumerate(model.markerset.markers)}
     rows = [line.split(",") for line in (place / "truth.csv").read_text(encoding="utf-8").splitlines()[1:]]
@@ -344,6 +353,7 @@ def registry(keep: Path) -> dict[str, Callable[[], Iterator[Trial]]]:
     for name in ("own", "others"):
         found[f"short {name}"] = partial(whole, name, keep, SHORT)
     found["points as recorded"] = as_recorded
+    found["strangers body26"] = in_pieces
     found["plates"] = partial(on_plates, keep)
     for kind in actors.MEETINGS:
         found[f"several {kind}"] = partial(together, kind, keep, 10)
