@@ -11,7 +11,7 @@ from ..core.data.markersets import Worn
 from ..core.data.merging import LabelledRange, can_merge, merged
 from ..core.data.takes import Motion
 from ..core.points.motion import PosedFrames
-from ..core.points.several.together import beside, longer
+from ..core.points.several.together import beside, longer, posed_again
 from ..core.review.changes import Change, changes
 from . import naming
 from .clock import TakeClock, set_moment
@@ -88,19 +88,21 @@ def _same_take(
     # A set that was learned again has the same name, and may have its markers in another order.
     if collection[naming.MARKERSET] != worn.name or stored.names != worn.markers:
         return None
-    motion = _with_ends(stored, worn)
+    motion = _with_joints(stored, worn)
     old = LabelledRange(stored.rows, stored.labels, motion, raw.suspects, unedited)
     return old if can_merge(old, new) else None
 
 
-def _with_ends(stored: Stored, worn: Worn) -> Motion:
-    """What was measured of a take, with the joints at the end of its bodies that earlier versions did not give them."""
+def _with_joints(stored: Stored, worn: Worn) -> Motion:
+    """What was measured of a take, its bodies with the joints that earlier versions did not give them."""
     each = []
     for performer, (_, markerset) in zip(stored.performers, worn.worn, strict=True):
         own, known, skeleton = performer.motion_of(stored.unfilled), performer.joints[1], markerset.skeleton
         if stored.segments[performer.joint_rows] == skeleton.segments[:known]:
             body = longer(PosedFrames(own.expected, own.joints, own.rotations, own.scale), skeleton)
             own = replace(own, joints=body.joints, rotations=body.rotations)
+        elif known != len(skeleton):
+            own = posed_again(own, markerset)
         each.append(own)
     return beside(each)
 

@@ -14,6 +14,7 @@ from addon.core.data.takes import Motion
 from addon.core.points.models import Model
 from addon.core.points.several.wearers import SetsWorn, Wearer
 from addon.core.posing.ends import with_ends
+from addon.core.posing.finer import finer
 from addon.io.markersets import markerset_file, open_markerset, write_markerset
 from addon.io.points import read_points, write_c3d
 from addon.scene import naming, performers
@@ -181,11 +182,7 @@ def test_a_range_is_put_into_a_take_whose_bodies_had_no_toes(empty, made):
     count, known = len(longer.skeleton), len(markerset.skeleton)
     assert count == known + 2
     new = made.pair(markerset=longer)
-    motion = Motion(*(getattr(new.motion, field)[5:9] for field in Motion.__dataclass_fields__))
-    rows = replace(new.rows, frames=motion.frames, frame=new.rows.frame[:0], trajectory=new.rows.trajectory[:0])
-    rows = replace(rows, xyz=new.rows.xyz[:0], residual=new.rows.residual[:0])
-    part = replace(new, markerset=worn, rows=rows, labels=new.labels[:0], motion=motion, suspects=())
-    after = show_again(empty, part, whole=False)
+    after = show_again(empty, replace(part_of(new), markerset=worn), whole=False)
     assert takes.takes_of(empty.scene) == [after]
     assert not after.hide_viewport
     whole = Opened().take(after, empty.scene).motion
@@ -200,6 +197,32 @@ def test_a_range_is_put_into_a_take_whose_bodies_had_no_toes(empty, made):
             far = np.linalg.norm(there[outside, toes] - there[outside, feet], axis=1)
             size = 1.6 * 1.1**number * np.linalg.norm(longer.skeleton.offsets[toes])
             np.testing.assert_allclose(far[np.isfinite(far)], size, rtol=1e-4)
+
+
+def test_a_range_is_put_into_a_take_whose_bodies_had_other_joints(empty, made):
+    markerset = open_markerset("body39")
+    more = finer(markerset)
+    assert not np.array_equal(more.attachment, markerset.attachment)
+    old = made.pair(markerset=markerset)
+    takes.show_take(empty, old)
+    worn = SetsWorn(tuple(Wearer(name, Model(more)) for name in ("ann", "bob")))
+    new = made.pair(markerset=more)
+    after = show_again(empty, replace(part_of(new), markerset=worn), whole=False)
+    assert takes.takes_of(empty.scene) == [after]
+    assert not after.hide_viewport
+    whole = Opened().take(after, empty.scene).motion
+    assert whole.frames.tolist() == old.motion.frames.tolist()
+    found = np.isfinite(old.motion.joints).all(axis=(1, 2))
+    assert found.any()
+    np.testing.assert_array_equal(np.isfinite(whole.joints).all(axis=(1, 2)), found)
+
+
+def part_of(take: takes.Take) -> takes.Take:
+    """Some frames of a take, in which nothing is seen."""
+    motion = Motion(*(getattr(take.motion, field)[5:9] for field in Motion.__dataclass_fields__))
+    rows = replace(take.rows, frames=motion.frames, frame=take.rows.frame[:0], trajectory=take.rows.trajectory[:0])
+    rows = replace(rows, xyz=take.rows.xyz[:0], residual=take.rows.residual[:0])
+    return replace(take, rows=rows, labels=take.labels[:0], motion=motion, suspects=())
 
 
 def test_the_command_line_saves_them_and_they_can_be_gone_on_with(empty, tmp_path):

@@ -104,8 +104,7 @@ class FinerBodies:
 
     def of(self, motion: Motion) -> Motion:
         """The motion with those bodies: on the markers that were measured, and where the fitted body has the others."""
-        places = np.where(np.isfinite(motion.markers) & np.isfinite(motion.expected), motion.markers, motion.expected)
-        each = []
+        places, each = _places(motion), []
         for number, (named, model) in enumerate(zip(self._sets, self._models, strict=True)):
             own = places[:, _columns("expected", self._sets, number)]
             if np.array_equal(named.attachment, model.markerset.attachment):  # nothing shows how more joints bend
@@ -119,6 +118,20 @@ class FinerBodies:
         return replace(
             motion, **{name: np.concatenate([getattr(one, name) for one in each], axis=1) for name in OF_BODIES}
         )
+
+
+def posed_again(motion: Motion, markerset: MarkerSet) -> Motion:
+    """The motion of one subject with the body of a set of the same markers whose joints are others."""
+    model, places = BodyModel(markerset), _places(motion)
+    prior = Prior(model)
+    subject = subject_of(model, places, prior, SUBJECT_FRAMES) if np.isfinite(places).any() else None
+    body = posed_as(model, places, prior, subject)
+    return replace(motion, **{name: getattr(body, name) for name in OF_BODIES})
+
+
+def _places(motion: Motion) -> np.ndarray:
+    """(F, M, 3) m where markers were measured and, where they were not, where the fitted body has them."""
+    return np.where(np.isfinite(motion.markers) & np.isfinite(motion.expected), motion.markers, motion.expected)
 
 
 def longer(body: PosedFrames, skeleton: Skeleton) -> PosedFrames:
