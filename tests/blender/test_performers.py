@@ -178,14 +178,9 @@ def test_a_range_is_put_into_a_take_whose_bodies_had_no_toes(empty, made):
     old = made.pair(markerset=markerset)
     takes.show_take(empty, old)
     longer = with_ends(markerset)
-    worn = SetsWorn(tuple(Wearer(name, Model(longer)) for name in ("ann", "bob")))
     count, known = len(longer.skeleton), len(markerset.skeleton)
     assert count == known + 2
-    new = made.pair(markerset=longer)
-    after = show_again(empty, replace(part_of(new), markerset=worn), whole=False)
-    assert takes.takes_of(empty.scene) == [after]
-    assert not after.hide_viewport
-    whole = Opened().take(after, empty.scene).motion
+    whole = with_range(empty, made.pair(markerset=longer), longer)
     assert whole.frames.tolist() == old.motion.frames.tolist()
     for number in range(2):
         there, before = whole.joints[:, number * count :][:, :count], old.motion.joints[:, number * known :][:, :known]
@@ -205,24 +200,24 @@ def test_a_range_is_put_into_a_take_whose_bodies_had_other_joints(empty, made):
     assert not np.array_equal(more.attachment, markerset.attachment)
     old = made.pair(markerset=markerset)
     takes.show_take(empty, old)
-    worn = SetsWorn(tuple(Wearer(name, Model(more)) for name in ("ann", "bob")))
-    new = made.pair(markerset=more)
-    after = show_again(empty, replace(part_of(new), markerset=worn), whole=False)
-    assert takes.takes_of(empty.scene) == [after]
-    assert not after.hide_viewport
-    whole = Opened().take(after, empty.scene).motion
+    whole = with_range(empty, made.pair(markerset=more), more)
     assert whole.frames.tolist() == old.motion.frames.tolist()
     found = np.isfinite(old.motion.joints).all(axis=(1, 2))
     assert found.any()
     np.testing.assert_array_equal(np.isfinite(whole.joints).all(axis=(1, 2)), found)
 
 
-def part_of(take: takes.Take) -> takes.Take:
-    """Some frames of a take, in which nothing is seen."""
-    motion = Motion(*(getattr(take.motion, field)[5:9] for field in Motion.__dataclass_fields__))
-    rows = replace(take.rows, frames=motion.frames, frame=take.rows.frame[:0], trajectory=take.rows.trajectory[:0])
-    rows = replace(rows, xyz=take.rows.xyz[:0], residual=take.rows.residual[:0])
-    return replace(take, rows=rows, labels=take.labels[:0], motion=motion, suspects=())
+def with_range(context, new, markerset) -> Motion:
+    """The motion of the scene's take after some frames of `new`, in which nothing is seen, were labelled in a set."""
+    motion = Motion(*(getattr(new.motion, field)[5:9] for field in Motion.__dataclass_fields__))
+    rows = replace(new.rows, frames=motion.frames, frame=new.rows.frame[:0], trajectory=new.rows.trajectory[:0])
+    rows = replace(rows, xyz=new.rows.xyz[:0], residual=new.rows.residual[:0])
+    worn = SetsWorn(tuple(Wearer(name, Model(markerset)) for name in ("ann", "bob")))
+    part = replace(new, markerset=worn, rows=rows, labels=new.labels[:0], motion=motion, suspects=())
+    after = show_again(context, part, whole=False)
+    assert takes.takes_of(context.scene) == [after]
+    assert not after.hide_viewport
+    return Opened().take(after, context.scene).motion
 
 
 def test_the_command_line_saves_them_and_they_can_be_gone_on_with(empty, tmp_path):

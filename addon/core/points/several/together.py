@@ -93,28 +93,44 @@ def measured_of_first(motion: Motion, each: Sequence[Motion]) -> Motion:
 OF_BODIES = "joints", "rotations", "scale"
 
 
+class BodiesAnew:
+    """One subject of a take that comes chunk by chunk, posed with the joints of a set, on who the first chunk shows."""
+
+    def __init__(self, markerset: MarkerSet):
+        self.model = BodyModel(markerset)
+        self.prior = Prior(self.model)
+        self.subject: Bodies | None = None
+
+    def of(self, places: np.ndarray) -> PosedFrames:
+        """The body on markers at places (F, M, 3) m."""
+        if self.subject is None and np.isfinite(places).any():
+            self.subject = subject_of(self.model, places, self.prior, SUBJECT_FRAMES)
+        return posed_as(self.model, places, self.prior, self.subject)
+
+
 class FinerBodies:
     """The bodies of a take that comes chunk by chunk, posed again with the joints that a finer set has more."""
 
     def __init__(self, worn: Worn, finer: Worn):
         """By the sets that the bodies were fitted with, and those with the same markers that they are to have."""
         self._sets = [markerset for _, markerset in worn.worn]
-        self._models = [BodyModel(markerset) for _, markerset in finer.worn]
-        self._subjects: list[Bodies | None] = [None] * len(self._models)
+        self._finer = [markerset for _, markerset in finer.worn]
+        # Where markers are on the same segments, nothing shows how more joints bend.
+        self._anew = [
+            None if np.array_equal(one.attachment, more.attachment) else BodiesAnew(more)
+            for one, more in zip(self._sets, self._finer, strict=True)
+        ]
 
     def of(self, motion: Motion) -> Motion:
         """The motion with those bodies: on the markers that were measured, and where the fitted body has the others."""
         places, each = _places(motion), []
-        for number, (named, model) in enumerate(zip(self._sets, self._models, strict=True)):
+        for number, (finer, anew) in enumerate(zip(self._finer, self._anew, strict=True)):
             own = places[:, _columns("expected", self._sets, number)]
-            if np.array_equal(named.attachment, model.markerset.attachment):  # nothing shows how more joints bend
+            if anew is None:
                 parts = (getattr(motion, name)[:, _columns(name, self._sets, number)] for name in OF_BODIES)
-                each.append(longer(PosedFrames(own, *parts), model.markerset.skeleton))
-                continue
-            prior = Prior(model)
-            if self._subjects[number] is None and np.isfinite(own).any():
-                self._subjects[number] = subject_of(model, own, prior, SUBJECT_FRAMES)
-            each.append(posed_as(model, own, prior, self._subjects[number]))
+                each.append(longer(PosedFrames(own, *parts), finer.skeleton))
+            else:
+                each.append(anew.of(own))
         return replace(
             motion, **{name: np.concatenate([getattr(one, name) for one in each], axis=1) for name in OF_BODIES}
         )
@@ -122,10 +138,7 @@ class FinerBodies:
 
 def posed_again(motion: Motion, markerset: MarkerSet) -> Motion:
     """The motion of one subject with the body of a set of the same markers whose joints are others."""
-    model, places = BodyModel(markerset), _places(motion)
-    prior = Prior(model)
-    subject = subject_of(model, places, prior, SUBJECT_FRAMES) if np.isfinite(places).any() else None
-    body = posed_as(model, places, prior, subject)
+    body = BodiesAnew(markerset).of(_places(motion))
     return replace(motion, **{name: getattr(body, name) for name in OF_BODIES})
 
 

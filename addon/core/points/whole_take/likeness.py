@@ -219,6 +219,11 @@ def links(
     return found
 
 
+def changed(gap: np.ndarray, rate: float, options: LikenessOptions) -> np.ndarray:
+    """The part of how distances vary at any time that they vary by over gaps of so many frames."""
+    return np.minimum((gap / (options.change_s * rate)) ** 2, 1)
+
+
 @stands_for(point_calls.of_ends)
 def of_ends(frame, then, gap, xyz, placed, own, near, within, rate: float, options: LikenessOptions) -> np.ndarray:
     """(N, M) the log odds at the ends of tracklets, points (N, 3) m in frames (N,), by where a marker was seen next.
@@ -230,8 +235,7 @@ def of_ends(frame, then, gap, xyz, placed, own, near, within, rate: float, optio
     own_then = np.take_along_axis(old, np.arange(placed.shape[1])[None, :, None, None], axis=2)
     away = own_then - np.take_along_axis(old, near[None, ..., None], axis=2)
     mean = np.sqrt(np.einsum("...i,...i->...", away, away))
-    part = np.minimum((gap / (options.change_s * rate)) ** 2, 1)
-    variance = options.link_sd_m**2 + within * part[..., None]
+    variance = options.link_sd_m**2 + within * changed(gap, rate, options)[..., None]
     beside = _without(placed[frame].astype(float), own)[:, near]
     odds = _odds(xyz[:, None, None] - beside, mean, variance, options)
     return np.where(then >= 0, np.nan_to_num(odds), 0)

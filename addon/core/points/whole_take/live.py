@@ -25,7 +25,7 @@ from ..motion import SUBJECT_FRAMES
 from ..refusals import REFUSAL
 from ..tracklets import CUTTING, cut
 from ..unordered import of_subject
-from .likeness import LIKENESS, NO_EVIDENCE, of_frames, steadiest
+from .likeness import LIKENESS, NO_EVIDENCE, changed, of_frames, steadiest
 from .pairs import PairDistances, in_take
 from .pipeline import PointOptions, as_a_whole, begins, name_frames
 from .search import SEARCH
@@ -230,7 +230,7 @@ class _Given:
         rows, pairs = np.arange(len(self._near))[:, None], self._pairs
         mean, unsure, within = (part[rows, self._near] for part in (pairs.mean, pairs.unsure, pairs.within))
         before = np.linalg.norm(self._then[rows, rows] - self._then[rows, self._near], axis=2)
-        part = np.minimum(((self.row - self._seen[:, None]) / (LIKENESS.change_s * self.rate)) ** 2, 1)
+        part = changed(self.row - self._seen[:, None], self.rate, LIKENESS)
         part = np.where(np.isfinite(before), part, 1.0)
         kept = np.sqrt(1 - part)
         variance = LIKENESS.link_sd_m**2 + part * within + (1 - kept) ** 2 * unsure
