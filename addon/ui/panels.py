@@ -70,7 +70,7 @@ def _draw_nothing(layout: bpy.types.UILayout, context, settings, state):
 
 def draw_import(self, _context):
     """The entry of the menu File > Import."""
-    self.layout.operator("mocap_autolabel.import_take", text="Mocap Take (.c3d, .trc, .csv, .qtm, …)")
+    self.layout.operator("mocap_autolabel.import_take", text="Mocap Take (.c3d, .trc, .tsv, .csv, .qtm, …)")
 
 
 def _cameras_here(settings: bpy.types.PropertyGroup) -> str:

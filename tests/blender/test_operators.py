@@ -201,7 +201,7 @@ def test_dropped_files_are_read_at_once(extension, empty, files):
     assert not handler.poll_drop(SimpleNamespace(area=SimpleNamespace(type="IMAGE_EDITOR")))
     assert handler.bl_import_operator == "mocap_autolabel.import_take"
     suffixes = handler.bl_file_extensions.split(";")
-    assert {".toml", ".xcp", ".mcal", ".yml", ".txt", ".cal", ".csv", ".c3d", ".trc", ".qtm"} <= set(suffixes)
+    assert {".toml", ".xcp", ".mcal", ".yml", ".txt", ".cal", ".csv", ".c3d", ".trc", ".tsv", ".qtm"} <= set(suffixes)
     assert ".blend" not in suffixes, "which Blender opens"
 
 
