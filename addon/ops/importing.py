@@ -182,6 +182,8 @@ class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operato
             said.append(_take_folder(context, chosen[0], len(takes)))
         elif takes:
             said.append(self.take_in(context, takes[0]))
+            if IS_CALIBRATION in of and context.scene.mocap_autolabel.source.points_path:
+                said.append("the calibration is not looked at for 3D points")
         self.report({"INFO"}, "; ".join(said))
         open_sidebar(context)
         if len(takes) == 1:

@@ -206,6 +206,17 @@ def test_a_folder_of_several_takes_is_label_folders(settings, room, tmp_path):
     assert (settings.folder.path, settings.folder.out) == (str(other), str(other / "labelled"))
 
 
+def test_a_calibration_beside_points_is_not_looked_at_and_that_is_said(settings, room, tmp_path, capfd):
+    write_c3d(tmp_path / "one.c3d", standing(drawn("gait15")))
+    shutil.copy(room.cameras, tmp_path / "room.toml")
+    opened(tmp_path, "room.toml")
+    opened(tmp_path, "one.c3d")
+    words = "the calibration is not looked at for 3D points"
+    assert words not in capfd.readouterr().out
+    opened(tmp_path, "one.c3d", "room.toml")
+    assert words in capfd.readouterr().out
+
+
 def test_what_is_none_of_these_is_one_sentence(settings, room, tmp_path):
     (tmp_path / "notes.docx").write_text("no take")
     (tmp_path / "cam1.mp4").write_bytes(b"")

@@ -226,6 +226,8 @@ def unused(arguments) -> list[str]:
         notes.append("--jobs is not looked at with --scheduler: its workers take as many takes as they have threads")
     if arguments.rate is not None and True in kinds:
         notes.append("--rate is not looked at for 3D points whose files say their own rate")
+    if arguments.cameras is not None and True in kinds:
+        notes.append("--cameras is not looked at for 3D points, which need no calibration")
     if arguments.mirror and False in kinds:
         notes.append("--mirror is not looked at for blobs: what is mirrored of them is their images or calibration")
     hints = [f"--{name}" for name in ("height", "facing") if getattr(arguments, name) is not None]
