@@ -416,8 +416,8 @@ def read_tsv(path: Path) -> PointFile:
     titles = opening.rstrip().split("\t") if titled else []
     columns = len(titles) or opening.count("\t") + 1
     if columns < 3 * count:
-        words = f"has columns of {columns // 3} of {count} markers; expected three for each"
-        raise InputError(f"{words} (is the file cut off?)", path, start + 1)
+        words = f"has columns of {columns // 3} of {count} markers"
+        raise InputError(f"{words}; expected three for each (is the file cut off?)", path, start + 1)
     # Without titles a row may end with one more tab.
     width = columns if titled else 3 * count + 2 * (columns >= 3 * count + 2)
     numbered = titles[0].strip().lower() == "frame" if titled else width > 3 * count
