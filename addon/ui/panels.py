@@ -148,8 +148,7 @@ def _draw_found(context, layout: bpy.types.UILayout, subjects, state):
         draw_text(context, layout, words, icon="ERROR")
         for one in state.likely:
             text = Path(one.name).name.removesuffix(SUFFIX)
-            choose = layout.operator("wm.context_set_enum", text=text)
-            choose.data_path, choose.value = "scene.mocap_autolabel.subjects.markerset", one.name
+            layout.operator("mocap_autolabel.label", text=f"Label as {text}", icon="PLAY").markerset = one.name
     elif state.unsure and told_here(state, context.scene.mocap_autolabel):
         draw_text(context, layout, f"The take {state.unsure}", icon="ERROR")
 

@@ -94,8 +94,11 @@ def test_where_two_sets_fit_both_are_offered_an_own_one_first_and_none_is_taken(
     assert [one.name for one in state.likely] == [str(own), "body39"]
     assert not settings.subjects.found
     assert ours("ui.panels").asks_which(state, settings), "Label waits for the answer"
+    assert "'Label as body39'" in drawn_in_take(monkeypatch)
     refused("as well as", "label")
-    settings.subjects.markerset = "body39"
+    assert bpy.ops.mocap_autolabel.label(markerset="body39") == {"FINISHED"}, "the answer is the third click"
+    assert settings.subjects.markerset == "body39"
+    assert settings.take is not None
     assert not ours("ui.panels").asks_which(state, settings)
 
 

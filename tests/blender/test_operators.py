@@ -268,6 +268,7 @@ class Modal:
         ):
             setattr(self, name, getattr(kind, name).__get__(self))
         self._timer, self._found, self.doing, self.everybody, self.force = None, None, kind.doing, False, False
+        self.markerset = ""
         self.of_scene, self.waits = kind.of_scene, kind.waits
 
     def report(self, kind, words):
