@@ -81,7 +81,7 @@ OPTIONS: dict[str, dict] = {
         "action": "store_true",
         "help": "write points alone, in mm with z up; else the C3D of a C3D keeps all else of that: analog data, force "
         "plates, events, every other group, points that are no markers, its unit and axes; "
-        "and of a TRC and a Motive .csv the head is kept",
+        "and of a TRC, a Motive .csv and a .tsv the head is kept",
     },
     "--up": {
         "choices": AXIS_NAMES,

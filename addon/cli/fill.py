@@ -8,16 +8,16 @@ from ..jobs.fill import FillJob, fill_file
 from .arguments import add_options, job_of, names, whole
 from .console import RENUMBERED, report_work
 
-DESCRIPTION = """Fills the gaps of a labelled take, a .c3d or .trc. Measured samples stay as they are; filled ones have
-the residual 0 in FILE.c3d. FILE.filled.csv says of each gap the method and the mean error to expect, FILE.report.json
-where every sample is from, for verify."""
+DESCRIPTION = """Fills the gaps of a labelled take, a .c3d, .trc or .tsv. Measured samples stay as they are; filled ones
+have the residual 0 in FILE.c3d. FILE.filled.csv says of each gap the method and the mean error to expect,
+FILE.report.json where every sample is from, for verify."""
 LEFT_SHOWN = 5  # gaps that were left, shown to people one by one
 
 
 def add_parser(verbs):
     """Adds the verb to the command line's grammar."""
     parser = verbs.add_parser("fill", help="fill the gaps of a labelled take", description=DESCRIPTION)
-    parser.add_argument("source", metavar="TAKE", type=Path, help="a labelled take: .c3d or .trc")
+    parser.add_argument("source", metavar="TAKE", type=Path, help="a labelled take: .c3d, .trc or .tsv")
     parser.add_argument("--out", required=True, type=Path, metavar="FILE.c3d", help="the .c3d to write")
     parser.add_argument(
         "--method",

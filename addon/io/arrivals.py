@@ -9,10 +9,11 @@ from pathlib import Path
 from ..core.data.errors import InputError
 from .batch import is_result
 from .edits import edits_beside
+from .textpoints import is_other_tsv
 
 # Endings of takes. Of files that share the rest of their name the first is the take: what was recorded comes before
 # what another program made of it.
-TAKE_ENDINGS = (".qtm", ".csv", ".c3d", ".trc")
+TAKE_ENDINGS = (".qtm", ".csv", ".c3d", ".trc", ".tsv")
 
 
 LOOK_EVERY_S = 1.0  # s between two looks into a folder
@@ -94,7 +95,7 @@ class Arrivals:
     def _is_take(self, path: Path) -> bool:
         """Whether a file is a take, and the only one that results get their name from; says so where it is not."""
         name, known = path.stem.casefold(), self.files[path]
-        if is_result(path):
+        if is_result(path) or is_other_tsv(path):
             known.left_out = known.state
             return False
         rivals = [one for one in self.files if one != path and one.stem.casefold() == name]

@@ -21,10 +21,11 @@ from .c3d.writing import write_c3d_file
 from .qtm.capture import USE_POINTS, held_in, is_qtm
 from .qtm.records import read_qtm_points
 from .samples import PointFile, TextHead, packed
-from .textpoints import is_motive, read_motive, read_trc, write_trc_file
+from .textpoints import is_motive, read_motive, read_trc, read_tsv, write_trc_file
 from .world import UNITS, Upright, find_up, guess_unit, turns_from, up_rotation
 
-EXPECTED = "expected a take of 3D points: .c3d, .trc, Motive .csv or Qualisys .qtm"
+EXPECTED = "expected a take of 3D points: .c3d, .trc, Motive .csv, Qualisys .tsv or .qtm"
+TEXT_READERS = {".trc": read_trc, ".tsv": read_tsv, ".csv": read_motive}
 
 # How the points of a file are kept; memory.
 # of a table (T, L) beyond which they stay as narrow as in the file, and are lengths where they are asked
@@ -66,7 +67,7 @@ def holds_points(path: Path, use: str | None = None) -> bool:
     if is_qtm(path):
         return held_in(path).choice(use, path) == USE_POINTS
     suffix = Path(path).suffix.lower()
-    points = suffix in (".c3d", ".trc") or (suffix == ".csv" and is_motive(path))
+    points = suffix in (".c3d", ".trc", ".tsv") or (suffix == ".csv" and is_motive(path))
     if use is not None and points != (use == USE_POINTS):
         raise InputError(f"holds {'3D points' if points else 'blobs'}; expected a take of {use}, or no --use", path)
     return points
@@ -130,11 +131,11 @@ def _read(path: Path, everything: bool, up: str | None, rate: float | None, make
             return _file_points(content, up, path, make_table)
     if is_qtm(path):
         return _file_points(read_qtm_points(path), up, path)
-    if suffix not in (".trc", ".csv"):
+    if suffix not in TEXT_READERS:
         if not path.exists():
             raise InputError("there is no such file; expected the path of a take", path)
         raise InputError(f"is of a kind that is not known ({suffix or 'no suffix'}); {EXPECTED}", path)
-    return _file_points(read_trc(path) if suffix == ".trc" else read_motive(path), up, path)
+    return _file_points(TEXT_READERS[suffix](path), up, path)
 
 
 def _file_points(content: PointFile, up: str | None, path: Path, make_table: MakeTable = IN_MEMORY) -> FilePoints:

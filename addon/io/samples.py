@@ -45,13 +45,15 @@ class TextHead:
     """What the head of a text file says of its take, for the file that names are put into.
 
     fields  texts by what a TRC calls them
-    said    what of a Motive `.csv` is about the take and not about the export, by its names
+    said    what of a Motive `.csv` or a `.tsv` is about the take and not about the export, by its names
     begin   s from zero to frame 0, of a TRC; None of others
+    group   of a C3D in which that is said
     """
 
     fields: Mapping[str, str]
     said: Mapping[str, str]
     begin: float | None = None
+    group: str = "MOTIVE"
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Takes of points that are written as text: Motion Analysis' `.trc`, and OptiTrack Motive's `.csv` of markers."""
+"""Takes of points that are written as text: Motion Analysis' TRC, OptiTrack Motive's CSV and Qualisys' TSV."""
 
 import codecs
 import csv
@@ -128,9 +128,7 @@ def read_trc(path: Path) -> PointFile:
         raise InputError(f"ends in its head; expected {TRC} (is the file cut off?)", path, len(lines))
     lines[3:] = _unpadded(lines[3:])
     head = dict(zip(lines[1].split(), lines[2].split(), strict=False))
-    rate = _trc_number(head.get("DataRate"), "DataRate", path)
-    if not MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
-        raise InputError(f"has a DataRate of {rate:g}; expected frames a second", path, 3)
+    rate = _rate_in_head(head.get("DataRate", ""), "DataRate", path, 3)
     begin = next((index for index in (4, 5) if _is_trc_row(lines, index)), 5)
     labels = _trc_labels(lines[3], head.get("NumMarkers", ""), lines[begin:])
     named = 2 + 3 * len(labels)
@@ -225,11 +223,14 @@ def _trc_labels(line: str, promised: str, rows: list[str]) -> list[str]:
     return names if len(names) in (stated, *map(_trc_points, rows[:WIDTH_ROWS])) else labels[::3]
 
 
-def _trc_number(text: str | None, what: str, path: Path) -> float:
+def _rate_in_head(text: str, what: str, path: Path, line: int) -> float:
     try:
-        return float(text or "")
+        rate = float(text)
     except ValueError:
-        raise InputError(f"has no number under {what}; expected {TRC}", path, 3) from None
+        rate = np.nan
+    if MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
+        return rate
+    raise InputError(f"has a {what} of {text[:40]!r}; expected frames a second", path, line)
 
 
 def write_trc_file(
@@ -374,3 +375,78 @@ def _fields(line: str, path: Path, number: int, what: str = MOTIVE) -> list[str]
         return next(csv.reader([line]), [])
     except csv.Error:
         raise InputError(f"is not a row of a CSV file; expected {what}", path, number) from None
+
+
+TSV = "a Qualisys .tsv export of 3D data"
+TSV_HEAD_BYTES = 4096  # format: what is included stands above events and names
+
+
+def is_other_tsv(path: Path) -> bool:
+    """Whether a file is a `.tsv` without 3D data, as QTM writes of forces, analog channels and bodies beside those."""
+    try:
+        with open_binary(path) as file:
+            return path.suffix.lower() == ".tsv" and b"DATA_INCLUDED\t3D" not in file.read(TSV_HEAD_BYTES)
+    except InputError:
+        return False  # which whoever reads it is told
+
+
+def read_tsv(path: Path) -> PointFile:
+    """Points of a Qualisys export; where it has no column of frames, they are numbered from 1 on.
+
+    Raises InputError with the line where the file is not as QTM writes it.
+    """
+    lines = decode(read_bytes(path), path, TSV).splitlines()
+    start = 1 + next((at for at, line in enumerate(lines) if line.startswith("MARKER_NAMES")), len(lines))
+    start += start < len(lines) and lines[start].startswith("TRAJECTORY_TYPES")
+    pairs = [(at, *line.partition("\t")[::2]) for at, line in enumerate(lines[:start], 1)]
+    head = {word.strip(): (at, said.rstrip()) for at, word, said in pairs}
+    line, kind = head.get("DATA_INCLUDED", (1, ""))
+    if kind != "3D":
+        words = f"holds {kind[:40]} data" if kind else "has no DATA_INCLUDED in its head"
+        raise InputError(f"{words}; expected {TSV}", path, line)
+    line, frequency = head.get("FREQUENCY", (1, ""))
+    rate = _rate_in_head(frequency, "FREQUENCY", path, line)
+    line, names = head.get("MARKER_NAMES", (1, ""))
+    labels, stated = [name.strip() for name in names.split("\t")], count_in(head.get("NO_OF_MARKERS", (1, ""))[1])
+    if "MARKER_NAMES" not in head or len(labels) > stated > 0:
+        words = f"has {len(labels) if names else 'no'} MARKER_NAMES"
+        raise InputError(f"{words}; expected those of its {stated} markers", path, line)
+    count, opening = max(stated, len(labels)), lines[start] if start < len(lines) else ""
+    titled = re.search(r"z\d*\s*$", opening, re.IGNORECASE) is not None
+    titles = opening.rstrip().split("\t") if titled else []
+    columns = len(titles) or opening.count("\t") + 1
+    if columns < 3 * count:
+        words = f"has columns of {columns // 3} of {count} markers"
+        raise InputError(f"{words}; expected three for each (is the file cut off?)", path, start + 1)
+    # Without titles a row may end with one more tab.
+    width = columns if titled else 3 * count + 2 * (columns >= 3 * count + 2)
+    numbered = titles[0].strip().lower() == "frame" if titled else width > 3 * count
+    rows = _tsv_rows(lines, start + titled, (width - 3 * count, width), numbered, path)
+    labels += [""] * (count - len(labels))
+    take = text_file(rows, labels, range(1, 1 + 3 * count, 3), path, rate, "mm")
+    promised = head.get("NO_OF_FRAMES", (1, ""))[1]
+    if count_in(promised) > take.frames:
+        words = f"has {take.frames} of {promised} frames"
+        raise InputError(f"{words}; expected all of them (is the file cut off?)", path)
+    stamp = " ".join(head.get("TIME_STAMP", (1, ""))[1].split())
+    return replace(take, usual="+Z", trial=TextHead({}, {"TIME_STAMP": stamp} if stamp else {}, group="QTM"))
+
+
+def _tsv_rows(
+    lines: list[str], start: int, columns: tuple[int, int], numbered: bool, path: Path
+) -> Iterator[tuple[int, list[str]]]:
+    """The number of each row from `start` on, with its frame's number and the coordinates, from and to some columns.
+
+    Before these may be the frame, where rows are `numbered`, the time, and perhaps a time code.
+    """
+    frame, width = 0, columns[1]
+    for number, line in enumerate(lines[start:], start + 1):
+        if not line.strip(" "):
+            continue
+        fields = line.split("\t")
+        if len(fields) != width and (len(fields) != width + 1 or fields[-1].strip()):
+            raise InputError(f"has {len(fields)} fields; expected {width} (is the file cut off?)", path, number)
+        frame += 1
+        yield number, [fields[0] if numbered else str(frame), *fields[slice(*columns)]]
+    if not frame:
+        raise InputError("has no frames; expected at least one", path)

@@ -39,7 +39,7 @@ LIST_OF_FILLS = ".filled.csv"
 class FillJob:
     """What to fill.
 
-    source   the labelled take, `.c3d`, `.trc` or Motive `.csv`
+    source   the labelled take, `.c3d`, `.trc`, `.tsv` or Motive `.csv`
     out      the `.c3d` to write; beside it go a list of the gaps, LIST_OF_FILLS, and what it was made of, REPORT
     method   one of FILL_METHODS
     max_gap  frames of the longest gap to fill, None for any

@@ -39,6 +39,7 @@ from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
 from ..scene.timing import picked_range
 from .base import OfTake, WithTake, once, taken, unless
+from .listing import refuse_other_lists
 from .picking import picked_points, selected_markers, show_picked
 from .reposing import follow_soon
 
@@ -284,6 +285,7 @@ class MOCAP_AUTOLABEL_OT_remove_correction(HasEdits, bpy.types.Operator):
     index: once(IntProperty, "Index", "Which of the list, from 0", min=0)
 
     def work(self, context):
+        refuse_other_lists(context)
         edits = taken(context).edits
         if self.index >= len(edits):
             raise InputError(f"there is no correction {self.index + 1}; expected one of the {len(edits)} in the list")

@@ -28,6 +28,7 @@ from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
 from .base import OfTake, once, taken, takes_of_file, unless
 from .correcting import selected_markers
+from .listing import refuse_other_lists
 from .long_work import LongWork
 from .reposing import follow_soon
 
@@ -176,6 +177,8 @@ class OfProposed(OfTake):
 
     def meant(self, context) -> list[KeptFill]:
         """The fills that are meant; InputError where there is none."""
+        if self.index >= 0:
+            refuse_other_lists(context)
         shown = proposed(context)
         meant = [fill for number, fill in enumerate(shown) if self.index in (-1, number)]
         if not meant:
@@ -215,6 +218,7 @@ class MOCAP_AUTOLABEL_OT_take_back_fills(OfTake, bpy.types.Operator):
     def work(self, context):
         stored, index = taken(context), self.index
         if index >= 0:
+            refuse_other_lists(context)
             gone = [index] if index < len(stored.fills) else []
         else:
             markers, frame = wanted_markers(context, stored, self.extent), stored.clock.at(context.scene.frame_float)

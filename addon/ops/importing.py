@@ -32,7 +32,7 @@ from ..scene.timing import OWN_FIRST, follow_rate, give_time, kept_clock, set_ti
 from .base import Ours, once, reason_of, unless
 from .viewing import MAX_PLACES, fit_timelines, open_sidebar, show_take_whole
 
-BLOBS, POINTS = "*.csv;*.qtm", "*.c3d;*.trc;*.csv;*.qtm"
+BLOBS, POINTS = "*.csv;*.qtm", "*.c3d;*.trc;*.tsv;*.csv;*.qtm"
 UP_ITEMS = [("AUTO", "As the File Says", "Or, where it does not say, as what is in it tells")] + [
     (axis, axis.upper(), f"{axis.upper()} points up in the file") for axis in AXIS_NAMES
 ]
@@ -138,7 +138,7 @@ class ReadsPoints:
 
 
 class MOCAP_AUTOLABEL_OT_import_points(ReadsPoints, ImportsFile, bpy.types.Operator):
-    """Choose a take of 3D points to label, C3D, TRC, Motive CSV or Qualisys QTM, and see them. Needs no cameras."""
+    """Choose a take of 3D points to label, C3D, TRC, Motive CSV, Qualisys TSV or QTM. Needs no cameras."""
 
     bl_label = "Import 3D Points"
     filter_glob: StringProperty(default=POINTS, options={"HIDDEN"})
@@ -182,6 +182,8 @@ class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operato
             said.append(_take_folder(context, chosen[0], len(takes)))
         elif takes:
             said.append(self.take_in(context, takes[0]))
+            if IS_CALIBRATION in of and context.scene.mocap_autolabel.source.points_path:
+                said.append("the calibration is not looked at for 3D points")
         self.report({"INFO"}, "; ".join(said))
         open_sidebar(context)
         if len(takes) == 1:
@@ -439,7 +441,7 @@ class MOCAP_AUTOLABEL_FH_take(bpy.types.FileHandler):
 
     bl_label = "Mocap: take to label"
     bl_import_operator = "mocap_autolabel.import_take"
-    bl_file_extensions = ".csv;.c3d;.trc;" + CALIBRATIONS.removesuffix(";.blend")
+    bl_file_extensions = ".csv;.c3d;.trc;.tsv;" + CALIBRATIONS.removesuffix(";.blend")
 
     @classmethod
     def poll_drop(cls, context):

@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 
 import bpy
-from bpy.props import BoolProperty
+from bpy.props import BoolProperty, StringProperty
 
 from ..core.data.errors import ForceableError, InputError, UserError
 from ..core.data.takes import Blobs
@@ -210,12 +210,16 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
         options={"HIDDEN", "SKIP_SAVE"},
     )
 
+    markerset: once(StringProperty, "Marker Set", "The one that was worn, where Automatic asks; empty for the chosen")
+
     needs = (lacks_input, *LabelsTake.needs)
 
     def asked(self, context) -> partial:
         """The labelling; what the take is refused for stays beside the button where something can be done about it."""
         settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
         subjects, before = settings.subjects, settings.subjects.performing
+        if self.markerset:
+            choose_model(subjects, self.markerset)
         subjects.performing = "AUTO" if self.everybody else before
         settings.source.forced |= self.force
         if self.everybody and subjects.markerset == AUTO_MODEL and state.about == opened_file(settings.source):

@@ -5,10 +5,27 @@ from collections.abc import Collection, Sequence
 
 import bpy
 
+from ..core.data.errors import InputError
+from ..props import refresh_review
 from ..scene.stored import Stored
 from ..scene.trouble import known_trouble
 
 OF_GAPS = ("fills", "proposed_fills", "left_gaps")
+
+
+def list_here(context: bpy.types.Context) -> bool:
+    """Has the lists be those of the scene's take; False where they were another scene's, as of another window."""
+    manager = context.window_manager
+    here = manager.mocap_autolabel.of_scene == context.scene.session_uid
+    if not here:
+        refresh_review(manager, context.scene)
+    return here
+
+
+def refuse_other_lists(context: bpy.types.Context):
+    """Raises InputError where a line of another scene's list would be taken for this one's."""
+    if not list_here(context):
+        raise InputError("the list was another scene's; expected a line of this one's, which is listed now")
 
 
 def lists_follow(context: bpy.types.Context, stored: Stored, names: Collection[str], points: Collection[int]):

@@ -45,7 +45,7 @@ def selected_markers(context: bpy.types.Context) -> list[str]:
 
 
 def picked_points(context: bpy.types.Context) -> list[int]:
-    """The trajectories that are picked, or rows of blobs; none once other markers were selected than what they were.
+    """The trajectories that are picked, or rows of blobs; none in another scene, or once other markers were selected.
 
     A blob is picked as its track in its camera: in another frame it is the row there.
     """
@@ -161,8 +161,8 @@ def _pick_dots(context: bpy.types.Context, stored: Stored, dots: Dots, found: np
 
 
 def _selection(context: bpy.types.Context) -> str:
-    """The selected markers, as one word to compare."""
-    return "\n".join(sorted(selected_markers(context)))
+    """The scene and its selected markers, as one word to compare."""
+    return "\n".join([str(context.scene.session_uid), *sorted(selected_markers(context))])
 
 
 class InView(OfTake):

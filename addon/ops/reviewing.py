@@ -9,14 +9,14 @@ from ..core.data.errors import InputError
 from ..core.data.takes import NO_POINT, PointRows, rows_in_frame
 from ..core.edits.kinds import AssignPoint, Edit, Swap, UnlabelMarker
 from ..core.review.trouble import DELETE, FILL, LABEL, NAME_IT, REFINE, RIGHT, SWAP, UNLABEL, Trouble
-from ..props import list_trouble, refresh_review
+from ..props import list_trouble
 from ..scene.cameras import camera_name
 from ..scene.roots import in_world
 from ..scene.stored import Stored
 from ..scene.trouble import trouble_of
 from .base import WithTake, lacks_own_take, lacks_take, once, taken
 from .correcting import correct
-from .listing import is_listed
+from .listing import is_listed, list_here, refuse_other_lists
 from .picking import dots_here, show_picked
 from .viewing import bring_into_view, fit_graphs
 
@@ -106,15 +106,6 @@ def _select(context: bpy.types.Context, trouble: Trouble, stored: Stored):
             context.view_layer.objects.active = item
 
 
-def _were_listed(context: bpy.types.Context) -> bool:
-    """Whether the lists are those of the scene's take; they become so where they were another scene's."""
-    manager = context.window_manager
-    here = manager.mocap_autolabel.of_scene == context.scene.session_uid
-    if not here:
-        refresh_review(manager, context.scene)
-    return here
-
-
 class OfTrouble(WithTake):
     """Operators on one line of the list of what is the matter with the active take."""
 
@@ -122,8 +113,7 @@ class OfTrouble(WithTake):
 
     def trouble(self, context: bpy.types.Context) -> Trouble:
         """The line that is meant; InputError where there is none, or where another scene's were listed."""
-        if not _were_listed(context):
-            raise InputError("the list was another scene's; expected a line of this one's, which is listed now")
+        refuse_other_lists(context)
         found = trouble_of(context.scene.mocap_autolabel.take, context.scene)
         if self.index >= len(found):
             raise InputError(f"there is no trouble {self.index + 1}; expected one of the {len(found)} in the list")
@@ -147,7 +137,7 @@ class MOCAP_AUTOLABEL_OT_next_trouble(OfTrouble, bpy.types.Operator):
     back: once(BoolProperty, "Back", "To the one before")
 
     def work(self, context):
-        _were_listed(context)
+        list_here(context)
         list_trouble()  # after a correction it comes a moment later, and its lines would not be those of the take
         state = context.window_manager.mocap_autolabel
         listed = [number for number, row in enumerate(state.troubles) if is_listed(state, row) and not row.answered]

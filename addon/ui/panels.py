@@ -70,7 +70,7 @@ def _draw_nothing(layout: bpy.types.UILayout, context, settings, state):
 
 def draw_import(self, _context):
     """The entry of the menu File > Import."""
-    self.layout.operator("mocap_autolabel.import_take", text="Mocap Take (.c3d, .trc, .csv, .qtm, …)")
+    self.layout.operator("mocap_autolabel.import_take", text="Mocap Take (.c3d, .trc, .tsv, .csv, .qtm, …)")
 
 
 def _cameras_here(settings: bpy.types.PropertyGroup) -> str:
@@ -148,8 +148,7 @@ def _draw_found(context, layout: bpy.types.UILayout, subjects, state):
         draw_text(context, layout, words, icon="ERROR")
         for one in state.likely:
             text = Path(one.name).name.removesuffix(SUFFIX)
-            choose = layout.operator("wm.context_set_enum", text=text)
-            choose.data_path, choose.value = "scene.mocap_autolabel.subjects.markerset", one.name
+            layout.operator("mocap_autolabel.label", text=f"Label as {text}", icon="PLAY").markerset = one.name
     elif state.unsure and told_here(state, context.scene.mocap_autolabel):
         draw_text(context, layout, f"The take {state.unsure}", icon="ERROR")
 

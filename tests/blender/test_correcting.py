@@ -25,6 +25,7 @@ from .hands import (
     refused,
     rows_of_export,
     shown,
+    stored_take,
 )
 
 
@@ -260,3 +261,23 @@ def test_the_page_of_a_take_says_what_was_said_of_it(labelled, files, tmp_path):
         assert words in said, words
     strips = [each.get("aria-label", "") for tag, each in page.found if tag == "svg"]
     assert any(label.startswith("LKNE: ") and "edited " in label for label in strips)
+
+
+def test_what_was_listed_or_picked_in_another_scene_is_not_changed_in_this_one(labelled, files):
+    """As in two windows that show a scene each: the lists and what is picked are of the one that was used last."""
+    assert bpy.context.scene.name == "Scene"
+    choose("LKNE", "RKNE")
+    bpy.ops.mocap_autolabel.swap_markers()
+    bpy.ops.scene.new(type="NEW")
+    label_walk(files.folder)
+    choose("LANK", "RANK")
+    bpy.ops.mocap_autolabel.swap_markers()
+    bpy.context.scene.frame_set(120)
+    bpy.ops.mocap_autolabel.pick(point=GHOST)
+    bpy.context.window.scene = bpy.data.scenes["Scene"]
+    choose()
+    refused("nothing is selected", "name_point", marker="LKNE")
+    refused("another scene's; expected a line of this one's", "remove_correction", index=0)
+    assert len(stored_take().edits) == 1
+    assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
+    assert not len(stored_take().edits)

@@ -94,8 +94,11 @@ def test_where_two_sets_fit_both_are_offered_an_own_one_first_and_none_is_taken(
     assert [one.name for one in state.likely] == [str(own), "body39"]
     assert not settings.subjects.found
     assert ours("ui.panels").asks_which(state, settings), "Label waits for the answer"
+    assert "'Label as body39'" in drawn_in_take(monkeypatch)
     refused("as well as", "label")
-    settings.subjects.markerset = "body39"
+    assert bpy.ops.mocap_autolabel.label(markerset="body39") == {"FINISHED"}, "the answer is the third click"
+    assert settings.subjects.markerset == "body39"
+    assert settings.take is not None
     assert not ours("ui.panels").asks_which(state, settings)
 
 
@@ -204,6 +207,17 @@ def test_a_folder_of_several_takes_is_label_folders(settings, room, tmp_path):
     other = shutil.copytree(tmp_path, tmp_path / "other")
     opened(other)
     assert (settings.folder.path, settings.folder.out) == (str(other), str(other / "labelled"))
+
+
+def test_a_calibration_beside_points_is_not_looked_at_and_that_is_said(settings, room, tmp_path, capfd):
+    write_c3d(tmp_path / "one.c3d", standing(drawn("gait15")))
+    shutil.copy(room.cameras, tmp_path / "room.toml")
+    opened(tmp_path, "room.toml")
+    opened(tmp_path, "one.c3d")
+    words = "the calibration is not looked at for 3D points"
+    assert words not in capfd.readouterr().out
+    opened(tmp_path, "one.c3d", "room.toml")
+    assert words in capfd.readouterr().out
 
 
 def test_what_is_none_of_these_is_one_sentence(settings, room, tmp_path):

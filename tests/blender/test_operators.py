@@ -201,7 +201,7 @@ def test_dropped_files_are_read_at_once(extension, empty, files):
     assert not handler.poll_drop(SimpleNamespace(area=SimpleNamespace(type="IMAGE_EDITOR")))
     assert handler.bl_import_operator == "mocap_autolabel.import_take"
     suffixes = handler.bl_file_extensions.split(";")
-    assert {".toml", ".xcp", ".mcal", ".yml", ".txt", ".cal", ".csv", ".c3d", ".trc", ".qtm"} <= set(suffixes)
+    assert {".toml", ".xcp", ".mcal", ".yml", ".txt", ".cal", ".csv", ".c3d", ".trc", ".tsv", ".qtm"} <= set(suffixes)
     assert ".blend" not in suffixes, "which Blender opens"
 
 
@@ -268,6 +268,7 @@ class Modal:
         ):
             setattr(self, name, getattr(kind, name).__get__(self))
         self._timer, self._found, self.doing, self.everybody, self.force = None, None, kind.doing, False, False
+        self.markerset = ""
         self.of_scene, self.waits = kind.of_scene, kind.waits
 
     def report(self, kind, words):

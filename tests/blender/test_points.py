@@ -20,6 +20,7 @@ from addon.scene.cameras import camera_name
 from tests.io.c3d_layouts import DEC, Layout
 from tests.io.kept import otherwise
 from tests.io.qtm_file import Recording, Trajectory, write_qtm
+from tests.io.samples import tsv
 
 from .hands import keys_of, only, ours, refused, rows_of_export, stored_take
 
@@ -146,6 +147,9 @@ def test_a_drop_tells_blobs_from_points(extension, empty, files):
     assert drop("INVOKE_DEFAULT", filepath=str(files.folder / "motive.csv")) == {"FINISHED"}
     assert (settings.source.points_path, settings.source.blobs_path) == (str(files.folder / "motive.csv"), "")
     assert (settings.source.first_frame, settings.source.trajectories, settings.source.rate) == (7, 1, 100.0)
+    (files.folder / "qualisys.tsv").write_text(tsv())
+    assert drop("INVOKE_DEFAULT", filepath=str(files.folder / "qualisys.tsv")) == {"FINISHED"}
+    assert (settings.source.trajectories, settings.source.rate) == (3, 120.0)
     with pytest.raises(RuntimeError, match="need the calibration"):
         drop("INVOKE_DEFAULT", filepath=str(files.folder / "walk.csv"))
     bpy.ops.mocap_autolabel.import_cameras(filepath=str(files.folder / "room.toml"))

@@ -147,8 +147,10 @@ def test_a_model_names_only_in_the_ways_that_it_knows(run, room, label, tmp_path
 
 
 def test_what_makes_no_difference_to_points_is_said(trained, room, label, run, tmp_path):
-    assert label("--rate", "60", "--height", "1.7", "--facing", "0", model=trained).done().err.splitlines() == [
+    words = ("--rate", "60", "--height", "1.7", "--facing", "0", "--cameras", room.cameras)
+    assert label(*words, model=trained).done().err.splitlines() == [
         "mocap-autolabel: --rate is not looked at for 3D points whose files say their own rate",
+        "mocap-autolabel: --cameras is not looked at for 3D points, which need no calibration",
         "mocap-autolabel: --height and --facing are not looked at for 3D points: that is for blobs and --method fit",
     ]
     assert report_of(tmp_path / "out" / "anon.c3d")["rate"] == pytest.approx(59.94, abs=0.1)

@@ -31,7 +31,7 @@ MADE = {
     "version": "1", "options": {"method": "auto"}, "input": [{"file": "../nowhere.csv", "sha256": "ab"}], "cameras": [],
     "model": [{"file": "gait15", "sha256": "ab"}], "edits": [],
 }  # fmt: skip
-POINTS = ("c3d", "dec", "mips", "trc", "motive")
+POINTS = ("c3d", "dec", "mips", "trc", "motive", "tsv")
 CALIBRATIONS = ("toml", "xcp", "qca", "mcal", "yml", "pmat", "rad", "res")
 
 

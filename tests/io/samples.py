@@ -169,6 +169,22 @@ def motive(frames: int = 5) -> str:
     return head + rows
 
 
+def tsv(frames: int = 5, numbered: bool = True, titled: bool = True) -> str:
+    """A Qualisys export, mm: a labelled marker with a gap, one that was not identified, and one never seen."""
+    titles = [f"{name} {axis}" for name in ("LASI", "", "RASI") for axis in "XYZ"]
+    lines = [
+        *(f"NO_OF_FRAMES\t{frames}", "NO_OF_CAMERAS\t8", "NO_OF_MARKERS\t3", "FREQUENCY\t120", "NO_OF_ANALOG\t0"),
+        *("DESCRIPTION\t--", "TIME_STAMP\t2026-01-19, 10:19:43.755\t20.5", "DATA_INCLUDED\t3D"),
+        *("EVENT\tstep\t3\t0.016667", "MARKER_NAMES\tLASI\t\tRASI", "TRAJECTORY_TYPES\tMeasured\tMeasured\tMixed"),
+        *(["\t".join([*(["Frame", "Time"] if numbered else []), *titles, ""])] if titled else []),
+    ]
+    for frame in range(frames):
+        seen = ["", "", ""] if frame == 2 else [100 + frame, 200 + frame, 1000 + frame]
+        ahead = [7 + frame, f"{frame / 120:.5f}"] if numbered else []
+        lines.append("\t".join(map(str, [*ahead, *seen, 11, 22, 33, "0.000", "0.000", "0.000"])))
+    return "\r\n".join(lines) + "\r\n"
+
+
 WALK = TaughtTake("walk ü.c3d", "Ann", 900, "ab" * 32, "../takes/walk ü.c3d", "-y", 120.0)
 SHOWN = TaughtTake("from the scene", "Bob", 3)
 HISTORY_OF_TWO = ModelHistory(
@@ -214,6 +230,7 @@ def write_all(folder: Path) -> dict[str, Path]:
         "yml": "cameras.yml", "pmat": "selfcal/camera1.Pmat.cal", "rad": "selfcal/basename2.rad",
         "res": "selfcal/Res.dat", "blobs": "blobs.csv", "qtm": "capture.qtm", "labels": "take.labels.csv",
         "c3d": "take.c3d", "dec": "dec.c3d", "mips": "mips.c3d", "trc": "take.trc", "motive": "motive.csv",
+        "tsv": "take.tsv",
     }  # fmt: skip
     files = {kind: folder / name for kind, name in names.items()}
     write_cameras(files["toml"], cameras)
@@ -230,5 +247,6 @@ def write_all(folder: Path) -> dict[str, Path]:
     files["mips"].write_bytes(Layout(processor=MIPS).content())
     write_trc(files["trc"], take)
     files["motive"].write_text(motive())
+    files["tsv"].write_text(tsv())
     write_qtm(files["qtm"], capture())
     return files

@@ -77,6 +77,7 @@ def test_what_is_no_take_is_left_alone(watched, tmp_path):
     put(tmp_path / "walk.report.json", json.dumps({"made_of": {"options": {}, "results": {".c3d": "…"}}}))
     put(tmp_path / "full.c3d")
     put(tmp_path / "full.filled.csv")
+    put(tmp_path / "walk_6d.tsv", "NO_OF_FRAMES\t5\nDATA_INCLUDED\t6D\n")  # QTM's, beside the points
     write_table(tmp_path / "summary.csv", [TakeRow("a", "a.csv", "failed")])
     watched.look(0)
     assert watched.look(3) == [tmp_path / "walk.csv"]

@@ -22,7 +22,7 @@ from addon.io.world import SIGNED_AXES, UNSURE_WORDS, find_up, guess_unit, up_ro
 from tests import recorded
 from tests.accuracy.people import BODY26
 from tests.io.c3d_layouts import Layout
-from tests.io.samples import BLOBS, motive, walk
+from tests.io.samples import BLOBS, motive, tsv, walk
 from tests.io.whole_columns import dense, read_c3d
 
 ezc3d = pytest.importorskip("ezc3d")
@@ -332,6 +332,46 @@ def test_motive_export(tmp_path):
     write_trc(tmp_path / "named.trc", take, take.trial)
     said = (tmp_path / "named.trc").read_text().splitlines()[2].split("\t")
     assert said == ["120", "240.000000", "5", "2", "mm", "240.000000", "0", "5"]
+
+
+@pytest.mark.parametrize("numbered", [True, False])
+@pytest.mark.parametrize("titled", [True, False])
+def test_qualisys_tsv_export(tmp_path, numbered, titled):
+    path = tmp_path / "take.tsv"
+    path.write_bytes(tsv(5, numbered, titled).encode())
+    take = read_points(path)
+    assert (take.names, take.rate, take.up) == (("LASI", "", "RASI"), 120, "+Z")
+    assert take.first_frame == (7 if numbered else 1)
+    np.testing.assert_allclose(take.picked([0, 1]).xyz[0], [[0.1, 0.2, 1.0], [0.011, 0.022, 0.033]])
+    np.testing.assert_array_equal(take.present, [[frame != 2, True, False] for frame in range(5)])
+    write_c3d(tmp_path / "named.c3d", take, take.trial)
+    head = ezc3d.c3d(str(tmp_path / "named.c3d"))["parameters"]["QTM"]
+    assert head["TIME_STAMP"]["value"] == ["2026-01-19, 10:19:43.755 20.5"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words", "line"),
+    [
+        ("DATA_INCLUDED\t3D", "DATA_INCLUDED\t6D", "holds 6D data; expected .* of 3D data", 8),
+        ("DATA_INCLUDED", "DATA", "no DATA_INCLUDED", 1),
+        ("\t120", "\tEXT", "a FREQUENCY of 'EXT'", 4),
+        ("MARKER_NAMES", "NAMES", "no MARKER_NAMES; expected those of its 3 markers", 1),
+        ("RASI\r", "RASI\tMORE\r", "4 MARKER_NAMES; expected those of its 3 markers", 10),
+        ("NO_OF_MARKERS\t3", "NO_OF_MARKERS\t4", "has columns of 3 of 4 markers; expected three for each", 12),
+        ("NO_OF_MARKERS\t3", f"NO_OF_MARKERS\t{10**80}", "has columns of 3 of 1000", 12),
+        ("FRAMES\t5", "FRAMES\t6", "has 5 of 6 frames; expected all of them", 0),
+        ("\n8\t0.00833\t101", "\n8\t0.00833\thello", "'hello' as a coordinate", 14),
+        ("\n8\t", "\n7\t", "from frame 7 to 7", 14),
+        ("\n8\t0.00833\t101", "\n8\t0.00833", "has 10 fields; expected 11", 14),
+    ],
+)
+def test_what_is_wrong_with_a_tsv_export_is_told(tmp_path, old, new, words, line):
+    path = tmp_path / "take.tsv"
+    assert old in tsv()
+    path.write_bytes(tsv().replace(old, new, 1).encode())
+    with pytest.raises(InputError, match=words) as caught:
+        read_points(path)
+    assert caught.value.line == line
 
 
 @pytest.mark.parametrize(

@@ -96,9 +96,9 @@ def check_models(arguments):
 
 
 DESCRIPTION = """Names the markers of one or more takes. INPUT: camera blobs, a CSV file with the header
-frame,camera,x,y and optionally area, which needs --cameras; 3D points, a .c3d, .trc or Motive .csv, whose own names are
-not looked at; or a Qualisys .qtm, which holds blobs with their calibration, 3D points, or both. For INPUT walk.csv, DIR
-gets walk.labels.csv, walk.c3d and walk.report.json."""
+frame,camera,x,y and optionally area, which needs --cameras; 3D points, a .c3d, .trc, .tsv or Motive .csv, whose own
+names are not looked at; or a Qualisys .qtm, which holds blobs with their calibration, 3D points, or both. For INPUT
+walk.csv, DIR gets walk.labels.csv, walk.c3d and walk.report.json."""
 ENGINES = ("local", "dask")
 METHODS_HELP = """fit: a body fitted to blobs, frame after frame; likelihood (also called evidence), and ensemble:
 partial solvers, each frame on its own, blobs by way of the points that they make;
@@ -226,6 +226,8 @@ def unused(arguments) -> list[str]:
         notes.append("--jobs is not looked at with --scheduler: its workers take as many takes as they have threads")
     if arguments.rate is not None and True in kinds:
         notes.append("--rate is not looked at for 3D points whose files say their own rate")
+    if arguments.cameras is not None and True in kinds:
+        notes.append("--cameras is not looked at for 3D points, which need no calibration")
     if arguments.mirror and False in kinds:
         notes.append("--mirror is not looked at for blobs: what is mirrored of them is their images or calibration")
     hints = [f"--{name}" for name in ("height", "facing") if getattr(arguments, name) is not None]

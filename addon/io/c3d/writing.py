@@ -249,9 +249,9 @@ def _ours(labels: list[str], frames: int, rate: float, scale: float, first: int,
 
 
 def _of_head(head: TextHead) -> Parameters:
-    """What the head of a text file says: the cameras' rate as C3D files have it, else under Motive's own names."""
+    """What the head of a text file says: the cameras' rate as C3D files have it, else under its own names."""
     keys = (re.sub("[^A-Z0-9]+", "_", name.upper())[:MAX_KEY_LETTERS] for name in head.said)
-    said = {f"MOTIVE:{key}": text for key, text in zip(keys, head.said.values(), strict=True)}
+    said = {f"{head.group}:{key}": text for key, text in zip(keys, head.said.values(), strict=True)}
     try:
         rate = float(head.fields.get("CameraRate", ""))
     except ValueError:
