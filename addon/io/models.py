@@ -14,6 +14,7 @@ from ..core.papers.partial_solvers.model import DOMAIN, FUNCTIONS, NO_POINT, Cla
 from ..core.points.likelihood.distances import DistanceConstraints
 from ..core.points.likelihood.model import FEATURES, FRAME_KINDS, Calibration, Likelihood
 from ..core.points.likelihood.shape import Shape
+from ..core.points.likelihood.sides import NO_SIDES, Sides
 from ..core.points.models import Model, TrainingTake
 from ..core.points.rigid_bodies.model import RigidBodies
 from .markersets import Reader, document_of, markerset_file, markerset_in, open_document, open_markerset
@@ -38,6 +39,9 @@ def likelihood_document(likelihood: Likelihood) -> dict:
         "rates": rounded(calibration.rates),
         "least": rounded(calibration.least),
     }
+    sides = likelihood.sides
+    if len(sides):
+        document["sides"] = rounded(np.column_stack([sides.markers, sides.height, sides.variance]))
     bodies = likelihood.rigid_bodies
     if bodies is not None:
         document["plates"] = [list(map(int, body)) for body in bodies.members]
@@ -75,7 +79,16 @@ def read_likelihood(reader: Reader, value: object, markers: tuple[str, ...]) -> 
         calibration=Calibration(array("trust", FEATURES), rates, array("least", FRAME_KINDS, len(rates))),
         subjects=int(reader.number(part, "subjects", "evidence", low=1)),
         rigid_bodies=bodies,
+        sides=_sides(reader, array("sides", None, 6), count) if "sides" in part else NO_SIDES,
     )
+
+
+def _sides(reader: Reader, rows: np.ndarray, count: int) -> Sides:
+    """The sides of so many markers, of rows (Q, 6)."""
+    markers = rows[:, :4]
+    if ((markers < 0) | (markers >= count)).any() or (rows[:, 5] < 0).any():
+        reader.fail('evidence "sides" name no marker or a variance below 0; expected four indices, m and m²')
+    return Sides(markers.astype(int), rows[:, 4], rows[:, 5])
 
 
 def _plates(reader: Reader, value: object, count: int) -> tuple[np.ndarray, ...]:

@@ -109,6 +109,7 @@ def learned(rigid: bool):
 def test_reading_and_writing_again_changes_nothing(rigid):
     likelihood = learned(rigid)
     assert (likelihood.rigid_bodies is not None) == rigid
+    assert len(likelihood.sides)
     document = likelihood_document(likelihood)
     again = read_likelihood(Reader("model"), json.loads(json.dumps(document)), NAMES)
     assert likelihood_document(again) == document
@@ -121,6 +122,7 @@ def test_reading_and_writing_again_changes_nothing(rigid):
     [
         *(("mean", [[0, 0, 0]]), ("noise", [0.1] * 7 + [-1]), ("modes", [[1, 2]]), ("ties", [[0, 99, 0.1, 0.1]])),
         *(("rates", [1.0, "all"]), ("least", [[1.0]]), ("subjects", "two"), ("plates", [[0, 0, 1]])),
+        *(("sides", [[0, 1, 2, 99, 0.1, 0.1]]), ("sides", [[0, 1, 2, 3, 0.1, -1]])),
     ],
 )
 def test_a_part_that_is_not_as_expected_is_named(key, value):

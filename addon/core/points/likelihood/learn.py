@@ -21,6 +21,7 @@ from .distances import DistanceConstraints, learn_constraints
 from .frames import chunks, labels_given, solve_frames
 from .model import Calibration, Known, Likelihood, learn_calibration
 from .shape import Shape, as_other_subjects, cloud_radius, learn_shape
+from .sides import learn_sides
 
 
 @dataclass(frozen=True)
@@ -184,10 +185,12 @@ def learning(
     """
     markers = tuple(markers)
     subjects = _by_subject(takes, markers)
-    shape, constraints = _learn(list(subjects.values()), markers, seed)
+    images = _mirrored(list(subjects.values()), markers)
+    shape, constraints = _learn(list(subjects.values()), images, seed)
     rigid_bodies = learn_rigid_bodies(list(subjects.values()), shape.radius)
     calibration = yield from _learn_calibration(list(subjects.values()), markers, rigid_bodies, seed, try_all)
-    return Likelihood(markers, shape, constraints, calibration, len(subjects), rigid_bodies)
+    sides = learn_sides([*subjects.values(), *images], shape.radius)
+    return Likelihood(markers, shape, constraints, calibration, len(subjects), rigid_bodies, sides)
 
 
 def _by_subject(takes, markers: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -214,8 +217,7 @@ def _by_subject(takes, markers: tuple[str, ...]) -> dict[str, np.ndarray]:
     return subjects
 
 
-def _learn(subjects: list[np.ndarray], markers: tuple[str, ...], seed: int) -> tuple[Shape, DistanceConstraints]:
-    images = _mirrored(subjects, markers)
+def _learn(subjects: list[np.ndarray], images: Sequence[np.ndarray], seed: int) -> tuple[Shape, DistanceConstraints]:
     shape = learn_shape(subjects, seed, images)
     return shape, learn_constraints(subjects, shape.radius, images)
 
@@ -265,7 +267,7 @@ def _works(
     works, splits = [], _splits(subjects)
     for done, (rest, tested) in enumerate(splits):
         yield LEARNED_SHARE * done / len(splits), "learn the likelihood"
-        shape, constraints = _learn(rest, markers, seed)
+        shape, constraints = _learn(rest, _mirrored(rest, markers), seed)
         rigid_bodies = None if whole is None else learn_rigid_bodies(rest, shape.radius) or whole
         # On rigid bodies frames are named several times as fast.
         count = LEARN.max_frames

@@ -13,6 +13,7 @@ from ...body.sides import limb_exchanges, mirror_order
 from ..rigid_bodies.model import RigidBodies
 from .distances import DistanceConstraints
 from .shape import Latent, Shape
+from .sides import NO_SIDES, Sides
 from .starts import COARSE_MODES
 
 
@@ -171,6 +172,7 @@ class Likelihood:
     calibration   what margins are worth
     subjects      how many subjects it was learned from
     rigid_bodies  of a set that has most of its markers on such; None for others
+    sides         on which side of others markers are; none of a model of before these were learned
     """
 
     markers: tuple[str, ...]
@@ -179,6 +181,7 @@ class Likelihood:
     calibration: Calibration
     subjects: int
     rigid_bodies: RigidBodies | None = None
+    sides: Sides = NO_SIDES
 
     def __len__(self) -> int:
         return len(self.markers)

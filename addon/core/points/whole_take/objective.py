@@ -31,6 +31,7 @@ from ...geometry.rigid import in_axes, laid_on
 from ...geometry.upright import upright_aligned
 from ..likelihood.model import Likelihood
 from ..likelihood.naming import Settled, score_of, settle
+from ..likelihood.sides import Sides, heights
 from ..models import Model
 from ..refusals import NO_FIT, REFUSAL, SetFit
 from .likeness import LIKENESS, likeness, links, steadiest, worth_of_each, worth_of_length
@@ -70,6 +71,7 @@ class ObjectiveOptions:
                truth in 26 takes of crowd, frame, lab-1, others and pieces: by 1.85 a frame less at least
     lab_sd_m   measured: m, of a distance between labs; with 2 cm or limited squares plates of other people that are
                turned round are worth more than the truth
+    sides      memory: frames in which it is asked on which side of others markers are
     extra      measured: log odds that an unmodelled marker must bring; with 4 or 8 takes of other labs lose 3 to 5 %
     """
 
@@ -79,6 +81,7 @@ class ObjectiveOptions:
     min_seen: int = 5
     max_marker: float = 6.0
     shape: float = 0.5
+    sides: int = 48
     extra: float = 12.0
     lab_sd_m: float = 0.04
 
@@ -114,13 +117,14 @@ class LayoutOdds:
     """How well slots, each all that has one name so far, bear out the distances that training expects of other names.
 
     Odds are unlimited: a plate that sits elsewhere has all of its markers off by as much, and turned round it has some
-    of them off by twice that. known are those of M markers; shown is what the take shows of M + E slots, which are
-    there for a part `coverage` (M + E,) of it.
+    of them off by twice that. known are those of M markers, and `sides` of which others they are on; shown is what the
+    take shows of M + E slots, placed (F, M + E, 3) m in some frames, which are there for a part `coverage` (M + E,).
     """
 
-    def __init__(self, known: PairDistances, shown: Moments, coverage: np.ndarray):
+    def __init__(self, known: PairDistances, sides: Sides, shown: Moments, placed: np.ndarray, coverage: np.ndarray):
         self.markers = len(known.mean)
         size = sized(known, shown)
+        self.sides, self.size, self.placed = sides, size, placed
         self.near = steadiest(known.variance)
         rows = np.arange(self.markers)[:, None]
         self.mean = size * known.mean[rows, self.near]
@@ -147,8 +151,36 @@ class LayoutOdds:
         square = np.minimum(square, most).sum(axis=-1) * share
         precision = share * np.where(there, 1 / self.variance, 0).sum(axis=-1) / 3 + LIKENESS.wide_m**-2
         odds = 1.5 * np.log(precision) - 1.5 * np.log(2 * np.pi) - 0.5 * square - np.log(LIKENESS.ghost_density)
-        odds = np.where(asked >= LIKENESS.min_neighbours, odds, 0)
+        odds = np.where(asked >= LIKENESS.min_neighbours, odds, 0) + self._of_sides(orders, most)
         return odds * self.coverage[own]
+
+    def _of_sides(self, orders: np.ndarray, most: float) -> np.ndarray:
+        """(K, M) log likelihood of the side on which each marker is, by names in orders (K, M + E)."""
+        found, sides = np.zeros((len(orders), self.markers)), self.sides
+        if not len(sides):
+            return found
+        slots = orders[:, sides.markers]
+        moved = (slots != sides.markers).any(axis=2)
+        height = np.where(moved, 0.0, self._height)
+        if moved.any():
+            height[moved] = self._heights(slots[moved])
+        odds = np.maximum(sides.odds(height, self.size, OBJECTIVE.lab_sd_m), -0.5 * most) * sides.share
+        np.add.at(found.T, sides.markers[:, 0], odds.T)
+        return found
+
+    @cached_property
+    def _height(self) -> np.ndarray:
+        return self._heights(self.sides.markers)
+
+    def _heights(self, slots: np.ndarray) -> np.ndarray:
+        """(K,) m the mean height of the first of four slots (K, 4) over the others' plane, NaN where it is not seen."""
+        code = np.ravel_multi_index(tuple(slots.T), (len(self.coverage),) * 4)
+        _, first, again = np.unique(code, return_index=True, return_inverse=True)
+        height = heights(self.placed[:, slots[first]])
+        seen = np.isfinite(height)
+        count = seen.sum(axis=0)
+        mean = np.where(seen, height, 0).sum(axis=0) / np.maximum(count, 1)
+        return np.where(count > 0, mean, np.nan)[again]
 
     def chains(self, holes: np.ndarray, width: int, length: int) -> np.ndarray:
         """(K, M + E) the orders worth most, by chains of exchanges from any of the markers `holes` (K,).
@@ -291,7 +323,7 @@ class Objective:
         odds[named] = every_one[np.arange(len(named)), own]
         worth = odds[named] * self.weight[named]
         worth -= np.where(own < self.markers, 0.0, OBJECTIVE.extra * self.tracklets.count[named])
-        slots = self.layout(marker, shown)
+        slots = self.layout(marker, shown, placed)
         settled = self.settled(placed)
         layout = float(slots.worth(every[None])[0])
         return Candidate(marker, placed, shown, odds, slots, layout, float(worth.sum()), settled)
@@ -300,9 +332,10 @@ class Objective:
         """The frames whose shape is asked, with markers placed (F, M + E, 3) m."""
         return settled_frames(self.model.learned_likelihood, placed[self._shown])
 
-    def layout(self, marker: np.ndarray, shown: Moments) -> LayoutOdds:
-        """How well what has one name (N,) bears out the distances that training expects of others."""
-        return LayoutOdds(self.known, shown, self.coverage(marker))
+    def layout(self, marker: np.ndarray, shown: Moments, placed: np.ndarray) -> LayoutOdds:
+        """How well what has one name (N,), placed (F, M + E, 3) m, bears out the distances that training expects."""
+        sides, some = self.model.learned_likelihood.sides, evenly_spread(len(self._spread), OBJECTIVE.sides)
+        return LayoutOdds(self.known, sides, shown, placed[self._spread[some]], self.coverage(marker))
 
     def coverage(self, marker: np.ndarray) -> np.ndarray:
         """(M + E,) the part of the take in which each marker is, by names (N,)."""

@@ -177,7 +177,7 @@ class Search:
             return Slots(best.marker, best.slots, best.settled)
         own = np.where(free, objective.markers + objective.extras + np.cumsum(free) - 1, best.marker)
         placed = objective.placed(own)
-        return Slots(own, objective.layout(own, objective.moments(placed)), objective.settled(placed))
+        return Slots(own, objective.layout(own, objective.moments(placed), placed), objective.settled(placed))
 
     @cached_property
     def _odds(self) -> np.ndarray:
@@ -424,7 +424,11 @@ class Search:
         for pair in zip(one.tolist(), other.tolist(), strict=True):
             order = np.arange(every)
             order[list(pair)] = pair[::-1]
-            yield self._completed(self._exchanged(order, slots), *pair)
+            exchanged = self._completed(self._exchanged(order, slots), *pair)
+            yield exchanged
+            # What had the marker's name may be no marker of anything, which as an extra costs.
+            if markers <= pair[1] < markers + self.objective.extras:
+                yield np.where(exchanged == pair[1], NO_MARKER, exchanged)
 
     def _completed(self, marker: np.ndarray, name: int, extra: int) -> np.ndarray:
         """(N,) the names in which what has none and was likely an extra has the name that this has got.

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""On which side of three others a marker is: what distances, which are the same in a mirror, cannot tell.
+
+Thumb and little finger's side of a wrist, front and back of a plate, left and right are as far from all else if they
+are exchanged as before. They are not on the same side of it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+
+from ...data.takes import evenly_spread
+from .distances import CONSTRAINING, lengths_of
+from .shape import SUBJECT_PRIOR
+
+
+@dataclass(frozen=True)
+class SideOptions:
+    """Which sides are learned.
+
+    near    memory and time: of a marker, whose distances keep best, that make its planes
+    planes  memory and time: of a marker, those that tell its side best
+    frames  memory: of a subject
+    """
+
+    near: int = 8
+    planes: int = 3
+    frames: int = 200
+
+
+SIDES = SideOptions()
+
+
+@dataclass(frozen=True, eq=False)
+class Sides:
+    """How high the first of four markers is over the plane of the others, as its right-hand screw points.
+
+    markers   (Q, 4)
+    height    (Q,) m
+    variance  (Q,) m², of all frames of all subjects
+    """
+
+    markers: np.ndarray
+    height: np.ndarray
+    variance: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.markers)
+
+    @cached_property
+    def share(self) -> np.ndarray:
+        """(Q,) of its marker's one voice that each has, as all of a marker's say the same."""
+        return 1 / np.bincount(self.markers[:, 0])[self.markers[:, 0]] if len(self) else np.ones(0)
+
+    def odds(self, height: np.ndarray, size: float, layout_m: float) -> np.ndarray:
+        """(..., Q) by how much likelier a marker as high is on this side than on any, as a logarithm: at most log 2.
+
+        height (..., Q) m as seen on a subject of that size, whose markers sit elsewhere by `layout_m`; NaN is unknown.
+        """
+        odds = np.nan_to_num(2 * height * size * self.height / (self.variance + layout_m**2))
+        return np.log(2) - np.logaddexp(0, -odds)
+
+
+NO_SIDES = Sides(np.zeros((0, 4), int), np.zeros(0), np.zeros(0))
+
+
+def heights(points: np.ndarray) -> np.ndarray:
+    """(...) m, how high the first of four points (..., 4, 3) m is over the plane of the others; NaN where one is."""
+    along, across, up = np.moveaxis(points[..., (2, 3, 0), :] - points[..., 1:2, :], -2, 0)
+    normal = np.cross(along, across)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.einsum("...i,...i->...", normal, up) / np.linalg.norm(normal, axis=-1)
+
+
+def learn_sides(subjects: Sequence[np.ndarray], radius: float) -> Sides:
+    """The sides that labelled clouds show best, one array (T, M, 3) m a subject, NaN where missing.
+
+    Mirror images, with the sides' names exchanged, are subjects like others. `radius` is the shape's.
+    """
+    some = [points[evenly_spread(len(points), SIDES.frames)] for points in subjects]
+    markers = _fours(_steadiness(some), CONSTRAINING.max_sd_radii * radius)
+    if not len(markers):
+        return NO_SIDES
+    mean, variance = (np.stack(each) for each in zip(*(_moments(points, markers) for points in some), strict=True))
+    known = np.isfinite(mean).any(axis=0)
+    markers, mean, variance = markers[known], mean[:, known], variance[:, known]
+    height = np.nanmean(mean, axis=0)
+    variance = np.nanmean(variance + (mean - height) ** 2, axis=0)
+    clear = height**2 / (variance + (SUBJECT_PRIOR.marker_sd_radii * radius) ** 2)
+    order = np.lexsort((-clear, markers[:, 0]))
+    first = np.searchsorted(markers[order, 0], markers[order, 0])
+    kept = order[np.arange(len(order)) - first < SIDES.planes]
+    return Sides(markers[kept], height[kept], variance[kept])
+
+
+def _steadiness(subjects: Sequence[np.ndarray]) -> np.ndarray:
+    """(M, M) m, standard deviation of each distance in frames of one subject, infinity where that is not known."""
+    count = subjects[0].shape[1]
+    lengths, spreads = np.stack([lengths_of(points, CONSTRAINING.min_frames) for points in subjects], axis=1)
+    seen = np.isfinite(lengths)
+    within = np.where(seen, spreads, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+    every = np.full((count, count), np.inf)
+    every[np.triu_indices(count, 1)] = np.where(seen.any(axis=0), np.sqrt(within), np.inf)
+    return np.minimum(every, every.T)
+
+
+def _fours(varies: np.ndarray, most: float) -> np.ndarray:
+    """(Q, 4) each marker with every three of those whose distances keep best, where all six distances keep."""
+    near = np.argsort(varies, axis=1, kind="stable")[:, : min(SIDES.near, len(varies) - 1)]
+    three = np.array(list(combinations(range(near.shape[1]), 3)), int).reshape(-1, 3)
+    every = np.arange(len(varies))
+    fours = np.concatenate([np.repeat(every, len(three))[:, None], near[:, three].reshape(-1, 3)], axis=1)
+    one, other = fours[:, np.triu_indices(4, 1)].swapaxes(0, 1)
+    return fours[(varies[one, other] < most).all(axis=1)]
+
+
+def _moments(points: np.ndarray, markers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(Q,) m the mean height, and (Q,) m² its variance, in frames (T, M, 3) m; NaN where too few show it."""
+    total, squares, count = np.zeros((3, len(markers)))
+    for frame in points.astype(float):
+        height = heights(frame[markers])
+        seen = np.isfinite(height)
+        height = np.where(seen, height, 0)
+        total += height
+        squares += height**2
+        count += seen
+    enough = count >= max(min(CONSTRAINING.min_frames, len(points)), 1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.where(enough, total / count, np.nan)
+        return mean, np.where(enough, np.maximum(squares / count - mean**2, 0), np.nan)

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What distances cannot tell, sides do."""
+
+import numpy as np
+import pytest
+
+from addon.core.points.likelihood.sides import heights, learn_sides
+from addon.demo.take import make_performance
+from addon.io.markersets import open_markerset
+from addon.io.models import open_model
+
+# An elbow, thumb's and little finger's side of a wrist as far from it, and the back of the hand as far from both.
+FOREARM = np.array([[0, 0, 0], [0.25, 0.03, 0], [0.25, -0.03, 0], [0.32, 0, 0.04]])
+EXCHANGED = [0, 2, 1, 3]
+
+
+@pytest.fixture
+def clouds():
+    """Five people (40, 4, 3) m who turn their forearm about all axes."""
+    rng = np.random.default_rng(3)
+    turns = np.linalg.qr(rng.normal(size=(5, 40, 3, 3)))[0]
+    turns[np.linalg.det(turns) < 0] *= -1
+    return FOREARM @ turns.swapaxes(2, 3) + 0.004 * rng.normal(size=(5, 40, 4, 3))
+
+
+def test_a_height_is_over_the_plane_of_the_others_by_the_right_hand():
+    plane = np.array([[0.2, 0.1, 0.3], [0, 0, 0], [1, 0, 0], [0, 2, 0]])
+    assert heights(plane) == pytest.approx(0.3)
+    assert heights(plane[[0, 1, 3, 2]]) == pytest.approx(-0.3)
+    assert np.isnan(heights(np.where(np.arange(4)[:, None] == 2, np.nan, plane)))
+    assert np.isnan(heights(plane[[0, 1, 2, 2]]))
+
+
+def test_two_markers_that_are_as_far_from_all_else_are_told_apart(clouds):
+    sides = learn_sides(list(clouds[:4]), 0.2)
+    assert set(sides.markers[:, 0]) == {0, 1, 2, 3}
+    right, wrong = (
+        sides.odds(heights(clouds[4][:, names][:, sides.markers]).mean(axis=0), 1.0, 0.01) @ sides.share
+        for names in ([0, 1, 2, 3], EXCHANGED)
+    )
+    assert right > 2 > 0 > -5 > wrong
+    assert right <= 4 * np.log(2)
+
+
+def test_who_is_out_of_sight_says_nothing(clouds):
+    sides = learn_sides(list(clouds), 0.2)
+    assert sides.odds(np.full(len(sides), np.nan), 1.0, 0.04) == pytest.approx(0)
+    hidden = clouds.copy()
+    hidden[:, :, 2] = np.nan
+    assert not len(learn_sides(list(hidden), 0.2))
+
+
+def test_what_bends_between_them_has_no_side(clouds):
+    clouds[:, :, 3] += np.random.default_rng(0).normal(size=(5, 40, 3))
+    assert not len(learn_sides(list(clouds), 0.2))
+
+
+@pytest.mark.parametrize("pair", [("LWRA", "LWRB"), ("RWRA", "RWRB"), ("LASI", "RASI"), ("LFHD", "RFHD")])
+def test_a_built_in_set_knows_which_side_is_which_on_the_demo(pair):
+    model = open_model("body26")
+    sides, names = model.learned_likelihood.sides, list(model.markerset.markers)
+    points = make_performance(open_markerset("body26")).take.xyz[:60].astype(float)
+    exchanged = np.arange(len(names))
+    exchanged[[names.index(name) for name in pair]] = [names.index(name) for name in pair[::-1]]
+    right, wrong = (
+        sides.odds(np.nanmean(heights(some[:, sides.markers]), axis=0), 1.0, 0.04) @ sides.share
+        for some in (points, points[:, exchanged])
+    )
+    assert right - wrong > 1
