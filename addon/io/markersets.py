@@ -11,7 +11,7 @@ import numpy as np
 from ..core.data.errors import InputError
 from ..core.data.markersets import Capsules, MarkerSet, Skeleton, Spread
 from .source import read_json
-from .text import EXPECTED, can_be_named, can_be_written, is_unicode, json_text, rounded, write_json
+from .text import EXPECTED, can_be_named, can_be_written, is_unicode, rounded
 
 # What no marker set holds; physical.
 MAX_NUMBER = 1e3  # heights, metres and square radians of a body are all far below it
@@ -304,16 +304,6 @@ def _poses(reader: Reader, pose: dict, joints: int) -> np.ndarray:
         reader.fail('pose "recorded" is no list; expected a list of poses')
     named = [reader.array(row, (3 * joints,), f"pose {number}") for number, row in enumerate(rows, 1)]
     return np.array(named).reshape(-1, joints, 3) if rows else np.zeros((0, 0, 3))
-
-
-def write_markerset(path: Path, markerset: MarkerSet):
-    """Writes a marker set; numbers keep six significant digits, and reading and writing again changes nothing."""
-    write_json(path, document_of(markerset))
-
-
-def markerset_text(markerset: MarkerSet) -> str:
-    """The text of a marker set's file."""
-    return json_text(document_of(markerset)) + "\n"
 
 
 def document_of(markerset: MarkerSet) -> dict:

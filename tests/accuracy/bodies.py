@@ -308,16 +308,8 @@ def main():
     head = ["take", "rig", "arms off, °", "arms at 99 %, °", "legs off, °", "legs at 99 %, °"]
     head += ["planted feet off, mm", "feet at 99 %, mm", "feet 10 mm in the floor, %", "largest turn, °"]
     print(markdown(head, rigs))
-    head = [
-        "toes",
-        "height off, mm",
-        "height at 90 %, mm",
-        "height at 99 %, mm",
-        "off, mm",
-        "off at 90 %, mm",
-        "off at 99 %, mm",
-        "largest turn, °",
-    ]
+    head = ["toes", "height off, mm", "height at 90 %, mm", "height at 99 %, mm"]
+    head += ["off, mm", "off at 90 %, mm", "off at 99 %, mm", "largest turn, °"]
     print(markdown(head, list(toes_off())))
     head = ["markers on", "fingers", "off them, mm", "at 90 %, mm", "at 99 %, mm", "off those on the hand's back, mm"]
     print(markdown(head, list(fingers_off())))

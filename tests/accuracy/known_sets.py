@@ -110,12 +110,9 @@ def main():
     """Prints what came of each group of takes."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--keep", type=Path, required=True, help="where models and cases are kept")
-    parser.add_argument("--only", default="", help="how the groups begin")
     given, rows, every = parser.parse_args(), [], []
     kinds = "right", "asked", "none", "wrong"
     for title, takes in groups(given.keep).items():
-        if not title.startswith(given.only):
-            continue
         found: Counter[str] = Counter()
         seconds = []
         for points, model in takes():

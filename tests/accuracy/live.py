@@ -250,13 +250,11 @@ def main():
     """Prints what came of each group of takes."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--keep", type=Path, required=True, help="where models are kept")
-    parser.add_argument("--only", default="", help="how the groups begin")
     given = parser.parse_args()
     rows = []
     for title, takes in groups(given.keep).items():
-        if title.startswith(given.only):
-            rows.append(row(title, [played(*one) for one in takes()]))
-            print(rows[-1], flush=True)
+        rows.append(row(title, [played(*one) for one in takes()]))
+        print(rows[-1], flush=True)
     print(markdown(COLUMNS, rows))
 
 

@@ -15,7 +15,9 @@ from addon.core.blobs.pipeline import label_take
 from addon.core.data.markersets import MarkerSet
 from addon.core.data.takes import Blobs
 from addon.core.geometry.cameras import Cameras
-from addon.io.markersets import read_markerset, write_markerset
+from addon.core.points.models import Model
+from addon.io.markersets import read_markerset
+from addon.io.models import write_model
 from scripts import learn_markersets
 from scripts.learn_markersets import MISLABELLED, WALKERS
 
@@ -167,7 +169,7 @@ def left_out_model(set_name: str, left_out: tuple[str, ...]) -> MarkerSet:
     if not path.exists():
         learned = learn_markersets.learn_set(learn_markersets.read_people(DATA / "people", left_out), set_name)
         CACHE.mkdir(parents=True, exist_ok=True)
-        write_markerset(path, learned)
+        write_model(path, Model(learned))
     return read_markerset(path)
 
 

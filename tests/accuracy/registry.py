@@ -284,11 +284,8 @@ def of_parts(keep: Path) -> Iterator[Trial]:
     model = open_model("body39")
     leg = {f"{side}{name}" for side in "LR" for name in ("THI", "KNE", "TIB", "ANK", "HEE", "TOE")}
     arm = {f"{side}{name}" for side in "LR" for name in ("UPA", "ELB", "FRM", "WRA", "WRB", "FIN")}
-    pelvis, head, every = (
-        {"LASI", "RASI", "LPSI", "RPSI"},
-        {"LFHD", "RFHD", "LBHD", "RBHD"},
-        set(model.markerset.markers),
-    )
+    pelvis, head = {"LASI", "RASI", "LPSI", "RPSI"}, {"LFHD", "RFHD", "LBHD", "RBHD"}
+    every = set(model.markerset.markers)
     parts = {
         "pelvis and legs": leg | pelvis,
         "pelvis and left leg": {name for name in leg if name[0] == "L"} | pelvis,

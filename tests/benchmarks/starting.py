@@ -1,13 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What `label` takes beyond naming, from the shell to its files, and short takes side by side, as a Markdown table.
 
-python -m tests.benchmarks.starting [--repeats 9]
+python -m tests.benchmarks.starting
 
 Each command runs in a process of its own, as a shell starts it; medians, by NumPy and by the compiled library. Naming
 is what reports say that it took, added up over takes.
 """
 
-import argparse
 import json
 import os
 import shutil
@@ -27,6 +26,7 @@ from scripts.virtual_take import write_virtual_points, write_virtual_take
 TAKES, FRAMES = 36, 200
 COMMAND = (sys.executable, "-c", "import sys; from addon.cli import main; sys.exit(main())", "label", "--model", MODEL)
 NAMING = ("place", "fit", "label")  # of a report's timing
+REPEATS = 9  # of each command
 
 
 def jobs(folder: Path) -> Iterator[tuple[str, list[str]]]:
@@ -55,14 +55,12 @@ def seconds(words: list[str], out: Path, numpy: bool) -> tuple[float, float, flo
 
 def main() -> int:
     """Measures both ways."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.starting", description=__doc__.splitlines()[0])
-    parser.add_argument("--repeats", type=int, default=9, help="of each command (default 9)")
-    given, rows = parser.parse_args(), []
+    rows = []
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
         for what, words in jobs(folder):
             for way in ("NumPy", "compiled"):
-                seen = [seconds(words, folder / "out", way == "NumPy") for _ in range(given.repeats)]
+                seen = [seconds(words, folder / "out", way == "NumPy") for _ in range(REPEATS)]
                 rows.append([what, way, *(f"{median(times):.2f}" for times in zip(*seen, strict=True))])
     columns = ["`label`", "by", "seconds of wall", "of the processor", "naming, of wall"]
     print(f"{os.cpu_count()} cores\n\n{markdown(columns, rows)}")

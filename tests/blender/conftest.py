@@ -23,7 +23,8 @@ from addon.core.points.several.wearers import SetsWorn, Wearer  # noqa: E402
 from addon.core.simulation.rigs import ring_rig  # noqa: E402
 from addon.io.blobs import write_blobs  # noqa: E402
 from addon.io.cameras import write_cameras  # noqa: E402
-from addon.io.markersets import open_markerset, write_markerset  # noqa: E402
+from addon.io.markersets import open_markerset  # noqa: E402
+from addon.io.models import write_model  # noqa: E402
 from addon.io.points import write_c3d  # noqa: E402
 from addon.scene.take import Take, show_take  # noqa: E402
 from tests.core.toybody import made_up  # noqa: E402
@@ -253,7 +254,7 @@ def write_walk(folder: Path, xyz: np.ndarray, markerset: MarkerSet, rate: float 
     """Writes a take of points without names, walk.c3d, and the marker set that is worn in it."""
     residual = np.where(np.isfinite(xyz[..., 0]), 0.0002, np.nan)
     write_c3d(folder / "walk.c3d", takes.Points(("",) * xyz.shape[1], xyz, residual, rate, 101))
-    write_markerset(folder / "small.markerset.json", markerset)
+    write_model(folder / "small.markerset.json", Model(markerset))
     take, edits = folder / "walk.c3d", folder / "walk.edits.json"
     return SimpleNamespace(folder=folder, take=take, edits=edits, xyz=xyz, names=markerset.markers)
 
@@ -267,7 +268,7 @@ def write_room(folder: Path, frames: int, lens: float = 0.0) -> SimpleNamespace:
     seen, truth = make_blobs(markerset, cameras, motion)
     write_cameras(folder / "room.toml", cameras)
     write_blobs(folder / "walk.csv", seen, cameras)
-    write_markerset(folder / "small.markerset.json", markerset)
+    write_model(folder / "small.markerset.json", Model(markerset))
     paths = {"cameras": "room.toml", "blobs": "walk.csv", "markerset": "small.markerset.json"}
     known = {"room": cameras, "seen": seen, "truth": truth, "motion": motion, "names": markerset.markers}
     return SimpleNamespace(folder=folder, **{name: str(folder / path) for name, path in paths.items()}, **known)

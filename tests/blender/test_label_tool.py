@@ -212,7 +212,6 @@ def test_every_key_of_the_tool_does_something_of_ours_and_is_free_in_blender_but
         given = dict((more or {}).get("properties", ()))
         assert set(given) <= set(known.keys())
         assert module == "mocap_autolabel" or hasattr(bpy.types, given["name"])
-    tool = ours("ui.label_tool")
     alone = [event["type"] for _, event, _ in tool.KEYMAP if set(event) == {"type", "value"}]
     assert not ({key for key in alone if len(key) == 1} - {"X"}) & set("ABCDGHIKMNOQRSTWZ"), "object mode has these"
 

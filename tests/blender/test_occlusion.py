@@ -72,7 +72,6 @@ def test_a_marker_on_its_skin_is_seen_from_its_side_and_a_missing_one_or_a_lost_
     sacr, clav = markerset.index("SACR"), markerset.index("CLAV")
     assert found[0][:, sacr].tolist() == [False, True]
     assert found[0][:, clav].tolist() == [True, False]
-    markerset, armature, meshes = body
     motion = made.motion(markerset, 8)
     motion.expected[0, 0] = np.nan
     found = occlusion_of(empty, armature, meshes, markerset).hidden(

@@ -16,7 +16,9 @@ import bpy
 import numpy as np
 import pytest
 
-from addon.io.markersets import open_markerset, write_markerset
+from addon.core.points.models import Model
+from addon.io.markersets import open_markerset
+from addon.io.models import write_model
 from addon.io.points import read_points
 from addon.scene import naming
 from tests.faults.stage import SECONDS
@@ -253,19 +255,8 @@ class Modal:
     def __init__(self, module):
         self.reports, self.removed = [], 0
         kind = module.MOCAP_AUTOLABEL_OT_label
-        for name in (
-            "_begin",
-            "_tick",
-            "_told",
-            "_tell",
-            "_end",
-            "_show",
-            "_said",
-            "asked",
-            "work",
-            "execute",
-            "modal",
-        ):
+        names = ["_begin", "_tick", "_told", "_tell", "_end", "_show", "_said", "asked", "work", "execute", "modal"]
+        for name in names:
             setattr(self, name, getattr(kind, name).__get__(self))
         self._timer, self._found, self.doing, self.everybody, self.force = None, None, kind.doing, False, False
         self.markerset = ""
@@ -305,14 +296,9 @@ def window(ready):
     window = SimpleNamespace(screen=screen(), scene="another")
     manager.windows.append(window)
     context = SimpleNamespace(
-        scene=ready.scene,
-        window=window,
-        screen=None,
-        mode="OBJECT",
-        window_manager=manager,
-        workspace=workspace,
-        view_layer=ready.view_layer,
-    )
+        scene=ready.scene, view_layer=ready.view_layer, window_manager=manager,
+        window=window, screen=None, workspace=workspace, mode="OBJECT",
+    )  # fmt: skip
     return SimpleNamespace(context=context, manager=manager, status=status, operator=Modal(ours("ops.labelling")))
 
 
@@ -584,12 +570,12 @@ def test_own_marker_sets_are_found_in_the_extensions_folder(extension, empty, ma
     props = ours("props")
     folder = prefs.markerset_folder(create=True)
     assert folder == type(folder)(bpy.utils.extension_path_user(extension, path="markersets"))
-    write_markerset(folder / "house.markerset.json", made.markerset())
+    write_model(folder / "house.markerset.json", Model(made.markerset()))
     settings = empty.scene.mocap_autolabel
     assert settings.subjects.markerset == "auto"
     settings.subjects.markerset = str(folder / "house.markerset.json")
     assert props.chosen_markerset(settings.subjects).name == "small"
-    write_markerset(folder / "annex.markerset.json", made.markerset())  # before it in the list
+    write_model(folder / "annex.markerset.json", Model(made.markerset()))  # before it in the list
     assert settings.subjects.markerset == str(folder / "house.markerset.json")
     (folder / "annex.markerset.json").unlink()
     (folder / "house.markerset.json").unlink()
@@ -656,13 +642,9 @@ def test_a_take_that_was_shown_without_the_extension_is_reviewed_with_it(extensi
 
 
 ADDED = (
-    bpy.types.Operator,
-    bpy.types.Panel,
-    bpy.types.UIList,
-    bpy.types.PropertyGroup,
-    bpy.types.FileHandler,
-    bpy.types.AddonPreferences,
-)
+    bpy.types.Operator, bpy.types.Panel, bpy.types.UIList,
+    bpy.types.PropertyGroup, bpy.types.FileHandler, bpy.types.AddonPreferences,
+)  # fmt: skip
 
 
 def everything():

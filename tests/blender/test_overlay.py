@@ -72,7 +72,6 @@ def test_a_lost_frame_has_blobs_and_no_links_and_one_outside_the_take_nothing(sh
     seen = blob_dots(stored, 3, 0, np.eye(4))
     assert len(seen.xyz) == 1
     assert len(marks.links(stored, 3, seen)[0]) == 0
-    _, stored = shown
     assert [stored.index_of(frame) for frame in (100, 101, 120, 121)] == [-1, 0, 19, -1]
 
 

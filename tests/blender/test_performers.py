@@ -15,7 +15,8 @@ from addon.core.points.models import Model
 from addon.core.points.several.wearers import SetsWorn, Wearer
 from addon.core.posing.ends import with_ends
 from addon.core.posing.finer import finer
-from addon.io.markersets import markerset_file, open_markerset, write_markerset
+from addon.io.markersets import markerset_file, open_markerset
+from addon.io.models import write_model
 from addon.io.points import read_points, write_c3d
 from addon.scene import naming, performers
 from addon.scene import take as takes
@@ -331,7 +332,7 @@ def duet(extension, empty, made):
 
 def test_gaps_are_filled_by_each_ones_own_markers(duet, made, tmp_path):
     """The marker set of each is the one that stands for the name in the list."""
-    write_markerset(tmp_path / "small.markerset.json", made.markerset())
+    write_model(tmp_path / "small.markerset.json", Model(made.markerset()))
     list_performers(tmp_path, "ann", "bob")
     gap = slice(20 // 3, 20 // 2)
     there = np.isfinite(stored_take().motion.markers[gap, :, 0]).all(axis=0)

@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 
 from addon.core.data.takes import NO_MARKER, Points
+from addon.core.points.models import Model
 from addon.io.blobs import write_blobs
 from addon.io.c3d.lab import read_lab
 from addon.io.c3d.reading import C3dFile
 from addon.io.cameras import write_cameras
-from addon.io.markersets import open_markerset, write_markerset
+from addon.io.markersets import open_markerset
+from addon.io.models import write_model
 from addon.io.points import read_points, write_c3d, write_trc
 from addon.scene import naming
 from addon.scene.cameras import camera_name
@@ -50,7 +52,7 @@ def files(tmp_path_factory, made):
     write_c3d(folder / "walk.c3d", take)
     write_trc(folder / "walk.trc", take)
     (folder / "motive.csv").write_text(MOTIVE)
-    write_markerset(folder / "small.markerset.json", markerset)
+    write_model(folder / "small.markerset.json", Model(markerset))
     cameras = made.cameras()
     write_cameras(folder / "room.toml", cameras)
     write_blobs(folder / "walk.csv", made.blobs(markerset, cameras, made.motion(markerset, 5))[0], cameras)

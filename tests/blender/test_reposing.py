@@ -13,9 +13,11 @@ import pytest
 
 from addon.core.data.takes import Labels
 from addon.core.filling.smoothing import smoothed
+from addon.core.points.models import Model
 from addon.core.points.motion import motion_of
 from addon.core.posing.finer import finer
-from addon.io.markersets import open_markerset, write_markerset
+from addon.io.markersets import open_markerset
+from addon.io.models import write_model
 from addon.scene import take as takes
 from addon.scene.opened import Opened
 
@@ -259,7 +261,7 @@ def test_without_its_marker_set_the_body_says_what_it_needs_and_is_not_written(l
     take = bpy.context.scene.mocap_autolabel.take
     take[takes.PERFORMERS] = take[takes.PERFORMERS].replace("body26", "mine")
     ours("scene.opened").opened.forget()
-    write_markerset(files.folder / "small.markerset.json", made.markerset())
+    write_model(files.folder / "small.markerset.json", Model(made.markerset()))
     bpy.ops.mocap_autolabel.open_markerset(filepath=str(files.folder / "small.markerset.json"))
     swap()
     assert len(bpy.context.window_manager.mocap_autolabel.corrections) == 1
@@ -308,7 +310,7 @@ def test_frames_around_those_that_are_labelled_again_stay_marked(labelled, repos
 
 
 def test_of_two_performers_both_are_right(extension, empty, made, files, reposing):
-    write_markerset(files.folder / "small.markerset.json", made.markerset())
+    write_model(files.folder / "small.markerset.json", Model(made.markerset()))
     collection = takes.show_take(empty, replace(made.pair(), source=""))
     settings = empty.scene.mocap_autolabel
     settings.take = collection

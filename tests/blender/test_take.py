@@ -82,15 +82,6 @@ def test_the_scene_plays_the_take(empty, made):
     assert scene.camera[naming.CAMERA] == "cam 0"
 
 
-def test_a_scene_with_an_action_of_a_person_keeps_its_time(empty, made):
-    scene = empty.scene
-    scene.camera = bpy.data.objects.new("mine", bpy.data.cameras.new("mine"))
-    scene.camera.keyframe_insert("location", frame=1)
-    played = scene.render.fps, scene.frame_start, scene.frame_end
-    takes.show_take(empty, made.take())
-    assert (scene.render.fps, scene.frame_start, scene.frame_end) == played
-
-
 def test_a_take_of_many_keys_has_several_actions(empty, made, tmp_path, monkeypatch):
     monkeypatch.setattr(animation, "KEYING", animation.KeyOptions(most_keys=600))
     take = made.take()

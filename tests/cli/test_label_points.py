@@ -11,10 +11,12 @@ import pytest
 
 from addon.core.body.bodies import BodyModel
 from addon.core.data.takes import Points
+from addon.core.points.models import Model
 from addon.core.simulation.virtual import Act, draw_person, perform
 from addon.demo.take import MODEL
-from addon.io.markersets import SUFFIX, builtin_markersets, open_markerset, write_markerset
+from addon.io.markersets import SUFFIX, builtin_markersets, open_markerset
 from addon.io.model_history import known_models
+from addon.io.models import write_model
 from addon.io.points import read_points, write_c3d, write_trc
 from tests.core.pipelines.test_known_sets import standing, without
 from tests.inputs.walkers import write_truth
@@ -140,7 +142,7 @@ def test_points_of_something_else_name_no_blobs(room, run, tmp_path):
 )
 def test_a_model_names_only_in_the_ways_that_it_knows(run, room, label, tmp_path, method, lack):
     bare = tmp_path / f"bare{SUFFIX}"
-    write_markerset(bare, replace(open_markerset("body26"), name="bare"))
+    write_model(bare, Model(replace(open_markerset("body26"), name="bare")))
     words = ("label", room.blobs, "--cameras", room.cameras, "--out", tmp_path / "o", "--model", bare)
     for answer in (run(*words, "--method", method), label("--method", method, model=bare)):
         assert f"model bare {lack}" in answer.refusal(2)

@@ -7,9 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from addon.core.points.models import Model
 from addon.demo.take import MODEL
 from addon.io.cameras import read_cameras, write_cameras
-from addon.io.markersets import markerset_text, open_markerset
+from addon.io.markersets import open_markerset
+from addon.io.models import write_model
 from tests.core.calibration.test_adjusting import image_error, moved
 
 
@@ -105,7 +107,7 @@ def test_what_cannot_be_done(refine, run, room, tmp_path):
 def bare(tmp_path_factory):
     """gait15 as a file that has learned nothing of points."""
     path = tmp_path_factory.mktemp("bare") / "bare.markerset.json"
-    path.write_text(markerset_text(replace(open_markerset("gait15"), name="bare")))
+    write_model(path, Model(replace(open_markerset("gait15"), name="bare")))
     return path
 
 

@@ -12,16 +12,10 @@ from addon.demo.take import MODEL
 # Of SciPy, NumPy's testing and what others bring, half a second; of ours, what other takes, verbs and options need.
 HEAVY = ("scipy", "unittest", "xml", "numpy.testing", "numpy.f2py", "concurrent", "multiprocessing", "asyncio", "bpy")
 OTHERS = (
-    "addon.cli.label.farm",
-    "addon.cli.workers",
-    "addon.core.filling",
-    "addon.core.placement_quality",
-    "addon.core.papers.partial_solvers.solver",
-    "addon.core.points.whole_take.recognition",
-    "addon.core.simulation",
-    "addon.core.training",
-    "addon.io.html",
-)
+    "addon.cli.label.farm", "addon.cli.workers", "addon.io.html",
+    "addon.core.filling", "addon.core.placement_quality", "addon.core.papers.partial_solvers.solver",
+    "addon.core.points.whole_take.recognition", "addon.core.simulation", "addon.core.training",
+)  # fmt: skip
 OF_BLOBS = ("addon.core.blobs", "addon.core.reconstruction", "addon.io.toml_cameras", "addon.io.xml_cameras")
 CODE = (
     "import json, sys; from addon.cli import main; status = main(sys.argv[1:]); "

@@ -139,6 +139,11 @@ def cut(blobs: Blobs, size: int) -> list[Blobs]:
     return [blobs.between(first, first + size - 1) for first in blobs.frames[::size]]
 
 
+def parts_of(blobs: Blobs, size: int) -> list[tuple[Blobs, float]]:
+    """The same with the share of the frames before each, and its first."""
+    return [(part, part.frames[0] / len(blobs.frames)) for part in cut(blobs, size)]
+
+
 def keep(blobs: Blobs, rows: np.ndarray) -> Blobs:
     """The same frames with some of their blobs."""
     return blobs.part(slice(0, len(blobs.frames)), rows)

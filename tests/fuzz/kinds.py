@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from addon.core.data.errors import InputError
+from addon.core.data.markersets import MarkerSet
 from addon.core.edits.kinds import Edits, Place, Swap
 from addon.core.points.models import Model
 from addon.io.batch import FAILING, LABELLED, TakeRow, read_table, write_table
@@ -17,7 +18,7 @@ from addon.io.blobs import read_blobs
 from addon.io.cameras import read_cameras, write_cameras
 from addon.io.edits import read_edits, write_edits
 from addon.io.labels import LabelFile
-from addon.io.markersets import read_markerset, write_markerset
+from addon.io.markersets import read_markerset
 from addon.io.models import read_model, write_model
 from addon.io.points import read_points, write_c3d, write_trc
 from addon.io.provenance import differences, earlier_run, open_provenance, sealed
@@ -78,7 +79,7 @@ def samples(folder: Path) -> dict[str, Path]:
     files["truth"] = folder / "take.csv.truth.csv"
     files["truth"].write_text('frame,point,marker\n1,0,LASI\n1,3,"LASI|RASI"\n2,0,\n')
     files["markerset"], files["model"] = folder / "toy.markerset.json", folder / "model.markerset.json"
-    write_markerset(files["markerset"], toy_markerset())
+    write_model(files["markerset"], Model(toy_markerset()))
     write_model(files["model"], toy_model())
     files["history"] = folder / "history.markerset.json"
     write_model(files["history"], Model(toy_markerset(), history=HISTORY_OF_TWO))
@@ -138,12 +139,16 @@ def _written_again(write: Callable, read: Callable, name: str) -> Callable[[obje
     return again
 
 
+def _write_bare(path: Path, markerset: MarkerSet):
+    write_model(path, Model(markerset))
+
+
 _MODEL_AGAIN = _written_again(write_model, read_model, "again.markerset.json")
 # What was read is written and read again: what a writer refuses, the reader should have.
 USES: dict[str, Callable[[object, Path], None]] = {
     **dict.fromkeys(CALIBRATIONS, _cameras_again),
     **dict.fromkeys((*POINTS, "qtm"), _points_again),
-    "markerset": _written_again(write_markerset, read_markerset, "again.markerset.json"),
+    "markerset": _written_again(_write_bare, read_markerset, "again.markerset.json"),
     "model": _MODEL_AGAIN,
     "history": _MODEL_AGAIN,
     "edits": _written_again(write_edits, read_edits, "again.edits.json"),

@@ -330,7 +330,6 @@ def test_residuals_tell_filled_measured_and_missing_samples_unless_all_are_zero(
     found = ezc3d.c3d(str(path))["data"]["meta_points"]["residuals"][0, :, 0]
     np.testing.assert_allclose(found, [0, 0.1, 0.05, 0.5, 6.35, -1], atol=1e-6)
     np.testing.assert_allclose(read_points(path).residual[0, :5], [0, 1e-4, 5e-5, 5e-4, 0.01275], atol=1e-8)
-    path = tmp_path / "a.c3d"
     write_c3d(path, Points(("A", "B"), np.ones((3, 2, 3)), np.zeros((3, 2)), 100.0, 1))
     take = read_points(path)
     assert np.isnan(take.residual).all()

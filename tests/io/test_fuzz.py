@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 from addon.core.data.errors import InputError
+from addon.core.points.models import Model
 from addon.io.cameras import read_cameras
-from addon.io.markersets import write_markerset
+from addon.io.models import write_model
 from tests import fuzz
 from tests.core.toybody import toy_markerset
 from tests.fuzz import READERS, read_within, samples
@@ -203,7 +204,7 @@ def test_dots_that_are_no_keys_points_beside_the_cameras_and_comments_are_welcom
 
 def markerset(path, change) -> None:
     """The toy marker set's file after `change` to its document."""
-    write_markerset(path, toy_markerset())
+    write_model(path, Model(toy_markerset()))
     document = json.loads(path.read_text())
     change(document)
     path.write_text(json.dumps(document, ensure_ascii=False), encoding="utf-8")

@@ -12,8 +12,11 @@ from hypothesis import strategies as st
 from addon.core.body.sides import other_side
 from addon.core.data.errors import InputError
 from addon.core.data.markersets import MarkerSet, Site
+from addon.core.points.models import Model
 from addon.io.layouts import open_layout, read_layout
-from addon.io.markersets import builtin_markersets, markerset_text, open_markerset, read_markerset, write_markerset
+from addon.io.markersets import builtin_markersets, document_of, open_markerset, read_markerset
+from addon.io.models import write_model
+from addon.io.text import json_text
 from scripts import anatomy
 from tests.accuracy.people import BODY26, GAIT15
 from tests.core.toybody import toy_markerset
@@ -43,13 +46,17 @@ def assert_same(found: MarkerSet, wanted: MarkerSet):
         np.testing.assert_allclose(array, theirs[name], rtol=1e-5, atol=1e-12, err_msg=name)
 
 
+def text_of(markerset: MarkerSet) -> str:
+    """The text of a marker set's file."""
+    return json_text(document_of(markerset)) + "\n"
+
+
 GONE = object()
 
 
 def damaged(markerset: MarkerSet, *keys, value=None) -> str:
     """The set's text with another value at these keys, or without them."""
-    document = json.loads(markerset_text(markerset))
-    node = document
+    document = node = document_of(markerset)
     for key in keys[:-1]:
         node = node[key]
     if value is GONE:
@@ -64,12 +71,12 @@ def test_a_marker_set_comes_back_and_its_text_is_made_for_reading(tmp_path):
         toy_markerset(), aliases={"s2": "SACR", "sacrum": "SACR", "l_toe": "LTOE"}, source={"people": "nobody"}
     )
     path = tmp_path / "toy.markerset.json"
-    write_markerset(path, markerset)
+    write_model(path, Model(markerset))
     found = read_markerset(path)
     assert_same(found, markerset)
     assert found.skeleton.parents.dtype.kind == found.attachment.dtype.kind == "i"
-    assert markerset_text(found) == path.read_text(encoding="utf-8")
-    lines = markerset_text(toy_markerset()).splitlines()
+    assert text_of(found) == path.read_text(encoding="utf-8")
+    lines = text_of(toy_markerset()).splitlines()
     sacrum = '    {"name": "SACR", "segment": "pelvis", "offset": [-0.08, 0, 0.02]'
     assert any(line.startswith(sacrum) for line in lines)
     assert '    {"name": "pelvis", "parent": null, "offset": [0, 0, 0.53]},' in lines
@@ -92,14 +99,14 @@ def test_any_numbers_come_back_to_six_digits(tmp_path_factory, seed, modes):
     )
     markerset = replace(toy, offsets=rng.normal(size=(count, 3)), spread=spread)
     path = tmp_path_factory.mktemp("sets") / "a.markerset.json"
-    write_markerset(path, markerset)
+    write_model(path, Model(markerset))
     found = read_markerset(path)
     assert_same(found, markerset)
-    assert markerset_text(found) == path.read_text(encoding="utf-8")
+    assert text_of(found) == path.read_text(encoding="utf-8")
 
 
 def test_keys_of_later_versions_are_let_be(tmp_path):
-    document = json.loads(markerset_text(toy_markerset()))
+    document = document_of(toy_markerset())
     document["ensemble"] = {"solvers": [1, 2, 3]}
     document["markers"][0]["colour"] = "red"
     path = tmp_path / "a.markerset.json"
@@ -159,7 +166,7 @@ def test_what_cannot_be_is_named(tmp_path, keys, value, words):
 
 def test_broken_json_is_told_with_its_line(tmp_path):
     path = tmp_path / "a.markerset.json"
-    lines = markerset_text(toy_markerset()).splitlines()
+    lines = text_of(toy_markerset()).splitlines()
     at = next(index for index, line in enumerate(lines) if '"height":' in line)
     lines[at] = lines[at].replace('"height":', '"height"')
     path.write_text("\n".join(lines), encoding="utf-8")
@@ -171,7 +178,7 @@ def test_broken_json_is_told_with_its_line(tmp_path):
 def test_numbers_that_are_none_are_not_written(tmp_path):
     toy = toy_markerset()
     with pytest.raises(ValueError, match="not JSON compliant"):
-        write_markerset(tmp_path / "a.json", replace(toy, offsets=toy.offsets * np.nan))
+        write_model(tmp_path / "a.json", Model(replace(toy, offsets=toy.offsets * np.nan)))
     assert not list(tmp_path.iterdir())
 
 
@@ -209,7 +216,7 @@ def test_names_of_all_alphabets_are_read_and_written(tmp_path, name):
     path.write_text(text, encoding="utf-8")
     markerset = read_markerset(path)
     assert markerset.markers[3] == name
-    write_markerset(path, markerset)
+    write_model(path, Model(markerset))
     assert read_markerset(path).markers == markerset.markers
 
 
@@ -217,7 +224,7 @@ def test_recorded_poses_come_back_and_may_lack(tmp_path):
     poses = np.random.default_rng(4).normal(0, 0.5, (5, 13, 3)).round(3)
     markerset = toy_markerset()
     path = tmp_path / "posed.markerset.json"
-    write_markerset(path, replace(markerset, spread=replace(markerset.spread, poses=poses)))
+    write_model(path, Model(replace(markerset, spread=replace(markerset.spread, poses=poses))))
     np.testing.assert_allclose(read_markerset(path).spread.poses, poses, atol=1e-9)
     document = json.loads(path.read_text(encoding="utf-8"))
     document["pose"]["recorded"][2] = [1, 2]

@@ -201,14 +201,8 @@ def asked(results: Results) -> str:
                 [column.title, rate(target), percent(1 - float(target), 3), percent(pooled.false_assignments, 3),
                  f"{percent(min(wrong), 3)} to {percent(max(wrong), 3)}", percent(pooled.recall)]
             )  # fmt: skip
-    names = [
-        "method, people",
-        "asked",
-        "wrong allowed",
-        "wrong measured, 0 to 5 hidden",
-        "least to most hidden",
-        "recall",
-    ]
+    names = ["method, people", "asked", "wrong allowed", "wrong measured, 0 to 5 hidden"]
+    names += ["least to most hidden", "recall"]
     return markdown(names, rows)
 
 
@@ -217,11 +211,6 @@ def _range(values: list[int]) -> str:
 
 
 BLOCKS: dict[str, Callable[[Results], str]] = {
-    "conditions": conditions,
-    "table3": table3,
-    "table4": table4,
-    "table5": table5,
-    "recall": recall,
-    "asked": asked,
-    "cover": cover,
-}
+    "conditions": conditions, "table3": table3, "table4": table4, "table5": table5,
+    "recall": recall, "asked": asked, "cover": cover,
+}  # fmt: skip

@@ -29,7 +29,7 @@ from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions
 from addon.io.tables import FileTable, Room
-from tests.core.scenes import abreast, keep
+from tests.core.scenes import abreast, keep, parts_of
 
 FRAMES, RATE, CHUNK = 40, 50.0, 16
 NAMED = PointOptions("likelihood")
@@ -54,19 +54,14 @@ def found(shot, model) -> FollowedTogether:
     return found
 
 
-def parts(blobs: Blobs):
-    for first in range(1, FRAMES + 1, CHUNK):
-        yield blobs.between(first, min(first + CHUNK - 1, FRAMES)), first / FRAMES
-
-
 def labelled(blobs: Blobs, asked: SeveralOptions, edits: Edits = NO_EDITS, by=label_several_blobs, named=NAMED):
-    return finished(by(SeveralBlobs(lambda: parts(blobs), CAMERAS, asked, replace(named, edits=edits), RATE)))
+    return finished(by(SeveralBlobs(lambda: parts_of(blobs, CHUNK), CAMERAS, asked, replace(named, edits=edits), RATE)))
 
 
 def chunks_of(found: FollowedTogether | SubjectsInImages, blobs: Blobs, edits: Edits = NO_EDITS) -> list[LabelledChunk]:
     """The chunks as they are handed out in the end."""
-    work = found.chunks(part for part, _ in parts(blobs))
-    few = [part for part, _ in parts(blobs)]
+    work = found.chunks(part for part, _ in parts_of(blobs, CHUNK))
+    few = [part for part, _ in parts_of(blobs, CHUNK)]
     return list(with_edits(few, work, edits, CAMERAS, found.worn) if edits else work)
 
 
@@ -241,7 +236,7 @@ def test_points_name_what_bodies_cannot(shot, model, case):
         asked = SeveralOptions(subjects=(Wearer("ann", model), Wearer("bob", replace(model, fingerprint="another"))))
     named = {"ensemble": PointOptions("ensemble"), "target": PointOptions("likelihood", 0.99)}.get(case, NAMED)
     shares = []
-    for step in label_several_blobs(SeveralBlobs(lambda: parts(blobs), cameras, asked, named, rate)):
+    for step in label_several_blobs(SeveralBlobs(lambda: parts_of(blobs, CHUNK), cameras, asked, named, rate)):
         shares.append(step.fraction)
         if step.note.startswith("reconstruct"):
             break
@@ -264,9 +259,9 @@ def test_bodies_find_out_how_many_there_are_and_take_names_in_their_order(shot, 
 
 
 def test_progress_goes_from_nothing_to_all(shot, model):
-    take = SeveralBlobs(lambda: parts(shot[0]), CAMERAS, SeveralOptions(model, 2), NAMED, RATE)
+    take = SeveralBlobs(lambda: parts_of(shot[0], CHUNK), CAMERAS, SeveralOptions(model, 2), NAMED, RATE)
     steps = list(label_several_blobs(take))
-    assert [step.fraction for step in steps] == [share for _, share in parts(shot[0])]
+    assert [step.fraction for step in steps] == [share for _, share in parts_of(shot[0], CHUNK)]
 
 
 def test_a_chunk_in_a_room_is_what_it_was_and_not_held(shot, found):

@@ -23,7 +23,7 @@ from addon.core.points.several.wearers import SeveralOptions, Wearer
 from addon.core.points.whole_take.pipeline import PointOptions
 from addon.core.simulation.rigs import ring_rig
 from addon.core.simulation.simulate import CaptureOptions
-from tests.core.scenes import abreast, cut
+from tests.core.scenes import abreast, cut, parts_of
 
 FRAMES, RATE, CHUNK = 40, 50.0, 16
 NAMED = PointOptions("likelihood")
@@ -39,17 +39,12 @@ def shot(model):
 
 def label(shot, blobs: Blobs, asked: SeveralOptions, **options) -> SubjectsInImages:
     """Some of the blobs of the take, labelled."""
-    take = SeveralBlobs(lambda: parts(blobs), shot[0], asked, replace(NAMED, **options), RATE)
+    take = SeveralBlobs(lambda: parts_of(blobs, CHUNK), shot[0], asked, replace(NAMED, **options), RATE)
     return finished(label_by_points(take))
 
 
-def parts(blobs: Blobs):
-    for first in range(1, FRAMES + 1, CHUNK):
-        yield blobs.between(first, min(first + CHUNK - 1, FRAMES)), first / FRAMES
-
-
 def named(found: SubjectsInImages, blobs: Blobs) -> tuple[np.ndarray, list]:
-    chunks = list(found.chunks(part for part, _ in parts(blobs)))
+    chunks = list(found.chunks(part for part, _ in parts_of(blobs, CHUNK)))
     marker = np.concatenate([chunk.labels.marker for chunk in chunks])
     return np.array([*found.worn.markers, ""], object)[marker], chunks
 
@@ -141,7 +136,7 @@ def test_a_marker_that_one_camera_alone_sees_is_named(shot, model):
 
 def test_a_body_that_explains_its_blobs_is_trusted_before_the_names_of_points(shot, found, labelled):
     """Where a quarter of a subject's names are wrong all the time, as where points exchanged two limbs."""
-    blobs, before = next(parts(shot[1]))[0], labelled[1][0].labels
+    blobs, before = parts_of(shot[1], CHUNK)[0][0], labelled[1][0].labels
     marker = before.marker.copy()
     for one, other in (("1:LKNE", "1:LANK"), ("1:RKNE", "1:RANK")):
         pair = [found.worn.markers.index(name) for name in (one, other)]
@@ -209,7 +204,7 @@ def test_bodies_follow_who_is_said_to_be_the_other(shot, found, labelled):
     cameras, blobs = shot[:2]
     markers = [name.partition(":")[2] for name in found.worn.markers[:15]]
     edits = Edits(tuple(Swap((f"1:{name}", f"2:{name}"), frames=(5, 12)) for name in markers))
-    few = [part for part, _ in parts(blobs)]
+    few = [part for part, _ in parts_of(blobs, CHUNK)]
     [again, *_] = with_edits(few, iter(chunks), edits, cameras, found.worn)
     frames, joints = slice(4, 12), chunks[0].motion.joints.shape[1] // 2
     before, after = chunks[0].motion, again.motion

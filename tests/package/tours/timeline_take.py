@@ -31,18 +31,11 @@ def make_take(extension: str, frames: int):
             markers[start : start + rng.integers(1, 90), marker] = np.nan
     present = np.isfinite(markers[..., 0])
     residual = np.where(present, 0.0003, np.nan)
+    unturned = np.broadcast_to(np.eye(3), (frames, joints, 3, 3)).copy()
     motion = data.Motion(
-        1 + np.arange(frames),
-        markers,
-        residual,
-        residual * np.nan,
-        np.zeros(present.shape, int),
-        whole,
-        bodies,
-        np.broadcast_to(np.eye(3), (frames, joints, 3, 3)).copy(),
-        np.full((frames, 3), HEIGHT),
-        np.ones(frames),
-    )
+        1 + np.arange(frames), markers, residual, residual * np.nan, np.zeros(present.shape, int), whole,
+        bodies, unturned, np.full((frames, 3), HEIGHT), np.ones(frames),
+    )  # fmt: skip
     frame, marker = np.nonzero(present)
     rows = [(frame, marker, markers[present], marker)]
     for ghost in range(GHOSTS + FLICKERS):
@@ -73,11 +66,6 @@ def wide_markerset(markerset):
     spread = markerset.spread
     joints = len(markerset.skeleton)
     modes = np.concatenate([spread.modes[:, :joints], spread.modes[:, joints:][:, own]], axis=1)
-    return replace(
-        markerset,
-        markers=names,
-        aliases={},
-        attachment=markerset.attachment[own],
-        offsets=markerset.offsets[own],
-        spread=replace(spread, modes=modes, marker_sd=spread.marker_sd[own]),
-    )
+    spread = replace(spread, modes=modes, marker_sd=spread.marker_sd[own])
+    attachment, offsets = markerset.attachment[own], markerset.offsets[own]
+    return replace(markerset, markers=names, aliases={}, attachment=attachment, offsets=offsets, spread=spread)

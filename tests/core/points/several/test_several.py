@@ -108,7 +108,6 @@ def test_a_long_take_is_named_the_same_way_and_more_than_there_are_are_refused(p
     parts = labelled(take, AUTO)
     for name in ("marker", "step", "confidence"):
         np.testing.assert_array_equal(getattr(parts.labels, name), getattr(whole.labels, name))
-    take, _ = passing
     with pytest.raises(JobError, match="fewer than 3 subjects who wear gait15; expected"):
         labelled(take, 3)
 
