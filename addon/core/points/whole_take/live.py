@@ -211,7 +211,7 @@ class _Given:
         """
         said = [self._asked.setdefault(one, (self.row, *np.zeros((2, len(missing))))) for one in number.tolist()]
         frame, nobody = np.zeros((len(number), 1), int), np.full(len(number), NO_MARKER)
-        given = nobody, self._near, *self._expected(), np.tile(missing, (len(number), 1)), LIKENESS
+        given = nobody, self._near, *self._expected(missing), np.tile(missing, (len(number), 1)), LIKENESS
         here = of_frames(frame, points[:, None], self.placed[None], *given)
         for now, (_, count, total) in zip(here, said, strict=True):
             count += np.isfinite(now)
@@ -222,10 +222,11 @@ class _Given:
         may_be = np.array([[came] for came, *_ in said]) - self._seen < longest_gap(self.rate)
         return odds, worth, may_be
 
-    def _expected(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean m and variance m² of the distances (M, Q) of each marker to its neighbours now.
+    def _expected(self, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean m and variance m² of the distances (M, Q) of each of `missing` (M,) to its neighbours now.
 
-        They are what they were when it was there last, and become what they are at any time.
+        They are what they were when it was there last, and become what they are at any time. By how much they vary
+        training says, and its neighbours do: who is off from those that go with the marker is as far off from it.
         """
         rows, pairs = np.arange(len(self._near))[:, None], self._pairs
         mean, unsure, within = (part[rows, self._near] for part in (pairs.mean, pairs.unsure, pairs.within))
@@ -234,7 +235,24 @@ class _Given:
         part = np.where(np.isfinite(before), part, 1.0)
         kept = np.sqrt(1 - part)
         variance = LIKENESS.link_sd_m**2 + part * within + (1 - kept) ** 2 * unsure
+        some = np.flatnonzero(missing)
+        variance[some] += self._off(some)
         return mean + kept * np.where(np.isfinite(before), before - mean, 0.0), variance
+
+    def _off(self, some: np.ndarray) -> np.ndarray:
+        """(K, Q) m², how far off the neighbours of some markers (K,) are from those that keep their distances best.
+
+        Of these as many are asked as fix a place. Off is what is not as when the marker was there last or, where it
+        never was, as usual.
+        """
+        near, rows = self._near[some], np.arange(len(some))[:, None]
+        now, then = self.placed[near], self._then[some[:, None], near]
+        best = np.argsort(np.isnan(now[..., 0]), axis=1, kind="stable")[:, : LIKENESS.min_neighbours]
+        new, old = (np.linalg.norm(each[rows, best][:, :, None] - each[:, None], axis=3) for each in (now, then))
+        usual = self._pairs.mean[near[rows, best][:, :, None], near[:, None]]
+        off = new - np.where(np.isfinite(old), old, usual)
+        known = np.isfinite(off) & (near[rows, best][:, :, None] != near[:, None])
+        return np.where(known, off**2, 0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
 
     def forget(self, numbers: set[int]):
         """Forgets all trajectories but some."""

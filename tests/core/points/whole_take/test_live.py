@@ -68,6 +68,16 @@ def test_a_new_point_is_named_where_a_marker_was_a_moment_ago_by_its_distances_o
     assert namer.name(40 + away, moved, np.append(77, ids[1:]))[0].tolist() == [0 if named else -1, *range(1, MARKERS)]
 
 
+def test_a_marker_is_named_again_beside_those_on_its_bone_although_others_move_more_than_training_knows():
+    ids, limb = np.arange(MARKERS), np.arange(MARKERS) < 4
+    namer = settled(ids)
+    far = np.where(limb, 0.0, 0.01)[:, None] * [0.0, 1.0, 0.0]  # m a frame: a metre a second
+    for frame in range(40, 50):
+        namer.name(frame, (body(frame) + (frame - 40) * far)[1:], ids[1:])
+    marker, _ = namer.name(50, body(50) + 10 * far, np.append(77, ids[1:]))
+    assert marker.tolist() == list(range(MARKERS))
+
+
 @pytest.mark.parametrize(("off", "after"), [(0.02, [0]), (0.04, range(10, 60)), (0.06, [None])])
 def test_a_new_point_that_may_be_a_ghost_is_named_once_it_was_there_for_long_enough(off, after):
     ids = np.arange(MARKERS)
