@@ -8,6 +8,7 @@ actors `cmu41/ID/*.c3d` and `actors53/ID/*.c3d`.
 import argparse
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -52,6 +53,11 @@ MISLABELLED = {
     "squat": {"LMT1": "LMT5", "LMT5": "LMT1", "RMT1": "RMT5", "RMT5": "RMT1"},
     "amputee_a01_standing": PLATE_TURNED,
 }
+# Takes in a part of which, of frames from one until another, two markers have each other's labels: the distances to all
+# beside them say so.
+EXCHANGED: dict[str, tuple[tuple[int, int | None, str, str], ...]] = {
+    "freeform": ((0, 200, "LIWR", "LOHAND"), (970, None, "RIWR", "RTOE")),
+}
 # Who wears the actors' sets. Of cmu41 `bd` is left out always: its licence asks to share alike.
 ACTORS = {"actor41": ("cmu41", ("ball", "s02", "s135")), "actor53": ("actors53", ("p1", "p2"))}
 POSE_EVERY, POSES = 4, 400  # frames of a take for each that poses are read off, and how many of them are kept
@@ -61,7 +67,7 @@ ACTOR_SOURCE = {
     "actor53": "p1, p2: keenon/nimblephysics at c405b05, BSD-2 licence; freeform and squats",
 }
 SOURCE = {
-    "learned": "2026-11-21 by scripts/learn_markersets.py",
+    "learned": "2026-11-28 by scripts/learn_markersets.py",
     "walkers": "HC…: mcgillmotionlab/biomechzoo at 7daadbc, MIT licence; each standing, walking straight and turning",
     "player": "Derrick: kineticstoolkit at 169a99d, Apache-2.0 licence; a tennis serve",
 }
@@ -143,6 +149,15 @@ def true_name(take: str, label: str) -> str:
     return MISLABELLED.get(take, {}).get(label, label)
 
 
+def true_places(take: str, names: Sequence[str], points: np.ndarray) -> np.ndarray:
+    """Points (T, P, 3) m of a take's labels where they are really, also where the file has two of them exchanged."""
+    points = points.copy()
+    for first, after, one, other in EXCHANGED.get(take, ()):
+        pair = [names.index(one), names.index(other)]
+        points[first:after, pair] = points[first:after, pair[::-1]]
+    return points
+
+
 def read_actors(data: Path, name: str, leave_out=()) -> dict[str, np.ndarray]:
     """Whole takes (T, M, 3) m, z up, of everybody who wears an actors' set."""
     folder, people = ACTORS[name]
@@ -151,7 +166,8 @@ def read_actors(data: Path, name: str, leave_out=()) -> dict[str, np.ndarray]:
         for file in sorted((data / folder / person).glob("*.c3d")):
             take = read_points(file)
             worn = [true_name(file.stem, label.rpartition(":")[2]) for label in take.names]
-            found[person] = take.xyz[:, [worn.index(marker) for marker in markers]]
+            points = true_places(file.stem, worn, take.xyz)
+            found[person] = points[:, [worn.index(marker) for marker in markers]]
     return found
 
 

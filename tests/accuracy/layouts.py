@@ -73,8 +73,9 @@ def named(path: Path, theirs: dict[str, str]) -> people.Take:
     """A take in a layout's names, without the prefix of whoever wears them."""
     take = read_points(path)
     bare = (name.rpartition(":")[2] for name in take.names)
-    really = (people.MISLABELLED.get(path.stem, {}).get(name, name) for name in bare)
-    return people.Take(path.stem, path.stem, tuple(theirs.get(name, name) for name in really), take.xyz, take.rate)
+    really = [people.MISLABELLED.get(path.stem, {}).get(name, name) for name in bare]
+    xyz = people.true_places(path.stem, really, take.xyz)
+    return people.Take(path.stem, path.stem, tuple(theirs.get(name, name) for name in really), xyz, take.rate)
 
 
 def model_of(name: str) -> Model:

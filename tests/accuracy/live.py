@@ -11,7 +11,7 @@ import argparse
 import math
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -40,7 +40,6 @@ AWAY_S = 1.0
 FOUND = 0.9  # of the markers in sight, of who is found
 FOLDS, ACTORS, MEETINGS = 1, 2, 2  # by time: five walkers, two actors, and two meetings of each kind
 FEW = Pieces(hidden=2, ghosts=10)
-EXCHANGED, TAKEN_OVER = 200, 970  # frames of an actor, until which and from which markers have others' names
 # As measured: s that a window takes to be solved, for each function that is called for that, and more for each of its
 # frames. Of a single window it is off by a third.
 SOLVING_S, CALL_S, FRAME_S = 0.05, 2.2e-6, 8e-9
@@ -186,22 +185,9 @@ def of_cases(some: list[Case], keep: Path) -> Group:
             yield *cut_up(there_and_back(take), case.markers, FEW), model, 1
 
 
-def mended(take: people.Take) -> np.ndarray:
-    """The markers (T, M, 3) m of an actor as the distances to those beside them have them, and not as the file has.
-
-    There a wrist's marker is exchanged with one of the hand until both are gone, and the other wrist's is the toes'.
-    """
-    xyz = take.xyz.copy()
-    wrist, hand, other, toe = (take.markers.index(name) for name in ("LIWR", "LOHAND", "RIWR", "RTOE"))
-    xyz[:EXCHANGED, [wrist, hand]] = xyz[:EXCHANGED, [hand, wrist]]
-    xyz[TAKEN_OVER:, [other, toe]] = xyz[TAKEN_OVER:, [toe, other]]
-    return xyz
-
-
 def of_actor(keep: Path) -> Group:
     """One of two actors, by the other's model."""
     one, other = (whole_takes.actors("actors53")[name] for name in ("p1", "p2"))
-    one = replace(one, xyz=mended(one))
     return of_cases([Case("actors53 p1", (other,), (one,), one.markers)], keep)
 
 

@@ -19,7 +19,7 @@ from addon.core.points.models import Model
 from addon.io.markersets import read_markerset
 from addon.io.models import write_model
 from scripts import learn_markersets
-from scripts.learn_markersets import MISLABELLED, WALKERS
+from scripts.learn_markersets import MISLABELLED, WALKERS, true_places
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
 PEOPLE = DATA / "people"
@@ -127,6 +127,7 @@ def read(path: Path, subject: str, markers: Sequence[str] | None = None) -> Take
     names, xyz, rate = read_c3d(path)
     names = tuple(MISLABELLED.get(path.stem, {}).get(name, name) for name in names)
     kept = [index for index, name in enumerate(names) if not name.startswith("*")]
+    xyz = true_places(path.stem, names, xyz)
     take = Take(subject, path.name, tuple(names[index] for index in kept), xyz[:, kept], rate)
     return take if markers is None else take.of(markers)
 
@@ -136,6 +137,7 @@ def worn_as(file: str, markers: Sequence[str], theirs: Mapping[str, str]) -> Tak
     names, xyz, rate = read_c3d(DATA / file)
     if "/actors53/" in file:
         xyz = xyz[..., [0, 2, 1]] * [1.0, -1.0, 1.0]
+    xyz = true_places(Path(file).stem, names, xyz)
     own = [[names.index(one) for one in theirs.get(marker, marker).split()] for marker in markers]
     xyz = np.stack([xyz[:, some].mean(axis=1) for some in own], axis=1)
     return Take(Path(file).parent.name, Path(file).name, tuple(markers), xyz, rate)
