@@ -31,11 +31,11 @@ from ...geometry.rigid import in_axes, laid_on
 from ...geometry.upright import upright_aligned
 from ..likelihood.model import Likelihood
 from ..likelihood.naming import Settled, score_of, settle
-from ..likelihood.sides import Sides, heights
 from ..models import Model
 from ..refusals import NO_FIT, REFUSAL, SetFit
-from .likeness import LIKENESS, likeness, links, steadiest, worth_of_each, worth_of_length
-from .pairs import PAIRING, Moments, PairDistances, corrected, moments, sized, trained_pairs, widened, with_unknown
+from .layout_odds import LAYOUT, LayoutOdds
+from .likeness import LIKENESS, likeness, links, worth_of_length
+from .pairs import PAIRING, Moments, PairDistances, corrected, moments, trained_pairs, widened, with_unknown
 from .rulings import RULING
 from .tracklets import FrameLabels, PlacedMarkers, Tracklets, seen_in
 
@@ -69,9 +69,6 @@ class ObjectiveOptions:
                for wrong names, by 8 to 228, in eight of ten takes of other labs
     shape      measured: L over the frames of the take; at 0.5 no exchange of two or of a limb is worth more than the
                truth in 26 takes of crowd, frame, lab-1, others and pieces: by 1.85 a frame less at least
-    lab_sd_m   measured: m, of a distance between labs; with 2 cm or limited squares plates of other people that are
-               turned round are worth more than the truth
-    sides      memory: frames in which it is asked on which side of others markers are
     extra      measured: log odds that an unmodelled marker must bring; with 4 or 8 takes of other labs lose 3 to 5 %
     """
 
@@ -81,9 +78,7 @@ class ObjectiveOptions:
     min_seen: int = 5
     max_marker: float = 6.0
     shape: float = 0.5
-    sides: int = 48
     extra: float = 12.0
-    lab_sd_m: float = 0.04
 
 
 OBJECTIVE = ObjectiveOptions()
@@ -107,121 +102,10 @@ class Candidate:
     placed: np.ndarray
     moments: Moments
     odds: np.ndarray
-    slots: "LayoutOdds"
+    slots: LayoutOdds
     layout: float
     total: float
     settled: Settled | None
-
-
-class LayoutOdds:
-    """How well slots, each all that has one name so far, bear out the distances that training expects of other names.
-
-    Odds are unlimited: a plate that sits elsewhere has all of its markers off by as much, and turned round it has some
-    of them off by twice that. known are those of M markers, and `sides` of which others they are on; shown is what the
-    take shows of M + E slots, placed (F, M + E, 3) m in some frames, which are there for a part `coverage` (M + E,).
-    """
-
-    def __init__(self, known: PairDistances, sides: Sides, shown: Moments, placed: np.ndarray, coverage: np.ndarray):
-        self.markers = len(known.mean)
-        size = sized(known, shown)
-        self.sides, self.size, self.placed = sides, size, placed
-        self.near = steadiest(known.variance)
-        rows = np.arange(self.markers)[:, None]
-        self.mean = size * known.mean[rows, self.near]
-        self.variance = known.variance[rows, self.near] + OBJECTIVE.lab_sd_m**2
-        self.apart = size * known.mean
-        self.shown, self.spread, self.coverage = shown.mean, shown.variance, coverage
-
-    def worth(self, orders: np.ndarray, most: float = np.inf) -> np.ndarray:
-        """(K,) what slots are worth by names in orders (K, M + E)."""
-        return self.odds(orders, most).sum(axis=1)
-
-    def odds(self, orders: np.ndarray, most: float = np.inf) -> np.ndarray:
-        """(K, M) log odds of each marker by names in orders (K, M + E): order[m] is the slot that is marker m.
-
-        Squares are `most` at most.
-        """
-        own, beside = orders[:, : self.markers], orders[:, self.near]
-        away, spread = self.shown[own[..., None], beside], self.spread[own[..., None], beside]
-        there = np.isfinite(away) & np.isfinite(self.mean) & np.isfinite(self.variance)
-        there &= np.cumsum(there, axis=-1) <= LIKENESS.neighbours
-        asked = there.sum(axis=-1)
-        square = np.where(there, ((away - self.mean) ** 2 + spread) / self.variance, 0)
-        share = worth_of_each(asked)
-        square = np.minimum(square, most).sum(axis=-1) * share
-        precision = share * np.where(there, 1 / self.variance, 0).sum(axis=-1) / 3 + LIKENESS.wide_m**-2
-        odds = 1.5 * np.log(precision) - 1.5 * np.log(2 * np.pi) - 0.5 * square - np.log(LIKENESS.ghost_density)
-        odds = np.where(asked >= LIKENESS.min_neighbours, odds, 0) + self._of_sides(orders, most)
-        return odds * self.coverage[own]
-
-    def _of_sides(self, orders: np.ndarray, most: float) -> np.ndarray:
-        """(K, M) log likelihood of the side on which each marker is, by names in orders (K, M + E)."""
-        found, sides = np.zeros((len(orders), self.markers)), self.sides
-        if not len(sides):
-            return found
-        slots = orders[:, sides.markers]
-        moved = (slots != sides.markers).any(axis=2)
-        height = np.where(moved, 0.0, self._height)
-        if moved.any():
-            height[moved] = self._heights(slots[moved])
-        odds = np.maximum(sides.odds(height, self.size, OBJECTIVE.lab_sd_m), -0.5 * most) * sides.share
-        np.add.at(found.T, sides.markers[:, 0], odds.T)
-        return found
-
-    @cached_property
-    def _height(self) -> np.ndarray:
-        return self._heights(self.sides.markers)
-
-    def _heights(self, slots: np.ndarray) -> np.ndarray:
-        """(K,) m the mean height of the first of four slots (K, 4) over the others' plane, NaN where it is not seen."""
-        code = np.ravel_multi_index(tuple(slots.T), (len(self.coverage),) * 4)
-        _, first, again = np.unique(code, return_index=True, return_inverse=True)
-        height = heights(self.placed[:, slots[first]])
-        seen = np.isfinite(height)
-        count = seen.sum(axis=0)
-        mean = np.where(seen, height, 0).sum(axis=0) / np.maximum(count, 1)
-        return np.where(count > 0, mean, np.nan)[again]
-
-    def chains(self, holes: np.ndarray, width: int, length: int) -> np.ndarray:
-        """(K, M + E) the orders worth most, by chains of exchanges from any of the markers `holes` (K,).
-
-        Whoever has lost its slot takes that of another that is near to it, or an extra's, and leaves it its own: a
-        limb one place off is such a chain, of which every link but the last may be worth less.
-        """
-        every = np.arange(len(self.coverage))
-        near = (self.apart < PAIRING.max_confused_m) & ~np.eye(self.markers, dtype=bool)
-        near = np.pad(near, ((0, 0), (0, len(every) - self.markers)), constant_values=True)
-        orders, ends, found = np.tile(every, (len(holes), 1)), holes, []
-        for _ in range(length):
-            row, other = np.nonzero(near[ends])
-            tried, end = orders[row].copy(), ends[row]
-            one, rows = tried[np.arange(len(row)), end], np.arange(len(row))
-            tried[rows, end] = tried[rows, other]
-            tried[rows, other] = one
-            used = (self.coverage[tried[rows, end]] > 0) & (tried[rows, end] != end)
-            tried, end = tried[used], other[used]
-            tried, first = np.unique(tried, axis=0, return_index=True)
-            end, worth = end[first], self.worth(tried, LIKENESS.max_square)
-            likely = np.argsort(-worth, kind="stable")[:width]
-            found += [(float(worth[k]), tried[k]) for k in likely]
-            going = likely[end[likely] < self.markers]
-            orders, ends = tried[going], end[going]
-            if not len(going):
-                break
-        found.sort(key=lambda one: -one[0])
-        every_one = np.array(list({order.tobytes(): order for _, order in found}.values()), int).reshape(-1, len(every))
-        every_one = two_at_once(every_one, width)
-        # By either measure, in turn.
-        best = [np.argsort(-self.worth(every_one, most), kind="stable") for most in (LIKENESS.max_square, np.inf)]
-        return every_one[list(dict.fromkeys(np.stack(best, axis=1).ravel().tolist()))]
-
-
-def two_at_once(orders: np.ndarray, first: int) -> np.ndarray:
-    """(K, S) orders, and any two of the first at once that move no slot both, such as a plate turned round."""
-    some = orders[:first]
-    moved = some != np.arange(orders.shape[1])
-    one, other = np.nonzero(np.triu(~(moved.astype(int) @ moved.T.astype(int) > 0), 1))
-    return np.concatenate([orders, np.where(moved[one], some[one], some[other])])
 
 
 class Objective:
@@ -334,7 +218,7 @@ class Objective:
 
     def layout(self, marker: np.ndarray, shown: Moments, placed: np.ndarray) -> LayoutOdds:
         """How well what has one name (N,), placed (F, M + E, 3) m, bears out the distances that training expects."""
-        sides, some = self.model.learned_likelihood.sides, evenly_spread(len(self._spread), OBJECTIVE.sides)
+        sides, some = self.model.learned_likelihood.sides, evenly_spread(len(self._spread), LAYOUT.frames)
         return LayoutOdds(self.known, sides, shown, placed[self._spread[some]], self.coverage(marker))
 
     def coverage(self, marker: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ from ..likelihood.naming import Settled, name_odds, score_of, settle
 from ..likelihood.solving import alternatives, own_odds
 from ..refusals import REFUSAL
 from ..tracklets import VOTE
+from .layout_odds import LayoutOdds, two_at_once
 from .likeness import LIKENESS
 from .matching import margins, matched
 from .objective import (
@@ -26,11 +27,9 @@ from .objective import (
     USUAL_FREEDOM,
     Candidate,
     Freedom,
-    LayoutOdds,
     Objective,
     clipped,
     lasting,
-    two_at_once,
 )
 from .pairs import without_markers
 from .rulings import RULING
