@@ -149,6 +149,23 @@ def test_who_it_is_is_taken_from_more_names_or_where_names_were_wrong(walk, monk
     assert list(dict.fromkeys(heights)) == [1.4, 1.7, 1.8]
 
 
+@pytest.mark.parametrize(
+    "numbers",
+    [range(0, 10**8, 10**6), [1, *range(2**31, 2**31 + 60)], [*range(1000, 1020), *range(500, 560)]],
+    ids=["steps", "jump", "anew"],
+)
+def test_numbers_of_frames_that_jump_at_first_take_no_time_and_no_memory(walk, numbers, monkeypatch, tmp_path):
+    stream = type("Stream", (list,), {"rate": None, "behind": False})()
+    stream.extend(StreamFrame(number, float("nan"), place(walk, 1), np.arange(len(walk.names))) for number in numbers)
+    monkeypatch.setattr(live, "open_stream", lambda *_: nullcontext(stream))
+    lines: list[dict] = []
+    solver = SimpleNamespace(free=True, send=lambda window: pytest.fail("window") if len(window.xyz) > 1e5 else None)
+    job = live.LiveJob("natnet://here", MODEL, tmp_path / "live.c3d")
+    live.name_stream(job, solver, lines.append, lambda: False)
+    assert [line["frame"] for line in lines] == list(numbers)
+    assert all(line["markers"] == {} and line["ms"] < 1000 for line in lines)
+
+
 def test_what_cannot_be_is_said_before_anybody_is_asked(run, tmp_path):
     def refused(*words) -> str:
         return run("live", *words).refusal(2)
