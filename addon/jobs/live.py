@@ -89,6 +89,16 @@ class LiveJob:
         models = {name: _open(name) for name in dict.fromkeys(model for _, model in each)}
         return SetsWorn(tuple(Wearer(name, models[model]) for name, model in each))
 
+    @property
+    def called(self) -> dict[str, dict[str, str]]:
+        """By who wears them, or else by the model, its markers, and what lines call each."""
+        every = {}
+        for one in self.worn.subjects:
+            own = one.model.markerset
+            name, called = (one.name, one.markers) if self.several else (own.name, own.markers)
+            every[name] = dict(zip(own.markers, called, strict=True))
+        return every
+
 
 def _open(name: str) -> Model:
     model = open_model(name)
