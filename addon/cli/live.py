@@ -16,6 +16,7 @@ from ..core.data.errors import JobError, UserError
 from ..core.points.several.live import solved_of_several
 from ..core.points.whole_take.live import Window, WindowNames, solved_window, subject_in
 from ..io.scratch import scratch_folder
+from ..io.streams.natnet_server import NamesServer
 from ..jobs.live import LiveJob, name_stream
 from .arguments import add_options, job_of, number
 from .console import ProgressLine, print_results
@@ -37,7 +38,9 @@ def add_parser(verbs):
     parser.add_argument("--out", type=Path, metavar="FILE.c3d", help="also keep all frames in this .c3d")
     wait = number(0.1, 3600, "number of seconds")
     parser.add_argument("--wait", type=wait, default=5.0, metavar="S", help="end after S seconds without a frame (5)")
-    parser.add_argument("--anywhere", action="store_true", help="also a sender outside of this machine's own network")
+    parser.add_argument("--anywhere", action="store_true", help="also who is outside of this machine's own network")
+    what = "also serve the names there, an address of this machine, as Motive would: to engines, as NatNet"
+    parser.add_argument("--serve", metavar="natnet://HOST", help=what)
     add_options(parser, "--up", "--rate", "--overwrite")
     parser.set_defaults(run=run, own=None)
 
@@ -48,6 +51,7 @@ def run(arguments) -> int:
     settle_subjects(arguments, "--model MODEL")
     job, shown = job_of(LiveJob, arguments, wearers=tuple(arguments.subject)), ProgressLine(arguments.progress)
     stops: list[int] = []
+    served: NamesServer | None = None
 
     def stop(kind: int, _frame):
         if stops:  # for the second time: at once
@@ -55,12 +59,16 @@ def run(arguments) -> int:
         stops.append(kind)
 
     def tell(line: dict):
+        if served is not None:
+            served.tell(line)
         print_results([json.dumps(line, separators=(",", ":"), ensure_ascii=False)], line, as_json=False)
         count = len(line["markers"])
         state = f"frame {line['frame']}: {count} named, {len(line['unnamed'])} not, {line['late']} late"
         shown.tell(f"{state}, {line['ms']} ms")
 
     with ExitStack() as stack:
+        if arguments.serve:
+            served = stack.enter_context(NamesServer(arguments.serve, job.called, job.anywhere))
         solver = stack.enter_context(SolverProcess(stack.enter_context(scratch_folder()), job))
         for kind in (signal.SIGINT, signal.SIGTERM):
             stack.callback(signal.signal, kind, signal.signal(kind, stop))
@@ -68,7 +76,8 @@ def run(arguments) -> int:
             result = name_stream(job, solver, tell, lambda: bool(stops))
         finally:
             shown.clear()
-    shown.tell(f"{result['frames']} frames, {result['late']} late", at_once=True)
+    unsent = f", {served.unsent} not sent" if served is not None else ""
+    shown.tell(f"{result['frames']} frames, {result['late']} late{unsent}", at_once=True)
     return 0
 
 

@@ -26,7 +26,7 @@ from ..io.models import open_model
 from ..io.points import write_c3d
 from ..io.scratch import scratch_folder
 from ..io.streams.sources import open_stream
-from ..io.streams.wire import LiveStream, StreamFrame
+from ..io.streams.wire import LiveStream, StreamFrame, believed
 from ..io.whole import whole_file
 from .rebuild import REST_S, TrajectoryFile
 
@@ -88,6 +88,16 @@ class LiveJob:
         each = self.wearers or tuple((str(number + 1), self.model) for number in range(self.subjects))
         models = {name: _open(name) for name in dict.fromkeys(model for _, model in each)}
         return SetsWorn(tuple(Wearer(name, models[model]) for name, model in each))
+
+    @property
+    def called(self) -> dict[str, dict[str, str]]:
+        """By who wears them, or else by the model, its markers, and what lines call each."""
+        every = {}
+        for one in self.worn.subjects:
+            own = one.model.markerset
+            name, called = (one.name, one.markers) if self.several else (own.name, own.markers)
+            every[name] = dict(zip(own.markers, called, strict=True))
+        return every
 
 
 def _open(name: str) -> Model:
@@ -299,7 +309,9 @@ class _Live:
             (begin, first), (end, last) = self.waiting[0], self.waiting[-1]
             seconds = last.seconds - first.seconds
             seconds = seconds if seconds > 0 else end - begin  # not so where it is no number
-            self.rate = abs(last.number - first.number) / seconds
+            self.rate = believed(abs(last.number - first.number) / seconds)
+            if not self.rate:  # it began anew, or its numbers jump: by later ones
+                self.waiting.pop(0)
         if self.rate:
             self.namer = namer_of([one.model for one in self.worn.subjects], self.rate)
             for _, frame in self.waiting:

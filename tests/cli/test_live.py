@@ -5,6 +5,7 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from contextlib import nullcontext
 from functools import partial
 from types import SimpleNamespace
@@ -26,7 +27,7 @@ from addon.io.points import read_points
 from addon.io.streams.wire import StreamFrame
 from addon.jobs import live
 from scripts.virtual_take import write_virtual_take
-from tests.io.streams.servers import NatNetServer, QtmServer, there_and_back
+from tests.io.streams.servers import NatNetServer, QtmServer, free_port, there_and_back
 
 RATE = 100.0
 
@@ -72,6 +73,39 @@ def test_a_stream_is_named_and_kept_until_it_is_stopped(walk, server, tmp_path):
     for name, spot in last["markers"].items():
         np.testing.assert_allclose(kept.xyz[last["frame"] - kept.first_frame, labels.index(name)], spot, atol=1e-3)
     assert np.isfinite(kept.xyz[0, len(markers) :, 0]).sum() == len(walk.names)
+
+
+def test_an_open_client_of_motive_reads_the_names_that_are_served(walk, tmp_path):
+    natnet = pytest.importorskip("natnet", reason="natnet is not installed")
+    port, printed, frames, sets = free_port(), tmp_path / "lines", [], []
+    client = natnet.NatNetClient(command_port=port, use_multicast=False)
+    client.on_data_frame_received_event.handlers.append(frames.append)
+    client.on_data_description_received_event.handlers.append(lambda told: sets.extend(told.marker_sets))
+    with QtmServer(walk.played(), RATE) as one, printed.open("wb") as out:
+        command = [*door(), "live", one.source, f"--subject=ann={MODEL}", "--serve", f"natnet://127.0.0.1:{port}"]
+        with subprocess.Popen(command, stdout=out, stderr=subprocess.PIPE) as process:
+            while not printed.stat().st_size:
+                time.sleep(0.1)
+            with client:
+                client.request_modeldef()
+                end = time.monotonic() + 60
+                while sum(len(frame.labeled_markers) > 0.9 * len(walk.names) for frame in frames[-9:]) < 9:
+                    client.update_sync()
+                    assert time.monotonic() < end
+            process.send_signal(signal.SIGINT)
+            errors = process.communicate(timeout=60)[1]
+    assert process.returncode == 0, errors
+    [worn] = sets
+    assert worn.name == "ann" and worn.marker_names == open_markerset(MODEL).markers
+    lines = {line["frame"]: line for line in map(json.loads, printed.read_text().splitlines())}
+    for frame in frames:
+        line = lines[frame.prefix.frame_number]
+        named = {f"ann:{worn.marker_names[one.marker_id - 1]}": one.pos for one in frame.labeled_markers}
+        assert named.keys() == line["markers"].keys() and frame.suffix.timestamp == line["seconds"]
+        for name, (x, y, z) in named.items():
+            assert (x, -z, y) == pytest.approx(line["markers"][name], abs=1e-6)
+            assert frame.marker_sets[0].marker_pos_list[worn.marker_names.index(name[4:])] == (x, y, z)
+        assert len(frame.unlabeled_marker_pos) == len(line["unnamed"])
 
 
 @pytest.mark.parametrize("who", [("--model", MODEL, "--subjects", "2"), [f"--subject={one}={MODEL}" for one in "12"]])
@@ -147,6 +181,23 @@ def test_who_it_is_is_taken_from_more_names_or_where_names_were_wrong(walk, monk
     live.name_stream(live.LiveJob("qtm://here", MODEL), Solver(body, said), lines.append, lambda: False)
     heights = [line["bodies"][0]["scale"][0] for line in lines if line.get("bodies", [None]) != [None]]
     assert list(dict.fromkeys(heights)) == [1.4, 1.7, 1.8]
+
+
+@pytest.mark.parametrize(
+    "numbers",
+    [range(0, 10**8, 10**6), [1, *range(2**31, 2**31 + 60)], [*range(1000, 1020), *range(500, 560)]],
+    ids=["steps", "jump", "anew"],
+)
+def test_numbers_of_frames_that_jump_at_first_take_no_time_and_no_memory(walk, numbers, monkeypatch, tmp_path):
+    stream = type("Stream", (list,), {"rate": None, "behind": False})()
+    stream.extend(StreamFrame(number, float("nan"), place(walk, 1), np.arange(len(walk.names))) for number in numbers)
+    monkeypatch.setattr(live, "open_stream", lambda *_: nullcontext(stream))
+    lines: list[dict] = []
+    solver = SimpleNamespace(free=True, send=lambda window: pytest.fail("window") if len(window.xyz) > 1e5 else None)
+    job = live.LiveJob("natnet://here", MODEL, tmp_path / "live.c3d")
+    live.name_stream(job, solver, lines.append, lambda: False)
+    assert [line["frame"] for line in lines] == list(numbers)
+    assert all(line["markers"] == {} and line["ms"] < 1000 for line in lines)
 
 
 def test_what_cannot_be_is_said_before_anybody_is_asked(run, tmp_path):

@@ -27,6 +27,8 @@ from addon.jobs.training_takes import read_takes
 from tests.core.toybody import toy_markerset
 from tests.io.samples import HISTORY_OF_TWO, ring, toy_model, walk, write_all
 
+from . import streams
+
 # What the sound report says that it was made of.
 MADE = {
     "version": "1", "options": {"method": "auto"}, "input": [{"file": "../nowhere.csv", "sha256": "ab"}], "cameras": [],
@@ -70,6 +72,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "labels": _labels, "truth": partial(_labels, what="truth"), **dict.fromkeys(POINTS, _take), "qtm": _capture,
     "markerset": read_markerset, "model": read_model, "edits": read_edits, "history": read_model,
     "summary": read_table, "report": _report,
+    **{kind: partial(streams.read_stream, kind) for kind in streams.KINDS},
 }  # fmt: skip
 
 
@@ -89,6 +92,9 @@ def samples(folder: Path) -> dict[str, Path]:
     files["edits"] = folder / "take.edits.json"
     write_edits(files["edits"], Edits((Swap(("LKNE", "RKNE"), frames=(1, 9)), Place("C7", 3, (0.1, 0.2, 1.4)))))
     files["report"] = _taught(folder / "taught.c3d")
+    for kind in streams.KINDS:
+        files[kind] = folder / f"{kind}.stream"
+        files[kind].write_bytes(streams.sound_stream(kind))
     return files
 
 
@@ -153,6 +159,7 @@ USES: dict[str, Callable[[object, Path], None]] = {
     "history": _MODEL_AGAIN,
     "edits": _written_again(write_edits, read_edits, "again.edits.json"),
     "summary": _written_again(write_table, read_table, "summary.csv"),
+    **dict.fromkeys(streams.KINDS, streams.named),
 }
 
 

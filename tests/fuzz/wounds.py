@@ -15,6 +15,9 @@ from addon.io.packing import DIGEST, _digest
 from tests.io.qtm_file import compound_file, packed_series, streams, unpacked_series
 from tests.io.samples import capture
 
+from .streams import KINDS as STREAMS
+from .streams import other_packets
+
 TOKENS = [
     b"nan", b"inf", b"-1e999", b"1e308", b"0", b"-1", b"999999999999", b"", b",", b"\n", b'"', b"'", b"\0", b"\xff\xfe",
     b"[", b"]", b"{", b"}", b"<", b">", b"/>", b":", b"- ", b"  ", b"\t", b"\r", b"\xe2\x82\xac", b"true", b"null",
@@ -81,6 +84,8 @@ def rebuilt(kind: str, content: bytes, chance: random.Random) -> bytes:
     """`content` with one to three changes of its structure: values, fields, rows, elements or words of a header."""
     if kind == "qtm":
         return _other_parts(chance)
+    if kind in STREAMS:
+        return other_packets(content, chance)
     if kind in JSON:
         return _other_json(content, chance)
     for _ in range(chance.randint(1, 3)):

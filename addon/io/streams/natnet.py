@@ -26,8 +26,14 @@ KEEP_ALIVE_S = 1.0
 SECONDS = struct.Struct("<8xd")  # behind two time codes
 
 _POINT, _BODY = np.dtype(("<f4", 3)), np.dtype("V38")
-_MARKER = np.dtype([("id", "<u4"), ("xyz", "<f4", 3), ("size", "<f4"), ("flags", "<u2"), ("residual", "<f4")])
-_HIDDEN, _MEASURED, _BY_MODEL = 1, 2, 4  # flags: the cameras did not see it, did, and a rigid body says where it was
+LABELLED_MARKER = np.dtype([("id", "<u4"), ("xyz", "<f4", 3), ("size", "<f4"), ("flags", "<u2"), ("residual", "<f4")])
+# Flags of a marker: the cameras did not see it, did, a rigid body says where it was, and it is one of an asset.
+CAMERAS_MISSED, CAMERAS_SAW, BY_MODEL, HAS_MODEL = 1, 2, 4, 8
+
+
+def message(kind: int, content: bytes) -> bytes:
+    """A datagram; struct.error where that is too much for one."""
+    return MESSAGE_HEAD.pack(kind, len(content)) + content
 
 
 class NatNetStream(LiveStream):
@@ -59,7 +65,7 @@ class NatNetStream(LiveStream):
             self.open_udp(port, socket.inet_ntoa(group))
 
     def _tell(self, kind: int, content: bytes = b""):
-        self.sockets[0].sendto(MESSAGE_HEAD.pack(kind, len(content)) + content, self.address)
+        self.sockets[0].sendto(message(kind, content), self.address)
         self._alive = monotonic()
 
     def receive(self) -> StreamFrame | None:
@@ -81,14 +87,14 @@ class NatNetStream(LiveStream):
         lists.skip(lists.skeleton)
         if self.sized:
             lists.skip(lists.skeleton)  # assets, of which nothing needs to be known
-        markers = lists.read(_MARKER)
+        markers = lists.read(LABELLED_MARKER)
         for _ in ("force plates", "other devices"):
             lists.skip(lists.device)
         (seconds,) = SECONDS.unpack_from(content, lists.at)
         if not len(markers):  # which are all, those of `others` too where it has any
             return self.of_points(number, seconds, others, np.full(len(others), NO_POINT))
         flags = markers["flags"]
-        seen = (flags & _HIDDEN == 0) & ((flags & _MEASURED != 0) | (flags & _BY_MODEL == 0))
+        seen = (flags & CAMERAS_MISSED == 0) & ((flags & CAMERAS_SAW != 0) | (flags & BY_MODEL == 0))
         return self.of_points(number, seconds, markers["xyz"][seen], markers["id"][seen])
 
 

@@ -10,9 +10,9 @@ import struct
 import numpy as np
 
 from ...core.data.errors import InputError, JobError
-from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ, NO_POINT
+from ...core.data.takes import NO_POINT
 from ..world import SIGNED_AXES
-from .wire import MAX_PARTS, MM_A_METRE, LiveStream, StreamFrame
+from .wire import MAX_PARTS, MM_A_METRE, LiveStream, StreamFrame, believed
 
 PACKET_HEAD, FRAME_HEAD, PART_HEAD = struct.Struct("<II"), struct.Struct("<qII"), struct.Struct("<III4x")
 NEWEST_MINOR, OLDEST_MINOR = 25, 19  # format: of the protocol's version 1
@@ -43,13 +43,12 @@ class QtmStream(LiveStream):
             if kind == QTM_COMMAND and answer.lower().startswith("version set"):
                 break
         else:
-            words = f"speaks no version of its protocol that is known ({answer[:80]})"
+            words = f"speaks no version of its protocol that is known ({_quoted(answer)})"
             raise InputError(f"{words}; expected 1.{OLDEST_MINOR} to 1.{NEWEST_MINOR}", self.source)
         try:
-            rate = float(self._parameter("General", "Frequency"))
+            self.rate = believed(float(self._parameter("General", "Frequency")))
         except ValueError:
-            rate = float("nan")
-        self.rate = rate if MIN_RATE_HZ <= rate <= MAX_RATE_HZ else None
+            self.rate = None
         axis = self.up or self._parameter("3D", "AxisUpwards")
         self.up = axis if axis in SIGNED_AXES else "+Z"
         self._say("StreamFrames AllFrames 3D 3DNoLabels")
@@ -67,13 +66,13 @@ class QtmStream(LiveStream):
         while True:
             kind, content = self._packet()
             if kind in (QTM_ERROR, QTM_COMMAND, QTM_XML):
-                return kind, content.rstrip(b"\0").decode("utf-8", "replace")
+                return kind, _text(content)
 
     def _parameter(self, part: str, what: str) -> str:
         """One of a part of the parameters, the first of its name; empty where there is none."""
         kind, answer = self._ask(f"GetParameters {part}")
         if kind != QTM_XML:
-            words = f"has no {part} parameters ({answer[:80]})"
+            words = f"has no {part} parameters ({_quoted(answer)})"
             raise JobError(f"{words}; expected an open project and calibrated cameras", self.source)
         found = re.search(rf"<{what}>\s*([^<\s]*)", answer)
         return found[1] if found else ""
@@ -90,7 +89,7 @@ class QtmStream(LiveStream):
         if kind == QTM_DATA:
             return self.decoded(content)
         if kind == QTM_ERROR:
-            words = f"sends no frames ({content.rstrip(bytes(1)).decode('utf-8', 'replace')[:80]})"
+            words = f"sends no frames ({_quoted(_text(content))})"
             raise JobError(f"{words}; expected {self.KIND} that measures, or plays a take", self.source)
         event = content[0] if kind == QTM_EVENT and content else 0
         if event == SHUTTING_DOWN or (kind == QTM_NO_MORE and self._last is not None):
@@ -112,10 +111,20 @@ class QtmStream(LiveStream):
             if size < PART_HEAD.size:
                 raise ValueError
             if kind in _POINTS:
-                part = np.frombuffer(content, _POINTS[kind], count, at + PART_HEAD.size)
+                own = memoryview(content)[at : at + size]  # else each might be as large as all of the packet
+                part = np.frombuffer(own, _POINTS[kind], count, PART_HEAD.size)
                 points.append(part["xyz"])
                 ids.append(part["id"] if "id" in (part.dtype.names or ()) else np.full(count, NO_POINT))
             at += size
         if not points:
             return None
         return self.of_points(number, seconds, np.concatenate(points), np.concatenate(ids), MM_A_METRE)
+
+
+def _text(content: bytearray) -> str:
+    return content.rstrip(b"\0").decode("utf-8", "replace")
+
+
+def _quoted(text: str) -> str:
+    """How a text begins, by the signs that people can read."""
+    return "".join(sign if sign.isprintable() else " " for sign in text[:80])

@@ -25,6 +25,13 @@ def open_stream(source: str, up: str = "", patience: float = PATIENCE_S, anywher
     Raises InputError for an address that is none, or where no such program answers, and JobError where it sends
     nothing that is wanted.
     """
+    kind, address = address_of(source, anywhere)
+    axis = up.upper() if up[:1] in ("", "-") else f"+{up.upper()}"
+    return kind(source, address, patience, axis).start()
+
+
+def address_of(source: str, anywhere: bool = False) -> tuple[type[LiveStream], tuple[str, int]]:
+    """Which program's stream an address is of, its host's number and its port; InputError as `open_stream`."""
     try:
         parts = urlsplit(source)
         port, kind = parts.port, STREAMS.get(parts.scheme)
@@ -32,9 +39,7 @@ def open_stream(source: str, up: str = "", patience: float = PATIENCE_S, anywher
         kind = None
     if kind is None or not parts.hostname or parts.path.strip("/") or parts.query or parts.fragment or parts.username:
         raise InputError(f"is no address of a stream; {EXPECTED}", source)
-    address = (_host(parts.hostname, source, anywhere), port or kind.PORT)
-    axis = up.upper() if up[:1] in ("", "-") else f"+{up.upper()}"
-    return kind(source, address, patience, axis).start()
+    return kind, (_host(parts.hostname, source, anywhere), port or kind.PORT)
 
 
 def _host(name: str, source: str, anywhere: bool) -> str:

@@ -10,8 +10,7 @@ import struct
 import numpy as np
 
 from ...core.data.errors import InputError
-from ...core.data.takes import MAX_RATE_HZ, MIN_RATE_HZ
-from .wire import MAX_PARTS, MM_A_METRE, WIRE_WORD, LiveStream, StreamFrame
+from .wire import MAX_PARTS, MM_A_METRE, WIRE_WORD, LiveStream, StreamFrame, believed
 
 BLOCK_HEAD = struct.Struct("<II")
 # Kinds of blocks: one around all others of a packet, what a client asks for, and what comes of it; format.
@@ -64,8 +63,7 @@ class ViconStream(LiveStream):
         """The frame that is in the blocks of a packet; None where it holds none."""
         if STREAM_INFO in blocks:
             (ticks,) = PERIOD.unpack_from(blocks[STREAM_INFO])
-            rate = TICKS_A_SECOND / max(ticks, 1)
-            self.rate = rate if MIN_RATE_HZ <= rate <= MAX_RATE_HZ else None
+            self.rate = believed(TICKS_A_SECOND / max(ticks, 1))
             self._period = 1 / self.rate if self.rate else float("nan")
         if APPLICATION in blocks and not self.up:
             self.up = "+Y" if blocks[APPLICATION][:1] == b"\1" else "+Z"

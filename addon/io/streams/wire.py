@@ -13,6 +13,7 @@ from typing import ClassVar, Self, TypeVar
 import numpy as np
 
 from ...core.data.errors import InputError, JobError
+from ...core.data.takes import MIN_RATE_HZ
 from ..world import up_rotation
 
 PATIENCE_S = 5.0  # physical: slower than any camera, quicker than a person who thinks that all has stopped
@@ -25,12 +26,18 @@ MAX_DATAGRAM = 65_535  # format: what fits into one
 MAX_PARTS = 1000  # of a packet, each with a head: some dozen kinds are known
 # What cannot be; physical.
 ROOM_M, AGES_S = 1e5, 1e12  # farther from the origin, or later by the sender's clock
+MAX_STREAM_HZ = 1e4  # frames a second, of points in a room; the last seconds of them are kept
 # Frames by which a packet may come late on any network; one from before that is the sender, who began anew.
 LATE_FRAMES = 100
 # Kept by the system while nobody reads: a second of most streams. Memory.
 QUEUED_BYTES = 1 << 22
 
 Answer = TypeVar("Answer")
+
+
+def believed(rate: float) -> float | None:
+    """Frames a second, as a sender says or shows; None where they cannot be so many or so few."""
+    return rate if MIN_RATE_HZ <= rate <= MAX_STREAM_HZ else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,15 +173,15 @@ class LiveStream(ABC):
         if size > MAX_PACKET_BYTES:
             words = f"sends a packet of over {MAX_PACKET_BYTES >> 20} MB"
             raise InputError(f"{words}; expected {self.KIND}", self.source)
-        content, done = bytearray(size), 0
-        while done < size:
+        content = bytearray()  # grows with what comes, whatever is announced
+        while len(content) < size:
             self.sockets[0].settimeout(self.patience_left())
-            count = self.sockets[0].recv_into(memoryview(content)[done:])
-            if not count and (begun or done):
+            part = self.sockets[0].recv(min(size - len(content), MAX_DATAGRAM))
+            if not part and (begun or content):
                 raise JobError("broke off within a packet; expected a whole one", self.source)
-            if not count:
+            if not part:
                 raise EOFError
-            done += count
+            content += part
         return content
 
     def open_udp(self, port: int = 0, group: str = ""):

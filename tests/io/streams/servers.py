@@ -12,9 +12,19 @@ from threading import Thread
 
 import numpy as np
 
+from addon.io.streams.natnet import (
+    BY_MODEL,
+    CAMERAS_MISSED,
+    CAMERAS_SAW,
+    DATA_GROUP,
+    HAS_MODEL,
+    LABELLED_MARKER,
+    SENDER,
+    TRANSPORT,
+    message,
+)
+from addon.io.streams.natnet_server import packed_frame
 from addon.io.streams.wire import StreamFrame
-
-GROUP = "239.255.42.99"
 
 
 def frames_of_points(xyz: np.ndarray, rate: float, first: int = 1) -> list[StreamFrame]:
@@ -202,6 +212,13 @@ class ViconServer(Server):
             packet(_100004=struct.pack("<I", 0) + numbers([]), **first, _5=frame_info, _6=labelled, _7=unlabelled)
 
 
+def free_port() -> int:
+    """A port for datagrams that nobody has."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("", 0))
+        return free.getsockname()[1]
+
+
 class NatNetServer(Server):
     """Motive, to whoever says hello; or, where it is `shared`, to a group. It has two of every kind of asset."""
 
@@ -215,49 +232,37 @@ class NatNetServer(Server):
         one = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         one.bind(("127.0.0.1", 0))
         one.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-            free.bind(("", 0))
-            self.data_port = free.getsockname()[1]
+        self.data_port = free_port()
         return one
 
     def serve(self):
         content, client = self.socket.recvfrom(65535)
         if content[:2] != b"\0\0":
             return
-        info = struct.pack("<256s4B4B", b"Motive", *self.version, 0, 0, *self.version, 0, 0)
-        info += struct.pack("<QHB4s", 10**7, self.data_port, self.shared, socket.inet_aton(GROUP))
+        info = SENDER.pack(b"Motive", *self.version, 0, 0, *self.version, 0, 0)
+        info += TRANSPORT.pack(10**7, self.data_port, self.shared, socket.inet_aton(DATA_GROUP))
         self.socket.sendto(self.message(1, info), client)
         time.sleep(0.1)  # until it listens
-        where = (GROUP, self.data_port) if self.shared else client
+        where = (DATA_GROUP, self.data_port) if self.shared else client
         for frame in self.playing():
             self.socket.sendto(self.message(7, self.frame(frame)), where)
             if self.rate is None:
                 time.sleep(1e-4)  # as much as whoever reads can take
 
     def message(self, kind: int, content: bytes) -> bytes:
-        return self.wound(struct.pack("<HH", kind, len(content)) + content)
+        return self.wound(message(kind, content))
 
     def frame(self, frame: StreamFrame) -> bytes:
-        y_up = (frame.points[:, [0, 2, 1]] * [1, 1, -1]).astype("<f4")
-
-        def listed(*parts: bytes, count: int | None = None) -> bytes:
-            content = b"".join(parts)
-            size = struct.pack("<I", len(content)) if self.version >= (4, 1) else b""
-            return struct.pack("<I", len(parts) if count is None else count) + size + content
-
-        markers = np.zeros(len(y_up) + 1, np.dtype("<u4,(3,)<f4,<f4,<u2,<f4"))  # the last one was not seen
-        markers["f0"][:-1], markers["f1"][:-1] = frame.ids, y_up
-        markers["f3"] = np.where(np.arange(len(markers)) % 2, 0x02 | 0x10, 0x02 | 0x08)
-        markers["f3"][-1] = 0x01 | 0x04
+        y_up = frame.points[:, [0, 2, 1]] * [1, 1, -1]
+        markers = np.zeros(len(y_up) + 1, LABELLED_MARKER)  # the last one was not seen
+        markers["id"][:-1], markers["xyz"][:-1] = frame.ids, y_up
+        markers["flags"] = np.where(np.arange(len(markers)) % 2, CAMERAS_SAW | 0x10, CAMERAS_SAW | HAS_MODEL)
+        markers["flags"][-1] = CAMERAS_MISSED | BY_MODEL
         body = struct.pack("<I8fH", 1, *range(8), 1)
-        sets = struct.pack("<4sI3f", b"all\0", 1, 1, 2, 3), struct.pack("<6sI6f", b"actor\0", 2, *range(6))
         bodies = struct.pack("<II", 1, 2) + body * 2
         asset = struct.pack("<II", 1, 1) + body + struct.pack("<II4fHf", 1, 7, 1, 2, 3, 4, 2, 0.1)
         device = struct.pack("<IIIfI2f", 1, 2, 1, 5.0, 2, 6.0, 7.0)
-        return b"".join([
-            struct.pack("<I", frame.number), listed(*sets), listed(y_up.tobytes(), count=len(y_up)), listed(body, body),
-            listed(bodies, bodies), listed(asset, asset) if self.version >= (4, 1) else b"",
-            listed(b"" if self.legacy else markers.tobytes(), count=0 if self.legacy else len(markers)),
-            listed(device, device), listed(device, device), struct.pack("<IId3Q", 0, 0, frame.seconds, 1, 2, 3),
-            struct.pack("<II", 0, 0) if self.version >= (4, 1) else b"", struct.pack("<HI", 0, 0),
-        ])  # fmt: skip
+        packed = [[part] * 2 for part in (body, bodies, asset, device, device)]
+        sets = {"all": np.ones((1, 3)), "actor": np.ones((2, 3))}
+        labelled, sized = markers[:0] if self.legacy else markers, self.version >= (4, 1)
+        return packed_frame(frame.number, frame.seconds, sets, y_up, labelled, *packed, sized=sized)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ...data.takes import evenly_spread
 from .distances import CONSTRAINING, lengths_of
-from .shape import SUBJECT_PRIOR
+from .shape import SHAPE_FRAMES, SUBJECT_PRIOR
 
 
 @dataclass(frozen=True)
@@ -23,12 +23,10 @@ class SideOptions:
 
     near    memory and time: of a marker, whose distances keep best, that make its planes
     planes  memory and time: of a marker, those that tell its side best
-    frames  memory: of a subject
     """
 
     near: int = 8
     planes: int = 3
-    frames: int = 200
 
 
 SIDES = SideOptions()
@@ -80,7 +78,7 @@ def learn_sides(subjects: Sequence[np.ndarray], radius: float) -> Sides:
 
     Mirror images, with the sides' names exchanged, are subjects like others. `radius` is the shape's.
     """
-    some = [points[evenly_spread(len(points), SIDES.frames)] for points in subjects]
+    some = [points[evenly_spread(len(points), SHAPE_FRAMES)] for points in subjects]
     markers = _fours(_steadiness(some), CONSTRAINING.max_sd_radii * radius)
     if not len(markers):
         return NO_SIDES
