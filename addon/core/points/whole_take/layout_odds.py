@@ -16,15 +16,13 @@ from .pairs import PAIRING, Moments, PairDistances, sized
 
 @dataclass(frozen=True)
 class LayoutOptions:
-    """How layouts differ, and how much of a take shows them.
+    """How layouts differ.
 
     lab_sd_m  measured: m, of a distance between labs; with 2 cm or limited squares plates of other people that are
               turned round are worth more than the truth
-    frames    memory: that show on which side of others markers are
     """
 
     lab_sd_m: float = 0.04
-    frames: int = 48
 
 
 LAYOUT = LayoutOptions()

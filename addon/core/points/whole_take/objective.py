@@ -33,7 +33,7 @@ from ..likelihood.model import Likelihood
 from ..likelihood.naming import Settled, score_of, settle
 from ..models import Model
 from ..refusals import NO_FIT, REFUSAL, SetFit
-from .layout_odds import LAYOUT, LayoutOdds
+from .layout_odds import LayoutOdds
 from .likeness import LIKENESS, likeness, links, worth_of_length
 from .pairs import PAIRING, Moments, PairDistances, corrected, moments, trained_pairs, widened, with_unknown
 from .rulings import RULING
@@ -60,7 +60,7 @@ class Freedom:
 class ObjectiveOptions:
     """What the objective looks at.
 
-    frames     memory: whose shape is asked
+    frames     memory: whose shape is asked, and sides
     fullest    memory: so many times as many that show most of the markers, out of which they are taken evenly
     min_frames physical: a frame may be odd, and so may a second; fewer say nothing
     min_seen   physical: markers of a set, and of a frame that is asked: fewer have a place and a facing, and hardly a
@@ -218,7 +218,7 @@ class Objective:
 
     def layout(self, marker: np.ndarray, shown: Moments, placed: np.ndarray) -> LayoutOdds:
         """How well what has one name (N,), placed (F, M + E, 3) m, bears out the distances that training expects."""
-        sides, some = self.model.learned_likelihood.sides, evenly_spread(len(self._spread), LAYOUT.frames)
+        sides, some = self.model.learned_likelihood.sides, evenly_spread(len(self._spread), OBJECTIVE.frames)
         return LayoutOdds(self.known, sides, shown, placed[self._spread[some]], self.coverage(marker))
 
     def coverage(self, marker: np.ndarray) -> np.ndarray:
