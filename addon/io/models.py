@@ -85,10 +85,12 @@ def read_likelihood(reader: Reader, value: object, markers: tuple[str, ...]) -> 
 
 def _sides(reader: Reader, rows: np.ndarray, count: int) -> Sides:
     """The sides of so many markers, of rows (Q, 6)."""
-    markers = rows[:, :4]
-    if ((markers < 0) | (markers >= count)).any() or (rows[:, 5] < 0).any():
-        reader.fail('evidence "sides" name no marker or a variance below 0; expected four indices, m and m²')
-    return Sides(markers.astype(int), rows[:, 4], rows[:, 5])
+    markers, height, variance = rows[:, :4].astype(int), rows[:, 4], rows[:, 5]
+    sound = (markers == rows[:, :4]).all() and ((markers >= 0) & (markers < count)).all()
+    sound = sound and (np.diff(np.sort(markers, axis=1), axis=1) > 0).all()
+    if not sound or (np.abs(height) > MAX_MARKER_M).any() or (variance < 0).any():
+        reader.fail('evidence "sides" are not of four markers; expected four indices, a height (m) and a variance (m²)')
+    return Sides(markers, height, variance)
 
 
 def _plates(reader: Reader, value: object, count: int) -> tuple[np.ndarray, ...]:

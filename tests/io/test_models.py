@@ -123,6 +123,8 @@ def test_reading_and_writing_again_changes_nothing(rigid):
         *(("mean", [[0, 0, 0]]), ("noise", [0.1] * 7 + [-1]), ("modes", [[1, 2]]), ("ties", [[0, 99, 0.1, 0.1]])),
         *(("rates", [1.0, "all"]), ("least", [[1.0]]), ("subjects", "two"), ("plates", [[0, 0, 1]])),
         *(("sides", [[0, 1, 2, 99, 0.1, 0.1]]), ("sides", [[0, 1, 2, 3, 0.1, -1]])),
+        *(("sides", [[0, 1, 1, 3, 0.1, 0.1]]), ("sides", [[0, 1.5, 2, 3, 0.1, 0.1]])),
+        ("sides", [[0, 1, 2, 3, 1e6, 0.1]]),
     ],
 )
 def test_a_part_that_is_not_as_expected_is_named(key, value):

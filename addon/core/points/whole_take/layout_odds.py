@@ -5,7 +5,6 @@ By how far they are from each other and, as distances are the same in a mirror, 
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -46,6 +45,7 @@ class LayoutOdds:
         self.variance = known.variance[rows, self.near] + LAYOUT.lab_sd_m**2
         self.apart = size * known.mean
         self.shown, self.spread, self.coverage = shown.mean, shown.variance, coverage
+        self._code, self._height = np.zeros(0, int), np.zeros(0)
 
     def worth(self, orders: np.ndarray, most: float = np.inf) -> np.ndarray:
         """(K,) what slots are worth by names in orders (K, M + E)."""
@@ -54,7 +54,7 @@ class LayoutOdds:
     def odds(self, orders: np.ndarray, most: float = np.inf) -> np.ndarray:
         """(K, M) log odds of each marker by names in orders (K, M + E): order[m] is the slot that is marker m.
 
-        Squares are `most` at most.
+        Squares are `most` at most, and a side costs half of it.
         """
         own, beside = orders[:, : self.markers], orders[:, self.near]
         away, spread = self.shown[own[..., None], beside], self.spread[own[..., None], beside]
@@ -74,28 +74,29 @@ class LayoutOdds:
         found, sides = np.zeros((len(orders), self.markers)), self.sides
         if not len(sides):
             return found
-        slots = orders[:, sides.markers]
-        moved = (slots != sides.markers).any(axis=2)
-        height = np.where(moved, 0.0, self._height)
-        if moved.any():
-            height[moved] = self._heights(slots[moved])
+        height = self._heights(orders[:, sides.markers].reshape(-1, 4)).reshape(-1, len(sides))
         odds = np.maximum(sides.odds(height, self.size, LAYOUT.lab_sd_m), -0.5 * most) * sides.share
         np.add.at(found.T, sides.markers[:, 0], odds.T)
         return found
 
-    @cached_property
-    def _height(self) -> np.ndarray:
-        return self._heights(self.sides.markers)
-
     def _heights(self, slots: np.ndarray) -> np.ndarray:
-        """(K,) m the mean height of the first of four slots (K, 4) over the others' plane, NaN where it is not seen."""
+        """(K,) m the mean height of the first of four slots (K, 4) over the others' plane, NaN where it is not seen.
+
+        Each is worked out once: orders differ by few slots.
+        """
         code = np.ravel_multi_index(tuple(slots.T), (len(self.coverage),) * 4)
-        _, first, again = np.unique(code, return_index=True, return_inverse=True)
-        height = heights(self.placed[:, slots[first]])
-        seen = np.isfinite(height)
-        count = seen.sum(axis=0)
-        mean = np.where(seen, height, 0).sum(axis=0) / np.maximum(count, 1)
-        return np.where(count > 0, mean, np.nan)[again]
+        every, first, again = np.unique(code, return_index=True, return_inverse=True)
+        new = ~np.isin(every, self._code, assume_unique=True)
+        if new.any():
+            height = heights(self.placed[:, slots[first[new]]])
+            seen = np.isfinite(height)
+            count = seen.sum(axis=0)
+            mean = np.where(seen, height, 0).sum(axis=0) / np.maximum(count, 1)
+            code = np.concatenate([self._code, every[new]])
+            order = np.argsort(code)
+            self._code = code[order]
+            self._height = np.concatenate([self._height, np.where(count > 0, mean, np.nan)])[order]
+        return self._height[np.searchsorted(self._code, every)][again]
 
     def chains(self, holes: np.ndarray, width: int, length: int) -> np.ndarray:
         """(K, M + E) the orders worth most, by chains of exchanges from any of the markers `holes` (K,).

@@ -242,15 +242,13 @@ class _Given:
     def _off(self, some: np.ndarray) -> np.ndarray:
         """(K, Q) m², how far off the neighbours of some markers (K,) are from those that keep their distances best.
 
-        Of these as many are asked as fix a place. Off is what is not as when the marker was there last or, where it
-        never was, as usual.
+        Of these as many are asked as fix a place. Off is what is not as when the marker was there last.
         """
         near, rows = self._near[some], np.arange(len(some))[:, None]
         now, then = self.placed[near], self._then[some[:, None], near]
         best = np.argsort(np.isnan(now[..., 0]), axis=1, kind="stable")[:, : LIKENESS.min_neighbours]
         new, old = (np.linalg.norm(each[rows, best][:, :, None] - each[:, None], axis=3) for each in (now, then))
-        usual = self._pairs.mean[near[rows, best][:, :, None], near[:, None]]
-        off = new - np.where(np.isfinite(old), old, usual)
+        off = new - old
         known = np.isfinite(off) & (near[rows, best][:, :, None] != near[:, None])
         return np.where(known, off**2, 0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
 

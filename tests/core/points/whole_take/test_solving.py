@@ -12,6 +12,7 @@ from addon.core.data.takes import BY_LIKELIHOOD, BY_TRAJECTORY, NO_MARKER, NO_ST
 from addon.core.edits.applying import apply_edits, cells_of_take
 from addon.core.edits.kinds import AssignPoint, Delete, Edits, UnlabelMarker
 from addon.core.geometry.upright import turned
+from addon.core.points.likelihood.sides import NO_SIDES
 from addon.core.points.tracklets import cut
 from addon.core.points.whole_take.deciding import can_be_solved, labels_of
 from addon.core.points.whole_take.layout import Question, named_by_layout
@@ -301,6 +302,29 @@ def test_an_extra_that_is_tried_as_a_marker_is_it_in_its_pieces_without_a_name_t
     shorter = of_extra[objective.tracklets.count[of_extra].argmin()]
     search = Search(objective, np.where(np.arange(len(truth)) == shorter, NO_MARKER, truth), USUAL_FREEDOM)
     assert any((tried[of_extra] == toe).all() for tried in search._exchanges())
+
+
+def test_what_had_the_name_of_an_extra_that_takes_it_may_be_nothing(model, markers):
+    toe, extra = model.markerset.index("LTOE"), len(model.markerset)
+    points, whose = np.concatenate([markers, markers[:, [toe]] + [0.0, 0.0, 0.01]], axis=1), np.arange(extra + 1)
+    objective, truth = objective_of(model, points, whose)
+    objective.extras = 1
+    search = Search(objective, truth, USUAL_FREEDOM)
+    tried = [one for one in search._exchanges() if (one[truth == extra] == toe).all()]
+    assert {int(one[truth == toe][0]) for one in tried} == {NO_MARKER, extra}
+
+
+@pytest.mark.parametrize("size", [1.0, 0.8])
+def test_wrists_that_have_each_others_names_are_on_the_wrong_side(model, markers, size):
+    """By the sides alone: without them the same naming loses less."""
+    points, whose = pieces(markers * size, hidden=0)
+    lost = {}
+    for sides in (model.likelihood.sides, NO_SIDES):
+        own = replace(model, likelihood=replace(model.likelihood, sides=sides))
+        objective, truth = objective_of(own, points, whose)
+        right, wrong = (objective.of(names[truth]) for names in (np.arange(26), exchanged(own, *LEFT_WRIST)))
+        lost[len(sides)] = right.layout - wrong.layout
+    assert lost[len(model.likelihood.sides)] > lost[0] + 1
 
 
 def test_a_group_is_tried_as_most_frames_on_their_own_have_it(model, markers):
