@@ -17,8 +17,8 @@ from ..io.whole import keep_apart
 from .arguments import add_options, job_of, number, whole
 from .console import ProgressLine, print_results
 
-DESCRIPTION = """A virtual capture of a labelled take (.c3d, .trc or .tsv): what the cameras would see, with a body in the
-way, noise, merged blobs, dropouts and ghosts. Of several subjects, whose markers are NAME:LASI …, all are captured,
+DESCRIPTION = """A virtual capture of a labelled take (.c3d, .trc or .tsv): what the cameras would see, with a body in
+the way, noise, merged blobs, dropouts and ghosts. Of several subjects, whose markers are NAME:LASI …, all are captured,
 with all bodies in the way. Writes the blobs to BLOBS and their true names to BLOBS.truth.csv (the whole name with
 .truth.csv behind it). Frames keep the take's numbers."""
 DEFAULTS = CaptureOptions()
