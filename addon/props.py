@@ -754,6 +754,7 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     state, collection = manager.mocap_autolabel, scene.mocap_autolabel.take
     if state.of_scene != scene.session_uid:  # a long list of trouble comes a moment later
         state.troubles.clear()
+        state.left_gaps.clear()
     state.of_scene = scene.session_uid
     for editor in ("DOPESHEET_EDITOR", "GRAPH_EDITOR"):
         redraw(editor)
