@@ -96,6 +96,11 @@ def test_where_two_sets_fit_both_are_offered_an_own_one_first_and_none_is_taken(
     assert ours("ui.panels").asks_which(state, settings), "Label waits for the answer"
     assert "'Label as body39'" in drawn_in_take(monkeypatch)
     refused("as well as", "label")
+    settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 9, 2
+    refused("are none", "label", markerset="body39")
+    settings.labelling.use_range = False
+    refused("no such file", "label", markerset=str(tmp_path / f"gone{SUFFIX}"))
+    assert ours("ui.panels").asks_which(state, settings), "nothing was labelled, so nothing is chosen"
     assert bpy.ops.mocap_autolabel.label(markerset="body39") == {"FINISHED"}, "the answer is the third click"
     assert settings.subjects.markerset == "body39"
     assert settings.take is not None
