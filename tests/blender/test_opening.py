@@ -216,6 +216,8 @@ def test_a_folder_of_several_takes_is_label_folders(settings, room, tmp_path):
 
 def test_a_calibration_beside_points_is_not_looked_at_and_that_is_said(settings, room, tmp_path, capfd):
     write_c3d(tmp_path / "one.c3d", standing(drawn("gait15")))
+    (tmp_path / "notes.txt").write_text("no calibration")
+    opened(tmp_path)
     shutil.copy(room.cameras, tmp_path / "room.toml")
     opened(tmp_path, "room.toml")
     opened(tmp_path, "one.c3d")
@@ -223,6 +225,12 @@ def test_a_calibration_beside_points_is_not_looked_at_and_that_is_said(settings,
     assert words not in capfd.readouterr().out
     opened(tmp_path, "one.c3d", "room.toml")
     assert words in capfd.readouterr().out
+    shutil.copy(tmp_path / "one.c3d", tmp_path / "two.c3d")
+    opened(tmp_path)
+    assert words in capfd.readouterr().out
+    shutil.copy(room.blobs, tmp_path / "walk.csv")
+    opened(tmp_path)
+    assert words not in capfd.readouterr().out
 
 
 def test_what_is_none_of_these_is_one_sentence(settings, room, tmp_path):
