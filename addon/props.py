@@ -633,13 +633,16 @@ def chosen_model(asked: SubjectSettings | PerformerRow) -> str:
     return bpy.path.abspath(asked.markerset_path)
 
 
-def subjects_asked(subjects: SubjectSettings) -> dict:
-    """Who is asked for, as fields of a job: `model`, `subjects` and `wearers`; InputError where that is not clear."""
+def subjects_asked(subjects: SubjectSettings, model: str = "") -> dict:
+    """Who is asked for, as fields of a job: `model`, `subjects` and `wearers`; InputError where that is not clear.
+
+    A `model` is worn in place of the one that is chosen for all.
+    """
     if subjects.performing != "LISTED":
         count = {"ONE": 1, "AUTO": AUTO}.get(subjects.performing, subjects.performer_count)
-        if subjects.markerset == AUTO_MODEL and count == 1:
+        if not model and subjects.markerset == AUTO_MODEL and count == 1:
             return anybody()
-        return {"model": chosen_model(subjects), "subjects": count, "wearers": ()}
+        return {"model": model or chosen_model(subjects), "subjects": count, "wearers": ()}
     rows = subjects.performers
     if not len(rows):
         raise InputError("nobody is in the list of performers; expected those who are asked for")
@@ -754,6 +757,7 @@ def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     state, collection = manager.mocap_autolabel, scene.mocap_autolabel.take
     if state.of_scene != scene.session_uid:  # a long list of trouble comes a moment later
         state.troubles.clear()
+        state.left_gaps.clear()
     state.of_scene = scene.session_uid
     for editor in ("DOPESHEET_EDITOR", "GRAPH_EDITOR"):
         redraw(editor)

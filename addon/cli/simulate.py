@@ -17,8 +17,8 @@ from ..io.whole import keep_apart
 from .arguments import add_options, job_of, number, whole
 from .console import ProgressLine, print_results
 
-DESCRIPTION = """A virtual capture of a labelled take (.c3d or .trc): what the cameras would see, with a body in the
-way, noise, merged blobs, dropouts and ghosts. Of several subjects, whose markers are NAME:LASI …, all are captured,
+DESCRIPTION = """A virtual capture of a labelled take (.c3d, .trc or .tsv): what the cameras would see, with a body in
+the way, noise, merged blobs, dropouts and ghosts. Of several subjects, whose markers are NAME:LASI …, all are captured,
 with all bodies in the way. Writes the blobs to BLOBS and their true names to BLOBS.truth.csv (the whole name with
 .truth.csv behind it). Frames keep the take's numbers."""
 DEFAULTS = CaptureOptions()
@@ -27,7 +27,7 @@ DEFAULTS = CaptureOptions()
 def add_parser(verbs):
     """Adds the verb to the command line's grammar."""
     parser = verbs.add_parser("simulate", help="make blobs from a labelled take", description=DESCRIPTION)
-    parser.add_argument("take", metavar="TAKE", type=Path, help="a labelled take, .c3d or .trc")
+    parser.add_argument("take", metavar="TAKE", type=Path, help="a labelled take: .c3d, .trc or .tsv")
     parser.add_argument("--out", required=True, type=Path, metavar="BLOBS", help="the blob file to write")
     add_options(parser, "--model", help="whose body is in the way; default: the built-in model whose markers are there")
     add_options(parser, "--cameras", "--frames", "--up", "--rate", "--overwrite")

@@ -70,6 +70,12 @@ def rows_to_samples(
     return first, frames, (*parts, *([_joined(values)] if values else []))
 
 
+def _lines(text: str) -> list[str]:
+    """The lines of a text, without their ends; old Windows text has other signs that Python would end one at."""
+    lines = re.split(r"\r\n|\r|\n", text)
+    return lines if lines[-1] else lines[:-1]
+
+
 def count_in(text: str) -> int:
     """A number of frames or markers as a head says it, 0 where it is none; Python makes none of thousands of digits."""
     return int(text) if text.isascii() and text.isdigit() and len(text) < 100 else 0
@@ -119,7 +125,7 @@ def read_trc(path: Path) -> PointFile:
     Raises InputError with the line where the file is not as the format says.
     """
     text = decode(read_bytes(path), path, TRC)
-    lines, ended = text.splitlines(), text.endswith(("\n", "\r"))
+    lines, ended = _lines(text), text.endswith(("\n", "\r"))
     if "\t" not in text:  # a spreadsheet's
         lines = ["\t".join(_fields(line, path, number, TRC)) for number, line in enumerate(lines, 1)]
     if not lines or not lines[0].lstrip().lower().startswith("pathfiletype"):
@@ -230,7 +236,7 @@ def _rate_in_head(text: str, what: str, path: Path, line: int) -> float:
         rate = np.nan
     if MIN_RATE_HZ <= rate <= MAX_RATE_HZ:
         return rate
-    raise InputError(f"has a {what} of {text[:40]!r}; expected frames a second", path, line)
+    raise InputError(f"has a {what} of {text[:40]!r}; expected frames a second, written there", path, line)
 
 
 def write_trc_file(
@@ -284,7 +290,7 @@ def is_motive(path: Path) -> bool:
 def read_motive(path: Path) -> PointFile:
     """Raises InputError with the line where the file is not as Motive writes it."""
     text = decode(read_bytes(path), path, MOTIVE)
-    lines = text.splitlines()
+    lines = _lines(text)
     head = _fields(lines[0] if lines else "", path, 1)
     settings = dict(zip((key.strip().lower() for key in head[::2]), head[1::2], strict=False))
     if not any(opening in settings for opening in OPENINGS):
@@ -382,12 +388,16 @@ TSV_HEAD_BYTES = 4096  # format: what is included stands above events and names
 
 
 def is_other_tsv(path: Path) -> bool:
-    """Whether a file is a `.tsv` without 3D data, as QTM writes of forces, analog channels and bodies beside those."""
+    """Whether a `.tsv` says that it is of something else, as QTM's of forces, analog channels and bodies beside it."""
+    if path.suffix.lower() != ".tsv":
+        return False
     try:
         with open_binary(path) as file:
-            return path.suffix.lower() == ".tsv" and b"DATA_INCLUDED\t3D" not in file.read(TSV_HEAD_BYTES)
+            head = _lines(decode(file.read(TSV_HEAD_BYTES), path, TSV))
     except InputError:
         return False  # which whoever reads it is told
+    said = [words.strip() for key, _, words in (line.partition("\t") for line in head) if key == "DATA_INCLUDED"]
+    return any(words != "3D" for words in said)
 
 
 def read_tsv(path: Path) -> PointFile:
@@ -395,7 +405,8 @@ def read_tsv(path: Path) -> PointFile:
 
     Raises InputError with the line where the file is not as QTM writes it.
     """
-    lines = decode(read_bytes(path), path, TSV).splitlines()
+    text = decode(read_bytes(path), path, TSV)
+    lines = _lines(text)
     start = 1 + next((at for at, line in enumerate(lines) if line.startswith("MARKER_NAMES")), len(lines))
     start += start < len(lines) and lines[start].startswith("TRAJECTORY_TYPES")
     pairs = [(at, *line.partition("\t")[::2]) for at, line in enumerate(lines[:start], 1)]
@@ -415,21 +426,31 @@ def read_tsv(path: Path) -> PointFile:
     titled = re.search(r"z\d*\s*$", opening, re.IGNORECASE) is not None
     titles = opening.rstrip().split("\t") if titled else []
     columns = len(titles) or opening.count("\t") + 1
-    if columns < 3 * count:
-        words = f"has columns of {columns // 3} of {count} markers"
-        raise InputError(f"{words}; expected three for each (is the file cut off?)", path, start + 1)
-    # Without titles a row may end with one more tab.
-    width = columns if titled else 3 * count + 2 * (columns >= 3 * count + 2)
-    numbered = titles[0].strip().lower() == "frame" if titled else width > 3 * count
-    rows = _tsv_rows(lines, start + titled, (width - 3 * count, width), numbered, path)
+    if titled:  # what is ahead has titles of its own
+        ahead = next((at for at, title in enumerate(titles) if re.search(r"x\d*\s*$", title, re.IGNORECASE)), columns)
+    else:  # a row may end with one more tab
+        ahead = 2 * (columns >= 3 * count + 2)
+        columns = min(columns, 3 * count + ahead)
+    if columns - ahead != 3 * count:
+        words = f"has {columns - ahead} columns of coordinates"
+        raise InputError(f"{words}; expected three for each of its {count} markers", path, start + 1)
+    numbered = titles[0].strip().lower() == "frame" if titled else ahead > 0
+    rows = _tsv_rows(lines, start + titled, (ahead, columns), numbered, path)
     labels += [""] * (count - len(labels))
     take = text_file(rows, labels, range(1, 1 + 3 * count, 3), path, rate, "mm")
     promised = head.get("NO_OF_FRAMES", (1, ""))[1]
-    if count_in(promised) > take.frames:
-        words = f"has {take.frames} of {promised} frames"
+    there = sum(map(_is_tsv_row, lines[start + titled :]))
+    if count_in(promised) > there:
+        words = f"has {there} of {promised} frames"
         raise InputError(f"{words}; expected all of them (is the file cut off?)", path)
+    if not text.endswith(("\n", "\r")):  # its last number may be cut
+        raise InputError("ends without a line end; expected a whole last row (is the file cut off?)", path, len(lines))
     stamp = " ".join(head.get("TIME_STAMP", (1, ""))[1].split())
     return replace(take, usual="+Z", trial=TextHead({}, {"TIME_STAMP": stamp} if stamp else {}, group="QTM"))
+
+
+def _is_tsv_row(line: str) -> bool:
+    return bool(line.strip(" "))  # of a frame without points there may be tabs alone
 
 
 def _tsv_rows(
@@ -441,7 +462,7 @@ def _tsv_rows(
     """
     frame, width = 0, columns[1]
     for number, line in enumerate(lines[start:], start + 1):
-        if not line.strip(" "):
+        if not _is_tsv_row(line):
             continue
         fields = line.split("\t")
         if len(fields) != width and (len(fields) != width + 1 or fields[-1].strip()):

@@ -275,7 +275,7 @@ class HasEdits(OfTake):
 
     needs = (
         *OfTake.needs,
-        unless(lambda context: len(context.window_manager.mocap_autolabel.corrections), "Nothing was corrected"),
+        unless(lambda context: taken(context).edits, "Nothing was corrected"),
     )
 
 

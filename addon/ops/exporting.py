@@ -223,7 +223,8 @@ class ExportsPoints(ExportsPerformers):
         place = self.place(context)
         if np.array_equal(place, np.eye(4)):
             return stored
-        self._more_is_left = stored.source.lower().endswith((".c3d", ".trc"))
+        kept = isinstance(stored.rows, PointRows) and Path(stored.source).suffix.lower()
+        self._more_is_left = kept in (".c3d", ".trc", ".tsv", ".csv")
         return replace(moved(stored, place), source="")
 
     def _show(self, context, found):

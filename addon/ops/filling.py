@@ -20,7 +20,7 @@ from ..io.filled import left_rows
 from ..io.text import written
 from ..props import chosen_markerset, list_rows, refresh_review, row_of
 from ..scene.clock import refresh_frame
-from ..scene.fills import keep_cutoff, keep_fills, kept_cutoff, kept_fills
+from ..scene.fills import fills_text, keep_cutoff, keep_fills, kept_cutoff, kept_fills
 from ..scene.opened import opened
 from ..scene.performers import Performer
 from ..scene.redrawing import redraw
@@ -210,7 +210,7 @@ class MOCAP_AUTOLABEL_OT_take_back_fills(OfTake, bpy.types.Operator):
 
     needs = (
         *OfTake.needs,
-        unless(lambda context: len(context.window_manager.mocap_autolabel.fills), "Nothing was filled"),
+        unless(lambda context: fills_text(context.scene.mocap_autolabel.take), "Nothing was filled"),
     )
     extent: extent_property("Which fills to take back")
     index: once(IntProperty, "Index", "Which of the list alone, from 0; -1 for the extent", default=-1)

@@ -175,15 +175,18 @@ class MOCAP_AUTOLABEL_OT_import_take(ReadsPoints, ImportsFile, bpy.types.Operato
         takes = of.get(IS_TAKE, ())
         if len(takes) > 1 and not whole:
             raise InputError(f"{len(takes)} takes are chosen; expected one, or their folder", takes[1])
-        said = _take_beside(context, of, whole)
+        said, calibrated = _take_beside(context, of, whole)
+        points = False
         if not (said or takes or IS_PICTURES in of):
             raise InputError(f"holds no take; {KNOWN}", chosen[0])
         if len(takes) > 1:
             said.append(_take_folder(context, chosen[0], len(takes)))
+            points = calibrated and not any(is_qtm(path) or not holds_points(path) for path in takes)
         elif takes:
             said.append(self.take_in(context, takes[0]))
-            if IS_CALIBRATION in of and context.scene.mocap_autolabel.source.points_path:
-                said.append("the calibration is not looked at for 3D points")
+            points = bool(context.scene.mocap_autolabel.source.points_path)
+        if calibrated and points:
+            said.append("the calibration is not looked at for 3D points")
         self.report({"INFO"}, "; ".join(said))
         open_sidebar(context)
         if len(takes) == 1:
@@ -238,8 +241,8 @@ def _inside(folder: Path) -> list[Path]:
     return [*found, *(path for path in inside if path.suffix.lower() in endings)]
 
 
-def _take_beside(context: bpy.types.Context, of: dict[str, list[Path]], whole: bool) -> list[str]:
-    """Takes in the marker set and the calibration that were chosen; gives what is in them.
+def _take_beside(context: bpy.types.Context, of: dict[str, list[Path]], whole: bool) -> tuple[list[str], bool]:
+    """Takes in the marker set and the calibration that were chosen; gives what is in them, and whether that was read.
 
     Of a `whole` folder that is the first that is a calibration.
     """
@@ -255,7 +258,7 @@ def _take_beside(context: bpy.types.Context, of: dict[str, list[Path]], whole: b
             read.update(calibration_files(path))
             if whole:
                 break
-    return said
+    return said, bool(read)
 
 
 def _take_folder(context: bpy.types.Context, folder: Path, count: int) -> str:

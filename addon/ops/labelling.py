@@ -18,7 +18,7 @@ from ..core.points.possible import HOW_TO_MIRROR
 from ..core.points.refusals import HOW_TO_ASK
 from ..core.points.several.wearers import AUTO
 from ..core.review.changes import Change, summary_of_changes
-from ..io.markersets import AUTO_MODEL
+from ..io.markersets import AUTO_MODEL, open_markerset
 from ..io.qtm.capture import USE_BLOBS, USE_POINTS
 from ..io.text import written
 from ..jobs import LabelJob, Labelled, label_to_show, worn_to_show
@@ -28,7 +28,7 @@ from ..props import (
     SceneSettings,
     anybody,
     choose_model,
-    chosen_markerset,
+    chosen_model,
     colours_asked,
     forget_told,
     found_here,
@@ -60,14 +60,14 @@ CHOOSE_HERE, FIND_HERE = "under Marker Set, as", "under Marker Set, or one that 
 TURN_HERE = "by Up, under Take, as"
 
 
-def job_of(context: bpy.types.Context, asked: dict | None = None) -> LabelJob:
+def job_of(context: bpy.types.Context, asked: dict | None = None, worn: str = "") -> LabelJob:
     """What the scene's settings ask for, of blobs or of points; InputError when something is missing.
 
-    Who is `asked` for may be otherwise than by the settings, as by `subjects_asked`.
+    Who is `asked` for may be otherwise than by the settings, as by `subjects_asked`, and the marker set that is `worn`.
     """
     settings = context.scene.mocap_autolabel
     given, labelling, own = settings.source, settings.labelling, settings.labelling.body if asked is None else None
-    asked = asked or subjects_asked(settings.subjects)
+    asked = asked or subjects_asked(settings.subjects, worn)
     if asked["model"] == AUTO_MODEL and (found := found_here(settings.subjects)):
         asked |= {"model": found, "own": None}
     points = bool(given.points_path)
@@ -77,7 +77,8 @@ def job_of(context: bpy.types.Context, asked: dict | None = None) -> LabelJob:
     # The meshes on the skeleton that the user named, else those of the marker sets' capsules, as of several.
     body = None
     if own is not None and not points and labelling.occlusion == "bvh" and settings.subjects.performing == "ONE":
-        body = occlusion_of(context, own, meshes_on(own, context.scene), chosen_markerset(settings.subjects))
+        markerset = open_markerset(worn or chosen_model(settings.subjects))
+        body = occlusion_of(context, own, meshes_on(own, context.scene), markerset)
     return LabelJob(
         source=source,
         cameras=None if points else scene_cameras.cameras_of(given.cameras, context.scene),
@@ -218,20 +219,24 @@ class MOCAP_AUTOLABEL_OT_label(LabelsTake, bpy.types.Operator):
         """The labelling; what the take is refused for stays beside the button where something can be done about it."""
         settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
         subjects, before = settings.subjects, settings.subjects.performing
-        if self.markerset:
-            choose_model(subjects, self.markerset)
         subjects.performing = "AUTO" if self.everybody else before
         settings.source.forced |= self.force
         if self.everybody and subjects.markerset == AUTO_MODEL and state.about == opened_file(settings.source):
             subjects.found = found_here(subjects) or state.crowded  # that it was found may have been undone
         state.refused = state.unsure = ""
         try:
-            self._job, self._name = job_of(context), take_name(settings.source)
+            self._job, self._name = job_of(context, worn=self.markerset), take_name(settings.source)
             self._clock = clock_of(settings.source)
         except InputError:
             subjects.performing = before  # so the button for all of them stays
             raise
         return partial(label_to_show, self._job)
+
+    def _show(self, context, found) -> set[str]:
+        done = LabelsTake._show(self, context, found)
+        if self.markerset:
+            choose_model(context.scene.mocap_autolabel.subjects, self.markerset)
+        return done
 
     def _said(self, context, error: UserError) -> UserError:
         """The sidebar knows why a take is refused."""

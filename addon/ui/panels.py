@@ -116,7 +116,7 @@ def _draw_card(layout: bpy.types.UILayout, context, path: str):
         return
     row = layout.row(align=True)
     row.scale_y = 1.6
-    row.enabled = not asks_which(state, settings)
+    row.enabled = crowded_here(state, settings) or not asks_which(state, settings)
     if crowded_here(state, settings):
         row.operator("mocap_autolabel.label", text="Label All Performers", icon="COMMUNITY").everybody = True
     else:

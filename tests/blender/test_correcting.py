@@ -270,14 +270,20 @@ def test_what_was_listed_or_picked_in_another_scene_is_not_changed_in_this_one(l
     bpy.ops.mocap_autolabel.swap_markers()
     bpy.ops.scene.new(type="NEW")
     label_walk(files.folder)
+    state = bpy.context.window_manager.mocap_autolabel
+    refused("Nothing was corrected", "remove_correction")
+    bpy.context.window.scene = bpy.data.scenes["Scene"]
+    assert bpy.ops.mocap_autolabel.remove_correction.poll() and not len(state.corrections)
+    bpy.context.window.scene = bpy.data.scenes["Scene.001"]
     choose("LANK", "RANK")
     bpy.ops.mocap_autolabel.swap_markers()
+    state.left_gaps.add()
     bpy.context.scene.frame_set(120)
     bpy.ops.mocap_autolabel.pick(point=GHOST)
     bpy.context.window.scene = bpy.data.scenes["Scene"]
     choose()
     refused("nothing is selected", "name_point", marker="LKNE")
     refused("another scene's; expected a line of this one's", "remove_correction", index=0)
-    assert len(stored_take().edits) == 1
+    assert len(stored_take().edits) == 1 and not len(state.left_gaps)
     assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
     assert not len(stored_take().edits)

@@ -96,6 +96,11 @@ def test_where_two_sets_fit_both_are_offered_an_own_one_first_and_none_is_taken(
     assert ours("ui.panels").asks_which(state, settings), "Label waits for the answer"
     assert "'Label as body39'" in drawn_in_take(monkeypatch)
     refused("as well as", "label")
+    settings.labelling.use_range, settings.labelling.range_first, settings.labelling.range_last = True, 9, 2
+    refused("are none", "label", markerset="body39")
+    settings.labelling.use_range = False
+    refused("no such file", "label", markerset=str(tmp_path / f"gone{SUFFIX}"))
+    assert ours("ui.panels").asks_which(state, settings), "nothing was labelled, so nothing is chosen"
     assert bpy.ops.mocap_autolabel.label(markerset="body39") == {"FINISHED"}, "the answer is the third click"
     assert settings.subjects.markerset == "body39"
     assert settings.take is not None
@@ -211,6 +216,8 @@ def test_a_folder_of_several_takes_is_label_folders(settings, room, tmp_path):
 
 def test_a_calibration_beside_points_is_not_looked_at_and_that_is_said(settings, room, tmp_path, capfd):
     write_c3d(tmp_path / "one.c3d", standing(drawn("gait15")))
+    (tmp_path / "notes.txt").write_text("no calibration")
+    opened(tmp_path)
     shutil.copy(room.cameras, tmp_path / "room.toml")
     opened(tmp_path, "room.toml")
     opened(tmp_path, "one.c3d")
@@ -218,6 +225,12 @@ def test_a_calibration_beside_points_is_not_looked_at_and_that_is_said(settings,
     assert words not in capfd.readouterr().out
     opened(tmp_path, "one.c3d", "room.toml")
     assert words in capfd.readouterr().out
+    shutil.copy(tmp_path / "one.c3d", tmp_path / "two.c3d")
+    opened(tmp_path)
+    assert words in capfd.readouterr().out
+    shutil.copy(room.blobs, tmp_path / "walk.csv")
+    opened(tmp_path)
+    assert words not in capfd.readouterr().out
 
 
 def test_what_is_none_of_these_is_one_sentence(settings, room, tmp_path):

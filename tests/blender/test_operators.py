@@ -321,6 +321,7 @@ def test_escape_leaves_nothing_behind(ready, labelling, in_fives, window):
 
 def test_escape_ends_only_what_it_is_meant_for(ready, labelling, in_fives, window):
     operator, context = window.operator, window.context
+    operator.markerset, before = "body39", ready.scene.mocap_autolabel.subjects.markerset
     operator._begin(context)
     for other in (escape(value="RELEASE"), escape(x=1000), escape(is_repeat=True)):
         assert operator.modal(context, other) == {"PASS_THROUGH"}, other
@@ -328,6 +329,7 @@ def test_escape_ends_only_what_it_is_meant_for(ready, labelling, in_fives, windo
     assert operator.modal(context, escape()) == {"PASS_THROUGH"}
     context.window.screen = screen()
     assert operator.modal(context, escape()) == {"CANCELLED"}
+    assert ready.scene.mocap_autolabel.subjects.markerset == before != "body39"
     assert not list(labelling.folder.iterdir())
 
 

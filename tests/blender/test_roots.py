@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The root of a take: what is shown follows it, what is kept does not, exports do by choice."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import bpy
@@ -102,6 +103,9 @@ def test_exports_stand_where_the_root_has_the_take_by_choice(moved, tmp_path, ca
         if name == "c3d":
             was = np.array(stored_take().motion.residual)
             np.testing.assert_allclose(points.residual[:, : markers.shape[1]][seen], 2 * was[seen], atol=1e-4)
+    export = SimpleNamespace(place=lambda _: np.array(PLACE), _more_is_left=False)
+    ours("ops.exporting").ExportsPoints.given(export, bpy.context, replace(stored_take(), source="/walk.TSV"))
+    assert export._more_is_left, "its head"
 
 
 def mirror(root):

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from addon.core.data.errors import InputError
 from addon.io.arrivals import Arrivals
 from addon.io.batch import TABLE_COLUMNS, TAKE_STATES, TakeRow, is_table, read_table, row_of, worst_first, write_table
+from tests.io.samples import tsv
 
 
 def put(path, text="frame,camera,x,y\n"):
@@ -83,6 +84,14 @@ def test_what_is_no_take_is_left_alone(watched, tmp_path):
     assert watched.look(3) == [tmp_path / "walk.csv"]
     assert watched.passed == []
     assert not watched.is_arriving(3)
+
+
+def test_a_tsv_is_left_alone_only_where_it_says_that_it_is_no_take(watched, tmp_path):
+    (tmp_path / "wide.tsv").write_text(tsv(), encoding="utf-16")
+    put(tmp_path / "cut.tsv", "NO_OF_FRAMES\t5\nNO_OF_")
+    (tmp_path / "wide_6d.tsv").write_text(tsv().replace("\t3D", "\t6D"), encoding="utf-16")
+    watched.look(0)
+    assert watched.look(3) == [tmp_path / "cut.tsv", tmp_path / "wide.tsv"]
 
 
 def test_of_files_of_one_name_what_was_recorded_is_the_take(watched, tmp_path):

@@ -354,11 +354,19 @@ def test_qualisys_tsv_export(tmp_path, numbered, titled):
     [
         ("DATA_INCLUDED\t3D", "DATA_INCLUDED\t6D", "holds 6D data; expected .* of 3D data", 8),
         ("DATA_INCLUDED", "DATA", "no DATA_INCLUDED", 1),
-        ("\t120", "\tEXT", "a FREQUENCY of 'EXT'", 4),
+        ("\t120", "\tEXT", "a FREQUENCY of 'EXT'; expected frames a second, written there", 4),
         ("MARKER_NAMES", "NAMES", "no MARKER_NAMES; expected those of its 3 markers", 1),
         ("RASI\r", "RASI\tMORE\r", "4 MARKER_NAMES; expected those of its 3 markers", 10),
-        ("NO_OF_MARKERS\t3", "NO_OF_MARKERS\t4", "has columns of 3 of 4 markers; expected three for each", 12),
-        ("NO_OF_MARKERS\t3", f"NO_OF_MARKERS\t{10**80}", "has columns of 3 of 1000", 12),
+        (
+            "NO_OF_MARKERS\t3",
+            "NO_OF_MARKERS\t4",
+            "has 9 columns of coordinates; expected three for each of its 4 markers",
+            12,
+        ),
+        ("NO_OF_MARKERS\t3", f"NO_OF_MARKERS\t{10**80}", "expected three for each of its 1000", 12),
+        ("3\r\nFREQUENCY", "2\r\nFREQUENCY", "3 MARKER_NAMES", 10),
+        ("LASI X", "GONE X\tGONE Y\tGONE Z\tLASI X", "has 12 columns of coordinates", 12),
+        ("\n8\t0.00833\t101\t201\t1001\t11\t22\t33\t0.000\t0.000\t0.000\r", "", "has 4 of 5 frames", 0),
         ("FRAMES\t5", "FRAMES\t6", "has 5 of 6 frames; expected all of them", 0),
         ("\n8\t0.00833\t101", "\n8\t0.00833\thello", "'hello' as a coordinate", 14),
         ("\n8\t", "\n7\t", "from frame 7 to 7", 14),
@@ -372,6 +380,20 @@ def test_what_is_wrong_with_a_tsv_export_is_told(tmp_path, old, new, words, line
     with pytest.raises(InputError, match=words) as caught:
         read_points(path)
     assert caught.value.line == line
+    path.write_bytes(tsv()[:-3].encode())
+    with pytest.raises(InputError, match="ends without a line end"):
+        read_points(path)
+
+
+@pytest.mark.parametrize("ending", ["\r\n", "\r", "\n"])
+def test_a_tsv_export_of_old_windows_with_a_time_code_and_left_out_frames(tmp_path, ending):
+    text = tsv().replace("LASI", "LA\x85SI").replace("Time\t", "Time\tSMPTE\t").replace("\n11\t", "\n15\t")
+    for frame in range(5):
+        text = text.replace(f"\t{frame / 120:.5f}", f"\t{frame / 120:.5f}\t10:19:43:{frame:02d}")
+    (tmp_path / "take.tsv").write_bytes(text.replace("\r\n", ending).encode("latin-1"))
+    take = read_points(tmp_path / "take.tsv")
+    assert take.names == ("LA\x85SI", "", "RASI")
+    np.testing.assert_allclose(take.picked([0]).xyz[8], [[0.104, 0.204, 1.004]])
 
 
 @pytest.mark.parametrize(

@@ -157,8 +157,8 @@ def as_job(arguments, path: Path) -> LabelJob:
     """The job of labelling one of the inputs."""
     facing = None if arguments.facing is None else math.radians(arguments.facing)
     known = {"source": path, "wearers": tuple(arguments.subject), "facing": facing}
-    if not holds_points(path, arguments.use):
-        known |= told_by_capture(path, arguments.cameras, arguments.rate)
+    points = holds_points(path, arguments.use)
+    known |= {"cameras": None} if points else told_by_capture(path, arguments.cameras, arguments.rate)
     return job_of(LabelJob, arguments, **known)
 
 
