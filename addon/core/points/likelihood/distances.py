@@ -123,14 +123,14 @@ def learn_constraints(
         [lengths_of(points, CONSTRAINING.min_frames) for points in (*subjects, *images)]
     ).transpose(1, 0, 2)
     count = np.isfinite(lengths).sum(axis=0)
-    within = np.sqrt(_mean_seen(spreads))
+    within = np.sqrt(mean_seen(spreads))
     stiff = (count > 0) & (within < CONSTRAINING.max_sd_radii * radius)
     pair, lengths, within, count = pair[stiff], lengths[:, stiff], within[stiff], count[stiff]
-    ratio = np.log(lengths / _mean_seen(lengths))
+    ratio = np.log(lengths / mean_seen(lengths))
     size = np.array([np.median(row[np.isfinite(row)]) if np.isfinite(row).any() else 0.0 for row in ratio])
     sized = lengths / np.exp(size)[:, None]
-    length = _mean_seen(sized)
-    between = _mean_seen((sized - length) ** 2) * count / np.maximum(count - 1, 1)
+    length = mean_seen(sized)
+    between = mean_seen((sized - length) ** 2) * count / np.maximum(count - 1, 1)
     # Mirror images show no other subject.
     others = np.maximum(count * len(subjects) / (len(subjects) + len(images)) - 1, 0)
     prior = SUBJECT_PRIOR
@@ -150,7 +150,7 @@ def surest(pair: np.ndarray, sd: np.ndarray, count: int) -> np.ndarray:
     return np.flatnonzero(kept)
 
 
-def _mean_seen(values: np.ndarray) -> np.ndarray:
+def mean_seen(values: np.ndarray) -> np.ndarray:
     """Mean over subjects (S, E), of those who have it; 0 where none has."""
     seen = np.isfinite(values)
     return np.where(seen, values, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)

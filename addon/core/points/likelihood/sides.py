@@ -13,7 +13,7 @@ from itertools import combinations
 import numpy as np
 
 from ...data.takes import evenly_spread
-from .distances import CONSTRAINING, lengths_of
+from .distances import CONSTRAINING, lengths_of, mean_seen
 from .shape import SHAPE_FRAMES, SUBJECT_PRIOR
 
 
@@ -66,7 +66,7 @@ NO_SIDES = Sides(np.zeros((0, 4), int), np.zeros(0), np.zeros(0))
 
 
 def heights(points: np.ndarray) -> np.ndarray:
-    """(...) m, how high the first of four points (..., 4, 3) m is over the plane of the others; NaN where one is."""
+    """(...) m, how high the first of four points (..., 4, 3) m is over the others' plane; NaN where one is missing."""
     along, across, up = np.moveaxis(points[..., (2, 3, 0), :] - points[..., 1:2, :], -2, 0)
     normal = np.cross(along, across)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -97,11 +97,9 @@ def learn_sides(subjects: Sequence[np.ndarray], radius: float) -> Sides:
 def _steadiness(subjects: Sequence[np.ndarray]) -> np.ndarray:
     """(M, M) m, standard deviation of each distance in frames of one subject, infinity where that is not known."""
     count = subjects[0].shape[1]
-    lengths, spreads = np.stack([lengths_of(points, CONSTRAINING.min_frames) for points in subjects], axis=1)
-    seen = np.isfinite(lengths)
-    within = np.where(seen, spreads, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+    spreads = np.stack([lengths_of(points, CONSTRAINING.min_frames)[1] for points in subjects])
     every = np.full((count, count), np.inf)
-    every[np.triu_indices(count, 1)] = np.where(seen.any(axis=0), np.sqrt(within), np.inf)
+    every[np.triu_indices(count, 1)] = np.where(np.isfinite(spreads).any(axis=0), np.sqrt(mean_seen(spreads)), np.inf)
     return np.minimum(every, every.T)
 
 
