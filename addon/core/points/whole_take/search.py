@@ -259,7 +259,7 @@ class Search:
 
     def _shifted(self) -> Iterator[np.ndarray]:
         """Namings (N,) in which one that is seldom there is what one near to it was, whose name is given again."""
-        seldom = self.seldom()[: self.objective.markers]
+        seldom = (self.seldom() & (self.best.slots.coverage > 0))[: self.objective.markers]
         for name in np.flatnonzero(seldom).tolist():
             for other in self.near[name, 1 : SEARCH.sizes[0]].tolist():
                 if not self.seldom()[other]:
