@@ -287,11 +287,12 @@ def escape(x: int = 400, value: str = "PRESS", is_repeat: bool = False) -> Simpl
 
 
 @pytest.fixture
-def window(ready):
+def window(ready, monkeypatch):
     """A context with a window manager that counts, and the operator in it."""
     manager = MagicMock(mocap_autolabel=ready.window_manager.mocap_autolabel, windows=[])
     manager.invoke_confirm.return_value = {"RUNNING_MODAL"}
     status = []
+    monkeypatch.setattr(bpy.types.WorkSpace, "status_text_set", lambda _, words: status.append(words))
     workspace = SimpleNamespace(status_text_set=status.append)
     window = SimpleNamespace(screen=screen(), scene="another")
     manager.windows.append(window)
@@ -317,6 +318,25 @@ def test_escape_leaves_nothing_behind(ready, labelling, in_fives, window):
     assert ready.scene.mocap_autolabel.take is None
     assert not list(labelling.folder.iterdir())
     assert len(labelling.given) <= 2, "it stopped before its end"
+
+
+def test_the_status_bar_of_a_workspace_that_was_left_meanwhile_says_no_more_of_it(labelling, window, monkeypatch):
+    said = {}
+    monkeypatch.setattr(
+        bpy.types.WorkSpace, "status_text_set", lambda _, words: said.update({bpy.context.workspace.name: words})
+    )
+    window.operator._begin(window.context)
+    window.operator._end(window.context)
+    assert said == dict.fromkeys(bpy.data.workspaces.keys())
+
+
+def test_disabled_while_it_works_the_extension_leaves_nothing_of_it(extension, labelling, in_fives, window):
+    operator, state = window.operator, window.manager.mocap_autolabel
+    assert operator._begin(window.context) == {"RUNNING_MODAL"}
+    operator._timer = bpy.context.window_manager.event_timer_add(0.1)
+    labelling.long_work.leave_work()  # as it is done for the extension
+    assert (state.doing, operator._timer, window.status[-1]) == ("", None, None)
+    labelling.long_work.leave_work()
 
 
 def test_escape_ends_only_what_it_is_meant_for(ready, labelling, in_fives, window):
