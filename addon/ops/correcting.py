@@ -38,7 +38,7 @@ from ..scene.redrawing import redraw
 from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
 from ..scene.timing import picked_range
-from .base import OfTake, WithTake, once, taken, unless
+from .base import OfTake, WithTake, once, reports_trouble, taken, unless
 from .listing import refuse_other_lists
 from .picking import picked_points, selected_markers, show_picked
 from .reposing import follow_soon
@@ -297,7 +297,9 @@ class MOCAP_AUTOLABEL_OT_clear_corrections(HasEdits, bpy.types.Operator):
 
     bl_label = "Clear All Corrections"
 
+    @reports_trouble
     def invoke(self, context, event):
+        refuse_other_lists(context)
         return context.window_manager.invoke_confirm(self, event)
 
     def work(self, context):

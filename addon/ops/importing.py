@@ -277,6 +277,7 @@ def look_who_is_there(context: bpy.types.Context):
         return
     if context.window_manager.mocap_autolabel.doing:
         _waiting[:] = [context.scene.session_uid]
+        context.window_manager.mocap_autolabel.unfolded = True  # beside the take that is labelled meanwhile
         if not bpy.app.timers.is_registered(look_when_free):
             bpy.app.timers.register(look_when_free, first_interval=LOOK_AGAIN)
     elif find.poll():

@@ -44,9 +44,9 @@ SAVE_THEM = "Save Corrections keeps them for the whole take, when it is labelled
 
 
 def _open_header(layout: bpy.types.UILayout, context):
-    rows = context.window_manager.mocap_autolabel.troubles
+    rows, take = context.window_manager.mocap_autolabel.troubles, context.scene.mocap_autolabel.take
     left = sum(not row.answered for row in rows)
-    if is_take(context.scene.mocap_autolabel.take):
+    if is_take(take) and (left or known_trouble(take, context.scene) is not None):
         layout.label(text=f"{left} open" if left else "nothing open", icon="NONE" if left else "CHECKMARK")
 
 
@@ -73,7 +73,7 @@ def review(layout, context):
         refit.operator("mocap_autolabel.label", text="Refit", icon="FILE_REFRESH")
         cutoff = kept_cutoff(settings.take)
         row = column.row(align=True)
-        row.prop(settings.filling, "cutoff", text="Smooth above (Hz)")
+        row.prop(settings.filling, "cutoff", text="Smooth above (Hz)" if cutoff is None else "Above (Hz)")
         if cutoff is not None:
             row.operator("mocap_autolabel.take_back_smoothing", text=f"Smoothed at {cutoff:g}", icon="X")
         if words := words_behind(context):  # at the end, as it comes and goes: nothing moves from below the pointer
@@ -93,16 +93,17 @@ def _list_anew(context, state):
 
 def _draw_troubles(layout: bpy.types.UILayout, context, state):
     """What to look at before trusting the take."""
+    found, index = known_trouble(context.scene.mocap_autolabel.take, context.scene), state.trouble_index
     if not len(state.troubles):
-        layout.label(text="Nothing to look at", icon="CHECKMARK")
+        done = found is not None
+        layout.label(text="Nothing to look at" if done else "Being looked for", icon="CHECKMARK" if done else "TIME")
         return
     row = layout.row()
     draw_list(row, state, "troubles", rows=5)
     column = row.column(align=True)
     column.operator("mocap_autolabel.next_trouble", text="", icon="TRIA_UP").back = True
     column.operator("mocap_autolabel.next_trouble", text="", icon="TRIA_DOWN").back = False
-    found, index = known_trouble(context.scene.mocap_autolabel.take, context.scene) or (), state.trouble_index
-    if index < len(found) == len(state.troubles) and is_listed(state, state.troubles[index]):
+    if index < len(found or ()) == len(state.troubles) and is_listed(state, state.troubles[index]):
         _draw_one(layout, context, found[index], index)
 
 
@@ -319,7 +320,7 @@ def _draw_fills(layout: bpy.types.UILayout, context: bpy.types.Context, state: b
         else:
             layout.label(text=f"By {fill.method}")
             if fill.rests_on != "both ends":
-                layout.label(text=f"Rests on {fill.rests_on} alone, and what moves with it", icon="INFO")
+                draw_text(context, layout, f"Rests on {fill.rests_on} alone, and what moves with it", icon="INFO")
     unfit = sum(bool(fill.reason) for fill in state.fills)
     if unfit:
         layout.label(text=f"{unfit} no longer fit the labels", icon="ERROR")

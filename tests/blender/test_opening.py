@@ -175,8 +175,10 @@ def test_a_take_that_was_opened_while_something_went_on_is_looked_at_after_it(se
     bpy_there, find = MagicMock(wraps=bpy), MagicMock()
     bpy_there.context, bpy_there.app.background, bpy_there.ops.mocap_autolabel.find_markerset = bpy.context, False, find
     monkeypatch.setattr(importing, "bpy", bpy_there)
-    state.doing = "Labelling: 3%"
+    state.doing, state.unfolded = "Labelling: 3%", False
     importing.look_who_is_there(bpy.context)
+    assert state.unfolded, "it is seen beside the take that is labelled meanwhile"
+    state.unfolded = False
     bpy_there.app.timers.is_registered.assert_called_with(importing.look_when_free)
     assert importing.look_when_free() == importing.LOOK_AGAIN
     state.doing = ""

@@ -5,6 +5,7 @@ import json
 from contextlib import suppress
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import bpy
 import numpy as np
@@ -278,6 +279,15 @@ def test_the_way_through_the_list_goes_along_with_the_rows_that_are_left(state):
     review.trouble_left = 5
     list_rows(review, "troubles", "reason", rows[:4] + rows[5:])
     assert (review.trouble_index, review.trouble_followed, review.trouble_left) == (6, 6, 4)
+
+
+def test_nothing_is_said_to_be_open_before_it_was_looked_for(state):
+    panel, opened, layout = ours("ui.review"), ours("scene.opened").opened, MagicMock()
+    state.review.troubles.clear()
+    opened.looked_at.pop("trouble")
+    panel._open_header(layout, bpy.context)
+    panel._draw_troubles(layout, bpy.context, state.review)
+    assert [call.kwargs["text"] for call in layout.label.mock_calls] == ["Being looked for"]
 
 
 def test_what_was_listed_of_another_scene_is_not_answered_in_this_one(state, monkeypatch):
