@@ -214,6 +214,16 @@ def test_anonymous_points_become_named_markers(imported, files, naming_known):
     assert (gap.gaps, gap.longest_gap) == (2, 5)
 
 
+def test_events_of_a_qualisys_export_are_timeline_markers(imported, files, naming_known, tmp_path):
+    xyz, count = np.nan_to_num(1000 * files.take.xyz), files.take.xyz.shape[1]
+    head = f"NO_OF_MARKERS\t{count}\nFREQUENCY\t60\nDATA_INCLUDED\t3D\nEVENT\tFoot Off\t9\t0.13\nMARKER_NAMES\t\n"
+    rows = ["\t".join(map(str, row)) for row in xyz.reshape(len(xyz), -1)]
+    (tmp_path / "walk.tsv").write_text(head + "\n".join(rows) + "\n")
+    assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "walk.tsv"), up="z") == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert [(one.name, one.frame) for one in imported.scene.timeline_markers] == [("Foot Off", 9)]
+
+
 def test_what_stays_unnamed_is_one_object(imported, naming_known):
     bpy.ops.mocap_autolabel.label()
     imported.scene.frame_set(115)

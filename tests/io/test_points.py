@@ -347,6 +347,9 @@ def test_qualisys_tsv_export(tmp_path, numbered, titled):
     write_c3d(tmp_path / "named.c3d", take, take.trial)
     head = ezc3d.c3d(str(tmp_path / "named.c3d"))["parameters"]["QTM"]
     assert head["TIME_STAMP"]["value"] == ["2026-01-19, 10:19:43.755 20.5"]
+    assert take.trial.events == (("step", 3.0),)
+    path.write_text(path.read_text().replace("\t3D", "\t3d").replace("step\t3", "step\tthree"))
+    assert read_points(path).trial.events == ()
 
 
 @pytest.mark.parametrize(
