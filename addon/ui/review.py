@@ -55,7 +55,7 @@ def review(layout, context):
     """One list of the take, a box with what is the matter with the chosen row, and what mends all of it."""
     settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
     if is_take(settings.take):
-        _list_anew(context, state)
+        _list_anew(layout, context, state)
         row = layout.row(align=True)
         row.prop(state, "listed", text="")
         if state.listed == "TROUBLES" and len(state.troubles):
@@ -81,13 +81,16 @@ def review(layout, context):
     _draw_played(layout, context)
 
 
-def _list_anew(context, state):
+def _list_anew(layout: bpy.types.UILayout, context, state):
     """Has the lists filled that are another scene's: Blender does not tell of a scene that is new, or deleted.
 
-    Two windows that show different scenes would do so in turns without end.
+    Two windows that show different scenes would do so in turns without end: one of them says whose lists it shows.
     """
-    alone = all(window.scene == context.scene for window in context.window_manager.windows)
-    if alone and state.of_scene != context.scene.session_uid and not bpy.app.timers.is_registered(review_now):
+    if state.of_scene == context.scene.session_uid:
+        return
+    if any(window.scene != context.scene for window in context.window_manager.windows):
+        draw_text(context, layout, "These lists are of the scene in another window", icon="INFO")
+    elif not bpy.app.timers.is_registered(review_now):
         bpy.app.timers.register(review_now)
 
 

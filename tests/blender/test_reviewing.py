@@ -295,13 +295,20 @@ def test_what_was_listed_of_another_scene_is_not_answered_in_this_one(state, mon
     refused("another scene's; expected a line of this one's", "accept_trouble", index=0)
     assert bpy.ops.mocap_autolabel.accept_trouble(index=0) == {"FINISHED"}
     bpy.context.window.scene = bpy.data.scenes["Scene"]
-    panel, timers = ours("ui.review"), []
+    panel, timers, said = ours("ui.review"), [], []
     monkeypatch.setattr(panel.bpy.app.timers, "register", timers.append)
-    panel._list_anew(bpy.context, state.review)
+    monkeypatch.setattr(panel, "draw_text", lambda _context, _layout, words, **_: said.append(words))
+    other, manager = SimpleNamespace(scene=bpy.data.scenes["Scene.001"]), SimpleNamespace(windows=[bpy.context.window])
+    context = SimpleNamespace(scene=bpy.context.scene, window_manager=manager)
+    manager.windows.append(other)
+    panel._list_anew(None, context, state.review)
+    assert (timers, said) == ([], ["These lists are of the scene in another window"])
+    manager.windows.remove(other)
+    panel._list_anew(None, context, state.review)
     assert timers == [ours("ops.correcting").review_now]
     timers[0]()
-    panel._list_anew(bpy.context, state.review)
-    assert len(timers) == 1
+    panel._list_anew(None, context, state.review)
+    assert (len(timers), len(said)) == (1, 1)
 
 
 def test_a_view_that_cannot_be_split_stays(labelled):
