@@ -390,8 +390,13 @@ def forget_found(context: bpy.types.Context):
 
 
 def _set_frames(context: bpy.types.Context, frames: np.ndarray, at_1: bool) -> tuple[list[str], TakeClock]:
-    """Notes the frames of the take and has the scene play them; what there is to say where it does not, and when."""
+    """Notes the frames of the take and has the scene play them; what there is to say where it does not, and when.
+
+    InputError where one is past Blender's whole numbers.
+    """
     source, labelling = context.scene.mocap_autolabel.source, context.scene.mocap_autolabel.labelling
+    if frames[-1] > np.iinfo(np.int32).max:
+        raise InputError(f"goes on to frame {frames[-1]}; expected none past {np.iinfo(np.int32).max}")
     source.first_frame, source.last_frame, source.at_1 = int(frames[0]), int(frames[-1]), at_1
     labelling.range_first, labelling.range_last = source.first_frame, source.last_frame
     clock = give_time(context.scene, source.rate, frames, clock_of(source))

@@ -56,7 +56,7 @@ from .viewing import fit_timelines, show_take_whole
 
 ASK_HERE = "by Label All Performers, or by How Many"
 MIRROR_HERE = "by Mirror in the options of Open Take"
-CHOOSE_HERE, FIND_HERE = "under Marker Set, as", "under Marker Set, or one that is trained under Advanced"
+CHOOSE_HERE, FIND_HERE = "under Marker Set, as", "under Marker Set, or one that is trained under Advanced › Marker Set"
 TURN_HERE = "by Up, under Take, as"
 
 

@@ -125,6 +125,12 @@ def test_a_take_begins_at_frame_1_by_choice_and_its_files_keep_their_numbers(nam
     assert {row[0] for row in rows_of_export(files.folder / "out.labels.csv")} == {str(one) for one in range(111, 121)}
 
 
+def test_frames_past_what_blender_counts_are_refused(extension, empty, files, tmp_path):
+    write_trc(tmp_path / "late.trc", replace(files.take, first_frame=2**31))
+    refused("goes on to frame 2147483677; expected none past", "import_take", filepath=str(tmp_path / "late.trc"))
+    assert not empty.scene.mocap_autolabel.source.points_path
+
+
 def test_points_are_seen_before_they_are_labelled_and_imported_again_in_place_of_what_was_there(imported, files):
     settings = imported.scene.mocap_autolabel
     assert (settings.source.first_frame, settings.source.last_frame, settings.source.trajectories) == (101, 130, 15)
