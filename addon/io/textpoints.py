@@ -384,7 +384,7 @@ def _fields(line: str, path: Path, number: int, what: str = MOTIVE) -> list[str]
 
 
 TSV = "a Qualisys .tsv export of 3D data"
-_TSV_EVENT = re.compile(r"EVENT\t([^\t]*)\t(\d{1,9})(\t|$)", re.ASCII)
+_TSV_EVENT = re.compile(r"EVENT\t([^\t]*\S[^\t]*)\t(\d{1,9})\s*(\t|$)", re.ASCII)
 TSV_HEAD_BYTES = 4096  # format: what is included stands above events and names
 
 
