@@ -277,7 +277,6 @@ def look_who_is_there(context: bpy.types.Context):
         return
     if context.window_manager.mocap_autolabel.doing:
         _waiting[:] = [context.scene.session_uid]
-        context.window_manager.mocap_autolabel.unfolded = True  # beside the take that is labelled meanwhile
         if not bpy.app.timers.is_registered(look_when_free):
             bpy.app.timers.register(look_when_free, first_interval=LOOK_AGAIN)
     elif find.poll():
@@ -310,6 +309,7 @@ def take_blobs(context: bpy.types.Context, path: Path, at_1: bool = False) -> st
     scene, source = context.scene, context.scene.mocap_autolabel.source
     cameras, own = _cameras_for(scene, path)
     blobs = Blobs.join(part.blobs for part in read_blobs(path, cameras))
+    _check_frames(blobs.frames, path)
     forget_take(context)
     if own:
         source.cameras = scene_cameras.find_or_add_cameras(scene, cameras)
@@ -354,9 +354,11 @@ def take_points(
     `mirror` reverses an axis of one whose axes are left-handed; `at_1`, the take begins at the scene's frame 1.
     """
     source, take = context.scene.mocap_autolabel.source, read_points(path, up=up, rate=rate or None, mirror=mirror)
+    frames = take.first_frame + np.arange(len(take.xyz))
+    _check_frames(frames, path)
     forget_take(context)
     source.rate = take.rate
-    kept, clock = _set_frames(context, take.first_frame + np.arange(len(take.xyz)), at_1)
+    kept, clock = _set_frames(context, frames, at_1)
     source.preview = show_points(context.scene, path.stem, take, clock)
     source.points_path, source.blob_count = str(path), len(source.preview.vertices)
     source.up, source.up_found, source.mirror = up or "", take.up.removeprefix("+"), mirror
@@ -389,14 +391,18 @@ def forget_found(context: bpy.types.Context):
     forget_told(context.window_manager.mocap_autolabel, opened_file(settings.source))
 
 
-def _set_frames(context: bpy.types.Context, frames: np.ndarray, at_1: bool) -> tuple[list[str], TakeClock]:
-    """Notes the frames of the take and has the scene play them; what there is to say where it does not, and when.
+def _check_frames(frames: np.ndarray, path: Path):
+    """Raises InputError where a frame is past Blender's whole numbers, before what is open gives way to the file."""
+    whole = np.iinfo(np.int32)
+    if frames[0] < whole.min:
+        raise InputError(f"begins at frame {frames[0]}; expected frame numbers from {whole.min} on", path)
+    if frames[-1] > whole.max:
+        raise InputError(f"goes on to frame {frames[-1]}; expected frame numbers up to {whole.max}", path)
 
-    InputError where one is past Blender's whole numbers.
-    """
+
+def _set_frames(context: bpy.types.Context, frames: np.ndarray, at_1: bool) -> tuple[list[str], TakeClock]:
+    """Notes the frames of the take and has the scene play them; what there is to say where it does not, and when."""
     source, labelling = context.scene.mocap_autolabel.source, context.scene.mocap_autolabel.labelling
-    if frames[-1] > np.iinfo(np.int32).max:
-        raise InputError(f"goes on to frame {frames[-1]}; expected none past {np.iinfo(np.int32).max}")
     source.first_frame, source.last_frame, source.at_1 = int(frames[0]), int(frames[-1]), at_1
     labelling.range_first, labelling.range_last = source.first_frame, source.last_frame
     clock = give_time(context.scene, source.rate, frames, clock_of(source))

@@ -144,7 +144,10 @@ def test_a_labelled_take_and_another_that_is_opened_are_told_apart(settings, tmp
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert props.is_opened(settings)
     assert settings.subjects.found == "gait15"
-    assert "'Label Again'" in drawn_in_take(monkeypatch)
+    assert "'Label Again'" not in drawn_in_take(monkeypatch)
+    state.unfolded = True
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert "'Label Again'" in drawn_in_take(monkeypatch), "somebody who unfolded it may want to try on"
 
 
 def test_an_own_set_that_was_found_can_be_trained_on(settings, tmp_path):
@@ -175,10 +178,8 @@ def test_a_take_that_was_opened_while_something_went_on_is_looked_at_after_it(se
     bpy_there, find = MagicMock(wraps=bpy), MagicMock()
     bpy_there.context, bpy_there.app.background, bpy_there.ops.mocap_autolabel.find_markerset = bpy.context, False, find
     monkeypatch.setattr(importing, "bpy", bpy_there)
-    state.doing, state.unfolded = "Labelling: 3%", False
+    state.doing = "Labelling: 3%"
     importing.look_who_is_there(bpy.context)
-    assert state.unfolded, "it is seen beside the take that is labelled meanwhile"
-    state.unfolded = False
     bpy_there.app.timers.is_registered.assert_called_with(importing.look_when_free)
     assert importing.look_when_free() == importing.LOOK_AGAIN
     state.doing = ""

@@ -125,10 +125,13 @@ def test_a_take_begins_at_frame_1_by_choice_and_its_files_keep_their_numbers(nam
     assert {row[0] for row in rows_of_export(files.folder / "out.labels.csv")} == {str(one) for one in range(111, 121)}
 
 
-def test_frames_past_what_blender_counts_are_refused(extension, empty, files, tmp_path):
-    write_trc(tmp_path / "late.trc", replace(files.take, first_frame=2**31))
-    refused("goes on to frame 2147483677; expected none past", "import_take", filepath=str(tmp_path / "late.trc"))
-    assert not empty.scene.mocap_autolabel.source.points_path
+def test_frames_past_what_blender_counts_are_refused_and_what_is_open_stays(imported, files, tmp_path):
+    source = imported.scene.mocap_autolabel.source
+    before = source.points_path, source.preview.name, source.rate, source.first_frame
+    for first, words in ((2**31, "goes on to frame 2147483677"), (-(2**31) - 1, "begins at frame -2147483649")):
+        write_trc(tmp_path / "far.trc", replace(files.take, first_frame=first, rate=50))
+        refused(rf"far\.trc: {words}; expected frame numbers", "import_take", filepath=str(tmp_path / "far.trc"))
+    assert (source.points_path, source.preview.name, source.rate, source.first_frame) == before
 
 
 def test_points_are_seen_before_they_are_labelled_and_imported_again_in_place_of_what_was_there(imported, files):
