@@ -331,12 +331,13 @@ def test_the_status_bar_of_a_workspace_that_was_left_meanwhile_says_no_more_of_i
 
 
 def test_disabled_while_it_works_the_extension_leaves_nothing_of_it(extension, labelling, in_fives, window):
-    operator, state = window.operator, window.manager.mocap_autolabel
+    operator, manager = window.operator, bpy.context.window_manager
     assert operator._begin(window.context) == {"RUNNING_MODAL"}
-    operator._timer = bpy.context.window_manager.event_timer_add(0.1)
-    labelling.long_work.leave_work()  # as it is done for the extension
-    assert (state.doing, operator._timer, window.status[-1]) == ("", None, None)
-    labelling.long_work.leave_work()
+    operator._timer = manager.event_timer_add(0.1)
+    for _ in range(2):
+        addon_utils.disable(extension, default_set=False)
+        addon_utils.enable(extension, default_set=True)
+        assert (manager.mocap_autolabel.doing, operator._timer, window.status[-1]) == ("", None, None)
 
 
 def test_escape_ends_only_what_it_is_meant_for(ready, labelling, in_fives, window):
