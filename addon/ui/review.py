@@ -44,9 +44,10 @@ SAVE_THEM = "Save Corrections keeps them for the whole take, when it is labelled
 
 
 def _open_header(layout: bpy.types.UILayout, context):
-    rows, take = context.window_manager.mocap_autolabel.troubles, context.scene.mocap_autolabel.take
-    left = sum(not row.answered for row in rows)
-    if is_take(take) and (left or known_trouble(take, context.scene) is not None):
+    state, take = context.window_manager.mocap_autolabel, context.scene.mocap_autolabel.take
+    left = sum(not row.answered for row in state.troubles)
+    here = state.of_scene == context.scene.session_uid
+    if here and is_take(take) and (left or known_trouble(take, context.scene) is not None):
         layout.label(text=f"{left} open" if left else "nothing open", icon="NONE" if left else "CHECKMARK")
 
 
@@ -55,12 +56,7 @@ def review(layout, context):
     """One list of the take, a box with what is the matter with the chosen row, and what mends all of it."""
     settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
     if is_take(settings.take):
-        _list_anew(layout, context, state)
-        row = layout.row(align=True)
-        row.prop(state, "listed", text="")
-        if state.listed == "TROUBLES" and len(state.troubles):
-            row.prop(state, "trouble_done", text="")
-        DRAWN[state.listed](layout, context, state)
+        _draw_lists(layout, context, state)
         column = layout.column(align=True)
         column.operator("wm.tool_set_by_id", text="Pick Markers to Name", icon="EYEDROPPER").name = TOOL
         row = column.row(align=True)
@@ -81,15 +77,20 @@ def review(layout, context):
     _draw_played(layout, context)
 
 
-def _list_anew(layout: bpy.types.UILayout, context, state):
-    """Has the lists filled that are another scene's: Blender does not tell of a scene that is new, or deleted.
+def _draw_lists(layout: bpy.types.UILayout, context, state):
+    """The list that is chosen; where they are another scene's they are filled, as Blender does not tell of new scenes.
 
-    Two windows that show different scenes would do so in turns without end: one of them says whose lists it shows.
+    Two windows that show different scenes would do so in turns without end: in one of them they are asked for.
     """
     if state.of_scene == context.scene.session_uid:
-        return
-    if any(window.scene != context.scene for window in context.window_manager.windows):
-        draw_text(context, layout, "These lists are of the scene in another window", icon="INFO")
+        row = layout.row(align=True)
+        row.prop(state, "listed", text="")
+        if state.listed == "TROUBLES" and len(state.troubles):
+            row.prop(state, "trouble_done", text="")
+        DRAWN[state.listed](layout, context, state)
+    elif any(window.scene.session_uid == state.of_scene for window in context.window_manager.windows):
+        draw_text(context, layout, "The lists are of the scene in another window", icon="INFO")
+        layout.operator("mocap_autolabel.list_here", icon="FILE_REFRESH")
     elif not bpy.app.timers.is_registered(review_now):
         bpy.app.timers.register(review_now)
 
