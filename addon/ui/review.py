@@ -15,7 +15,7 @@ from ..props import is_opened
 from ..scene.fills import kept_cutoff
 from ..scene.performers import body_material, homes
 from ..scene.playing import PLAYED, part_here, played_takes, suspects_of, what_is_wrong
-from ..scene.take import is_take
+from ..scene.take import SOURCE, is_take
 from ..scene.trouble import known_trouble
 from .label_tool import TOOL
 from .parts import (
@@ -72,6 +72,8 @@ def review(layout, context):
         row.prop(settings.filling, "cutoff", text="Smooth above (Hz)" if cutoff is None else "Above (Hz)")
         if cutoff is not None:
             row.operator("mocap_autolabel.take_back_smoothing", text=f"Smoothed at {cutoff:g}", icon="X")
+        if settings.take[SOURCE] and not is_opened(settings):
+            draw_text(context, layout, f"To refit, open {bpy.path.basename(settings.take[SOURCE])} again", icon="INFO")
         if words := words_behind(context):  # at the end, as it comes and goes: nothing moves from below the pointer
             draw_text(context, layout, words, icon="ERROR")
     _draw_played(layout, context)
