@@ -240,6 +240,14 @@ def test_bad_files_are_one_sentence_and_leave_nothing(extension, empty, files, t
     assert empty.scene.mocap_autolabel.source.blobs_path == ""
 
 
+def test_blobs_past_the_frames_that_blender_counts_leave_what_is_open(ready, tmp_path):
+    source, late = ready.scene.mocap_autolabel.source, tmp_path / "late.csv"
+    before = source.blobs_path, source.preview.name
+    late.write_text(f"frame,camera,x,y\n{2**31},cam 0,3,4\n")
+    refused(r"late\.csv: goes on to frame 2147483648; expected", "import_blobs", filepath=str(late))
+    assert (source.blobs_path, source.preview.name) == before
+
+
 def test_what_is_missing_is_said_before_the_button_can_be_pressed(extension, empty, files):
     for name, reason in (("label", "calibration"), ("clear", "no labelled take")):
         with pytest.raises(RuntimeError, match=reason):
@@ -403,6 +411,15 @@ def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, in_fives, wi
     assert (*taken(window.manager), window.status[-1]) == (0, 0, None)
     shares = [call.args[0] for call in window.manager.progress_update.call_args_list]
     assert shares == sorted(shares)
+
+
+def test_what_is_opened_while_a_take_is_labelled_is_seen_once_that_is_shown(ready, labelling, window):
+    answer, window.manager.mocap_autolabel.unfolded = window.operator._begin(window.context), False
+    ready.scene.mocap_autolabel.source.blobs_path = "another.csv"
+    while answer == {"RUNNING_MODAL"}:
+        answer = window.operator.modal(window.context, SimpleNamespace(type="TIMER"))
+    assert ready.scene.mocap_autolabel.take.name == "Mocap: walk"
+    assert window.manager.mocap_autolabel.unfolded
 
 
 @pytest.mark.parametrize("beside", [False, True], ids=["here", "in another window"])
