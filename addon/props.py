@@ -752,6 +752,12 @@ def take_name(source: SourceSettings) -> str:
     return written(name.removesuffix(".blobs").removesuffix("_blobs") or name)
 
 
+def scene_of_lists() -> bpy.types.Scene:
+    """The scene whose take the tables are of where a window shows it, for a timer: to that the first window is all."""
+    windows, number = bpy.context.window_manager.windows, bpy.context.window_manager.mocap_autolabel.of_scene
+    return next((window.scene for window in windows if window.scene.session_uid == number), bpy.context.scene)
+
+
 def refresh_review(manager: bpy.types.WindowManager, scene: bpy.types.Scene):
     """Fills the tables of the review from the scene's active take, or empties them; frames are Blender's."""
     state, collection = manager.mocap_autolabel, scene.mocap_autolabel.take
@@ -823,8 +829,8 @@ def list_rows(state: "ReviewState", listed: str, names: str, values: Iterable[Se
 
 
 def list_trouble():
-    """Fills the list of what is the matter with the current scene's active take; of a long one a moment later."""
-    scene, state = bpy.context.scene, bpy.context.window_manager.mocap_autolabel
+    """Fills the list of what is the matter with the take that the tables are of; of a long one a moment later."""
+    scene, state = scene_of_lists(), bpy.context.window_manager.mocap_autolabel
     collection = scene.mocap_autolabel.take
     if not is_take(collection):
         state.troubles.clear()

@@ -48,12 +48,14 @@ class TextHead:
     said    what of a Motive `.csv` or a `.tsv` is about the take and not about the export, by its names
     begin   s from zero to frame 0, of a TRC; None of others
     group   of a C3D in which that is said
+    events  of a `.tsv`, each a name and a frame
     """
 
     fields: Mapping[str, str]
     said: Mapping[str, str]
     begin: float | None = None
     group: str = "MOTIVE"
+    events: tuple[tuple[str, float], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -384,6 +384,7 @@ def _fields(line: str, path: Path, number: int, what: str = MOTIVE) -> list[str]
 
 
 TSV = "a Qualisys .tsv export of 3D data"
+_TSV_EVENT = re.compile(r"EVENT\t([^\t]*\S[^\t]*)\t(\d{1,9})\s*(\t|$)", re.ASCII)
 TSV_HEAD_BYTES = 4096  # format: what is included stands above events and names
 
 
@@ -397,7 +398,7 @@ def is_other_tsv(path: Path) -> bool:
     except InputError:
         return False  # which whoever reads it is told
     said = [words.strip() for key, _, words in (line.partition("\t") for line in head) if key == "DATA_INCLUDED"]
-    return any(words != "3D" for words in said)
+    return any(words.upper() != "3D" for words in said)
 
 
 def read_tsv(path: Path) -> PointFile:
@@ -412,7 +413,7 @@ def read_tsv(path: Path) -> PointFile:
     pairs = [(at, *line.partition("\t")[::2]) for at, line in enumerate(lines[:start], 1)]
     head = {word.strip(): (at, said.rstrip()) for at, word, said in pairs}
     line, kind = head.get("DATA_INCLUDED", (1, ""))
-    if kind != "3D":
+    if kind.upper() != "3D":
         words = f"holds {kind[:40]} data" if kind else "has no DATA_INCLUDED in its head"
         raise InputError(f"{words}; expected {TSV}", path, line)
     line, frequency = head.get("FREQUENCY", (1, ""))
@@ -446,7 +447,9 @@ def read_tsv(path: Path) -> PointFile:
     if not text.endswith(("\n", "\r")):  # its last number may be cut
         raise InputError("ends without a line end; expected a whole last row (is the file cut off?)", path, len(lines))
     stamp = " ".join(head.get("TIME_STAMP", (1, ""))[1].split())
-    return replace(take, usual="+Z", trial=TextHead({}, {"TIME_STAMP": stamp} if stamp else {}, group="QTM"))
+    said, events = {"TIME_STAMP": stamp} if stamp else {}, map(_TSV_EVENT.match, lines[:start])
+    at = tuple((event[1].strip(), float(event[2])) for event in events if event)
+    return replace(take, usual="+Z", trial=TextHead({}, said, group="QTM", events=at))
 
 
 def _is_tsv_row(line: str) -> bool:

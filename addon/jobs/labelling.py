@@ -134,7 +134,9 @@ class OpenTake:
     @cached_property
     def lab(self) -> LabRecords:
         """What its file records beside points, which only somebody who sees the take looks at."""
-        return read_lab(self.trial, self.rate) if isinstance(self.trial, TrialFile) else NO_LAB
+        if isinstance(self.trial, TextHead):
+            return LabRecords(0, self.trial.events)
+        return NO_LAB if self.trial is None else read_lab(self.trial, self.rate)
 
     def rays(self) -> "MarkerRays | None":
         """Those of the markers that one camera alone sees; None where no camera is known."""

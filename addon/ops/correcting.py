@@ -28,7 +28,7 @@ from ..core.edits.kinds import (
     counted_on,
 )
 from ..io.edits import edits_path, write_edits
-from ..props import SCOPES, keeps_items, refresh_review
+from ..props import SCOPES, keeps_items, refresh_review, scene_of_lists
 from ..scene.blob_dots import blob_edit, likely_of_blob
 from ..scene.clock import refresh_frame
 from ..scene.corrections import keep_edits
@@ -38,8 +38,8 @@ from ..scene.redrawing import redraw
 from ..scene.stored import Stored
 from ..scene.take import is_take, show_edits
 from ..scene.timing import picked_range
-from .base import OfTake, WithTake, once, taken, unless
-from .listing import refuse_other_lists
+from .base import OfTake, WithTake, once, reports_trouble, taken, unless
+from .listing import list_here, refuse_other_lists
 from .picking import picked_points, selected_markers, show_picked
 from .reposing import follow_soon
 
@@ -89,6 +89,7 @@ def correct(context: bpy.types.Context, edits: Edits) -> Stored:
     show_edits(collection, before, after)
     refresh_frame(scene)
     follow_soon(seen=True)
+    list_here(context)  # what comes a moment later is of the scene that the lists are of
     if bpy.app.background:
         review_now()
     elif not bpy.app.timers.is_registered(review_now):  # a hand that names dots does not wait for the tables
@@ -98,7 +99,7 @@ def correct(context: bpy.types.Context, edits: Edits) -> Stored:
 
 def review_now():
     """Fills the tables of the review."""
-    refresh_review(bpy.context.window_manager, bpy.context.scene)
+    refresh_review(bpy.context.window_manager, scene_of_lists())
     redraw("VIEW_3D")
 
 
@@ -297,10 +298,13 @@ class MOCAP_AUTOLABEL_OT_clear_corrections(HasEdits, bpy.types.Operator):
 
     bl_label = "Clear All Corrections"
 
+    @reports_trouble
     def invoke(self, context, event):
+        refuse_other_lists(context)
         return context.window_manager.invoke_confirm(self, event)
 
     def work(self, context):
+        refuse_other_lists(context)  # another scene may be seen since it was asked
         correct(context, NO_EDITS)
 
 

@@ -309,6 +309,7 @@ def take_blobs(context: bpy.types.Context, path: Path, at_1: bool = False) -> st
     scene, source = context.scene, context.scene.mocap_autolabel.source
     cameras, own = _cameras_for(scene, path)
     blobs = Blobs.join(part.blobs for part in read_blobs(path, cameras))
+    _check_frames(blobs.frames, path)
     forget_take(context)
     if own:
         source.cameras = scene_cameras.find_or_add_cameras(scene, cameras)
@@ -353,9 +354,11 @@ def take_points(
     `mirror` reverses an axis of one whose axes are left-handed; `at_1`, the take begins at the scene's frame 1.
     """
     source, take = context.scene.mocap_autolabel.source, read_points(path, up=up, rate=rate or None, mirror=mirror)
+    frames = take.first_frame + np.arange(len(take.xyz))
+    _check_frames(frames, path)
     forget_take(context)
     source.rate = take.rate
-    kept, clock = _set_frames(context, take.first_frame + np.arange(len(take.xyz)), at_1)
+    kept, clock = _set_frames(context, frames, at_1)
     source.preview = show_points(context.scene, path.stem, take, clock)
     source.points_path, source.blob_count = str(path), len(source.preview.vertices)
     source.up, source.up_found, source.mirror = up or "", take.up.removeprefix("+"), mirror
@@ -386,6 +389,15 @@ def forget_found(context: bpy.types.Context):
     settings = context.scene.mocap_autolabel
     settings.subjects.found = ""
     forget_told(context.window_manager.mocap_autolabel, opened_file(settings.source))
+
+
+def _check_frames(frames: np.ndarray, path: Path):
+    """Raises InputError where a frame is past Blender's whole numbers, before what is open gives way to the file."""
+    whole = np.iinfo(np.int32)
+    if frames[0] < whole.min:
+        raise InputError(f"begins at frame {frames[0]}; expected frame numbers from {whole.min} on", path)
+    if frames[-1] > whole.max:
+        raise InputError(f"goes on to frame {frames[-1]}; expected frame numbers up to {whole.max}", path)
 
 
 def _set_frames(context: bpy.types.Context, frames: np.ndarray, at_1: bool) -> tuple[list[str], TakeClock]:

@@ -33,6 +33,7 @@ from ..props import (
     forget_told,
     found_here,
     frames_wanted,
+    is_opened,
     opened_file,
     refresh_review,
     subjects_asked,
@@ -45,7 +46,7 @@ from ..scene.ownership import persons_in
 from ..scene.performers import usual_colour
 from ..scene.relabelled import kept_changes, show_again
 from ..scene.roots import in_world
-from ..scene.take import Take
+from ..scene.take import Take, is_take
 from .base import lacks_object_mode, once, takes_of_file
 from .filling import fills_kept, kept_before
 from .importing import UP_ITEMS, cameras_at_hand, clock_of, forget_found, look_who_is_there
@@ -56,7 +57,7 @@ from .viewing import fit_timelines, show_take_whole
 
 ASK_HERE = "by Label All Performers, or by How Many"
 MIRROR_HERE = "by Mirror in the options of Open Take"
-CHOOSE_HERE, FIND_HERE = "under Marker Set, as", "under Marker Set, or one that is trained under Advanced"
+CHOOSE_HERE, FIND_HERE = "under Marker Set, as", "under Marker Set, or one that is trained under Advanced › Marker Set"
 TURN_HERE = "by Up, under Take, as"
 
 
@@ -176,7 +177,10 @@ class LabelsTake(LongWork):
             bpy.ops.object.mode_set(mode="OBJECT")
         settings = context.scene.mocap_autolabel
         take = replace(take, **kept_before(context.scene, take.source), colours=colours_asked(settings.subjects))
+        again = is_take(settings.take) and is_opened(settings)
         settings.take = show_again(context, take, whole=not settings.labelling.use_range)
+        if not again:  # what was opened meanwhile is seen
+            context.window_manager.mocap_autolabel.unfolded = not is_opened(settings)
         follow_soon()  # frames around those that were labelled may have been corrected a moment before
         refresh_review(context.window_manager, context.scene)
         if isinstance(take.rows, Blobs):

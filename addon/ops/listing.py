@@ -9,6 +9,7 @@ from ..core.data.errors import InputError
 from ..props import refresh_review
 from ..scene.stored import Stored
 from ..scene.trouble import known_trouble
+from .base import Ours
 
 OF_GAPS = ("fills", "proposed_fills", "left_gaps")
 
@@ -23,9 +24,19 @@ def list_here(context: bpy.types.Context) -> bool:
 
 
 def refuse_other_lists(context: bpy.types.Context):
-    """Raises InputError where a line of another scene's list would be taken for this one's."""
+    """Raises InputError where what another scene's list says would be taken for this one's."""
     if not list_here(context):
-        raise InputError("the list was another scene's; expected a line of this one's, which is listed now")
+        raise InputError("the list was another scene's; expected a choice in this one's, which is listed now")
+
+
+class MOCAP_AUTOLABEL_OT_list_here(Ours, bpy.types.Operator):
+    """Have the lists be those of the take in this window."""
+
+    bl_label = "List This Scene's"
+    bl_options = {"INTERNAL"}
+
+    def work(self, context):
+        list_here(context)
 
 
 def lists_follow(context: bpy.types.Context, stored: Stored, names: Collection[str], points: Collection[int]):

@@ -31,6 +31,7 @@ ASKED_FROM = 10.0  # s of work that is not given up unasked; paper: Miller 1968,
 # The process of this session, once something was asked of it, and what closes it with its folder.
 _workers: "list[Worker]" = []
 _kept = ExitStack()
+_going_on: "list[LongWork]" = []  # one at most
 
 nothing_goes_on = unless(
     lambda context: not context.window_manager.mocap_autolabel.doing,
@@ -88,6 +89,7 @@ class LongWork(Ours):
         self._began, self._shown = perf_counter(), float("-inf")
         manager.mocap_autolabel.cancelled, manager.mocap_autolabel.spent = False, 0.0
         manager.modal_handler_add(self)
+        _going_on.append(self)
         self._tell(context, 0.0)
         return {"RUNNING_MODAL"}
 
@@ -163,10 +165,13 @@ class LongWork(Ours):
             end_process()
         context.window_manager.event_timer_remove(self._timer)
         context.window_manager.progress_end()
-        context.workspace.status_text_set(None)
+        for workspace in bpy.data.workspaces:  # each that somebody went through meanwhile keeps what it was told
+            with bpy.context.temp_override(workspace=workspace):
+                workspace.status_text_set(None)
         context.window_manager.mocap_autolabel.doing = ""
         redraw("VIEW_3D", "UI")
         self._timer = None
+        _going_on.clear()
 
 
 def _pop_up(words: str):
@@ -188,6 +193,13 @@ def hand_over(work: partial) -> "Worker":
         _workers.append(worker)
     _workers[0].hand(work)
     return _workers[0]
+
+
+def leave_work():
+    """Gives up what goes on, of which Blender does not tell it when the extension ends, and ends the process."""
+    for work in tuple(_going_on):
+        work._end(bpy.context)
+    end_process()
 
 
 def end_process():

@@ -17,7 +17,7 @@ from ..core.points.several.wearers import MAX_SUBJECTS
 from ..core.posing.finer import finer
 from ..io.markersets import SUFFIX, builtin_markersets, markerset_file, read_markerset
 from ..prefs import markerset_folder
-from ..props import chosen_model, refresh_review, row_of
+from ..props import chosen_model, refresh_review, row_of, scene_of_lists
 from ..scene.clock import refresh_frame
 from ..scene.opened import opened
 from ..scene.performers import Performer
@@ -160,5 +160,5 @@ def _follow() -> float | None:
         if perf_counter() > until:
             return TICK
     _going_on.clear()
-    refresh_review(context.window_manager, context.scene)
+    refresh_review(context.window_manager, scene_of_lists())
     return TICK

@@ -96,7 +96,7 @@ def armature_of(collection: bpy.types.Collection) -> bpy.types.Object:
     for item in collection.all_objects:
         if item.type == "ARMATURE" and SCALE in item:
             return item
-    raise InputError(f"{collection.name} has lost its armature; expected the one that it was shown with")
+    raise InputError(f"{collection.name} has lost its armature; expected it to be labelled, or shown, again")
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from ..ops.correcting import review_now
 from ..ops.importing import look_when_free
 from ..ops.label_folder import follow, leave_batch, show_batch
 from ..ops.live import follow_live, leave_live, rest_rig
-from ..ops.long_work import end_process
+from ..ops.long_work import leave_work
 from ..ops.picking import picked_points, restore_picked
 from ..ops.reposing import follow_soon, forget_reposing
 from ..props import know_markerset, list_trouble, refresh_review
@@ -41,7 +41,7 @@ def add_handlers(stack: ExitStack):
         overlay.discs.forget,
         leave_batch,
         leave_live,
-        end_process,
+        leave_work,
     ):
         stack.callback(forget)
     events = bpy.app.handlers

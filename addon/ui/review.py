@@ -15,7 +15,7 @@ from ..props import is_opened
 from ..scene.fills import kept_cutoff
 from ..scene.performers import body_material, homes
 from ..scene.playing import PLAYED, part_here, played_takes, suspects_of, what_is_wrong
-from ..scene.take import is_take
+from ..scene.take import SOURCE, is_take
 from ..scene.trouble import known_trouble
 from .label_tool import TOOL
 from .parts import (
@@ -44,9 +44,10 @@ SAVE_THEM = "Save Corrections keeps them for the whole take, when it is labelled
 
 
 def _open_header(layout: bpy.types.UILayout, context):
-    rows = context.window_manager.mocap_autolabel.troubles
-    left = sum(not row.answered for row in rows)
-    if is_take(context.scene.mocap_autolabel.take):
+    state, take = context.window_manager.mocap_autolabel, context.scene.mocap_autolabel.take
+    left = sum(not row.answered for row in state.troubles)
+    here = state.of_scene == context.scene.session_uid
+    if here and is_take(take) and (left or known_trouble(take, context.scene) is not None):
         layout.label(text=f"{left} open" if left else "nothing open", icon="NONE" if left else "CHECKMARK")
 
 
@@ -55,12 +56,7 @@ def review(layout, context):
     """One list of the take, a box with what is the matter with the chosen row, and what mends all of it."""
     settings, state = context.scene.mocap_autolabel, context.window_manager.mocap_autolabel
     if is_take(settings.take):
-        _list_anew(context, state)
-        row = layout.row(align=True)
-        row.prop(state, "listed", text="")
-        if state.listed == "TROUBLES" and len(state.troubles):
-            row.prop(state, "trouble_done", text="")
-        DRAWN[state.listed](layout, context, state)
+        _draw_lists(layout, context, state)
         column = layout.column(align=True)
         column.operator("wm.tool_set_by_id", text="Pick Markers to Name", icon="EYEDROPPER").name = TOOL
         row = column.row(align=True)
@@ -73,36 +69,47 @@ def review(layout, context):
         refit.operator("mocap_autolabel.label", text="Refit", icon="FILE_REFRESH")
         cutoff = kept_cutoff(settings.take)
         row = column.row(align=True)
-        row.prop(settings.filling, "cutoff", text="Smooth above (Hz)")
+        row.prop(settings.filling, "cutoff", text="Smooth above (Hz)" if cutoff is None else "Above (Hz)")
         if cutoff is not None:
             row.operator("mocap_autolabel.take_back_smoothing", text=f"Smoothed at {cutoff:g}", icon="X")
+        if settings.take[SOURCE] and not is_opened(settings):
+            draw_text(context, layout, f"To refit, open {bpy.path.basename(settings.take[SOURCE])} again", icon="INFO")
         if words := words_behind(context):  # at the end, as it comes and goes: nothing moves from below the pointer
             draw_text(context, layout, words, icon="ERROR")
     _draw_played(layout, context)
 
 
-def _list_anew(context, state):
-    """Has the lists filled that are another scene's: Blender does not tell of a scene that is new, or deleted.
+def _draw_lists(layout: bpy.types.UILayout, context, state):
+    """The list that is chosen; where they are another scene's they are filled, as Blender does not tell of new scenes.
 
-    Two windows that show different scenes would do so in turns without end.
+    Two windows that show different scenes would do so in turns without end: in one of them they are asked for.
     """
-    alone = all(window.scene == context.scene for window in context.window_manager.windows)
-    if alone and state.of_scene != context.scene.session_uid and not bpy.app.timers.is_registered(review_now):
+    if state.of_scene == context.scene.session_uid:
+        row = layout.row(align=True)
+        row.prop(state, "listed", text="")
+        if state.listed == "TROUBLES" and len(state.troubles):
+            row.prop(state, "trouble_done", text="")
+        DRAWN[state.listed](layout, context, state)
+    elif any(window.scene.session_uid == state.of_scene for window in context.window_manager.windows):
+        draw_text(context, layout, "The lists are of the scene in another window", icon="INFO")
+        layout.operator("mocap_autolabel.list_here", icon="FILE_REFRESH")
+    elif not bpy.app.timers.is_registered(review_now):
         bpy.app.timers.register(review_now)
 
 
 def _draw_troubles(layout: bpy.types.UILayout, context, state):
     """What to look at before trusting the take."""
+    found, index = known_trouble(context.scene.mocap_autolabel.take, context.scene), state.trouble_index
     if not len(state.troubles):
-        layout.label(text="Nothing to look at", icon="CHECKMARK")
+        done = found is not None
+        layout.label(text="Nothing to look at" if done else "Being looked for", icon="CHECKMARK" if done else "TIME")
         return
     row = layout.row()
     draw_list(row, state, "troubles", rows=5)
     column = row.column(align=True)
     column.operator("mocap_autolabel.next_trouble", text="", icon="TRIA_UP").back = True
     column.operator("mocap_autolabel.next_trouble", text="", icon="TRIA_DOWN").back = False
-    found, index = known_trouble(context.scene.mocap_autolabel.take, context.scene) or (), state.trouble_index
-    if index < len(found) == len(state.troubles) and is_listed(state, state.troubles[index]):
+    if index < len(found or ()) == len(state.troubles) and is_listed(state, state.troubles[index]):
         _draw_one(layout, context, found[index], index)
 
 
@@ -319,7 +326,7 @@ def _draw_fills(layout: bpy.types.UILayout, context: bpy.types.Context, state: b
         else:
             layout.label(text=f"By {fill.method}")
             if fill.rests_on != "both ends":
-                layout.label(text=f"Rests on {fill.rests_on} alone, and what moves with it", icon="INFO")
+                draw_text(context, layout, f"Rests on {fill.rests_on} alone, and what moves with it", icon="INFO")
     unfit = sum(bool(fill.reason) for fill in state.fills)
     if unfit:
         layout.label(text=f"{unfit} no longer fit the labels", icon="ERROR")

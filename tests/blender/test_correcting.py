@@ -2,6 +2,7 @@
 """Labels of 3D points corrected in Blender: all that is shown and written follows, and what was said is kept."""
 
 import json
+from unittest.mock import MagicMock
 
 import bpy
 import numpy as np
@@ -283,7 +284,12 @@ def test_what_was_listed_or_picked_in_another_scene_is_not_changed_in_this_one(l
     bpy.context.window.scene = bpy.data.scenes["Scene"]
     choose()
     refused("nothing is selected", "name_point", marker="LKNE")
-    refused("another scene's; expected a line of this one's", "remove_correction", index=0)
+    asking, clear = MagicMock(), ours("ops.correcting").MOCAP_AUTOLABEL_OT_clear_corrections
+    assert clear.invoke(asking, bpy.context, None) == {"CANCELLED"}
+    assert "another scene's" in asking.report.call_args.args[1]
+    for name, given in (("clear_corrections", {}), ("remove_correction", {"index": 0})):
+        state.of_scene = 0
+        refused("another scene's; expected a choice in this one's", name, **given)
     assert len(stored_take().edits) == 1 and not len(state.left_gaps)
     assert bpy.ops.mocap_autolabel.remove_correction(index=0) == {"FINISHED"}
     assert not len(stored_take().edits)

@@ -138,13 +138,20 @@ def test_a_labelled_take_and_another_that_is_opened_are_told_apart(settings, tmp
     assert not props.is_opened(settings)
     assert "'Label Again'" not in drawn_in_take(monkeypatch)
     assert "gait15.c3d" in drawn_in_take(monkeypatch)
+    panel = ours("ui.review")
+    monkeypatch.setattr(panel, "draw_text", MagicMock())
+    panel.review.draw(SimpleNamespace(layout=MagicMock()), bpy.context)
+    assert "To refit, open body39.c3d again" in str(panel.draw_text.mock_calls)
     assert not settings.subjects.found
     settings.subjects.found = str(tmp_path / f"gone{SUFFIX}")
     assert not props.found_here(settings.subjects)
     assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
     assert props.is_opened(settings)
     assert settings.subjects.found == "gait15"
-    assert "'Label Again'" in drawn_in_take(monkeypatch)
+    assert "'Label Again'" not in drawn_in_take(monkeypatch)
+    state.unfolded = True
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert "'Label Again'" in drawn_in_take(monkeypatch), "somebody who unfolded it may want to try on"
 
 
 def test_an_own_set_that_was_found_can_be_trained_on(settings, tmp_path):

@@ -240,6 +240,14 @@ def test_bad_files_are_one_sentence_and_leave_nothing(extension, empty, files, t
     assert empty.scene.mocap_autolabel.source.blobs_path == ""
 
 
+def test_blobs_past_the_frames_that_blender_counts_leave_what_is_open(ready, tmp_path):
+    source, late = ready.scene.mocap_autolabel.source, tmp_path / "late.csv"
+    before = source.blobs_path, source.preview.name
+    late.write_text(f"frame,camera,x,y\n{2**31},cam 0,3,4\n")
+    refused(r"late\.csv: goes on to frame 2147483648; expected", "import_blobs", filepath=str(late))
+    assert (source.blobs_path, source.preview.name) == before
+
+
 def test_what_is_missing_is_said_before_the_button_can_be_pressed(extension, empty, files):
     for name, reason in (("label", "calibration"), ("clear", "no labelled take")):
         with pytest.raises(RuntimeError, match=reason):
@@ -287,11 +295,12 @@ def escape(x: int = 400, value: str = "PRESS", is_repeat: bool = False) -> Simpl
 
 
 @pytest.fixture
-def window(ready):
+def window(ready, monkeypatch):
     """A context with a window manager that counts, and the operator in it."""
     manager = MagicMock(mocap_autolabel=ready.window_manager.mocap_autolabel, windows=[])
     manager.invoke_confirm.return_value = {"RUNNING_MODAL"}
     status = []
+    monkeypatch.setattr(bpy.types.WorkSpace, "status_text_set", lambda _, words: status.append(words))
     workspace = SimpleNamespace(status_text_set=status.append)
     window = SimpleNamespace(screen=screen(), scene="another")
     manager.windows.append(window)
@@ -317,6 +326,26 @@ def test_escape_leaves_nothing_behind(ready, labelling, in_fives, window):
     assert ready.scene.mocap_autolabel.take is None
     assert not list(labelling.folder.iterdir())
     assert len(labelling.given) <= 2, "it stopped before its end"
+
+
+def test_the_status_bar_of_a_workspace_that_was_left_meanwhile_says_no_more_of_it(labelling, window, monkeypatch):
+    said = {}
+    monkeypatch.setattr(
+        bpy.types.WorkSpace, "status_text_set", lambda _, words: said.update({bpy.context.workspace.name: words})
+    )
+    window.operator._begin(window.context)
+    window.operator._end(window.context)
+    assert said == dict.fromkeys(bpy.data.workspaces.keys())
+
+
+def test_disabled_while_it_works_the_extension_leaves_nothing_of_it(extension, labelling, in_fives, window):
+    operator, manager = window.operator, bpy.context.window_manager
+    assert operator._begin(window.context) == {"RUNNING_MODAL"}
+    operator._timer = manager.event_timer_add(0.1)
+    for _ in range(2):
+        addon_utils.disable(extension, default_set=False)
+        addon_utils.enable(extension, default_set=True)
+        assert (manager.mocap_autolabel.doing, operator._timer, window.status[-1]) == ("", None, None)
 
 
 def test_escape_ends_only_what_it_is_meant_for(ready, labelling, in_fives, window):
@@ -382,6 +411,15 @@ def test_ticks_come_to_an_end_with_the_take_shown(ready, labelling, in_fives, wi
     assert (*taken(window.manager), window.status[-1]) == (0, 0, None)
     shares = [call.args[0] for call in window.manager.progress_update.call_args_list]
     assert shares == sorted(shares)
+
+
+def test_what_is_opened_while_a_take_is_labelled_is_seen_once_that_is_shown(ready, labelling, window):
+    answer, window.manager.mocap_autolabel.unfolded = window.operator._begin(window.context), False
+    ready.scene.mocap_autolabel.source.blobs_path = "another.csv"
+    while answer == {"RUNNING_MODAL"}:
+        answer = window.operator.modal(window.context, SimpleNamespace(type="TIMER"))
+    assert ready.scene.mocap_autolabel.take.name == "Mocap: walk"
+    assert window.manager.mocap_autolabel.unfolded
 
 
 @pytest.mark.parametrize("beside", [False, True], ids=["here", "in another window"])

@@ -125,6 +125,15 @@ def test_a_take_begins_at_frame_1_by_choice_and_its_files_keep_their_numbers(nam
     assert {row[0] for row in rows_of_export(files.folder / "out.labels.csv")} == {str(one) for one in range(111, 121)}
 
 
+def test_frames_past_what_blender_counts_are_refused_and_what_is_open_stays(imported, files, tmp_path):
+    source = imported.scene.mocap_autolabel.source
+    before = source.points_path, source.preview.name, source.rate, source.first_frame
+    for first, words in ((2**31, "goes on to frame 2147483677"), (-(2**31) - 1, "begins at frame -2147483649")):
+        write_trc(tmp_path / "far.trc", replace(files.take, first_frame=first, rate=50))
+        refused(rf"far\.trc: {words}; expected frame numbers", "import_take", filepath=str(tmp_path / "far.trc"))
+    assert (source.points_path, source.preview.name, source.rate, source.first_frame) == before
+
+
 def test_points_are_seen_before_they_are_labelled_and_imported_again_in_place_of_what_was_there(imported, files):
     settings = imported.scene.mocap_autolabel
     assert (settings.source.first_frame, settings.source.last_frame, settings.source.trajectories) == (101, 130, 15)
@@ -212,6 +221,16 @@ def test_anonymous_points_become_named_markers(imported, files, naming_known):
     assert len(armature.animation_data.action.layers[0].strips[0].channelbags[0].fcurves), "the armature moves"
     gap = imported.window_manager.mocap_autolabel.markers["RASI"]
     assert (gap.gaps, gap.longest_gap) == (2, 5)
+
+
+def test_events_of_a_qualisys_export_are_timeline_markers(imported, files, naming_known, tmp_path):
+    xyz, count = np.nan_to_num(1000 * files.take.xyz), files.take.xyz.shape[1]
+    head = f"NO_OF_MARKERS\t{count}\nFREQUENCY\t60\nDATA_INCLUDED\t3D\nEVENT\tFoot Off\t9\t0.13\nMARKER_NAMES\t\n"
+    rows = ["\t".join(map(str, row)) for row in xyz.reshape(len(xyz), -1)]
+    (tmp_path / "walk.tsv").write_text(head + "\n".join(rows) + "\n")
+    assert bpy.ops.mocap_autolabel.import_points(filepath=str(tmp_path / "walk.tsv"), up="z") == {"FINISHED"}
+    assert bpy.ops.mocap_autolabel.label() == {"FINISHED"}
+    assert [(one.name, one.frame) for one in imported.scene.timeline_markers] == [("Foot Off", 9)]
 
 
 def test_what_stays_unnamed_is_one_object(imported, naming_known):

@@ -5,6 +5,7 @@ import json
 from contextlib import suppress
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import bpy
 import numpy as np
@@ -280,18 +281,67 @@ def test_the_way_through_the_list_goes_along_with_the_rows_that_are_left(state):
     assert (review.trouble_index, review.trouble_followed, review.trouble_left) == (6, 6, 4)
 
 
+def test_nothing_is_said_to_be_open_before_it_was_looked_for(state):
+    panel, opened, layout = ours("ui.review"), ours("scene.opened").opened, MagicMock()
+    state.review.troubles.clear()
+    opened.looked_at.pop("trouble")
+    panel._open_header(layout, bpy.context)
+    panel._draw_troubles(layout, bpy.context, state.review)
+    assert [call.kwargs["text"] for call in layout.label.mock_calls] == ["Being looked for"]
+
+
 def test_what_was_listed_of_another_scene_is_not_answered_in_this_one(state, monkeypatch):
     bpy.ops.scene.new(type="LINK_COPY")
-    refused("another scene's; expected a line of this one's", "accept_trouble", index=0)
+    refused("another scene's; expected a choice in this one's", "accept_trouble", index=0)
     assert bpy.ops.mocap_autolabel.accept_trouble(index=0) == {"FINISHED"}
     bpy.context.window.scene = bpy.data.scenes["Scene"]
-    panel, timers = ours("ui.review"), []
+    panel, timers, said, layout = ours("ui.review"), [], [], MagicMock()
     monkeypatch.setattr(panel.bpy.app.timers, "register", timers.append)
-    panel._list_anew(bpy.context, state.review)
-    assert timers == [ours("ops.correcting").review_now]
+    monkeypatch.setattr(panel, "draw_text", lambda _context, _layout, words, *_, **__: said.append(words))
+    manager = in_two_windows(monkeypatch, state, bpy.data.scenes["Scene"], bpy.data.scenes["Scene.001"])
+    context = SimpleNamespace(scene=bpy.data.scenes["Scene"], window_manager=manager)
+    panel._open_header(layout, context)
+    panel._draw_lists(layout, context, state.review)
+    assert [call[0] for call in layout.mock_calls] == ["operator"]
+    assert (timers, said) == ([], ["The lists are of the scene in another window"])
+    bpy.data.scenes.remove(bpy.data.scenes["Scene.001"])
+    bpy.ops.scene.new(type="EMPTY")
+    manager.windows[1].scene = bpy.data.scenes["Scene.001"]
+    panel._draw_lists(layout, context, state.review)
+    assert (timers, len(said)) == ([ours("ops.correcting").review_now], 1), "they are of neither window's scene"
     timers[0]()
-    panel._list_anew(bpy.context, state.review)
+    panel._draw_lists(layout, context, state.review)
     assert len(timers) == 1
+    layout.label.assert_not_called()
+    layout.row.assert_called()
+    bpy.context.window.scene = bpy.data.scenes["Scene.001"]
+    assert bpy.ops.mocap_autolabel.list_here() == {"FINISHED"}
+    assert state.review.of_scene == bpy.data.scenes["Scene.001"].session_uid
+
+
+def in_two_windows(monkeypatch, state, *scenes) -> SimpleNamespace:
+    """Has a window for each scene, the first of which is all that a timer is told of; their manager."""
+    windows = [SimpleNamespace(scene=scene) for scene in scenes]
+    manager, there = SimpleNamespace(windows=windows, mocap_autolabel=state.review), MagicMock(wraps=bpy)
+    there.context = SimpleNamespace(window_manager=manager, scene=scenes[0])
+    for module in ("props", "ops.correcting"):
+        monkeypatch.setattr(ours(module), "bpy", there)
+    return manager
+
+
+def test_the_lists_of_a_second_window_stay_its_own_a_moment_after_a_correction(state, monkeypatch):
+    scene = bpy.context.scene
+    bpy.ops.scene.new(type="NEW")
+    assert bpy.ops.mocap_autolabel.list_here() == {"FINISHED"}
+    other, bpy.context.window.scene = bpy.context.scene, scene
+    state.review.of_scene = other.session_uid
+    choose("LASI")
+    in_two_windows(monkeypatch, state, other, scene)
+    assert bpy.ops.mocap_autolabel.is_right() == {"FINISHED"}
+    ours("ops.correcting").review_now()
+    ours("props").list_trouble()
+    assert (state.review.of_scene, len(state.review.corrections)) == (scene.session_uid, 1)
+    assert len(state.review.troubles)
 
 
 def test_a_view_that_cannot_be_split_stays(labelled):

@@ -175,7 +175,7 @@ def tsv(frames: int = 5, numbered: bool = True, titled: bool = True) -> str:
     lines = [
         *(f"NO_OF_FRAMES\t{frames}", "NO_OF_CAMERAS\t8", "NO_OF_MARKERS\t3", "FREQUENCY\t120", "NO_OF_ANALOG\t0"),
         *("DESCRIPTION\t--", "TIME_STAMP\t2026-01-19, 10:19:43.755\t20.5", "DATA_INCLUDED\t3D"),
-        *("EVENT\tstep\t3\t0.016667", "MARKER_NAMES\tLASI\t\tRASI", "TRAJECTORY_TYPES\tMeasured\tMeasured\tMixed"),
+        *("EVENT\tstep\t9\t0.066667", "MARKER_NAMES\tLASI\t\tRASI", "TRAJECTORY_TYPES\tMeasured\tMeasured\tMixed"),
         *(["\t".join([*(["Frame", "Time"] if numbered else []), *titles, ""])] if titled else []),
     ]
     for frame in range(frames):

@@ -90,8 +90,9 @@ def test_a_tsv_is_left_alone_only_where_it_says_that_it_is_no_take(watched, tmp_
     (tmp_path / "wide.tsv").write_text(tsv(), encoding="utf-16")
     put(tmp_path / "cut.tsv", "NO_OF_FRAMES\t5\nNO_OF_")
     (tmp_path / "wide_6d.tsv").write_text(tsv().replace("\t3D", "\t6D"), encoding="utf-16")
+    (tmp_path / "small.tsv").write_text(tsv().replace("\t3D", "\t3d"))
     watched.look(0)
-    assert watched.look(3) == [tmp_path / "cut.tsv", tmp_path / "wide.tsv"]
+    assert watched.look(3) == [tmp_path / "cut.tsv", tmp_path / "small.tsv", tmp_path / "wide.tsv"]
 
 
 def test_of_files_of_one_name_what_was_recorded_is_the_take(watched, tmp_path):

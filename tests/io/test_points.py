@@ -347,6 +347,10 @@ def test_qualisys_tsv_export(tmp_path, numbered, titled):
     write_c3d(tmp_path / "named.c3d", take, take.trial)
     head = ezc3d.c3d(str(tmp_path / "named.c3d"))["parameters"]["QTM"]
     assert head["TIME_STAMP"]["value"] == ["2026-01-19, 10:19:43.755 20.5"]
+    text = path.read_text().replace("\t3D", "\t3d")
+    for written, events in (("step\t9 ", [("step", 9.0)]), ("step\tnine", []), ("\t9", []), (" \t9", [])):
+        path.write_text(text.replace("step\t9", written))
+        assert list(read_points(path).trial.events) == events
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A person's way through a real Blender's window; the scripts in `tours` walk it, this file judges it."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -194,9 +195,13 @@ def test_a_take_of_a_set_of_ones_own_is_named_after_three_clicks(watch, tmp_path
     write_c3d(tmp_path / "walk.c3d", Points(("",) * len(mine), unnamed, take.residual[:240], take.rate, 1))
     own.mkdir()
     assert main(["train", str(tmp_path / "named.c3d"), "--out", str(own / "mine.markerset.json")]) == 0
-    seen = watch("own", tmp_path, points=str(tmp_path / "walk.c3d"), own=str(own))
+    two = shutil.copytree(own, tmp_path / "two")
+    (two / "yours.markerset.json").write_text((own / "mine.markerset.json").read_text().replace('"MY', '"YR'))
+    seen = watch("own", tmp_path, points=str(tmp_path / "walk.c3d"), own=str(own), two=str(two))
     assert Path(seen["found"]).name == "mine.markerset.json"
     assert seen["named"] == seen["points"] == unnamed[..., 0].size
+    assert {Path(one).name for one in seen["asked"]} == {"mine.markerset.json", "yours.markerset.json"}
+    assert seen["answered"] == {"mine": "MY", "yours": "YR"}[Path(seen["asked"][0]).name.partition(".")[0]]
     print("| from a file to names | clicks | seconds |\n| --- | --- | --- |")
     print(f"| a set of one's own, learned before | 3 | {seen['seconds']:.0f} |")
 

@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From a file to names of a marker set that was learned before, by pointer in a real Blender's window; counted."""
+"""From a file to names of a marker set that was learned before, by pointer in a real Blender's window; counted.
+
+Then the same where another set fits as well, and the button that answers is pressed.
+"""
 
 import sys
 import time
@@ -32,6 +35,18 @@ def walk(seen: dict) -> Iterator[float]:
     take, _ = stage.now()
     seen["named"], seen["points"] = int(take.labels.named.sum()), len(take.rows)
     yield from window.screenshot("2-named")
+
+    bpy.ops.mocap_autolabel.clear()
+    bpy.context.preferences.addons[stage.EXTENSION].preferences.markerset_folder = stage.TASK["two"]
+    bpy.ops.mocap_autolabel.import_take(filepath=stage.TASK["points"])
+    yield from window.until(lambda: len(state().likely) and not state().doing)
+    seen["asked"] = [one.name for one in state().likely]
+    yield from window.screenshot("3-asked")
+    places = yield from window.scroll_to(LABEL)  # the uppermost
+    yield from window.click(*places[LABEL])
+    yield from window.until(lambda: settings().take is not None and not state().doing)
+    seen["answered"] = stage.now()[0].names[0][:2]
+    yield from window.screenshot("4-answered")
 
 
 stage.play(walk)
