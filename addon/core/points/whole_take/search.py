@@ -113,8 +113,10 @@ class Search:
         """Namings (N,) that are tried, each made of what is best when it is asked for."""
         for group in self._neighbourhoods():
             if moves == "all":
-                yield self._opened(group)
+                yield self._opened(group, self.best)
             yield self._by_shape(group)
+        if moves == "all":
+            yield from self._shifted()
         for tracklet in self._unsure():
             yield from self._of_one(tracklet)
         yield from self._chains()
@@ -228,9 +230,9 @@ class Search:
         marker[turned] = one + other - marker[turned]
         return marker
 
-    def _opened(self, group: np.ndarray) -> np.ndarray:
+    def _opened(self, group: np.ndarray, now: Candidate) -> np.ndarray:
         """(N,) the names with those of a group given again; extras may take part in it."""
-        objective, now, marker = self.objective, self.best, self.best.marker
+        objective, marker = self.objective, now.marker
         inside, held = np.isin(marker, group), objective.tracklets.held != NO_MARKER
         free = np.flatnonzero((inside | (marker == NO_MARKER) | (marker >= objective.markers)) & ~held)
         first, last = objective.tracklets.first[free], objective.tracklets.last[free]
@@ -253,11 +255,22 @@ class Search:
                 break
             placed = objective.placed(tried)
             shown = objective.moments(placed)
-        return self._with_left(tried, group)
+        return self._with_left(marker, tried, group)
 
-    def _with_left(self, tried: np.ndarray, group: np.ndarray) -> np.ndarray:
+    def _shifted(self) -> Iterator[np.ndarray]:
+        """Namings (N,) in which one that is seldom there is what one near to it was, whose name is given again."""
+        seldom = (self.seldom() & (self.best.slots.coverage > 0))[: self.objective.markers]
+        for name in np.flatnonzero(seldom).tolist():
+            for other in self.near[name, 1 : SEARCH.sizes[0]].tolist():
+                if not self.seldom()[other]:
+                    order = np.arange(len(self._slots))
+                    order[[name, other]] = other, name
+                    exchanged = self._exchanged(order, self._slots)
+                    yield self._opened(np.array([other]), self.objective.of(exchanged))
+
+    def _with_left(self, marker: np.ndarray, tried: np.ndarray, group: np.ndarray) -> np.ndarray:
         """(N,) names in which what a marker of the group was is the extra that it has become, which else is none."""
-        marker, markers = self.best.marker, self.objective.markers
+        markers = self.objective.markers
         for name in group.tolist() if self.objective.extras else ():
             taken = marker[(tried == name) & (marker >= markers)]
             if len(taken):

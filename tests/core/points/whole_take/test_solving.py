@@ -314,6 +314,17 @@ def test_what_had_the_name_of_an_extra_that_takes_it_may_be_nothing(model, marke
     assert {int(one[truth == toe][0]) for one in tried} == {NO_MARKER, extra}
 
 
+def test_what_has_the_name_of_one_that_is_seldom_there_changes_it_and_the_name_is_given_again(model, markers):
+    one, other = (model.markerset.index(name) for name in LEFT_WRIST)
+    hidden = markers.copy()
+    hidden[FRAMES // 3 : FRAMES // 3 + 5, one] = np.nan
+    objective, truth = objective_of(model, *pieces(hidden, hidden=0))
+    objective.extras = 1
+    short = objective.tracklets.count < FRAMES // 2
+    given = np.select([truth == other, (truth == one) & short, truth == one], [one, other, len(model.markerset)], truth)
+    assert any((each == truth).all() for each in Search(objective, given, USUAL_FREEDOM)._shifted())
+
+
 @pytest.mark.parametrize("size", [1.0, 0.8])
 def test_wrists_that_have_each_others_names_are_on_the_wrong_side(model, markers, size):
     """By the sides alone: without them the same naming loses less."""
