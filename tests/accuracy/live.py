@@ -10,10 +10,10 @@ is named is in the training of the model.
 import argparse
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import islice
+from itertools import islice, product
 from pathlib import Path
 from time import process_time
 
@@ -39,6 +39,7 @@ LEAST_S, MOST_S = 10.0, 16.0  # of a take: shorter ones are played there and bac
 AWAY_S = 1.0
 FOUND = 0.9  # of the markers in sight, of who is found
 FOLDS, ACTORS, MEETINGS = 1, 2, 2  # by time: five walkers, two actors, and two meetings of each kind
+CUTS = range(3)  # of the takes of other labs: from one to the next as many as six times the names are wrong
 FEW = Pieces(hidden=2, ghosts=10)
 # As measured: s that a window takes to be solved, for each function that is called for that, and more for each of its
 # frames. Of a single window it is off by a third.
@@ -177,25 +178,25 @@ def _count(found: Tally, marker: np.ndarray, true: np.ndarray, frame: int, back:
 Group = Iterator[tuple[Points, np.ndarray, Model, int]]  # points, their truth, what is worn and by how many
 
 
-def of_cases(some: list[Case], keep: Path) -> Group:
-    """The takes of cases of whole takes, or of as many."""
+def of_cases(some: list[Case], keep: Path, cuts: Iterable[int] = (0,)) -> Group:
+    """The takes of cases of whole takes, or of as many, each cut to pieces so often."""
     for case in some:
         model = whole_takes.model_of(case, keep)
-        for take in case.tested:
-            yield *cut_up(there_and_back(take), case.markers, FEW), model, 1
+        for take, cut in product(case.tested, cuts):
+            yield *cut_up(there_and_back(take), case.markers, FEW, cut), model, 1
 
 
 def of_actor(keep: Path) -> Group:
     """One of two actors, by the other's model."""
     one, other = (whole_takes.actors("actors53")[name] for name in ("p1", "p2"))
-    return of_cases([Case("actors53 p1", (other,), (one,), one.markers)], keep)
+    return of_cases([Case("actors53 p1", (other,), (one,), one.markers)], keep, CUTS)
 
 
-def built_in(name: str, takes: Iterator[people.Take]) -> Group:
-    """Takes of other labs in a built-in set."""
+def built_in(name: str, takes: Iterator[people.Take], cuts: Iterable[int] = (0,)) -> Group:
+    """Takes of other labs in a built-in set, each cut to pieces so often."""
     model = open_model(name)
-    for take in takes:
-        yield *cut_up(there_and_back(take), model.markerset.markers, FEW), model, 1
+    for take, cut in product(takes, cuts):
+        yield *cut_up(there_and_back(take), model.markerset.markers, FEW, cut), model, 1
 
 
 def of_two(meetings: Iterator[Meeting], keep: Path) -> Group:
@@ -212,7 +213,7 @@ def groups(keep: Path) -> dict[str, Callable[[], Group]]:
         "walks, `body26` of other people": lambda: of_cases([*known["pieces-body26"]()][:FOLDS], keep),
         "`cmu41`, the others learned": lambda: of_cases([*known["others"]()][:ACTORS], keep),
         "tennis serve, `body39`": lambda: built_in("body39", serve()),
-        "strangers, `body26`": lambda: built_in("body26", strangers.in_body26()),
+        "strangers, `body26`": lambda: built_in("body26", strangers.in_body26(), CUTS),
         "two walkers, `body26` of other people": lambda: of_two(walkers(2), keep),
         "two of `cmu41`, the others learned": lambda: of_two(acting(ACTING_M), keep),
         "`actors53`, one learned": lambda: of_actor(keep),
