@@ -9,13 +9,15 @@ import bpy
 import numpy as np
 
 from ..core.body.sides import BODY_SIDES
+from ..core.posing.character import BONES, FINGER_BONES
+from ..core.retarget.matching import LIMBS
 from .armature import rotation_channel
 
 STRAIGHT_PART = 0.1  # physical: of a bone's length; a joint that is less aside bends this way and that
-LIMBS = ("upper_arm", "forearm", "hand"), ("thigh", "shank", "foot")
 # What controls by IK are called where one by FK has these words: of hands, feet and toes, and the poles.
 BY_IK = (("fk", "ik"), ("FK", "IK"))
 POLES = (("_fk", "_ik_target"), ("thigh_fk", "leg_pole"), ("arm_fk", "arms_pole"))
+ABOVE = {bone.name: bone.parent for bone in (*BONES, *FINGER_BONES)}
 NOT_ASIDE = 1e-9  # m; a limb that never bends has no way to bend to
 
 
@@ -73,6 +75,21 @@ def controls_by_ik(rig: bpy.types.Object, bones: list[tuple[str, str]]) -> list[
         several = {names[at].replace(*words) for words in BY_IK} - {names[at]}
         found |= {name: (at,) for name in several if name in rig.pose.bones}
     return list(found.items())
+
+
+def loose_bones(parts: Sequence[str], carriers: np.ndarray) -> dict[int, int]:
+    """Those of a rig's bones that do not hang on what they do in a body, by `carriers`; with that, both indices."""
+    at, loose = {part: index for index, part in enumerate(parts)}, {}
+    for index, part in enumerate(parts):
+        above = ABOVE.get(part)
+        while above is not None and above not in at:
+            above = ABOVE[above]
+        way = index
+        while above is not None and way not in (at[above], -1):
+            way = carriers[way]
+        if way < 0:
+            loose[index] = at[above]
+    return loose
 
 
 def carriers_of(follows: np.ndarray, count: int, limbs: Sequence[tuple[int, ...]], goes: Sequence[bool]) -> list[int]:

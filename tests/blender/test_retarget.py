@@ -13,7 +13,9 @@ from mathutils import Matrix, Vector
 from addon.core.posing.finer import finer
 from addon.io.markersets import open_markerset
 from addon.scene import take as takes
+from addon.scene.retargeting import _end
 from tests.inputs.rigs import (
+    A_POSE,
     HANGING,
     MIXAMO,
     NAMELESS,
@@ -70,6 +72,71 @@ def test_limbs_point_as_the_body_s(shown, make, names):
         bone.rotation_mode = ("XYZ", "AXIS_ANGLE", "ZXY")[number % 3]
     assert retargeted(rig).name == f"{shown.name} retargeted"
     assert ways_off(shown, rig, names).max() < MOST_OFF
+
+
+def on_the_hips(rig):
+    """Feet and hands hang on the hips, as the former do where a solver by IK brings the legs to them."""
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    for part in ("foot.L", "foot.R", "hand.L"):
+        rig.data.edit_bones[UNREAL[part]].parent = rig.data.edit_bones[UNREAL["hips"]]
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def within_limits(rig):
+    for part in ("thigh.L", "forearm.R"):
+        held = rig.pose.bones[UNREAL[part]].constraints.new("LIMIT_ROTATION")
+        held.use_limit_x = held.use_limit_y = held.use_limit_z = True
+        held.owner_space = "LOCAL"
+
+
+def under_strips(rig):
+    """With another action that poses all of it, pushed down."""
+    pose = bpy.data.actions.new("pose")
+    rig.animation_data_create().action = pose
+    for bone in rig.pose.bones:
+        bone.rotation_quaternion = 0.8, 0.6, 0, 0
+        bone.keyframe_insert("rotation_quaternion", frame=1)
+    rig.pose.bones[0].keyframe_insert("location", frame=1)
+    rig.animation_data.nla_tracks.new().strips.new("pose", 1, pose)
+    rig.animation_data.action = None
+
+
+@pytest.mark.parametrize("change", [on_the_hips, within_limits, under_strips])
+def test_limbs_hold_together_and_point_as_the_body_s_however_bones_hang(shown, change):
+    rig = add_rig(rig_bones(A_POSE, 1.02, 0.48, 0.7), UNREAL)
+    change(rig)
+    for _ in range(2):
+        retargeted(rig)
+        assert ways_off(shown, rig, UNREAL).max() < MOST_OFF
+        for part in ("foot.L", "hand.L"):
+            above = rig.pose.bones[UNREAL["shank.L" if part == "foot.L" else "forearm.L"]]
+            assert (rig.pose.bones[UNREAL[part]].head - above.tail).length < 1e-4
+
+
+def test_planted_feet_stay_where_bones_do_not_turn_with_others(shown):
+    poses = []
+    for inherits in (True, False):
+        rig = add_rig(rig_bones(), UNREAL)
+        for bone in rig.data.bones:
+            bone.use_inherit_rotation = inherits
+        retargeted(rig, feet=True)
+        bpy.context.scene.frame_set(int(shown.motion.frames[-1]))
+        poses.append([np.array(bone.matrix) for bone in rig.pose.bones])
+    np.testing.assert_allclose(*poses, atol=1e-4)
+
+
+def test_toes_that_are_apart_say_where_a_foot_ends():
+    rig = add_rig(rig_bones(), UNREAL)
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    foot, toes = (rig.data.edit_bones[UNREAL[part]] for part in ("foot.L", "toes.L"))
+    foot.length *= 0.4
+    twin = rig.data.edit_bones.new("twin")
+    twin.head, twin.tail, twin.parent = toes.head, toes.tail, foot
+    bpy.ops.object.mode_set(mode="OBJECT")
+    foot, toes = (rig.data.bones[UNREAL[part]] for part in ("foot.L", "toes.L"))
+    assert (foot.matrix_local @ _end(foot, "foot.L") - toes.head_local).length < 1e-6
 
 
 def test_the_guide_s_script_moves_a_rig_without_a_window(shown, tmp_path, monkeypatch):
@@ -450,12 +517,32 @@ def test_maps_of_other_add_ons_choose_the_bones(shown, tmp_path):
         assert found == {part: NAMELESS[part] for part in found}
 
 
+def turned_by_a_driver(rig):
+    bone = rig.pose.bones[MIXAMO["upper_arm.L"]]
+    bone.rotation_mode = "XYZ"
+    for axis in range(3):
+        bone.driver_add("rotation_euler", axis).driver.expression = "0.7"
+
+
+def lying_down(rig):
+    """At rest its bones go along one axis, as in files that have nothing but turns."""
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    for side in "LR":
+        for part in ("shank", "foot", "toes"):
+            bone = rig.data.edit_bones[MIXAMO[f"{part}.{side}"]]
+            bone.head.z, bone.tail.z = 2 * 0.94 - bone.head.z, 2 * 0.94 - bone.tail.z
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         (lambda rig: setattr(rig, "scale", (1, 1, 2)), "expected its scale applied"),
         (lambda rig: setattr(rig, "hide_viewport", True), "is disabled in viewports"),
         (lambda rig: rig.mocap_autolabel.bones.add(), "has no bone for hips.* under Bones in Use It"),
+        (turned_by_a_driver, "LeftArm of rig does not turn as it is put; expected it without drivers"),
+        (lying_down, "rig does not stand at rest; expected its head over its hips"),
     ],
 )
 def test_a_rig_that_cannot_be_moved_says_why(shown, change, words):
@@ -507,8 +594,8 @@ def test_what_hangs_on_a_rig_does_not_move_each_time_it_is_asked(shown):
 def test_a_rig_whose_hips_stay_is_refused_and_keeps_its_action(shown):
     rig, solver, _ = leg_by_ik()
     retargeted(rig)
-    held = rig.pose.bones[MIXAMO["hips"]].constraints.new("LIMIT_LOCATION")
-    held.use_min_x = held.use_max_x = True
+    held = rig.pose.bones[MIXAMO["hips"]].constraints.new("COPY_LOCATION")
+    held.target = bpy.data.objects.new("held to", None)
     rig.animation_data.action = own = bpy.data.actions.new("own")
     refused("does not go where it is put; expected it without constraints", "retarget")
     assert rig.animation_data.action == own and not own.use_fake_user and len(bpy.data.actions) == 3

@@ -12,7 +12,7 @@ from addon.core.geometry.rotations import exponential
 from addon.core.posing.character import BONE_NAMES, both_sides, character_of
 from addon.core.posing.finer import finer
 from addon.core.retarget.matching import CONTROLS, RestBones, match_bones, match_map, read_as
-from addon.core.retarget.retargeting import Rig, _planted, _reaching, axes_at_rest, retarget
+from addon.core.retarget.retargeting import Rig, _planted, _reaching, axes_at_rest, retarget, stands
 from addon.io.bone_maps import read_bone_map
 from addon.io.markersets import open_markerset
 from tests.inputs.rigs import A_POSE, HANGING, MAYA, MIXAMO, NAMELESS, T_POSE, UNREAL, VRM, RigBone, rig_bones
@@ -113,6 +113,25 @@ def test_who_comes_up_on_the_toes_turns_on_the_ball_of_the_foot_and_toes_go_as_t
     assert tip[:, 2].min() > one.tails[toes[0], 2] - 0.004
 
 
+@pytest.mark.parametrize("end", [(0.02, 0.05, 0.1), (0.1, 0, 0), (0, 0.1, -0.05)])
+def test_a_foot_without_toes_whose_bone_points_elsewhere_stands_as_one_with_toes(squats, end):
+    whole = rig(size=1.1)
+    kept = [index for index, part in enumerate(whole.parts) if not part.startswith("toes")]
+    follows = np.array([kept.index(above) if above >= 0 else -1 for above in whole.follows[kept]])
+    one = Rig(tuple(whole.parts[index] for index in kept), follows, whole.heads[kept], whole.tails[kept])
+    feet = [one.at[f"foot.{side}"] for side in "LR"]
+    one.tails[feet] = one.heads[feet] + end
+    found = [retarget(*squats, RATE, each, feet=True, hands=False)[0] for each in (one, whole)]
+    np.testing.assert_allclose(found[0], found[1][:, kept], atol=0.25)
+
+
+def test_a_rig_stands_whose_head_is_over_its_hips_over_its_knees():
+    places = dict(zip(rig(HANGING).parts, rig(HANGING).heads, strict=True))
+    assert stands(places)
+    assert not stands({part: place[[2, 1, 0]] for part, place in places.items()})
+    assert not stands(places | {"shank.R": places["thigh.R"] + [0.1, 0, 0.4]})
+
+
 def test_hands_go_where_the_body_s_are_in_a_larger_room(squats):
     character, (joints, rotations) = squats
     one = rig(HANGING, size=1.3)
@@ -177,9 +196,11 @@ def at_rest(names, arms=T_POSE, turn=AS_IT_IS, extra=()):
     parents = [-1 if bone.parent is None else parts.index(bone.parent) for bone in bones]
     heads, tails = [bone.head @ turn.T for bone in bones], [bone.tail @ turn.T for bone in bones]
     for _, part, head in extra:
-        parents.append(parts.index(part))
+        parents.append([*parts, *(one for one, _, _ in extra)].index(part))
         heads.append(np.array(head, float) @ turn.T)
         tails.append((np.array(head, float) + np.array([0, 0, 0.02])) @ turn.T)
+        if parents[-1] >= len(bones):
+            tails[parents[-1]] = heads[-1]
     called = (*(names[part] for part in parts), *(name for name, _, _ in extra))
     return RestBones(called, np.array(parents), np.array(heads), np.array(tails))
 
@@ -285,6 +306,47 @@ def test_the_first_bone_of_a_finger_is_the_finger(names, index):
     assert match_bones(at_rest(names, extra=extra)) == without_between(names) | {"index.L": index.format(1)}
 
 
+def test_volumes_in_limbs_are_none_of_them_whatever_they_are_called():
+    """As Second Life has them, in a rig that calls bones after joints."""
+    extra = [
+        ("L_Arm", "upper_arm.L", (0.3, 0, 1.45)),
+        ("R_Leg", "thigh.R", (-0.1, 0, 0.8)),
+        ("HEAD", "head", (0, 0, 1.7)),
+        ("Eye", "head", (0, 0, 1.7)),
+        ("L_Toe", "toes.L", (0.1, -0.2, 0)),
+    ]
+    assert match_bones(at_rest(MAYA, extra=extra)) == without_between(MAYA)
+
+
+@pytest.mark.parametrize("parts", ["hand foot", "upper_arm foot"])
+def test_what_no_name_says_of_a_limb_the_form_does(parts):
+    names = UNREAL | {
+        f"{part}.{side}": f"own{number}_{side}" for number, part in enumerate(parts.split()) for side in "LR"
+    }
+    assert match_bones(at_rest(names)) == without_between(names)
+
+
+def hanging_on(part, name, places):
+    """Extra bones, each on the one before, and the first on a part's."""
+    return [(f"{name}{number}", part if not number else f"{name}{number - 1}", at) for number, at in enumerate(places)]
+
+
+@pytest.mark.parametrize(
+    "extra",
+    [
+        hanging_on("head", "hair", [(0, 0.1, 1.8), (0, 0.2, 1.5), (0, 0.2, 1.0)]),
+        hanging_on("hand.R", "sword", [(-0.8, -0.02, 1.45), (-0.8, -0.6, 1.45), (-0.8, -1.2, 1.45)]),
+        [
+            one
+            for side, sign in (("L", 1), ("R", -1))
+            for one in hanging_on("chest", f"wing {side}", [(0.1 * sign, 0.1, 1.5), (0.6 * sign, 0.2, 1.9)])
+        ],
+    ],
+)
+def test_hair_wings_and_what_a_hand_holds_are_none_of_a_person_s(extra):
+    assert match_bones(at_rest(NAMELESS, A_POSE, extra=extra)) == without_between(NAMELESS)
+
+
 def test_toes_that_are_apart_have_no_bone_for_all():
     extra = [("toe2-1.L", "foot.L", (0.1, -0.1, 0)), ("ball_end_r", "toes.R", (0, -0.2, 0))]
     found = match_bones(at_rest(UNREAL | {"toes.L": "toe1-1.L"}, extra=extra))
@@ -326,6 +388,12 @@ def test_what_is_no_person_matches_nothing():
         ("thigh_stretch.l", "thigh.L"),
         ("CC_Base_Hip", "hips"),
         ("LeftHandThumb1", "thumb.L"),
+        ("lMid1", "middle.L"),
+        ("l_toebase_JNT", "toes.L"),
+        ("左足首", "foot.L"),
+        ("ひじ.R", "forearm.R"),
+        ("右足ＩＫ", None),
+        ("左肩P", None),
         ("hand_ik.L", None),
         ("lThighTwist", None),
     ],
