@@ -49,6 +49,9 @@ def rest_bones(rig: bpy.types.Object) -> RestBones:
     heads, tails = (
         np.array([getattr(bone, end) for bone in bones]).reshape(-1, 3) for end in ("head_local", "tail_local")
     )
+    # glTF's importer makes bones of scaled rigs a hundred times too long: such go on as the one above.
+    far = np.linalg.norm(tails - heads, axis=1) > np.linalg.norm(np.ptp(heads, axis=0))
+    tails[far] = 2 * heads[far] - heads[parents[far]]
     return RestBones(tuple(bone.name for bone in bones), parents, heads, tails)
 
 

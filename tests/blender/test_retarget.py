@@ -126,6 +126,23 @@ def test_planted_feet_stay_where_bones_do_not_turn_with_others(shown):
     np.testing.assert_allclose(*poses, atol=1e-4)
 
 
+def test_bones_that_end_far_away_are_found_and_toes_bend_as_where_they_do_not(shown):
+    """As glTF's importer makes them of a rig with a scale of its own."""
+    turns = []
+    for longer in (1.0, 100.0):
+        rig = add_rig(rig_bones(A_POSE), NAMELESS)
+        bpy.context.view_layer.objects.active = rig
+        bpy.ops.object.mode_set(mode="EDIT")
+        for bone in rig.data.edit_bones:
+            bone.tail = bone.head + (bone.tail - bone.head) * longer
+        bpy.ops.object.mode_set(mode="OBJECT")
+        retargeted(rig, feet=True)
+        assert {row.bone for row in rig.mocap_autolabel.bones} - {""} == set(NAMELESS.values()) - {NAMELESS["between"]}
+        bpy.context.scene.frame_set(int(shown.motion.frames[-1]))
+        turns.append([np.array(bone.matrix)[:3, :3] for bone in rig.pose.bones])
+    np.testing.assert_allclose(*turns, atol=0.2)  # toes of unknown length are as long as the body's
+
+
 def test_toes_that_are_apart_say_where_a_foot_ends():
     rig = add_rig(rig_bones(), UNREAL)
     bpy.context.view_layer.objects.active = rig

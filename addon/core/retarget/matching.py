@@ -9,6 +9,7 @@ import unicodedata
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -90,7 +91,24 @@ class RestBones:
 
     def below(self, index: int) -> list[int]:
         """The bones right below one."""
-        return np.flatnonzero(self.parents == index).tolist()
+        return self._children[index]
+
+    @cached_property
+    def _children(self) -> Mapping[int, list[int]]:
+        found = defaultdict(list)
+        for index, above in enumerate(self.parents.tolist()):
+            found[above].append(index)
+        return found
+
+    @cached_property
+    def reaches(self) -> np.ndarray:
+        """(N,) how long the longest chain is that each begins."""
+        found = np.linalg.norm(self.tails - self.heads, axis=1)
+        for index in sorted(range(len(found)), key=lambda one: -len(self.above(one))):
+            if (above := self.parents[index]) >= 0:
+                way = np.linalg.norm(self.heads[index] - self.heads[above])
+                found[above] = max(found[above], way + found[index])
+        return found
 
 
 def match_bones(bones: RestBones) -> dict[str, str]:
@@ -229,7 +247,10 @@ def _with_neck(bones: RestBones, found: dict[str, int], chest: int, arms: list[i
         ways = np.diff([*bones.heads[chain], bones.tails[chain[-1]]], axis=0)
         hangs = ways @ up < -HANGING * np.linalg.norm(ways, axis=1)
         heads = [chain[at] for at in range(1, fork + 1) if not hangs[at]] or chain
-        found |= {"neck": chain[0], "head": max(heads, key=lambda one: _length(bones, one))}
+        found |= {
+            "neck": chain[0],
+            "head": max(heads, key=lambda one: np.linalg.norm(bones.tails[one] - bones.heads[one])),
+        }
     way = bones.above(found["head"])
     if chest in way and way.index(chest) > 1:
         found["neck"] = way[way.index(chest) - 1]
@@ -254,17 +275,7 @@ def _chain(bones: RestBones, first: int) -> list[int]:
 
 def _way(bones: RestBones, above: int, first: int) -> float:
     """How long the way is from a bone's head over the one below it to the end of the longest chain."""
-    return float(np.linalg.norm(bones.heads[first] - bones.heads[above])) + _reach(bones, first)
-
-
-def _length(bones: RestBones, index: int) -> float:
-    """How long a bone is."""
-    return float(np.linalg.norm(bones.tails[index] - bones.heads[index]))
-
-
-def _reach(bones: RestBones, first: int) -> float:
-    """How long the longest chain is that a bone begins."""
-    return max([_length(bones, first), *(_way(bones, first, one) for one in bones.below(first))])
+    return float(np.linalg.norm(bones.heads[first] - bones.heads[above])) + bones.reaches[first]
 
 
 def match_form(bones: RestBones) -> dict[str, int]:
@@ -302,7 +313,7 @@ def _pairs(bones: RestBones) -> list[tuple[int, tuple[int, int]]]:
         return float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
 
     for at in sorted(range(len(bones.names)), key=lambda one: len(bones.above(one))):
-        long = [one for one in bones.below(at) if _reach(bones, one) > LONG_LIMB * size]
+        long = [one for one in bones.below(at) if bones.reaches[one] > LONG_LIMB * size]
         twins = [
             (apart, one, other)
             for number, one in enumerate(long)
@@ -338,9 +349,9 @@ def _arms(bones: RestBones, firsts: Sequence[int]) -> list[list[int]]:
     None where one has too few; where a shoulder alone is missing, the others.
     """
     half = float(np.linalg.norm(bones.heads[firsts[0]] - bones.heads[firsts[1]])) / 2
-    long = ARM["shoulder"] / sum(ARM.values()) * _reach(bones, firsts[0])
+    long = ARM["shoulder"] / sum(ARM.values()) * bones.reaches[firsts[0]]
     people = np.log(list(ARM.values()))[0 if half < long else 1 :]
-    chains = sorted((_chain(bones, first) for first in firsts), key=lambda chain: _reach(bones, chain[0]))
+    chains = sorted((_chain(bones, first) for first in firsts), key=lambda chain: bones.reaches[chain[0]])
     chain = chains[0]  # the other hand may hold something
     places = np.array([*(bones.heads[one] for one in chain), bones.tails[chain[-1]]])
     parts = np.linalg.norm(np.diff(places, axis=0), axis=1)

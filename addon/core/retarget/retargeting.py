@@ -76,7 +76,7 @@ def retarget(
     Legs and arms bend for that.
     """
     body = BodyInMotion(character, *character.posed(*motion))
-    rig = _with_balls(rig, body)
+    rig = _with_feet(rig, body)
     at, aligned = rig.at, _alignments(rig, body)
     turns = np.empty((len(body.heads), len(rig.parts), 3, 3))
     for index, part in enumerate(rig.parts):
@@ -165,14 +165,16 @@ def _alignments(rig: Rig, body: BodyInMotion) -> np.ndarray:
     return aligned
 
 
-def _with_balls(rig: Rig, body: BodyInMotion) -> Rig:
-    """The same with feet that have no toes ending at the ball: where they end, if that is ahead, else as the body's."""
+def _with_feet(rig: Rig, body: BodyInMotion) -> Rig:
+    """The same with feet whose last bones end as the body's do where theirs end nowhere ahead, or in the distance."""
     tails, scale = rig.tails.copy(), _fitted(rig, body)[0]
     for side in rig.legs:
-        foot = rig.at[f"foot.{side}"]
-        way = tails[foot] - rig.heads[foot]
-        if f"toes.{side}" not in rig.at and (way[2] > 0 or -2 * way[1] < np.linalg.norm(way)):
-            tails[foot] = rig.heads[foot] + scale * (body.rest(f"toes.{side}") - body.rest(f"foot.{side}"))
+        last = next(part for part in (f"toes.{side}", f"foot.{side}") if part in rig.at)
+        way = tails[rig.at[last]] - rig.heads[rig.at[last]]
+        shank = rig.heads[rig.at[f"foot.{side}"]] - rig.heads[rig.at[f"shank.{side}"]]
+        if not np.linalg.norm(way) / 2 < -way[1] < np.linalg.norm(shank):
+            own = body.at[last]
+            tails[rig.at[last]] = rig.heads[rig.at[last]] + scale * (body.character.tails[own] - body.rest(last))
     return replace(rig, tails=tails)
 
 
