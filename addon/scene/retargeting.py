@@ -14,9 +14,10 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
+from ..core.body.sides import BODY_SIDES
 from ..core.data.errors import InputError
 from ..core.posing.character import Character
-from ..core.retarget.matching import NO_CONTROLS, PARTS, RestBones
+from ..core.retarget.matching import NO_CONTROL, PARTS, RestBones
 from ..core.retarget.retargeting import Rig, axes_at_rest, place_of, retarget, stands
 from . import animation
 from .armature import SCALE, armature_of, bone_path, rotation_channel
@@ -30,6 +31,7 @@ from .stored import Stored
 # What bones of control rigs are switched to, by the name of their property: limbs by FK, and all follow what is above.
 SWITCHES = {"IK_FK": 1.0, "ik_fk_switch": 1.0, "FK_limb_follow": 0.0, "neck_follow": 1.0, "head_follow": 1.0}
 SWITCHES |= {"pole_vector": 1.0}  # and limbs by IK, which go along, bend towards their poles
+SWITCHES |= {f"{name}_{side}": 1.0 for name in ("ik_arm", "ik_leg", "space_hand") for side in BODY_SIDES}  # BlenRig's
 # Constraints that hold a bone from turning by itself.
 HOLDING = {"IK", "SPLINE_IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "TRACK_TO", "LOCKED_TRACK"}
 HOLDING |= {"STRETCH_TO", "LIMIT_ROTATION", "LIMIT_LOCATION"}
@@ -369,7 +371,7 @@ def _bones_by_part(rig: bpy.types.Object, matched: Mapping[str, str]) -> list[tu
     if {"spine", "chest"} <= set(there):
         between, bone = [], rig.data.bones[matched["chest"]].parent
         while bone is not None and bone.name != matched["spine"]:
-            if not bone.name.startswith(NO_CONTROLS):
+            if not NO_CONTROL.match(bone.name):
                 between.insert(0, ("between", bone.name))
             bone = bone.parent
         at = there.index("chest")

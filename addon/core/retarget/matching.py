@@ -23,8 +23,8 @@ LIMBS = ("upper_arm", "forearm", "hand"), ("thigh", "shank", "foot")
 FINGER_WORDS = {"thumb": "thumb", "index": "index", "middle": "middle mid", "ring": "ring", "pinky": "pinky little"}
 FINGER_PARTS = tuple(part for part in PARTS if part.partition(".")[0] in FINGER_WORDS)
 RIGIFY_LIMBS = "shoulder.* upper_arm_fk.* forearm_fk.* hand_fk.* thigh_fk.* shin_fk.* foot_fk.* toe_fk.*", ("L", "R")
-# The controls of rigs that follow them by constraints, whose form says nothing: Rigify's and Auto-Rig Pro's, with FK;
-# Rigify's spine may have another number of bones, or no controls by FK.
+# The controls of rigs that follow them by constraints, whose form says nothing: Rigify's, Auto-Rig Pro's and BlenRig's,
+# with FK; Rigify's spine may have another number of bones, or no controls by FK, and BlenRig's shoulders breathe.
 CONTROLS = (
     both_sides("torso spine_fk.002 spine_fk.003 neck head", *RIGIFY_LIMBS),
     both_sides("torso - chest neck head", *RIGIFY_LIMBS),
@@ -32,6 +32,11 @@ CONTROLS = (
         "c_root_master.x c_spine_01.x c_spine_02.x c_neck.x c_head.x",
         "c_shoulder.* c_arm_fk.* c_forearm_fk.* c_hand_fk.* c_thigh_fk.* c_leg_fk.* c_foot_fk.* c_toes_fk.*",
         ("l", "r"),
+    ),
+    both_sides(
+        "master_torso spine_1_fk spine_3_fk neck_1_fk head_fk",
+        "- arm_fk_* forearm_fk_* hand_fk_* thigh_fk_* shin_fk_* foot_fk_* foot_toe_1_fk_*",
+        ("L", "R"),
     ),
     {part: name for part, name in BONE_NAMES["RIGIFY"].items() if part not in FINGER_PARTS},
 )
@@ -65,7 +70,8 @@ SIDES_IN_NAMES = {"l": "L", "left": "L", "lft": "L", "r": "R", "right": "R", "rg
 # Words that say nothing of which part it is, and those of bones that help others.
 EMPTY_WORDS = {"base", "bone", "jnt", "joint", "bind", "skin", "stretch", "ctrl", "fk", "def", "org", "c", "x", "m"}
 HELPERS = {"ik", "pole", "target", "twist", "roll", "share", "end", "nub", "mch", "tweak", "parent", "helper", "ref"}
-NO_CONTROLS = "MCH-", "ORG-"  # what Rigify's bones begin with that hang on controls by constraints
+# Rigify's bones, and BlenRig's, that hang on controls by constraints.
+NO_CONTROL = re.compile("MCH-|ORG-|.*_mstr$")
 HANGING = 0.75  # physical: the cosine that hair and legs have at least, to the way down
 LONG_LIMB = 0.3  # physical: of the rig's height, what two limbs of a pair at least reach, unlike ears or a skirt
 # paper: of the height (Winter, after Drillis and Contini); the shoulder from beside the breastbone on, as rigs have it
@@ -117,7 +123,7 @@ def match_bones(bones: RestBones) -> dict[str, str]:
         controls = {part: name for part, name in table.items() if name != "-"}
         if set(controls.values()) <= set(bones.names):
             fingers = {part: bones.names[at] for part, at in match_names(bones).items() if part in FINGER_PARTS}
-            return controls | {part: name for part, name in fingers.items() if not name.startswith(NO_CONTROLS)}
+            return controls | {part: name for part, name in fingers.items() if not NO_CONTROL.match(name)}
     found = match_names(bones)
     if not {"thigh.L", "thigh.R", "shank.L", "shank.R"} <= found.keys():
         found = match_form(bones)
@@ -125,7 +131,7 @@ def match_bones(bones: RestBones) -> dict[str, str]:
         found |= _lacking(bones, found)
     found = _with_trunk(bones, found)
     named = {part: bones.names[found[part]] for part in PARTS if part in found}
-    return {part: name for part, name in named.items() if not name.startswith(NO_CONTROLS)}
+    return {part: name for part, name in named.items() if not NO_CONTROL.match(name)}
 
 
 def read_as(names: Iterable[str]) -> dict[str, str]:
