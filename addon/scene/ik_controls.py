@@ -23,11 +23,12 @@ NOT_ASIDE = 1e-9  # m; a limb that never bends has no way to bend to
 
 @dataclass(frozen=True, eq=False)
 class Along:
-    """A control by IK that goes along with what is moved by FK.
+    """What goes along with bones that are moved by FK: a control by IK, or a loose bone with what it is loose from.
 
     bone      its name
     limb      indices of the bones that it goes with: an end's one, of a pole those of its limb
-    carrier   and of what carries it, -1 for nothing
+    carrier   and of what carries where it is, -1 for nothing
+    turner    and of what it turns with, -1 for nothing
     mode      how it turns
     matrix    (4, 4) where it is at rest
     steps     (3, 3) how far it goes for a unit of each of its location's channels
@@ -36,6 +37,7 @@ class Along:
     bone: str
     limb: tuple[int, ...]
     carrier: int
+    turner: int
     mode: str
     matrix: np.ndarray
     steps: np.ndarray
@@ -51,10 +53,12 @@ class Along:
             upper, lower, end = (heads[:, at] for at in self.limb)
             far = np.linalg.norm(place - rest[self.limb[1]])
             goal = lower + far * _aside(upper, lower, end, turns[:, self.limb[0]])
-        back = turns[:, self.carrier].swapaxes(1, 2) if self.carrier >= 0 else np.eye(3)[None]
+        back, unturned = (
+            turns[:, at].swapaxes(1, 2) if at >= 0 else np.eye(3)[None] for at in (self.carrier, self.turner)
+        )
         yield self.bone, "location", (back @ (goal - by)[..., None])[..., 0] @ np.linalg.inv(self.steps)
         if len(self.limb) == 1:
-            yield self.bone, *rotation_channel(self.mode, own.T @ back @ turns[:, self.limb[0]] @ own)
+            yield self.bone, *rotation_channel(self.mode, own.T @ unturned @ turns[:, self.limb[0]] @ own)
 
 
 def controls_by_ik(rig: bpy.types.Object, bones: list[tuple[str, str]]) -> list[tuple[str, tuple[int, ...]]]:

@@ -17,7 +17,7 @@ from mathutils import Matrix, Vector
 from ..core.body.sides import BODY_SIDES
 from ..core.data.errors import InputError
 from ..core.posing.character import Character
-from ..core.retarget.matching import NO_CONTROL, PARTS, RestBones
+from ..core.retarget.matching import LIMBS, NO_CONTROLS, PARTS, RestBones
 from ..core.retarget.retargeting import Rig, axes_at_rest, place_of, retarget, stands
 from . import animation
 from .armature import SCALE, armature_of, bone_path, rotation_channel
@@ -31,7 +31,7 @@ from .stored import Stored
 # What bones of control rigs are switched to, by the name of their property: limbs by FK, and all follow what is above.
 SWITCHES = {"IK_FK": 1.0, "ik_fk_switch": 1.0, "FK_limb_follow": 0.0, "neck_follow": 1.0, "head_follow": 1.0}
 SWITCHES |= {"pole_vector": 1.0}  # and limbs by IK, which go along, bend towards their poles
-SWITCHES |= {f"{name}_{side}": 1.0 for name in ("ik_arm", "ik_leg", "space_hand") for side in BODY_SIDES}  # BlenRig's
+BLENRIG_SWITCHES = {f"{name}_{side}": 1.0 for name in ("ik_arm", "ik_leg", "space_hand") for side in BODY_SIDES}
 # Constraints that hold a bone from turning by itself.
 HOLDING = {"IK", "SPLINE_IK", "COPY_ROTATION", "COPY_TRANSFORMS", "DAMPED_TRACK", "TRACK_TO", "LOCKED_TRACK"}
 HOLDING |= {"STRETCH_TO", "LIMIT_ROTATION", "LIMIT_LOCATION"}
@@ -40,6 +40,7 @@ NEEDED_PARTS = ("hips", "thigh.L", "thigh.R", "shank.L", "shank.R")
 PROBE_TURN, PROBE_STEP = 0.5, 0.9  # rad by which bones are turned to see what follows them, and between their axes
 MATCHED = "mocap_matched"  # on an action: the bones of its rig, by the parts of the body that they are
 SWITCHED = "mocap_switched"  # on an action: what it switches on its rig, by paths, and what that was before
+MOST_OFF = 0.02  # rad that a bone may be from where it is turned
 LEAST_STEP = 1e-4  # that a bone goes at least where it is put one further; less is none
 BONE_CHANNELS = "location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale"
 
@@ -51,9 +52,6 @@ def rest_bones(rig: bpy.types.Object) -> RestBones:
     heads, tails = (
         np.array([getattr(bone, end) for bone in bones]).reshape(-1, 3) for end in ("head_local", "tail_local")
     )
-    # glTF's importer makes bones of scaled rigs a hundred times too long: such go on as the one above.
-    far = np.linalg.norm(tails - heads, axis=1) > np.linalg.norm(np.ptp(heads, axis=0))
-    tails[far] = 2 * heads[far] - heads[parents[far]]
     return RestBones(tuple(bone.name for bone in bones), parents, heads, tails)
 
 
@@ -147,7 +145,7 @@ def follow_actions(*_, give_back: bool = True):
 
 def _switched_to(path: str) -> float | None:
     """What our actions switch a path of a rig to."""
-    return 0.0 if path.endswith(".influence") else SWITCHES.get(path.rpartition("[")[2][1:-2])
+    return 0.0 if path.endswith(".influence") else (SWITCHES | BLENRIG_SWITCHES).get(path.rpartition("[")[2][1:-2])
 
 
 def _value(rig: bpy.types.Object, path: str) -> float | None:
@@ -185,23 +183,26 @@ class KeptPose:
     channels  of each of the bones, the values of `BONE_CHANNELS`
     switched  bones with the paths of what is switched, what to, and from what
     former    what influences that are nothing were before that, by their paths
+    strips    whether an action takes the place of what strips pose
     shown     its pose position
     """
 
     channels: dict[str, list]
     switched: list[tuple[str, str, float, float]]
     former: dict[str, float]
+    strips: bool
     shown: str
 
     @classmethod
-    def of(cls, rig: bpy.types.Object, names: Iterable[str], turned: Iterable[str]) -> "KeptPose":
+    def of(cls, rig: bpy.types.Object, names: Iterable[str], turned: Sequence[str]) -> "KeptPose":
         """That of the bones of these names; nothing is to hold those that are turned."""
         channels = {name: [getattr(rig.pose.bones[name], one)[:] for one in BONE_CHANNELS] for name in names}
         bones, driven = rig.pose.bones, {one.data_path for one in getattr(rig.animation_data, "drivers", ())}
+        switches = SWITCHES | (BLENRIG_SWITCHES if "master_torso" in turned else {})
         switched = [
-            (bone.name, f'{bone_path(bone.name, "")[:-1]}["{name}"]', SWITCHES[name], bone[name])
+            (bone.name, f'{bone_path(bone.name, "")[:-1]}["{name}"]', switches[name], bone[name])
             for bone in bones
-            for name in SWITCHES.keys() & bone.keys()
+            for name in switches.keys() & bone.keys()
         ]
         former = _former(rig)
         for bone in turned:
@@ -210,7 +211,9 @@ class KeptPose:
                 held_by = held.influence or path in former
                 if held_by and path not in driven and path.replace(".influence", ".mute") not in driven:
                     switched.append((bone, path, 0.0, held.influence))
-        return cls(channels, switched, former, rig.data.pose_position)
+        data = rig.animation_data
+        strips = data is not None and data.use_nla and bool(data.nla_tracks) and data.action_blend_type == "REPLACE"
+        return cls(channels, switched, former, strips, rig.data.pose_position)
 
     @property
     def noted(self) -> dict[str, float]:
@@ -283,7 +286,8 @@ class ReadyRig:
     def of(cls, rig: bpy.types.Object, bones: list[tuple[str, str]], place: np.ndarray) -> "ReadyRig":
         """Readies a rig, by the parts that its bones are: it is in pose position, switched to FK, and unturned.
 
-        InputError, and the rig as it was, where its first bone does not go where it is put.
+        What drivers or constraints turn is left out, if it is none of a limb. InputError, and the rig as it was, where
+        hips do not go where they are put, or they or a limb do not turn so, or it does not stand at rest.
         """
         parts, names = zip(*bones, strict=True)
         mover = rig.data.bones[names[0]]
@@ -293,7 +297,8 @@ class ReadyRig:
         movers, count = [mover.name, *(name for name, _ in found)], len(names)
         resting = [one for one in KEPT_AT_REST if "torso" in names and one not in names and one in rig.pose.bones]
         resting += [mover.name] * (mover.name not in names)
-        before = KeptPose.of(rig, [*names, *movers, *resting], names)
+        modes = {name: rig.pose.bones[name].rotation_mode for name in (*names, *movers, *resting)}
+        before = KeptPose.of(rig, list(modes), names)
         before.switch(rig)
         with before.or_put_back(rig):
             with _without_action(rig), _alone(rig) as layer:
@@ -308,15 +313,19 @@ class ReadyRig:
                 raise InputError(
                     f"{names[0]} of {rig.name} does not go where it is put; expected it without constraints"
                 )
-            if (off := int(np.argmax(turn_off[:count]))) and turn_off[off] > PROBE_TURN / 2:
+            off = np.flatnonzero(turn_off[:count] > MOST_OFF).tolist()
+            if held := [names[at] for at in off if parts[at].partition(".")[0] in ("hips", *LIMBS[0], *LIMBS[1])]:
                 raise InputError(
-                    f"{names[off]} of {rig.name} does not turn as it is put; expected it without drivers and "
-                    "constraints, or no bone there, under Bones in Use It"
+                    f"{held[0]} of {rig.name} does not turn as it is put; expected it without drivers and constraints"
                 )
-            by = [*carriers_of(turners, count, [limb for _, limb in found], goes[1:]), *turners[list(loose)]]
+            if off:
+                before.put_back(rig)
+                return cls.of(rig, [bone for at, bone in enumerate(bones) if at not in off], place)
+            by = carriers_of(turners, count, [limb for _, limb in found], goes[1:])
+            by, turn_with = [*by, *carriers[list(loose)]], [*by, *turners[list(loose)]]
             places = [*range(count, len(turners)), *loose]
             along = [
-                Along(name, limb, by[at], rig.pose.bones[name].rotation_mode, matrices[places[at]], steps[1 + at])
+                Along(name, limb, by[at], turn_with[at], modes[name], matrices[places[at]], steps[1 + at])
                 for at, (name, limb) in enumerate(found)
                 if goes[1 + at]
             ]
@@ -333,7 +342,6 @@ class ReadyRig:
         heads = matrices[:, :3, 3] @ axes * unit
         ends = np.array([_end(rig.data.bones[bone], part) for part, bone in bones])
         tails = heads + (matrices[:, :3, :3] @ ends[..., None])[..., 0] @ axes * unit
-        modes = {name: rig.pose.bones[name].rotation_mode for name in (*names, *resting)}
         rest = Rig(parts, carriers, heads, tails)
         at_rest = rest, turners[:count], place, axes, matrices
         return cls(names, modes, mover.name, resting, *at_rest, steps[0], along, before)
@@ -352,9 +360,10 @@ class ReadyRig:
             carried = own.T if above < 0 else own.T @ turns[:, above].swapaxes(1, 2)
             yield bone, *rotation_channel(self.modes[bone], carried @ turns[:, index] @ own)
         for bone in self.resting:
-            if bone != self.mover:
-                yield bone, "location", np.zeros((len(hips), 3))
             yield bone, *rotation_channel(self.modes[bone], np.tile(np.eye(3), (len(hips), 1, 1)))
+        for bone in (*self.resting, *(self.bones if self.before.strips else ())):
+            if bone not in (self.mover, *(one.bone for one in self.along)):
+                yield bone, "location", np.zeros((len(hips), 3))
             yield bone, "scale", np.ones((len(hips), 3))
         for control in self.along:
             yield from control.channels(heads, turns, self.matrices[:, :3, 3])
@@ -371,7 +380,7 @@ def _bones_by_part(rig: bpy.types.Object, matched: Mapping[str, str]) -> list[tu
     if {"spine", "chest"} <= set(there):
         between, bone = [], rig.data.bones[matched["chest"]].parent
         while bone is not None and bone.name != matched["spine"]:
-            if not NO_CONTROL.match(bone.name):
+            if not bone.name.startswith(NO_CONTROLS):
                 between.insert(0, ("between", bone.name))
             bone = bone.parent
         at = there.index("chest")
@@ -496,7 +505,8 @@ def _probe(
     still = [Matrix()] * len(bones)
     rest = posed(still, 0.0)
     axes = [
-        Vector((np.sin(PROBE_STEP * index), np.cos(PROBE_STEP * index), np.sin(index))) for index in range(len(bones))
+        Vector((np.sin(PROBE_STEP * index), np.cos(PROBE_STEP * index), np.sin(index)))
+        for index in range(1, 1 + len(bones))
     ]
     basis = [Matrix.Rotation(PROBE_TURN + PROBE_STEP * index, 4, axis) for index, axis in enumerate(axes)]
     found = posed(basis, rig.data.bones[mover].length)
@@ -507,11 +517,12 @@ def _probe(
     turned = _turns(found, rest)
     before = _turns(found @ np.linalg.inv(np.array(basis)), rest)  # of what carries each
     (turners, carriers), turn_off = np.full((2, len(bones)), -1), np.zeros(len(bones))
-    for index in range(1, len(bones)):
+    even = np.allclose(before @ before.swapaxes(1, 2), np.eye(3), atol=LEAST_STEP)  # else they shear
+    for index in range(len(bones)):
         # The cosine of the angle between, which is one for what it turns with.
         alike = [np.trace(before[index]), *(np.trace(before[index] @ turn.T) for turn in turned[:index])]
         turners[index] = int(np.argmax(alike)) - 1
-        turn_off[index] = np.arccos(np.clip((max(alike) - 1) / 2, -1, 1))
+        turn_off[index] = even * np.arccos(np.clip((max(alike) - 1) / 2, -1, 1))
         missed = [np.linalg.norm(found[index, :3, 3] - (way @ heads[index])[:3]) for way in (np.eye(4), *gone[:index])]
         same = missed[turners[index] + 1] < min(missed) + near
         carriers[index] = turners[index] if same else int(np.argmin(missed)) - 1

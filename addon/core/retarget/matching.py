@@ -70,8 +70,7 @@ SIDES_IN_NAMES = {"l": "L", "left": "L", "lft": "L", "r": "R", "right": "R", "rg
 # Words that say nothing of which part it is, and those of bones that help others.
 EMPTY_WORDS = {"base", "bone", "jnt", "joint", "bind", "skin", "stretch", "ctrl", "fk", "def", "org", "c", "x", "m"}
 HELPERS = {"ik", "pole", "target", "twist", "roll", "share", "end", "nub", "mch", "tweak", "parent", "helper", "ref"}
-# Rigify's bones, and BlenRig's, that hang on controls by constraints.
-NO_CONTROL = re.compile("MCH-|ORG-|.*_mstr$")
+NO_CONTROLS = "MCH-", "ORG-"  # what Rigify's bones begin with that hang on controls by constraints
 HANGING = 0.75  # physical: the cosine that hair and legs have at least, to the way down
 LONG_LIMB = 0.3  # physical: of the rig's height, what two limbs of a pair at least reach, unlike ears or a skirt
 # paper: of the height (Winter, after Drillis and Contini); the shoulder from beside the breastbone on, as rigs have it
@@ -123,7 +122,7 @@ def match_bones(bones: RestBones) -> dict[str, str]:
         controls = {part: name for part, name in table.items() if name != "-"}
         if set(controls.values()) <= set(bones.names):
             fingers = {part: bones.names[at] for part, at in match_names(bones).items() if part in FINGER_PARTS}
-            return controls | {part: name for part, name in fingers.items() if not NO_CONTROL.match(name)}
+            return controls | {part: name for part, name in fingers.items() if not name.startswith(NO_CONTROLS)}
     found = match_names(bones)
     if not {"thigh.L", "thigh.R", "shank.L", "shank.R"} <= found.keys():
         found = match_form(bones)
@@ -131,7 +130,7 @@ def match_bones(bones: RestBones) -> dict[str, str]:
         found |= _lacking(bones, found)
     found = _with_trunk(bones, found)
     named = {part: bones.names[found[part]] for part in PARTS if part in found}
-    return {part: name for part, name in named.items() if not NO_CONTROL.match(name)}
+    return {part: name for part, name in named.items() if not name.startswith(NO_CONTROLS)}
 
 
 def read_as(names: Iterable[str]) -> dict[str, str]:
@@ -168,12 +167,19 @@ def match_map(moved: Mapping[str, str]) -> dict[str, str]:
 def match_names(bones: RestBones) -> dict[str, int]:
     """The parts that the words in the names of bones say: of several the control, or the surest and plainest name.
 
-    One on which nothing hangs is the last choice, as is a volume in a limb. Toes that are apart have no bone for all.
+    A volume in one is the last choice. What is in the middle of a skirt is no finger. Toes that are apart have no bone
+    for all.
     """
-    found = defaultdict(list)
-    for name, (part, rank) in _read(bones.names).items():
+    found, read = defaultdict(list), _read(bones.names)
+    for name, (part, rank) in read.items():
         at, words = bones.names.index(name), _words(name, keep=True)[0]
-        found[part].append(("fk" not in words, not bones.below(at), rank, len(words), len(bones.above(at)), at))
+        above = bones.above(at)[1:]
+        beside = [one for parent in above[:1] for one in bones.below(parent) if one != at]
+        near = {read[bones.names[one]][0] for one in (*above, *beside) if bones.names[one] in read}
+        if "mid" in words and part.startswith("middle") and f"hand{part[-2:]}" not in near:
+            continue
+        volume = part in near and not bones.below(at)
+        found[part].append(("fk" not in words, volume, rank, len(words), len(above), at))
     first = {part: min(several) for part, several in found.items() if part in PARTS}
     for part in [part for part in first if part.startswith("toes")]:
         alike = [bones.parents[one[-1]] for one in found[part] if one[:-1] == first[part][:-1]]
@@ -198,11 +204,11 @@ def _words(name: str, keep: bool = False) -> tuple[list[str], str]:
 
 
 def _lacking(bones: RestBones, found: Mapping[str, int]) -> dict[str, int]:
-    """What no name says of limbs, whatever it is called: by the form, where that is of one mind on another part."""
+    """What no name says of limbs, whatever it is called: by the form, where that is of one mind on all others."""
     limbs = [[f"{part}.{side}" for part in limb] for limb in LIMBS for side in BODY_SIDES]
     limbs = [limb for limb in limbs if any(part in found for part in limb) and not set(limb) <= found.keys()]
     form = match_form(bones) if limbs else {}
-    limbs = [limb for limb in limbs if any(part in found and found[part] == form.get(part) for part in limb)]
+    limbs = [limb for limb in limbs if all(found.get(part, form.get(part)) == form.get(part) for part in limb)]
     return {part: form[part] for limb in limbs for part in limb if part in form and part not in found}
 
 
@@ -289,7 +295,7 @@ def match_form(bones: RestBones) -> dict[str, int]:
 
     Left and right are told by the way that the feet point. None where it is no person's.
     """
-    pairs = _pairs(bones)
+    pairs = _pairs(bones) if bones.names else []
     if not pairs:
         return {}
     _, legs = pairs[0]
@@ -360,11 +366,9 @@ def _arms(bones: RestBones, firsts: Sequence[int]) -> list[list[int]]:
     chains = sorted((_chain(bones, first) for first in firsts), key=lambda chain: bones.reaches[chain[0]])
     chain = chains[0]  # the other hand may hold something
     places = np.array([*(bones.heads[one] for one in chain), bones.tails[chain[-1]]])
-    parts = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    parts[-1:] = np.minimum(parts[-1:], parts[-2:-1])  # so may both
-    along = np.concatenate([[0.0], np.cumsum(parts)])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
     found, wanted = {}, people[-max(len(chain), len(ARM) - 1) :]
-    for begins in combinations(range(1, len(chain)), len(wanted) - 1):
+    for begins in combinations(range(1, min(map(len, chains))), len(wanted) - 1):
         lengths = np.maximum(np.diff(along[[0, *begins, len(chain)]]), 1e-9)
         found[(0, *begins)] = float(np.ptp(np.log(lengths) - wanted))
     begins = min(found, key=found.__getitem__, default=())

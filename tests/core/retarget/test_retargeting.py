@@ -205,6 +205,14 @@ def at_rest(names, arms=T_POSE, turn=AS_IT_IS, extra=()):
     return RestBones(called, np.array(parents), np.array(heads), np.array(tails))
 
 
+def rest_of(bones, names):
+    """Bones as `match_bones` takes them."""
+    parts = [bone.part for bone in bones]
+    parents = np.array([-1 if bone.parent is None else parts.index(bone.parent) for bone in bones])
+    ends = (np.array([getattr(bone, end) for bone in bones]) for end in ("head", "tail"))
+    return RestBones(tuple(names.get(part, part) for part in parts), parents, *ends)
+
+
 def without_between(names):
     return {part: name for part, name in names.items() if part != "between"}
 
@@ -247,11 +255,9 @@ def test_limbs_of_two_bones_each_and_hips_that_part_are_known_by_form():
         bones.append(replace(bone, parent=first))
         if name in ("upper_arm", "forearm", "thigh", "shank"):
             bones.append(RigBone(f"twist {bone.part}", bone.part, middle, bone.tail))
-    parts = [bone.part for bone in bones]
-    parents = np.array([-1 if bone.parent is None else parts.index(bone.parent) for bone in bones])
-    ends = (np.array([getattr(bone, end) for bone in bones]) for end in ("head", "tail"))
-    found = match_bones(RestBones(tuple(f"Bone.{at:03d}" for at in range(len(parts))), parents, *ends))
-    assert found == {part: f"Bone.{parts.index(part):03d}" for part in found}
+    names = {bone.part: f"Bone.{at:03d}" for at, bone in enumerate(bones)}
+    found = match_bones(rest_of(bones, names))
+    assert found == {part: names[part] for part in found}
     assert len(found) == len(NAMELESS) - 1
 
 
@@ -273,12 +279,21 @@ def test_arms_of_too_few_bones_are_left_out_but_not_for_a_shoulder(gone):
         if name == "upper_arm":
             bone = replace(bone, parent="chest", head=places[f"shoulder.{side}"].head)
         bones.append(bone)
-    parts = [bone.part for bone in bones]
-    parents = np.array([-1 if bone.parent is None else parts.index(bone.parent) for bone in bones])
-    ends = (np.array([getattr(bone, end) for bone in bones]) for end in ("head", "tail"))
-    found = match_bones(RestBones(tuple(NAMELESS[part] for part in parts), parents, *ends))
+    found = match_bones(rest_of(bones, NAMELESS))
     assert found["foot.R"] == NAMELESS["foot.R"]
     assert found.get("forearm.L") == (NAMELESS["forearm.L"] if gone == "shoulder" else None)
+
+
+@pytest.mark.parametrize("names", [NAMELESS, UNREAL])
+@pytest.mark.parametrize("gone", ["hand.R", "forearm.L forearm.R hand.L hand.R"])
+def test_long_arms_of_few_bones_are_none_by_form(names, gone):
+    bones = [bone for bone in rig_bones(A_POSE) if bone.part not in gone.split()]
+    last = ["forearm.R"] if gone == "hand.R" else ["upper_arm.L", "upper_arm.R"]
+    bones = [replace(bone, tail=4 * bone.tail - 3 * bone.head) if bone.part in last else bone for bone in bones]
+    arms = {part for part in names if part.startswith(("shoulder", "upper_arm", "forearm", "hand"))}
+    left = {bone.part for bone in bones} - (arms | {"spine", "chest", "neck", "head"} if names is NAMELESS else set())
+    found = match_bones(rest_of(bones, names))
+    assert found == {part: name for part, name in without_between(names).items() if part in left}
 
 
 def test_arms_that_hang_on_the_neck_do_not_make_it_the_chest():
@@ -294,8 +309,11 @@ def test_bones_that_help_others_are_passed_over():
         ("ik_hand_l", "hips", (0.74, 0, 1.45)),
         ("thumb_01_l", "hand.L", (0.78, 0, 1.4)),
         ("DEF-thigh_l", "hips", (0.1, 0, 0.9)),
+        ("skirt_mid_r", "hips", (-0.1, 0, 0.7)),
+        ("lMid1", "hand.L", (0.8, 0, 1.4)),
     ]
-    assert match_bones(at_rest(UNREAL, extra=extra)) == without_between(UNREAL) | {"thumb.L": "thumb_01_l"}
+    fingers = {"thumb.L": "thumb_01_l", "middle.L": "lMid1"}
+    assert match_bones(at_rest(UNREAL, extra=extra)) == without_between(UNREAL) | fingers
 
 
 @pytest.mark.parametrize(
@@ -314,8 +332,15 @@ def test_volumes_in_limbs_are_none_of_them_whatever_they_are_called():
         ("HEAD", "head", (0, 0, 1.7)),
         ("Eye", "head", (0, 0, 1.7)),
         ("L_Toe", "toes.L", (0.1, -0.2, 0)),
+        ("R_Ball", "foot.R", (-0.1, -0.1, 0)),
+        ("R_Heel", "toes.R", (-0.1, 0.1, 0)),
     ]
     assert match_bones(at_rest(MAYA, extra=extra)) == without_between(MAYA)
+
+
+def test_what_else_is_called_so_does_not_stand_for_bones_at_the_end():
+    extra = [("weapon_hand_l", "hips", (1, 0, 1)), ("weapon_l", "weapon_hand_l", (1, 0, 1.2))]
+    assert match_bones(at_rest(UNREAL, extra=extra)) == without_between(UNREAL)
 
 
 @pytest.mark.parametrize("parts", ["hand foot", "upper_arm foot"])
@@ -324,6 +349,20 @@ def test_what_no_name_says_of_a_limb_the_form_does(parts):
         f"{part}.{side}": f"own{number}_{side}" for number, part in enumerate(parts.split()) for side in "LR"
     }
     assert match_bones(at_rest(names)) == without_between(names)
+
+
+def test_what_the_form_calls_otherwise_than_names_is_left_out():
+    """A bone of the upper arm before the forearm, and no hands."""
+    bones = [bone for bone in rig_bones() if not bone.part.startswith("hand")]
+    for side in "LR":
+        upper, lower = (
+            next(bone for bone in bones if bone.part == f"{part}.{side}") for part in ("upper_arm", "forearm")
+        )
+        biceps = RigBone(f"biceps.{side}", upper.part, (upper.head + upper.tail) / 2, upper.tail)
+        bones[bones.index(lower)] = replace(lower, parent=biceps.part)
+        bones.append(biceps)
+    names = {part: name for part, name in without_between(UNREAL).items() if not part.startswith("hand")}
+    assert match_bones(rest_of(bones, UNREAL)) == names
 
 
 def hanging_on(part, name, places):
@@ -364,6 +403,10 @@ def test_control_rigs_are_known_by_their_controls(table):
 def test_bones_that_hang_on_controls_are_none_of_a_person_s():
     names = UNREAL | {"hips": "ORG-pelvis", "chest": "MCH-spine_03"}
     assert match_bones(at_rest(names)).keys() == without_between(UNREAL).keys() - {"hips", "chest"}
+
+
+def test_an_armature_without_bones_matches_nothing():
+    assert match_bones(rest_of([], {})) == {}
 
 
 def test_what_is_no_person_matches_nothing():
