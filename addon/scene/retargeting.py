@@ -38,9 +38,10 @@ HOLDING |= {"STRETCH_TO", "LIMIT_ROTATION", "LIMIT_LOCATION"}
 KEPT_AT_REST = "hips", "chest"  # Rigify's controls between its torso and the spine's by FK, which they turn, too
 NEEDED_PARTS = ("hips", "thigh.L", "thigh.R", "shank.L", "shank.R")
 PROBE_TURN, PROBE_STEP = 0.5, 0.9  # rad by which bones are turned to see what follows them, and between their axes
+TURNED_PARTS = "hips", *LIMBS[0][:2], *LIMBS[1][:2]  # without which a body does not move as another
 MATCHED = "mocap_matched"  # on an action: the bones of its rig, by the parts of the body that they are
 SWITCHED = "mocap_switched"  # on an action: what it switches on its rig, by paths, and what that was before
-MOST_OFF = 0.02  # rad that a bone may be from where it is turned
+MOST_OFF = 0.01  # rad that a bone may be from where it is turned
 LEAST_STEP = 1e-4  # that a bone goes at least where it is put one further; less is none
 BONE_CHANNELS = "location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale"
 
@@ -286,8 +287,8 @@ class ReadyRig:
     def of(cls, rig: bpy.types.Object, bones: list[tuple[str, str]], place: np.ndarray) -> "ReadyRig":
         """Readies a rig, by the parts that its bones are: it is in pose position, switched to FK, and unturned.
 
-        What drivers or constraints turn is left out, if it is none of a limb. InputError, and the rig as it was, where
-        hips do not go where they are put, or they or a limb do not turn so, or it does not stand at rest.
+        What drivers or constraints turn is left out. InputError, and the rig as it was, where hips do not go where they
+        are put, one of `TURNED_PARTS` does not turn so, or it does not stand at rest.
         """
         parts, names = zip(*bones, strict=True)
         mover = rig.data.bones[names[0]]
@@ -314,7 +315,7 @@ class ReadyRig:
                     f"{names[0]} of {rig.name} does not go where it is put; expected it without constraints"
                 )
             off = np.flatnonzero(turn_off[:count] > MOST_OFF).tolist()
-            if held := [names[at] for at in off if parts[at].partition(".")[0] in ("hips", *LIMBS[0], *LIMBS[1])]:
+            if held := [names[at] for at in off if parts[at].partition(".")[0] in TURNED_PARTS]:
                 raise InputError(
                     f"{held[0]} of {rig.name} does not turn as it is put; expected it without drivers and constraints"
                 )

@@ -150,8 +150,8 @@ def test_an_action_that_adds_to_strips_scales_nothing(shown):
     assert not [curve for curve in curves if curve.data_path.endswith("scale")]
 
 
-@pytest.mark.parametrize("part", ["spine", "between", "chest", "neck", "head", "shoulder.L", "toes.L"])
-def test_what_drivers_turn_in_trunk_and_toes_stays_and_limbs_point_as_the_body_s(shown, part):
+@pytest.mark.parametrize("part", ["spine", "between", "chest", "head", "shoulder.L", "hand.L", "foot.R", "toes.L"])
+def test_what_drivers_turn_beside_arms_and_legs_stays_and_limbs_point_as_the_body_s(shown, part):
     rig = add_rig(rig_bones(A_POSE), UNREAL)
     turned_by_a_driver(rig, rig.pose.bones[UNREAL[part]])
     rig.pose.bones[0]["IK_FK"] = 0.0
